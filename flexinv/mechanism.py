@@ -1,0 +1,287 @@
+"""What a mechanism is: links, joints, bodies and sections as frozen data, nothing computed.
+
+A mechanism is a tree.  Every link hangs on one joint; the joint's parent is another link or ``"world"``.
+The link frame sits at that joint.  A rigid link is a set of bodies; a beam link is a Timoshenko beam whose
+undeformed axis starts at ``beam.placement`` (in the link frame) and runs along local x, plus bodies at its stations.
+
+Everything here is *primary data* (lengths, masses, moduli, axes): other engines' models are built from these
+same numbers by their own code.  SI units, radians, right-handed frames.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.errors import InputError
+
+Array = NDArray[np.float64]
+WORLD = "world"
+
+# joint kind -> names of its configuration coordinates (q) and of its velocity coordinates (v).
+# The layout is Pinocchio's: a continuous joint is (cos, sin), a rotation is a quaternion x, y, z, w,
+# a free joint is position then quaternion, and its velocity is linear then angular, in the child's frame.
+COORDINATES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "fixed": ((), ()),
+    "revolute": (("",), ("",)),
+    "prismatic": (("",), ("",)),
+    "continuous": ((".cos", ".sin"), ("",)),
+    "universal": ((".1", ".2"), (".1", ".2")),
+    "spherical": ((".qx", ".qy", ".qz", ".qw"), (".wx", ".wy", ".wz")),
+    "free": (
+        (".x", ".y", ".z", ".qx", ".qy", ".qz", ".qw"),
+        (".vx", ".vy", ".vz", ".wx", ".wy", ".wz"),
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A frame B in a frame A: ``x_A = position + rotation @ x_B``.
+
+    position : (3,) [m]
+    rotation : (3, 3) [-], R_AB
+    """
+
+    position: Array = field(default_factory=lambda: np.zeros(3))
+    rotation: Array = field(default_factory=lambda: np.eye(3))
+
+
+@dataclass(frozen=True)
+class Inertia:
+    """Mass, centre of mass and inertia tensor of a rigid body.
+
+    mass : scalar [kg]
+    com : (3,) [m], in the frame that carries the body
+    tensor : (3, 3) [kg m^2], about the centre of mass, along that frame's axes
+    """
+
+    mass: float
+    com: Array = field(default_factory=lambda: np.zeros(3))
+    tensor: Array = field(default_factory=lambda: np.zeros((3, 3)))
+
+
+@dataclass(frozen=True)
+class Body:
+    """A rigid body carried by a link: the link itself, a payload, a flange, a motor.
+
+    station : None on a rigid link (the frame is the link frame); on a beam the fraction 0..1 of the length
+        whose cross-section frame carries the body (0 the root, 1 the tip)
+    """
+
+    name: str
+    inertia: Inertia
+    station: float | None = None
+
+
+@dataclass(frozen=True)
+class Section:
+    """Stiffness and inertia per length along a beam, linear between the stations (one station: uniform).
+
+    stations : (n,) [-], fraction 0..1 of the length, increasing
+    stiffness : (n, 6): EA [N], GA_y [N], GA_z [N], GJ [N m^2], EI_y [N m^2], EI_z [N m^2]
+        (shear stiffness with the shear factor already in it; EI_z bends the beam in its x-y plane)
+    mass_per_length : (n,) [kg/m]
+    rotary_inertia : (n, 3) [kg m]: rho I about x (polar), y, z
+    """
+
+    stations: Array
+    stiffness: Array
+    mass_per_length: Array
+    rotary_inertia: Array
+
+
+@dataclass(frozen=True)
+class Beam:
+    """A geometrically exact Timoshenko beam.
+
+    length : scalar [m], arc length
+    section : Section along it
+    elements : number of finite elements; order : polynomial order of each (1 is the paper's element)
+    curvature : (3,) [1/m], initial twist, curvature about y and about z, constant along the length
+    placement : root cross-section frame in the link frame; the axis leaves along local x
+    """
+
+    length: float
+    section: Section
+    elements: int = 1
+    order: int = 4
+    curvature: Array = field(default_factory=lambda: np.zeros(3))
+    placement: Placement = field(default_factory=Placement)
+
+
+@dataclass(frozen=True)
+class Link:
+    """One member of the mechanism: rigid when ``beam`` is None.
+
+    tip : (3,) [m], the point of a rigid link (link frame) whose motion is reported; a beam reports its end
+    """
+
+    name: str
+    bodies: tuple[Body, ...] = ()
+    beam: Beam | None = None
+    tip: Array = field(default_factory=lambda: np.zeros(3))
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the drive of a joint can give; infinite when not stated.
+
+    effort : [N m] or [N]; velocity : [rad/s] or [m/s]; lower, upper : [rad] or [m]
+    """
+
+    effort: float = np.inf
+    velocity: float = np.inf
+    lower: float = -np.inf
+    upper: float = np.inf
+
+
+@dataclass(frozen=True)
+class Joint:
+    """The joint that carries ``child``; its frame is ``placement`` in the frame of ``parent``.
+
+    kind : a key of ``COORDINATES``
+    station : on a beam parent the fraction 0..1 of the length whose section frame carries the joint, else None
+    axis : (3,) [-], unit, in the joint frame (first axis of a universal joint); second_axis : (3,), universal
+    rotor_inertia : [kg m^2] or [kg], reflected to the joint; damping : [N m s/rad] or [N s/m];
+    friction : [N m] or [N], dry: one number, the same for every velocity coordinate of the joint
+    actuated : False leaves the joint to the dynamics, or its effort to ``Solution.unactuated``
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    placement: Placement = field(default_factory=Placement)
+    station: float | None = None
+    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    second_axis: Array = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
+    rotor_inertia: float = 0.0
+    damping: float = 0.0
+    friction: float = 0.0
+    actuated: bool = True
+    limits: Limits = field(default_factory=Limits)
+
+    @property
+    def nq(self) -> int:
+        """Number of configuration coordinates [-]."""
+        return len(COORDINATES[self.kind][0])
+
+    @property
+    def nv(self) -> int:
+        """Number of velocity coordinates [-]."""
+        return len(COORDINATES[self.kind][1])
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """A tree of links and joints under gravity; ``joints`` is ordered depth-first, parents before children.
+
+    gravity : (3,) [m/s^2], world frame
+    urdf : the URDF file the mechanism came from, if any (an engine with a URDF parser of its own reads it again)
+    packages : folders in which ``package://`` paths of that URDF are looked up
+    notes : what a reader of results must know (mimic joints made independent, massless links, ...)
+    """
+
+    name: str
+    links: tuple[Link, ...]
+    joints: tuple[Joint, ...]
+    gravity: Array = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
+    title: str = ""
+    source: str = ""
+    urdf: Path | None = None
+    packages: tuple[Path, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @cached_property
+    def link_of(self) -> dict[str, Link]:
+        """Links by name."""
+        return {link.name: link for link in self.links}
+
+    @cached_property
+    def joint_of(self) -> dict[str, Joint]:
+        """Joints by name."""
+        return {joint.name: joint for joint in self.joints}
+
+    @cached_property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """Names of the configuration coordinates q, in the order of every q array (Pinocchio's layout)."""
+        return tuple(j.name + suffix for j in self.joints for suffix in COORDINATES[j.kind][0])
+
+    @cached_property
+    def velocity_names(self) -> tuple[str, ...]:
+        """Names of the velocity coordinates, in the order of every qd, qdd and torque array."""
+        return tuple(j.name + suffix for j in self.joints for suffix in COORDINATES[j.kind][1])
+
+    @property
+    def nq(self) -> int:
+        """Number of configuration coordinates [-]."""
+        return len(self.coordinate_names)
+
+    @property
+    def nv(self) -> int:
+        """Number of velocity coordinates [-]."""
+        return len(self.velocity_names)
+
+    @cached_property
+    def q_slices(self) -> dict[str, slice]:
+        """Where each joint's coordinates stand in a q array."""
+        return _slices([(j.name, j.nq) for j in self.joints])
+
+    @cached_property
+    def v_slices(self) -> dict[str, slice]:
+        """Where each joint's coordinates stand in a qd, qdd or torque array."""
+        return _slices([(j.name, j.nv) for j in self.joints])
+
+    @cached_property
+    def actuated(self) -> NDArray[np.bool_]:
+        """(nv,) which velocity coordinates have an actuator."""
+        flags = [j.actuated for j in self.joints for _ in range(j.nv)]
+        return np.array(flags, dtype=bool)
+
+    @property
+    def is_rigid(self) -> bool:
+        """True when no link is a beam."""
+        return all(link.beam is None for link in self.links)
+
+    @property
+    def neutral(self) -> Array:
+        """(nq,) configuration with every joint at zero (identity quaternions, cos = 1)."""
+        q = np.zeros(self.nq)
+        for joint in self.joints:
+            part = self.q_slices[joint.name]
+            if joint.kind in ("spherical", "free"):
+                q[part.stop - 1] = 1.0
+            elif joint.kind == "continuous":
+                q[part.start] = 1.0
+        return q
+
+    @property
+    def beams(self) -> tuple[Link, ...]:
+        """The flexible links, in the order of the mechanism."""
+        return tuple(link for link in self.links if link.beam is not None)
+
+    def refined(self, elements: int = 1, order: int = 0) -> Mechanism:
+        """Return the mechanism with ``elements`` times as many elements, each ``order`` higher [-]."""
+        return self._with_beams(lambda b: replace(b, elements=b.elements * elements, order=b.order + order))
+
+    def with_mesh(self, elements: int, order: int) -> Mechanism:
+        """Return the mechanism with every beam meshed by ``elements`` elements of ``order`` [-]."""
+        if elements < 1 or order < 1:
+            raise InputError(f"a mesh needs elements >= 1 and order >= 1, not {elements} and {order}")
+        return self._with_beams(lambda b: replace(b, elements=elements, order=order))
+
+    def _with_beams(self, change) -> Mechanism:  # type: ignore[no-untyped-def]
+        links = tuple(
+            link if link.beam is None else replace(link, beam=change(link.beam)) for link in self.links
+        )
+        return replace(self, links=links)
+
+
+def _slices(sizes: list[tuple[str, int]]) -> dict[str, slice]:
+    ends = np.cumsum([0] + [n for _, n in sizes])
+    return {name: slice(int(a), int(b)) for (name, _), a, b in zip(sizes, ends, ends[1:], strict=False)}
