@@ -1,0 +1,55 @@
+"""Which engines there are: a name, the adapter module behind it, and how to install what it drives.
+
+An adapter is imported by name and late: a machine without an engine still runs the others.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from dataclasses import dataclass
+from typing import cast
+
+from crosscheck.engines.base import Adapter
+
+
+@dataclass(frozen=True)
+class Engine:
+    """One column of the report.
+
+    module : the adapter; requires : the Python package that the adapter imports; install : how to get it
+    """
+
+    name: str
+    module: str
+    requires: str
+    install: str
+
+
+def _engine(name: str, module: str, requires: str, package: str) -> Engine:
+    return Engine(name, f"crosscheck.engines.{module}", requires, f"python -m pip install {package}")
+
+
+ENGINES: dict[str, Engine] = {
+    e.name: e
+    for e in (
+        _engine("flexinv", "flexinv", "flexinv", "."),
+        _engine("pinocchio", "pinocchio", "pinocchio", "pin"),
+        _engine("mujoco", "mujoco", "mujoco", "mujoco"),
+        _engine("exudyn", "exudyn", "exudyn", "exudyn"),
+        _engine("exudyn-ancf", "exudyn", "exudyn", "exudyn"),
+        _engine("exudyn-ge", "exudyn", "exudyn", "exudyn"),
+    )
+}
+
+
+def missing(engine: Engine) -> str | None:
+    """Return how to install what ``engine`` needs, or None when it is there (nothing is imported)."""
+    if importlib.util.find_spec(engine.requires) is not None:
+        return None
+    return f"{engine.requires} is not installed; to install it: {engine.install}"
+
+
+def adapter(engine: Engine) -> Adapter:
+    """Import the adapter of ``engine``.  Raises ImportError where the engine is not installed."""
+    return cast(Adapter, importlib.import_module(engine.module))
