@@ -1,0 +1,40 @@
+# make report   every mechanism in every engine -> reports/latest/index.html
+# make test     ruff, mypy and all tests
+# make check    the fast tests only
+#
+# Needs Python 3.11 to 3.13 with pip; everything else is installed into .venv, once.
+
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+STAMP  := $(VENV)/installed
+OUT    ?= reports/latest
+JOBS   ?= 2
+
+.PHONY: report test check lint clean
+
+report: $(STAMP)
+	$(BIN)/crosscheck run --out $(OUT) --jobs $(JOBS)
+
+test: lint
+	$(BIN)/pytest -n $(JOBS)
+
+check: $(STAMP)
+	$(BIN)/pytest -n $(JOBS) -m "not slow and not browser"
+
+lint: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+# Where the system's Python comes without ensurepip (Debian), the system's pip fills the environment instead.
+$(STAMP): pyproject.toml constraints.txt
+	$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'flexinv needs Python 3.11 or newer')"
+	$(PYTHON) -m venv $(VENV) || { $(PYTHON) -m venv --clear --without-pip $(VENV) && \
+		$(PYTHON) -m pip --python $(BIN)/python install pip; }
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[all]"
+	touch $@
+
+# Compiled kernels (in __pycache__) stay: they depend on the source only and cost a minute to make again.
+clean:
+	rm -rf $(VENV) build .pytest_cache .mypy_cache .ruff_cache
