@@ -10,6 +10,7 @@ same numbers by their own code.  SI units, radians, right-handed frames.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -177,7 +178,7 @@ class Joint:
         return len(COORDINATES[self.kind][1])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # identity: a mechanism is the key under which its mesh is kept
 class Mechanism:
     """A tree of links and joints under gravity; ``joints`` is ordered depth-first, parents before children.
 
@@ -275,7 +276,7 @@ class Mechanism:
             raise InputError(f"a mesh needs elements >= 1 and order >= 1, not {elements} and {order}")
         return self._with_beams(lambda b: replace(b, elements=elements, order=order))
 
-    def _with_beams(self, change) -> Mechanism:  # type: ignore[no-untyped-def]
+    def _with_beams(self, change: Callable[[Beam], Beam]) -> Mechanism:
         links = tuple(
             link if link.beam is None else replace(link, beam=change(link.beam)) for link in self.links
         )

@@ -1,0 +1,172 @@
+"""Inverse dynamics, the paper's second step: nodal accelerations -> nodal forces -> joint torques, tau = L T P.
+
+Stiffness and damping do not appear: they acted in the kinematics, and the trajectory carries the deformation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexinv.joint import joint_effort
+from flexinv.mechanism import Array, Mechanism
+from flexinv.mesh import FREE, PRISMATIC, SPHERICAL, VELOCITIES, Mesh
+from flexinv.nodal import NodalMotion
+
+
+@dataclass(frozen=True)
+class NodalForces:
+    """P: what must act on every node so that it moves as it does.
+
+    force : (samples, nodes, 3) [N], moment : (samples, nodes, 3) [N m] about the node; world frame
+    """
+
+    force: Array
+    moment: Array
+
+
+def inverse_dynamics(
+    mesh: Mesh, motion: NodalMotion, qd: Array, qdd: Array, applied: NodalForces | None = None, passive: bool = True
+) -> Array:
+    """Return the effort of every joint coordinate, (samples, nv) [N m] or [N], for given nodal motion.
+
+    P = M (a - g) - applied, summed outboard to joint wrenches, projected on the joint axes; plus the rotor's inertia, and with
+    ``passive`` what damping and dry friction of the joint take from the actuator.
+    """
+    forces = nodal_forces(mesh, motion, applied)
+    wrenches = joint_wrenches(mesh, motion, forces)
+    tau = project(mesh, motion, wrenches)
+    return tau + drive_efforts(mesh.mechanism, qd, qdd, passive)
+
+
+def nodal_forces(mesh: Mesh, motion: NodalMotion, applied: NodalForces | None = None) -> NodalForces:
+    """Return P = M (a - g) [N] and Q = R (J al + w x J w) [N m] at every node and sample, less applied loads."""
+    force = mesh.mass[:, None] * (motion.a - mesh.mechanism.gravity)  # (sample, node, xyz)
+    spin = np.einsum("nij,snj->sni", mesh.inertia, motion.omega)
+    body = np.einsum("nij,snj->sni", mesh.inertia, motion.alpha) + np.cross(motion.omega, spin)
+    moment = np.einsum("snij,snj->sni", motion.rotation, body)
+    if applied is not None:
+        return NodalForces(force - applied.force, moment - applied.moment)
+    return NodalForces(force, moment)
+
+
+def joint_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> NodalForces:
+    """Return for every node the sum of all nodal forces on and beyond it, moment about the node (world) [N], [N m].
+
+    F_n = P_n + sum F_c,   M_n = Q_n + sum (M_c + (x_c - x_n) x F_c)   over the children c: suffix sums along the tree.
+    """
+    force, moment = forces.force.copy(), forces.moment.copy()
+    for node in range(mesh.size - 1, -1, -1):
+        parent = mesh.parent[node]
+        if parent >= 0:
+            arm = motion.x[:, node] - motion.x[:, parent]
+            force[:, parent] += force[:, node]
+            moment[:, parent] += moment[:, node] + np.cross(arm, force[:, node])
+    return NodalForces(force, moment)
+
+
+def project(mesh: Mesh, motion: NodalMotion, wrenches: NodalForces) -> Array:
+    """Return the component of each joint's wrench along its coordinates, (samples, nv) [N m] or [N]."""
+    tau = np.zeros((len(motion.x), mesh.mechanism.nv))
+    for node in np.flatnonzero(mesh.v_index >= 0):
+        force, moment = in_node_frame(motion, wrenches, int(node))
+        kind, first = int(mesh.kind[node]), mesh.v_index[node]
+        tau[:, first : first + VELOCITIES[kind]] = joint_effort(kind, mesh.axis[node], force, moment)
+    return tau
+
+
+def in_node_frame(motion: NodalMotion, wrenches: NodalForces, node: int) -> tuple[Array, Array]:
+    """Return force [N] and moment [N m] of one node's wrench, (samples, 3) each, in the node's own frame."""
+    rotation = motion.rotation[:, node]
+    force = np.einsum("sji,sj->si", rotation, wrenches.force[:, node])  # (sample, xyz)
+    return force, np.einsum("sji,sj->si", rotation, wrenches.moment[:, node])
+
+
+def drive_efforts(mechanism: Mechanism, qd: Array, qdd: Array, passive: bool = True) -> Array:
+    """Return rotor_inertia qdd, and with ``passive`` + damping qd + friction sign(qd), (samples, nv) [N m] or [N]."""
+    rotor, damping, friction = (
+        np.array([getattr(j, name) for j in mechanism.joints for _ in range(j.nv)], dtype=float)
+        for name in ("rotor_inertia", "damping", "friction")
+    )
+    effort = rotor * qdd
+    return effort + damping * qd + friction * np.sign(qd) if passive else effort
+
+
+# --------------------------------------------------------------------------------------------- the paper's factors
+
+
+@dataclass(frozen=True)
+class Factors:
+    """tau = L T P of one sample, the three factors apart.
+
+    P : (6 n,) nodal forces [N] and moments [N m] of all nodes, world frame
+    T : (6 rows, 6 n) [-] block rows for each pair (link step j, node k): diag(R_j^T, R_j^T)
+    L : (nv, 6 rows) [m] and [-] lever arms and directions, row by row in the frame of each step
+    """
+
+    L: Array
+    T: Array
+    P: Array
+
+
+def factors(mesh: Mesh, motion: NodalMotion, forces: NodalForces, sample: int) -> Factors:
+    """Return L, T and P of one sample [m], [-], [N]: ``L @ T @ P`` is the joint effort before drive efforts.
+
+    For joint i and node k on or beyond it, the arm x_k - p_i is the sum of the steps along the path i -> k; each step r_j is
+    taken in the frame of the node j that it starts from, so L holds lengths of members only:
+    row (i; j, k) = [(a_i x r_j)^T, d a_i^T], with d = 1 for the last step (the node itself).  Prismatic: [d a_i^T, 0].
+    Source: the paper, eqs. (2)-(3), in design notation.
+    """
+    x, rotation = motion.x[sample], motion.rotation[sample]
+    steps = _steps(mesh)
+    pairs = sorted({(j, k) for path in steps.values() for j, k, _ in path})
+    column = {pair: 6 * n for n, pair in enumerate(pairs)}
+    t = np.zeros((6 * len(pairs), 6 * mesh.size))
+    for (j, k), row in column.items():
+        t[row : row + 3, 6 * k : 6 * k + 3] = rotation[j].T
+        t[row + 3 : row + 6, 6 * k + 3 : 6 * k + 6] = rotation[j].T
+    length = np.zeros((mesh.mechanism.nv, 6 * len(pairs)))
+    for i, path in steps.items():
+        first, kind = mesh.v_index[i], int(mesh.kind[i])
+        turning, sliding = _axes(kind, mesh.axis[i])
+        for j, k, following in path:
+            arm = rotation[j].T @ (x[following] - x[j])
+            turn = turning @ rotation[i].T @ rotation[j]  # axes of joint i in frame j (freedom, xyz)
+            slide = sliding @ rotation[i].T @ rotation[j]
+            last = 1.0 if following == k else 0.0
+            block = np.hstack([np.cross(turn, arm) + last * slide, last * turn])
+            rows = slice(first, first + VELOCITIES[kind])
+            length[rows, column[(j, k)] : column[(j, k)] + 6] += block
+    p = np.concatenate([forces.force[sample], forces.moment[sample]], axis=1).ravel()
+    return Factors(length, t, p)
+
+
+def _steps(mesh: Mesh) -> dict[int, list[tuple[int, int, int]]]:
+    """For each joint node i the steps (j, k, next) of the paths from i to every node k on or beyond it."""
+    out: dict[int, list[tuple[int, int, int]]] = {int(i): [] for i in np.flatnonzero(mesh.v_index >= 0)}
+    for k in range(mesh.size):
+        if not (mesh.mass[k] or mesh.inertia[k].any()):
+            continue
+        if k in out:  # the joint node itself carries mass
+            out[k].append((k, k, k))
+        beyond: list[tuple[int, int, int]] = []
+        following, j = k, int(mesh.parent[k])
+        while j >= 0:
+            beyond.append((j, k, following))
+            if j in out:
+                out[j] += beyond
+            following, j = j, int(mesh.parent[j])
+    return out
+
+
+def _axes(kind: int, axis: Array) -> tuple[Array, Array]:
+    """Rotation and translation axes of the joint's freedoms, (nv, 3) each, in the child's frame."""
+    eye, none = np.eye(3), np.zeros((3, 3))
+    if kind == PRISMATIC:
+        return np.zeros((1, 3)), axis[None]
+    if kind == SPHERICAL:
+        return eye, none
+    if kind == FREE:
+        return np.vstack([none, eye]), np.vstack([eye, none])
+    return axis[None], np.zeros((1, 3))

@@ -1,0 +1,37 @@
+"""NodalMotion: how every node moves.  The hinge between the two steps of the paper.
+
+Rigid links get it from exact kinematics (`rigid`), flexible ones from the finite-element march (`kinematics`),
+measurements could give it too; inverse dynamics (`inverse`) never asks which.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexinv.mechanism import Array
+
+
+@dataclass(frozen=True)
+class NodalMotion:
+    """Poses, velocities and accelerations of all nodes at all samples.
+
+    x, v, a : (samples, nodes, 3) [m], [m/s], [m/s^2] in the world frame
+    rotation : (samples, nodes, 3, 3), R_W,node
+    omega, alpha : (samples, nodes, 3) [rad/s], [rad/s^2] in the node's own frame
+    """
+
+    x: Array
+    rotation: Array
+    v: Array
+    omega: Array
+    a: Array
+    alpha: Array
+
+    @classmethod
+    def empty(cls, samples: int, nodes: int) -> NodalMotion:
+        """Return arrays to be filled, zero motion [m, rad, s]."""
+        zeros = [np.zeros((samples, nodes, 3)) for _ in range(5)]
+        x, v, omega, a, alpha = zeros
+        return cls(x, np.zeros((samples, nodes, 3, 3)), v, omega, a, alpha)
