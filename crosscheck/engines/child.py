@@ -1,0 +1,97 @@
+"""The process in which one engine runs: ``python -m crosscheck.engines.child job.json``.
+
+The job names the adapter module and what it shall do; the answer goes to files beside the job, so whatever the
+engine prints harms nobody.  The parent (``crosscheck.isolation``) judges how the process ended.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import importlib
+import json
+import os
+import signal
+import sys
+import traceback
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, cast
+
+from crosscheck.engines.base import Adapter
+from crosscheck.record import Record, fingerprint, save
+from flexinv.case import load_cases
+from flexinv.mechanism_file import load_mechanism
+
+LARGEST_FILE = 1 << 28  # [bytes]; one MuJoCo log was seen to grow without end, a record has a few megabytes
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
+
+
+def main(job_file: str) -> None:
+    """Do the job, write the answer, and leave without tearing down an engine that may crash on its way out."""
+    die_with_parent()
+    bound_files()
+    job = json.loads(Path(job_file).read_text(encoding="utf-8"))
+    {"run": run_case, "describe": describe, "study": study}[job["kind"]](job)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)
+
+
+def run_case(job: dict[str, Any]) -> None:
+    """Run one engine on one case and save its record."""
+    name = job["engine"]
+    try:
+        record = _run(job, cast(Adapter, importlib.import_module(job["module"])))
+    except Exception as error:
+        traceback.print_exc()
+        record = Record(engine=name, status="error", message=_words(error))
+    save(record, Path(job["out"]))
+
+
+def _run(job: dict[str, Any], adapter: Adapter) -> Record:
+    name = job["engine"]
+    mechanism = load_mechanism(job["mechanism"])
+    case = load_cases(job["mechanism"], mechanism)[job["case"]]
+    known = {"engine": name, "version": adapter.version(), "model_hash": fingerprint(mechanism)}
+    if (reason := adapter.unsupported(mechanism, case, name)) is not None:
+        return Record(status="skipped", message=reason, **known)
+    return replace(adapter.run(mechanism, case, name, job["options"]), **known)
+
+
+def describe(job: dict[str, Any]) -> None:
+    """Write the engine's version and what it can do."""
+    adapter = cast(Adapter, importlib.import_module(job["module"]))
+    _write(job, {"version": adapter.version(), "abilities": adapter.abilities()})
+
+
+def study(job: dict[str, Any]) -> None:
+    """Write the table that the function ``job["function"]`` of the module gives."""
+    function = getattr(importlib.import_module(job["module"]), job["function"])
+    _write(job, function(**job["options"]))
+
+
+def die_with_parent() -> None:
+    """Ask Linux to kill this process when its parent dies, however it dies; elsewhere do nothing."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+def bound_files() -> None:
+    """Bound the size of every file that the engine writes, so that it cannot fill the disk."""
+    with contextlib.suppress(ImportError, ValueError, OSError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_FSIZE, (LARGEST_FILE, LARGEST_FILE))
+
+
+def _write(job: dict[str, Any], answer: object) -> None:
+    Path(job["out"]).write_text(json.dumps(answer, allow_nan=False), encoding="utf-8")
+
+
+def _words(error: BaseException) -> str:
+    return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

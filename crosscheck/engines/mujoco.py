@@ -1,0 +1,264 @@
+"""MuJoCo: mj_inverse on its own model, with armature, damping and dry friction inside the engine.
+
+Conventions, as a map and its dual.  R0, p0: placement of a free joint; R: rotation of its quaternion.
+
+    coordinates   hinge, slide: the number itself.  continuous (cos, sin) -> angle atan2(sin, cos).  Universal: two hinges
+                  of one body, R = exp(a1 q1) exp(a2 q2).  Quaternions x, y, z, w -> w, x, y, z.
+                  Ball: angular velocity in the child's frame, as in the mechanism.
+    free joint    qpos = (p0 + R0 p, R0 R): absolute in the world.  qvel = (linear in the WORLD, angular in the body):
+                      v_mj = R0 R v            w_mj = w
+                      a_mj = R0 R (v' + w x v) al_mj = w'     (v' is the rate of body components: hence the bias w x v)
+                  dual, from equal power:
+                      f    = (R0 R)^T f_mj     m    = m_mj
+    tau           qfrc_inverse = M a + bias - passive - constraint: the actuator's effort as the mechanism means it, armature,
+                  damping and dry friction included.  At exactly zero speed dry friction is a set; MuJoCo takes the end
+                  of it that the acceleration points to, the mechanism zero, so there its friction is taken out again.
+    wrench        mj_rnePostConstraint: cfrc_int of a body is the (moment, force) that its parent exerts on it and on all
+                  it carries, at the centre of mass of the whole tree, in world axes; moved to the joint:
+                      F = X^T f_int,  M = X^T (m_int + (c - x) x f_int)      (X, x: pose of the link)
+
+Source: mujoco 4.0.0, engine_inverse.c, engine_core_smooth.c; the tests compare with closed forms and with Pinocchio.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from crosscheck.engines.base import Options, sample_times
+from crosscheck.engines.mujoco_model import Built, build
+from crosscheck.record import Record, Series, torque_series, vector_series, wrench_series
+from flexinv.case import Case
+from flexinv.mechanism import WORLD, Joint, Mechanism
+
+Array = NDArray[np.float64]
+
+
+def version() -> str:
+    """Return the version of MuJoCo."""
+    return str(mujoco.mj_versionString())
+
+
+def abilities() -> str:
+    """Return one sentence: what MuJoCo can do here."""
+    return (
+        "Rigid inverse dynamics by mj_inverse with armature, damping and dry friction in the engine, joint wrenches and tips, "
+        "URDF by its own parser where it accepts the inertias; no flexible links."
+    )
+
+
+def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
+    """Return why MuJoCo cannot do this case, or None."""
+    if not mechanism.is_rigid:
+        names = ", ".join(link.name for link in mechanism.beams)
+        return f"rigid bodies only here; flexible: {names}"
+    for joint in mechanism.joints:
+        if (reason := _free_joint_trouble(joint)) is not None:
+            return reason
+    given = case.motion.joints(mechanism)
+    free = [j.name for j in mechanism.joints if j.nv and j.name not in given]
+    if free:
+        return f"inverse dynamics needs the motion of every joint; left to the dynamics here: {', '.join(free)}"
+    return None
+
+
+def _free_joint_trouble(joint: Joint) -> str | None:
+    if joint.kind != "free":
+        return None
+    if joint.parent != WORLD:
+        return f"a free joint of MuJoCo hangs on the world only; {joint.name!r} hangs on {joint.parent!r}"
+    if joint.rotor_inertia or joint.friction:
+        return f"MuJoCo's armature and dry friction act along world axes, those of {joint.name!r} along the body's"
+    return None
+
+
+def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
+    """Return torque [N m] or [N], tip [m] and wrench [N], [N m]; "skipped" with MuJoCo's words where it refuses the model."""
+    time = sample_times(case)
+    q, qd, qdd = case.motion.evaluate(mechanism, time)
+    start = clock.perf_counter()
+    with warnings_caught() as words:
+        try:
+            built = build(mechanism)
+        except ValueError as error:
+            return Record(engine=engine, status="skipped", message=f"MuJoCo refuses the model: {_one_line(error)}")
+        result = inverse_dynamics(mechanism, built, q, qd, qdd)
+    wall = clock.perf_counter() - start
+    return Record(
+        engine=engine,
+        version=version(),
+        message="; ".join(dict.fromkeys(words)),
+        settings={
+            "algorithm": "mj_inverse",
+            "model": "URDF" if mechanism.urdf else "MjSpec",
+            "raised to mjMINVAL": list(built.floored),
+        },
+        time=time,
+        series=_series(mechanism, result),
+        wall_time=wall,
+    )
+
+
+def _one_line(error: BaseException) -> str:
+    return " | ".join(line.strip() for line in str(error).splitlines() if line.strip())
+
+
+@contextmanager
+def warnings_caught() -> Iterator[list[str]]:
+    """Collect MuJoCo's warnings, which it would otherwise write to the console and to ./MUJOCO_LOG.TXT."""
+    words: list[str] = []
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(words.append)
+    try:
+        yield words
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
+# ------------------------------------------------------------------------------------------------- the map, its dual
+
+
+@dataclass(frozen=True)
+class State:
+    """Coordinates of all samples as MuJoCo wants them: q (samples, nq), v and a (samples, nv)."""
+
+    q: Array
+    v: Array
+    a: Array
+
+
+def to_engine(mechanism: Mechanism, built: Built, q: Array, qd: Array, qdd: Array) -> State:
+    """Return MuJoCo's qpos, qvel and qacc of q (samples, nq), qd, qdd (samples, nv) [rad or m, s]."""
+    model = built.model
+    out = State(np.empty((len(q), model.nq)), np.empty((len(q), model.nv)), np.empty((len(q), model.nv)))
+    for joint in mechanism.joints:
+        if joint.nv == 0:
+            continue
+        mine, rates = q[:, mechanism.q_slices[joint.name]], mechanism.v_slices[joint.name]
+        at, v = built.q_at[joint.name], built.v_at[joint.name]
+        position = _position(joint, mine)
+        out.q[:, at : at + position.shape[1]] = position
+        out.v[:, v : v + joint.nv] = qd[:, rates]
+        out.a[:, v : v + joint.nv] = qdd[:, rates]
+        if joint.kind == "free":
+            turn = _absolute(joint, mine)
+            linear, angular = qd[:, rates][:, :3], qd[:, rates][:, 3:]
+            out.v[:, v : v + 3] = turn.apply(linear)
+            out.a[:, v : v + 3] = turn.apply(qdd[:, rates][:, :3] + np.cross(angular, linear))
+    return out
+
+
+def _position(joint: Joint, q: Array) -> Array:
+    if joint.kind == "continuous":
+        return np.arctan2(q[:, 1], q[:, 0])[:, None]
+    if joint.kind == "spherical":
+        return np.roll(q, 1, axis=1)
+    if joint.kind == "free":
+        place = joint.placement.position + q[:, :3] @ joint.placement.rotation.T
+        return np.hstack([place, np.roll(_absolute(joint, q).as_quat(), 1, axis=1)])
+    return q
+
+
+def _absolute(joint: Joint, q: Array) -> Rotation:
+    """R0 R of a free joint, all samples."""
+    return Rotation.from_matrix(joint.placement.rotation) * Rotation.from_quat(q[:, 3:])
+
+
+def effort_from_engine(mechanism: Mechanism, built: Built, q: Array, force: Array) -> Array:
+    """Return the mechanism's efforts (samples, nv) [N m] or [N] of MuJoCo's generalized forces: the dual of the map."""
+    out = np.empty_like(force)
+    for joint in mechanism.joints:
+        if joint.nv == 0:
+            continue
+        v, rates = built.v_at[joint.name], mechanism.v_slices[joint.name]
+        theirs = force[:, v : v + joint.nv].copy()
+        if joint.kind == "free":
+            theirs[:, :3] = _absolute(joint, q[:, mechanism.q_slices[joint.name]]).inv().apply(theirs[:, :3])
+        out[:, rates] = theirs
+    return out
+
+
+# ------------------------------------------------------------------------------------------------------ what it says
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """What MuJoCo computes, in the mechanism's order.
+
+    torque : (samples, nv) [N m] or [N]; wrench : (samples, 6) [N], [N m] by joint; tip : (samples, 3) [m] by link
+    """
+
+    torque: Array
+    wrench: dict[str, Array]
+    tip: dict[str, Array]
+
+
+def inverse_dynamics(mechanism: Mechanism, built: Built, q: Array, qd: Array, qdd: Array) -> Dynamics:
+    """Return mj_inverse of every sample, q (samples, nq), qd and qdd (samples, nv) [rad or m, s] in the mechanism's order."""
+    state = to_engine(mechanism, built, q, qd, qdd)
+    raw = _evaluate(built.model, state)
+    carried = {j.name: built.body[j.child] for j in mechanism.joints if j.child in built.body}
+    return Dynamics(
+        torque=effort_from_engine(mechanism, built, q, raw.effort),
+        wrench={name: _wrench(built.model, raw, body) for name, body in carried.items()},
+        tip={name: _point(raw, body, mechanism.link_of[name].tip) for name, body in built.body.items()},
+    )
+
+
+@dataclass(frozen=True)
+class Raw:
+    """What MuJoCo leaves in its data, by sample.
+
+    effort : (samples, nv); cfrc_int : (samples, bodies, 6); subtree_com, xpos : (samples, bodies, 3) [m];
+    xmat : (samples, bodies, 3, 3)
+    """
+
+    effort: Array
+    cfrc_int: Array
+    subtree_com: Array
+    xpos: Array
+    xmat: Array
+
+
+def _evaluate(model: mujoco.MjModel, state: State) -> Raw:
+    data = mujoco.MjData(model)
+    samples = len(state.q)
+    shapes = [(model.nv,), (model.nbody, 6), (model.nbody, 3), (model.nbody, 3), (model.nbody, 3, 3)]
+    raw = Raw(*(np.empty((samples, *shape)) for shape in shapes))
+    for k in range(samples):
+        data.qpos[:], data.qvel[:], data.qacc[:] = state.q[k], state.v[k], state.a[k]
+        mujoco.mj_inverse(model, data)
+        # friction of a joint at rest: taken out, see the head of the file
+        raw.effort[k] = data.qfrc_inverse + np.where(state.v[k] == 0.0, data.qfrc_constraint, 0.0)
+        mujoco.mj_rnePostConstraint(model, data)
+        raw.cfrc_int[k], raw.subtree_com[k], raw.xpos[k] = data.cfrc_int, data.subtree_com, data.xpos
+        raw.xmat[k] = data.xmat.reshape(-1, 3, 3)
+    return raw
+
+
+def _wrench(model: mujoco.MjModel, raw: Raw, body: int) -> Array:
+    """What the parent exerts on a body, at the body's frame and along its axes, (samples, 6) [N], [N m]."""
+    moment, force = raw.cfrc_int[:, body, :3], raw.cfrc_int[:, body, 3:]
+    arm = raw.subtree_com[:, model.body_rootid[body]] - raw.xpos[:, body]
+    both = np.stack([force, moment + np.cross(arm, force)], axis=1)  # (sample, force or moment, xyz)
+    return np.asarray((both @ raw.xmat[:, body]).reshape(-1, 6))
+
+
+def _point(raw: Raw, body: int, point: Array) -> Array:
+    return np.asarray(raw.xpos[:, body] + raw.xmat[:, body] @ point)
+
+
+def _series(mechanism: Mechanism, result: Dynamics) -> dict[str, Series]:
+    out = torque_series(mechanism, result.torque)
+    for link, place in result.tip.items():
+        out |= vector_series(f"tip/{link}", "m", place)
+    for joint, wrench in result.wrench.items():
+        out |= wrench_series(joint, wrench)
+    return out

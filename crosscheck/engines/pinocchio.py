@@ -1,0 +1,234 @@
+"""Pinocchio: recursive Newton-Euler on its own model, built from primary data or read by its own URDF parser.
+
+Conventions, as a map and its dual.
+
+    coordinates   q, v, a are Pinocchio's own (the mechanism file uses its layout): continuous (cos, sin), quaternions
+                  x, y, z, w, a free joint's velocity linear then angular in the child's frame.  The map is a
+                  permutation of joints (the URDF parser orders siblings by itself), its dual is the same permutation.
+    tau           pin.rnea = M(q) a + C(q, v) v + g(q) with M including the armature; damping and dry friction are data
+                  in its model that rnea does not apply.  Actuator effort is therefore rnea + d v + f sign(v).
+    wrench        data.f[i] is what the parent exerts on everything from joint i outward, at the joint, in the child's
+                  frame: exactly "on the child, in the link's frame".  The armature is not in it.  Fixed joints are no
+                  joints here (their bodies are appended to the joint before), so they have no wrench.
+    universal     JointModelUniversal(a1, a2): R = exp(a1 q1) exp(a2 q2).
+
+Source: pinocchio 4.1.0, rnea.hpp and joint-*.hpp; the tests compare with closed forms and finite differences.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from crosscheck.engines.base import Options, sample_times
+from crosscheck.engines.urdf_source import check_joints, overlays
+from crosscheck.record import Record, Series, torque_series, vector_series, wrench_series
+from flexinv.case import Case
+from flexinv.mechanism import WORLD, Inertia, Joint, Mechanism, Placement
+
+Array = NDArray[np.float64]
+
+
+def version() -> str:
+    """Return the version of Pinocchio."""
+    return str(pin.__version__)
+
+
+def abilities() -> str:
+    """Return one sentence: what Pinocchio can do here."""
+    return (
+        "Rigid inverse dynamics by recursive Newton-Euler (rnea), joint wrenches and tips, "
+        "every joint kind, URDF by its own parser; no flexible links."
+    )
+
+
+def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
+    """Return why Pinocchio cannot do this case, or None."""
+    if not mechanism.is_rigid:
+        names = ", ".join(link.name for link in mechanism.beams)
+        return f"Pinocchio has rigid bodies only; flexible here: {names}"
+    given = case.motion.joints(mechanism)
+    free = [j.name for j in mechanism.joints if j.nv and j.name not in given]
+    if free:
+        return f"inverse dynamics needs the motion of every joint; left to the dynamics here: {', '.join(free)}"
+    return None
+
+
+def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
+    """Return torque [N m] or [N], tip [m] and wrench [N], [N m] on the sample times of the case."""
+    time = sample_times(case)
+    q, qd, qdd = case.motion.evaluate(mechanism, time)
+    start = clock.perf_counter()
+    built = build(mechanism)
+    result = inverse_dynamics(built, q, qd, qdd)
+    wall = clock.perf_counter() - start
+    return Record(
+        engine=engine,
+        version=version(),
+        settings={"algorithm": "rnea", "model": "URDF" if mechanism.urdf else "Model.addJoint"},
+        time=time,
+        series=_series(mechanism, result, result.torque + passive_effort(mechanism, qd)),
+        wall_time=wall,
+    )
+
+
+# ------------------------------------------------------------------------------------------------------- the model
+
+
+@dataclass(frozen=True)
+class Built:
+    """Pinocchio's model of a mechanism and where everything is in it.
+
+    q_order, v_order : the mechanism's coordinate k is the model's coordinate order[k]
+    joint : Pinocchio's joint index by joint name (fixed joints have none)
+    tip : joint index and point (3,) [m] in that joint's frame, by link name
+    """
+
+    model: Any
+    q_order: NDArray[np.intp]
+    v_order: NDArray[np.intp]
+    joint: dict[str, int]
+    tip: dict[str, tuple[int, Array]]
+
+
+def build(mechanism: Mechanism) -> Built:
+    """Return Pinocchio's own model.  Raises ValueError where its URDF parser finds other joints than the mechanism."""
+    model, at = _from_urdf(mechanism) if mechanism.urdf else _from_data(mechanism)
+    model.gravity = pin.Motion(mechanism.gravity, np.zeros(3))
+    moving = [j for j in mechanism.joints if j.nv]
+    ids = {j.name: model.getJointId(_name(mechanism, j)) for j in moving}
+    for j in moving:
+        first = model.joints[ids[j.name]].idx_v
+        model.armature[first : first + j.nv] = j.rotor_inertia
+    tip = {link.name: (at[link.name][0], at[link.name][1].act(link.tip)) for link in mechanism.links}
+    return Built(
+        model=model,
+        q_order=_order([(model.joints[ids[j.name]].idx_q, j.nq) for j in moving]),
+        v_order=_order([(model.joints[ids[j.name]].idx_v, j.nv) for j in moving]),
+        joint=ids,
+        tip=tip,
+    )
+
+
+def _order(blocks: list[tuple[int, int]]) -> NDArray[np.intp]:
+    return np.array([first + k for first, size in blocks for k in range(size)], dtype=np.intp)
+
+
+def _name(mechanism: Mechanism, joint: Joint) -> str:
+    """Names of Pinocchio's parser: the free base that it adds to a URDF is its ``root_joint``."""
+    return "root_joint" if mechanism.urdf and joint is mechanism.joints[0] and joint.kind == "free" else joint.name
+
+
+def _from_data(mechanism: Mechanism) -> tuple[Any, dict[str, tuple[int, Any]]]:
+    """Return the model and, for each link, the joint that carries it with the link frame's placement there."""
+    model = pin.Model()
+    at = {WORLD: (0, pin.SE3.Identity())}
+    for joint in mechanism.joints:
+        parent, frame = at[joint.parent]
+        placement = frame * _se3(joint.placement)
+        if joint.kind == "fixed":
+            at[joint.child] = (parent, placement)
+        else:
+            index = model.addJoint(parent, _joint_model(joint), placement, joint.name)
+            at[joint.child] = (index, pin.SE3.Identity())
+        for body in mechanism.link_of[joint.child].bodies:
+            model.appendBodyToJoint(at[joint.child][0], _inertia(body.inertia), at[joint.child][1])
+    return model, at
+
+
+def _from_urdf(mechanism: Mechanism) -> tuple[Any, dict[str, tuple[int, Any]]]:
+    """Return what Pinocchio's parser makes of the URDF, with the bodies that the mechanism lays over it."""
+    path = str(mechanism.urdf)
+    free_base = mechanism.joints[0].kind == "free"
+    model = pin.buildModelFromUrdf(path, pin.JointModelFreeFlyer()) if free_base else pin.buildModelFromUrdf(path)
+    check_joints(mechanism, "Pinocchio", [n for n in list(model.names)[1:] if n != "root_joint"])
+    at: dict[str, tuple[int, Any]] = {}
+    for link in mechanism.links:
+        frame = model.frames[model.getFrameId(link.name, pin.FrameType.BODY)]
+        at[link.name] = (frame.parentJoint, frame.placement)
+    for name, body in overlays(mechanism):
+        model.appendBodyToJoint(at[name][0], _inertia(body.inertia), at[name][1])
+    return model, at
+
+
+def _se3(placement: Placement) -> Any:
+    return pin.SE3(placement.rotation, placement.position)
+
+
+def _inertia(inertia: Inertia) -> Any:
+    return pin.Inertia(inertia.mass, inertia.com, inertia.tensor)
+
+
+def _joint_model(joint: Joint) -> Any:
+    match joint.kind:
+        case "revolute":
+            return pin.JointModelRevoluteUnaligned(joint.axis)
+        case "continuous":
+            return pin.JointModelRevoluteUnboundedUnaligned(joint.axis)
+        case "prismatic":
+            return pin.JointModelPrismaticUnaligned(joint.axis)
+        case "spherical":
+            return pin.JointModelSpherical()
+        case "universal":
+            return pin.JointModelUniversal(joint.axis, joint.second_axis)
+        case "free":
+            return pin.JointModelFreeFlyer()
+    raise ValueError(f"joint {joint.name!r}: no Pinocchio joint for kind {joint.kind!r}")
+
+
+# ------------------------------------------------------------------------------------------------------ what it says
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """What Pinocchio computes, in the mechanism's order.
+
+    torque : (samples, nv) [N m] or [N], without damping and friction; wrench : (samples, 6) [N], [N m] by joint;
+    tip : (samples, 3) [m] by link
+    """
+
+    torque: Array
+    wrench: dict[str, Array]
+    tip: dict[str, Array]
+
+
+def inverse_dynamics(built: Built, q: Array, qd: Array, qdd: Array) -> Dynamics:
+    """Return rnea of every sample, q (samples, nq), qd and qdd (samples, nv) [rad or m, s] in the mechanism's order."""
+    model, data = built.model, built.model.createData()
+    ours = [np.empty((len(q), n)) for n in (model.nq, model.nv, model.nv)]
+    for theirs, mine, order in zip(ours, (q, qd, qdd), (built.q_order, built.v_order, built.v_order), strict=True):
+        theirs[:, order] = mine
+    torque = np.empty((len(q), model.nv))
+    wrench = {name: np.empty((len(q), 6)) for name in built.joint}
+    tip = {name: np.empty((len(q), 3)) for name in built.tip}
+    for k, (qk, vk, ak) in enumerate(zip(*ours, strict=True)):
+        torque[k] = pin.rnea(model, data, qk, vk, ak)
+        for name, index in built.joint.items():
+            wrench[name][k] = data.f[index].vector
+        pin.forwardKinematics(model, data, qk)
+        for name, (index, point) in built.tip.items():
+            tip[name][k] = data.oMi[index].act(point)
+    return Dynamics(torque[:, built.v_order], wrench, tip)
+
+
+def passive_effort(mechanism: Mechanism, qd: Array) -> Array:
+    """Return d v + f sign(v), (samples, nv) [N m] or [N]: what rnea leaves out of the actuator's effort."""
+    damping, friction = (
+        np.array([getattr(j, name) for j in mechanism.joints for _ in range(j.nv)], dtype=np.float64)
+        for name in ("damping", "friction")
+    )
+    return np.asarray(damping * qd + friction * np.sign(qd))
+
+
+def _series(mechanism: Mechanism, result: Dynamics, torque: Array) -> dict[str, Series]:
+    out = torque_series(mechanism, torque)
+    for link, place in result.tip.items():
+        out |= vector_series(f"tip/{link}", "m", place)
+    for joint, wrench in result.wrench.items():
+        out |= wrench_series(joint, wrench)
+    return out

@@ -1,0 +1,70 @@
+"""Which limit holds for a comparison, and what it makes of an error."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Iterable
+from fnmatch import fnmatchcase
+from typing import Literal
+
+from flexinv.case import Limit
+
+Verdict = Literal["within", "skipped", "unjudged", "deviation", "error"]
+# In the order of gravity: of several the worst is the one that stands last.
+VERDICTS: tuple[Verdict, ...] = ("skipped", "within", "unjudged", "deviation", "error")
+DEFAULT_REFERENCE = "flexinv"
+
+
+def references(limits: Iterable[Limit], engine: str) -> tuple[str, ...]:
+    """Return the engines that ``engine`` is compared with: those its limits name, or flexinv."""
+    named = {limit.reference for limit in limits if _names(limit, engine)}
+    if engine != DEFAULT_REFERENCE:
+        named.add(DEFAULT_REFERENCE)
+    return tuple(sorted(named - {engine}))
+
+
+def find(limits: Iterable[Limit], quantity: str, engine: str, reference: str) -> Limit | None:
+    """Return the limit that holds: of those that fit, the first one in the file (special ones stand first)."""
+    for limit in limits:
+        if limit.quantity == quantity and limit.reference == reference and _names(limit, engine):
+            return limit
+    return None
+
+
+def expired(limit: Limit, today: datetime.date) -> bool:
+    """Return whether the limit was stated for a time that is over."""
+    return limit.expires is not None and limit.expires < today
+
+
+def judge(fraction: float, limit: Limit | None, today: datetime.date) -> tuple[Verdict, str]:
+    """Return verdict and message of an error.
+
+    fraction : largest error over the range of the signal [-]
+    """
+    if limit is None:
+        return "unjudged", "no limit is stated for this quantity and engine: add one to cases.toml"
+    if expired(limit, today):
+        return "unjudged", f"the limit expired on {limit.expires}: state it anew, or mend the cause"
+    if fraction <= limit.maximum:
+        return "within", ""
+    return "deviation", f"{fraction:.3g} of the range, the limit is {limit.maximum:.3g}"
+
+
+def unused(limits: Iterable[Limit], used: Iterable[Limit]) -> list[Limit]:
+    """Return the limits that no comparison asked for (a misspelt engine, a quantity nobody gives)."""
+    asked = {id(limit) for limit in used}
+    return [limit for limit in limits if id(limit) not in asked]
+
+
+def worst(verdicts: Iterable[Verdict]) -> Verdict:
+    """Return the gravest verdict; "skipped" where there is none: nothing was shown."""
+    return max(verdicts, key=VERDICTS.index, default="skipped")
+
+
+def exit_code(verdicts: Iterable[Verdict]) -> int:
+    """Return 2 with an error, 1 with a deviation or a missing limit, else 0."""
+    return {"error": 2, "deviation": 1, "unjudged": 1}.get(worst(verdicts), 0)
+
+
+def _names(limit: Limit, engine: str) -> bool:
+    return any(fnmatchcase(engine, pattern) for pattern in limit.engines)
