@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexinv.joint import joint_effort
+from flexinv.joint import joint_axes, joint_effort
 from flexinv.mechanism import Array, Mechanism
-from flexinv.mesh import FREE, PRISMATIC, SPHERICAL, VELOCITIES, Mesh
+from flexinv.mesh import VELOCITIES, Mesh
 from flexinv.nodal import NodalMotion
 
 
@@ -129,7 +129,7 @@ def factors(mesh: Mesh, motion: NodalMotion, forces: NodalForces, sample: int) -
     length = np.zeros((mesh.mechanism.nv, 6 * len(pairs)))
     for i, path in steps.items():
         first, kind = mesh.v_index[i], int(mesh.kind[i])
-        turning, sliding = _axes(kind, mesh.axis[i])
+        sliding, turning = joint_axes(kind, mesh.axis[i])
         for j, k, following in path:
             arm = rotation[j].T @ (x[following] - x[j])
             turn = turning @ rotation[i].T @ rotation[j]  # axes of joint i in frame j (freedom, xyz)
@@ -158,15 +158,3 @@ def _steps(mesh: Mesh) -> dict[int, list[tuple[int, int, int]]]:
                 out[j] += beyond
             following, j = j, int(mesh.parent[j])
     return out
-
-
-def _axes(kind: int, axis: Array) -> tuple[Array, Array]:
-    """Rotation and translation axes of the joint's freedoms, (nv, 3) each, in the child's frame."""
-    eye, none = np.eye(3), np.zeros((3, 3))
-    if kind == PRISMATIC:
-        return np.zeros((1, 3)), axis[None]
-    if kind == SPHERICAL:
-        return eye, none
-    if kind == FREE:
-        return np.vstack([none, eye]), np.vstack([eye, none])
-    return axis[None], np.zeros((1, 3))

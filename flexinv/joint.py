@@ -1,32 +1,25 @@
-"""One joint: relative pose, velocity and acceleration from its coordinates, for all samples at once.
+"""Joints: relative pose, velocity and acceleration of every node in its parent's frame, for all samples at once.
 
-With the joint frame A fixed in the parent and the child's frame B,
-
-    x_B = x_A + R_A p          R_B = R_A R_j
-    v_B = v_A + R_A (w_A x p + p')              w_B = R_j^T w_A + w_j
-    a_B = a_A + R_A (al_A x p + w_A x (w_A x p) + 2 w_A x p' + p'')
-    al_B = R_j^T al_A + al_j + (R_j^T w_A) x w_j
-
-(angular quantities in the frame they are named for, positions in the world).
+``p``, ``p'``, ``p''`` are taken in the parent node's frame, rotation rates in the node's own frame; what a node's placement and its
+joint do together is one relative motion, so that the tree is walked by one rule (`tree.carry`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from flexinv.mechanism import Array
-from flexinv.mesh import CONTINUOUS, FREE, PRISMATIC, REVOLUTE, SPHERICAL
+from flexinv.mesh import CONFIGURATIONS, CONTINUOUS, FREE, PRISMATIC, REVOLUTE, SPHERICAL, VELOCITIES, Mesh
 from flexinv.rotations import about_axis, about_axis_cs, from_quaternion
 
 
-@dataclass(frozen=True)
-class JointMotion:
-    """Motion of the child's frame relative to the joint frame.
+class Relative(NamedTuple):
+    """Motion of nodes relative to their parents.
 
-    p, dp, ddp : (samples, 3) [m], [m/s], [m/s^2] in the joint frame
-    rotation : (samples, 3, 3); rate, acceleration : (samples, 3) [rad/s], [rad/s^2] in the child's frame
+    p, dp, ddp : (samples, nodes, 3) [m], [m/s], [m/s^2] in the parent's frame
+    rotation : (samples, nodes, 3, 3), R_parent,node; rate, acceleration : (samples, nodes, 3) [rad/s], [rad/s^2], own frame
     """
 
     p: Array
@@ -37,43 +30,64 @@ class JointMotion:
     acceleration: Array
 
 
-def joint_motion(kind: int, axis: Array, q: Array, qd: Array, qdd: Array) -> JointMotion:
-    """Return the relative motion of one joint from q (samples, nq), qd, qdd (samples, nv) [rad or m, s].
+def relative_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> Relative:
+    """Return how every node moves in its parent's frame [m, rad, s] for q (samples, nq), qd, qdd (samples, nv).
 
-    ``axis`` (3,) is the unit axis of a revolute, continuous or prismatic joint.  The velocity of a free joint is
-    linear [m/s] then angular [rad/s], both in the child's frame: p' = R_j v, p'' = R_j (v' + w x v).
+    Velocity of a free joint is linear then angular, both in the child's frame: p' = R_j v, p'' = R_j (v' + w x v).
     """
     samples = len(q)
-    zero = np.zeros((samples, 3))
-    still = np.broadcast_to(np.eye(3), (samples, 3, 3))
-    if kind == REVOLUTE:
-        return JointMotion(zero, zero, zero, about_axis(axis, q[:, 0]), qd * axis, qdd * axis)
-    if kind == CONTINUOUS:
-        return JointMotion(zero, zero, zero, about_axis_cs(axis, q[:, 0], q[:, 1]), qd * axis, qdd * axis)
+    still = [np.zeros((samples, mesh.size, 3)) for _ in range(4)]
+    p = np.tile(mesh.offset, (samples, 1, 1))
+    rotation = np.tile(mesh.rotation, (samples, 1, 1, 1))
+    out = Relative(p, still[0], still[1], rotation, still[2], still[3])
+    for node in np.flatnonzero(mesh.v_index >= 0):
+        kind, nq, nv = int(mesh.kind[node]), mesh.q_index[node], mesh.v_index[node]
+        own_q, own_v = slice(nq, nq + CONFIGURATIONS[kind]), slice(nv, nv + VELOCITIES[kind])
+        _add_joint(out, node, kind, mesh.axis[node], q[:, own_q], qd[:, own_v], qdd[:, own_v])
+    return out
+
+
+def _add_joint(out: Relative, node: int, kind: int, axis: Array, q: Array, qd: Array, qdd: Array) -> None:
+    """Put one joint's motion on top of its node's placement."""
+    placed = out.rotation[0, node].copy()
     if kind == PRISMATIC:
-        return JointMotion(q * axis, qd * axis, qdd * axis, still, zero, zero)
-    if kind == SPHERICAL:
-        return JointMotion(zero, zero, zero, from_quaternion(q), qd, qdd)
+        direction = placed @ axis
+        out.p[:, node] += q * direction
+        out.dp[:, node], out.ddp[:, node] = qd * direction, qdd * direction
+        return
     if kind == FREE:
-        rotation = from_quaternion(q[:, 3:])
-        v, w = qd[:, :3], qd[:, 3:]
-        dp = np.einsum("sij,sj->si", rotation, v)  # (sample, xyz)
-        ddp = np.einsum("sij,sj->si", rotation, qdd[:, :3] + np.cross(w, v))
-        return JointMotion(q[:, :3], dp, ddp, rotation, w, qdd[:, 3:])
-    return JointMotion(zero, zero, zero, still, zero, zero)
+        turn, v, w = from_quaternion(q[:, 3:]), qd[:, :3], qd[:, 3:]
+        out.p[:, node] += q[:, :3] @ placed.T
+        out.dp[:, node] = np.einsum("sij,sj->si", placed @ turn, v)  # (sample, xyz)
+        out.ddp[:, node] = np.einsum("sij,sj->si", placed @ turn, qdd[:, :3] + np.cross(w, v))
+        rate, acceleration = w, qdd[:, 3:]
+    elif kind == SPHERICAL:
+        turn, rate, acceleration = from_quaternion(q), qd, qdd
+    else:
+        turn = about_axis_cs(axis, q[:, 0], q[:, 1]) if kind == CONTINUOUS else about_axis(axis, q[:, 0])
+        rate, acceleration = qd * axis, qdd * axis
+    out.rotation[:, node] = placed @ turn
+    out.rate[:, node], out.acceleration[:, node] = rate, acceleration
+
+
+def joint_axes(kind: int, axis: Array) -> tuple[Array, Array]:
+    """Return translation and rotation axes of a joint's freedoms, (nv, 3) each [-], in the child's frame."""
+    eye, none = np.eye(3), np.zeros((3, 3))
+    if kind == PRISMATIC:
+        return axis[None], np.zeros((1, 3))
+    if kind == SPHERICAL:
+        return none, eye
+    if kind == FREE:
+        return np.vstack([eye, none]), np.vstack([none, eye])
+    if kind in (REVOLUTE, CONTINUOUS):
+        return np.zeros((1, 3)), axis[None]
+    return np.zeros((0, 3)), np.zeros((0, 3))
 
 
 def joint_effort(kind: int, axis: Array, force: Array, moment: Array) -> Array:
-    """Return the components of a wrench along the joint's coordinates, (samples, nv) [N m] or [N].
+    """Return the components of a wrench along the joint's freedoms, (samples, nv) [N m] or [N].
 
     ``force`` [N] and ``moment`` [N m], (samples, 3), act on the child at its link frame, in that frame's axes.
     """
-    if kind in (REVOLUTE, CONTINUOUS):
-        return (moment @ axis)[:, None]
-    if kind == PRISMATIC:
-        return (force @ axis)[:, None]
-    if kind == SPHERICAL:
-        return moment
-    if kind == FREE:
-        return np.concatenate([force, moment], axis=1)
-    return np.empty((len(force), 0))
+    sliding, turning = joint_axes(kind, axis)
+    return force @ sliding.T + moment @ turning.T

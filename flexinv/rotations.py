@@ -17,6 +17,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from flexinv.vectors import skew3
+
 Array = NDArray[np.float64]
 
 # Power series in s = t^2: A = sum (-s)^k / (2k+2)!, B = sum (-s)^k / (2k+3)!, c = sum |B_2k| s^(k-1) / (2k)!.
@@ -57,25 +59,6 @@ def coefficients(s):
     b1 = ((sin_t - t * cos_t) / (2 * t * s) - b) / s
     b2 = ((t * t * sin_t + 3 * t * cos_t - 3 * sin_t) / (4 * t * s * s) - 2 * b1) / s
     return a, a1, a2, b, b1, b2
-
-
-@njit(cache=True)
-def cross3(a, b):
-    """Return a x b for two (3,) vectors [any unit]."""
-    out = np.empty(3)
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
-    return out
-
-
-@njit(cache=True)
-def skew3(a):
-    """Return the (3, 3) matrix of a x [any unit]."""
-    out = np.zeros((3, 3))
-    out[0, 1], out[0, 2], out[1, 2] = -a[2], a[1], -a[0]
-    out[1, 0], out[2, 0], out[2, 1] = a[2], -a[1], a[0]
-    return out
 
 
 @njit(cache=True)
