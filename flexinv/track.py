@@ -34,6 +34,9 @@ class Track:
     law: str = ""
     sampling: Sampling | None = None
 
+    def __post_init__(self) -> None:
+        self.values.flags.writeable = False
+
     @property
     def jumps(self) -> tuple[float, ...]:
         """Times [s] where the acceleration jumps."""
