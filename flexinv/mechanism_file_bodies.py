@@ -1,0 +1,107 @@
+"""Bodies of a mechanism file: mass, centre of mass and inertia from a table, and whether a body can have them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from flexinv.errors import InputError
+from flexinv.mechanism import Array, Body, Inertia
+from flexinv.mechanism_file_schema import BodyTable, PayloadTable
+from flexinv.toml_tables import complaint, place
+
+# Relative to the largest moment: files carry about seven digits, so a thin plate's xx + yy = zz is met to 1e-6.
+DIGITS = 1e-6
+SHAPES = ("inertia_kgm2", "rod", "box", "cylinder", "sphere")
+
+
+def impossible(tensor: Array) -> str:
+    """Say why no body has this inertia tensor (3, 3) [kg m^2]; ``""`` when one has.
+
+    A body's tensor is symmetric, its principal moments are p >= 0 and p_i + p_j >= p_k.
+    """
+    largest = float(np.abs(tensor).max())
+    if largest == 0.0:
+        return ""
+    if np.abs(tensor - tensor.T).max() > DIGITS * largest:
+        return "it is not symmetric"
+    moments = np.linalg.eigvalsh(tensor)
+    text = ", ".join(f"{p:.4g}" for p in moments)
+    if moments[0] < -DIGITS * largest:
+        return f"a principal moment is negative ({text} kg m^2)"
+    if moments[0] + moments[1] < moments[2] * (1 - DIGITS):
+        return f"one principal moment exceeds the sum of the others ({text} kg m^2)"
+    return ""
+
+
+def shape_inertia(table: BodyTable, mass: float) -> tuple[Array, Array | None]:
+    """Return the tensor (3, 3) [kg m^2] about the centre of mass and the shape's own centre (3,) [m], if it has one.
+
+    rod: m L^2/12 across; box: m (b^2 + c^2)/12; cylinder: m r^2/2 along, m (3 r^2 + L^2)/12 across; sphere: 2/5 m r^2.
+    """
+    if table.rod is not None:
+        across = mass * table.rod.length_m**2 / 12
+        axial = table.rod.axial_inertia_kgm2
+        return np.diag([axial, across, across]), np.array([table.rod.length_m / 2, 0, 0])
+    if table.cylinder is not None:
+        r, length = table.cylinder.radius_m, table.cylinder.length_m
+        across = mass * (3 * r**2 + length**2) / 12
+        return np.diag([mass * r**2 / 2, across, across]), np.array([length / 2, 0, 0])
+    if table.box is not None:
+        squares = np.square(table.box.size_m)
+        return np.diag(mass * (squares.sum() - squares) / 12), None
+    if table.sphere is not None:
+        return np.eye(3) * (0.4 * mass * table.sphere.radius_m**2), None
+    return np.asarray(table.inertia_kgm2, dtype=np.float64), None
+
+
+def read_inertia(table: BodyTable, file: Path, path: str) -> Inertia:
+    """Read one body's inertia [kg, m, kg m^2] from its table; InputError when no body can have it."""
+    if table.mass_kg is None:
+        advice = "mass_kg = 0.215   (or massless = true for a link that is only a frame)"
+        raise InputError(complaint(place(file, path, "mass_kg"), "nothing", "the mass, a number > 0 [kg]", advice))
+    given = [name for name in SHAPES if getattr(table, name) is not None]
+    if len(given) != 1:
+        advice = "inertia_kgm2 = { xx = 1e-4, yy = 2.9e-3, zz = 2.9e-3 }, or inertia_kgm2 = 0 for a point mass"
+        expected = f"exactly one of {', '.join(SHAPES)}"
+        where = place(file, path, "inertia_kgm2")
+        raise InputError(complaint(where, " and ".join(given) or "nothing", expected, advice))
+    tensor, centre = shape_inertia(table, table.mass_kg)
+    com = np.array(table.com_m, dtype=np.float64) if table.com_m is not None else centre
+    if com is None:
+        expected = "the centre of mass, three numbers [m]"
+        raise InputError(complaint(place(file, path, "com_m"), "nothing", expected, "com_m = [0, 0, 0]"))
+    reason = impossible(tensor)
+    if reason:
+        expected = "the inertia of a body about its centre of mass [kg m^2]: symmetric, moments p1 + p2 >= p3 >= 0"
+        advice = "the tensor about the centre of mass, not about the joint; check signs and order of its numbers"
+        given_text = f"{np.array2string(tensor, separator=', ')}".replace("\n", "") + f": {reason}"
+        raise InputError(complaint(place(file, path, given[0]), given_text, expected, advice))
+    return Inertia(table.mass_kg, com, (tensor + tensor.T) / 2)
+
+
+def read_payloads(tables: list[PayloadTable], beam: bool, own: str, file: Path, path: str) -> tuple[Body, ...]:
+    """Read the bodies that a link carries; on a beam each names its station [-], on a rigid link none does.
+
+    own : the name of the link's own body, which no payload may have
+    """
+    bodies: list[Body] = []
+    for k, table in enumerate(tables):
+        here = f"{path}.payload[{k}]"
+        if beam != (table.station is not None):
+            given = "nothing" if beam else f"station = {table.station}"
+            expected = (
+                "the fraction 0..1 of the beam's length that carries it [-]"
+                if beam
+                else "no station: the link is rigid"
+            )
+            advice = "station = 1.0   (the tip)" if beam else "com_m alone, in the link frame"
+            raise InputError(complaint(place(file, here, "station"), given, expected, advice))
+        if table.name in (own, *(body.name for body in bodies)):
+            expected = "a name of its own for each body of a link"
+            raise InputError(
+                complaint(place(file, here, "name"), f'"{table.name}" twice', expected, f'name = "{table.name}_2"')
+            )
+        bodies.append(Body(table.name, read_inertia(table, file, here), table.station))
+    return tuple(bodies)

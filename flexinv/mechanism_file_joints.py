@@ -1,0 +1,271 @@
+"""Joint tables of a mechanism file: one model per kind, so that every key has the unit of that kind."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexinv.errors import InputError, ModelWarning
+from flexinv.mechanism import COORDINATES, Array, Joint, Limits, Placement
+from flexinv.mechanism_file_schema import PLACEMENT, SOURCE, PlacementTable
+from flexinv.toml_tables import (
+    Fraction,
+    Name,
+    NotNegative,
+    Number,
+    Positive,
+    Table,
+    Text,
+    Vector,
+    complaint,
+    key,
+    place,
+    toml_text,
+    validate,
+)
+from flexinv.unit_keys import nearest
+
+KINDS = '"revolute", "continuous", "prismatic", "spherical", "universal", "fixed" or "free"'
+AXIS = "the axis in the joint frame, three numbers [-]"
+# The length of an axis may be off by this much before it is worth a warning: seven digits were typed.
+UNIT = 1e-6
+
+
+class LimitsTable(Table):
+    """What a rotary drive can give; a continuous joint has no position limits."""
+
+    effort_Nm: Positive | None = key("the largest torque, > 0 [N m]", "effort_Nm = 150", default=None)
+    velocity_rad_per_s: Positive | None = key(
+        "the largest speed, > 0 [rad/s]", "velocity_rad_per_s = 3.15", default=None
+    )
+
+
+class RotaryLimitsTable(LimitsTable):
+    """What a rotary drive can give and where it may go."""
+
+    lower_rad: Number | None = key("the lowest angle [rad]", "lower_rad = -3.14", default=None)
+    upper_rad: Number | None = key("the highest angle [rad]", "upper_rad = 3.14", default=None)
+
+
+class LinearLimitsTable(Table):
+    """What a linear drive can give and where it may go."""
+
+    effort_N: Positive | None = key("the largest force, > 0 [N]", "effort_N = 500", default=None)
+    velocity_m_per_s: Positive | None = key("the largest speed, > 0 [m/s]", "velocity_m_per_s = 0.5", default=None)
+    lower_m: Number | None = key("the lowest position [m]", "lower_m = 0.0", default=None)
+    upper_m: Number | None = key("the highest position [m]", "upper_m = 0.3", default=None)
+
+
+class RotaryDrive(Table):
+    """Rotor, damping and friction of a joint that turns."""
+
+    rotor_inertia_kgm2: NotNegative = key(
+        "rotor inertia at the joint, >= 0 [kg m^2]", "rotor_inertia_kgm2 = 0.01", default=0.0
+    )
+    damping_Nms_per_rad: NotNegative = key(
+        "viscous damping, >= 0 [N m s/rad]", "damping_Nms_per_rad = 0.1", default=0.0
+    )
+    friction_Nm: NotNegative = key("dry friction, >= 0 [N m]", "friction_Nm = 0.5", default=0.0)
+    actuated: bool = key("true, or false for a passive joint", "actuated = false", default=True)
+
+
+class LinearDrive(Table):
+    """Rotor, damping and friction of a joint that slides."""
+
+    rotor_inertia_kg: NotNegative = key(
+        "rotor inertia as a mass at the joint, >= 0 [kg]", "rotor_inertia_kg = 1.5", default=0.0
+    )
+    damping_Ns_per_m: NotNegative = key("viscous damping, >= 0 [N s/m]", "damping_Ns_per_m = 10", default=0.0)
+    friction_N: NotNegative = key("dry friction, >= 0 [N]", "friction_N = 5", default=0.0)
+    actuated: bool = key("true, or false for a passive joint", "actuated = false", default=True)
+
+
+class JointTable(Table):
+    """What every joint states: what it joins and where."""
+
+    kind: str = key(f"one of {KINDS}", 'kind = "revolute"')
+    parent: Name = key('the link it hangs on, or "world"', 'parent = "world"')
+    child: Name = key("the link that it carries", 'child = "forearm"')
+    placement: PlacementTable | None = key(PLACEMENT, "placement = { xyz_m = [0.4, 0, 0] }", default=None)
+    station: Fraction | None = key(
+        "on a beam parent: the fraction 0..1 of its length [-]", "station = 1.0", default=None
+    )
+    source: Text = SOURCE
+
+
+class FixedTable(JointTable):
+    """A joint that does not move."""
+
+
+class FreeTable(JointTable):
+    """Six freedoms without a drive."""
+
+
+class SphericalTable(JointTable):
+    """Three rotations."""
+
+    damping_Nms_per_rad: NotNegative = key(
+        "viscous damping, >= 0 [N m s/rad]", "damping_Nms_per_rad = 0.1", default=0.0
+    )
+    friction_Nm: NotNegative = key("dry friction, >= 0 [N m]", "friction_Nm = 0.5", default=0.0)
+    actuated: bool = key("true, or false for a passive joint", "actuated = false", default=True)
+
+
+class ContinuousTable(RotaryDrive, JointTable):
+    """A rotation without end."""
+
+    axis: Vector = key(AXIS, "axis = [0, 0, 1]")
+    limits: LimitsTable | None = key(
+        "a table: effort_Nm, velocity_rad_per_s", "limits = { effort_Nm = 150 }", default=None
+    )
+
+
+class RevoluteTable(RotaryDrive, JointTable):
+    """A rotation."""
+
+    axis: Vector = key(AXIS, "axis = [0, 0, 1]")
+    limits: RotaryLimitsTable | None = key(
+        "a table: effort_Nm, velocity_rad_per_s, lower_rad, upper_rad", "limits = { effort_Nm = 150 }", default=None
+    )
+
+
+class PrismaticTable(LinearDrive, JointTable):
+    """A translation."""
+
+    axis: Vector = key(AXIS, "axis = [1, 0, 0]")
+    limits: LinearLimitsTable | None = key(
+        "a table: effort_N, velocity_m_per_s, lower_m, upper_m", "limits = { effort_N = 500 }", default=None
+    )
+
+
+class UniversalTable(RotaryDrive, JointTable):
+    """Two rotations about axes at right angles."""
+
+    axis: Vector = key("the first axis in the joint frame, three numbers [-]", "axis = [1, 0, 0]")
+    second_axis: Vector = key("the second axis, across the first, three numbers [-]", "second_axis = [0, 1, 0]")
+
+
+TABLES: dict[str, type[JointTable]] = {
+    "revolute": RevoluteTable,
+    "continuous": ContinuousTable,
+    "prismatic": PrismaticTable,
+    "spherical": SphericalTable,
+    "universal": UniversalTable,
+    "fixed": FixedTable,
+    "free": FreeTable,
+}
+DRIVES: dict[str, type[Table]] = {
+    "revolute": RotaryDrive,
+    "continuous": RotaryDrive,
+    "universal": RotaryDrive,
+    "prismatic": LinearDrive,
+}
+
+
+def read_joint(data: Any, file: Path, name: str) -> Joint:
+    """Read ``[joints.NAME]`` into a joint [m, rad, kg m^2, N m s/rad, N m] of its kind."""
+    path = f"joints.{name}"
+    kind = data.get("kind") if isinstance(data, dict) else None
+    if kind is not None and (not isinstance(kind, str) or kind not in COORDINATES):
+        near = nearest(str(kind), COORDINATES) or "revolute"
+        where = place(file, path, "kind")
+        raise InputError(complaint(where, f"kind = {toml_text(kind)}", f"one of {KINDS}", f'kind = "{near}"'))
+    table = validate(TABLES.get(kind or "", RevoluteTable), data, file, path)
+    axes = {}
+    for axis in ("axis", "second_axis"):
+        if hasattr(table, axis):
+            axes[axis] = unit_axis(getattr(table, axis), place(file, path, axis), f"{axis} = [0, 0, 1]")
+    if "second_axis" in axes and abs(axes["axis"] @ axes["second_axis"]) > UNIT:
+        expected = "a second axis at right angles to the first [-]"
+        advice = "second_axis = [0, 1, 0] with axis = [1, 0, 0]; else two revolute joints with a massless link between"
+        given = f"second_axis = {axes['second_axis'].tolist()}"
+        raise InputError(complaint(place(file, path, "second_axis"), given, expected, advice))
+    return Joint(
+        name, table.kind, table.parent, table.child, read_placement(table.placement, file, f"{path}.placement"),
+        table.station, **axes, **drive(table), limits=_limits(table, file, f"{path}.limits"),
+    )  # fmt: skip
+
+
+def drive(table: Table) -> dict[str, Any]:
+    """Return what a drive or joint table states about rotor [kg m^2 or kg], damping, friction and actuation."""
+    names = {
+        "rotor_inertia": ("rotor_inertia_kgm2", "rotor_inertia_kg"),
+        "damping": ("damping_Nms_per_rad", "damping_Ns_per_m"),
+        "friction": ("friction_Nm", "friction_N"),
+        "actuated": ("actuated",),
+    }
+    stated = {name: getattr(table, k) for name, keys in names.items() for k in keys if hasattr(table, k)}
+    return stated if "actuated" in stated else {**stated, "actuated": False}
+
+
+def unit_axis(axis: Any, where: str, write: str) -> Array:
+    """Normalise an axis (3,) [-]: ModelWarning where it was not of length 1, InputError where it is zero."""
+    vector = np.asarray(axis, dtype=np.float64)
+    largest = float(np.abs(vector).max())
+    length = largest * float(np.linalg.norm(vector / largest)) if largest else 0.0
+    if length == 0.0:
+        raise InputError(
+            complaint(where, f"a zero axis, {vector.tolist()}", "a direction: three numbers, not all zero [-]", write)
+        )
+    if abs(length - 1) > UNIT:
+        warnings.warn(
+            f"{where}: {vector.tolist()} has length {length:.7g}, normalised to 1", ModelWarning, stacklevel=2
+        )
+    return vector / length
+
+
+def rotation_from_rpy(rpy: Any) -> Array:
+    """Return R = R_z(yaw) R_y(pitch) R_x(roll), (3, 3) [-], from rpy (3,) [rad]: URDF's fixed-axis angles."""
+    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def read_placement(table: PlacementTable | None, file: Path, path: str) -> Placement:
+    """Read a placement [m, rad]; the rotation may be stated in one way only."""
+    if table is None:
+        return Placement()
+    stated = [name for name in ("rpy_deg", "rpy_rad", "rotation") if getattr(table, name) is not None]
+    if len(stated) > 1:
+        where = place(file, path, stated[1])
+        raise InputError(
+            complaint(where, " and ".join(stated), "one of rpy_deg, rpy_rad, rotation", f"{stated[0]} alone")
+        )
+    rotation = np.eye(3)
+    if table.rotation is not None:
+        rotation = np.asarray(table.rotation)
+    elif table.rpy_rad is not None:
+        rotation = rotation_from_rpy(table.rpy_rad)
+    elif table.rpy_deg is not None:
+        rotation = _exact_at_right_angles(table.rpy_deg)
+    return Placement(np.array(table.xyz_m, dtype=np.float64), rotation)
+
+
+def _exact_at_right_angles(degrees: Any) -> Array:
+    """90 degrees typed as 90 gives 0 and 1, not 6e-17: sines and cosines of whole quarter turns are whole numbers."""
+    rotation = rotation_from_rpy(np.radians(degrees))
+    return np.rint(rotation) + 0.0 if all(angle % 90 == 0 for angle in degrees) else rotation
+
+
+def _limits(table: JointTable, file: Path, path: str) -> Limits:
+    limits = getattr(table, "limits", None)
+    if limits is None:
+        return Limits()
+    names = {"effort": ("effort_Nm", "effort_N"), "velocity": ("velocity_rad_per_s", "velocity_m_per_s"),
+             "lower": ("lower_rad", "lower_m"), "upper": ("upper_rad", "upper_m")}  # fmt: skip
+    found = {name: getattr(limits, k, None) for name, keys in names.items() for k in keys if hasattr(limits, k)}
+    read = Limits(**{name: value for name, value in found.items() if value is not None})
+    if read.lower > read.upper:
+        given = f"lower {read.lower:g}, upper {read.upper:g}"
+        raise InputError(
+            complaint(place(file, path, "upper"), given, "lower <= upper", "the two exchanged, if so meant")
+        )
+    return read

@@ -1,0 +1,329 @@
+"""The tables of a mechanism file: every key with its unit, what is expected of it, and an example to write."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, PlainValidator
+
+from flexinv.toml_tables import Fraction, Name, NotNegative, Number, Positive, Table, Text, Vector, key
+
+Numbers = dict[str, float]
+
+
+def _finite(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError("should be a finite number")
+    return float(value)
+
+
+def components(value: Any, required: str, optional: str = "") -> Numbers:
+    """Read ``{ y = 1.0, z = 2.0 }`` into numbers by name [unit of the key]; ValueError when names are wrong."""
+    names, may = required.split(), optional.split()
+    if not isinstance(value, dict) or not set(names) <= set(value) <= {*names, *may}:
+        wanted = ", ".join(f"{name} = ..." for name in names)
+        raise ValueError(f"should be {{ {wanted} }}" + (f" and may have {', '.join(may)}" if may else ""))
+    return {name: _finite(number) for name, number in value.items()}
+
+
+def _matrix(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+    rows = value if isinstance(value, list) else []
+    if len(rows) != 3 or any(not isinstance(row, list) or len(row) != 3 for row in rows):
+        raise ValueError("should have three rows of three numbers")
+    return np.array([[_finite(x) for x in row] for row in rows])
+
+
+def _across(value: Any) -> tuple[float, float]:
+    pair = components(value, "y z") if isinstance(value, dict) else {"y": _finite(value), "z": _finite(value)}
+    if min(pair.values()) <= 0:
+        raise ValueError("should be greater than 0")
+    return pair["y"], pair["z"]
+
+
+def _rotary(value: Any) -> tuple[float, float, float]:
+    if not isinstance(value, dict):
+        value = {"y": value, "z": value}
+    parts = components(value, "y z", "x")
+    y, z = parts["y"], parts["z"]
+    x = parts.get("x", y + z)
+    if min(x, y, z) < 0:
+        raise ValueError("should not be negative")
+    return x, y, z
+
+
+def _tensor(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+    if isinstance(value, list):
+        return _matrix(value)
+    if not isinstance(value, dict):
+        if _finite(value) != 0.0:
+            raise ValueError("one number can only be 0, a point mass")
+        return np.zeros((3, 3))
+    i = components(value, "xx yy zz", "xy xz yz")
+    xy, xz, yz = (i.get(name, 0.0) for name in ("xy", "xz", "yz"))
+    return np.array([[i["xx"], xy, xz], [xy, i["yy"], yz], [xz, yz, i["zz"]]])
+
+
+def _rotation(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+    matrix = _matrix(value)
+    # 1e-6: a matrix typed with seven digits; anything further off is no rotation but a mistake
+    if np.abs(matrix @ matrix.T - np.eye(3)).max() > 1e-6 or np.linalg.det(matrix) < 0:
+        raise ValueError("rows should be of length 1, at right angles and right-handed")
+    u, _, vt = np.linalg.svd(matrix)
+    return np.asarray(u @ vt)
+
+
+Across = Annotated[tuple[float, float], PlainValidator(_across)]
+Rotary = Annotated[tuple[float, float, float], PlainValidator(_rotary)]
+Tensor = Annotated[Any, PlainValidator(_tensor)]
+Rotation = Annotated[Any, PlainValidator(_rotation)]
+
+SOURCE = key("where the numbers come from, a text", 'source = "data sheet of ..., table 2"', default="")
+PLACEMENT = "a table: xyz_m [m] and one of rpy_deg [deg], rpy_rad [rad], rotation [-]"
+
+
+class PlacementTable(Table):
+    """A frame in a frame: position, and rotation by fixed-axis roll, pitch, yaw (as URDF) or as a matrix."""
+
+    xyz_m: Vector = key("three numbers [m]", "xyz_m = [0.0, 0.0, 0.1]", default=[0.0, 0.0, 0.0])
+    rpy_deg: Vector | None = key("roll, pitch, yaw about fixed axes [deg]", "rpy_deg = [0, 90, 0]", default=None)
+    rpy_rad: Vector | None = key("roll, pitch, yaw about fixed axes [rad]", "rpy_rad = [0, 1.57, 0]", default=None)
+    rotation: Rotation | None = key(
+        "a rotation matrix, three rows [-]", "rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]", default=None
+    )
+
+
+class RodTable(Table):
+    """A slender uniform rod from the frame's origin along its x: m L^2/12 across."""
+
+    length_m: Positive = key("the length of the rod, a number > 0 [m]", "length_m = 0.4")
+    axial_inertia_kgm2: NotNegative = key(
+        "the small inertia about the rod's own axis, >= 0 [kg m^2]", "axial_inertia_kgm2 = 1e-5", default=0.0
+    )
+
+
+class BoxTable(Table):
+    """A uniform box, its faces along the frame's axes."""
+
+    size_m: Annotated[list[Positive], Field(min_length=3, max_length=3)] = key(
+        "three edge lengths > 0 along x, y, z [m]", "size_m = [0.4, 0.05, 0.05]"
+    )
+
+
+class CylinderTable(Table):
+    """A uniform solid cylinder along the frame's x."""
+
+    length_m: Positive = key("the length along x, a number > 0 [m]", "length_m = 0.4")
+    radius_m: Positive = key("the radius, a number > 0 [m]", "radius_m = 0.02")
+
+
+class SphereTable(Table):
+    """A uniform solid sphere."""
+
+    radius_m: Positive = key("the radius, a number > 0 [m]", "radius_m = 0.02")
+
+
+class BodyTable(Table):
+    """Mass, centre of mass, and inertia about the centre of mass: as numbers or by a uniform shape."""
+
+    mass_kg: Positive | None = key("the mass, a number > 0 [kg]", "mass_kg = 0.215", default=None)
+    com_m: Vector | None = key("the centre of mass, three numbers [m]", "com_m = [0.2, 0.0, 0.0]", default=None)
+    inertia_kgm2: Tensor | None = key(
+        "about the centre of mass [kg m^2]: { xx, yy, zz } and xy, xz, yz if not 0; three rows; or 0, a point mass",
+        "inertia_kgm2 = { xx = 1e-4, yy = 2.9e-3, zz = 2.9e-3 }",
+        default=None,
+    )
+    rod: RodTable | None = key("a table: length_m [m]", "rod = { length_m = 0.4 }", default=None)
+    box: BoxTable | None = key("a table: size_m [m]", "box = { size_m = [0.4, 0.05, 0.05] }", default=None)
+    cylinder: CylinderTable | None = key(
+        "a table: length_m, radius_m [m]", "cylinder = { length_m = 0.4, radius_m = 0.02 }", default=None
+    )
+    sphere: SphereTable | None = key("a table: radius_m [m]", "sphere = { radius_m = 0.02 }", default=None)
+    source: Text = SOURCE
+
+
+class PayloadTable(BodyTable):
+    """A body that a link carries beside its own: payload, flange, motor."""
+
+    name: Name = key("the name of the payload", 'name = "gripper"')
+    station: Fraction | None = key(
+        "on a beam: the fraction 0..1 of its length that carries it [-]", "station = 1.0", default=None
+    )
+
+
+class RigidLinkTable(BodyTable):
+    """A rigid link; without mass only when it says so."""
+
+    kind: Literal["rigid"] = key('"rigid" or "beam"', 'kind = "rigid"')
+    massless: bool = key("true for a frame that has no mass", "massless = true", default=False)
+    tip_m: Vector | None = key(
+        "the point whose motion is reported, three numbers [m]", "tip_m = [0.4, 0, 0]", default=None
+    )
+    payload: list[PayloadTable] = key("tables [[links.NAME.payload]]", "[[links.NAME.payload]]", default=[])
+
+
+class StationTable(Table):
+    """Which section a beam has at a fraction of its length."""
+
+    at: Fraction = key("the fraction 0..1 of the length [-]", "at = 0.5")
+    section: Name = key("the name of a table [sections.NAME]", 'section = "tube"')
+
+
+class CurvatureTable(Table):
+    """Initial twist and curvature of a beam, constant along its length."""
+
+    twist: Number = key("initial twist [rad/m]", "twist = 0.0", default=0.0)
+    y: Number = key("initial curvature about y [1/m]", "y = 0.0", default=0.0)
+    z: Number = key("initial curvature about z [1/m]", "z = 0.5", default=0.0)
+
+
+class MeshTable(Table):
+    """How a beam is divided and which section it has: what native and overlaid beams share."""
+
+    section: Any = key(
+        'the name of a [sections.NAME], or stations [{ at = 0, section = "A" }, ...]', 'section = "tube"'
+    )
+    elements: Annotated[int, Field(ge=1, le=1000)] = key(
+        "the number of elements, 1..1000 [-]", "elements = 1", default=1
+    )
+    order: Annotated[int, Field(ge=1, le=32)] = key("the order of each element, 1..32 [-]", "order = 4", default=4)
+
+
+class BeamLinkTable(MeshTable):
+    """A beam from the link frame (or from ``root``) along x."""
+
+    kind: Literal["beam"] = key('"rigid" or "beam"', 'kind = "beam"')
+    length_m: Positive = key("the arc length of the beam, a number > 0 [m]", "length_m = 0.4")
+    curvature_per_m: CurvatureTable | None = key(
+        "a table: twist, y, z [1/m]", "curvature_per_m = { z = 0.5 }", default=None
+    )
+    root: PlacementTable | None = key(PLACEMENT, "root = { xyz_m = [0.05, 0, 0] }", default=None)
+    payload: list[PayloadTable] = key("tables [[links.NAME.payload]]", "[[links.NAME.payload]]", default=[])
+    source: Text = SOURCE
+
+
+class StiffnessSectionTable(Table):
+    """A section by its numbers."""
+
+    EA_N: Positive = key("axial stiffness, a number > 0 [N]", "EA_N = 1.452e6")
+    GA_N: Across = key("shear stiffness with its shear factor [N]: one number, or { y, z }", "GA_N = 4.65e5")
+    GJ_Nm2: Positive = key("torsional stiffness, a number > 0 [N m^2]", "GJ_Nm2 = 0.68")
+    EI_Nm2: Across = key("bending stiffness [N m^2]: one number, or about { y, z }", "EI_Nm2 = { y = 13.7, z = 0.46 }")
+    mass_per_length_kg_per_m: Positive = key("mass per length, a number > 0 [kg/m]", "mass_per_length_kg_per_m = 0.056")
+    rho_I_kgm: Rotary = key(
+        "rotary inertia per length [kg m]: { y, z } (x is their sum unless given), one number for both, or 0 if none",
+        "rho_I_kgm = { y = 5.3e-7, z = 1.77e-8 }",
+    )
+    source: Text = SOURCE
+
+
+class MaterialTable(Table):
+    """What sections by geometry share: the material."""
+
+    E_Pa: Positive = key("Young's modulus, a number > 0 [Pa]", "E_Pa = 70e9")
+    nu: Annotated[Number, Field(gt=-1, le=0.5)] | None = key(
+        "Poisson's ratio, -1 < nu <= 0.5 [-]", "nu = 0.33", default=None
+    )
+    G_Pa: Positive | None = key("shear modulus, a number > 0 [Pa]", "G_Pa = 26e9", default=None)
+    rho_kg_per_m3: Positive = key("density, a number > 0 [kg/m^3]", "rho_kg_per_m3 = 2700")
+    shear_factor: Across | None = key(
+        "shear factor [-]: one number, or { y, z }; Cowper's when absent", "shear_factor = 0.85", default=None
+    )
+    source: Text = SOURCE
+
+
+class RectangleTable(MaterialTable):
+    """A rectangle, its sides along y and z."""
+
+    shape: Literal["rectangle"] = key('"rectangle", "circle" or "tube"', 'shape = "rectangle"')
+    size_y_m: Positive = key("the side along y, a number > 0 [m]", "size_y_m = 0.002")
+    size_z_m: Positive = key("the side along z, a number > 0 [m]", "size_z_m = 0.02")
+
+
+class CircleTable(MaterialTable):
+    """A full circle."""
+
+    shape: Literal["circle"] = key('"rectangle", "circle" or "tube"', 'shape = "circle"')
+    diameter_m: Positive = key("the diameter, a number > 0 [m]", "diameter_m = 0.02")
+
+
+class TubeTable(MaterialTable):
+    """A round tube."""
+
+    shape: Literal["tube"] = key('"rectangle", "circle" or "tube"', 'shape = "tube"')
+    outer_diameter_m: Positive = key("the outer diameter, a number > 0 [m]", "outer_diameter_m = 0.05")
+    wall_m: Positive = key("the wall thickness, > 0 and at most half the diameter [m]", "wall_m = 0.003")
+
+
+class UrdfTable(Table):
+    """The URDF that the mechanism is made from."""
+
+    path: Text = key(
+        "the URDF, a path inside the models folder or inside the package", 'path = "ur_description/urdf/ur5_robot.urdf"'
+    )
+    package: Literal["example-robot-data"] | None = key(
+        '"example-robot-data", or leave it out for a file of your own', 'package = "example-robot-data"', default=None
+    )
+    base: Literal["fixed", "free"] = key('"fixed" or "free"', 'base = "fixed"', default="fixed")
+    lock: list[Name] = key("names of joints to hold at zero", 'lock = ["finger_joint"]', default=[])
+    mimic: Literal["independent"] | None = key(
+        '"independent" when mimic joints are meant to be coordinates of their own',
+        'mimic = "independent"',
+        default=None,
+    )
+
+
+class OverlayBeamTable(MeshTable):
+    """A link of the URDF made a beam that leads straight to one of its joints."""
+
+    to_joint: Name = key("the joint of this link at which the beam ends", 'to_joint = "wrist_1_joint"')
+    y_axis: Vector = key(
+        "a direction in the link frame; the section's y is its part across the beam [-]", "y_axis = [0, 1, 0]"
+    )
+    own_inertia: Literal["replaced", "at_root"] = key(
+        '"replaced" by the section\'s mass, or "at_root": kept as a rigid body at the root', 'own_inertia = "replaced"'
+    )
+    root_xyz_m: Vector = key(
+        "where the beam begins in the link frame [m]", "root_xyz_m = [0, 0, 0.1]", default=[0.0, 0.0, 0.0]
+    )
+    source: Text = SOURCE
+
+
+class OverlayLinkTable(Table):
+    """What is laid over a link of the URDF."""
+
+    beam: OverlayBeamTable | None = key("a table [overlay.links.NAME.beam]", "[overlay.links.NAME.beam]", default=None)
+    payload: list[PayloadTable] = key(
+        "tables [[overlay.links.NAME.payload]]", "[[overlay.links.NAME.payload]]", default=[]
+    )
+    tip_m: Vector | None = key(
+        "the point whose motion is reported, three numbers [m]", "tip_m = [0.1, 0, 0]", default=None
+    )
+    source: Text = SOURCE
+
+
+class OverlayTable(Table):
+    """What is laid over the URDF."""
+
+    links: dict[str, Any] = key("tables [overlay.links.NAME]", "[overlay.links.NAME]", default={})
+    joints: dict[str, Any] = key("tables [overlay.joints.NAME]", "[overlay.joints.NAME]", default={})
+
+
+class MechanismTable(Table):
+    """The whole file."""
+
+    name: Name | None = key("the name of the mechanism; the folder's when absent", 'name = "arm"', default=None)
+    title: Text = key("one line that says what it is", 'title = "Two flexible links"', default="")
+    source: Text = key("where the data come from, a text", 'source = "Isobe et al., case 3"')
+    gravity_m_per_s2: Vector | None = key(
+        "gravity in the world frame, three numbers [m/s^2]", "gravity_m_per_s2 = [0, 0, -9.81]", default=None
+    )
+    notes: list[Text] = key("a list of texts that a reader of results must know", 'notes = ["..."]', default=[])
+    sections: dict[str, Any] = key("tables [sections.NAME]", "[sections.NAME]", default={})
+    links: dict[str, Any] = key("tables [links.NAME]", "[links.NAME]", default={})
+    joints: dict[str, Any] = key("tables [joints.NAME]", "[joints.NAME]", default={})
+    urdf: UrdfTable | None = key("a table: path, package, base, lock", "[urdf]", default=None)
+    overlay: OverlayTable | None = key(
+        "tables [overlay.links.NAME] and [overlay.joints.NAME]", "[overlay.links.NAME]", default=None
+    )

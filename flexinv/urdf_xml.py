@@ -1,0 +1,84 @@
+"""Read a URDF's XML as data: sizes limited, entities refused, every number checked."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element, ParseError
+
+import numpy as np
+from defusedxml.common import DefusedXmlException
+from defusedxml.ElementTree import fromstring
+
+from flexinv.errors import InputError
+from flexinv.mechanism import Array
+from flexinv.toml_tables import LONGEST_NAME, complaint
+from flexinv.unit_keys import nearest
+
+LARGEST_FILE = 16 << 20  # [byte]: the largest URDF of example-robot-data has 0.2 MB
+
+
+def read_robot(path: Path) -> Element:
+    """Parse the file and return its ``<robot>``, at most ``LARGEST_FILE`` [byte]; InputError says what is wrong."""
+    if not path.is_file():
+        near = nearest(path.name, sorted(p.name for p in path.parent.glob("*.urdf"))) if path.parent.is_dir() else None
+        raise InputError(complaint(str(path), "no such file", "a URDF", near or "the path of a file that exists"))
+    with path.open("rb") as stream:
+        data = stream.read(LARGEST_FILE + 1)
+    if len(data) > LARGEST_FILE:
+        given = f"more than {LARGEST_FILE} bytes"
+        raise InputError(complaint(str(path), given, f"at most {LARGEST_FILE} bytes", "meshes as files of their own"))
+    try:
+        root: Element = fromstring(data, forbid_dtd=True)
+    except DefusedXmlException:
+        expected = "XML without DOCTYPE and entities: they could swell without end or read other files"
+        raise InputError(
+            complaint(str(path), "a DOCTYPE or ENTITY", expected, "the file with its entities written out")
+        ) from None
+    except (ParseError, ValueError, LookupError) as error:
+        raise InputError(
+            complaint(str(path), f"XML that does not parse: {error}", "well-formed XML", "each tag closed")
+        ) from None
+    if root.tag != "robot":
+        advice = "the URDF itself; a .xacro file is expanded first: xacro robot.urdf.xacro > robot.urdf"
+        raise InputError(complaint(str(path), f"<{root.tag[:80]}>", '<robot name="...">', advice))
+    return root
+
+
+def place(path: Path, element: Element, key: str = "") -> str:
+    """Name a place [-]: ``robot.urdf: <joint name="elbow">, axis``."""
+    name = element.get("name")
+    tag = f'<{element.tag} name="{name}">' if name else f"<{element.tag}>"
+    return f"{path}: {tag}" + (f", {key}" if key else "")
+
+
+def name_of(element: Element, path: Path) -> str:
+    """Return the element's name [-]: 1 to 100 printable characters."""
+    name = element.get("name", "")
+    if not name.strip() or not name.isprintable() or len(name) > LONGEST_NAME:
+        given = f"name = {name[:60]!a}"
+        expected = f"a name of 1 to {LONGEST_NAME} printable characters"
+        raise InputError(complaint(f"{path}: <{element.tag}>", given, expected, f'<{element.tag} name="...">'))
+    return name
+
+
+def numbers(element: Element | None, attribute: str, count: int, default: Any, where: str) -> Array:
+    """Read an attribute as ``count`` finite numbers [unit of the attribute]; ``default`` where it is absent."""
+    text = element.get(attribute) if element is not None else None
+    if text is None:
+        return np.array(default, dtype=np.float64)
+    try:
+        values = [float(word) for word in text.split()]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(map(math.isfinite, values)) or "_" in text:
+        expected = f"{count} finite number{'s' if count > 1 else ''}"
+        write = f'{attribute}="{" ".join(["0"] * count)}"'
+        raise InputError(complaint(where, f'{attribute}="{text[:60]}"', expected, write))
+    return np.array(values)
+
+
+def number(element: Element | None, attribute: str, default: float, where: str) -> float:
+    """Read an attribute as one finite number [unit of the attribute]."""
+    return float(numbers(element, attribute, 1, [default], where)[0])
