@@ -155,4 +155,5 @@ def _check_widths(widths: tuple[int, ...], joints: list[Joint]) -> None:
 
 
 def listed(names: tuple[str, ...] | None) -> str:
+    """Return names for a message; None means that all joints are given by their position."""
     return "all joints by position" if names is None else ", ".join(names) or "no joint"
