@@ -258,10 +258,10 @@ def _stress_free_strains(beam: Beam, at_nodes: Array, shape: Array, slope: Array
 
 def _pad(arrays: list[Array], fill: float = 0.0) -> Array:
     """Stack arrays of unequal shape, filling up with ``fill``."""
-    shape = np.max([a.shape for a in arrays], axis=0)
+    shape = np.max([a.shape for a in arrays], axis=0).astype(int)
     out = np.full((len(arrays), *shape), fill)
-    for row, a in zip(out, arrays, strict=True):
-        row[tuple(slice(n) for n in a.shape)] = a
+    for k, a in enumerate(arrays):
+        out[(k, *(slice(n) for n in a.shape))] = a
     return out
 
 

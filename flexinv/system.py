@@ -1,0 +1,143 @@
+"""The unknowns of a flexible mechanism: which nodes move freely, which follow, and where each freedom stands.
+
+*Independent* nodes are the beam sections beyond each root: six unknowns each.  All other nodes *depend* on one of
+them (or on the world) through rigid offsets and joints; they are eliminated exactly.  A dependent joint without a
+prescribed motion (a passive joint) adds its own freedoms.  An independent node, the nodes that depend on it and the passive
+freedoms among them form one *block* of unknowns; block 0 hangs on the world and has passive freedoms only.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.joint import joint_axes
+from flexinv.mechanism import Array
+from flexinv.mesh import FREE, SECTION, SPHERICAL, VELOCITIES, Mesh
+
+# A passive joint's dry friction is friction tanh(rate / FRICTION_RATE): a slope instead of a jump at rest.
+FRICTION_RATE = 1e-3  # [rad/s] or [m/s]
+
+
+class Topology(NamedTuple):
+    """Nodes, blocks and passive freedoms as the march needs them.
+
+    parent, block : (nodes,); independent : (nodes,) bool
+    size, offset : (blocks,) number of unknowns and first unknown of each block
+    freedoms, column : (nodes,) passive freedoms of the node's joint and their first column in the block
+    triple : (nodes,) first of three freedoms that are a rotation vector, -1 without
+    slide, turn : (nodes, 6, 3) axes of the passive freedoms, in the parent's and in the node's frame [-]
+    rotor, damping, friction : (nodes,) of the passive joint; scale : (unknowns,) length or 1: what a unit step means
+    mass, inertia, gravity : [kg], [kg m^2], [m/s^2]
+    """
+
+    parent: NDArray[np.int64]
+    block: NDArray[np.int64]
+    independent: NDArray[np.bool_]
+    size: NDArray[np.int64]
+    offset: NDArray[np.int64]
+    freedoms: NDArray[np.int64]
+    column: NDArray[np.int64]
+    triple: NDArray[np.int64]
+    slide: Array
+    turn: Array
+    rotor: Array
+    damping: Array
+    friction: Array
+    scale: Array
+    mass: Array
+    inertia: Array
+    gravity: Array
+
+
+class ElementArrays(NamedTuple):
+    """`mesh.Elements` as the compiled code takes them (same names, shapes and units)."""
+
+    order: NDArray[np.int64]
+    nodes: NDArray[np.int64]
+    shape: Array
+    slope: Array
+    weight: Array
+    stiffness: Array
+    gamma0: Array
+    kappa0: Array
+
+
+def topology(mesh: Mesh, passive: set[str]) -> Topology:
+    """Return the unknowns of a mesh when the joints named in ``passive`` are free [m], [rad] and all others prescribed."""
+    independent = mesh.kind == SECTION
+    block = np.zeros(mesh.size, dtype=np.int64)
+    block[independent] = 1 + np.arange(independent.sum())
+    for node in range(mesh.size):
+        if not independent[node] and mesh.parent[node] >= 0:
+            block[node] = block[mesh.parent[node]]
+    size = np.full(1 + int(independent.sum()), 6, dtype=np.int64)
+    size[0] = 0
+    table = _Passive(mesh.size)
+    for node, joint in _joint_of_node(mesh).items():
+        if joint.name in passive:
+            table.add(mesh, node, joint, size, block)
+    offset = np.concatenate([[0], np.cumsum(size)[:-1]]).astype(np.int64)
+    return Topology(
+        mesh.parent, block, independent, size, offset, *table.columns(), _scale(mesh, size, offset, table, block),
+        mesh.mass, mesh.inertia, np.asarray(mesh.mechanism.gravity, dtype=float),
+    )  # fmt: skip
+
+
+def element_arrays(mesh: Mesh) -> ElementArrays:
+    """Return the elements of a mesh as compiled code takes them [N], [m]."""
+    e = mesh.elements
+    return ElementArrays(e.order, e.nodes, e.shape, e.slope, e.weight, e.stiffness, e.gamma0, e.kappa0)
+
+
+def _joint_of_node(mesh: Mesh) -> dict[int, object]:
+    """Joint of every node that has velocity coordinates (both nodes of a universal joint)."""
+    out: dict[int, object] = {}
+    for joint in mesh.mechanism.joints:
+        span = mesh.mechanism.v_slices[joint.name]
+        for node in np.flatnonzero((mesh.v_index >= span.start) & (mesh.v_index < span.stop)):
+            out[int(node)] = joint
+    return dict(sorted(out.items()))
+
+
+class _Passive:
+    """Per-node tables of the passive freedoms, filled joint by joint."""
+
+    def __init__(self, nodes: int) -> None:
+        self.freedoms = np.zeros(nodes, dtype=np.int64)
+        self.column = np.zeros(nodes, dtype=np.int64)
+        self.triple = np.full(nodes, -1, dtype=np.int64)
+        self.slide, self.turn = np.zeros((nodes, 6, 3)), np.zeros((nodes, 6, 3))
+        self.rotor, self.damping, self.friction = np.zeros(nodes), np.zeros(nodes), np.zeros(nodes)
+
+    def add(self, mesh: Mesh, node: int, joint, size, block) -> None:  # type: ignore[no-untyped-def]
+        kind = int(mesh.kind[node])
+        count = VELOCITIES[kind]
+        slide, turn = joint_axes(kind, mesh.axis[node])
+        self.freedoms[node], self.column[node] = count, size[block[node]]
+        size[block[node]] += count
+        self.slide[node, :count] = slide @ mesh.rotation[node].T
+        self.turn[node, :count] = turn
+        self.triple[node] = {SPHERICAL: 0, FREE: 3}.get(kind, -1)
+        self.rotor[node], self.damping[node] = joint.rotor_inertia, joint.damping
+        self.friction[node] = joint.friction
+
+    def columns(self) -> tuple[Array, ...]:
+        return (
+            self.freedoms, self.column, self.triple, self.slide, self.turn, self.rotor, self.damping, self.friction,
+        )  # fmt: skip
+
+
+def _scale(mesh: Mesh, size: Array, offset: Array, table: _Passive, block: Array) -> Array:
+    """Length of the mechanism for translations, 1 for rotations: convergence is judged on increments over this."""
+    length = max(float(np.abs(mesh.offset).sum()), np.finfo(float).tiny)
+    scale = np.ones(int(np.sum(size)))
+    for first in offset[1:]:
+        scale[first : first + 3] = length
+    for node in np.flatnonzero(table.freedoms):
+        first = offset[block[node]] + table.column[node]
+        sliding = np.abs(table.slide[node, : table.freedoms[node]]).sum(axis=1) > 0
+        scale[first : first + table.freedoms[node]][sliding] = length
+    return scale
