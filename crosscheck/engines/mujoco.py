@@ -2,19 +2,19 @@
 
 Conventions, as a map and its dual.  R0, p0: placement of a free joint; R: rotation of its quaternion.
 
-    coordinates   hinge, slide: the number itself.  continuous (cos, sin) -> angle atan2(sin, cos).  Universal: two hinges
-                  of one body, R = exp(a1 q1) exp(a2 q2).  Quaternions x, y, z, w -> w, x, y, z.
+    coordinates   hinge, slide: the number itself.  continuous (cos, sin) -> angle atan2(sin, cos).  Universal: two
+                  hinges of one body, R = exp(a1 q1) exp(a2 q2).  Quaternions x, y, z, w -> w, x, y, z.
                   Ball: angular velocity in the child's frame, as in the mechanism.
     free joint    qpos = (p0 + R0 p, R0 R): absolute in the world.  qvel = (linear in the WORLD, angular in the body):
                       v_mj = R0 R v            w_mj = w
                       a_mj = R0 R (v' + w x v) al_mj = w'     (v' is the rate of body components: hence the bias w x v)
                   dual, from equal power:
                       f    = (R0 R)^T f_mj     m    = m_mj
-    tau           qfrc_inverse = M a + bias - passive - constraint: the actuator's effort as the mechanism means it, armature,
-                  damping and dry friction included.  At exactly zero speed dry friction is a set; MuJoCo takes the end
-                  of it that the acceleration points to, the mechanism zero, so there its friction is taken out again.
-    wrench        mj_rnePostConstraint: cfrc_int of a body is the (moment, force) that its parent exerts on it and on all
-                  it carries, at the centre of mass of the whole tree, in world axes; moved to the joint:
+    tau           qfrc_inverse = M a + bias - passive - constraint: the actuator's effort as the mechanism means it,
+                  armature, damping and dry friction included.  At exactly zero speed dry friction is a set: MuJoCo
+                  takes the end that the acceleration points to, the mechanism zero; there its friction is taken out.
+    wrench        mj_rnePostConstraint: cfrc_int of a body is the (moment, force) that its parent exerts on it and on
+                  all it carries, at the centre of mass of the whole tree, in world axes; moved to the joint:
                       F = X^T f_int,  M = X^T (m_int + (c - x) x f_int)      (X, x: pose of the link)
 
 Source: mujoco 4.0.0, engine_inverse.c, engine_core_smooth.c; the tests compare with closed forms and with Pinocchio.
@@ -49,8 +49,8 @@ def version() -> str:
 def abilities() -> str:
     """Return one sentence: what MuJoCo can do here."""
     return (
-        "Rigid inverse dynamics by mj_inverse with armature, damping and dry friction in the engine, joint wrenches and tips, "
-        "URDF by its own parser where it accepts the inertias; no flexible links."
+        "Rigid inverse dynamics by mj_inverse with armature, damping and dry friction in the engine, joint wrenches "
+        "and tips, URDF by its own parser where it accepts the inertias; no flexible links."
     )
 
 
@@ -80,7 +80,7 @@ def _free_joint_trouble(joint: Joint) -> str | None:
 
 
 def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
-    """Return torque [N m] or [N], tip [m] and wrench [N], [N m]; "skipped" with MuJoCo's words where it refuses the model."""
+    """Return torque [N m] or [N], tip [m], wrench [N], [N m]; "skipped" in MuJoCo's words if it refuses the model."""
     time = sample_times(case)
     q, qd, qdd = case.motion.evaluate(mechanism, time)
     start = clock.perf_counter()
@@ -201,7 +201,7 @@ class Dynamics:
 
 
 def inverse_dynamics(mechanism: Mechanism, built: Built, q: Array, qd: Array, qdd: Array) -> Dynamics:
-    """Return mj_inverse of every sample, q (samples, nq), qd and qdd (samples, nv) [rad or m, s] in the mechanism's order."""
+    """Return mj_inverse of every sample: q (samples, nq), qd, qdd (samples, nv) [rad or m, s], in mechanism order."""
     state = to_engine(mechanism, built, q, qd, qdd)
     raw = _evaluate(built.model, state)
     carried = {j.name: built.body[j.child] for j in mechanism.joints if j.child in built.body}

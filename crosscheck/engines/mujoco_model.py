@@ -1,13 +1,13 @@
 """MuJoCo's own model of a mechanism, by its model-editing interface (MjSpec) or by its own URDF parser.
 
-No geometry, no limits, no contacts: only inertia, joints, and what the joints have of armature, damping and dry friction.
-Every link is a body of its own (``fusestatic`` off), every ``Body`` of a link a body welded to it, so MuJoCo itself does
-all composition of inertia.
+No geometry, no limits, no contacts: only inertia, joints, and what joints have of armature, damping and dry friction.
+Every link is a body of its own (``fusestatic`` off), every ``Body`` of a link a body welded to it, so MuJoCo itself
+does all composition of inertia.
 
 Traps, and what is done about them
 * A moving body needs mass and principal inertia of at least mjMINVAL = 1e-15 (a thin rod has none about its axis, a
   point mass none at all): what is smaller is raised to FLOOR.  In units of torque that is FLOOR times an acceleration.
-* Principal inertias that violate A + B >= C by rounding (flat plates) are refused: that rounding, and no more, is added.
+* Principal inertias that violate A + B >= C by rounding (flat plates) are refused: that rounding, no more, is added.
 * A massless link on a moving joint gets FLOOR for mass and inertia and is listed in ``Built.floored``.
 """
 
@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.engines.urdf_source import check_joints, overlays, plain_urdf
+from crosscheck.engines.urdf_source import check_joints, read_source
 from flexinv.mechanism import WORLD, Array, Body, Joint, Mechanism
 
 FLOOR = 2e-15  # [kg], [kg m^2]: twice mjMINVAL, so that rounding cannot bring it below
@@ -32,8 +32,9 @@ TYPES = {
     "universal": HINGE,
     "spherical": mujoco.mjtJoint.mjJNT_BALL,
 }
-# Dry friction is a soft constraint in MuJoCo: force -clip(D (qacc + B qvel), +-frictionloss).  The direct form of solref,
-# (-stiffness, -damping), with a damping rate B of 1e12 / s makes it sign(qvel) for every speed above about 1e-11 rad/s.
+# Dry friction is a soft constraint in MuJoCo: force -clip(D (qacc + B qvel), +-frictionloss).  The direct form of
+# solref, (-stiffness, -damping), with a damping rate B of 1e12 / s makes it sign(qvel) for every speed above about
+# 1e-11 rad/s.
 STIFF_FRICTION = (-1.0, -1e12)
 
 
@@ -99,22 +100,23 @@ def _from_data(mechanism: Mechanism) -> tuple[Any, tuple[str, ...]]:
 
 
 def _from_urdf(mechanism: Mechanism) -> tuple[Any, tuple[str, ...]]:
-    spec = mujoco.MjSpec.from_string(plain_urdf(mechanism.urdf))
+    source = read_source(mechanism)
+    spec = mujoco.MjSpec.from_string(source.text)
     check_joints(mechanism, "MuJoCo", [joint.name for joint in spec.joints])
     root = mechanism.joints[0]
     if root.kind == "free":
         spec.body(root.child).add_freejoint(name=root.name)
     for joint in mechanism.joints:
-        if joint.nv and joint.kind != "free":
+        if joint.nv:
             _passive(spec.joint(joint.name), joint)
-    for link, body in overlays(mechanism):
+    for link, body in source.overlays:
         _weld(spec.body(link), f"{link}/{body.name}", body)
     return spec, ()
 
 
 def _add_joints(link: Any, joint: Joint) -> None:
     if joint.kind == "free":
-        link.add_freejoint(name=joint.name)
+        _passive(link.add_freejoint(name=joint.name), joint)
     elif joint.kind != "fixed":
         for name, axis in zip(_names(joint), (joint.axis, joint.second_axis), strict=False):
             _passive(link.add_joint(name=name, type=TYPES[joint.kind], axis=axis), joint)
@@ -141,7 +143,7 @@ def _weld(link: Any, name: str, body: Body) -> bool:
 
 
 def principal_inertia(tensor: Array) -> tuple[Array, NDArray[np.float64], bool]:
-    """Return principal inertias (3,) [kg m^2], their axes (3, 3) as columns (right-handed), and whether FLOOR was needed.
+    """Return principal inertias (3,) [kg m^2], their axes (3, 3) as right-handed columns, and whether FLOOR was needed.
 
     Deficits of the size of rounding are filled; a tensor that no body can have stays what it is, for MuJoCo to refuse.
     """

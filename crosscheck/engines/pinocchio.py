@@ -11,6 +11,9 @@ Conventions, as a map and its dual.
                   frame: exactly "on the child, in the link's frame".  The armature is not in it.  Fixed joints are no
                   joints here (their bodies are appended to the joint before), so they have no wrench.
     universal     JointModelUniversal(a1, a2): R = exp(a1 q1) exp(a2 q2).
+    continuous    Pinocchio's Python has unbounded joints about x, y, z only: about any axis a it is the one about z
+                  between the constant rotations A and A^T with A z = a, A exp(z q) A^T = exp(a q); the link's frame is
+                  then turned by A^T in the joint's frame, its wrench by A.
 
 Source: pinocchio 4.1.0, rnea.hpp and joint-*.hpp; the tests compare with closed forms and finite differences.
 """
@@ -26,7 +29,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from crosscheck.engines.base import Options, sample_times
-from crosscheck.engines.urdf_source import check_joints, overlays
+from crosscheck.engines.urdf_source import check_joints, read_source
 from crosscheck.record import Record, Series, torque_series, vector_series, wrench_series
 from flexinv.case import Case
 from flexinv.mechanism import WORLD, Inertia, Joint, Mechanism, Placement
@@ -85,14 +88,14 @@ class Built:
     """Pinocchio's model of a mechanism and where everything is in it.
 
     q_order, v_order : the mechanism's coordinate k is the model's coordinate order[k]
-    joint : Pinocchio's joint index by joint name (fixed joints have none)
+    joint : Pinocchio's joint index and the placement of the child's frame there, by joint name (fixed joints have none)
     tip : joint index and point (3,) [m] in that joint's frame, by link name
     """
 
     model: Any
     q_order: NDArray[np.intp]
     v_order: NDArray[np.intp]
-    joint: dict[str, int]
+    joint: dict[str, tuple[int, Any]]
     tip: dict[str, tuple[int, Array]]
 
 
@@ -110,7 +113,7 @@ def build(mechanism: Mechanism) -> Built:
         model=model,
         q_order=_order([(model.joints[ids[j.name]].idx_q, j.nq) for j in moving]),
         v_order=_order([(model.joints[ids[j.name]].idx_v, j.nv) for j in moving]),
-        joint=ids,
+        joint={j.name: (ids[j.name], at[j.child][1]) for j in moving},
         tip=tip,
     )
 
@@ -134,8 +137,9 @@ def _from_data(mechanism: Mechanism) -> tuple[Any, dict[str, tuple[int, Any]]]:
         if joint.kind == "fixed":
             at[joint.child] = (parent, placement)
         else:
-            index = model.addJoint(parent, _joint_model(joint), placement, joint.name)
-            at[joint.child] = (index, pin.SE3.Identity())
+            turn = _to_z(joint) if joint.kind == "continuous" else pin.SE3.Identity()
+            index = model.addJoint(parent, _joint_model(joint), placement * turn, joint.name)
+            at[joint.child] = (index, turn.inverse())
         for body in mechanism.link_of[joint.child].bodies:
             model.appendBodyToJoint(at[joint.child][0], _inertia(body.inertia), at[joint.child][1])
     return model, at
@@ -143,21 +147,26 @@ def _from_data(mechanism: Mechanism) -> tuple[Any, dict[str, tuple[int, Any]]]:
 
 def _from_urdf(mechanism: Mechanism) -> tuple[Any, dict[str, tuple[int, Any]]]:
     """Return what Pinocchio's parser makes of the URDF, with the bodies that the mechanism lays over it."""
-    path = str(mechanism.urdf)
-    free_base = mechanism.joints[0].kind == "free"
-    model = pin.buildModelFromUrdf(path, pin.JointModelFreeFlyer()) if free_base else pin.buildModelFromUrdf(path)
+    base = [pin.JointModelFreeFlyer()] if mechanism.joints[0].kind == "free" else []
+    model = pin.buildModelFromUrdf(str(mechanism.urdf), *base)
     check_joints(mechanism, "Pinocchio", [n for n in list(model.names)[1:] if n != "root_joint"])
+    source = read_source(mechanism)
     at: dict[str, tuple[int, Any]] = {}
-    for link in mechanism.links:
-        frame = model.frames[model.getFrameId(link.name, pin.FrameType.BODY)]
-        at[link.name] = (frame.parentJoint, frame.placement)
-    for name, body in overlays(mechanism):
+    for name, theirs in source.named.items():
+        frame = model.frames[model.getFrameId(theirs, pin.FrameType.BODY)]
+        at[name] = (frame.parentJoint, frame.placement)
+    for name, body in source.overlays:
         model.appendBodyToJoint(at[name][0], _inertia(body.inertia), at[name][1])
     return model, at
 
 
 def _se3(placement: Placement) -> Any:
     return pin.SE3(placement.rotation, placement.position)
+
+
+def _to_z(joint: Joint) -> Any:
+    """A: the frame whose z axis is the joint's axis."""
+    return pin.SE3(pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), joint.axis).matrix(), np.zeros(3))
 
 
 def _inertia(inertia: Inertia) -> Any:
@@ -169,7 +178,7 @@ def _joint_model(joint: Joint) -> Any:
         case "revolute":
             return pin.JointModelRevoluteUnaligned(joint.axis)
         case "continuous":
-            return pin.JointModelRevoluteUnboundedUnaligned(joint.axis)
+            return pin.JointModelRUBZ()
         case "prismatic":
             return pin.JointModelPrismaticUnaligned(joint.axis)
         case "spherical":
@@ -208,8 +217,8 @@ def inverse_dynamics(built: Built, q: Array, qd: Array, qdd: Array) -> Dynamics:
     tip = {name: np.empty((len(q), 3)) for name in built.tip}
     for k, (qk, vk, ak) in enumerate(zip(*ours, strict=True)):
         torque[k] = pin.rnea(model, data, qk, vk, ak)
-        for name, index in built.joint.items():
-            wrench[name][k] = data.f[index].vector
+        for name, (index, frame) in built.joint.items():
+            wrench[name][k] = frame.actInv(data.f[index]).vector
         pin.forwardKinematics(model, data, qk)
         for name, (index, point) in built.tip.items():
             tip[name][k] = data.oMi[index].act(point)

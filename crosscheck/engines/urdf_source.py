@@ -1,4 +1,4 @@
-"""A URDF as engines with a parser of their own need it: its text without what is not dynamics, and what is laid over it.
+"""A URDF for engines with a parser of their own: its text without what is not dynamics, and what is laid over it.
 
 No engine and none of flexinv's reading of URDF is used here: a shared mistake would agree with itself.
 """
@@ -6,48 +6,61 @@ No engine and none of flexinv's reading of URDF is used here: a shared mistake w
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import Path
+from dataclasses import dataclass
 from xml.etree.ElementTree import Element, tostring
 
 from defusedxml.ElementTree import parse
 
-from flexinv.mechanism import Body, Mechanism
+from flexinv.mechanism import WORLD, Body, Mechanism
 
 KEPT = ("link", "joint")
 DROPPED = ("visual", "collision", "mimic", "dynamics", "limit", "safety_controller", "calibration")
 
 
-def plain_urdf(path: Path | str) -> str:
-    """Return the URDF text with links, inertials and joints only: no geometry, limits, mimic, joint dynamics."""
-    robot = parse(str(path)).getroot()
+@dataclass(frozen=True)
+class UrdfSource:
+    """What a mechanism's URDF says.
+
+    text : links, inertials and joints only: no geometry, limits, mimic, joint dynamics; link names are the mechanism's
+    named : what the URDF calls each link of the mechanism
+    overlays : (link, body) of every body that the mechanism adds to the URDF
+    """
+
+    text: str
+    named: dict[str, str]
+    overlays: tuple[tuple[str, Body], ...]
+
+
+def read_source(mechanism: Mechanism) -> UrdfSource:
+    """Read the URDF behind a mechanism.
+
+    A moving root that the URDF calls "world" has another name in the mechanism.  A link's first body is the URDF's own
+    where the URDF states a mass or an inertia for it; all others were laid over it.
+    """
+    robot = parse(str(mechanism.urdf)).getroot()
+    stated = {link.get("name", ""): _has_inertia(link) for link in robot.iter("link")}
+    named = {link.name: link.name if link.name in stated else WORLD for link in mechanism.links}
+    overlays = [(k.name, body) for k in mechanism.links for body in k.bodies[1 if stated[named[k.name]] else 0 :]]
+    other = {theirs: ours for ours, theirs in named.items() if ours != theirs}
+    return UrdfSource(_plain(robot, other), named, tuple(overlays))
+
+
+def _has_inertia(link: Element) -> bool:
+    entries = [link.find("inertial/mass"), link.find("inertial/inertia")]
+    return any(float(text) for entry in entries if entry is not None for text in entry.attrib.values())
+
+
+def _plain(robot: Element, other: dict[str, str]) -> str:
     for part in list(robot):
         if part.tag not in KEPT:
             robot.remove(part)
             continue
         for detail in [d for d in part if d.tag in DROPPED]:
             part.remove(detail)
+        for element, key in ((part if part.tag == "link" else None, "name"), (part.find("parent"), "link")):
+            if element is not None and (name := element.get(key)) in other:
+                element.set(key, other[name])
     return tostring(robot, encoding="unicode")
-
-
-def inertial_links(path: Path | str) -> frozenset[str]:
-    """Return the names of the links that state an ``<inertial>``."""
-    links: Iterable[Element] = parse(str(path)).getroot().iter("link")
-    return frozenset(link.get("name", "") for link in links if link.find("inertial") is not None)
-
-
-def overlays(mechanism: Mechanism) -> tuple[tuple[str, Body], ...]:
-    """Return (link, body) of every body that the mechanism adds to its URDF.
-
-    A link's first body is the URDF's own where the URDF states an inertial; all others were laid over it.
-    """
-    if mechanism.urdf is None:
-        return ()
-    own = inertial_links(mechanism.urdf)
-    return tuple(
-        (link.name, body)
-        for link in mechanism.links
-        for body in link.bodies[1 if link.name in own else 0 :]
-    )
 
 
 def check_joints(mechanism: Mechanism, engine: str, found: Iterable[str]) -> None:
