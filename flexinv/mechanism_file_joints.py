@@ -174,7 +174,7 @@ def read_joint(data: Any, file: Path, name: str) -> Joint:
         where = place(file, path, "kind")
         raise InputError(complaint(where, f"kind = {toml_text(kind)}", f"one of {KINDS}", f'kind = "{near}"'))
     table = validate(TABLES.get(kind or "", RevoluteTable), data, file, path)
-    axes = {}
+    axes: dict[str, Any] = {}
     for axis in ("axis", "second_axis"):
         if hasattr(table, axis):
             axes[axis] = unit_axis(getattr(table, axis), place(file, path, axis), f"{axis} = [0, 0, 1]")

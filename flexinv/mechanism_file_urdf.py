@@ -35,7 +35,7 @@ def find_urdf(table: UrdfTable, file: Path) -> tuple[Path, tuple[Path, ...]]:
     where = place(file, "urdf", "path")
     if table.package is not None:
         start = limit = robots_folder()
-        packages = (start, start.parent.parent)
+        packages: tuple[Path, ...] = (start, start.parent.parent)
     else:
         start = file.resolve().parent
         limit = start.parent

@@ -1,0 +1,142 @@
+"""Cases: what a mechanism does, what is compared, and how far engines may differ, each limit with its reason."""
+
+from __future__ import annotations
+
+import datetime
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from flexinv.case_motion import read_motion
+from flexinv.case_schema import OF_BEAMS, CasesTable, CaseTable, LimitTable
+from flexinv.errors import InputError
+from flexinv.mechanism import Mechanism
+from flexinv.motion import Motion
+from flexinv.toml_tables import check_names, complaint, place, read_toml, validate
+
+# Times are decimals in a binary machine: quotients of them are whole numbers only to about 1e-13.
+WHOLE = 1e-9
+
+
+@dataclass(frozen=True)
+class Limit:
+    """How far the engines may be from the reference in one quantity.
+
+    quantity : "torque", "wrench", "tip", "deflection", "axial", "internal" or "frequency"
+    engines : patterns of names (fnmatch); of several limits that match, the first one holds
+    maximum : largest difference as a fraction of the reference's range [-]; reason : why that is right
+    expires : the day after which the limit must be looked at again
+    """
+
+    quantity: str
+    engines: tuple[str, ...]
+    maximum: float
+    reason: str
+    reference: str = "flexinv"
+    source: str = ""
+    expires: datetime.date | None = None
+
+
+@dataclass(frozen=True)
+class Case:
+    """One motion of a mechanism and what is compared.
+
+    step : of the time integration [s]; end : of the case [s]; sample : spacing of results [s], a multiple of step
+    spectral_radius : of the time integration [-]; initial : "consistent" or "static"
+    """
+
+    name: str
+    title: str
+    motion: Motion
+    step: float
+    end: float
+    sample: float
+    quantities: tuple[str, ...]
+    limits: tuple[Limit, ...]
+    spectral_radius: float = 0.8
+    initial: str = "consistent"
+    source: str = ""
+    notes: tuple[str, ...] = ()
+
+
+def load_cases(path: str | Path, mechanism: Mechanism) -> dict[str, Case]:
+    """Load the cases of a mechanism by name; times in [s], angles and lengths in the unit of their keys.
+
+    path : ``models/<name>`` or the TOML file.  The format is described in models/README.md.
+    Raises InputError, which names file, table, key, what was given, what is expected and what to write.
+    """
+    path = Path(path)
+    file = path if path.suffix == ".toml" else path / "cases.toml"
+    table = validate(CasesTable, read_toml(file), file, "")
+    check_names(file, cases=table.cases)
+    if not table.cases:
+        expected = CasesTable.model_fields["cases"].description or ""
+        raise InputError(complaint(place(file, "cases"), "no case", expected, "[cases.cycloid]"))
+    shared = [_limit(limit) for limit in table.limits]
+    return {name: _case(data, name, table.source, shared, mechanism, file) for name, data in table.cases.items()}
+
+
+def _limit(table: LimitTable) -> Limit:
+    return Limit(
+        table.quantity, tuple(table.engines), table.maximum, table.reason, table.reference, table.source, table.expires
+    )
+
+
+def _case(data: Any, name: str, source: str, shared: list[Limit], mechanism: Mechanism, file: Path) -> Case:
+    path = f"cases.{name}"
+    table = validate(CaseTable, data, file, path)
+    motion = read_motion(table.motion, mechanism, file, f"{path}.motion")
+    end = table.end_s or motion.duration
+    sample = table.sample_s or table.step_s
+    _check_times(table, motion, end, sample, file, path)
+    _check_quantities(table, mechanism, file, path)
+    limits = (*map(_limit, table.limits), *(limit for limit in shared if limit.quantity in table.quantities))
+    for quantity in table.quantities:
+        if not any(limit.quantity == quantity for limit in limits):
+            expected = f"a limit for {quantity}: without one there is no verdict"
+            write = f'[[{path}.limits]] with quantity = "{quantity}", engines, maximum and reason'
+            raise InputError(complaint(place(file, path, "limits"), "none", expected, write))
+    return Case(
+        name, table.title, motion, table.step_s, end, sample, tuple(table.quantities), limits,
+        table.spectral_radius, table.initial, table.source or source, tuple(table.notes),
+    )  # fmt: skip
+
+
+def _check_times(table: CaseTable, motion: Motion, end: float, sample: float, file: Path, path: str) -> None:
+    step = table.step_s
+    if step > min(motion.duration, end):
+        expected = f"a step shorter than the motion of {motion.duration:g} s and the case of {end:g} s [s]"
+        write = f"step_s = {min(motion.duration, end) / 1000:.4g}"
+        raise InputError(complaint(place(file, path, "step_s"), f"step_s = {step:g}", expected, write))
+    for key, value, part, word in (("sample_s", sample, step, "step_s"), ("end_s", end, sample, "sample_s")):
+        if not _is_multiple(value, part):
+            nearby = max(round(value / part), 1) * part
+            expected = f"a whole number of {word} = {part:g} [s]"
+            raise InputError(
+                complaint(place(file, path, key), f"{key} = {value:g}", expected, f"{key} = {nearby:.10g}")
+            )
+    for jump in motion.jumps:
+        if jump < end and not _is_multiple(jump, step):
+            expected = f"a step that meets the jump of the acceleration at {jump:g} s"
+            write = f"step_s = {jump / max(round(jump / step), 1):.10g}"
+            raise InputError(complaint(place(file, path, "step_s"), f"step_s = {step:g}", expected, write))
+
+
+def _is_multiple(value: float, part: float) -> bool:
+    ratio = value / part
+    return abs(ratio - round(ratio)) <= WHOLE * max(ratio, 1.0)
+
+
+def _check_quantities(table: CaseTable, mechanism: Mechanism, file: Path, path: str) -> None:
+    for quantity in table.quantities:
+        if quantity in OF_BEAMS and mechanism.is_rigid:
+            given = f'"{quantity}" of a mechanism without beams'
+            expected = f"torque, wrench or tip: {mechanism.name} is rigid"
+            write = f"quantities without {quantity}"
+            raise InputError(complaint(place(file, path, "quantities"), given, expected, write))
+    for k, limit in enumerate(table.limits):
+        if limit.quantity not in table.quantities:
+            expected = f"one of the case's quantities: {', '.join(table.quantities)}"
+            where = place(file, f"{path}.limits[{k}]", "quantity")
+            write = f'"{limit.quantity}" in quantities, or no limit for it'
+            raise InputError(complaint(where, f'quantity = "{limit.quantity}"', expected, write))

@@ -1,0 +1,161 @@
+"""Sampled motions as CSV: a column ``time_s``, then one column per coordinate, named ``<coordinate>_<unit>``.
+
+A revolute joint ``elbow`` has the column ``elbow_rad`` or ``elbow_deg``, a prismatic one ``slide_m`` or ``slide_mm``,
+a continuous one its angle; other coordinates are named as in ``mechanism.coordinate_names``: ``ball.qx``,
+``base.x_m``, ``cross.1_deg``.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from flexinv.errors import InputError
+from flexinv.mechanism import COORDINATES, Array, Joint, Mechanism
+from flexinv.toml_tables import complaint
+from flexinv.unit_keys import UNITS, nearest
+
+LARGEST_FILE = 64 << 20  # [byte]: a million samples of a robot
+GAP = 3.0  # an interval this many times the median one is samples lost, not a change of pace
+ANGLES, LENGTHS = ("rad", "deg", "mrad"), ("m", "mm", "cm")
+Column = tuple[str, int, float]  # joint, which of its numbers, factor to SI
+
+
+def read_samples(path: Path, mechanism: Mechanism, largest_gap: float | None) -> tuple[Array, dict[str, Array], float]:
+    """Read time (samples,) [s], joint -> (samples, numbers) [rad, m, -], and the longest interval allowed [s].
+
+    InputError names the line: a column that is no coordinate, a missing or odd number, times that do not increase,
+    a gap longer than ``largest_gap`` [s] (three times the median interval when None).
+    """
+    rows = list(_rows(path))
+    header = [name.strip() for name in rows[0][1]] if rows else []
+    columns = _columns(header, mechanism, path)
+    table = np.array([_numbers(row, header, line, path) for line, row in rows[1:]])
+    if len(table) < 2:
+        raise InputError(
+            complaint(str(path), f"{len(table)} rows of numbers", "two or more samples", "one row per time")
+        )
+    lines = [line for line, _ in rows[1:]]
+    time, gap = table[:, 0], largest_gap
+    if gap is None:
+        gap = GAP * float(np.median(np.diff(time)))
+    _check_times(time, gap, lines, path)
+    return time, _by_joint(table, columns, mechanism), gap
+
+
+def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Lines that are not empty, with their numbers."""
+    if not path.is_file():
+        near = nearest(path.name, sorted(p.name for p in path.parent.glob("*.csv"))) if path.parent.is_dir() else None
+        raise InputError(complaint(str(path), "no such file", "a CSV file", near or "the name of a file that exists"))
+    with path.open("rb") as stream:
+        data = stream.read(LARGEST_FILE + 1)
+    if len(data) > LARGEST_FILE:
+        raise InputError(
+            complaint(str(path), f"more than {LARGEST_FILE} bytes", f"at most {LARGEST_FILE} bytes", "fewer samples")
+        )
+    try:
+        reader = csv.reader(io.StringIO(data.decode("utf-8-sig"), newline=""), strict=True)
+        for row in reader:
+            if any(cell.strip() for cell in row):
+                yield reader.line_num, row
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(
+            complaint(str(path), f"no CSV: {error}", "UTF-8 text, commas between numbers", "the file again")
+        ) from None
+
+
+def _columns(header: list[str], mechanism: Mechanism, path: Path) -> list[Column]:
+    known = {name: column for joint in mechanism.joints for name, column in _names(joint)}
+    where = f"{path}: line 1"
+    if not header or header[0] != "time_s":
+        given = f"first column {header[0]!r}" if header else "an empty file"
+        raise InputError(complaint(where, given, "time_s, the time [s]", "time_s," + ",".join(list(known)[:3])))
+    for k, name in enumerate(header[1:], 2):
+        if name not in known:
+            near = nearest(name, known)
+            expected = "a coordinate with its unit: " + ", ".join(list(known)[:12])
+            raise InputError(complaint(f"{where}, column {k}", name, expected, near or "one of these"))
+    columns = [known[name] for name in header[1:]]
+    places = [(joint, k) for joint, k, _ in columns]
+    for k, found in enumerate(places):
+        if found in places[:k]:
+            raise InputError(
+                complaint(
+                    f"{where}, column {k + 2}",
+                    f"{header[k + 1]}: joint {found[0]} twice",
+                    "each coordinate once",
+                    "one of the two",
+                )
+            )
+    for joint in {joint for joint, _ in places}:
+        missing = {k for name, (j, k, _) in known.items() if j == joint} - {k for j, k in places if j == joint}
+        if missing:
+            name = next(name for name, (j, k, _) in known.items() if j == joint and k in missing)
+            raise InputError(
+                complaint(where, f"some coordinates of joint {joint}", "all its coordinates", f"a column {name}")
+            )
+    return columns
+
+
+def _names(joint: Joint) -> Iterator[tuple[str, Column]]:
+    """Names of columns that a joint may have."""
+    suffixes = ("",) if joint.kind == "continuous" else COORDINATES[joint.kind][0]
+    for k, suffix in enumerate(suffixes):
+        if suffix.startswith(".q"):
+            yield joint.name + suffix, (joint.name, k, 1.0)
+            continue
+        for unit in LENGTHS if joint.kind in ("prismatic", "free") else ANGLES:
+            yield f"{joint.name}{suffix}_{unit}", (joint.name, k, UNITS[unit][unit])
+
+
+def _numbers(row: list[str], header: list[str], line: int, path: Path) -> list[float]:
+    if len(row) != len(header):
+        expected = f"{len(header)}, as in the first line"
+        raise InputError(complaint(f"{path}: line {line}", f"{len(row)} cells", expected, "a number in each column"))
+    values = []
+    for name, cell in zip(header, row, strict=True):
+        try:
+            value = float(cell)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            where = f"{path}: line {line}, column {name}"
+            raise InputError(complaint(where, repr(cell[:40]), "a finite number", "the number, or leave the line out"))
+        values.append(value)
+    return values
+
+
+def _check_times(time: Array, gap: float, lines: list[int], path: Path) -> None:
+    steps = np.diff(time)
+    k = int(np.argmax(steps <= 0))
+    if steps[k] <= 0:
+        given = f"{time[k + 1]:g} after {time[k]:g}"
+        where = f"{path}: line {lines[k + 1]}, column time_s"
+        raise InputError(complaint(where, given, "times that increase [s]", "the rows sorted by time, each time once"))
+    if time[0] != 0.0:
+        where = f"{path}: line {lines[0]}, column time_s"
+        raise InputError(complaint(where, f"{time[0]:g}", "a first time of 0 [s]", f"all times less {time[0]:g}"))
+    k = int(np.argmax(steps))
+    if steps[k] > gap:
+        where = f"{path}: line {lines[k + 1]}, column time_s"
+        given = f"a gap of {steps[k]:g} s, from {time[k]:g} to {time[k + 1]:g}"
+        write = f"the samples between, or largest_gap_s = {steps[k] * 1.001:.4g} if the spline may cross it"
+        raise InputError(complaint(where, given, f"at most {gap:g} s between samples", write))
+
+
+def _by_joint(table: Array, columns: list[Column], mechanism: Mechanism) -> dict[str, Array]:
+    """Joint -> (samples, numbers), in SI."""
+    joints: dict[str, dict[int, Array]] = {}
+    for values, (joint, k, factor) in zip(table.T[1:], columns, strict=True):
+        joints.setdefault(joint, {})[k] = values * factor
+    return {
+        name: np.stack([joints[name][k] for k in range(len(joints[name]))], axis=1)  # (sample, number)
+        for name in (joint.name for joint in mechanism.joints)
+        if name in joints
+    }

@@ -1,0 +1,178 @@
+"""The motion of a case: tables of joints, or a CSV file, made into a ``Motion`` of the mechanism."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from flexinv.case_csv import read_samples
+from flexinv.case_schema import (
+    AngleTable,
+    MotionTable,
+    MoveTable,
+    PoseTable,
+    PositionTable,
+    RotationTable,
+    TwoAnglesTable,
+)
+from flexinv.errors import InputError
+from flexinv.mechanism import Array, Joint, Mechanism
+from flexinv.motion import Motion
+from flexinv.toml_tables import complaint, place, validate
+from flexinv.unit_keys import nearest
+
+Reader = Callable[[Any], Array]
+Timing = tuple[str, float, float, float]  # law, duration, hold, delay [s]
+
+
+def _plain(value: Any) -> Array:
+    return np.atleast_1d(np.array(value, dtype=np.float64))
+
+
+def _radians(value: Any) -> Array:
+    return np.radians(_plain(value))
+
+
+def _quaternion(rpy_deg: Any) -> Array:
+    return np.asarray(Rotation.from_euler("xyz", rpy_deg, degrees=True).as_quat())
+
+
+# kind -> its table, the parts of its coordinates (each by unit of the key: how it is read), an example to write
+ANGLE: dict[str, Reader] = {"deg": _radians, "rad": _plain}
+TURN: dict[str, Reader] = {"quaternion": _plain, "rpy_deg": _quaternion}
+MOVES: dict[str, tuple[type[MoveTable], tuple[dict[str, Reader], ...], str]] = {
+    "revolute": (AngleTable, (ANGLE,), "{ from_deg = 0, to_deg = 90 }"),
+    "continuous": (AngleTable, (ANGLE,), "{ from_deg = 0, to_deg = 90 }"),
+    "prismatic": (PositionTable, ({"m": _plain},), "{ from_m = 0, to_m = 0.1 }"),
+    "universal": (TwoAnglesTable, (ANGLE,), "{ from_deg = [0, 0], to_deg = [30, 20] }"),
+    "spherical": (RotationTable, (TURN,), "{ from_rpy_deg = [0, 0, 0], to_rpy_deg = [0, 0, 90] }"),
+    "free": (PoseTable, ({"xyz_m": _plain}, TURN), "{ at_xyz_m = [0, 0, 1], at_rpy_deg = [0, 0, 0] }"),
+}
+
+
+def read_motion(table: MotionTable, mechanism: Mechanism, file: Path, path: str) -> Motion:
+    """Make the motion [rad, m, s] that the table describes; InputError where mechanism and table do not fit."""
+    if (table.law == "sampled") != (table.csv is not None):
+        given, write = (
+            ('law = "sampled" without csv', 'csv = "..."') if table.csv is None else ("csv", 'law = "sampled"')
+        )
+        where = place(file, path, "csv" if table.csv is None else "law")
+        raise InputError(complaint(where, given, 'law = "sampled" and csv together', write))
+    if table.csv is not None:
+        return _sampled(table, table.csv, mechanism, file, path)
+    groups: dict[Timing, list[tuple[str, Array, Array]]] = {}
+    for name, data in table.joints.items():
+        joint = _joint(name, mechanism, file, path)
+        model, parts, write = MOVES[joint.kind]
+        move = validate(model, data, file, f"{path}.joints.{name}")
+        timing = _timing(move, table, file, path)
+        first, last = _ends(move, parts, write, file, f"{path}.joints.{name}")
+        groups.setdefault(timing, []).append((name, first, last))
+    _add_others(groups, table, mechanism, file, path)
+    motions = [
+        Motion.point_to_point(_by_name(moves, 1), _by_name(moves, 2), duration, hold, law, delay)
+        for (law, duration, hold, delay), moves in groups.items()
+    ]
+    return Motion.merge(*motions)
+
+
+def _by_name(moves: list[tuple[str, Array, Array]], column: int) -> dict[str, Array]:
+    return {str(move[0]): np.asarray(move[column]) for move in moves}
+
+
+def _sampled(table: MotionTable, csv: str, mechanism: Mechanism, file: Path, path: str) -> Motion:
+    for name in ("duration_s", "hold_s", "delay_s", "joints", "others"):
+        if getattr(table, name):
+            expected = "the times and joints of the CSV file alone"
+            raise InputError(
+                complaint(place(file, path, name), f"{name} beside csv", expected, "samples that rest, if so meant")
+            )
+    folder = file.resolve().parent
+    samples = (folder / csv).resolve()
+    if Path(csv).is_absolute() or not samples.is_relative_to(folder):
+        expected = "a file in the folder of the cases"
+        raise InputError(complaint(place(file, path, "csv"), f'csv = "{csv}"', expected, f'csv = "{Path(csv).name}"'))
+    time, columns, gap = read_samples(samples, mechanism, table.largest_gap_s)
+    motion = Motion.from_samples(time, columns, rest=table.rest, max_gap=gap)
+    _check_complete(set(columns), mechanism, file, path)
+    return motion
+
+
+def _joint(name: str, mechanism: Mechanism, file: Path, path: str) -> Joint:
+    movable = [joint.name for joint in mechanism.joints if joint.nv]
+    if name in movable:
+        return mechanism.joint_of[name]
+    near = nearest(name, movable)
+    given = f"a motion for joint {name}" + (", which is fixed" if name in mechanism.joint_of else "")
+    expected = f"a joint of {mechanism.name} that moves: {', '.join(movable[:20])}"
+    write = f"{near} instead of {name}" if near and near != name else "one of these"
+    raise InputError(complaint(place(file, f"{path}.joints", name), given, expected, write))
+
+
+def _timing(move: MoveTable, table: MotionTable, file: Path, path: str) -> Timing:
+    duration = move.duration_s or table.duration_s
+    if duration is None:
+        expected = MotionTable.model_fields["duration_s"].description or ""
+        raise InputError(complaint(place(file, path, "duration_s"), "nothing", expected, "duration_s = 1.0"))
+    hold = table.hold_s if move.hold_s is None else move.hold_s
+    delay = table.delay_s if move.delay_s is None else move.delay_s
+    return move.law or table.law, duration, hold, delay
+
+
+def _ends(
+    move: MoveTable, parts: tuple[dict[str, Reader], ...], write: str, file: Path, path: str
+) -> tuple[Array, Array]:
+    """Start and end of one joint, its parts joined: each part says where from and where to, or where it rests."""
+    pairs = [_part(move, part, write, file, path) for part in parts]
+    return np.concatenate([first for first, _ in pairs]), np.concatenate([last for _, last in pairs])
+
+
+def _part(move: MoveTable, part: Mapping[str, Reader], write: str, file: Path, path: str) -> tuple[Array, Array]:
+    stated = {when: [u for u in part if getattr(move, f"{when}_{u}") is not None] for when in ("from", "to", "at")}
+    counts = tuple(len(units) for units in stated.values())
+    if counts not in ((1, 1, 0), (0, 0, 1)):
+        units = " or ".join(part)
+        given = ", ".join(f"{when}_{u}" for when, found in stated.items() for u in found) or "nothing"
+        expected = f"where from and where to, or where it rests: from_, to_ or at_ with {units}, each once"
+        raise InputError(complaint(place(file, path), given, expected, write))
+    values = {when: part[units[0]](getattr(move, f"{when}_{units[0]}")) for when, units in stated.items() if units}
+    return values.get("from", values.get("at", np.empty(0))), values.get("to", values.get("at", np.empty(0)))
+
+
+def _add_others(
+    groups: dict[Timing, list[tuple[str, Array, Array]]],
+    table: MotionTable,
+    mechanism: Mechanism,
+    file: Path,
+    path: str,
+) -> None:
+    """Hold what is not listed at zero if the table says so; a missing joint that has an actuator is an error."""
+    if table.others is None:
+        return _check_complete(set(table.joints), mechanism, file, path)
+    if not groups:
+        raise InputError(
+            complaint(
+                place(file, path, "joints"),
+                "nothing",
+                "at least one joint that moves",
+                "joints.elbow = { from_deg = 0, to_deg = 90 }",
+            )
+        )
+    held = next(iter(groups.values()))
+    for joint in mechanism.joints:
+        if joint.nv and joint.name not in table.joints and (joint.actuated or joint.kind == "free"):
+            zero = mechanism.neutral[mechanism.q_slices[joint.name]]
+            held.append((joint.name, zero, zero))
+    return None
+
+
+def _check_complete(given: set[str], mechanism: Mechanism, file: Path, path: str) -> None:
+    missing = [j for j in mechanism.joints if j.nv and j.actuated and j.name not in given]
+    if missing:
+        expected = f"a motion for every joint with an actuator; missing: {', '.join(j.name for j in missing[:10])}"
+        write = f'{missing[0].name} = {MOVES[missing[0].kind][2]}, or others = "at_zero"'
+        raise InputError(complaint(place(file, f"{path}.joints", missing[0].name), "nothing", expected, write))

@@ -1,0 +1,153 @@
+"""The tables of a cases file: motions, steps, quantities and limits, every key with its unit."""
+
+from __future__ import annotations
+
+import datetime
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from flexinv.toml_tables import Name, NotNegative, Number, Positive, Table, Text, Vector, key
+
+QUANTITIES = ("torque", "wrench", "tip", "deflection", "axial", "internal", "frequency")
+OF_BEAMS = ("deflection", "axial", "internal", "frequency")
+Law = Literal["cycloid", "quintic", "bang-bang", "trapezoid"]
+LAWS = '"cycloid", "quintic", "bang-bang" or "trapezoid"'
+Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
+Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
+
+
+class MoveTable(Table):
+    """How one joint moves; law and times are those of the motion where the joint does not say."""
+
+    law: Law | None = key(f"one of {LAWS}", 'law = "cycloid"', default=None)
+    duration_s: Positive | None = key("how long the move takes, > 0 [s]", "duration_s = 1.0", default=None)
+    hold_s: NotNegative | None = key("rest after the move, >= 0 [s]", "hold_s = 0.5", default=None)
+    delay_s: NotNegative | None = key("rest before the move, >= 0 [s]", "delay_s = 0.1", default=None)
+
+
+class AngleTable(MoveTable):
+    """A revolute or continuous joint."""
+
+    from_deg: Number | None = key("the angle at the start [deg]", "from_deg = 0", default=None)
+    to_deg: Number | None = key("the angle at the end [deg]", "to_deg = 90", default=None)
+    at_deg: Number | None = key("the angle at which it rests [deg]", "at_deg = 30", default=None)
+    from_rad: Number | None = key("the angle at the start [rad]", "from_rad = 0", default=None)
+    to_rad: Number | None = key("the angle at the end [rad]", "to_rad = 1.0", default=None)
+    at_rad: Number | None = key("the angle at which it rests [rad]", "at_rad = 0.5", default=None)
+
+
+class PositionTable(MoveTable):
+    """A prismatic joint."""
+
+    from_m: Number | None = key("the position at the start [m]", "from_m = 0", default=None)
+    to_m: Number | None = key("the position at the end [m]", "to_m = 0.1", default=None)
+    at_m: Number | None = key("the position at which it rests [m]", "at_m = 0.05", default=None)
+
+
+class TwoAnglesTable(MoveTable):
+    """A universal joint."""
+
+    from_deg: Pair | None = key("two angles at the start [deg]", "from_deg = [0, 0]", default=None)
+    to_deg: Pair | None = key("two angles at the end [deg]", "to_deg = [30, 20]", default=None)
+    at_deg: Pair | None = key("two angles at which it rests [deg]", "at_deg = [0, 0]", default=None)
+    from_rad: Pair | None = key("two angles at the start [rad]", "from_rad = [0, 0]", default=None)
+    to_rad: Pair | None = key("two angles at the end [rad]", "to_rad = [0.5, 0.2]", default=None)
+    at_rad: Pair | None = key("two angles at which it rests [rad]", "at_rad = [0, 0]", default=None)
+
+
+class RotationTable(MoveTable):
+    """A spherical joint."""
+
+    from_quaternion: Quaternion | None = key(
+        "x, y, z, w at the start [-]", "from_quaternion = [0, 0, 0, 1]", default=None
+    )
+    to_quaternion: Quaternion | None = key(
+        "x, y, z, w at the end [-]", "to_quaternion = [0, 0, 0.6, 0.8]", default=None
+    )
+    at_quaternion: Quaternion | None = key(
+        "x, y, z, w where it rests [-]", "at_quaternion = [0, 0, 0, 1]", default=None
+    )
+    from_rpy_deg: Vector | None = key("roll, pitch, yaw at the start [deg]", "from_rpy_deg = [0, 0, 0]", default=None)
+    to_rpy_deg: Vector | None = key("roll, pitch, yaw at the end [deg]", "to_rpy_deg = [0, 0, 90]", default=None)
+    at_rpy_deg: Vector | None = key("roll, pitch, yaw where it rests [deg]", "at_rpy_deg = [0, 0, 0]", default=None)
+
+
+class PoseTable(RotationTable):
+    """A free joint."""
+
+    from_xyz_m: Vector | None = key("the position at the start [m]", "from_xyz_m = [0, 0, 1]", default=None)
+    to_xyz_m: Vector | None = key("the position at the end [m]", "to_xyz_m = [0, 0, 0.9]", default=None)
+    at_xyz_m: Vector | None = key("the position where it rests [m]", "at_xyz_m = [0, 0, 1]", default=None)
+
+
+class MotionTable(Table):
+    """A move from point to point by a law, joint by joint, or samples from a CSV file."""
+
+    law: Literal["cycloid", "quintic", "bang-bang", "trapezoid", "sampled"] = key(
+        f'{LAWS}, or "sampled" with csv', 'law = "cycloid"', default="cycloid"
+    )
+    duration_s: Positive | None = key("how long the move takes, > 0 [s]", "duration_s = 1.0", default=None)
+    hold_s: NotNegative = key("rest after the move, >= 0 [s]", "hold_s = 0.5", default=0.0)
+    delay_s: NotNegative = key("rest before the move, >= 0 [s]", "delay_s = 0.1", default=0.0)
+    joints: dict[str, Any] = key("a table per joint", "joints.elbow = { from_deg = 0, to_deg = 90 }", default={})
+    others: Literal["at_zero"] | None = key(
+        '"at_zero" to hold the joints that are not listed at zero', 'others = "at_zero"', default=None
+    )
+    csv: Text | None = key("a CSV file beside this one, column time_s first", 'csv = "swing.csv"', default=None)
+    rest: bool = key("true when the samples start and end at rest", "rest = true", default=False)
+    largest_gap_s: Positive | None = key(
+        "the longest interval that the spline may cross [s]; three times the median one when absent",
+        "largest_gap_s = 0.1",
+        default=None,
+    )
+
+
+class LimitTable(Table):
+    """How far an engine may be from the reference, and why that is right."""
+
+    quantity: Literal["torque", "wrench", "tip", "deflection", "axial", "internal", "frequency"] = key(
+        f"one of {', '.join(QUANTITIES)}", 'quantity = "torque"'
+    )
+    engines: Annotated[list[Name], Field(min_length=1)] = key("names or patterns of engines", 'engines = ["exudyn*"]')
+    reference: Name = key("the engine that is compared with", 'reference = "flexinv"', default="flexinv")
+    maximum: Annotated[Positive, Field(le=1)] = key(
+        "the largest difference as a fraction of the range, 0..1 [-]", "maximum = 1e-3"
+    )
+    reason: Text = key("why this limit is right, a text", 'reason = "both round off: 1e-16 times the number of links"')
+    source: Text = key("where the reason comes from, a text", 'source = "convergence study in ..."', default="")
+    expires: datetime.date | None = key(
+        "the day after which the limit must be looked at again", "expires = 2027-01-31", default=None
+    )
+
+
+class CaseTable(Table):
+    """One case."""
+
+    title: Text = key("one line that says what it is", 'title = "180 degrees in 0.2 s"', default="")
+    source: Text = key("where the case comes from, a text", 'source = "Isobe et al., example 3"', default="")
+    notes: list[Text] = key("a list of texts that a reader of results must know", 'notes = ["..."]', default=[])
+    step_s: Positive = key("the time step, > 0 [s]", "step_s = 5e-4")
+    end_s: Positive | None = key("when the case ends [s]; with the motion when absent", "end_s = 0.5", default=None)
+    sample_s: Positive | None = key("the spacing of results [s]; the step when absent", "sample_s = 1e-3", default=None)
+    spectral_radius: Annotated[Number, Field(ge=0, le=1)] = key(
+        "of the time integration at infinite frequency, 0..1 [-]", "spectral_radius = 0.8", default=0.8
+    )
+    initial: Literal["consistent", "static"] = key(
+        '"consistent" (undeformed) or "static" (equilibrium under gravity first)',
+        'initial = "static"',
+        default="consistent",
+    )
+    quantities: Annotated[
+        list[Literal["torque", "wrench", "tip", "deflection", "axial", "internal", "frequency"]], Field(min_length=1)
+    ] = key(f"which of {', '.join(QUANTITIES)} are compared", 'quantities = ["torque", "tip"]')
+    limits: list[LimitTable] = key("tables [[cases.NAME.limits]]", "[[cases.NAME.limits]]", default=[])
+    motion: MotionTable = key("a table [cases.NAME.motion]", "[cases.NAME.motion]")
+
+
+class CasesTable(Table):
+    """The whole file."""
+
+    source: Text = key("where the cases come from, a text", 'source = "Isobe et al., example 3"')
+    cases: dict[str, Any] = key("tables [cases.NAME]", "[cases.NAME]")
+    limits: list[LimitTable] = key("tables [[limits]] that hold for every case of the file", "[[limits]]", default=[])
