@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from flexinv.errors import ConvergenceError, FlexinvError, InputError, ModelWarning
 from flexinv.mechanism import Mechanism
+from flexinv.mechanism_file import load_mechanism
+from flexinv.motion import Motion
+from flexinv.solution import Solution
+from flexinv.solve import solve
 from flexinv.torques import joint_torques
+from flexinv.urdf import from_urdf
 
 __all__ = [
     "ConvergenceError",
@@ -12,5 +17,10 @@ __all__ = [
     "InputError",
     "Mechanism",
     "ModelWarning",
+    "Motion",
+    "Solution",
+    "from_urdf",
     "joint_torques",
+    "load_mechanism",
+    "solve",
 ]

@@ -83,14 +83,21 @@ def in_node_frame(motion: NodalMotion, wrenches: NodalForces, node: int) -> tupl
     return force, np.einsum("sji,sj->si", rotation, wrenches.moment[:, node])
 
 
-def drive_efforts(mechanism: Mechanism, qd: Array, qdd: Array, passive: bool = True) -> Array:
-    """Return rotor_inertia qdd, and with ``passive`` + damping qd + friction sign(qd), (samples, nv) [N m] or [N]."""
+def drive_efforts(
+    mechanism: Mechanism, qd: Array, qdd: Array, passive: bool = True, direction: Array | None = None
+) -> Array:
+    """Return rotor_inertia qdd, and with ``passive`` + damping qd + friction direction, (samples, nv) [N m] or [N].
+
+    direction : (samples, nv) [-], sign(qd) unless given
+    """
     rotor, damping, friction = (
         np.array([getattr(j, name) for j in mechanism.joints for _ in range(j.nv)], dtype=float)
         for name in ("rotor_inertia", "damping", "friction")
     )
     effort = rotor * qdd
-    return effort + damping * qd + friction * np.sign(qd) if passive else effort
+    if not passive:
+        return effort
+    return effort + damping * qd + friction * (np.sign(qd) if direction is None else direction)
 
 
 # --------------------------------------------------------------------------------------------- the paper's factors

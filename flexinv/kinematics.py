@@ -18,7 +18,7 @@ from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
 from flexinv.rigid import rigid_motion
 from flexinv.system import ElementArrays, Topology, element_arrays, topology
-from flexinv.tree import Frames, Joints, Variation
+from flexinv.tree import Frames, Joints, Variation, carry_samples
 
 # Samples handed to the compiled loop at once: short enough for a live progress bar, long enough to cost nothing.
 CHUNK = 256
@@ -228,7 +228,8 @@ def equilibrium(solver: Solver, q: Array, when: str) -> Joints:
 
 def flexible_motion(
     mesh: Mesh,
-    history: JointHistory,
+    before: JointHistory,
+    after: JointHistory,
     time: Array,
     scheme: Scheme,
     passive: set[str] | None = None,
@@ -238,7 +239,8 @@ def flexible_motion(
 ) -> Trajectory:
     """Return the flexible trajectory over a uniform grid ``time`` (samples,) [s] of prescribed joint motion.
 
-    history : time -> q (samples, nq), qd, qdd (samples, nv) [rad or m, s]; passive joints start from its first sample
+    before, after : time -> q (samples, nq), qd, qdd (samples, nv) [rad or m, s], the left-hand and the right-hand limit
+        where accelerations jump; passive joints start from the first sample
     initial : "consistent" (undeformed, accelerations solved for) or "static" (equilibrium under gravity first)
     jumps : times [s] at which accelerations jump; there the accelerations are solved anew (right-hand limit)
 
@@ -246,17 +248,17 @@ def flexible_motion(
     """
     solver = Solver.of(mesh, passive or set())
     out = Trajectory.empty(len(time), mesh)
-    _begin(solver, history, time, initial, out)
+    _begin(solver, after, time, initial, out)
     stops = _jump_samples(time, jumps)
     start = 1
-    for stop in [*stops, len(time) - 1]:
+    for stop in sorted({*stops, len(time) - 1}):
         for first in range(start, stop + 1, CHUNK):
             last = min(first + CHUNK, stop + 1)
-            _march(solver, history, time[first:last], scheme, out, first)
+            _march(solver, before, time[first:last], scheme, out, first)
             if progress is not None:
                 progress(last - first)
         if stop in stops:
-            _restart(solver, history, time, stop, out)
+            _restart(solver, after, time, stop, out)
         start = stop + 1
     return out
 
@@ -290,17 +292,15 @@ def _move_as_rigid(solver: Solver, joints: Joints, qd: Array, qdd: Array) -> Non
 
 
 def _carry_all(mesh: Mesh, motion: NodalMotion, joints: Joints) -> None:
-    from flexinv.tree import carry_samples
-
     world = (motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha)
     carry_samples(mesh.parent, *world, *(part[None] for part in joints))
 
 
 def _jump_samples(time: Array, jumps: tuple[float, ...]) -> list[int]:
-    """Samples (not the first, not the last) at which the acceleration jumps."""
+    """Samples after the first at which the acceleration jumps."""
     step = time[1] - time[0] if len(time) > 1 else 1.0
     found = {int(round((jump - time[0]) / step)) for jump in jumps}
-    return sorted(k for k in found if 0 < k < len(time) - 1 and _is_jump(time[k], jumps, step))
+    return sorted(k for k in found if 0 < k < len(time) and _is_jump(time[k], jumps, step))
 
 
 def _is_jump(t: float, jumps: tuple[float, ...], step: float) -> bool:

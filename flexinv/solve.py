@@ -1,0 +1,251 @@
+"""solve: a task becomes a flexible trajectory, nodal forces and joint torques; the whole scheme in one call."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.ndimage import maximum_filter1d
+
+from flexinv.balance import balance, base_reaction
+from flexinv.differences import differenced
+from flexinv.errors import InputError
+from flexinv.integrate import generalized_alpha
+from flexinv.inverse import drive_efforts, in_node_frame, joint_wrenches, nodal_forces, project
+from flexinv.joint import joint_effort
+from flexinv.kinematics import JointHistory, Progress, Trajectory, flexible_motion
+from flexinv.mechanism import Array, Mechanism
+from flexinv.mesh import VELOCITIES, Mesh, build
+from flexinv.motion import Motion
+from flexinv.nodal import NodalMotion
+from flexinv.passive import fill_passive
+from flexinv.rigid import rigid_motion
+from flexinv.solution import Solution
+from flexinv.system import FRICTION_RATE
+
+# A sampling grid longer than this is a mistake in `step` far more often than a wish.
+MOST_SAMPLES = 5_000_000
+
+
+def solve(
+    mechanism: Mechanism,
+    motion: Motion,
+    step: float,
+    error: bool = False,
+    end: float | None = None,
+    spectral_radius: float = 0.8,
+    initial: str = "consistent",
+    incremental: bool = False,
+    start: Mapping[str, ArrayLike] | None = None,
+    start_rate: Mapping[str, ArrayLike] | None = None,
+    progress: Progress | None = None,
+) -> Solution:
+    """Return the torques that make a mechanism, rigid, flexible or mixed, follow a motion of its joints.
+
+    Two steps, one program:  task -> flexible trajectory (M, C, K act) -> P = M (a - g) -> tau = L T P.
+
+    step : time step and spacing of the samples [s]; end : last time [s], the motion's duration by default
+    error : also march with half the step and on a refined mesh: ``torque_error``, ``tip_error``
+    spectral_radius : numerical damping of the march, 0 strong, 1 none [-]
+    initial : "consistent" (starts undeformed) or "static" (starts in equilibrium under gravity)
+    incremental : the paper's incremental mode, accelerations from differences of nodal positions (`differences`)
+    start, start_rate : initial coordinates and rates of passive joints (unactuated, not in the motion) [rad], [m], [1/s]
+    progress : called with the number of samples done since its last call
+
+    Raises InputError for input that cannot be, ConvergenceError (time, increment, advice) if Newton fails.
+    """
+    if initial not in ("consistent", "static"):
+        raise InputError(f"initial = {initial!r}: expected 'consistent' (starts undeformed) or 'static' (in equilibrium)")
+    time = _grid(motion, step, end)
+    settings = {
+        "step": float(step), "spectral_radius": float(spectral_radius), "initial": initial, "incremental": incremental,
+    }  # fmt: skip
+    given = set(motion.joints(mechanism))
+    passive = {joint.name for joint in mechanism.joints if joint.nv and joint.name not in given}
+    history, right = _histories(mechanism, motion, passive, start or {}, start_rate or {})
+    mesh = build(mechanism)
+    scheme = generalized_alpha(float(step), spectral_radius)
+    q, qd, qdd = right(time)
+    if mechanism.is_rigid and not passive:
+        trajectory = _rigid(mesh, q, qd, qdd)
+    else:
+        trajectory = flexible_motion(mesh, history, right, time, scheme, passive, motion.jumps, initial, progress)
+        fill_passive(mesh, trajectory.motion, passive, q, qd, qdd)
+    solution = _solution(mesh, trajectory, time, q, qd, qdd, passive, settings)
+    if not error:
+        return solution
+    options = {"end": end, "spectral_radius": spectral_radius, "initial": initial, "start": start, "start_rate": start_rate}
+    return _with_error(solution, mechanism, motion, step, incremental, progress, options)
+
+
+def _grid(motion: Motion, step: float, end: float | None) -> Array:
+    last = motion.duration if end is None else float(end)
+    if not (np.isfinite(step) and step > 0.0):
+        raise InputError(f"step = {step} s: expected a positive number of seconds, for example step=1e-3")
+    if not (np.isfinite(last) and last > 0.0):
+        raise InputError(f"end = {last} s: expected a positive time, or None for the motion's duration")
+    if step > last:
+        raise InputError(f"step = {step:g} s is longer than the motion ({last:g} s): write a smaller step, say {last / 200:g}")
+    count = int(np.floor(last / step * (1 + 1e-9)))  # the last sample is the end when step divides it, up to rounding
+    if count >= MOST_SAMPLES:
+        raise InputError(f"step = {step:g} s gives {count} samples in {last:g} s, more than {MOST_SAMPLES}: write a larger step")
+    return np.asarray(step * np.arange(count + 1))
+
+
+def _histories(
+    mechanism: Mechanism, motion: Motion, passive: set[str], start: Mapping[str, ArrayLike], rate: Mapping[str, ArrayLike]
+) -> tuple[JointHistory, JointHistory]:
+    """Joint motion with the passive joints at their start: left-hand limits at jumps, and right-hand ones."""
+    for name in [*start, *rate]:
+        if name not in passive:
+            raise InputError(
+                f"start: joint {name!r} is not passive here (passive: {', '.join(sorted(passive)) or 'none'}); "
+                "only unactuated joints that the motion leaves out take a start"
+            )
+
+    def evaluate(time: Array, side: str) -> tuple[Array, Array, Array]:
+        q, qd, qdd = motion.evaluate(mechanism, time, side)  # type: ignore[arg-type]
+        for name in sorted(passive):
+            joint = mechanism.joint_of[name]
+            if name in start:
+                value = np.atleast_1d(np.asarray(start[name], dtype=float))
+                if joint.kind == "continuous" and value.size == 1:
+                    value = np.array([np.cos(value[0]), np.sin(value[0])])
+                if value.shape != (joint.nq,):
+                    raise InputError(f"start: joint {name!r} takes {joint.nq} numbers, got {value.size}")
+                q[:, mechanism.q_slices[name]] = value
+            if name in rate:
+                qd[:, mechanism.v_slices[name]] = np.broadcast_to(np.asarray(rate[name], dtype=float), (joint.nv,))
+        return q, qd, qdd
+
+    return (lambda time: evaluate(time, "left")), (lambda time: evaluate(time, "right"))
+
+
+def _rigid(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> Trajectory:
+    """The trajectory of a rigid mechanism: exact kinematics, nothing to march; wrenches by definition those of P."""
+    out = Trajectory.empty(len(q), mesh)
+    motion = rigid_motion(mesh, q, qd, qdd)
+    wrenches = joint_wrenches(mesh, motion, nodal_forces(mesh, motion))
+    moment = np.einsum("snji,snj->sni", motion.rotation, wrenches.moment)
+    return replace(out, motion=motion, wrench=np.concatenate([wrenches.force, moment], axis=2))
+
+
+def _solution(
+    mesh: Mesh, trajectory: Trajectory, time: Array, q: Array, qd: Array, qdd: Array, passive: set[str],
+    settings: dict[str, float | int | str | bool],
+) -> Solution:  # fmt: skip
+    """The paper's second step, and everything that follows from the nodal motion."""
+    mechanism = mesh.mechanism
+    motion = trajectory.motion
+    if settings["incremental"]:
+        motion = differenced(motion, float(settings["step"]))
+    forces = nodal_forces(mesh, motion)
+    wrenches = joint_wrenches(mesh, motion, forces)
+    tau = project(mesh, motion, wrenches)
+    drive = drive_efforts(mechanism, qd, qdd, direction=_direction(mechanism, qd, passive))
+    base = base_reaction(mesh, motion, trajectory.wrench)
+    wrench = {name: np.hstack(in_node_frame(motion, wrenches, node)) for name, node in mesh.joint_node.items()}
+    internal, stations = _internal(mesh, trajectory)
+    return Solution(
+        mechanism=mechanism, mesh=mesh, time=time, q=q, qd=qd, qdd=qdd,
+        torque_all=tau + drive,
+        reaction=_reaction(mesh, motion, trajectory.wrench) + drive,
+        nodes=motion, forces=forces,
+        tip=_tips(mesh, motion), deflection=_deflections(mesh, motion), wrench=wrench,
+        internal=internal, internal_stations=stations,
+        balance=balance(mesh, motion, forces, tau, qd, base, trajectory.energy, time),
+        iterations=trajectory.iterations, settings=settings, notes=mechanism.notes,
+    )  # fmt: skip
+
+
+def _direction(mechanism: Mechanism, qd: Array, passive: set[str]) -> Array:
+    """Direction of dry friction: the sign of the rate, smoothed as in the march where the joint is passive."""
+    smooth = np.array([j.name in passive for j in mechanism.joints for _ in range(j.nv)], dtype=bool)
+    return np.where(smooth, np.tanh(qd / FRICTION_RATE), np.sign(qd))
+
+
+def _reaction(mesh: Mesh, motion: NodalMotion, wrench: Array) -> Array:
+    """Joint efforts from the elastic side: wrench of each joint's own rigid part and the beams that start on it."""
+    out = np.zeros((len(motion.x), mesh.mechanism.nv))
+    for node in np.flatnonzero(mesh.v_index >= 0):
+        kind, first = int(mesh.kind[node]), mesh.v_index[node]
+        force = np.einsum("sji,sj->si", motion.rotation[:, node], wrench[:, node, :3])
+        effort = joint_effort(kind, mesh.axis[node], force, wrench[:, node, 3:])
+        out[:, first : first + VELOCITIES[kind]] = effort
+    return out
+
+
+def _tips(mesh: Mesh, motion: NodalMotion) -> dict[str, Array]:
+    out = {}
+    for joint in mesh.mechanism.joints:
+        link = mesh.mechanism.link_of[joint.child]
+        node = mesh.tip_node.get(link.name, mesh.joint_node[joint.name])
+        point = np.zeros(3) if link.beam is not None else link.tip
+        out[link.name] = motion.x[:, node] + motion.rotation[:, node] @ point
+    return out
+
+
+def _deflections(mesh: Mesh, motion: NodalMotion) -> dict[str, Array]:
+    """Tip in the root section's frame less its place in the stress-free shape, (samples, 3) [m]."""
+    out = {}
+    for link in mesh.mechanism.beams:
+        root, tip = mesh.root_node[link.name], mesh.tip_node[link.name]
+        place, turn = np.zeros(3), np.eye(3)
+        for node in mesh.section_nodes[link.name][1:]:
+            place, turn = place + turn @ mesh.offset[node], turn @ mesh.rotation[node]
+        seen = np.einsum("sji,sj->si", motion.rotation[:, root], motion.x[:, tip] - motion.x[:, root])
+        out[link.name] = seen - place
+    return out
+
+
+def _internal(mesh: Mesh, trajectory: Trajectory) -> tuple[dict[str, Array], dict[str, Array]]:
+    e, values, stations = mesh.elements, {}, {}
+    for index, link in enumerate(mesh.mechanism.links):
+        own = np.flatnonzero(e.link == index) if link.beam is not None else ()
+        if len(own):
+            values[link.name] = np.concatenate([trajectory.internal[:, k, : e.order[k]] for k in own], axis=1)
+            stations[link.name] = np.concatenate([e.station[k, : e.order[k]] for k in own])
+    return values, stations
+
+
+# ------------------------------------------------------------------------------------------------- error bars
+
+
+def _with_error(
+    solution: Solution, mechanism: Mechanism, motion: Motion, step: float, incremental: bool, progress: Progress | None,
+    options: dict[str, object],
+) -> Solution:  # fmt: skip
+    """Error bars from refinement: 4/3 |s_h - s_(h/2)| (second order in time) + |s - s on the refined mesh|."""
+    half = solve(mechanism, motion, step / 2, incremental=incremental, progress=progress, **options)  # type: ignore[arg-type]
+    bars = [_scaled_difference(solution, half, 2, 4 / 3)]
+    if not mechanism.is_rigid:
+        for finer, factor in _finer_meshes(mechanism):
+            other = solve(finer, motion, step, incremental=incremental, progress=progress, **options)  # type: ignore[arg-type]
+            bars.append(_scaled_difference(solution, other, 1, factor))
+    torque = np.asarray(sum(bar[0] for bar in bars))
+    tip = {name: np.asarray(sum(bar[1][name] for bar in bars)) for name in solution.tip}
+    return replace(solution, torque_error=torque, tip_error=tip)
+
+
+def _finer_meshes(mechanism: Mechanism) -> list[tuple[Mechanism, float]]:
+    """Refined meshes and the factor on the difference: doubled for order 1 (second order), two orders higher else."""
+    linear = max(link.beam.order for link in mechanism.beams if link.beam is not None) == 1
+    return [(mechanism.refined(elements=2), 4 / 3)] if linear else [(mechanism.refined(order=2), 1.0)]
+
+
+# Pointwise differences cross zero; a bar is their largest value within this part of the run on either side.
+WINDOW = 0.02
+
+
+def _scaled_difference(a: Solution, b: Solution, stride: int, factor: float) -> tuple[Array, dict[str, Array]]:
+    width = 2 * int(np.ceil(WINDOW * len(a.time))) + 1
+    torque = np.abs(a.torque - b.torque[::stride][: len(a.time)])
+    tip = {k: np.linalg.norm(v - b.tip[k][::stride][: len(v)], axis=1) for k, v in a.tip.items()}
+    return (
+        factor * maximum_filter1d(torque, width, axis=0),
+        {k: factor * maximum_filter1d(v, width) for k, v in tip.items()},
+    )
+
+
