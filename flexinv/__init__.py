@@ -8,6 +8,7 @@ from flexinv.mechanism_file import load_mechanism
 from flexinv.motion import Motion
 from flexinv.solution import Solution
 from flexinv.solve import solve
+from flexinv.statics import Load, statics
 from flexinv.torques import joint_torques
 from flexinv.urdf import from_urdf
 
@@ -15,6 +16,7 @@ __all__ = [
     "ConvergenceError",
     "FlexinvError",
     "InputError",
+    "Load",
     "Mechanism",
     "ModelWarning",
     "Motion",
@@ -23,4 +25,5 @@ __all__ = [
     "joint_torques",
     "load_mechanism",
     "solve",
+    "statics",
 ]

@@ -272,7 +272,7 @@ def _begin(solver: Solver, history: JointHistory, time: Array, initial: str, out
         equilibrium(solver, q, when)
         _move_as_rigid(solver, joints, qd, qdd)
     consistent_accelerations(solver, joints, when)
-    _record(solver, 0, out)
+    record_instant(solver, 0, out)
 
 
 def _move_as_rigid(solver: Solver, joints: Joints, qd: Array, qdd: Array) -> None:
@@ -326,10 +326,11 @@ def _restart(solver: Solver, history: JointHistory, time: Array, sample: int, ou
     s.u[:], s.du[:] = s.u0, s.du0
     q, qd, qdd = (part[0] for part in history(time[sample : sample + 1]))
     consistent_accelerations(solver, instant(solver.mesh, q, qd, qdd), f"at t = {time[sample]:g} s")
-    _record(solver, sample, out)
+    record_instant(solver, sample, out)
 
 
-def _record(solver: Solver, sample: int, out: Trajectory) -> None:
+def record_instant(solver: Solver, sample: int, out: Trajectory) -> None:
+    """Copy the present instant of the solver into the histories [m, rad, s, N]."""
     m = out.motion
     world = Frames(m.x, m.rotation, m.v, m.omega, m.a, m.alpha)
     record(sample, solver.frames, solver.work, world, out.wrench, out.internal, out.energy)

@@ -78,6 +78,7 @@ class Mesh:
     joint_node : joint name -> node of the child's link frame; tip_node : link name -> node of a beam's end
     root_node : link name -> node of a beam's root section
     section_nodes : beam link name -> node numbers along the beam, root first
+    body_node : (link name, body name) -> node at the body's centre of mass
     """
 
     mechanism: Mechanism
@@ -95,6 +96,7 @@ class Mesh:
     root_node: dict[str, int]
     tip_node: dict[str, int]
     section_nodes: dict[str, NDArray[np.int64]]
+    body_node: dict[tuple[str, str], int]
     elements: Elements
 
     @property
@@ -116,6 +118,7 @@ class _Builder:
     tip_node: dict[str, int] = field(default_factory=dict)
     section_nodes: dict[str, NDArray[np.int64]] = field(default_factory=dict)
     stations: dict[str, Array] = field(default_factory=dict)
+    body_node: dict[tuple[str, str], int] = field(default_factory=dict)
     elements: list[dict[str, NDArray[np.float64]]] = field(default_factory=list)
 
     def node(
@@ -163,9 +166,8 @@ class _Builder:
 
     def body(self, body: Body, link: int, carrier: int) -> None:
         inertia = body.inertia
-        if not (inertia.mass or inertia.tensor.any()):
-            return
         at_centre = self.node(carrier, RIGID, Placement(inertia.com), link) if inertia.com.any() else carrier
+        self.body_node[(self.mechanism.links[link].name, body.name)] = at_centre
         self.mass[at_centre] += inertia.mass
         self.inertia[at_centre] = self.inertia[at_centre] + inertia.tensor
 
@@ -304,6 +306,7 @@ def build(mechanism: Mechanism) -> Mesh:
         builder.root_node,
         builder.tip_node,
         builder.section_nodes,
+        builder.body_node,
         _elements(builder.elements),
     )
 

@@ -9,21 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import maximum_filter1d
 
-from flexinv.balance import balance, base_reaction
-from flexinv.differences import differenced
 from flexinv.errors import InputError
+from flexinv.evaluate import evaluate
 from flexinv.integrate import generalized_alpha
-from flexinv.inverse import drive_efforts, in_node_frame, joint_wrenches, nodal_forces, project
-from flexinv.joint import joint_effort
+from flexinv.inverse import joint_wrenches, nodal_forces
 from flexinv.kinematics import JointHistory, Progress, Trajectory, flexible_motion
 from flexinv.mechanism import Array, Mechanism
-from flexinv.mesh import VELOCITIES, Mesh, build
+from flexinv.mesh import Mesh, build
 from flexinv.motion import Motion
-from flexinv.nodal import NodalMotion
 from flexinv.passive import fill_passive
 from flexinv.rigid import rigid_motion
 from flexinv.solution import Solution
-from flexinv.system import FRICTION_RATE
 
 # A sampling grid longer than this is a mistake in `step` far more often than a wish.
 MOST_SAMPLES = 5_000_000
@@ -73,7 +69,7 @@ def solve(
     else:
         trajectory = flexible_motion(mesh, history, right, time, scheme, passive, motion.jumps, initial, progress)
         fill_passive(mesh, trajectory.motion, passive, q, qd, qdd)
-    solution = _solution(mesh, trajectory, time, q, qd, qdd, passive, settings)
+    solution = evaluate(mesh, trajectory, time, q, qd, qdd, passive, settings)
     if not error:
         return solution
     options = {"end": end, "spectral_radius": spectral_radius, "initial": initial, "start": start, "start_rate": start_rate}
@@ -105,7 +101,7 @@ def _histories(
                 "only unactuated joints that the motion leaves out take a start"
             )
 
-    def evaluate(time: Array, side: str) -> tuple[Array, Array, Array]:
+    def joint_motion(time: Array, side: str) -> tuple[Array, Array, Array]:
         q, qd, qdd = motion.evaluate(mechanism, time, side)  # type: ignore[arg-type]
         for name in sorted(passive):
             joint = mechanism.joint_of[name]
@@ -120,7 +116,7 @@ def _histories(
                 qd[:, mechanism.v_slices[name]] = np.broadcast_to(np.asarray(rate[name], dtype=float), (joint.nv,))
         return q, qd, qdd
 
-    return (lambda time: evaluate(time, "left")), (lambda time: evaluate(time, "right"))
+    return (lambda time: joint_motion(time, "left")), (lambda time: joint_motion(time, "right"))
 
 
 def _rigid(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> Trajectory:
@@ -130,84 +126,6 @@ def _rigid(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> Trajectory:
     wrenches = joint_wrenches(mesh, motion, nodal_forces(mesh, motion))
     moment = np.einsum("snji,snj->sni", motion.rotation, wrenches.moment)
     return replace(out, motion=motion, wrench=np.concatenate([wrenches.force, moment], axis=2))
-
-
-def _solution(
-    mesh: Mesh, trajectory: Trajectory, time: Array, q: Array, qd: Array, qdd: Array, passive: set[str],
-    settings: dict[str, float | int | str | bool],
-) -> Solution:  # fmt: skip
-    """The paper's second step, and everything that follows from the nodal motion."""
-    mechanism = mesh.mechanism
-    motion = trajectory.motion
-    if settings["incremental"]:
-        motion = differenced(motion, float(settings["step"]))
-    forces = nodal_forces(mesh, motion)
-    wrenches = joint_wrenches(mesh, motion, forces)
-    tau = project(mesh, motion, wrenches)
-    drive = drive_efforts(mechanism, qd, qdd, direction=_direction(mechanism, qd, passive))
-    base = base_reaction(mesh, motion, trajectory.wrench)
-    wrench = {name: np.hstack(in_node_frame(motion, wrenches, node)) for name, node in mesh.joint_node.items()}
-    internal, stations = _internal(mesh, trajectory)
-    return Solution(
-        mechanism=mechanism, mesh=mesh, time=time, q=q, qd=qd, qdd=qdd,
-        torque_all=tau + drive,
-        reaction=_reaction(mesh, motion, trajectory.wrench) + drive,
-        nodes=motion, forces=forces,
-        tip=_tips(mesh, motion), deflection=_deflections(mesh, motion), wrench=wrench,
-        internal=internal, internal_stations=stations,
-        balance=balance(mesh, motion, forces, tau, qd, base, trajectory.energy, time),
-        iterations=trajectory.iterations, settings=settings, notes=mechanism.notes,
-    )  # fmt: skip
-
-
-def _direction(mechanism: Mechanism, qd: Array, passive: set[str]) -> Array:
-    """Direction of dry friction: the sign of the rate, smoothed as in the march where the joint is passive."""
-    smooth = np.array([j.name in passive for j in mechanism.joints for _ in range(j.nv)], dtype=bool)
-    return np.where(smooth, np.tanh(qd / FRICTION_RATE), np.sign(qd))
-
-
-def _reaction(mesh: Mesh, motion: NodalMotion, wrench: Array) -> Array:
-    """Joint efforts from the elastic side: wrench of each joint's own rigid part and the beams that start on it."""
-    out = np.zeros((len(motion.x), mesh.mechanism.nv))
-    for node in np.flatnonzero(mesh.v_index >= 0):
-        kind, first = int(mesh.kind[node]), mesh.v_index[node]
-        force = np.einsum("sji,sj->si", motion.rotation[:, node], wrench[:, node, :3])
-        effort = joint_effort(kind, mesh.axis[node], force, wrench[:, node, 3:])
-        out[:, first : first + VELOCITIES[kind]] = effort
-    return out
-
-
-def _tips(mesh: Mesh, motion: NodalMotion) -> dict[str, Array]:
-    out = {}
-    for joint in mesh.mechanism.joints:
-        link = mesh.mechanism.link_of[joint.child]
-        node = mesh.tip_node.get(link.name, mesh.joint_node[joint.name])
-        point = np.zeros(3) if link.beam is not None else link.tip
-        out[link.name] = motion.x[:, node] + motion.rotation[:, node] @ point
-    return out
-
-
-def _deflections(mesh: Mesh, motion: NodalMotion) -> dict[str, Array]:
-    """Tip in the root section's frame less its place in the stress-free shape, (samples, 3) [m]."""
-    out = {}
-    for link in mesh.mechanism.beams:
-        root, tip = mesh.root_node[link.name], mesh.tip_node[link.name]
-        place, turn = np.zeros(3), np.eye(3)
-        for node in mesh.section_nodes[link.name][1:]:
-            place, turn = place + turn @ mesh.offset[node], turn @ mesh.rotation[node]
-        seen = np.einsum("sji,sj->si", motion.rotation[:, root], motion.x[:, tip] - motion.x[:, root])
-        out[link.name] = seen - place
-    return out
-
-
-def _internal(mesh: Mesh, trajectory: Trajectory) -> tuple[dict[str, Array], dict[str, Array]]:
-    e, values, stations = mesh.elements, {}, {}
-    for index, link in enumerate(mesh.mechanism.links):
-        own = np.flatnonzero(e.link == index) if link.beam is not None else ()
-        if len(own):
-            values[link.name] = np.concatenate([trajectory.internal[:, k, : e.order[k]] for k in own], axis=1)
-            stations[link.name] = np.concatenate([e.station[k, : e.order[k]] for k in own])
-    return values, stations
 
 
 # ------------------------------------------------------------------------------------------------- error bars

@@ -82,7 +82,7 @@ def topology(mesh: Mesh, passive: set[str]) -> Topology:
     offset = np.concatenate([[0], np.cumsum(size)[:-1]]).astype(np.int64)
     return Topology(
         mesh.parent, block, independent, size, offset, *table.columns(), _scale(mesh, size, offset, table, block),
-        mesh.mass, mesh.inertia, np.asarray(mesh.mechanism.gravity, dtype=float),
+        mesh.mass, mesh.inertia, np.array(mesh.mechanism.gravity, dtype=float),
     )  # fmt: skip
 
 

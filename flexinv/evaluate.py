@@ -1,0 +1,94 @@
+"""From a trajectory to a Solution: the paper's second step, and everything else that follows from nodal motion."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexinv.balance import balance, base_reaction
+from flexinv.differences import differenced
+from flexinv.inverse import NodalForces, drive_efforts, in_node_frame, joint_wrenches, nodal_forces, project
+from flexinv.joint import joint_effort
+from flexinv.kinematics import Trajectory
+from flexinv.mechanism import Array, Mechanism
+from flexinv.mesh import VELOCITIES, Mesh
+from flexinv.nodal import NodalMotion
+from flexinv.solution import Solution
+from flexinv.system import FRICTION_RATE
+
+
+def evaluate(
+    mesh: Mesh, trajectory: Trajectory, time: Array, q: Array, qd: Array, qdd: Array, passive: set[str],
+    settings: dict[str, float | int | str | bool], applied: NodalForces | None = None,
+) -> Solution:  # fmt: skip
+    """The paper's second step [N], [N m], and everything else that follows from the nodal motion."""
+    mechanism = mesh.mechanism
+    motion = trajectory.motion
+    if settings["incremental"]:
+        motion = differenced(motion, float(settings["step"]))
+    forces = nodal_forces(mesh, motion, applied)
+    wrenches = joint_wrenches(mesh, motion, forces)
+    tau = project(mesh, motion, wrenches)
+    drive = drive_efforts(mechanism, qd, qdd, direction=_direction(mechanism, qd, passive))
+    base = base_reaction(mesh, motion, trajectory.wrench)
+    wrench = {name: np.hstack(in_node_frame(motion, wrenches, node)) for name, node in mesh.joint_node.items()}
+    internal, stations = _internal(mesh, trajectory)
+    return Solution(
+        mechanism=mechanism, mesh=mesh, time=time, q=q, qd=qd, qdd=qdd,
+        torque_all=tau + drive,
+        reaction=_reaction(mesh, motion, trajectory.wrench) + drive,
+        nodes=motion, forces=forces,
+        tip=_tips(mesh, motion), deflection=_deflections(mesh, motion), wrench=wrench,
+        internal=internal, internal_stations=stations,
+        balance=balance(mesh, motion, forces, tau, qd, base, trajectory.energy, time),
+        iterations=trajectory.iterations, settings=settings, notes=mechanism.notes,
+    )  # fmt: skip
+
+
+def _direction(mechanism: Mechanism, qd: Array, passive: set[str]) -> Array:
+    """Direction of dry friction: the sign of the rate, smoothed as in the march where the joint is passive."""
+    smooth = np.array([j.name in passive for j in mechanism.joints for _ in range(j.nv)], dtype=bool)
+    return np.where(smooth, np.tanh(qd / FRICTION_RATE), np.sign(qd))
+
+
+def _reaction(mesh: Mesh, motion: NodalMotion, wrench: Array) -> Array:
+    """Joint efforts from the elastic side: wrench of each joint's own rigid part and the beams that start on it."""
+    out = np.zeros((len(motion.x), mesh.mechanism.nv))
+    for node in np.flatnonzero(mesh.v_index >= 0):
+        kind, first = int(mesh.kind[node]), mesh.v_index[node]
+        force = np.einsum("sji,sj->si", motion.rotation[:, node], wrench[:, node, :3])
+        effort = joint_effort(kind, mesh.axis[node], force, wrench[:, node, 3:])
+        out[:, first : first + VELOCITIES[kind]] = effort
+    return out
+
+
+def _tips(mesh: Mesh, motion: NodalMotion) -> dict[str, Array]:
+    out = {}
+    for joint in mesh.mechanism.joints:
+        link = mesh.mechanism.link_of[joint.child]
+        node = mesh.tip_node.get(link.name, mesh.joint_node[joint.name])
+        point = np.zeros(3) if link.beam is not None else link.tip
+        out[link.name] = motion.x[:, node] + motion.rotation[:, node] @ point
+    return out
+
+
+def _deflections(mesh: Mesh, motion: NodalMotion) -> dict[str, Array]:
+    """Tip in the root section's frame less its place in the stress-free shape, (samples, 3) [m]."""
+    out = {}
+    for link in mesh.mechanism.beams:
+        root, tip = mesh.root_node[link.name], mesh.tip_node[link.name]
+        place, turn = np.zeros(3), np.eye(3)
+        for node in mesh.section_nodes[link.name][1:]:
+            place, turn = place + turn @ mesh.offset[node], turn @ mesh.rotation[node]
+        seen = np.einsum("sji,sj->si", motion.rotation[:, root], motion.x[:, tip] - motion.x[:, root])
+        out[link.name] = seen - place
+    return out
+
+
+def _internal(mesh: Mesh, trajectory: Trajectory) -> tuple[dict[str, Array], dict[str, Array]]:
+    e, values, stations = mesh.elements, {}, {}
+    for index, link in enumerate(mesh.mechanism.links):
+        own = np.flatnonzero(e.link == index) if link.beam is not None else ()
+        if len(own):
+            values[link.name] = np.concatenate([trajectory.internal[:, k, : e.order[k]] for k in own], axis=1)
+            stations[link.name] = np.concatenate([e.station[k, : e.order[k]] for k in own])
+    return values, stations
