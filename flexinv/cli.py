@@ -1,0 +1,252 @@
+"""The command line: ``flexinv solve`` and ``flexinv info``.  Every text of --help is meant to be learned from."""
+
+from __future__ import annotations
+
+import difflib
+import sys
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+import numpy as np
+import pandas as pd
+
+from flexinv.case import Case, load_cases
+from flexinv.errors import FlexinvError, InputError, ModelWarning
+from flexinv.mechanism import Link, Mechanism
+from flexinv.mechanism_file import load_mechanism
+from flexinv.solution import Solution
+from flexinv.solve import solve as solve_motion
+from flexinv.urdf import from_urdf
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PLOTS = (".png", ".svg", ".pdf")
+MODEL = click.argument("model", type=click.Path(path_type=Path))
+FILE = click.Path(path_type=Path, dir_okay=False)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(package_name="flexinv")
+def app() -> None:
+    """Joint torques of rigid, flexible and mixed mechanisms from the motion that their joints shall make.
+
+    A mechanism is a folder such as models/flex_one_link with mechanism.toml (links, joints, sections) and cases.toml
+    (motions). Start with:
+
+    \b
+      flexinv info models/flex_one_link
+      flexinv solve models/flex_one_link --case cycloid --plot torque.png
+    """
+
+
+@app.command()
+@MODEL
+@click.option("--case", "name", help="Which motion of cases.toml; may be left out where there is only one.")
+@click.option("--out", type=FILE, help="Write time, joint motion and torques as CSV, units in the header.")
+@click.option("--plot", type=FILE, help="Draw the torques (.png, .svg or .pdf).")
+@click.option(
+    "--step",
+    type=float,
+    help="Time step [s] in place of the case's. The error falls with its square; --error says how large it is.",
+)
+@click.option(
+    "--error", is_flag=True, help="Solve again on a finer mesh and step, and give error bars. Three times slower."
+)
+def solve(model: Path, name: str | None, out: Path | None, plot: Path | None, step: float | None, error: bool) -> None:
+    """Compute the torque that every actuator must give so that the joints make the motion of a case.
+
+    Rigid links follow exact kinematics; flexible links deform freely while the joints are driven as prescribed. The
+    table shows each joint's peak and RMS torque, speed and power, and how much of its stated limits that takes.
+    """
+    if plot is not None and plot.suffix not in PLOTS:
+        raise InputError(f"--plot {plot}: expected a name that ends in {', '.join(PLOTS)}")
+    for path in (out, plot):
+        if path is not None and not path.resolve().parent.is_dir():
+            raise InputError(f"{path}: the folder {path.resolve().parent} does not exist; make it first")
+    mechanism = load_mechanism(model)
+    case = choose(load_cases(folder(model), mechanism), name, model)
+    solution = solve_motion(
+        mechanism,
+        case.motion,
+        case.step if step is None else step,
+        error=error,
+        end=case.end,
+        spectral_radius=case.spectral_radius,
+        initial=case.initial,
+    )
+    click.echo(f"{mechanism.name}, case {case.name}: {case.title}" if case.title else f"{mechanism.name}, {case.name}")
+    click.echo(solution.summary().to_string(float_format=lambda x: f"{x:.5g}", na_rep="-"))
+    if out is not None:
+        solution.frame().to_csv(out)
+        click.echo(f"wrote {out}")
+    if plot is not None:
+        draw(solution, f"{mechanism.name}, {case.name}").savefig(plot, dpi=150)
+        click.echo(f"drew {plot}")
+
+
+@app.command()
+@MODEL
+def info(model: Path) -> None:
+    """Show what a mechanism file (or a URDF) is: coordinates, masses, beams and their meshes, and its cases."""
+    mechanism = from_urdf(model) if model.suffix in (".urdf", ".xml") else load_mechanism(model)
+    click.echo(mechanism.name + (f": {mechanism.title}" if mechanism.title else ""))
+    gravity = ", ".join(f"{g:g}" for g in mechanism.gravity)
+    mass = sum(link_mass(link) for link in mechanism.links)
+    click.echo(
+        f"total mass {mass:.6g} kg, gravity ({gravity}) m/s^2, nq = {mechanism.nq}, nv = {mechanism.nv}, "
+        f"{sum(not j.nv for j in mechanism.joints)} of {len(mechanism.joints)} joints fixed"
+    )
+    for title, table in (
+        ("joints", joint_table(mechanism)),
+        ("links", link_table(mechanism)),
+        ("beams", beam_table(mechanism)),
+    ):
+        if len(table):
+            click.echo(f"\n{title}\n{table.to_string(index=False, float_format=lambda x: f'{x:.6g}')}")
+    for note in mechanism.notes:
+        click.echo(f"\nnote: {note}")
+    if (folder(model) / "cases.toml").is_file():
+        cases = load_cases(folder(model), mechanism).values()
+        rows = [(c.name, c.motion.duration, c.end, c.step, c.title) for c in cases]
+        table = pd.DataFrame(rows, columns=["case", "moves [s]", "ends [s]", "step [s]", "title"])
+        click.echo(f"\ncases\n{table.to_string(index=False)}")
+
+
+def folder(model: Path) -> Path:
+    """Return the folder of a model that is given as a folder or as its mechanism.toml."""
+    return model.parent if model.suffix else model
+
+
+def choose(cases: dict[str, Case], name: str | None, model: Path) -> Case:
+    """Return the case of that name, or the only one there is; InputError lists the names."""
+    if name is None and len(cases) == 1:
+        return next(iter(cases.values()))
+    if name is None:
+        raise InputError(f"{model} has {len(cases)} cases: write --case with one of {', '.join(cases)}")
+    if name not in cases:
+        like = difflib.get_close_matches(name, cases, n=1)
+        advice = f"write --case {like[0]}" if like else f"write one of {', '.join(cases)}"
+        raise InputError(f"--case {name}: {model} has no such case; {advice}")
+    return cases[name]
+
+
+def link_mass(link: Link) -> float:
+    """Return the mass of a link with all that it carries [kg]."""
+    bodies = sum(body.inertia.mass for body in link.bodies)
+    if link.beam is None:
+        return bodies
+    section = link.beam.section
+    stations = np.concatenate([[0.0], section.stations, [1.0]])
+    density = np.interp(stations, section.stations, section.mass_per_length)  # linear between, constant beyond
+    return bodies + link.beam.length * float(np.trapezoid(density, stations))
+
+
+def joint_table(mechanism: Mechanism) -> pd.DataFrame:
+    """Return one row per joint that moves; drives that are not zero in columns with their units, such as [N m]."""
+    moving = [j for j in mechanism.joints if j.nv]
+    rows = [
+        {
+            "joint": j.name,
+            "kind": j.kind,
+            "parent": j.parent if j.station is None else f"{j.parent} at {j.station:g}",
+            "child": j.child,
+            "q": " ".join(mechanism.coordinate_names[mechanism.q_slices[j.name]]),
+            "actuated": "yes" if j.actuated else "no",
+        }
+        for j in moving
+    ]
+    table = pd.DataFrame(rows)
+    for key, unit in (("rotor_inertia", "kg m^2, kg"), ("damping", "N m s, N s/m"), ("friction", "N m, N")):
+        values = [getattr(j, key) for j in moving]
+        if any(values):
+            table[f"{key.replace('_', ' ')} [{unit}]"] = values
+    return table
+
+
+def link_table(mechanism: Mechanism) -> pd.DataFrame:
+    """Return one row per link: rigid or beam, its mass [kg], and what it carries."""
+    rows = [
+        {
+            "link": link.name,
+            "kind": "rigid" if link.beam is None else "beam",
+            "mass [kg]": link_mass(link),
+            "bodies": ", ".join(body.name for body in link.bodies) or "-",
+        }
+        for link in mechanism.links
+    ]
+    return pd.DataFrame(rows)
+
+
+def beam_table(mechanism: Mechanism) -> pd.DataFrame:
+    """Return one row per beam: length [m], mesh, and the root's stiffness [N], [N m^2] and mass per length [kg/m]."""
+    rows = []
+    for link in mechanism.beams:
+        beam = link.beam
+        if beam is not None:
+            ea, _, _, gj, ei_y, ei_z = beam.section.stiffness[0]
+            mesh = f"{beam.elements} x order {beam.order}"
+            density = beam.section.mass_per_length[0]
+            rows.append((link.name, beam.length, mesh, ea, gj, ei_y, ei_z, density))
+    columns = ["beam", "length [m]", "mesh", "EA [N]", "GJ [N m^2]", "EI_y [N m^2]", "EI_z [N m^2]", "mass [kg/m]"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def draw(solution: Solution, title: str) -> Figure:
+    """Draw the effort of every actuator [N m] or [N] over time [s], with error bars where they were computed."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise InputError("--plot needs matplotlib: write pip install 'flexinv[plot]'") from None
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    axes = figure.add_subplot()
+    for k, label in enumerate(solution.torque_names):
+        (line,) = axes.plot(solution.time, solution.torque[:, k], label=label, linewidth=1.2)
+        if solution.torque_error is not None:
+            low, high = (solution.torque[:, k] + sign * solution.torque_error[:, k] for sign in (-1, 1))
+            axes.fill_between(solution.time, low, high, color=line.get_color(), alpha=0.25)
+    axes.set(title=title, xlabel="time [s]", ylabel="effort of the actuator [N m], [N]")
+    axes.grid(alpha=0.3)
+    axes.legend(ncols=max(1, min(6, len(solution.torque_names))), fontsize="small")
+    return figure
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line: exit code 0, or 2 with one line that says what was wrong and what to write."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", ModelWarning)
+        others = warnings.showwarning
+        warnings.showwarning = lambda message, category, *place: (
+            _warn(message) if issubclass(category, ModelWarning) else others(message, category, *place)
+        )
+        complaint = _run(arguments)
+    if complaint:
+        click.echo(f"flexinv: {complaint}", err=True)
+        sys.exit(2)
+
+
+def _run(arguments: list[str] | None) -> str:
+    """Run, and return what was wrong in one line."""
+    try:
+        app.main(args=arguments, prog_name="flexinv", standalone_mode=False)
+    except click.exceptions.NoArgsIsHelpError as help_text:
+        click.echo(help_text.format_message())
+    except click.ClickException as error:
+        return f"{_one_line(error.format_message())} (flexinv --help)"
+    except click.Abort:
+        return "interrupted"
+    except FlexinvError as error:
+        return _one_line(error)
+    except OSError as error:
+        return f"{error.filename}: {error.strerror}" if error.filename else _one_line(error)
+    return ""
+
+
+def _warn(message: Warning | str) -> None:
+    click.echo(f"flexinv: warning: {_one_line(message)}", err=True)
+
+
+def _one_line(message: object) -> str:
+    return "; ".join(" ".join(line.split()) for line in str(message).splitlines() if line.strip())

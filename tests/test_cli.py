@@ -1,0 +1,196 @@
+"""The command line: what it prints and writes is the solution, and every mistake is answered in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from flexinv.case import load_cases
+from flexinv.cli import link_mass, main
+from flexinv.mechanism import Beam, Body, Inertia, Link, Section
+from flexinv.mechanism_file import load_mechanism
+from flexinv.solve import solve
+
+MECHANISM = """
+title = "Pendulum"
+source = "by hand"
+gravity_m_per_s2 = [0, -9.81, 0]
+
+[links.arm]
+kind = "rigid"
+mass_kg = 2.0
+rod = { length_m = 0.6 }
+
+[joints.pivot]
+kind = "revolute"
+parent = "world"
+child = "arm"
+axis = [0, 0, 1]
+limits = { effort_Nm = 40.0, velocity_rad_per_s = 8.0 }
+"""
+CASES = """
+source = "by hand"
+
+[[limits]]
+quantity = "torque"
+engines = ["*"]
+maximum = 1e-12
+reason = "one joint: all engines round off"
+[cases.swing]
+title = "A quarter turn"
+step_s = 1e-2
+quantities = ["torque"]
+[cases.swing.motion]
+law = "cycloid"
+duration_s = 1.0
+joints.pivot = { from_deg = 0, to_deg = 90 }
+
+[cases.hold]
+step_s = 1e-2
+quantities = ["torque"]
+[cases.hold.motion]
+duration_s = 1.0
+joints.pivot = { at_deg = 0 }
+"""
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    folder = tmp_path / "pendulum"
+    folder.mkdir()
+    (folder / "mechanism.toml").write_text(MECHANISM)
+    (folder / "cases.toml").write_text(CASES)
+    return folder
+
+
+def complaint(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    """Run, demand exit code 2, nothing on stdout and one line on stderr; return that line."""
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    out, err = capsys.readouterr()
+    assert stop.value.code == 2
+    assert out == ""
+    assert err.endswith("\n")
+    assert err.count("\n") == 1
+    return err.strip()
+
+
+def test_solve_writes_what_solve_returns(model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out, plot = tmp_path / "torque.csv", tmp_path / "torque.png"
+    main(["solve", str(model), "--case", "swing", "--out", str(out), "--plot", str(plot)])
+    mechanism = load_mechanism(model)
+    case = load_cases(model, mechanism)["swing"]
+    solution = solve(mechanism, case.motion, case.step)
+    table = pd.read_csv(out)
+    np.testing.assert_array_equal(table["time [s]"], solution.time)
+    # pandas writes the shortest text that gives the same number back
+    np.testing.assert_array_equal(table["torque pivot [N m]"], solution.torque[:, 0])
+    # by hand: at 0 rad the arm lies along x, and its weight takes m g l/2
+    assert table["torque pivot [N m]"][0] == pytest.approx(2.0 * 9.81 * 0.3, rel=1e-14)
+    assert plot.read_bytes().startswith(b"\x89PNG")
+    printed = capsys.readouterr().out
+    assert "pendulum, case swing: A quarter turn" in printed
+    assert f"{np.abs(solution.torque).max():.5g}" in printed
+    assert f"{np.abs(solution.torque).max() / 40.0:.5g}" in printed
+
+
+def test_step_and_error_reach_the_solver(model: Path, tmp_path: Path) -> None:
+    out, plot = tmp_path / "torque.csv", tmp_path / "torque.svg"
+    main(
+        [
+            "solve",
+            str(model / "mechanism.toml"),
+            "--case",
+            "swing",
+            "--step",
+            "0.05",
+            "--error",
+            "--out",
+            str(out),
+            "--plot",
+            str(plot),
+        ]
+    )
+    np.testing.assert_allclose(pd.read_csv(out)["time [s]"], np.linspace(0.0, 1.0, 21), rtol=0, atol=1e-15)
+    assert "PolyCollection" in plot.read_text()  # the error band
+
+
+def test_info_shows_coordinates_masses_and_cases(model: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["info", str(model)])
+    printed = capsys.readouterr().out
+    assert printed.startswith(
+        "pendulum: Pendulum\ntotal mass 2 kg, gravity (0, -9.81, 0) m/s^2, nq = 1, nv = 1, 0 of 1"
+    )
+    for word in ("pivot revolute", "arm rigid", "swing", "hold"):
+        assert word in printed
+
+
+def test_info_shows_beams(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["info", str(root / "models" / "flex_one_link")])
+    printed = capsys.readouterr().out
+    assert "total mass 0.0224 kg" in printed  # the paper's link
+    assert "1 x order 4" in printed
+
+
+def test_mass_of_a_tapered_beam_with_a_payload() -> None:
+    section = Section(np.array([0.25, 0.75]), np.ones((2, 6)), np.array([1.0, 3.0]), np.ones((2, 3)))
+    link = Link("b", (Body("load", Inertia(0.5), 1.0),), Beam(2.0, section))
+    # constant 1 kg/m to a quarter, linear to 3 kg/m at three quarters, constant 3 kg/m: 0.5 + 2 + 1.5
+    # of 2 m: 0.5 m * 1 + 1 m * 2 + 0.5 m * 3 = 4 kg
+    assert link_mass(link) == pytest.approx(4.5, rel=1e-15)
+
+
+def test_warnings_are_one_line_on_stderr(model: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (model / "mechanism.toml").write_text(MECHANISM.replace("axis = [0, 0, 1]", "axis = [0, 0, 2]"))
+    main(["info", str(model)])
+    err = capsys.readouterr().err
+    assert err.startswith("flexinv: warning: ")
+    assert err.count("\n") == 1
+
+
+def test_help_teaches(capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments in ([], ["--help"]):
+        main(arguments)
+        assert "flexinv solve models/flex_one_link --case" in capsys.readouterr().out
+    main(["solve", "--help"])
+    assert "--error" in capsys.readouterr().out
+
+
+BAD = {
+    "no such command": (["sove"], "No such command 'sove'"),
+    "no such option": (["solve", "MODEL", "--cse", "x"], "No such option"),
+    "no model": (["solve"], "Missing argument 'MODEL'"),
+    "no such folder": (["info", "MODEL/nowhere"], "nowhere"),
+    "no case chosen": (["solve", "MODEL"], "has 2 cases: write --case with one of swing, hold"),
+    "no such case": (["solve", "MODEL", "--case", "swign"], "has no such case; write --case swing"),
+    "nothing alike": (["solve", "MODEL", "--case", "xyz"], "has no such case; write one of swing, hold"),
+    "step is no number": (["solve", "MODEL", "--case", "swing", "--step", "fast"], "'fast' is not a valid float"),
+    "step is negative": (["solve", "MODEL", "--case", "swing", "--step", "-1"], "expected a positive number"),
+    "step is too long": (["solve", "MODEL", "--case", "swing", "--step", "2"], "longer than the motion"),
+    "no such format": (["solve", "MODEL", "--case", "swing", "--plot", "a.gif"], "expected a name that ends in .png"),
+    "no such place": (
+        ["solve", "MODEL", "--case", "swing", "--out", "MODEL/no/a.csv"],
+        "does not exist; make it first",
+    ),
+    "out is a folder": (["solve", "MODEL", "--case", "swing", "--out", "MODEL"], "is a directory"),
+}
+
+
+@pytest.mark.parametrize("mistake", BAD)
+def test_a_mistake_is_answered_in_one_line(mistake: str, model: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments, expected = BAD[mistake]
+    line = complaint([a.replace("MODEL", str(model)) for a in arguments], capsys)
+    assert line.startswith("flexinv: ")
+    assert expected.replace("MODEL", str(model) if "argument" not in expected else "MODEL") in line
+
+
+def test_a_broken_file_is_answered_in_one_line(model: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (model / "mechanism.toml").write_text(MECHANISM.replace("mass_kg", "mas_kg"))
+    line = complaint(["solve", str(model), "--case", "swing"], capsys)
+    assert "mas_kg" in line
+    assert "mass_kg" in line
+    (model / "mechanism.toml").write_bytes(b"\xff\xfe")
+    assert "mechanism.toml" in complaint(["info", str(model)], capsys)
