@@ -201,9 +201,7 @@ def _frequency(pair: Pair) -> Comparison:
     name = ringing_series(pair.reference)
     if name is None or name not in pair.engine.series:
         return _row(pair, "frequency", "Hz", "skipped", "no deflection or torque in common to take it from")
-    ours, theirs = (
-        dominant_frequency(r.time, r.series[name].values, pair.rest) for r in (pair.engine, pair.reference)
-    )
+    ours, theirs = (dominant_frequency(r.time, r.series[name].values, pair.rest) for r in (pair.engine, pair.reference))
     if ours is None or theirs is None:
         return _row(pair, "frequency", "Hz", "skipped", f"{name} has no peak in its spectrum")
     difference = abs(ours - theirs)

@@ -8,10 +8,12 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -108,9 +110,7 @@ def torque_series(mechanism: Mechanism, torque: ArrayLike, error: ArrayLike | No
     return columns(names, effort_units(mechanism), torque, error)
 
 
-def vector_series(
-    prefix: str, unit: str, values: ArrayLike, error: ArrayLike | None = None
-) -> dict[str, Series]:
+def vector_series(prefix: str, unit: str, values: ArrayLike, error: ArrayLike | None = None) -> dict[str, Series]:
     """Return "<prefix>/x", "/y", "/z", such as ``vector_series("tip/forearm", "m", x)``.
 
     values, error : (samples, 3) [unit]
@@ -198,15 +198,13 @@ def load(stem: Path) -> Record:
     try:
         plain = json.loads(stem.with_name(stem.name + ".json").read_text(encoding="utf-8"))
         words = plain.pop("series")
-        with np.load(stem.with_name(stem.name + ".npz"), allow_pickle=False) as arrays:
-            read = {
-                w["name"]: Series(
-                    w["name"], w["unit"], arrays[f"s{k}"], arrays[f"e{k}"] if f"e{k}" in arrays else None
-                )
-                for k, w in enumerate(words)
-            }
-            return Record(**plain, time=arrays["time"], series=read)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        with (
+            stem.with_name(stem.name + ".npz").open("rb") as stream,
+            np.load(stream, allow_pickle=False) as arrays,
+        ):
+            read = [Series(w["name"], w["unit"], arrays[f"s{k}"], arrays.get(f"e{k}")) for k, w in enumerate(words)]
+            return Record(**plain, time=arrays["time"], series={s.name: s for s in read})
+    except (OSError, ValueError, LookupError, TypeError, EOFError, BadZipFile, zlib.error) as error:
         raise RecordError(f"no record at {stem}: {error}") from error
 
 

@@ -1,0 +1,118 @@
+"""What there is to run: mechanisms and their cases, found in a folder, chosen by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.engines.base import sample_times
+from crosscheck.results import CaseRow
+from flexinv.case import Case, load_cases
+from flexinv.errors import InputError
+from flexinv.mechanism import Mechanism
+from flexinv.mechanism_file import load_mechanism
+
+LARGEST_TEXT = 20_000  # [characters] of a model file that a report shows
+
+
+@dataclass(frozen=True)
+class Task:
+    """One case of one mechanism: folder of its files, the sample times, and when the motion comes to rest.
+
+    time : (samples,) [s]; rest : [s]
+    """
+
+    folder: Path
+    mechanism: Mechanism
+    case: Case
+    time: NDArray[np.float64]
+    rest: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to run, and the model folders that could not be read: (name, message)."""
+
+    tasks: tuple[Task, ...]
+    broken: tuple[tuple[str, str], ...] = ()
+
+
+def discover(models: Path, names: Sequence[str] = ()) -> Plan:
+    """Read every mechanism in ``models`` whose folder fits one of ``names``.
+
+    names : "flex_one_link", "flex_*" or "flex_one_link/cycloid"; none means all
+    Raises InputError where a name fits nothing.
+    """
+    folders = {f.parent.name: f.parent for f in sorted(models.glob("*/mechanism.toml"))}
+    wanted = [name.split("/", 1) for name in names] or [["*"]]
+    tasks: list[Task] = []
+    broken: list[tuple[str, str]] = []
+    for name, folder in folders.items():
+        if cases := [w[1] if len(w) > 1 else "*" for w in wanted if fnmatchcase(name, w[0])]:
+            try:
+                tasks += _tasks(folder, cases)
+            except (InputError, OSError, ValueError) as error:
+                broken.append((name, f"{type(error).__name__}: {error}"))
+    _every_name_fits(names, tasks, broken, folders)
+    return Plan(tuple(tasks), tuple(broken))
+
+
+def _tasks(folder: Path, patterns: Iterable[str]) -> list[Task]:
+    mechanism = load_mechanism(folder)
+    patterns = list(patterns)
+    cases = load_cases(folder, mechanism)
+    return [task(folder, mechanism, c) for n, c in cases.items() if any(fnmatchcase(n, p) for p in patterns)]
+
+
+def task(folder: Path, mechanism: Mechanism, case: Case) -> Task:
+    """Return the task of one case; the motion is at rest after the last sample with a velocity."""
+    time = sample_times(case)
+    _, qd, _ = case.motion.evaluate(mechanism, time)
+    moving = np.flatnonzero(np.any(qd != 0.0, axis=1)) if qd.size else np.zeros(0, dtype=int)
+    rest = float(time[min(moving[-1] + 1, time.size - 1)]) if moving.size else 0.0
+    return Task(folder, mechanism, case, time, rest)
+
+
+def _every_name_fits(
+    names: Sequence[str], tasks: list[Task], broken: list[tuple[str, str]], folders: dict[str, Path]
+) -> None:
+    have = {(t.folder.name, t.case.name) for t in tasks} | {(name, "*") for name, _ in broken}
+    for name in names:
+        mechanism, _, case = name.partition("/")
+        if not any(fnmatchcase(m, mechanism) and fnmatchcase(c, case or "*") for m, c in have):
+            known = ", ".join(sorted(folders)) or "none"
+            raise InputError(f"nothing to run is called {name!r}; mechanisms here: {known}")
+
+
+def case_row(one: Task) -> CaseRow:
+    """Return what a report says about the case itself."""
+    mechanism, case = one.mechanism, one.case
+    return CaseRow(
+        mechanism=one.folder.name,
+        case=case.name,
+        mechanism_title=mechanism.title,
+        title=case.title,
+        source=case.source,
+        mechanism_source=mechanism.source,
+        notes=(*mechanism.notes, *_lines(case.notes)),
+        quantities=tuple(case.quantities),
+        end=case.end,
+        step=case.step,
+        sample=case.sample,
+        rest=one.rest,
+        files={f.name: _text(f) for f in sorted(one.folder.glob("*.toml"))},
+    )
+
+
+def _lines(notes: str | Iterable[str]) -> tuple[str, ...]:
+    return ((notes,) if notes else ()) if isinstance(notes, str) else tuple(notes)
+
+
+def _text(file: Path) -> str:
+    text = file.read_text(encoding="utf-8", errors="replace")
+    return text if len(text) <= LARGEST_TEXT else text[:LARGEST_TEXT] + "\n... (cut off here)\n"

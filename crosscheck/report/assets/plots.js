@@ -1,0 +1,215 @@
+// Draw the plots of a page with the plotly.js beside it; the numbers of a quantity are loaded when asked for.
+"use strict";
+(function () {
+  // Okabe and Ito's colours, told apart by colour-blind readers; dashes tell coinciding curves apart.
+  const COLOURS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9", "#8a8f98", "#b8a800"];
+  const DASHES = ["solid", "dash", "dot", "dashdot", "longdash", "5px 2px", "2px 2px", "8px 3px 2px 3px"];
+  const read = (id) => { const node = document.getElementById(id); return node && JSON.parse(node.textContent); };
+  const loaded = {};
+  const waiting = {};
+
+  window.crosscheckData = (key, data) => { loaded[key] = data; (waiting[key] || (() => {}))(); };
+
+  function load(key) {
+    if (loaded[key]) return Promise.resolve(loaded[key]);
+    return new Promise((resolve, reject) => {
+      waiting[key] = () => resolve(loaded[key]);
+      const script = document.createElement("script");
+      script.src = "../data/" + key + ".js";
+      script.onerror = () => reject(new Error("cannot load " + script.src));
+      document.head.append(script);
+    });
+  }
+
+  function decode(text) {
+    const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+    return new Float32Array(bytes.buffer);
+  }
+
+  function style() {
+    const css = getComputedStyle(document.documentElement);
+    const get = (name) => css.getPropertyValue(name).trim();
+    return { text: get("--text"), muted: get("--muted"), line: get("--line"), surface: get("--surface") };
+  }
+
+  function layout(x, y, extra) {
+    const s = style();
+    const axis = { gridcolor: s.line, zerolinecolor: s.line, linecolor: s.line, automargin: true, exponentformat: "power" };
+    const base = {
+      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", showlegend: false, hovermode: "x unified",
+      font: { family: "system-ui, sans-serif", size: 12, color: s.text },
+      hoverlabel: { bgcolor: s.surface, bordercolor: s.line, font: { color: s.text } },
+      margin: { l: 8, r: 12, t: 8, b: 8 }, shapes: [], annotations: [], dragmode: "zoom",
+      xaxis: Object.assign({ title: { text: x } }, axis), yaxis: Object.assign({ title: { text: y } }, axis),
+    };
+    for (const key of Object.keys(extra || {})) {
+      base[key] = key.endsWith("axis") ? Object.assign(base[key], extra[key]) : extra[key];
+    }
+    return base;
+  }
+
+  const config = {
+    responsive: true, displaylogo: false, displayModeBar: "hover",
+    modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"], toImageButtonOptions: { format: "svg" },
+  };
+  const draw = (id, traces, lay) => Plotly.react(id, traces, lay, config);
+
+  function make(tag, attributes, ...children) {
+    const node = Object.assign(document.createElement(tag), attributes);
+    node.append(...children);
+    return node;
+  }
+
+  // ------------------------------------------------------------------ a case: overlay, difference, spectrum
+  function casePage(manifest) {
+    const state = { quantity: manifest.quantities[0], series: null, hidden: new Set(), log: false };
+    const colour = (engine) => COLOURS[manifest.engines.indexOf(engine) % COLOURS.length];
+    const dash = (engine) => DASHES[manifest.engines.indexOf(engine) % DASHES.length];
+    const line = (engine, x, y) => ({
+      type: "scatter", mode: "lines", name: engine, x, y, line: { color: colour(engine), dash: dash(engine), width: 2 },
+    });
+
+    function band(engine, x, y, half) {
+      const edge = (sign) => y.map((v, k) => v + sign * half[k]);
+      const common = { type: "scatter", mode: "lines", x, hoverinfo: "skip", line: { width: 0 } };
+      return [
+        Object.assign({ y: edge(-1), name: engine + " lower" }, common),
+        Object.assign({ y: edge(+1), name: engine + " upper", fill: "tonexty", fillcolor: colour(engine) + "33" }, common),
+      ];
+    }
+
+    function overlay(time, one) {
+      const traces = [];
+      for (const engine of shown(one)) {
+        const entry = one.engines[engine];
+        const y = decode(entry.value);
+        if (entry.error) traces.push(...band(engine, time, y, decode(entry.error)));
+        traces.push(line(engine, time, y));
+      }
+      return draw("overlay", traces, layout("time [s]", state.series + " [" + one.unit + "]", { shapes: restMark() }));
+    }
+
+    function difference(time, one) {
+      const traces = [];
+      const shapes = restMark();
+      let largest = 0;
+      for (const engine of shown(one)) {
+        if (!one.engines[engine].difference) continue;
+        let y = decode(one.engines[engine].difference);
+        for (const v of y) largest = Math.max(largest, Math.abs(v));
+        if (state.log) y = y.map((v) => (v === 0 ? NaN : Math.abs(v)));
+        traces.push(line(engine, time, y));
+      }
+      for (const engine of shown(one)) {
+        const limit = one.limits[engine];
+        // A limit far outside the curves would flatten them: it is drawn where it can be seen beside them.
+        if (!limit || !(state.log || limit <= 4 * largest)) continue;
+        for (const sign of state.log ? [1] : [1, -1]) {
+          shapes.push({ type: "line", xref: "paper", x0: 0, x1: 1, y0: sign * limit, y1: sign * limit,
+            line: { color: colour(engine), width: 1, dash: "dot" } });
+        }
+      }
+      const what = (state.log ? "|difference|" : "difference") + " [" + one.unit + "]";
+      const lay = layout("time [s]", what, { shapes, yaxis: { type: state.log ? "log" : "linear" } });
+      if (!traces.length) lay.annotations = [nothing("one engine only: nothing to compare")];
+      document.getElementById("caption-difference").textContent = "Difference from " + manifest.reference;
+      return draw("difference", traces, lay);
+    }
+
+    function spectrum(one) {
+      const figure = document.getElementById("spectrum").closest("figure");
+      figure.hidden = !one.spectrum;
+      if (!one.spectrum) return Promise.resolve();
+      const x = decode(one.spectrum.frequency);
+      const traces = [];
+      const annotations = [];
+      let marked = null;
+      for (const engine of shown(one)) {
+        if (!one.spectrum.amplitude[engine]) continue;
+        traces.push(line(engine, x, decode(one.spectrum.amplitude[engine])));
+        const marks = one.spectrum.peaks[engine] || [];
+        traces.push({ type: "scatter", mode: "markers", name: engine + " peak", x: marks.map((m) => m[0]), y: marks.map((m) => m[1]),
+          marker: { color: colour(engine), symbol: "triangle-down", size: 9 }, hoverinfo: "skip" });
+        if (marked === null) marked = marks;
+      }
+      for (const mark of marked || []) {
+        annotations.push({ x: mark[0], y: Math.log10(mark[1]), text: mark[0].toPrecision(4) + " Hz", showarrow: false, yshift: 14 });
+      }
+      return draw("spectrum", traces, layout("frequency [Hz]", "amplitude [" + one.unit + "]", {
+        annotations, yaxis: { type: "log" } }));
+    }
+
+    const shown = (one) => manifest.engines.filter((e) => one.engines[e] && !state.hidden.has(e));
+    const nothing = (text) => ({ text, xref: "paper", yref: "paper", x: 0.5, y: 0.5, showarrow: false });
+
+    function restMark() {
+      return [{ type: "line", yref: "paper", x0: manifest.rest, x1: manifest.rest, y0: 0, y1: 1,
+        line: { color: style().muted, width: 1, dash: "dot" } }];
+    }
+
+    async function show() {
+      const root = document.getElementById("plots");
+      delete root.dataset.drawn;
+      try {
+        const data = await load(manifest.slug + "/" + state.quantity.slug);
+        const one = data.series[state.series];
+        const time = decode(data.time);
+        await Promise.all([overlay(time, one), difference(time, one), spectrum(one)]);
+        document.getElementById("note").textContent =
+          "The dotted upright line is where the prescribed motion comes to rest. Drag to zoom, double-click to return.";
+      } catch (error) {
+        document.getElementById("note").textContent = "The plots could not be drawn: " + error.message;
+        throw error;
+      }
+      root.dataset.drawn = state.series;
+    }
+
+    function controls() {
+      const root = document.getElementById("controls");
+      const series = make("select", { id: "series", onchange: () => { state.series = series.value; show(); } });
+      const quantity = make("select", { id: "quantity", onchange: () => choose(manifest.quantities[quantity.selectedIndex]) });
+      for (const q of manifest.quantities) quantity.append(make("option", { value: q.name, textContent: q.name }));
+      const choose = (q) => {
+        state.quantity = q;
+        state.series = q.series[0];
+        series.replaceChildren(...q.series.map((name) => make("option", { value: name, textContent: name })));
+        return show();
+      };
+      const engines = make("fieldset", { className: "engines" }, make("legend", { textContent: "engines" }));
+      for (const engine of manifest.engines) {
+        const box = make("input", { type: "checkbox", checked: true, value: engine, onchange: () => {
+          if (box.checked) state.hidden.delete(engine); else state.hidden.add(engine);
+          show();
+        } });
+        const swatch = make("span", { className: "swatch" });
+        swatch.style.background = colour(engine);
+        engines.append(make("label", {}, box, swatch, engine));
+      }
+      const log = make("input", { type: "checkbox", id: "log", onchange: () => { state.log = log.checked; show(); } });
+      root.append(make("label", {}, "quantity ", quantity), make("label", {}, "series ", series), engines,
+        make("label", {}, log, " logarithmic difference"));
+      return choose(manifest.quantities[0]);
+    }
+
+    document.addEventListener("theme", show);
+    return controls();
+  }
+
+  // ------------------------------------------------------------------ a study: one plot of its columns
+  function studyPage(plot) {
+    const type = plot.log ? "log" : "linear";
+    const traces = plot.y.map((key, k) => ({
+      type: "scatter", mode: "lines+markers", name: plot.titles[key], x: plot.points[plot.x], y: plot.points[key],
+      line: { color: COLOURS[k % COLOURS.length], dash: DASHES[k % DASHES.length], width: 2 }, marker: { size: 8 },
+    }));
+    const show = () => draw("study", traces, layout(plot.titles[plot.x], plot.y.length === 1 ? plot.titles[plot.y[0]] : "", {
+      showlegend: traces.length > 1, legend: { orientation: "h", y: 1.12 }, xaxis: { type }, yaxis: { type } }));
+    document.addEventListener("theme", show);
+    return show();
+  }
+
+  const manifest = read("manifest");
+  const plot = read("studyplot");
+  if (manifest) casePage(manifest);
+  if (plot) studyPage(plot);
+})();

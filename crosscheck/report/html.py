@@ -1,0 +1,145 @@
+"""The pages of a report: ``index.html``, one page per case and per study, and the assets they share.
+
+Everything a page needs lies beside it (plotly.js comes from the installed package): no server, no network.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+from crosscheck.limits import worst
+from crosscheck.report import words
+from crosscheck.report.plots import write_case
+from crosscheck.results import CaseRow, Results, StudyRow, slug
+
+ASSETS = ("report.css", "theme.js", "plots.js")
+
+
+def render(results: Results, out: Path) -> None:
+    """Write every page below ``out``."""
+    pages = environment()
+    assets(out)
+    (out / "cases").mkdir(exist_ok=True)
+    (out / "studies").mkdir(exist_ok=True)
+    for case in results.cases:
+        if not case.problem:
+            write_page(pages, "case.html.j2", out / "cases" / f"{case.slug}.html", **case_view(results, case, out))
+    for study in results.studies:
+        write_page(pages, "study.html.j2", out / "studies" / f"{slug(study.name)}.html", **study_view(results, study))
+    write_page(pages, "index.html.j2", out / "index.html", **index_view(results))
+
+
+def environment() -> jinja2.Environment:
+    """Return the templates, with everything escaped that is not markup of our own."""
+    env = jinja2.Environment(
+        loader=jinja2.PackageLoader("crosscheck.report"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    env.filters |= {"short": words.short, "duration": words.duration, "slug": slug, "value": value}
+    env.globals |= {"SIGNS": words.SIGNS, "MEANINGS": words.MEANINGS, "study_line": words.study_line}
+    return env
+
+
+def write_page(env: jinja2.Environment, template: str, file: Path, **view: Any) -> None:
+    """Render one page."""
+    file.write_text(env.get_template(template).render(**view), encoding="utf-8")
+
+
+def assets(out: Path) -> None:
+    """Copy style, scripts and the plotting library."""
+    folder = out / "assets"
+    folder.mkdir(exist_ok=True)
+    for name in ASSETS:
+        text = resources.files("crosscheck.report").joinpath("assets", name).read_text(encoding="utf-8")
+        (folder / name).write_text(text, encoding="utf-8")
+    library = resources.files("plotly").joinpath("package_data", "plotly.min.js")
+    with resources.as_file(library) as source:
+        shutil.copyfile(source, folder / "plotly.min.js")
+
+
+def index_view(results: Results) -> dict[str, Any]:
+    """Return what the first page shows."""
+    groups = words.by_mechanism(results.cases)
+    matrix = {
+        mechanism: [(case, [words.cell(results, case, e.name) for e in results.engines]) for case in cases]
+        for mechanism, cases in groups.items()
+    }
+    return {
+        "results": results,
+        "root": "",
+        "sentence": words.sentence(results),
+        "counts": words.counts(results),
+        "troubles": [(v, link(where), label(where), what, text) for v, where, what, text in words.troubles(results)],
+        "matrix": matrix,
+    }
+
+
+def case_view(results: Results, case: CaseRow, out: Path) -> dict[str, Any]:
+    """Return what the page of a case shows; its data files are written on the way."""
+    cells = [words.cell(results, case, e.name) for e in results.engines]
+    return {
+        "results": results,
+        "root": "../",
+        "case": case,
+        "verdict": worst([c.verdict for c in cells if c.verdict is not None]),
+        "cells": cells,
+        "comparisons": [c for one in cells for c in one.comparisons],
+        "runs": [one.run for one in cells if one.run is not None],
+        "manifest": write_case(results, case, out),
+        "neighbours": neighbours(results, case),
+    }
+
+
+def study_view(results: Results, study: StudyRow) -> dict[str, Any]:
+    """Return what the page of a study shows."""
+    plot = None
+    if study.plot is not None and study.rows:
+        keys = [study.plot["x"], *study.plot["y"]]
+        titles = {key: f"{title} [{unit}]" if unit else title for key, title, unit in study.columns}
+        points = {key: [row.get(key) for row in study.rows] for key in keys}
+        plot = {**study.plot, "titles": {k: titles[k] for k in keys}, "points": points}
+    return {"results": results, "root": "../", "study": study, "plot": plot}
+
+
+def neighbours(results: Results, case: CaseRow) -> tuple[CaseRow | None, CaseRow | None]:
+    """Return the cases before and after this one."""
+    shown = [c for c in results.cases if not c.problem]
+    k = shown.index(case)
+    return shown[k - 1] if k else None, shown[k + 1] if k + 1 < len(shown) else None
+
+
+def link(where: CaseRow | StudyRow) -> str:
+    """Return the page of a case or a study, relative to the index."""
+    if isinstance(where, StudyRow):
+        return f"studies/{slug(where.name)}.html"
+    return "" if where.problem else f"cases/{where.slug}.html"
+
+
+def label(where: CaseRow | StudyRow) -> str:
+    """Return what a case or a study is called."""
+    if isinstance(where, StudyRow):
+        return where.title
+    return f"{where.mechanism} / {where.case}" if where.case else where.mechanism
+
+
+def value(thing: Any) -> str:
+    """Return a value of a table or of the settings in words."""
+    if thing is None:
+        return "–"
+    if isinstance(thing, bool):
+        return "yes" if thing else "no"
+    if isinstance(thing, float):
+        return words.short(thing) if 0 < abs(thing) < 1e-3 else f"{thing:.6g}"
+    if isinstance(thing, Mapping | list | tuple):
+        return json.dumps(thing)
+    return str(thing)

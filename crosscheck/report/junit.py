@@ -1,0 +1,82 @@
+"""``junit.xml``: every run and every comparison as a test case, for CI systems."""
+
+from __future__ import annotations
+
+import re
+from xml.etree import ElementTree as ET
+
+from crosscheck.compare import Comparison
+from crosscheck.report.words import short
+from crosscheck.results import CaseRow, Results, RunRow, StudyRow
+
+# XML 1.0 has no way to write these characters (https://www.w3.org/TR/xml/#charsets).
+FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+TAGS = {"skipped": "skipped", "deviation": "failure", "unjudged": "failure", "error": "error"}
+
+
+def render(results: Results) -> bytes:
+    """Return the JUnit XML document."""
+    root = ET.Element("testsuites", name="crosscheck", time=f"{results.elapsed:.3f}")
+    for case in results.cases:
+        _case(root, results, case)
+    for study in results.studies:
+        _study(root, study)
+    if not results.finished:
+        suite = ET.SubElement(root, "testsuite", name="crosscheck")
+        _item(suite, "crosscheck", "run", "error", results.message or "the run has not finished")
+    for suite in root:
+        for attribute, tag in (("tests", "testcase"), ("failures", "failure"), ("errors", "error")):
+            suite.set(attribute, str(sum(1 for _ in suite.iter(tag))))
+        suite.set("skipped", str(sum(1 for _ in suite.iter("skipped"))))
+    ET.indent(root)
+    text: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
+    return text
+
+
+def _case(root: ET.Element, results: Results, case: CaseRow) -> None:
+    name = f"{case.mechanism}/{case.case}"
+    suite = ET.SubElement(root, "testsuite", name=_clean(name))
+    if case.problem:
+        _item(suite, name, "model", "error", case.problem)
+    for run in results.runs:
+        if (run.mechanism, run.case) == (case.mechanism, case.case):
+            _run(suite, name, run)
+    for row in results.comparisons:
+        if (row.mechanism, row.case) == (case.mechanism, case.case):
+            _comparison(suite, name, row)
+
+
+def _run(suite: ET.Element, name: str, run: RunRow) -> None:
+    message = run.message if run.status == "skipped" else f"{run.status}: {run.message}"
+    item = _item(suite, name, f"{run.engine} runs", run.verdict, message)
+    item.set("time", f"{run.elapsed:.3f}")
+    if run.printed and run.verdict == "error":
+        ET.SubElement(item, "system-err").text = _clean(run.printed)
+
+
+def _comparison(suite: ET.Element, name: str, row: Comparison) -> None:
+    label = f"{row.engine} against {row.reference}: {row.quantity}" + (f" [{row.unit}]" if row.unit else "")
+    where = f" in {row.series}" if row.series else ""
+    when = "" if row.time is None else f" at t = {row.time:.6g} s"
+    size = "" if row.maximum is None else f" (largest error {short(row.maximum)} {row.unit}{where}{when})"
+    _item(suite, name, label, row.verdict, row.message + size)
+
+
+def _study(root: ET.Element, study: StudyRow) -> None:
+    suite = ET.SubElement(root, "testsuite", name=_clean(study.name))
+    if study.status != "ok":
+        _item(suite, study.name, "study", study.verdict, study.message)
+    first = study.columns[0][0] if study.columns else ""
+    for row in study.rows:
+        _item(suite, study.name, str(row.get(first, "")), row.get("verdict", "error"), str(row.get("message", "")))
+
+
+def _item(suite: ET.Element, group: str, name: str, verdict: str, message: str) -> ET.Element:
+    item = ET.SubElement(suite, "testcase", classname=_clean(group), name=_clean(name))
+    if verdict in TAGS:
+        ET.SubElement(item, TAGS[verdict], message=_clean(f"{verdict}: {message}"))
+    return item
+
+
+def _clean(text: str) -> str:
+    return FORBIDDEN.sub("\N{REPLACEMENT CHARACTER}", text)

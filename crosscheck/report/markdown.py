@@ -1,0 +1,71 @@
+"""``summary.md``: the report for a terminal, a pull request or a CI step summary."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+from crosscheck.report.words import SIGNS, cell, duration, sentence, short, study_line, troubles
+from crosscheck.results import Results
+
+SPECIAL = re.compile(r"([\\`*_\[\]|~<>&$@])")
+
+
+def render(results: Results) -> str:
+    """Return the summary as GitHub-flavoured Markdown."""
+    parts = [f"# {sentence(results)}", "", f"{escape(results.started)}, {duration(results.elapsed)}", ""]
+    if rows := troubles(results):
+        body = [(f"{SIGNS[v]} {v}", _where(where), what, message) for v, where, what, message in rows]
+        parts += ["## Where not", "", *table(("verdict", "where", "what", "message"), body)]
+    parts += ["## Matrix", "", "Largest error over the range of the signal, for the quantity nearest its limit.", ""]
+    parts += table(("case", *(e.name for e in results.engines)), _matrix(results))
+    if results.studies:
+        parts += ["## Studies", "", *table(("study", "verdict", "rows"), _studies(results))]
+    parts += ["## Comparisons", "", *table(HEAD, _comparisons(results))]
+    engines = [(e.name, e.version or "–", e.message or e.abilities) for e in results.engines]
+    return "\n".join([*parts, "## Engines", "", *table(("engine", "version", "what it can do"), engines)]) + "\n"
+
+
+HEAD = ("case", "engine", "reference", "quantity", "largest error", "RMS", "of range", "limit", "verdict")
+
+
+def _matrix(results: Results) -> Iterable[tuple[str, ...]]:
+    for case in results.cases:
+        cells = [cell(results, case, e.name) for e in results.engines]
+        texts = [f"{SIGNS[c.verdict]} {c.headline}" if c.verdict else "" for c in cells]
+        yield _where(case), *texts
+
+
+def _comparisons(results: Results) -> Iterable[tuple[str, ...]]:
+    for c in results.comparisons:
+        yield (
+            f"{c.mechanism}/{c.case}",
+            c.engine,
+            c.reference,
+            c.quantity,
+            f"{short(c.maximum)} {c.unit}" if c.maximum is not None else "",
+            f"{short(c.rms)} {c.unit}" if c.rms is not None else "",
+            short(c.fraction),
+            short(c.limit),
+            f"{SIGNS[c.verdict]} {c.verdict}",
+        )
+
+
+def _studies(results: Results) -> Iterable[tuple[str, ...]]:
+    return ((s.title, f"{SIGNS[s.verdict]} {s.verdict}", study_line(s)) for s in results.studies)
+
+
+def _where(row: object) -> str:
+    mechanism, case = getattr(row, "mechanism", getattr(row, "name", "")), getattr(row, "case", "")
+    return f"{mechanism}/{case}" if case else mechanism
+
+
+def table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> list[str]:
+    """Return the lines of a table, every field escaped, with an empty line after it."""
+    lines = ["| " + " | ".join(head) + " |", "|" + " --- |" * len(head)]
+    return [*lines, *("| " + " | ".join(escape(field) for field in row) + " |" for row in rows), ""]
+
+
+def escape(text: str) -> str:
+    """Return text that Markdown shows as it is, on one line."""
+    return SPECIAL.sub(r"\\\1", " ".join(str(text).split()))

@@ -1,0 +1,125 @@
+"""The numbers behind the plots: one small script per case and quantity, loaded when a reader asks for it.
+
+A page opened from the file system may not read files, but it may load scripts: each file calls
+``crosscheckData(key, {...})``.  Arrays are base64 of little-endian float32: enough for the eye, and the differences
+are taken in float64 before.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from crosscheck.limits import DEFAULT_REFERENCE
+from crosscheck.record import Record, load
+from crosscheck.results import CaseRow, Results, slug
+from crosscheck.spectrum import amplitude_spectrum, window
+
+RINGING = ("torque", "deflection")
+HIGHEST = 4.0  # the spectrum is drawn up to this many times the highest marked peak
+
+
+def write_case(results: Results, case: CaseRow, out: Path) -> dict[str, Any]:
+    """Write the data of one case below ``out/data`` and return what the page has to know to load it."""
+    records = read_records(results, case, out)
+    folder = out / "data" / case.slug
+    folder.mkdir(parents=True, exist_ok=True)
+    names: dict[str, list[str]] = {}
+    for quantity in quantities(case, records):
+        key = f"{case.slug}/{slug(quantity)}"
+        data = quantity_data(results, case, records, quantity)
+        names[quantity] = list(data["series"])
+        text = f"crosscheckData({json.dumps(key)}, {json.dumps(data, allow_nan=False)});\n"
+        (folder / f"{slug(quantity)}.js").write_text(text, encoding="utf-8")
+    return {
+        "slug": case.slug,
+        "engines": list(records),
+        "reference": reference(records),
+        "rest": case.rest,
+        "quantities": [{"name": q, "slug": slug(q), "series": names[q]} for q in names],
+    }
+
+
+def read_records(results: Results, case: CaseRow, out: Path) -> dict[str, Record]:
+    """Return the records of the engines that gave series for the case."""
+    rows = [r for r in results.runs if (r.mechanism, r.case) == (case.mechanism, case.case) and r.series]
+    return {row.engine: load(out / row.series) for row in rows}
+
+
+def quantities(case: CaseRow, records: Mapping[str, Record]) -> list[str]:
+    """Return what is drawn: the quantities that the case compares, and the torque in any case."""
+    given = {s.quantity for record in records.values() for s in record.series.values()}
+    return [q for q in dict.fromkeys([*case.quantities, "torque"]) if q in given]
+
+
+def reference(records: Mapping[str, Record]) -> str:
+    """Return the engine that differences are taken from: flexinv, or the first one."""
+    return DEFAULT_REFERENCE if DEFAULT_REFERENCE in records else next(iter(records), "")
+
+
+def quantity_data(results: Results, case: CaseRow, records: Mapping[str, Record], quantity: str) -> dict[str, Any]:
+    """Return time and every series of a quantity, by series and engine."""
+    names = dict.fromkeys(s.name for r in records.values() for s in r.series.values() if s.quantity == quantity)
+    time = next(iter(records.values())).time
+    return {"time": encode(time), "series": {n: _series(results, case, records, n) for n in names}}
+
+
+def _series(results: Results, case: CaseRow, records: Mapping[str, Record], name: str) -> dict[str, Any]:
+    owner = next(r.series[name] for r in records.values() if name in r.series)
+    base = records[reference(records)].series.get(name)
+    lines = {}
+    for engine, record in records.items():
+        if (one := record.series.get(name)) is None:
+            continue
+        line: dict[str, Any] = {"value": encode(one.values)}
+        if one.error is not None:
+            line["error"] = encode(one.error)
+        if base is not None and engine != reference(records):
+            line["difference"] = encode(one.values - base.values)
+        lines[engine] = line
+    data: dict[str, Any] = {"unit": owner.unit, "engines": lines, "limits": _limits(results, case, name, owner.unit)}
+    if owner.quantity in RINGING:
+        data["spectrum"] = _spectrum(results, case, records, name)
+    return data
+
+
+def _limits(results: Results, case: CaseRow, name: str, unit: str) -> dict[str, float]:
+    """Return the largest difference allowed [unit], by engine."""
+    here = [c for c in results.comparisons if (c.mechanism, c.case) == (case.mechanism, case.case)]
+    return {
+        c.engine: c.limit * c.scale
+        for c in here
+        if c.quantity == name.split("/", 1)[0] and c.unit == unit and c.limit and c.scale
+    }
+
+
+def _spectrum(results: Results, case: CaseRow, records: Mapping[str, Record], name: str) -> dict[str, Any]:
+    marks = {
+        r.engine: [list(mark) for mark in r.peaks[name]]
+        for r in results.runs
+        if (r.mechanism, r.case) == (case.mechanism, case.case) and r.engine in records and name in r.peaks
+    }
+    lines, axis = {}, np.zeros(0)
+    for engine, record in records.items():
+        if name in record.series:
+            part = window(record.time, record.series[name].values, case.rest)
+            axis, amplitude = amplitude_spectrum(*part)
+            lines[engine] = amplitude
+    highest = max((mark[0] for own in marks.values() for mark in own), default=0.0)
+    kept = axis <= HIGHEST * highest if highest > 0.0 else np.ones(axis.size, dtype=bool)
+    return {
+        "frequency": encode(axis[kept]),
+        "amplitude": {engine: encode(a[kept]) for engine, a in lines.items()},
+        "peaks": marks,
+    }
+
+
+def encode(values: ArrayLike) -> str:
+    """Return base64 of the values as little-endian float32."""
+    return base64.b64encode(np.asarray(values, dtype="<f4").tobytes()).decode("ascii")

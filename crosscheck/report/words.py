@@ -1,0 +1,161 @@
+"""Words and numbers of a report, the same in every format."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from crosscheck.compare import Comparison
+from crosscheck.limits import VERDICTS, Verdict, worst
+from crosscheck.results import CaseRow, Results, RunRow, StudyRow
+
+SIGNS: dict[str, str] = {"within": "✓", "deviation": "✗", "error": "!", "skipped": "–", "unjudged": "?"}
+MEANINGS: dict[str, str] = {
+    "within": "compared, and within the stated limit",
+    "deviation": "compared, and farther apart than the limit allows",
+    "error": "an engine or the harness failed: nothing is shown",
+    "unjudged": "compared, but no limit is stated (or it expired)",
+    "skipped": "the engine cannot do this; nothing is claimed",
+}
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One field of the matrix: what an engine is worth on one case; leading: the comparison nearest its limit."""
+
+    case: CaseRow
+    engine: str
+    verdict: Verdict | None
+    leading: Comparison | None
+    run: RunRow | None
+    comparisons: tuple[Comparison, ...]
+
+    @property
+    def headline(self) -> str:
+        """The words in the field."""
+        if self.verdict is None:
+            return ""
+        if self.leading is not None and self.leading.fraction is not None:
+            return short(self.leading.fraction)
+        if self.run is not None and self.run.status == "ok" and not self.comparisons:
+            return "reference"
+        return self.run.status if self.run is not None and self.run.status != "ok" else self.verdict
+
+    @property
+    def detail(self) -> str:
+        """The words below it."""
+        if self.leading is None or self.leading.fraction is None:
+            return duration(self.run.wall_time) if self.run is not None and self.run.status == "ok" else ""
+        limit = "no limit" if self.leading.limit is None else f"≤ {short(self.leading.limit)}"
+        return f"{self.leading.quantity} {limit}"
+
+    @property
+    def title(self) -> str:
+        """The words that explain it."""
+        messages = [c.message for c in self.comparisons if c.verdict == self.verdict and c.message]
+        if self.run is not None and self.run.message:
+            messages.insert(0, self.run.message)
+        if self.verdict is None:
+            return "not run"
+        return "; ".join(dict.fromkeys([MEANINGS[self.verdict], *messages]))[:500]
+
+
+def cell(results: Results, case: CaseRow, engine: str) -> Cell:
+    """Return the field of the matrix for one case and engine."""
+    here = (case.mechanism, case.case, engine)
+    rows = tuple(c for c in results.comparisons if (c.mechanism, c.case, c.engine) == here)
+    run = next((r for r in results.runs if (r.mechanism, r.case, r.engine) == here), None)
+    if run is None:
+        return Cell(case, engine, None, None, None, rows)
+    verdict = run.verdict if run.status != "ok" or not rows else worst(c.verdict for c in rows)
+    measured = [c for c in rows if c.fraction is not None]
+    return Cell(case, engine, verdict, max(measured, key=nearness, default=None), run, rows)
+
+
+def nearness(row: Comparison) -> tuple[int, float]:
+    """Return how near a comparison is to its limit, graver verdicts first (a key to sort by)."""
+    share = row.fraction or 0.0
+    return VERDICTS.index(row.verdict), share / row.limit if row.limit else share
+
+
+def counts(results: Results) -> dict[Verdict, int]:
+    """Return how many comparisons have each verdict."""
+    return {v: sum(c.verdict == v for c in results.comparisons) for v in reversed(VERDICTS)}
+
+
+def sentence(results: Results) -> str:
+    """Return what a reader has to know first."""
+    tally = counts(results)
+    judged = sum(tally.values()) - tally["skipped"]
+    failed = sum(r.verdict == "error" for r in results.runs)
+    parts = [
+        _count(tally["deviation"], "comparison deviates", "comparisons deviate"),
+        _count(tally["unjudged"], "comparison has no limit", "comparisons have no limit"),
+        _count(failed, "run failed", "runs failed"),
+        _count(sum(bool(c.problem) for c in results.cases), "model cannot be read", "models cannot be read"),
+        _count(sum(s.verdict not in ("within", "skipped") for s in results.studies), "study is off", "studies are off"),
+        results.message,
+    ]
+    wrong = [part for part in parts if part]
+    if not wrong and results.exit_code == 0:
+        return f"All {judged} comparisons are within their limits." if judged else "Nothing was compared."
+    if not results.finished and not results.message:
+        wrong.append("the run has not finished")
+    return f"Of {judged} comparisons {tally['within']} are within their limits; " + ", ".join(wrong) + "."
+
+
+def troubles(results: Results) -> list[tuple[Verdict, CaseRow | StudyRow, str, str]]:
+    """Return everything that is not as it should be: verdict, case or study, what, message; the gravest first."""
+    rows: list[tuple[Verdict, CaseRow | StudyRow, str, str]] = []
+    for case in results.cases:
+        if case.problem:
+            rows.append(("error", case, "model", case.problem))
+        here = (case.mechanism, case.case)
+        runs = [r for r in results.runs if (r.mechanism, r.case) == here and r.verdict == "error"]
+        rows += [("error", case, r.engine, f"{r.status}: {r.message}") for r in runs]
+        failed = {r.engine for r in runs}
+        for c in results.comparisons:
+            known = c.verdict in ("within", "skipped") or {c.engine, c.reference} & failed
+            if (c.mechanism, c.case) == here and not known:
+                rows.append((c.verdict, case, f"{c.engine} {c.quantity}", c.message))
+    rows += [(s.verdict, s, s.name, study_line(s)) for s in results.studies if s.verdict not in ("within", "skipped")]
+    return sorted(rows, key=lambda row: -VERDICTS.index(row[0]))
+
+
+def study_line(study: StudyRow) -> str:
+    """Return one line about a study."""
+    if study.status != "ok":
+        return f"{study.status}: {study.message}"
+    tally = {v: sum(row.get("verdict") == v for row in study.rows) for v in reversed(VERDICTS)}
+    return ", ".join(f"{n} {v}" for v, n in tally.items() if n)
+
+
+def short(value: float | None) -> str:
+    """Return a number in the fewest characters that a reader needs."""
+    if value is None:
+        return ""
+    if value == 0.0:
+        return "0"
+    if 1e-3 <= abs(value) < 1e4:
+        return f"{value:.2g}" if abs(value) < 100 else f"{value:.0f}"
+    digits, exponent = f"{value:.1e}".split("e")
+    return f"{digits.removesuffix('.0')}e{int(exponent)}"
+
+
+def duration(seconds: float) -> str:
+    """Return a time span [s] in words."""
+    if seconds >= 100:
+        return f"{int(seconds) // 60} min {int(seconds) % 60} s"
+    return f"{seconds:.1f} s" if seconds >= 1 else f"{seconds * 1e3:.3g} ms"
+
+
+def by_mechanism(cases: Iterable[CaseRow]) -> dict[str, list[CaseRow]]:
+    """Return the cases of each mechanism."""
+    groups: dict[str, list[CaseRow]] = {}
+    for case in cases:
+        groups.setdefault(case.mechanism, []).append(case)
+    return groups
+
+
+def _count(number: int, one: str, many: str) -> str:
+    return f"{number} {one if number == 1 else many}" if number else ""

@@ -1,0 +1,223 @@
+"""The results of a run as data, and ``results.json``: the source of truth from which every report is rendered."""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import json
+import os
+import platform
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from hashlib import sha256
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from crosscheck.compare import Comparison
+from crosscheck.limits import Verdict, exit_code, worst
+
+SCHEMA = 1
+PACKAGES = ("flexinv", "numpy", "scipy", "pin", "mujoco", "exudyn", "example-robot-data", "plotly")
+OF_STATUS: dict[str, Verdict] = {"ok": "within", "skipped": "skipped"}
+
+
+@dataclass(frozen=True)
+class CaseRow:
+    """One case of one mechanism; rest, end, step [s]; files: name and text of the model's files."""
+
+    mechanism: str
+    case: str
+    mechanism_title: str = ""
+    title: str = ""
+    source: str = ""
+    mechanism_source: str = ""
+    notes: tuple[str, ...] = ()
+    quantities: tuple[str, ...] = ()
+    end: float = 0.0
+    step: float = 0.0
+    sample: float = 0.0
+    rest: float = 0.0
+    files: Mapping[str, str] = field(default_factory=dict)
+    unused_limits: tuple[str, ...] = ()
+    problem: str = ""
+
+    @property
+    def slug(self) -> str:
+        """A name for files and links."""
+        return slug(f"{self.mechanism}-{self.case}")
+
+
+@dataclass(frozen=True)
+class RunRow:
+    """One engine on one case; wall_time [s] of the engine, elapsed [s] of the process; series: stem of its files.
+
+    peaks : frequency [Hz] and amplitude [unit of the series] of the spectrum's peaks, by series
+    """
+
+    mechanism: str
+    case: str
+    engine: str
+    status: str
+    message: str = ""
+    version: str = ""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    wall_time: float = 0.0
+    elapsed: float = 0.0
+    model_hash: str = ""
+    printed: str = ""
+    series: str = ""
+    peaks: Mapping[str, list[tuple[float, float]]] = field(default_factory=dict)
+
+    @property
+    def verdict(self) -> Verdict:
+        """What the run alone means for the report."""
+        return OF_STATUS.get(self.status, "error")
+
+
+@dataclass(frozen=True)
+class EngineRow:
+    """An engine: present or not, its version, what it can do, or why it is not there."""
+
+    name: str
+    present: bool
+    version: str = ""
+    abilities: str = ""
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class StudyRow:
+    """A table made by a study of its own: columns (key, title, unit), rows by key, each with a verdict.
+
+    plot : {"x": key, "y": [keys], "log": bool} or None
+    """
+
+    name: str
+    title: str
+    text: str = ""
+    columns: tuple[tuple[str, str, str], ...] = ()
+    rows: tuple[Mapping[str, Any], ...] = ()
+    plot: Mapping[str, Any] | None = None
+    status: str = "ok"
+    message: str = ""
+    printed: str = ""
+    elapsed: float = 0.0
+
+    @property
+    def verdict(self) -> Verdict:
+        """The gravest verdict of its rows, "error" where there is no table."""
+        if self.status != "ok":
+            return OF_STATUS.get(self.status, "error")
+        return worst(row.get("verdict", "error") for row in self.rows)
+
+
+@dataclass(frozen=True)
+class Results:
+    """Everything that a report says."""
+
+    started: str
+    command: str = ""
+    elapsed: float = 0.0
+    finished: bool = False
+    message: str = ""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    machine: Mapping[str, str] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
+    engines: tuple[EngineRow, ...] = ()
+    cases: tuple[CaseRow, ...] = ()
+    runs: tuple[RunRow, ...] = ()
+    comparisons: tuple[Comparison, ...] = ()
+    studies: tuple[StudyRow, ...] = ()
+
+    @property
+    def verdicts(self) -> list[Verdict]:
+        """Every verdict that counts for the exit code."""
+        rows: list[Verdict] = ["error"] if not self.finished or not (self.cases or self.studies) else []
+        rows += ["error" for case in self.cases if case.problem]
+        rows += [run.verdict for run in self.runs]
+        rows += [one.verdict for one in self.comparisons]
+        return rows + [study.verdict for study in self.studies]
+
+    @property
+    def exit_code(self) -> int:
+        """0 all within limits, 1 a deviation or a missing limit, 2 an engine or the harness failed."""
+        return exit_code(self.verdicts)
+
+
+def write(results: Results, file: Path) -> None:
+    """Write ``results.json``: whole or not at all, whatever happens meanwhile."""
+    plain = {"schema": SCHEMA, "exit_code": results.exit_code, **dataclasses.asdict(results)}
+    for row, one in zip(plain["comparisons"], results.comparisons, strict=True):
+        share = one.fraction
+        row["fraction"] = share if share is not None and share < float("inf") else None
+    temporary = file.with_name(file.name + ".part")
+    temporary.write_text(json.dumps(plain, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    os.replace(temporary, file)
+
+
+def read(file: Path) -> Results:
+    """Read ``results.json``.  Raises ValueError where it is none, or one of another version."""
+    plain = json.loads(file.read_text(encoding="utf-8"))
+    if not isinstance(plain, dict) or plain.get("schema") != SCHEMA:
+        raise ValueError(f"{file} is not a results file of schema {SCHEMA}")
+    values: dict[str, Any] = {f.name: plain[f.name] for f in dataclasses.fields(Results)}
+    values |= {name: tuple(_row(kind, row) for row in plain[name]) for name, kind in TABLES.items()}
+    return Results(**values)
+
+
+TABLES: dict[str, type] = {
+    "engines": EngineRow,
+    "cases": CaseRow,
+    "runs": RunRow,
+    "comparisons": Comparison,
+    "studies": StudyRow,
+}
+
+
+def _row(kind: type, row: Mapping[str, Any]) -> Any:
+    names = {f.name for f in dataclasses.fields(kind)}
+    return kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in row.items() if k in names})
+
+
+def slug(text: str) -> str:
+    """Return a name that is safe in a path and a link; one that had to be changed gets a mark of its own."""
+    safe = re.sub(r"[^A-Za-z0-9_-]+", "_", text)[:80]
+    return safe if safe == text else f"{safe}-{sha256(text.encode()).hexdigest()[:8]}"
+
+
+def now() -> str:
+    """Return date and time with the zone, to the second."""
+    return datetime.datetime.now().astimezone().isoformat(timespec="seconds")
+
+
+def machine() -> dict[str, str]:
+    """Return what this machine is, as far as timings depend on it."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return {
+        "processor": processor(),
+        "cores": str(cores),
+        "system": f"{platform.system()} {platform.release()} {platform.machine()}",
+        "Python": f"{platform.python_implementation()} {platform.python_version()}",
+    }
+
+
+def processor() -> str:
+    """Return the name of the processor."""
+    try:
+        names = re.findall(r"^model name\s*:\s*(.+)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
+    except OSError:
+        names = []
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def versions() -> dict[str, str]:
+    """Return the installed versions of the packages that results depend on."""
+    found = {}
+    for package in PACKAGES:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            found[package] = "not installed"
+    return found

@@ -1,0 +1,290 @@
+"""Run every case in every engine, compare, and keep ``results.json`` true at every moment.
+
+Threads drive child processes; this process imports no engine.  What finishes is written at once: a night that is
+cut short leaves a report of everything that was done and a row for everything that was not.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import shutil
+import time as clock
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from crosscheck import results as store
+from crosscheck.compare import Comparison, Pair, compare
+from crosscheck.engines import Engine, missing
+from crosscheck.isolation import Attempt, Children, ask, run_engine
+from crosscheck.limits import find, references, unused
+from crosscheck.plan import Plan, Task, case_row
+from crosscheck.record import Record, save
+from crosscheck.results import CaseRow, EngineRow, Results, RunRow, StudyRow, slug
+from crosscheck.spectrum import amplitude_spectrum, peaks, window
+from crosscheck.studies import Study
+
+RESULTS = "results.json"
+OURS = ("series", "cases", "data", "assets", "studies")  # folders of a report: an older run's are removed
+PAUSE = 2.0  # [s] between two writings of results.json at least
+DESCRIBE = 120.0  # [s] to import an engine and ask its version: a cold disk takes some ten seconds
+RINGING = ("torque", "deflection")  # quantities whose spectrum is taken
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to run: timeout [s] per engine and case, jobs at a time, options for the engines."""
+
+    timeout: float = 900.0
+    jobs: int = 1
+    engine: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that finished, for a progress display."""
+
+    label: str
+    verdict: str
+    message: str
+    done: int
+    total: int
+
+
+Notify = Callable[[Event], None]
+Job = tuple[str, Any, Any]  # kind, what, engine
+
+
+def run(
+    plan: Plan,
+    engines: Mapping[str, Engine],
+    studies: tuple[Study, ...],
+    options: Options,
+    out: Path,
+    notify: Notify = lambda event: None,
+    command: str = "",
+) -> Results:
+    """Run the plan and return its results, which stand in ``out/results.json`` as well.
+
+    Ctrl-C ends every child; what did not run becomes an error that says so.
+    """
+    _clear(out)
+    state = _State(plan, engines, studies, options, out, notify, _opening(plan, engines, studies, options, command))
+    children = Children()
+    with ThreadPoolExecutor(max_workers=max(1, options.jobs)) as pool:
+        pending = {pool.submit(_do, job, options, children): job for job in state.jobs()}
+        try:
+            _drain(pending, state)
+        except KeyboardInterrupt:
+            children.stop()
+            pool.shutdown(wait=True, cancel_futures=True)
+            state.interrupted(pending)
+    return state.finish()
+
+
+def _drain(pending: dict[Future[Any], Job], state: _State) -> None:
+    while pending:
+        for future in wait(pending, return_when=FIRST_COMPLETED).done:
+            state.take(pending[future], future.result())
+            del pending[future]
+
+
+def _do(job: Job, options: Options, children: Children) -> Any:
+    """Do one job in a child process (runs in a thread)."""
+    kind, what, engine = job
+    if kind == "describe":
+        return ask({"kind": "describe", "module": what}, DESCRIBE, children)
+    if kind == "study":
+        question = {"kind": "study", "module": what.module, "function": what.function, "options": dict(what.options)}
+        return ask(question, options.timeout, children)
+    task = {"mechanism": str(what.folder.resolve()), "case": what.case.name, "options": dict(options.engine)}
+    return run_engine(engine, task, what.time, options.timeout, children)
+
+
+@dataclass
+class _State:
+    """What has been done so far; only the main thread touches it."""
+
+    plan: Plan
+    engines: Mapping[str, Engine]
+    studies: tuple[Study, ...]
+    options: Options
+    out: Path
+    notify: Notify
+    results: Results
+    start: float = field(default_factory=clock.monotonic)
+    written: float = 0.0
+    done: int = 0
+    records: dict[tuple[str, str], dict[str, Record]] = field(default_factory=dict)
+
+    def jobs(self) -> Iterator[Job]:
+        """Yield everything there is to do, case by case so that comparisons come early."""
+        for module in sorted({e.module for e in self.engines.values() if missing(e) is None}):
+            yield "describe", module, None
+        for task in self.plan.tasks:
+            for engine in self.engines.values():
+                yield "run", task, engine
+        for study in self.studies:
+            yield "study", study, None
+
+    def take(self, job: Job, answer: Any) -> None:
+        """Add one answer to the results."""
+        kind, what, engine = job
+        if kind == "describe":
+            self._describe(what, *answer)
+        elif kind == "study":
+            self._study(what, *answer)
+        else:
+            self._run(what, engine, answer)
+        self._keep()
+
+    def interrupted(self, pending: Mapping[Future[Any], Job]) -> None:
+        """Add a row for everything that did not come to its end."""
+        for kind, what, engine in pending.values():
+            if kind == "run":
+                failed = Record(engine=engine.name, status="error", message="interrupted")
+                self._run(what, engine, Attempt(failed))
+            elif kind == "study":
+                row = StudyRow(what.name, what.title, status="error", message="interrupted")
+                self.results = replace(self.results, studies=(*self.results.studies, row))
+        self.results = replace(self.results, message="interrupted before everything was run")
+
+    def finish(self) -> Results:
+        """Write the complete results."""
+        order = list(self.engines)
+        cases = [(c.mechanism, c.case) for c in self.results.cases]
+        place = lambda row: (cases.index((row.mechanism, row.case)), order.index(row.engine))  # noqa: E731
+        self.results = replace(
+            self.results,
+            finished=not self.results.message,
+            runs=tuple(sorted(self.results.runs, key=place)),
+            comparisons=tuple(sorted(self.results.comparisons, key=place)),
+        )
+        self._keep(at_once=True)
+        return self.results
+
+    def _run(self, task: Task, engine: Engine, attempt: Attempt) -> None:
+        key = (task.folder.name, task.case.name)
+        row = run_row(task, attempt)
+        if attempt.record.status == "ok":
+            row = replace(row, series=f"series/{slug('-'.join(key))}/{slug(engine.name)}")
+            stem = self.out / row.series
+            stem.parent.mkdir(parents=True, exist_ok=True)
+            save(attempt.record, stem)
+        self.results = replace(self.results, runs=(*self.results.runs, row))
+        records = self.records.setdefault(key, {})
+        records[engine.name] = attempt.record
+        if len(records) == len(self.engines):
+            self._compare(task, self.records.pop(key))
+        self._tell(f"{key[0]}/{key[1]} {engine.name}", row.verdict if row.status != "ok" else "ok", row.message)
+
+    def _compare(self, task: Task, records: Mapping[str, Record]) -> None:
+        rows, idle = compare_all(task, records)
+        cases = tuple(
+            replace(c, unused_limits=idle) if (c.mechanism, c.case) == (task.folder.name, task.case.name) else c
+            for c in self.results.cases
+        )
+        self.results = replace(self.results, cases=cases, comparisons=(*self.results.comparisons, *rows))
+
+    def _describe(self, module: str, answer: Any, ending: Any) -> None:
+        rows = []
+        for row in self.results.engines:
+            if self.engines[row.name].module == module:
+                row = replace(row, **answer) if answer else replace(row, present=False, message=ending.message)
+            rows.append(row)
+        self.results = replace(self.results, engines=tuple(rows))
+
+    def _study(self, study: Study, answer: Any, ending: Any) -> None:
+        row = study_row(study, answer, ending)
+        self.results = replace(self.results, studies=(*self.results.studies, row))
+        self._tell(f"study {study.name}", row.verdict, row.message)
+
+    def _tell(self, label: str, verdict: str, message: str) -> None:
+        self.done += 1
+        total = len(self.plan.tasks) * len(self.engines) + len(self.studies)
+        self.notify(Event(label, verdict, message, self.done, total))
+
+    def _keep(self, at_once: bool = False) -> None:
+        elapsed = clock.monotonic() - self.start
+        if at_once or elapsed - self.written >= PAUSE:
+            self.results = replace(self.results, elapsed=elapsed)
+            store.write(self.results, self.out / RESULTS)
+            self.written = elapsed
+
+
+def compare_all(task: Task, records: Mapping[str, Record]) -> tuple[list[Comparison], tuple[str, ...]]:
+    """Return every comparison of one case, and the limits that none of them asked for."""
+    rows, used = [], []
+    for name, record in records.items():
+        for reference in references(task.case.limits, name):
+            other = records.get(reference) or absent(reference)
+            pair = Pair(task.folder.name, task.case, record, other, task.rest, datetime.date.today())
+            rows += compare(pair)
+            used += [find(task.case.limits, q, name, reference) for q in task.case.quantities]
+    idle = unused(task.case.limits, [limit for limit in used if limit is not None])
+    named = {n for limit in idle for n in limit.engines}
+    return rows, tuple(f"{i.quantity}, engines {', '.join(i.engines)}, reference {i.reference}" for i in idle if named)
+
+
+def absent(reference: str) -> Record:
+    """Return the record of a reference that is not part of this run."""
+    return Record(engine=reference, status="skipped", message="is not part of this run")
+
+
+def run_row(task: Task, attempt: Attempt) -> RunRow:
+    """Return what a report says about one run."""
+    record = attempt.record
+    ringing = (s for s in record.series.values() if s.quantity in RINGING)
+    return RunRow(
+        mechanism=task.folder.name,
+        case=task.case.name,
+        engine=record.engine,
+        status=record.status,
+        message=record.message,
+        version=record.version,
+        settings=dict(record.settings),
+        wall_time=record.wall_time,
+        elapsed=attempt.elapsed,
+        model_hash=record.model_hash,
+        printed=attempt.printed,
+        peaks={s.name: peaks(*amplitude_spectrum(*window(record.time, s.values, task.rest))) for s in ringing},
+    )
+
+
+def study_row(study: Study, answer: Any, ending: Any) -> StudyRow:
+    """Return the table of a study, or why there is none."""
+    known = {f.name for f in dataclasses.fields(StudyRow)}
+    row = StudyRow(study.name, study.title, printed=ending.printed, elapsed=ending.elapsed)
+    if ending.status != "ok":
+        return replace(row, status=ending.status, message=ending.message)
+    if not isinstance(answer, dict) or not set(answer) <= known or not answer.get("rows"):
+        return replace(row, status="error", message="the study gave no table")
+    table: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in answer.items()}
+    return replace(row, **table)
+
+
+def _opening(
+    plan: Plan, engines: Mapping[str, Engine], studies: tuple[Study, ...], options: Options, command: str
+) -> Results:
+    broken = [CaseRow(name, "", problem=message) for name, message in plan.broken]
+    rows = [EngineRow(e.name, (m := missing(e)) is None, message=m or "") for e in engines.values()]
+    return Results(
+        started=store.now(),
+        command=command,
+        settings={"timeout": options.timeout, "jobs": options.jobs, "options": dict(options.engine)},
+        machine=store.machine(),
+        versions=store.versions(),
+        engines=tuple(rows),
+        cases=(*broken, *(case_row(task) for task in plan.tasks)),
+    )
+
+
+def _clear(out: Path) -> None:
+    """Make the folder and remove what an older run wrote there; nothing else is touched."""
+    out.mkdir(parents=True, exist_ok=True)
+    (out / RESULTS).unlink(missing_ok=True)
+    for name in OURS:
+        shutil.rmtree(out / name, ignore_errors=True)

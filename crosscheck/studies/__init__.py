@@ -1,0 +1,31 @@
+"""Tables that a report carries beside the matrix: each made by one function, in a child process of its own.
+
+A study's function returns a dict: ``text``, ``columns`` [(key, title, unit)], ``rows`` [{key: value, "verdict": ...}]
+and perhaps ``plot`` {"x": key, "y": [keys], "log": bool}.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Study:
+    """A named study: the function of a module, and what it is called with (JSON values)."""
+
+    name: str
+    title: str
+    module: str
+    function: str = "study"
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+STUDIES: dict[str, Study] = {
+    s.name: s
+    for s in (
+        Study("robots", "Every robot of example-robot-data", "crosscheck.studies.robots"),
+        Study("incremental", "The paper's incremental mode", "crosscheck.studies.incremental"),
+    )
+}

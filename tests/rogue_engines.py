@@ -1,0 +1,124 @@
+"""Engines that misbehave, each in one way: run in real child processes by the tests of crosscheck.
+
+They have the functions of an adapter and are registered by the module path in ``crosscheck.engines.Engine``.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time as clock
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crosscheck.engines import Engine
+from crosscheck.engines.base import sample_times
+from crosscheck.record import Record, torque_series
+from flexinv.case import Case
+from flexinv.mechanism import Mechanism
+
+
+def engine(kind: str) -> Engine:
+    """Return the registry entry of a rogue."""
+    return Engine(kind, "rogue_engines", "numpy", "never")
+
+
+def version() -> str:
+    return "0.rogue"
+
+
+def abilities() -> str:
+    return "Does one thing wrong."
+
+
+def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
+    return "has no legs" if engine == "refusing" else None
+
+
+def run(mechanism: Mechanism, case: Case, engine: str, options: Mapping[str, Any]) -> Record:
+    return {
+        "fine": fine,
+        "hanging": hang,
+        "stubborn": stubborn,
+        "killed": kill,
+        "crashing": crash,
+        "leaving": leave,
+        "raising": fail,
+        "nan": not_a_number,
+        "truncated": truncated,
+        "garbage": garbage,
+        "breeding": breed,
+        "empty": lambda m, c, o: Record("empty"),
+        "drifting": drift,
+        "odd-settings": lambda m, c, o: replace(fine(m, c, o), settings={"step": float("nan")}),
+    }[engine](mechanism, case, options)
+
+
+def fine(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record:
+    time = sample_times(case)
+    torque = np.sin(10.0 * time)[:, None] * np.arange(1.0, mechanism.nv + 1.0)
+    return Record("fine", time=time, series=torque_series(mechanism, torque))
+
+
+def drift(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record:
+    good = fine(mechanism, case, options)
+    return replace(good, time=good.time * 1.001)
+
+
+def not_a_number(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record:
+    good = fine(mechanism, case, options)
+    next(iter(good.series.values())).values[3] = np.nan
+    return good
+
+
+def truncated(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record:
+    good = fine(mechanism, case, options)
+    series = {n: replace(s, values=s.values[:5]) for n, s in good.series.items()}
+    return replace(good, time=good.time[:5], series=series)
+
+
+def hang(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record:
+    Path(options["pids"], str(os.getpid())).touch()
+    clock.sleep(600.0)
+    return Record("hanging")
+
+
+def stubborn(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record:
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    return hang(mechanism, case, options)
+
+
+def breed(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record:
+    subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
+    return hang(mechanism, case, options)
+
+
+def kill(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record:
+    os.kill(os.getpid(), signal.SIGKILL)
+    return Record("killed")
+
+
+def crash(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record:
+    os.write(2, b"the solver's last words\n")
+    os.abort()
+
+
+def leave(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record:
+    os.write(2, b"licence expired\n")
+    os._exit(3)
+
+
+def fail(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record:
+    raise ArithmeticError("singular <matrix> & worse")
+
+
+def garbage(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record:
+    os.write(1, b"\x00\xff\xfe{]}\x1b[31m" * 10000)
+    return fine(mechanism, case, options)

@@ -1,0 +1,186 @@
+"""Comparisons: errors over the range, limits by name, verdicts; each verdict has an example that gets it."""
+
+from __future__ import annotations
+
+import datetime
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from crosscheck import limits
+from crosscheck.compare import Comparison, Pair, compare, fraction, signal_range
+from crosscheck.record import Record, series, torque_series
+from flexinv.case import Case, Limit
+from flexinv.mechanism import Joint, Link, Mechanism
+from flexinv.motion import Motion
+
+TODAY = datetime.date(2026, 3, 1)
+TIME = np.arange(0.0, 2.0, 1e-3)
+MECHANISM = Mechanism(
+    "arm",
+    (Link("a"), Link("b"), Link("c")),
+    (Joint("j1", "revolute", "world", "a"), Joint("j2", "revolute", "a", "b"), Joint("j3", "prismatic", "b", "c")),
+)
+LARGE = np.outer(np.sin(3.0 * TIME), [10.0, 0.1, 400.0])
+
+
+def limit(quantity: str, maximum: float, *engines: str, **more: object) -> Limit:
+    stated = {"reference": "flexinv", "reason": "a test", "expires": None, **more}
+    return Limit(quantity=quantity, engines=engines or ("*",), maximum=maximum, **stated)
+
+
+def case(quantities: tuple[str, ...] = ("torque",), *stated: Limit) -> Case:
+    motion = Motion.point_to_point(np.zeros(3), np.ones(3), 1.0)
+    return Case("c", "", motion, step=1e-3, end=2.0, sample=1e-3, quantities=quantities, limits=stated)
+
+
+def record(engine: str, torque: np.ndarray) -> Record:
+    return Record(engine, time=TIME, series=torque_series(MECHANISM, torque))
+
+
+def rows(ours: Record, theirs: Record, one: Case) -> list[Comparison]:
+    return compare(Pair("arm", one, ours, theirs, rest=1.0, today=TODAY))
+
+
+def test_errors_are_over_the_range_of_the_largest_series_of_the_unit() -> None:
+    torque = LARGE.copy()
+    torque[700, 1] += 0.04
+    metres, newtons = rows(record("e", torque), record("flexinv", LARGE), case(("torque",), limit("torque", 1e-3)))
+    span = float(np.ptp(10.0 * np.sin(3.0 * TIME)))
+    assert (metres.unit, metres.series, metres.time) == ("N m", "torque/j2", pytest.approx(0.7))
+    assert metres.maximum == pytest.approx(0.04)
+    assert metres.rms == pytest.approx(0.04 / np.sqrt(TIME.size))
+    assert metres.fraction == pytest.approx(0.04 / span)
+    assert (metres.limit, metres.reason) == (1e-3, "a test")
+    assert metres.verdict == "deviation"
+    assert metres.message == f"{0.04 / span:.3g} of the range, the limit is 0.001"
+    assert (newtons.unit, newtons.maximum, newtons.verdict) == ("N", 0.0, "within")
+
+
+@pytest.mark.parametrize(("size", "verdict"), [(0.99, "within"), (1.01, "deviation")])
+def test_the_limit_is_where_it_is_stated(size: float, verdict: str) -> None:
+    torque = LARGE + size * 1e-6 * np.ptp(LARGE[:, 0]) * np.array([1.0, 0.0, 0.0])
+    found = rows(record("e", torque), record("flexinv", LARGE), case(("torque",), limit("torque", 1e-6)))
+    assert found[0].verdict == verdict
+
+
+def test_a_holding_torque_is_measured_by_its_size() -> None:
+    hold = np.full(10, 7.0) + np.linspace(0.0, 1e-14, 10)
+    assert signal_range([hold, np.zeros(10)]) == pytest.approx(7.0)
+    assert signal_range([hold, np.linspace(-1.0, 1.0, 10)]) == pytest.approx(2.0)
+    assert fraction(0.0, 0.0) == 0.0
+    assert fraction(1e-300, 0.0) == np.inf
+
+
+def test_an_error_in_a_quantity_that_is_zero_is_a_deviation() -> None:
+    zero = record("flexinv", np.zeros_like(LARGE))
+    one = case(("torque",), limit("torque", 0.5))
+    assert {r.verdict for r in rows(record("e", np.zeros_like(LARGE)), zero, one)} == {"within"}
+    assert "deviation" in {r.verdict for r in rows(record("e", LARGE), zero, one)}
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "verdict", "message"),
+    [
+        (Record("e", "timeout", "stopped"), record("flexinv", LARGE), "error", "timeout: stopped"),
+        (Record("e", "skipped", "has no beams"), record("flexinv", LARGE), "skipped", "has no beams"),
+        (record("e", LARGE), Record("flexinv", "error", "sad"), "error", "reference flexinv: error: sad"),
+        (record("e", LARGE), Record("flexinv", "skipped", "no"), "skipped", "reference flexinv: no"),
+    ],
+)
+def test_what_did_not_run_is_never_within(ours: Record, theirs: Record, verdict: str, message: str) -> None:
+    (found,) = rows(ours, theirs, case(("torque",), limit("torque", 1.0)))
+    assert (found.verdict, found.message, found.maximum) == (verdict, message, None)
+
+
+def test_a_quantity_that_an_engine_does_not_give_is_skipped_and_one_in_part_is_an_error() -> None:
+    whole = record("flexinv", LARGE)
+    one = case(("torque", "tip"), limit("torque", 1.0))
+    part = replace(whole, engine="e", series={"torque/j1": whole.series["torque/j1"]})
+    found = {(r.quantity, r.unit): r for r in rows(part, whole, one)}
+    assert found["torque", "N m"].verdict == "error"
+    assert found["torque", "N m"].message == "torque/j2 is missing"
+    assert found["torque", "N"].verdict == "skipped"
+    assert (found["tip", ""].verdict, found["tip", ""].message) == ("skipped", "flexinv does not give it")
+
+
+def test_a_series_in_another_unit_is_an_error() -> None:
+    wrong = replace(record("e", LARGE), series=series("torque/j1", "N mm", LARGE[:, 0]))
+    found = rows(wrong, record("flexinv", LARGE), case(("torque",), limit("torque", 1.0)))
+    assert (found[0].verdict, found[0].message) == ("error", "torque/j1 is in N mm, not in N m")
+
+
+def test_error_bars_of_both_engines_add_up() -> None:
+    bars = np.broadcast_to([1.0, 0.0, 0.0], LARGE.shape)
+    ours = Record("e", time=TIME, series=torque_series(MECHANISM, LARGE + np.array([0.5, 0.0, 0.0]), bars))
+    theirs = Record("flexinv", time=TIME, series=torque_series(MECHANISM, LARGE, 0.25 * bars))
+    assert rows(ours, theirs, case())[0].error_bar == pytest.approx(1.25)
+    assert rows(record("e", LARGE), record("flexinv", LARGE), case())[0].error_bar is None
+
+
+def test_the_dominant_frequency_of_the_hold_phase_is_compared() -> None:
+    def ringing(frequency: float) -> np.ndarray:
+        return LARGE * 0.0 + np.where(TIME < 1.0, 50.0 * TIME, np.sin(2.0 * np.pi * frequency * TIME))[:, None]
+
+    one = case(("frequency",), limit("frequency", 5e-3))
+    (found,) = rows(record("e", ringing(20.0)), record("flexinv", ringing(20.2)), one)
+    assert (found.unit, found.verdict) == ("Hz", "deviation")
+    assert found.scale == pytest.approx(20.2, abs=0.01)
+    assert found.maximum == pytest.approx(0.2, abs=0.01)
+    (found,) = rows(record("e", ringing(20.0)), record("flexinv", ringing(20.05)), one)
+    assert found.verdict == "within"
+    (found,) = rows(record("e", LARGE * 0.0), record("flexinv", ringing(20.0)), one)
+    assert found.verdict == "skipped"
+
+
+# --- limits -----------------------------------------------------------------------------------------------------------
+
+
+def test_the_first_limit_that_fits_holds() -> None:
+    stated = (
+        limit("torque", 0.5, "mujoco-*"),
+        limit("torque", 0.1, "*"),
+        limit("torque", 9.0, "*", reference="exudyn"),
+    )
+    assert limits.find(stated, "torque", "mujoco-flex", "flexinv") is stated[0]
+    assert limits.find(stated, "torque", "exudyn-ge", "flexinv") is stated[1]
+    assert limits.find(stated, "torque", "flexinv", "exudyn") is stated[2]
+    assert limits.find(stated, "tip", "exudyn", "flexinv") is None
+
+
+def test_references_are_those_that_limits_name_and_flexinv() -> None:
+    stated = (limit("torque", 1.0, "exudyn-ge", reference="exudyn-ancf"), limit("tip", 1.0, "*"))
+    assert limits.references(stated, "exudyn-ge") == ("exudyn-ancf", "flexinv")
+    assert limits.references(stated, "pinocchio") == ("flexinv",)
+    assert limits.references(stated, "flexinv") == ()
+
+
+def test_without_a_limit_or_with_an_expired_one_nothing_is_within() -> None:
+    assert limits.judge(0.0, None, TODAY)[0] == "unjudged"
+    until = limit("torque", 1.0, expires=TODAY)
+    assert limits.judge(0.5, until, TODAY)[0] == "within"
+    verdict, message = limits.judge(0.0, until, TODAY + datetime.timedelta(days=1))
+    assert verdict == "unjudged"
+    assert "expired on 2026-03-01" in message
+    assert limits.judge(float("nan"), limit("torque", 1.0), TODAY)[0] == "deviation"
+
+
+def test_limits_that_nobody_asked_for_are_found() -> None:
+    stated = (limit("torque", 1.0), limit("torque", 1.0), limit("twist", 1.0))
+    assert limits.unused(stated, stated[:1]) == list(stated[1:])
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "worst", "code"),
+    [
+        ([], "skipped", 0),
+        (["within", "skipped"], "within", 0),
+        (["within", "unjudged"], "unjudged", 1),
+        (["deviation", "unjudged", "within"], "deviation", 1),
+        (["deviation", "error", "within"], "error", 2),
+    ],
+)
+def test_the_worst_verdict_gives_the_exit_code(verdicts: list[limits.Verdict], worst: str, code: int) -> None:
+    assert limits.worst(verdicts) == worst
+    assert limits.exit_code(verdicts) == code
