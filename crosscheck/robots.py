@@ -7,7 +7,6 @@ effort of that robot.  Damping and dry friction are left out everywhere: this is
 from __future__ import annotations
 
 import importlib
-import importlib.metadata
 import os
 import sys
 import tempfile
@@ -25,6 +24,7 @@ from numpy.typing import NDArray
 from flexinv import joint_torques
 from flexinv.errors import ModelWarning
 from flexinv.mechanism import Mechanism
+from flexinv.mechanism_file_urdf import robots_folder
 from flexinv.urdf import from_urdf
 
 Array = NDArray[np.float64]
@@ -83,22 +83,9 @@ class RobotRow:
     repaired: float | None = None
 
 
-def robot_folder() -> Path:
-    """Return where example-robot-data keeps its robots.  Raises FileNotFoundError with what to install."""
-    try:
-        files = importlib.metadata.distribution("example-robot-data").files or []
-    except importlib.metadata.PackageNotFoundError:
-        raise FileNotFoundError("example-robot-data is not installed: python -m pip install flexinv[robots]") from None
-    for file in files:
-        if file.suffix == ".urdf":
-            path = Path(str(file.locate()))
-            return next(folder for folder in path.parents if folder.parent.name == "example-robot-data")
-    raise FileNotFoundError("example-robot-data is installed without robots")
-
-
 def robot_names() -> list[str]:
-    """Return every URDF of example-robot-data, as a path below ``robot_folder()``."""
-    folder = robot_folder()
+    """Return every URDF of example-robot-data, as a path below ``robots_folder()``."""
+    folder = robots_folder()
     return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*.urdf"))
 
 
@@ -110,12 +97,12 @@ def robot_table(
     names : of ``robot_names()``, all by default; samples : random states of each robot and base
     progress : called with (name, robots done, robots in all)
     """
-    chosen = robot_names() if names is None else list(names)
+    folder, chosen = robots_folder(), robot_names() if names is None else list(names)
     rows = []
     for done, name in enumerate(chosen):
         if progress is not None:
             progress(name, done, len(chosen))
-        found = [robot_row(robot_folder() / name, name, base, samples, seed) for base in bases(name)]
+        found = [robot_row(folder / name, name, base, samples, seed) for base in bases(name)]
         rows += [row for row in found if row.nv or row.words]
     return rows
 
