@@ -59,8 +59,9 @@ def shape_inertia(table: BodyTable, mass: float) -> tuple[Array, Array | None]:
 def read_inertia(table: BodyTable, file: Path, path: str) -> Inertia:
     """Read one body's inertia [kg, m, kg m^2] from its table; InputError when no body can have it."""
     if table.mass_kg is None:
-        advice = "mass_kg = 0.215   (or massless = true for a link that is only a frame)"
-        raise InputError(complaint(place(file, path, "mass_kg"), "nothing", "the mass, a number > 0 [kg]", advice))
+        info = type(table).model_fields["mass_kg"]
+        words = info.description or "", str((info.examples or [""])[0])
+        raise InputError(complaint(place(file, path, "mass_kg"), "nothing", *words))
     given = [name for name in SHAPES if getattr(table, name) is not None]
     if len(given) != 1:
         advice = "inertia_kgm2 = { xx = 1e-4, yy = 2.9e-3, zz = 2.9e-3 }, or inertia_kgm2 = 0 for a point mass"

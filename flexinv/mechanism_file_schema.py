@@ -156,6 +156,11 @@ class RigidLinkTable(BodyTable):
     """A rigid link; without mass only when it says so."""
 
     kind: Literal["rigid"] = key('"rigid" or "beam"', 'kind = "rigid"')
+    mass_kg: Positive | None = key(
+        "the mass, a number > 0 [kg]",
+        "mass_kg = 0.215   (or massless = true for a link that is only a frame)",
+        default=None,
+    )
     massless: bool = key("true for a frame that has no mass", "massless = true", default=False)
     tip_m: Vector | None = key(
         "the point whose motion is reported, three numbers [m]", "tip_m = [0.4, 0, 0]", default=None

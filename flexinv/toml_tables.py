@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import re
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
@@ -109,9 +110,8 @@ def read_toml(path: Path) -> dict[str, Any]:
             complaint(str(path), "nesting without end", advice, "tables at most a few levels deep")
         ) from None
     except ValueError as error:
-        raise InputError(
-            complaint(str(path), str(error), "TOML, each table and key once", _syntax(str(error)))
-        ) from None
+        given = re.sub(r"\('(.*?)',?\)", lambda m: "[" + m[1].replace("', '", ".") + "]", str(error))
+        raise InputError(complaint(str(path), given, "TOML, each table and key once", _syntax(given))) from None
 
 
 def check_names(file: Path, **tables: dict[str, Any]) -> None:

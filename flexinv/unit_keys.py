@@ -72,10 +72,10 @@ def correction(key: str, value: Any, known: Iterable[str]) -> tuple[str, Any] | 
         number = converted(value, unit, split_unit(name)[1])
         if number is not None:
             return name, number
-    return (same[0], value if not unit else None) if same else None
+    return (same[0], value if not unit and len(same) == 1 else None) if same else None
 
 
 def nearest(word: str, known: Iterable[str]) -> str | None:
     """Return the known word that ``word`` is most like, None when it is like none of them [-]."""
-    found = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
+    found = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
     return found[0] if found else None
