@@ -9,6 +9,7 @@ from __future__ import annotations
 import datetime
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -157,8 +158,9 @@ def _row(
     measured: Measured | None = None,
     limit: Limit | None = None,
 ) -> Comparison:
-    numbers = {} if measured is None else vars(measured)
-    stated = {} if limit is None else {"limit": limit.maximum, "reason": limit.reason}
+    filled: dict[str, Any] = {} if measured is None else dict(vars(measured))
+    if limit is not None:
+        filled |= {"limit": limit.maximum, "reason": limit.reason}
     return Comparison(
         pair.mechanism,
         pair.case.name,
@@ -168,8 +170,7 @@ def _row(
         unit,
         verdict,
         message,
-        **numbers,
-        **stated,
+        **filled,
     )
 
 

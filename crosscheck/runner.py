@@ -24,7 +24,7 @@ from crosscheck.limits import find, references, unused
 from crosscheck.plan import Plan, Task, case_row
 from crosscheck.record import Record, save
 from crosscheck.results import CaseRow, EngineRow, Results, RunRow, StudyRow, slug
-from crosscheck.spectrum import amplitude_spectrum, peaks, window
+from crosscheck.spectrum import peaks, ringing
 from crosscheck.studies import Study
 
 RESULTS = "results.json"
@@ -237,7 +237,9 @@ def absent(reference: str) -> Record:
 def run_row(task: Task, attempt: Attempt) -> RunRow:
     """Return what a report says about one run."""
     record = attempt.record
-    ringing = (s for s in record.series.values() if s.quantity in RINGING)
+    spectra = {
+        s.name: ringing(record.time, s.values, task.rest) for s in record.series.values() if s.quantity in RINGING
+    }
     return RunRow(
         mechanism=task.folder.name,
         case=task.case.name,
@@ -250,7 +252,7 @@ def run_row(task: Task, attempt: Attempt) -> RunRow:
         elapsed=attempt.elapsed,
         model_hash=record.model_hash,
         printed=attempt.printed,
-        peaks={s.name: peaks(*amplitude_spectrum(*window(record.time, s.values, task.rest))) for s in ringing},
+        peaks={name: peaks(*lines) for name, lines in spectra.items() if lines is not None},
     )
 
 

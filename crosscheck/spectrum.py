@@ -13,6 +13,9 @@ PADDING = 8  # the signal is padded with zeros to this many times its length: a 
 FLOOR = 1e-3  # of the largest amplitude: smaller peaks are not marked, a reader's eye has no use for them
 MARKS = 6  # peaks marked at most, the largest ones
 MAIN_LOBE = 2.0  # [bins] half-width of a Hann window's main lobe
+STILL = (
+    1e-9  # a hold phase that moves by less than this fraction of the whole signal's size is at rest, but for rounding
+)
 CLEAR = 2.0  # a peak stands clear of the side lobes of larger ones by this factor, else it is one of them
 
 
@@ -75,10 +78,20 @@ def _summit(frequency: Array, amplitude: Array, k: int) -> tuple[float, float]:
     )
 
 
+def ringing(time: Array, values: Array, rest: float) -> tuple[Array, Array] | None:
+    """Return the amplitude spectrum after ``rest`` [s] as in ``amplitude_spectrum``, or None where nothing moves there.
+
+    time : (samples,) [s]; values : (samples,) [unit]
+    """
+    part = window(time, values, rest)
+    size = float(np.abs(values).max(initial=0.0))
+    if part[0].size < FEWEST or float(np.ptp(part[1])) <= STILL * size:
+        return None
+    return amplitude_spectrum(*part)
+
+
 def dominant_frequency(time: Array, values: Array, rest: float) -> float | None:
     """Return the frequency [Hz] of the largest peak of the spectrum after ``rest`` [s]; None without a peak."""
-    part = window(time, values, rest)
-    if part[0].size < FEWEST:
-        return None
-    found = peaks(*amplitude_spectrum(*part))
+    lines = ringing(time, values, rest)
+    found = peaks(*lines) if lines is not None else []
     return found[0][0] if found else None

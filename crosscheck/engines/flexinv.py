@@ -97,8 +97,8 @@ def all_series(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[st
         made |= vector_series(f"tip/{link}", "m", tip[rows], tip_bars(solution, link, rows))
     for link, deflection in solution.deflection.items():
         made |= vector_series(f"deflection/{link}", "m", deflection[rows])
-    for joint, wrench in solution.wrench.items():
-        made |= wrench_series(joint, wrench[rows])
+    for name, wrench in solution.wrench.items():
+        made |= wrench_series(name, wrench[rows])
     for joint in mechanism.joints:
         if mechanism.link_of[joint.child].beam is not None:
             made |= series(f"axial/{joint.child}", "N", solution.wrench[joint.name][rows, 0])

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from crosscheck.limits import DEFAULT_REFERENCE
 from crosscheck.record import Record, load
 from crosscheck.results import CaseRow, Results, slug
-from crosscheck.spectrum import amplitude_spectrum, window
+from crosscheck.spectrum import ringing
 
 RINGING = ("torque", "deflection")
 HIGHEST = 4.0  # the spectrum is drawn up to this many times the highest marked peak
@@ -84,8 +84,8 @@ def _series(results: Results, case: CaseRow, records: Mapping[str, Record], name
             line["difference"] = encode(one.values - base.values)
         lines[engine] = line
     data: dict[str, Any] = {"unit": owner.unit, "engines": lines, "limits": _limits(results, case, name, owner.unit)}
-    if owner.quantity in RINGING:
-        data["spectrum"] = _spectrum(results, case, records, name)
+    if owner.quantity in RINGING and (spectrum := _spectrum(results, case, records, name)):
+        data["spectrum"] = spectrum
     return data
 
 
@@ -108,9 +108,11 @@ def _spectrum(results: Results, case: CaseRow, records: Mapping[str, Record], na
     lines, axis = {}, np.zeros(0)
     for engine, record in records.items():
         if name in record.series:
-            part = window(record.time, record.series[name].values, case.rest)
-            axis, amplitude = amplitude_spectrum(*part)
-            lines[engine] = amplitude
+            spectrum = ringing(record.time, record.series[name].values, case.rest)
+            if spectrum is not None:
+                axis, lines[engine] = spectrum
+    if not lines:
+        return {}
     highest = max((mark[0] for own in marks.values() for mark in own), default=0.0)
     kept = axis <= HIGHEST * highest if highest > 0.0 else np.ones(axis.size, dtype=bool)
     return {

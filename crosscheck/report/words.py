@@ -39,7 +39,9 @@ class Cell:
             return short(self.leading.fraction)
         if self.run is not None and self.run.status == "ok" and not self.comparisons:
             return "reference"
-        return self.run.status if self.run is not None and self.run.status != "ok" else self.verdict
+        if self.run is not None and self.run.status != "ok":
+            return self.run.status
+        return "no reference" if self.verdict == "error" else self.verdict
 
     @property
     def detail(self) -> str:

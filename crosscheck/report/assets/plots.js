@@ -39,6 +39,7 @@
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", showlegend: false, hovermode: "x unified",
       font: { family: "system-ui, sans-serif", size: 12, color: s.text },
       hoverlabel: { bgcolor: s.surface, bordercolor: s.line, font: { color: s.text } },
+      modebar: { bgcolor: "rgba(0,0,0,0)", color: s.muted, activecolor: s.text },
       margin: { l: 8, r: 12, t: 8, b: 8 }, shapes: [], annotations: [], dragmode: "zoom",
       xaxis: Object.assign({ title: { text: x } }, axis), yaxis: Object.assign({ title: { text: y } }, axis),
     };
@@ -135,8 +136,11 @@
       for (const mark of marked || []) {
         annotations.push({ x: mark[0], y: Math.log10(mark[1]), text: mark[0].toPrecision(4) + " Hz", showarrow: false, yshift: 14 });
       }
+      // Lines far below the largest peak are the window's and the solver's: nothing to see.
+      const tops = traces.filter((t) => t.mode === "lines").map((t) => Math.log10(t.y.reduce((a, b) => Math.max(a, b), 0)));
+      const top = Math.max(...tops);
       return draw("spectrum", traces, layout("frequency [Hz]", "amplitude [" + one.unit + "]", {
-        annotations, yaxis: { type: "log" } }));
+        annotations, yaxis: { type: "log", range: [top - 6, top + 0.7] } }));
     }
 
     const shown = (one) => manifest.engines.filter((e) => one.engines[e] && !state.hidden.has(e));
@@ -175,7 +179,9 @@
         series.replaceChildren(...q.series.map((name) => make("option", { value: name, textContent: name })));
         return show();
       };
-      const engines = make("fieldset", { className: "engines" }, make("legend", { textContent: "engines" }));
+      const engines = make("div", { className: "engines" });
+      engines.setAttribute("role", "group");
+      engines.setAttribute("aria-label", "Engines shown");
       for (const engine of manifest.engines) {
         const box = make("input", { type: "checkbox", checked: true, value: engine, onchange: () => {
           if (box.checked) state.hidden.delete(engine); else state.hidden.add(engine);
