@@ -78,7 +78,10 @@ def solve(model: Path, name: str | None, out: Path | None, plot: Path | None, st
         initial=case.initial,
     )
     click.echo(f"{mechanism.name}, case {case.name}: {case.title}" if case.title else f"{mechanism.name}, {case.name}")
-    click.echo(solution.summary().to_string(float_format=lambda x: f"{x:.5g}", na_rep="-"))
+    table = solution.summary()
+    if solution.torque_error is not None:
+        table.loc[list(solution.torque_names), "error of effort"] = solution.torque_error.max(axis=0)
+    click.echo(table.to_string(float_format=lambda x: f"{x:.5g}", na_rep="-"))
     if out is not None:
         solution.frame().to_csv(out)
         click.echo(f"wrote {out}")

@@ -12,7 +12,8 @@ from collections.abc import Iterator
 MODULE_LINES = 400
 FUNCTION_LINES = 60  # of code, without the docstring: what a numerical kernel may take
 _SYMBOL = r"(?:1|m|kg|s|rad|deg|N|J|W|Hz|Pa|%)(?:\^-?\d)?"
-UNIT = re.compile(rf"\[(?:-|any unit|unit|{_SYMBOL}(?:[ /]{_SYMBOL})*)\]")
+_PRODUCT = rf"(?:-|{_SYMBOL}(?:[ /]{_SYMBOL})*)"
+UNIT = re.compile(rf"\[(?:any unit|unit(?: of [\w\s]+)?|{_PRODUCT}(?:(?:, | or ){_PRODUCT})*)\]")
 ENGINES = ("pinocchio", "mujoco", "exudyn")
 GRAPHICS = ("matplotlib", "plotly", "PIL")
 # Primary data and the reading of it; everything else of flexinv computes and would agree with itself.
@@ -136,9 +137,13 @@ def machine_paths(text: str) -> list[str]:
 
 
 def imports(source: str) -> Iterator[tuple[int, str, bool]]:
-    """Line, dotted name (``from a.b import c`` gives a.b.c) and whether it stands inside a function."""
+    """Line, dotted name (``from a.b import c`` gives a.b.c), and whether it waits (in a function, or for types)."""
     tree = ast.parse(source)
-    inner = {id(node) for function in _functions(tree) for node in ast.walk(function)}
+    late = [
+        *_functions(tree),
+        *(n for n in ast.walk(tree) if isinstance(n, ast.If) and "TYPE_CHECKING" in ast.unparse(n.test)),
+    ]
+    inner = {id(node) for scope in late for node in ast.walk(scope)}
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name, id(node) in inner) for alias in node.names)

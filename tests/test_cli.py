@@ -97,7 +97,7 @@ def test_solve_writes_what_solve_returns(model: Path, tmp_path: Path, capsys: py
     assert f"{np.abs(solution.torque).max() / 40.0:.5g}" in printed
 
 
-def test_step_and_error_reach_the_solver(model: Path, tmp_path: Path) -> None:
+def test_step_and_error_reach_the_solver(model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, plot = tmp_path / "torque.csv", tmp_path / "torque.svg"
     main(
         [
@@ -115,6 +115,7 @@ def test_step_and_error_reach_the_solver(model: Path, tmp_path: Path) -> None:
         ]
     )
     np.testing.assert_allclose(pd.read_csv(out)["time [s]"], np.linspace(0.0, 1.0, 21), rtol=0, atol=1e-15)
+    assert "error of effort" in capsys.readouterr().out
     assert "PolyCollection" in plot.read_text()  # the error band
 
 

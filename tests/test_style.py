@@ -122,6 +122,7 @@ def test_a_misplaced_import_is_found(complaint: str) -> None:
 def test_imports_in_their_place_are_silent() -> None:
     for module, source in (
         ("flexinv.cli", "def plot():\n    import matplotlib"),
+        ("flexinv.cli", "if TYPE_CHECKING:\n    from matplotlib.figure import Figure"),
         ("crosscheck.engines.mujoco_model", "import mujoco\nfrom crosscheck.engines.mujoco import run"),
         ("crosscheck.engines.exudyn_ge", "from flexinv.mechanism import Mechanism\nfrom flexinv.case import Case"),
         ("crosscheck.engines.flexinv", "import flexinv\nfrom flexinv.solve import solve"),
@@ -138,7 +139,19 @@ def test_a_cycle_is_found_and_a_tree_is_not() -> None:
 
 
 def test_units_are_recognised() -> None:
-    for unit in ("[-]", "[N m]", "[rad/s^2]", "[kg m^2]", "[N m s/rad]", "[m/s]", "[any unit]", "[1/m]", "[%]"):
+    for unit in (
+        "[-]",
+        "[N m]",
+        "[rad/s^2]",
+        "[kg m^2]",
+        "[N m s/rad]",
+        "[m/s]",
+        "[any unit]",
+        "[1/m]",
+        "[%]",
+        "[m, rad, s]",
+        "[unit of b]",
+    ):
         assert rules.units_in_docstrings(f'def f(x):\n    "A value {unit}."') == []
     assert rules.units_in_docstrings('def f(name: str) -> str:\n    "Words have no unit."') == []
 
