@@ -19,7 +19,7 @@ def depth_first(joints: Sequence[Joint], links: Iterable[str], where: Where) -> 
     InputError: a joint to nowhere, two joints that carry one link, a cycle, a link that nothing carries.
     """
     names = dict.fromkeys(links)
-    _check_ends(joints, names, where)
+    check_ends(joints, [WORLD, *names], names, where)
     _check_carried_once(joints, where)
     children: dict[str, list[Joint]] = {}
     for joint in joints:
@@ -34,10 +34,12 @@ def depth_first(joints: Sequence[Joint], links: Iterable[str], where: Where) -> 
     return tuple(ordered)
 
 
-def _check_ends(joints: Sequence[Joint], links: dict[str, None], where: Where) -> None:
-    parents = {WORLD: None, **links}
+def check_ends(joints: Sequence[Joint], parents: Iterable[str], links: Iterable[str], where: Where) -> None:
+    """Check that every joint joins two links that exist [-]; InputError names a joint to nowhere."""
+    ends = {"parent": dict.fromkeys(parents), "child": dict.fromkeys(links)}
     for joint in joints:
-        for key, name, known in (("parent", joint.parent, parents), ("child", joint.child, links)):
+        for key, known in ends.items():
+            name = joint.parent if key == "parent" else joint.child
             if name not in known:
                 near = nearest(name, known)
                 expected = "one of the links " + ", ".join(list(known)[:20]) + (", ..." if len(known) > 20 else "")

@@ -15,7 +15,7 @@ from flexinv.errors import InputError, ModelWarning
 from flexinv.mechanism import WORLD, Body, Inertia, Joint, Limits, Link, Mechanism, Placement
 from flexinv.mechanism_file_bodies import impossible
 from flexinv.mechanism_file_joints import rotation_from_rpy, unit_axis
-from flexinv.mechanism_file_tree import depth_first
+from flexinv.mechanism_file_tree import check_ends, depth_first
 from flexinv.toml_tables import complaint
 from flexinv.unit_keys import nearest
 from flexinv.urdf_xml import name_of, number, numbers, place, read_robot
@@ -68,11 +68,13 @@ def read_urdf(
     robot = read_robot(path)
     inertias = _links(robot, path)
     joints = _locked(sorted(_joints(robot, path), key=lambda joint: joint.name), lock, path)
-    root = _root(inertias, joints, robot, path)
-    inertias, joints = _based(inertias, joints, root, base)
-    ordered = depth_first(
-        joints, inertias, lambda kind, name, key: f'{path}: <{kind} name="{name}">' + f", {key}" * bool(key)
-    )
+
+    def where(kind: str, name: str, key: str) -> str:
+        return f'{path}: <{kind} name="{name}">' + (f", {key}" if key else "")
+
+    check_ends(joints, inertias, inertias, where)
+    inertias, joints = _based(inertias, joints, _root(inertias, joints, robot, path), base)
+    ordered = depth_first(joints, inertias, where)
     links = tuple(Link(j.child, _own_body(j.child, inertias[j.child])) for j in ordered)
     warned = _warned(robot, inertias, lock)
     mechanism = Mechanism(

@@ -64,7 +64,7 @@ def name_of(element: Element, path: Path) -> str:
 
 
 def numbers(element: Element | None, attribute: str, count: int, default: Any, where: str) -> Array:
-    """Read an attribute as ``count`` finite numbers [unit of the attribute]; ``default`` where it is absent."""
+    """Read an attribute as ``count`` finite numbers, in its own unit such as [m]; ``default`` where it is absent."""
     text = element.get(attribute) if element is not None else None
     if text is None:
         return np.array(default, dtype=np.float64)
@@ -80,5 +80,5 @@ def numbers(element: Element | None, attribute: str, count: int, default: Any, w
 
 
 def number(element: Element | None, attribute: str, default: float, where: str) -> float:
-    """Read an attribute as one finite number [unit of the attribute]."""
+    """Read an attribute as one finite number, in its own unit such as [kg]; ``default`` where it is absent."""
     return float(numbers(element, attribute, 1, [default], where)[0])
