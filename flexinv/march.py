@@ -36,13 +36,13 @@ def evaluate(t, e, c, s, j, f, d, loads, work, want_tangent):
 @njit(cache=True)
 def newton(t, e, c, s, j, f, d, loads, work, y):
     """Solve one instant; return status, iterations (or the bad element), last relative increment [-]."""
-    size = 0.0
-    for iteration in range(MOST_ITERATIONS):
-        bad = evaluate(t, e, c, s, j, f, d, loads, work, True)
+    size, last = 0.0, False
+    for iteration in range(MOST_ITERATIONS + 1):
+        bad = evaluate(t, e, c, s, j, f, d, loads, work, not last)
         if bad >= 0:
             return TURNED_TOO_MUCH, bad, size
-        if len(y) == 0:
-            return CONVERGED, 0, 0.0
+        if last or len(y) == 0:
+            return CONVERGED, iteration, size
         if c.mode == ACCELERATION:
             _weigh_massless(work.diagonal)
         solve_tree(t, e, d, work, y)
@@ -50,9 +50,7 @@ def newton(t, e, c, s, j, f, d, loads, work, y):
         if not np.isfinite(size):
             return NOT_FINITE, iteration, size
         correct(t, c, s, y)
-        if size < INCREMENT or c.mode == ACCELERATION:
-            bad = evaluate(t, e, c, s, j, f, d, loads, work, False)
-            return (CONVERGED, iteration + 1, size) if bad < 0 else (TURNED_TOO_MUCH, bad, size)
+        last = size < INCREMENT or c.mode == ACCELERATION
     return NOT_CONVERGED, MOST_ITERATIONS, size
 
 
