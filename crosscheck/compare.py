@@ -22,6 +22,8 @@ from flexinv.case import Case, Limit
 Array = NDArray[np.float64]
 # A signal that moves by less than this fraction of its own size stands still up to rounding: its size is its range.
 STILL = 1e-9
+# Quantities of which a part is not enough.  Of others an engine may know less (no wrench of a joint that it welded).
+WHOLE = ("torque",)
 
 
 @dataclass(frozen=True)
@@ -124,8 +126,9 @@ def _group(pair: Pair, quantity: str, unit: str, names: Sequence[str]) -> Compar
         time=float(pair.reference.time[at]),
         error_bar=error_bar(ours[worst], theirs[worst]),
     )
-    gap = sorted(set(names) - set(common))
-    return _judged(pair, quantity, unit, measured, f"{gap[0]} is missing" if gap else "")
+    gap = [n for n in names if n not in ours]
+    words = f"{len(common)} of {len(names)} series; {gap[0]} is missing" if gap else ""
+    return _judged(pair, quantity, unit, measured, words)
 
 
 @dataclass(frozen=True)
@@ -144,8 +147,9 @@ def _judged(pair: Pair, quantity: str, unit: str, measured: Measured, gap: str =
     limit = find(pair.case.limits, quantity, pair.engine.engine, pair.reference.engine)
     share = fraction(measured.maximum, measured.scale)
     verdict, message = judge(share, limit, pair.today)
-    if gap:  # a quantity of which an engine gives a part only is not a quantity that agrees
-        verdict, message = "error", "; ".join(filter(None, [gap, message]))
+    if gap:
+        verdict = "error" if quantity in WHOLE else verdict
+        message = "; ".join(filter(None, [message, gap]))
     return _row(pair, quantity, unit, verdict, message, measured, limit)
 
 

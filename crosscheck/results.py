@@ -91,7 +91,7 @@ class EngineRow:
 class StudyRow:
     """A table made by a study of its own: columns (key, title, unit), rows by key, each with a verdict.
 
-    plot : {"x": key, "y": [keys], "log": bool} or None
+    plot : {"x": key, "y": key, "group": key, "log": bool} or None
     """
 
     name: str

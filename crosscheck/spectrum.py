@@ -48,7 +48,8 @@ def peaks(frequency: Array, amplitude: Array) -> list[tuple[float, float]]:
     """Return frequency [Hz] and amplitude [unit] of the peaks of a padded spectrum, the largest first.
 
     A side lobe of a larger peak is none: d bins away from a peak of amplitude A a Hann window's lobes reach
-    ``A / (pi d (d^2 - 1))`` (Harris 1978, "On the use of windows for harmonic analysis", equation 27).
+    ``A / (pi d (d^2 - 1))`` (Harris 1978, "On the use of windows for harmonic analysis", equation 27); every peak has
+    its image at the negative frequency.
     """
     top = amplitude.max(initial=0.0)
     if top == 0.0 or not np.isfinite(top):
@@ -57,7 +58,7 @@ def peaks(frequency: Array, amplitude: Array) -> list[tuple[float, float]]:
     found = found[amplitude[found] >= FLOOR * top]
     marks: list[int] = []
     for k in found[np.argsort(-amplitude[found])]:
-        if amplitude[k] > CLEAR * sum(_lobe(k - m, amplitude[m]) for m in marks):
+        if amplitude[k] > CLEAR * sum(_lobe(k - m, amplitude[m]) + _lobe(k + m, amplitude[m]) for m in marks):
             marks.append(int(k))
     return [_summit(frequency, amplitude, k) for k in marks[:MARKS]]
 

@@ -10,7 +10,7 @@ import pytest
 
 from crosscheck import limits
 from crosscheck.compare import Comparison, Pair, compare, fraction, signal_range
-from crosscheck.record import Record, series, torque_series
+from crosscheck.record import Record, series, torque_series, wrench_series
 from flexinv.case import Case, Limit
 from flexinv.mechanism import Joint, Link, Mechanism
 from flexinv.motion import Motion
@@ -100,9 +100,17 @@ def test_a_quantity_that_an_engine_does_not_give_is_skipped_and_one_in_part_is_a
     part = replace(whole, engine="e", series={"torque/j1": whole.series["torque/j1"]})
     found = {(r.quantity, r.unit): r for r in rows(part, whole, one)}
     assert found["torque", "N m"].verdict == "error"
-    assert found["torque", "N m"].message == "torque/j2 is missing"
+    assert found["torque", "N m"].message == "1 of 2 series; torque/j2 is missing"
     assert found["torque", "N"].verdict == "skipped"
     assert (found["tip", ""].verdict, found["tip", ""].message) == ("skipped", "flexinv does not give it")
+
+
+def test_of_wrenches_an_engine_may_give_a_part_and_the_row_says_so() -> None:
+    whole = Record("flexinv", time=TIME, series=wrench_series("j1", np.ones((TIME.size, 6))))
+    part = replace(whole, engine="e", series={"wrench/j1/fx": whole.series["wrench/j1/fx"]})
+    force, moment = rows(part, whole, case(("wrench",), limit("wrench", 1e-9)))
+    assert (force.verdict, force.message) == ("within", "1 of 3 series; wrench/j1/fy is missing")
+    assert moment.verdict == "skipped"
 
 
 def test_a_series_in_another_unit_is_an_error() -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 import shutil
 from collections.abc import Mapping
 from importlib import resources
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
+from markupsafe import Markup
 
 from crosscheck.compare import Comparison
 from crosscheck.limits import worst
@@ -47,7 +49,13 @@ def environment() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    env.filters |= {"short": words.short, "duration": words.duration, "slug": slug, "value": value}
+    env.filters |= {
+        "short": words.short,
+        "duration": words.duration,
+        "slug": slug,
+        "value": value,
+        "breakable": breakable,
+    }
     env.globals |= {"SIGNS": words.SIGNS, "MEANINGS": words.MEANINGS, "study_line": words.study_line}
     return env
 
@@ -109,7 +117,7 @@ def gathered(rows: list[Comparison]) -> list[Comparison]:
         same = (row.engine, row.reference, row.verdict, row.message) if row.maximum is None else k
         groups.setdefault(same, []).append(row)
     return [
-        dataclasses.replace(group[0], quantity=", ".join(dict.fromkeys(row.quantity for row in group)))
+        dataclasses.replace(group[0], quantity=", ".join(dict.fromkeys(row.quantity for row in group)), unit="")
         if len(group) > 1
         else group[0]
         for group in groups.values()
@@ -118,13 +126,21 @@ def gathered(rows: list[Comparison]) -> list[Comparison]:
 
 def study_view(results: Results, study: StudyRow) -> dict[str, Any]:
     """Return what the page of a study shows."""
-    plot = None
-    if study.plot is not None and study.rows:
-        keys = [study.plot["x"], *study.plot["y"]]
-        titles = {key: f"{title} [{unit}]" if unit else title for key, title, unit in study.columns}
-        points = {key: [row.get(key) for row in study.rows] for key in keys}
-        plot = {**study.plot, "titles": {k: titles[k] for k in keys}, "points": points}
-    return {"results": results, "root": "../", "study": study, "plot": plot}
+    plot = study_plot(study) if study.plot is not None and study.rows else None
+    numeric = {key for key, _, _ in study.columns if any(isinstance(row.get(key), int | float) for row in study.rows)}
+    return {"results": results, "root": "../", "study": study, "plot": plot, "numeric": numeric}
+
+
+def study_plot(study: StudyRow) -> dict[str, Any]:
+    """Return the curves of a study's plot: one per value of the column that groups them."""
+    spec = study.plot or {}
+    titles = {key: f"{title} [{unit}]" if unit else title for key, title, unit in study.columns}
+    curves: dict[str, dict[str, list[Any]]] = {}
+    for row in study.rows:
+        curve = curves.setdefault(str(row.get(spec["group"])), {"x": [], "y": []})
+        curve["x"].append(row.get(spec["x"]))
+        curve["y"].append(row.get(spec["y"]))
+    return {"x": titles[spec["x"]], "y": titles[spec["y"]], "log": bool(spec["log"]), "curves": curves}
 
 
 def neighbours(results: Results, case: CaseRow) -> tuple[CaseRow | None, CaseRow | None]:
@@ -148,6 +164,11 @@ def label(where: CaseRow | StudyRow) -> str:
     return f"{where.mechanism} / {where.case}" if where.case else where.mechanism
 
 
+def breakable(text: str) -> Markup:
+    """Return a name, escaped, that may break after an underscore or a slash."""
+    return Markup("<wbr>").join(re.split("(?<=[_/])", text))
+
+
 def value(thing: Any) -> str:
     """Return a value of a table or of the settings in words."""
     if thing is None:
@@ -155,7 +176,7 @@ def value(thing: Any) -> str:
     if isinstance(thing, bool):
         return "yes" if thing else "no"
     if isinstance(thing, float):
-        return words.short(thing) if 0 < abs(thing) < 1e-3 else f"{thing:.6g}"
+        return words.short(thing) if 0 < abs(thing) < 1e-3 else f"{thing:.4g}"
     if isinstance(thing, Mapping | list | tuple):
         return json.dumps(thing)
     return str(thing)

@@ -90,9 +90,12 @@ def sentence(results: Results) -> str:
     tally = counts(results)
     judged = sum(tally.values()) - tally["skipped"]
     failed = sum(r.verdict == "error" for r in results.runs)
+    broken = {(r.mechanism, r.case, r.engine) for r in results.runs if r.verdict == "error"}
+    alone = [c for c in results.comparisons if c.verdict == "error" and not _engines(c) & broken]
     parts = [
         _count(tally["deviation"], "comparison deviates", "comparisons deviate"),
         _count(tally["unjudged"], "comparison has no limit", "comparisons have no limit"),
+        _count(len(alone), "comparison is impossible", "comparisons are impossible"),
         _count(failed, "run failed", "runs failed"),
         _count(sum(bool(c.problem) for c in results.cases), "model cannot be read", "models cannot be read"),
         _count(sum(s.verdict not in ("within", "skipped") for s in results.studies), "study is off", "studies are off"),
@@ -157,6 +160,11 @@ def by_mechanism(cases: Iterable[CaseRow]) -> dict[str, list[CaseRow]]:
     for case in cases:
         groups.setdefault(case.mechanism, []).append(case)
     return groups
+
+
+def _engines(row: Comparison) -> set[tuple[str, str, str]]:
+    """Return the two runs that a comparison rests on."""
+    return {(row.mechanism, row.case, engine) for engine in (row.engine, row.reference)}
 
 
 def _count(number: int, one: str, many: str) -> str:

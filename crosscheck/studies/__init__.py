@@ -1,7 +1,7 @@
 """Tables that a report carries beside the matrix: each made by one function, in a child process of its own.
 
 A study's function returns a dict: ``text``, ``columns`` [(key, title, unit)], ``rows`` [{key: value, "verdict": ...}]
-and perhaps ``plot`` {"x": key, "y": [keys], "log": bool}.
+and perhaps ``plot`` {"x": key, "y": key, "group": key, "log": bool}: one curve for every value of the group's column.
 """
 
 from __future__ import annotations

@@ -140,7 +140,7 @@
       const tops = traces.filter((t) => t.mode === "lines").map((t) => Math.log10(t.y.reduce((a, b) => Math.max(a, b), 0)));
       const top = Math.max(...tops);
       return draw("spectrum", traces, layout("frequency [Hz]", "amplitude [" + one.unit + "]", {
-        annotations, yaxis: { type: "log", range: [top - 6, top + 0.7] } }));
+        annotations, yaxis: { type: "log", range: [top - 6, top + 0.7], dtick: 1 } }));
     }
 
     const shown = (one) => manifest.engines.filter((e) => one.engines[e] && !state.hidden.has(e));
@@ -204,12 +204,17 @@
   // ------------------------------------------------------------------ a study: one plot of its columns
   function studyPage(plot) {
     const type = plot.log ? "log" : "linear";
-    const traces = plot.y.map((key, k) => ({
-      type: "scatter", mode: "lines+markers", name: plot.titles[key], x: plot.points[plot.x], y: plot.points[key],
+    const traces = Object.entries(plot.curves).map(([name, curve], k) => ({
+      type: "scatter", mode: "lines+markers", name, x: curve.x, y: curve.y,
       line: { color: COLOURS[k % COLOURS.length], dash: DASHES[k % DASHES.length], width: 2 }, marker: { size: 8 },
     }));
-    const show = () => draw("study", traces, layout(plot.titles[plot.x], plot.y.length === 1 ? plot.titles[plot.y[0]] : "", {
-      showlegend: traces.length > 1, legend: { orientation: "h", y: 1.12 }, xaxis: { type }, yaxis: { type } }));
+    const show = async () => {
+      const node = document.getElementById("study");
+      delete node.dataset.drawn;
+      await draw("study", traces, layout(plot.x, plot.y, {
+        showlegend: traces.length > 1, legend: { orientation: "h", y: 1.12 }, xaxis: { type }, yaxis: plot.log ? { type, dtick: 1 } : {} }));
+      node.dataset.drawn = "study";
+    };
     document.addEventListener("theme", show);
     return show();
   }
