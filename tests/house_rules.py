@@ -131,7 +131,7 @@ def forgotten_raise(source: str) -> list[str]:
 
 def machine_paths(text: str) -> list[str]:
     """No file names a folder of somebody's machine."""
-    folders = re.compile(r"(?<![\w./$-])/(?:work|root|home|Users|tmp)/\w+")
+    folders = re.compile(r"(?<![\w./$-])/(?:work|root|home|Users)/\w+")
     lines = enumerate(text.splitlines(), 1)
     return [f"line {k}: {found.group()}" for k, line in lines for found in folders.finditer(line)]
 
