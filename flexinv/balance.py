@@ -31,7 +31,14 @@ class Balance:
 
 
 def balance(
-    mesh: Mesh, motion: NodalMotion, forces: NodalForces, tau: Array, qd: Array, base: Array, elastic: Array, time: Array
+    mesh: Mesh,
+    motion: NodalMotion,
+    forces: NodalForces,
+    tau: Array,
+    qd: Array,
+    base: Array,
+    elastic: Array,
+    time: Array,
 ) -> Balance:
     """Return the balances of a motion.
 

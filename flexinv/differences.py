@@ -19,13 +19,23 @@ from flexinv.rotations import log_so3
 ORDER = 2  # of the formulas above, in the step
 
 
+FEWEST_SAMPLES = 4  # that the formulas at the ends need
+
+
+def check_samples(samples: int, step: float) -> None:
+    """Raise InputError if there are too few samples of ``step`` [s] for the difference formulas."""
+    if samples < FEWEST_SAMPLES:
+        raise InputError(
+            f"the incremental mode needs at least {FEWEST_SAMPLES} samples, step = {step:g} s gives {samples}: write a smaller step"
+        )
+
+
 def differenced(motion: NodalMotion, step: float) -> NodalMotion:
     """Return the motion with v, a, omega, alpha from differences of poses over ``step`` [s].
 
     Raises InputError with fewer than four samples.
     """
-    if len(motion.x) < 4:
-        raise InputError(f"the incremental mode needs at least 4 samples, got {len(motion.x)}: take a smaller step")
+    check_samples(len(motion.x), step)
     v, a = np.empty_like(motion.x), np.empty_like(motion.x)
     x = motion.x
     v[1:-1], a[1:-1] = (x[2:] - x[:-2]) / (2 * step), (x[2:] - 2 * x[1:-1] + x[:-2]) / step**2

@@ -169,7 +169,9 @@ def _start(solver: Solver, motion: NodalMotion, joints: Joints, qd: Array, qdd: 
             s.x[n], s.r[n] = joints.p[n], joints.r[n]
             own = slice(o + t.column[n], o + t.column[n] + t.freedoms[n])
             v = int(solver.mesh.v_index[n])
-            s.u[own], s.du[own] = _passive_rates(solver, n, joints, qd[v : v + t.freedoms[n]], qdd[v : v + t.freedoms[n]])
+            s.u[own], s.du[own] = _passive_rates(
+                solver, n, joints, qd[v : v + t.freedoms[n]], qdd[v : v + t.freedoms[n]]
+            )
     _accept(s)
 
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,7 +123,14 @@ class _Builder:
     elements: list[dict[str, NDArray[np.float64]]] = field(default_factory=list)
 
     def node(
-        self, parent: int, kind: int, placement: Placement, link: int, axis: Array | None = None, q: int = -1, v: int = -1
+        self,
+        parent: int,
+        kind: int,
+        placement: Placement,
+        link: int,
+        axis: Array | None = None,
+        q: int = -1,
+        v: int = -1,
     ) -> int:
         axis = np.zeros(3) if axis is None else axis
         self.rows.append((parent, kind, placement, axis, q, v, link))
@@ -177,22 +185,20 @@ class _Builder:
         bounds = _element_bounds(beam, wanted)
         root = self.node(node, RIGID, beam.placement, index)
         nodes, stations = [root], [0.0]
-        for start, end in zip(bounds, bounds[1:], strict=False):
+        for start, end in pairwise(bounds):
             self.element(beam, index, start, end, nodes, stations)
         self.root_node[link.name], self.tip_node[link.name] = root, nodes[-1]
         self.section_nodes[link.name] = np.array(nodes)
         self.stations[link.name] = np.array(stations)
 
-    def element(
-        self, beam: Beam, link: int, start: float, end: float, nodes: list[int], stations: list[float]
-    ) -> None:
+    def element(self, beam: Beam, link: int, start: float, end: float, nodes: list[int], stations: list[float]) -> None:
         """Append one element between two fractions of the length: its nodes, lumped mass, stiffness, shape."""
         ref = reference(beam.order)
         jacobian = 0.5 * (end - start) * beam.length  # ds/dxi
         at_nodes = start + 0.5 * (end - start) * (1 + ref.nodes)
         at_points = start + 0.5 * (end - start) * (1 + ref.points)
         own = [nodes[-1]]
-        for previous, here in zip(at_nodes, at_nodes[1:], strict=False):
+        for previous, here in pairwise(at_nodes):
             step = _arc(beam, (here - previous) * beam.length)
             own.append(self.node(own[-1], SECTION, step, link))
         nodes += own[1:]
@@ -224,7 +230,7 @@ def _element_bounds(beam: Beam, wanted: list[float]) -> list[float]:
     """Element ends as fractions of the length: equal parts, cut again where something is attached between nodes."""
     bounds = np.linspace(0.0, 1.0, beam.elements + 1)
     fractions = 0.5 * (1 + reference(beam.order).nodes)
-    nodes = np.unique(np.concatenate([a + (b - a) * fractions for a, b in zip(bounds, bounds[1:], strict=False)]))
+    nodes = np.unique(np.concatenate([a + (b - a) * fractions for a, b in pairwise(bounds)]))
     cuts = [s for s in wanted if np.min(np.abs(nodes - s)) > SAME_STATION]
     return sorted({*bounds.tolist(), *cuts})
 
@@ -272,7 +278,17 @@ def _elements(rows: list[dict[str, Array]]) -> Elements:
         empty = np.empty((0, 0, 3))
         flat, index = np.empty((0, 0)), np.empty(0, dtype=np.int64)
         return Elements(
-            index, np.empty((0, 0), np.int64), np.empty(0), np.empty((0, 0, 6)), empty, empty, flat, empty, empty, flat, index
+            index,
+            np.empty((0, 0), np.int64),
+            np.empty(0),
+            np.empty((0, 0, 6)),
+            empty,
+            empty,
+            flat,
+            empty,
+            empty,
+            flat,
+            index,
         )
     columns = {key: _pad([row[key] for row in rows], -1.0 if key == "nodes" else 0.0) for key in rows[0]}
     whole = {key: columns[key].astype(np.int64) for key in ("order", "nodes", "link")}
@@ -309,5 +325,3 @@ def build(mechanism: Mechanism) -> Mesh:
         builder.body_node,
         _elements(builder.elements),
     )
-
-

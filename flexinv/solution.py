@@ -96,7 +96,11 @@ class Solution:
         """Return joint motion and torque over time [s], one column per coordinate with its unit in the header."""
         m = self.mechanism
         columns: dict[str, Array] = {}
-        for label, values, derivative in (("position", self._scalar_q(), 0), ("rate", self.qd, 1), ("acceleration", self.qdd, 2)):
+        for label, values, derivative in (
+            ("position", self._scalar_q(), 0),
+            ("rate", self.qd, 1),
+            ("acceleration", self.qdd, 2),
+        ):
             for name, unit, column in zip(m.velocity_names, _motion_units(m, derivative), values.T, strict=True):
                 if np.isfinite(column).all():
                     columns[f"{label} {name} [{unit}]"] = column
@@ -133,8 +137,8 @@ class Solution:
     def summary(self) -> pd.DataFrame:
         """Return peak and RMS torque, speed and power of each coordinate against its limits, a row per coordinate.
 
-        Columns: peak effort, rms effort [N m] or [N], peak speed [rad/s] or [m/s], peak power [W], and the parts of the effort and
-        speed limits that are used [-] (nan where no limit is stated).
+        Columns: peak effort, rms effort [N m] or [N], peak speed [rad/s] or [m/s], peak power [W], and the parts of the
+        effort and speed limits that are used [-] (nan where no limit is stated).
         """
         m = self.mechanism
         joints = [j for j in m.joints for _ in range(j.nv)]

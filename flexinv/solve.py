@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import maximum_filter1d
 
+from flexinv.differences import check_samples
 from flexinv.errors import InputError
 from flexinv.evaluate import evaluate
 from flexinv.integrate import generalized_alpha
@@ -53,8 +54,12 @@ def solve(
     Raises InputError for input that cannot be, ConvergenceError (time, increment, advice) if Newton fails.
     """
     if initial not in ("consistent", "static"):
-        raise InputError(f"initial = {initial!r}: expected 'consistent' (starts undeformed) or 'static' (in equilibrium)")
+        raise InputError(
+            f"initial = {initial!r}: expected 'consistent' (starts undeformed) or 'static' (in equilibrium)"
+        )
     time = _grid(motion, step, end)
+    if incremental:
+        check_samples(len(time), step)
     settings = {
         "step": float(step), "spectral_radius": float(spectral_radius), "initial": initial, "incremental": incremental,
     }  # fmt: skip
@@ -72,7 +77,13 @@ def solve(
     solution = evaluate(mesh, trajectory, time, q, qd, qdd, passive, settings)
     if not error:
         return solution
-    options = {"end": end, "spectral_radius": spectral_radius, "initial": initial, "start": start, "start_rate": start_rate}
+    options = {
+        "end": end,
+        "spectral_radius": spectral_radius,
+        "initial": initial,
+        "start": start,
+        "start_rate": start_rate,
+    }
     return _with_error(solution, mechanism, motion, step, incremental, progress, options)
 
 
@@ -83,15 +94,23 @@ def _grid(motion: Motion, step: float, end: float | None) -> Array:
     if not (np.isfinite(last) and last > 0.0):
         raise InputError(f"end = {last} s: expected a positive time, or None for the motion's duration")
     if step > last:
-        raise InputError(f"step = {step:g} s is longer than the motion ({last:g} s): write a smaller step, say {last / 200:g}")
+        raise InputError(
+            f"step = {step:g} s is longer than the motion ({last:g} s): write a smaller step, say {last / 200:g}"
+        )
     count = int(np.floor(last / step * (1 + 1e-9)))  # the last sample is the end when step divides it, up to rounding
     if count >= MOST_SAMPLES:
-        raise InputError(f"step = {step:g} s gives {count} samples in {last:g} s, more than {MOST_SAMPLES}: write a larger step")
+        raise InputError(
+            f"step = {step:g} s gives {count} samples in {last:g} s, more than {MOST_SAMPLES}: write a larger step"
+        )
     return np.asarray(step * np.arange(count + 1))
 
 
 def _histories(
-    mechanism: Mechanism, motion: Motion, passive: set[str], start: Mapping[str, ArrayLike], rate: Mapping[str, ArrayLike]
+    mechanism: Mechanism,
+    motion: Motion,
+    passive: set[str],
+    start: Mapping[str, ArrayLike],
+    rate: Mapping[str, ArrayLike],
 ) -> tuple[JointHistory, JointHistory]:
     """Joint motion with the passive joints at their start: left-hand limits at jumps, and right-hand ones."""
     for name in [*start, *rate]:
@@ -165,5 +184,3 @@ def _scaled_difference(a: Solution, b: Solution, stride: int, factor: float) -> 
         factor * maximum_filter1d(torque, width, axis=0),
         {k: factor * maximum_filter1d(v, width) for k, v in tip.items()},
     )
-
-

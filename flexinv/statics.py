@@ -52,7 +52,9 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     """
     at = mechanism.neutral if q is None else np.asarray(q, dtype=float)
     if at.shape != (mechanism.nq,) or not np.isfinite(at).all():
-        raise InputError(f"statics: q has shape {at.shape}, expected ({mechanism.nq},) finite numbers: {mechanism.coordinate_names}")
+        raise InputError(
+            f"statics: q has shape {at.shape}, expected ({mechanism.nq},) finite numbers: {mechanism.coordinate_names}"
+        )
     checked = [_checked(mechanism, load) for load in loads]
     mesh = build(_with_load_points(mechanism, checked))
     solver = Solver.of(mesh, set())
@@ -99,7 +101,9 @@ def _with_load_points(mechanism: Mechanism, loads: Sequence[Load]) -> Mechanism:
 
 def _checked(mechanism: Mechanism, load: Load) -> Load:
     if load.link not in mechanism.link_of:
-        raise InputError(f"load: no link {load.link!r} in '{mechanism.name}'; its links are {', '.join(mechanism.link_of)}")
+        raise InputError(
+            f"load: no link {load.link!r} in '{mechanism.name}'; its links are {', '.join(mechanism.link_of)}"
+        )
     vectors = {}
     for name, unit in (("force", "N"), ("moment", "N m"), ("point", "m")):
         value = np.asarray(getattr(load, name), dtype=float)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexinv.errors import InputError
 from flexinv.joint import joint_axes
 from flexinv.mechanism import Array
 from flexinv.mesh import FREE, SECTION, SPHERICAL, VELOCITIES, Mesh
@@ -78,6 +79,11 @@ def topology(mesh: Mesh, passive: set[str]) -> Topology:
     table = _Passive(mesh.size)
     for node, joint in _joint_of_node(mesh).items():
         if joint.name in passive:
+            if joint.kind == "free" and joint.rotor_inertia:
+                raise InputError(
+                    f"joint {joint.name!r}: rotor_inertia = {joint.rotor_inertia:g} on a free joint without motion, expected 0: "
+                    "nothing turns a rotor there; give the mass to the link"
+                )
             table.add(mesh, node, joint, size, block)
     offset = np.concatenate([[0], np.cumsum(size)[:-1]]).astype(np.int64)
     return Topology(
@@ -132,7 +138,7 @@ class _Passive:
 
 def _scale(mesh: Mesh, size: Array, offset: Array, table: _Passive, block: Array) -> Array:
     """Length of the mechanism for translations, 1 for rotations: convergence is judged on increments over this."""
-    length = max(float(np.abs(mesh.offset).sum()), np.finfo(float).tiny)
+    length = float(np.abs(mesh.offset).sum()) or 1.0  # a body at its joint has no length: metres then
     scale = np.ones(int(np.sum(size)))
     for first in offset[1:]:
         scale[first : first + 3] = length
