@@ -26,7 +26,8 @@ def check_samples(samples: int, step: float) -> None:
     """Raise InputError if there are too few samples of ``step`` [s] for the difference formulas."""
     if samples < FEWEST_SAMPLES:
         raise InputError(
-            f"the incremental mode needs at least {FEWEST_SAMPLES} samples, step = {step:g} s gives {samples}: write a smaller step"
+            f"the incremental mode needs at least {FEWEST_SAMPLES} samples, step = {step:g} s gives {samples}: "
+            "write a smaller step"
         )
 
 

@@ -97,7 +97,7 @@ def drive_efforts(
     effort = rotor * qdd
     if not passive:
         return effort
-    return effort + damping * qd + friction * (np.sign(qd) if direction is None else direction)
+    return np.asarray(effort + damping * qd + friction * (np.sign(qd) if direction is None else direction))
 
 
 # --------------------------------------------------------------------------------------------- the paper's factors

@@ -1,7 +1,7 @@
 """Joints: relative pose, velocity and acceleration of every node in its parent's frame, for all samples at once.
 
-``p``, ``p'``, ``p''`` are taken in the parent node's frame, rotation rates in the node's own frame; what a node's placement and its
-joint do together is one relative motion, so that the tree is walked by one rule (`tree.carry`).
+``p``, ``p'``, ``p''`` are taken in the parent node's frame, rotation rates in the node's own frame; what a
+node's placement and its joint do together is one relative motion, so that one rule walks the tree (`tree.carry`).
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def relative_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> Relative:
     for node in np.flatnonzero(mesh.v_index >= 0):
         kind, nq, nv = int(mesh.kind[node]), mesh.q_index[node], mesh.v_index[node]
         own_q, own_v = slice(nq, nq + CONFIGURATIONS[kind]), slice(nv, nv + VELOCITIES[kind])
-        _add_joint(out, node, kind, mesh.axis[node], q[:, own_q], qd[:, own_v], qdd[:, own_v])
+        _add_joint(out, int(node), kind, mesh.axis[node], q[:, own_q], qd[:, own_v], qdd[:, own_v])
     return out
 
 

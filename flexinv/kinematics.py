@@ -99,7 +99,7 @@ class Solver:
         advance(self.topology, scheme, self.state)
 
     def complain(self, status: int, count: int, size: float, when: str) -> ConvergenceError:
-        """Return the error that says where and how the solve failed and what to try."""
+        """Return the error that says where and how the solve failed (``size`` [-] of the last increment) and what to try."""
         name = self.mesh.mechanism.name
         if status == TURNED_TOO_MUCH:
             e = self.mesh.elements
@@ -301,7 +301,7 @@ def _carry_all(mesh: Mesh, motion: NodalMotion, joints: Joints) -> None:
 def _jump_samples(time: Array, jumps: tuple[float, ...]) -> list[int]:
     """Samples after the first at which the acceleration jumps."""
     step = time[1] - time[0] if len(time) > 1 else 1.0
-    found = {int(round((jump - time[0]) / step)) for jump in jumps}
+    found = {round((jump - time[0]) / step) for jump in jumps}
     return sorted(k for k in found if 0 < k < len(time) and _is_jump(time[k], jumps, step))
 
 

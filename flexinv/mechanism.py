@@ -251,7 +251,7 @@ class Mechanism:
 
     @property
     def neutral(self) -> Array:
-        """(nq,) configuration with every joint at zero (identity quaternions, cos = 1)."""
+        """(nq,) configuration [rad], [m] with every joint at zero (identity quaternions, cos = 1)."""
         q = np.zeros(self.nq)
         for joint in self.joints:
             part = self.q_slices[joint.name]

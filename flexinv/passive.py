@@ -54,7 +54,7 @@ def _relative(mesh: Mesh, motion: NodalMotion, node: int) -> tuple[Array, ...]:
     rm, wm, alm = motion.rotation[:, parent], motion.omega[:, parent], motion.alpha[:, parent]
 
     def back(vector: Array) -> Array:
-        return np.einsum("sji,sj->si", rm, vector)  # (sample, xyz), parent's frame
+        return np.asarray(np.einsum("sji,sj->si", rm, vector))  # (sample, xyz), parent's frame
 
     p = back(x - motion.x[:, parent])
     dp = back(v - motion.v[:, parent]) - np.cross(wm, p)

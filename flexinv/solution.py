@@ -70,7 +70,7 @@ class Solution:
 
     @property
     def unactuated(self) -> Array:
-        """(samples, nv - actuated) effort along coordinates without actuator: the wrench that a base would have to give."""
+        """(samples, nv - actuated) effort [N m], [N] along coordinates without actuator: what a base would have to give."""
         return self.torque_all[:, ~self.mechanism.actuated]
 
     @property

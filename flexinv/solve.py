@@ -60,7 +60,7 @@ def solve(
     time = _grid(motion, step, end)
     if incremental:
         check_samples(len(time), step)
-    settings = {
+    settings: dict[str, float | int | str | bool] = {
         "step": float(step), "spectral_radius": float(spectral_radius), "initial": initial, "incremental": incremental,
     }  # fmt: skip
     given = set(motion.joints(mechanism))
@@ -152,7 +152,7 @@ def _rigid(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> Trajectory:
 
 def _with_error(
     solution: Solution, mechanism: Mechanism, motion: Motion, step: float, incremental: bool, progress: Progress | None,
-    options: dict[str, object],
+    options: Mapping[str, object],
 ) -> Solution:  # fmt: skip
     """Error bars from refinement: 4/3 |s_h - s_(h/2)| (second order in time) + |s - s on the refined mesh|."""
     half = solve(mechanism, motion, step / 2, incremental=incremental, progress=progress, **options)  # type: ignore[arg-type]

@@ -60,7 +60,7 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     solver = Solver.of(mesh, set())
     for k, load in enumerate(checked):
         rows = solver.loads.follower if load.follower else solver.loads.dead
-        rows[mesh.body_node[(load.link, _point_name(k))]] += np.concatenate([load.force, load.moment])  # type: ignore[arg-type]
+        rows[mesh.body_node[(load.link, _point_name(k))]] += np.concatenate([load.force, load.moment])
     rest = np.zeros(mechanism.nv)
     start_undeformed(solver, at, rest, rest)
     joints = equilibrium(solver, at, "statics")
@@ -112,4 +112,4 @@ def _checked(mechanism: Mechanism, load: Load) -> Load:
         vectors[name] = value
     if not 0.0 <= load.station <= 1.0:
         raise InputError(f"load on {load.link!r}: station = {load.station}, expected a fraction 0 to 1 of the length")
-    return replace(load, **vectors)
+    return replace(load, force=vectors["force"], moment=vectors["moment"], point=vectors["point"])

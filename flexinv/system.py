@@ -8,6 +8,7 @@ freedoms among them form one *block* of unknowns; block 0 hangs on the world and
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -15,8 +16,10 @@ from numpy.typing import NDArray
 
 from flexinv.errors import InputError
 from flexinv.joint import joint_axes
-from flexinv.mechanism import Array
+from flexinv.mechanism import Array, Joint
 from flexinv.mesh import FREE, SECTION, SPHERICAL, VELOCITIES, Mesh
+
+Indices = NDArray[np.int64]
 
 # A passive joint's dry friction is friction tanh(rate / FRICTION_RATE): a slope instead of a jump at rest.
 FRICTION_RATE = 1e-3  # [rad/s] or [m/s]
@@ -67,7 +70,10 @@ class ElementArrays(NamedTuple):
 
 
 def topology(mesh: Mesh, passive: set[str]) -> Topology:
-    """Return the unknowns of a mesh when the joints named in ``passive`` are free [m], [rad] and all others prescribed."""
+    """Return the unknowns of a mesh when the joints named in ``passive`` are free [m], [rad] and all others prescribed.
+
+    Raises InputError for a passive joint that cannot be.
+    """
     independent = mesh.kind == SECTION
     block = np.zeros(mesh.size, dtype=np.int64)
     block[independent] = 1 + np.arange(independent.sum())
@@ -76,20 +82,39 @@ def topology(mesh: Mesh, passive: set[str]) -> Topology:
             block[node] = block[mesh.parent[node]]
     size = np.full(1 + int(independent.sum()), 6, dtype=np.int64)
     size[0] = 0
-    table = _Passive(mesh.size)
+    table = _Passive.of(mesh.size)
     for node, joint in _joint_of_node(mesh).items():
         if joint.name in passive:
-            if joint.kind == "free" and joint.rotor_inertia:
-                raise InputError(
-                    f"joint {joint.name!r}: rotor_inertia = {joint.rotor_inertia:g} on a free joint without motion, expected 0: "
-                    "nothing turns a rotor there; give the mass to the link"
-                )
+            _check_passive(joint)
             table.add(mesh, node, joint, size, block)
     offset = np.concatenate([[0], np.cumsum(size)[:-1]]).astype(np.int64)
     return Topology(
-        mesh.parent, block, independent, size, offset, *table.columns(), _scale(mesh, size, offset, table, block),
-        mesh.mass, mesh.inertia, np.array(mesh.mechanism.gravity, dtype=float),
-    )  # fmt: skip
+        parent=mesh.parent,
+        block=block,
+        independent=independent,
+        size=size,
+        offset=offset,
+        freedoms=table.freedoms,
+        column=table.column,
+        triple=table.triple,
+        slide=table.slide,
+        turn=table.turn,
+        rotor=table.rotor,
+        damping=table.damping,
+        friction=table.friction,
+        scale=_scale(mesh, size, offset, table, block),
+        mass=mesh.mass,
+        inertia=mesh.inertia,
+        gravity=np.array(mesh.mechanism.gravity, dtype=float),
+    )
+
+
+def _check_passive(joint: Joint) -> None:
+    if joint.kind == "free" and joint.rotor_inertia:
+        raise InputError(
+            f"joint {joint.name!r}: rotor_inertia = {joint.rotor_inertia:g} on a free joint without motion, expected 0: "
+            "nothing turns a rotor there; give the mass to the link"
+        )
 
 
 def element_arrays(mesh: Mesh) -> ElementArrays:
@@ -98,9 +123,9 @@ def element_arrays(mesh: Mesh) -> ElementArrays:
     return ElementArrays(e.order, e.nodes, e.shape, e.slope, e.weight, e.stiffness, e.gamma0, e.kappa0)
 
 
-def _joint_of_node(mesh: Mesh) -> dict[int, object]:
+def _joint_of_node(mesh: Mesh) -> dict[int, Joint]:
     """Joint of every node that has velocity coordinates (both nodes of a universal joint)."""
-    out: dict[int, object] = {}
+    out: dict[int, Joint] = {}
     for joint in mesh.mechanism.joints:
         span = mesh.mechanism.v_slices[joint.name]
         for node in np.flatnonzero((mesh.v_index >= span.start) & (mesh.v_index < span.stop)):
@@ -108,17 +133,26 @@ def _joint_of_node(mesh: Mesh) -> dict[int, object]:
     return dict(sorted(out.items()))
 
 
+@dataclass(frozen=True)
 class _Passive:
-    """Per-node tables of the passive freedoms, filled joint by joint."""
+    """Per-node tables of the passive freedoms, filled joint by joint (columns of `Topology`)."""
 
-    def __init__(self, nodes: int) -> None:
-        self.freedoms = np.zeros(nodes, dtype=np.int64)
-        self.column = np.zeros(nodes, dtype=np.int64)
-        self.triple = np.full(nodes, -1, dtype=np.int64)
-        self.slide, self.turn = np.zeros((nodes, 6, 3)), np.zeros((nodes, 6, 3))
-        self.rotor, self.damping, self.friction = np.zeros(nodes), np.zeros(nodes), np.zeros(nodes)
+    freedoms: Indices
+    column: Indices
+    triple: Indices
+    slide: Array
+    turn: Array
+    rotor: Array
+    damping: Array
+    friction: Array
 
-    def add(self, mesh: Mesh, node: int, joint, size, block) -> None:  # type: ignore[no-untyped-def]
+    @classmethod
+    def of(cls, nodes: int) -> _Passive:
+        none = np.zeros(nodes, dtype=np.int64)
+        axes = np.zeros((nodes, 6, 3))
+        return cls(none, none.copy(), none - 1, axes, axes.copy(), *(np.zeros(nodes) for _ in range(3)))
+
+    def add(self, mesh: Mesh, node: int, joint: Joint, size: Indices, block: Indices) -> None:
         kind = int(mesh.kind[node])
         count = VELOCITIES[kind]
         slide, turn = joint_axes(kind, mesh.axis[node])
@@ -130,13 +164,8 @@ class _Passive:
         self.rotor[node], self.damping[node] = joint.rotor_inertia, joint.damping
         self.friction[node] = joint.friction
 
-    def columns(self) -> tuple[Array, ...]:
-        return (
-            self.freedoms, self.column, self.triple, self.slide, self.turn, self.rotor, self.damping, self.friction,
-        )  # fmt: skip
 
-
-def _scale(mesh: Mesh, size: Array, offset: Array, table: _Passive, block: Array) -> Array:
+def _scale(mesh: Mesh, size: Indices, offset: Indices, table: _Passive, block: Indices) -> Array:
     """Length of the mechanism for translations, 1 for rotations: convergence is judged on increments over this."""
     length = float(np.abs(mesh.offset).sum()) or 1.0  # a body at its joint has no length: metres then
     scale = np.ones(int(np.sum(size)))
