@@ -188,4 +188,4 @@ def test_what_is_raised_to_the_floor_is_named() -> None:
 
 def test_words_about_itself() -> None:
     assert mujoco.version().count(".") == 2
-    assert mujoco.abilities().endswith("no flexible links.")
+    assert mujoco.abilities().endswith("see mujoco-flex.")

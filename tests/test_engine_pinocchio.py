@@ -60,7 +60,7 @@ def test_joints_left_to_the_dynamics_are_refused_by_name() -> None:
     loose = replace(mechanism, joints=(mechanism.joints[0], replace(mechanism.joints[1], actuated=False)))
     case = trees.case_of(Motion.point_to_point({"j1": 0.0}, {"j1": 1.0}, 1.0), 1.0, 0.1)
     reason = pinocchio.unsupported(loose, case, "pinocchio")
-    assert reason == "inverse dynamics needs the motion of every joint; left to the dynamics here: j2"
+    assert reason == "every joint must be given a motion here; left to the dynamics: j2"
 
 
 # -------------------------------------------------------------------------------------------------------------- URDF

@@ -34,6 +34,7 @@ from scipy.spatial.transform import Rotation
 
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.mujoco_model import Built, build
+from crosscheck.engines.prescribed import missing_motion
 from crosscheck.record import Record, Series, torque_series, vector_series, wrench_series
 from flexinv.case import Case
 from flexinv.mechanism import WORLD, Joint, Mechanism
@@ -50,7 +51,7 @@ def abilities() -> str:
     """Return one sentence: what MuJoCo can do here."""
     return (
         "Rigid inverse dynamics by mj_inverse with armature, damping and dry friction in the engine, joint wrenches "
-        "and tips, URDF by its own parser where it accepts the inertias; no flexible links."
+        "and tips, URDF by its own parser where it accepts the inertias; beams: see mujoco-flex."
     )
 
 
@@ -58,15 +59,11 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return why MuJoCo cannot do this case, or None."""
     if not mechanism.is_rigid:
         names = ", ".join(link.name for link in mechanism.beams)
-        return f"rigid bodies only here; flexible: {names}"
+        return f"rigid bodies only here, one beam in mujoco-flex; flexible: {names}"
     for joint in mechanism.joints:
         if (reason := _free_joint_trouble(joint)) is not None:
             return reason
-    given = case.motion.joints(mechanism)
-    free = [j.name for j in mechanism.joints if j.nv and j.name not in given]
-    if free:
-        return f"inverse dynamics needs the motion of every joint; left to the dynamics here: {', '.join(free)}"
-    return None
+    return missing_motion(mechanism, case)
 
 
 def _free_joint_trouble(joint: Joint) -> str | None:
@@ -207,8 +204,8 @@ def inverse_dynamics(mechanism: Mechanism, built: Built, q: Array, qd: Array, qd
     carried = {j.name: built.body[j.child] for j in mechanism.joints if j.child in built.body}
     return Dynamics(
         torque=effort_from_engine(mechanism, built, q, raw.effort),
-        wrench={name: _wrench(built.model, raw, body) for name, body in carried.items()},
-        tip={name: _point(raw, body, mechanism.link_of[name].tip) for name, body in built.body.items()},
+        wrench={name: wrench_on(built.model, raw, body) for name, body in carried.items()},
+        tip={name: point_of(raw, body, mechanism.link_of[name].tip) for name, body in built.body.items()},
     )
 
 
@@ -229,29 +226,38 @@ class Raw:
 
 def _evaluate(model: mujoco.MjModel, state: State) -> Raw:
     data = mujoco.MjData(model)
-    samples = len(state.q)
-    shapes = [(model.nv,), (model.nbody, 6), (model.nbody, 3), (model.nbody, 3), (model.nbody, 3, 3)]
-    raw = Raw(*(np.empty((samples, *shape)) for shape in shapes))
-    for k in range(samples):
+    raw = empty(model, len(state.q))
+    for k in range(len(state.q)):
         data.qpos[:], data.qvel[:], data.qacc[:] = state.q[k], state.v[k], state.a[k]
         mujoco.mj_inverse(model, data)
         # friction of a joint at rest: taken out, see the head of the file
-        raw.effort[k] = data.qfrc_inverse + np.where(state.v[k] == 0.0, data.qfrc_constraint, 0.0)
-        mujoco.mj_rnePostConstraint(model, data)
-        raw.cfrc_int[k], raw.subtree_com[k], raw.xpos[k] = data.cfrc_int, data.subtree_com, data.xpos
-        raw.xmat[k] = data.xmat.reshape(-1, 3, 3)
+        keep(model, data, raw, k, data.qfrc_inverse + np.where(state.v[k] == 0.0, data.qfrc_constraint, 0.0))
     return raw
 
 
-def _wrench(model: mujoco.MjModel, raw: Raw, body: int) -> Array:
-    """What the parent exerts on a body, at the body's frame and along its axes, (samples, 6) [N], [N m]."""
+def empty(model: mujoco.MjModel, samples: int) -> Raw:
+    """Return room for the data of all samples [N m], [N], [m]."""
+    shapes = [(model.nv,), (model.nbody, 6), (model.nbody, 3), (model.nbody, 3), (model.nbody, 3, 3)]
+    return Raw(*(np.empty((samples, *shape)) for shape in shapes))
+
+
+def keep(model: mujoco.MjModel, data: mujoco.MjData, raw: Raw, k: int, effort: Array) -> None:
+    """Write sample k: effort (nv,) [N m] or [N] as given, everything else from ``data``, whose qacc is set."""
+    mujoco.mj_rnePostConstraint(model, data)
+    raw.effort[k], raw.cfrc_int[k], raw.subtree_com[k] = effort, data.cfrc_int, data.subtree_com
+    raw.xpos[k], raw.xmat[k] = data.xpos, data.xmat.reshape(-1, 3, 3)
+
+
+def wrench_on(model: mujoco.MjModel, raw: Raw, body: int) -> Array:
+    """Return what the parent exerts on a body, at the body's frame and along its axes, (samples, 6) [N], [N m]."""
     moment, force = raw.cfrc_int[:, body, :3], raw.cfrc_int[:, body, 3:]
     arm = raw.subtree_com[:, model.body_rootid[body]] - raw.xpos[:, body]
     both = np.stack([force, moment + np.cross(arm, force)], axis=1)  # (sample, force or moment, xyz)
     return np.asarray((both @ raw.xmat[:, body]).reshape(-1, 6))
 
 
-def _point(raw: Raw, body: int, point: Array) -> Array:
+def point_of(raw: Raw, body: int, point: Array) -> Array:
+    """Return where a point (3,) [m] of a body is in the world, (samples, 3) [m]."""
     return np.asarray(raw.xpos[:, body] + raw.xmat[:, body] @ point)
 
 

@@ -8,11 +8,13 @@ Traps, and what is done about them
 * A moving body needs mass and principal inertia of at least mjMINVAL = 1e-15 (a thin rod has none about its axis, a
   point mass none at all): what is smaller is raised to FLOOR.  In units of torque that is FLOOR times an acceleration.
 * Principal inertias that violate A + B >= C by rounding (flat plates) are refused: that rounding, no more, is added.
+* A body with explicit inertia and no ``ipos`` gets its own ``pos`` for one, so every ``ipos`` is stated.
 * A massless link on a moving joint gets FLOOR for mass and inertia and is listed in ``Built.floored``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,14 +55,16 @@ class Built:
     floored: tuple[str, ...] = ()
 
 
-def build(mechanism: Mechanism, fuse: bool = False) -> Built:
+def build(mechanism: Mechanism, fuse: bool = False, extend: Callable[[Any], None] | None = None) -> Built:
     """Return MuJoCo's compiled model.  Raises ValueError with MuJoCo's words where it refuses the mechanism.
 
-    fuse : weld bodies without joints into their parents (only sensible for a URDF with a fixed base)
+    fuse : weld bodies without joints into their parents; extend : what to add to the MjSpec before it is compiled
     """
     spec, floored = _from_urdf(mechanism) if mechanism.urdf else _from_data(mechanism)
     spec.compiler.fusestatic = fuse
     spec.option.gravity = mechanism.gravity
+    if extend is not None:
+        extend(spec)
     model = spec.compile()
     first = {j.name: model.joint(_names(j)[0]) for j in mechanism.joints if j.nv}
     return Built(
@@ -85,7 +89,8 @@ def _from_data(mechanism: Mechanism) -> tuple[Any, tuple[str, ...]]:
         link = bodies[joint.child] = bodies[joint.parent].add_body(
             name=joint.child,
             pos=joint.placement.position,
-            quat=_quaternion(joint.placement.rotation),
+            quat=quaternion(joint.placement.rotation),
+            ipos=np.zeros(3),
             explicitinertial=True,
         )
         _add_joints(link, joint)
@@ -136,7 +141,7 @@ def _weld(link: Any, name: str, body: Body) -> bool:
         mass=body.inertia.mass,
         ipos=body.inertia.com,
         inertia=principal,
-        iquat=_quaternion(axes),
+        iquat=quaternion(axes),
         explicitinertial=True,
     )
     return raised
@@ -162,8 +167,8 @@ def principal_inertia(tensor: Array) -> tuple[Array, NDArray[np.float64], bool]:
     return principal, axes, bool(small.any())
 
 
-def _quaternion(rotation: Array) -> Array:
-    """Return w, x, y, z of a rotation matrix, by MuJoCo's own function."""
-    quaternion = np.empty(4)
-    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(rotation, dtype=np.float64).ravel())
-    return quaternion
+def quaternion(rotation: Array) -> Array:
+    """Return w, x, y, z [-] of a rotation matrix, by MuJoCo's own function."""
+    wxyz = np.empty(4)
+    mujoco.mju_mat2Quat(wxyz, np.ascontiguousarray(rotation, dtype=np.float64).ravel())
+    return wxyz

@@ -29,6 +29,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from crosscheck.engines.base import Options, sample_times
+from crosscheck.engines.prescribed import missing_motion, passive_effort
 from crosscheck.engines.urdf_source import check_joints, read_source
 from crosscheck.record import Record, Series, torque_series, vector_series, wrench_series
 from flexinv.case import Case
@@ -55,11 +56,7 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     if not mechanism.is_rigid:
         names = ", ".join(link.name for link in mechanism.beams)
         return f"Pinocchio has rigid bodies only; flexible here: {names}"
-    given = case.motion.joints(mechanism)
-    free = [j.name for j in mechanism.joints if j.nv and j.name not in given]
-    if free:
-        return f"inverse dynamics needs the motion of every joint; left to the dynamics here: {', '.join(free)}"
-    return None
+    return missing_motion(mechanism, case)
 
 
 def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
@@ -223,15 +220,6 @@ def inverse_dynamics(built: Built, q: Array, qd: Array, qdd: Array) -> Dynamics:
         for name, (index, point) in built.tip.items():
             tip[name][k] = data.oMi[index].act(point)
     return Dynamics(torque[:, built.v_order], wrench, tip)
-
-
-def passive_effort(mechanism: Mechanism, qd: Array) -> Array:
-    """Return d v + f sign(v), (samples, nv) [N m] or [N]: what rnea leaves out of the actuator's effort."""
-    damping, friction = (
-        np.array([getattr(j, name) for j in mechanism.joints for _ in range(j.nv)], dtype=np.float64)
-        for name in ("damping", "friction")
-    )
-    return np.asarray(damping * qd + friction * np.sign(qd))
 
 
 def _series(mechanism: Mechanism, result: Dynamics, torque: Array) -> dict[str, Series]:

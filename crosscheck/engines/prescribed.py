@@ -1,0 +1,32 @@
+"""What engines with prescribed joints share: whose motion is missing, and what a drive adds to the effort."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.case import Case
+from flexinv.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+
+
+def missing_motion(mechanism: Mechanism, case: Case) -> str | None:
+    """Return why joints cannot all be prescribed, or None when the case gives every joint a motion."""
+    given = case.motion.joints(mechanism)
+    free = [j.name for j in mechanism.joints if j.nv and j.name not in given]
+    return f"every joint must be given a motion here; left to the dynamics: {', '.join(free)}" if free else None
+
+
+def passive_effort(mechanism: Mechanism, qd: Array) -> Array:
+    """Return d v + f sign(v), (samples, nv) [N m] or [N]: what damping and dry friction take from the actuator."""
+    return _per_coordinate(mechanism, "damping") * qd + _per_coordinate(mechanism, "friction") * np.sign(qd)
+
+
+def rotor_effort(mechanism: Mechanism, qdd: Array) -> Array:
+    """Return I_rotor a, (samples, nv) [N m] or [N]."""
+    return _per_coordinate(mechanism, "rotor_inertia") * qdd
+
+
+def _per_coordinate(mechanism: Mechanism, name: str) -> Array:
+    return np.array([getattr(j, name) for j in mechanism.joints for _ in range(j.nv)], dtype=np.float64)
