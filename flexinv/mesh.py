@@ -269,7 +269,8 @@ def _pad(arrays: list[Array], fill: float = 0.0) -> Array:
     shape = np.max([a.shape for a in arrays], axis=0).astype(int)
     out = np.full((len(arrays), *shape), fill)
     for k, a in enumerate(arrays):
-        out[k][tuple(slice(n) for n in a.shape)] = a
+        where: tuple[int | slice, ...] = (k, *(slice(n) for n in a.shape))
+        out[where] = a
     return out
 
 
