@@ -1,0 +1,307 @@
+"""Planar mechanisms with beams in Exudyn: 2-D bodies, ``ANCFCable2D`` or ``BeamGeometricallyExact2D`` (3 nodes).
+
+Conventions, as a map and its dual.
+
+    plane         x_world = P x with P = (e1, e2, n), n along the joint axes; bodies start at angle 0, so that every
+                  coordinate of the engine is the change since the start
+    coordinate    angle of child - angle of parent = s (q - q_0), s = axis . n: ``ObjectConnectorCoordinate`` between
+                  the rotation coordinates, position by ``ObjectJointRevolute2D`` (both know velocities: index 2 works)
+    tau           s times the moment on the child = -s Force of the coordinate connector
+    wrench        force on the child = -Force of the revolute joint (world axes of the plane)
+    root lock     ``ObjectJointGeneric`` (1, 1, 0, 0, 0, 1): force on the beam = -ForceLocal (root axes)
+
+``ANCFCable2D`` is a Bernoulli-Euler beam: no shear, no rotary inertia; its strains are relative to the reference.
+Source: exudyn 1.13.6, measured against a rigid rod in tests/test_engine_exudyn.py.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import exudyn as exu
+import numpy as np
+from exudyn.itemInterface import (
+    MarkerBodyRigid,
+    MarkerNodeCoordinate,
+    MarkerNodeRigid,
+    NodePoint2DSlope1,
+    NodePointGround,
+    NodeRigidBody2D,
+    ObjectANCFCable2D,
+    ObjectBeamGeometricallyExact2D,
+    ObjectConnectorCoordinate,
+    ObjectJointGeneric,
+    ObjectJointRevolute2D,
+    ObjectRigidBody2D,
+    SensorNode,
+    SensorObject,
+)
+
+from crosscheck.engines.exudyn_frames import Array, compose, frame_along, joint_q, scalar_coordinate, turn
+from crosscheck.engines.exudyn_layout import Frame, Layout, Mesh, mesh
+from crosscheck.engines.exudyn_parts import Model, Outcome, empty, homogeneous, weigh
+from crosscheck.engines.exudyn_solve import Driver, Key, Plan, Sensors, Table, solve
+from flexinv.mechanism import Beam, Mechanism, Placement
+
+OUT = exu.OutputVariableType
+Z = np.array([0.0, 0.0, 1.0])
+# Directions and heights come from files with some 9 digits; what is off by less is meant to be in the plane.
+IN_PLANE = 1e-9
+
+
+def plane_of(mechanism: Mechanism, layout: Layout) -> Array | str:
+    """Return P (3, 3) [-] whose third column is the normal of the plane, or why the mechanism is not planar.
+
+    Planar means a mirror: everything is its own image in one plane, so nothing leaves it and no reaction does.
+    """
+    axes = {}
+    for joint in mechanism.joints:
+        if joint.nv:
+            if joint.kind not in ("revolute", "continuous"):
+                return f"joint {joint.name} is {joint.kind}"
+            axes[joint.name] = layout.start(layout.joint[joint.name]).rotation @ joint.axis
+    if not axes:
+        return "no joint moves"
+    normal = next(iter(axes.values()))
+    for name, axis in axes.items():
+        if np.linalg.norm(np.cross(axis, normal)) > IN_PLANE:
+            return f"the axis of joint {name} is not parallel to the others"
+    if abs(mechanism.gravity @ normal) > IN_PLANE * np.linalg.norm(mechanism.gravity):
+        return "gravity leans out of the plane"
+    reason = _leaning(mechanism, layout, normal) or _stacked(layout, normal)
+    return reason or frame_along(normal)[:, [1, 2, 0]]
+
+
+def _leaning(mechanism: Mechanism, layout: Layout, normal: Array) -> str | None:
+    """Return which section or inertia is not its own mirror image, or None."""
+    for link in mechanism.beams:
+        assert link.beam is not None
+        local = layout.start(layout.root[link.name]).rotation.T @ normal  # (xyz of the section)
+        if np.abs(local).max() < 1.0 - IN_PLANE or abs(local[0]) > IN_PLANE:
+            return f"no principal axis of the section of {link.name} is normal to the plane"
+        if np.abs(link.beam.curvature - local * (link.beam.curvature @ local)).max() > IN_PLANE:
+            return f"{link.name} is curved or twisted out of the plane"
+    for group in layout.groups[1:]:
+        turned = group.start.rotation @ group.inertia.tensor @ group.start.rotation.T @ normal
+        if np.linalg.norm(np.cross(turned, normal)) > IN_PLANE * np.linalg.norm(group.inertia.tensor):
+            return f"the inertia of what {group.joint or group.station} carries leans out of the plane"
+    return None
+
+
+def _stacked(layout: Layout, normal: Array) -> str | None:
+    """Return that joints, beams and masses lie at different heights over the plane, or None."""
+    points = [layout.start(f).position for f in [*layout.joint.values(), *layout.root.values()]]
+    points += [g.start.position + g.start.rotation @ g.inertia.com for g in layout.groups[1:] if g.inertia.mass]
+    if np.ptp(np.array(points) @ normal) > IN_PLANE * np.linalg.norm(points, axis=1).max():
+        return "joints, beams and masses lie at different heights over the plane"
+    return None
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A planar model: layout, plane P, cable or geometrically exact, number of elements, and the engine's system."""
+
+    mechanism: Mechanism
+    layout: Layout
+    plane: Array
+    cable: bool
+    elements: int
+    model: Model
+
+    def flat(self, frame: Frame) -> tuple[Array, float]:
+        """Return position (3,) [m] and angle of the x axis [rad] of a frame in the plane, at the start."""
+        return self.flatten(self.layout.start(frame))
+
+    def flatten(self, pose: Placement) -> tuple[Array, float]:
+        """Return position (3,) [m] with zero height and angle of the x axis [rad] of a pose in the plane."""
+        p = self.plane.T @ pose.position * (1, 1, 0)
+        x = self.plane.T @ pose.rotation[:, 0]
+        return p, float(np.arctan2(x[1], x[0]))
+
+
+def build(mechanism: Mechanism, layout: Layout, plane: Array, cable: bool, elements: int) -> Drawing:
+    """Return an assembled planar system; the drivers wait for their motion."""
+    d = Drawing(mechanism, layout, plane, cable, elements, empty())
+    zero = d.model.mbs.AddNode(NodePointGround())
+    d.model.node[0] = zero
+    for index in range(1, len(layout.groups)):
+        _add_body(d, index)
+    for link in mechanism.beams:
+        assert link.beam is not None
+        _add_beam(d, link.name, link.beam)
+    for joint in mechanism.joints:
+        if joint.nv:
+            _add_joint(d, joint.name)
+    d.model.mbs.Assemble()
+    return d
+
+
+def _add_body(d: Drawing, index: int) -> None:
+    """Add the body of a group: reference point at its centre of mass, angle 0 at the start."""
+    group, mbs = d.layout.groups[index], d.model.mbs
+    centre = _centre(d, index)
+    arm = d.plane.T @ group.start.rotation @ group.inertia.com
+    spin = float(d.plane.T[2] @ group.spin)
+    velocity = d.plane.T @ group.velocity + spin * np.cross(Z, arm)
+    normal = group.start.rotation.T @ d.plane[:, 2]
+    inertia = float(normal @ group.inertia.tensor @ normal)
+    node = NodeRigidBody2D(referenceCoordinates=[*centre[:2], 0.0], initialVelocities=[*velocity[:2], spin])
+    d.model.node[index] = mbs.AddNode(node)
+    body = ObjectRigidBody2D(mass=group.inertia.mass, inertia=inertia, nodeNumber=d.model.node[index])
+    d.model.body[index] = mbs.AddObject(body)
+    weigh(d.model, d.model.body[index], d.plane.T @ d.mechanism.gravity * (1, 1, 0))
+
+
+def _centre(d: Drawing, index: int) -> Array:
+    group = d.layout.groups[index]
+    return d.flatten(Placement(group.start.position + group.start.rotation @ group.inertia.com))[0]
+
+
+def _marker(d: Drawing, frame: Frame) -> Any:
+    """Return a marker with the position and the orientation of a frame on its group's body or on the ground."""
+    at, angle = d.flat(frame)
+    local = at - (_centre(d, frame.group) if frame.group else np.zeros(3))
+    number = d.model.body[frame.group] if frame.group else d.model.ground
+    return d.model.mbs.AddMarker(MarkerBodyRigid(bodyNumber=number, localHT=homogeneous(local, turn(Z, angle))))
+
+
+def _add_joint(d: Drawing, name: str) -> None:
+    mbs, seat = d.model.mbs, d.layout.joint[name]
+    child = next(k for k, g in enumerate(d.layout.groups) if g.joint == name)
+    markers = [_marker(d, seat), _marker(d, Frame(child, Placement()))]
+    pin = mbs.AddObject(ObjectJointRevolute2D(markerNumbers=markers))
+    angles = [
+        mbs.AddMarker(MarkerNodeCoordinate(nodeNumber=d.model.node[k], coordinate=2 if k else 0))
+        for k in (seat.group, child)
+    ]
+    motor = mbs.AddObject(ObjectConnectorCoordinate(markerNumbers=angles))
+    d.model.joint[name] = (pin, motor)
+
+
+def _add_beam(d: Drawing, name: str, beam: Beam) -> None:
+    mbs, root = d.model.mbs, d.layout.root[name]
+    cells = mesh(beam, d.layout.stations[name], d.elements, 2 if d.cable else 3)
+    nodes = [mbs.AddNode(_node(d, root, pose)) for pose in cells.pose]
+    d.model.beam[name] = nodes
+    for k in range(len(cells.lengths)):
+        number = mbs.AddObject(_element(d, root, beam, cells, nodes, k))
+        weigh(d.model, number, d.plane.T @ d.mechanism.gravity * (1, 1, 0))
+    d.model.lock[name] = _lock(d, _marker(d, root), nodes[0])
+    for index, group in enumerate(d.layout.groups):
+        if group.station is not None and group.station[0] == name:
+            _lock(d, _marker(d, Frame(index, Placement())), nodes[cells.node(group.station[1])])
+
+
+def _node(d: Drawing, root: Frame, pose: Placement) -> Any:
+    at, angle = d.flatten(compose(d.layout.start(root), pose))
+    carrier = d.layout.groups[root.group]
+    spin = float(d.plane.T[2] @ carrier.spin)
+    velocity = d.plane.T @ carrier.velocity + spin * np.cross(Z, at - d.flatten(carrier.start)[0])
+    tangent = turn(Z, angle)[:2, 0]
+    if d.cable:
+        rate = spin * np.array([-tangent[1], tangent[0]])
+        return NodePoint2DSlope1(referenceCoordinates=[*at[:2], *tangent], initialVelocities=[*velocity[:2], *rate])
+    return NodeRigidBody2D(referenceCoordinates=[*at[:2], angle], initialVelocities=[*velocity[:2], spin])
+
+
+def _element(d: Drawing, root: Frame, beam: Beam, cells: Mesh, nodes: list[Any], k: int) -> Any:
+    """Return element k: bending about the section axis that is normal to the plane, shear along the other."""
+    stiffness, mass, rotary = cells.sections[k]
+    normal = d.layout.start(root).rotation.T @ d.plane[:, 2]
+    about = int(np.argmax(np.abs(normal)))  # 1: y, 2: z
+    common: dict[str, Any] = {
+        "length": cells.lengths[k],
+        "massPerLength": mass,
+        "bendingStiffness": stiffness[3 + about],
+        "axialStiffness": stiffness[0],
+    }
+    if d.cable:
+        # Reduced integration 2: Lobatto and Gauss points that avoid membrane locking.
+        common |= {"useReducedOrderIntegration": 2, "strainIsRelativeToReference": 1.0}
+        return ObjectANCFCable2D(nodeNumbers=nodes[k : k + 2], **common)
+    return ObjectBeamGeometricallyExact2D(
+        nodeNumbers=nodes[2 * k : 2 * k + 3],
+        crossSectionInertia=rotary[about],
+        shearStiffness=stiffness[3 - about],
+        referenceCurvature=float(beam.curvature @ normal),
+        includeReferenceRotations=True,
+        **common,
+    )
+
+
+def _lock(d: Drawing, marker: Any, node: Any) -> Any:
+    """Hold a node's position and angle to a frame that is turned as the node is at the start."""
+    markers = [marker, d.model.mbs.AddMarker(MarkerNodeRigid(nodeNumber=node))]
+    return d.model.mbs.AddObject(ObjectJointGeneric(markerNumbers=markers, constrainedAxes=[1, 1, 0, 0, 0, 1]))
+
+
+def run(d: Drawing, plan: Plan, q: Array, qd: Array) -> Outcome:
+    """Integrate and return what moved and what it took.
+
+    q, qd : (steps + 1, nq) and (steps + 1, nv), the motion at every step
+    """
+    moving = [j for j in d.mechanism.joints if j.nv]
+    for joint in moving:
+        sign = float(d.plane[:, 2] @ d.layout.start(d.layout.joint[joint.name]).rotation @ joint.axis)
+        angle = sign * scalar_coordinate(joint, joint_q(d.mechanism, joint, q))
+        rate = sign * qd[:, d.mechanism.v_slices[joint.name]][:, 0]
+        offset, offset_t = _user_function(plan, angle - angle[0]), _user_function(plan, rate)
+        d.model.drivers.append(Driver(d.model.joint[joint.name][1], offset, offset_t))
+    seen = solve(d.model.mbs, plan, d.model.drivers, *_sensors(d))
+    pose = {index: _pose(d, index, seen) for index in range(len(d.layout.groups))}
+    return Outcome(
+        pose=pose,
+        end={name: _world(d, d.layout.root[name], seen["end", name]) for name in d.model.beam},
+        wrench={j.name: _wrench(d, j.name, pose, seen) for j in moving},
+        root={name: -seen["lock", name] for name in d.model.lock},
+    )
+
+
+def _user_function(plan: Plan, values: Array) -> Any:
+    table = Table(plan.step, values)
+    return lambda mbs, t, item, offset: float(table(t))
+
+
+def _sensors(d: Drawing) -> tuple[Sensors, Sensors]:
+    """Return the sensors of motions and of reactions, by what they see and whose it is."""
+    add = d.model.mbs.AddSensor
+    states: dict[Key, Any] = {("pose", index): (d.model.node[index], OUT.Coordinates) for index in d.model.body}
+    states |= {("end", name): (numbers[-1], OUT.Position) for name, numbers in d.model.beam.items()}
+    items: dict[Key, Any] = {("lock", name): (number, OUT.ForceLocal) for name, number in d.model.lock.items()}
+    for name, (pin, motor) in d.model.joint.items():
+        items |= {("pin", name): (pin, OUT.Force), ("motor", name): (motor, OUT.Force)}
+    motions = {
+        k: add(SensorNode(nodeNumber=n, outputVariableType=v, storeInternal=True)) for k, (n, v) in states.items()
+    }
+    reactions = {
+        k: add(SensorObject(objectNumber=n, outputVariableType=v, storeInternal=True)) for k, (n, v) in items.items()
+    }
+    return motions, reactions
+
+
+def _pose(d: Drawing, index: int, seen: dict[Key, Array]) -> tuple[Array, Array]:
+    """Return position (samples, 3) [m] and rotation (samples, 3, 3) [-] of a group's frame in the world."""
+    group = d.layout.groups[index]
+    if index == 0:
+        samples = len(next(iter(seen.values())))
+        return np.zeros((samples, 3)), np.tile(np.eye(3), (samples, 1, 1))
+    u = seen["pose", index]
+    centre, r = _centre(d, index), turn(Z, u[:, 2])
+    flat = centre + u * (1, 1, 0) + r @ (d.flatten(group.start)[0] - centre)
+    position = flat @ d.plane.T + d.plane[:, 2] * (d.plane[:, 2] @ group.start.position)
+    return position, d.plane @ r @ d.plane.T @ group.start.rotation
+
+
+def _world(d: Drawing, root: Frame, flat: Array) -> Array:
+    """Return points of the plane (samples, 3) in the world, at the height of a frame [m]."""
+    return flat @ d.plane.T + d.plane[:, 2] * (d.plane[:, 2] @ d.layout.start(root).position)
+
+
+def _wrench(d: Drawing, name: str, pose: dict[int, tuple[Array, Array]], seen: dict[Key, Array]) -> Array:
+    """Return force [N] and moment [N m] on the child at the joint in the child's frame, (samples, 6)."""
+    child = next(k for k, g in enumerate(d.layout.groups) if g.joint == name)
+    force = -seen["pin", name] * (1, 1, 0) @ d.plane.T
+    moment = -seen["motor", name] * d.plane[:, 2]
+    both = np.stack([force, moment], axis=1)  # (sample, force or moment, xyz)
+    return np.asarray(both @ pose[child][1]).reshape(len(both), 6)
