@@ -7,7 +7,9 @@ import os
 import shlex
 import signal
 import sys
+import traceback
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from types import FrameType
@@ -49,7 +51,28 @@ T = TypeVar("T")
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+class _Failure(click.ClickException):
+    """What went wrong before anything ran, in words; exit code 2."""
+
+    exit_code = 2
+
+
+class _Main(click.Group):
+    """A command line whose every failure has exit code 2: 1 means that engines deviate, and nothing else."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except (KeyboardInterrupt, click.Abort):
+            raise _Failure("interrupted") from None
+        except (click.ClickException, click.exceptions.Exit):
+            raise
+        except Exception as error:
+            traceback.print_exc()
+            raise _Failure(f"the harness failed: {type(error).__name__}: {error}") from error
+
+
+@click.group(cls=_Main, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 def main() -> None:
     """Compute the same mechanism in several engines and say where they differ.
 
@@ -106,7 +129,8 @@ def run_command(
     console = Console(stderr=True)
     chosen = _chosen(ENGINES, engines, "engine")
     # A reader who names mechanisms wants those; the studies belong to the whole.
-    tables = () if names and studies == "*" else tuple(_chosen(STUDIES, studies, "study").values())
+    known = {} if names and studies == "*" else _chosen(STUDIES, studies, "study")
+    tables = tuple(replace(study, options={"models": str(models.resolve())}) for study in known.values())
     plan = _plan(models, names)
     with _terminated(), _progress(console) as notify:
         results = run(
@@ -160,12 +184,6 @@ def engines_command() -> None:
         else:
             table.add_row(engine.name, escape(answer["version"]), escape(answer["abilities"]))
     Console().print(table)
-
-
-class _Failure(click.ClickException):
-    """What went wrong before anything ran, in words; exit code 2."""
-
-    exit_code = 2
 
 
 def _plan(models: Path, names: tuple[str, ...]) -> Plan:

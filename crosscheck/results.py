@@ -184,7 +184,7 @@ def _row(kind: type, row: Mapping[str, Any]) -> Any:
 def slug(text: str) -> str:
     """Return a name that is safe in a path and a link; one that had to be changed gets a mark of its own."""
     safe = re.sub(r"[^A-Za-z0-9_-]+", "_", text)[:80]
-    return safe if safe == text else f"{safe}-{sha256(text.encode()).hexdigest()[:8]}"
+    return safe if safe == text != "" else f"{safe}-{sha256(text.encode()).hexdigest()[:8]}"
 
 
 def now() -> str:

@@ -19,7 +19,7 @@ from typing import Any
 from crosscheck import results as store
 from crosscheck.compare import Comparison, Pair, compare
 from crosscheck.engines import Engine, missing
-from crosscheck.isolation import Attempt, Children, ask, run_engine
+from crosscheck.isolation import Attempt, Children, Ending, ask, run_engine
 from crosscheck.limits import find, references, unused
 from crosscheck.plan import Plan, Task, case_row
 from crosscheck.record import Record, save
@@ -93,7 +93,17 @@ def _drain(pending: dict[Future[Any], Job], state: _State) -> None:
 
 
 def _do(job: Job, options: Options, children: Children) -> Any:
-    """Do one job in a child process (runs in a thread)."""
+    """Do one job in a child process (runs in a thread); where even that fails, say so and go on (a full disk)."""
+    try:
+        return _ask(job, options, children)
+    except Exception as error:
+        words = f"the harness failed: {type(error).__name__}: {error}"
+        if job[0] == "run":
+            return Attempt(Record(engine=job[2].name, status="error", message=words))
+        return None, Ending("error", words, "", 0.0)
+
+
+def _ask(job: Job, options: Options, children: Children) -> Any:
     kind, what, engine = job
     if kind == "describe":
         return ask({"kind": "describe", "module": what}, DESCRIBE, children)
@@ -168,18 +178,25 @@ class _State:
 
     def _run(self, task: Task, engine: Engine, attempt: Attempt) -> None:
         key = (task.folder.name, task.case.name)
-        row = run_row(task, attempt)
-        if attempt.record.status == "ok":
-            row = replace(row, series=f"series/{slug('-'.join(key))}/{slug(engine.name)}")
-            stem = self.out / row.series
-            stem.parent.mkdir(parents=True, exist_ok=True)
-            save(attempt.record, stem)
+        row = self._saved(run_row(task, attempt), attempt.record)
         self.results = replace(self.results, runs=(*self.results.runs, row))
         records = self.records.setdefault(key, {})
         records[engine.name] = attempt.record
         if len(records) == len(self.engines):
             self._compare(task, self.records.pop(key))
         self._tell(f"{key[0]}/{key[1]} {engine.name}", row.verdict if row.status != "ok" else "ok", row.message)
+
+    def _saved(self, row: RunRow, record: Record) -> RunRow:
+        """Write the series and return the row that says where they are, or why they could not be written."""
+        if record.status != "ok":
+            return row
+        stem = f"series/{slug(f'{row.mechanism}-{row.case}')}/{slug(row.engine)}"
+        try:
+            (self.out / stem).parent.mkdir(parents=True, exist_ok=True)
+            save(record, self.out / stem)
+        except OSError as error:
+            return replace(row, status="error", message=f"its series could not be written: {error}")
+        return replace(row, series=stem)
 
     def _compare(self, task: Task, records: Mapping[str, Record]) -> None:
         rows, idle = compare_all(task, records)
@@ -262,7 +279,7 @@ def study_row(study: Study, answer: Any, ending: Any) -> StudyRow:
     row = StudyRow(study.name, study.title, printed=ending.printed, elapsed=ending.elapsed)
     if ending.status != "ok":
         return replace(row, status=ending.status, message=ending.message)
-    if not isinstance(answer, dict) or not set(answer) <= known or not answer.get("rows"):
+    if not isinstance(answer, dict) or not set(answer) <= known or not (answer.get("rows") or answer.get("message")):
         return replace(row, status="error", message="the study gave no table")
     table: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in answer.items()}
     return replace(row, **table)

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
+import pytest
+import rogue_engines as rogue
+
 from crosscheck.engines import ENGINES, Engine
-from crosscheck.plan import Plan, discover
+from crosscheck.plan import discover
+from crosscheck.report import render
 from crosscheck.results import Results
 from crosscheck.runner import Options, run
 from crosscheck.studies import Study
 
-QUICK = Options(timeout=60.0)
+WICKED = "<img src=x onerror=alert(1)>"
 CASES = """
 source = "an example of the tests"
 
@@ -56,13 +62,40 @@ def write_models(models: Path, root: Path, name: str = "double_pendulum") -> Pat
 
 
 def example_run(
-    models: Path,
-    out: Path,
-    engines: dict[str, Engine] | tuple[str, ...] = ("flexinv", "pinocchio"),
-    studies: tuple[Study, ...] = (),
-    options: Options = QUICK,
+    models: Path, out: Path, engines: dict[str, Engine], studies: tuple[Study, ...] = (), timeout: float = 60.0
 ) -> Results:
-    """Run everything in ``models`` for real and return the results."""
-    plan: Plan = discover(models)
-    chosen = engines if isinstance(engines, dict) else {name: ENGINES[name] for name in engines}
-    return run(plan, chosen, studies, options, out)
+    """Run everything in ``models`` for real, render the report and return the results."""
+    results = run(discover(models), engines, studies, Options(timeout=timeout), out)
+    render(results, out)
+    return results
+
+
+@dataclass(frozen=True)
+class Night:
+    """A run in which much went wrong: its results and its folder."""
+
+    results: Results
+    out: Path
+
+
+@cache
+def night_run(root: Path, base: Path) -> Night:
+    """A real run, made once: two sound engines, three rogues, a missing one; a wicked name, a broken model, two studies.
+
+    base : a temporary folder for the whole session
+    """
+    folder = base / "night"
+    write_models(folder / "models", root, WICKED)
+    (folder / "models" / "broken").mkdir()
+    (folder / "models" / "broken" / "mechanism.toml").write_text("links = [")
+    engines = {name: ENGINES[name] for name in ("flexinv", "pinocchio")}
+    engines |= {kind: rogue.engine(kind) for kind in ("fine", "killed", "nan")}
+    engines["absent"] = Engine("absent", "rogue_engines", "no_such_package", "python -m pip install no-such-package")
+    studies = tuple(
+        Study(name, f"The {name} study", "rogue_engines", function, {"models": ""})
+        for name, function in (("rogue", "study"), ("sad", "no_study"))
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", str(Path(rogue.__file__).parent))
+        results = example_run(folder / "models", folder / "out", engines, studies)
+    return Night(results, folder / "out")

@@ -122,3 +122,16 @@ def fail(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record
 def garbage(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record:
     os.write(1, b"\x00\xff\xfe{]}\x1b[31m" * 10000)
     return fine(mechanism, case, options)
+
+
+def study(models: str) -> dict[str, Any]:
+    rows = [
+        {"what": "<b>bold</b>", "size": 1.0, "side": 10, "verdict": "within"},
+        {"what": "crooked", "size": 2e-5, "side": 20, "verdict": "deviation", "message": "it is not straight"},
+    ]
+    columns = [("what", "what", ""), ("size", "size", "m"), ("side", "side", "m"), ("message", "words", "")]
+    return {"columns": columns, "rows": rows, "plot": {"x": "side", "y": "size", "group": "what", "log": True}}
+
+
+def no_study(models: str) -> dict[str, Any]:
+    raise FileNotFoundError("the archive is empty")

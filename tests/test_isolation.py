@@ -73,14 +73,14 @@ def test_a_good_engine_gives_its_record(attempt: Callable[..., Attempt], task: T
     [
         ("refusing", "skipped", "has no legs"),
         ("killed", "error", "killed by signal 9 (SIGKILL)"),
-        ("crashing", "error", "killed by signal 6 (SIGABRT)"),
-        ("leaving", "error", "left with exit code 3: licence expired"),
+        pytest.param("crashing", "error", "killed by signal 6 (SIGABRT)", marks=pytest.mark.slow),
+        pytest.param("leaving", "error", "left with exit code 3: licence expired", marks=pytest.mark.slow),
         ("raising", "error", "ArithmeticError: singular <matrix> & worse"),
         ("nan", "error", "1 of {n} values are not finite, the first at t ="),
-        ("truncated", "error", "gives 5 of {n} samples and stops at t ="),
-        ("drifting", "error", "other sample times"),
-        ("empty", "error", "says ok and gives no series"),
-        ("odd-settings", "error", "not JSON compliant"),
+        pytest.param("truncated", "error", "gives 5 of {n} samples and stops at t =", marks=pytest.mark.slow),
+        pytest.param("drifting", "error", "other sample times", marks=pytest.mark.slow),
+        pytest.param("empty", "error", "says ok and gives no series", marks=pytest.mark.slow),
+        pytest.param("odd-settings", "error", "not JSON compliant", marks=pytest.mark.slow),
     ],
 )
 def test_misbehaviour_becomes_words(
@@ -92,6 +92,7 @@ def test_misbehaviour_becomes_words(
     assert not record.series
 
 
+@pytest.mark.slow
 def test_what_an_engine_prints_is_kept_and_harmless(attempt: Callable[..., Attempt]) -> None:
     assert "the solver's last words" in attempt("crashing").printed
     assert "test_isolation" not in attempt("raising").printed
@@ -101,7 +102,10 @@ def test_what_an_engine_prints_is_kept_and_harmless(attempt: Callable[..., Attem
     assert "\0" not in loud.printed
 
 
-@pytest.mark.parametrize("kind", ["hanging", "stubborn", "breeding"])
+@pytest.mark.parametrize(
+    "kind",
+    ["hanging", pytest.param("stubborn", marks=pytest.mark.slow), pytest.param("breeding", marks=pytest.mark.slow)],
+)
 def test_a_hang_ends_at_the_time_limit_with_all_it_started(
     attempt: Callable[..., Attempt], tmp_path: Path, kind: str
 ) -> None:
@@ -145,6 +149,7 @@ def test_stop_ends_all_children_and_starts_no_more(attempt: Callable[..., Attemp
     assert attempt("fine", children=children).record.message == "interrupted before it started"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells a child that its parent died")
 def test_a_parent_that_is_killed_leaves_no_orphans(attempt: object, task: Task, tmp_path: Path) -> None:
     script = textwrap.dedent("""
@@ -166,6 +171,7 @@ def test_a_parent_that_is_killed_leaves_no_orphans(attempt: object, task: Task, 
     wait_for(lambda: gone(pid), 10.0)
 
 
+@pytest.mark.slow
 def test_questions_are_answered_or_explained(attempt: object) -> None:
     answer, ending = ask({"kind": "describe", "module": "rogue_engines"}, LIMIT, Children())
     assert answer == {"version": "0.rogue", "abilities": "Does one thing wrong."}

@@ -2,6 +2,7 @@
 
 A study's function returns a dict: ``text``, ``columns`` [(key, title, unit)], ``rows`` [{key: value, "verdict": ...}]
 and perhaps ``plot`` {"x": key, "y": key, "group": key, "log": bool}: one curve for every value of the group's column.
+Where it does not apply it returns {"status": "skipped", "message": why}.
 """
 
 from __future__ import annotations

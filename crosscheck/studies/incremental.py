@@ -44,6 +44,8 @@ PLOT = {"x": "steps", "y": "error", "group": "law", "log": True}
 def study(models: str) -> dict[str, Any]:
     """Return the table of the report; errors over the range of the torque [-]."""
     folder = Path(models) / MODEL
+    if not folder.is_dir():
+        return {"status": "skipped", "message": f"there is no {MODEL} among the models"}
     mechanism = load_mechanism(folder)
     rows = [row for case in load_cases(folder, mechanism).values() for row in case_rows(mechanism, case)]
     return {"text": TEXT, "columns": COLUMNS, "rows": rows, "plot": PLOT}

@@ -4,6 +4,8 @@
   // Okabe and Ito's colours, told apart by colour-blind readers; dashes tell coinciding curves apart.
   const COLOURS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9", "#8a8f98", "#b8a800"];
   const DASHES = ["solid", "dash", "dot", "dashdot", "longdash", "5px 2px", "2px 2px", "8px 3px 2px 3px"];
+  // plotly reads some tags in names and titles as markup; a name is a name.
+  const plain = (text) => text.replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
   const read = (id) => { const node = document.getElementById(id); return node && JSON.parse(node.textContent); };
   const loaded = {};
   const waiting = {};
@@ -41,7 +43,7 @@
       hoverlabel: { bgcolor: s.surface, bordercolor: s.line, font: { color: s.text } },
       modebar: { bgcolor: "rgba(0,0,0,0)", color: s.muted, activecolor: s.text },
       margin: { l: 8, r: 12, t: 8, b: 8 }, shapes: [], annotations: [], dragmode: "zoom",
-      xaxis: Object.assign({ title: { text: x } }, axis), yaxis: Object.assign({ title: { text: y } }, axis),
+      xaxis: Object.assign({ title: { text: plain(x) } }, axis), yaxis: Object.assign({ title: { text: plain(y) } }, axis),
     };
     for (const key of Object.keys(extra || {})) {
       base[key] = key.endsWith("axis") ? Object.assign(base[key], extra[key]) : extra[key];
@@ -67,15 +69,15 @@
     const colour = (engine) => COLOURS[manifest.engines.indexOf(engine) % COLOURS.length];
     const dash = (engine) => DASHES[manifest.engines.indexOf(engine) % DASHES.length];
     const line = (engine, x, y) => ({
-      type: "scatter", mode: "lines", name: engine, x, y, line: { color: colour(engine), dash: dash(engine), width: 2 },
+      type: "scatter", mode: "lines", name: plain(engine), x, y, line: { color: colour(engine), dash: dash(engine), width: 2 },
     });
 
     function band(engine, x, y, half) {
       const edge = (sign) => y.map((v, k) => v + sign * half[k]);
       const common = { type: "scatter", mode: "lines", x, hoverinfo: "skip", line: { width: 0 } };
       return [
-        Object.assign({ y: edge(-1), name: engine + " lower" }, common),
-        Object.assign({ y: edge(+1), name: engine + " upper", fill: "tonexty", fillcolor: colour(engine) + "33" }, common),
+        Object.assign({ y: edge(-1), name: plain(engine) + " lower" }, common),
+        Object.assign({ y: edge(+1), name: plain(engine) + " upper", fill: "tonexty", fillcolor: colour(engine) + "33" }, common),
       ];
     }
 
@@ -129,7 +131,7 @@
         if (!one.spectrum.amplitude[engine]) continue;
         traces.push(line(engine, x, decode(one.spectrum.amplitude[engine])));
         const marks = one.spectrum.peaks[engine] || [];
-        traces.push({ type: "scatter", mode: "markers", name: engine + " peak", x: marks.map((m) => m[0]), y: marks.map((m) => m[1]),
+        traces.push({ type: "scatter", mode: "markers", name: plain(engine) + " peak", x: marks.map((m) => m[0]), y: marks.map((m) => m[1]),
           marker: { color: colour(engine), symbol: "triangle-down", size: 9 }, hoverinfo: "skip" });
         if (marked === null) marked = marks;
       }
@@ -205,7 +207,7 @@
   function studyPage(plot) {
     const type = plot.log ? "log" : "linear";
     const traces = Object.entries(plot.curves).map(([name, curve], k) => ({
-      type: "scatter", mode: "lines+markers", name, x: curve.x, y: curve.y,
+      type: "scatter", mode: "lines+markers", name: plain(name), x: curve.x, y: curve.y,
       line: { color: COLOURS[k % COLOURS.length], dash: DASHES[k % DASHES.length], width: 2 }, marker: { size: 8 },
     }));
     const show = async () => {

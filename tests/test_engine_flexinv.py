@@ -1,0 +1,63 @@
+"""flexinv as an engine: its record holds what its solution says, in the units and under the names of the contract."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from crosscheck.engines import flexinv as engine
+from crosscheck.engines.base import sample_times
+from crosscheck.record import Record, check
+from flexinv.case import Case
+from flexinv.mechanism import Mechanism
+from flexinv.mechanism_file import load_mechanism
+from flexinv.motion import Motion
+from flexinv.solve import solve
+
+
+def case(motion: Motion, step: float, sample: float) -> Case:
+    return Case("c", "", motion, step, motion.duration, sample, ("torque",), ())
+
+
+@pytest.fixture(scope="module")
+def flexible(root: Path) -> tuple[Mechanism, Case, Record]:
+    mechanism = load_mechanism(root / "models" / "flex_one_link")
+    one = case(Motion.point_to_point([0.0], [0.3], 0.02), 1e-3, 2e-3)
+    return mechanism, one, engine.run(mechanism, one, "flexinv", {})
+
+
+def test_a_record_is_the_solution_on_the_sample_times(flexible: tuple[Mechanism, Case, Record]) -> None:
+    mechanism, one, record = flexible
+    check(record, sample_times(one))
+    solution = solve(mechanism, one.motion, one.step)
+    values = {name: s.values for name, s in record.series.items()}
+    np.testing.assert_array_equal(values["torque/hub"], solution.torque_all[::2, 0])
+    for k, axis in enumerate("xyz"):
+        np.testing.assert_array_equal(values[f"tip/link/{axis}"], solution.tip["link"][::2, k])
+        np.testing.assert_array_equal(values[f"deflection/link/{axis}"], solution.deflection["link"][::2, k])
+        np.testing.assert_array_equal(values[f"wrench/hub/m{axis}"], solution.wrench["hub"][::2, 3 + k])
+    np.testing.assert_array_equal(values["axial/link"], solution.wrench["hub"][::2, 0])
+    assert sum(name.startswith("internal/link/") for name in values) == 4 * 6  # order 4 has four Gauss points
+    assert record.settings["link"] == "1 x order 4"
+
+
+def test_flexible_torques_and_tips_have_error_bars(flexible: tuple[Mechanism, Case, Record]) -> None:
+    mechanism, one, record = flexible
+    for name in ("torque/hub", "tip/link/y"):
+        bar = record.series[name].error
+        assert bar is not None
+        assert 0.0 < bar.max() < np.ptp(record.series[name].values)
+    assert record.series["wrench/hub/mz"].error is None
+    plain = engine.run(mechanism, one, "flexinv", {"error": False})
+    assert plain.series["torque/hub"].error is None
+
+
+def test_rigid_mechanisms_and_unactuated_bases_have_every_torque(root: Path) -> None:
+    mechanism = load_mechanism(root / "models" / "double_pendulum")
+    one = case(Motion.point_to_point([0.0, 0.0], [1.0, -1.0], 0.1), 1e-2, 1e-2)
+    record = engine.run(mechanism, one, "flexinv", {})
+    assert {n for n in record.series if n.startswith("torque/")} == {f"torque/{n}" for n in mechanism.velocity_names}
+    assert all(s.error is None for s in record.series.values())
+    assert engine.unsupported(mechanism, one, "flexinv") is None

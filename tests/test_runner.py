@@ -1,0 +1,214 @@
+"""A night in which engines crash, return NaN and are missing: everything is written, nothing passes by mistake."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rogue_engines as rogue
+from crosscheck_examples import WICKED, Night, night_run, write_models
+
+from crosscheck import results as store
+from crosscheck.engines import ENGINES, Engine
+from crosscheck.isolation import Children
+from crosscheck.plan import Plan, discover
+from crosscheck.record import load
+from crosscheck.results import CaseRow, Results, RunRow, StudyRow
+from crosscheck.runner import Event, Options, run
+from flexinv.errors import InputError
+
+NAMES = ["flexinv", "pinocchio", "fine", "killed", "nan", "absent"]
+
+
+@pytest.fixture(scope="session")
+def night(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Night:
+    return night_run(root, tmp_path_factory.getbasetemp())
+
+
+def test_every_engine_has_a_row_that_says_what_happened(night: Night) -> None:
+    runs = {r.engine: r for r in night.results.runs}
+    assert list(runs) == NAMES
+    assert {n: r.status for n, r in runs.items()} == {
+        **{"flexinv": "ok", "pinocchio": "ok", "fine": "ok"},
+        **{"killed": "error", "nan": "error", "absent": "error"},
+    }
+    assert runs["killed"].message == "killed by signal 9 (SIGKILL)"
+    assert "not finite" in runs["nan"].message
+    assert "python -m pip install no-such-package" in runs["absent"].message
+
+
+def test_verdicts_are_what_the_numbers_say(night: Night) -> None:
+    verdicts = {(c.engine, c.quantity, c.unit): c.verdict for c in night.results.comparisons}
+    assert {v for (engine, _, _), v in verdicts.items() if engine == "pinocchio"} == {"within"}
+    assert verdicts["fine", "torque", "N m"] == "deviation"
+    assert verdicts["fine", "tip", "m"] == "skipped"
+    assert {v for (engine, _, _), v in verdicts.items() if engine in ("killed", "nan", "absent")} == {"error"}
+    assert night.results.exit_code == 2
+
+
+def test_the_engines_say_what_they_are(night: Night) -> None:
+    engines = {e.name: e for e in night.results.engines}
+    assert engines["fine"].abilities == "Does one thing wrong."
+    assert not engines["absent"].present
+    assert "no_such_package is not installed" in engines["absent"].message
+
+
+def test_a_model_that_cannot_be_read_is_a_row(night: Night) -> None:
+    (row,) = [c for c in night.results.cases if c.problem]
+    assert row.mechanism == "broken"
+    assert "mechanism.toml" in row.problem
+
+
+def test_studies_are_tables_or_say_why_not(night: Night) -> None:
+    studies = {s.name: s for s in night.results.studies}
+    assert studies["rogue"].verdict == "deviation"
+    assert [row["verdict"] for row in studies["rogue"].rows] == ["within", "deviation"]
+    assert (studies["sad"].status, studies["sad"].verdict) == ("error", "error")
+    assert "the archive is empty" in studies["sad"].message
+
+
+def test_results_come_back_from_disk_as_they_were(night: Night) -> None:
+    back = store.read(night.out / "results.json")
+    assert json.loads(json.dumps(back, default=vars)) == json.loads(json.dumps(night.results, default=vars))
+    assert (back.exit_code, back.finished) == (2, True)
+    with pytest.raises(ValueError, match="schema 1"):
+        store.read(night.out / "series" / f"{night.results.cases[1].slug}" / "flexinv.json")
+
+
+def test_series_are_on_disk(night: Night) -> None:
+    for row in night.results.runs:
+        if row.status == "ok":
+            record = load(night.out / row.series)
+            assert record.engine == row.engine
+            assert record.series
+        else:
+            assert row.series == ""
+    assert all(".." not in r.series and WICKED not in r.series for r in night.results.runs)
+
+
+def test_the_run_says_on_what_it_ran(night: Night) -> None:
+    assert night.results.machine["cores"]
+    assert night.results.versions["numpy"] == np.__version__
+    assert night.results.settings["timeout"] == 60.0
+    assert night.results.elapsed > 0.0
+
+
+# --- what makes a run good or bad -------------------------------------------------------------------------------------
+
+GOOD = Results("now", finished=True, cases=(CaseRow("m", "c"),), runs=(RunRow("m", "c", "e", "ok"),))
+
+
+@pytest.mark.parametrize(
+    ("results", "code"),
+    [
+        (GOOD, 0),
+        (replace(GOOD, runs=(RunRow("m", "c", "e", "skipped"),)), 0),
+        (replace(GOOD, runs=(RunRow("m", "c", "e", "timeout"),)), 2),
+        (replace(GOOD, runs=(RunRow("m", "c", "e", "error"),)), 2),
+        (replace(GOOD, finished=False), 2),
+        (replace(GOOD, cases=()), 2),
+        (replace(GOOD, cases=(CaseRow("m", "", problem="torn"),)), 2),
+        (replace(GOOD, studies=(StudyRow("s", "s", rows=({"verdict": "deviation"},)),)), 1),
+        (replace(GOOD, studies=(StudyRow("s", "s", rows=({},)),)), 2),
+        (replace(GOOD, studies=(StudyRow("s", "s", status="timeout"),)), 2),
+        (replace(GOOD, studies=(StudyRow("s", "s", status="skipped"),)), 0),
+    ],
+)
+def test_exit_codes(results: Results, code: int) -> None:
+    assert results.exit_code == code
+
+
+# --- what goes wrong in the harness itself ----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def plan(root: Path, tmp_path: Path) -> Plan:
+    return discover(write_models(tmp_path / "models", root).parent)
+
+
+def stopping(at: int) -> Callable[[Event], None]:
+    def notify(event: Event) -> None:
+        if event.done == at:
+            raise KeyboardInterrupt
+
+    return notify
+
+
+def test_ctrl_c_leaves_a_row_for_everything(plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONPATH", str(Path(rogue.__file__).parent))
+    absent = Engine("absent", "rogue_engines", "no_such_package", "never")
+    engines = {"absent": absent, "fine": rogue.engine("fine"), "hanging": rogue.engine("hanging")}
+    results = run(plan, engines, (), Options(60.0, jobs=1), tmp_path / "out", stopping(1))
+    assert {r.engine for r in results.runs} == set(engines)
+    assert {r.status for r in results.runs} == {"error"}
+    assert (results.exit_code, results.finished) == (2, False)
+    assert store.read(tmp_path / "out" / "results.json").message == "interrupted before everything was run"
+
+
+def test_a_full_disk_becomes_a_row(plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("crosscheck.isolation.tempfile.TemporaryDirectory", full)
+    results = run(plan, {"pinocchio": ENGINES["pinocchio"]}, (), Options(60.0), tmp_path / "out")
+    assert "No space left on device" in results.runs[0].message
+    assert results.exit_code == 2
+
+
+def test_an_older_report_is_replaced_and_nothing_else_is_touched(plan: Plan, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    (out / "series" / "old").mkdir(parents=True)
+    (out / "mine.txt").write_text("keep me")
+    absent = Engine("absent", "rogue_engines", "no_such_package", "never")
+    run(plan, {"absent": absent}, (), Options(60.0), out)
+    assert not (out / "series" / "old").exists()
+    assert (out / "mine.txt").read_text() == "keep me"
+
+
+def test_stopped_children_do_not_start(plan: Plan) -> None:
+    children = Children()
+    children.stop()
+    with pytest.raises(InterruptedError):
+        children.start(["true"], Path("."), 1)
+
+
+# --- what there is to run ---------------------------------------------------------------------------------------------
+
+
+def test_names_and_patterns_choose(root: Path, tmp_path: Path) -> None:
+    for name in ("left_arm", "right_arm", "leg"):
+        write_models(tmp_path, root, name)
+    chosen = [t.folder.name for t in discover(tmp_path, ["*_arm"]).tasks]
+    assert chosen == ["left_arm", "right_arm"]
+    assert [t.case.name for t in discover(tmp_path, ["leg/swing"]).tasks] == ["swing"]
+    with pytest.raises(InputError, match="nothing to run is called 'tail'; mechanisms here: left_arm, leg, right_arm"):
+        discover(tmp_path, ["tail"])
+    with pytest.raises(InputError, match="'leg/kick'"):
+        discover(tmp_path, ["leg/kick"])
+
+
+def test_the_end_of_the_motion_is_found(plan: Plan) -> None:
+    (task,) = plan.tasks
+    assert task.rest == pytest.approx(0.5)
+    assert task.time[-1] == pytest.approx(0.75)
+
+
+def test_a_missing_cases_file_is_a_broken_model(root: Path, tmp_path: Path) -> None:
+    folder = write_models(tmp_path, root)
+    shutil.move(folder / "cases.toml", folder / "cases.txt")
+    plan = discover(tmp_path)
+    assert not plan.tasks
+    assert plan.broken[0][0] == "double_pendulum"
+
+
+@pytest.mark.parametrize("name", ["a/../../b", "..", "<b>", "a b", "ä", "x" * 300, ""])
+def test_slugs_are_safe_and_differ(name: str) -> None:
+    made = store.slug(name)
+    assert made.replace("-", "").replace("_", "").isalnum()
+    assert len(made) < 100
+    assert made != store.slug(name + "!")
