@@ -48,14 +48,13 @@ def test_a_sound_run_has_exit_code_0_and_writes_everything(models: Path, tmp_pat
 def test_a_missing_engine_has_exit_code_2_and_still_a_report(
     models: Path, tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(ENGINES, "pinocchio", Engine("pinocchio", "x", "no_such_package", "python -m pip install pin"))
+    gone = Engine("pinocchio", "x", "no_such_package", "python -m pip install pin")
+    monkeypatch.setattr("crosscheck.cli.ENGINES", {"pinocchio": gone})
     out = tmp_path / "report"
     done = invoke("run", "double_pendulum", "--models", models, "--engines", "pinocchio", "--out", out)
     assert done.exit_code == 2
     assert "python -m pip install pin" in done.output
     assert "python -m pip install pin" in (out / "index.html").read_text()
-    for name in set(ENGINES) - {"pinocchio"}:
-        monkeypatch.delitem(ENGINES, name)
     listed = invoke("engines")
     assert "missing" in listed.output
 
@@ -115,8 +114,8 @@ def test_a_failure_of_the_harness_is_not_a_deviation(
         raise ZeroDivisionError("unforeseen")
 
     monkeypatch.setattr("crosscheck.cli.render", fall)
-    monkeypatch.setitem(ENGINES, "pinocchio", Engine("pinocchio", "x", "no_such_package", "never"))
-    done = invoke("run", "double_pendulum", "--models", models, "--engines", "pinocchio", "--out", tmp_path / "o")
+    monkeypatch.setattr("crosscheck.cli.ENGINES", {"e": Engine("e", "x", "no_such_package", "never")})
+    done = invoke("run", "double_pendulum", "--models", models, "--out", tmp_path / "o")
     assert done.exit_code == 2
     assert "the harness failed: ZeroDivisionError: unforeseen" in done.output
 
