@@ -304,7 +304,7 @@ def test_junit_is_xml_whatever_is_in_it() -> None:
 
 def test_rows_without_numbers_and_with_the_same_words_are_gathered() -> None:
     rows = [row("error", None), row("error", None, quantity="tip"), row("within"), row("error", None, message="other")]
-    gathered = html.gathered(rows)
+    gathered = words.gathered(rows)
     assert [(r.verdict, r.quantity) for r in gathered] == [
         ("error", "torque, tip"),
         ("within", "torque"),

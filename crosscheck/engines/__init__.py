@@ -36,7 +36,9 @@ ENGINES: dict[str, Engine] = {
         _engine("flexinv", "flexinv", "flexinv", "."),
         _engine("pinocchio", "pinocchio", "pinocchio", "pin"),
         _engine("mujoco", "mujoco", "mujoco", "mujoco"),
+        _engine("mujoco-flex", "mujoco_flex", "mujoco", "mujoco"),
         _engine("exudyn", "exudyn", "exudyn", "exudyn"),
+        _engine("exudyn-dae", "exudyn", "exudyn", "exudyn"),
         _engine("exudyn-ancf", "exudyn", "exudyn", "exudyn"),
         _engine("exudyn-ge", "exudyn", "exudyn", "exudyn"),
     )

@@ -34,6 +34,10 @@ class ExudynFailure(RuntimeError):
     """Exudyn did not give what it was asked for; the message says at which time and why, as far as it tells."""
 
 
+class NewtonStalled(ExudynFailure):
+    """Newton did not reach its tolerance; a looser one may do."""
+
+
 @dataclass(frozen=True)
 class Plan:
     """How to integrate.
@@ -176,7 +180,7 @@ def _reasons(mbs: Any, solver: str) -> Iterator[None]:
     except exu.SolverError as error:
         where = mbs.sys.get(solver)
         known = "" if where is None else str(SolverSuccess(where)[1]).strip()
-        raise ExudynFailure(f"Exudyn's {solver} failed: {known or error}") from error
+        raise NewtonStalled(f"Exudyn's {solver} failed: {known or error}") from error
     except Exception as error:
         raise ExudynFailure(f"Exudyn's {solver} failed: {type(error).__name__}: {error}") from error
 

@@ -5,7 +5,6 @@ Everything a page needs lies beside it (plotly.js comes from the installed packa
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import re
 import shutil
@@ -17,7 +16,6 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from crosscheck.compare import Comparison
 from crosscheck.limits import worst
 from crosscheck.report import words
 from crosscheck.report.plots import write_case
@@ -103,25 +101,11 @@ def case_view(results: Results, case: CaseRow, out: Path) -> dict[str, Any]:
         "case": case,
         "verdict": worst([c.verdict for c in cells if c.verdict is not None]),
         "cells": cells,
-        "comparisons": gathered([c for one in cells for c in one.comparisons]),
+        "comparisons": words.gathered([c for one in cells for c in one.comparisons]),
         "runs": [one.run for one in cells if one.run is not None],
         "manifest": write_case(results, case, out),
         "neighbours": neighbours(results, case),
     }
-
-
-def gathered(rows: list[Comparison]) -> list[Comparison]:
-    """Return the comparisons, those without numbers and with the same words in one row with all their quantities."""
-    groups: dict[Any, list[Comparison]] = {}
-    for k, row in enumerate(rows):
-        same = (row.engine, row.reference, row.verdict, row.message) if row.maximum is None else k
-        groups.setdefault(same, []).append(row)
-    return [
-        dataclasses.replace(group[0], quantity=", ".join(dict.fromkeys(row.quantity for row in group)), unit="")
-        if len(group) > 1
-        else group[0]
-        for group in groups.values()
-    ]
 
 
 def study_view(results: Results, study: StudyRow) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
+from crosscheck.report import words
 from crosscheck.report.words import SIGNS, cell, duration, sentence, short, study_line, troubles
 from crosscheck.results import Results
 
@@ -26,7 +27,7 @@ def render(results: Results) -> str:
     return "\n".join([*parts, "## Engines", "", *table(("engine", "version", "what it can do"), engines)]) + "\n"
 
 
-HEAD = ("case", "engine", "reference", "quantity", "largest error", "RMS", "of range", "limit", "verdict")
+HEAD = ("case", "engine", "reference", "quantity", "largest error", "RMS", "of range", "limit", "verdict", "message")
 
 
 def _matrix(results: Results) -> Iterable[tuple[str, ...]]:
@@ -37,7 +38,7 @@ def _matrix(results: Results) -> Iterable[tuple[str, ...]]:
 
 
 def _comparisons(results: Results) -> Iterable[tuple[str, ...]]:
-    for c in results.comparisons:
+    for c in words.gathered(results.comparisons):
         yield (
             f"{c.mechanism}/{c.case}",
             c.engine,
@@ -48,6 +49,7 @@ def _comparisons(results: Results) -> Iterable[tuple[str, ...]]:
             short(c.fraction),
             short(c.limit),
             f"{SIGNS[c.verdict]} {c.verdict}",
+            c.message,
         )
 
 

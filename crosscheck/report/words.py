@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 from crosscheck.compare import Comparison
 from crosscheck.limits import VERDICTS, Verdict, worst
@@ -133,6 +134,21 @@ def study_line(study: StudyRow) -> str:
         return f"{study.status}: {study.message}"
     tally = {v: sum(row.get("verdict") == v for row in study.rows) for v in reversed(VERDICTS)}
     return ", ".join(f"{n} {v}" for v, n in tally.items() if n)
+
+
+def gathered(rows: Iterable[Comparison]) -> list[Comparison]:
+    """Return the comparisons, those without numbers and with the same words in one row with all their quantities."""
+    groups: dict[Any, list[Comparison]] = {}
+    for k, row in enumerate(rows):
+        place = (row.mechanism, row.case, row.engine, row.reference)
+        same = (*place, row.verdict, row.message) if row.maximum is None else k
+        groups.setdefault(same, []).append(row)
+    return [
+        replace(group[0], quantity=", ".join(dict.fromkeys(row.quantity for row in group)), unit="")
+        if len(group) > 1
+        else group[0]
+        for group in groups.values()
+    ]
 
 
 def short(value: float | None) -> str:
