@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from flexinv.balance import balance, base_reaction
@@ -12,6 +14,7 @@ from flexinv.kinematics import Trajectory
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import VELOCITIES, Mesh
 from flexinv.nodal import NodalMotion
+from flexinv.rigid import rigid_motion
 from flexinv.solution import Solution
 from flexinv.system import FRICTION_RATE
 
@@ -42,6 +45,15 @@ def evaluate(
         balance=balance(mesh, motion, forces, tau, qd, base, trajectory.energy, time),
         iterations=trajectory.iterations, settings=settings, notes=mechanism.notes,
     )  # fmt: skip
+
+
+def rigid_trajectory(mesh: Mesh, q: Array, qd: Array, qdd: Array, applied: NodalForces | None = None) -> Trajectory:
+    """Return the trajectory of a rigid mechanism [m, rad, s, N]: exact kinematics, nothing to march; wrenches are those of P."""
+    motion = rigid_motion(mesh, q, qd, qdd)
+    wrenches = joint_wrenches(mesh, motion, nodal_forces(mesh, motion, applied))
+    moment = np.einsum("snji,snj->sni", motion.rotation, wrenches.moment)
+    wrench = np.concatenate([wrenches.force, moment], axis=2)
+    return replace(Trajectory.empty(len(q), mesh), motion=motion, wrench=wrench)
 
 
 def _direction(mechanism: Mechanism, qd: Array, passive: set[str]) -> Array:

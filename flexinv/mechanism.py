@@ -178,9 +178,52 @@ class Joint:
         return len(COORDINATES[self.kind][1])
 
 
+# closure kind -> number of constraints that it puts on the relative motion of its two frames
+CLOSURES: dict[str, int] = {
+    "fixed": 6,
+    "revolute": 5,
+    "prismatic": 5,
+    "cylindrical": 4,
+    "universal": 4,
+    "spherical": 3,
+    "point-on-line": 2,
+}
+
+
+@dataclass(frozen=True)
+class Attachment:
+    """A frame on a link (or on the world): ``placement`` in the link frame, or in a beam's section at ``station``."""
+
+    link: str
+    placement: Placement = field(default_factory=Placement)
+    station: float | None = None
+
+
+@dataclass(frozen=True)
+class Closure:
+    """A joint that closes a loop: it ties the second frame to the first as a joint of its kind would.
+
+    kind : a key of ``CLOSURES``
+    axis : (3,) [-], unit, in both frames: the free axis of a revolute, prismatic or cylindrical closure, the line of
+        point-on-line (in the first frame), the axis of a universal closure that stays with the first frame
+    second_axis : (3,) [-], universal: the axis that stays with the second frame
+    active : intervals (start, end) [s] in which it acts; empty: always
+    """
+
+    name: str
+    kind: str
+    first: Attachment
+    second: Attachment
+    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    second_axis: Array = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
+    active: tuple[tuple[float, float], ...] = ()
+
+
 @dataclass(frozen=True, eq=False)  # identity: a mechanism is the key under which its mesh is kept
 class Mechanism:
     """A tree of links and joints under gravity; ``joints`` is ordered depth-first, parents before children.
+
+    closures : what ties links of the tree into loops
 
     gravity : (3,) [m/s^2], world frame
     urdf : the URDF file the mechanism came from, if any (an engine with a URDF parser of its own reads it again)
@@ -192,6 +235,7 @@ class Mechanism:
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
     gravity: Array = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
+    closures: tuple[Closure, ...] = ()
     title: str = ""
     source: str = ""
     urdf: Path | None = None
@@ -277,9 +321,7 @@ class Mechanism:
         return self._with_beams(lambda b: replace(b, elements=elements, order=order))
 
     def _with_beams(self, change: Callable[[Beam], Beam]) -> Mechanism:
-        links = tuple(
-            link if link.beam is None else replace(link, beam=change(link.beam)) for link in self.links
-        )
+        links = tuple(link if link.beam is None else replace(link, beam=change(link.beam)) for link in self.links)
         return replace(self, links=links)
 
 

@@ -79,6 +79,7 @@ class Mesh:
     joint_node : joint name -> node of the child's link frame; tip_node : link name -> node of a beam's end
     root_node : link name -> node of a beam's root section
     section_nodes : beam link name -> node numbers along the beam, root first
+    section_stations : beam link name -> their fractions of the length [-]
     body_node : (link name, body name) -> node at the body's centre of mass
     """
 
@@ -98,12 +99,18 @@ class Mesh:
     tip_node: dict[str, int]
     section_nodes: dict[str, NDArray[np.int64]]
     body_node: dict[tuple[str, str], int]
+
+    section_stations: dict[str, Array]
     elements: Elements
 
     @property
     def size(self) -> int:
         """Number of nodes [-]."""
         return len(self.parent)
+
+    def section_at(self, link: str, station: float) -> int:
+        """Return the node of a beam's section nearest to ``station`` [-] (the mesh has one wherever something is attached)."""
+        return int(self.section_nodes[link][np.argmin(np.abs(self.section_stations[link] - station))])
 
 
 @dataclass
@@ -182,6 +189,8 @@ class _Builder:
     def beam(self, link: Link, beam: Beam, index: int, node: int) -> None:
         wanted = [j.station for j in self.mechanism.joints if j.parent == link.name and j.station is not None]
         wanted += [b.station for b in link.bodies if b.station is not None]
+        ends = [end for closure in self.mechanism.closures for end in (closure.first, closure.second)]
+        wanted += [end.station for end in ends if end.link == link.name and end.station is not None]
         bounds = _element_bounds(beam, wanted)
         root = self.node(node, RIGID, beam.placement, index)
         nodes, stations = [root], [0.0]
@@ -324,5 +333,6 @@ def build(mechanism: Mechanism) -> Mesh:
         builder.tip_node,
         builder.section_nodes,
         builder.body_node,
+        builder.stations,
         _elements(builder.elements),
     )

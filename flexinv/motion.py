@@ -119,7 +119,7 @@ class Motion:
         """Return the names of the joints [-] that the motion gives; the others are passive.  Raises InputError."""
         given = {joint.name for track in self.tracks for joint, _ in parts(track, mechanism)}
         missing = [j.name for j in mechanism.joints if j.nv and j.actuated and j.name not in given]
-        if missing:
+        if missing and not mechanism.closures:  # in a loop the closures move the joints that the motion leaves out
             raise InputError(
                 f"the motion gives no joint {missing[0]!r}, which has an actuator; give it a motion (start = end holds "
                 f"it) or write actuated = false{_others(missing)}"

@@ -35,3 +35,8 @@ class NodalMotion:
         zeros = [np.zeros((samples, nodes, 3)) for _ in range(5)]
         x, v, omega, a, alpha = zeros
         return cls(x, np.zeros((samples, nodes, 3, 3)), v, omega, a, alpha)
+
+    def repeated(self, times: int) -> NodalMotion:
+        """Return every sample ``times`` [-] times, one after the other."""
+        parts = (self.x, self.rotation, self.v, self.omega, self.a, self.alpha)
+        return NodalMotion(*(np.repeat(part, times, axis=0) for part in parts))

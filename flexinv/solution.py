@@ -19,6 +19,22 @@ INTERNAL = ("axial", "shear_y", "shear_z", "twist", "bending_y", "bending_z")
 
 
 @dataclass(frozen=True)
+class LoopForces:
+    """What acts in the closures of a mechanism, and how its drives share the work.
+
+    reaction : closure -> (samples, 6) force [N] and moment [N m] on the second link, at the closure, in the second frame
+    preload : (samples, nv, k) efforts that only stress the mechanism [-]: the null space of redundant drives
+    condition : (samples,) of the drives' authority over the motions that the closures allow [-]
+    left : (samples, nv) efforts that neither drives nor closures carry [N m], [N]: rounding where the drives suffice
+    """
+
+    reaction: dict[str, Array]
+    preload: Array
+    condition: Array
+    left: Array
+
+
+@dataclass(frozen=True)
 class Solution:
     """Joint torques, the motion they belong to, and their balances.
 
@@ -34,6 +50,7 @@ class Solution:
     balance : energies [J], power [W] and momentum [N] residuals
     torque_error, tip_error : error bars from refinement, None unless asked for; (samples, actuated) [N m]; link -> (samples,) [m]
     iterations : (samples,) of Newton; settings : what was used
+    loops : forces in closures and the sharing among drives; None without closures
     """
 
     mechanism: Mechanism
@@ -57,6 +74,7 @@ class Solution:
     torque_error: Array | None = None
     tip_error: dict[str, Array] | None = None
     notes: tuple[str, ...] = field(default_factory=tuple)
+    loops: LoopForces | None = None
 
     @property
     def torque(self) -> Array:

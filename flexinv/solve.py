@@ -9,17 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import maximum_filter1d
 
+from flexinv.closed import closed_solution
 from flexinv.differences import check_samples
 from flexinv.errors import InputError
-from flexinv.evaluate import evaluate
+from flexinv.evaluate import evaluate, rigid_trajectory
 from flexinv.integrate import generalized_alpha
-from flexinv.inverse import joint_wrenches, nodal_forces
-from flexinv.kinematics import JointHistory, Progress, Trajectory, flexible_motion
+from flexinv.kinematics import JointHistory, Progress, flexible_motion
 from flexinv.mechanism import Array, Mechanism
-from flexinv.mesh import Mesh, build
+from flexinv.mesh import build
 from flexinv.motion import Motion
 from flexinv.passive import fill_passive
-from flexinv.rigid import rigid_motion
 from flexinv.solution import Solution
 
 # A sampling grid longer than this is a mistake in `step` far more often than a wish.
@@ -69,8 +68,10 @@ def solve(
     mesh = build(mechanism)
     scheme = generalized_alpha(float(step), spectral_radius)
     q, qd, qdd = right(time)
+    if mechanism.closures:
+        return closed_solution(mesh, right, time, passive, settings)
     if mechanism.is_rigid and not passive:
-        trajectory = _rigid(mesh, q, qd, qdd)
+        trajectory = rigid_trajectory(mesh, q, qd, qdd)
     else:
         trajectory = flexible_motion(mesh, history, right, time, scheme, passive, motion.jumps, initial, progress)
         fill_passive(mesh, trajectory.motion, passive, q, qd, qdd)
@@ -136,15 +137,6 @@ def _histories(
         return q, qd, qdd
 
     return (lambda time: joint_motion(time, "left")), (lambda time: joint_motion(time, "right"))
-
-
-def _rigid(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> Trajectory:
-    """The trajectory of a rigid mechanism: exact kinematics, nothing to march; wrenches by definition those of P."""
-    out = Trajectory.empty(len(q), mesh)
-    motion = rigid_motion(mesh, q, qd, qdd)
-    wrenches = joint_wrenches(mesh, motion, nodal_forces(mesh, motion))
-    moment = np.einsum("snji,snj->sni", motion.rotation, wrenches.moment)
-    return replace(out, motion=motion, wrench=np.concatenate([wrenches.force, moment], axis=2))
 
 
 # ------------------------------------------------------------------------------------------------- error bars

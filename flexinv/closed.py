@@ -1,0 +1,85 @@
+"""Closed loops of rigid links: motion from the closures, then the same inverse dynamics, closure forces among the nodal ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from flexinv.closures import Rows, constraint_jacobian, constraint_rows, row_forces
+from flexinv.errors import InputError
+from flexinv.evaluate import evaluate, rigid_trajectory
+from flexinv.inverse import NodalForces, drive_efforts, joint_wrenches, nodal_forces, project
+from flexinv.loops import JointHistory, closed_motion, share_out
+from flexinv.mechanism import WORLD, Array, Attachment
+from flexinv.mesh import Mesh
+from flexinv.nodal import NodalMotion
+from flexinv.rigid import rigid_motion
+from flexinv.solution import LoopForces, Solution
+
+# What is left over must be rounding, not an effort that no drive can give.
+LEFT_OVER = 1e-9
+
+
+def closed_solution(
+    mesh: Mesh, history: JointHistory, time: Array, passive: set[str], settings: dict[str, float | int | str | bool]
+) -> Solution:
+    """Return the torques [N m], [N] of a rigid mechanism with closures over ``time`` (samples,) [s].
+
+    history : time -> q, qd, qdd of all joints, those in ``passive`` at their initial guess
+    Raises InputError for what is not there yet (beams or intervals in loops) and for drives that cannot hold the
+    mechanism, ConvergenceError at singular configurations and lost branches.
+    """
+    m = mesh.mechanism
+    _check(mesh)
+    unknown = np.array([j.name in passive for j in m.joints for _ in range(j.nv)], dtype=bool)
+    q, qd, qdd = closed_motion(mesh, history, time, unknown, float(np.abs(mesh.offset).sum()) or 1.0)
+    rows = constraint_rows(mesh)
+    motion = rigid_motion(mesh, q, qd, qdd)
+    tree = project(mesh, motion, joint_wrenches(mesh, motion, nodal_forces(mesh, motion)))
+    shares = share_out(constraint_jacobian(mesh, motion, rows), tree + drive_efforts(m, qd, qdd), m.actuated)
+    left = np.abs(shares.left).max(initial=0.0)
+    if left > LEFT_OVER * np.abs(tree).max(initial=1.0):
+        coordinate = m.velocity_names[int(np.argmax(np.abs(shares.left).max(axis=0)))]
+        raise InputError(
+            f"mechanism '{m.name}': the actuated joints cannot give this motion ({left:.3g} N m or N is left at '{coordinate}'): "
+            "write actuated = true for as many independent joints as the mechanism has freedoms"
+        )
+    closing = row_forces(motion, rows, shares.multipliers)
+    trajectory = rigid_trajectory(mesh, q, qd, qdd, closing)
+    solution = evaluate(mesh, trajectory, time, q, qd, qdd, set(), settings, closing)
+    reaction = _reactions(mesh, motion, rows, shares.multipliers)
+    return replace(solution, loops=LoopForces(reaction, shares.preload, shares.condition, shares.left))
+
+
+def _check(mesh: Mesh) -> None:
+    m = mesh.mechanism
+    if not m.is_rigid:
+        raise InputError(
+            f"mechanism '{m.name}': closures with beam links are not solved yet; make the links of the loop rigid"
+        )
+    timed = [c.name for c in m.closures if c.active]
+    if timed:
+        raise InputError(
+            f"mechanism '{m.name}', closure '{timed[0]}': active intervals are not solved yet; leave 'active' out"
+        )
+
+
+def _reactions(mesh: Mesh, motion: NodalMotion, rows: Rows, multipliers: Array) -> dict[str, Array]:
+    """Wrench of each closure on its second link, at the closure's frame there and in its axes, (samples, 6)."""
+    out = {}
+    for index, closure in enumerate(mesh.mechanism.closures):
+        own = np.where(rows.closure == index, multipliers, 0.0)
+        end, node = (closure.second, 1) if closure.second.link != WORLD else (closure.first, -1)
+        out[closure.name] = node * _at_frame(motion, row_forces(motion, rows, own), rows, index, end)
+    return out
+
+
+def _at_frame(motion: NodalMotion, forces: NodalForces, rows: Rows, index: int, end: Attachment) -> Array:
+    first = int(np.flatnonzero(rows.closure == index)[0])
+    node = int(rows.b[first] if rows.b[first] >= 0 else rows.a[first])
+    turn = motion.rotation[:, node] @ end.placement.rotation
+    arm = motion.rotation[:, node] @ end.placement.position
+    force, moment = forces.force[:, node], forces.moment[:, node]
+    at_frame = moment - np.cross(arm, force)
+    return np.hstack([np.einsum("sji,sj->si", turn, force), np.einsum("sji,sj->si", turn, at_frame)])

@@ -1,0 +1,185 @@
+"""Closures: the equations that tie two frames of a mechanism, their rates, and the forces that belong to them.
+
+Every constraint is a product of vectors that two frames A and B carry, in world axes:
+
+    position   phi = u . d        u fixed in A, d = x_B - x_A
+    direction  phi = u . w        u fixed in A, w fixed in B
+
+so that phi' and phi'' follow from the motion of the two nodes alone, and a multiplier lambda is a pair of wrenches on
+them: position u on B and -u on A (with the moments of the lever arms), direction w x u on B and u x w on A.  These go
+through the same sums along the tree as all nodal forces, G^T lambda = (L T) P_lambda: topology is data.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.inverse import NodalForces, joint_wrenches, project
+from flexinv.mechanism import CLOSURES, WORLD, Array, Attachment, Closure
+from flexinv.mesh import Mesh
+from flexinv.nodal import NodalMotion
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Constraints of all closures, one row each.
+
+    closure : (rows,) index into mechanism.closures; direction : (rows,) True for u . w, False for u . d
+    a, b : (rows,) nodes, -1 the world; place_a, place_b : (rows, 3) [m] frame origins in the nodes' frames
+    u, w : (rows, 3) [-] vectors in the nodes' frames
+    """
+
+    closure: NDArray[np.int64]
+    direction: NDArray[np.bool_]
+    a: NDArray[np.int64]
+    b: NDArray[np.int64]
+    place_a: Array
+    place_b: Array
+    u: Array
+    w: Array
+
+    def __len__(self) -> int:
+        """Number of constraints [-]."""
+        return len(self.closure)
+
+
+def constraint_rows(mesh: Mesh) -> Rows:
+    """Return the constraints of a mesh's closures [m], [-]."""
+    table: list[tuple[int, bool, int, int, Array, Array, Array, Array]] = []
+    for index, closure in enumerate(mesh.mechanism.closures):
+        a, b = _node(mesh, closure.first), _node(mesh, closure.second)
+        first, second = closure.first.placement, closure.second.placement
+        for direction, u, w in _equations(closure):
+            vectors = (first.position, second.position, first.rotation @ u, second.rotation @ w)
+            table.append((index, direction, a, b, *vectors))
+    columns: list[tuple[Any, ...]] = list(zip(*table, strict=True)) if table else [()] * 8
+    whole = [np.array(c, dtype=np.int64) for c in (columns[0], columns[2], columns[3])]
+    place_a, place_b, u, w = (np.array(c, dtype=float).reshape(-1, 3) for c in columns[4:])
+    return Rows(whole[0], np.array(columns[1], dtype=bool), whole[1], whole[2], place_a, place_b, u, w)
+
+
+def _equations(closure: Closure) -> list[tuple[bool, Array, Array]]:
+    """Rows (direction?, u in frame A, w in frame B) of one closure."""
+    x, y, z = np.eye(3)
+    across, also = _normals(closure.axis)
+    position = {
+        "prismatic": (across, also),
+        "cylindrical": (across, also),
+        "point-on-line": (across, also),
+    }.get(closure.kind, (x, y, z))
+    direction = {
+        "fixed": ((x, y), (y, z), (z, x)),
+        "prismatic": ((x, y), (y, z), (z, x)),
+        "revolute": ((across, closure.axis), (also, closure.axis)),
+        "cylindrical": ((across, closure.axis), (also, closure.axis)),
+        "universal": ((closure.axis, closure.second_axis),),
+    }.get(closure.kind, ())
+    rows = [(False, u, np.zeros(3)) for u in position] + [(True, u, w) for u, w in direction]
+    assert len(rows) == CLOSURES[closure.kind]
+    return rows
+
+
+def _normals(axis: Array) -> tuple[Array, Array]:
+    """Two unit vectors that make a right-handed frame with a unit axis."""
+    across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    across /= np.linalg.norm(across)
+    return across, np.cross(axis, across)
+
+
+def _node(mesh: Mesh, at: Attachment) -> int:
+    if at.link == WORLD:
+        return -1
+    if at.link in mesh.section_nodes:
+        return mesh.section_at(at.link, 1.0 if at.station is None else at.station)
+    return next(mesh.joint_node[j.name] for j in mesh.mechanism.joints if j.child == at.link)
+
+
+@dataclass(frozen=True)
+class _Sides:
+    """World vectors of all rows and their rates, (samples, rows, 3): frames A and B, their lever arms, u and w or d."""
+
+    arm_a: Array
+    arm_b: Array
+    u: Array
+    w: Array
+    u1: Array
+    w1: Array
+    u2: Array
+    w2: Array
+
+
+def _carried(rotation: Array, omega: Array, alpha: Array, vector: Array) -> tuple[Array, Array, Array]:
+    """A vector fixed in moving frames and its two rates, world axes: r, w x r, al x r + w x (w x r)."""
+    spin, spin_rate = np.cross(omega, vector), np.cross(alpha, vector)
+    stack = np.stack(np.broadcast_arrays(vector, spin, spin_rate + np.cross(omega, spin)))
+    return tuple(np.einsum("srij,ksrj->ksri", rotation, stack))
+
+
+def _at(motion: NodalMotion, nodes: NDArray[np.int64]) -> tuple[Array, ...]:
+    """Motion of the rows' nodes; the world (-1) stands still."""
+    fixed = (nodes < 0)[:, None]
+    zero = [np.where(fixed, 0.0, part[:, nodes]) for part in (motion.x, motion.v, motion.a, motion.omega, motion.alpha)]
+    rotation = np.where(fixed[..., None], np.eye(3), motion.rotation[:, nodes])
+    return (*zero, rotation)
+
+
+def _sides(motion: NodalMotion, rows: Rows) -> _Sides:
+    xa, va, aa, wa, ala, ra = _at(motion, rows.a)
+    xb, vb, ab, wb, alb, rb = _at(motion, rows.b)
+    arm_a, arm_a1, arm_a2 = _carried(ra, wa, ala, rows.place_a)
+    arm_b, arm_b1, arm_b2 = _carried(rb, wb, alb, rows.place_b)
+    u, u1, u2 = _carried(ra, wa, ala, rows.u)
+    w, w1, w2 = _carried(rb, wb, alb, rows.w)
+    d = (xb + arm_b - xa - arm_a, vb + arm_b1 - va - arm_a1, ab + arm_b2 - aa - arm_a2)
+    pick = rows.direction[:, None]
+    return _Sides(arm_a, arm_b, u, np.where(pick, w, d[0]), u1, np.where(pick, w1, d[1]), u2, np.where(pick, w2, d[2]))
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray(np.einsum("sri,sri->sr", a, b))  # (sample, row)
+
+
+def residuals(motion: NodalMotion, rows: Rows) -> tuple[Array, Array, Array]:
+    """Return phi [m], [-] and its two time derivatives, (samples, rows) each, for given nodal motion.
+
+    phi'' = u''.w + 2 u'.w' + u.w''
+    """
+    s = _sides(motion, rows)
+    return (
+        _dot(s.u, s.w),
+        _dot(s.u1, s.w) + _dot(s.u, s.w1),
+        _dot(s.u2, s.w) + 2 * _dot(s.u1, s.w1) + _dot(s.u, s.w2),
+    )
+
+
+def row_forces(motion: NodalMotion, rows: Rows, multipliers: Array) -> NodalForces:
+    """Return the nodal forces [N] and moments [N m] (world, about the nodes) of multipliers (samples, rows) [N], [N m]."""
+    s = _sides(motion, rows)
+    force, moment = np.zeros_like(motion.x), np.zeros_like(motion.x)
+    push = np.where(rows.direction[:, None], 0.0, s.u)
+    on_b = np.where(rows.direction[:, None], np.cross(s.w, s.u), np.cross(s.arm_b, s.u))
+    on_a = np.cross(s.u, s.w) - np.where(rows.direction[:, None], 0.0, np.cross(s.arm_a, s.u))
+    for k in range(len(rows)):
+        size = multipliers[:, k, None]
+        if rows.b[k] >= 0:
+            force[:, rows.b[k]] += size * push[:, k]
+            moment[:, rows.b[k]] += size * on_b[:, k]
+        if rows.a[k] >= 0:
+            force[:, rows.a[k]] -= size * push[:, k]
+            moment[:, rows.a[k]] += size * on_a[:, k]
+    return NodalForces(force, moment)
+
+
+def constraint_jacobian(mesh: Mesh, motion: NodalMotion, rows: Rows) -> Array:
+    """Return G, (samples, rows, nv) [m/rad], [-], phi' = G qd: each row is the joint efforts of a unit multiplier."""
+    samples, count = len(motion.x), len(rows)
+    if count == 0:
+        return np.empty((samples, 0, mesh.mechanism.nv))
+    each = motion.repeated(count)  # all unit multipliers of a sample at once
+    unit = np.tile(np.eye(count), (samples, 1))
+    wrenches = joint_wrenches(mesh, each, row_forces(each, rows, unit))
+    return project(mesh, each, wrenches).reshape(samples, count, mesh.mechanism.nv)

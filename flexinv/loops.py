@@ -1,0 +1,267 @@
+"""Rigid closed loops: passive coordinates from the closure equations, torques of the tree shared out to the actuators.
+
+Kinematics: given coordinates q_g follow the task; the others solve phi(q) = 0 (Newton, continued from sample to sample on the
+branch that the start lies on), then G_u qd_u = -G_g qd_g and G_u qdd_u = -(phi'' with qdd_u = 0).
+
+Torques: the cut tree needs tau_tree = L T P; closures give G^T lambda, actuators S tau_a:
+
+    S tau_a + G^T lambda = tau_tree           minimum of tau_a^T W tau_a where actuators are redundant
+
+With N a basis of the motions that the closures allow (G N = 0): N^T S tau_a = N^T tau_tree, the null space of N^T S is internal
+preload, and lambda follows (of least norm where constraints are redundant).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.closures import Rows, constraint_jacobian, constraint_rows, residuals
+from flexinv.errors import ConvergenceError, InputError
+from flexinv.manifold import moved
+from flexinv.mechanism import Array, Mechanism
+from flexinv.mesh import Mesh
+from flexinv.rigid import rigid_motion
+
+# Closure equations are met to this, in metres over the mechanism's length or radians: rounding of a few operations.
+CLOSED = 1e-13
+# A singular value below this part of the largest is a redundant constraint: rounding leaves 1e-15 of it.
+REDUNDANT = 1e-10
+# A configuration whose passive coordinates are this badly determined is singular: eight digits of the torque are lost.
+WORST_CONDITION = 1e8
+MOST_ITERATIONS = 30
+# A passive coordinate may differ from its prediction by this, or the step between samples is halved: it is the largest
+# step over which Newton is trusted to stay on its branch.
+LARGEST_SURPRISE = 0.05  # [rad] or of the mechanism's length
+MOST_HALVINGS = 10
+
+JointHistory = Callable[[Array], tuple[Array, Array, Array]]
+
+
+@dataclass(frozen=True)
+class Mobility:
+    """How many freedoms closures leave: at one configuration.
+
+    freedoms : nv - rank(G) [-]; constraints : rows of G; redundant : rows - rank
+    """
+
+    freedoms: int
+    constraints: int
+    redundant: int
+
+
+def mobility(mesh: Mesh, q: Array) -> Mobility:
+    """Return the freedoms and the redundant constraints [-] of a mechanism at one closed configuration q (nq,)."""
+    rest = np.zeros((1, mesh.mechanism.nv))
+    rows = constraint_rows(mesh)
+    g = constraint_jacobian(mesh, rigid_motion(mesh, q[None], rest, rest), rows)[0]
+    rank = _rank(g)
+    return Mobility(mesh.mechanism.nv - rank, len(rows), len(rows) - rank)
+
+
+def _rank(matrix: Array) -> int:
+    if not matrix.size:
+        return 0
+    values = np.linalg.svd(matrix, compute_uv=False)
+    return int((values > REDUNDANT * max(values[0], np.finfo(float).tiny)).sum())
+
+
+def closed_motion(
+    mesh: Mesh, history: JointHistory, time: Array, unknown: NDArray[np.bool_], length: float
+) -> tuple[Array, Array, Array]:
+    """Return q (samples, nq), qd, qdd (samples, nv) [rad or m, s] with the unknown coordinates on the closures.
+
+    history : time -> q, qd, qdd of the given coordinates (the unknown ones at their initial guess)
+    unknown : (nv,) which velocity coordinates follow from the closures; length [m] scales position errors
+
+    Raises InputError when the task gives more or fewer coordinates than the mechanism has freedoms, ConvergenceError at a
+    singular configuration, when the loops cannot be closed, or when the branch is lost; each names the time.
+    """
+    rows = constraint_rows(mesh)
+    given = history(time)
+    follower = _Follower(mesh, rows, history, unknown, length)
+    q = np.empty_like(given[0])
+    state = follower.start(float(time[0]), given[0][0])
+    q[0] = state
+    follower.check_freedoms(state, float(time[0]))
+    for k in range(1, len(time)):
+        state = follower.advance(state, float(time[k - 1]), float(time[k]))
+        q[k] = state
+    return q, *_rates(mesh, rows, q, given[1], given[2], unknown, time)
+
+
+def _rates(
+    mesh: Mesh, rows: Rows, q: Array, qd: Array, qdd: Array, unknown: NDArray[np.bool_], time: Array
+) -> tuple[Array, Array]:
+    """Exact rates of the unknown coordinates: two linear solves per sample."""
+    qd, qdd = np.where(unknown, 0.0, qd), np.where(unknown, 0.0, qdd)
+    motion = rigid_motion(mesh, q, qd, qdd)
+    g = constraint_jacobian(mesh, motion, rows)[:, :, unknown]
+    inverse = np.linalg.pinv(g, rcond=REDUNDANT)
+    _check_condition(mesh.mechanism, g, time)
+    qd[:, unknown] = -np.einsum("sur,sr->su", inverse, residuals(motion, rows)[1])
+    qdd[:, unknown] = -np.einsum("sur,sr->su", inverse, residuals(rigid_motion(mesh, q, qd, qdd), rows)[2])
+    return qd, qdd
+
+
+def _check_condition(mechanism: Mechanism, g: Array, time: Array) -> None:
+    """Raise ConvergenceError where the closures do not determine the unknown coordinates."""
+    if g.shape[2] == 0:
+        return
+    values = np.linalg.svd(g, compute_uv=False)
+    condition = values[:, 0] / np.maximum(values[:, g.shape[2] - 1], np.finfo(float).tiny)
+    worst = int(np.argmax(condition))
+    if condition[worst] > WORST_CONDITION:
+        raise ConvergenceError(
+            f"mechanism '{mechanism.name}', t = {time[worst]:g} s: singular configuration (condition number "
+            f"{condition[worst]:.1e}): the closures do not determine the passive coordinates there; drive another joint, or keep "
+            "the motion away from this position (a dead point)"
+        )
+
+
+@dataclass(frozen=True)
+class _Follower:
+    """Newton on the closure equations, continued in time."""
+
+    mesh: Mesh
+    rows: Rows
+    history: JointHistory
+    unknown: NDArray[np.bool_]
+    length: float
+
+    def _closures(self, q: Array) -> tuple[Array, Array]:
+        rest = np.zeros((1, self.mesh.mechanism.nv))
+        motion = rigid_motion(self.mesh, q[None], rest, rest)
+        scale = np.where(self.rows.direction, 1.0, self.length)
+        g = constraint_jacobian(self.mesh, motion, self.rows)[0]
+        return residuals(motion, self.rows)[0][0] / scale, g / scale[:, None]
+
+    def solve(self, q: Array) -> Array | None:
+        """Newton from a guess; None if the loops do not close."""
+        for _ in range(MOST_ITERATIONS):
+            phi, g = self._closures(q)
+            if not np.isfinite(phi).all():
+                return None
+            step = np.zeros(self.mesh.mechanism.nv)
+            step[self.unknown] = -np.linalg.lstsq(g[:, self.unknown], phi, rcond=REDUNDANT)[0]
+            q = moved(self.mesh.mechanism, q, step)
+            if np.abs(step).max(initial=0.0) < 1e-9:  # quadratic: what is left is rounding
+                return q if np.abs(self._closures(q)[0]).max(initial=0.0) < 100 * CLOSED else None
+        return None
+
+    def start(self, time: float, guess: Array) -> Array:
+        q = self.solve(guess)
+        if q is None:
+            m = self.mesh.mechanism
+            phi = np.abs(self._closures(guess)[0])
+            worst = m.closures[int(self.rows.closure[int(np.argmax(phi))])].name
+            raise ConvergenceError(
+                f"mechanism '{m.name}', t = {time:g} s: the loops do not close from this start (closure '{worst}' is open by "
+                f"{phi.max():.2g}); give a better guess of the passive joints: start = {{...}}"
+            )
+        return q
+
+    def check_freedoms(self, q: Array, time: float) -> None:
+        """Raise InputError unless the task gives as many coordinates as the mechanism has freedoms."""
+        m = self.mesh.mechanism
+        _, g = self._closures(q)
+        free, asked = m.nv - _rank(g), int((~self.unknown).sum())
+        if asked != free:
+            more = "more" if asked > free else "fewer"
+            raise InputError(
+                f"mechanism '{m.name}', t = {time:g} s: the motion gives {asked} coordinates, {more} than the {free} freedoms "
+                f"({m.nv} joint coordinates, {_rank(g)} independent constraints); give a motion to exactly {free} of "
+                + ", ".join(m.velocity_names)
+            )
+
+    def advance(self, q: Array, before: float, after: float) -> Array:
+        """Follow the branch from one time to the next, in halves where the prediction is poor."""
+        done, part = 0.0, 1.0
+        while done < 1.0:
+            target = min(1.0, done + part)
+            reached = self._step(q, before + done * (after - before), before + target * (after - before))
+            if reached is not None:
+                q, done = reached, target
+                continue
+            part *= 0.5
+            if part < 0.5**MOST_HALVINGS:
+                self._lost(q, before + done * (after - before))
+        return q
+
+    def _step(self, q: Array, before: float, after: float) -> Array | None:
+        first, last = (tuple(part[0] for part in self.history(np.array([t]))) for t in (before, after))
+        m = self.mesh.mechanism
+        _, g = self._closures(q)
+        dt = after - before
+        rate = np.where(self.unknown, 0.0, first[1])
+        rate[self.unknown] = -np.linalg.lstsq(g[:, self.unknown], g @ rate, rcond=REDUNDANT)[0]
+        guess = moved(m, q, dt * rate)
+        for joint in m.joints:
+            if not self.unknown[m.v_slices[joint.name]].any():
+                guess[m.q_slices[joint.name]] = last[0][m.q_slices[joint.name]]
+        found = self.solve(guess)
+        if found is None or np.abs(found - guess).max() > LARGEST_SURPRISE * max(1.0, self.length):
+            return None
+        return found
+
+    def _lost(self, q: Array, time: float) -> None:
+        m = self.mesh.mechanism
+        _, g = self._closures(q)
+        values = np.linalg.svd(g[:, self.unknown], compute_uv=False)
+        condition = values[0] / max(values[int(self.unknown.sum()) - 1], np.finfo(float).tiny)
+        raise ConvergenceError(
+            f"mechanism '{m.name}', t = {time:g} s: the branch of the closures cannot be followed (condition number "
+            f"{condition:.1e}): a dead point, or the motion asks for a position that the loops cannot reach; drive another joint "
+            "or shorten the motion"
+        )
+
+
+@dataclass(frozen=True)
+class Shares:
+    """Torques of a closed mechanism.
+
+    tau : (samples, nv) effort of the drives [N m], [N], zero on passive coordinates
+    multipliers : (samples, rows) [N], [N m]; left : (samples, nv) what neither drives nor closures carry (rounding)
+    preload : (samples, nv, k) null space of the drives: efforts that only stress the mechanism [-]
+    condition : (samples,) of N^T S
+    """
+
+    tau: Array
+    multipliers: Array
+    left: Array
+    preload: Array
+    condition: Array
+
+
+def share_out(g: Array, tau_tree: Array, driven: NDArray[np.bool_], weight: Array | None = None) -> Shares:
+    """Return actuator efforts and multipliers of  S tau_a + G^T lambda = tau_tree  [N m], [N].
+
+    g : (samples, rows, nv); tau_tree : (samples, nv); driven : (nv,) bool; weight : (driven,) of the squares of tau_a [-], 1
+        by default: the minimum of tau_a^T W tau_a is taken where drives are redundant
+    """
+    samples, nv = tau_tree.shape
+    tau, left = np.zeros((samples, nv)), np.zeros((samples, nv))
+    multipliers, condition = np.zeros(g.shape[:2]), np.ones(samples)
+    spaces = []
+    root = np.sqrt(np.ones(int(driven.sum())) if weight is None else weight)
+    for k in range(samples):
+        _, values, right = np.linalg.svd(g[k]) if g.shape[1] else (None, np.zeros(0), np.eye(nv))
+        rank = int((values > REDUNDANT * values.max(initial=0.0)).sum())
+        motions = right[rank:].T  # N (nv, freedoms)
+        a = motions[driven].T / root  # N^T S W^(-1/2)
+        u, s, vt = np.linalg.svd(a)
+        use = s > REDUNDANT * s.max(initial=np.finfo(float).tiny)
+        condition[k] = s.max(initial=1.0) / s.min(initial=1.0) if len(s) and s.min() > 0 else np.inf
+        share = vt[: len(s)][use].T @ ((u.T[: len(s)][use] @ (motions.T @ tau_tree[k])) / s[use])
+        tau[k, driven] = share / root
+        multipliers[k] = np.linalg.lstsq(g[k].T, tau_tree[k] - tau[k], rcond=REDUNDANT)[0] if g.shape[1] else 0.0
+        left[k] = tau_tree[k] - tau[k] - g[k].T @ multipliers[k]
+        spaces.append(vt[int(use.sum()) :].T / root[:, None])
+    width = min((space.shape[1] for space in spaces), default=0)
+    preload = np.zeros((samples, nv, width))
+    for k, space in enumerate(spaces):
+        preload[k, driven] = space[:, :width]
+    return Shares(tau, multipliers, left, preload, condition)

@@ -1,0 +1,40 @@
+"""Steps in configuration space: q moved along a velocity, joint by joint (quaternions and (cos, sin) stay of unit length)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexinv.mechanism import Array, Joint, Mechanism
+from flexinv.rotations import from_quaternion
+
+
+def moved(mechanism: Mechanism, q: Array, dv: Array) -> Array:
+    """Return q (nq,) [rad], [m] after the increment ``dv`` (nv,) [rad], [m] of its velocity coordinates (body frame)."""
+    out = q.copy()
+    for joint in mechanism.joints:
+        own, d = q[mechanism.q_slices[joint.name]], dv[mechanism.v_slices[joint.name]]
+        if joint.nv and d.any():
+            out[mechanism.q_slices[joint.name]] = _moved_joint(joint, own, d)
+    return out
+
+
+def _moved_joint(joint: Joint, q: Array, d: Array) -> Array:
+    if joint.kind == "continuous":
+        c, s = np.cos(d[0]), np.sin(d[0])
+        turned = np.array([q[0] * c - q[1] * s, q[0] * s + q[1] * c])
+        return turned / np.hypot(*turned)
+    if joint.kind == "spherical":
+        return _turned(q, d)
+    if joint.kind == "free":
+        return np.concatenate([q[:3] + from_quaternion(q[3:]) @ d[:3], _turned(q[3:], d[3:])])
+    return np.asarray(q + d)
+
+
+def _turned(q: Array, d: Array) -> Array:
+    """Quaternion product q * exp(d/2): the rotation R(q) exp(d)."""
+    angle = float(np.linalg.norm(d))
+    vector, scalar = 0.5 * np.sinc(angle / (2 * np.pi)) * d, np.cos(0.5 * angle)
+    own, real = q[:3], q[3]
+    product = real * vector + scalar * own + np.cross(own, vector)
+    out = np.append(product, real * scalar - own @ vector)
+    return np.asarray(out / np.linalg.norm(out))
