@@ -86,6 +86,9 @@ def _hindrance(pair: Pair) -> tuple[Verdict, str] | None:
             return "skipped", who + record.message
         if record.status != "ok":
             return "error", f"{who}{record.status}: {record.message}"
+    hashes = pair.engine.model_hash, pair.reference.model_hash
+    if hashes[0] != hashes[1]:
+        return "error", f"was given another model than {pair.reference.engine} (the files changed during the run)"
     return None
 
 

@@ -94,6 +94,13 @@ def test_what_did_not_run_is_never_within(ours: Record, theirs: Record, verdict:
     assert (found.verdict, found.message, found.maximum) == (verdict, message, None)
 
 
+def test_records_of_different_models_are_not_compared() -> None:
+    ours, theirs = replace(record("e", LARGE), model_hash="1"), replace(record("flexinv", LARGE), model_hash="2")
+    (found,) = rows(ours, theirs, case(("torque",), limit("torque", 1.0)))
+    assert (found.verdict, found.maximum) == ("error", None)
+    assert "another model than flexinv" in found.message
+
+
 def test_a_quantity_that_an_engine_does_not_give_is_skipped_and_one_in_part_is_an_error() -> None:
     whole = record("flexinv", LARGE)
     one = case(("torque", "tip"), limit("torque", 1.0))

@@ -53,7 +53,7 @@ def _run(job: dict[str, Any], adapter: Adapter) -> Record:
     name = job["engine"]
     mechanism = load_mechanism(job["mechanism"])
     case = load_cases(job["mechanism"], mechanism)[job["case"]]
-    known = {"engine": name, "version": adapter.version(), "model_hash": fingerprint(mechanism)}
+    known = {"engine": name, "version": adapter.version(), "model_hash": fingerprint(mechanism, case.motion)}
     if (reason := adapter.unsupported(mechanism, case, name)) is not None:
         return Record(status="skipped", message=reason, **known)
     return replace(adapter.run(mechanism, case, name, job["options"]), **known)

@@ -16,6 +16,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from crosscheck.compare import Comparison
 from crosscheck.limits import worst
 from crosscheck.report import words
 from crosscheck.report.plots import write_case
@@ -101,11 +102,16 @@ def case_view(results: Results, case: CaseRow, out: Path) -> dict[str, Any]:
         "case": case,
         "verdict": worst([c.verdict for c in cells if c.verdict is not None]),
         "cells": cells,
-        "comparisons": words.gathered([c for one in cells for c in one.comparisons]),
+        "comparisons": words.gathered(sorted((c for one in cells for c in one.comparisons), key=skipped_last)),
         "runs": [one.run for one in cells if one.run is not None],
         "manifest": write_case(results, case, out),
         "neighbours": neighbours(results, case),
     }
+
+
+def skipped_last(row: Comparison) -> bool:
+    """Return whether there is nothing to read in a comparison (a key to sort by)."""
+    return row.verdict == "skipped"
 
 
 def study_view(results: Results, study: StudyRow) -> dict[str, Any]:
