@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from flexinv.applied import applied_forces, joint_springs
 from flexinv.closures import Rows, constraint_jacobian, constraint_rows, row_forces
 from flexinv.errors import InputError
 from flexinv.evaluate import evaluate, rigid_trajectory
@@ -36,8 +37,10 @@ def closed_solution(
     q, qd, qdd = closed_motion(mesh, history, time, unknown, float(np.abs(mesh.offset).sum()) or 1.0)
     rows = constraint_rows(mesh)
     motion = rigid_motion(mesh, q, qd, qdd)
-    tree = project(mesh, motion, joint_wrenches(mesh, motion, nodal_forces(mesh, motion)))
-    shares = share_out(constraint_jacobian(mesh, motion, rows), tree + drive_efforts(m, qd, qdd), m.actuated)
+    acting = applied_forces(mesh, motion, time)
+    tree = project(mesh, motion, joint_wrenches(mesh, motion, nodal_forces(mesh, motion, acting)))
+    tree += drive_efforts(m, qd, qdd) + joint_springs(m, q)
+    shares = share_out(constraint_jacobian(mesh, motion, rows), tree, m.actuated)
     left = np.abs(shares.left).max(initial=0.0)
     if left > LEFT_OVER * np.abs(tree).max(initial=1.0):
         coordinate = m.velocity_names[int(np.argmax(np.abs(shares.left).max(axis=0)))]
@@ -45,7 +48,7 @@ def closed_solution(
             f"mechanism '{m.name}': the actuated joints cannot give this motion ({left:.3g} N m or N is left at '{coordinate}'): "
             "write actuated = true for as many independent joints as the mechanism has freedoms"
         )
-    closing = row_forces(motion, rows, shares.multipliers)
+    closing = row_forces(motion, rows, shares.multipliers) + acting
     trajectory = rigid_trajectory(mesh, q, qd, qdd, closing)
     solution = evaluate(mesh, trajectory, time, q, qd, qdd, set(), settings, closing)
     reaction = _reactions(mesh, motion, rows, shares.multipliers)

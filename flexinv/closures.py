@@ -51,7 +51,7 @@ def constraint_rows(mesh: Mesh) -> Rows:
     """Return the constraints of a mesh's closures [m], [-]."""
     table: list[tuple[int, bool, int, int, Array, Array, Array, Array]] = []
     for index, closure in enumerate(mesh.mechanism.closures):
-        a, b = _node(mesh, closure.first), _node(mesh, closure.second)
+        a, b = attachment_node(mesh, closure.first), attachment_node(mesh, closure.second)
         first, second = closure.first.placement, closure.second.placement
         for direction, u, w in _equations(closure):
             vectors = (first.position, second.position, first.rotation @ u, second.rotation @ w)
@@ -90,7 +90,8 @@ def _normals(axis: Array) -> tuple[Array, Array]:
     return across, np.cross(axis, across)
 
 
-def _node(mesh: Mesh, at: Attachment) -> int:
+def attachment_node(mesh: Mesh, at: Attachment) -> int:
+    """Return the node that carries an attachment (its frame is constant there, placement in [m]); -1 is the world."""
     if at.link == WORLD:
         return -1
     if at.link in mesh.section_nodes:

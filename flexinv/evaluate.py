@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from flexinv.applied import joint_springs
 from flexinv.balance import balance, base_reaction
 from flexinv.differences import differenced
 from flexinv.inverse import NodalForces, drive_efforts, in_node_frame, joint_wrenches, nodal_forces, project
@@ -31,7 +32,9 @@ def evaluate(
     forces = nodal_forces(mesh, motion, applied)
     wrenches = joint_wrenches(mesh, motion, forces)
     tau = project(mesh, motion, wrenches)
-    drive = drive_efforts(mechanism, qd, qdd, direction=_direction(mechanism, qd, passive))
+    drive = drive_efforts(mechanism, qd, qdd, direction=_direction(mechanism, qd, passive)) + joint_springs(
+        mechanism, q
+    )
     base = base_reaction(mesh, motion, trajectory.wrench)
     wrench = {name: np.hstack(in_node_frame(motion, wrenches, node)) for name, node in mesh.joint_node.items()}
     internal, stations = _internal(mesh, trajectory)

@@ -25,6 +25,10 @@ class NodalForces:
     force: Array
     moment: Array
 
+    def __add__(self, other: NodalForces | None) -> NodalForces:
+        """Sum of two sets of nodal forces; None adds nothing."""
+        return self if other is None else NodalForces(self.force + other.force, self.moment + other.moment)
+
 
 def inverse_dynamics(
     mesh: Mesh, motion: NodalMotion, qd: Array, qdd: Array, applied: NodalForces | None = None, passive: bool = True

@@ -22,7 +22,7 @@ def _moved_joint(joint: Joint, q: Array, d: Array) -> Array:
     if joint.kind == "continuous":
         c, s = np.cos(d[0]), np.sin(d[0])
         turned = np.array([q[0] * c - q[1] * s, q[0] * s + q[1] * c])
-        return turned / np.hypot(*turned)
+        return np.asarray(turned / np.hypot(*turned))
     if joint.kind == "spherical":
         return _turned(q, d)
     if joint.kind == "free":

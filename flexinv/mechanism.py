@@ -150,6 +150,7 @@ class Joint:
     axis : (3,) [-], unit, in the joint frame (first axis of a universal joint); second_axis : (3,), universal
     rotor_inertia : [kg m^2] or [kg], reflected to the joint; damping : [N m s/rad] or [N s/m];
     friction : [N m] or [N], dry: one number, the same for every velocity coordinate of the joint
+    stiffness : [N m/rad] or [N/m] of a spring in the joint, without effort at ``rest`` [rad] or [m] (scalar joints)
     actuated : False leaves the joint to the dynamics, or its effort to ``Solution.unactuated``
     """
 
@@ -164,6 +165,8 @@ class Joint:
     rotor_inertia: float = 0.0
     damping: float = 0.0
     friction: float = 0.0
+    stiffness: float = 0.0
+    rest: float = 0.0
     actuated: bool = True
     limits: Limits = field(default_factory=Limits)
 
@@ -219,11 +222,41 @@ class Closure:
     active: tuple[tuple[float, float], ...] = ()
 
 
+@dataclass(frozen=True)
+class Spring:
+    """A spring and damper between two points: it pulls with  stiffness (l - rest) + damping l'  along their line.
+
+    stiffness : [N/m]; rest : [m], length without force; damping : [N s/m]
+    """
+
+    name: str
+    first: Attachment
+    second: Attachment
+    stiffness: float
+    rest: float = 0.0
+    damping: float = 0.0
+
+
+@dataclass(frozen=True)
+class Force:
+    """A force and a moment on a point of a link, constant or linear between the rows of a table.
+
+    wrench : (n, 6) force [N] then moment [N m]; time : (n,) [s], one row and time 0 for a constant one
+    follower : axes of the attachment's frame, which move with the link; else world axes
+    """
+
+    name: str
+    at: Attachment
+    wrench: Array
+    time: Array = field(default_factory=lambda: np.zeros(1))
+    follower: bool = False
+
+
 @dataclass(frozen=True, eq=False)  # identity: a mechanism is the key under which its mesh is kept
 class Mechanism:
     """A tree of links and joints under gravity; ``joints`` is ordered depth-first, parents before children.
 
-    closures : what ties links of the tree into loops
+    closures : what ties links of the tree into loops; springs, forces : what else acts on them
 
     gravity : (3,) [m/s^2], world frame
     urdf : the URDF file the mechanism came from, if any (an engine with a URDF parser of its own reads it again)
@@ -236,6 +269,8 @@ class Mechanism:
     joints: tuple[Joint, ...]
     gravity: Array = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
     closures: tuple[Closure, ...] = ()
+    springs: tuple[Spring, ...] = ()
+    forces: tuple[Force, ...] = ()
     title: str = ""
     source: str = ""
     urdf: Path | None = None

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import maximum_filter1d
 
+from flexinv.applied import applied_forces, check_no_springs
 from flexinv.closed import closed_solution
 from flexinv.differences import check_samples
 from flexinv.errors import InputError
@@ -19,6 +20,7 @@ from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import build
 from flexinv.motion import Motion
 from flexinv.passive import fill_passive
+from flexinv.rigid import rigid_motion
 from flexinv.solution import Solution
 
 # A sampling grid longer than this is a mistake in `step` far more often than a wish.
@@ -71,11 +73,14 @@ def solve(
     if mechanism.closures:
         return closed_solution(mesh, right, time, passive, settings)
     if mechanism.is_rigid and not passive:
-        trajectory = rigid_trajectory(mesh, q, qd, qdd)
+        applied = applied_forces(mesh, rigid_motion(mesh, q, qd, qdd), time)
+        trajectory = rigid_trajectory(mesh, q, qd, qdd, applied)
     else:
+        check_no_springs(mechanism)
+        applied = None
         trajectory = flexible_motion(mesh, history, right, time, scheme, passive, motion.jumps, initial, progress)
         fill_passive(mesh, trajectory.motion, passive, q, qd, qdd)
-    solution = evaluate(mesh, trajectory, time, q, qd, qdd, passive, settings)
+    solution = evaluate(mesh, trajectory, time, q, qd, qdd, passive, settings, applied)
     if not error:
         return solution
     options = {

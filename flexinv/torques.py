@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flexinv.applied import applied_forces, check_constant, joint_springs
 from flexinv.errors import InputError
 from flexinv.inverse import inverse_dynamics
 from flexinv.mechanism import Array, Mechanism
@@ -22,7 +23,7 @@ def joint_torques(mechanism: Mechanism, q: ArrayLike, qd: ArrayLike, qdd: ArrayL
 
     q : (samples, nq) [rad], [m], quaternions x, y, z, w; qd, qdd : (samples, nv) [rad/s], [m/s] and per second;
         Pinocchio's layout, in the order of ``mechanism.coordinate_names``; one sample may be given as a plain vector
-    passive : joint damping and dry friction are part of what the actuator must give (``rnea`` leaves them out)
+    passive : joint springs, damping and dry friction are part of what the actuator must give (``rnea`` leaves them out)
 
     Raises InputError for a flexible mechanism (use `solve`), a wrong shape or a value that is not finite.
     """
@@ -32,13 +33,23 @@ def joint_torques(mechanism: Mechanism, q: ArrayLike, qd: ArrayLike, qdd: ArrayL
             f"joint_torques: mechanism '{mechanism.name}' has beam links ({names}), whose deformation depends on the "
             "history of the motion; write flexinv.solve(mechanism, motion, step=...) instead"
         )
+    if mechanism.closures:
+        names = ", ".join(c.name for c in mechanism.closures)
+        raise InputError(
+            f"joint_torques: mechanism '{mechanism.name}' has closures ({names}), through which its drives share the work; "
+            "write flexinv.solve(mechanism, motion, step=...) instead"
+        )
+    check_constant(mechanism)
     rows = _checked(mechanism, q, qd, qdd)
     mesh = build(mechanism)
     tau = np.empty((len(rows[0]), mechanism.nv))
     for start in range(0, len(tau), BLOCK):
         q_, qd_, qdd_ = (part[start : start + BLOCK] for part in rows)
         motion = rigid_motion(mesh, q_, qd_, qdd_)
-        tau[start : start + BLOCK] = inverse_dynamics(mesh, motion, qd_, qdd_, passive=passive)
+        applied = applied_forces(mesh, motion, np.zeros(len(q_)))
+        tau[start : start + BLOCK] = inverse_dynamics(mesh, motion, qd_, qdd_, applied, passive)
+        if passive:
+            tau[start : start + BLOCK] += joint_springs(mechanism, q_)
     return tau if np.ndim(q) == 2 else tau[0]
 
 
