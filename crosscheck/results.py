@@ -17,6 +17,7 @@ from typing import Any
 
 from crosscheck.compare import Comparison
 from crosscheck.limits import Verdict, exit_code, worst
+from crosscheck.spectrum import FEWEST
 
 SCHEMA = 1
 PACKAGES = ("flexinv", "numpy", "scipy", "pin", "mujoco", "exudyn", "example-robot-data", "plotly")
@@ -47,6 +48,11 @@ class CaseRow:
     def slug(self) -> str:
         """A name for files and links."""
         return slug(f"{self.mechanism}-{self.case}")
+
+    @property
+    def held(self) -> bool:
+        """Whether spectra are of the time after the motion (else of the whole signal)."""
+        return self.sample > 0.0 and round((self.end - self.rest) / self.sample) + 1 >= FEWEST
 
 
 @dataclass(frozen=True)

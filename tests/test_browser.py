@@ -115,6 +115,15 @@ def test_engines_are_hidden_shown_and_zoomed(page: chromium.Browser, night: Nigh
     quiet(page)
 
 
+def test_no_button_sends_data_away(page: chromium.Browser, night: Night) -> None:
+    page.open(address(case_file(night)))
+    page.wait(DRAWN)
+    titles = page.evaluate("Array.from(document.querySelectorAll('.modebar-btn'), b => b.dataset.title)")
+    assert {"Download plot", "Zoom", "Reset axes"} <= set(titles)
+    assert not [t for t in titles if any(word in t.lower() for word in ("share", "cloud", "edit", "studio"))]
+    assert page.evaluate("document.getElementById('overlay')._context.plotlyServerURL") == ""
+
+
 def point(page: chromium.Browser, selector: str, share: float) -> dict[str, float]:
     box = page.evaluate(f"document.querySelector({json.dumps(selector)}).getBoundingClientRect().toJSON()")
     return {"x": box["left"] + share * box["width"], "y": box["top"] + 0.5 * box["height"]}

@@ -16,7 +16,7 @@ from crosscheck_examples import WICKED, Night, night_run, write_models
 from crosscheck import results as store
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.isolation import Children
-from crosscheck.plan import Plan, discover
+from crosscheck.plan import Plan, case_row, discover
 from crosscheck.record import load
 from crosscheck.results import CaseRow, Results, RunRow, StudyRow
 from crosscheck.runner import Event, Options, run
@@ -196,6 +196,8 @@ def test_the_end_of_the_motion_is_found(plan: Plan) -> None:
     (task,) = plan.tasks
     assert task.rest == pytest.approx(0.5)
     assert task.time[-1] == pytest.approx(0.75)
+    assert case_row(task).held
+    assert not replace(case_row(task), rest=0.7).held
 
 
 def test_a_missing_cases_file_is_a_broken_model(root: Path, tmp_path: Path) -> None:

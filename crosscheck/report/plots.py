@@ -42,6 +42,9 @@ def write_case(results: Results, case: CaseRow, out: Path) -> dict[str, Any]:
         "engines": list(records),
         "reference": reference(records),
         "rest": case.rest,
+        "spectrum": f"Spectrum after the motion, from {case.rest:.4g} s"
+        if case.held
+        else "Spectrum of the whole signal",
         "quantities": [{"name": q, "slug": slug(q), "series": names[q]} for q in names],
     }
 

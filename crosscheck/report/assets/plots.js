@@ -42,7 +42,7 @@
       font: { family: "system-ui, sans-serif", size: 12, color: s.text },
       hoverlabel: { bgcolor: s.surface, bordercolor: s.line, font: { color: s.text } },
       modebar: { bgcolor: "rgba(0,0,0,0)", color: s.muted, activecolor: s.text },
-      margin: { l: 8, r: 12, t: 8, b: 8 }, shapes: [], annotations: [], dragmode: "zoom",
+      margin: { l: 8, r: 12, t: 28, b: 8 }, shapes: [], annotations: [], dragmode: "zoom",
       xaxis: Object.assign({ title: { text: plain(x) } }, axis), yaxis: Object.assign({ title: { text: plain(y) } }, axis),
     };
     for (const key of Object.keys(extra || {})) {
@@ -51,8 +51,9 @@
     return base;
   }
 
+  // plotly offers to send a chart to a server of its maker; here nothing leaves the machine.
   const config = {
-    responsive: true, displaylogo: false, displayModeBar: "hover",
+    showSendToCloud: false, plotlyServerURL: "", responsive: true, displaylogo: false, displayModeBar: "hover",
     modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"], toImageButtonOptions: { format: "svg" },
   };
   const draw = (id, traces, lay) => Plotly.react(id, traces, lay, config);
@@ -123,6 +124,7 @@
       const figure = document.getElementById("spectrum").closest("figure");
       figure.hidden = !one.spectrum;
       if (!one.spectrum) return Promise.resolve();
+      document.getElementById("caption-spectrum").textContent = manifest.spectrum;
       const x = decode(one.spectrum.frequency);
       const traces = [];
       const annotations = [];
