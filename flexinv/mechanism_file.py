@@ -12,7 +12,7 @@ import numpy as np
 
 from flexinv.errors import InputError, ModelWarning
 from flexinv.mechanism import WORLD, Array, Beam, Body, Joint, Link, Mechanism
-from flexinv.mechanism_file_bodies import read_inertia, read_payloads
+from flexinv.mechanism_file_bodies import far_end, read_inertia, read_payloads
 from flexinv.mechanism_file_joints import read_joint, read_placement
 from flexinv.mechanism_file_overlay import overlaid
 from flexinv.mechanism_file_schema import BeamLinkTable, MechanismTable, RigidLinkTable, UrdfTable
@@ -105,7 +105,9 @@ def _rigid_link(table: RigidLinkTable, name: str, file: Path, path: str) -> Link
 def _tip(table: RigidLinkTable) -> Array:
     """The stated tip; else the far end of a rod or cylinder, or the origin."""
     long = table.rod or table.cylinder
-    return np.array(table.tip_m or ([long.length_m, 0, 0] if long else [0, 0, 0]), dtype=np.float64)
+    if table.tip_m is None and long is not None:
+        return far_end(long)
+    return np.array(table.tip_m or [0, 0, 0], dtype=np.float64)
 
 
 def _beam_link(table: BeamLinkTable, name: str, sections: Mapping[str, CrossSection], file: Path, path: str) -> Link:

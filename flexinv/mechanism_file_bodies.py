@@ -8,7 +8,7 @@ import numpy as np
 
 from flexinv.errors import InputError
 from flexinv.mechanism import Array, Body, Inertia
-from flexinv.mechanism_file_schema import BodyTable, PayloadTable
+from flexinv.mechanism_file_schema import BodyTable, CylinderTable, PayloadTable, RodTable
 from flexinv.toml_tables import complaint, place
 
 # Relative to the largest moment: files carry about seven digits, so a thin plate's xx + yy = zz is met to 1e-6.
@@ -42,18 +42,29 @@ def shape_inertia(table: BodyTable, mass: float) -> tuple[Array, Array | None]:
     """
     if table.rod is not None:
         across = mass * table.rod.length_m**2 / 12
-        axial = table.rod.axial_inertia_kgm2
-        return np.diag([axial, across, across]), np.array([table.rod.length_m / 2, 0, 0])
+        return _lying(table.rod, table.rod.axial_inertia_kgm2, across)
     if table.cylinder is not None:
         r, length = table.cylinder.radius_m, table.cylinder.length_m
-        across = mass * (3 * r**2 + length**2) / 12
-        return np.diag([mass * r**2 / 2, across, across]), np.array([length / 2, 0, 0])
+        return _lying(table.cylinder, mass * r**2 / 2, mass * (3 * r**2 + length**2) / 12)
     if table.box is not None:
         squares = np.square(table.box.size_m)
         return np.diag(mass * (squares.sum() - squares) / 12), None
     if table.sphere is not None:
         return np.eye(3) * (0.4 * mass * table.sphere.radius_m**2), None
     return np.asarray(table.inertia_kgm2, dtype=np.float64), None
+
+
+def far_end(table: RodTable | CylinderTable) -> Array:
+    """Return where a rod or cylinder ends, (3,) [m]; it begins at the frame's origin."""
+    end = np.zeros(3)
+    end["xyz".index(table.along)] = table.length_m
+    return end
+
+
+def _lying(table: RodTable | CylinderTable, axial: float, across: float) -> tuple[Array, Array]:
+    moments = np.full(3, across)
+    moments["xyz".index(table.along)] = axial
+    return np.diag(moments), far_end(table) / 2
 
 
 def read_inertia(table: BodyTable, file: Path, path: str) -> Inertia:

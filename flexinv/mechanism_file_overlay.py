@@ -30,6 +30,9 @@ def overlaid(mechanism: Mechanism, table: OverlayTable, sections: Mapping[str, C
         path = f"overlay.links.{name}"
         _check_known(name, links, file, path, "link")
         laid = validate(OverlayLinkTable, data, file, path)
+        if laid.beam is not None and laid.tip_m is not None:
+            given, expected = f"tip_m = {laid.tip_m} beside a beam", "no tip: a beam reports its end"
+            raise InputError(complaint(place(file, path, "tip_m"), given, expected, "the beam alone"))
         if laid.beam is not None:
             own = sum(body.inertia.mass for body in links[name].bodies)
             links[name], changed = _flexible(links[name], joints, laid.beam, sections, file, f"{path}.beam")

@@ -78,6 +78,7 @@ Across = Annotated[tuple[float, float], PlainValidator(_across)]
 Rotary = Annotated[tuple[float, float, float], PlainValidator(_rotary)]
 Tensor = Annotated[Any, PlainValidator(_tensor)]
 Rotation = Annotated[Any, PlainValidator(_rotation)]
+Along = Literal["x", "y", "z"]
 
 SOURCE = key("where the numbers come from, a text", 'source = "data sheet of ..., table 2"', default="")
 PLACEMENT = "a table: xyz_m [m] and one of rpy_deg [deg], rpy_rad [rad], rotation [-]"
@@ -95,12 +96,13 @@ class PlacementTable(Table):
 
 
 class RodTable(Table):
-    """A slender uniform rod from the frame's origin along its x: m L^2/12 across."""
+    """A slender uniform rod from the frame's origin along one of its axes: m L^2/12 across."""
 
     length_m: Positive = key("the length of the rod, a number > 0 [m]", "length_m = 0.4")
     axial_inertia_kgm2: NotNegative = key(
         "the small inertia about the rod's own axis, >= 0 [kg m^2]", "axial_inertia_kgm2 = 1e-5", default=0.0
     )
+    along: Along = key('the axis of the frame along which it lies, "x", "y" or "z"', 'along = "z"', default="x")
 
 
 class BoxTable(Table):
@@ -112,9 +114,10 @@ class BoxTable(Table):
 
 
 class CylinderTable(Table):
-    """A uniform solid cylinder along the frame's x."""
+    """A uniform solid cylinder from the frame's origin along one of its axes."""
 
-    length_m: Positive = key("the length along x, a number > 0 [m]", "length_m = 0.4")
+    length_m: Positive = key("the length, a number > 0 [m]", "length_m = 0.4")
+    along: Along = key('the axis of the frame along which it lies, "x", "y" or "z"', 'along = "z"', default="x")
     radius_m: Positive = key("the radius, a number > 0 [m]", "radius_m = 0.02")
 
 

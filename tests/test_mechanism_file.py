@@ -42,6 +42,8 @@ def inertia_of(tmp_path: Path, keys: str) -> tuple[float, Array, Array]:
         ("rod = { length_m = 0.6, axial_inertia_kgm2 = 1e-3 }", [0.3, 0, 0], [1e-3, 0.06, 0.06]),
         ("com_m = [0, 0, 1]\nbox = { size_m = [0.3, 0.6, 0.9] }", [0, 0, 1], [0.195, 0.15, 0.075]),
         ("cylinder = { length_m = 0.6, radius_m = 0.2 }", [0.3, 0, 0], [0.04, 0.08, 0.08]),
+        ('cylinder = { length_m = 0.6, radius_m = 0.2, along = "z" }', [0, 0, 0.3], [0.08, 0.08, 0.04]),
+        ('rod = { length_m = 0.6, along = "y" }', [0, 0.3, 0], [0.06, 0, 0.06]),
         ("com_m = [0, 0, 0]\nsphere = { radius_m = 0.5 }", [0, 0, 0], [0.2, 0.2, 0.2]),
         ("com_m = [0, 0, 0]\ninertia_kgm2 = 0", [0, 0, 0], [0, 0, 0]),
     ],
@@ -52,6 +54,12 @@ def test_shapes(tmp_path: Path, keys: str, com: list[float], moments: list[float
     assert mass == 2
     assert np.array_equal(centre, com)
     assert np.abs(tensor - np.diag(moments)).max() < 1e-15
+
+
+def test_tip_is_the_far_end_unless_stated(tmp_path: Path) -> None:
+    text = f'{HEAD}[links.link]\nkind = "rigid"\nmass_kg = 1\nrod = {{ length_m = 0.6, along = "z" }}\n'
+    assert np.array_equal(load(tmp_path, text + BASE).links[0].tip, [0, 0, 0.6])
+    assert np.array_equal(load(tmp_path, text + "tip_m = [1, 2, 3]\n" + BASE).links[0].tip, [1, 2, 3])
 
 
 def test_two_ways_to_write_an_inertia(tmp_path: Path) -> None:
@@ -373,6 +381,9 @@ BAD = {
     "y along the beam": (
         UR5 + TUBE + OVERLAY.replace("root_xyz_m = [0.01, -0.02, 0.05]", "").replace("[1, 1, 1]", "[0, 0, 1]"),
         "key y_axis", "y_axis = [1.0, 0.0, 0.0]",
+    ),
+    "tip of a beam": (
+        UR5 + TUBE + OVERLAY + "[overlay.links.forearm_link]\ntip_m = [0, 0, 1]\n", "key tip_m", "a beam reports its end",
     ),
     "own inertia not said": (UR5 + TUBE + OVERLAY.replace('own_inertia = "at_root"\n', ""), "key own_inertia", '"replaced"'),
     "locked joint that is none": (UR5 + 'lock = ["elbow"]\n', 'lock of joint "elbow"', '"elbow_joint"'),
