@@ -2,15 +2,37 @@
 
 from __future__ import annotations
 
-from flexinv.errors import ConvergenceError, FlexinvError, InputError, ModelWarning
-from flexinv.mechanism import Mechanism
-from flexinv.mechanism_file import load_mechanism
-from flexinv.motion import Motion
-from flexinv.solution import Solution
-from flexinv.solve import solve
-from flexinv.statics import Load, statics
-from flexinv.torques import joint_torques
-from flexinv.urdf import from_urdf
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from flexinv.errors import ConvergenceError, FlexinvError, InputError, ModelWarning
+    from flexinv.mechanism import Mechanism
+    from flexinv.mechanism_file import load_mechanism
+    from flexinv.motion import Motion
+    from flexinv.rest import Load, statics
+    from flexinv.scheme import solve
+    from flexinv.solution import Solution
+    from flexinv.torques import joint_torques
+    from flexinv.urdf import from_urdf
+
+# Where each public name lives; it is imported when first used, so that a program that only reads a mechanism
+# does not wait for the compiler.
+_HOME = {
+    "ConvergenceError": "errors",
+    "FlexinvError": "errors",
+    "InputError": "errors",
+    "Load": "rest",
+    "Mechanism": "mechanism",
+    "ModelWarning": "errors",
+    "Motion": "motion",
+    "Solution": "solution",
+    "from_urdf": "urdf",
+    "joint_torques": "torques",
+    "load_mechanism": "mechanism_file",
+    "solve": "scheme",
+    "statics": "rest",
+}
 
 __all__ = [
     "ConvergenceError",
@@ -27,3 +49,17 @@ __all__ = [
     "solve",
     "statics",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name on first use (PEP 562)."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'flexinv' has no attribute {name!r}; it has {', '.join(__all__)}")
+    value = getattr(import_module(f"flexinv.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """Return the public names, imported or not."""
+    return sorted({*globals(), *__all__})

@@ -16,8 +16,8 @@ from flexinv.case import Case, load_cases
 from flexinv.errors import FlexinvError, InputError, ModelWarning
 from flexinv.mechanism import Link, Mechanism
 from flexinv.mechanism_file import load_mechanism
+from flexinv.scheme import solve as solve_motion
 from flexinv.solution import Solution
-from flexinv.solve import solve as solve_motion
 from flexinv.urdf import from_urdf
 
 if TYPE_CHECKING:

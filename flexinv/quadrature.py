@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -77,7 +77,7 @@ def lagrange(nodes: Array, x: Array) -> tuple[Array, Array]:
     return value, slope
 
 
-@lru_cache(maxsize=None)
+@cache
 def reference(order: int) -> Reference:
     """Return the reference element of polynomial ``order`` [-], 1 to 40.
 

@@ -12,7 +12,7 @@ from flexinv.case import load_cases
 from flexinv.cli import link_mass, main
 from flexinv.mechanism import Beam, Body, Inertia, Link, Section
 from flexinv.mechanism_file import load_mechanism
-from flexinv.solve import solve
+from flexinv.scheme import solve
 
 MECHANISM = """
 title = "Pendulum"

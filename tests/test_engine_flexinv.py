@@ -14,7 +14,7 @@ from flexinv.case import Case
 from flexinv.mechanism import Mechanism
 from flexinv.mechanism_file import load_mechanism
 from flexinv.motion import Motion
-from flexinv.solve import solve
+from flexinv.scheme import solve
 
 
 def case(motion: Motion, step: float, sample: float) -> Case:

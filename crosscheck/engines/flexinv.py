@@ -22,8 +22,8 @@ from crosscheck.record import (
 )
 from flexinv.case import Case
 from flexinv.mechanism import Mechanism
+from flexinv.scheme import solve
 from flexinv.solution import Solution
-from flexinv.solve import solve
 
 
 def version() -> str:

@@ -12,7 +12,7 @@ from flexinv.case import Case, load_cases
 from flexinv.differences import ORDER
 from flexinv.mechanism import Mechanism
 from flexinv.mechanism_file import load_mechanism
-from flexinv.solve import solve
+from flexinv.scheme import solve
 from flexinv.torques import joint_torques
 
 STEPS = (10, 20, 50, 100, 200, 400)  # the paper's, and two more in which the leading term of the error stands alone
