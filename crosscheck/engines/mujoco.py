@@ -34,7 +34,7 @@ from scipy.spatial.transform import Rotation
 
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.mujoco_model import Built, build
-from crosscheck.engines.prescribed import missing_motion
+from crosscheck.engines.prescribed import beyond_a_tree, missing_motion
 from crosscheck.record import Record, Series, torque_series, vector_series, wrench_series
 from flexinv.case import Case
 from flexinv.mechanism import WORLD, Joint, Mechanism
@@ -63,7 +63,7 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     for joint in mechanism.joints:
         if (reason := _free_joint_trouble(joint)) is not None:
             return reason
-    return missing_motion(mechanism, case)
+    return beyond_a_tree(mechanism) or missing_motion(mechanism, case)
 
 
 def _free_joint_trouble(joint: Joint) -> str | None:

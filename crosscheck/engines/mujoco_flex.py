@@ -21,7 +21,7 @@ from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.mujoco import Raw, empty, keep, point_of, version, warnings_caught, wrench_on
 from crosscheck.engines.mujoco_model import Built
 from crosscheck.engines.mujoco_rod import DRIVE, Rod, bending_axis, flexible, rod_of
-from crosscheck.engines.prescribed import missing_motion, passive_effort, rotor_effort
+from crosscheck.engines.prescribed import beyond_a_tree, missing_motion, passive_effort, rotor_effort
 from crosscheck.record import Record, Series, series, torque_series, vector_series, wrench_series
 from flexinv.case import Case
 from flexinv.mechanism import Link, Mechanism
@@ -46,7 +46,7 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return why MuJoCo's flex cannot do this case, or None."""
     if mechanism.is_rigid:
         return "no link is a beam: see mujoco"
-    if (reason := missing_motion(mechanism, case)) is not None:
+    if (reason := beyond_a_tree(mechanism) or missing_motion(mechanism, case)) is not None:
         return reason
     for link in mechanism.beams:
         if (reason := _trouble(mechanism, link)) is not None:

@@ -29,7 +29,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from crosscheck.engines.base import Options, sample_times
-from crosscheck.engines.prescribed import missing_motion, passive_effort
+from crosscheck.engines.prescribed import beyond_a_tree, missing_motion, passive_effort
 from crosscheck.engines.urdf_source import check_joints, read_source
 from crosscheck.record import Record, Series, torque_series, vector_series, wrench_series
 from flexinv.case import Case
@@ -56,7 +56,7 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     if not mechanism.is_rigid:
         names = ", ".join(link.name for link in mechanism.beams)
         return f"Pinocchio has rigid bodies only; flexible here: {names}"
-    return missing_motion(mechanism, case)
+    return beyond_a_tree(mechanism) or missing_motion(mechanism, case)
 
 
 def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:

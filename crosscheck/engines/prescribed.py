@@ -11,6 +11,18 @@ from flexinv.mechanism import Mechanism
 Array = NDArray[np.float64]
 
 
+def beyond_a_tree(mechanism: Mechanism) -> str | None:
+    """Return what of a mechanism is neither link nor joint of a tree, for engines that would overlook it, or None."""
+    kinds = {
+        "closed loops": [c.name for c in mechanism.closures],
+        "springs": [s.name for s in mechanism.springs],
+        "applied forces": [f.name for f in mechanism.forces],
+        "springs in joints": [j.name for j in mechanism.joints if j.stiffness],
+    }
+    found = [f"{kind} ({', '.join(names)})" for kind, names in kinds.items() if names]
+    return f"this formulation has open trees and their drives only; here: {'; '.join(found)}" if found else None
+
+
 def missing_motion(mechanism: Mechanism, case: Case) -> str | None:
     """Return why joints cannot all be prescribed, or None when the case gives every joint a motion."""
     given = case.motion.joints(mechanism)
