@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, PlainValidator
 
-from flexinv.toml_tables import Fraction, Name, NotNegative, Number, Positive, Table, Text, Vector, key
+from flexinv.toml_tables import Fraction, Name, NotNegative, Number, Positive, Table, Text, Vector, bounded, key
 
 Numbers = dict[str, float]
 
 
 def _finite(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError("should be a finite number")
-    return float(value)
+    return float(bounded(value))
 
 
 def components(value: Any, required: str, optional: str = "") -> Numbers:

@@ -15,6 +15,7 @@ from flexinv.errors import InputError
 from flexinv.unit_keys import correction, nearest
 
 LARGEST_FILE = 1 << 20  # [byte]: the largest hand-written mechanism is a thousand times smaller
+LARGEST = 1e30  # no length, mass or stiffness in SI is larger; powers of larger numbers overflow
 LONGEST_NAME, LONGEST_TEXT = 100, 4000  # [characters]
 
 
@@ -32,9 +33,12 @@ def key(expected: str, write: str, **rules: Any) -> Any:
     return Field(description=expected, examples=[write], **rules)
 
 
-def _number(value: Any) -> Any:
-    if isinstance(value, int) and not isinstance(value, bool) and abs(value) > 1 << 1000:
-        raise ValueError("this integer is too large for a number")
+def bounded(value: Any) -> Any:
+    """Refuse (ValueError) what is no finite number of a size that can be meant, at most ``LARGEST`` [any unit]."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError("should be a number")
+    if value != value or abs(value) > LARGEST:
+        raise ValueError(f"should be a finite number, at most {LARGEST:g} in size")
     return value
 
 
@@ -52,7 +56,7 @@ def _clean_text(text: str) -> str:
     return text
 
 
-Number = Annotated[float, BeforeValidator(_number)]
+Number = Annotated[float, BeforeValidator(bounded)]
 Positive = Annotated[Number, Field(gt=0)]
 NotNegative = Annotated[Number, Field(ge=0)]
 Fraction = Annotated[Number, Field(ge=0, le=1)]

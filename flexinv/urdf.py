@@ -27,6 +27,7 @@ KINDS = {
     "prismatic": "prismatic",
     "floating": "free",
 }
+FLOATS = float(np.finfo(np.float64).max)  # some files write the largest number where they mean no limit
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2], as Pinocchio
 
 
@@ -168,10 +169,10 @@ def _limits(element: Element, kind: str, where: str) -> Limits:
     limit = element.find("limit")
     if limit is None:
         return Limits()
-    effort, velocity = (number(limit, name, 0.0, where) or np.inf for name in ("effort", "velocity"))
+    effort, velocity = (number(limit, name, 0.0, where, FLOATS) or np.inf for name in ("effort", "velocity"))
     if kind == "continuous":
         return Limits(abs(effort), abs(velocity))
-    lower, upper = (number(limit, name, 0.0, where) for name in ("lower", "upper"))
+    lower, upper = (number(limit, name, 0.0, where, FLOATS) for name in ("lower", "upper"))
     if lower > upper:
         given = f'lower="{lower:g}" upper="{upper:g}"'
         raise InputError(complaint(where, given, "lower <= upper", "the two exchanged, if so meant"))

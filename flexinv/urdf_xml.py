@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, ParseError
@@ -13,7 +12,7 @@ from defusedxml.ElementTree import fromstring
 
 from flexinv.errors import InputError
 from flexinv.mechanism import Array
-from flexinv.toml_tables import LONGEST_NAME, complaint
+from flexinv.toml_tables import LARGEST, LONGEST_NAME, complaint
 from flexinv.unit_keys import nearest
 
 LARGEST_FILE = 16 << 20  # [byte]: the largest URDF of example-robot-data has 0.2 MB
@@ -63,7 +62,9 @@ def name_of(element: Element, path: Path) -> str:
     return name
 
 
-def numbers(element: Element | None, attribute: str, count: int, default: Any, where: str) -> Array:
+def numbers(
+    element: Element | None, attribute: str, count: int, default: Any, where: str, largest: float = LARGEST
+) -> Array:
     """Read an attribute as ``count`` finite numbers, in its own unit such as [m]; ``default`` where it is absent."""
     text = element.get(attribute) if element is not None else None
     if text is None:
@@ -72,13 +73,13 @@ def numbers(element: Element | None, attribute: str, count: int, default: Any, w
         values = [float(word) for word in text.split()]
     except ValueError:
         values = []
-    if len(values) != count or not all(map(math.isfinite, values)) or "_" in text:
-        expected = f"{count} finite number{'s' if count > 1 else ''}"
+    if len(values) != count or not all(abs(value) <= largest for value in values) or "_" in text:
+        expected = f"{count} finite number{'s' if count > 1 else ''}, at most {largest:g} in size"
         write = f'{attribute}="{" ".join(["0"] * count)}"'
         raise InputError(complaint(where, f'{attribute}="{text[:60]}"', expected, write))
     return np.array(values)
 
 
-def number(element: Element | None, attribute: str, default: float, where: str) -> float:
+def number(element: Element | None, attribute: str, default: float, where: str, largest: float = LARGEST) -> float:
     """Read an attribute as one finite number, in its own unit such as [kg]; ``default`` where it is absent."""
-    return float(numbers(element, attribute, 1, [default], where)[0])
+    return float(numbers(element, attribute, 1, [default], where, largest)[0])
