@@ -10,14 +10,33 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from flexinv.beam import element_gradient, element_tangent, nodal_forces_from_gradient, relative
+from flexinv.beam import Scratch, element_gradient, element_tangent, nodal_forces, relative
+from flexinv.compiled import jit_inner
 from flexinv.mechanism import Array
-from flexinv.rotations import exp3, inverse_tangent3
+from flexinv.rotations import exp, inverse_tangent
 from flexinv.system import FRICTION_RATE
 from flexinv.tree import bring_back, bring_back_variation, carry, carry_variation
-from flexinv.vectors import apply3, cross3, dot3, mul3, tapply3
+from flexinv.vectors import (
+    add,
+    add_scaled,
+    add_to,
+    apply,
+    cross,
+    dot,
+    mat,
+    mscale,
+    mul,
+    put,
+    put_block,
+    scale,
+    sub,
+    sum3,
+    tapply,
+    transpose,
+    vec,
+    vec_at,
+)
 
 
 class State(NamedTuple):
@@ -51,7 +70,8 @@ class Work(NamedTuple):
 
     wrench : (nodes, 6); dwrench : (nodes, columns, 6); residual : (unknowns,); diagonal : (blocks, columns, columns)
     tangent : (elements, 6 count, 6 count); internal : (elements, points, 6); energy : (2,) elastic energy [J] and power [W]
-    hessian, u, psi, gradient, forces, own, first, x, r : scratch of one element
+    element : scratch of one element; own_x, own_t : (columns, 3), scratch of one passive joint
+    system : (rows, rows + columns + 1), scratch of one elimination
     solved : (elements, rows, columns + 1) eliminated unknowns by those of the element's first block
     """
 
@@ -62,183 +82,214 @@ class Work(NamedTuple):
     tangent: Array
     internal: Array
     energy: Array
-    hessian: Array
-    u: Array
-    psi: Array
-    gradient: Array
-    forces: Array
-    own: Array
-    first: Array
-    x: Array
-    r: Array
+    element: Scratch
+    own_x: Array
+    own_t: Array
+    system: Array
     solved: Array
 
 
 # An element that turns more than this between its first and any other node is too coarse (log is singular at pi).
 LARGEST_TURN = 2.5  # [rad]
+NONE = (0.0, 0.0, 0.0)
+UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
-@njit(cache=True)
-def place(t, s, j, f, d, cv, ca):
+@jit_inner
+def place(t, s, j, f, d, cv, ca, want_tangent):
     """Set motion f and variation d of all nodes from the unknowns s and the prescribed relative motion j [m, rad, s]."""
     for n in range(len(t.parent)):
-        columns = t.size[t.block[n]]
-        d.x[n, :columns], d.t[n, :columns], d.v[n, :columns] = 0.0, 0.0, 0.0
-        d.w[n, :columns], d.a[n, :columns], d.al[n, :columns] = 0.0, 0.0, 0.0
+        columns = t.size[t.block[n]] if want_tangent else 0
+        _clear(n, columns, d)
         if t.independent[n]:
-            _place_section(n, t.offset[t.block[n]], s, f, d, cv, ca)
+            _place_section(n, t.offset[t.block[n]], columns, s, f, d, cv, ca)
         else:
             if t.freedoms[n] > 0:
-                _place_passive(n, t, s, j, d, cv, ca)
+                _place_passive(n, t, s, j, d, cv, ca, columns)
             carry(n, t.parent[n], f, j)
             carry_variation(n, t.parent[n], columns, f, j, d)
 
 
-@njit(cache=True)
-def _place_section(n, o, s, f, d, cv, ca):
-    psi = s.d[o + 3 : o + 6]
-    f.x[n] = s.x[n] + s.d[o : o + 3]
-    f.r[n] = mul3(s.r[n], exp3(psi))
-    f.v[n], f.w[n] = s.u[o : o + 3], s.u[o + 3 : o + 6]
-    f.a[n], f.al[n] = s.du[o : o + 3], s.du[o + 3 : o + 6]
-    inverse = inverse_tangent3(psi)  # dpsi = H^-1 theta
+@jit_inner
+def _clear(n, columns, d):
+    for k in range(columns):
+        for i in range(3):
+            d.x[n, k, i] = d.t[n, k, i] = d.v[n, k, i] = d.w[n, k, i] = d.a[n, k, i] = d.al[n, k, i] = 0.0
+
+
+@jit_inner
+def _place_section(n, o, columns, s, f, d, cv, ca):
+    psi = vec_at(s.d, o + 3)
+    put(f.x[n], 0, add(vec(s.x[n]), vec_at(s.d, o)))
+    put_block(f.r[n], 0, 0, mul(mat(s.r[n]), exp(psi)))
+    put(f.v[n], 0, vec_at(s.u, o))
+    put(f.w[n], 0, vec_at(s.u, o + 3))
+    put(f.a[n], 0, vec_at(s.du, o))
+    put(f.al[n], 0, vec_at(s.du, o + 3))
+    if columns == 0:
+        return
     for k in range(3):
         d.x[n, k, k], d.v[n, k, k], d.a[n, k, k] = 1.0, cv, ca
         d.t[n, 3 + k, k] = 1.0
-        for i in range(3):
-            d.w[n, 3 + k, i] = cv * inverse[i, k]
-            d.al[n, 3 + k, i] = ca * inverse[i, k]
+    turned = transpose(inverse_tangent(psi))  # dpsi = H^-1 theta
+    put_block(d.w[n], 3, 0, mscale(cv, turned))
+    put_block(d.al[n], 3, 0, mscale(ca, turned))
 
 
-@njit(cache=True)
+@jit_inner
 def passive_psi(n, t, s, first):
-    """Return the rotation vector (3,) [rad] that a passive joint has turned since the start of the step."""
-    psi = np.zeros(3)
+    """Return the rotation vector [rad] that a passive joint has turned since the start of the step."""
+    psi = NONE
     for k in range(t.freedoms[n]):
-        psi += s.d[first + k] * t.turn[n, k]
+        psi = add_scaled(psi, s.d[first + k], vec(t.turn[n, k]))
     return psi
 
 
-@njit(cache=True)
-def _place_passive(n, t, s, j, d, cv, ca):
+@jit_inner
+def _place_passive(n, t, s, j, d, cv, ca, columns):
+    """Relative motion of a passive joint, and with ``columns`` its variation."""
     first = t.offset[t.block[n]] + t.column[n]
     psi = passive_psi(n, t, s, first)
-    j.p[n], j.r[n] = s.x[n], mul3(s.r[n], exp3(psi))
-    j.dp[n], j.ddp[n], j.w[n], j.al[n] = 0.0, 0.0, 0.0, 0.0
-    inverse = inverse_tangent3(psi)
+    inverse = inverse_tangent(psi)
+    p, dp, ddp, w, al = vec(s.x[n]), NONE, NONE, NONE, NONE
     for k in range(t.freedoms[n]):
-        column, slide, turn = t.column[n] + k, t.slide[n, k], t.turn[n, k]
-        j.p[n] += s.d[first + k] * slide
-        j.dp[n] += s.u[first + k] * slide
-        j.ddp[n] += s.du[first + k] * slide
-        j.w[n] += s.u[first + k] * turn
-        j.al[n] += s.du[first + k] * turn
-        rate = apply3(inverse, turn) if t.triple[n] >= 0 else turn
-        d.x[n, column], d.v[n, column], d.a[n, column] = slide, cv * slide, ca * slide
-        d.t[n, column], d.w[n, column], d.al[n, column] = turn, cv * rate, ca * rate
+        slide, turn = vec(t.slide[n, k]), vec(t.turn[n, k])
+        p = add_scaled(p, s.d[first + k], slide)
+        dp, w = add_scaled(dp, s.u[first + k], slide), add_scaled(w, s.u[first + k], turn)
+        ddp, al = add_scaled(ddp, s.du[first + k], slide), add_scaled(al, s.du[first + k], turn)
+        if columns > 0:
+            at = t.column[n] + k
+            rate = apply(inverse, turn) if t.triple[n] >= 0 else turn
+            _put_variation(n, at, d, slide, turn, scale(cv, slide), scale(cv, rate), scale(ca, slide), scale(ca, rate))
+    put(j.p[n], 0, p)
+    put_block(j.r[n], 0, 0, mul(mat(s.r[n]), exp(psi)))
+    put(j.dp[n], 0, dp)
+    put(j.ddp[n], 0, ddp)
+    put(j.w[n], 0, w)
+    put(j.al[n], 0, al)
 
 
-@njit(cache=True)
-def node_wrenches(t, f, d, loads, work):
+@jit_inner
+def _put_variation(n, k, d, x, t, v, w, a, al):
+    put(d.x[n, k], 0, x)
+    put(d.t[n, k], 0, t)
+    put(d.v[n, k], 0, v)
+    put(d.w[n, k], 0, w)
+    put(d.a[n, k], 0, a)
+    put(d.al[n, k], 0, al)
+
+
+@jit_inner
+def node_wrenches(t, f, d, loads, work, want_tangent):
     """Set every node's own wrench P = m (a - g), Q = J al + w x J w, less loads, and its variation [N], [N m]."""
+    gravity = vec(t.gravity)
     for n in range(len(t.parent)):
-        columns = t.size[t.block[n]]
-        m, inertia, w, r = t.mass[n], t.inertia[n], f.w[n], f.r[n]
-        spin = apply3(inertia, w)
-        moment = apply3(inertia, f.al[n]) + cross3(w, spin)
-        push, turn = apply3(r, loads.follower[n, :3]), tapply3(r, loads.dead[n, 3:])
-        work.wrench[n, :3] = m * (f.a[n] - t.gravity) - loads.dead[n, :3] - push
-        work.wrench[n, 3:] = moment - turn - loads.follower[n, 3:]
-        for k in range(columns):
-            dw, theta = d.w[n, k], d.t[n, k]
-            work.dwrench[n, k, :3] = m * d.a[n, k] - apply3(r, cross3(theta, loads.follower[n, :3]))
-            gyro = cross3(dw, spin) + cross3(w, apply3(inertia, dw))
-            work.dwrench[n, k, 3:] = apply3(inertia, d.al[n, k]) + gyro + cross3(theta, turn)
+        m, inertia, w, r = t.mass[n], mat(t.inertia[n]), vec(f.w[n]), mat(f.r[n])
+        spin, follower = apply(inertia, w), vec(loads.follower[n])
+        turn = tapply(r, vec_at(loads.dead[n], 3))
+        load = add(vec(loads.dead[n]), apply(r, follower))
+        moment = add(apply(inertia, vec(f.al[n])), cross(w, spin))
+        put(work.wrench[n], 0, sub(scale(m, sub(vec(f.a[n]), gravity)), load))
+        put(work.wrench[n], 3, sub(moment, add(turn, vec_at(loads.follower[n], 3))))
+        for k in range(t.size[t.block[n]] if want_tangent else 0):
+            dw, theta = vec(d.w[n, k]), vec(d.t[n, k])
+            gyro = add(cross(dw, spin), cross(w, apply(inertia, dw)))
+            dforce = sub(scale(m, vec(d.a[n, k])), apply(r, cross(theta, follower)))
+            put(work.dwrench[n, k], 0, dforce)
+            put(work.dwrench[n, k], 3, sum3(apply(inertia, vec(d.al[n, k])), gyro, cross(theta, turn)))
 
 
-@njit(cache=True)
+@jit_inner
 def add_elements(t, e, f, d, work, want_tangent):
     """Add elastic forces of all elements to the wrenches; return -1, or the element that turns too much [rad]."""
-    work.energy[:] = 0.0
+    z, energy, power = work.element, 0.0, 0.0
     for k in range(len(e.order)):
         count = e.order[k] + 1
         nodes = e.nodes[k]
         for i in range(count):
-            work.x[i], work.r[i] = f.x[nodes[i]], f.r[nodes[i]]
-        if not relative(work.x, work.r, count, work.u, work.psi) <= LARGEST_TURN:
+            put(z.x[i], 0, vec(f.x[nodes[i]]))
+            put_block(z.r[i], 0, 0, mat(f.r[nodes[i]]))
+        if not relative(count, z) <= LARGEST_TURN:
             return k
-        work.energy[0] += element_gradient(
-            count, e.shape[k], e.slope[k], e.weight[k], e.stiffness[k], e.gamma0[k], e.kappa0[k],
-            work.u, work.psi, work.gradient, work.hessian, work.internal[k], want_tangent,
-        )  # fmt: skip
-        nodal_forces_from_gradient(count, work.r[0], work.u, work.psi, work.gradient, work.forces)
+        energy += element_gradient(k, count, e, z, work.internal[k], want_tangent)
+        nodal_forces(count, z)
         for i in range(count):
-            n = nodes[i]
-            work.wrench[n] += work.forces[i]
-            work.energy[1] += dot3(work.forces[i, :3], f.v[n]) + dot3(work.forces[i, 3:], f.w[n])
+            n, force, moment = nodes[i], vec(z.forces[i]), vec_at(z.forces[i], 3)
+            add_to(work.wrench[n], 0, force)
+            add_to(work.wrench[n], 3, moment)
+            power += dot(force, vec(f.v[n])) + dot(moment, vec(f.w[n]))
         if want_tangent:
-            tangent = work.tangent[k]
-            element_tangent(count, work.r[0], work.u, work.psi, work.gradient, work.hessian, work.own, work.first, tangent)
-            _add_diagonal(t, d, nodes, count, tangent, work.dwrench)
+            element_tangent(count, z, work.tangent[k])
+            _add_diagonal(t, d, nodes, count, work.tangent[k], work.dwrench)
+    work.energy[0], work.energy[1] = energy, power
     return -1
 
 
-@njit(cache=True)
+@jit_inner
 def _add_diagonal(t, d, nodes, count, tangent, dwrench):
     """Add what each node of an element feels of its own motion (and the root of its block's other unknowns)."""
     root = nodes[0]
     for k in range(t.size[t.block[root]]):
         for i in range(6):
-            for q in range(3):
-                dwrench[root, k, i] += tangent[i, q] * d.x[root, k, q] + tangent[i, 3 + q] * d.t[root, k, q]
+            felt = dot(vec(tangent[i]), vec(d.x[root, k])) + dot(vec_at(tangent[i], 3), vec(d.t[root, k]))
+            dwrench[root, k, i] += felt
     for node in range(1, count):
         for k in range(6):
             for i in range(6):
                 dwrench[nodes[node], k, i] += tangent[6 * node + i, 6 * node + k]
 
 
-@njit(cache=True)
-def gather(t, s, f, j, d, work, cv, ca):
+@jit_inner
+def gather(t, s, f, j, d, work, cv, ca, want_tangent):
     """Bring wrenches of dependent nodes back to their blocks: residual (unknowns,) [N], [N m] and diagonal blocks."""
-    widest = work.dwrench.shape[1]
-    own_x, own_t = np.zeros((widest, 3)), np.zeros((widest, 3))
     for n in range(len(t.parent) - 1, -1, -1):
         b, m = t.block[n], t.parent[n]
-        columns = t.size[b]
+        columns = t.size[b] if want_tangent else 0
         if t.independent[n]:
-            work.residual[t.offset[b] : t.offset[b] + 6] = work.wrench[n]
-            for k in range(columns):
-                work.diagonal[b, :6, k] = work.dwrench[n, k]
+            for i in range(6):
+                work.residual[t.offset[b] + i] = work.wrench[n, i]
+                for k in range(columns):
+                    work.diagonal[b, i, k] = work.dwrench[n, k, i]
             continue
-        own_x[:columns], own_t[:columns] = 0.0, 0.0
-        for k in range(t.freedoms[n]):
-            own_x[t.column[n] + k], own_t[t.column[n] + k] = t.slide[n, k], t.turn[n, k]
+        _own_variation(n, t, columns, work)
         if t.freedoms[n] > 0:
             _passive_rows(n, m, b, columns, t, s, f, d, work, cv, ca)
         if m >= 0:
             bring_back(n, m, f, j, work.wrench)
-            bring_back_variation(n, m, columns, f, j, d, own_x, own_t, work.wrench, work.dwrench)
+            bring_back_variation(n, m, columns, f, j, d, work.own_x, work.own_t, work.wrench, work.dwrench)
 
 
-@njit(cache=True)
+@jit_inner
+def _own_variation(n, t, columns, work):
+    """Variation of a node's pose in its parent by the joint's own freedoms, others zero."""
+    for k in range(columns):
+        i = k - t.column[n]
+        own = 0 <= i < t.freedoms[n]
+        put(work.own_x[k], 0, vec(t.slide[n, i]) if own else NONE)
+        put(work.own_t[k], 0, vec(t.turn[n, i]) if own else NONE)
+
+
+@jit_inner
 def _passive_rows(n, m, b, columns, t, s, f, d, work, cv, ca):
     """Residual along passive freedoms: wrench on the axes + rotor, damping and friction of the joint itself."""
-    first = t.offset[b] + t.column[n]
-    force = work.wrench[n, :3] if m < 0 else tapply3(f.r[m], work.wrench[n, :3])
-    inverse = inverse_tangent3(passive_psi(n, t, s, first))
+    first, diagonal = t.offset[b] + t.column[n], work.diagonal[b]
+    frame = mat(f.r[m]) if m >= 0 else UNIT
+    force, moment = tapply(frame, vec(work.wrench[n])), vec_at(work.wrench[n], 3)
+    inverse = inverse_tangent(passive_psi(n, t, s, first))
     for i in range(t.freedoms[n]):
-        row, slide, turn = t.column[n] + i, t.slide[n, i], t.turn[n, i]
+        row, slide, turn = t.column[n] + i, vec(t.slide[n, i]), vec(t.turn[n, i])
         rate, soft = s.u[first + i], np.tanh(s.u[first + i] / FRICTION_RATE)
         own = t.rotor[n] * s.du[first + i] + t.damping[n] * rate + t.friction[n] * soft
-        work.residual[first + i] = dot3(slide, force) + dot3(turn, work.wrench[n, 3:]) + own
+        work.residual[first + i] = dot(slide, force) + dot(turn, moment) + own
+        if columns == 0:
+            continue
         for k in range(columns):
-            dforce = work.dwrench[n, k, :3]
+            dforce = tapply(frame, vec(work.dwrench[n, k]))
             if m >= 0:
-                dforce = tapply3(f.r[m], dforce) - cross3(d.t[m, k], force)
-            work.diagonal[b, row, k] = dot3(slide, dforce) + dot3(turn, work.dwrench[n, k, 3:])
+                dforce = sub(dforce, cross(vec(d.t[m, k]), force))
+            diagonal[row, k] = dot(slide, dforce) + dot(turn, vec_at(work.dwrench[n, k], 3))
         slope = cv * (t.damping[n] + t.friction[n] * (1 - soft * soft) / FRICTION_RATE) + ca * t.rotor[n]
-        if t.triple[n] >= 0 and i >= t.triple[n]:
-            for k in range(3):
-                work.diagonal[b, row, t.column[n] + t.triple[n] + k] += slope * inverse[i - t.triple[n], k]
+        if t.triple[n] >= 0 and i >= t.triple[n]:  # the turn is unit vector number i - triple
+            add_to(diagonal[row], t.column[n] + t.triple[n], scale(slope, tapply(inverse, turn)))
         else:
-            work.diagonal[b, row, row] += slope
+            diagonal[row, row] += slope

@@ -1,272 +1,318 @@
 """The spectral, geometrically exact beam element: strains, energy, nodal forces and their exact tangent.
 
-Strain at the Gauss points, seen from the frame R_0 of the element's first node (objective):
+Strain at the Gauss points, from positions and rotations relative to the element's first node (objective):
 
-    u_i = R_0^T (x_i - x_0),  psi_i = log(R_0^T R_i),  S = exp(psi),  H = H(psi)      interpolated: u', psi, psi'
+    u_i = x_i - x_0,  psi_i = log(R_0^T R_i),  S = R_0 exp(psi),  H = H(psi)      interpolated: u', psi, psi'
     Gamma = S^T u' - Gamma_0          (axial, shear, shear)
     kappa = H psi' - kappa_0          (twist, bending, bending)
     E = 1/2 sum_g w (Gamma . C_N Gamma + kappa . C_M kappa)
 
 Nodal forces are the gradient of E, so power closes in space as in the plane; the tangent is the exact derivative.
 Increments: dx_i in the world frame, theta_i in the node's own frame (R_i <- R_i exp(theta_i)); forces are dual to them.
+What the first node feels, and how it acts on the others, follows from objectivity: a rigid motion strains nothing.
 Source: Simo, Vu-Quoc, *A three-dimensional finite-strain rod model*, 1986, with the interpolation of Crisfield, Jelenic, 1999.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numba import njit
+from numpy.typing import NDArray
 
-from flexinv.rotations import coefficients, exp3, inverse_coefficient, inverse_tangent3, log3, tangent3
-from flexinv.vectors import apply3, cross3, dot3, mul3, skew3, tapply3, tmul3
+from flexinv.compiled import jit_inner
+from flexinv.rotations import coefficients, exp_with, inverse_coefficient, inverse_tangent, log, quadratic, tangent_with
+from flexinv.vectors import (
+    add,
+    add_scaled,
+    add_to,
+    apply,
+    block,
+    cross,
+    diagonal,
+    dot,
+    madd,
+    mat,
+    mscale,
+    msub,
+    mul,
+    outer,
+    put,
+    put_block,
+    rows,
+    scale,
+    skew,
+    sub,
+    sum3,
+    tapply,
+    times,
+    tmul,
+    transpose,
+    vec,
+    vec_at,
+)
+
+Array = NDArray[np.float64]
 
 
-@njit(cache=True)
-def tangent_slope(psi, b, sign):
-    """Return d/dpsi of H(psi) b (sign +1) or of H(psi)^T b (sign -1), (3, 3) [unit of b].
+class Scratch(NamedTuple):
+    """One element under evaluation, count = order + 1 nodes; allocated once.
+
+    x, r : (count, 3) [m], (count, 3, 3), poses of the nodes; u, psi : (count, 3) [m], [rad], relative to the first node
+    inverse : (count, 3, 3), H(psi_i)^-1; gradient, forces : (count, 6) [N], [N m]
+    parts : (4, 36), second derivatives at a Gauss point as (6, 6) blocks over (u, psi), by what the interpolation puts to
+        them: slope slope, slope shape, shape slope, shape shape; hessian : (count, count, 36), the same at the nodes
+    """
+
+    x: Array
+    r: Array
+    u: Array
+    psi: Array
+    inverse: Array
+    gradient: Array
+    forces: Array
+    parts: Array
+    hessian: Array
+
+    @classmethod
+    def of(cls, count: int) -> Scratch:
+        """Return arrays for elements of at most ``count`` nodes [-]."""
+        vectors, matrices = (count, 3), (count, 3, 3)
+        shapes = (vectors, matrices, vectors, vectors, matrices, (count, 6), (count, 6), (4, 36), (count, count, 36))
+        return cls(*(np.zeros(shape) for shape in shapes))
+
+
+@jit_inner
+def tangent_slope(psi, b, q, sign):
+    """Return d/dpsi of H(psi) b (sign +1) or of H(psi)^T b (sign -1) [unit of b]; q from `coefficients`.
 
     H b = (1 - s B) b - A psi x b + B psi (psi . b), s = psi . psi; the transpose turns the sign of A.
     """
-    s = dot3(psi, psi)
-    a_, a1, _, b_, b1, _ = coefficients(s)
-    a_, a1 = sign * a_, sign * a1
-    along = dot3(psi, b)
-    twist = cross3(psi, b)
-    out = a_ * skew3(b)
-    for i in range(3):
-        for j in range(3):
-            out[i, j] += (-2 * (b_ + s * b1) * b[i] - 2 * a1 * twist[i] + 2 * b1 * along * psi[i]) * psi[j]
-            out[i, j] += b_ * psi[i] * b[j]
-        out[i, i] += b_ * along
-    return out
+    a0, a1, _, b0, b1, _ = q
+    s, along = dot(psi, psi), dot(psi, b)
+    by_s = sum3(scale(-2 * (b0 + s * b1), b), scale(-2 * sign * a1, cross(psi, b)), scale(2 * b1 * along, psi))
+    return madd(madd(quadratic(b, b0 * along, sign * a0, 0.0), outer(by_s, psi)), outer(scale(b0, psi), b))
 
 
-@njit(cache=True)
-def tangent_curvature(psi, a, b):
-    """Return the second derivative of h = a . H(psi) b with respect to psi, (3, 3) symmetric [unit of a b].
+@jit_inner
+def tangent_curvature(psi, a, b, q):
+    """Return the second derivative of h = a . H(psi) b with respect to psi, symmetric [unit of a b].
 
-    h = (a.b)(1 - s B) - A psi.(b x a) + B (a.psi)(b.psi), s = psi . psi
+    h = (a.b)(1 - s B) - A psi.(b x a) + B (a.psi)(b.psi), s = psi . psi; q from `coefficients`
     """
-    s = dot3(psi, psi)
-    a_, a1, a2, b_, b1, b2 = coefficients(s)
-    ab, ap, bp = dot3(a, b), dot3(a, psi), dot3(b, psi)
-    c = cross3(b, a)
-    p = dot3(psi, c)
-    round_part = -2 * ab * (b_ + s * b1) - 2 * a1 * p + 2 * b1 * ap * bp
+    _, a1, a2, b0, b1, b2 = q
+    s, ab, ap, bp = dot(psi, psi), dot(a, b), dot(a, psi), dot(b, psi)
+    c = cross(b, a)
+    p = dot(psi, c)
+    round_part = -2 * ab * (b0 + s * b1) - 2 * a1 * p + 2 * b1 * ap * bp
     dyad_part = -4 * ab * (2 * b1 + s * b2) - 4 * a2 * p + 4 * b2 * ap * bp
-    out = np.empty((3, 3))
-    for i in range(3):
-        for j in range(3):
-            mixed_i = -2 * a1 * c[i] + 2 * b1 * (a[i] * bp + b[i] * ap)
-            mixed_j = -2 * a1 * c[j] + 2 * b1 * (a[j] * bp + b[j] * ap)
-            out[i, j] = dyad_part * psi[i] * psi[j] + psi[i] * mixed_j + mixed_i * psi[j]
-            out[i, j] += b_ * (a[i] * b[j] + b[i] * a[j])
-        out[i, i] += round_part
-    return out
+    mixed = sum3(scale(-2 * a1, c), scale(2 * b1 * bp, a), scale(2 * b1 * ap, b))
+    half = madd(outer(add_scaled(mixed, 0.5 * dyad_part, psi), psi), outer(scale(b0, a), b))
+    return madd(madd(half, transpose(half)), diagonal(round_part))
 
 
-@njit(cache=True)
+@jit_inner
 def inverse_tangent_slope(psi, g, sign):
-    """Return d/dpsi of H(psi)^-1 g (sign +1) or of H(psi)^-T g (sign -1), (3, 3) [unit of g].
+    """Return d/dpsi of H(psi)^-1 g (sign +1) or of H(psi)^-T g (sign -1) [unit of g].
 
-    H^-1 = I + skew(psi)/2 + c(s) skew(psi)^2; the transpose turns the sign of the middle term.
+    H^-1 g = (1 - s c) g + psi x g / 2 + c psi (psi . g), s = psi . psi; the transpose turns the sign of the middle term.
     """
-    c, c1 = inverse_coefficient(dot3(psi, psi))
-    pg = cross3(psi, g)
-    ppg = cross3(psi, pg)
-    out = -0.5 * sign * skew3(g) - c * skew3(pg) - c * mul3(skew3(psi), skew3(g))
-    for i in range(3):
-        for j in range(3):
-            out[i, j] += 2 * c1 * ppg[i] * psi[j]
-    return out
+    s, along = dot(psi, psi), dot(psi, g)
+    c, c1 = inverse_coefficient(s)
+    by_s = add(scale(-2 * (c + s * c1), g), scale(2 * c1 * along, psi))
+    return madd(madd(quadratic(g, c * along, -0.5 * sign, 0.0), outer(by_s, psi)), outer(scale(c, psi), g))
 
 
-@njit(cache=True)
-def relative(x, r, count, u, psi):
-    """Fill u_i = R_0^T (x_i - x_0) [m] and psi_i = log(R_0^T R_i) [rad]; return the largest |psi_i| [rad]."""
+@jit_inner
+def relative(count, z):
+    """Fill u_i = x_i - x_0 [m] and psi_i = log(R_0^T R_i) [rad] of scratch z; return the largest |psi_i| [rad]."""
     largest = 0.0
+    first, x0 = mat(z.r[0]), vec(z.x[0])
     for i in range(count):
-        u[i] = tapply3(r[0], x[i] - x[0])
-        psi[i] = log3(tmul3(r[0], r[i]))
-        largest = max(largest, np.sqrt(dot3(psi[i], psi[i])))
+        psi = log(tmul(first, mat(z.r[i])))
+        put(z.u[i], 0, sub(vec(z.x[i]), x0))
+        put(z.psi[i], 0, psi)
+        put_block(z.inverse[i], 0, 0, inverse_tangent(psi))
+        largest = max(largest, np.sqrt(dot(psi, psi)))
     return largest
 
 
-@njit(cache=True)
-def _strain(shape, slope, u, psi, count):
-    """Interpolated u', psi, psi' at one Gauss point (node 0 contributes nothing: u_0 = psi_0 = 0)."""
-    du, at, dpsi = np.zeros(3), np.zeros(3), np.zeros(3)
+@jit_inner
+def _interpolate(count, shape, slope, z):
+    """u', psi, psi' at one Gauss point (node 0 contributes nothing: u_0 = psi_0 = 0)."""
+    du, psi, dpsi = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for i in range(1, count):
-        for k in range(3):
-            du[k] += slope[i] * u[i, k]
-            at[k] += shape[i] * psi[i, k]
-            dpsi[k] += slope[i] * psi[i, k]
-    return du, at, dpsi
+        du = add_scaled(du, slope[i], vec(z.u[i]))
+        psi = add_scaled(psi, shape[i], vec(z.psi[i]))
+        dpsi = add_scaled(dpsi, slope[i], vec(z.psi[i]))
+    return du, psi, dpsi
 
 
-@njit(cache=True)
-def element_gradient(count, shape, slope, weight, stiffness, gamma0, kappa0, u, psi, g, hessian, internal, want_hessian):
-    """Fill dE/d(u_i, psi_i) into g (count, 6) [N], [N m] and, if wanted, the second derivative; return E [J].
+@jit_inner
+def element_gradient(k, count, e, z, internal, want_hessian):
+    """Fill dE/d(u_i, psi_i) of element k, z.gradient [N], [N m] and, if wanted, z.hessian; return E [J].
 
-    hessian : (6 count, 6 count); internal : (points, 6) stress resultants in the section frame [N], [N m]
+    e : `system.ElementArrays`; internal : (points, 6) stress resultants in the section frame [N], [N m]
     """
     energy = 0.0
-    g[:count] = 0.0
-    if want_hessian:
-        hessian[: 6 * count, : 6 * count] = 0.0
-    for point in range(count - 1):
-        du, at, dpsi = _strain(shape[point], slope[point], u, psi, count)
-        s, h = exp3(at), tangent3(at)
-        stretch = tapply3(s, du)
-        bend_slope = tangent_slope(at, dpsi, 1.0)
-        w, c = weight[point], stiffness[point]
-        gamma, kappa = stretch - gamma0[point], apply3(h, dpsi) - kappa0[point]
-        n, m = c[:3] * gamma, c[3:] * kappa
-        internal[point, :3], internal[point, 3:] = n, m
-        energy += 0.5 * w * (dot3(n, gamma) + dot3(m, kappa))
-        couple = cross3(n, stretch)
-        by_du = w * apply3(s, n)  # dE/du'
-        by_psi = w * (tapply3(h, couple) + tapply3(bend_slope, m))  # dE/dpsi
-        by_dpsi = w * tapply3(h, m)  # dE/dpsi'
-        for i in range(1, count):
-            for k in range(3):
-                g[i, k] += slope[point, i] * by_du[k]
-                g[i, 3 + k] += shape[point, i] * by_psi[k] + slope[point, i] * by_dpsi[k]
-        if want_hessian:
-            blocks = _point_hessian(at, dpsi, s, h, stretch, bend_slope, n, m, couple, c, w)
-            _spread(count, shape[point], slope[point], blocks, hessian)
+    _clear(count, z, want_hessian)
+    for g in range(count - 1):
+        energy += _add_point(count, e.shape[k, g], e.slope[k, g], e.weight[k, g], e.stiffness[k, g],
+                             vec(e.gamma0[k, g]), vec(e.kappa0[k, g]), z, internal[g], want_hessian)  # fmt: skip
     return energy
 
 
-@njit(cache=True)
-def _point_hessian(at, dpsi, s, h, stretch, bend_slope, n, m, couple, c, w):
-    """Second derivatives at one Gauss point: blocks [u'u', u'psi, psi psi, psi'psi, psi'psi'], each (3, 3)."""
-    spin = mul3(skew3(stretch), h)  # dGamma = S^T du' + spin dpsi
-    skew_n = skew3(n)
-    c_spin, c_st, c_h, c_bend = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    for i in range(3):
-        for j in range(3):
-            c_spin[i, j] = c[i] * spin[i, j]
-            c_st[i, j] = c[i] * s[j, i]
-            c_h[i, j] = c[3 + i] * h[i, j]
-            c_bend[i, j] = c[3 + i] * bend_slope[i, j]
-    out = np.empty((5, 3, 3))
-    out[0] = w * mul3(s, c_st)
-    out[1] = w * mul3(s, c_spin - mul3(skew_n, h))
-    stretching = tmul3(spin, c_spin) + tmul3(h, mul3(skew_n, spin)) + tangent_slope(at, couple, -1.0)
-    bending = tmul3(bend_slope, c_bend) + tangent_curvature(at, m, dpsi)
-    out[2] = w * (stretching + bending)
-    out[3] = w * (tmul3(h, c_bend) + tangent_slope(at, m, -1.0))
-    out[4] = w * tmul3(h, c_h)
-    return out
+@jit_inner
+def _clear(count, z, want_hessian):
+    for i in range(count):
+        for k in range(6):
+            z.gradient[i, k] = 0.0
+        if want_hessian:
+            for j in range(i, count):
+                for k in range(36):
+                    z.hessian[i, j, k] = 0.0
 
 
-@njit(cache=True)
-def _spread(count, shape, slope, blocks, hessian):
-    """Add one Gauss point's second derivatives to the nodal Hessian through the interpolation."""
-    uu, up, pp, dp, dd = blocks[0], blocks[1], blocks[2], blocks[3], blocks[4]
+@jit_inner
+def _add_point(count, shape, slope, w, stiffness, gamma0, kappa0, z, internal, want_hessian):
+    """Add one Gauss point to gradient and Hessian; return its energy."""
+    du, psi, dpsi = _interpolate(count, shape, slope, z)
+    q = coefficients(dot(psi, psi))
+    s, h = mul(mat(z.r[0]), exp_with(psi, q)), tangent_with(psi, q)
+    stretch = tapply(s, du)
+    bend = tangent_slope(psi, dpsi, q, 1.0)  # d(H psi')/dpsi
+    gamma, kappa = sub(stretch, gamma0), sub(apply(h, dpsi), kappa0)
+    c_n, c_m = vec_at(stiffness, 0), vec_at(stiffness, 3)
+    n, m = times(c_n, gamma), times(c_m, kappa)
+    put(internal, 0, n)
+    put(internal, 3, m)
+    couple = cross(n, stretch)
+    by_du = scale(w, apply(s, n))  # dE/du'
+    by_psi = scale(w, add(tapply(h, couple), tapply(bend, m)))  # dE/dpsi
+    by_dpsi = scale(w, tapply(h, m))  # dE/dpsi'
     for i in range(1, count):
-        for j in range(1, count):
+        add_to(z.gradient[i], 0, scale(slope[i], by_du))
+        add_to(z.gradient[i], 3, add(scale(shape[i], by_psi), scale(slope[i], by_dpsi)))
+    if want_hessian:
+        _point_hessian(psi, dpsi, q, s, h, stretch, bend, n, m, couple, c_n, c_m, w, z.parts)
+        _spread(count, shape, slope, z.parts, z.hessian)
+    return 0.5 * w * (dot(n, gamma) + dot(m, kappa))
+
+
+@jit_inner
+def _point_hessian(psi, dpsi, q, s, h, stretch, bend, n, m, couple, c_n, c_m, w, parts):
+    """Second derivatives at one Gauss point, w d2E by (u', psi, psi'), into the parts of `Scratch`."""
+    spin = mul(skew(stretch), h)  # dGamma = S^T du' + spin dpsi
+    c_spin, c_bend = rows(c_n, spin), rows(c_m, bend)
+    turned = mul(skew(n), spin)
+    by_u_u = mul(s, rows(c_n, transpose(s)))
+    by_u_psi = mul(s, msub(c_spin, mul(skew(n), h)))
+    stretching = madd(madd(tmul(spin, c_spin), tmul(h, turned)), tangent_slope(psi, couple, q, -1.0))
+    bending = madd(tmul(bend, c_bend), tangent_curvature(psi, m, dpsi, q))
+    by_slope_psi = madd(tmul(h, c_bend), tangent_slope(psi, m, q, -1.0))
+    _put_part(parts[0], 0, 0, mscale(w, by_u_u))
+    _put_part(parts[0], 3, 3, mscale(w, tmul(h, rows(c_m, h))))
+    _put_part(parts[1], 0, 3, mscale(w, by_u_psi))
+    _put_part(parts[1], 3, 3, mscale(w, by_slope_psi))
+    _put_part(parts[2], 3, 0, mscale(w, transpose(by_u_psi)))
+    _put_part(parts[2], 3, 3, mscale(w, transpose(by_slope_psi)))
+    _put_part(parts[3], 3, 3, mscale(w, madd(stretching, bending)))
+
+
+@jit_inner
+def _put_part(part, row, column, m):
+    """Write a matrix into a (6, 6) block that is stored as 36 numbers."""
+    put(part, 6 * row + column, m[0])
+    put(part, 6 * row + 6 + column, m[1])
+    put(part, 6 * row + 12 + column, m[2])
+
+
+@jit_inner
+def _part(part, row, column):
+    first = 6 * row + column
+    return vec_at(part, first), vec_at(part, first + 6), vec_at(part, first + 12)
+
+
+@jit_inner
+def _spread(count, shape, slope, parts, hessian):
+    """Add one Gauss point's second derivatives to the nodal Hessian (i <= j) through the interpolation."""
+    for i in range(1, count):
+        for j in range(i, count):
             ss, sn = slope[i] * slope[j], slope[i] * shape[j]
             ns, nn = shape[i] * slope[j], shape[i] * shape[j]
-            for k in range(3):
-                for q in range(3):
-                    hessian[6 * i + k, 6 * j + q] += ss * uu[k, q]
-                    hessian[6 * i + k, 6 * j + 3 + q] += sn * up[k, q]
-                    hessian[6 * i + 3 + k, 6 * j + q] += ns * up[q, k]
-                    hessian[6 * i + 3 + k, 6 * j + 3 + q] += nn * pp[k, q] + sn * dp[k, q] + ns * dp[q, k] + ss * dd[k, q]
+            for k in range(36):
+                hessian[i, j, k] += ss * parts[0, k] + sn * parts[1, k] + ns * parts[2, k] + nn * parts[3, k]
 
 
-@njit(cache=True)
-def nodal_forces_from_gradient(count, r0, u, psi, g, forces):
-    """Fill nodal forces [N] (world) and moments [N m] (node frame), (count, 6), from dE/d(u_i, psi_i).
+@jit_inner
+def nodal_forces(count, z):
+    """Fill z.forces, (count, 6) [N] (world) and [N m] (node frame), from dE/d(u_i, psi_i).
 
-    du_i = R_0^T (dx_i - dx_0) - theta_0 x u_i,     dpsi_i = H_i^-1 theta_i - H_i^-T theta_0
+    F_i = dE/du_i, M_i = H_i^-T dE/dpsi_i; the sums of forces and moments vanish, and R_0^T R_i H_i^-T = H_i^-1:
+    F_0 = - sum F_i,   M_0 = - sum (R_0^T (u_i x F_i) + H_i^-1 dE/dpsi_i)
     """
-    forces[0] = 0.0
+    force, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    r0 = mat(z.r[0])
     for i in range(1, count):
-        force = apply3(r0, g[i, :3])
-        inverse = inverse_tangent3(psi[i])
-        moment = tapply3(inverse, g[i, 3:])
-        reaction = cross3(u[i], g[i, :3]) + apply3(inverse, g[i, 3:])
-        for k in range(3):
-            forces[i, k], forces[i, 3 + k] = force[k], moment[k]
-            forces[0, k] -= force[k]
-            forces[0, 3 + k] -= reaction[k]
+        inverse = mat(z.inverse[i])
+        f, by_psi = vec(z.gradient[i]), vec_at(z.gradient[i], 3)
+        put(z.forces[i], 0, f)
+        put(z.forces[i], 3, tapply(inverse, by_psi))
+        force = sub(force, f)
+        moment = sub(moment, add(tapply(r0, cross(vec(z.u[i]), f)), apply(inverse, by_psi)))
+    put(z.forces[0], 0, force)
+    put(z.forces[0], 3, moment)
 
 
-@njit(cache=True)
-def _node_maps(count, r0, u, psi, own, first):
-    """Fill d(u_i, psi_i) / d(dx_i, theta_i) and / d(dx_0, theta_0), (count, 6, 6) each."""
-    own[:count] = 0.0
-    first[:count] = 0.0
-    for i in range(1, count):
-        inverse, skew_u = inverse_tangent3(psi[i]), skew3(u[i])
-        for k in range(3):
-            for q in range(3):
-                own[i, k, q], own[i, 3 + k, 3 + q] = r0[q, k], inverse[k, q]
-                first[i, k, q], first[i, k, 3 + q] = -r0[q, k], skew_u[k, q]
-                first[i, 3 + k, 3 + q] = -inverse[q, k]
+@jit_inner
+def element_tangent(count, z, tangent):
+    """Fill the exact derivative of the nodal forces by (dx, theta) of all nodes, (6 count, 6 count) [N/m], [N], [N m].
 
-
-@njit(cache=True)
-def _add_product(a, b, c, out, row, column):
-    """out[row:row+6, column:column+6] += a^T b c for (6, 6) matrices."""
-    bc = np.zeros((6, 6))
-    for i in range(6):
-        for k in range(6):
-            for j in range(6):
-                bc[i, j] += b[i, k] * c[k, j]
-    for k in range(6):
-        for i in range(6):
-            for j in range(6):
-                out[row + i, column + j] += a[k, i] * bc[k, j]
-
-
-@njit(cache=True)
-def element_tangent(count, r0, u, psi, g, hessian, own, first, tangent):
-    """Fill the exact derivative of the nodal forces by (dx, theta) of all nodes, (6 count, 6 count) [N/m], [N m].
-
-    K = B^T (d2E) B + (dB^T) g, with B from `_node_maps` (own for node i, first for node 0).
+    Between nodes beyond the first K = B^T (d2E) B + (dB^T) g with B = diag(1, H_i^-1); the first node by objectivity.
+    K is symmetric but for the (theta_i, theta_i) blocks: translations and rotations of different nodes commute.
     """
-    tangent[: 6 * count, : 6 * count] = 0.0
-    _node_maps(count, r0, u, psi, own, first)
     for i in range(1, count):
-        to_first = np.zeros((6, 6))
-        for j in range(1, count):
-            block = hessian[6 * i : 6 * i + 6, 6 * j : 6 * j + 6]
-            _add_product(own[i], block, own[j], tangent, 6 * i, 6 * j)
-            for a in range(6):
+        own = mat(z.inverse[i])
+        for j in range(i, count):
+            other = mat(z.inverse[j])
+            x_x, x_t = _part(z.hessian[i, j], 0, 0), mul(_part(z.hessian[i, j], 0, 3), other)
+            t_x = tmul(own, _part(z.hessian[i, j], 3, 0))
+            t_t = tmul(own, mul(_part(z.hessian[i, j], 3, 3), other))
+            if i == j:
+                geometric = inverse_tangent_slope(vec(z.psi[i]), vec_at(z.gradient[i], 3), -1.0)
+                t_t = madd(t_t, mul(geometric, own))
+            put_block(tangent, 6 * i, 6 * j, x_x)
+            put_block(tangent, 6 * i, 6 * j + 3, x_t)
+            put_block(tangent, 6 * i + 3, 6 * j, t_x)
+            put_block(tangent, 6 * i + 3, 6 * j + 3, t_t)
+            for a in range(6 if j > i else 0):
                 for b in range(6):
-                    for k in range(6):
-                        to_first[a, b] += block[a, k] * first[j, k, b]
-        for a in range(6):
-            for b in range(6):
-                total_own = total_first = 0.0
-                for k in range(6):
-                    total_own += own[i, k, a] * to_first[k, b]
-                    total_first += first[i, k, a] * to_first[k, b]
-                tangent[6 * i + a, b] += total_own
-                tangent[b, 6 * i + a] += total_own
-                tangent[a, b] += total_first
-        _add_geometric(i, r0, u[i], psi[i], g[i], own[i], first[i], tangent)
+                    tangent[6 * j + b, 6 * i + a] = tangent[6 * i + a, 6 * j + b]
+    for i in range(count - 1, -1, -1):  # node 0 last: its row is the transpose of its column
+        _by_objectivity(i, count, z, tangent)
 
 
-@njit(cache=True)
-def _add_geometric(i, r0, u, psi, g, own, first, tangent):
-    """Add (dB^T) g of node i: how lever arms and frames turn under the forces that act."""
-    skew_f = skew3(g[:3])
-    turned = mul3(r0, skew_f)  # d(R_0 g_u) = -R_0 skew(g_u) theta_0
-    by_own = inverse_tangent_slope(psi, g[3:], -1.0)  # d(H^-T g_psi) by psi_i
-    by_first = inverse_tangent_slope(psi, g[3:], 1.0)
-    for k in range(3):
-        for q in range(3):
-            tangent[6 * i + k, 3 + q] -= turned[k, q]
-            tangent[k, 3 + q] += turned[k, q]
-            for a in range(3):  # d(-u x g_u) = skew(g_u) du,  d(-H^-1 g_psi),  d(H^-T g_psi)
-                tangent[3 + k, 6 * i + q] += skew_f[k, a] * own[a, q]
-                tangent[3 + k, q] += skew_f[k, a] * first[a, q]
-                tangent[3 + k, 3 + q] += skew_f[k, a] * first[a, 3 + q] - by_first[k, a] * first[3 + a, 3 + q]
-                tangent[3 + k, 6 * i + 3 + q] -= by_first[k, a] * own[3 + a, 3 + q]
-                tangent[6 * i + 3 + k, 6 * i + 3 + q] += by_own[k, a] * own[3 + a, 3 + q]
-                tangent[6 * i + 3 + k, 3 + q] += by_own[k, a] * first[3 + a, 3 + q]
+@jit_inner
+def _by_objectivity(i, count, z, tangent):
+    """Set how forces on node i vary with the motion of node 0, from how they vary with that of all others.
+
+    Moved along with the element they do not change, K_(i,x0) = - sum_j K_(i,xj); turned with it about x_0 by phi they turn:
+    K_(i,t0) R_0^T phi = (phi x F_i, 0) - sum_j (K_(i,xj) (phi x u_j) + K_(i,tj) R_j^T phi)
+    """
+    none = diagonal(0.0)
+    x_x, t_x, x_t, t_t = none, none, mscale(-1.0, skew(vec(z.forces[i]))), none
+    row = 6 * i
+    for j in range(1, count):
+        arm, turn, column = skew(vec(z.u[j])), transpose(mat(z.r[j])), 6 * j
+        by_x, by_t = block(tangent, row, column), block(tangent, row, column + 3)
+        x_x, x_t = msub(x_x, by_x), madd(x_t, msub(mul(by_x, arm), mul(by_t, turn)))
+        by_x, by_t = block(tangent, row + 3, column), block(tangent, row + 3, column + 3)
+        t_x, t_t = msub(t_x, by_x), madd(t_t, msub(mul(by_x, arm), mul(by_t, turn)))
+    r0 = mat(z.r[0])
+    put_block(tangent, row, 0, x_x)
+    put_block(tangent, row, 3, mul(x_t, r0))
+    put_block(tangent, row + 3, 0, t_x)
+    put_block(tangent, row + 3, 3, mul(t_t, r0))
+    for a in range(row, row + 6 if i > 0 else 0):
+        for b in range(6):
+            tangent[b, a] = tangent[a, b]

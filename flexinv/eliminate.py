@@ -6,81 +6,135 @@ to it alone.  Condensing them onto the first block, leaf elements first, leaves 
 
 from __future__ import annotations
 
-import numpy as np
-from numba import njit
+from flexinv.compiled import jit, jit_inner
+from flexinv.vectors import dot, vec, vec_at
 
 
-@njit(cache=True)
+@jit
+def solve_dense(a, size, wide):
+    """Solve a[:size, :size] x = a[:size, size:wide] in place: x replaces the right sides [any unit].
+
+    Gauss elimination with partial pivoting, row by row; a zero pivot leaves infinities, which the caller's test finds.
+    """
+    for k in range(size):
+        pivot = k
+        for i in range(k + 1, size):
+            if abs(a[i, k]) > abs(a[pivot, k]):
+                pivot = i
+        if pivot != k:
+            for c in range(k, wide):
+                a[k, c], a[pivot, c] = a[pivot, c], a[k, c]
+        scale = 1.0 / a[k, k]
+        for i in range(k + 1, size):
+            _subtract_row(a[i], a[i, k] * scale, a[k], k + 1, wide)
+    for k in range(size - 1, -1, -1):
+        for i in range(k + 1, size):
+            _subtract_row(a[k], a[k, i], a[i], size, wide)
+        scale = 1.0 / a[k, k]
+        for c in range(size, wide):
+            a[k, c] *= scale
+
+
+@jit_inner
+def _subtract_row(row, factor, other, first, last):
+    for c in range(first, last):
+        row[c] -= factor * other[c]
+
+
+@jit_inner
 def solve_tree(t, e, d, work, y):
     """Solve linearisation y = -residual; y (unknowns,) [m], [rad].  Overwrites work.diagonal, work.residual."""
     for k in range(len(e.order) - 1, -1, -1):
         _condense(t, e, d, work, k)
-    roots = t.size[0]
-    if roots > 0:
-        y[:roots] = np.linalg.solve(work.diagonal[0, :roots, :roots].copy(), -work.residual[:roots])
+    roots, system = t.size[0], work.system
+    for r in range(roots):
+        for c in range(roots):
+            system[r, c] = work.diagonal[0, r, c]
+        system[r, roots] = -work.residual[r]
+    solve_dense(system, roots, roots + 1)
+    for r in range(roots):
+        y[r] = system[r, roots]
     for k in range(len(e.order)):
         _expand(t, e, work, y, k)
 
 
-@njit(cache=True)
+@jit_inner
+def _row(t, nodes, i):
+    """First row of node i among the unknowns of an element's own blocks; for i = count their number."""
+    row = t.size[0] - t.size[0]
+    for q in range(1, i):
+        row += t.size[t.block[nodes[q]]]
+    return row
+
+
+@jit_inner
 def _condense(t, e, d, work, k):
     """Solve for the element's own blocks in terms of its first block, and add what they do to it."""
-    nodes, count = e.nodes[k], e.order[k] + 1
-    root = nodes[0]
-    first = t.block[root]
-    columns = t.size[first]
-    rows = 0
+    nodes, count, system, tangent = e.nodes[k], e.order[k] + 1, work.system, work.tangent[k]
+    rows, columns = _row(t, nodes, count), t.size[t.block[nodes[0]]]
+    for r in range(rows):
+        for c in range(rows + columns + 1):
+            system[r, c] = 0.0
     for i in range(1, count):
-        rows += t.size[t.block[nodes[i]]]
-    matrix, right = np.zeros((rows, rows)), np.zeros((rows, columns + 1))
-    back = np.zeros((columns, rows))
-    tangent = work.tangent[k]
-    at = 0
-    for i in range(1, count):
-        b = t.block[nodes[i]]
-        n, o = t.size[b], t.offset[b]
-        matrix[at : at + n, at : at + n] = work.diagonal[b, :n, :n]
-        right[at : at + n, columns] = work.residual[o : o + n]
-        _couple_first(tangent, 6 * i, at, d.x[root], d.t[root], columns, right, back)
-        to = 0
+        b, at = t.block[nodes[i]], _row(t, nodes, i)
+        for r in range(t.size[b]):
+            for c in range(t.size[b]):
+                system[at + r, at + c] = work.diagonal[b, r, c]
+            system[at + r, rows + columns] = work.residual[t.offset[b] + r]
         for q in range(1, count):
             if q != i:
-                matrix[at : at + 6, to : to + 6] = tangent[6 * i : 6 * i + 6, 6 * q : 6 * q + 6]
-            to += t.size[t.block[nodes[q]]]
-        at += n
-    solved = np.linalg.solve(matrix, right)
-    work.solved[k, :rows, : columns + 1] = solved
-    if columns > 0:
-        effect = back @ solved
-        work.diagonal[first, :columns, :columns] -= effect[:, :columns]
-        work.residual[t.offset[first] : t.offset[first] + columns] -= effect[:, columns]
+                _copy_block(tangent, 6 * i, 6 * q, system, at, _row(t, nodes, q))
+        for r in range(6):
+            by_x, by_t = vec(tangent[6 * i + r]), vec_at(tangent[6 * i + r], 3)
+            for c in range(columns):
+                system[at + r, rows + c] = _by_root(by_x, by_t, nodes[0], c, d)
+    solve_dense(system, rows, rows + columns + 1)
+    for r in range(rows):
+        for c in range(columns + 1):
+            work.solved[k, r, c] = system[r, rows + c]
+    _add_to_first(t, nodes, count, columns, tangent, d, work, k)
 
 
-@njit(cache=True)
-def _couple_first(tangent, row, at, dx, dt, columns, right, back):
-    """Blocks between a node (row, at) and the element's root, whose motion is (dx, dt) per unknown of its block."""
-    for c in range(columns):
-        for i in range(6):
-            down = up = 0.0
-            for q in range(3):
-                down += tangent[row + i, q] * dx[c, q] + tangent[row + i, 3 + q] * dt[c, q]
-                up += dx[c, q] * tangent[q, row + i] + dt[c, q] * tangent[3 + q, row + i]
-            right[at + i, c] = down
-            back[c, at + i] = up
+@jit_inner
+def _copy_block(a, row, column, out, at, to):
+    for r in range(6):
+        for c in range(6):
+            out[at + r, to + c] = a[row + r, column + c]
 
 
-@njit(cache=True)
+@jit_inner
+def _by_root(by_x, by_t, root, c, d):
+    """Derivative by unknown c of the root's block, given those by the root's position and rotation."""
+    return dot(by_x, vec(d.x[root, c])) + dot(by_t, vec(d.t[root, c]))
+
+
+@jit_inner
+def _add_to_first(t, nodes, count, columns, tangent, d, work, k):
+    """Subtract from the first block's linearisation and residual what the eliminated unknowns do to it."""
+    first = t.block[nodes[0]]
+    for i in range(1, count):
+        at = _row(t, nodes, i)
+        for q in range(6):
+            column = 6 * i + q
+            by_x = tangent[0, column], tangent[1, column], tangent[2, column]
+            by_t = tangent[3, column], tangent[4, column], tangent[5, column]
+            for r in range(columns):
+                back = _by_root(by_x, by_t, nodes[0], r, d)
+                for c in range(columns):
+                    work.diagonal[first, r, c] -= back * work.solved[k, at + q, c]
+                work.residual[t.offset[first] + r] -= back * work.solved[k, at + q, columns]
+
+
+@jit_inner
 def _expand(t, e, work, y, k):
     """Unknowns of the element's own blocks, once those of its first block are known."""
     nodes, count = e.nodes[k], e.order[k] + 1
     first = t.block[nodes[0]]
     columns, o = t.size[first], t.offset[first]
-    at = 0
     for i in range(1, count):
-        b = t.block[nodes[i]]
+        b, at = t.block[nodes[i]], _row(t, nodes, i)
         for r in range(t.size[b]):
             value = -work.solved[k, at + r, columns]
             for c in range(columns):
                 value -= work.solved[k, at + r, c] * y[o + c]
             y[t.offset[b] + r] = value
-        at += t.size[b]

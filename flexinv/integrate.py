@@ -14,12 +14,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from flexinv.assemble import passive_psi
+from flexinv.compiled import jit_inner
 from flexinv.errors import InputError
-from flexinv.rotations import exp3, inverse_tangent3
-from flexinv.vectors import apply3, mul3
+from flexinv.rotations import exp, inverse_tangent
+from flexinv.vectors import add_to, apply, mat, mul, put_block, scale, vec, vec_at
 
 DYNAMIC, STATIC, ACCELERATION = 0, 1, 2
 
@@ -63,7 +63,7 @@ def generalized_alpha(h: float, spectral_radius: float) -> Scheme:
     return Scheme(DYNAMIC, h, gamma / (beta * h), ca, beta, gamma, alpha_m, alpha_f)
 
 
-@njit(cache=True)
+@jit_inner
 def predict(c, s):
     """Start a step: pseudo acceleration kept, all else by the formulas at the head of the file [m, rad, s]."""
     for k in range(len(s.d)):
@@ -71,17 +71,22 @@ def predict(c, s):
     follow(c, s)
 
 
-@njit(cache=True)
+@jit_inner
+def _pseudo(c, s, k):
+    """Auxiliary acceleration A_(n+1) of unknown k, from the increment of the step."""
+    return (s.d[k] - c.h * s.u0[k] - c.h * c.h * (0.5 - c.beta) * s.pseudo[k]) / (c.h * c.h * c.beta)
+
+
+@jit_inner
 def follow(c, s):
     """Set velocities and accelerations that belong to the increments of the step [m, rad, s]."""
-    h = c.h
     for k in range(len(s.d)):
-        pseudo = (s.d[k] - h * s.u0[k] - h * h * (0.5 - c.beta) * s.pseudo[k]) / (h * h * c.beta)
-        s.u[k] = s.u0[k] + h * ((1 - c.gamma) * s.pseudo[k] + c.gamma * pseudo)
+        pseudo = _pseudo(c, s, k)
+        s.u[k] = s.u0[k] + c.h * ((1 - c.gamma) * s.pseudo[k] + c.gamma * pseudo)
         s.du[k] = ((1 - c.alpha_m) * pseudo + c.alpha_m * s.pseudo[k] - c.alpha_f * s.du0[k]) / (1 - c.alpha_f)
 
 
-@njit(cache=True)
+@jit_inner
 def correct(t, c, s, y):
     """Apply Newton's increments y (unknowns,) [m], [rad]; rotation vectors by d += H(d)^-1 theta."""
     if c.mode == ACCELERATION:
@@ -91,36 +96,34 @@ def correct(t, c, s, y):
     for n in range(len(t.parent)):
         o = t.offset[t.block[n]]
         if t.independent[n]:
-            s.d[o : o + 3] += y[o : o + 3]
-            s.d[o + 3 : o + 6] += apply3(inverse_tangent3(s.d[o + 3 : o + 6].copy()), y[o + 3 : o + 6])
+            add_to(s.d, o, vec_at(y, o))
+            add_to(s.d, o + 3, apply(inverse_tangent(vec_at(s.d, o + 3)), vec_at(y, o + 3)))
         elif t.freedoms[n] > 0:
             first = o + t.column[n]
-            turned = inverse_tangent3(passive_psi(n, t, s, first))
-            single = t.freedoms[n] if t.triple[n] < 0 else t.triple[n]
-            s.d[first : first + single] += y[first : first + single]
+            turned = inverse_tangent(passive_psi(n, t, s, first))
+            for k in range(t.freedoms[n] if t.triple[n] < 0 else t.triple[n]):
+                s.d[first + k] += y[first + k]
             if t.triple[n] >= 0:
                 at = first + t.triple[n]
-                s.d[at : at + 3] += apply3(turned, y[at : at + 3])
+                add_to(s.d, at, apply(turned, vec_at(y, at)))
     if c.mode == DYNAMIC:
         follow(c, s)
 
 
-@njit(cache=True)
+@jit_inner
 def advance(t, c, s):
     """Finish a step: its end becomes the start of the next [m, rad, s]."""
-    h = c.h
     for n in range(len(t.parent)):
         o = t.offset[t.block[n]]
         if t.independent[n]:
-            s.x[n] += s.d[o : o + 3]
-            s.r[n] = mul3(s.r[n], exp3(s.d[o + 3 : o + 6]))
+            add_to(s.x[n], 0, vec_at(s.d, o))
+            put_block(s.r[n], 0, 0, mul(mat(s.r[n]), exp(vec_at(s.d, o + 3))))
         elif t.freedoms[n] > 0:
             first = o + t.column[n]
             for k in range(t.freedoms[n]):
-                s.x[n] += s.d[first + k] * t.slide[n, k]
-            s.r[n] = mul3(s.r[n], exp3(passive_psi(n, t, s, first)))
+                add_to(s.x[n], 0, scale(s.d[first + k], vec(t.slide[n, k])))
+            put_block(s.r[n], 0, 0, mul(mat(s.r[n]), exp(passive_psi(n, t, s, first))))
     for k in range(len(s.d)):
         if c.mode == DYNAMIC:
-            pseudo = (s.d[k] - h * s.u0[k] - h * h * (0.5 - c.beta) * s.pseudo[k]) / (h * h * c.beta)
-            s.pseudo[k], s.u0[k], s.du0[k] = pseudo, s.u[k], s.du[k]
+            s.pseudo[k], s.u0[k], s.du0[k] = _pseudo(c, s, k), s.u[k], s.du[k]
         s.d[k] = 0.0

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.assemble import Loads, State, Work
+from flexinv.beam import Scratch
 from flexinv.errors import ConvergenceError
-from flexinv.integrate import ACCELERATIONS, STATICS, Scheme, advance
+from flexinv.integrate import ACCELERATIONS, STATICS, Scheme
 from flexinv.joint import relative_motion
-from flexinv.march import CONVERGED, NOT_FINITE, TURNED_TOO_MUCH, march, newton, record
+from flexinv.march import CONVERGED, NOT_FINITE, TURNED_TOO_MUCH, march
 from flexinv.mechanism import Array
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
@@ -47,6 +48,17 @@ class Trajectory:
     energy: Array
     iterations: NDArray[np.int64]
 
+    def histories(self) -> tuple[Array, ...]:
+        """Return x, rotation, v, omega, a, alpha, wrench, internal, energy [m, rad, s, N, J]."""
+        m = self.motion
+        return m.x, m.rotation, m.v, m.omega, m.a, m.alpha, self.wrench, self.internal, self.energy
+
+    def rows(self, first: int, last: int) -> Trajectory:
+        """Return the samples from ``first`` to before ``last``, not copied [m, rad, s, N, J]."""
+        parts = [part[first:last] for part in self.histories()]
+        wrench, internal, energy = parts[6:]
+        return Trajectory(NodalMotion(*parts[:6]), wrench, internal, energy, self.iterations[first:last])
+
     @classmethod
     def empty(cls, samples: int, mesh: Mesh) -> Trajectory:
         """Return histories to be filled [m, rad, s, N, J]."""
@@ -70,6 +82,7 @@ class Solver:
     work: Work
     loads: Loads
     increment: Array
+    instant: Trajectory
 
     @classmethod
     def of(cls, mesh: Mesh, passive: set[str]) -> Solver:
@@ -84,19 +97,24 @@ class Solver:
         variation = Variation(*(np.zeros((mesh.size, widest, 3)) for _ in range(6)))
         loads = Loads(np.zeros((mesh.size, 6)), np.zeros((mesh.size, 6)))
         work = _work(mesh, t, unknowns, widest)
-        return cls(mesh, t, element_arrays(mesh), state, frames, variation, work, loads, np.zeros(unknowns))
+        increment, instant = np.zeros(unknowns), Trajectory.empty(1, mesh)
+        return cls(mesh, t, element_arrays(mesh), state, frames, variation, work, loads, increment, instant)
+
+    def march(self, scheme: Scheme, rel: Joints, out: Trajectory) -> tuple[int, int, int, float]:
+        """Solve the instants of ``rel`` (samples, nodes, ...) one after the other [m, rad, s], filling ``out``.
+
+        Return status, samples done, iterations or element, last relative increment [-].
+        """
+        status, sample, count, size = march(
+            self.topology, self.elements, scheme, self.state, self.frames, self.variation, self.loads, self.work,
+            self.increment, rel, Frames(*out.histories()[:6]), out.wrench, out.internal, out.energy, out.iterations,
+        )  # fmt: skip
+        return int(status), int(sample), int(count), float(size)
 
     def newton(self, scheme: Scheme, joints: Joints) -> tuple[int, int, float]:
         """Solve one instant; return status, iterations or element, last relative increment [-]."""
-        out = newton(
-            self.topology, self.elements, scheme, self.state, joints, self.frames, self.variation, self.loads, self.work,
-            self.increment,
-        )  # fmt: skip
-        return int(out[0]), int(out[1]), float(out[2])
-
-    def settle(self, scheme: Scheme) -> None:
-        """Make what was found the start of the next step."""
-        advance(self.topology, scheme, self.state)
+        status, _, count, size = self.march(scheme, Joints(*(part[None] for part in joints)), self.instant)
+        return status, count, size
 
     def complain(self, status: int, count: int, size: float, when: str) -> ConvergenceError:
         """Return the error that says where and how the solve failed (``size`` [-] of the last increment) and what to try."""
@@ -126,15 +144,10 @@ def _work(mesh: Mesh, t: Topology, unknowns: int, widest: int) -> Work:
         tangent=np.zeros((elements, 6 * count, 6 * count)),
         internal=np.zeros((elements, max(count - 1, 0), 6)),
         energy=np.zeros(2),
-        hessian=np.zeros((6 * count, 6 * count)),
-        u=np.zeros((count, 3)),
-        psi=np.zeros((count, 3)),
-        gradient=np.zeros((count, 6)),
-        forces=np.zeros((count, 6)),
-        own=np.zeros((count, 6, 6)),
-        first=np.zeros((count, 6, 6)),
-        x=np.zeros((count, 3)),
-        r=np.zeros((count, 3, 3)),
+        element=Scratch.of(count),
+        own_x=np.zeros((widest, 3)),
+        own_t=np.zeros((widest, 3)),
+        system=np.zeros((max(rows, widest), max(rows, widest) + widest + 1)),
         solved=np.zeros((elements, rows, widest + 1)),
     )
 
@@ -218,7 +231,6 @@ def equilibrium(solver: Solver, q: Array, when: str) -> Joints:
         solver.topology.gravity[:] = target * gravity
         status, count, size = solver.newton(STATICS, joints)
         if status == CONVERGED:
-            solver.settle(STATICS)
             reached, part = target, 2 * part
             continue
         state.d[:] = 0.0
@@ -311,13 +323,7 @@ def _is_jump(t: float, jumps: tuple[float, ...], step: float) -> bool:
 
 def _march(solver: Solver, history: JointHistory, time: Array, scheme: Scheme, out: Trajectory, first: int) -> None:
     rel = Joints(*(np.ascontiguousarray(part) for part in relative_motion(solver.mesh, *history(time))))
-    rows = slice(first, first + len(time))
-    m = out.motion
-    world = Frames(m.x[rows], m.rotation[rows], m.v[rows], m.omega[rows], m.a[rows], m.alpha[rows])
-    status, sample, count, size = march(
-        solver.topology, solver.elements, scheme, solver.state, solver.frames, solver.variation, solver.loads, solver.work,
-        solver.increment, rel, world, out.wrench[rows], out.internal[rows], out.energy[rows], out.iterations[rows], 0,
-    )  # fmt: skip
+    status, sample, count, size = solver.march(scheme, rel, out.rows(first, first + len(time)))
     if status != CONVERGED:
         raise solver.complain(status, count, size, f"at t = {time[sample]:g} s (step {scheme.h:g} s)")
 
@@ -332,7 +338,6 @@ def _restart(solver: Solver, history: JointHistory, time: Array, sample: int, ou
 
 
 def record_instant(solver: Solver, sample: int, out: Trajectory) -> None:
-    """Copy the present instant of the solver into the histories [m, rad, s, N]."""
-    m = out.motion
-    world = Frames(m.x, m.rotation, m.v, m.omega, m.a, m.alpha)
-    record(sample, solver.frames, solver.work, world, out.wrench, out.internal, out.energy)
+    """Copy the instant that was solved last into the histories [m, rad, s, N]."""
+    for history, value in zip(out.histories(), solver.instant.histories(), strict=True):
+        history[sample] = value[0]

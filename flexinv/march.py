@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from flexinv.assemble import add_elements, gather, node_wrenches, place
+from flexinv.compiled import jit, jit_inline, jit_inner
 from flexinv.eliminate import solve_tree
-from flexinv.integrate import ACCELERATION, advance, correct, predict
+from flexinv.integrate import ACCELERATION, DYNAMIC, advance, correct, predict
 from flexinv.tree import Joints
+from flexinv.vectors import mat, put, put_block, vec
 
 # Newton stops when an increment, relative to the mechanism's length or in radians, is below this; one evaluation
 # follows, and as convergence is quadratic the error that is left is about its square: rounding.
@@ -22,18 +23,18 @@ MASSLESS = 1e-16
 CONVERGED, NOT_CONVERGED, TURNED_TOO_MUCH, NOT_FINITE = 0, 1, 2, 3
 
 
-@njit(cache=True)
+@jit_inline
 def evaluate(t, e, c, s, j, f, d, loads, work, want_tangent):
-    """Evaluate residual (and linearisation) at the present unknowns; return -1 or the element that turned too much."""
-    place(t, s, j, f, d, c.cv, c.ca)
-    node_wrenches(t, f, d, loads, work)
+    """Evaluate residual [N], [N m] (and linearisation) at the present unknowns; return -1 or the element that turned too much."""
+    place(t, s, j, f, d, c.cv, c.ca, want_tangent)
+    node_wrenches(t, f, d, loads, work, want_tangent)
     bad = add_elements(t, e, f, d, work, want_tangent)
     if bad < 0:
-        gather(t, s, f, j, d, work, c.cv, c.ca)
+        gather(t, s, f, j, d, work, c.cv, c.ca, want_tangent)
     return bad
 
 
-@njit(cache=True)
+@jit_inline
 def newton(t, e, c, s, j, f, d, loads, work, y):
     """Solve one instant; return status, iterations (or the bad element), last relative increment [-]."""
     size, last = 0.0, False
@@ -44,9 +45,9 @@ def newton(t, e, c, s, j, f, d, loads, work, y):
         if last or len(y) == 0:
             return CONVERGED, iteration, size
         if c.mode == ACCELERATION:
-            _weigh_massless(work.diagonal)
+            _weigh_massless(t, work.diagonal)
         solve_tree(t, e, d, work, y)
-        size = np.max(np.abs(y) / t.scale)
+        size = _largest(y, t.scale)
         if not np.isfinite(size):
             return NOT_FINITE, iteration, size
         correct(t, c, s, y)
@@ -54,27 +55,45 @@ def newton(t, e, c, s, j, f, d, loads, work, y):
     return NOT_CONVERGED, MOST_ITERATIONS, size
 
 
-@njit(cache=True)
-def _weigh_massless(diagonal):
+@jit_inner
+def _largest(y, scale):
+    """Largest increment relative to its scale; not a number if one of them is not."""
+    largest = 0.0
+    for k in range(len(y)):
+        size = abs(y[k]) / scale[k]
+        if not size <= largest:
+            largest = size
+        if not np.isfinite(size):
+            return size
+    return largest
+
+
+@jit_inner
+def _weigh_massless(t, diagonal):
     """Make freedoms without inertia (no term in ca) so heavy that their acceleration stays that of the rigid motion."""
-    largest = np.max(np.abs(diagonal))
-    for b in range(diagonal.shape[0]):
-        for k in range(diagonal.shape[1]):
-            if np.abs(diagonal[b, k, k]) < MASSLESS * largest:
+    largest = 0.0
+    for b in range(len(t.size)):
+        for k in range(t.size[b]):
+            for i in range(t.size[b]):
+                largest = max(largest, abs(diagonal[b, k, i]))
+    for b in range(len(t.size)):
+        for k in range(t.size[b]):
+            if abs(diagonal[b, k, k]) < MASSLESS * largest:
                 diagonal[b, k, k] = largest
 
 
-@njit(cache=True)
-def march(t, e, c, s, f, d, loads, work, y, rel, out, wrench, internal, energy, iterations, first):
-    """Advance over the samples of one chunk, from sample ``first`` on; fill the histories.
+@jit
+def march(t, e, c, s, f, d, loads, work, y, rel, out, wrench, internal, energy, iterations):
+    """Solve the instants of one chunk, in DYNAMIC mode step after step; fill the histories.
 
     rel : Joints with a leading sample axis; out : x, r, v, w, a, al (samples, nodes, ...); wrench : (samples, nodes, 6)
     internal : (samples, elements, points, 6); energy : (samples, 2); iterations : (samples,)
-    Return status, sample reached, element or iterations, last relative increment.
+    Return status, sample reached, element or iterations, last relative increment [-].
     """
-    for sample in range(first, rel.p.shape[0]):
+    for sample in range(rel.p.shape[0]):
         j = Joints(rel.p[sample], rel.dp[sample], rel.ddp[sample], rel.r[sample], rel.w[sample], rel.al[sample])
-        predict(c, s)
+        if c.mode == DYNAMIC:
+            predict(c, s)
         status, count, size = newton(t, e, c, s, j, f, d, loads, work, y)
         if status != CONVERGED:
             return status, sample, count, size
@@ -84,9 +103,20 @@ def march(t, e, c, s, f, d, loads, work, y, rel, out, wrench, internal, energy, 
     return CONVERGED, rel.p.shape[0], 0, 0.0
 
 
-@njit(cache=True)
+@jit_inner
 def record(sample, f, work, out, wrench, internal, energy):
     """Copy one instant into the histories [m, rad, s, N, J]."""
-    out.x[sample], out.r[sample], out.v[sample] = f.x, f.r, f.v
-    out.w[sample], out.a[sample], out.al[sample] = f.w, f.a, f.al
-    wrench[sample], internal[sample], energy[sample] = work.wrench, work.internal, work.energy
+    for n in range(f.x.shape[0]):
+        put(out.x[sample, n], 0, vec(f.x[n]))
+        put_block(out.r[sample, n], 0, 0, mat(f.r[n]))
+        put(out.v[sample, n], 0, vec(f.v[n]))
+        put(out.w[sample, n], 0, vec(f.w[n]))
+        put(out.a[sample, n], 0, vec(f.a[n]))
+        put(out.al[sample, n], 0, vec(f.al[n]))
+        for i in range(6):
+            wrench[sample, n, i] = work.wrench[n, i]
+    for k in range(work.internal.shape[0]):
+        for point in range(work.internal.shape[1]):
+            for i in range(6):
+                internal[sample, k, point, i] = work.internal[k, point, i]
+    energy[sample, 0], energy[sample, 1] = work.energy[0], work.energy[1]

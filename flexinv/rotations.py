@@ -5,7 +5,7 @@ to the body-frame increment, ``R^T dR = skew(H(psi) dpsi)``:
 
     H(psi) = I - (1 - cos t)/t^2 skew(psi) + (t - sin t)/t^3 skew(psi)^2,      t = |psi|
 
-Small functions work on single ``(3,)`` vectors and are compiled; the public ones map them over leading axes.
+The compiled functions work on single vectors as tuples (`vectors`); those for arrays map them over leading axes.
 Source: Bruels, Cardona, Arnold, *Lie group generalized-alpha time integration*, 2012, appendix A.
 """
 
@@ -14,10 +14,10 @@ from __future__ import annotations
 from math import factorial
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from flexinv.vectors import skew3
+from flexinv.compiled import jit, jit_inner
+from flexinv.vectors import dot, mat, put, put_block, vec
 
 Array = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ SERIES_LIMIT = 1.0  # [rad^2] for A and B
 INVERSE_SERIES_LIMIT = 0.25  # [rad^2] for c
 
 
-@njit(cache=True)
+@jit_inner
 def _series(c, s):
     """Value, first and second derivative of sum c_k s^k (Horner)."""
     value = first = second = 0.0
@@ -43,7 +43,7 @@ def _series(c, s):
     return value, first, second
 
 
-@njit(cache=True)
+@jit
 def coefficients(s):
     """Return A = (1 - cos t)/t^2 and B = (t - sin t)/t^3 with first and second derivatives in s = t^2 [rad^2]."""
     if s < SERIES_LIMIT:
@@ -61,72 +61,7 @@ def coefficients(s):
     return a, a1, a2, b, b1, b2
 
 
-@njit(cache=True)
-def exp3(psi):
-    """Return the (3, 3) rotation matrix of one rotation vector [rad]."""
-    s = psi[0] * psi[0] + psi[1] * psi[1] + psi[2] * psi[2]
-    a, _, _, b, _, _ = coefficients(s)
-    k = 1 - s * b  # sin t / t
-    out = np.empty((3, 3))
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = a * psi[i] * psi[j]
-        out[i, i] += 1 - a * s
-    out[0, 1] -= k * psi[2]
-    out[1, 0] += k * psi[2]
-    out[0, 2] += k * psi[1]
-    out[2, 0] -= k * psi[1]
-    out[1, 2] -= k * psi[0]
-    out[2, 1] += k * psi[0]
-    return out
-
-
-@njit(cache=True)
-def log3(r):
-    """Return the rotation vector (3,) [rad] of one rotation matrix, |psi| <= pi, by way of the unit quaternion."""
-    q = np.empty(4)  # x, y, z, w; the largest component first, so that nothing small is divided by
-    trace = r[0, 0] + r[1, 1] + r[2, 2]
-    big = 3
-    best = trace
-    for i in range(3):
-        if r[i, i] > best:
-            best = r[i, i]
-            big = i
-    if big == 3:
-        q[3] = 1 + trace
-        q[0] = r[2, 1] - r[1, 2]
-        q[1] = r[0, 2] - r[2, 0]
-        q[2] = r[1, 0] - r[0, 1]
-    else:
-        i, j, k = big, (big + 1) % 3, (big + 2) % 3
-        q[i] = 1 - trace + 2 * r[i, i]
-        q[j] = r[j, i] + r[i, j]
-        q[k] = r[k, i] + r[i, k]
-        q[3] = r[k, j] - r[j, k]
-    sine = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
-    if q[3] < 0:
-        q = -q
-    if sine == 0.0:
-        return np.zeros(3)
-    angle = 2 * np.arctan2(sine, q[3])
-    return angle / sine * q[:3]
-
-
-@njit(cache=True)
-def tangent3(psi):
-    """Return H(psi), (3, 3) [-]: body increment = H dpsi."""
-    s = psi[0] * psi[0] + psi[1] * psi[1] + psi[2] * psi[2]
-    a, _, _, b, _, _ = coefficients(s)
-    k = skew3(psi)
-    out = np.empty((3, 3))
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = -a * k[i, j] + b * psi[i] * psi[j]
-        out[i, i] += 1 - b * s
-    return out
-
-
-@njit(cache=True)
+@jit
 def inverse_coefficient(s):
     """Return c = 1/t^2 - (1 + cos t)/(2 t sin t) and dc/ds, s = t^2 [rad^2]: H^-1 = I + skew/2 + c skew^2."""
     if s < INVERSE_SERIES_LIMIT:
@@ -140,46 +75,109 @@ def inverse_coefficient(s):
     return c, (-dcot_dt / (2 * t) - c) / s
 
 
-@njit(cache=True)
-def inverse_tangent3(psi):
-    """Return H(psi)^-1, (3, 3) [-], |psi| < 2 pi."""
-    s = psi[0] * psi[0] + psi[1] * psi[1] + psi[2] * psi[2]
+@jit_inner
+def quadratic(psi, k0, k1, k2):
+    """Return k0 I + k1 skew(psi) + k2 psi psi^T, as all maps of this module are [any unit]."""
+    x, y, z = psi
+    return (
+        (k0 + k2 * x * x, k2 * x * y - k1 * z, k2 * x * z + k1 * y),
+        (k2 * x * y + k1 * z, k0 + k2 * y * y, k2 * y * z - k1 * x),
+        (k2 * x * z - k1 * y, k2 * y * z + k1 * x, k0 + k2 * z * z),
+    )
+
+
+@jit_inner
+def exp_with(psi, q):
+    """Return the rotation matrix exp(psi) = I + sin t / t skew + A skew^2 [-] from the coefficients q at psi [rad]."""
+    a, _, _, b, _, _ = q
+    s = dot(psi, psi)
+    return quadratic(psi, 1 - a * s, 1 - b * s, a)
+
+
+@jit_inner
+def tangent_with(psi, q):
+    """Return H(psi) = I - A skew + B skew^2 [-] from the coefficients q at psi [rad]: body increment = H dpsi."""
+    a, _, _, b, _, _ = q
+    return quadratic(psi, 1 - b * dot(psi, psi), -a, b)
+
+
+@jit_inner
+def exp(psi):
+    """Return the rotation matrix of a rotation vector [rad]."""
+    return exp_with(psi, coefficients(dot(psi, psi)))
+
+
+@jit_inner
+def inverse_tangent(psi):
+    """Return H(psi)^-1 = I + skew/2 + c skew^2 [-], |psi| < 2 pi."""
+    s = dot(psi, psi)
     c, _ = inverse_coefficient(s)
-    k = skew3(psi)
-    out = np.empty((3, 3))
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = 0.5 * k[i, j] + c * psi[i] * psi[j]
-        out[i, i] += 1 - c * s
-    return out
+    return quadratic(psi, 1 - c * s, 0.5, c)
 
 
-@njit(cache=True)
-def _exp_many(psi):
-    out = np.empty((psi.shape[0], 3, 3))
+@jit_inner
+def log(r):
+    """Return the rotation vector [rad] of a rotation matrix, |psi| <= pi, by way of the quaternion (x, y, z), w.
+
+    The largest component is taken from the diagonal, so that nothing small is divided by.
+    """
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = r
+    trace = xx + yy + zz
+    if trace >= max(xx, yy, zz):
+        x, y, z, w = zy - yz, xz - zx, yx - xy, 1 + trace
+    elif xx >= max(yy, zz):
+        x, y, z, w = 1 + xx - yy - zz, yx + xy, zx + xz, zy - yz
+    elif yy >= zz:
+        x, y, z, w = xy + yx, 1 + yy - zz - xx, zy + yz, xz - zx
+    else:
+        x, y, z, w = xz + zx, yz + zy, 1 + zz - xx - yy, yx - xy
+    sine = np.sqrt(x * x + y * y + z * z)
+    if sine == 0.0:
+        return 0.0, 0.0, 0.0
+    side = 1.0 if w >= 0 else -1.0  # of q and -q the one that turns by at most pi
+    factor = side * 2 * np.arctan2(sine, side * w) / sine
+    return factor * x, factor * y, factor * z
+
+
+@jit
+def _exp_many(psi, out):
     for i in range(psi.shape[0]):
-        out[i] = exp3(psi[i])
-    return out
+        put_block(out[i], 0, 0, exp(vec(psi[i])))
 
 
-@njit(cache=True)
-def _log_many(r):
-    out = np.empty((r.shape[0], 3))
+@jit
+def _log_many(r, out):
     for i in range(r.shape[0]):
-        out[i] = log3(r[i])
-    return out
+        put(out[i], 0, log(mat(r[i])))
+
+
+@jit
+def _tangent_one(psi, out):
+    one = vec(psi)
+    put_block(out, 0, 0, tangent_with(one, coefficients(dot(one, one))))
 
 
 def exp_so3(psi: Array) -> Array:
     """Return rotation matrices (..., 3, 3) [-] of rotation vectors ``psi`` (..., 3) [rad]."""
-    psi = np.ascontiguousarray(psi, dtype=float)
-    return np.asarray(_exp_many(psi.reshape(-1, 3))).reshape((*psi.shape, 3))
+    psi = np.array(psi, dtype=float, order="C")
+    out = np.empty((*psi.shape, 3))
+    _exp_many(psi.reshape(-1, 3), out.reshape(-1, 3, 3))
+    return out
 
 
 def log_so3(rotation: Array) -> Array:
     """Return rotation vectors (..., 3) [rad], at most pi long, of rotation matrices (..., 3, 3)."""
-    rotation = np.ascontiguousarray(rotation, dtype=float)
-    return np.asarray(_log_many(rotation.reshape(-1, 3, 3))).reshape(rotation.shape[:-1])
+    rotation = np.array(rotation, dtype=float, order="C")
+    out = np.empty(rotation.shape[:-1])
+    _log_many(rotation.reshape(-1, 3, 3), out.reshape(-1, 3))
+    return out
+
+
+def tangent3(psi: Array) -> Array:
+    """Return H(psi), (3, 3) [-], of one rotation vector (3,) [rad]: body increment = H dpsi."""
+    out = np.empty((3, 3))
+    _tangent_one(np.array(psi, dtype=float, order="C"), out)
+    return out
 
 
 def from_quaternion(q: Array) -> Array:
@@ -211,4 +209,4 @@ def about_axis_cs(axis: Array, cosine: Array, sine: Array) -> Array:
     k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     c = np.asarray(cosine)[..., None, None]
     s = np.asarray(sine)[..., None, None]
-    return c * np.eye(3) + s * k + (1 - c) * np.outer(axis, axis)
+    return np.asarray(c * np.eye(3) + s * k + (1 - c) * np.outer(axis, axis))

@@ -16,10 +16,24 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from numba import njit
-
+from flexinv.compiled import jit, jit_inner
 from flexinv.mechanism import Array
-from flexinv.vectors import apply3, cross3, mul3, tapply3
+from flexinv.vectors import (
+    add,
+    add_scaled,
+    add_to,
+    apply,
+    cross,
+    mat,
+    mul,
+    put,
+    put_block,
+    sub,
+    sum3,
+    tapply,
+    vec,
+    vec_at,
+)
 
 
 class Frames(NamedTuple):
@@ -58,77 +72,93 @@ class Variation(NamedTuple):
     al: Array
 
 
-@njit(cache=True)
+@jit_inner
 def carry(n, m, f, j):
     """Set the motion of node n from that of its parent m (-1: the fixed world) [m, rad, s]."""
-    p, dp = j.p[n], j.dp[n]
+    p, dp, ddp, rj, wj, alj = vec(j.p[n]), vec(j.dp[n]), vec(j.ddp[n]), mat(j.r[n]), vec(j.w[n]), vec(j.al[n])
     if m < 0:
-        f.x[n], f.r[n], f.v[n], f.w[n], f.a[n], f.al[n] = p, j.r[n], dp, j.w[n], j.ddp[n], j.al[n]
+        _put_frame(n, f, p, rj, dp, wj, ddp, alj)
         return
-    r, w, al = f.r[m], f.w[m], f.al[m]
-    wp = cross3(w, p)
-    c = tapply3(j.r[n], w)
-    f.x[n] = f.x[m] + apply3(r, p)
-    f.r[n] = mul3(r, j.r[n])
-    f.v[n] = f.v[m] + apply3(r, wp + dp)
-    f.w[n] = c + j.w[n]
-    f.a[n] = f.a[m] + apply3(r, cross3(al, p) + cross3(w, wp) + 2 * cross3(w, dp) + j.ddp[n])
-    f.al[n] = tapply3(j.r[n], al) + j.al[n] + cross3(c, j.w[n])
+    r, w, al = mat(f.r[m]), vec(f.w[m]), vec(f.al[m])
+    wp = cross(w, p)
+    z = sum3(cross(al, p), cross(w, add_scaled(wp, 2.0, dp)), ddp)
+    c = tapply(rj, w)
+    _put_frame(
+        n,
+        f,
+        add(vec(f.x[m]), apply(r, p)),
+        mul(r, rj),
+        add(vec(f.v[m]), apply(r, add(wp, dp))),
+        add(c, wj),
+        add(vec(f.a[m]), apply(r, z)),
+        sum3(tapply(rj, al), alj, cross(c, wj)),
+    )
 
 
-@njit(cache=True)
+@jit_inner
+def _put_frame(n, f, x, r, v, w, a, al):
+    put(f.x[n], 0, x)
+    put_block(f.r[n], 0, 0, r)
+    put(f.v[n], 0, v)
+    put(f.w[n], 0, w)
+    put(f.a[n], 0, a)
+    put(f.al[n], 0, al)
+
+
+@jit_inner
 def carry_variation(n, m, columns, f, j, d):
-    """Add to d of node n what follows from the variation of its parent m; d[n] holds the joint's own part on entry.
+    """Add to d of node n what follows from the variation of its parent m; d[n] holds the joint's own part on entry [m, rad, s].
 
     Own part on entry, all in the frames of `Joints`: d.x = dp, d.t = theta_j, d.v = dp', d.w = dw_j, d.a = dp'', d.al = dal_j.
     """
     if m < 0:
         return
-    p, dp, r, rj, w, al = j.p[n], j.dp[n], f.r[m], j.r[n], f.w[m], f.al[m]
-    wp = cross3(w, p)
-    y = wp + dp
-    z = cross3(al, p) + cross3(w, wp) + 2 * cross3(w, dp) + j.ddp[n]
-    c, e, wj = tapply3(rj, w), tapply3(rj, al), j.w[n]
+    p, dp, wj, rj = vec(j.p[n]), vec(j.dp[n]), vec(j.w[n]), mat(j.r[n])
+    r, w, al = mat(f.r[m]), vec(f.w[m]), vec(f.al[m])
+    wp = cross(w, p)
+    y, y2 = add(wp, dp), add_scaled(wp, 2.0, dp)
+    z = sum3(cross(al, p), cross(w, y2), vec(j.ddp[n]))
+    c, e = tapply(rj, w), tapply(rj, al)
     for k in range(columns):
-        t, dw, dal = d.t[m, k], d.w[m, k], d.al[m, k]
-        own_x, own_t, own_v, own_a = d.x[n, k].copy(), d.t[n, k].copy(), d.v[n, k].copy(), d.a[n, k].copy()
-        dc = tapply3(rj, dw) + cross3(c, own_t)
-        dy = cross3(dw, p) + cross3(w, own_x) + own_v
-        dz = cross3(dal, p) + cross3(al, own_x) + cross3(dw, wp) + cross3(w, cross3(dw, p) + cross3(w, own_x))
-        dz += 2 * (cross3(dw, dp) + cross3(w, own_v)) + own_a
-        d.al[n, k] += tapply3(rj, dal) + cross3(e, own_t) + cross3(dc, wj) + cross3(c, d.w[n, k])
-        d.w[n, k] += dc
-        d.x[n, k] = d.x[m, k] + apply3(r, cross3(t, p) + own_x)
-        d.t[n, k] = tapply3(rj, t) + own_t
-        d.v[n, k] = d.v[m, k] + apply3(r, cross3(t, y) + dy)
-        d.a[n, k] = d.a[m, k] + apply3(r, cross3(t, z) + dz)
+        t, dw, dal = vec(d.t[m, k]), vec(d.w[m, k]), vec(d.al[m, k])
+        own_x, own_t, own_v = vec(d.x[n, k]), vec(d.t[n, k]), vec(d.v[n, k])
+        own_w, own_a, own_al = vec(d.w[n, k]), vec(d.a[n, k]), vec(d.al[n, k])
+        dc = add(tapply(rj, dw), cross(c, own_t))
+        dwp = add(cross(dw, p), cross(w, own_x))
+        dy, dy2 = add(dwp, own_v), add_scaled(dwp, 2.0, own_v)
+        dz = add(sum3(cross(dal, p), cross(al, own_x), cross(dw, y2)), add(cross(w, dy2), own_a))
+        de = add(tapply(rj, dal), cross(e, own_t))
+        put(d.x[n, k], 0, add(vec(d.x[m, k]), apply(r, add(cross(t, p), own_x))))
+        put(d.t[n, k], 0, add(tapply(rj, t), own_t))
+        put(d.v[n, k], 0, add(vec(d.v[m, k]), apply(r, add(cross(t, y), dy))))
+        put(d.w[n, k], 0, add(dc, own_w))
+        put(d.a[n, k], 0, add(vec(d.a[m, k]), apply(r, add(cross(t, z), dz))))
+        put(d.al[n, k], 0, add(sum3(de, own_al, cross(dc, wj)), cross(c, own_w)))
 
 
-@njit(cache=True)
+@jit_inner
 def bring_back(n, m, f, j, wrench):
     """Add the wrench of node n, [N] world and [N m] own frame, to that of its parent m."""
-    local = tapply3(f.r[m], wrench[n, :3])
-    moment = cross3(j.p[n], local) + apply3(j.r[n], wrench[n, 3:])
-    for k in range(3):
-        wrench[m, k] += wrench[n, k]
-        wrench[m, 3 + k] += moment[k]
+    force = vec(wrench[n])
+    arm = cross(vec(j.p[n]), tapply(mat(f.r[m]), force))
+    add_to(wrench[m], 0, force)
+    add_to(wrench[m], 3, add(arm, apply(mat(j.r[n]), vec_at(wrench[n], 3))))
 
 
-@njit(cache=True)
+@jit_inner
 def bring_back_variation(n, m, columns, f, j, d, own_x, own_t, wrench, dwrench):
-    """Add the variation of node n's wrench to its parent's; own_x, own_t (columns, 3): variation of p and theta_j."""
-    p, rj, r = j.p[n], j.r[n], f.r[m]
-    local, mu = tapply3(r, wrench[n, :3]), wrench[n, 3:]
+    """Add the variation of node n's wrench [N], [N m] to its parent's; own_x, own_t (columns, 3): that of p, theta_j."""
+    p, rj, r = vec(j.p[n]), mat(j.r[n]), mat(f.r[m])
+    local, mu = tapply(r, vec(wrench[n])), vec_at(wrench[n], 3)
     for k in range(columns):
-        df, dmu = dwrench[n, k, :3], dwrench[n, k, 3:]
-        dlocal = tapply3(r, df) - cross3(d.t[m, k], local)
-        moment = cross3(own_x[k], local) + cross3(p, dlocal) + apply3(rj, cross3(own_t[k], mu) + dmu)
-        for i in range(3):
-            dwrench[m, k, i] += df[i]
-            dwrench[m, k, 3 + i] += moment[i]
+        df, dmu = vec(dwrench[n, k]), vec_at(dwrench[n, k], 3)
+        dlocal = sub(tapply(r, df), cross(vec(d.t[m, k]), local))
+        arm = add(cross(vec(own_x[k]), local), cross(p, dlocal))
+        add_to(dwrench[m, k], 0, df)
+        add_to(dwrench[m, k], 3, add(arm, apply(rj, add(cross(vec(own_t[k]), mu), dmu))))
 
 
-@njit(cache=True)
+@jit
 def carry_samples(parent, x, r, v, w, a, al, p, dp, ddp, rj, wj, alj):
     """Walk the tree for every sample: fill world motion (samples, nodes, ...) from relative motion [m, rad, s]."""
     for s in range(x.shape[0]):
@@ -136,5 +166,3 @@ def carry_samples(parent, x, r, v, w, a, al, p, dp, ddp, rj, wj, alj):
         j = Joints(p[s], dp[s], ddp[s], rj[s], wj[s], alj[s])
         for n in range(len(parent)):
             carry(n, parent[n], f, j)
-
-
