@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import datetime
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from flexinv.case_motion import read_motion
 from flexinv.case_schema import OF_BEAMS, CasesTable, CaseTable, LimitTable
+from flexinv.case_start import read_start
 from flexinv.errors import InputError
-from flexinv.mechanism import Mechanism
+from flexinv.mechanism import Array, Mechanism
 from flexinv.motion import Motion
 from flexinv.toml_tables import check_names, complaint, place, read_toml, validate
 
@@ -43,6 +45,7 @@ class Case:
 
     step : of the time integration [s]; end : of the case [s]; sample : spacing of results [s], a multiple of step
     spectral_radius : of the time integration [-]; initial : "consistent" or "static"
+    start : joint that the motion leaves out -> its coordinates at the start [rad], [m]; in a loop a guess of them
     """
 
     name: str
@@ -55,6 +58,7 @@ class Case:
     limits: tuple[Limit, ...]
     spectral_radius: float = 0.8
     initial: str = "consistent"
+    start: Mapping[str, Array] = field(default_factory=dict)
     source: str = ""
     notes: tuple[str, ...] = ()
 
@@ -86,6 +90,7 @@ def _case(data: Any, name: str, source: str, shared: list[Limit], mechanism: Mec
     path = f"cases.{name}"
     table = validate(CaseTable, data, file, path)
     motion = read_motion(table.motion, mechanism, file, f"{path}.motion")
+    start = read_start(table.start, mechanism, motion, file, f"{path}.start")
     end = table.end_s or motion.duration
     sample = table.sample_s or table.step_s
     _check_times(table, motion, end, sample, file, path)
@@ -98,7 +103,7 @@ def _case(data: Any, name: str, source: str, shared: list[Limit], mechanism: Mec
             raise InputError(complaint(place(file, path, "limits"), "none", expected, write))
     return Case(
         name, table.title, motion, table.step_s, end, sample, tuple(table.quantities), limits,
-        table.spectral_radius, table.initial, table.source or source, tuple(table.notes),
+        table.spectral_radius, table.initial, start, table.source or source, tuple(table.notes),
     )  # fmt: skip
 
 

@@ -29,12 +29,13 @@ Reader = Callable[[Any], Array]
 Timing = tuple[str, float, float, float]  # law, duration, hold, delay [s]
 
 
-def _plain(value: Any) -> Array:
+def plain(value: Any) -> Array:
+    """Read numbers that are in SI units already [rad], [m], [-]."""
     return np.atleast_1d(np.array(value, dtype=np.float64))
 
 
 def _radians(value: Any) -> Array:
-    return np.radians(_plain(value))
+    return np.radians(plain(value))
 
 
 def _quaternion(rpy_deg: Any) -> Array:
@@ -42,15 +43,15 @@ def _quaternion(rpy_deg: Any) -> Array:
 
 
 # kind -> its table, the parts of its coordinates (each by unit of the key: how it is read), an example to write
-ANGLE: dict[str, Reader] = {"deg": _radians, "rad": _plain}
-TURN: dict[str, Reader] = {"quaternion": _plain, "rpy_deg": _quaternion}
+ANGLE: dict[str, Reader] = {"deg": _radians, "rad": plain}
+TURN: dict[str, Reader] = {"quaternion": plain, "rpy_deg": _quaternion}
 MOVES: dict[str, tuple[type[MoveTable], tuple[dict[str, Reader], ...], str]] = {
     "revolute": (AngleTable, (ANGLE,), "{ from_deg = 0, to_deg = 90 }"),
     "continuous": (AngleTable, (ANGLE,), "{ from_deg = 0, to_deg = 90 }"),
-    "prismatic": (PositionTable, ({"m": _plain},), "{ from_m = 0, to_m = 0.1 }"),
+    "prismatic": (PositionTable, ({"m": plain},), "{ from_m = 0, to_m = 0.1 }"),
     "universal": (TwoAnglesTable, (ANGLE,), "{ from_deg = [0, 0], to_deg = [30, 20] }"),
     "spherical": (RotationTable, (TURN,), "{ from_rpy_deg = [0, 0, 0], to_rpy_deg = [0, 0, 90] }"),
-    "free": (PoseTable, ({"xyz_m": _plain}, TURN), "{ at_xyz_m = [0, 0, 1], at_rpy_deg = [0, 0, 0] }"),
+    "free": (PoseTable, ({"xyz_m": plain}, TURN), "{ at_xyz_m = [0, 0, 1], at_rpy_deg = [0, 0, 0] }"),
 }
 
 
@@ -172,7 +173,7 @@ def _add_others(
 
 def _check_complete(given: set[str], mechanism: Mechanism, file: Path, path: str) -> None:
     missing = [j for j in mechanism.joints if j.nv and j.actuated and j.name not in given]
-    if missing:
+    if missing and not mechanism.closures:  # in a loop the closures move the joints that the motion leaves out
         expected = f"a motion for every joint with an actuator; missing: {', '.join(j.name for j in missing[:10])}"
         write = f'{missing[0].name} = {MOVES[missing[0].kind][2]}, or others = "at_zero"'
         raise InputError(complaint(place(file, f"{path}.joints", missing[0].name), "nothing", expected, write))

@@ -81,6 +81,39 @@ class PoseTable(RotationTable):
     at_xyz_m: Vector | None = key("the position where it rests [m]", "at_xyz_m = [0, 0, 1]", default=None)
 
 
+class AngleStartTable(Table):
+    """Where a revolute or continuous joint starts."""
+
+    deg: Number | None = key("the angle [deg]", "deg = 30", default=None)
+    rad: Number | None = key("the angle [rad]", "rad = 0.5", default=None)
+
+
+class PositionStartTable(Table):
+    """Where a prismatic joint starts."""
+
+    m: Number | None = key("the position [m]", "m = 0.1", default=None)
+
+
+class TwoAnglesStartTable(Table):
+    """Where a universal joint starts."""
+
+    deg: Pair | None = key("two angles [deg]", "deg = [10, -5]", default=None)
+    rad: Pair | None = key("two angles [rad]", "rad = [0.2, -0.1]", default=None)
+
+
+class RotationStartTable(Table):
+    """Where a spherical joint starts."""
+
+    quaternion: Quaternion | None = key("x, y, z, w [-]", "quaternion = [0, 0, 0, 1]", default=None)
+    rpy_deg: Vector | None = key("roll, pitch, yaw [deg]", "rpy_deg = [0, 0, 90]", default=None)
+
+
+class PoseStartTable(RotationStartTable):
+    """Where a free joint starts."""
+
+    xyz_m: Vector | None = key("the position [m]", "xyz_m = [0, 0, 1]", default=None)
+
+
 class MotionTable(Table):
     """A move from point to point by a law, joint by joint, or samples from a CSV file."""
 
@@ -137,6 +170,11 @@ class CaseTable(Table):
         '"consistent" (undeformed) or "static" (equilibrium under gravity first)',
         'initial = "static"',
         default="consistent",
+    )
+    start: dict[str, Any] = key(
+        "a table per joint that the motion leaves out: where it starts, in a loop the guess that picks the branch",
+        "start.rocker = { deg = 100 }",
+        default={},
     )
     quantities: Annotated[
         list[Literal["torque", "wrench", "tip", "deflection", "axial", "internal", "frequency"]], Field(min_length=1)

@@ -14,8 +14,10 @@ import pandas as pd
 
 from flexinv.case import Case, load_cases
 from flexinv.errors import FlexinvError, InputError, ModelWarning
-from flexinv.mechanism import Link, Mechanism
+from flexinv.loops import closed_near, mobility
+from flexinv.mechanism import CLOSURES, Link, Mechanism
 from flexinv.mechanism_file import load_mechanism
+from flexinv.mesh import build
 from flexinv.scheme import solve as solve_motion
 from flexinv.solution import Solution
 from flexinv.urdf import from_urdf
@@ -76,6 +78,7 @@ def solve(model: Path, name: str | None, out: Path | None, plot: Path | None, st
         end=case.end,
         spectral_radius=case.spectral_radius,
         initial=case.initial,
+        start=case.start,
     )
     click.echo(f"{mechanism.name}, case {case.name}: {case.title}" if case.title else f"{mechanism.name}, {case.name}")
     table = solution.summary()
@@ -102,8 +105,12 @@ def info(model: Path) -> None:
         f"total mass {mass:.6g} kg, gravity ({gravity}) m/s^2, nq = {mechanism.nq}, nv = {mechanism.nv}, "
         f"{sum(not j.nv for j in mechanism.joints)} of {len(mechanism.joints)} joints fixed"
     )
+    cases = load_cases(folder(model), mechanism) if (folder(model) / "cases.toml").is_file() else {}
+    if mechanism.closures:
+        click.echo(mobility_line(mechanism, next(iter(cases.values()), None)))
     for title, table in (
         ("joints", joint_table(mechanism)),
+        ("closures", closure_table(mechanism)),
         ("links", link_table(mechanism)),
         ("beams", beam_table(mechanism)),
     ):
@@ -111,9 +118,8 @@ def info(model: Path) -> None:
             click.echo(f"\n{title}\n{table.to_string(index=False, float_format=lambda x: f'{x:.6g}')}")
     for note in mechanism.notes:
         click.echo(f"\nnote: {note}")
-    if (folder(model) / "cases.toml").is_file():
-        cases = load_cases(folder(model), mechanism).values()
-        rows = [(c.name, c.motion.duration, c.end, c.step, c.title) for c in cases]
+    if cases:
+        rows = [(c.name, c.motion.duration, c.end, c.step, c.title) for c in cases.values()]
         table = pd.DataFrame(rows, columns=["case", "moves [s]", "ends [s]", "step [s]", "title"])
         click.echo(f"\ncases\n{table.to_string(index=False)}")
 
@@ -167,6 +173,43 @@ def joint_table(mechanism: Mechanism) -> pd.DataFrame:
         if any(values):
             table[f"{key.replace('_', ' ')} [{unit}]"] = values
     return table
+
+
+def closure_table(mechanism: Mechanism) -> pd.DataFrame:
+    """Return one row per closure: its kind, what it joins, its constraints [-], and when it acts [s]."""
+    columns = ["closure", "kind", "first", "second", "constraints", "acts [s]"]
+    rows = [
+        (c.name, c.kind, c.first.link, c.second.link, CLOSURES[c.kind],
+         " and ".join(f"{a:g} to {b:g}" for a, b in c.active) or "always")
+        for c in mechanism.closures
+    ]  # fmt: skip
+    return pd.DataFrame(rows, columns=columns)
+
+
+def mobility_line(mechanism: Mechanism, case: Case | None) -> str:
+    """Return a line: freedoms, constraints, redundant constraints and drives [-], where the case starts.
+
+    Without a case the mechanism is closed near its zero.  Raises ConvergenceError where the loops stay open.
+    """
+    guess = mechanism.neutral
+    if case is not None:
+        guess = case.motion.evaluate(mechanism, [0.0])[0][0]
+        for name, value in case.start.items():
+            angle = mechanism.joint_of[name].kind == "continuous"
+            guess[mechanism.q_slices[name]] = [np.cos(value[0]), np.sin(value[0])] if angle else value
+    mesh = build(mechanism)
+    found = mobility(mesh, closed_near(mesh, guess))
+    drives = int(mechanism.actuated.sum())
+    spare = f" (redundant by {drives - found.freedoms})" if drives > found.freedoms else ""
+    return (
+        f"mobility: {_count(found.freedoms, 'freedom')} = {_count(mechanism.nv, 'joint coordinate')} - "
+        f"{_count(found.constraints - found.redundant, 'independent constraint')}; "
+        f"{_count(found.constraints, 'constraint')}, {found.redundant} redundant; {_count(drives, 'drive')}{spare}"
+    )
+
+
+def _count(number: int, word: str) -> str:
+    return f"{number} {word}" if number == 1 else f"{number} {word}s"
 
 
 def link_table(mechanism: Mechanism) -> pd.DataFrame:

@@ -62,6 +62,21 @@ def mobility(mesh: Mesh, q: Array) -> Mobility:
     return Mobility(mesh.mechanism.nv - rank, len(rows), len(rows) - rank)
 
 
+def closed_near(mesh: Mesh, guess: Array) -> Array:
+    """Return a closed configuration (nq,) [rad], [m] near a guess (nq,): every coordinate may move, least squares.
+
+    Raises ConvergenceError, which names the closure that stays open.
+    """
+    free = np.ones(mesh.mechanism.nv, dtype=bool)
+    length = float(np.abs(mesh.offset).sum()) or 1.0
+
+    def still(time: Array) -> tuple[Array, Array, Array]:
+        rest = np.zeros((len(time), mesh.mechanism.nv))
+        return np.tile(guess, (len(time), 1)), rest, rest
+
+    return _Follower(mesh, constraint_rows(mesh), still, free, length).start(0.0, guess)
+
+
 def _rank(matrix: Array) -> int:
     if not matrix.size:
         return 0

@@ -13,6 +13,7 @@ import numpy as np
 from flexinv.errors import InputError, ModelWarning
 from flexinv.mechanism import WORLD, Array, Beam, Body, Joint, Link, Mechanism
 from flexinv.mechanism_file_bodies import far_end, read_inertia, read_payloads
+from flexinv.mechanism_file_closures import read_closure, read_force, read_spring
 from flexinv.mechanism_file_joints import read_joint, read_placement
 from flexinv.mechanism_file_overlay import overlaid
 from flexinv.mechanism_file_schema import BeamLinkTable, MechanismTable, RigidLinkTable, UrdfTable
@@ -34,9 +35,11 @@ def load_mechanism(path: str | Path) -> Mechanism:
     """
     file = toml_file(path, "mechanism.toml")
     table = validate(MechanismTable, read_toml(file), file, "")
-    check_names(file, sections=table.sections, links=table.links, joints=table.joints)
+    named = ("sections", "links", "joints", "closures", "springs", "forces")
+    check_names(file, **{kind: getattr(table, kind) for kind in named})
     sections = {name: read_section(data, file, name) for name, data in table.sections.items()}
     mechanism = _native(table, sections, file) if table.urdf is None else _from_urdf(table, table.urdf, sections, file)
+    mechanism = _with_loads(mechanism, table, file)
     name = table.name or (file.stem if file.name != "mechanism.toml" else file.resolve().parent.name)
     return replace(mechanism, name=name, title=table.title, source=table.source, notes=(*table.notes, *mechanism.notes))
 
@@ -74,6 +77,15 @@ def _native(table: MechanismTable, sections: Mapping[str, CrossSection], file: P
         _check_station(joint, links, file)
     gravity = np.array(table.gravity_m_per_s2, dtype=np.float64)
     return Mechanism("", tuple(links[joint.child] for joint in ordered), ordered, gravity)
+
+
+def _with_loads(mechanism: Mechanism, table: MechanismTable, file: Path) -> Mechanism:
+    """Add what ties and pulls the links beside the joints."""
+    links = mechanism.link_of
+    closures = (read_closure(data, links, mechanism.joint_of, file, name) for name, data in table.closures.items())
+    springs = (read_spring(data, links, file, name) for name, data in table.springs.items())
+    forces = (read_force(data, links, file, name) for name, data in table.forces.items())
+    return replace(mechanism, closures=tuple(closures), springs=tuple(springs), forces=tuple(forces))
 
 
 def _link(data: Any, name: str, sections: Mapping[str, CrossSection], file: Path) -> Link:

@@ -72,14 +72,28 @@ class RotaryDrive(Table):
     actuated: bool = key("true, or false for a passive joint", "actuated = false", default=True)
 
 
+class SprungDrive(RotaryDrive):
+    """Rotor, damping, friction and spring of a joint with one angle."""
+
+    stiffness_Nm_per_rad: NotNegative = key(
+        "stiffness of a spring in the joint, >= 0 [N m/rad]", "stiffness_Nm_per_rad = 20", default=0.0
+    )
+    rest_rad: Number | None = key("the angle at which the spring rests [rad]", "rest_rad = 0.5", default=None)
+    rest_deg: Number | None = key("the angle at which the spring rests [deg]", "rest_deg = 30", default=None)
+
+
 class LinearDrive(Table):
-    """Rotor, damping and friction of a joint that slides."""
+    """Rotor, damping, friction and spring of a joint that slides."""
 
     rotor_inertia_kg: NotNegative = key(
         "rotor inertia as a mass at the joint, >= 0 [kg]", "rotor_inertia_kg = 1.5", default=0.0
     )
     damping_Ns_per_m: NotNegative = key("viscous damping, >= 0 [N s/m]", "damping_Ns_per_m = 10", default=0.0)
     friction_N: NotNegative = key("dry friction, >= 0 [N]", "friction_N = 5", default=0.0)
+    stiffness_N_per_m: NotNegative = key(
+        "stiffness of a spring in the joint, >= 0 [N/m]", "stiffness_N_per_m = 500", default=0.0
+    )
+    rest_m: Number = key("the position at which the spring rests [m]", "rest_m = 0.1", default=0.0)
     actuated: bool = key("true, or false for a passive joint", "actuated = false", default=True)
 
 
@@ -114,7 +128,7 @@ class SphericalTable(JointTable):
     actuated: bool = key("true, or false for a passive joint", "actuated = false", default=True)
 
 
-class ContinuousTable(RotaryDrive, JointTable):
+class ContinuousTable(SprungDrive, JointTable):
     """A rotation without end."""
 
     axis: Vector = key(AXIS, "axis = [0, 0, 1]")
@@ -123,7 +137,7 @@ class ContinuousTable(RotaryDrive, JointTable):
     )
 
 
-class RevoluteTable(RotaryDrive, JointTable):
+class RevoluteTable(SprungDrive, JointTable):
     """A rotation."""
 
     axis: Vector = key(AXIS, "axis = [0, 0, 1]")
@@ -158,8 +172,8 @@ TABLES: dict[str, type[JointTable]] = {
     "free": FreeTable,
 }
 DRIVES: dict[str, type[Table]] = {
-    "revolute": RotaryDrive,
-    "continuous": RotaryDrive,
+    "revolute": SprungDrive,
+    "continuous": SprungDrive,
     "universal": RotaryDrive,
     "prismatic": LinearDrive,
 }
@@ -185,20 +199,38 @@ def read_joint(data: Any, file: Path, name: str) -> Joint:
         raise InputError(complaint(place(file, path, "second_axis"), given, expected, advice))
     return Joint(
         name, table.kind, table.parent, table.child, read_placement(table.placement, file, f"{path}.placement"),
-        table.station, **axes, **drive(table), limits=_limits(table, file, f"{path}.limits"),
+        table.station, **axes, **drive(table, file, path), limits=_limits(table, file, f"{path}.limits"),
     )  # fmt: skip
 
 
-def drive(table: Table) -> dict[str, Any]:
-    """Return what a drive or joint table states about rotor [kg m^2 or kg], damping, friction and actuation."""
+def drive(table: Table, file: Path, path: str) -> dict[str, Any]:
+    """Return what a drive or joint table states about rotor [kg m^2 or kg], damping, friction, spring and actuation."""
     names = {
         "rotor_inertia": ("rotor_inertia_kgm2", "rotor_inertia_kg"),
         "damping": ("damping_Nms_per_rad", "damping_Ns_per_m"),
         "friction": ("friction_Nm", "friction_N"),
+        "stiffness": ("stiffness_Nm_per_rad", "stiffness_N_per_m"),
         "actuated": ("actuated",),
     }
     stated = {name: getattr(table, k) for name, keys in names.items() for k in keys if hasattr(table, k)}
+    if "stiffness" in stated:
+        stated["rest"] = _rest(table, stated["stiffness"], file, path)
     return stated if "actuated" in stated else {**stated, "actuated": False}
+
+
+def _rest(table: Table, stiffness: float, file: Path, path: str) -> float:
+    """Where the joint's spring has no effort [rad] or [m]."""
+    named = [k for k in ("rest_rad", "rest_deg", "rest_m") if k in table.model_fields_set]
+    if len(named) > 1:
+        raise InputError(
+            complaint(place(file, path, named[1]), " and ".join(named), "one of them", f"{named[0]} alone")
+        )
+    if named and not stiffness:
+        spring = next(k for k in type(table).model_fields if k.startswith("stiffness"))
+        expected = f"a stiffness too: {type(table).model_fields[spring].description}"
+        raise InputError(complaint(place(file, path, named[0]), f"{named[0]} alone", expected, f"{spring} = 20"))
+    value = float(getattr(table, named[0])) if named else 0.0
+    return float(np.radians(value)) if named == ["rest_deg"] else value
 
 
 def unit_axis(axis: Any, where: str, write: str) -> Array:

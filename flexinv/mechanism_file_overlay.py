@@ -64,7 +64,9 @@ def _driven(joint: Joint, data: Any, file: Path, path: str) -> Joint:
         )
     table = validate(DRIVES[joint.kind], data, file, path)
     stated = {key.split("_")[0] for key in table.model_fields_set}
-    return replace(joint, **{name: value for name, value in drive(table).items() if name.split("_")[0] in stated})
+    return replace(
+        joint, **{name: value for name, value in drive(table, file, path).items() if name.split("_")[0] in stated}
+    )
 
 
 def _flexible(

@@ -12,7 +12,8 @@ from flexinv.toml_tables import Fraction, Name, NotNegative, Number, Positive, T
 Numbers = dict[str, float]
 
 
-def _finite(value: Any) -> float:
+def finite(value: Any) -> float:
+    """Read a finite number [unit of the key]; ValueError when it is none."""
     return float(bounded(value))
 
 
@@ -22,18 +23,18 @@ def components(value: Any, required: str, optional: str = "") -> Numbers:
     if not isinstance(value, dict) or not set(names) <= set(value) <= {*names, *may}:
         wanted = ", ".join(f"{name} = ..." for name in names)
         raise ValueError(f"should be {{ {wanted} }}" + (f" and may have {', '.join(may)}" if may else ""))
-    return {name: _finite(number) for name, number in value.items()}
+    return {name: finite(number) for name, number in value.items()}
 
 
 def _matrix(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
     rows = value if isinstance(value, list) else []
     if len(rows) != 3 or any(not isinstance(row, list) or len(row) != 3 for row in rows):
         raise ValueError("should have three rows of three numbers")
-    return np.array([[_finite(x) for x in row] for row in rows])
+    return np.array([[finite(x) for x in row] for row in rows])
 
 
 def _across(value: Any) -> tuple[float, float]:
-    pair = components(value, "y z") if isinstance(value, dict) else {"y": _finite(value), "z": _finite(value)}
+    pair = components(value, "y z") if isinstance(value, dict) else {"y": finite(value), "z": finite(value)}
     if min(pair.values()) <= 0:
         raise ValueError("should be greater than 0")
     return pair["y"], pair["z"]
@@ -54,7 +55,7 @@ def _tensor(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
     if isinstance(value, list):
         return _matrix(value)
     if not isinstance(value, dict):
-        if _finite(value) != 0.0:
+        if finite(value) != 0.0:
             raise ValueError("one number can only be 0, a point mass")
         return np.zeros((3, 3))
     i = components(value, "xx yy zz", "xy xz yz")
@@ -328,6 +329,9 @@ class MechanismTable(Table):
     sections: dict[str, Any] = key("tables [sections.NAME]", "[sections.NAME]", default={})
     links: dict[str, Any] = key("tables [links.NAME]", "[links.NAME]", default={})
     joints: dict[str, Any] = key("tables [joints.NAME]", "[joints.NAME]", default={})
+    closures: dict[str, Any] = key("tables [closures.NAME], joints that close loops", "[closures.NAME]", default={})
+    springs: dict[str, Any] = key("tables [springs.NAME] between two points", "[springs.NAME]", default={})
+    forces: dict[str, Any] = key("tables [forces.NAME] on points", "[forces.NAME]", default={})
     urdf: UrdfTable | None = key("a table: path, package, base, lock", "[urdf]", default=None)
     overlay: OverlayTable | None = key(
         "tables [overlay.links.NAME] and [overlay.joints.NAME]", "[overlay.links.NAME]", default=None

@@ -56,8 +56,8 @@ def _check_carried_once(joints: Sequence[Joint], where: Where) -> None:
         first = carrier.setdefault(joint.child, joint.name)
         if first != joint.name:
             given = f'child = "{joint.child}", which joint {first} carries already'
-            expected = "a tree: one joint carries each link; closed loops are not supported yet"
-            advice = "cut the loop: leave out one of the two joints"
+            expected = "a tree: one joint carries each link; what closes a loop is a closure"
+            advice = f"[closures.{joint.name}] with kind, first and second instead of [joints.{joint.name}]"
             raise InputError(complaint(where("joint", joint.name, "child"), given, expected, advice))
 
 
@@ -73,9 +73,10 @@ def _check_all_reached(ordered: list[Joint], joints: Sequence[Joint], links: dic
     if unreached:  # each of them is carried, none from the world: they go round
         path = _walk_up(unreached[0], carried)
         given = f"a cycle: {' <- '.join(path)}"
-        expected = f'a tree that hangs on "{WORLD}"; closed loops are not supported yet'
-        advice = f'parent = "{WORLD}" for one of these joints'
-        raise InputError(complaint(where("joint", carried[path[-1]].name, "parent"), given, expected, advice))
+        joint = carried[path[-1]].name
+        expected = f'a tree that hangs on "{WORLD}"; what closes a loop is a closure'
+        advice = f'parent = "{WORLD}" for one of these joints; [closures.{joint}] with first and second where the loop closes'
+        raise InputError(complaint(where("joint", joint, "parent"), given, expected, advice))
 
 
 def _walk_up(link: str, carried: dict[str, Joint]) -> list[str]:

@@ -63,6 +63,7 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
         end=case.end,
         spectral_radius=case.spectral_radius,
         initial=case.initial,
+        start=case.start,
     )
     wall = clock.perf_counter() - start
     stride = round(case.sample / case.step)

@@ -1,0 +1,66 @@
+"""Where a case starts: positions of the joints that its motion leaves out; in a loop, the guess that picks the branch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexinv.case_motion import ANGLE, TURN, Reader, plain
+from flexinv.case_schema import (
+    AngleStartTable,
+    PoseStartTable,
+    PositionStartTable,
+    RotationStartTable,
+    TwoAnglesStartTable,
+)
+from flexinv.errors import InputError
+from flexinv.mechanism import Array, Mechanism
+from flexinv.motion import Motion
+from flexinv.toml_tables import Table, complaint, place, validate
+from flexinv.unit_keys import nearest
+
+# kind -> its table, the parts of its coordinates (each by the key that states it), an example to write
+STARTS: dict[str, tuple[type[Table], tuple[dict[str, Reader], ...], str]] = {
+    "revolute": (AngleStartTable, (ANGLE,), "{ deg = 30 }"),
+    "continuous": (AngleStartTable, (ANGLE,), "{ deg = 30 }"),
+    "prismatic": (PositionStartTable, ({"m": plain},), "{ m = 0.1 }"),
+    "universal": (TwoAnglesStartTable, (ANGLE,), "{ deg = [10, -5] }"),
+    "spherical": (RotationStartTable, (TURN,), "{ rpy_deg = [0, 0, 90] }"),
+    "free": (PoseStartTable, ({"xyz_m": plain}, TURN), "{ xyz_m = [0, 0, 1], rpy_deg = [0, 0, 0] }"),
+}
+
+
+def read_start(
+    tables: Mapping[str, Any], mechanism: Mechanism, motion: Motion, file: Path, path: str
+) -> dict[str, Array]:
+    """Read the start of joints that the motion leaves out: joint -> its coordinates [rad], [m], quaternion [-]."""
+    given = motion.joints(mechanism)
+    passive = [joint.name for joint in mechanism.joints if joint.nv and joint.name not in given]
+    out = {}
+    for name, data in tables.items():
+        if name not in passive:
+            _refuse(name, name in given, passive, file, path)
+        model, parts, write = STARTS[mechanism.joint_of[name].kind]
+        where = f"{path}.{name}"
+        table = validate(model, data, file, where)
+        out[name] = np.concatenate([_part(table, part, write, file, where) for part in parts])
+    return out
+
+
+def _refuse(name: str, moved: bool, passive: list[str], file: Path, path: str) -> None:
+    near = nearest(name, passive)
+    given = f"a start for joint {name}" + (", which the motion moves" if moved else "")
+    expected = f"a joint that the motion leaves out: {', '.join(passive[:20]) or 'there is none'}"
+    write = f"{near} instead of {name}" if near and not moved else f"the motion alone; no start.{name}"
+    raise InputError(complaint(place(file, path, name), given, expected, write))
+
+
+def _part(table: Table, part: Mapping[str, Reader], write: str, file: Path, path: str) -> Array:
+    stated = [key for key in part if getattr(table, key) is not None]
+    if len(stated) != 1:
+        expected = f"where it starts: one of {', '.join(part)}"
+        raise InputError(complaint(place(file, path), " and ".join(stated) or "nothing", expected, write))
+    return part[stated[0]](getattr(table, stated[0]))

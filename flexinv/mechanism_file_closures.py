@@ -1,0 +1,205 @@
+"""What ties and pulls links of a mechanism file beside its joints: closures of loops, springs between points, forces."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field, PlainValidator
+
+from flexinv.errors import InputError
+from flexinv.mechanism import CLOSURES, WORLD, Array, Attachment, Closure, Force, Link, Spring
+from flexinv.mechanism_file_joints import read_placement, unit_axis
+from flexinv.mechanism_file_schema import SOURCE, PlacementTable, finite
+from flexinv.toml_tables import (
+    Fraction,
+    Name,
+    NotNegative,
+    Number,
+    Table,
+    Text,
+    Vector,
+    complaint,
+    key,
+    place,
+    toml_text,
+    validate,
+)
+from flexinv.unit_keys import nearest
+
+KINDS = '"revolute", "prismatic", "cylindrical", "universal", "spherical", "point-on-line" or "fixed"'
+END = "a table: link, and where on it: xyz_m [m], rpy_deg [deg], on a beam station [-]"
+AXIS = "the free axis in both frames, three numbers [-]"
+
+
+def _rows(value: Any) -> list[list[float]]:
+    rows = value if isinstance(value, list) and value and isinstance(value[0], list) else [value]
+    if any(not isinstance(row, list) or len(row) != 3 for row in rows):
+        raise ValueError("should be three numbers, or a row of three for every time")
+    return [[finite(x) for x in row] for row in rows]
+
+
+Rows = Annotated[Any, PlainValidator(_rows)]
+Interval = Annotated[list[Number], Field(min_length=2, max_length=2)]
+
+
+class EndTable(PlacementTable):
+    """A frame on a link or on the world."""
+
+    link: Name = key('the link that carries it, or "world"', 'link = "coupler"')
+    station: Fraction | None = key("on a beam: the fraction 0..1 of its length [-]", "station = 1.0", default=None)
+
+
+class PairTable(Table):
+    """Two frames that something joins."""
+
+    first: EndTable = key(END, 'first = { link = "coupler", xyz_m = [0.5, 0, 0] }')
+    second: EndTable = key(END, 'second = { link = "rocker", xyz_m = [0.4, 0, 0] }')
+    source: Text = SOURCE
+
+
+class ClosureTable(PairTable):
+    """A joint that closes a loop: without an axis a ball joint or a weld."""
+
+    kind: str = key(f"one of {KINDS}", 'kind = "revolute"')
+    active_s: list[Interval] = key(
+        "intervals [start, end] in which it acts, one after the other [s]; always when absent",
+        "active_s = [[0.0, 0.5]]",
+        default=[],
+    )
+
+
+class AxisClosureTable(ClosureTable):
+    """A closure that leaves an axis or a line free."""
+
+    axis: Vector = key(AXIS, "axis = [0, 0, 1]")
+
+
+class UniversalClosureTable(ClosureTable):
+    """A closure that leaves two axes free, which stay at right angles."""
+
+    axis: Vector = key("the axis that stays with the first frame, three numbers [-]", "axis = [1, 0, 0]")
+    second_axis: Vector = key("the axis that stays with the second frame, three numbers [-]", "second_axis = [0, 1, 0]")
+
+
+class SpringTable(PairTable):
+    """A spring and damper along the line between two points."""
+
+    stiffness_N_per_m: NotNegative = key("the stiffness, >= 0 [N/m]", "stiffness_N_per_m = 4530")
+    rest_m: NotNegative = key("the length without force, >= 0 [m]", "rest_m = 0.08", default=0.0)
+    damping_Ns_per_m: NotNegative = key("viscous damping, >= 0 [N s/m]", "damping_Ns_per_m = 10", default=0.0)
+
+
+class ForceTable(Table):
+    """A force and a moment on a point of a link, constant or linear between times."""
+
+    at: EndTable = key(END, 'at = { link = "hand", xyz_m = [0, 0, 0.1] }')
+    force_N: Rows = key("three numbers, or a row of three for every time [N]", "force_N = [0, 0, -10]", default=None)
+    moment_Nm: Rows = key(
+        "three numbers, or a row of three for every time [N m]", "moment_Nm = [0, 0, 1]", default=None
+    )
+    time_s: list[Number] | None = key(
+        "the times of the rows, increasing [s]; absent for constant ones", "time_s = [0.0, 0.5]", default=None
+    )
+    follower: bool = key(
+        "true for axes that move with the link, false for world axes", "follower = true", default=False
+    )
+    source: Text = SOURCE
+
+
+TABLES: dict[str, type[ClosureTable]] = {
+    **dict.fromkeys(CLOSURES, AxisClosureTable),
+    **dict.fromkeys(("fixed", "spherical"), ClosureTable),
+    "universal": UniversalClosureTable,
+}
+
+
+def read_closure(data: Any, links: Mapping[str, Link], taken: Iterable[str], file: Path, name: str) -> Closure:
+    """Read ``[closures.NAME]`` [m, rad, s]; taken : names of joints, which a closure may not have."""
+    path = f"closures.{name}"
+    kind = data.get("kind") if isinstance(data, dict) else None
+    if kind is not None and (not isinstance(kind, str) or kind not in CLOSURES):
+        write = f'kind = "{nearest(str(kind), CLOSURES) or "revolute"}"'
+        raise InputError(complaint(place(file, path, "kind"), f"kind = {toml_text(kind)}", f"one of {KINDS}", write))
+    if name in taken:
+        expected = "a name of its own: a closure is a joint too, and results are named after both"
+        raise InputError(complaint(place(file, path), f'"{name}", also a joint', expected, f"[{path}_closure]"))
+    table = validate(TABLES.get(kind or "", AxisClosureTable), data, file, path)
+    axes = {
+        axis: unit_axis(getattr(table, axis), place(file, path, axis), f"{axis} = [0, 0, 1]")
+        for axis in ("axis", "second_axis")
+        if hasattr(table, axis)
+    }
+    first, second = _pair(table, links, file, path)
+    return Closure(name, table.kind, first, second, **axes, active=_intervals(table.active_s, file, path))
+
+
+def read_spring(data: Any, links: Mapping[str, Link], file: Path, name: str) -> Spring:
+    """Read ``[springs.NAME]`` [N/m, m, N s/m]."""
+    path = f"springs.{name}"
+    table = validate(SpringTable, data, file, path)
+    first, second = _pair(table, links, file, path)
+    return Spring(name, first, second, table.stiffness_N_per_m, table.rest_m, table.damping_Ns_per_m)
+
+
+def read_force(data: Any, links: Mapping[str, Link], file: Path, name: str) -> Force:
+    """Read ``[forces.NAME]`` [N, N m, s]: constant, or a table whose rows belong to ``time_s``."""
+    path = f"forces.{name}"
+    table = validate(ForceTable, data, file, path)
+    time = np.array(table.time_s or [0.0])
+    if (np.diff(time) <= 0).any():
+        given, write = f"time_s = {toml_text(table.time_s)}", "time_s = [0.0, 0.5]"
+        raise InputError(complaint(place(file, path, "time_s"), given, "times that increase [s]", write))
+    if table.force_N is None and table.moment_Nm is None:
+        expected = "force_N [N], moment_Nm [N m] or both"
+        raise InputError(complaint(place(file, path, "force_N"), "nothing", expected, "force_N = [0, 0, -10]"))
+    parts = [_of_time(getattr(table, k), len(time), k, file, path) for k in ("force_N", "moment_Nm")]
+    return Force(name, _end(table.at, links, file, f"{path}.at"), np.hstack(parts), time, table.follower)
+
+
+def _of_time(rows: list[list[float]] | None, count: int, name: str, file: Path, path: str) -> Array:
+    values = np.array(rows if rows is not None else [[0.0, 0.0, 0.0]])
+    if len(values) not in (1, count):
+        expected = f"one row, or {count}: one for each of time_s" if count > 1 else "one row, or time_s with the times"
+        write = f"time_s with {len(values)} times"
+        raise InputError(complaint(place(file, path, name), f"{len(values)} rows", expected, write))
+    return np.broadcast_to(values, (count, 3))
+
+
+def _pair(table: PairTable, links: Mapping[str, Link], file: Path, path: str) -> tuple[Attachment, Attachment]:
+    ends = tuple(_end(getattr(table, k), links, file, f"{path}.{k}") for k in ("first", "second"))
+    if ends[0].link == ends[1].link:
+        given, write = f'first and second are both on "{ends[1].link}"', 'second = { link = "world" }, or another link'
+        raise InputError(complaint(place(file, f"{path}.second", "link"), given, "two different links", write))
+    return ends[0], ends[1]
+
+
+def _end(table: EndTable, links: Mapping[str, Link], file: Path, path: str) -> Attachment:
+    if table.link != WORLD and table.link not in links:
+        near = nearest(table.link, [WORLD, *links])
+        expected = f'"{WORLD}" or one of the links ' + ", ".join(list(links)[:20])
+        write = f'link = "{near}"' if near else "the name of one of these"
+        raise InputError(complaint(place(file, path, "link"), f'link = "{table.link}"', expected, write))
+    on_beam = table.link != WORLD and links[table.link].beam is not None
+    if on_beam != (table.station is not None):
+        where = place(file, path, "station")
+        if on_beam:
+            expected = f"the fraction 0..1 of the beam {table.link} that carries it [-]"
+            raise InputError(complaint(where, "nothing", expected, "station = 1.0   (the tip)"))
+        expected = f"no station: {table.link} is not a beam"
+        raise InputError(complaint(where, f"station = {table.station}", expected, "xyz_m = [0.4, 0, 0]"))
+    return Attachment(table.link, read_placement(table, file, path), table.station)
+
+
+def _intervals(active: list[list[float]], file: Path, path: str) -> tuple[tuple[float, float], ...]:
+    times = [time for interval in active for time in interval]
+    if any(b <= a for a, b in pairwise(times)):
+        expected = "intervals [start, end] with start < end, one after the other [s]"
+        given = f"active_s = {toml_text(active)}"
+        raise InputError(
+            complaint(place(file, path, "active_s"), given, expected, "active_s = [[0.0, 0.5], [1.0, 2.0]]")
+        )
+    return tuple((interval[0], interval[1]) for interval in active)
