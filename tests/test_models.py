@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import flexinv
-from flexinv import case_schema, mechanism_file_joints, mechanism_file_schema
+from flexinv import case_schema, mechanism_file_closures, mechanism_file_joints, mechanism_file_schema
 from flexinv.case import load_cases
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mechanism_file import load_mechanism
@@ -121,19 +121,21 @@ def blocks() -> list[str]:
 
 
 def test_examples_of_the_readme_load(tmp_path: Path) -> None:
-    native, urdf, cases = blocks()
-    for name, text in (("crane", native), ("arm", urdf)):
+    native, loop, urdf, cases = blocks()
+    for name, text in (("crane", native), ("door", loop), ("arm", urdf)):
         (tmp_path / name).mkdir()
         (tmp_path / name / "mechanism.toml").write_text(text, encoding="utf-8")
     crane, arm = load_mechanism(tmp_path / "crane"), load_mechanism(tmp_path / "arm")
     assert [joint.name for joint in crane.joints] == ["slew", "luff", "fix"]
+    door = load_mechanism(tmp_path / "door")
+    assert [thing.name for thing in (*door.closures, *door.springs, *door.forces)] == ["lug", "return", "wind"]
     assert [link.name for link in arm.beams] == ["forearm_link"]
     (tmp_path / "crane" / "cases.toml").write_text(cases, encoding="utf-8")
     assert load_cases(tmp_path / "crane", crane)["lift"].end == 3.0
 
 
 def tables() -> list[type[Table]]:
-    modules: list[Any] = [mechanism_file_schema, mechanism_file_joints, case_schema]
+    modules: list[Any] = [mechanism_file_schema, mechanism_file_joints, mechanism_file_closures, case_schema]
     return [
         thing
         for module in modules
