@@ -90,6 +90,7 @@ def march(t, e, c, s, f, d, loads, work, y, rel, out, wrench, internal, energy, 
     internal : (samples, elements, points, 6); energy : (samples, 2); iterations : (samples,)
     Return status, sample reached, element or iterations, last relative increment [-].
     """
+    count, size = 0, 0.0
     for sample in range(rel.p.shape[0]):
         j = Joints(rel.p[sample], rel.dp[sample], rel.ddp[sample], rel.r[sample], rel.w[sample], rel.al[sample])
         if c.mode == DYNAMIC:
@@ -100,7 +101,7 @@ def march(t, e, c, s, f, d, loads, work, y, rel, out, wrench, internal, energy, 
         record(sample, f, work, out, wrench, internal, energy)
         iterations[sample] = count
         advance(t, c, s)
-    return CONVERGED, rel.p.shape[0], 0, 0.0
+    return CONVERGED, rel.p.shape[0], count, size
 
 
 @jit_inner
