@@ -45,6 +45,7 @@ class Case:
 
     step : of the time integration [s]; end : of the case [s]; sample : spacing of results [s], a multiple of step
     spectral_radius : of the time integration [-]; initial : "consistent" or "static"
+    mesh : (elements, order) of every beam in flexinv [-], None for the mechanism's own
     start : joint that the motion leaves out -> its coordinates at the start [rad], [m]; in a loop a guess of them
     """
 
@@ -58,9 +59,14 @@ class Case:
     limits: tuple[Limit, ...]
     spectral_radius: float = 0.8
     initial: str = "consistent"
+    mesh: tuple[int, int] | None = None
     start: Mapping[str, Array] = field(default_factory=dict)
     source: str = ""
     notes: tuple[str, ...] = ()
+
+    def meshed(self, mechanism: Mechanism) -> Mechanism:
+        """Return the mechanism with the mesh [-] of this case, its own where the case says nothing."""
+        return mechanism if self.mesh is None else mechanism.with_mesh(*self.mesh)
 
 
 def load_cases(path: str | Path, mechanism: Mechanism) -> dict[str, Case]:
@@ -93,6 +99,7 @@ def _case(data: Any, name: str, source: str, shared: list[Limit], mechanism: Mec
     start = read_start(table.start, mechanism, motion, file, f"{path}.start")
     end = table.end_s or motion.duration
     sample = table.sample_s or table.step_s
+    mesh = (table.mesh.elements, table.mesh.order) if table.mesh is not None else None
     _check_times(table, motion, end, sample, file, path)
     _check_quantities(table, mechanism, file, path)
     limits = (*map(_limit, table.limits), *(limit for limit in shared if limit.quantity in table.quantities))
@@ -103,7 +110,7 @@ def _case(data: Any, name: str, source: str, shared: list[Limit], mechanism: Mec
             raise InputError(complaint(place(file, path, "limits"), "none", expected, write))
     return Case(
         name, table.title, motion, table.step_s, end, sample, tuple(table.quantities), limits,
-        table.spectral_radius, table.initial, start, table.source or source, tuple(table.notes),
+        table.spectral_radius, table.initial, mesh, start, table.source or source, tuple(table.notes),
     )  # fmt: skip
 
 

@@ -154,6 +154,13 @@ class LimitTable(Table):
     )
 
 
+class MeshTable(Table):
+    """The mesh that flexinv takes for every beam in one case."""
+
+    elements: Annotated[int, Field(ge=1)] = key("number of elements of each beam, >= 1 [-]", "elements = 2")
+    order: Annotated[int, Field(ge=1)] = key("polynomial order of each element, >= 1 [-]", "order = 8")
+
+
 class CaseTable(Table):
     """One case."""
 
@@ -170,6 +177,11 @@ class CaseTable(Table):
         '"consistent" (undeformed) or "static" (equilibrium under gravity first)',
         'initial = "static"',
         default="consistent",
+    )
+    mesh: MeshTable | None = key(
+        "flexinv's mesh in this case, where the mechanism's own is too coarse for it",
+        "mesh = { elements = 2, order = 8 }",
+        default=None,
     )
     start: dict[str, Any] = key(
         "a table per joint that the motion leaves out: where it starts, in a loop the guess that picks the branch",

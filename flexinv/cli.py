@@ -70,16 +70,22 @@ def solve(model: Path, name: str | None, out: Path | None, plot: Path | None, st
             raise InputError(f"{path}: the folder {path.resolve().parent} does not exist; make it first")
     mechanism = load_mechanism(model)
     case = choose(load_cases(folder(model), mechanism), name, model)
-    solution = solve_motion(
-        mechanism,
-        case.motion,
-        case.step if step is None else step,
-        error=error,
-        end=case.end,
-        spectral_radius=case.spectral_radius,
-        initial=case.initial,
-        start=case.start,
-    )
+    size = case.step if step is None else step
+    # with error bars: once more at half the step, once more on a finer mesh
+    samples = round(case.end / size) * (4 if error else 1)
+    shown = not mechanism.is_rigid and sys.stderr.isatty()
+    with click.progressbar(length=samples, label="marching", file=sys.stderr, hidden=not shown) as bar:
+        solution = solve_motion(
+            case.meshed(mechanism),
+            case.motion,
+            size,
+            error=error,
+            end=case.end,
+            spectral_radius=case.spectral_radius,
+            initial=case.initial,
+            start=case.start,
+            progress=bar.update,
+        )
     click.echo(f"{mechanism.name}, case {case.name}: {case.title}" if case.title else f"{mechanism.name}, {case.name}")
     table = solution.summary()
     if solution.torque_error is not None:

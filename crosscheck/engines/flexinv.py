@@ -54,6 +54,7 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
         closed formulas have no step and no mesh)
     """
     time = sample_times(case)
+    mechanism = case.meshed(mechanism)
     start = clock.perf_counter()
     solution = solve(
         mechanism,
