@@ -18,8 +18,10 @@ import exudyn as exu
 
 from crosscheck.engines import exudyn_planar, exudyn_rigid, exudyn_spatial
 from crosscheck.engines.base import Options, sample_times
-from crosscheck.engines.exudyn_march import DAE, TREE, Made, in_time, layout_of, passive_effort
+from crosscheck.engines.exudyn_march import DAE, TREE, Made, in_time, layout_of
 from crosscheck.engines.exudyn_solve import quiet
+from crosscheck.engines.prescribed import beyond_a_tree, missing_motion, passive_effort, rotor_effort
+from crosscheck.engines.prescribed import beyond_a_tree
 from crosscheck.record import Record, fingerprint, torque_series, vector_series, wrench_series
 from flexinv.case import Case
 from flexinv.mechanism import Mechanism
@@ -40,10 +42,10 @@ def abilities() -> str:
 
 def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return why Exudyn cannot do this case, or None."""
-    given = case.motion.joints(mechanism)
-    free = [j.name for j in mechanism.joints if j.nv and j.name not in given]
-    if free:
-        return f"this adapter prescribes every joint; left to the dynamics here: {', '.join(free)}"
+    if (reason := beyond_a_tree(mechanism)) is not None:
+        return reason
+    if (reason := beyond_a_tree(mechanism) or missing_motion(mechanism, case)) is not None:
+        return reason
     names = ", ".join(link.name for link in mechanism.beams)
     if engine in (TREE, DAE):
         if names:
@@ -80,7 +82,8 @@ def _tree(mechanism: Mechanism, case: Case) -> Made:
     start = clock.perf_counter()
     result = exudyn_rigid.inverse_dynamics(mechanism, q, qd, qdd, wrench="wrench" in case.quantities)
     wall = clock.perf_counter() - start
-    made = torque_series(mechanism, result.torque + passive_effort(mechanism, qd, qdd))
+    drive = rotor_effort(mechanism, qdd) + passive_effort(mechanism, qd)
+    made = torque_series(mechanism, result.torque + drive)
     for name, tip in result.tip.items():
         made |= vector_series(f"tip/{name}", "m", tip)
     for name, wrench in result.wrench.items():
