@@ -21,7 +21,6 @@ from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.exudyn_march import DAE, TREE, Made, in_time, layout_of
 from crosscheck.engines.exudyn_solve import quiet
 from crosscheck.engines.prescribed import beyond_a_tree, missing_motion, passive_effort, rotor_effort
-from crosscheck.engines.prescribed import beyond_a_tree
 from crosscheck.record import Record, fingerprint, torque_series, vector_series, wrench_series
 from flexinv.case import Case
 from flexinv.mechanism import Mechanism
@@ -42,8 +41,6 @@ def abilities() -> str:
 
 def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return why Exudyn cannot do this case, or None."""
-    if (reason := beyond_a_tree(mechanism)) is not None:
-        return reason
     if (reason := beyond_a_tree(mechanism) or missing_motion(mechanism, case)) is not None:
         return reason
     names = ", ".join(link.name for link in mechanism.beams)
