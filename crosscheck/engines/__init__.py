@@ -36,6 +36,7 @@ ENGINES: dict[str, Engine] = {
         _engine("flexinv", "flexinv", "flexinv", "."),
         _engine("pinocchio", "pinocchio", "pinocchio", "pin"),
         _engine("mujoco", "mujoco", "mujoco", "mujoco"),
+        _engine("mujoco-equality", "mujoco", "mujoco", "mujoco"),
         _engine("mujoco-flex", "mujoco_flex", "mujoco", "mujoco"),
         _engine("exudyn", "exudyn", "exudyn", "exudyn"),
         _engine("exudyn-dae", "exudyn", "exudyn", "exudyn"),

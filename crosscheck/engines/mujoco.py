@@ -11,11 +11,12 @@ Conventions, as a map and its dual.  R0, p0: placement of a free joint; R: rotat
                   dual, from equal power:
                       f    = (R0 R)^T f_mj     m    = m_mj
     tau           qfrc_inverse = M a + bias - passive - constraint: the actuator's effort as the mechanism means it,
-                  armature, damping and dry friction included.  At exactly zero speed dry friction is a set: MuJoCo
+                  armature, damping, springs and dry friction included.  At exactly zero speed dry friction is a set: MuJoCo
                   takes the end that the acceleration points to, the mechanism zero; there its friction is taken out.
     wrench        mj_rnePostConstraint: cfrc_int of a body is the (moment, force) that its parent exerts on it and on
                   all it carries, at the centre of mass of the whole tree, in world axes; moved to the joint:
                       F = X^T f_int,  M = X^T (m_int + (c - x) x f_int)      (X, x: pose of the link)
+    loops         "mujoco" by projection, "mujoco-equality" as MuJoCo gives it: `mujoco_loops`.
 
 Source: mujoco 4.0.0, engine_inverse.c, engine_core_smooth.c; the tests compare with closed forms and with Pinocchio.
 """
@@ -25,13 +26,14 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from crosscheck.engines import assembly, mujoco_loops
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.mujoco_model import Built, build
 from crosscheck.engines.prescribed import beyond_a_tree, missing_motion
@@ -40,6 +42,7 @@ from flexinv.case import Case
 from flexinv.mechanism import WORLD, Joint, Mechanism
 
 Array = NDArray[np.float64]
+EQUALITY = "mujoco-equality"
 
 
 def version() -> str:
@@ -51,7 +54,8 @@ def abilities() -> str:
     """Return one sentence: what MuJoCo can do here."""
     return (
         "Rigid inverse dynamics by mj_inverse with armature, damping and dry friction in the engine, joint wrenches "
-        "and tips, URDF by its own parser where it accepts the inertias; beams: see mujoco-flex."
+        "and tips, closed loops by projection (mujoco-equality: by soft equality constraints, as it gives them), springs "
+        "and forces, URDF by its own parser where it accepts the inertias; beams: see mujoco-flex."
     )
 
 
@@ -63,7 +67,12 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     for joint in mechanism.joints:
         if (reason := _free_joint_trouble(joint)) is not None:
             return reason
-    return beyond_a_tree(mechanism) or missing_motion(mechanism, case)
+    if engine == EQUALITY:
+        if not mechanism.closures:
+            return "no closed loop: see mujoco"
+        if kinds := mujoco_loops.without_equality(mechanism):
+            return f"no equality constraint of MuJoCo makes up the closures {', '.join(kinds)}: see mujoco"
+    return assembly.unsupported(mechanism) if mechanism.closures else missing_motion(mechanism, case)
 
 
 def _free_joint_trouble(joint: Joint) -> str | None:
@@ -79,21 +88,21 @@ def _free_joint_trouble(joint: Joint) -> str | None:
 def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
     """Return torque [N m] or [N], tip [m], wrench [N], [N m]; "skipped" in MuJoCo's words if it refuses the model."""
     time = sample_times(case)
-    q, qd, qdd = case.motion.evaluate(mechanism, time)
     start = clock.perf_counter()
     with warnings_caught() as words:
         try:
-            built = build(mechanism)
+            built = build(mechanism, extend=mujoco_loops.furnish(mechanism) if beyond_a_tree(mechanism) else None)
         except ValueError as error:
             return Record(engine=engine, status="skipped", message=f"MuJoCo refuses the model: {_one_line(error)}")
-        result = inverse_dynamics(mechanism, built, q, qd, qdd)
+        result = _dynamics(mechanism, case, built, time, engine)
     wall = clock.perf_counter() - start
+    algorithm = "mj_inverse, equality off, projected on efc_J" if mechanism.closures else "mj_inverse"
     return Record(
         engine=engine,
         version=version(),
         message="; ".join(dict.fromkeys(words)),
         settings={
-            "algorithm": "mj_inverse",
+            "algorithm": "mj_inverse, equality on" if engine == EQUALITY else algorithm,
             "model": "URDF" if mechanism.urdf else "MjSpec",
             "raised to mjMINVAL": list(built.floored),
         },
@@ -154,7 +163,7 @@ def to_engine(mechanism: Mechanism, built: Built, q: Array, qd: Array, qdd: Arra
 
 def _position(joint: Joint, q: Array) -> Array:
     if joint.kind == "continuous":
-        return np.arctan2(q[:, 1], q[:, 0])[:, None]
+        return np.unwrap(np.arctan2(q[:, 1], q[:, 0]))[:, None]
     if joint.kind == "spherical":
         return np.roll(q, 1, axis=1)
     if joint.kind == "free":
@@ -166,6 +175,26 @@ def _position(joint: Joint, q: Array) -> Array:
 def _absolute(joint: Joint, q: Array) -> Rotation:
     """R0 R of a free joint, all samples."""
     return Rotation.from_matrix(joint.placement.rotation) * Rotation.from_quat(q[:, 3:])
+
+
+def from_engine(mechanism: Mechanism, built: Built, position: Array) -> Array:
+    """Return the mechanism's q (samples, nq) [rad], [m] of MuJoCo's qpos (samples, nq of the model)."""
+    out = np.empty((len(position), mechanism.nq))
+    for joint in mechanism.joints:
+        if joint.nv == 0:
+            continue
+        at, own = built.q_at[joint.name], mechanism.q_slices[joint.name]
+        theirs = position[:, at : at + (1 if joint.kind == "continuous" else joint.nq)]
+        if joint.kind == "continuous":
+            theirs = np.hstack([np.cos(theirs), np.sin(theirs)])
+        elif joint.kind == "spherical":
+            theirs = np.roll(theirs, -1, axis=1)
+        elif joint.kind == "free":
+            seat = Rotation.from_matrix(joint.placement.rotation).inv()
+            turn = seat * Rotation.from_quat(np.roll(theirs[:, 3:], -1, axis=1))
+            theirs = np.hstack([seat.apply(theirs[:, :3] - joint.placement.position), turn.as_quat()])
+        out[:, own] = theirs
+    return out
 
 
 def effort_from_engine(mechanism: Mechanism, built: Built, q: Array, force: Array) -> Array:
@@ -200,13 +229,69 @@ class Dynamics:
 def inverse_dynamics(mechanism: Mechanism, built: Built, q: Array, qd: Array, qdd: Array) -> Dynamics:
     """Return mj_inverse of every sample: q (samples, nq), qd, qdd (samples, nv) [rad or m, s], in mechanism order."""
     state = to_engine(mechanism, built, q, qd, qdd)
-    raw = _evaluate(built.model, state)
+    return _said(mechanism, built, q, _evaluate(built.model, state))
+
+
+def _said(mechanism: Mechanism, built: Built, q: Array, raw: Raw) -> Dynamics:
     carried = {j.name: built.body[j.child] for j in mechanism.joints if j.child in built.body}
     return Dynamics(
         torque=effort_from_engine(mechanism, built, q, raw.effort),
         wrench={name: wrench_on(built.model, raw, body) for name, body in carried.items()},
         tip={name: point_of(raw, body, mechanism.link_of[name].tip) for name, body in built.body.items()},
     )
+
+
+def _dynamics(mechanism: Mechanism, case: Case, built: Built, time: Array, engine: str) -> Dynamics:
+    if not beyond_a_tree(mechanism):
+        return inverse_dynamics(mechanism, built, *case.motion.evaluate(mechanism, time))
+    tree = mujoco_loops.Tree(mechanism, built, mujoco.MjData(built.model), _given(mechanism, case, built))
+    state = State(*tree.given(time))
+    if mechanism.closures:
+        state = State(*mujoco_loops.closed_state(tree, assembly.left_out(mechanism, case), time))
+    if engine == EQUALITY:
+        return Dynamics(
+            effort_from_engine(mechanism, built, from_engine(mechanism, built, state.q), _soft(tree, state, time)),
+            {},
+            {},
+        )
+    driven = np.zeros(built.model.nv, dtype=bool)
+    for joint in mechanism.joints:
+        if joint.nv:
+            driven[built.v_at[joint.name] : built.v_at[joint.name] + joint.nv] = joint.actuated
+    raw, wrench = empty(built.model, len(time)), np.empty((len(time), len(mechanism.closures), 6))
+    for k, t in enumerate(time):
+        _set(tree, state, k)
+        shares = mujoco_loops.shared(tree, float(t), driven)
+        mujoco_loops.put_on(tree, shares.acting)
+        keep(built.model, tree.data, raw, k, shares.effort)
+        wrench[k] = shares.closures
+    said = _said(mechanism, built, from_engine(mechanism, built, state.q), raw)
+    return replace(said, wrench=said.wrench | {c.name: wrench[:, k] for k, c in enumerate(mechanism.closures)})
+
+
+def _given(mechanism: Mechanism, case: Case, built: Built) -> mujoco_loops.Motion:
+    """Return the motion in MuJoCo's coordinates, joints that it leaves out at their guess."""
+
+    def motion(time: Array) -> tuple[Array, Array, Array]:
+        q, qd, qdd = case.motion.evaluate(mechanism, time)
+        state = to_engine(mechanism, built, assembly.guessed(mechanism, case, q), qd, qdd)
+        return state.q, state.v, state.a
+
+    return motion
+
+
+def _set(tree: mujoco_loops.Tree, state: State, k: int) -> None:
+    tree.data.qpos[:], tree.data.qvel[:], tree.data.qacc[:] = state.q[k], state.v[k], state.a[k]
+
+
+def _soft(tree: mujoco_loops.Tree, state: State, time: Array) -> Array:
+    """Return what mj_inverse gives with its equality constraints on, (samples, nv) [N m] or [N], less given forces."""
+    out = np.empty_like(state.v)
+    for k, t in enumerate(time):
+        _set(tree, state, k)
+        mujoco.mj_inverse(tree.built.model, tree.data)
+        out[k] = tree.data.qfrc_inverse - mujoco_loops.forces_on(tree, float(t))
+    return out
 
 
 @dataclass(frozen=True)

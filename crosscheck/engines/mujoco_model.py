@@ -1,6 +1,6 @@
 """MuJoCo's own model of a mechanism, by its model-editing interface (MjSpec) or by its own URDF parser.
 
-No geometry, no limits, no contacts: only inertia, joints, and what joints have of armature, damping and dry friction.
+No geometry, no limits, no contacts: only inertia, joints, and their armature, damping, dry friction and springs.
 Every link is a body of its own (``fusestatic`` off), every ``Body`` of a link a body welded to it, so MuJoCo itself
 does all composition of inertia.
 
@@ -9,6 +9,7 @@ Traps, and what is done about them
   point mass none at all): what is smaller is raised to FLOOR.  In units of torque that is FLOOR times an acceleration.
 * Principal inertias that violate A + B >= C by rounding (flat plates) are refused: that rounding, no more, is added.
 * A body with explicit inertia and no ``ipos`` gets its own ``pos`` for one, so every ``ipos`` is stated.
+* A new MjSpec takes angles (springref) in degrees: the switch is turned off; URDFs are in radians.
 * A massless link on a moving joint gets FLOOR for mass and inertia and is listed in ``Built.floored``.
 """
 
@@ -83,6 +84,7 @@ def _names(joint: Joint) -> list[str]:
 
 def _from_data(mechanism: Mechanism) -> tuple[Any, tuple[str, ...]]:
     spec = mujoco.MjSpec()
+    spec.compiler.degree = False
     bodies = {WORLD: spec.worldbody}
     floored = []
     for joint in mechanism.joints:
@@ -131,6 +133,7 @@ def _passive(made: Any, joint: Joint) -> None:
     made.armature, made.frictionloss = joint.rotor_inertia, joint.friction
     made.damping[0] = joint.damping  # the linear coefficient of a polynomial in the speed
     made.solref_friction = STIFF_FRICTION
+    made.stiffness[0], made.springref = joint.stiffness, joint.rest
 
 
 def _weld(link: Any, name: str, body: Body) -> bool:

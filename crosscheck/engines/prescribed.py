@@ -40,5 +40,19 @@ def rotor_effort(mechanism: Mechanism, qdd: Array) -> Array:
     return _per_coordinate(mechanism, "rotor_inertia") * qdd
 
 
+def spring_effort(mechanism: Mechanism, q: Array) -> Array:
+    """Return k (q - rest), (samples, nv) [N m] or [N]: what springs in joints take from the actuator.  q : (samples, nq).
+
+    The angle of a continuous joint is followed over the samples, from the one within half a turn at the first.
+    """
+    out = np.zeros((len(q), mechanism.nv))
+    for joint in mechanism.joints:
+        if joint.stiffness:
+            own = q[:, mechanism.q_slices[joint.name]]
+            place = np.unwrap(np.arctan2(own[:, 1], own[:, 0])) if joint.kind == "continuous" else own[:, 0]
+            out[:, mechanism.v_slices[joint.name].start] = joint.stiffness * (place - joint.rest)
+    return out
+
+
 def _per_coordinate(mechanism: Mechanism, name: str) -> Array:
     return np.array([getattr(j, name) for j in mechanism.joints for _ in range(j.nv)], dtype=np.float64)
