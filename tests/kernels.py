@@ -1,0 +1,81 @@
+"""Compiled doors to kernels that Python cannot call, and the central difference that tests compare with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.beam import element_gradient, element_tangent, nodal_forces, relative
+from flexinv.compiled import jit
+from flexinv.eliminate import solve_dense, solve_tree
+from flexinv.integrate import advance, follow, predict
+from flexinv.march import evaluate
+from flexinv.rotations import coefficients, inverse_coefficient, inverse_tangent
+from flexinv.vectors import put_block, vec
+
+Array = NDArray[np.float64]
+STEP = 1e-3
+# Error of `derivative` relative to the size of f and its derivatives: rounding 1.5 eps/STEP is 3e-13 for f known to an
+# eps, a few operations make it ten; truncation STEP^4/30 f^(5) is 3e-14 times a fifth derivative.
+DIFFERENCE = 5e-12
+
+
+def derivative(f: Callable[[float], Array]) -> Array:
+    """f'(0) by the fourth-order central difference."""
+    near, far = f(STEP) - f(-STEP), f(2 * STEP) - f(-2 * STEP)
+    return np.asarray((8 * near - far) / (12 * STEP))
+
+
+@jit
+def element(k, count, e, z, internal, tangent):
+    """Evaluate one element whose poses stand in z; return its energy."""
+    relative(count, z)
+    energy = element_gradient(k, count, e, z, internal, True)
+    nodal_forces(count, z)
+    element_tangent(count, z, tangent)
+    return energy
+
+
+@jit
+def linearise(t, e, c, s, j, f, d, loads, work):
+    """Residual and linearisation at the present unknowns; -1 or the element that turned too much."""
+    return evaluate(t, e, c, s, j, f, d, loads, work, True)
+
+
+@jit
+def eliminate(t, e, d, work, y):
+    """Solve the linearisation on the tree."""
+    solve_tree(t, e, d, work, y)
+
+
+@jit
+def dense(a, size, wide):
+    """Solve the first ``size`` columns for the others in place."""
+    solve_dense(a, size, wide)
+
+
+@jit
+def inverse_tangent_one(psi, out):
+    """H(psi)^-1 into out (3, 3)."""
+    put_block(out, 0, 0, inverse_tangent(vec(psi)))
+
+
+@jit
+def all_coefficients(s):
+    """A, A', A'', B, B', B'', c, c' at s."""
+    return coefficients(s), inverse_coefficient(s)
+
+
+@jit
+def oscillate(t, c, s, x, squared):
+    """Steps of u' = -squared x for every unknown; x (steps + 1, unknowns) holds the start in its first row."""
+    for step in range(1, x.shape[0]):
+        predict(c, s)
+        for k in range(x.shape[1]):
+            s.d[k] -= (s.du[k] + squared * (x[step - 1, k] + s.d[k])) / (c.ca + squared)
+        follow(c, s)
+        for k in range(x.shape[1]):
+            x[step, k] = x[step - 1, k] + s.d[k]
+        advance(t, c, s)
