@@ -13,7 +13,7 @@ preload, and lambda follows (of least norm where constraints are redundant).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,6 +75,30 @@ def closed_near(mesh: Mesh, guess: Array) -> Array:
         return np.tile(guess, (len(time), 1)), rest, rest
 
     return _Follower(mesh, constraint_rows(mesh), still, free, length).start(0.0, guess)
+
+
+# A joint that is found further than this from its stated start is on another branch, or the start is a slip of the pen.
+FAR = 1.0  # [rad]
+
+
+def check_branch(mechanism: Mechanism, start: Iterable[str], guess: Array, q: Array) -> None:
+    """Raise ConvergenceError unless the joints whose ``start`` was stated are found near their guess (nq,) [rad].
+
+    The other joints have no guess to keep to.
+    """
+    for name in start:
+        joint, own = mechanism.joint_of[name], mechanism.q_slices[name]
+        if joint.kind not in ("revolute", "continuous", "universal"):
+            continue
+        a, b = (np.arctan2(x[1], x[0])[None] if joint.kind == "continuous" else x for x in (guess[own], q[own]))
+        off = np.abs((b - a + np.pi) % (2 * np.pi) - np.pi)
+        worst = int(np.argmax(off))
+        if off[worst] > FAR:
+            raise ConvergenceError(
+                f"mechanism '{mechanism.name}', t = 0 s: the loops close on another branch: joint '{name}' at "
+                f"{np.degrees(b[worst]):.1f} deg, {np.degrees(off[worst]):.0f} deg from its start of "
+                f"{np.degrees(a[worst]):.1f} deg; give starts of the passive joints that belong together, start = {{...}}"
+            )
 
 
 def _rank(matrix: Array) -> int:

@@ -16,6 +16,7 @@ from flexinv.errors import InputError
 from flexinv.evaluate import evaluate, rigid_trajectory
 from flexinv.integrate import generalized_alpha
 from flexinv.kinematics import JointHistory, Progress, flexible_motion
+from flexinv.loops import check_branch
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import build
 from flexinv.motion import Motion
@@ -71,7 +72,9 @@ def solve(
     scheme = generalized_alpha(float(step), spectral_radius)
     q, qd, qdd = right(time)
     if mechanism.closures:
-        return closed_solution(mesh, right, time, passive, settings)
+        closed = closed_solution(mesh, right, time, passive, settings)
+        check_branch(mechanism, start or {}, q[0], closed.q[0])
+        return closed
     if mechanism.is_rigid and not passive:
         applied = applied_forces(mesh, rigid_motion(mesh, q, qd, qdd), time)
         trajectory = rigid_trajectory(mesh, q, qd, qdd, applied)
