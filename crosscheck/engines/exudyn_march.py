@@ -25,6 +25,7 @@ TREE, DAE, ANCF, EXACT = "exudyn", "exudyn-dae", "exudyn-ancf", "exudyn-ge"
 # Measured on the paper's arms, see tests/test_engine_exudyn_beams.py.
 STEPS = {True: 8000, False: 4000}
 ELEMENTS = 16
+ELEMENTS_ANCF_BEAM = 12  # its Jacobian is numerical and slow
 # Of Newton's increments, relative to the first one and absolute; they shrink linearly, so this leaves some 1e-9.  Looser
 # ones leave spikes in reactions of index 3 (1e-8: 4e-3 of the range, single samples).  A run that stalls is repeated with
 # ten times the tolerance, and the record says which one held.
@@ -60,15 +61,17 @@ class Choice:
 def choose(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Choice:
     """Return how a case is run; every refinement doubles the elements and halves the step [s].
 
-    In the plane index 2 for smooth motions: it has no transient where the jerk jumps, but rings for ever after jumps of
-    the acceleration.  Those, and everything in space, take index 3 with a spectral radius of 0.5, which settles
+    In the plane index 2 for smooth motions from rest: it has no transient where the jerk jumps, but rings for ever
+    after jumps of the acceleration (and after a start in motion, whose accelerations the engine does not know).
+    Those, and everything in space, take index 3 with a spectral radius of 0.5, which settles
     within some 20 steps (at 0.9 within some hundred).  Beams in space are of low order: they run twice, the second
     time with twice the elements and half the step, for the extrapolation.
     """
     plane = exudyn_planar.plane_of(mechanism, layout_of(mechanism, case))
     flat = not isinstance(plane, str)
     finer = 2 ** int(options.get("refinement", 0))
-    elements = int(options.get("elements", ELEMENTS)) * finer
+    usual = ELEMENTS_ANCF_BEAM if engine == ANCF and not flat else ELEMENTS
+    elements = int(options.get("elements", usual)) * finer
     wanted = float(options.get("step", case.end / STEPS[flat])) / finer
     moving = any(rate.any() for rate in case.motion.evaluate(mechanism, np.zeros(1))[1:])
     resting = case.initial == "static"
@@ -76,7 +79,7 @@ def choose(mechanism: Mechanism, case: Case, engine: str, options: Options) -> C
         end=(len(sample_times(case)) - 1) * case.sample,
         step=step_size(case.step if case.motion.jumps else case.sample, wanted),
         sample=case.sample,
-        index2=flat and not case.motion.jumps,
+        index2=flat and not case.motion.jumps and not moving,
         spectral_radius=0.5,
         tolerance=NEWTON,
         extrapolate=moving or (engine == ANCF and not flat and not resting),

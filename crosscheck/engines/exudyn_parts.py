@@ -21,7 +21,7 @@ class Model:
 
     mbs : the system (container keeps it alive); ground : its ground object
     body, node : object and node number of the body of a group; beam : node numbers along a beam
-    joint : object numbers of the connectors of a joint; lock : of what holds a beam's root
+    joint : object numbers of the connectors of a joint; lock : of what holds a beam's root; closure : of a closure's
     """
 
     container: Any
@@ -32,6 +32,7 @@ class Model:
     beam: dict[str, list[Any]] = field(default_factory=dict)
     joint: dict[str, tuple[Any, ...]] = field(default_factory=dict)
     lock: dict[str, Any] = field(default_factory=dict)
+    closure: dict[str, Any] = field(default_factory=dict)
     drivers: list[Driver] = field(default_factory=list)
 
 
@@ -42,12 +43,14 @@ class Outcome:
     pose : of every group (samples, 3) [m] and (samples, 3, 3) [-]; end : of every beam (samples, 3) [m]
     wrench : by moving joint (samples, 6) [N], [N m], on the child, at the joint, in the child's frame
     root : the same of the lock of a beam's root, on the beam, in its root frame
+    closure : the same of closures, on the second frame, there, along its axes
     """
 
     pose: dict[int, Poses]
     end: dict[str, Array]
     wrench: dict[str, Array]
     root: dict[str, Array]
+    closure: dict[str, Array] = field(default_factory=dict)
 
 
 def empty() -> Model:

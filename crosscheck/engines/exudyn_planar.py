@@ -38,11 +38,12 @@ from exudyn.itemInterface import (
     SensorObject,
 )
 
+from crosscheck.engines import exudyn_closing
 from crosscheck.engines.exudyn_frames import Array, compose, frame_along, joint_q, scalar_coordinate, turn
 from crosscheck.engines.exudyn_layout import Frame, Layout, Mesh, mesh
 from crosscheck.engines.exudyn_parts import Model, Outcome, empty, homogeneous, weigh
 from crosscheck.engines.exudyn_solve import Driver, Key, Plan, Sensors, Table, solve
-from flexinv.mechanism import Beam, Mechanism, Placement
+from flexinv.mechanism import Beam, Closure, Force, Mechanism, Placement
 
 OUT = exu.OutputVariableType
 Z = np.array([0.0, 0.0, 1.0])
@@ -69,7 +70,8 @@ def plane_of(mechanism: Mechanism, layout: Layout) -> Array | str:
             return f"the axis of joint {name} is not parallel to the others"
     if abs(mechanism.gravity @ normal) > IN_PLANE * np.linalg.norm(mechanism.gravity):
         return "gravity leans out of the plane"
-    reason = _leaning(mechanism, layout, normal) or _stacked(layout, normal)
+    reason = _leaning(mechanism, layout, normal) or exudyn_closing.planar(mechanism, layout, normal, IN_PLANE)
+    reason = reason or _stacked(mechanism, layout, normal)
     return reason or frame_along(normal)[:, [1, 2, 0]]
 
 
@@ -89,9 +91,10 @@ def _leaning(mechanism: Mechanism, layout: Layout, normal: Array) -> str | None:
     return None
 
 
-def _stacked(layout: Layout, normal: Array) -> str | None:
+def _stacked(mechanism: Mechanism, layout: Layout, normal: Array) -> str | None:
     """Return that joints, beams and masses lie at different heights over the plane, or None."""
     points = [layout.start(f).position for f in [*layout.joint.values(), *layout.root.values()]]
+    points += exudyn_closing.points(mechanism, layout)
     points += [g.start.position + g.start.rotation @ g.inertia.com for g in layout.groups[1:] if g.inertia.mass]
     if np.ptp(np.array(points) @ normal) > IN_PLANE * np.linalg.norm(points, axis=1).max():
         return "joints, beams and masses lie at different heights over the plane"
@@ -100,7 +103,10 @@ def _stacked(layout: Layout, normal: Array) -> str | None:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A planar model: layout, plane P, cable or geometrically exact, number of elements, and the engine's system."""
+    """A planar model: layout, plane P, cable or geometrically exact, number of elements, and the engine's system.
+
+    free : joints without a driver, which closures move
+    """
 
     mechanism: Mechanism
     layout: Layout
@@ -108,6 +114,7 @@ class Drawing:
     cable: bool
     elements: int
     model: Model
+    free: frozenset[str] = frozenset()
 
     def flat(self, frame: Frame) -> tuple[Array, float]:
         """Return position (3,) [m] and angle of the x axis [rad] of a frame in the plane, at the start."""
@@ -120,9 +127,11 @@ class Drawing:
         return p, float(np.arctan2(x[1], x[0]))
 
 
-def build(mechanism: Mechanism, layout: Layout, plane: Array, cable: bool, elements: int) -> Drawing:
+def build(
+    mechanism: Mechanism, layout: Layout, plane: Array, cable: bool, elements: int, free: frozenset[str] = frozenset()
+) -> Drawing:
     """Return an assembled planar system; the drivers wait for their motion."""
-    d = Drawing(mechanism, layout, plane, cable, elements, empty())
+    d = Drawing(mechanism, layout, plane, cable, elements, empty(), free)
     zero = d.model.mbs.AddNode(NodePointGround())
     d.model.node[0] = zero
     for index in range(1, len(layout.groups)):
@@ -133,8 +142,20 @@ def build(mechanism: Mechanism, layout: Layout, plane: Array, cable: bool, eleme
     for joint in mechanism.joints:
         if joint.nv:
             _add_joint(d, joint.name)
+    for closure in mechanism.closures:
+        ends = [_marker(d, exudyn_closing.frame_of(layout, at, np.eye(3))) for at in (closure.first, closure.second)]
+        d.model.closure[closure.name] = d.model.mbs.AddObject(ObjectJointRevolute2D(markerNumbers=ends))
+    exudyn_closing.load(d.model, mechanism, layout, lambda frame: _marker(d, frame), lambda force: _load_axes(d, force))
     d.model.mbs.Assemble()
     return d
+
+
+def _load_axes(d: Drawing, force: Force) -> Array:
+    """Return what turns the table of a force into the axes of its load: those of the plane, or of its marker."""
+    if not force.follower:
+        return d.plane.T
+    frame = exudyn_closing.frame_of(d.layout, force.at, np.eye(3))
+    return np.asarray(turn(Z, -d.flat(frame)[1]) @ d.plane.T @ d.layout.start(frame).rotation)
 
 
 def _add_body(d: Drawing, index: int) -> None:
@@ -171,6 +192,9 @@ def _add_joint(d: Drawing, name: str) -> None:
     child = next(k for k, g in enumerate(d.layout.groups) if g.joint == name)
     markers = [_marker(d, seat), _marker(d, Frame(child, Placement()))]
     pin = mbs.AddObject(ObjectJointRevolute2D(markerNumbers=markers))
+    if name in d.free:
+        d.model.joint[name] = (pin,)
+        return
     angles = [
         mbs.AddMarker(MarkerNodeCoordinate(nodeNumber=d.model.node[k], coordinate=2 if k else 0))
         for k in (seat.group, child)
@@ -243,6 +267,8 @@ def run(d: Drawing, plan: Plan, q: Array, qd: Array) -> Outcome:
     """
     moving = [j for j in d.mechanism.joints if j.nv]
     for joint in moving:
+        if joint.name in d.free:
+            continue
         sign = float(d.plane[:, 2] @ d.layout.start(d.layout.joint[joint.name]).rotation @ joint.axis)
         angle = sign * scalar_coordinate(joint, joint_q(d.mechanism, joint, q))
         rate = sign * qd[:, d.mechanism.v_slices[joint.name]][:, 0]
@@ -255,6 +281,7 @@ def run(d: Drawing, plan: Plan, q: Array, qd: Array) -> Outcome:
         end={name: _world(d, d.layout.root[name], seen["end", name]) for name in d.model.beam},
         wrench={j.name: _wrench(d, j.name, pose, seen) for j in moving},
         root={name: -seen["lock", name] for name in d.model.lock},
+        closure={c.name: _reaction(d, c, pose, seen) for c in d.mechanism.closures},
     )
 
 
@@ -269,8 +296,9 @@ def _sensors(d: Drawing) -> tuple[Sensors, Sensors]:
     states: dict[Key, Any] = {("pose", index): (d.model.node[index], OUT.Coordinates) for index in d.model.body}
     states |= {("end", name): (numbers[-1], OUT.Position) for name, numbers in d.model.beam.items()}
     items: dict[Key, Any] = {("lock", name): (number, OUT.ForceLocal) for name, number in d.model.lock.items()}
-    for name, (pin, motor) in d.model.joint.items():
-        items |= {("pin", name): (pin, OUT.Force), ("motor", name): (motor, OUT.Force)}
+    items |= {("closure", name): (number, OUT.Force) for name, number in d.model.closure.items()}
+    for name, numbers in d.model.joint.items():
+        items |= {(part, name): (number, OUT.Force) for part, number in zip(("pin", "motor"), numbers, strict=False)}
     motions = {
         k: add(SensorNode(nodeNumber=n, outputVariableType=v, storeInternal=True)) for k, (n, v) in states.items()
     }
@@ -302,6 +330,14 @@ def _wrench(d: Drawing, name: str, pose: dict[int, tuple[Array, Array]], seen: d
     """Return force [N] and moment [N m] on the child at the joint in the child's frame, (samples, 6)."""
     child = next(k for k, g in enumerate(d.layout.groups) if g.joint == name)
     force = -seen["pin", name] * (1, 1, 0) @ d.plane.T
-    moment = -seen["motor", name] * d.plane[:, 2]
+    moment = np.zeros_like(force) if name in d.free else -seen["motor", name] * d.plane[:, 2]
     both = np.stack([force, moment], axis=1)  # (sample, force or moment, xyz)
     return np.asarray(both @ pose[child][1]).reshape(len(both), 6)
+
+
+def _reaction(d: Drawing, closure: Closure, pose: dict[int, tuple[Array, Array]], seen: dict[Key, Array]) -> Array:
+    """Return force [N] and moment [N m], which is none, on the second frame of a closure along its axes, (samples, 6)."""
+    frame = exudyn_closing.frame_of(d.layout, closure.second, np.eye(3))
+    force = -seen["closure", closure.name] * (1, 1, 0) @ d.plane.T
+    own = np.einsum("sji,sj->si", pose[frame.group][1] @ frame.placement.rotation, force)  # (sample, xyz of the frame)
+    return np.hstack([own, np.zeros_like(own)])

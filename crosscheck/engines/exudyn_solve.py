@@ -6,7 +6,9 @@ solver); ``./solution`` is written by default (off); a static solution evaluates
 instead of the time (they are taken off for it); the console is used from C++ (off, and put back); the multipliers at
 t = 0 come from C q'' = 0 without the acceleration that the motion prescribes (static ones or ``Plan.extrapolate``);
 Newton stops on its residual, which in index 3 leaves up to 1e-2 of the range in reactions and stalls at its rounding
-where stricter (here it stops on its increment: no spikes, no stalls, often faster).
+where stricter (here it stops on its increment: no spikes, no stalls); but that increment does not see the multipliers,
+so that with a Jacobian kept from another position a mechanism at rest converges at once, to wrong reactions (here the
+Jacobian is renewed once per step).
 """
 
 from __future__ import annotations
@@ -126,7 +128,7 @@ def settings(plan: Plan) -> Any:
     t.adaptiveStep = False
     t.generalizedAlpha.spectralRadius = plan.spectral_radius
     t.generalizedAlpha.computeInitialAccelerations = True
-    t.newton.useModifiedNewton = True
+    t.newton.useModifiedNewton = t.newton.modifiedNewtonJacUpdatePerStep = True
     s.staticSolver.newton.useModifiedNewton = False
     for solver in (t.newton, s.staticSolver.newton):
         solver.residualMode = 1

@@ -23,7 +23,9 @@ What ``ANCFBeam`` of 1.13.6 does otherwise than its name says (read in CObjectAN
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import exudyn as exu
@@ -44,6 +46,7 @@ from exudyn.itemInterface import (
     SensorObject,
 )
 
+from crosscheck.engines import exudyn_closing
 from crosscheck.engines.exudyn_frames import (
     Array,
     compose,
@@ -57,7 +60,7 @@ from crosscheck.engines.exudyn_frames import (
 from crosscheck.engines.exudyn_layout import Frame, Layout, Mesh, mesh
 from crosscheck.engines.exudyn_parts import Model, Outcome, Poses, empty, homogeneous, weigh
 from crosscheck.engines.exudyn_solve import Driver, Key, Plan, Sensors, Table, solve
-from flexinv.mechanism import WORLD, Beam, Joint, Mechanism, Placement
+from flexinv.mechanism import WORLD, Beam, Closure, Joint, Mechanism, Placement
 
 OUT = exu.OutputVariableType
 MOMENT_SIGNS = np.array([-1.0, 1.0, 1.0])
@@ -66,13 +69,17 @@ LOCKED = [1, 1, 1, 1, 1, 1]
 
 @dataclass(frozen=True)
 class Drawing:
-    """A spatial model: layout, ANCF or geometrically exact, number of elements, and the engine's system."""
+    """A spatial model: layout, ANCF or geometrically exact, number of elements, and the engine's system.
+
+    free : joints without a driver, which closures move
+    """
 
     mechanism: Mechanism
     layout: Layout
     ancf: bool
     elements: int
     model: Model
+    free: frozenset[str] = frozenset()
 
     def child(self, joint: str) -> int:
         """Return the group that a joint carries."""
@@ -90,9 +97,19 @@ def unsupported(mechanism: Mechanism) -> str | None:
     return None
 
 
-def build(mechanism: Mechanism, layout: Layout, ancf: bool, elements: int) -> Drawing:
-    """Return an assembled spatial system; the drivers wait for their motion."""
-    d = Drawing(mechanism, layout, ancf, elements, empty())
+def build(
+    mechanism: Mechanism,
+    layout: Layout,
+    ancf: bool,
+    elements: int,
+    free: frozenset[str] = frozenset(),
+    held: Mapping[str, list[int]] = MappingProxyType({}),
+) -> Drawing:
+    """Return an assembled spatial system; the drivers wait for their motion.
+
+    free : joints without a driver; held : which of its six equations [-] every closure keeps
+    """
+    d = Drawing(mechanism, layout, ancf, elements, empty(), free)
     for index in range(1, len(layout.groups)):
         _add_body(d, index)
     for link in mechanism.beams:
@@ -101,6 +118,9 @@ def build(mechanism: Mechanism, layout: Layout, ancf: bool, elements: int) -> Dr
     for joint in mechanism.joints:
         if joint.nv:
             _add_joint(d, joint)
+    for closure in mechanism.closures:
+        _add_closure(d, closure, held[closure.name])
+    exudyn_closing.load(d.model, mechanism, layout, lambda frame: _marker(d, frame), lambda force: np.eye(3))
     d.model.mbs.Assemble()
     return d
 
@@ -141,6 +161,9 @@ def _axes(joint: Joint) -> Array:
 
 
 def _add_joint(d: Drawing, joint: Joint) -> None:
+    if joint.name in d.free:
+        _add_free_joint(d, joint)
+        return
     mbs, seat, child = d.model.mbs, d.layout.joint[joint.name], d.child(joint.name)
     axes = Placement(np.zeros(3), _axes(joint))
     start = _relative(d, seat, child)
@@ -154,6 +177,29 @@ def _add_joint(d: Drawing, joint: Joint) -> None:
     if slides:
         objects.append(mbs.AddObject(ObjectJointGeneric(markerNumbers=markers, constrainedAxes=[1, 0, 0, 0, 0, 0])))
     d.model.joint[joint.name] = tuple(objects)
+
+
+def _ends(d: Drawing, one: Joint | Closure) -> tuple[Frame, Frame]:
+    """Return the frames of the two markers of a joint without a driver or of a closure."""
+    zero, axes = exudyn_closing.marker_axes(one)
+    if isinstance(one, Closure):
+        return exudyn_closing.frame_of(d.layout, one.first, zero), exudyn_closing.frame_of(d.layout, one.second, axes)
+    seat = d.layout.joint[one.name]
+    turned = Frame(seat.group, compose(seat.placement, Placement(np.zeros(3), zero)))
+    return turned, Frame(d.child(one.name), Placement(np.zeros(3), axes))
+
+
+def _add_free_joint(d: Drawing, joint: Joint) -> None:
+    held = exudyn_closing.HELD[joint.kind]
+    markers = [_marker(d, end) for end in _ends(d, joint)]
+    made = ObjectJointGeneric(markerNumbers=markers, constrainedAxes=list(held))
+    d.model.joint[joint.name] = (d.model.mbs.AddObject(made),) if any(held) else ()
+
+
+def _add_closure(d: Drawing, closure: Closure, held: list[int]) -> None:
+    markers = [_marker(d, end) for end in _ends(d, closure)]
+    made = ObjectJointGeneric(markerNumbers=markers, constrainedAxes=held)
+    d.model.closure[closure.name] = d.model.mbs.AddObject(made)
 
 
 def _relative(d: Drawing, seat: Frame, child: int) -> Placement:
@@ -221,6 +267,8 @@ def run(d: Drawing, plan: Plan, q: Array) -> Outcome:
     """Integrate and return what moved and what it took.  q : (steps + 1, nq), the motion at every step."""
     moving = [j for j in d.mechanism.joints if j.nv]
     for joint in moving:
+        if joint.name in d.free:
+            continue
         own = joint_q(d.mechanism, joint, q)
         for number, rows in zip(d.model.joint[joint.name], _offsets(d, joint, own), strict=True):
             d.model.drivers.append(Driver(number, _user_function(plan, rows)))
@@ -231,6 +279,7 @@ def run(d: Drawing, plan: Plan, q: Array) -> Outcome:
         end={name: seen["end", name] for name in d.model.beam},
         wrench={j.name: _wrench(d, j, pose, seen) for j in moving},
         root={name: -seen["lock", name] for name in d.model.lock},
+        closure={c.name: _reaction(d, c, pose, seen) for c in d.mechanism.closures},
     )
 
 
@@ -265,7 +314,9 @@ def _sensors(d: Drawing) -> tuple[Sensors, Sensors]:
     items: dict[Key, Any] = {("lock", name): (number, OUT.ForceLocal) for name, number in d.model.lock.items()}
     for name, numbers in d.model.joint.items():
         items |= {("force", name, k): (number, OUT.ForceLocal) for k, number in enumerate(numbers)}
-        items["moment", name] = (numbers[0], OUT.TorqueLocal)
+        items |= {("moment", name): (number, OUT.TorqueLocal) for number in numbers[:1]}
+    for name, number in d.model.closure.items():
+        items |= {("force", name, 0): (number, OUT.ForceLocal), ("moment", name): (number, OUT.TorqueLocal)}
     reactions = {
         k: add(SensorObject(objectNumber=n, outputVariableType=v, storeInternal=True)) for k, (n, v) in items.items()
     }
@@ -281,6 +332,8 @@ def _pose(d: Drawing, index: int, seen: dict[Key, Array]) -> Poses:
 
 def _wrench(d: Drawing, joint: Joint, pose: dict[int, Poses], seen: dict[Key, Array]) -> Array:
     """Return force [N] and moment [N m] on the child at the joint in the child's frame, (samples, 6)."""
+    if joint.name in d.free:
+        return _reaction(d, joint, pose, seen)
     seat, child = d.layout.joint[joint.name], d.child(joint.name)
     axes = _axes(joint)
     force = -sum(seen["force", joint.name, k] for k in range(len(d.model.joint[joint.name])))
@@ -288,3 +341,13 @@ def _wrench(d: Drawing, joint: Joint, pose: dict[int, Poses], seen: dict[Key, Ar
     to_child = np.swapaxes(pose[child][1], 1, 2) @ marker
     moment = MOMENT_SIGNS * seen["moment", joint.name]
     return np.hstack([np.einsum("sij,sj->si", to_child, force), moment @ axes.T])  # (sample, component)
+
+
+def _reaction(d: Drawing, one: Joint | Closure, pose: dict[int, Poses], seen: dict[Key, Array]) -> Array:
+    """Return what a joint without a driver or a closure puts on its second frame, along that frame's axes, (samples, 6)."""
+    first, second = (pose[end.group][1] @ end.placement.rotation for end in _ends(d, one))
+    if ("moment", one.name) not in seen:
+        return np.zeros((len(first), 6))
+    wrench = exudyn_closing.wrench_of(seen["force", one.name, 0], seen["moment", one.name], first, second)
+    own = second @ exudyn_closing.marker_axes(one)[1].T
+    return np.hstack([np.einsum("sji,sj->si", own, part) for part in (wrench[:, :3], wrench[:, 3:])])

@@ -1,0 +1,153 @@
+"""What closes loops and acts on bodies in Exudyn: connectors of joints and closures, springs, loads.
+
+    connector     ``ObjectJointGeneric``: marker 0 on the parent or first frame, marker 1 on the child or second one, x along
+                  the free axis.  Its multipliers are those of x0 . d, y0 . d, z0 . d (d between the markers' points) and
+                  of z0 . y1, z0 . x1, x0 . y1; so on the child at marker 1, u of marker 0 and w of marker 1:
+                      F = -sum u lambda,   M = -sum (w x u) lambda
+    redundant     Equations that others imply (out of a loop's plane, say) would make its matrix singular: they are left
+                  out, found by our own Jacobian at one position of the motion.  Reactions are then not unique.
+    spring        ``ObjectConnectorSpringDamper``
+    load          ``Force`` and ``Torque`` at a marker of the attachment; bodyFixed means along the marker's axes (measured)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from exudyn.itemInterface import Force as ForceLoad
+from exudyn.itemInterface import ObjectConnectorSpringDamper, Torque
+from scipy.linalg import qr
+
+from crosscheck.engines import exudyn_chain
+from crosscheck.engines.applied import wrench_at
+from crosscheck.engines.assembly import REDUNDANT, Moving, direction_row, position_row
+from crosscheck.engines.base import sample_times
+from crosscheck.engines.exudyn_frames import Array, compose, frame_along
+from crosscheck.engines.exudyn_layout import Frame, Layout
+from crosscheck.engines.exudyn_parts import Model
+from flexinv.case import Case
+from flexinv.mechanism import Attachment, Closure, Force, Joint, Mechanism, Placement
+
+# Equations of a connector by the kind of joint or closure: x, y, z of marker 0, then z0 . y1, z0 . x1, x0 . y1.
+HELD = {
+    "fixed": (1, 1, 1, 1, 1, 1),
+    "revolute": (1, 1, 1, 0, 1, 1),
+    "continuous": (1, 1, 1, 0, 1, 1),
+    "prismatic": (0, 1, 1, 1, 1, 1),
+    "cylindrical": (0, 1, 1, 0, 1, 1),
+    "universal": (1, 1, 1, 0, 0, 1),
+    "spherical": (1, 1, 1, 0, 0, 0),
+    "point-on-line": (0, 1, 1, 0, 0, 0),
+    "free": (0, 0, 0, 0, 0, 0),
+}
+TURNS = ((2, 1), (2, 0), (0, 1))  # columns of u in marker 0 and of w in marker 1
+
+
+def marker_axes(one: Joint | Closure) -> tuple[Array, Array]:
+    """Return the axes (3, 3) [-] of marker 0 and marker 1 in the two frames of a joint or closure."""
+    if one.kind != "universal":
+        axes = frame_along(one.axis)
+        return axes, axes
+    y, x, z = frame_along(one.second_axis, one.axis).T
+    return frame_along(one.axis, one.second_axis), np.stack([x, y, -z], axis=1)
+
+
+def frame_of(layout: Layout, at: Attachment, axes: Array) -> Frame:
+    """Return the frame of an attachment, turned by ``axes`` (3, 3) [-]."""
+    link = layout.link[at.link]
+    return Frame(link.group, compose(link.placement, compose(at.placement, Placement(np.zeros(3), axes))))
+
+
+def wrench_of(force: Array, torque: Array, first: Array, second: Array) -> Array:
+    """Return force [N] and moment [N m] on the second frame in the world, (samples, 6).
+
+    force, torque : (samples, 3) multipliers; first, second : (samples, 3, 3) axes of the markers in the world
+    """
+    moment = np.zeros_like(torque)
+    for k, (u, w) in enumerate(TURNS):
+        moment -= np.cross(second[:, :, w], first[:, :, u]) * torque[:, k : k + 1]
+    return np.hstack([-np.einsum("sij,sj->si", first, force), moment])
+
+
+# -------------------------------------------------------------------------------------------------------- redundancy
+
+
+def independent(mechanism: Mechanism, case: Case) -> dict[str, list[int]]:
+    """Return which of its six equations each closure keeps (1 or 0) [-], so that none follows from the others."""
+    time = sample_times(case)
+    q = exudyn_chain.closed_motion(mechanism, case, time[: len(time) // 3 + 1])[0][-1]
+    pairs = exudyn_chain.Tree(mechanism, case).pairs(q, np.zeros(mechanism.nv))
+    table = [(c.name, k, row) for c, pair in zip(mechanism.closures, pairs, strict=True) for k, row in _rows(c, *pair)]
+    _, r, order = qr(np.array([row for _, _, row in table]).T, mode="economic", pivoting=True)
+    sizes = np.abs(np.diag(r))
+    kept = set(order[: int((sizes > REDUNDANT * sizes[0]).sum())])
+    held = {c.name: [0] * 6 for c in mechanism.closures}
+    for index, (name, k, _) in enumerate(table):
+        held[name][k] = int(index in kept)
+    return held
+
+
+def _rows(closure: Closure, first: Moving, second: Moving) -> list[tuple[int, Array]]:
+    """Return the equations that a closure's connector holds and their Jacobians (nv,)."""
+    zero, one = (m.r @ axes for m, axes in zip((first, second), marker_axes(closure), strict=True))
+    made = [(k, position_row(first, second, zero[:, k])[1]) for k in range(3)]
+    made += [(3 + k, direction_row(first, second, zero[:, u], one[:, w])[1]) for k, (u, w) in enumerate(TURNS)]
+    return [(k, row) for k, row in made if HELD[closure.kind][k]]
+
+
+def planar(mechanism: Mechanism, layout: Layout, normal: Array, in_plane: float) -> str | None:
+    """Return which closure, spring or force is not its own mirror image in the plane, or None.  normal : (3,) [-]"""
+    for closure in mechanism.closures:
+        if closure.kind not in ("revolute", "spherical"):
+            return f"closure {closure.name} is {closure.kind}"
+        for at in (closure.first, closure.second):
+            axis = layout.start(frame_of(layout, at, np.eye(3))).rotation @ closure.axis
+            if closure.kind == "revolute" and np.linalg.norm(np.cross(axis, normal)) > in_plane:
+                return f"the axis of closure {closure.name} is not parallel to the others"
+    for force in mechanism.forces:
+        turn = layout.start(frame_of(layout, force.at, np.eye(3))).rotation if force.follower else np.eye(3)
+        up, across = force.wrench[:, :3] @ (turn.T @ normal), np.cross(force.wrench[:, 3:], turn.T @ normal)
+        if max(np.abs(up).max(), np.abs(across).max()) > in_plane * np.abs(force.wrench).max():
+            return f"force {force.name} leans out of the plane"
+    return None
+
+
+def points(mechanism: Mechanism, layout: Layout) -> list[Array]:
+    """Return where closures, springs and forces attach at the start, (3,) [m] each."""
+    ends = [at for one in (*mechanism.closures, *mechanism.springs) for at in (one.first, one.second)]
+    ends += [force.at for force in mechanism.forces]
+    return [layout.start(frame_of(layout, at, np.eye(3))).position for at in ends]
+
+
+# -------------------------------------------------------------------------------------------------- springs, loads
+
+Marker = Callable[[Frame], Any]
+Axes = Callable[[Force], Array]
+
+
+def load(model: Model, mechanism: Mechanism, layout: Layout, marker: Marker, axes: Axes) -> None:
+    """Add springs and given forces [N], [N m]; axes : (3, 3) from the axes of a force's table to those of its load."""
+    for spring in mechanism.springs:
+        ends = [marker(frame_of(layout, at, np.eye(3))) for at in (spring.first, spring.second)]
+        model.mbs.AddObject(
+            ObjectConnectorSpringDamper(
+                markerNumbers=ends, referenceLength=spring.rest, stiffness=spring.stiffness, damping=spring.damping
+            )
+        )
+    for force in mechanism.forces:
+        frame = frame_of(layout, force.at, np.eye(3))
+        if frame.group == 0:
+            continue
+        seat = marker(frame)
+        for kind, part in ((ForceLoad, slice(0, 3)), (Torque, slice(3, 6))):
+            table = _table(force, part, axes(force))
+            vector = table(None, 0.0, None)
+            model.mbs.AddLoad(
+                kind(markerNumber=seat, loadVector=vector, bodyFixed=force.follower, loadVectorUserFunction=table)
+            )
+
+
+def _table(force: Force, part: slice, axes: Array) -> Callable[[Any, float, Any], list[float]]:
+    return lambda mbs, t, vector: list(axes @ wrench_at(force, t)[part])
