@@ -45,7 +45,7 @@ class State(NamedTuple):
     x, r : (nodes, 3), (nodes, 3, 3) pose at the start of the step: of independent nodes in the world, of passive joints
         in the parent's frame; d, u, du : (unknowns,) increment since then, velocity, acceleration [m, rad, s]
     pseudo : (unknowns,) the integrator's auxiliary acceleration at the start of the step
-    u0, du0 : (unknowns,) velocity and acceleration at the start of the step
+    u0, du0 : (unknowns,) velocity and acceleration at the start of the step; kept : (unknowns,) set aside
     """
 
     x: Array
@@ -56,6 +56,7 @@ class State(NamedTuple):
     pseudo: Array
     u0: Array
     du0: Array
+    kept: Array
 
 
 class Loads(NamedTuple):
@@ -68,11 +69,12 @@ class Loads(NamedTuple):
 class Work(NamedTuple):
     """Wrenches, residual and linearisation, allocated once.
 
-    wrench : (nodes, 6); dwrench : (nodes, columns, 6); residual : (unknowns,); diagonal : (blocks, columns, columns)
+    wrench : (nodes, 6); dwrench : (nodes, columns, 6); residual : (sides, unknowns), the first is it, the others belong to
+        the closures (`ties`); diagonal : (blocks, columns, columns)
     tangent : (elements, 6 count, 6 count); internal : (elements, points, 6); energy : (2,) elastic energy [J] and power [W]
     element : scratch of one element; own_x, own_t : (columns, 3), scratch of one passive joint
-    system : (rows, rows + columns + 1), scratch of one elimination
-    solved : (elements, rows, columns + 1) eliminated unknowns by those of the element's first block
+    system : (rows, rows + columns + sides), scratch of one elimination
+    solved : (elements, rows, columns + sides) eliminated unknowns by those of the element's first block
     """
 
     wrench: Array
@@ -247,7 +249,7 @@ def gather(t, s, f, j, d, work, cv, ca, want_tangent):
         columns = t.size[b] if want_tangent else 0
         if t.independent[n]:
             for i in range(6):
-                work.residual[t.offset[b] + i] = work.wrench[n, i]
+                work.residual[0, t.offset[b] + i] = work.wrench[n, i]
                 for k in range(columns):
                     work.diagonal[b, i, k] = work.dwrench[n, k, i]
             continue
@@ -280,7 +282,7 @@ def _passive_rows(n, m, b, columns, t, s, f, d, work, cv, ca):
         row, slide, turn = t.column[n] + i, vec(t.slide[n, i]), vec(t.turn[n, i])
         rate, soft = s.u[first + i], np.tanh(s.u[first + i] / FRICTION_RATE)
         own = t.rotor[n] * s.du[first + i] + t.damping[n] * rate + t.friction[n] * soft
-        work.residual[first + i] = dot(slide, force) + dot(turn, moment) + own
+        work.residual[0, first + i] = dot(slide, force) + dot(turn, moment) + own
         if columns == 0:
             continue
         for k in range(columns):

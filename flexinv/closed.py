@@ -1,20 +1,24 @@
-"""Closed loops of rigid links: motion from the closures, then the same inverse dynamics, closure forces among the nodal ones."""
+"""Closed loops: motion that keeps the closures, then the same inverse dynamics with closure forces among the nodal ones."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from flexinv.applied import applied_forces, joint_springs
+from flexinv.applied import applied_forces, check_no_springs, joint_springs
 from flexinv.closures import Rows, constraint_jacobian, constraint_rows, row_forces
 from flexinv.errors import InputError
 from flexinv.evaluate import evaluate, rigid_trajectory
+from flexinv.integrate import Scheme
 from flexinv.inverse import NodalForces, drive_efforts, joint_wrenches, nodal_forces, project
+from flexinv.kinematics import Progress, flexible_motion
 from flexinv.loops import JointHistory, closed_motion, share_out
 from flexinv.mechanism import WORLD, Array, Attachment
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
+from flexinv.passive import fill_passive
 from flexinv.rigid import rigid_motion
 from flexinv.solution import LoopForces, Solution
 
@@ -33,8 +37,7 @@ def closed_solution(
     """
     m = mesh.mechanism
     _check(mesh)
-    unknown = np.array([j.name in passive for j in m.joints for _ in range(j.nv)], dtype=bool)
-    q, qd, qdd = closed_motion(mesh, history, time, unknown, float(np.abs(mesh.offset).sum()) or 1.0)
+    q, qd, qdd = closed_motion(mesh, history, time, _coordinates(mesh, passive), _length(mesh))
     rows = constraint_rows(mesh)
     motion = rigid_motion(mesh, q, qd, qdd)
     acting = applied_forces(mesh, motion, time)
@@ -55,12 +58,60 @@ def closed_solution(
     return replace(solution, loops=LoopForces(reaction, shares.preload, shares.condition, shares.left))
 
 
+def flexible_closed_solution(
+    mesh: Mesh,
+    before: JointHistory,
+    after: JointHistory,
+    time: Array,
+    scheme: Scheme,
+    passive: set[str],
+    settings: dict[str, float | int | str | bool],
+    jumps: tuple[float, ...] = (),
+    progress: Progress | None = None,
+) -> Solution:
+    """Return the torques [N m], [N] of a mechanism with beams and closures over ``time`` (samples,) [s].
+
+    The loops are closed undeformed at the start; from there the march carries closures, passive joints and beams together.
+    Multipliers come with accelerations at every step, and act in the inverse dynamics as nodal forces.
+    before, after : as in `kinematics.flexible_motion`; raises as `closed_solution` and the march do.
+    """
+    _check(mesh)
+    m = mesh.mechanism
+    check_no_springs(m)
+    unknown = _coordinates(mesh, passive)
+    q0, qd0, qdd0 = closed_motion(mesh, after, time[:1], unknown, _length(mesh))
+
+    def started(at: Array) -> tuple[Array, Array, Array]:
+        q, qd, qdd = after(at)
+        if len(at) == 1 and at[0] == time[0]:
+            return q0, qd0, qdd0
+        return q, qd, qdd
+
+    initial = str(settings["initial"])
+    trajectory = flexible_motion(mesh, before, started, time, scheme, passive, jumps, initial, progress)
+    q, qd, qdd = after(time)
+    q[0] = q0[0]
+    fill_passive(mesh, trajectory.motion, passive, q, qd, qdd)
+    rows, motion = constraint_rows(mesh), trajectory.motion
+    closing = row_forces(motion, rows, trajectory.multipliers)
+    solution = evaluate(mesh, trajectory, time, q, qd, qdd, passive, settings, closing)
+    none = np.zeros((len(time), m.nv, 0))
+    reaction = _reactions(mesh, motion, rows, trajectory.multipliers)
+    return replace(solution, loops=LoopForces(reaction, none, np.ones(len(time)), solution.torque_all * ~m.actuated))
+
+
+def _coordinates(mesh: Mesh, names: set[str]) -> NDArray[np.bool_]:
+    """Which velocity coordinates, (nv,), belong to the named joints."""
+    return np.array([j.name in names for j in mesh.mechanism.joints for _ in range(j.nv)], dtype=bool)
+
+
+def _length(mesh: Mesh) -> float:
+    """What positions are measured against [m]."""
+    return float(np.abs(mesh.offset).sum()) or 1.0
+
+
 def _check(mesh: Mesh) -> None:
     m = mesh.mechanism
-    if not m.is_rigid:
-        raise InputError(
-            f"mechanism '{m.name}': closures with beam links are not solved yet; make the links of the loop rigid"
-        )
     timed = [c.name for c in m.closures if c.active]
     if timed:
         raise InputError(

@@ -20,7 +20,8 @@ from numba import njit
 
 # The modules whose text or constants are in the machine code.
 SOURCES = (
-    "assemble", "beam", "compiled", "eliminate", "integrate", "march", "rotations", "system", "tree", "vectors",
+    "assemble", "beam", "compiled", "eliminate", "integrate", "march", "rotations", "system", "ties", "tree",
+    "vectors",
 )  # fmt: skip
 
 

@@ -43,17 +43,23 @@ def _subtract_row(row, factor, other, first, last):
 
 @jit_inner
 def solve_tree(t, e, d, work, y):
-    """Solve linearisation y = -residual; y (unknowns,) [m], [rad].  Overwrites work.diagonal, work.residual."""
+    """Solve linearisation y = -residual for all right sides; y (sides, unknowns) [m], [rad].
+
+    Overwrites work.diagonal and work.residual (sides, unknowns).
+    """
+    sides = y.shape[0]
     for k in range(len(e.order) - 1, -1, -1):
-        _condense(t, e, d, work, k)
+        _condense(t, e, d, work, k, sides)
     roots, system = t.size[0], work.system
     for r in range(roots):
         for c in range(roots):
             system[r, c] = work.diagonal[0, r, c]
-        system[r, roots] = -work.residual[r]
-    solve_dense(system, roots, roots + 1)
+        for side in range(sides):
+            system[r, roots + side] = -work.residual[side, r]
+    solve_dense(system, roots, roots + sides)
     for r in range(roots):
-        y[r] = system[r, roots]
+        for side in range(sides):
+            y[side, r] = system[r, roots + side]
     for k in range(len(e.order)):
         _expand(t, e, work, y, k)
 
@@ -68,19 +74,20 @@ def _row(t, nodes, i):
 
 
 @jit_inner
-def _condense(t, e, d, work, k):
+def _condense(t, e, d, work, k, sides):
     """Solve for the element's own blocks in terms of its first block, and add what they do to it."""
     nodes, count, system, tangent = e.nodes[k], e.order[k] + 1, work.system, work.tangent[k]
     rows, columns = _row(t, nodes, count), t.size[t.block[nodes[0]]]
     for r in range(rows):
-        for c in range(rows + columns + 1):
+        for c in range(rows + columns + sides):
             system[r, c] = 0.0
     for i in range(1, count):
         b, at = t.block[nodes[i]], _row(t, nodes, i)
         for r in range(t.size[b]):
             for c in range(t.size[b]):
                 system[at + r, at + c] = work.diagonal[b, r, c]
-            system[at + r, rows + columns] = work.residual[t.offset[b] + r]
+            for side in range(sides):
+                system[at + r, rows + columns + side] = work.residual[side, t.offset[b] + r]
         for q in range(1, count):
             if q != i:
                 _copy_block(tangent, 6 * i, 6 * q, system, at, _row(t, nodes, q))
@@ -88,11 +95,11 @@ def _condense(t, e, d, work, k):
             by_x, by_t = vec(tangent[6 * i + r]), vec_at(tangent[6 * i + r], 3)
             for c in range(columns):
                 system[at + r, rows + c] = _by_root(by_x, by_t, nodes[0], c, d)
-    solve_dense(system, rows, rows + columns + 1)
+    solve_dense(system, rows, rows + columns + sides)
     for r in range(rows):
-        for c in range(columns + 1):
+        for c in range(columns + sides):
             work.solved[k, r, c] = system[r, rows + c]
-    _add_to_first(t, nodes, count, columns, tangent, d, work, k)
+    _add_to_first(t, nodes, count, columns, tangent, d, work, k, sides)
 
 
 @jit_inner
@@ -109,8 +116,8 @@ def _by_root(by_x, by_t, root, c, d):
 
 
 @jit_inner
-def _add_to_first(t, nodes, count, columns, tangent, d, work, k):
-    """Subtract from the first block's linearisation and residual what the eliminated unknowns do to it."""
+def _add_to_first(t, nodes, count, columns, tangent, d, work, k, sides):
+    """Subtract from the first block's linearisation and residuals what the eliminated unknowns do to it."""
     first = t.block[nodes[0]]
     for i in range(1, count):
         at = _row(t, nodes, i)
@@ -122,7 +129,8 @@ def _add_to_first(t, nodes, count, columns, tangent, d, work, k):
                 back = _by_root(by_x, by_t, nodes[0], r, d)
                 for c in range(columns):
                     work.diagonal[first, r, c] -= back * work.solved[k, at + q, c]
-                work.residual[t.offset[first] + r] -= back * work.solved[k, at + q, columns]
+                for side in range(sides):
+                    work.residual[side, t.offset[first] + r] -= back * work.solved[k, at + q, columns + side]
 
 
 @jit_inner
@@ -134,7 +142,8 @@ def _expand(t, e, work, y, k):
     for i in range(1, count):
         b, at = t.block[nodes[i]], _row(t, nodes, i)
         for r in range(t.size[b]):
-            value = -work.solved[k, at + r, columns]
-            for c in range(columns):
-                value -= work.solved[k, at + r, c] * y[o + c]
-            y[t.offset[b] + r] = value
+            for side in range(y.shape[0]):
+                value = -work.solved[k, at + r, columns + side]
+                for c in range(columns):
+                    value -= work.solved[k, at + r, c] * y[side, o + c]
+                y[side, t.offset[b] + r] = value

@@ -19,6 +19,7 @@ from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
 from flexinv.rigid import rigid_motion
 from flexinv.system import ElementArrays, Topology, element_arrays, topology
+from flexinv.ties import Ties, ties
 from flexinv.tree import Frames, Joints, Variation, carry_samples
 
 # Samples handed to the compiled loop at once: short enough for a live progress bar, long enough to cost nothing.
@@ -40,32 +41,33 @@ class Trajectory:
         inertia, loads and the elastic reactions of the beams that start there
     internal : (samples, elements, points, 6) stress resultants in the section frame [N], [N m]
     energy : (samples, 2) elastic energy [J] and its rate [W]; iterations : (samples,) of Newton
+    multipliers : (samples, rows) of the closures [N], [N m]
     """
 
     motion: NodalMotion
     wrench: Array
     internal: Array
     energy: Array
+    multipliers: Array
     iterations: NDArray[np.int64]
 
     def histories(self) -> tuple[Array, ...]:
-        """Return x, rotation, v, omega, a, alpha, wrench, internal, energy [m, rad, s, N, J]."""
+        """Return x, rotation, v, omega, a, alpha, wrench, internal, energy, multipliers [m, rad, s, N, J]."""
         m = self.motion
-        return m.x, m.rotation, m.v, m.omega, m.a, m.alpha, self.wrench, self.internal, self.energy
+        return m.x, m.rotation, m.v, m.omega, m.a, m.alpha, self.wrench, self.internal, self.energy, self.multipliers
 
     def rows(self, first: int, last: int) -> Trajectory:
         """Return the samples from ``first`` to before ``last``, not copied [m, rad, s, N, J]."""
         parts = [part[first:last] for part in self.histories()]
-        wrench, internal, energy = parts[6:]
-        return Trajectory(NodalMotion(*parts[:6]), wrench, internal, energy, self.iterations[first:last])
+        return Trajectory(NodalMotion(*parts[:6]), *parts[6:], self.iterations[first:last])
 
     @classmethod
-    def empty(cls, samples: int, mesh: Mesh) -> Trajectory:
+    def empty(cls, samples: int, mesh: Mesh, rows: int = 0) -> Trajectory:
         """Return histories to be filled [m, rad, s, N, J]."""
         points = mesh.elements.weight.shape
         return cls(
             NodalMotion.empty(samples, mesh.size), np.zeros((samples, mesh.size, 6)), np.zeros((samples, *points, 6)),
-            np.zeros((samples, 2)), np.zeros(samples, dtype=np.int64),
+            np.zeros((samples, 2)), np.zeros((samples, rows)), np.zeros(samples, dtype=np.int64),
         )  # fmt: skip
 
 
@@ -82,6 +84,7 @@ class Solver:
     work: Work
     loads: Loads
     increment: Array
+    ties: Ties
     instant: Trajectory
 
     @classmethod
@@ -90,15 +93,17 @@ class Solver:
         t = topology(mesh, passive)
         unknowns, widest = len(t.scale), max(int(t.size.max(initial=0)), 1)
         state = State(
-            np.zeros((mesh.size, 3)), np.tile(np.eye(3), (mesh.size, 1, 1)), *(np.zeros(unknowns) for _ in range(6))
+            np.zeros((mesh.size, 3)), np.tile(np.eye(3), (mesh.size, 1, 1)), *(np.zeros(unknowns) for _ in range(7))
         )
         vector = [np.zeros((mesh.size, 3)) for _ in range(5)]
         frames = Frames(vector[0], np.zeros((mesh.size, 3, 3)), *vector[1:])
         variation = Variation(*(np.zeros((mesh.size, widest, 3)) for _ in range(6)))
         loads = Loads(np.zeros((mesh.size, 6)), np.zeros((mesh.size, 6)))
-        work = _work(mesh, t, unknowns, widest)
-        increment, instant = np.zeros(unknowns), Trajectory.empty(1, mesh)
-        return cls(mesh, t, element_arrays(mesh), state, frames, variation, work, loads, increment, instant)
+        tied = ties(mesh, unknowns)
+        sides = 1 + len(tied.a)
+        work = _work(mesh, t, unknowns, widest, sides)
+        increment, instant = np.zeros((sides, unknowns)), Trajectory.empty(1, mesh, len(tied.a))
+        return cls(mesh, t, element_arrays(mesh), state, frames, variation, work, loads, increment, tied, instant)
 
     def march(self, scheme: Scheme, rel: Joints, out: Trajectory) -> tuple[int, int, int, float]:
         """Solve the instants of ``rel`` (samples, nodes, ...) one after the other [m, rad, s], filling ``out``.
@@ -106,8 +111,9 @@ class Solver:
         Return status, samples done, iterations or element, last relative increment [-].
         """
         status, sample, count, size = march(
-            self.topology, self.elements, scheme, self.state, self.frames, self.variation, self.loads, self.work,
-            self.increment, rel, Frames(*out.histories()[:6]), out.wrench, out.internal, out.energy, out.iterations,
+            self.topology, self.elements, self.ties, scheme, ACCELERATIONS, self.state, self.frames, self.variation,
+            self.loads, self.work, self.increment, rel, Frames(*out.histories()[:6]), out.wrench, out.internal, out.energy,
+            out.multipliers, out.iterations,
         )  # fmt: skip
         return int(status), int(sample), int(count), float(size)
 
@@ -133,13 +139,13 @@ class Solver:
         )
 
 
-def _work(mesh: Mesh, t: Topology, unknowns: int, widest: int) -> Work:
+def _work(mesh: Mesh, t: Topology, unknowns: int, widest: int, sides: int) -> Work:
     elements, count = mesh.elements.nodes.shape if mesh.elements.nodes.size else (0, 1)
     rows = max((_rows(t, mesh, k) for k in range(elements)), default=0)
     return Work(
         wrench=np.zeros((mesh.size, 6)),
         dwrench=np.zeros((mesh.size, widest, 6)),
-        residual=np.zeros(unknowns),
+        residual=np.zeros((sides, unknowns)),
         diagonal=np.zeros((len(t.size), widest, widest)),
         tangent=np.zeros((elements, 6 * count, 6 * count)),
         internal=np.zeros((elements, max(count - 1, 0), 6)),
@@ -147,8 +153,8 @@ def _work(mesh: Mesh, t: Topology, unknowns: int, widest: int) -> Work:
         element=Scratch.of(count),
         own_x=np.zeros((widest, 3)),
         own_t=np.zeros((widest, 3)),
-        system=np.zeros((max(rows, widest), max(rows, widest) + widest + 1)),
-        solved=np.zeros((elements, rows, widest + 1)),
+        system=np.zeros((max(rows, widest), max(rows, widest) + widest + sides)),
+        solved=np.zeros((elements, rows, widest + sides)),
     )
 
 
@@ -261,7 +267,7 @@ def flexible_motion(
     Raises ConvergenceError with the time, the size of the increment and what to try.
     """
     solver = Solver.of(mesh, passive or set())
-    out = Trajectory.empty(len(time), mesh)
+    out = Trajectory.empty(len(time), mesh, len(solver.ties.a))
     _begin(solver, after, time, initial, out)
     stops = _jump_samples(time, jumps)
     start = 1

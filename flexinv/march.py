@@ -8,6 +8,7 @@ from flexinv.assemble import add_elements, gather, node_wrenches, place
 from flexinv.compiled import jit, jit_inline, jit_inner
 from flexinv.eliminate import solve_tree
 from flexinv.integrate import ACCELERATION, DYNAMIC, advance, correct, predict
+from flexinv.ties import add_ties, solve_border, tie_rows, tie_sides
 from flexinv.tree import Joints
 from flexinv.vectors import mat, put, put_block, vec
 
@@ -24,33 +25,38 @@ CONVERGED, NOT_CONVERGED, TURNED_TOO_MUCH, NOT_FINITE = 0, 1, 2, 3
 
 
 @jit_inline
-def evaluate(t, e, c, s, j, f, d, loads, work, want_tangent):
+def evaluate(t, e, ties, c, s, j, f, d, loads, work, want_tangent):
     """Evaluate residual [N], [N m] (and linearisation) at the present unknowns; return -1 or the element that turned too much."""
     place(t, s, j, f, d, c.cv, c.ca, want_tangent)
     node_wrenches(t, f, d, loads, work, want_tangent)
+    tie_rows(ties, f, c.mode == ACCELERATION)
+    add_ties(ties, work.wrench)
     bad = add_elements(t, e, f, d, work, want_tangent)
     if bad < 0:
         gather(t, s, f, j, d, work, c.cv, c.ca, want_tangent)
+        if want_tangent:
+            tie_sides(t, ties, d, work.residual)
     return bad
 
 
 @jit_inline
-def newton(t, e, c, s, j, f, d, loads, work, y):
+def newton(t, e, ties, c, s, j, f, d, loads, work, y):
     """Solve one instant; return status, iterations (or the bad element), last relative increment [-]."""
     size, last = 0.0, False
     for iteration in range(MOST_ITERATIONS + 1):
-        bad = evaluate(t, e, c, s, j, f, d, loads, work, not last)
+        bad = evaluate(t, e, ties, c, s, j, f, d, loads, work, not last)
         if bad >= 0:
             return TURNED_TOO_MUCH, bad, size
-        if last or len(y) == 0:
+        if last or y.shape[1] == 0:
             return CONVERGED, iteration, size
         if c.mode == ACCELERATION:
             _weigh_massless(t, work.diagonal)
         solve_tree(t, e, d, work, y)
-        size = _largest(y, t.scale)
+        solve_border(ties, c.ca if c.mode == ACCELERATION else 1.0, y)
+        size = _largest(y[0], t.scale)
         if not np.isfinite(size):
             return NOT_FINITE, iteration, size
-        correct(t, c, s, y)
+        correct(t, c, s, y[0])
         last = size < INCREMENT or c.mode == ACCELERATION
     return NOT_CONVERGED, MOST_ITERATIONS, size
 
@@ -83,11 +89,14 @@ def _weigh_massless(t, diagonal):
 
 
 @jit
-def march(t, e, c, s, f, d, loads, work, y, rel, out, wrench, internal, energy, iterations):
+def march(t, e, ties, c, rates, s, f, d, loads, work, y, rel, out, wrench, internal, energy, multipliers, iterations):
     """Solve the instants of one chunk, in DYNAMIC mode step after step; fill the histories.
 
+    With closures every step has two phases: positions that meet them (scheme c), and then the accelerations and multipliers
+    that belong to that state (scheme ``rates``, index 1), which are what is recorded; the integrator goes on with its own.
+
     rel : Joints with a leading sample axis; out : x, r, v, w, a, al (samples, nodes, ...); wrench : (samples, nodes, 6)
-    internal : (samples, elements, points, 6); energy : (samples, 2); iterations : (samples,)
+    internal : (samples, elements, points, 6); energy : (samples, 2); multipliers : (samples, rows); iterations : (samples,)
     Return status, sample reached, element or iterations, last relative increment [-].
     """
     count, size = 0, 0.0
@@ -95,13 +104,39 @@ def march(t, e, c, s, f, d, loads, work, y, rel, out, wrench, internal, energy, 
         j = Joints(rel.p[sample], rel.dp[sample], rel.ddp[sample], rel.r[sample], rel.w[sample], rel.al[sample])
         if c.mode == DYNAMIC:
             predict(c, s)
-        status, count, size = newton(t, e, c, s, j, f, d, loads, work, y)
-        if status != CONVERGED:
-            return status, sample, count, size
+        for phase in range(2 if c.mode == DYNAMIC and len(ties.a) > 0 else 1):
+            if phase == 1:
+                keep(s, ties)
+            status, done, size = newton(t, e, ties, c if phase == 0 else rates, s, j, f, d, loads, work, y)
+            if status != CONVERGED:
+                return status, sample, done, size
+            count = done if phase == 0 else count
         record(sample, f, work, out, wrench, internal, energy)
+        for k in range(len(ties.a)):
+            multipliers[sample, k] = ties.multiplier[k]
         iterations[sample] = count
+        if phase == 1:
+            restore(s, ties)
         advance(t, c, s)
     return CONVERGED, rel.p.shape[0], count, size
+
+
+@jit_inner
+def keep(s, ties):
+    """Set aside the integrator's own accelerations and multipliers."""
+    for k in range(len(s.du)):
+        s.kept[k] = s.du[k]
+    for k in range(len(ties.a)):
+        ties.kept[k] = ties.multiplier[k]
+
+
+@jit_inner
+def restore(s, ties):
+    """Take back what `keep` set aside."""
+    for k in range(len(s.du)):
+        s.du[k] = s.kept[k]
+    for k in range(len(ties.a)):
+        ties.multiplier[k] = ties.kept[k]
 
 
 @jit_inner

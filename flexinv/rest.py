@@ -56,6 +56,11 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
             f"statics: q has shape {at.shape}, expected ({mechanism.nq},) finite numbers: {mechanism.coordinate_names}"
         )
     checked = [_checked(mechanism, load) for load in loads]
+    if mechanism.closures:
+        raise InputError(
+            f"statics: mechanism '{mechanism.name}' has closures, whose passive joints would have to give way: not solved yet; "
+            "write flexinv.solve(mechanism, motion, step=..., initial='static') with a motion at rest"
+        )
     mesh = build(_with_load_points(mechanism, checked))
     solver = Solver.of(mesh, set())
     for k, load in enumerate(checked):

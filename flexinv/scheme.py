@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import maximum_filter1d
 
 from flexinv.applied import applied_forces, check_no_springs
-from flexinv.closed import closed_solution
+from flexinv.closed import closed_solution, flexible_closed_solution
 from flexinv.differences import check_samples
 from flexinv.errors import InputError
 from flexinv.evaluate import evaluate, rigid_trajectory
@@ -71,10 +71,12 @@ def solve(
     mesh = build(mechanism)
     scheme = generalized_alpha(float(step), spectral_radius)
     q, qd, qdd = right(time)
-    if mechanism.closures:
+    if mechanism.closures and mechanism.is_rigid:
         closed = closed_solution(mesh, right, time, passive, settings)
         check_branch(mechanism, start or {}, q[0], closed.q[0])
         return closed
+    if mechanism.closures:
+        return flexible_closed_solution(mesh, history, right, time, scheme, passive, settings, motion.jumps, progress)
     if mechanism.is_rigid and not passive:
         applied = applied_forces(mesh, rigid_motion(mesh, q, qd, qdd), time)
         trajectory = rigid_trajectory(mesh, q, qd, qdd, applied)
