@@ -57,7 +57,7 @@ def _check_carried_once(joints: Sequence[Joint], where: Where) -> None:
         if first != joint.name:
             given = f'child = "{joint.child}", which joint {first} carries already'
             expected = "a tree: one joint carries each link; what closes a loop is a closure"
-            advice = f"[closures.{joint.name}] with kind, first and second instead of [joints.{joint.name}]"
+            advice = f"[closures.{joint.name}] with kind, first and second in a mechanism file instead of this joint"
             raise InputError(complaint(where("joint", joint.name, "child"), given, expected, advice))
 
 

@@ -197,8 +197,12 @@ def _root(links: dict[str, Inertia | None], joints: list[Joint], robot: Element,
         if roots
         else "a joint carries every link: a cycle"
     )
-    expected = "a tree with one root link; closed loops are not supported yet"
-    advice = "a fixed joint between the separate parts" if roots else "the loop cut at one joint"
+    expected = "a tree with one root link; what closes a loop is a closure of a mechanism file"
+    advice = (
+        "a fixed joint between the separate parts"
+        if roots
+        else "the loop cut at one joint, and [closures.NAME] beside [urdf] for it"
+    )
     raise InputError(complaint(place(path, robot), given, expected, advice))
 
 

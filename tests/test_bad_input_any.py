@@ -24,7 +24,7 @@ from flexinv.mechanism_file_urdf import robots_folder
 from flexinv.urdf import from_urdf
 
 README = (Path(__file__).resolve().parent.parent / "models" / "README.md").read_text(encoding="utf-8")
-NATIVE, URDF, CASES = re.findall(r"^```toml\n(.*?)^```$", README, re.M | re.S)
+NATIVE, LOOP, URDF, CASES = re.findall(r"^```toml\n(.*?)^```$", README, re.M | re.S)
 JUNK: list[Any] = [
     *(0, -1, 1, 1.5, 1e308, -1e308, 1e-320, 10**30, 10**320, float("nan"), float("inf"), True, False),
     *("", "x", "world", "\u0000", "é" * 50, "tube", [], {}, [[]], [{}], {"a": 1}, [0, 0, 0], [1, 2, 3], ["a", "b"]),
@@ -83,7 +83,7 @@ def write(path: Path, document: dict[str, Any]) -> None:
     path.write_text("\n".join(f"{json.dumps(k)} = {toml(v)}" for k, v in document.items()), encoding="utf-8")
 
 
-@pytest.mark.parametrize("text", [NATIVE, URDF], ids=["native", "urdf"])
+@pytest.mark.parametrize("text", [NATIVE, LOOP, URDF], ids=["native", "loop", "urdf"])
 def test_any_mechanism(tmp_path: Path, text: str) -> None:
     chance, document = random.Random(7), tomllib.loads(text)
     count = 0
