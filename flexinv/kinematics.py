@@ -59,7 +59,9 @@ class Trajectory:
     def rows(self, first: int, last: int) -> Trajectory:
         """Return the samples from ``first`` to before ``last``, not copied [m, rad, s, N, J]."""
         parts = [part[first:last] for part in self.histories()]
-        return Trajectory(NodalMotion(*parts[:6]), *parts[6:], self.iterations[first:last])
+        wrench, internal, energy, multipliers = parts[6:]
+        motion = NodalMotion(*parts[:6])
+        return Trajectory(motion, wrench, internal, energy, multipliers, self.iterations[first:last])
 
     @classmethod
     def empty(cls, samples: int, mesh: Mesh, rows: int = 0) -> Trajectory:

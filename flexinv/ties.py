@@ -34,7 +34,7 @@ class Ties(NamedTuple):
     direction : (rows,); a, b : (rows,) nodes; place_a, place_b [m], u, w : (rows, 3) in the nodes' frames
     multiplier : (rows,) [N], [N m]; value : (rows,) phi, or phi'' when accelerations are solved for
     gradient : (rows, 12) by the motion of a (world, own frame) and of b
-    sides : (rows, unknowns) -G^T by unknowns; border : (rows, rows + 1); order : (rows,) scratch of the pivoting; step, kept : (rows,)
+    sides : (rows, unknowns) -G^T by unknowns; border : (rows, rows + 1); order, step, kept : (rows,) scratch
     """
 
     direction: NDArray[np.bool_]
@@ -59,9 +59,22 @@ def ties(mesh: Mesh, unknowns: int) -> Ties:
     rows = constraint_rows(mesh)
     n = len(rows)
     return Ties(
-        rows.direction, rows.a, rows.b, rows.place_a, rows.place_b, rows.u, rows.w,
-        np.zeros(n), np.zeros(n), np.zeros((n, 12)), np.zeros((n, unknowns)), np.zeros((n, n + 1)), np.zeros(n, dtype=np.int64), np.zeros(n), np.zeros(n),
-    )  # fmt: skip
+        direction=rows.direction,
+        a=rows.a,
+        b=rows.b,
+        place_a=rows.place_a,
+        place_b=rows.place_b,
+        u=rows.u,
+        w=rows.w,
+        multiplier=np.zeros(n),
+        value=np.zeros(n),
+        gradient=np.zeros((n, 12)),
+        sides=np.zeros((n, unknowns)),
+        border=np.zeros((n, n + 1)),
+        order=np.zeros(n, dtype=np.int64),
+        step=np.zeros(n),
+        kept=np.zeros(n),
+    )
 
 
 @jit_inner
