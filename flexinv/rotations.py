@@ -23,12 +23,13 @@ Array = NDArray[np.float64]
 
 # Power series in s = t^2: A = sum (-s)^k / (2k+2)!, B = sum (-s)^k / (2k+3)!, c = sum |B_2k| s^(k-1) / (2k)!.
 # They replace the closed forms for small angles, where the second derivatives would cancel to nothing.  At the
-# limit below the first neglected term and the cancellation of the closed form are both under 1e-13 relative.
+# limits below the first neglected term and the cancellation of the closed form are both under 1e-13 relative.
 _A = np.array([(-1.0) ** k / factorial(2 * k + 2) for k in range(12)])
 _B = np.array([(-1.0) ** k / factorial(2 * k + 3) for k in range(12)])
 _BERNOULLI = (1 / 6, 1 / 30, 1 / 42, 1 / 30, 5 / 66, 691 / 2730, 7 / 6, 3617 / 510, 43867 / 798, 174611 / 330)
 _C = np.array([b / factorial(2 * k + 2) for k, b in enumerate(_BERNOULLI)])
-SERIES_LIMIT = 1.0  # [rad^2]
+SERIES_LIMIT = 4.0  # [rad^2] for A and B
+INVERSE_SERIES_LIMIT = 1.0  # [rad^2] for c, whose series converges for s < 4 pi^2 only
 
 
 @jit_inner
@@ -63,7 +64,7 @@ def coefficients(s):
 @jit
 def inverse_coefficient(s):
     """Return c = 1/t^2 - (1 + cos t)/(2 t sin t) and dc/ds, s = t^2 [rad^2]: H^-1 = I + skew/2 + c skew^2."""
-    if s < SERIES_LIMIT:
+    if s < INVERSE_SERIES_LIMIT:
         c, c1, _ = _series(_C, s)
         return c, c1
     t = np.sqrt(s)

@@ -8,6 +8,7 @@ import pytest
 from kernels import DIFFERENCE, all_coefficients, derivative, inverse_tangent_one
 
 from flexinv.rotations import (
+    INVERSE_SERIES_LIMIT,
     SERIES_LIMIT,
     about_axis,
     about_axis_cs,
@@ -103,11 +104,14 @@ def exact(s: float) -> list[float]:
         return [float(value) for value in (*a, *b, *c)]
 
 
-@pytest.mark.parametrize("s", [1e-12, 0.3, 0.999999 * SERIES_LIMIT, 1.000001 * SERIES_LIMIT, 2.0, 6.25])
-def test_series_and_closed_forms_meet_at_the_limit(s: float) -> None:
+LIMITS = [np.nextafter(SERIES_LIMIT, 0.0), SERIES_LIMIT, np.nextafter(INVERSE_SERIES_LIMIT, 0.0), INVERSE_SERIES_LIMIT]
+
+
+@pytest.mark.parametrize("s", [1e-12, 0.3, 2.0, 6.25, *LIMITS])
+def test_series_and_closed_forms_meet_at_the_limits(s: float) -> None:
     (got_a, got_c) = all_coefficients(s)
-    # The series' first neglected terms at s = 1: 1/26! of A, (2 pi)^-20 = 1e-16 of c and ten times that of c'.  Closed forms
-    # lose at s = 1 as many eps as the value is larger than the derivative: B/B'' = 420.
+    # First neglected terms: of A 4^12 2!/26!, 2e-19; of c' 11 (2 pi)^-20, 1e-15.  Closed forms lose where they begin as many
+    # eps as the value over s is larger than the derivative: B / (16 B'') = 27, c / c' = 60, a few times over.
     np.testing.assert_allclose([*got_a, *got_c], exact(s), rtol=1e-13)
 
 
