@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from crosscheck.engines import flexinv as engine
 from crosscheck.engines.base import sample_times
 from crosscheck.record import Record, check
-from flexinv.case import Case
+from flexinv.case import Case, load_cases
 from flexinv.mechanism import Mechanism
 from flexinv.mechanism_file import load_mechanism
 from flexinv.motion import Motion
@@ -52,6 +53,23 @@ def test_flexible_torques_and_tips_have_error_bars(flexible: tuple[Mechanism, Ca
     assert record.series["wrench/hub/mz"].error is None
     plain = engine.run(mechanism, one, "flexinv", {"error": False})
     assert plain.series["torque/hub"].error is None
+
+
+def test_joints_without_a_drive_in_a_loop_give_nothing(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What rounding leaves there has no range to be compared with; anything larger is shown."""
+    mechanism = load_mechanism(root / "models" / "slider_crank")
+    one = replace(load_cases(root / "models" / "slider_crank", mechanism)["turns"], step=0.02, sample=0.02)
+    record = engine.run(mechanism, one, "flexinv", {})
+    check(record, sample_times(one))
+    assert np.abs(record.series["torque/main"].values).max() > 1.0
+    for name in ("crank_pin", "slide"):
+        assert np.abs(record.series[f"torque/{name}"].values).max() == 0.0
+    left = record.settings["largest effort left at passive joints [N m], [N]"]
+    assert isinstance(left, float)
+    assert 0.0 < left < 1e-12
+    monkeypatch.setattr(engine, "ROUNDING", 1e-16)
+    told = engine.run(mechanism, one, "flexinv", {}).series
+    assert max(np.abs(told[f"torque/{name}"].values).max() for name in ("crank_pin", "slide")) == left
 
 
 def test_rigid_mechanisms_and_unactuated_bases_have_every_torque(root: Path) -> None:

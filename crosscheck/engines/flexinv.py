@@ -25,6 +25,9 @@ from flexinv.mechanism import Mechanism
 from flexinv.scheme import solve
 from flexinv.solution import Solution
 
+# Of the largest torque: closure forces cancel at passive joints up to rounding, which conditions of up to 1e6 enlarge.
+ROUNDING = 1e-9
+
 
 def version() -> str:
     """Return the version of flexinv."""
@@ -83,10 +86,12 @@ def settings(mechanism: Mechanism, solution: Solution) -> dict[str, object]:
     """Return what was used, and what the solution says of itself."""
     meshes = {link.name: f"{b.elements} x order {b.order}" for link in mechanism.links if (b := link.beam) is not None}
     marched = {"Newton iterations per step": float(solution.iterations.mean())} if meshes else {}
+    closed = {"largest effort left at passive joints [N m], [N]": left_over(solution)} if mechanism.closures else {}
     return {
         **solution.settings,
         **meshes,
         **marched,
+        **closed,
         "largest power residual [W]": float(np.abs(solution.power_residual).max()),
         "largest momentum residual [N], [N m]": float(np.abs(solution.momentum_residual).max()),
     }
@@ -111,13 +116,24 @@ def all_series(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[st
 
 
 def torques(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, Series]:
-    """Return the effort of every coordinate [N m] or [N], with error bars where there is an actuator."""
-    made = torque_series(mechanism, solution.torque_all[rows])
+    """Return the effort of every coordinate [N m] or [N], with error bars where there is an actuator.
+
+    Joints without a drive in loops give nothing; what rounding leaves there is not compared but in the settings.
+    """
+    effort = solution.torque_all[rows].copy()
+    if mechanism.closures and left_over(solution) <= ROUNDING * np.abs(effort).max():
+        effort[:, ~mechanism.actuated] = 0.0
+    made = torque_series(mechanism, effort)
     if solution.torque_error is not None:
         for k, name in enumerate(solution.torque_names):
             one = made[f"torque/{name}"]
             made |= series(one.name, one.unit, one.values, solution.torque_error[rows, k])
     return made
+
+
+def left_over(solution: Solution) -> float:
+    """Return the largest effort at coordinates without a drive [N m], [N]."""
+    return float(np.abs(solution.unactuated).max(initial=0.0))
 
 
 def tip_bars(solution: Solution, link: str, rows: slice) -> np.ndarray | None:
