@@ -39,9 +39,9 @@ def element(k, count, e, z, internal, tangent):
 
 
 @jit
-def linearise(t, e, c, s, j, f, d, loads, work):
+def linearise(t, e, ties, c, s, j, f, d, loads, work):
     """Residual and linearisation at the present unknowns; -1 or the element that turned too much."""
-    return evaluate(t, e, c, s, j, f, d, loads, work, True)
+    return evaluate(t, e, ties, c, s, j, f, d, loads, work, True)
 
 
 @jit

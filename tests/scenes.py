@@ -86,9 +86,9 @@ class Scene:
         s.state.u[:] = self.u + h * SCHEME.cv * turned
         s.state.du[:] = self.du + h * SCHEME.ca * turned
         joints = Joints(*(part.copy() for part in self.joints))
-        bad = linearise(s.topology, s.elements, SCHEME, s.state, joints, s.frames, s.variation, s.loads, s.work)
+        bad = linearise(s.topology, s.elements, s.ties, SCHEME, s.state, joints, s.frames, s.variation, s.loads, s.work)
         assert bad == -1
-        return Frames(*(part.copy() for part in s.frames)), s.work.residual.copy()
+        return Frames(*(part.copy() for part in s.frames)), s.work.residual[0].copy()
 
     def rates(self) -> Array:
         """What increments (dx, theta, dq) make of d: rotation vectors change by H^-1 theta."""
@@ -113,6 +113,6 @@ def scene(mechanism: Mechanism) -> Scene:
     qd, qdd = rng.normal(size=(2, mechanism.nv))
     start_undeformed(solver, mechanism.neutral, qd, qdd)
     solver.loads.dead[:], solver.loads.follower[:] = rng.normal(size=(2, *solver.loads.dead.shape))
-    unknowns = len(solver.increment)
+    unknowns = solver.increment.shape[1]
     joints = instant(solver.mesh, mechanism.neutral, qd, qdd)
     return Scene(solver, joints, *(0.2 * rng.normal(size=(3, unknowns))))

@@ -57,8 +57,9 @@ def test_elimination_equals_the_dense_solution(mechanism: Mechanism) -> None:
     solver = case.solver
     residual = case.at(np.zeros(len(case.d)), 0.0)[1]
     matrix = assembled(case)
-    y = np.zeros(len(case.d))
-    eliminate(solver.topology, solver.elements, solver.variation, solver.work, y)
+    solution = np.zeros((1, len(case.d)))
+    eliminate(solver.topology, solver.elements, solver.variation, solver.work, solution)
+    y = solution[0]
     expected = np.linalg.solve(matrix, -residual)
     # backward stable solvers agree to the condition of the matrix
     assert np.abs(y - expected).max() < np.linalg.cond(matrix) * EPS * np.abs(expected).max()
