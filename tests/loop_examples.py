@@ -108,6 +108,8 @@ def slider_crank(cut: str) -> Example:
 def spatial() -> Example:
     """Crank, universal joint, coupler, ball, rocker: axes crossed in space, no constraint redundant."""
     links = (rod("crank", 0.1, 0.3), rod("coupler", 0.55, 0.5), rod("rocker", 0.35, 0.4))
+    beside = replace(links[1].bodies[0], name="beside", inertia=Inertia(0.3, np.array([0.25, 0.06, -0.04])))
+    links = (links[0], replace(links[1], bodies=(*links[1].bodies, beside)), links[2])
     tilt = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # the rocker turns about x
     joints = (
         Joint("A", "revolute", WORLD, "crank"),

@@ -118,13 +118,14 @@ def rows_of(closures: tuple[Closure, ...], pairs: list[tuple[Moving, Moving]]) -
     rows: list[tuple[Any, ...]] = []
     for index, (closure, (first, second)) in enumerate(zip(closures, pairs, strict=True)):
         positions, directions = equations(closure)
-        rows += [(*_position(first, second, first.r @ u), index) for u in positions]
-        rows += [(*_direction(first, second, first.r @ u, second.r @ w), index) for u, w in directions]
+        rows += [(*position_row(first, second, first.r @ u), index) for u in positions]
+        rows += [(*direction_row(first, second, first.r @ u, second.r @ w), index) for u, w in directions]
     phi, g, bias, force, moment, owner = (np.array(column) for column in zip(*rows, strict=True))
     return Rows(phi, g, bias, owner, force, moment)
 
 
-def _position(first: Moving, second: Moving, u: Array) -> tuple[Any, ...]:
+def position_row(first: Moving, second: Moving, u: Array) -> tuple[Any, ...]:
+    """Return phi [m], its Jacobian (nv,), its bias, force and moment of u . (x_2 - x_1) = 0; u : (3,) [-], world."""
     d, v, a = second.x - first.x, second.v - first.v, second.a - first.a
     turned = np.cross(first.w, u)
     g = u @ (second.linear - first.linear) + np.cross(u, d) @ first.angular
@@ -132,7 +133,8 @@ def _position(first: Moving, second: Moving, u: Array) -> tuple[Any, ...]:
     return u @ d, g, bias, u, np.zeros(3)
 
 
-def _direction(first: Moving, second: Moving, u: Array, w: Array) -> tuple[Any, ...]:
+def direction_row(first: Moving, second: Moving, u: Array, w: Array) -> tuple[Any, ...]:
+    """Return phi [-], its Jacobian (nv,), its bias, force and moment of u . w = 0; u, w : (3,) [-], world."""
     u1, w1 = np.cross(first.w, u), np.cross(second.w, w)
     u2 = np.cross(first.alpha, u) + np.cross(first.w, u1)
     w2 = np.cross(second.alpha, w) + np.cross(second.w, w1)

@@ -1,7 +1,8 @@
 """Exudyn: rigid mechanisms by its kinematic tree or in time, flexible ones by two beam formulations in time.
 
     exudyn        rigid trees, every joint kind: KinematicTree66, tau = M qdd + f (exact, no time integration)
-    exudyn-dae    the same mechanisms in redundant coordinates, every joint a prescribed constraint, in time
+    exudyn-dae    the same mechanisms in redundant coordinates, every joint a prescribed constraint, in time; also closed
+                  loops, springs and forces (`exudyn_loops`)
     exudyn-ancf   absolute nodal coordinates: ANCFCable2D in the plane, ANCFBeam in space
     exudyn-ge     geometrically exact: BeamGeometricallyExact2D (3 nodes) in the plane, BeamGeometricallyExact in space
 
@@ -16,7 +17,7 @@ import time as clock
 
 import exudyn as exu
 
-from crosscheck.engines import exudyn_planar, exudyn_rigid, exudyn_spatial
+from crosscheck.engines import exudyn_loops, exudyn_planar, exudyn_rigid, exudyn_spatial
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.exudyn_march import DAE, TREE, Made, in_time, layout_of
 from crosscheck.engines.exudyn_solve import quiet
@@ -35,14 +36,18 @@ def abilities() -> str:
     """Return one sentence: what Exudyn can do here."""
     return (
         "Rigid inverse dynamics of every joint kind (KinematicTree66, or in time); flexible and mixed trees in time "
-        "with prescribed joints, by ANCF (cable in the plane, beam in space) or geometrically exact beams."
+        "with prescribed joints, by ANCF (cable in the plane, beam in space) or geometrically exact beams; rigid closed "
+        "loops, springs and forces in time (exudyn-dae)."
     )
 
 
 def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return why Exudyn cannot do this case, or None."""
-    if (reason := beyond_a_tree(mechanism) or missing_motion(mechanism, case)) is not None:
-        return reason
+    beyond = beyond_a_tree(mechanism)
+    if beyond and engine == DAE:
+        return exudyn_loops.unsupported(mechanism, case)
+    if (reason := beyond or missing_motion(mechanism, case)) is not None:
+        return f"{reason}; see {DAE}" if beyond and mechanism.is_rigid else reason
     names = ", ".join(link.name for link in mechanism.beams)
     if engine in (TREE, DAE):
         if names:
@@ -62,7 +67,7 @@ def _unsupported(mechanism: Mechanism, case: Case) -> str | None:
 def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
     """Return torque [N m] or [N], wrench [N], [N m], tip, deflection [m] and axial [N] on the sample times."""
     with quiet():
-        made = _tree(mechanism, case) if engine == TREE else in_time(mechanism, case, engine, options)
+        made = _made(mechanism, case, engine, options)
     return Record(
         engine=engine,
         version=version(),
@@ -72,6 +77,14 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
         wall_time=made.wall,
         model_hash=fingerprint(mechanism),
     )
+
+
+def _made(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Made:
+    if engine == TREE:
+        return _tree(mechanism, case)
+    if beyond_a_tree(mechanism):
+        return exudyn_loops.in_time(mechanism, case, options)
+    return in_time(mechanism, case, engine, options)
 
 
 def _tree(mechanism: Mechanism, case: Case) -> Made:

@@ -1,24 +1,24 @@
 """What closes loops and acts on bodies in Exudyn: connectors of joints and closures, springs, loads.
 
-    connector     ``ObjectJointGeneric``: marker 0 on the parent or first frame, marker 1 on the child or second one, x along
-                  the free axis.  Its multipliers are those of x0 . d, y0 . d, z0 . d (d between the markers' points) and
-                  of z0 . y1, z0 . x1, x0 . y1; so on the child at marker 1, u of marker 0 and w of marker 1:
-                      F = -sum u lambda,   M = -sum (w x u) lambda
-    redundant     Equations that others imply (out of a loop's plane, say) would make its matrix singular: they are left
-                  out, found by our own Jacobian at one position of the motion.  Reactions are then not unique.
-    spring        ``ObjectConnectorSpringDamper``
-    load          ``Force`` and ``Torque`` at a marker of the attachment; bodyFixed means along the marker's axes (measured)
+connector     ``ObjectJointGeneric``: marker 0 on the parent or first frame, marker 1 on the child or second one, x along
+              the free axis.  Its multipliers are those of x0 . d, y0 . d, z0 . d (d between the markers' points) and
+              of pairs u . w of their axes that depend on how many turns are held (`turns`); so on the child at
+              marker 1, u of marker 0 and w of marker 1:   F = -sum u lambda,   M = -sum (w x u) lambda
+redundant     Equations that others imply (out of a loop's plane, say) would make its matrix singular: they are left
+              out, found by our own Jacobian at one position of the motion.  Reactions are then not unique.
+spring        ``ObjectConnectorSpringDamper``
+load          ``Force`` and ``Torque`` at a marker of the attachment; bodyFixed means along the marker's axes (measured)
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 from exudyn.itemInterface import Force as ForceLoad
 from exudyn.itemInterface import ObjectConnectorSpringDamper, Torque
-from scipy.linalg import qr
 
 from crosscheck.engines import exudyn_chain
 from crosscheck.engines.applied import wrench_at
@@ -30,7 +30,7 @@ from crosscheck.engines.exudyn_parts import Model
 from flexinv.case import Case
 from flexinv.mechanism import Attachment, Closure, Force, Joint, Mechanism, Placement
 
-# Equations of a connector by the kind of joint or closure: x, y, z of marker 0, then z0 . y1, z0 . x1, x0 . y1.
+# Axes that a connector holds by the kind of joint or closure: along x, y, z of marker 0, about x, y, z.
 HELD = {
     "fixed": (1, 1, 1, 1, 1, 1),
     "revolute": (1, 1, 1, 0, 1, 1),
@@ -42,7 +42,21 @@ HELD = {
     "point-on-line": (0, 1, 1, 0, 0, 0),
     "free": (0, 0, 0, 0, 0, 0),
 }
-TURNS = ((2, 1), (2, 0), (0, 1))  # columns of u in marker 0 and of w in marker 1
+X, Y, Z = range(3)
+
+
+def turns(held: Sequence[int]) -> list[tuple[int, int, int]]:
+    """Return index of the multiplier, column of u in marker 0, column of w in marker 1 of the turns held [-].
+
+    Source: exudyn, ObjectJointGeneric, "Connector constraint equations"; those that it gives by example alone are cyclic.
+    """
+    about = [k for k in range(3) if held[3 + k]]
+    if len(about) == 3:
+        return [(X, Z, Y), (Y, Z, X), (Z, X, Y)]
+    if len(about) == 2:
+        free = ({X, Y, Z} - set(about)).pop()
+        return [(k, free, w) for k, w in zip(about, about, strict=True)]
+    return [(k, (k + 1) % 3, (k + 2) % 3) for k in about]
 
 
 def marker_axes(one: Joint | Closure) -> tuple[Array, Array]:
@@ -60,13 +74,13 @@ def frame_of(layout: Layout, at: Attachment, axes: Array) -> Frame:
     return Frame(link.group, compose(link.placement, compose(at.placement, Placement(np.zeros(3), axes))))
 
 
-def wrench_of(force: Array, torque: Array, first: Array, second: Array) -> Array:
+def wrench_of(held: Sequence[int], force: Array, torque: Array, first: Array, second: Array) -> Array:
     """Return force [N] and moment [N m] on the second frame in the world, (samples, 6).
 
     force, torque : (samples, 3) multipliers; first, second : (samples, 3, 3) axes of the markers in the world
     """
     moment = np.zeros_like(torque)
-    for k, (u, w) in enumerate(TURNS):
+    for k, u, w in turns(held):
         moment -= np.cross(second[:, :, w], first[:, :, u]) * torque[:, k : k + 1]
     return np.hstack([-np.einsum("sij,sj->si", first, force), moment])
 
@@ -75,26 +89,36 @@ def wrench_of(force: Array, torque: Array, first: Array, second: Array) -> Array
 
 
 def independent(mechanism: Mechanism, case: Case) -> dict[str, list[int]]:
-    """Return which of its six equations each closure keeps (1 or 0) [-], so that none follows from the others."""
+    """Return which axes (1 or 0) [-] every closure holds, so that no equation follows from the others.
+
+    Closure by closure, of all choices with the rank that the closure adds the best conditioned one.
+    """
     time = sample_times(case)
     q = exudyn_chain.closed_motion(mechanism, case, time[: len(time) // 3 + 1])[0][-1]
     pairs = exudyn_chain.Tree(mechanism, case).pairs(q, np.zeros(mechanism.nv))
-    table = [(c.name, k, row) for c, pair in zip(mechanism.closures, pairs, strict=True) for k, row in _rows(c, *pair)]
-    _, r, order = qr(np.array([row for _, _, row in table]).T, mode="economic", pivoting=True)
-    sizes = np.abs(np.diag(r))
-    kept = set(order[: int((sizes > REDUNDANT * sizes[0]).sum())])
-    held = {c.name: [0] * 6 for c in mechanism.closures}
-    for index, (name, k, _) in enumerate(table):
-        held[name][k] = int(index in kept)
-    return held
+    kept, chosen = np.zeros((0, mechanism.nv)), {}
+    for closure, pair in zip(mechanism.closures, pairs, strict=True):
+        full = HELD[closure.kind]
+        missing = _rank(np.vstack([kept, _rows(closure, full, *pair)])) - len(kept)
+        choices = [
+            [int(k in axes) for k in range(6)] for axes in combinations([k for k in range(6) if full[k]], missing)
+        ]
+        stacks = [np.vstack([kept, _rows(closure, held, *pair)]) for held in choices]
+        best = int(np.argmax([np.linalg.svd(stack, compute_uv=False)[-1] for stack in stacks]))
+        chosen[closure.name], kept = choices[best], stacks[best]
+    return chosen
 
 
-def _rows(closure: Closure, first: Moving, second: Moving) -> list[tuple[int, Array]]:
-    """Return the equations that a closure's connector holds and their Jacobians (nv,)."""
+def _rank(rows: Array) -> int:
+    return int(np.linalg.matrix_rank(rows, rtol=REDUNDANT))
+
+
+def _rows(closure: Closure, held: Sequence[int], first: Moving, second: Moving) -> Array:
+    """Return the Jacobian (rows, nv) of the equations of a closure's connector that holds these axes."""
     zero, one = (m.r @ axes for m, axes in zip((first, second), marker_axes(closure), strict=True))
-    made = [(k, position_row(first, second, zero[:, k])[1]) for k in range(3)]
-    made += [(3 + k, direction_row(first, second, zero[:, u], one[:, w])[1]) for k, (u, w) in enumerate(TURNS)]
-    return [(k, row) for k, row in made if HELD[closure.kind][k]]
+    made = [position_row(first, second, zero[:, k])[1] for k in range(3) if held[k]]
+    made += [direction_row(first, second, zero[:, u], one[:, w])[1] for _, u, w in turns(held)]
+    return np.array(made).reshape(-1, first.linear.shape[1])
 
 
 def planar(mechanism: Mechanism, layout: Layout, normal: Array, in_plane: float) -> str | None:
@@ -116,7 +140,8 @@ def planar(mechanism: Mechanism, layout: Layout, normal: Array, in_plane: float)
 
 def points(mechanism: Mechanism, layout: Layout) -> list[Array]:
     """Return where closures, springs and forces attach at the start, (3,) [m] each."""
-    ends = [at for one in (*mechanism.closures, *mechanism.springs) for at in (one.first, one.second)]
+    ends = [at for closure in mechanism.closures for at in (closure.first, closure.second)]
+    ends += [at for spring in mechanism.springs for at in (spring.first, spring.second)]
     ends += [force.at for force in mechanism.forces]
     return [layout.start(frame_of(layout, at, np.eye(3))).position for at in ends]
 
@@ -149,5 +174,5 @@ def load(model: Model, mechanism: Mechanism, layout: Layout, marker: Marker, axe
             )
 
 
-def _table(force: Force, part: slice, axes: Array) -> Callable[[Any, float, Any], list[float]]:
+def _table(force: Force, part: slice, axes: Array) -> Any:
     return lambda mbs, t, vector: list(axes @ wrench_at(force, t)[part])

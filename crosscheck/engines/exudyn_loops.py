@@ -21,6 +21,7 @@ from crosscheck.engines import assembly, exudyn_chain, exudyn_closing, exudyn_pl
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.exudyn_frames import Array, effort_axes, joint_q
 from crosscheck.engines.exudyn_layout import Layout, lay_out
+from crosscheck.engines.exudyn_march import Made
 from crosscheck.engines.exudyn_parts import Outcome
 from crosscheck.engines.exudyn_solve import NewtonStalled, Plan, grid, step_size
 from crosscheck.engines.prescribed import missing_motion, passive_effort, rotor_effort, spring_effort
@@ -60,9 +61,9 @@ def unsupported(mechanism: Mechanism, case: Case) -> str | None:
     if reason := assembly.unsupported(mechanism) or exudyn_spatial.unsupported(mechanism):
         return reason
     for joint in mechanism.joints:
-        if joint.name in assembly.left_out(mechanism, case) and joint.kind == "universal":
-            if abs(joint.axis @ joint.second_axis) > PERPENDICULAR:
-                return f"joint {joint.name}: a connector holds the axes of a universal joint perpendicular; these lean"
+        lean = joint.kind == "universal" and abs(joint.axis @ joint.second_axis) > PERPENDICULAR
+        if lean and joint.name in assembly.left_out(mechanism, case):
+            return f"joint {joint.name}: a connector holds the axes of a universal joint perpendicular; these lean"
     return None
 
 
@@ -95,16 +96,7 @@ def plans_of(model: Model, options: Options) -> tuple[Plan, Plan]:
     return plan, replace(plan, step=plan.step / 2)
 
 
-@dataclass(frozen=True)
-class Run:
-    """Series, the plans whose tolerances held, the model, and how long it took [s]."""
-
-    series: dict[str, Series]
-    settings: dict[str, Any]
-    wall: float
-
-
-def in_time(mechanism: Mechanism, case: Case, options: Options) -> Run:
+def in_time(mechanism: Mechanism, case: Case, options: Options) -> Made:
     """Return torque [N m] or [N], tip [m] and, where unique, wrench [N], [N m], each with its bar."""
     start = clock.perf_counter()
     model = model_of(mechanism, case)
@@ -113,7 +105,7 @@ def in_time(mechanism: Mechanism, case: Case, options: Options) -> Run:
     coarse, fine = (_series(model, outcome, state) for outcome, _ in done)
     limit = {name: (4 * one.values - coarse[name].values) / 3 for name, one in fine.items()}
     made = {n: replace(one, values=limit[n], error=np.abs(one.values - limit[n])) for n, one in fine.items()}
-    return Run(made, _settings(model, [plan for _, plan in done]), clock.perf_counter() - start)
+    return Made(made, _settings(model, [plan for _, plan in done]), clock.perf_counter() - start)
 
 
 def _march(model: Model, plan: Plan) -> tuple[Outcome, Plan]:
@@ -151,7 +143,9 @@ def _series(model: Model, outcome: Outcome, state: tuple[Array, Array, Array]) -
     for link in m.links:
         position, rotation = outcome.pose[model.layout.link[link.name].group]
         frame = model.layout.link[link.name].placement
-        made |= vector_series(f"tip/{link.name}", "m", position + rotation @ (frame.position + frame.rotation @ link.tip))
+        made |= vector_series(
+            f"tip/{link.name}", "m", position + rotation @ (frame.position + frame.rotation @ link.tip)
+        )
     return torque_series(m, torque) | made
 
 
@@ -159,7 +153,9 @@ def _driven(model: Model) -> bool:
     """Return whether drives stand on the very joints that the motion gives, and take nothing on the others."""
     m = model.mechanism
     given = all(j.actuated is (j.name not in model.free) for j in m.joints if j.nv)
-    quiet = all(not any((j.rotor_inertia, j.damping, j.friction, j.stiffness)) for j in m.joints if j.name in model.free)
+    quiet = all(
+        not any((j.rotor_inertia, j.damping, j.friction, j.stiffness)) for j in m.joints if j.name in model.free
+    )
     return given and quiet
 
 

@@ -314,7 +314,8 @@ def _sensors(d: Drawing) -> tuple[Sensors, Sensors]:
     items: dict[Key, Any] = {("lock", name): (number, OUT.ForceLocal) for name, number in d.model.lock.items()}
     for name, numbers in d.model.joint.items():
         items |= {("force", name, k): (number, OUT.ForceLocal) for k, number in enumerate(numbers)}
-        items |= {("moment", name): (number, OUT.TorqueLocal) for number in numbers[:1]}
+        if numbers:
+            items["moment", name] = (numbers[0], OUT.TorqueLocal)
     for name, number in d.model.closure.items():
         items |= {("force", name, 0): (number, OUT.ForceLocal), ("moment", name): (number, OUT.TorqueLocal)}
     reactions = {
@@ -348,6 +349,7 @@ def _reaction(d: Drawing, one: Joint | Closure, pose: dict[int, Poses], seen: di
     first, second = (pose[end.group][1] @ end.placement.rotation for end in _ends(d, one))
     if ("moment", one.name) not in seen:
         return np.zeros((len(first), 6))
-    wrench = exudyn_closing.wrench_of(seen["force", one.name, 0], seen["moment", one.name], first, second)
+    held = exudyn_closing.HELD[one.kind]
+    wrench = exudyn_closing.wrench_of(held, seen["force", one.name, 0], seen["moment", one.name], first, second)
     own = second @ exudyn_closing.marker_axes(one)[1].T
     return np.hstack([np.einsum("sji,sj->si", own, part) for part in (wrench[:, :3], wrench[:, 3:])])
