@@ -98,9 +98,8 @@ class Mesh:
     root_node: dict[str, int]
     tip_node: dict[str, int]
     section_nodes: dict[str, NDArray[np.int64]]
-    body_node: dict[tuple[str, str], int]
-
     section_stations: dict[str, Array]
+    body_node: dict[tuple[str, str], int]
     elements: Elements
 
     @property
@@ -236,12 +235,18 @@ class _Builder:
 
 
 def _element_bounds(beam: Beam, wanted: list[float]) -> list[float]:
-    """Element ends as fractions of the length: equal parts, cut again where something is attached between nodes."""
-    bounds = np.linspace(0.0, 1.0, beam.elements + 1)
+    """Element ends as fractions of the length: equal parts, cut again where something is attached between nodes.
+
+    One cut at a time: it moves the nodes of the element that it cuts, so that another station may need one too.
+    """
     fractions = 0.5 * (1 + reference(beam.order).nodes)
-    nodes = np.unique(np.concatenate([a + (b - a) * fractions for a, b in pairwise(bounds)]))
-    cuts = [s for s in wanted if np.min(np.abs(nodes - s)) > SAME_STATION]
-    return sorted({*bounds.tolist(), *cuts})
+    bounds = np.linspace(0.0, 1.0, beam.elements + 1)
+    while True:
+        nodes = np.concatenate([a + (b - a) * fractions for a, b in pairwise(bounds)])
+        between = [s for s in wanted if np.min(np.abs(nodes - s)) > SAME_STATION]
+        if not between:
+            return bounds.tolist()
+        bounds = np.sort(np.append(bounds, between[0]))
 
 
 def _arc(beam: Beam, length: float) -> Placement:
@@ -332,7 +337,7 @@ def build(mechanism: Mechanism) -> Mesh:
         builder.root_node,
         builder.tip_node,
         builder.section_nodes,
-        builder.body_node,
         builder.stations,
+        builder.body_node,
         _elements(builder.elements),
     )
