@@ -248,6 +248,7 @@ def test_a_field_shows_the_comparison_nearest_its_limit() -> None:
         (0.0123, "0.012"),
         (123.4, "123"),
         (1.5e7, "1.5e7"),
+        (float("inf"), "∞"),
         (None, ""),
     ],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -157,6 +158,8 @@ def short(value: float | None) -> str:
         return ""
     if value == 0.0:
         return "0"
+    if not math.isfinite(value):
+        return str(value).replace("inf", "∞")
     if 1e-3 <= abs(value) < 1e4:
         return f"{value:.2g}" if abs(value) < 100 else f"{value:.0f}"
     digits, exponent = f"{value:.1e}".split("e")
