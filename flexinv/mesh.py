@@ -245,7 +245,7 @@ def _element_bounds(beam: Beam, wanted: list[float]) -> list[float]:
         nodes = np.concatenate([a + (b - a) * fractions for a, b in pairwise(bounds)])
         between = [s for s in wanted if np.min(np.abs(nodes - s)) > SAME_STATION]
         if not between:
-            return bounds.tolist()
+            return [float(bound) for bound in bounds]
         bounds = np.sort(np.append(bounds, between[0]))
 
 
