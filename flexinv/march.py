@@ -123,7 +123,7 @@ def march(t, e, ties, c, rates, s, f, d, loads, work, y, rel, out, wrench, inter
 
 @jit_inner
 def keep(s, ties):
-    """Set aside the integrator's own accelerations and multipliers."""
+    """Set aside the integrator's own accelerations [m/s^2], [rad/s^2] and multipliers [N], [N m]."""
     for k in range(len(s.du)):
         s.kept[k] = s.du[k]
     for k in range(len(ties.a)):
@@ -132,7 +132,7 @@ def keep(s, ties):
 
 @jit_inner
 def restore(s, ties):
-    """Take back what `keep` set aside."""
+    """Take back what `keep` set aside [m/s^2], [rad/s^2], [N], [N m]."""
     for k in range(len(s.du)):
         s.du[k] = s.kept[k]
     for k in range(len(ties.a)):
