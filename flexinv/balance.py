@@ -18,7 +18,8 @@ class Balance:
 
     kinetic, potential, elastic : (samples,) [J]
     power : (samples,) [W] residual of  tau . qd = sum P . v + Q . w + elastic power, at every instant
-    work : (samples,) [J] residual of  integral tau . qd dt = change of energy  (trapezoidal: time error shows here)
+    work : (samples,) [J] residual of  integral (tau . qd + power of applied forces) dt = change of energy
+        (trapezoidal: time error shows here)
     momentum : (samples, 6) [N], [N m] reaction at the base (elastic side) less sum P and sum x x P + Q (inertia side)
     """
 
@@ -39,27 +40,32 @@ def balance(
     base: Array,
     elastic: Array,
     time: Array,
+    applied: NodalForces | None = None,
 ) -> Balance:
     """Return the balances of a motion.
 
     forces : P and Q of all nodes [N], [N m]; tau : (samples, nv) joint efforts L T P without drive efforts [N m], [N]
     base : (samples, 6) reaction of the base on the mechanism about the origin, world, from the kinematics step
-    elastic : (samples, 2) elastic energy [J] and its rate [W]
+    elastic : (samples, 2) elastic energy [J] and its rate [W]; applied : springs, loads and closures, if any
     """
     spin = np.einsum("nij,snj->sni", mesh.inertia, motion.omega)
     kinetic = 0.5 * np.einsum("n,sni,sni->s", mesh.mass, motion.v, motion.v)
     kinetic += 0.5 * np.einsum("sni,sni->s", motion.omega, spin)
     potential = -np.einsum("n,sni,i->s", mesh.mass, motion.x, mesh.mechanism.gravity)
-    turning = np.einsum("snij,snj->sni", motion.rotation, motion.omega)  # world frame
-    inertial = np.einsum("sni,sni->s", forces.force, motion.v) + np.einsum("sni,sni->s", forces.moment, turning)
     given = np.einsum("sv,sv->s", tau, qd)
     energy = kinetic + potential + elastic[:, 0]
-    step = np.diff(time)
-    work = np.concatenate([[0.0], np.cumsum(0.5 * step * (given[1:] + given[:-1]))])
+    supplied = given if applied is None else given + _power(motion, applied)
+    work = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(time) * (supplied[1:] + supplied[:-1]))])
     total = np.hstack([forces.force.sum(axis=1), (np.cross(motion.x, forces.force) + forces.moment).sum(axis=1)])
-    return Balance(
-        kinetic, potential, elastic[:, 0], given - inertial - elastic[:, 1], work - (energy - energy[0]), base - total
-    )
+    power = given - _power(motion, forces) - elastic[:, 1]
+    return Balance(kinetic, potential, elastic[:, 0], power, work - (energy - energy[0]), base - total)
+
+
+def _power(motion: NodalMotion, forces: NodalForces) -> Array:
+    """Sum of P . v + Q . w over all nodes, (samples,) [W]."""
+    turning = np.einsum("snij,snj->sni", motion.rotation, motion.omega)  # (sample, node, xyz), world frame
+    pushed = np.einsum("sni,sni->s", forces.force, motion.v)
+    return np.asarray(pushed + np.einsum("sni,sni->s", forces.moment, turning))
 
 
 def base_reaction(mesh: Mesh, motion: NodalMotion, wrench: Array) -> Array:

@@ -45,7 +45,7 @@ def evaluate(
         nodes=motion, forces=forces,
         tip=_tips(mesh, motion), deflection=_deflections(mesh, motion), wrench=wrench,
         internal=internal, internal_stations=stations,
-        balance=balance(mesh, motion, forces, tau, qd, base, trajectory.energy, time),
+        balance=balance(mesh, motion, forces, tau, qd, base, trajectory.energy, time, applied),
         iterations=trajectory.iterations, settings=settings, notes=mechanism.notes,
     )  # fmt: skip
 

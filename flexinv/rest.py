@@ -61,6 +61,12 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
             f"statics: mechanism '{mechanism.name}' has closures, whose passive joints would have to give way: not solved yet; "
             "write flexinv.solve(mechanism, motion, step=..., initial='static') with a motion at rest"
         )
+    acting = [*(spring.name for spring in mechanism.springs), *(force.name for force in mechanism.forces)]
+    if acting:
+        raise InputError(
+            f"statics: mechanism '{mechanism.name}' has springs or applied forces ({', '.join(acting)}), not solved here yet; "
+            "write forces as loads=[flexinv.Load(link, force=...)], or of a rigid mechanism flexinv.joint_torques at rest"
+        )
     mesh = build(_with_load_points(mechanism, checked))
     solver = Solver.of(mesh, set())
     for k, load in enumerate(checked):

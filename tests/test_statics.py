@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from flexible_examples import clamped, uniform
 
 import flexinv
 from flexinv import Load
+from flexinv.mechanism import Attachment, Force, Spring
 
 DATA = Path(__file__).parent / "data"
 REISSNER = pd.read_csv(DATA / "reissner_statics.csv", comment="#")
@@ -102,3 +104,12 @@ def test_load_between_nodes_acts_where_it_is_said() -> None:
 def test_bad_loads_are_explained(load: Load, words: str) -> None:
     with pytest.raises(flexinv.InputError, match=words):
         flexinv.statics(clamped(uniform(1.0, 1e6, 1e6, 1.0, (1.0, 1.0)), 1, 4), [load])
+
+
+def test_springs_and_forces_are_refused_not_overlooked() -> None:
+    m = clamped(uniform(1.0, 1e6, 1e6, 1.0, (1.0, 1.0)), 1, 4)
+    pushed = replace(m, forces=(Force("wind", Attachment("beam"), np.ones((1, 6))),))
+    pulled = replace(m, springs=(Spring("rope", Attachment("beam"), Attachment("world"), 1.0),))
+    for mechanism, name in ((pushed, "wind"), (pulled, "rope")):
+        with pytest.raises(flexinv.InputError, match=rf"springs or applied forces \({name}\).*loads="):
+            flexinv.statics(mechanism)
