@@ -22,7 +22,8 @@ from flexinv.passive import fill_passive
 from flexinv.rigid import rigid_motion
 from flexinv.solution import LoopForces, Solution
 
-# What is left over must be rounding, not an effort that no drive can give.
+# What neither drives nor closures carry, over the largest force in the mechanism: beyond this (rounding of 1e-16, enlarged
+# by the condition of the closures) it is an effort that no drive can give.
 LEFT_OVER = 1e-9
 
 
@@ -32,20 +33,21 @@ def closed_solution(
     """Return the torques [N m], [N] of a rigid mechanism with closures over ``time`` (samples,) [s].
 
     history : time -> q, qd, qdd of all joints, those in ``passive`` at their initial guess
-    Raises InputError for what is not there yet (beams or intervals in loops) and for drives that cannot hold the
+    Raises InputError for what is not there yet (closures that act for a while) and for drives that cannot hold the
     mechanism, ConvergenceError at singular configurations and lost branches.
     """
     m = mesh.mechanism
     _check(mesh)
-    q, qd, qdd = closed_motion(mesh, history, time, _coordinates(mesh, passive), _length(mesh))
+    q, qd, qdd = closed_motion(mesh, history, time, _coordinates(mesh, passive))
     rows = constraint_rows(mesh)
     motion = rigid_motion(mesh, q, qd, qdd)
     acting = applied_forces(mesh, motion, time)
-    tree = project(mesh, motion, joint_wrenches(mesh, motion, nodal_forces(mesh, motion, acting)))
-    tree += drive_efforts(m, qd, qdd) + joint_springs(m, q)
+    wrenches = joint_wrenches(mesh, motion, nodal_forces(mesh, motion, acting))
+    tree = project(mesh, motion, wrenches) + drive_efforts(m, qd, qdd) + joint_springs(m, q)
     shares = share_out(constraint_jacobian(mesh, motion, rows), tree, m.actuated)
     left = np.abs(shares.left).max(initial=0.0)
-    if left > LEFT_OVER * np.abs(tree).max(initial=1.0):
+    largest = max(np.abs(wrenches.force).max(initial=0.0) * mesh.length, np.abs(tree).max(initial=0.0))
+    if left > LEFT_OVER * largest:
         coordinate = m.velocity_names[int(np.argmax(np.abs(shares.left).max(axis=0)))]
         raise InputError(
             f"mechanism '{m.name}': the actuated joints cannot give this motion ({left:.3g} N m or N is left at '{coordinate}'): "
@@ -79,7 +81,7 @@ def flexible_closed_solution(
     m = mesh.mechanism
     check_no_springs(m)
     unknown = _coordinates(mesh, passive)
-    q0, qd0, qdd0 = closed_motion(mesh, after, time[:1], unknown, _length(mesh))
+    q0, qd0, qdd0 = closed_motion(mesh, after, time[:1], unknown)
 
     def started(at: Array) -> tuple[Array, Array, Array]:
         q, qd, qdd = after(at)
@@ -95,19 +97,14 @@ def flexible_closed_solution(
     rows, motion = constraint_rows(mesh), trajectory.motion
     closing = row_forces(motion, rows, trajectory.multipliers)
     solution = evaluate(mesh, trajectory, time, q, qd, qdd, passive, settings, closing)
-    none = np.zeros((len(time), m.nv, 0))
     reaction = _reactions(mesh, motion, rows, trajectory.multipliers)
-    return replace(solution, loops=LoopForces(reaction, none, np.ones(len(time)), solution.torque_all * ~m.actuated))
+    none, unknown_condition = np.zeros((len(time), m.nv, 0)), np.full(len(time), np.nan)
+    return replace(solution, loops=LoopForces(reaction, none, unknown_condition, solution.torque_all * ~m.actuated))
 
 
 def _coordinates(mesh: Mesh, names: set[str]) -> NDArray[np.bool_]:
     """Which velocity coordinates, (nv,), belong to the named joints."""
     return np.array([j.name in names for j in mesh.mechanism.joints for _ in range(j.nv)], dtype=bool)
-
-
-def _length(mesh: Mesh) -> float:
-    """What positions are measured against [m]."""
-    return float(np.abs(mesh.offset).sum()) or 1.0
 
 
 def _check(mesh: Mesh) -> None:

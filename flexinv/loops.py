@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +27,11 @@ from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh
 from flexinv.rigid import rigid_motion
 
-# Closure equations are met to this, in metres over the mechanism's length or radians: rounding of a few operations.
-CLOSED = 1e-13
+# Newton ends with an increment below this, in radians or metres: its error is about the square, which is rounding.
+LAST_INCREMENT = 1e-9
+# Closure equations are then met to this, in metres over the mechanism's length or radians: rounding of 1e-16 a node in chains
+# of up to some thousand nodes.  A loop that cannot close (constraints that contradict each other) stays open by far more.
+CLOSED = 1e-12
 # A singular value below this part of the largest is a redundant constraint: rounding leaves 1e-15 of it.
 REDUNDANT = 1e-10
 # A configuration whose passive coordinates are this badly determined is singular: eight digits of the torque are lost.
@@ -68,13 +72,12 @@ def closed_near(mesh: Mesh, guess: Array) -> Array:
     Raises ConvergenceError, which names the closure that stays open.
     """
     free = np.ones(mesh.mechanism.nv, dtype=bool)
-    length = float(np.abs(mesh.offset).sum()) or 1.0
 
     def still(time: Array) -> tuple[Array, Array, Array]:
         rest = np.zeros((len(time), mesh.mechanism.nv))
         return np.tile(guess, (len(time), 1)), rest, rest
 
-    return _Follower(mesh, constraint_rows(mesh), still, free, length).start(0.0, guess)
+    return _Follower(mesh, constraint_rows(mesh), still, free).start(0.0, guess)
 
 
 # A joint that is found further than this from its stated start is on another branch, or the start is a slip of the pen.
@@ -109,19 +112,19 @@ def _rank(matrix: Array) -> int:
 
 
 def closed_motion(
-    mesh: Mesh, history: JointHistory, time: Array, unknown: NDArray[np.bool_], length: float
+    mesh: Mesh, history: JointHistory, time: Array, unknown: NDArray[np.bool_]
 ) -> tuple[Array, Array, Array]:
     """Return q (samples, nq), qd, qdd (samples, nv) [rad or m, s] with the unknown coordinates on the closures.
 
     history : time -> q, qd, qdd of the given coordinates (the unknown ones at their initial guess)
-    unknown : (nv,) which velocity coordinates follow from the closures; length [m] scales position errors
+    unknown : (nv,) which velocity coordinates follow from the closures
 
     Raises InputError when the task gives more or fewer coordinates than the mechanism has freedoms, ConvergenceError at a
     singular configuration, when the loops cannot be closed, or when the branch is lost; each names the time.
     """
     rows = constraint_rows(mesh)
     given = history(time)
-    follower = _Follower(mesh, rows, history, unknown, length)
+    follower = _Follower(mesh, rows, history, unknown)
     q = np.empty_like(given[0])
     state = follower.start(float(time[0]), given[0][0])
     q[0] = state
@@ -169,12 +172,11 @@ class _Follower:
     rows: Rows
     history: JointHistory
     unknown: NDArray[np.bool_]
-    length: float
 
     def _closures(self, q: Array) -> tuple[Array, Array]:
         rest = np.zeros((1, self.mesh.mechanism.nv))
         motion = rigid_motion(self.mesh, q[None], rest, rest)
-        scale = np.where(self.rows.direction, 1.0, self.length)
+        scale = np.where(self.rows.direction, 1.0, self.mesh.length)
         g = constraint_jacobian(self.mesh, motion, self.rows)[0]
         return residuals(motion, self.rows)[0][0] / scale, g / scale[:, None]
 
@@ -187,8 +189,8 @@ class _Follower:
             step = np.zeros(self.mesh.mechanism.nv)
             step[self.unknown] = -np.linalg.lstsq(g[:, self.unknown], phi, rcond=REDUNDANT)[0]
             q = moved(self.mesh.mechanism, q, step)
-            if np.abs(step).max(initial=0.0) < 1e-9:  # quadratic: what is left is rounding
-                return q if np.abs(self._closures(q)[0]).max(initial=0.0) < 100 * CLOSED else None
+            if np.abs(step).max(initial=0.0) < LAST_INCREMENT:
+                return q if np.abs(self._closures(q)[0]).max(initial=0.0) < CLOSED else None
         return None
 
     def start(self, time: float, guess: Array) -> Array:
@@ -242,11 +244,11 @@ class _Follower:
             if not self.unknown[m.v_slices[joint.name]].any():
                 guess[m.q_slices[joint.name]] = last[0][m.q_slices[joint.name]]
         found = self.solve(guess)
-        if found is None or np.abs(found - guess).max() > LARGEST_SURPRISE * max(1.0, self.length):
+        if found is None or (np.abs(found - guess) > LARGEST_SURPRISE * _sizes(self.mesh)).any():
             return None
         return found
 
-    def _lost(self, q: Array, time: float) -> None:
+    def _lost(self, q: Array, time: float) -> NoReturn:
         m = self.mesh.mechanism
         _, g = self._closures(q)
         values = np.linalg.svd(g[:, self.unknown], compute_uv=False)
@@ -258,6 +260,15 @@ class _Follower:
         )
 
 
+def _sizes(mesh: Mesh) -> Array:
+    """What each coordinate is measured against, (nq,): positions against the mechanism's length [m], all others against 1."""
+    sizes = np.ones(mesh.mechanism.nq)
+    for joint in mesh.mechanism.joints:
+        start = mesh.mechanism.q_slices[joint.name].start
+        sizes[start : start + {"prismatic": 1, "free": 3}.get(joint.kind, 0)] = mesh.length
+    return sizes
+
+
 @dataclass(frozen=True)
 class Shares:
     """Torques of a closed mechanism.
@@ -265,7 +276,7 @@ class Shares:
     tau : (samples, nv) effort of the drives [N m], [N], zero on passive coordinates
     multipliers : (samples, rows) [N], [N m]; left : (samples, nv) what neither drives nor closures carry (rounding)
     preload : (samples, nv, k) null space of the drives: efforts that only stress the mechanism [-]
-    condition : (samples,) of N^T S
+    condition : (samples,) of N^T S [-]: 1 over its smallest singular value, as its largest is at most 1 (N has norm 1)
     """
 
     tau: Array

@@ -107,6 +107,11 @@ class Mesh:
         """Number of nodes [-]."""
         return len(self.parent)
 
+    @property
+    def length(self) -> float:
+        """What positions are measured against [m]: the sum of all offsets, or a metre where there are none."""
+        return float(np.abs(self.offset).sum()) or 1.0
+
     def section_at(self, link: str, station: float) -> int:
         """Return the node of a beam's section nearest to ``station`` [-] (the mesh has one wherever something is attached)."""
         return int(self.section_nodes[link][np.argmin(np.abs(self.section_stations[link] - station))])

@@ -71,21 +71,24 @@ def solve(
     mesh = build(mechanism)
     scheme = generalized_alpha(float(step), spectral_radius)
     q, qd, qdd = right(time)
-    if mechanism.closures and mechanism.is_rigid:
-        closed = closed_solution(mesh, right, time, passive, settings)
-        check_branch(mechanism, start or {}, q[0], closed.q[0])
-        return closed
     if mechanism.closures:
-        return flexible_closed_solution(mesh, history, right, time, scheme, passive, settings, motion.jumps, progress)
-    if mechanism.is_rigid and not passive:
-        applied = applied_forces(mesh, rigid_motion(mesh, q, qd, qdd), time)
-        trajectory = rigid_trajectory(mesh, q, qd, qdd, applied)
+        if mechanism.is_rigid:
+            solution = closed_solution(mesh, right, time, passive, settings)
+        else:
+            solution = flexible_closed_solution(
+                mesh, history, right, time, scheme, passive, settings, motion.jumps, progress
+            )
+        check_branch(mechanism, start or {}, q[0], solution.q[0])
     else:
-        check_no_springs(mechanism)
-        applied = None
-        trajectory = flexible_motion(mesh, history, right, time, scheme, passive, motion.jumps, initial, progress)
-        fill_passive(mesh, trajectory.motion, passive, q, qd, qdd)
-    solution = evaluate(mesh, trajectory, time, q, qd, qdd, passive, settings, applied)
+        if mechanism.is_rigid and not passive:
+            applied = applied_forces(mesh, rigid_motion(mesh, q, qd, qdd), time)
+            trajectory = rigid_trajectory(mesh, q, qd, qdd, applied)
+        else:
+            check_no_springs(mechanism)
+            applied = None
+            trajectory = flexible_motion(mesh, history, right, time, scheme, passive, motion.jumps, initial, progress)
+            fill_passive(mesh, trajectory.motion, passive, q, qd, qdd)
+        solution = evaluate(mesh, trajectory, time, q, qd, qdd, passive, settings, applied)
     if not error:
         return solution
     options = {

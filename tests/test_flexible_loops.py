@@ -29,6 +29,9 @@ def rigid_twin() -> Mechanism:
     return replace(m, links=(m.links[0], Link("coupler", (Body("strip", inertia),)), m.links[2]))
 
 
+SHORT = flexinv.Motion.point_to_point({"A": 0.3}, {"A": 0.8}, 0.2)
+
+
 @pytest.fixture(scope="module")
 def turned() -> flexinv.Solution:
     return flexinv.solve(bending(), TURN, step=1e-3, start=START, initial="static")
@@ -67,6 +70,14 @@ def test_torque_converges_with_second_order() -> None:
     errors = [float(np.sqrt(np.mean((run - finest[:: round(16 / 2**k)]) ** 2))) for k, run in enumerate(runs[:-1])]
     assert observed_order(errors) > 1.8
     assert errors[-1] < 1e-4 * abs(finest).max()
+
+
+def test_error_bars_cover_the_error() -> None:
+    coarse = flexinv.solve(bending(), SHORT, step=2e-3, start=START, initial="static", error=True)
+    fine = flexinv.solve(bending(order=6), SHORT, step=2.5e-4, start=START, initial="static")
+    assert coarse.torque_error is not None
+    error = abs(coarse.torque - fine.torque[::8]).max()
+    assert error <= coarse.torque_error.max() < 5 * error  # covered, and not by a mile
 
 
 def test_rigid_limit_is_the_rigid_loop() -> None:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from flexible_examples import observed_order
+from loop_examples import Example, loaded, loaded_tree
 from numpy.typing import NDArray
 
 import flexinv
@@ -192,3 +195,22 @@ def test_both_branches_are_reachable() -> None:
     up = flexinv.solve(four_bar(), TURN, step=0.05, start=START)
     down = flexinv.solve(four_bar(), TURN, step=0.05, start={"B": -1.6, "D": -1.8})
     assert up.tip["rocker"][0, 1] > 0 > down.tip["rocker"][0, 1]
+
+
+@pytest.mark.parametrize("example", [loaded, loaded_tree])
+def test_work_of_springs_and_forces_is_counted(example: Callable[[], Example]) -> None:
+    """Energy gained = work of drives, springs, dampers and forces, with the trapezoidal rule's second order."""
+    mechanism, case = example()
+    errors = []
+    for step in (0.01, 0.005, 0.0025):
+        s = flexinv.solve(mechanism, case.motion, step=step, start=case.start)
+        errors.append(abs(s.balance.work).max())
+    assert 1.9 < observed_order(errors) < 2.1
+
+
+def test_error_bars_of_a_rigid_loop_are_rounding() -> None:
+    """Closed formulas have no step: half of it gives the same torque."""
+    s = flexinv.solve(four_bar(), TURN, step=0.05, start=START, error=True)
+    assert s.torque_error is not None
+    assert s.torque_error.shape == s.torque.shape
+    assert s.torque_error.max() < 1e-11 * abs(s.torque).max()  # Newton to rounding, times the loop's condition
