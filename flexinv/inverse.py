@@ -127,7 +127,7 @@ def factors(mesh: Mesh, motion: NodalMotion, forces: NodalForces, sample: int) -
     For joint i and node k on or beyond it, the arm x_k - p_i is the sum of the steps along the path i -> k; each step r_j is
     taken in the frame of the node j that it starts from, so L holds lengths of members only:
     row (i; j, k) = [(a_i x r_j)^T, d a_i^T], with d = 1 for the last step (the node itself).  Prismatic: [d a_i^T, 0].
-    Source: the paper, eqs. (2)-(3), in design notation.
+    Source: the paper, eqs. (2)-(3), in the letters of NOTATION.md.
     """
     x, rotation = motion.x[sample], motion.rotation[sample]
     steps = _steps(mesh)
