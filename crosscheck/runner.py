@@ -24,14 +24,13 @@ from crosscheck.limits import find, references, unused
 from crosscheck.plan import Plan, Task, case_row
 from crosscheck.record import Record, save
 from crosscheck.results import CaseRow, EngineRow, Results, RunRow, StudyRow, slug
-from crosscheck.spectrum import peaks, ringing
+from crosscheck.spectrum import RINGING, peaks, ringing
 from crosscheck.studies import Study
 
 RESULTS = "results.json"
 OURS = ("series", "cases", "data", "assets", "studies")  # folders of a report: an older run's are removed
 PAUSE = 2.0  # [s] between two writings of results.json at least
 DESCRIBE = 120.0  # [s] to import an engine and ask its version: a cold disk takes some ten seconds
-RINGING = ("torque", "deflection")  # quantities whose spectrum is taken
 
 
 @dataclass(frozen=True)
@@ -166,7 +165,10 @@ class _State:
         """Write the complete results."""
         order = list(self.engines)
         cases = [(c.mechanism, c.case) for c in self.results.cases]
-        place = lambda row: (cases.index((row.mechanism, row.case)), order.index(row.engine))  # noqa: E731
+
+        def place(row: RunRow | Comparison) -> tuple[int, int]:
+            return cases.index((row.mechanism, row.case)), order.index(row.engine)
+
         self.results = replace(
             self.results,
             finished=not self.results.message,

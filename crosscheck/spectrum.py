@@ -8,14 +8,14 @@ from scipy.signal import argrelmax
 from scipy.signal.windows import hann
 
 Array = NDArray[np.float64]
+RINGING = ("torque", "deflection")  # quantities whose spectrum is taken
 FEWEST = 32  # [samples] of a hold phase below which the whole signal is taken
 PADDING = 8  # the signal is padded with zeros to this many times its length: a smooth line, and a close peak
 FLOOR = 1e-3  # of the largest amplitude: smaller peaks are not marked, a reader's eye has no use for them
 MARKS = 6  # peaks marked at most, the largest ones
 MAIN_LOBE = 2.0  # [bins] half-width of a Hann window's main lobe
-STILL = (
-    1e-9  # a hold phase that moves by less than this fraction of the whole signal's size is at rest, but for rounding
-)
+# A hold phase that moves by less than this fraction of the whole signal's size is at rest, but for rounding.
+STILL = 1e-9
 CLEAR = 2.0  # a peak stands clear of the side lobes of larger ones by this factor, else it is one of them
 
 

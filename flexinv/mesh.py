@@ -45,17 +45,15 @@ class Elements:
     """Beam elements, padded to the highest order in use.
 
     order : (elements,); nodes : (elements, order+1) node numbers, -1 where padded
-    jacobian : (elements,) ds/dxi [m]
     stiffness : (elements, points, 6) EA, GA_y, GA_z [N], GJ, EI_y, EI_z [N m^2] at the Gauss points
     gamma0, kappa0 : (elements, points, 3) strains of the stress-free shape [-], [1/m]
-    weight : (elements, points) Gauss weight times jacobian [m]
+    weight : (elements, points) Gauss weight times ds/dxi [m]
     shape, slope : (elements, points, order+1) interpolation and its derivative by arc length [-], [1/m]
     station : (elements, points) fraction of the link's length [-]; link : (elements,) index into mechanism.links
     """
 
     order: NDArray[np.int64]
     nodes: NDArray[np.int64]
-    jacobian: Array
     stiffness: Array
     gamma0: Array
     kappa0: Array
@@ -226,7 +224,6 @@ class _Builder:
             {
                 "order": np.array(beam.order),
                 "nodes": np.array(own, dtype=float),
-                "jacobian": np.array(jacobian),
                 "stiffness": stiffness,
                 "gamma0": gamma0,
                 "kappa0": kappa0,
@@ -300,7 +297,6 @@ def _elements(rows: list[dict[str, Array]]) -> Elements:
         return Elements(
             index,
             np.empty((0, 0), np.int64),
-            np.empty(0),
             np.empty((0, 0, 6)),
             empty,
             empty,

@@ -15,7 +15,6 @@ from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
-INTERNAL = ("axial", "shear_y", "shear_z", "twist", "bending_y", "bending_z")
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,8 @@ from numpy.typing import ArrayLike
 from crosscheck.limits import DEFAULT_REFERENCE
 from crosscheck.record import Record, load
 from crosscheck.results import CaseRow, Results, slug
-from crosscheck.spectrum import ringing
+from crosscheck.spectrum import RINGING, ringing
 
-RINGING = ("torque", "deflection")
 HIGHEST = 4.0  # the spectrum is drawn up to this many times the highest marked peak
 
 
