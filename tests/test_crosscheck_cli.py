@@ -63,7 +63,9 @@ def test_a_missing_engine_has_exit_code_2_and_still_a_report(
 def test_ctrl_c_ends_the_engines_and_still_writes_a_report(models: Path, tmp_path: Path) -> None:
     out = tmp_path / "report"
     command = [sys.executable, "-m", "crosscheck", "run", "--models", str(models), "--out", str(out), "--jobs", "1"]
-    run = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parents[1])
+    run = subprocess.Popen(
+        command, stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parents[1], preexec_fn=_hear_ctrl_c
+    )
     children = Path(f"/proc/{run.pid}/task")
     end = clock.monotonic() + 60.0
     while not (started := offspring(children)) and clock.monotonic() < end:
@@ -77,6 +79,11 @@ def test_ctrl_c_ends_the_engines_and_still_writes_a_report(models: Path, tmp_pat
     results = read(out / "results.json")
     assert {r.engine for r in results.runs} == set(ENGINES)
     assert (out / "index.html").is_file()
+
+
+def _hear_ctrl_c() -> None:
+    """A shell's background job ignores Ctrl-C, and so do its children: this one is to hear it."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def offspring(tasks: Path) -> list[str]:

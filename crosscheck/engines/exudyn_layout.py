@@ -6,6 +6,7 @@ something is fixed or jointed.  A beam's root is fixed to a group.  All poses ar
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -111,11 +112,10 @@ def lay_out(mechanism: Mechanism, q: Array, qd: Array) -> Layout:
     return Layout(tuple(groups), link, root, place, stations)
 
 
-def _body_frame(group_of, child: Link, body: Body, seat: Frame) -> Frame:  # type: ignore[no-untyped-def]
+def _body_frame(group_of: Callable[[str, float], Frame], child: Link, body: Body, seat: Frame) -> Frame:
     if child.beam is None:
         return seat
-    frame: Frame = group_of(child.name, 0.0 if body.station is None else body.station)
-    return frame
+    return group_of(child.name, 0.0 if body.station is None else body.station)
 
 
 def _section_group(groups: list[Group], root: Frame, name: str, beam: Beam, station: float) -> Group:
