@@ -40,7 +40,7 @@ def at(x: float, y: float = 0.0, z: float = 0.0) -> Placement:
     return Placement(np.array([x, y, z]))
 
 
-def case_of(mechanism: Mechanism, motion: Motion, start: Mapping[str, float | list[float]], samples: int = 40) -> Case:
+def case_of(mechanism: Mechanism, motion: Motion, start: Mapping[str, float | list[float]], samples: int = 20) -> Case:
     guess = {name: np.atleast_1d(np.array(value, dtype=float)) for name, value in start.items()}
     step = motion.duration / samples
     return Case("case", "", motion, step, motion.duration, step, ("torque", "wrench", "tip"), (), start=guess)

@@ -30,8 +30,7 @@ from flexinv.case import Case
 from flexinv.mechanism import Mechanism
 
 STEPS = 2000  # of the coarse run: the extrapolated torque of the four-bar is within 1e-8 of the range
-NEWTON = 1e-10  # of increments, relative and absolute; ten times that where a run stalls, up to LOOSEST
-LOOSEST = 1e-8
+NEWTON = (1e-10, 1e-9, 1e-8)  # of increments, relative and absolute: the next one where a run stalls
 # A pair of unit vectors whose product is smaller is perpendicular up to the digits of a file.
 PERPENDICULAR = 1e-9
 
@@ -90,7 +89,7 @@ def plans_of(model: Model, options: Options) -> tuple[Plan, Plan]:
         sample=case.sample,
         index2=model.plane is not None and not case.motion.jumps,
         spectral_radius=0.5,
-        tolerance=NEWTON,
+        tolerance=NEWTON[0],
         extrapolate=moving,
     )
     return plan, replace(plan, step=plan.step / 2)
@@ -109,11 +108,12 @@ def in_time(mechanism: Mechanism, case: Case, options: Options) -> Made:
 
 
 def _march(model: Model, plan: Plan) -> tuple[Outcome, Plan]:
-    while plan.tolerance < LOOSEST:
+    for tolerance in NEWTON[:-1]:
+        one = replace(plan, tolerance=tolerance)
         with contextlib.suppress(NewtonStalled):
-            return _integrate(model, plan), plan
-        plan = replace(plan, tolerance=10 * plan.tolerance)
-    return _integrate(model, plan), plan
+            return _integrate(model, one), one
+    last = replace(plan, tolerance=NEWTON[-1])
+    return _integrate(model, last), last
 
 
 def _integrate(model: Model, plan: Plan) -> Outcome:

@@ -43,6 +43,10 @@ from flexinv.mechanism import WORLD, Joint, Mechanism
 
 Array = NDArray[np.float64]
 EQUALITY = "mujoco-equality"
+SOFT = (
+    "an equality constraint is soft: where the motion closes the loops exactly its force is zero, however stiff it is, "
+    "and mj_inverse gives the efforts of the open tree, on passive joints too"
+)
 
 
 def version() -> str:
@@ -100,7 +104,7 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
     return Record(
         engine=engine,
         version=version(),
-        message="; ".join(dict.fromkeys(words)),
+        message="; ".join(dict.fromkeys([*words, *([SOFT] if engine == EQUALITY else [])])),
         settings={
             "algorithm": "mj_inverse, equality on" if engine == EQUALITY else algorithm,
             "model": "URDF" if mechanism.urdf else "MjSpec",
