@@ -68,14 +68,20 @@ def _add(out: NodalForces, node: int, arm: Array, force: Array, moment: Array) -
         out.moment[:, node] += moment + np.cross(arm, force)
 
 
-def joint_springs(mechanism: Mechanism, q: Array) -> Array:
-    """Return what the actuators give against springs in the joints, stiffness (q - rest), (samples, nv) [N m] or [N]."""
+def joint_springs(mechanism: Mechanism, q: Array, history: bool = True) -> Array:
+    """Return what the actuators give against springs in the joints, stiffness (q - rest), (samples, nv) [N m] or [N].
+
+    history : q (samples, nq) is a motion, along which the angle of a continuous joint is followed over whole turns;
+        else each sample stands for itself, with its angle in -pi .. pi
+    """
     out = np.zeros((len(q), mechanism.nv))
     for joint in mechanism.joints:
         if joint.stiffness:
             own = q[:, mechanism.q_slices[joint.name]]
-            angle = np.unwrap(np.arctan2(own[:, 1], own[:, 0])) if joint.kind == "continuous" else own[:, 0]
-            out[:, mechanism.v_slices[joint.name].start] = joint.stiffness * (angle - joint.rest)
+            place = np.arctan2(own[:, 1], own[:, 0]) if joint.kind == "continuous" else own[:, 0]
+            if joint.kind == "continuous" and history:
+                place = np.unwrap(place)
+            out[:, mechanism.v_slices[joint.name].start] = joint.stiffness * (place - joint.rest)
     return out
 
 

@@ -49,7 +49,7 @@ def joint_torques(mechanism: Mechanism, q: ArrayLike, qd: ArrayLike, qdd: ArrayL
         applied = applied_forces(mesh, motion, np.zeros(len(q_)))
         tau[start : start + BLOCK] = inverse_dynamics(mesh, motion, qd_, qdd_, applied, passive)
         if passive:
-            tau[start : start + BLOCK] += joint_springs(mechanism, q_)
+            tau[start : start + BLOCK] += joint_springs(mechanism, q_, history=False)
     return tau if np.ndim(q) == 2 else tau[0]
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from flexible_examples import spatial_tree
+from loop_examples import loaded_tree
 
 import flexinv
 from flexinv.differences import differenced
@@ -99,3 +102,13 @@ def test_the_tree_sum_equals_the_sum_over_nodes() -> None:
 def test_bad_arrays_are_explained(q: object, words: str) -> None:
     with pytest.raises(flexinv.InputError, match=words):
         flexinv.joint_torques(_two_joints(), q, np.zeros((1, 2)), np.zeros((1, 2)))  # type: ignore[arg-type]
+
+
+def test_samples_of_a_sprung_continuous_joint_stand_for_themselves() -> None:
+    """Nothing follows the angle from one sample to the next: their order does not matter."""
+    mechanism = replace(loaded_tree()[0], forces=())
+    angle, bend = np.random.default_rng(3).uniform(-np.pi, np.pi, (2, 50))
+    q, still = np.stack([np.cos(angle), np.sin(angle), bend], axis=1), np.zeros((50, 2))
+    tau = flexinv.joint_torques(mechanism, q, still, still)
+    alone = [flexinv.joint_torques(mechanism, *sample) for sample in zip(q, still, still, strict=True)]
+    assert abs(tau - alone).max() < 1e-13 * abs(tau).max()  # rounding
