@@ -18,6 +18,12 @@ def moved(mechanism: Mechanism, q: Array, dv: Array) -> Array:
     return out
 
 
+def exp_quaternion(psi: Array) -> Array:
+    """Return the unit quaternions x, y, z, w, (..., 4) [-], of rotation vectors (..., 3) [rad]."""
+    angle = np.linalg.norm(psi, axis=-1, keepdims=True)
+    return np.concatenate([0.5 * np.sinc(angle / (2 * np.pi)) * psi, np.cos(0.5 * angle)], axis=-1)
+
+
 def _moved_joint(joint: Joint, q: Array, d: Array) -> Array:
     if joint.kind == "continuous":
         c, s = np.cos(d[0]), np.sin(d[0])
@@ -32,9 +38,8 @@ def _moved_joint(joint: Joint, q: Array, d: Array) -> Array:
 
 def _turned(q: Array, d: Array) -> Array:
     """Quaternion product q * exp(d/2): the rotation R(q) exp(d)."""
-    angle = float(np.linalg.norm(d))
-    vector, scalar = 0.5 * np.sinc(angle / (2 * np.pi)) * d, np.cos(0.5 * angle)
-    own, real = q[:3], q[3]
+    step = exp_quaternion(d)
+    vector, scalar, own, real = step[:3], step[3], q[:3], q[3]
     product = real * vector + scalar * own + np.cross(own, vector)
     out = np.append(product, real * scalar - own @ vector)
     return np.asarray(out / np.linalg.norm(out))

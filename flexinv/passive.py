@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from flexinv.manifold import exp_quaternion
 from flexinv.mechanism import Array
 from flexinv.mesh import CONTINUOUS, FREE, PRISMATIC, SPHERICAL, Mesh
 from flexinv.nodal import NodalMotion
@@ -68,8 +69,6 @@ def _relative(mesh: Mesh, motion: NodalMotion, node: int) -> tuple[Array, ...]:
 
 def _quaternion(turn: Array) -> Array:
     """Unit quaternions x, y, z, w (samples, 4), without sign jumps along the samples."""
-    psi = log_so3(turn)
-    angle = np.linalg.norm(psi, axis=1, keepdims=True)
-    out = np.hstack([0.5 * np.sinc(angle / (2 * np.pi)) * psi, np.cos(0.5 * angle)])
+    out = exp_quaternion(log_so3(turn))
     same = np.concatenate([[1.0], np.where(np.sum(out[1:] * out[:-1], axis=1) < 0, -1.0, 1.0)])
     return np.asarray(out * np.cumprod(same)[:, None])

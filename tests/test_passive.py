@@ -131,3 +131,18 @@ def test_rotor_on_a_loose_free_joint_is_refused() -> None:
 def test_start_of_a_driven_joint_is_refused() -> None:
     with pytest.raises(flexinv.InputError, match=r"joint 'hub' is not passive here \(passive: none\)"):
         flexinv.solve(arm(), flexinv.Motion.point_to_point([0.0], [1.0], 0.1), step=1e-3, start={"hub": 1.0})
+
+
+@pytest.mark.parametrize(
+    ("starts", "words"),
+    [
+        ({"start": {"pivot": [1.0, 2.0]}}, r"start: joint 'pivot' takes 1 finite number, got \[1\.0, 2\.0\]"),
+        ({"start": {"pivot": np.nan}}, "start: joint 'pivot' takes 1 finite number, got nan"),
+        ({"start_rate": {"pivot": "fast"}}, "start_rate: joint 'pivot' takes 1 finite number, got 'fast'"),
+        ({"start_rate": {"pivot": [1.0, 2.0]}}, "start_rate: joint 'pivot' takes 1 finite number"),
+        ({"start_rate": {"hinge": 1.0}}, r"start_rate: joint 'hinge' is not passive here \(passive: pivot\)"),
+    ],
+)
+def test_starts_that_cannot_be_are_explained(starts: dict[str, dict[str, object]], words: str) -> None:
+    with pytest.raises(flexinv.InputError, match=words):
+        flexinv.solve(_pendulum(0.3), _rest(1.0), step=0.1, **starts)  # type: ignore[arg-type]
