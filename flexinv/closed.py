@@ -75,12 +75,14 @@ def flexible_closed_solution(
 
     The loops are closed undeformed at the start; from there the march carries closures, passive joints and beams together.
     Multipliers come with accelerations at every step, and act in the inverse dynamics as nodal forces.
-    before, after : as in `kinematics.flexible_motion`; raises as `closed_solution` and the march do.
+    before, after : as in `kinematics.flexible_motion`
+    Raises InputError unless the motion is that of the drives, else as `closed_solution` and the march do.
     """
     _check(mesh)
     m = mesh.mechanism
     check_no_springs(m)
     unknown = _coordinates(mesh, passive)
+    _check_drives(mesh, unknown)
     q0, qd0, qdd0 = closed_motion(mesh, after, time[:1], unknown)
 
     def started(at: Array) -> tuple[Array, Array, Array]:
@@ -114,6 +116,26 @@ def _check(mesh: Mesh) -> None:
         raise InputError(
             f"mechanism '{m.name}', closure '{timed[0]}': active intervals are not solved yet; leave 'active' out"
         )
+
+
+def _check_drives(mesh: Mesh, unknown: NDArray[np.bool_]) -> None:
+    """With beams the joints that the motion gives are the drives: the march shares nothing out among others."""
+    m = mesh.mechanism
+    for wrong, what, write in (
+        (
+            ~unknown & ~m.actuated,
+            "the motion gives a joint without a drive",
+            "give the motion of the drives, or write actuated = true",
+        ),
+        (
+            unknown & m.actuated,
+            "the motion leaves out a drive",
+            "write actuated = false: drives cannot share the work here yet",
+        ),
+    ):
+        if wrong.any():
+            name = m.velocity_names[int(np.argmax(wrong))]
+            raise InputError(f"mechanism '{m.name}' has beams and closures, and {what} ('{name}'): {write}")
 
 
 def _reactions(mesh: Mesh, motion: NodalMotion, rows: Rows, multipliers: Array) -> dict[str, Array]:

@@ -23,8 +23,8 @@ class LoopForces:
 
     reaction : closure -> (samples, 6) force [N] and moment [N m] on the second link, at the closure, in the second frame (of a
         closure to the world as its second link: at and in the first frame)
-    preload : (samples, nv, k) efforts that only stress the mechanism [-]: the null space of redundant drives; with beams
-        k = 0, as a drive that the motion leaves out gives no effort
+    preload : (samples, nv, k) efforts that only stress the mechanism [-]: the null space of redundant drives (k = 0 with beams,
+        where redundant drives are refused)
     condition : (samples,) of the drives' authority over the motions that the closures allow [-]: 1 where drives turn as the
         mechanism does, large where they hardly move it; with beams not computed (nan)
     left : (samples, nv) efforts that neither drives nor closures carry [N m], [N]: rounding where the drives suffice

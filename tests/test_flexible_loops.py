@@ -118,6 +118,21 @@ def test_motion_that_the_loop_does_not_allow_is_named() -> None:
         flexinv.solve(m, hold, step=1e-3, initial="static")
 
 
+@pytest.mark.parametrize(
+    ("drives", "words"),
+    [
+        ("", r"gives a joint without a drive \('A'\).*actuated = true"),
+        ("AD", r"leaves out a drive \('D'\).*actuated = false"),
+        ("D", r"gives a joint without a drive \('A'\)"),
+    ],
+)
+def test_motion_of_other_joints_than_the_drives_is_refused(drives: str, words: str) -> None:
+    m = bending()
+    driven = replace(m, joints=tuple(replace(j, actuated=j.name in drives) for j in m.joints))
+    with pytest.raises(flexinv.InputError, match=words):
+        flexinv.solve(driven, SHORT, step=2e-3, start=START)
+
+
 def test_observer_does_not_matter(turned: flexinv.Solution) -> None:
     m = bending()
     turn, shift = exp_so3(np.array([0.4, 0.9, -0.3])), np.array([1.0, 2.0, 3.0])
