@@ -199,9 +199,15 @@ class _Follower:
             m = self.mesh.mechanism
             phi = np.abs(self._closures(guess)[0])
             worst = m.closures[int(self.rows.closure[int(np.argmax(phi))])].name
+            asked = int((~self.unknown).sum())
+            fewer = (
+                f", or if the loops leave fewer freedoms a motion of fewer than {asked} coordinates"
+                if asked > 1
+                else ""
+            )
             raise ConvergenceError(
                 f"mechanism '{m.name}', t = {time:g} s: the loops do not close from this start (closure '{worst}' is open by "
-                f"{phi.max():.2g}); give a better guess of the passive joints: start = {{...}}"
+                f"{phi.max():.2g}); give a better guess of the passive joints: start = {{...}}{fewer}"
             )
         return q
 
