@@ -38,6 +38,7 @@ COLOURS = {
     "deviation": "red",
     "error": "bold red",
     "unjudged": "yellow",
+    "explained": "cyan",
     "skipped": "dim",
 }
 MODELS = click.option(

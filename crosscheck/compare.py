@@ -14,14 +14,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from crosscheck.engines import ENGINES
 from crosscheck.limits import Verdict, find, judge
 from crosscheck.record import Record, Series
 from crosscheck.spectrum import dominant_frequency
 from flexinv.case import Case, Limit
 
 Array = NDArray[np.float64]
-# A signal that moves by less than this fraction of its own size stands still up to rounding: its size is its range.
-STILL = 1e-9
+# A signal that moves by less than this fraction of its own size is a holding torque: its size is its range (a motor of
+# 0.033 N m that varies by 1e-7 would otherwise be judged by that variation, which is interpolation error).
+STILL = 1e-3
 # Quantities of which a part is not enough.  Of others an engine may know less (no wrench of a joint that it welded).
 WHOLE = ("torque",)
 
@@ -149,7 +151,8 @@ class Measured:
 def _judged(pair: Pair, quantity: str, unit: str, measured: Measured, gap: str = "") -> Comparison:
     limit = find(pair.case.limits, quantity, pair.engine.engine, pair.reference.engine)
     share = fraction(measured.maximum, measured.scale)
-    verdict, message = judge(share, limit, pair.today)
+    known = pair.engine.engine in ENGINES and ENGINES[pair.engine.engine].native
+    verdict, message = judge(share, limit, pair.today, pair.engine.message if known else "")
     if gap:
         verdict = "error" if quantity in WHOLE else verdict
         message = "; ".join(filter(None, [message, gap]))

@@ -9,9 +9,9 @@ from typing import Literal
 
 from flexinv.case import Limit
 
-Verdict = Literal["within", "skipped", "unjudged", "deviation", "error"]
+Verdict = Literal["within", "skipped", "explained", "unjudged", "deviation", "error"]
 # In the order of gravity: of several the worst is the one that stands last.
-VERDICTS: tuple[Verdict, ...] = ("skipped", "within", "unjudged", "deviation", "error")
+VERDICTS: tuple[Verdict, ...] = ("skipped", "within", "explained", "unjudged", "deviation", "error")
 DEFAULT_REFERENCE = "flexinv"
 
 
@@ -36,11 +36,14 @@ def expired(limit: Limit, today: datetime.date) -> bool:
     return limit.expires is not None and limit.expires < today
 
 
-def judge(fraction: float, limit: Limit | None, today: datetime.date) -> tuple[Verdict, str]:
+def judge(fraction: float, limit: Limit | None, today: datetime.date, cause: str = "") -> tuple[Verdict, str]:
     """Return verdict and message of an error.
 
-    fraction : largest error over the range of the signal [-]
+    fraction : largest error over the range of the signal [-]; cause : why this engine's own result is known to differ:
+        without a limit the difference is then shown and explained instead of judged
     """
+    if limit is None and cause:
+        return "explained", f"{fraction:.3g} of the range: {cause}"
     if limit is None:
         return "unjudged", "no limit is stated for this quantity and engine: add one to cases.toml"
     if expired(limit, today):

@@ -199,3 +199,11 @@ def test_limits_that_nobody_asked_for_are_found() -> None:
 def test_the_worst_verdict_gives_the_exit_code(verdicts: list[limits.Verdict], worst: str, code: int) -> None:
     assert limits.worst(verdicts) == worst
     assert limits.exit_code(verdicts) == code
+
+
+def test_a_native_result_is_explained_by_its_cause_and_only_without_a_limit() -> None:
+    today = datetime.date(2026, 1, 1)
+    assert limits.judge(0.9, None, today, "soft") == ("explained", "0.9 of the range: soft")
+    assert limits.judge(0.9, None, today)[0] == "unjudged"
+    strict = Limit("torque", ("*",), 0.1, "a reason")
+    assert limits.judge(0.9, strict, today, "soft")[0] == "deviation"

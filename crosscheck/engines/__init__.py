@@ -18,16 +18,18 @@ class Engine:
     """One column of the report.
 
     module : the adapter; requires : the Python package that the adapter imports; install : how to get it
+    native : an engine's own result where it is known to differ: its adapter names the cause in the record's message
     """
 
     name: str
     module: str
     requires: str
     install: str
+    native: bool = False
 
 
-def _engine(name: str, module: str, requires: str, package: str) -> Engine:
-    return Engine(name, f"crosscheck.engines.{module}", requires, f"python -m pip install {package}")
+def _engine(name: str, module: str, requires: str, package: str, native: bool = False) -> Engine:
+    return Engine(name, f"crosscheck.engines.{module}", requires, f"python -m pip install {package}", native)
 
 
 ENGINES: dict[str, Engine] = {
@@ -36,7 +38,7 @@ ENGINES: dict[str, Engine] = {
         _engine("flexinv", "flexinv", "flexinv", "."),
         _engine("pinocchio", "pinocchio", "pinocchio", "pin"),
         _engine("mujoco", "mujoco", "mujoco", "mujoco"),
-        _engine("mujoco-equality", "mujoco", "mujoco", "mujoco"),
+        _engine("mujoco-equality", "mujoco", "mujoco", "mujoco", native=True),
         _engine("mujoco-flex", "mujoco_flex", "mujoco", "mujoco"),
         _engine("exudyn", "exudyn", "exudyn", "exudyn"),
         _engine("exudyn-dae", "exudyn", "exudyn", "exudyn"),

@@ -57,6 +57,10 @@ class Model:
         return [] if self.plane is not None else [n for n, rows in self.held.items() if sum(rows) < full[n]]
 
 
+# A motion starts with acceleration when its first one is more than this part of its largest: splines round by less.
+STARTED = 1e-2
+
+
 def unsupported(mechanism: Mechanism, case: Case) -> str | None:
     """Return why Exudyn cannot do this mechanism with closures, springs or forces in time, or None."""
     if not mechanism.closures and (reason := missing_motion(mechanism, case)):
@@ -67,7 +71,21 @@ def unsupported(mechanism: Mechanism, case: Case) -> str | None:
         lean = joint.kind == "universal" and abs(joint.axis @ joint.second_axis) > PERPENDICULAR
         if lean and joint.name in assembly.left_out(mechanism, case):
             return f"joint {joint.name}: a connector holds the axes of a universal joint perpendicular; these lean"
-    return None
+    return _jerked_start(mechanism, case)
+
+
+def _jerked_start(mechanism: Mechanism, case: Case) -> str | None:
+    """Return why a loop that starts with acceleration is no comparison: the engine cannot be told of it."""
+    _, _, qdd = case.motion.evaluate(mechanism, np.linspace(0.0, case.end, 101))
+    largest = np.abs(qdd).max(axis=0, initial=0.0)
+    started = np.abs(qdd[0]) > STARTED * largest
+    if not mechanism.closures or not (started & (largest > 0.0)).any():
+        return None
+    name = mechanism.velocity_names[int(np.argmax(started & (largest > 0.0)))]
+    return (
+        f"'{name}' starts with acceleration: in a loop Exudyn finds its initial accelerations without what the motion "
+        "prescribes and takes none from outside, which leaves some 20 steps of transient as large as the effort itself"
+    )
 
 
 def model_of(mechanism: Mechanism, case: Case) -> Model:

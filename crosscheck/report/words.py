@@ -11,11 +11,19 @@ from crosscheck.compare import Comparison
 from crosscheck.limits import VERDICTS, Verdict, worst
 from crosscheck.results import CaseRow, Results, RunRow, StudyRow
 
-SIGNS: dict[str, str] = {"within": "✓", "deviation": "✗", "error": "!", "skipped": "–", "unjudged": "?"}
+SIGNS: dict[str, str] = {
+    "within": "✓",
+    "deviation": "✗",
+    "error": "!",
+    "skipped": "–",
+    "unjudged": "?",
+    "explained": "≈",
+}
 MEANINGS: dict[str, str] = {
     "within": "compared, and within the stated limit",
     "deviation": "compared, and farther apart than the limit allows",
     "error": "an engine or the harness failed: nothing is shown",
+    "explained": "differs for a known cause, which the row names",
     "unjudged": "compared, but no limit is stated (or it expired)",
     "skipped": "the engine cannot do this; nothing is claimed",
 }
@@ -90,7 +98,7 @@ def counts(results: Results) -> dict[Verdict, int]:
 def sentence(results: Results) -> str:
     """Return what a reader has to know first."""
     tally = counts(results)
-    judged = sum(tally.values()) - tally["skipped"]
+    judged = sum(tally.values()) - tally["skipped"] - tally["explained"]
     failed = sum(r.verdict == "error" for r in results.runs)
     broken = {(r.mechanism, r.case, r.engine) for r in results.runs if r.verdict == "error"}
     alone = [c for c in results.comparisons if c.verdict == "error" and not _engines(c) & broken]
