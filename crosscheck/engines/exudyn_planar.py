@@ -11,7 +11,7 @@ Conventions, as a map and its dual.
     root lock     ``ObjectJointGeneric`` (1, 1, 0, 0, 0, 1): force on the beam = -ForceLocal (root axes)
 
 ``ANCFCable2D`` is a Bernoulli-Euler beam: no shear, no rotary inertia; its strains are relative to the reference.
-Source: exudyn 1.13.6, measured against a rigid rod in tests/test_engine_exudyn.py.
+Source: exudyn 1.13.6, measured against a rigid rod in tests/test_engine_exudyn_beams.py.
 """
 
 from __future__ import annotations
