@@ -18,7 +18,7 @@ from crosscheck.engines import ENGINES
 from crosscheck.limits import Verdict, find, judge
 from crosscheck.record import Record, Series
 from crosscheck.spectrum import dominant_frequency
-from flexinv.case import Case, Limit
+from flexinv.files.case import Case, Limit
 
 Array = NDArray[np.float64]
 # A signal that moves by less than this fraction of its own size is a holding torque: its size is its range (a motor of

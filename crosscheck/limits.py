@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from fnmatch import fnmatchcase
 from typing import Literal
 
-from flexinv.case import Limit
+from flexinv.files.case import Limit
 
 Verdict = Literal["within", "skipped", "explained", "unjudged", "deviation", "error"]
 # In the order of gravity: of several the worst is the one that stands last.

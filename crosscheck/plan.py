@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from crosscheck.engines.base import sample_times
 from crosscheck.results import CaseRow
-from flexinv.case import Case, load_cases
 from flexinv.errors import InputError
+from flexinv.files.case import Case, load_cases
+from flexinv.files.mechanism_file import load_mechanism
 from flexinv.mechanism import Mechanism
-from flexinv.mechanism_file import load_mechanism
 
 LARGEST_TEXT = 20_000  # [characters] of a model file that a report shows
 

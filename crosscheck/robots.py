@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 
 from flexinv import joint_torques
 from flexinv.errors import ModelWarning
+from flexinv.files.urdf import from_urdf
+from flexinv.files.urdf_table import robots_folder
 from flexinv.mechanism import Mechanism
-from flexinv.mechanism_file_urdf import robots_folder
-from flexinv.urdf import from_urdf
 
 Array = NDArray[np.float64]
 State = tuple[Array, Array, Array]

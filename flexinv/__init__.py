@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from flexinv.errors import ConvergenceError, FlexinvError, InputError, ModelWarning
+    from flexinv.files.mechanism_file import load_mechanism
+    from flexinv.files.urdf import from_urdf
     from flexinv.mechanism import Mechanism
-    from flexinv.mechanism_file import load_mechanism
     from flexinv.motion import Motion
     from flexinv.rest import Load, statics
     from flexinv.scheme import solve
     from flexinv.solution import Solution
     from flexinv.torques import joint_torques
-    from flexinv.urdf import from_urdf
 
 # Where each public name lives; it is imported when first used, so that a program that only reads a mechanism
 # does not wait for the compiler.
@@ -27,9 +27,9 @@ _HOME = {
     "ModelWarning": "errors",
     "Motion": "motion",
     "Solution": "solution",
-    "from_urdf": "urdf",
+    "from_urdf": "files.urdf",
     "joint_torques": "torques",
-    "load_mechanism": "mechanism_file",
+    "load_mechanism": "files.mechanism_file",
     "solve": "scheme",
     "statics": "rest",
 }

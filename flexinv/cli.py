@@ -12,15 +12,15 @@ import click
 import numpy as np
 import pandas as pd
 
-from flexinv.case import Case, load_cases
 from flexinv.errors import FlexinvError, InputError, ModelWarning
+from flexinv.files.case import Case, load_cases
+from flexinv.files.mechanism_file import load_mechanism
+from flexinv.files.urdf import from_urdf
 from flexinv.loops import closed_near, mobility
 from flexinv.mechanism import CLOSURES, Link, Mechanism
-from flexinv.mechanism_file import load_mechanism
 from flexinv.mesh import build
 from flexinv.scheme import solve as solve_motion
 from flexinv.solution import Solution
-from flexinv.urdf import from_urdf
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.errors import InputError
-from flexinv.unit_keys import nearest
+from flexinv.files.unit_keys import nearest
 
 Array = NDArray[np.float64]
 Triple = tuple[Array, Array, Array]

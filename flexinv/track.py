@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from flexinv.errors import InputError
+from flexinv.files.unit_keys import nearest
 from flexinv.laws import find_law, progress
 from flexinv.mechanism import Joint, Mechanism
 from flexinv.samples import UNIT_NORM, Sampling, plain_path, rotation_path, unit_quaternions
-from flexinv.unit_keys import nearest
 
 Array = NDArray[np.float64]
 Triple = tuple[Array, Array, Array]

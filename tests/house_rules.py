@@ -17,7 +17,7 @@ UNIT = re.compile(rf"\[(?:any unit|unit(?: of [\w\s]+)?|{_PRODUCT}(?:(?:, | or )
 ENGINES = ("pinocchio", "mujoco", "exudyn")
 GRAPHICS = ("matplotlib", "plotly", "PIL")
 # Primary data and the reading of it; everything else of flexinv computes and would agree with itself.
-PRIMARY = ("errors", "mechanism", "case", "motion", "mechanism_file", "urdf")
+PRIMARY = ("errors", "mechanism", "motion", "files")
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 

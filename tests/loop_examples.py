@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.case import Case
+from flexinv.files.case import Case
 from flexinv.mechanism import (
     WORLD,
     Attachment,

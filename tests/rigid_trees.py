@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from flexinv.case import Case
+from flexinv.files.case import Case
+from flexinv.files.urdf import from_urdf
 from flexinv.mechanism import WORLD, Body, Inertia, Joint, Link, Mechanism, Placement
 from flexinv.motion import Motion
-from flexinv.urdf import from_urdf
 
 Array = NDArray[np.float64]
 # link, kind of its joint, parent: two branches, a fixed joint in the middle, a moving base in a turned place

@@ -20,7 +20,7 @@ import numpy as np
 from crosscheck.engines import Engine
 from crosscheck.engines.base import sample_times
 from crosscheck.record import Record, torque_series
-from flexinv.case import Case
+from flexinv.files.case import Case
 from flexinv.mechanism import Mechanism
 
 

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import flexinv
-from flexinv.case import Case, load_cases
+from flexinv.files.case import Case, load_cases
 from flexinv.loops import mobility
 from flexinv.mechanism import Mechanism
 

@@ -10,7 +10,7 @@ import pytest
 from complaints import Planted, check_complaint, planted
 
 from flexinv.errors import InputError, ModelWarning
-from flexinv.mechanism_file import load_mechanism
+from flexinv.files.mechanism_file import load_mechanism
 
 GOOD = """
 source = "test"

@@ -16,12 +16,12 @@ from xml.etree import ElementTree
 
 import pytest
 
-from flexinv.case import load_cases
 from flexinv.errors import InputError, ModelWarning
+from flexinv.files.case import load_cases
+from flexinv.files.mechanism_file import load_mechanism
+from flexinv.files.urdf import from_urdf
+from flexinv.files.urdf_table import robots_folder
 from flexinv.mechanism import Mechanism
-from flexinv.mechanism_file import load_mechanism
-from flexinv.mechanism_file_urdf import robots_folder
-from flexinv.urdf import from_urdf
 
 README = (Path(__file__).resolve().parent.parent / "models" / "README.md").read_text(encoding="utf-8")
 NATIVE, LOOP, URDF, CASES = re.findall(r"^```toml\n(.*?)^```$", README, re.M | re.S)

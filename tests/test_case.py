@@ -10,8 +10,8 @@ import pytest
 from complaints import Planted, check_complaint, planted
 from scipy.spatial.transform import Rotation
 
-from flexinv.case import Case, Limit, load_cases
 from flexinv.errors import InputError
+from flexinv.files.case import Case, Limit, load_cases
 from flexinv.mechanism import Joint, Link, Mechanism
 
 KINDS = {

@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flexinv.case import load_cases
 from flexinv.cli import link_mass, main
+from flexinv.files.case import load_cases
+from flexinv.files.mechanism_file import load_mechanism
 from flexinv.mechanism import Beam, Body, Inertia, Link, Section
-from flexinv.mechanism_file import load_mechanism
 from flexinv.scheme import solve
 
 MECHANISM = """

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from complaints import Planted, check_complaint, planted
 
-from flexinv.case import load_cases
 from flexinv.errors import InputError, ModelWarning
+from flexinv.files.case import load_cases
+from flexinv.files.mechanism_file import load_mechanism
 from flexinv.mechanism import Attachment, Mechanism
-from flexinv.mechanism_file import load_mechanism
 
 GOOD = """
 source = "test"

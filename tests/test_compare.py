@@ -11,7 +11,7 @@ import pytest
 from crosscheck import limits
 from crosscheck.compare import Comparison, Pair, compare, fraction, signal_range
 from crosscheck.record import Record, series, torque_series, wrench_series
-from flexinv.case import Case, Limit
+from flexinv.files.case import Case, Limit
 from flexinv.mechanism import Joint, Link, Mechanism
 from flexinv.motion import Motion
 

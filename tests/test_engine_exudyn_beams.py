@@ -16,9 +16,9 @@ from crosscheck.engines.base import sample_times
 from crosscheck.engines.exudyn_parts import weigh
 from crosscheck.engines.exudyn_solve import quiet
 from crosscheck.record import Record, check
-from flexinv.case import Case, load_cases
+from flexinv.files.case import Case, load_cases
+from flexinv.files.mechanism_file import load_mechanism
 from flexinv.mechanism import WORLD, Beam, Body, Inertia, Joint, Link, Mechanism, Placement, Section
-from flexinv.mechanism_file import load_mechanism
 from flexinv.motion import Motion
 
 Array = NDArray[np.float64]

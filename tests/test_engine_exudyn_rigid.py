@@ -16,7 +16,7 @@ from crosscheck.engines import exudyn, exudyn_planar, exudyn_rigid, exudyn_spati
 from crosscheck.engines.base import sample_times
 from crosscheck.record import Record, check
 from crosscheck.robots import random_states
-from flexinv.case import Case
+from flexinv.files.case import Case
 from flexinv.mechanism import WORLD, Beam, Body, Inertia, Joint, Link, Mechanism, Section
 from flexinv.motion import Motion
 

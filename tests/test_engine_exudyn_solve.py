@@ -12,7 +12,7 @@ import rigid_trees as trees
 
 from crosscheck.engines import exudyn, exudyn_march, exudyn_planar, exudyn_solve
 from crosscheck.engines.exudyn_solve import ExudynFailure, NewtonStalled, Plan, Table, grid, quiet, step_size
-from flexinv.case import Case
+from flexinv.files.case import Case
 from flexinv.mechanism import Mechanism
 from flexinv.motion import Motion
 

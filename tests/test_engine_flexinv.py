@@ -11,9 +11,9 @@ import pytest
 from crosscheck.engines import flexinv as engine
 from crosscheck.engines.base import sample_times
 from crosscheck.record import Record, check
-from flexinv.case import Case, load_cases
+from flexinv.files.case import Case, load_cases
+from flexinv.files.mechanism_file import load_mechanism
 from flexinv.mechanism import Mechanism
-from flexinv.mechanism_file import load_mechanism
 from flexinv.motion import Motion
 from flexinv.scheme import solve
 

@@ -19,7 +19,7 @@ from crosscheck.engines import assembly, exudyn, mujoco, mujoco_flex, pinocchio,
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.pinocchio_model import to_engine
 from crosscheck.record import WRENCH, XYZ, Record, check
-from flexinv.case import Case
+from flexinv.files.case import Case
 from flexinv.mechanism import Attachment, Closure, Force, Mechanism, Placement
 
 Array = NDArray[np.float64]

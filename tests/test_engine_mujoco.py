@@ -17,9 +17,9 @@ from crosscheck.engines.base import sample_times
 from crosscheck.engines.mujoco_fuse import losses
 from crosscheck.record import check
 from crosscheck.robots import random_states
+from flexinv.files.urdf import from_urdf
 from flexinv.mechanism import WORLD, Body, Inertia, Joint, Link, Mechanism
 from flexinv.motion import Motion
-from flexinv.urdf import from_urdf
 
 ROUNDING = 1e-13  # a few hundred roundings of the largest effort
 

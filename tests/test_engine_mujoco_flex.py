@@ -18,7 +18,7 @@ from crosscheck.engines.base import sample_times
 from crosscheck.engines.mujoco_rod import bending_axis, flexible, rod_of
 from crosscheck.record import check
 from flexinv import solve
-from flexinv.case import Case
+from flexinv.files.case import Case
 from flexinv.mechanism import WORLD, Beam, Body, Inertia, Joint, Link, Mechanism, Placement, Section
 from flexinv.motion import Motion
 

@@ -14,9 +14,9 @@ from crosscheck.engines import pinocchio, pinocchio_model
 from crosscheck.engines.base import sample_times
 from crosscheck.record import check
 from crosscheck.robots import random_states
+from flexinv.files.urdf import from_urdf
 from flexinv.mechanism import Beam, Mechanism, Section
 from flexinv.motion import Motion
-from flexinv.urdf import from_urdf
 
 ROUNDING = 1e-13  # a few hundred roundings of the largest effort
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import flexinv
-from flexinv.case import load_cases
 from flexinv.cli import main
+from flexinv.files.case import load_cases
 
 
 @pytest.fixture

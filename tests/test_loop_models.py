@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import flexinv
-from flexinv.case import Case, load_cases
+from flexinv.files.case import Case, load_cases
 from flexinv.loops import mobility
 from flexinv.mechanism import Mechanism
 

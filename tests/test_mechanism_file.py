@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from flexinv.files.bodies import impossible
+from flexinv.files.joints import TABLES, rotation_from_rpy
+from flexinv.files.mechanism_file import load_mechanism
+from flexinv.files.sections import rectangle_torsion
+from flexinv.files.unit_keys import converted, correction, split_unit
 from flexinv.mechanism import COORDINATES, Array, Mechanism
-from flexinv.mechanism_file import load_mechanism
-from flexinv.mechanism_file_bodies import impossible
-from flexinv.mechanism_file_joints import TABLES, rotation_from_rpy
-from flexinv.mechanism_file_sections import rectangle_torsion
-from flexinv.unit_keys import converted, correction, split_unit
 
 HEAD = 'source = "test"\ngravity_m_per_s2 = [0, 0, 0]\n'
 BASE = '[joints.base]\nkind = "fixed"\nparent = "world"\nchild = "link"\n'

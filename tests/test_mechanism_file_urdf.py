@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import flexinv.mechanism_file_urdf as urdf_files
+import flexinv.files.urdf_table as urdf_files
 from flexinv.errors import InputError, ModelWarning
+from flexinv.files.mechanism_file import load_mechanism
 from flexinv.mechanism import Mechanism, Placement
-from flexinv.mechanism_file import load_mechanism
 
 
 def load(tmp_path: Path, text: str) -> Mechanism:

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import flexinv
-from flexinv import case_schema, mechanism_file_closures, mechanism_file_joints, mechanism_file_schema
-from flexinv.case import load_cases
+from flexinv.files import case_schema, closures, joints, schema
+from flexinv.files.case import load_cases
+from flexinv.files.mechanism_file import load_mechanism
+from flexinv.files.toml_tables import Table
 from flexinv.mechanism import Array, Mechanism
-from flexinv.mechanism_file import load_mechanism
-from flexinv.toml_tables import Table
 
 MODELS = Path(__file__).resolve().parent.parent / "models"
 NAMES = sorted(path.parent.name for path in MODELS.glob("*/mechanism.toml"))
@@ -135,7 +135,7 @@ def test_examples_of_the_readme_load(tmp_path: Path) -> None:
 
 
 def tables() -> list[type[Table]]:
-    modules: list[Any] = [mechanism_file_schema, mechanism_file_joints, mechanism_file_closures, case_schema]
+    modules: list[Any] = [schema, joints, closures, case_schema]
     return [
         thing
         for module in modules

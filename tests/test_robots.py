@@ -14,7 +14,7 @@ from rigid_trees import footed, urdf
 from crosscheck import robots
 from crosscheck.engines import mujoco_fuse
 from crosscheck.robots import LARGEST_ERROR, RobotRow, bases, random_states, robot_names, robot_row, robot_table
-from flexinv.urdf import from_urdf
+from flexinv.files.urdf import from_urdf
 
 BOLT = "bolt_description/robots/bolt.urdf"
 

@@ -10,7 +10,7 @@ import pytest
 from flexible_examples import HALF_TURN, TREE_MOTION, arm, spatial_tree
 
 import flexinv
-from flexinv.case import load_cases
+from flexinv.files.case import load_cases
 from flexinv.inverse import drive_efforts
 from flexinv.mechanism import Limits
 

@@ -98,7 +98,7 @@ def test_a_broken_rule_is_found(complaint: str) -> None:
 
 
 MISPLACED = {
-    "flexinv stands alone": ("flexinv.case", "from crosscheck.record import Record"),
+    "flexinv stands alone": ("flexinv.files.case", "from crosscheck.record import Record"),
     "only the command line draws": ("flexinv.solution", "import matplotlib.pyplot as plt"),
     "and loads what draws when it does": ("flexinv.cli", "from matplotlib import pyplot"),
     "only crosscheck/engines/mujoco*.py may": ("crosscheck.runner", "import mujoco"),
@@ -108,7 +108,7 @@ MISPLACED = {
     "reads primary data only (errors": ("crosscheck.engines.pinocchio", "from flexinv import joint_torques"),
     "an engine does not know another": ("crosscheck.engines.mujoco_model", "from crosscheck.engines.exudyn import run"),
     "does not know another": ("crosscheck.engines.mujoco", "import crosscheck.engines.flexinv"),
-    "imports are written in full": ("flexinv.case", "from .motion import Motion"),
+    "imports are written in full": ("flexinv.files.case", "from .motion import Motion"),
 }
 
 
@@ -124,7 +124,10 @@ def test_imports_in_their_place_are_silent() -> None:
         ("flexinv.cli", "def plot():\n    import matplotlib"),
         ("flexinv.cli", "if TYPE_CHECKING:\n    from matplotlib.figure import Figure"),
         ("crosscheck.engines.mujoco_model", "import mujoco\nfrom crosscheck.engines.mujoco import run"),
-        ("crosscheck.engines.exudyn_ge", "from flexinv.mechanism import Mechanism\nfrom flexinv.case import Case"),
+        (
+            "crosscheck.engines.exudyn_ge",
+            "from flexinv.mechanism import Mechanism\nfrom flexinv.files.case import Case",
+        ),
         ("crosscheck.engines.flexinv", "import flexinv\nfrom flexinv.scheme import solve"),
         ("crosscheck.report.html", "import plotly"),
     ):

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from flexinv.errors import InputError, ModelWarning
+from flexinv.files.urdf import from_urdf
+from flexinv.files.urdf_table import robots_folder
 from flexinv.mechanism import Array, Mechanism, Placement
-from flexinv.mechanism_file_urdf import robots_folder
-from flexinv.urdf import from_urdf
 
 pin = pytest.importorskip("pinocchio")
 ROBOTS = robots_folder()

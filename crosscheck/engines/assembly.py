@@ -22,7 +22,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.case import Case
+from flexinv.files.case import Case
 from flexinv.mechanism import Closure, Mechanism
 
 Array = NDArray[np.float64]

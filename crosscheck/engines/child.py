@@ -20,8 +20,8 @@ from typing import Any, cast
 
 from crosscheck.engines.base import Adapter
 from crosscheck.record import Record, fingerprint, save
-from flexinv.case import load_cases
-from flexinv.mechanism_file import load_mechanism
+from flexinv.files.case import load_cases
+from flexinv.files.mechanism_file import load_mechanism
 
 LARGEST_FILE = 1 << 28  # [bytes]; one MuJoCo log was seen to grow without end, a record has a few megabytes
 PR_SET_PDEATHSIG = 1  # linux/prctl.h

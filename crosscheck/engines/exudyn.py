@@ -23,7 +23,7 @@ from crosscheck.engines.exudyn_march import DAE, TREE, Made, in_time, layout_of
 from crosscheck.engines.exudyn_solve import quiet
 from crosscheck.engines.prescribed import beyond_a_tree, missing_motion, passive_effort, rotor_effort
 from crosscheck.record import Record, fingerprint, torque_series, vector_series, wrench_series
-from flexinv.case import Case
+from flexinv.files.case import Case
 from flexinv.mechanism import Mechanism
 
 

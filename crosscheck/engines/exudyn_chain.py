@@ -19,7 +19,7 @@ import numpy as np
 from crosscheck.engines import assembly
 from crosscheck.engines.assembly import Moving, Task
 from crosscheck.engines.exudyn_frames import Array, joint_pose, joint_twist, turn
-from flexinv.case import Case
+from flexinv.files.case import Case
 from flexinv.mechanism import WORLD, Attachment, Joint, Mechanism, Placement
 
 

@@ -27,7 +27,7 @@ from crosscheck.engines.base import sample_times
 from crosscheck.engines.exudyn_frames import Array, compose, frame_along
 from crosscheck.engines.exudyn_layout import Frame, Layout
 from crosscheck.engines.exudyn_parts import Model
-from flexinv.case import Case
+from flexinv.files.case import Case
 from flexinv.mechanism import Attachment, Closure, Force, Joint, Mechanism, Placement
 
 # Axes that a connector holds by the kind of joint or closure: along x, y, z of marker 0, about x, y, z.

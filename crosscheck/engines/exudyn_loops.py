@@ -30,7 +30,7 @@ from crosscheck.engines.exudyn_parts import Outcome
 from crosscheck.engines.exudyn_solve import NewtonStalled, Plan, grid, step_size
 from crosscheck.engines.prescribed import missing_motion, passive_effort, rotor_effort, spring_effort
 from crosscheck.record import Series, torque_series, vector_series, wrench_series
-from flexinv.case import Case
+from flexinv.files.case import Case
 from flexinv.mechanism import Mechanism
 
 STEPS = 2000  # of the coarse run: the extrapolated torque of the four-bar is within 1e-8 of the range

@@ -17,7 +17,7 @@ from crosscheck.engines.exudyn_parts import Outcome
 from crosscheck.engines.exudyn_solve import NewtonStalled, Plan, grid, step_size
 from crosscheck.engines.prescribed import passive_effort, rotor_effort
 from crosscheck.record import Series, series, torque_series, vector_series, wrench_series
-from flexinv.case import Case
+from flexinv.files.case import Case
 from flexinv.mechanism import Beam, Mechanism
 
 TREE, DAE, ANCF, EXACT = "exudyn", "exudyn-dae", "exudyn-ancf", "exudyn-ge"

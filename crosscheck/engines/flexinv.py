@@ -20,7 +20,7 @@ from crosscheck.record import (
     vector_series,
     wrench_series,
 )
-from flexinv.case import Case
+from flexinv.files.case import Case
 from flexinv.mechanism import Mechanism
 from flexinv.scheme import solve
 from flexinv.solution import Solution

@@ -38,7 +38,7 @@ from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.mujoco_model import Built, build
 from crosscheck.engines.prescribed import beyond_a_tree, missing_motion
 from crosscheck.record import Record, Series, torque_series, vector_series, wrench_series
-from flexinv.case import Case
+from flexinv.files.case import Case
 from flexinv.mechanism import WORLD, Joint, Mechanism
 
 Array = NDArray[np.float64]

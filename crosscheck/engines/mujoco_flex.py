@@ -23,7 +23,7 @@ from crosscheck.engines.mujoco_model import Built
 from crosscheck.engines.mujoco_rod import DRIVE, Rod, bending_axis, flexible, rod_of
 from crosscheck.engines.prescribed import beyond_a_tree, missing_motion, passive_effort, rotor_effort
 from crosscheck.record import Record, Series, series, torque_series, vector_series, wrench_series
-from flexinv.case import Case
+from flexinv.files.case import Case
 from flexinv.mechanism import Link, Mechanism
 
 __all__ = ["abilities", "run", "unsupported", "version"]

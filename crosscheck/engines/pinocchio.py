@@ -32,7 +32,7 @@ from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.pinocchio_model import Built, Dynamics, build, inverse_dynamics
 from crosscheck.engines.prescribed import beyond_a_tree, missing_motion, passive_effort
 from crosscheck.record import Record, Series, torque_series, vector_series, wrench_series
-from flexinv.case import Case
+from flexinv.files.case import Case
 from flexinv.mechanism import Mechanism
 
 __all__ = [

@@ -24,7 +24,7 @@ from crosscheck.engines.applied import Push, closing, pushes, reactions
 from crosscheck.engines.assembly import Moving, Task
 from crosscheck.engines.pinocchio_model import Built, Dynamics, inverse_dynamics, to_engine
 from crosscheck.engines.prescribed import passive_effort, spring_effort
-from flexinv.case import Case
+from flexinv.files.case import Case
 from flexinv.mechanism import Attachment, Mechanism
 
 Array = NDArray[np.float64]

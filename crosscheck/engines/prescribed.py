@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.case import Case
+from flexinv.files.case import Case
 from flexinv.mechanism import Mechanism
 
 Array = NDArray[np.float64]

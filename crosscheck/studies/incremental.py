@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from flexinv.case import Case, load_cases
 from flexinv.differences import ORDER
+from flexinv.files.case import Case, load_cases
+from flexinv.files.mechanism_file import load_mechanism
 from flexinv.mechanism import Mechanism
-from flexinv.mechanism_file import load_mechanism
 from flexinv.scheme import solve
 from flexinv.torques import joint_torques
 

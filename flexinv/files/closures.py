@@ -11,10 +11,9 @@ import numpy as np
 from pydantic import Field, PlainValidator
 
 from flexinv.errors import InputError
-from flexinv.mechanism import CLOSURES, WORLD, Array, Attachment, Closure, Force, Link, Spring
-from flexinv.mechanism_file_joints import read_placement, unit_axis
-from flexinv.mechanism_file_schema import SOURCE, PlacementTable, finite
-from flexinv.toml_tables import (
+from flexinv.files.joints import read_placement, unit_axis
+from flexinv.files.schema import SOURCE, PlacementTable, finite
+from flexinv.files.toml_tables import (
     Fraction,
     Name,
     NotNegative,
@@ -28,7 +27,8 @@ from flexinv.toml_tables import (
     toml_text,
     validate,
 )
-from flexinv.unit_keys import nearest
+from flexinv.files.unit_keys import nearest
+from flexinv.mechanism import CLOSURES, WORLD, Array, Attachment, Closure, Force, Link, Spring
 
 KINDS = '"revolute", "prismatic", "cylindrical", "universal", "spherical", "point-on-line" or "fixed"'
 END = "a table: link, and where on it: xyz_m [m], rpy_deg [deg], on a beam station [-]"

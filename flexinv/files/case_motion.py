@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from flexinv.case_csv import read_samples
-from flexinv.case_schema import (
+from flexinv.errors import InputError
+from flexinv.files.case_csv import read_samples
+from flexinv.files.case_schema import (
     AngleTable,
     MotionTable,
     MoveTable,
@@ -19,11 +20,10 @@ from flexinv.case_schema import (
     RotationTable,
     TwoAnglesTable,
 )
-from flexinv.errors import InputError
+from flexinv.files.toml_tables import complaint, place, validate
+from flexinv.files.unit_keys import nearest
 from flexinv.mechanism import Array, Joint, Mechanism
 from flexinv.motion import Motion
-from flexinv.toml_tables import complaint, place, validate
-from flexinv.unit_keys import nearest
 
 Reader = Callable[[Any], Array]
 Timing = tuple[str, float, float, float]  # law, duration, hold, delay [s]

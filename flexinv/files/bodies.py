@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from flexinv.errors import InputError
+from flexinv.files.schema import BodyTable, CylinderTable, PayloadTable, RodTable
+from flexinv.files.toml_tables import complaint, place
 from flexinv.mechanism import Array, Body, Inertia
-from flexinv.mechanism_file_schema import BodyTable, CylinderTable, PayloadTable, RodTable
-from flexinv.toml_tables import complaint, place
 
 # Relative to the largest moment: files carry about seven digits, so a thin plate's xx + yy = zz is met to 1e-6.
 DIGITS = 1e-6

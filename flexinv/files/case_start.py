@@ -8,19 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from flexinv.case_motion import ANGLE, TURN, Reader, plain
-from flexinv.case_schema import (
+from flexinv.errors import InputError
+from flexinv.files.case_motion import ANGLE, TURN, Reader, plain
+from flexinv.files.case_schema import (
     AngleStartTable,
     PoseStartTable,
     PositionStartTable,
     RotationStartTable,
     TwoAnglesStartTable,
 )
-from flexinv.errors import InputError
+from flexinv.files.toml_tables import Table, complaint, place, validate
+from flexinv.files.unit_keys import nearest
 from flexinv.mechanism import Array, Mechanism
 from flexinv.motion import Motion
-from flexinv.toml_tables import Table, complaint, place, validate
-from flexinv.unit_keys import nearest
 
 # kind -> its table, the parts of its coordinates (each by the key that states it), an example to write
 STARTS: dict[str, tuple[type[Table], tuple[dict[str, Reader], ...], str]] = {

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from flexinv.errors import InputError
+from flexinv.files.bodies import read_payloads
+from flexinv.files.joints import DRIVES, drive
+from flexinv.files.schema import OverlayBeamTable, OverlayLinkTable, OverlayTable
+from flexinv.files.sections import CrossSection, section_along
+from flexinv.files.toml_tables import complaint, place, validate
+from flexinv.files.unit_keys import nearest
 from flexinv.mechanism import Array, Beam, Body, Inertia, Joint, Link, Mechanism, Placement
-from flexinv.mechanism_file_bodies import read_payloads
-from flexinv.mechanism_file_joints import DRIVES, drive
-from flexinv.mechanism_file_schema import OverlayBeamTable, OverlayLinkTable, OverlayTable
-from flexinv.mechanism_file_sections import CrossSection, section_along
-from flexinv.toml_tables import complaint, place, validate
-from flexinv.unit_keys import nearest
 
 
 def overlaid(mechanism: Mechanism, table: OverlayTable, sections: Mapping[str, CrossSection], file: Path) -> Mechanism:

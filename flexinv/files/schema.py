@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, PlainValidator
 
-from flexinv.toml_tables import Fraction, Name, NotNegative, Number, Positive, Table, Text, Vector, bounded, key
+from flexinv.files.toml_tables import Fraction, Name, NotNegative, Number, Positive, Table, Text, Vector, bounded, key
 
 Numbers = dict[str, float]
 

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from flexinv.errors import InputError
-from flexinv.mechanism import Array, Section
-from flexinv.mechanism_file_schema import (
+from flexinv.files.schema import (
     CircleTable,
     MaterialTable,
     RectangleTable,
@@ -19,8 +18,9 @@ from flexinv.mechanism_file_schema import (
     StiffnessSectionTable,
     TubeTable,
 )
-from flexinv.toml_tables import complaint, place, toml_text, validate
-from flexinv.unit_keys import nearest
+from flexinv.files.toml_tables import complaint, place, toml_text, validate
+from flexinv.files.unit_keys import nearest
+from flexinv.mechanism import Array, Section
 
 SHAPES: dict[str, type[RectangleTable] | type[CircleTable] | type[TubeTable]] = {
     "rectangle": RectangleTable,

@@ -11,9 +11,9 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from flexinv.errors import InputError
+from flexinv.files.toml_tables import LARGEST, LONGEST_NAME, complaint
+from flexinv.files.unit_keys import nearest
 from flexinv.mechanism import Array
-from flexinv.toml_tables import LARGEST, LONGEST_NAME, complaint
-from flexinv.unit_keys import nearest
 
 LARGEST_FILE = 16 << 20  # [byte]: the largest URDF of example-robot-data has 0.2 MB
 

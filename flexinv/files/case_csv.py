@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from flexinv.errors import InputError
+from flexinv.files.toml_tables import complaint
+from flexinv.files.unit_keys import UNITS, nearest
 from flexinv.mechanism import COORDINATES, Array, Joint, Mechanism
-from flexinv.toml_tables import complaint
-from flexinv.unit_keys import UNITS, nearest
 
 LARGEST_FILE = 64 << 20  # [byte]: a million samples of a robot
 GAP = 3.0  # an interval this many times the median one is samples lost, not a change of pace

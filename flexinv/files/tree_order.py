@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 
 from flexinv.errors import InputError
+from flexinv.files.toml_tables import complaint
+from flexinv.files.unit_keys import nearest
 from flexinv.mechanism import WORLD, Joint
-from flexinv.toml_tables import complaint
-from flexinv.unit_keys import nearest
 
 # ("joint" or "link", its name, the key) -> the words that name the place in the file
 Where = Callable[[str, str, str], str]

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from flexinv.toml_tables import Name, NotNegative, Number, Positive, Table, Text, Vector, key
+from flexinv.files.toml_tables import Name, NotNegative, Number, Positive, Table, Text, Vector, key
 
 QUANTITIES = ("torque", "wrench", "tip", "deflection", "axial", "internal", "frequency")
 OF_BEAMS = ("deflection", "axial", "internal", "frequency")

@@ -6,9 +6,9 @@ from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
 from flexinv.errors import InputError
-from flexinv.mechanism_file_schema import UrdfTable
-from flexinv.toml_tables import complaint, place
-from flexinv.unit_keys import nearest
+from flexinv.files.schema import UrdfTable
+from flexinv.files.toml_tables import complaint, place
+from flexinv.files.unit_keys import nearest
 
 ROBOTS = "cmeel.prefix/share/example-robot-data/robots"  # where the wheel of example-robot-data puts its robots
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from flexinv.case_motion import read_motion
-from flexinv.case_schema import OF_BEAMS, CasesTable, CaseTable, LimitTable
-from flexinv.case_start import read_start
 from flexinv.errors import InputError
+from flexinv.files.case_motion import read_motion
+from flexinv.files.case_schema import OF_BEAMS, CasesTable, CaseTable, LimitTable
+from flexinv.files.case_start import read_start
+from flexinv.files.toml_tables import check_names, complaint, place, read_toml, validate
 from flexinv.mechanism import Array, Mechanism
 from flexinv.motion import Motion
-from flexinv.toml_tables import check_names, complaint, place, read_toml, validate
 
 # Times are decimals in a binary machine: quotients of them are whole numbers only to about 1e-13.
 WHOLE = 1e-9

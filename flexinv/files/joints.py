@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from flexinv.errors import InputError, ModelWarning
-from flexinv.mechanism import COORDINATES, Array, Joint, Limits, Placement
-from flexinv.mechanism_file_schema import PLACEMENT, SOURCE, PlacementTable
-from flexinv.toml_tables import (
+from flexinv.files.schema import PLACEMENT, SOURCE, PlacementTable
+from flexinv.files.toml_tables import (
     Fraction,
     Name,
     NotNegative,
@@ -26,7 +25,8 @@ from flexinv.toml_tables import (
     toml_text,
     validate,
 )
-from flexinv.unit_keys import nearest
+from flexinv.files.unit_keys import nearest
+from flexinv.mechanism import COORDINATES, Array, Joint, Limits, Placement
 
 KINDS = '"revolute", "continuous", "prismatic", "spherical", "universal", "fixed" or "free"'
 AXIS = "the axis in the joint frame, three numbers [-]"

@@ -12,13 +12,13 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from flexinv.errors import InputError, ModelWarning
+from flexinv.files.bodies import impossible
+from flexinv.files.joints import rotation_from_rpy, unit_axis
+from flexinv.files.toml_tables import complaint
+from flexinv.files.tree_order import check_ends, depth_first
+from flexinv.files.unit_keys import nearest
+from flexinv.files.urdf_xml import name_of, number, numbers, place, read_robot
 from flexinv.mechanism import WORLD, Body, Inertia, Joint, Limits, Link, Mechanism, Placement
-from flexinv.mechanism_file_bodies import impossible
-from flexinv.mechanism_file_joints import rotation_from_rpy, unit_axis
-from flexinv.mechanism_file_tree import check_ends, depth_first
-from flexinv.toml_tables import complaint
-from flexinv.unit_keys import nearest
-from flexinv.urdf_xml import name_of, number, numbers, place, read_robot
 
 KINDS = {
     "fixed": "fixed",

@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 
 from flexinv.errors import InputError, ModelWarning
+from flexinv.files.bodies import far_end, read_inertia, read_payloads
+from flexinv.files.closures import read_closure, read_force, read_spring
+from flexinv.files.joints import read_joint, read_placement
+from flexinv.files.overlay import overlaid
+from flexinv.files.schema import BeamLinkTable, MechanismTable, RigidLinkTable, UrdfTable
+from flexinv.files.sections import CrossSection, read_section, section_along
+from flexinv.files.toml_tables import check_names, complaint, place, read_toml, toml_text, validate
+from flexinv.files.tree_order import depth_first
+from flexinv.files.urdf import STANDARD_GRAVITY, read_urdf
+from flexinv.files.urdf_table import find_urdf
 from flexinv.mechanism import WORLD, Array, Beam, Body, Joint, Link, Mechanism
-from flexinv.mechanism_file_bodies import far_end, read_inertia, read_payloads
-from flexinv.mechanism_file_closures import read_closure, read_force, read_spring
-from flexinv.mechanism_file_joints import read_joint, read_placement
-from flexinv.mechanism_file_overlay import overlaid
-from flexinv.mechanism_file_schema import BeamLinkTable, MechanismTable, RigidLinkTable, UrdfTable
-from flexinv.mechanism_file_sections import CrossSection, read_section, section_along
-from flexinv.mechanism_file_tree import depth_first
-from flexinv.mechanism_file_urdf import find_urdf
-from flexinv.toml_tables import check_names, complaint, place, read_toml, toml_text, validate
-from flexinv.urdf import STANDARD_GRAVITY, read_urdf
 
 LINKS: dict[str, type[RigidLinkTable] | type[BeamLinkTable]] = {"rigid": RigidLinkTable, "beam": BeamLinkTable}
 
