@@ -35,6 +35,6 @@ $(STAMP): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[all]"
 	touch $@
 
-# Compiled kernels (in __pycache__) stay: they depend on the source only and cost a minute to make again.
+# Compiled kernels (in __pycache__) stay: they depend on the source only and take some twenty seconds to make again.
 clean:
 	rm -rf $(VENV) build .pytest_cache .mypy_cache .ruff_cache

@@ -55,7 +55,7 @@ def app() -> None:
     help="Time step [s] in place of the case's. The error falls with its square; --error says how large it is.",
 )
 @click.option(
-    "--error", is_flag=True, help="Solve again on a finer mesh and step, and give error bars. Three times slower."
+    "--error", is_flag=True, help="Solve again on a finer mesh and step, and give error bars. Four times the steps."
 )
 def solve(model: Path, name: str | None, out: Path | None, plot: Path | None, step: float | None, error: bool) -> None:
     """Compute the torque that every actuator must give so that the joints make the motion of a case.

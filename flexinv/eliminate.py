@@ -67,7 +67,7 @@ def solve_tree(t, e, d, work, y):
 @jit_inner
 def _row(t, nodes, i):
     """First row of node i among the unknowns of an element's own blocks; for i = count their number."""
-    row = t.size[0] - t.size[0]
+    row = t.size[0] - t.size[0]  # zero, of the type of the sizes: one compiled version serves every call
     for q in range(1, i):
         row += t.size[t.block[nodes[q]]]
     return row

@@ -219,8 +219,8 @@ class _Follower:
         if asked != free:
             more = "more" if asked > free else "fewer"
             raise InputError(
-                f"mechanism '{m.name}', t = {time:g} s: the motion gives {asked} coordinates, {more} than the {free} freedoms "
-                f"({m.nv} joint coordinates, {_rank(g)} independent constraints); give a motion to exactly {free} of "
+                f"mechanism '{m.name}', t = {time:g} s: the motion gives {asked} of the coordinates, {more} than the mobility "
+                f"of {free} ({m.nv} joint coordinates, {_rank(g)} independent constraints); give a motion to exactly {free} of "
                 + ", ".join(m.velocity_names)
             )
 

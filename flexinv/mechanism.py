@@ -1,7 +1,7 @@
 """What a mechanism is: links, joints, bodies and sections as frozen data, nothing computed.
 
-A mechanism is a tree.  Every link hangs on one joint; the joint's parent is another link or ``"world"``.
-The link frame sits at that joint.  A rigid link is a set of bodies; a beam link is a Timoshenko beam whose
+A mechanism is a tree, which closures may tie into loops.  Every link hangs on one joint; the joint's parent is another
+link or ``"world"``.  The link frame sits at that joint.  A rigid link is a set of bodies; a beam link is a Timoshenko beam whose
 undeformed axis starts at ``beam.placement`` (in the link frame) and runs along local x, plus bodies at its stations.
 
 Everything here is *primary data* (lengths, masses, moduli, axes): other engines' models are built from these

@@ -167,12 +167,11 @@ class _Passive:
 
 def _scale(mesh: Mesh, size: Indices, offset: Indices, table: _Passive, block: Indices) -> Array:
     """Length of the mechanism for translations, 1 for rotations: convergence is judged on increments over this."""
-    length = float(np.abs(mesh.offset).sum()) or 1.0  # a body at its joint has no length: metres then
     scale = np.ones(int(np.sum(size)))
     for first in offset[1:]:
-        scale[first : first + 3] = length
+        scale[first : first + 3] = mesh.length
     for node in np.flatnonzero(table.freedoms):
         first = offset[block[node]] + table.column[node]
         sliding = np.abs(table.slide[node, : table.freedoms[node]]).sum(axis=1) > 0
-        scale[first : first + table.freedoms[node]][sliding] = length
+        scale[first : first + table.freedoms[node]][sliding] = mesh.length
     return scale

@@ -76,7 +76,7 @@ def test_a_motion_of_too_many_joints_is_named(model: Path, capsys: pytest.Captur
     both = f"joints.A = {{ at_deg = 20 }}\njoints.D = {{ at_rad = {found[2]:.17g} }}"
     edit(model, "cases.toml", (MOVE, both), ("start.D = { deg = 103 }\n", ""), ("start.D = { deg = -103 }\n", ""))
     said = complaint(capsys, "solve", str(model), "--case", "turn")
-    assert "the motion gives 2 coordinates, more than the 1 freedom" in said
+    assert "the motion gives 2 of the coordinates, more than the mobility of 1" in said
     assert "give a motion to exactly 1 of A, B, D" in said
 
 
@@ -85,7 +85,7 @@ def test_a_motion_of_too_few_joints_is_named(root: Path, tmp_path: Path, capsys:
     right = "joints.right = { from_deg = 60, to_deg = 20, duration_s = 0.6, delay_s = 0.1 }\n"
     edit(model, "cases.toml", (right, ""), ("start.left_elbow", "start.right = { deg = 60 }\nstart.left_elbow"))
     said = complaint(capsys, "solve", str(model), "--case", "reach")
-    assert "the motion gives 1 coordinates, fewer than the 2 freedoms" in said
+    assert "the motion gives 1 of the coordinates, fewer than the mobility of 2" in said
     assert "give a motion to exactly 2 of left, left_elbow, right, right_elbow" in said
 
 

@@ -181,7 +181,7 @@ def test_too_many_coordinates_are_named() -> None:
         flexinv.solve(four_bar(), twice, step=0.05, start={"B": 0.8})
     closed = flexinv.solve(four_bar(), TURN, step=0.05, start=START).q[0]
     fitting = flexinv.Motion.point_to_point({"A": 0.3, "D": closed[2]}, {"A": 1.0, "D": 2.0}, 1.0)
-    with pytest.raises(flexinv.InputError, match="gives 2 coordinates, more than the 1 freedoms"):
+    with pytest.raises(flexinv.InputError, match="gives 2 of the coordinates, more than the mobility of 1"):
         flexinv.solve(four_bar(), fitting, step=0.05, start={"B": closed[1]})
 
 
