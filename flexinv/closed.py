@@ -14,17 +14,20 @@ from flexinv.evaluate import evaluate, rigid_trajectory
 from flexinv.integrate import Scheme
 from flexinv.inverse import NodalForces, drive_efforts, joint_wrenches, nodal_forces, project
 from flexinv.kinematics import Progress, flexible_motion
-from flexinv.loops import JointHistory, closed_motion, share_out
+from flexinv.loops import JointHistory, Shares, closed_motion, share_out
 from flexinv.mechanism import WORLD, Array, Attachment
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
 from flexinv.passive import fill_passive
+from flexinv.phases import Phase, phases
 from flexinv.rigid import rigid_motion
 from flexinv.solution import LoopForces, Solution
 
 # What neither drives nor closures carry, over the largest force in the mechanism: beyond this (rounding of 1e-16, enlarged
 # by the condition of the closures) it is an effort that no drive can give.
 LEFT_OVER = 1e-9
+# Rates before and after a switch that differ by less than this part are equal: Newton leaves 1e-13, splines of samples 1e-9.
+MEETING = 1e-6
 
 
 def closed_solution(
@@ -33,24 +36,26 @@ def closed_solution(
     """Return the torques [N m], [N] of a rigid mechanism with closures over ``time`` (samples,) [s].
 
     history : time -> q, qd, qdd of all joints, those in ``passive`` at their initial guess
-    Raises InputError for what is not there yet (closures that act for a while) and for drives that cannot hold the
-    mechanism, ConvergenceError at singular configurations and lost branches.
+    Closures that act for a while divide the time into phases, solved one after the other by the same equations.
+    Raises InputError for closures that meet with unequal velocities and for drives that cannot hold the mechanism,
+    ConvergenceError at singular configurations and lost branches.
     """
     m = mesh.mechanism
-    _check(mesh)
-    q, qd, qdd = closed_motion(mesh, history, time, _coordinates(mesh, passive))
+    pieces = phases(m, time)
     rows = constraint_rows(mesh)
+    q, qd, qdd = _phased_motion(mesh, history, time, _coordinates(mesh, passive), rows, pieces)
     motion = rigid_motion(mesh, q, qd, qdd)
     acting = applied_forces(mesh, motion, time)
     wrenches = joint_wrenches(mesh, motion, nodal_forces(mesh, motion, acting))
     tree = project(mesh, motion, wrenches) + drive_efforts(m, qd, qdd) + joint_springs(m, q)
-    shares = share_out(constraint_jacobian(mesh, motion, rows), tree, m.actuated)
+    shares = _phased_shares(constraint_jacobian(mesh, motion, rows), tree, m.actuated, rows, pieces)
     left = np.abs(shares.left).max(initial=0.0)
     largest = max(np.abs(wrenches.force).max(initial=0.0) * mesh.length, np.abs(tree).max(initial=0.0))
     if left > LEFT_OVER * largest:
-        coordinate = m.velocity_names[int(np.argmax(np.abs(shares.left).max(axis=0)))]
+        sample, column = np.unravel_index(int(np.argmax(np.abs(shares.left))), shares.left.shape)
         raise InputError(
-            f"mechanism '{m.name}': the actuated joints cannot give this motion ({left:.3g} N m or N is left at '{coordinate}'): "
+            f"mechanism '{m.name}', t = {time[sample]:g} s: the actuated joints cannot give this motion ({left:.3g} N m or N is "
+            f"left at '{m.velocity_names[column]}'): "
             "write actuated = true for as many independent joints as the mechanism has freedoms"
         )
     closing = row_forces(motion, rows, shares.multipliers) + acting
@@ -58,6 +63,61 @@ def closed_solution(
     solution = evaluate(mesh, trajectory, time, q, qd, qdd, set(), settings, closing)
     reaction = _reactions(mesh, motion, rows, shares.multipliers)
     return replace(solution, loops=LoopForces(reaction, shares.preload, shares.condition, shares.left))
+
+
+def _phased_motion(
+    mesh: Mesh, history: JointHistory, time: Array, unknown: NDArray[np.bool_], rows: Rows, pieces: list[Phase]
+) -> tuple[Array, Array, Array]:
+    """Motion phase by phase, each from where the one before has come to; at a switching instant the right-hand limit."""
+    if len(pieces) == 1 and pieces[0].active.all():
+        return closed_motion(mesh, history, time, unknown)
+    whole = history(time)
+    before: tuple[Array, Array] | None = None
+    for piece in pieces:
+        span = slice(piece.first, min(piece.last + 1, len(time)))  # with the instant at which the next phase begins
+        start = None if before is None else before[0]
+        found = closed_motion(mesh, history, time[span], unknown, rows.of(piece.active), start)
+        if before is not None:
+            _check_meeting(mesh, before[1], found[1][0], float(time[piece.first]), piece)
+        before = found[0][-1], found[1][-1]
+        for part, values in zip(whole, found, strict=True):
+            part[span] = values
+    return whole
+
+
+def _check_meeting(mesh: Mesh, before: Array, after: Array, time: float, piece: Phase) -> None:
+    """Raise InputError where closures that begin to act would change velocities in no time."""
+    m = mesh.mechanism
+    change = np.abs(before - after)
+    size = max(np.abs(before).max(initial=0.0), np.abs(after).max(initial=0.0), 1.0)
+    if change.max(initial=0.0) > MEETING * size:
+        worst = int(np.argmax(change))
+        names = ", ".join(c.name for c, acts in zip(m.closures, piece.active, strict=True) if acts) or "none"
+        raise InputError(
+            f"mechanism '{m.name}', t = {time:g} s: the closures that act from here on ({names}) change the rate of "
+            f"'{m.velocity_names[worst]}' from {before[worst]:.4g} to {after[worst]:.4g} at once, which takes an impulse; let "
+            "the frames meet with equal velocities"
+        )
+
+
+def _phased_shares(g: Array, tree: Array, driven: NDArray[np.bool_], rows: Rows, pieces: list[Phase]) -> Shares:
+    """Shares of the drives phase by phase; multipliers of closures that do not act are zero."""
+    parts = []
+    for piece in pieces:
+        span, pick = slice(piece.first, piece.last), piece.active[rows.closure]
+        part = share_out(g[span][:, pick], tree[span], driven)
+        multipliers = np.zeros((piece.last - piece.first, len(rows)))
+        multipliers[:, pick] = part.multipliers
+        parts.append(replace(part, multipliers=multipliers))
+    width = max(part.preload.shape[2] for part in parts)
+    preload = [np.pad(part.preload, ((0, 0), (0, 0), (0, width - part.preload.shape[2]))) for part in parts]
+    return Shares(
+        tau=np.concatenate([part.tau for part in parts]),
+        multipliers=np.concatenate([part.multipliers for part in parts]),
+        left=np.concatenate([part.left for part in parts]),
+        preload=np.concatenate(preload),
+        condition=np.concatenate([part.condition for part in parts]),
+    )
 
 
 def flexible_closed_solution(
@@ -114,7 +174,8 @@ def _check(mesh: Mesh) -> None:
     timed = [c.name for c in m.closures if c.active]
     if timed:
         raise InputError(
-            f"mechanism '{m.name}', closure '{timed[0]}': active intervals are not solved yet; leave 'active' out"
+            f"mechanism '{m.name}', closure '{timed[0]}': active intervals are not solved together with beams yet; "
+            "leave 'active' out, or make the links rigid"
         )
 
 

@@ -46,6 +46,12 @@ class Rows:
         """Number of constraints [-]."""
         return len(self.closure)
 
+    def of(self, active: NDArray[np.bool_]) -> Rows:
+        """Return the rows of the closures that are ``active`` (closures,)."""
+        k = active[self.closure]
+        place_a, place_b, u, w = self.place_a[k], self.place_b[k], self.u[k], self.w[k]
+        return Rows(self.closure[k], self.direction[k], self.a[k], self.b[k], place_a, place_b, u, w)
+
 
 def constraint_rows(mesh: Mesh) -> Rows:
     """Return the constraints of a mesh's closures [m], [-]."""

@@ -112,23 +112,30 @@ def _rank(matrix: Array) -> int:
 
 
 def closed_motion(
-    mesh: Mesh, history: JointHistory, time: Array, unknown: NDArray[np.bool_]
+    mesh: Mesh,
+    history: JointHistory,
+    time: Array,
+    unknown: NDArray[np.bool_],
+    rows: Rows | None = None,
+    start: Array | None = None,
 ) -> tuple[Array, Array, Array]:
     """Return q (samples, nq), qd, qdd (samples, nv) [rad or m, s] with the unknown coordinates on the closures.
 
     history : time -> q, qd, qdd of the given coordinates (the unknown ones at their initial guess)
     unknown : (nv,) which velocity coordinates follow from the closures
+    rows : constraints of the closures that act, all of them by default; those of a phase may repeat what the motion says
+    start : (nq,) where the unknown coordinates stand at first, by default where ``history`` has them
 
     Raises InputError when the task gives more or fewer coordinates than the mechanism has freedoms, ConvergenceError at a
     singular configuration, when the loops cannot be closed, or when the branch is lost; each names the time.
     """
-    rows = constraint_rows(mesh)
+    phase, rows = rows is not None, constraint_rows(mesh) if rows is None else rows
     given = history(time)
     follower = _Follower(mesh, rows, history, unknown)
     q = np.empty_like(given[0])
-    state = follower.start(float(time[0]), given[0][0])
+    state = follower.start(float(time[0]), given[0][0] if start is None else follower.mixed(given[0][0], start))
     q[0] = state
-    follower.check_freedoms(state, float(time[0]))
+    follower.check_freedoms(state, float(time[0]), phase)
     for k in range(1, len(time)):
         state = follower.advance(state, float(time[k - 1]), float(time[k]))
         q[k] = state
@@ -211,10 +218,31 @@ class _Follower:
             )
         return q
 
-    def check_freedoms(self, q: Array, time: float) -> None:
-        """Raise InputError unless the task gives as many coordinates as the mechanism has freedoms."""
+    def mixed(self, given: Array, start: Array) -> Array:
+        """Return the given coordinates with the unknown ones from ``start``, (nq,) [rad], [m]."""
+        m, out = self.mesh.mechanism, given.copy()
+        for joint in m.joints:
+            if self.unknown[m.v_slices[joint.name]].any():
+                out[m.q_slices[joint.name]] = start[m.q_slices[joint.name]]
+        return out
+
+    def check_freedoms(self, q: Array, time: float, phase: bool = False) -> None:
+        """Raise InputError unless the task gives as many coordinates as the mechanism has freedoms.
+
+        In a phase it may give more, as the loops have closed on what it gives; the unknown ones must follow all the same.
+        """
         m = self.mesh.mechanism
         _, g = self._closures(q)
+        if phase:
+            loose = int(self.unknown.sum()) - _rank(g[:, self.unknown])
+            if loose:
+                names = ", ".join(n for n, u in zip(m.velocity_names, self.unknown, strict=True) if u)
+                raise InputError(
+                    f"mechanism '{m.name}', t = {time:g} s: from here on {loose} of the coordinates without motion ({names}) "
+                    "follow from no closure that acts; give their joints a motion, or a closure an interval (active_s) that "
+                    "covers this time"
+                )
+            return
         free, asked = m.nv - _rank(g), int((~self.unknown).sum())
         if asked != free:
             more = "more" if asked > free else "fewer"
