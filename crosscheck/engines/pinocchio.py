@@ -27,7 +27,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from crosscheck.engines import assembly, pinocchio_loops
+from crosscheck.engines import assembly, pinocchio_loops, pinocchio_phases
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.pinocchio_model import Built, Dynamics, build, inverse_dynamics
 from crosscheck.engines.prescribed import beyond_a_tree, missing_motion, passive_effort
@@ -68,7 +68,7 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     if not mechanism.is_rigid:
         names = ", ".join(link.name for link in mechanism.beams)
         return f"Pinocchio has rigid bodies only; flexible here: {names}"
-    return assembly.unsupported(mechanism) if mechanism.closures else missing_motion(mechanism, case)
+    return assembly.unsupported(mechanism, phases=True) if mechanism.closures else missing_motion(mechanism, case)
 
 
 def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
@@ -76,12 +76,7 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
     time = sample_times(case)
     start = clock.perf_counter()
     built = build(mechanism)
-    state = pinocchio_loops.motion(mechanism, case, built, time)
-    if beyond_a_tree(mechanism):
-        held = pinocchio_loops.held(mechanism, built, time, state)
-    else:
-        result = inverse_dynamics(built, *state)
-        held = pinocchio_loops.Held(result.torque + passive_effort(mechanism, state[1]), result)
+    held = _held(mechanism, case, built, time)
     wall = clock.perf_counter() - start
     algorithm = "rnea, projected on the closures' Jacobian" if mechanism.closures else "rnea"
     return Record(
@@ -92,6 +87,17 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
         series=_series(mechanism, held),
         wall_time=wall,
     )
+
+
+def _held(mechanism: Mechanism, case: Case, built: Built, time: Array) -> pinocchio_loops.Held:
+    """Efforts and wrenches: of an open tree, of loops, or of loops that open and close."""
+    if pinocchio_phases.switched(mechanism):
+        return pinocchio_phases.held(mechanism, case, built, time)
+    state = pinocchio_loops.motion(mechanism, case, built, time)
+    if beyond_a_tree(mechanism):
+        return pinocchio_loops.held(mechanism, built, time, state)
+    result = inverse_dynamics(built, *state)
+    return pinocchio_loops.Held(result.torque + passive_effort(mechanism, state[1]), result)
 
 
 def _series(mechanism: Mechanism, held: pinocchio_loops.Held) -> dict[str, Series]:
