@@ -206,9 +206,10 @@ def mobility_line(mechanism: Mechanism, case: Case | None) -> str:
     mesh = build(mechanism)
     found = mobility(mesh, closed_near(mesh, guess))
     drives = int(mechanism.actuated.sum())
+    when = " at the start" if any(c.active for c in mechanism.closures) else ""
     spare = f" (redundant by {drives - found.freedoms})" if drives > found.freedoms else ""
     return (
-        f"mobility: {_count(found.freedoms, 'freedom')} = {_count(mechanism.nv, 'joint coordinate')} - "
+        f"mobility{when}: {_count(found.freedoms, 'freedom')} = {_count(mechanism.nv, 'joint coordinate')} - "
         f"{_count(found.constraints - found.redundant, 'independent constraint')}; "
         f"{_count(found.constraints, 'constraint')}, {found.redundant} redundant; {_count(drives, 'drive')}{spare}"
     )

@@ -25,6 +25,7 @@ from flexinv.errors import ConvergenceError, InputError
 from flexinv.manifold import moved
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh
+from flexinv.phases import acting
 from flexinv.rigid import rigid_motion
 
 # Newton ends with an increment below this, in radians or metres: its error is about the square, which is rounding.
@@ -58,16 +59,16 @@ class Mobility:
 
 
 def mobility(mesh: Mesh, q: Array) -> Mobility:
-    """Return the freedoms and the redundant constraints [-] of a mechanism at one closed configuration q (nq,)."""
+    """Return the freedoms and the redundant constraints [-] of a mechanism, at t = 0 and a configuration q (nq,) closed then."""
     rest = np.zeros((1, mesh.mechanism.nv))
-    rows = constraint_rows(mesh)
+    rows = constraint_rows(mesh).of(acting(mesh.mechanism, 0.0))
     g = constraint_jacobian(mesh, rigid_motion(mesh, q[None], rest, rest), rows)[0]
     rank = _rank(g)
     return Mobility(mesh.mechanism.nv - rank, len(rows), len(rows) - rank)
 
 
 def closed_near(mesh: Mesh, guess: Array) -> Array:
-    """Return a closed configuration (nq,) [rad], [m] near a guess (nq,): every coordinate may move, least squares.
+    """Return a configuration (nq,) [rad], [m] closed at t = 0 near a guess (nq,): every coordinate may move, least squares.
 
     Raises ConvergenceError, which names the closure that stays open.
     """
@@ -77,7 +78,8 @@ def closed_near(mesh: Mesh, guess: Array) -> Array:
         rest = np.zeros((len(time), mesh.mechanism.nv))
         return np.tile(guess, (len(time), 1)), rest, rest
 
-    return _Follower(mesh, constraint_rows(mesh), still, free).start(0.0, guess)
+    rows = constraint_rows(mesh).of(acting(mesh.mechanism, 0.0))
+    return _Follower(mesh, rows, still, free).start(0.0, guess)
 
 
 # A joint that is found further than this from its stated start is on another branch, or the start is a slip of the pen.

@@ -42,12 +42,12 @@ def phases(mechanism: Mechanism, time: Array) -> list[Phase]:
             cuts.add(sample)
     bounds = [*sorted(cuts), len(time)]
     slack = SAME_INSTANT * step
-    return [
-        Phase(
-            first, last, np.array([_acts(c.active, float(time[first]) + slack) for c in mechanism.closures], dtype=bool)
-        )
-        for first, last in pairwise(bounds)
-    ]
+    return [Phase(first, last, acting(mechanism, float(time[first]) + slack)) for first, last in pairwise(bounds)]
+
+
+def acting(mechanism: Mechanism, time: float) -> NDArray[np.bool_]:
+    """Return which closures act at ``time`` [s], (closures,)."""
+    return np.array([_acts(c.active, time) for c in mechanism.closures], dtype=bool)
 
 
 def _acts(active: tuple[tuple[float, float], ...], t: float) -> bool:

@@ -14,7 +14,7 @@ from crosscheck.engines import pinocchio
 from flexinv.closures import constraint_jacobian, constraint_rows
 from flexinv.files.case import load_cases
 from flexinv.inverse import joint_wrenches, nodal_forces, project
-from flexinv.loops import closed_motion
+from flexinv.loops import closed_motion, closed_near, mobility
 from flexinv.mechanism import Attachment, Body, Closure, Inertia, Joint, Link, Mechanism, Placement
 from flexinv.mesh import build
 from flexinv.phases import phases
@@ -205,6 +205,14 @@ def test_a_bar_that_nothing_holds_is_an_error() -> None:
         flexinv.InputError, match=r"t = 0\.25 s: from here on 3 of the coordinates.*x, y, turn.*active_s"
     ):
         flexinv.solve(replace(m, closures=(gone, *m.closures[1:])), motion(), step=STEP, start=START)
+
+
+def test_info_counts_the_freedoms_at_the_start() -> None:
+    """Only the table acts then: nine coordinates less the bar's three in the plane."""
+    mesh = build(two_arms())
+    q = closed_near(mesh, np.array([2.0, -1.0, 0.0, 1.0, 1.0, 0.0, *FROM]))
+    found = mobility(mesh, q)
+    assert (found.freedoms, found.constraints, found.redundant) == (6, 6, 3)
 
 
 def test_phases_of_a_grid() -> None:
