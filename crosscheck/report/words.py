@@ -113,7 +113,9 @@ def sentence(results: Results) -> str:
     ]
     wrong = [part for part in parts if part]
     if not wrong and results.exit_code == 0:
-        return f"All {judged} comparisons are within their limits." if judged else "Nothing was compared."
+        named = _count(tally["explained"], "more differs for a named cause", "more differ for a named cause")
+        good = f"All {judged} comparisons are within their limits{'; ' if named else ''}{named}."
+        return good if judged else "Nothing was compared."
     if not results.finished and not results.message:
         wrong.append("the run has not finished")
     return f"Of {judged} comparisons {tally['within']} are within their limits; " + ", ".join(wrong) + "."
@@ -130,7 +132,7 @@ def troubles(results: Results) -> list[tuple[Verdict, CaseRow | StudyRow, str, s
         rows += [("error", case, r.engine, f"{r.status}: {r.message}") for r in runs]
         failed = {r.engine for r in runs}
         for c in results.comparisons:
-            known = c.verdict in ("within", "skipped") or {c.engine, c.reference} & failed
+            known = c.verdict in ("within", "skipped", "explained") or {c.engine, c.reference} & failed
             if (c.mechanism, c.case) == here and not known:
                 rows.append((c.verdict, case, f"{c.engine} {c.quantity}", c.message))
     rows += [(s.verdict, s, s.name, study_line(s)) for s in results.studies if s.verdict not in ("within", "skipped")]
