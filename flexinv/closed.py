@@ -13,8 +13,9 @@ from flexinv.errors import InputError
 from flexinv.evaluate import evaluate, rigid_trajectory
 from flexinv.integrate import Scheme
 from flexinv.inverse import NodalForces, drive_efforts, joint_wrenches, nodal_forces, project
+from flexinv.joint import JointHistory
 from flexinv.kinematics import Progress, flexible_motion
-from flexinv.loops import JointHistory, Shares, closed_motion, share_out
+from flexinv.loops import Shares, closed_motion, share_out
 from flexinv.mechanism import WORLD, Array, Attachment
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion

@@ -6,6 +6,7 @@ node's placement and its joint do together is one relative motion, so that one r
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,9 @@ import numpy as np
 from flexinv.mechanism import Array
 from flexinv.mesh import CONFIGURATIONS, CONTINUOUS, FREE, PRISMATIC, REVOLUTE, SPHERICAL, VELOCITIES, Mesh
 from flexinv.rotations import about_axis, about_axis_cs, from_quaternion
+
+# Joint motion as a function of time: time (samples,) [s] -> q (samples, nq), qd, qdd (samples, nv) [rad or m, s].
+JointHistory = Callable[[Array], tuple[Array, Array, Array]]
 
 
 class Relative(NamedTuple):

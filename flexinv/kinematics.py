@@ -12,7 +12,7 @@ from flexinv.assemble import Loads, State, Work
 from flexinv.beam import Scratch
 from flexinv.errors import ConvergenceError
 from flexinv.integrate import ACCELERATIONS, STATICS, Scheme
-from flexinv.joint import relative_motion
+from flexinv.joint import JointHistory, relative_motion
 from flexinv.march import CONVERGED, NOT_FINITE, TURNED_TOO_MUCH, march
 from flexinv.mechanism import Array
 from flexinv.mesh import Mesh
@@ -28,7 +28,6 @@ CHUNK = 256
 # Times closer than this part of a step are the same instant.
 SAME_TIME = 1e-6
 
-JointHistory = Callable[[Array], tuple[Array, Array, Array]]
 Progress = Callable[[int], None]
 
 

@@ -13,7 +13,7 @@ preload, and lambda follows (of least norm where constraints are redundant).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NoReturn
 
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from flexinv.closures import Rows, constraint_jacobian, constraint_rows, residuals
 from flexinv.errors import ConvergenceError, InputError
+from flexinv.joint import JointHistory
 from flexinv.manifold import moved
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh
@@ -42,8 +43,6 @@ MOST_ITERATIONS = 30
 # step over which Newton is trusted to stay on its branch.
 LARGEST_SURPRISE = 0.05  # [rad] or of the mechanism's length
 MOST_HALVINGS = 10
-
-JointHistory = Callable[[Array], tuple[Array, Array, Array]]
 
 
 @dataclass(frozen=True)

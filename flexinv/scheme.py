@@ -15,7 +15,8 @@ from flexinv.differences import check_samples
 from flexinv.errors import InputError
 from flexinv.evaluate import evaluate, rigid_trajectory
 from flexinv.integrate import generalized_alpha
-from flexinv.kinematics import JointHistory, Progress, flexible_motion
+from flexinv.joint import JointHistory
+from flexinv.kinematics import Progress, flexible_motion
 from flexinv.loops import check_branch
 from flexinv.mechanism import Array, Joint, Mechanism
 from flexinv.mesh import build
