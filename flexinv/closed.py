@@ -27,7 +27,8 @@ from flexinv.solution import LoopForces, Solution
 # What neither drives nor closures carry, over the largest force in the mechanism: beyond this (rounding of 1e-16, enlarged
 # by the condition of the closures) it is an effort that no drive can give.
 LEFT_OVER = 1e-9
-# Rates before and after a switch that differ by less than this part are equal: Newton leaves 1e-13, splines of samples 1e-9.
+# Rates before and after a switch that differ by less than this part of the largest rate (of 1 rad/s or 1 m/s where all is
+# slower: from rest to rest there is nothing else to compare with) are equal: Newton leaves 1e-13, splines of samples 1e-9.
 MEETING = 1e-6
 
 
