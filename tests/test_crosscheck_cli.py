@@ -10,6 +10,7 @@ import time as clock
 from collections.abc import Callable
 from pathlib import Path
 
+import click
 import pytest
 from click.testing import CliRunner, Result
 from crosscheck_examples import write_models
@@ -49,7 +50,8 @@ def test_a_missing_engine_has_exit_code_2_and_still_a_report(
     models: Path, tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     gone = Engine("pinocchio", "x", "no_such_package", "python -m pip install pin")
-    monkeypatch.setattr("crosscheck.cli.ENGINES", {"pinocchio": gone})
+    monkeypatch.setattr("crosscheck.commands.run.ENGINES", {"pinocchio": gone})
+    monkeypatch.setattr("crosscheck.commands.engines.ENGINES", {"pinocchio": gone})
     out = tmp_path / "report"
     done = invoke("run", "double_pendulum", "--models", models, "--engines", "pinocchio", "--out", out)
     assert done.exit_code == 2
@@ -120,8 +122,8 @@ def test_a_failure_of_the_harness_is_not_a_deviation(
     def fall(*_: object) -> None:
         raise ZeroDivisionError("unforeseen")
 
-    monkeypatch.setattr("crosscheck.cli.render", fall)
-    monkeypatch.setattr("crosscheck.cli.ENGINES", {"e": Engine("e", "x", "no_such_package", "never")})
+    monkeypatch.setattr("crosscheck.terminal.render", fall)
+    monkeypatch.setattr("crosscheck.commands.run.ENGINES", {"e": Engine("e", "x", "no_such_package", "never")})
     done = invoke("run", "double_pendulum", "--models", models, "--out", tmp_path / "o")
     assert done.exit_code == 2
     assert "the harness failed: ZeroDivisionError: unforeseen" in done.output
@@ -147,8 +149,14 @@ def test_list_shows_mechanisms_cases_and_what_cannot_be_read(models: Path, invok
 
 def test_every_help_teaches(invoke: Invoke) -> None:
     assert "Exit codes" in invoke("--help").output
-    for command in main.commands.values():
-        text = invoke(str(command.name), "--help").output
+    context = click.Context(main)
+    names = main.list_commands(context)  # every file of crosscheck/commands
+    assert {"run", "report", "list", "engines"} <= set(names)
+    for name in names:
+        command = main.get_command(context, name)
+        assert command is not None
+        assert command.name == name
+        text = invoke(name, "--help").output
         assert len(command.help or "") > 40
         assert all(getattr(p, "help", "") for p in command.params if p.param_type_name == "option"), command.name
         assert "Usage" in text

@@ -1,0 +1,30 @@
+"""``crosscheck list``: what there is to run."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from crosscheck.terminal import MODELS, plan_of
+
+
+@click.command("list")
+@click.argument("names", nargs=-1)
+@MODELS
+def command(names: tuple[str, ...], models: Path) -> None:
+    """List mechanisms, their cases, what is compared and the limits."""
+    plan = plan_of(models, names)
+    table = Table("mechanism", "case", "what", "compared", box=None, header_style="dim")
+    for task in plan.tasks:
+        what = task.case.title or task.mechanism.title
+        table.add_row(*map(escape, (task.folder.name, task.case.name, what, ", ".join(task.case.quantities))))
+    for name, message in plan.broken:
+        table.add_row(escape(name), "", f"[red]cannot be read: {escape(message)}[/red]", "")
+    Console().print(table)
+    if plan.broken:
+        sys.exit(2)

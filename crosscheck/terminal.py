@@ -1,0 +1,119 @@
+"""What the commands share: options, failures in words with exit code 2, a progress bar, the last line."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+from collections.abc import Iterator, Mapping
+from fnmatch import fnmatchcase
+from pathlib import Path
+from types import FrameType
+from typing import Any, NoReturn, TypeVar
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from crosscheck.plan import Plan, discover
+from crosscheck.report import render
+from crosscheck.report.words import SIGNS, sentence
+from crosscheck.results import Results
+from crosscheck.runner import Event
+from flexinv.errors import InputError
+
+COLOURS = {
+    "within": "green",
+    "ok": "green",
+    "deviation": "red",
+    "error": "bold red",
+    "unjudged": "yellow",
+    "explained": "cyan",
+    "skipped": "dim",
+}
+MODELS = click.option(
+    "--models",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    default=Path("models"),
+    show_default=True,
+    help="Folder of mechanisms: one folder each, with mechanism.toml and cases.toml.",
+)
+T = TypeVar("T")
+CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+JOBS = click.option(
+    "--jobs", type=click.IntRange(min=1), default=CORES, show_default=True, help="Engines running at a time."
+)
+TIMEOUT = click.option(
+    "--timeout",
+    type=click.FloatRange(min=0.0, min_open=True),
+    default=900.0,
+    show_default=True,
+    help="Seconds that one engine may take for one case.",
+)
+PATTERNS = click.option(
+    "--engines", default="*", show_default=True, help="Names or patterns of the engines, separated by commas."
+)
+
+
+class Failure(click.ClickException):
+    """What went wrong before anything ran, in words; exit code 2."""
+
+    exit_code = 2
+
+
+def plan_of(models: Path, names: tuple[str, ...]) -> Plan:
+    """Return what is to run; names or a folder that lead to nothing are a Failure."""
+    try:
+        return discover(models, names)
+    except InputError as error:
+        raise Failure(str(error)) from error
+
+
+def chosen(known: Mapping[str, T], patterns: str, kind: str) -> dict[str, T]:
+    """Return the entries that fit one of the patterns, in their own order; a pattern that fits none is a Failure."""
+    wanted = [p.strip() for p in patterns.split(",") if p.strip()]
+    for pattern in wanted:
+        if pattern != "*" and not any(fnmatchcase(name, pattern) for name in known):
+            raise Failure(f"no {kind} is called {pattern!r}; known: {', '.join(known)}")
+    return {name: thing for name, thing in known.items() if any(fnmatchcase(name, p) for p in wanted)}
+
+
+def finish(console: Console, results: Results, out: Path) -> NoReturn:
+    """Write the report, say how it went, and leave with the exit code of the results."""
+    render(results, out)
+    console.print(f"[bold]{escape(sentence(results))}[/bold]")
+    console.print(f"report: {out / 'index.html'}", highlight=False)
+    sys.exit(results.exit_code)
+
+
+@contextlib.contextmanager
+def progress(console: Console) -> Iterator[Any]:
+    """Give a function that shows what finished: a bar on a terminal, lines elsewhere."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("running", total=None)
+
+        def notify(event: Event) -> None:
+            bar.update(task, total=event.total, completed=event.done, description=escape(event.label))
+            if event.verdict not in ("ok", "within", "skipped") or not console.is_terminal:
+                sign = SIGNS.get(event.verdict, "✓")
+                line = f"[{COLOURS.get(event.verdict, 'green')}]{sign} {escape(event.label)}[/] {escape(event.message)}"
+                console.print(line, highlight=False, soft_wrap=True)
+
+        yield notify
+
+
+@contextlib.contextmanager
+def terminated() -> Iterator[None]:
+    """Treat a polite kill (SIGTERM) like Ctrl-C, so that no engine is left behind."""
+
+    def interrupt(number: int, frame: FrameType | None) -> NoReturn:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
