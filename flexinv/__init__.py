@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from flexinv.files.mechanism_file import load_mechanism
     from flexinv.files.urdf import from_urdf
     from flexinv.mechanism import Mechanism
+    from flexinv.modes import Modes, natural_modes
     from flexinv.motion import Motion
     from flexinv.rest import Load, statics
     from flexinv.scheme import solve
@@ -25,11 +26,13 @@ _HOME = {
     "Load": "rest",
     "Mechanism": "mechanism",
     "ModelWarning": "errors",
+    "Modes": "modes",
     "Motion": "motion",
     "Solution": "solution",
     "from_urdf": "files.urdf",
     "joint_torques": "torques",
     "load_mechanism": "files.mechanism_file",
+    "natural_modes": "modes",
     "solve": "scheme",
     "statics": "rest",
 }
@@ -41,11 +44,13 @@ __all__ = [
     "Load",
     "Mechanism",
     "ModelWarning",
+    "Modes",
     "Motion",
     "Solution",
     "from_urdf",
     "joint_torques",
     "load_mechanism",
+    "natural_modes",
     "solve",
     "statics",
 ]

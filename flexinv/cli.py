@@ -1,4 +1,4 @@
-"""The command line: ``flexinv solve`` and ``flexinv info``.  Every text of --help is meant to be learned from."""
+"""The command line: ``flexinv solve``, ``info`` and ``modes``.  Every text of --help is meant to be learned from."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ from flexinv.files.case import Case, load_cases
 from flexinv.files.mechanism_file import load_mechanism
 from flexinv.files.urdf import from_urdf
 from flexinv.loops import closed_near, mobility
-from flexinv.mechanism import CLOSURES, Link, Mechanism
+from flexinv.mechanism import CLOSURES, Array, Link, Mechanism
 from flexinv.mesh import build
+from flexinv.modes import natural_modes
 from flexinv.scheme import solve as solve_motion
 from flexinv.solution import Solution
 
@@ -130,6 +131,40 @@ def info(model: Path) -> None:
         click.echo(f"\ncases\n{table.to_string(index=False)}")
 
 
+@app.command()
+@MODEL
+@click.option("--case", "name", help="Take the configuration at the start of this case; all joints at zero without it.")
+@click.option("--free", multiple=True, help="A joint that moves freely (may be repeated); all others are held.")
+@click.option("--count", type=click.IntRange(min=1), default=6, show_default=True, help="How many modes.")
+def modes(model: Path, name: str | None, free: tuple[str, ...], count: int) -> None:
+    """Show natural frequencies about the rest position: links that bend, joints that are free, loops that swing.
+
+    In a loop the joints without a drive are free, unless --free says which.
+    """
+    mechanism, at = load_mechanism(model), None
+    if name is not None:
+        case = choose(load_cases(folder(model), mechanism), name, model)
+        mechanism, at = case.meshed(mechanism), start_of(mechanism, case)
+    found = natural_modes(mechanism, at, free or None, count)
+    rows = zip(range(1, count + 1), found.frequency, np.sqrt(np.abs(found.squared)), found.link, strict=False)
+    table = pd.DataFrame(rows, columns=["mode", "frequency [Hz]", "omega [rad/s]", "moves most"])
+    click.echo(table.to_string(index=False, float_format=lambda x: f"{x:.6g}", na_rep="unstable"))
+
+
+def start_of(mechanism: Mechanism, case: Case | None) -> Array:
+    """Return the configuration (nq,) [rad], [m] at which a case starts; zero without one.
+
+    Joints that the motion leaves out are where the case starts them.
+    """
+    q = mechanism.neutral
+    if case is not None:
+        q = case.motion.evaluate(mechanism, [0.0])[0][0]
+        for name, value in case.start.items():
+            angle = mechanism.joint_of[name].kind == "continuous"
+            q[mechanism.q_slices[name]] = [np.cos(value[0]), np.sin(value[0])] if angle else value
+    return q
+
+
 def folder(model: Path) -> Path:
     """Return the folder of a model that is given as a folder or as its mechanism.toml."""
     return model.parent if model.suffix else model
@@ -197,14 +232,8 @@ def mobility_line(mechanism: Mechanism, case: Case | None) -> str:
 
     Without a case the mechanism is closed near its zero.  Raises ConvergenceError where the loops stay open.
     """
-    guess = mechanism.neutral
-    if case is not None:
-        guess = case.motion.evaluate(mechanism, [0.0])[0][0]
-        for name, value in case.start.items():
-            angle = mechanism.joint_of[name].kind == "continuous"
-            guess[mechanism.q_slices[name]] = [np.cos(value[0]), np.sin(value[0])] if angle else value
     mesh = build(mechanism)
-    found = mobility(mesh, closed_near(mesh, guess))
+    found = mobility(mesh, closed_near(mesh, start_of(mechanism, case)))
     drives = int(mechanism.actuated.sum())
     when = " at the start" if any(c.active for c in mechanism.closures) else ""
     spare = f" (redundant by {drives - found.freedoms})" if drives > found.freedoms else ""

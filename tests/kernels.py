@@ -11,9 +11,13 @@ from flexinv.beam import element_gradient, element_tangent, nodal_forces, relati
 from flexinv.compiled import jit
 from flexinv.eliminate import solve_dense, solve_tree
 from flexinv.integrate import advance, follow, predict
-from flexinv.march import evaluate
+from flexinv.modes import linearise
 from flexinv.rotations import coefficients, inverse_coefficient, inverse_tangent
 from flexinv.vectors import put_block, vec
+
+__all__ = [
+    "all_coefficients", "dense", "derivative", "element", "eliminate", "inverse_tangent_one", "linearise", "oscillate",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 STEP = 1e-3
@@ -36,12 +40,6 @@ def element(k, count, e, z, internal, tangent):
     nodal_forces(count, z)
     element_tangent(count, z, tangent)
     return energy
-
-
-@jit
-def linearise(t, e, ties, c, s, j, f, d, loads, work):
-    """Residual and linearisation at the present unknowns; -1 or the element that turned too much."""
-    return evaluate(t, e, ties, c, s, j, f, d, loads, work, True)
 
 
 @jit

@@ -195,3 +195,13 @@ def test_a_broken_file_is_answered_in_one_line(model: Path, capsys: pytest.Captu
     assert "mass_kg" in line
     (model / "mechanism.toml").write_bytes(b"\xff\xfe")
     assert "mechanism.toml" in complaint(["info", str(model)], capsys)
+
+
+def test_modes_of_a_hanging_rod(model: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = model / "mechanism.toml"
+    file.write_text(file.read_text().replace("[0, -9.81, 0]", "[9.81, 0, 0]"))
+    main(["modes", str(model), "--case", "swing", "--free", "pivot"])
+    printed = capsys.readouterr().out.split()
+    omega = np.sqrt(1.5 * 9.81 / 0.6)
+    assert printed[-4:] == ["1", f"{omega / (2 * np.pi):.6g}", f"{omega:.6g}", "arm"]
+    assert "nothing of 'pendulum' can move" in complaint(["modes", str(model)], capsys)

@@ -8,6 +8,7 @@ from kernels import DIFFERENCE, Array, dense, derivative, eliminate
 from scenes import PASSIVE_KINDS, Scene, branching, hanging, scene
 
 from flexinv.mechanism import Mechanism
+from flexinv.modes import tangent_matrix
 
 MECHANISMS = [*(branching(kind) for kind in PASSIVE_KINDS), *(hanging(kind) for kind in PASSIVE_KINDS)]
 EPS = np.finfo(float).eps
@@ -21,25 +22,7 @@ def by_differences(case: Scene) -> Array:
 
 def assembled(case: Scene) -> Array:
     """The linearisation as one dense matrix, from the blocks and element tangents of the march."""
-    solver = case.solver
-    t, e, d, work = solver.topology, solver.elements, solver.variation, solver.work
-    matrix = np.zeros((len(case.d), len(case.d)))
-    for block, (offset, size) in enumerate(zip(t.offset, t.size, strict=True)):
-        own = slice(offset, offset + size)
-        matrix[own, own] = work.diagonal[block, :size, :size]
-    for k, order in enumerate(e.order):
-        nodes = e.nodes[k, : order + 1]
-        # what moves node i: its own six unknowns, or for the first node all unknowns of its block
-        moves = [(slice(t.offset[t.block[n]], t.offset[t.block[n]] + 6), np.eye(6)) for n in nodes]
-        root, block = nodes[0], t.block[nodes[0]]
-        columns = slice(t.offset[block], t.offset[block] + t.size[block])
-        moves[0] = (columns, np.hstack([d.x[root], d.t[root]])[: t.size[block]].T)
-        for i, (rows, by_row) in enumerate(moves):
-            for q, (others, by_column) in enumerate(moves):
-                if i != q:
-                    piece = work.tangent[k, 6 * i : 6 * i + 6, 6 * q : 6 * q + 6]
-                    matrix[rows, others] += by_row.T @ piece @ by_column
-    return matrix
+    return tangent_matrix(case.solver)
 
 
 @pytest.mark.parametrize("mechanism", MECHANISMS, ids=lambda m: m.name)

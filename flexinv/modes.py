@@ -1,0 +1,293 @@
+"""Natural frequencies and mode shapes at a configuration, from the march's own tangent and lumped masses.
+
+Small motions y of the unknowns about a rest position, B_n the variation of node n by them (`tree`):
+
+    M y'' + K y = 0        M = sum_n B_n^T diag(m_n, J_n) B_n  (+ rotors of free joints)        K = tangent of the residual
+
+Prescribed joints are clamped.  Closures leave the motions y = N z with G N = 0.  At a rest position K is symmetric; where an
+outside effort holds a free joint in place, it is taken as constant, and of K the symmetric part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import LinAlgError, cholesky, eigh
+
+from flexinv.applied import check_no_springs
+from flexinv.compiled import jit
+from flexinv.errors import InputError
+from flexinv.integrate import STATICS
+from flexinv.kinematics import Solver, equilibrium, instant, start_undeformed
+from flexinv.loops import closed_near
+from flexinv.march import CONVERGED, evaluate
+from flexinv.mechanism import Array, Mechanism
+from flexinv.mesh import Mesh, build
+from flexinv.tree import Joints
+
+# A singular value of the closures' equations below this part of the largest belongs to a redundant one: rounding is 1e-15.
+REDUNDANT = 1e-10
+# A freedom whose inertia is below this part of the largest (in lengths of the mechanism) has none: lumped masses of a
+# thousandth of the link's, rotary inertias of a millionth are far above.
+MASSLESS = 1e-16
+# Of w^2 over the largest one, what rounding leaves of a freedom without stiffness.
+SOFT = 1e-12
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Small motions about a rest position, in the order of their frequencies.
+
+    squared : (modes,) omega^2 [1/s^2]; zero for a rigid motion, negative where the rest position is unstable
+    displacement : (modes, nodes, 3) [m] world; rotation : (modes, nodes, 3) [rad] own frame; of modal mass 1 kg m^2:
+        sum of m |displacement|^2 + rotation . J rotation (and of the rotors of free joints)
+    position : (nodes, 3) [m] world, orientation : (nodes, 3, 3), the rest position; free : names of the free joints
+    """
+
+    mesh: Mesh
+    q: Array
+    free: tuple[str, ...]
+    squared: Array
+    displacement: Array
+    rotation: Array
+    position: Array
+    orientation: Array
+
+    @property
+    def frequency(self) -> Array:
+        """(modes,) natural frequencies [Hz]; nan where the rest position is unstable."""
+        return np.sqrt(np.where(self.squared < 0.0, np.nan, self.squared)) / (2 * np.pi)
+
+    @property
+    def link(self) -> tuple[str, ...]:
+        """(modes,) which link moves most in each mode [-]."""
+        most = np.linalg.norm(self.displacement, axis=2).argmax(axis=1)
+        return tuple(self.mesh.mechanism.links[int(self.mesh.link[node])].name for node in most)
+
+
+@jit
+def linearise(t, e, ties, c, s, j, f, d, loads, work):
+    """Evaluate the residual [N], [N m] and its linearisation; return -1 or the element that turned too much."""
+    return evaluate(t, e, ties, c, s, j, f, d, loads, work, True)
+
+
+def natural_modes(
+    mechanism: Mechanism, q: ArrayLike | None = None, free: Collection[str] | None = None, count: int | None = None
+) -> Modes:
+    """Return natural frequencies [Hz] and mode shapes at rest under gravity, joints clamped at ``q`` but for the free ones.
+
+    q : (nq,) [rad], [m], zero by default; in a loop the guess from which it is closed
+    free : names of joints that move freely about ``q``; by default none in a tree, and in a loop those without a drive
+    count : number of modes, all by default
+
+    Raises InputError for unknown joints and where nothing can move, ConvergenceError where no rest position is found.
+    """
+    names = _free(mechanism, free)
+    check_no_springs(mechanism)
+    mesh = build(mechanism)
+    at = mechanism.neutral if q is None else np.array(q, dtype=float)
+    if at.shape != (mechanism.nq,) or not np.isfinite(at).all():
+        raise InputError(f"modes: q has shape {at.shape}, expected ({mechanism.nq},) finite numbers [rad], [m]")
+    if mechanism.closures:
+        at = closed_near(mesh, at)
+    solver = Solver.of(mesh, set(names))
+    if not len(solver.topology.scale):
+        raise InputError(
+            f"modes: nothing of '{mechanism.name}' can move: no link is a beam and no joint is free; "
+            f"write free=[...] with names of {', '.join(j.name for j in mechanism.joints if j.nv) or 'joints'}"
+        )
+    joints = _rest(solver, at)
+    stiffness, mass = _linear(solver, joints)
+    squared, shapes = _eigen(stiffness, mass, _allowed(solver))
+    last = len(squared) if count is None else count
+    moves = _nodal(solver, shapes[:, :last])
+    place, turn = solver.frames.x.copy(), solver.frames.r.copy()
+    return Modes(mesh, at, names, squared[:last], moves[..., :3], moves[..., 3:], place, turn)
+
+
+def _free(mechanism: Mechanism, free: Collection[str] | None) -> tuple[str, ...]:
+    if free is None:
+        return tuple(j.name for j in mechanism.joints if j.nv and not j.actuated) if mechanism.closures else ()
+    for name in free:
+        if name not in mechanism.joint_of or not mechanism.joint_of[name].nv:
+            known = ", ".join(j.name for j in mechanism.joints if j.nv)
+            raise InputError(f"modes: free joint {name!r}: '{mechanism.name}' moves by {known}")
+    return tuple(j.name for j in mechanism.joints if j.name in free)
+
+
+def _rest(solver: Solver, q: Array) -> Joints:
+    """Bring the solver to the rest position: of a tree with all joints held, of a loop with its free joints free."""
+    mesh, nothing = solver.mesh, np.zeros(solver.mesh.mechanism.nv)
+    start_undeformed(solver, q, nothing, nothing)
+    joints = instant(mesh, q, nothing, nothing)
+    if mesh.mechanism.is_rigid:
+        _load_ties(solver, joints)
+        return joints
+    held = solver if mesh.mechanism.closures else Solver.of(mesh, set())
+    if held is not solver:
+        start_undeformed(held, q, nothing, nothing)
+    found = equilibrium(held, q, "rest position for modes")
+    status, iterations, size = held.newton(STATICS, found)
+    if status != CONVERGED:
+        raise held.complain(status, iterations, size, "rest position for modes")
+    sections = solver.topology.independent
+    solver.state.x[sections], solver.state.r[sections] = held.state.x[sections], held.state.r[sections]
+    return joints
+
+
+def _load_ties(solver: Solver, joints: Joints) -> None:
+    """Give the closures of a rigid mechanism the forces G^T lambda = r of least norm that hold it where it stands."""
+    if len(solver.ties.a):
+        _evaluate(solver, joints)
+        solver.ties.multiplier[:] = np.linalg.lstsq(-solver.ties.sides.T, solver.work.residual[0], rcond=REDUNDANT)[0]
+
+
+def _evaluate(solver: Solver, joints: Joints) -> None:
+    linearise(
+        solver.topology, solver.elements, solver.ties, STATICS, solver.state, joints, solver.frames, solver.variation,
+        solver.loads, solver.work,
+    )  # fmt: skip
+
+
+def _linear(solver: Solver, joints: Joints) -> tuple[Array, Array]:
+    """Stiffness and mass (unknowns, unknowns); the march's tangent leaves out part of what forces in closures do."""
+    force = solver.ties.multiplier.copy()
+    tied = _stiffness_of_ties(solver, joints)
+    solver.ties.multiplier[:] = 0.0
+    _evaluate(solver, joints)
+    solver.ties.multiplier[:] = force
+    return tangent_matrix(solver) + tied, _mass(solver)
+
+
+def tangent_matrix(solver: Solver) -> Array:
+    """Return the linearisation that was evaluated last as one matrix (unknowns, unknowns) [N/m], [N], [N m].
+
+    Diagonal blocks as the march has them, and what elements couple: B_i^T K_iq B_q of their nodes i, q.
+    """
+    t, work = solver.topology, solver.work
+    k = np.zeros((len(t.scale), len(t.scale)))
+    for block, (first, size) in enumerate(zip(t.offset, t.size, strict=True)):
+        k[first : first + size, first : first + size] = work.diagonal[block, :size, :size]
+    for element, order in enumerate(solver.elements.order):
+        nodes = solver.elements.nodes[element, : order + 1]
+        # what moves node i: its own six unknowns, or for the first node all unknowns of its block
+        moves = [(t.offset[t.block[n]] + np.arange(6), np.eye(6)) for n in nodes]
+        moves[0] = _columns(solver, int(nodes[0])), _variation(solver, int(nodes[0]))
+        for (i, (rows, by_row)), (q, (columns, by_column)) in permutations(enumerate(moves), 2):
+            piece = work.tangent[element, 6 * i : 6 * i + 6, 6 * q : 6 * q + 6]
+            k[np.ix_(rows, columns)] += by_row.T @ piece @ by_column
+    return k
+
+
+def _mass(solver: Solver) -> Array:
+    t = solver.topology
+    m = np.zeros((len(t.scale), len(t.scale)))
+    for node in range(len(t.parent)):
+        columns, by = _columns(solver, node), _variation(solver, node)
+        inertia = np.zeros((6, 6))
+        inertia[:3, :3], inertia[3:, 3:] = t.mass[node] * np.eye(3), t.inertia[node]
+        m[np.ix_(columns, columns)] += by.T @ inertia @ by
+        own = t.offset[t.block[node]] + t.column[node] + np.arange(t.freedoms[node])
+        m[own, own] += t.rotor[node]
+    return m
+
+
+def _columns(solver: Solver, node: int) -> NDArray[np.int64]:
+    """Unknowns of a node's block."""
+    t = solver.topology
+    block = t.block[node]
+    return np.asarray(t.offset[block] + np.arange(t.size[block]))
+
+
+def _variation(solver: Solver, node: int) -> Array:
+    """B (6, columns): displacement (world) and rotation (own frame) of a node by the unknowns of its block."""
+    size = solver.topology.size[solver.topology.block[node]]
+    return np.vstack([solver.variation.x[node, :size].T, solver.variation.t[node, :size].T])
+
+
+# Central differences of the closures' gradients, fourth order: their derivatives are of the size of one over the mechanism's
+# length, rounding 1e-16 / STEP and truncation STEP^4 / 30 leave 1e-12 of it.
+STEP = 1e-3
+
+
+def _stiffness_of_ties(solver: Solver, joints: Joints) -> Array:
+    """-d(G^T lambda) / dy: what the forces in the closures add to the stiffness where something loads them."""
+    size, force = len(solver.topology.scale), solver.ties.multiplier.copy()
+    k = np.zeros((size, size))
+    if not np.any(force):
+        return k
+
+    def pull(unknown: int, step: float) -> Array:
+        solver.state.d[unknown] = step * solver.topology.scale[unknown]
+        _evaluate(solver, joints)
+        solver.state.d[unknown] = 0.0
+        return np.asarray(solver.ties.sides.T @ force)
+
+    for unknown in range(size):
+        near, far = pull(unknown, STEP) - pull(unknown, -STEP), pull(unknown, 2 * STEP) - pull(unknown, -2 * STEP)
+        k[:, unknown] = (8 * near - far) / (12 * STEP * solver.topology.scale[unknown])
+    return k
+
+
+def _allowed(solver: Solver) -> Array:
+    """N (unknowns, freedoms): the motions that the closures allow, columns of unit length in scaled unknowns."""
+    g = solver.ties.sides * solver.topology.scale
+    if not len(g):
+        return np.diag(solver.topology.scale)
+    _, values, right = np.linalg.svd(g)
+    rank = int((values > REDUNDANT * values.max(initial=0.0)).sum())
+    return np.asarray(solver.topology.scale[:, None] * right[rank:].T)
+
+
+def _eigen(stiffness: Array, mass: Array, allowed: Array) -> tuple[Array, Array]:
+    """Return omega^2 (modes,) [1/s^2], rising, and shapes (unknowns, modes) with unit modal mass.
+
+    1 / (omega^2 + shift) are eigenvalues of M by K + shift M, which is positive definite: so the low frequencies are the exact
+    ones, and freedoms without inertia (1 / infinity) need no care.
+    """
+    k, m = (allowed.T @ part @ allowed for part in (stiffness, mass))
+    k, m = (k + k.T) / 2, (m + m.T) / 2
+    shift = 0.0
+    while not _definite(k + shift * m):
+        smallest = SOFT * np.abs(k).max() / max(np.abs(m).max(), np.finfo(float).tiny)
+        if shift > smallest / SOFT**2:
+            raise InputError("modes: a freedom has neither inertia nor stiffness; give its link a mass")
+        shift = max(10 * shift, smallest, np.finfo(float).tiny)
+    values, vectors = eigh(m, k + shift * m)
+    use = values > MASSLESS * values.max(initial=0.0)
+    values, vectors = values[use][::-1], vectors[:, use][:, ::-1]
+    masses = np.einsum("km,kl,lm->m", vectors, m, vectors)  # (mode,)
+    return 1.0 / values - shift, allowed @ vectors / np.sqrt(masses)
+
+
+def _definite(matrix: Array) -> bool:
+    try:
+        factor = cholesky(matrix)
+    except LinAlgError:
+        return False
+    pivots = np.diag(factor) ** 2
+    return bool((pivots > SOFT * np.abs(np.diag(matrix))).all())
+
+
+def _nodal(solver: Solver, shapes: Array) -> Array:
+    """Displacement and rotation of every node, (modes, nodes, 6)."""
+    out = np.zeros((shapes.shape[1], solver.mesh.size, 6))
+    for node in range(solver.mesh.size):
+        out[:, node] = (_variation(solver, node) @ shapes[_columns(solver, node)]).T
+    return out
+
+
+def tip_shapes(found: Modes) -> dict[str, Array]:
+    """Return the displacement of every link's tip in each mode, (modes, 3) [m] world, by link name."""
+    mesh, out = found.mesh, {}
+    for joint in mesh.mechanism.joints:
+        link = mesh.mechanism.link_of[joint.child]
+        node = mesh.tip_node.get(link.name, mesh.joint_node[joint.name])
+        arm = np.zeros(3) if link.beam is not None else link.tip
+        swing = np.cross(found.rotation[:, node], arm) @ found.orientation[node].T
+        out[link.name] = found.displacement[:, node] + swing
+    return out
