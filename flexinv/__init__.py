@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from flexinv.batch import Batch, solve_many
     from flexinv.errors import ConvergenceError, FlexinvError, InputError, ModelWarning
     from flexinv.files.mechanism_file import load_mechanism
     from flexinv.files.urdf import from_urdf
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 # Where each public name lives; it is imported when first used, so that a program that only reads a mechanism
 # does not wait for the compiler.
 _HOME = {
+    "Batch": "batch",
     "ConvergenceError": "errors",
     "FlexinvError": "errors",
     "InputError": "errors",
@@ -34,10 +36,12 @@ _HOME = {
     "load_mechanism": "files.mechanism_file",
     "natural_modes": "modes",
     "solve": "scheme",
+    "solve_many": "batch",
     "statics": "rest",
 }
 
 __all__ = [
+    "Batch",
     "ConvergenceError",
     "FlexinvError",
     "InputError",
@@ -52,6 +56,7 @@ __all__ = [
     "load_mechanism",
     "natural_modes",
     "solve",
+    "solve_many",
     "statics",
 ]
 

@@ -47,8 +47,8 @@ def _compiler(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     return decorate
 
 
-# For kernels that Python calls.
-jit = _compiler(cache=True, _nrt=False, no_cfunc_wrapper=True)
+# For kernels that Python calls: other threads of Python run beside them.
+jit = _compiler(cache=True, nogil=True, _nrt=False, no_cfunc_wrapper=True)
 # For kernels that only other kernels call.
 jit_inner = _compiler(cache=True, _nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True)
 # For kernels with a single caller, which takes in their text: no second copy of all that they call is compiled.

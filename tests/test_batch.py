@@ -1,0 +1,65 @@
+"""solve_many: the same numbers as one after the other, in order, whatever fails on the way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flexible_examples import HALF_TURN, STRIP, arm
+
+import flexinv
+from flexinv.mechanism import Body, Inertia, Mechanism
+
+STEP = 2e-3
+
+
+def _loaded(mass: float) -> Mechanism:
+    """The paper's link with a point mass at its tip [kg]."""
+    plain = arm()
+    load = Body("load", Inertia(mass, np.zeros(3), np.zeros((3, 3))), 1.0)
+    return replace(plain, links=(replace(plain.links[0], bodies=(load,)),))
+
+
+def _flexible(stiffness: float) -> Mechanism:
+    return arm(section=replace(STRIP, stiffness=stiffness * STRIP.stiffness))
+
+
+def test_payloads_and_stiffnesses_give_what_each_gives_alone_bit_for_bit() -> None:
+    mechanisms = [_loaded(mass) for mass in (0.0, 0.001, 0.002, 0.005)] + [_flexible(k) for k in (0.5, 2.0)]
+    batch = flexinv.solve_many(mechanisms, HALF_TURN, STEP, threads=3)
+    assert not batch.errors
+    for mechanism, solution in zip(mechanisms, batch.all(), strict=True):
+        alone = flexinv.solve(mechanism, HALF_TURN, STEP)
+        assert solution.mechanism is mechanism
+        np.testing.assert_array_equal(solution.torque, alone.torque)
+        np.testing.assert_array_equal(solution.nodes.x, alone.nodes.x)
+        np.testing.assert_array_equal(solution.balance.power, alone.balance.power)
+
+
+def test_motions_and_options_of_each_scenario() -> None:
+    motions = [flexinv.Motion.point_to_point([0.0], [angle], 0.2) for angle in (0.5, 1.0)]
+    each = [{"step": 1e-3}, {"spectral_radius": 0.5}]
+    first, second = flexinv.solve_many(arm(), motions, STEP, each=each, threads=2).all()
+    assert len(first.time) == 201
+    assert second.settings["spectral_radius"] == 0.5
+    np.testing.assert_array_equal(second.torque, flexinv.solve(arm(), motions[1], STEP, spectral_radius=0.5).torque)
+
+
+def test_one_failure_does_not_lose_the_others() -> None:
+    soft = arm(1, 1, section=replace(STRIP, stiffness=STRIP.stiffness * np.array([1, 1, 1, 1, 1, 1e-3])))
+    done: list[int] = []
+    batch = flexinv.solve_many([arm(), soft, arm()], HALF_TURN, STEP, threads=2, progress=done.append)
+    assert list(batch.errors) == [1]
+    assert isinstance(batch.errors[1], flexinv.ConvergenceError)
+    assert [solution is None for solution in batch.solutions] == [False, True, False]
+    assert done == [1, 1, 1]
+    with pytest.raises(flexinv.ConvergenceError):
+        batch.all()
+
+
+def test_unequal_lists_are_refused() -> None:
+    with pytest.raises(flexinv.InputError, match="motions has 2, mechanisms has 3: expected lists of equal length"):
+        flexinv.solve_many([arm()] * 3, [HALF_TURN] * 2, STEP)
+    with pytest.raises(flexinv.InputError, match="threads = 0: expected 1 or more"):
+        flexinv.solve_many(arm(), HALF_TURN, STEP, threads=0)
