@@ -41,6 +41,7 @@ MODELS = click.option(
     help="Folder of mechanisms: one folder each, with mechanism.toml and cases.toml.",
 )
 T = TypeVar("T")
+LARGEST_SUMMARY = 900_000  # [bytes]: GitHub refuses a step's summary of more than 1 MiB
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 JOBS = click.option(
     "--jobs", type=click.IntRange(min=1), default=CORES, show_default=True, help="Engines running at a time."
@@ -83,9 +84,21 @@ def chosen(known: Mapping[str, T], patterns: str, kind: str) -> dict[str, T]:
 def finish(console: Console, results: Results, out: Path) -> NoReturn:
     """Write the report, say how it went, and leave with the exit code of the results."""
     render(results, out)
+    step_summary(out)
     console.print(f"[bold]{escape(sentence(results))}[/bold]")
     console.print(f"report: {out / 'index.html'}", highlight=False)
     sys.exit(results.exit_code)
+
+
+def step_summary(out: Path) -> None:
+    """Add the summary of the report in ``out`` to the page of a job on GitHub, where this is one."""
+    if page := os.environ.get("GITHUB_STEP_SUMMARY"):
+        text = (out / "summary.md").read_text(encoding="utf-8")
+        if len(text.encode()) > LARGEST_SUMMARY:
+            text = text.encode()[:LARGEST_SUMMARY].decode(errors="ignore").rpartition("\n")[0]
+            text += "\n\nCut off here: the whole is summary.md of the report.\n"
+        with open(page, "a", encoding="utf-8") as file:
+            file.write(text)
 
 
 @contextlib.contextmanager

@@ -1,0 +1,184 @@
+"""pytest collects ``models/*/cases.toml``: one test per comparison (mechanism, case, engine, quantity).
+
+``pytest models/`` runs them all, ``pytest models/ -k "four_bar and exudyn-dae and torque"`` some.  Every engine runs
+once per case, in a process of its own and however many tests ask for it, also from the workers of pytest-xdist.
+Nothing of crosscheck is imported before a ``cases.toml`` beside a ``mechanism.toml`` is found.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import warnings
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from crosscheck.compare import Comparison
+    from crosscheck.engines import Engine
+    from crosscheck.isolation import Attempt
+    from crosscheck.plan import Task
+
+FOLDER = pytest.StashKey[str]()
+OWNED = pytest.StashKey[bool]()
+
+
+class ComparisonFailed(Exception):
+    """A comparison that is not within its limit; its text is the report."""
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the options of `crosscheck run` that make sense here."""
+    group = parser.getgroup("crosscheck", "mechanisms in several engines (models/*/cases.toml)")
+    group.addoption(
+        "--crosscheck-engines", default="*", metavar="PATTERNS", help="Engines to compare, separated by commas (all)."
+    )
+    group.addoption(
+        "--crosscheck-timeout", type=float, default=900.0, metavar="SECONDS", help="For one engine on one case (900)."
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Take the folder of shared records from the process that leads a distributed run."""
+    given = getattr(config, "workerinput", {}).get("crosscheck_records")
+    config.stash[OWNED] = given is None
+    if given is not None:
+        config.stash[FOLDER] = given
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_configure_node(node: Any) -> None:
+    """Give every worker of pytest-xdist the same folder of records."""
+    node.workerinput["crosscheck_records"] = str(_records(node.config))
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Remove the records."""
+    if config.stash.get(OWNED, False) and FOLDER in config.stash:
+        shutil.rmtree(config.stash[FOLDER], ignore_errors=True)
+
+
+def _records(config: pytest.Config) -> Path:
+    if FOLDER not in config.stash:
+        config.stash[FOLDER] = tempfile.mkdtemp(prefix="crosscheck-records-")
+    return Path(config.stash[FOLDER])
+
+
+def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
+    """Collect a ``cases.toml`` that lies beside a ``mechanism.toml``."""
+    if file_path.name == "cases.toml" and (file_path.parent / "mechanism.toml").is_file():
+        return CasesFile.from_parent(parent, path=file_path)
+    return None
+
+
+class CasesFile(pytest.File):
+    """The cases of one mechanism."""
+
+    def collect(self) -> Iterable[pytest.Item]:
+        """Yield one test per comparison that a run would make."""
+        from crosscheck.engines import ENGINES
+        from crosscheck.limits import references
+        from crosscheck.plan import discover
+        from flexinv.errors import ModelWarning
+
+        folder = self.path.parent
+        wanted = _wanted(self.config)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ModelWarning)  # a run says it in its report
+            plan = discover(folder.parent, [folder.name])
+        if plan.broken:
+            raise self.CollectError(plan.broken[0][1])
+        for task in plan.tasks:
+            for engine in wanted:
+                others = references(task.case.limits, engine)
+                for reference in (r for r in others if r in ENGINES):
+                    against = "" if reference == "flexinv" else f"-{reference}"
+                    for quantity in task.case.quantities:
+                        name = f"{folder.name}-{task.case.name}-{engine}{against}-{quantity}"
+                        pair = ENGINES[engine], ENGINES[reference]
+                        yield ComparisonItem.from_parent(self, name=name, task=task, pair=pair, quantity=quantity)
+
+
+def _wanted(config: pytest.Config) -> list[str]:
+    from fnmatch import fnmatchcase
+
+    from crosscheck.engines import ENGINES
+
+    patterns = [p.strip() for p in config.getoption("--crosscheck-engines").split(",") if p.strip()]
+    for pattern in patterns:
+        if not any(fnmatchcase(name, pattern) for name in ENGINES):
+            raise pytest.UsageError(
+                f"--crosscheck-engines: no engine is called {pattern!r}; known: {', '.join(ENGINES)}"
+            )
+    return [name for name in ENGINES if any(fnmatchcase(name, pattern) for pattern in patterns)]
+
+
+class ComparisonItem(pytest.Item):
+    """One engine against another in one quantity of one case."""
+
+    def __init__(self, *, task: Task, pair: tuple[Engine, Engine], quantity: str, **other: Any) -> None:
+        super().__init__(**other)
+        self.task, self.pair, self.quantity = task, pair, quantity
+
+    def runtest(self) -> None:
+        """Run both engines unless that was done, compare, and fail with words."""
+        from crosscheck.limits import worst
+
+        rows = self._compared()
+        for row in rows:
+            self._note(row)
+        verdict = worst(row.verdict for row in rows)
+        messages = "; ".join(dict.fromkeys(row.message for row in rows if row.verdict == verdict and row.message))
+        if verdict == "skipped":
+            pytest.skip(messages)
+        if verdict == "explained":
+            pytest.xfail(messages)
+        if verdict != "within":
+            from crosscheck.report.failure import failure
+
+            wrong = [failure(row) for row in rows if row.verdict in ("deviation", "unjudged", "error")]
+            raise ComparisonFailed("\n\n".join(wrong))
+
+    def _compared(self) -> list[Comparison]:
+        import datetime
+
+        from crosscheck.compare import Pair, compare
+
+        engine, reference = (self._attempt(one).record for one in self.pair)
+        task = self.task
+        pair = Pair(task.folder.name, task.case, engine, reference, task.rest, datetime.date.today())
+        return [row for row in compare(pair) if row.quantity == self.quantity]
+
+    def _attempt(self, engine: Engine) -> Attempt:
+        from crosscheck.attempts import Attempts
+        from crosscheck.isolation import Children, run_engine
+
+        kept = Attempts(_records(self.config))
+        limit = float(self.config.getoption("--crosscheck-timeout"))
+        what = {"mechanism": str(self.task.folder.resolve()), "case": self.task.case.name, "options": {}}
+        with kept.alone(self.task, engine.name):
+            found = kept.find(self.task, engine.name)
+            if found is None:
+                found = run_engine(engine, what, self.task.time, limit, Children())
+                kept.keep(self.task, engine.name, found)
+        return found
+
+    def _note(self, row: Comparison) -> None:
+        """Give the numbers to JUnit."""
+        unit = f" [{row.unit}]" if row.unit else ""
+        numbers = {f"difference{unit}": row.maximum, f"error bar{unit}": row.error_bar}
+        numbers |= {"fraction": row.fraction, "limit": row.limit}
+        self.user_properties += [(name, value) for name, value in numbers.items() if value is not None]
+
+    def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
+        """Return the message alone: where in this file it was raised helps nobody."""
+        if isinstance(excinfo.value, ComparisonFailed):
+            return str(excinfo.value)
+        return super().repr_failure(excinfo)
+
+    def reportinfo(self) -> tuple[Path, int | None, str]:
+        """Return file, line and headline of a report."""
+        return self.path, None, self.name
