@@ -35,7 +35,7 @@ class RecordError(ValueError):
 class Series:
     """One quantity over the sample times of its record.
 
-    name : "torque/<velocity name>", "wrench/<joint>/fx", "tip/<link>/x", "deflection/<beam link>/y", ...
+    name : "torque/<velocity name>", "wrench/<joint>/fx", "reaction/<closure>/fx", "tip/<link>/x", "deflection/<beam link>/y", ...
     unit : of the values, "N m"
     values : (samples,) [unit]
     error : (samples,) [unit], half-width of the engine's own error bar, or None where it has none
@@ -123,7 +123,19 @@ def wrench_series(joint: str, wrench: ArrayLike) -> dict[str, Series]:
 
     wrench : (samples, 6), force [N] then moment [N m]
     """
-    return columns([f"wrench/{joint}/{c}" for c in WRENCH], ["N"] * 3 + ["N m"] * 3, wrench)
+    return _wrench(f"wrench/{joint}", wrench)
+
+
+def reaction_series(closure: str, wrench: ArrayLike) -> dict[str, Series]:
+    """Return "reaction/<closure>/fx" ... "mz": what a closure puts on its second frame, there and along its axes.
+
+    wrench : (samples, 6), force [N] then moment [N m]; of a closure whose second frame is the world's, on the world
+    """
+    return _wrench(f"reaction/{closure}", wrench)
+
+
+def _wrench(prefix: str, wrench: ArrayLike) -> dict[str, Series]:
+    return columns([f"{prefix}/{c}" for c in WRENCH], ["N"] * 3 + ["N m"] * 3, wrench)
 
 
 def internal_series(beam: str, station: str, resultants: ArrayLike) -> dict[str, Series]:

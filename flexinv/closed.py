@@ -63,7 +63,7 @@ def closed_solution(
     closing = row_forces(motion, rows, shares.multipliers) + acting
     trajectory = rigid_trajectory(mesh, q, qd, qdd, closing)
     solution = evaluate(mesh, trajectory, time, q, qd, qdd, set(), settings, closing)
-    reaction = _reactions(mesh, motion, rows, shares.multipliers)
+    reaction = closure_reactions(mesh, motion, rows, shares.multipliers)
     return replace(solution, loops=LoopForces(reaction, shares.preload, shares.condition, shares.left))
 
 
@@ -161,7 +161,7 @@ def flexible_closed_solution(
     rows, motion = constraint_rows(mesh), trajectory.motion
     closing = row_forces(motion, rows, trajectory.multipliers)
     solution = evaluate(mesh, trajectory, time, q, qd, qdd, passive, settings, closing)
-    reaction = _reactions(mesh, motion, rows, trajectory.multipliers)
+    reaction = closure_reactions(mesh, motion, rows, trajectory.multipliers)
     none, unknown_condition = np.zeros((len(time), m.nv, 0)), np.full(len(time), np.nan)
     return replace(solution, loops=LoopForces(reaction, none, unknown_condition, solution.torque_all * ~m.actuated))
 
@@ -201,8 +201,11 @@ def _check_drives(mesh: Mesh, unknown: NDArray[np.bool_]) -> None:
             raise InputError(f"mechanism '{m.name}' has beams and closures, and {what} ('{name}'): {write}")
 
 
-def _reactions(mesh: Mesh, motion: NodalMotion, rows: Rows, multipliers: Array) -> dict[str, Array]:
-    """Wrench of each closure on its second link, at the closure's frame there and in its axes, (samples, 6)."""
+def closure_reactions(mesh: Mesh, motion: NodalMotion, rows: Rows, multipliers: Array) -> dict[str, Array]:
+    """Return the wrench [N], [N m] of each closure on its second link, at its frame there and in its axes, (samples, 6).
+
+    multipliers : (samples, rows) [N], [N m]
+    """
     out = {}
     for index, closure in enumerate(mesh.mechanism.closures):
         own = np.where(rows.closure == index, multipliers, 0.0)

@@ -71,13 +71,14 @@ def test_wrenches_where_they_are_unique(name: str) -> None:
         replace(example[0], joints=tuple(replace(j, damping=0.0, rotor_inertia=0.0) for j in example[0].joints)),
         example[1],
     )
-    off, _ = apart(by_exudyn(example), pinocchio.run(*example, "pinocchio", {}), "wrench")
-    assert off < NEAR
+    record, other = by_exudyn(example), pinocchio.run(*example, "pinocchio", {})
+    for quantity in ("wrench", *(["reaction"] if example[0].closures else [])):
+        assert apart(record, other, quantity)[0] < NEAR
 
 
 def test_wrenches_are_left_out_where_they_are_not() -> None:
     for name in ("slider-crank, pin", "five-bar, three drives"):
-        assert not [n for n in by_exudyn(EXAMPLES[name]()).series if n.startswith("wrench")]
+        assert not [n for n in by_exudyn(EXAMPLES[name]()).series if n.startswith(("wrench", "reaction"))]
 
 
 def test_redundant_equations_are_told() -> None:

@@ -278,11 +278,8 @@ def guessed(mechanism: Mechanism, case: Case, q: Array) -> Array:
     return out
 
 
-def unsupported(mechanism: Mechanism, phases: bool = False) -> str | None:
-    """Return why these loops cannot be closed here, or None; ``phases``: closures may act for a while."""
-    switched = [c.name for c in mechanism.closures if c.active]
-    if switched and not phases:
-        return f"closures act all the time here; switched: {', '.join(switched)}"
+def unsupported(mechanism: Mechanism) -> str | None:
+    """Return why these loops cannot be closed here, or None."""
     if not mechanism.is_rigid:
         return f"closed loops of rigid links only; flexible: {', '.join(link.name for link in mechanism.beams)}"
     return None

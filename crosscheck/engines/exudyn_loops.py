@@ -29,7 +29,7 @@ from crosscheck.engines.exudyn_march import Made
 from crosscheck.engines.exudyn_parts import Outcome
 from crosscheck.engines.exudyn_solve import NewtonStalled, Plan, grid, step_size
 from crosscheck.engines.prescribed import missing_motion, passive_effort, rotor_effort, spring_effort
-from crosscheck.record import Series, torque_series, vector_series, wrench_series
+from crosscheck.record import Series, reaction_series, torque_series, vector_series, wrench_series
 from flexinv.files.case import Case
 from flexinv.mechanism import Mechanism
 
@@ -65,6 +65,8 @@ def unsupported(mechanism: Mechanism, case: Case) -> str | None:
     """Return why Exudyn cannot do this mechanism with closures, springs or forces in time, or None."""
     if not mechanism.closures and (reason := missing_motion(mechanism, case)):
         return reason
+    if switched := [c.name for c in mechanism.closures if c.active]:
+        return f"closures act all the time here; switched: {', '.join(switched)}"
     if reason := assembly.unsupported(mechanism) or exudyn_spatial.unsupported(mechanism):
         return reason
     for joint in mechanism.joints:
@@ -157,7 +159,7 @@ def _series(model: Model, outcome: Outcome, state: tuple[Array, Array, Array]) -
             torque[:, m.v_slices[name]] += np.einsum("svc,sc->sv", axes, wrench)  # (sample, coordinate)
         made |= wrench_series(name, wrench)
     for name, wrench in outcome.closure.items():
-        made |= wrench_series(name, wrench)
+        made |= reaction_series(name, wrench)
     if m.closures:
         torque = exudyn_chain.shared(m, model.case, q, torque)
     if model.left_out or (m.closures and not _driven(model)):

@@ -15,13 +15,15 @@ from crosscheck.record import (
     Record,
     Series,
     internal_series,
+    reaction_series,
     series,
     torque_series,
     vector_series,
     wrench_series,
 )
+from flexinv.determinate import determinate
 from flexinv.files.case import Case
-from flexinv.mechanism import Mechanism
+from flexinv.mechanism import WORLD, Mechanism
 from flexinv.scheme import solve
 from flexinv.solution import Solution
 
@@ -106,12 +108,28 @@ def all_series(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[st
         made |= vector_series(f"deflection/{link}", "m", deflection[rows])
     for name, wrench in solution.wrench.items():
         made |= wrench_series(name, wrench[rows])
+    made |= reactions(mechanism, solution, rows)
     for joint in mechanism.joints:
         if mechanism.link_of[joint.child].beam is not None:
             made |= series(f"axial/{joint.child}", "N", solution.wrench[joint.name][rows, 0])
     for link, stations in solution.internal_stations.items():
         for k, station in enumerate(stations):
             made |= internal_series(link, f"{station:.4f}", solution.internal[link][rows, k])
+    return made
+
+
+def reactions(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, Series]:
+    """Return the wrench of every closure on its second frame [N], [N m]: the components that are determinate, no others."""
+    if solution.loops is None:
+        return {}
+    sure = determinate(solution.mesh, solution.nodes, solution.time)
+    made: dict[str, Series] = {}
+    for closure in mechanism.closures:
+        wrench = solution.loops.reaction[closure.name][rows]
+        if closure.second.link == WORLD:
+            continue  # there it is said at the first frame
+        all_six = reaction_series(closure.name, wrench)
+        made |= {name: one for (name, one), there in zip(all_six.items(), sure[closure.name], strict=True) if there}
     return made
 
 

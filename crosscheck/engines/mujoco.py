@@ -26,18 +26,18 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from crosscheck.engines import assembly, mujoco_loops
+from crosscheck.engines import assembly, mujoco_loops, phases
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.mujoco_model import Built, build
 from crosscheck.engines.prescribed import beyond_a_tree, missing_motion
-from crosscheck.record import Record, Series, torque_series, vector_series, wrench_series
+from crosscheck.record import Record, Series, reaction_series, torque_series, vector_series, wrench_series
 from flexinv.files.case import Case
 from flexinv.mechanism import WORLD, Joint, Mechanism
 
@@ -223,11 +223,13 @@ class Dynamics:
     """What MuJoCo computes, in the mechanism's order.
 
     torque : (samples, nv) [N m] or [N]; wrench : (samples, 6) [N], [N m] by joint; tip : (samples, 3) [m] by link
+    closures : (samples, 6) [N], [N m] on the second frame of every closure
     """
 
     torque: Array
     wrench: dict[str, Array]
     tip: dict[str, Array]
+    closures: dict[str, Array] = field(default_factory=dict)
 
 
 def inverse_dynamics(mechanism: Mechanism, built: Built, q: Array, qd: Array, qdd: Array) -> Dynamics:
@@ -248,16 +250,31 @@ def _said(mechanism: Mechanism, built: Built, q: Array, raw: Raw) -> Dynamics:
 def _dynamics(mechanism: Mechanism, case: Case, built: Built, time: Array, engine: str) -> Dynamics:
     if not beyond_a_tree(mechanism):
         return inverse_dynamics(mechanism, built, *case.motion.evaluate(mechanism, time))
-    tree = mujoco_loops.Tree(mechanism, built, mujoco.MjData(built.model), _given(mechanism, case, built))
-    state = State(*tree.given(time))
-    if mechanism.closures:
-        state = State(*mujoco_loops.closed_state(tree, assembly.left_out(mechanism, case), time))
-    if engine == EQUALITY:
-        return Dynamics(
-            effort_from_engine(mechanism, built, from_engine(mechanism, built, state.q), _soft(tree, state, time)),
-            {},
-            {},
-        )
+
+    def closed(now: Mechanism, here: Case, span: Array) -> phases.State:
+        tree = _tree(now, here, built)
+        return mujoco_loops.closed_state(tree, assembly.left_out(now, here), span) if now.closures else tree.given(span)
+
+    followed = phases.follow(mechanism, case, time, closed, lambda q: from_engine(mechanism, built, q))
+    part = _soft if engine == EQUALITY else _held
+    parts = [part(_tree(phase.mechanism, phase.case, built), State(*state), phase.time) for phase, state in followed]
+    return Dynamics(
+        torque=np.concatenate([p.torque for p in parts]),
+        wrench=phases.joined(p.wrench for p in parts),
+        tip=phases.joined(p.tip for p in parts),
+        closures={}
+        if engine == EQUALITY
+        else phases.joined(phases.complete(mechanism, p.closures, len(p.torque)) for p in parts),
+    )
+
+
+def _tree(mechanism: Mechanism, case: Case, built: Built) -> mujoco_loops.Tree:
+    return mujoco_loops.Tree(mechanism, built, mujoco_loops.state_of(built, mechanism), _given(mechanism, case, built))
+
+
+def _held(tree: mujoco_loops.Tree, state: State, time: Array) -> Dynamics:
+    """Return drives' efforts, wrenches and tips of one phase: the tree's efforts shared out to drives and closures."""
+    mechanism, built = tree.mechanism, tree.built
     driven = np.zeros(built.model.nv, dtype=bool)
     for joint in mechanism.joints:
         if joint.nv:
@@ -270,7 +287,7 @@ def _dynamics(mechanism: Mechanism, case: Case, built: Built, time: Array, engin
         keep(built.model, tree.data, raw, k, shares.effort)
         wrench[k] = shares.closures
     said = _said(mechanism, built, from_engine(mechanism, built, state.q), raw)
-    return replace(said, wrench=said.wrench | {c.name: wrench[:, k] for k, c in enumerate(mechanism.closures)})
+    return replace(said, closures={c.name: wrench[:, k] for k, c in enumerate(mechanism.closures)})
 
 
 def _given(mechanism: Mechanism, case: Case, built: Built) -> mujoco_loops.Motion:
@@ -288,14 +305,15 @@ def _set(tree: mujoco_loops.Tree, state: State, k: int) -> None:
     tree.data.qpos[:], tree.data.qvel[:], tree.data.qacc[:] = state.q[k], state.v[k], state.a[k]
 
 
-def _soft(tree: mujoco_loops.Tree, state: State, time: Array) -> Array:
-    """Return what mj_inverse gives with its equality constraints on, (samples, nv) [N m] or [N], less given forces."""
+def _soft(tree: mujoco_loops.Tree, state: State, time: Array) -> Dynamics:
+    """Return what mj_inverse gives with its equality constraints on [N m] or [N], less given forces; nothing else."""
     out = np.empty_like(state.v)
     for k, t in enumerate(time):
         _set(tree, state, k)
         mujoco.mj_inverse(tree.built.model, tree.data)
         out[k] = tree.data.qfrc_inverse - mujoco_loops.forces_on(tree, float(t))
-    return out
+    q = from_engine(tree.mechanism, tree.built, state.q)
+    return Dynamics(effort_from_engine(tree.mechanism, tree.built, q, out), {}, {})
 
 
 @dataclass(frozen=True)
@@ -356,4 +374,6 @@ def _series(mechanism: Mechanism, result: Dynamics) -> dict[str, Series]:
         out |= vector_series(f"tip/{link}", "m", place)
     for joint, wrench in result.wrench.items():
         out |= wrench_series(joint, wrench)
+    for closure, wrench in result.closures.items():
+        out |= reaction_series(closure, wrench)
     return out

@@ -8,6 +8,7 @@
                   "mujoco-equality": mj_inverse as it is, equality constraints on.
     wrenches      mj_rnePostConstraint with given forces and closures in xfrc_applied; the tendons' forces it adds itself
 
+Phases        closures that act for a while: MuJoCo's own switch of an equality, ``eq_active`` of its data
 Equalities    spherical: connect;  revolute: two of them, a metre apart on the axis;  fixed: weld.  None of MuJoCo's types
               makes up universal, prismatic, cylindrical, point-on-line: their rows come from mj_jac, and there is no
               "mujoco-equality".
@@ -71,13 +72,24 @@ def _equality(spec: Any, closure: Closure) -> None:
     for k, offset in enumerate(offsets):
         ends = ((closure.first, "first"), (closure.second, "second"))
         names = [_site(spec, at, f"{closure.name}/{end}{k}", offset * closure.axis) for at, end in ends]
-        made = spec.add_equality(type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, name1=names[0], name2=names[1])
+        made = spec.add_equality(
+            name=f"{closure.name}/{k}", type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, name1=names[0], name2=names[1]
+        )
         made.solref, made.solimp = STIFF
 
 
 def without_equality(mechanism: Mechanism) -> list[str]:
     """Return the closures that none of MuJoCo's equalities makes up."""
     return [c.name for c in mechanism.closures if c.kind not in EQUALITIES]
+
+
+def state_of(built: Built, mechanism: Mechanism) -> Any:
+    """Return an MjData in which the equalities of the mechanism's closures are active and no others (``eq_active``)."""
+    data = mujoco.MjData(built.model)
+    acting = {c.name for c in mechanism.closures}
+    for k in range(built.model.neq):
+        data.eq_active[k] = built.model.equality(k).name.rsplit("/", 1)[0] in acting
+    return data
 
 
 @dataclass(frozen=True)

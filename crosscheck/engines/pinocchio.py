@@ -31,7 +31,7 @@ from crosscheck.engines import assembly, pinocchio_loops, pinocchio_phases
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.pinocchio_model import Built, Dynamics, build, inverse_dynamics
 from crosscheck.engines.prescribed import beyond_a_tree, missing_motion, passive_effort
-from crosscheck.record import Record, Series, torque_series, vector_series, wrench_series
+from crosscheck.record import Record, Series, reaction_series, torque_series, vector_series, wrench_series
 from flexinv.files.case import Case
 from flexinv.mechanism import Mechanism
 
@@ -68,7 +68,7 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     if not mechanism.is_rigid:
         names = ", ".join(link.name for link in mechanism.beams)
         return f"Pinocchio has rigid bodies only; flexible here: {names}"
-    return assembly.unsupported(mechanism, phases=True) if mechanism.closures else missing_motion(mechanism, case)
+    return assembly.unsupported(mechanism) if mechanism.closures else missing_motion(mechanism, case)
 
 
 def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
@@ -90,8 +90,8 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
 
 
 def _held(mechanism: Mechanism, case: Case, built: Built, time: Array) -> pinocchio_loops.Held:
-    """Efforts and wrenches: of an open tree, of loops, or of loops that open and close."""
-    if pinocchio_phases.switched(mechanism):
+    """Efforts and wrenches: of loops, phase by phase, or of an open tree."""
+    if mechanism.closures:
         return pinocchio_phases.held(mechanism, case, built, time)
     state = pinocchio_loops.motion(mechanism, case, built, time)
     if beyond_a_tree(mechanism):
@@ -104,6 +104,8 @@ def _series(mechanism: Mechanism, held: pinocchio_loops.Held) -> dict[str, Serie
     out = torque_series(mechanism, held.torque)
     for link, place in held.dynamics.tip.items():
         out |= vector_series(f"tip/{link}", "m", place)
-    for joint, wrench in (held.dynamics.wrench | held.closures).items():
+    for joint, wrench in held.dynamics.wrench.items():
         out |= wrench_series(joint, wrench)
+    for closure, wrench in held.closures.items():
+        out |= reaction_series(closure, wrench)
     return out

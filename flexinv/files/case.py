@@ -24,7 +24,7 @@ WHOLE = 1e-9
 class Limit:
     """How far the engines may be from the reference in one quantity.
 
-    quantity : "torque", "wrench", "tip", "deflection", "axial", "internal" or "frequency"
+    quantity : "torque", "wrench", "reaction", "tip", "deflection", "axial", "internal" or "frequency"
     engines : patterns of names (fnmatch); of several limits that match, the first one holds
     maximum : largest difference as a fraction of the reference's range [-]; reason : why that is right
     expires : the day after which the limit must be looked at again

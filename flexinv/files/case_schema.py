@@ -9,7 +9,7 @@ from pydantic import Field
 
 from flexinv.files.toml_tables import Name, NotNegative, Number, Positive, Table, Text, Vector, key
 
-QUANTITIES = ("torque", "wrench", "tip", "deflection", "axial", "internal", "frequency")
+QUANTITIES = ("torque", "wrench", "reaction", "tip", "deflection", "axial", "internal", "frequency")
 OF_BEAMS = ("deflection", "axial", "internal", "frequency")
 Law = Literal["cycloid", "quintic", "bang-bang", "trapezoid"]
 LAWS = '"cycloid", "quintic", "bang-bang" or "trapezoid"'
@@ -139,7 +139,7 @@ class MotionTable(Table):
 class LimitTable(Table):
     """How far an engine may be from the reference, and why that is right."""
 
-    quantity: Literal["torque", "wrench", "tip", "deflection", "axial", "internal", "frequency"] = key(
+    quantity: Literal["torque", "wrench", "reaction", "tip", "deflection", "axial", "internal", "frequency"] = key(
         f"one of {', '.join(QUANTITIES)}", 'quantity = "torque"'
     )
     engines: Annotated[list[Name], Field(min_length=1)] = key("names or patterns of engines", 'engines = ["exudyn*"]')
@@ -189,7 +189,8 @@ class CaseTable(Table):
         default={},
     )
     quantities: Annotated[
-        list[Literal["torque", "wrench", "tip", "deflection", "axial", "internal", "frequency"]], Field(min_length=1)
+        list[Literal["torque", "wrench", "reaction", "tip", "deflection", "axial", "internal", "frequency"]],
+        Field(min_length=1),
     ] = key(f"which of {', '.join(QUANTITIES)} are compared", 'quantities = ["torque", "tip"]')
     limits: list[LimitTable] = key("tables [[cases.NAME.limits]]", "[[cases.NAME.limits]]", default=[])
     motion: MotionTable = key("a table [cases.NAME.motion]", "[cases.NAME.motion]")

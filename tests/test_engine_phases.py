@@ -1,0 +1,166 @@
+"""Mechanisms that open and close while they move, in the engines: phase by phase, with the engines' own switches."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import flexinv
+from crosscheck.engines import assembly, mujoco, mujoco_loops, phases, pinocchio
+from crosscheck.engines import flexinv as engine
+from crosscheck.engines.base import sample_times
+from crosscheck.record import Record, check
+from flexinv.determinate import determinate
+from flexinv.files.case import Case, load_cases
+from flexinv.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+MODELS = Path(__file__).resolve().parent.parent / "models"
+MODULES: dict[str, Any] = {"flexinv": engine, "pinocchio": pinocchio, "mujoco": mujoco, "mujoco-equality": mujoco}
+# Asked for: 1e-10 and 1e-8 of the range.  The same samples, the same equations: rounding times the condition of the loops.
+NEAR = 1e-10
+SWITCHED = {"two_arms": "carry"}
+
+
+@cache
+def model(name: str) -> tuple[Mechanism, Case]:
+    mechanism = flexinv.load_mechanism(MODELS / name)
+    return mechanism, load_cases(MODELS / name, mechanism)[SWITCHED[name]]
+
+
+@cache
+def by(name: str, which: str) -> Record:
+    return ran(which, *model(name))
+
+
+def ran(which: str, mechanism: Mechanism, case: Case) -> Record:
+    assert MODULES[which].unsupported(mechanism, case, which) is None
+    record: Record = MODULES[which].run(mechanism, case, which, {})
+    check(record, sample_times(case))
+    return record
+
+
+def apart(record: Record, other: Record, quantity: str, samples: slice = slice(None)) -> float:
+    """Largest difference over the range of a quantity of ``other``."""
+    names = [n for n, s in other.series.items() if s.quantity == quantity]
+    assert names
+    assert set(names) <= set(record.series)
+    scale = max(np.ptp(other.series[n].values) for n in names)
+    gap = max(np.abs(record.series[n].values[samples] - other.series[n].values[samples]).max() for n in names)
+    return float(gap / scale)
+
+
+@pytest.mark.parametrize("which", ["pinocchio", "mujoco"])
+@pytest.mark.parametrize("name", SWITCHED)
+def test_an_engine_agrees_with_flexinv_through_the_switches(name: str, which: str) -> None:
+    for quantity in ("torque", "tip", "reaction"):
+        assert apart(by(name, which), by(name, "flexinv"), quantity) < NEAR
+
+
+@pytest.mark.parametrize("which", ["pinocchio", "mujoco"])
+def test_a_closure_that_ceases_too_early_is_seen(which: str) -> None:
+    """One hand holds the bar alone for 0.1 s."""
+    mechanism, case = model("two_arms")
+    early = tuple(replace(c, active=((0.5, 0.9),)) if c.name == "right" else c for c in mechanism.closures)
+    wrong = ran(which, replace(mechanism, closures=early), case)
+    for quantity in ("torque", "reaction"):
+        assert apart(wrong, by("two_arms", "flexinv"), quantity) > 1e-2
+
+
+def test_mujoco_switches_its_own_equalities() -> None:
+    """``eq_active`` follows the intervals, and the rows of efc_J with it."""
+    mechanism, _ = model("two_arms")
+    built = mujoco.build(mechanism, extend=mujoco_loops.furnish(mechanism))
+    for time, names in ((0.2, ["lies"]), (0.7, ["left", "right"]), (1.2, ["lies_again"])):
+        data = mujoco_loops.state_of(built, phases.acting(mechanism, time))
+        on = [built.model.equality(k).name.split("/")[0] for k in range(built.model.neq) if data.eq_active[k]]
+        assert on == names
+        mujoco.mujoco.mj_fwdPosition(built.model, data)
+        assert data.ne == 6 * len(names)  # a weld is six rows
+
+
+def test_mujocos_native_result_is_the_open_tree_in_every_phase() -> None:
+    """Its deviation is the soft constraint: no force where the motion closes the loops, on passive joints too."""
+    mechanism, _ = model("two_arms")
+    native, open_, ours = by("two_arms", "mujoco-equality"), _opened(), by("two_arms", "flexinv")
+    for k, name in enumerate(mechanism.velocity_names):
+        # Rounding of the closed position, some 1e-15 m, times a stiffness of 1e5 / s^2 times 4 kg over 1 - impedance = 1e-4
+        assert native.series[f"torque/{name}"].values == pytest.approx(open_[:, k], abs=1e-4 * np.abs(open_).max())
+    assert apart(native, ours, "torque") > 0.1
+    assert "mj_inverse gives the efforts of the open tree" in native.message
+    assert not [n for n in native.series if n.startswith("reaction")]
+
+
+def _opened() -> Array:
+    """Efforts of the two arms and the bar without closures, on the closed motion."""
+    mechanism, case = model("two_arms")
+    s = flexinv.solve(mechanism, case.motion, case.step, start=case.start)
+    return flexinv.joint_torques(replace(mechanism, closures=()), s.q, s.qd, s.qdd)
+
+
+def test_velocities_that_do_not_meet_are_named() -> None:
+    """Of an engine whose coordinate moves at 0.5 rad/s before the grasp and stands still from there on."""
+    mechanism, case = model("two_arms")
+    time = sample_times(case)
+
+    def closed(now: Mechanism, here: Case, span: Array) -> phases.State:
+        rate = np.full((len(span), 1), 0.5 if span[0] < 0.5 else 0.0)
+        return np.zeros((len(span), mechanism.nq)), rate, rate
+
+    with pytest.raises(
+        assembly.AssemblyError, match=r"from t = 0\.5 s on \(left, right\) change a rate by 0\.5 at once"
+    ):
+        phases.follow(mechanism, case, time, closed)
+
+
+@pytest.mark.parametrize("which", ["pinocchio", "mujoco"])
+def test_a_bar_that_nothing_holds_is_named(which: str) -> None:
+    mechanism, case = model("two_arms")
+    gone = (replace(mechanism.closures[0], active=((0.0, 0.25),)), *mechanism.closures[1:])
+    with pytest.raises(
+        assembly.AssemblyError, match=r"from t = 0\.25 s on no closure acts and turn, x, y has no motion"
+    ):
+        MODULES[which].run(replace(mechanism, closures=gone), case, which, {})
+
+
+# ------------------------------------------------------------------------------------------------ closure reactions
+
+
+def test_reactions_out_of_the_plane_are_not_determinate() -> None:
+    """A planar loop of joints in space presses its closures out of the plane as it likes: two forces less, two moments less."""
+    given = sorted(n for n in by("two_arms", "flexinv").series if n.startswith("reaction/left"))
+    assert given == ["reaction/left/fx", "reaction/left/fy", "reaction/left/mz"]
+
+
+def test_what_a_closure_cannot_exert_is_no_reaction() -> None:
+    """A hinge has no moment about its axis, a ball none at all; of a linkage in space nothing is redundant."""
+    made = {}
+    for name in ("four_bar", "stewart_platform"):
+        mechanism = flexinv.load_mechanism(MODELS / name)
+        case = next(iter(load_cases(MODELS / name, mechanism).values()))
+        s = flexinv.solve(mechanism, case.motion, 0.1, start=case.start)
+        made |= {c: found.astype(int).tolist() for c, found in determinate(s.mesh, s.nodes, s.time).items()}
+    assert made["C"] == [1, 1, 0, 0, 0, 0]
+    assert all(made[f"ball{k}"] == [1, 1, 1, 0, 0, 0] for k in range(1, 7))
+
+
+def test_reactions_carry_the_bar() -> None:
+    """While the hands hold it, what they put on the bar is its mass times its acceleration less gravity."""
+    mechanism, case = model("two_arms")
+    record, (_, held), time = by("two_arms", "flexinv"), (0, slice(50, 100)), sample_times(case)
+    s = flexinv.solve(mechanism, case.motion, case.step, start=case.start)
+    x, y, turn = (mechanism.velocity_names.index(n) for n in ("x", "y", "turn"))
+    total = np.zeros((len(time), 2))
+    for hand, flip in (("left", 0.0), ("right", np.pi)):
+        f = np.stack([record.series[f"reaction/{hand}/f{axis}"].values for axis in "xy"], axis=1)
+        angle = s.q[:, turn] + flip
+        c, n = np.cos(angle), np.sin(angle)
+        total += np.stack([c * f[:, 0] - n * f[:, 1], n * f[:, 0] + c * f[:, 1]], axis=1)
+    expected = 4.0 * (s.qdd[:, [x, y]] - mechanism.gravity[:2])
+    assert np.abs(total - expected)[held].max() < 1e-11 * np.abs(expected).max()  # rounding times condition
