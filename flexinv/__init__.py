@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from flexinv.mechanism import Mechanism
     from flexinv.modes import Modes, natural_modes
     from flexinv.motion import Motion
+    from flexinv.prepared import TorqueFunction, prepare
     from flexinv.rest import Load, statics
     from flexinv.scheme import solve
     from flexinv.solution import Solution
@@ -31,10 +32,12 @@ _HOME = {
     "Modes": "modes",
     "Motion": "motion",
     "Solution": "solution",
+    "TorqueFunction": "prepared",
     "from_urdf": "files.urdf",
     "joint_torques": "torques",
     "load_mechanism": "files.mechanism_file",
     "natural_modes": "modes",
+    "prepare": "prepared",
     "solve": "scheme",
     "solve_many": "batch",
     "statics": "rest",
@@ -51,10 +54,12 @@ __all__ = [
     "Modes",
     "Motion",
     "Solution",
+    "TorqueFunction",
     "from_urdf",
     "joint_torques",
     "load_mechanism",
     "natural_modes",
+    "prepare",
     "solve",
     "solve_many",
     "statics",

@@ -6,34 +6,47 @@ Division by zero gives infinity, which Newton's loop finds.  Wrappers for Python
 the time of compiling otherwise; a kernel of `jit_inner` called from Python ends the process: call it from a kernel.
 
 Machine code is kept on disk.  Numba asks only whether the file of the function itself is the same, but the code holds
-that of all functions it calls: here it is thrown away when any of `SOURCES` changes.
+that of all functions it calls: here it is thrown away when any source of its family changes, its module's and those imported.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 from numba import njit
 
-# The modules whose text or constants are in the machine code.
+# The modules whose text or constants are in machine code.
 SOURCES = (
-    "assemble", "beam", "compiled", "eliminate", "integrate", "march", "rotations", "system", "ties", "tree",
-    "vectors",
+    "assemble", "beam", "blocks", "compiled", "eliminate", "integrate", "lanes", "march", "modes", "recursion", "rotations",
+    "system", "ties", "tree", "vectors",
 )  # fmt: skip
+_IMPORT = re.compile(r"^from flexinv\.(\w+) import", re.MULTILINE)
 
 
-def source_stamp(folder: Path) -> str:
-    """Return a digest [-] of the sources of all kernels in ``folder``."""
+def family(module: str, folder: Path) -> tuple[str, ...]:
+    """Return the sources [-] that are in the kernels of a module: itself and what it imports of them, all where it is none."""
+    if module not in SOURCES:
+        return SOURCES
+    found, ahead = {module}, [module]
+    while ahead:
+        names = set(_IMPORT.findall((folder / f"{ahead.pop()}.py").read_text(encoding="utf-8")))
+        ahead += sorted(names.intersection(SOURCES) - found)
+        found.update(ahead)
+    return tuple(sorted(found))
+
+
+@cache
+def source_stamp(folder: Path, module: str) -> str:
+    """Return a digest [-] of the sources in ``folder`` that are in the kernels of a module."""
     digest = sha256()
-    for name in SOURCES:
+    for name in family(module, folder):
         digest.update((folder / f"{name}.py").read_bytes())
     return digest.hexdigest()
-
-
-_STAMP = source_stamp(Path(__file__).parent)
 
 
 def _compiler(**options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -41,7 +54,8 @@ def _compiler(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         kernel = njit(error_model="numpy", **options)(function)
         if options.get("cache") and hasattr(kernel, "_cache"):  # with NUMBA_DISABLE_JIT it is the function itself
             file = kernel._cache._cache_file
-            file._source_stamp = (file._source_stamp, _STAMP)
+            stamp = source_stamp(Path(__file__).parent, function.__module__.removeprefix("flexinv."))
+            file._source_stamp = (file._source_stamp, stamp)
         return kernel
 
     return decorate
@@ -53,3 +67,6 @@ jit = _compiler(cache=True, nogil=True, _nrt=False, no_cfunc_wrapper=True)
 jit_inner = _compiler(cache=True, _nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True)
 # For kernels with a single caller, which takes in their text: no second copy of all that they call is compiled.
 jit_inline = _compiler(_nrt=False, inline="always")
+# The same for loops over lanes, whose products and sums may fuse.
+jit_blocks = _compiler(cache=True, nogil=True, _nrt=False, no_cfunc_wrapper=True, fastmath={"contract"})
+jit_lanes = _compiler(_nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True, fastmath={"contract"})

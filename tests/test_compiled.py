@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from flexinv.compiled import SOURCES, source_stamp
+from flexinv.compiled import SOURCES, family, source_stamp
 
 FOLDER = Path(__file__).resolve().parent.parent / "flexinv"
 
@@ -18,17 +18,27 @@ def test_every_module_with_kernels_is_a_source() -> None:
 
 
 @pytest.mark.parametrize("name", SOURCES)
-def test_a_change_of_any_source_changes_the_stamp(name: str, tmp_path: Path) -> None:
+def test_a_change_of_a_source_changes_the_stamps_of_the_kernels_that_hold_it(name: str, tmp_path: Path) -> None:
+    """And no other: who edits the march does not wait for the rigid kernel, nor the other way round."""
     for source in SOURCES:
         shutil.copy(FOLDER / f"{source}.py", tmp_path)
-    assert source_stamp(tmp_path) == source_stamp(FOLDER)
     with (tmp_path / f"{name}.py").open("a") as file:
         file.write("# changed")
-    assert source_stamp(tmp_path) != source_stamp(FOLDER)
+    changed = {m for m in (*SOURCES, "kernels") if source_stamp(tmp_path, m) != source_stamp(FOLDER, m)}
+    assert changed == {m for m in (*SOURCES, "kernels") if name in family(m, FOLDER)}
+
+
+def test_families() -> None:
+    march, rigid = family("march", FOLDER), family("blocks", FOLDER)
+    assert set(rigid) == {"blocks", "compiled", "lanes", "recursion"}
+    assert set(march) == set(SOURCES) - {"blocks", "lanes", "modes", "recursion"}
+    assert family("kernels", FOLDER) == SOURCES  # a kernel outside the project may call any
 
 
 def test_kernels_carry_the_stamp() -> None:
-    """What Numba compares before it takes code from the disk: with the function's own file, the stamp of all."""
+    """What Numba compares before it takes code from the disk: with the function's own file, the stamp of its family."""
+    from flexinv.blocks import torque_blocks
     from flexinv.march import march
 
-    assert march._cache._cache_file._source_stamp[1] == source_stamp(FOLDER)
+    assert march._cache._cache_file._source_stamp[1] == source_stamp(FOLDER, "march")
+    assert torque_blocks._cache._cache_file._source_stamp[1] == source_stamp(FOLDER, "blocks")

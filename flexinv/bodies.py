@@ -1,0 +1,183 @@
+"""A rigid mechanism as bodies: everything between two joints that move is one body of ten inertial parameters.
+
+The nodal forces of the paper, P = M (a - g) at every lumped mass, are linear in the second moments of the mass: with the
+acceleration a + S r of a point r of the body, S = skew(al) + skew(w)^2,
+
+    F = sum m_k (a + S r_k) = m a + S h              h = sum m_k r_k
+    N = sum r_k x m_k (a + S r_k) = h x a + axial(S Sigma)    Sigma = sum m_k r_k r_k^T
+
+so that the nodes of a rigid body collapse exactly, whatever their number.  The frame of a body has its joint's axis along z.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.lanes import BLOCK
+from flexinv.mechanism import Array
+from flexinv.mesh import CONFIGURATIONS, CONTINUOUS, FREE, PRISMATIC, REVOLUTE, SPHERICAL, VELOCITIES, Mesh
+from flexinv.recursion import (
+    COPIED,
+    COS,
+    EFFORT,
+    EFFORTS,
+    FREE_ROWS,
+    FROM_WORLD,
+    ON,
+    PLACE,
+    QUATERNION,
+    RATE,
+    RATES,
+    SCALAR_ROWS,
+    SHIFT,
+    STATE_ROWS,
+    WORLD_ROWS,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """What the recursion reads; body 0 is the world, parents come first.
+
+    tree : (bodies, 6) kind (nv for the world), parent, offset of its rows, of its state, how the state begins, from where
+    numbers : (bodies, 27) R and p of the joint in the parent's frame [-], [m]; mass [kg], first moments [kg m], second moments
+        xx, yy, zz, xy, xz, yz [kg m^2]; rotor inertia, damping, friction, stiffness, rest; gravity [m/s^2] first for the world
+    columns : (nq + 2 nv,) offsets of the rows that hold the columns of q, qd, qdd; those of qdd hold the efforts in the end
+    size : of the work space [-]; node : (bodies,) node of the mesh, -1 the world; axes : (bodies, 3, 3) R_node,body
+    """
+
+    tree: NDArray[np.uint64]
+    numbers: Array
+    columns: NDArray[np.uint64]
+    size: int
+    node: NDArray[np.int64]
+    axes: Array
+
+
+def bodies(mesh: Mesh, passive: bool = True) -> Bodies:
+    """Return the bodies [kg, m] of a mesh, its beams undeformed; without ``passive`` no damping, friction or springs."""
+    carrier, turn, place = _carriers(mesh)
+    moving = np.flatnonzero(_moves(mesh))
+    node = np.concatenate([[-1], moving]).astype(np.int64)
+    number = {int(n): i for i, n in enumerate(node)}
+    axes = np.array([np.eye(3), *(_axes(mesh, int(n)) for n in moving)])
+    numbers = np.zeros((len(node), 27))
+    numbers[0, :3] = mesh.mechanism.gravity
+    parents = [0]
+    for i, n in enumerate(moving, start=1):
+        above = int(mesh.parent[n])  # the joint hangs on this node, which is fixed on body ``parent``
+        parent = number[int(carrier[above])] if above >= 0 else 0
+        r, x = (turn[above], place[above]) if above >= 0 else (np.eye(3), np.zeros(3))
+        numbers[i, :9] = (axes[parent].T @ r @ mesh.rotation[n] @ axes[i]).ravel()
+        numbers[i, 9:12] = axes[parent].T @ (x + r @ mesh.offset[n])
+        parents.append(parent)
+    _add_masses(mesh, numbers, [number[int(c)] for c in carrier], axes, turn, place)
+    _add_drives(mesh, numbers, moving, passive)
+    kinds = np.array([mesh.mechanism.nv, *mesh.kind[moving]])
+    tree, size = _layout(kinds, parents)
+    return Bodies(tree, numbers, _columns(mesh, tree, moving), size, node, axes)
+
+
+def _moves(mesh: Mesh) -> NDArray[np.bool_]:
+    """Which nodes, (nodes,), are carried by a joint that moves."""
+    return mesh.v_index >= 0
+
+
+def _carriers(mesh: Mesh) -> tuple[NDArray[np.int64], Array, Array]:
+    """For each node the moving node (-1: the world) that it is fixed on, and R, x in that node's frame."""
+    carrier = np.full(mesh.size, -1, dtype=np.int64)
+    turn, place = np.tile(np.eye(3), (mesh.size, 1, 1)), np.zeros((mesh.size, 3))
+    for n in range(mesh.size):
+        parent = int(mesh.parent[n])
+        if mesh.v_index[n] >= 0:
+            carrier[n] = n
+        elif parent < 0:
+            turn[n], place[n] = mesh.rotation[n], mesh.offset[n]
+        else:
+            carrier[n] = carrier[parent]
+            turn[n] = turn[parent] @ mesh.rotation[n]
+            place[n] = place[parent] + turn[parent] @ mesh.offset[n]
+    return carrier, turn, place
+
+
+def _axes(mesh: Mesh, node: int) -> Array:
+    """R_node,body with the joint's axis along z; an axis along x, y or z only renames the axes."""
+    if mesh.kind[node] in (SPHERICAL, FREE):
+        return np.eye(3)
+    z = mesh.axis[node]
+    x = np.eye(3)[(int(np.argmax(np.abs(z))) + 1) % 3]
+    x = x - (x @ z) * z
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def _add_masses(mesh: Mesh, numbers: Array, body: list[int], axes: Array, turn: Array, place: Array) -> None:
+    """Collapse the lumped masses: m, h = sum m r and Sigma = sum m r r^T + R (tr(J)/2 - J) R^T in the body's frame."""
+    for n, i in enumerate(body):
+        if i == 0:
+            continue
+        x, r = axes[i].T @ place[n], axes[i].T @ turn[n]
+        own = 0.5 * np.trace(mesh.inertia[n]) * np.eye(3) - mesh.inertia[n]
+        second = mesh.mass[n] * np.outer(x, x) + r @ own @ r.T
+        numbers[i, 12] += mesh.mass[n]
+        numbers[i, 13:16] += mesh.mass[n] * x
+        numbers[i, 16:22] += second[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+
+
+def _add_drives(mesh: Mesh, numbers: Array, moving: NDArray[np.int64], passive: bool) -> None:
+    """Write rotor inertia, and with ``passive`` damping, friction, stiffness and rest of each joint."""
+    m = mesh.mechanism
+    owner = [joint for joint in m.joints for _ in range(joint.nv)]
+    for i, n in enumerate(moving, start=1):
+        joint = owner[int(mesh.v_index[n])]
+        numbers[i, 22] = joint.rotor_inertia
+        if passive:
+            numbers[i, 23:27] = joint.damping, joint.friction, joint.stiffness, joint.rest
+
+
+def _layout(kinds: NDArray[np.int64], parents: list[int]) -> tuple[NDArray[np.uint64], int]:
+    """Offsets of the rows of each body, and of its state: the last child goes on in its parent's, others in a copy."""
+    last = {parent: child for child, parent in enumerate(parents) if child}
+    rows = [WORLD_ROWS, *(FREE_ROWS if k in (SPHERICAL, FREE) else SCALAR_ROWS for k in kinds[1:])]
+    first = np.concatenate([[0], np.cumsum(rows)])
+    tree = np.zeros((len(kinds), 6), dtype=np.uint64)
+    state, slots = [0] * len(kinds), 0
+    for i, parent in enumerate(parents):
+        how, source = ON, 0
+        if i and (parent == 0 or last[parent] != i):
+            how, source = (FROM_WORLD, 0) if parent == 0 else (COPIED, state[parent])
+            state[i] = int(first[-1]) + STATE_ROWS * slots
+            slots += 1
+        elif i:
+            state[i] = state[parent]
+        tree[i] = kinds[i], parent, BLOCK * first[i], BLOCK * state[i], how, BLOCK * source
+    return tree, BLOCK * (int(first[-1]) + STATE_ROWS * slots)
+
+
+def _columns(mesh: Mesh, tree: NDArray[np.uint64], moving: NDArray[np.int64]) -> NDArray[np.uint64]:
+    """Where the columns of q, qd and qdd go: the rows of the bodies that they move."""
+    m = mesh.mechanism
+    q, qd, qdd = np.zeros(m.nq, np.uint64), np.zeros(m.nv, np.uint64), np.zeros(m.nv, np.uint64)
+    for n, (_, _, first, *_) in zip(moving, tree[1:], strict=True):
+        kind = int(mesh.kind[n])
+        places, rates, efforts = _rows(kind)
+        own_q = slice(mesh.q_index[n], mesh.q_index[n] + CONFIGURATIONS[kind])
+        own_v = slice(mesh.v_index[n], mesh.v_index[n] + VELOCITIES[kind])
+        q[own_q], qd[own_v], qdd[own_v] = first + places, first + rates, first + efforts
+    return np.concatenate([q, qd, qdd])
+
+
+def _rows(kind: int) -> tuple[NDArray[np.uint64], NDArray[np.uint64], NDArray[np.uint64]]:
+    """Offsets, in a body's rows, of the coordinates of its joint, of their rates and of their accelerations."""
+    step = np.uint64(BLOCK)
+    one, three, four, six = (step * np.arange(k, dtype=np.uint64) for k in (1, 3, 4, 6))
+    if kind in (REVOLUTE, PRISMATIC):
+        return PLACE + one, RATE + one, EFFORT + one
+    if kind == CONTINUOUS:
+        return COS + six[:2], RATE + one, EFFORT + one
+    if kind == SPHERICAL:
+        return QUATERNION + four, RATES + six[3:], EFFORTS + six[3:]
+    return np.concatenate([SHIFT + three, QUATERNION + four]), RATES + six, EFFORTS + six

@@ -1,0 +1,231 @@
+"""A mechanism prepared for inverse dynamics: what does not depend on the motion is done once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cache, lru_cache
+from threading import local
+from typing import Literal
+
+import numpy as np
+from numba import types
+from numpy.typing import ArrayLike, NDArray
+
+from flexinv.applied import applied_forces, check_constant
+from flexinv.blocks import torque_blocks
+from flexinv.bodies import Bodies, bodies
+from flexinv.errors import InputError
+from flexinv.helpers import processors, share
+from flexinv.inverse import joint_wrenches, project
+from flexinv.mechanism import Array, Mechanism
+from flexinv.mesh import Mesh, build
+from flexinv.rigid import rigid_motion
+
+Order = Literal["samples", "coordinates"]
+# A helper takes some 20 us to begin: joints times samples that keep one thread busy for three times as long.
+WORTH_HELP = 16_000
+# Samples whose nodal motion is in memory at once, where springs and given forces act on nodes.
+NODAL_BLOCK = 512
+
+
+_ONE, _ONE_SAMPLE = np.uint64(1), np.ones((4, 2), dtype=np.uint64)
+
+
+class _Own(local):
+    """What every thread has for itself: a work space and a counter of blocks."""
+
+    work: Array
+    counter: NDArray[np.uint64]
+
+    def __init__(self, size: int) -> None:
+        self.work, self.counter = np.zeros(size), np.zeros(1, dtype=np.uint64)
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueFunction:
+    """The efforts of one rigid mechanism as a function of its motion, tau = L T P; made by `prepare`.
+
+    Calls from several threads do not disturb each other: each has a work space of its own.
+    passive : joint springs, damping and dry friction are part of the efforts; threads : most that work on one call [-]
+    """
+
+    mechanism: Mechanism
+    passive: bool
+    threads: int
+    mesh: Mesh = field(repr=False)
+    bodies: Bodies = field(repr=False)
+    _own: _Own = field(repr=False)
+
+    def torques(
+        self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, out: Array | None = None, order: Order = "samples"
+    ) -> Array:
+        """Return the effort of every joint coordinate [N m] or [N], see `joint_torques`.
+
+        q : (samples, nq) [rad], [m]; qd, qdd : (samples, nv); with order = "coordinates" (nq, samples), (nv, samples); one
+            sample may be a plain vector.  Arrays in either order of memory are read as they are, without a copy.
+        out : where the efforts go, in the shape of qd, contiguous in either order; returned
+        Raises InputError: wrong shape, value that is not finite.
+        """
+        given = _checked(self.mechanism, (q, qd, qdd), order)
+        tau = _output(out, given[1])
+        rows = [_by_sample(a, order) for a in (*given, tau)]
+        flat, strides = zip(*(_flat(a) for a in rows), strict=True)
+        samples = np.uint64(len(rows[0]))
+        counter, table = np.zeros(1, dtype=np.uint64), np.array(strides, dtype=np.uint64)
+
+        def work() -> int:
+            b = self.bodies
+            return int(torque_blocks(b.tree, b.numbers, b.columns, *flat, table, samples, self._own.work, counter))
+
+        helped = self.threads if len(rows[0]) * self.mechanism.nv > WORTH_HELP else 1
+        if share(work, helped):
+            _check_finite(given)
+        self._add_applied(rows[:3], rows[3])
+        return tau
+
+    def sample(self, q: Array, qd: Array, qdd: Array, out: Array) -> Array:
+        """Write the efforts of one sample into ``out`` (nv,) [N m] or [N] and return it: for a controller's cycle.
+
+        q : (nq,) [rad], [m]; qd, qdd : (nv,), contiguous arrays of floats; nothing is allocated.
+        Raises InputError as `torques` does.
+        """
+        b, m, own = self.bodies, self.mechanism, self._own
+        if len(q) != m.nq or not len(qd) == len(qdd) == len(out) == m.nv:
+            _checked(m, (q, qd, qdd), "samples")
+            _output(out, np.asarray(qd))
+        own.counter[0] = 0
+        try:
+            wrong = torque_blocks(
+                b.tree, b.numbers, b.columns, q, qd, qdd, out, _ONE_SAMPLE, _ONE, own.work, own.counter
+            )
+        except TypeError:  # not contiguous, or not of floats
+            return self.torques(q, qd, qdd, out)
+        if wrong:
+            _check_finite((q, qd, qdd))
+        if m.springs or m.forces:
+            self._add_applied((q[None], qd[None], qdd[None]), out[None])
+        return out
+
+    def _add_applied(self, motion: Sequence[Array], tau: Array) -> None:
+        """Subtract what springs between points and given forces do for the joints."""
+        m = self.mechanism
+        if not (m.springs or m.forces):
+            return
+        for start in range(0, len(tau), NODAL_BLOCK):
+            part = slice(start, start + NODAL_BLOCK)
+            nodes = rigid_motion(self.mesh, *(a[part] for a in motion))
+            loads = applied_forces(self.mesh, nodes, np.zeros(len(nodes.x)))
+            if loads is not None:
+                tau[part] -= project(self.mesh, nodes, joint_wrenches(self.mesh, nodes, loads))
+
+
+@lru_cache(maxsize=64)
+def prepare(mechanism: Mechanism, passive: bool = True, threads: int | None = None) -> TorqueFunction:
+    """Return the efforts of a rigid mechanism [N m], [N] as a function that is ready to be called in a loop.
+
+    passive : joint springs, damping and dry friction are part of what the actuator must give (``rnea`` leaves them out)
+    threads : most that work on one call [-], by default one for every processor; small batches are not shared out
+
+    Raises InputError for a flexible mechanism, one with closures, a force that depends on time (use `solve`).
+    """
+    _check_tree(mechanism)
+    check_constant(mechanism)
+    if threads is not None and threads < 1:
+        raise InputError(f"threads = {threads}: expected 1 or more, or None for one per processor")
+    mesh = build(mechanism)
+    table = bodies(mesh, passive)
+    compile_for_arrays()
+    return TorqueFunction(mechanism, passive, threads or processors(), mesh, table, _Own(table.size))
+
+
+@cache
+def compile_for_arrays() -> None:
+    """Compile the kernel, once: arrays [any unit] are contiguous, and those that it only reads may be read-only."""
+    if not hasattr(torque_blocks, "compile"):  # with NUMBA_DISABLE_JIT
+        return
+
+    def array(kind: types.Type, dimensions: int, readonly: bool = True) -> types.Array:
+        return types.Array(kind, dimensions, "C", readonly=readonly)
+
+    read, written = array(types.float64, 1), array(types.float64, 1, readonly=False)
+    tree, columns, strides = array(types.uint64, 2), array(types.uint64, 1), array(types.uint64, 2)
+    counter = array(types.uint64, 1, readonly=False)
+    torque_blocks.compile(
+        (tree, array(types.float64, 2), columns, read, read, read, written, strides, types.uint64, written, counter)
+    )
+    torque_blocks.disable_compile()
+
+
+def _check_tree(mechanism: Mechanism) -> None:
+    if not mechanism.is_rigid:
+        names = ", ".join(link.name for link in mechanism.beams)
+        raise InputError(
+            f"joint_torques: mechanism '{mechanism.name}' has beam links ({names}), whose deformation depends on the "
+            "history of the motion; write flexinv.solve(mechanism, motion, step=...) instead"
+        )
+    if mechanism.closures:
+        names = ", ".join(c.name for c in mechanism.closures)
+        raise InputError(
+            f"joint_torques: mechanism '{mechanism.name}' has closures ({names}), through which its drives share the work; "
+            "write flexinv.solve(mechanism, motion, step=...) instead"
+        )
+
+
+def _by_sample(a: Array, order: Order) -> Array:
+    """A view (samples, columns)."""
+    return a[None] if a.ndim == 1 else a.T if order == "coordinates" else a
+
+
+def _flat(a: Array) -> tuple[Array, tuple[int, int]]:
+    """The numbers of (samples, columns) as they stand in memory, and the strides of a sample and of a column in them."""
+    if a.flags.c_contiguous:
+        return a.reshape(-1), (a.shape[1], 1)
+    if a.flags.f_contiguous:
+        return a.T.reshape(-1), (1, a.shape[0])
+    return np.ascontiguousarray(a).reshape(-1), (a.shape[1], 1)
+
+
+def _output(out: Array | None, like: Array) -> Array:
+    """Where efforts go: ``out``, or an array in the shape and the memory order of the rates."""
+    if out is None:
+        return np.empty_like(like, subok=False)
+    shown = f"an array of {out.dtype}, shape {out.shape}" if isinstance(out, np.ndarray) else repr(out)
+    if not isinstance(out, np.ndarray) or out.shape != like.shape or out.dtype != np.float64:
+        raise InputError(f"joint_torques: out is {shown}, expected an array of float64, shape {like.shape}")
+    if not out.flags.writeable or not (out.flags.c_contiguous or out.flags.f_contiguous):
+        raise InputError("joint_torques: out cannot be written to in one piece, expected a contiguous, writeable array")
+    return out
+
+
+def _checked(mechanism: Mechanism, arrays: Sequence[ArrayLike], order: Order) -> list[Array]:
+    """The arrays as floats, their shapes checked."""
+    if order not in ("samples", "coordinates"):
+        raise InputError(f"joint_torques: order = {order!r}, expected 'samples' or 'coordinates'")
+    axis = 0 if order == "coordinates" else -1  # of the columns; -1 - axis is that of the samples
+    found = []
+    for label, width, given in zip(_LABELS, (mechanism.nq, mechanism.nv, mechanism.nv), arrays, strict=True):
+        a = np.asarray(given, dtype=float)
+        if a.ndim not in (1, 2) or a.shape[axis] != width:
+            names = mechanism.coordinate_names if label == "q" else mechanism.velocity_names
+            shape = f"({width}, samples)" if order == "coordinates" else f"(samples, {width})"
+            raise InputError(
+                f"joint_torques: {label} has shape {a.shape}, mechanism '{mechanism.name}' needs {shape}: "
+                + ", ".join(names)
+            )
+        found.append(a)
+    counts = [a.shape[-1 - axis] if a.ndim == 2 else 1 for a in found]
+    if len(set(counts)) > 1:
+        raise InputError(f"joint_torques: q, qd, qdd have {counts} samples, expected the same number")
+    return found
+
+
+_LABELS = ("q", "qd", "qdd")
+
+
+def _check_finite(arrays: Sequence[Array]) -> None:
+    """Raise InputError at the first number that is not finite; efforts that overflow from finite ones are the caller's."""
+    for label, a in zip(_LABELS, arrays, strict=True):
+        if not np.isfinite(a).all():
+            where = tuple(int(i) for i in np.argwhere(~np.isfinite(a))[0])
+            raise InputError(f"joint_torques: {label}{list(where)} is {a[where]}, expected a finite number")

@@ -1,0 +1,304 @@
+"""Inverse dynamics of rigid trees, one sample a lane: motion outboard, wrenches inboard, all in the bodies' own frames.
+
+With R = R_parent,body of the placement and the joint together, p the joint's place in the parent's frame and c = R^T w_parent:
+
+    w = c + w_j               al = R^T al_parent + al_j + c x w_j
+    a = R^T (a_parent + al_parent x p + w_parent x (w_parent x p)) + 2 c x v_j + v_j' + w_j x v_j,     a_world = -g
+    F = m a + S h             N = h x a + axial(S Sigma)                S = skew(al) + skew(w)^2   (see `bodies`)
+
+and from the leaves to the root  F_parent += R F,  N_parent += R N + p x R F.  A joint's effort is the component of F or N
+along its axis, which is z, with what its rotor, damper, friction and spring take.
+
+The tree is data: one machine code serves all mechanisms.  Each body has a few rows in the work space; its coordinates come in
+there, its efforts go out of there.  The state (w, al, a) of a chain is carried on in place; a branch begins with a copy.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from flexinv.compiled import jit_lanes
+from flexinv.lanes import (
+    FAR,
+    LANES,
+    cos_sin,
+    into,
+    plus,
+    plus_cross,
+    plus_out_of,
+    put_vec,
+    row,
+    times,
+    turned,
+    turned_back,
+    vec_of,
+)
+
+# Rows of every body: force and moment that its parent exerts on it, and all beyond it, at its origin.
+FORCE, MOMENT = row(0), row(3)
+WORLD_ROWS = 6
+# of a body that turns or slides: coordinate, its cosine and sine, rate; acceleration, which becomes the effort
+PLACE, COS, SIN, RATE, EFFORT = row(6), row(7), row(8), row(9), row(10)
+SCALAR_ROWS = 11
+# of a spherical or free one: R_j (its quaternion, before), position, rates v, w, accelerations, which become the efforts
+TURN_OF, SHIFT, RATES, EFFORTS = row(6), row(15), row(18), row(24)
+TURN_Y, TURN_Z = row(9), row(12)
+QUATERNION, SCALAR_OF_QUATERNION = TURN_OF, row(9)
+RATES_TURNING, EFFORTS_TURNING = row(21), row(27)
+FREE_ROWS = 30
+# Rows of a state.
+SPIN, SPIN_RATE, ACCELERATION = row(0), row(3), row(6)
+STATE_ROWS = 9
+_STATE, _LARGEST = row(STATE_ROWS), row(FREE_ROWS)
+_WORLD, _NONE = row(WORLD_ROWS), (0.0, 0.0, 0.0)
+# How a body's state begins: where its parent left it, at rest in the world, as a copy.
+ON, FROM_WORLD, COPIED = range(3)
+# Kinds, as in `mesh`, whose numbers they must be.
+TURNING, SLIDING, FLOATING, TURNING_BY_COSINE = 1, 2, 4, 6
+
+
+@jit_lanes
+def _vec(numbers, first):
+    return numbers[first], numbers[first + 1], numbers[first + 2]
+
+
+@jit_lanes
+def _placement(body):
+    """R (rows) and p of the joint in the parent's frame."""
+    return (_vec(body, 0), _vec(body, 3), _vec(body, 6)), _vec(body, 9)
+
+
+@jit_lanes
+def _inertia(body):
+    """m, h and Sigma (xx, yy, zz), (xy, xz, yz)."""
+    return body[12], _vec(body, 13), _vec(body, 16), _vec(body, 19)
+
+
+@jit_lanes
+def _sign(x):
+    return (1.0 if x > 0.0 else 0.0) - (1.0 if x < 0.0 else 0.0)
+
+
+@jit_lanes
+def _carried(state, k, p):
+    """w, al and a_parent + al x p + w x (w x p): what a point p of the parent gives the body that hangs there."""
+    w, al, a = vec_of(state, SPIN, k), vec_of(state, SPIN_RATE, k), vec_of(state, ACCELERATION, k)
+    wp = plus_cross(_NONE, w, p)
+    return w, al, plus_cross(plus_cross(a, al, p), w, wp)
+
+
+@jit_lanes
+def _leave(state, rows, k, w, al, a, inertia):
+    """Leave the state for the next body, and F = m a + S h, N = h x a + axial(S Sigma) in this one's rows."""
+    m, h, (sxx, syy, szz), (sxy, sxz, syz) = inertia
+    xx, yy, zz = w[0] * w[0], w[1] * w[1], w[2] * w[2]
+    x = (-yy - zz, w[0] * w[1] - al[2], w[0] * w[2] + al[1])  # rows of S
+    y = (w[0] * w[1] + al[2], -xx - zz, w[1] * w[2] - al[0])
+    z = (w[0] * w[2] - al[1], w[1] * w[2] + al[0], -xx - yy)
+    force = plus_out_of(times(m, a), (x, y, z), h)
+    n = plus_cross(_NONE, h, a)
+    moment = (  # axial(S Sigma) = (zy - yz, xz - zx, yx - xy) of the product
+        n[0] + z[0] * sxy + z[1] * syy + z[2] * syz - y[0] * sxz - y[1] * syz - y[2] * szz,
+        n[1] + x[0] * sxz + x[1] * syz + x[2] * szz - z[0] * sxx - z[1] * sxy - z[2] * sxz,
+        n[2] + y[0] * sxx + y[1] * sxy + y[2] * sxz - x[0] * sxy - x[1] * syy - x[2] * syz,
+    )
+    put_vec(state, SPIN, k, w)
+    put_vec(state, SPIN_RATE, k, al)
+    put_vec(state, ACCELERATION, k, a)
+    put_vec(rows, FORCE, k, force)
+    put_vec(rows, MOMENT, k, moment)
+
+
+@jit_lanes
+def _angles(rows, lanes):
+    """Cosine and sine of the coordinate."""
+    far = 0
+    for k in range(lanes):
+        angle = rows[PLACE + k]
+        rows[COS + k], rows[SIN + k] = cos_sin(angle)
+        far += 1 if abs(angle) > FAR else 0
+    if far:
+        for k in range(lanes):
+            rows[COS + k], rows[SIN + k] = math.cos(rows[PLACE + k]), math.sin(rows[PLACE + k])
+
+
+@jit_lanes
+def _turn_outboard(state, rows, lanes, body):
+    """A body that turns about z."""
+    (r, p), inertia = _placement(body), _inertia(body)
+    rotor, damping, friction = _vec(body, 22)
+    for k in range(lanes):
+        w, al, a = _carried(state, k, p)
+        c, s, rate, acceleration = rows[COS + k], rows[SIN + k], rows[RATE + k], rows[EFFORT + k]
+        w = turned_back(c, s, into(r, w))
+        al = turned_back(c, s, into(r, al))
+        a = turned_back(c, s, into(r, a))
+        al = (al[0] + w[1] * rate, al[1] - w[0] * rate, al[2] + acceleration)  # + c x w_j + al_j, w_j = rate z
+        w = (w[0], w[1], w[2] + rate)
+        _leave(state, rows, k, w, al, a, inertia)
+        rows[EFFORT + k] = rotor * acceleration + damping * rate + friction * _sign(rate)
+
+
+@jit_lanes
+def _slide_outboard(state, rows, lanes, body):
+    """A body that slides along z: p moves with it."""
+    (r, p), inertia = _placement(body), _inertia(body)
+    rotor, damping, friction = _vec(body, 22)
+    along = (r[0][2], r[1][2], r[2][2])
+    for k in range(lanes):
+        place, rate, acceleration = rows[PLACE + k], rows[RATE + k], rows[EFFORT + k]
+        w, al, a = _carried(state, k, plus(p, times(place, along)))
+        w, al, a = into(r, w), into(r, al), into(r, a)
+        a = (
+            a[0] + 2.0 * w[1] * rate,
+            a[1] - 2.0 * w[0] * rate,
+            a[2] + acceleration,
+        )  # + 2 c x v_j + v_j', v_j = rate z
+        _leave(state, rows, k, w, al, a, inertia)
+        rows[EFFORT + k] = rotor * acceleration + damping * rate + friction * _sign(rate)
+
+
+@jit_lanes
+def _orientations(rows, lanes, floats):
+    """R_j of the quaternion, normalised first; a ball joint has no position and no linear rates."""
+    for k in range(lanes):
+        x, y, z = vec_of(rows, QUATERNION, k)
+        w = rows[SCALAR_OF_QUATERNION + k]
+        unit = 1.0 / math.sqrt(x * x + y * y + z * z + w * w)
+        x, y, z, w = unit * x, unit * y, unit * z, unit * w
+        put_vec(rows, TURN_OF, k, (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)))
+        put_vec(rows, TURN_Y, k, (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)))
+        put_vec(rows, TURN_Z, k, (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)))
+    if not floats:
+        for k in range(lanes):
+            put_vec(rows, SHIFT, k, _NONE)
+            put_vec(rows, RATES, k, _NONE)
+            put_vec(rows, EFFORTS, k, _NONE)
+
+
+@jit_lanes
+def _orientation(rows, k):
+    return vec_of(rows, TURN_OF, k), vec_of(rows, TURN_Y, k), vec_of(rows, TURN_Z, k)
+
+
+@jit_lanes
+def _float_outboard(state, rows, lanes, body):
+    """A body that turns about its origin, which moves too; rates and accelerations are in its own frame."""
+    (r, p), inertia = _placement(body), _inertia(body)
+    for k in range(lanes):
+        rj = _orientation(rows, k)
+        v, wj = vec_of(rows, RATES, k), vec_of(rows, RATES_TURNING, k)
+        dv, alj = vec_of(rows, EFFORTS, k), vec_of(rows, EFFORTS_TURNING, k)
+        w, al, a = _carried(state, k, plus_out_of(p, r, vec_of(rows, SHIFT, k)))
+        c = into(rj, into(r, w))
+        al = plus_cross(plus(into(rj, into(r, al)), alj), c, wj)
+        a = plus_cross(plus(into(rj, into(r, a)), dv), plus(times(2.0, c), wj), v)
+        _leave(state, rows, k, plus(c, wj), al, a, inertia)
+    rotor, damping, friction = _vec(body, 22)
+    for j in range(6):
+        rate, effort = RATES + np.uint64(j) * LANES, EFFORTS + np.uint64(j) * LANES
+        for k in range(lanes):
+            v = rows[rate + k]
+            rows[effort + k] = rotor * rows[effort + k] + damping * v + friction * _sign(v)
+
+
+@jit_lanes
+def _add_to_parent(above, k, force, moment):
+    put_vec(above, FORCE, k, plus(vec_of(above, FORCE, k), force))
+    put_vec(above, MOMENT, k, plus(vec_of(above, MOMENT, k), moment))
+
+
+@jit_lanes
+def _turn_inboard(rows, above, lanes, body):
+    r, p = _placement(body)
+    for k in range(lanes):
+        force, moment = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k)
+        c, s = rows[COS + k], rows[SIN + k]
+        rows[EFFORT + k] += moment[2]
+        up = plus_out_of(_NONE, r, turned(c, s, force))
+        turn = plus_out_of(_NONE, r, turned(c, s, moment))
+        _add_to_parent(above, k, up, plus_cross(turn, p, up))
+
+
+@jit_lanes
+def _slide_inboard(rows, above, lanes, body):
+    r, p = _placement(body)
+    along = (r[0][2], r[1][2], r[2][2])
+    for k in range(lanes):
+        force, moment = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k)
+        rows[EFFORT + k] += force[2]
+        up = plus_out_of(_NONE, r, force)
+        arm = plus(p, times(rows[PLACE + k], along))
+        _add_to_parent(above, k, up, plus_cross(plus_out_of(_NONE, r, moment), arm, up))
+
+
+@jit_lanes
+def _float_inboard(rows, above, lanes, body):
+    r, p = _placement(body)
+    for k in range(lanes):
+        force, moment, rj = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k), _orientation(rows, k)
+        put_vec(rows, EFFORTS, k, plus(vec_of(rows, EFFORTS, k), force))
+        put_vec(rows, EFFORTS_TURNING, k, plus(vec_of(rows, EFFORTS_TURNING, k), moment))
+        up = plus_out_of(_NONE, r, plus_out_of(_NONE, rj, force))
+        arm = plus_out_of(p, r, vec_of(rows, SHIFT, k))
+        _add_to_parent(above, k, up, plus_cross(plus_out_of(_NONE, r, plus_out_of(_NONE, rj, moment)), arm, up))
+
+
+@jit_lanes
+def _stretch(rows, lanes, kind, stiffness, rest):
+    """Add what the actuator gives against a spring in the joint, stiffness (q - rest)."""
+    for k in range(lanes):
+        place = math.atan2(rows[SIN + k], rows[COS + k]) if kind == TURNING_BY_COSINE else rows[PLACE + k]
+        rows[EFFORT + k] += stiffness * (place - rest)
+
+
+@jit_lanes
+def _begin_state(how, source, state, work, lanes, g):
+    if how == FROM_WORLD:
+        for k in range(lanes):
+            put_vec(state, SPIN, k, _NONE)
+            put_vec(state, SPIN_RATE, k, _NONE)
+            put_vec(state, ACCELERATION, k, (-g[0], -g[1], -g[2]))
+    elif how == COPIED:
+        for i in range(STATE_ROWS * LANES):
+            state[i] = work[source + i]
+
+
+@jit_lanes
+def outboard(tree, numbers, work, lanes):
+    """Carry the motion from the root to the leaves; leave in every body the force [N] and moment [N m] that it takes."""
+    g = _vec(numbers[0], 0)
+    for i in range(1, tree.shape[0]):
+        kind, first, at, how, source = tree[i, 0], tree[i, 2], tree[i, 3], tree[i, 4], tree[i, 5]
+        state, rows, body = work[at : at + _STATE], work[first : first + _LARGEST], numbers[i]
+        _begin_state(how, source, state, work, lanes, g)
+        if kind == SLIDING:
+            _slide_outboard(state, rows, lanes, body)
+        elif kind in (TURNING, TURNING_BY_COSINE):
+            if kind == TURNING:
+                _angles(rows, lanes)
+            _turn_outboard(state, rows, lanes, body)
+        else:
+            _orientations(rows, lanes, kind == FLOATING)
+            _float_outboard(state, rows, lanes, body)
+        if body[25] != 0.0:
+            _stretch(rows, lanes, kind, body[25], body[26])
+
+
+@jit_lanes
+def inboard(tree, numbers, work, lanes):
+    """Sum forces [N] and moments [N m] from the leaves to the root; what lies along a joint's axis is its effort."""
+    work[:_WORLD] = 0.0
+    for back in range(1, tree.shape[0]):
+        i = tree.shape[0] - back
+        kind, parent, first = tree[i, 0], tree[i, 1], tree[i, 2]
+        rows, body = work[first : first + _LARGEST], numbers[i]
+        above = work[tree[parent, 2] : tree[parent, 2] + _WORLD]
+        if kind == SLIDING:
+            _slide_inboard(rows, above, lanes, body)
+        elif kind in (TURNING, TURNING_BY_COSINE):
+            _turn_inboard(rows, above, lanes, body)
+        else:
+            _float_inboard(rows, above, lanes, body)

@@ -1,0 +1,210 @@
+"""The kernel of rigid inverse dynamics: the same torques as the sums over the nodes, whatever the joints and the layout."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flexible_examples import spatial_tree
+from loop_examples import loaded_tree
+from rigid_trees import KINDS, chain, tree
+
+import flexinv
+from crosscheck.robots import random_states
+from flexinv.applied import applied_forces, joint_springs
+from flexinv.bodies import bodies
+from flexinv.helpers import share
+from flexinv.inverse import inverse_dynamics
+from flexinv.lanes import BLOCK
+from flexinv.mechanism import Array, Mechanism
+from flexinv.mesh import build
+from flexinv.prepared import TorqueFunction, prepare
+from flexinv.rigid import rigid_motion
+
+State = tuple[Array, Array, Array]
+# Rounding of some hundred operations of each of a few bodies, relative to the largest effort.
+ROUNDING = 1e-13
+
+
+def states(mechanism: Mechanism, samples: int, seed: int = 0) -> State:
+    return random_states(mechanism, samples, np.random.default_rng(seed))
+
+
+def by_nodes(mechanism: Mechanism, q: Array, qd: Array, qdd: Array, passive: bool = True) -> Array:
+    """tau = L T P with every node on its own."""
+    mesh = build(mechanism)
+    motion = rigid_motion(mesh, q, qd, qdd)
+    tau = inverse_dynamics(mesh, motion, qd, qdd, applied_forces(mesh, motion, np.zeros(len(q))), passive)
+    return tau + joint_springs(mechanism, q, history=False) if passive else tau
+
+
+def error(found: Array, expected: Array) -> float:
+    return float(abs(found - expected).max() / abs(expected).max())
+
+
+def many_branches() -> Mechanism:
+    """Two roots, and branches that end, go on and branch again: every way in which a state can begin."""
+    kinds = (
+        "revolute",
+        "spherical",
+        "prismatic",
+        "continuous",
+        "revolute",
+        "universal",
+        "free",
+        "revolute",
+        "prismatic",
+    )
+    parents = ("world", "l0", "l0", "l2", "l2", "l0", "world", "l6", "l6")
+    return tree(tuple((f"l{k}", kind, parent) for k, (kind, parent) in enumerate(zip(kinds, parents, strict=True))))
+
+
+MECHANISMS = {
+    **{kind: chain(kind) for kind in KINDS},
+    "every kind": tree(),
+    "branches": many_branches(),
+    "loaded": replace(loaded_tree()[0], forces=loaded_tree()[0].forces[1:]),
+}
+
+
+@pytest.mark.parametrize("passive", [True, False])
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_bodies_give_the_torques_of_the_nodes(name: str, passive: bool) -> None:
+    mechanism = MECHANISMS[name]
+    state = states(mechanism, BLOCK + 7)
+    assert error(prepare(mechanism, passive).torques(*state), by_nodes(mechanism, *state, passive)) < ROUNDING
+
+
+def test_lumped_nodes_of_an_undeformed_beam_collapse_exactly() -> None:
+    """The bodies of a mesh with beams, moved as rigid ones, against the sum over all its nodes."""
+    mesh = build(spatial_tree())
+    mechanism = mesh.mechanism
+    table = bodies(mesh)
+    rigid = TorqueFunction(mechanism, True, 1, mesh, table, prepare(tree())._own.__class__(table.size))
+    state = states(mechanism, 20)
+    assert error(rigid.torques(*state), by_nodes(mechanism, *state)) < ROUNDING
+
+
+@pytest.mark.parametrize("samples", [1, 2, BLOCK - 1, BLOCK, 3 * BLOCK + 5])
+def test_every_layout_gives_the_same(samples: int) -> None:
+    """Bit for bit, as the operations are the same."""
+    mechanism = tree()
+    q, qd, qdd = states(mechanism, samples)
+    f = prepare(mechanism)
+    plain = f.torques(q, qd, qdd)
+    columns = [np.ascontiguousarray(a.T) for a in (q, qd, qdd)]
+    assert np.array_equal(f.torques(*columns, order="coordinates").T, plain)
+    assert np.array_equal(f.torques(*(a.T for a in columns)), plain)  # samples first, columns in memory
+    assert np.array_equal(f.torques(columns[0].T, qd, columns[2].T), plain)  # mixed
+    wide = np.zeros((samples, 2 * mechanism.nv))
+    wide[:, ::2] = qd
+    assert np.array_equal(f.torques(q, wide[:, ::2], qdd), plain)  # in pieces
+    for given in (q, qd, qdd):
+        given.flags.writeable = False
+    assert np.array_equal(f.torques(q, qd, qdd), plain)
+    out = np.empty_like(plain)
+    assert f.torques(q, qd, qdd, out=out) is out
+    assert np.array_equal(out, plain)
+    upright = np.empty(plain.shape[::-1])
+    assert f.torques(*columns, out=upright, order="coordinates") is upright
+    assert np.array_equal(upright.T, plain)
+
+
+def test_one_sample_alone() -> None:
+    mechanism = tree()
+    q, qd, qdd = states(mechanism, 5)
+    f = prepare(mechanism)
+    together, out = f.torques(q, qd, qdd), np.empty(mechanism.nv)
+    for k in range(5):
+        assert f.sample(q[k], qd[k], qdd[k], out) is out
+        assert error(out, together[k]) < ROUNDING
+        assert np.array_equal(f.torques(q[k], qd[k], qdd[k]), out)
+    columns = np.asfortranarray(q)
+    assert np.array_equal(f.sample(columns[4], qd[4], qdd[4], out), f.torques(q[4], qd[4], qdd[4]))  # with a stride
+    loaded = MECHANISMS["loaded"]
+    one = tuple(a[0] for a in states(loaded, 1))
+    assert np.array_equal(prepare(loaded).sample(*one, np.empty(loaded.nv)), flexinv.joint_torques(loaded, *one))
+
+
+def test_threads_give_the_same() -> None:
+    mechanism = tree()
+    state = states(mechanism, 5000)
+    alone = prepare(mechanism, threads=1).torques(*state)
+    assert np.array_equal(prepare(mechanism, threads=4).torques(*state), alone)
+    with ThreadPoolExecutor(4) as pool:  # callers at the same time, through one prepared function
+        for found in pool.map(lambda _: prepare(mechanism).torques(*state), range(8)):
+            assert np.array_equal(found, alone)
+
+
+def test_work_is_shared() -> None:
+    left = list(range(1000))
+
+    def work() -> int:
+        done = 0
+        while True:
+            try:
+                left.pop()
+            except IndexError:
+                return done
+            done += 1
+
+    assert share(work, 3) == 1000
+
+
+def test_far_angles_keep_their_digits() -> None:
+    """Beyond the reach of the polynomials' reduction the library's sine and cosine take over, lane by lane."""
+    mechanism = chain("revolute")
+    q, qd, qdd = states(mechanism, 10)
+    turns = 2 * np.pi * np.round(10.0 ** np.arange(10))[:, None]
+    expected = by_nodes(mechanism, q + turns, qd, qdd)
+    assert error(prepare(mechanism).torques(q + turns, qd, qdd), expected) < ROUNDING
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_no_number_that_is_not_finite_gets_through(name: str, value: float) -> None:
+    """Whichever coordinate it is: every one of them reaches an effort, if only as 0 x NaN."""
+    mechanism = MECHANISMS[name]
+    f = prepare(mechanism, passive=False)
+    state = states(mechanism, 3)
+    for label, given in zip(("q", "qd", "qdd"), state, strict=True):
+        for column in range(given.shape[1]):
+            kept, given[1, column] = given[1, column], value
+            with pytest.raises(
+                flexinv.InputError, match=rf"{label}\[1, {column}\] is {value}, expected a finite number"
+            ):
+                f.torques(*state)
+            with pytest.raises(flexinv.InputError, match=rf"{label}\[{column}\] is {value}"):
+                f.sample(*(a[1] for a in state), np.empty(mechanism.nv))
+            given[1, column] = kept
+
+
+@pytest.mark.parametrize(
+    ("out", "words"),
+    [
+        (np.zeros((3, 2)), r"out is an array of float64, shape \(3, 2\), expected an array of float64, shape \(2, 1\)"),
+        (np.zeros((2, 1), dtype=np.float32), "out is an array of float32"),
+        (np.zeros((4, 1))[::2], "cannot be written to in one piece"),
+        ([0.0], r"out is \[0.0\]"),
+    ],
+)
+def test_bad_places_for_the_result_are_explained(out: Array, words: str) -> None:
+    mechanism = replace(loaded_tree()[0], forces=())
+    one = Mechanism("one", mechanism.links[:1], (replace(mechanism.joints[0], kind="revolute"),))
+    with pytest.raises(flexinv.InputError, match=words):
+        prepare(one).torques(*np.zeros((3, 2, 1)), out=out)
+
+
+def test_bad_orders_and_threads_are_explained() -> None:
+    mechanism = tree()
+    state = states(mechanism, 3)
+    with pytest.raises(flexinv.InputError, match="order = 'rows', expected 'samples' or 'coordinates'"):
+        prepare(mechanism).torques(*state, order="rows")  # type: ignore[arg-type]
+    with pytest.raises(flexinv.InputError, match=r"q has shape \(3, 17\).*needs \(17, samples\)"):
+        prepare(mechanism).torques(*state, order="coordinates")
+    with pytest.raises(flexinv.InputError, match="threads = 0: expected 1 or more"):
+        prepare(mechanism, threads=0)
+    with pytest.raises(flexinv.InputError, match=r"qd has shape \(4,\)"):
+        prepare(mechanism).sample(state[0][0], np.zeros(4), state[2][0], np.zeros(mechanism.nv))
