@@ -25,7 +25,7 @@ MODELS = Path(__file__).resolve().parent.parent / "models"
 MODULES: dict[str, Any] = {"flexinv": engine, "pinocchio": pinocchio, "mujoco": mujoco, "mujoco-equality": mujoco}
 # Asked for: 1e-10 and 1e-8 of the range.  The same samples, the same equations: rounding times the condition of the loops.
 NEAR = 1e-10
-SWITCHED = {"two_arms": "carry"}
+SWITCHED = {"two_arms": "carry", "walker": "walk"}
 
 
 @cache
