@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.engines import ENGINES
-from crosscheck.limits import Verdict, find, judge
+from crosscheck.limits import Verdict, discretised, find, judge
+from crosscheck.metrics import sprague_geers
 from crosscheck.record import Record, Series
 from crosscheck.spectrum import dominant_frequency
 from flexinv.files.case import Case, Limit
@@ -34,7 +35,9 @@ class Comparison:
 
     maximum, rms, scale, error_bar : [unit]; the largest error, the RMS error of the series that has it, the range
         that both are divided by, and the two engines' own error bars added up (None where neither has one)
+    magnitude, phase, comprehensive : Sprague and Geers' errors of that series [-]
     limit : largest fraction of the range allowed [-]; series, time [s] : where the largest error is
+    blessed : the fraction that was measured when the night was last blessed [-]
     """
 
     mechanism: str
@@ -53,6 +56,10 @@ class Comparison:
     series: str = ""
     time: float | None = None
     error_bar: float | None = None
+    magnitude: float | None = None
+    phase: float | None = None
+    comprehensive: float | None = None
+    blessed: float | None = None
 
     @property
     def fraction(self) -> float | None:
@@ -130,10 +137,12 @@ def _group(pair: Pair, quantity: str, unit: str, names: Sequence[str]) -> Compar
         series=worst,
         time=float(pair.reference.time[at]),
         error_bar=error_bar(ours[worst], theirs[worst]),
+        **sprague_geers(ours[worst].values, theirs[worst].values),
     )
+    covered = all(float(np.abs(errors[n]).max()) <= (error_bar(ours[n], theirs[n]) or 0.0) for n in common)
     gap = [n for n in names if n not in ours]
     words = f"{len(common)} of {len(names)} series; {gap[0]} is missing" if gap else ""
-    return _judged(pair, quantity, unit, measured, words)
+    return _judged(pair, quantity, unit, measured, words, covered)
 
 
 @dataclass(frozen=True)
@@ -146,13 +155,20 @@ class Measured:
     series: str
     time: float | None = None
     error_bar: float | None = None
+    magnitude: float | None = None
+    phase: float | None = None
+    comprehensive: float | None = None
 
 
-def _judged(pair: Pair, quantity: str, unit: str, measured: Measured, gap: str = "") -> Comparison:
-    limit = find(pair.case.limits, quantity, pair.engine.engine, pair.reference.engine)
+def _judged(
+    pair: Pair, quantity: str, unit: str, measured: Measured, gap: str = "", covered: bool = False
+) -> Comparison:
+    limit = find(pair.case.limits, quantity, pair.engine.engine, pair.reference.engine, pair.engine.version)
     share = fraction(measured.maximum, measured.scale)
     known = pair.engine.engine in ENGINES and ENGINES[pair.engine.engine].native
     verdict, message = judge(share, limit, pair.today, pair.engine.message if known else "")
+    if verdict == "deviation" and covered and measured.error_bar is not None:
+        verdict, message = discretised(share, fraction(measured.error_bar, measured.scale), message)
     if gap:
         verdict = "error" if quantity in WHOLE else verdict
         message = "; ".join(filter(None, [message, gap]))

@@ -7,12 +7,18 @@ from collections.abc import Iterable
 from fnmatch import fnmatchcase
 from typing import Literal
 
+from packaging.specifiers import SpecifierSet
+from packaging.version import InvalidVersion
+
 from flexinv.files.case import Limit
 
 Verdict = Literal["within", "skipped", "explained", "unjudged", "deviation", "error"]
 # In the order of gravity: of several the worst is the one that stands last.
 VERDICTS: tuple[Verdict, ...] = ("skipped", "within", "explained", "unjudged", "deviation", "error")
 DEFAULT_REFERENCE = "flexinv"
+# Of the range of the signal.  Wider error bars excuse nothing: they say that the runs are too coarse to be compared (a
+# tenth is what an untrained eye sees in a plot of both).
+WIDEST_BAR = 0.1
 
 
 def references(limits: Iterable[Limit], engine: str) -> tuple[str, ...]:
@@ -23,10 +29,14 @@ def references(limits: Iterable[Limit], engine: str) -> tuple[str, ...]:
     return tuple(sorted(named - {engine}))
 
 
-def find(limits: Iterable[Limit], quantity: str, engine: str, reference: str) -> Limit | None:
-    """Return the limit that holds: of those that fit, the first one in the file (special ones stand first)."""
+def find(limits: Iterable[Limit], quantity: str, engine: str, reference: str, version: str = "") -> Limit | None:
+    """Return the limit that holds: of those that fit, the first one in the file (special ones stand first).
+
+    version : of the engine; a limit that names versions fits no engine that tells none
+    """
     for limit in limits:
-        if limit.quantity == quantity and limit.reference == reference and _names(limit, engine):
+        named = limit.quantity == quantity and limit.reference == reference and _names(limit, engine)
+        if named and (not limit.versions or _fits(version, limit.versions)):
             return limit
     return None
 
@@ -53,6 +63,16 @@ def judge(fraction: float, limit: Limit | None, today: datetime.date, cause: str
     return "deviation", f"{fraction:.3g} of the range, the limit is {limit.maximum:.3g}"
 
 
+def discretised(fraction: float, bars: float, message: str) -> tuple[Verdict, str]:
+    """Return verdict and message of an error beyond its limit that both engines' error bars cover.
+
+    fraction, bars : largest error and the error bars added up, over the range of the signal [-]
+    """
+    if bars > WIDEST_BAR:
+        return "deviation", f"{message}; the error bars add up to {bars:.3g}, which is too wide to explain it: refine"
+    return "explained", f"by discretisation: {message}, and the error bars add up to {bars:.3g}"
+
+
 def unused(limits: Iterable[Limit], used: Iterable[Limit]) -> list[Limit]:
     """Return the limits that no comparison asked for (a misspelt engine, a quantity nobody gives)."""
     asked = {id(limit) for limit in used}
@@ -67,6 +87,14 @@ def worst(verdicts: Iterable[Verdict]) -> Verdict:
 def exit_code(verdicts: Iterable[Verdict]) -> int:
     """Return 2 with an error, 1 with a deviation or a missing limit, else 0."""
     return {"error": 2, "deviation": 1, "unjudged": 1}.get(worst(verdicts), 0)
+
+
+def _fits(version: str, range_: str) -> bool:
+    """Return whether a release is in a range of versions; what is no release ("source tree") is in none."""
+    try:
+        return SpecifierSet(range_).contains(version, prereleases=True)
+    except InvalidVersion:
+        return False
 
 
 def _names(limit: Limit, engine: str) -> bool:

@@ -59,6 +59,7 @@ class Record:
     time : (samples,) [s]; series : by name; wall_time : [s] of the engine's own run
     settings : what the engine was told (tolerances, mesh, step), JSON values
     status : "ok", or why there are no series; message : words for the reader of the report
+    budget : where the error bars come from, by series: see ``crosscheck.budget.with_bars``
     """
 
     engine: str
@@ -70,6 +71,7 @@ class Record:
     series: Mapping[str, Series] = field(default_factory=dict)
     wall_time: float = 0.0
     model_hash: str = ""
+    budget: Mapping[str, Any] = field(default_factory=dict)
 
 
 def series(name: str, unit: str, values: ArrayLike, error: ArrayLike | None = None) -> dict[str, Series]:
@@ -198,7 +200,7 @@ def save(record: Record, stem: Path) -> None:
             arrays[f"e{k}"] = one.error
         words.append({"name": one.name, "unit": one.unit})
     plain = {f.name: getattr(record, f.name) for f in dataclasses.fields(record)}
-    plain |= {"series": words, "settings": dict(record.settings)}
+    plain |= {"series": words, "settings": dict(record.settings), "budget": dict(record.budget)}
     del plain["time"]
     np.savez_compressed(stem.with_name(stem.name + ".npz"), allow_pickle=False, **arrays)
     text = json.dumps(plain, indent=1, allow_nan=False)

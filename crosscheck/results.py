@@ -60,6 +60,7 @@ class RunRow:
     """One engine on one case; wall_time [s] of the engine, elapsed [s] of the process; series: stem of its files.
 
     peaks : frequency [Hz] and amplitude [unit of the series] of the spectrum's peaks, by series
+    budget : by quantity and unit, the series with the largest error bar: see ``crosscheck.budget.with_bars``
     """
 
     mechanism: str
@@ -75,6 +76,7 @@ class RunRow:
     printed: str = ""
     series: str = ""
     peaks: Mapping[str, list[tuple[float, float]]] = field(default_factory=dict)
+    budget: tuple[Mapping[str, Any], ...] = ()
 
     @property
     def verdict(self) -> Verdict:
@@ -121,7 +123,11 @@ class StudyRow:
 
 @dataclass(frozen=True)
 class Results:
-    """Everything that a report says."""
+    """Everything that a report says.
+
+    baseline : the blessed night that it was judged against: reason, date, versions, what is gone (`crosscheck.baseline`)
+    changes : what is different from an earlier night (`crosscheck.changes`)
+    """
 
     started: str
     command: str = ""
@@ -136,14 +142,17 @@ class Results:
     runs: tuple[RunRow, ...] = ()
     comparisons: tuple[Comparison, ...] = ()
     studies: tuple[StudyRow, ...] = ()
+    baseline: Mapping[str, Any] = field(default_factory=dict)
+    changes: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def verdicts(self) -> list[Verdict]:
         """Every verdict that counts for the exit code."""
-        rows: list[Verdict] = ["error"] if not self.finished or not (self.cases or self.studies) else []
+        rows: list[Verdict] = ["error"] if self.message or not self.finished or not (self.cases or self.studies) else []
         rows += ["error" for case in self.cases if case.problem]
         rows += [run.verdict for run in self.runs]
         rows += [one.verdict for one in self.comparisons]
+        rows += ["deviation" for _ in self.baseline.get("gone", ())]  # what was compared once and is no more
         return rows + [study.verdict for study in self.studies]
 
     @property
@@ -168,7 +177,7 @@ def read(file: Path) -> Results:
     plain = json.loads(file.read_text(encoding="utf-8"))
     if not isinstance(plain, dict) or plain.get("schema") != SCHEMA:
         raise ValueError(f"{file} is not a results file of schema {SCHEMA}")
-    values: dict[str, Any] = {f.name: plain[f.name] for f in dataclasses.fields(Results)}
+    values: dict[str, Any] = {f.name: plain[f.name] for f in dataclasses.fields(Results) if f.name in plain}
     values |= {name: tuple(_row(kind, row) for row in plain[name]) for name, kind in TABLES.items()}
     return Results(**values)
 

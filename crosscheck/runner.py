@@ -6,18 +6,19 @@ cut short leaves a report of everything that was done and a row for everything t
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import datetime
 import shutil
 import time as clock
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from crosscheck import results as store
-from crosscheck.compare import Comparison, Pair, compare
+from crosscheck.compare import Comparison, Pair, compare, group
 from crosscheck.engines import Engine, missing
 from crosscheck.isolation import Attempt, Children, Ending, ask, run_engine
 from crosscheck.limits import find, references, unused
@@ -28,7 +29,7 @@ from crosscheck.spectrum import RINGING, peaks, ringing
 from crosscheck.studies import Study
 
 RESULTS = "results.json"
-OURS = ("series", "cases", "data", "assets", "studies")  # folders of a report: an older run's are removed
+OURS = ("series", "cases", "data", "assets", "studies", "trends")  # folders of a report: an older run's are removed
 PAUSE = 2.0  # [s] between two writings of results.json at least
 DESCRIBE = 120.0  # [s] to import an engine and ask its version: a cold disk takes some ten seconds
 
@@ -162,7 +163,7 @@ class _State:
         self.results = replace(self.results, message="interrupted before everything was run")
 
     def finish(self) -> Results:
-        """Write the complete results."""
+        """Return the complete results, and write them; where that fails they say so."""
         order = list(self.engines)
         cases = [(c.mechanism, c.case) for c in self.results.cases]
 
@@ -175,7 +176,13 @@ class _State:
             runs=tuple(sorted(self.results.runs, key=place)),
             comparisons=tuple(sorted(self.results.comparisons, key=place)),
         )
-        self._keep(at_once=True)
+        try:
+            self._keep(at_once=True)
+        except OSError as error:
+            words = f"results.json could not be written: {error}"
+            self.results = replace(
+                self.results, finished=False, message="; ".join(filter(None, [self.results.message, words]))
+            )
         return self.results
 
     def _run(self, task: Task, engine: Engine, attempt: Attempt) -> None:
@@ -230,8 +237,11 @@ class _State:
         elapsed = clock.monotonic() - self.start
         if at_once or elapsed - self.written >= PAUSE:
             self.results = replace(self.results, elapsed=elapsed)
-            store.write(self.results, self.out / RESULTS)
             self.written = elapsed
+            # A full disk must not end the night: what can be computed is computed, and the last writing tells.
+            forgiven = () if at_once else (OSError,)
+            with contextlib.suppress(*forgiven):
+                store.write(self.results, self.out / RESULTS)
 
 
 def compare_all(task: Task, records: Mapping[str, Record]) -> tuple[list[Comparison], tuple[str, ...]]:
@@ -242,7 +252,7 @@ def compare_all(task: Task, records: Mapping[str, Record]) -> tuple[list[Compari
             other = records.get(reference) or absent(reference)
             pair = Pair(task.folder.name, task.case, record, other, task.rest, datetime.date.today())
             rows += compare(pair)
-            used += [find(task.case.limits, q, name, reference) for q in task.case.quantities]
+            used += [find(task.case.limits, q, name, reference, record.version) for q in task.case.quantities]
     idle = unused(task.case.limits, [limit for limit in used if limit is not None])
     named = {n for limit in idle for n in limit.engines}
     return rows, tuple(f"{i.quantity}, engines {', '.join(i.engines)}, reference {i.reference}" for i in idle if named)
@@ -272,7 +282,18 @@ def run_row(task: Task, attempt: Attempt) -> RunRow:
         model_hash=record.model_hash,
         printed=attempt.printed,
         peaks={name: peaks(*lines) for name, lines in spectra.items() if lines is not None},
+        budget=tuple(budget_rows(record, task.case.quantities)),
     )
+
+
+def budget_rows(record: Record, quantities: Iterable[str]) -> Iterator[dict[str, Any]]:
+    """Yield the budget line of the series with the largest error bar [unit], for every quantity compared and unit."""
+    for quantity in quantities:
+        for unit, names in group(record.series, quantity).items():
+            known = [n for n in names if n in record.budget]
+            if known:
+                widest = max(known, key=lambda n: float(record.budget[n]["bar"]))
+                yield {"quantity": quantity, "unit": unit, "series": widest, **record.budget[widest]}
 
 
 def study_row(study: Study, answer: Any, ending: Any) -> StudyRow:

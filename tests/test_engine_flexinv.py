@@ -50,7 +50,8 @@ def test_flexible_torques_and_tips_have_error_bars(flexible: tuple[Mechanism, Ca
         bar = record.series[name].error
         assert bar is not None
         assert 0.0 < bar.max() < np.ptp(record.series[name].values)
-    assert record.series["wrench/hub/mz"].error is None
+    internal = next(s for s in record.series.values() if s.quantity == "internal")
+    assert internal.error is None  # its places move with the mesh
     plain = engine.run(mechanism, one, "flexinv", {"error": False})
     assert plain.series["torque/hub"].error is None
 

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from crosscheck.engines.base import Adapter
+from crosscheck.engines.rounding import with_rounding
 from crosscheck.record import Record, fingerprint, save
 from flexinv.files.case import load_cases
 from flexinv.files.mechanism_file import load_mechanism
@@ -56,7 +57,10 @@ def _run(job: dict[str, Any], adapter: Adapter) -> Record:
     known = {"engine": name, "version": adapter.version(), "model_hash": fingerprint(mechanism, case.motion)}
     if (reason := adapter.unsupported(mechanism, case, name)) is not None:
         return Record(status="skipped", message=reason, **known)
-    return replace(adapter.run(mechanism, case, name, job["options"]), **known)
+    record = replace(adapter.run(mechanism, case, name, job["options"]), **known)
+    return (
+        with_rounding(adapter, record, mechanism, case, job["options"]) if job["options"].get("error", True) else record
+    )
 
 
 def describe(job: dict[str, Any]) -> None:

@@ -76,6 +76,7 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
         series=made.series,
         wall_time=made.wall,
         model_hash=fingerprint(mechanism),
+        budget=made.budget,
     )
 
 

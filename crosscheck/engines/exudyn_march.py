@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import time as clock
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from crosscheck.budget import Family, limit_of, with_bars
 from crosscheck.engines import exudyn_planar, exudyn_spatial
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.exudyn_frames import Array, axis_pose, effort_axes, joint_q
 from crosscheck.engines.exudyn_layout import Layout, lay_out
 from crosscheck.engines.exudyn_parts import Outcome
-from crosscheck.engines.exudyn_solve import NewtonStalled, Plan, grid, step_size
+from crosscheck.engines.exudyn_solve import SAME_TIME, ExudynFailure, NewtonStalled, Plan, grid, step_size
 from crosscheck.engines.prescribed import passive_effort, rotor_effort
 from crosscheck.record import Series, series, torque_series, vector_series, wrench_series
 from flexinv.files.case import Case
@@ -35,11 +36,12 @@ TRIES = 3
 
 @dataclass(frozen=True)
 class Made:
-    """Series, what the engine was told, and how long it took [s]."""
+    """Series, what the engine was told, how long it took [s], and where its error bars come from."""
 
     series: dict[str, Series]
     settings: dict[str, Any]
     wall: float
+    budget: dict[str, Any] = field(default_factory=dict)
 
 
 def layout_of(mechanism: Mechanism, case: Case) -> Layout:
@@ -50,12 +52,16 @@ def layout_of(mechanism: Mechanism, case: Case) -> Layout:
 
 @dataclass(frozen=True)
 class Choice:
-    """Which model is run: its engine, the plane (or None in space), elements per beam and integration of every run."""
+    """Which model is run: its engine, the plane (or None in space), elements per beam and integration of every run.
+
+    The runs go from coarse to fine; reported is the last one, or in space (beams of low order) the limit of the last two.
+    """
 
     engine: str
     plane: Array | None
     elements: tuple[int, ...]
     plans: tuple[Plan, ...]
+    limit: bool = False
 
 
 def choose(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Choice:
@@ -64,12 +70,14 @@ def choose(mechanism: Mechanism, case: Case, engine: str, options: Options) -> C
     In the plane index 2 for smooth motions from rest: it has no transient where the jerk jumps, but rings for ever
     after jumps of the acceleration (and after a start in motion, whose accelerations the engine does not know).
     Those, and everything in space, take index 3 with a spectral radius of 0.5, which settles
-    within some 20 steps (at 0.9 within some hundred).  Beams in space are of low order: they run twice, the second
-    time with twice the elements and half the step, for the extrapolation.
+    within some 20 steps (at 0.9 within some hundred).  Three runs, each with twice the elements and half the step of
+    the one before, give the error bars; option "error" False leaves out those that the result itself does not need.
     """
     plane = exudyn_planar.plane_of(mechanism, layout_of(mechanism, case))
     flat = not isinstance(plane, str)
     finer = 2 ** int(options.get("refinement", 0))
+    ahead = 0 if flat or engine == DAE else 1  # beams in space are of low order: one run beyond, for the extrapolation
+    behind = 2 - ahead if options.get("error", True) else 0
     usual = ELEMENTS_ANCF_BEAM if engine == ANCF and not flat else ELEMENTS
     elements = int(options.get("elements", usual)) * finer
     wanted = float(options.get("step", case.end / STEPS[flat])) / finer
@@ -77,7 +85,7 @@ def choose(mechanism: Mechanism, case: Case, engine: str, options: Options) -> C
     resting = case.initial == "static"
     plan = Plan(
         end=(len(sample_times(case)) - 1) * case.sample,
-        step=step_size(case.step if case.motion.jumps else case.sample, wanted),
+        step=coarsest(case, wanted, 2**behind),
         sample=case.sample,
         index2=flat and not case.motion.jumps and not moving,
         spectral_radius=0.5,
@@ -85,9 +93,23 @@ def choose(mechanism: Mechanism, case: Case, engine: str, options: Options) -> C
         extrapolate=moving or (engine == ANCF and not flat and not resting and bool(mechanism.gravity.any())),
         static_start=resting,
     )
-    runs = 1 if flat or engine == DAE else 2
-    plans = tuple(replace(plan, step=plan.step / 2**k) for k in range(runs))
-    return Choice(engine, None if isinstance(plane, str) else plane, tuple(elements * 2**k for k in range(runs)), plans)
+    runs = range(behind + ahead + 1)
+    plans = tuple(replace(plan, step=plan.step / 2**k) for k in runs)
+    meshes = tuple(max(1, elements * 2**k // 2**behind) for k in runs)
+    return Choice(engine, None if isinstance(plane, str) else plane, meshes, plans, limit=bool(ahead))
+
+
+def coarsest(case: Case, wanted: float, times: int) -> float:
+    """Return the step [s] of the coarsest run, ``times`` as long as that wanted, or less: it meets samples and jumps.
+
+    With jumps the finest step is at most the case's own, which is made to meet them.
+    """
+    if not case.motion.jumps:
+        return step_size(case.sample, wanted * times)
+    step = step_size(case.sample, min(wanted, case.step) * times)
+    parts = [jump / step for jump in case.motion.jumps if jump < case.end]
+    met = all(abs(part - round(part)) <= SAME_TIME * max(1.0, part) for part in parts)
+    return step if met else step_size(case.step, wanted * times)
 
 
 def in_time(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Made:
@@ -95,12 +117,18 @@ def in_time(mechanism: Mechanism, case: Case, engine: str, options: Options) -> 
     choice = choose(mechanism, case, engine, options)
     layout = layout_of(mechanism, case)
     start = clock.perf_counter()
-    done = [
-        _march(mechanism, case, layout, choice, n, plan) for n, plan in zip(choice.elements, choice.plans, strict=True)
-    ]
+    done = []
+    for k, (n, plan) in enumerate(zip(choice.elements, choice.plans, strict=True)):
+        # The coarse runs are there for the error bars: where they fail, the bars come from those that are left.
+        spare = k < len(choice.plans) - (2 if choice.limit else 1)
+        with contextlib.suppress(*(ExudynFailure,) if spare else ()):
+            done.append(_march(mechanism, case, layout, choice, n, plan))
     wall = clock.perf_counter() - start
     made = [_series(mechanism, case, layout, outcome) for outcome, _ in done]
-    return Made(_extrapolated(made), _settings(choice, [plan for _, plan in done]), wall)
+    values = limit_of(made) if choice.limit else made[-1]
+    family = Family("step" if engine == DAE else "mesh and step", made, "limit" if choice.limit else -1)
+    bars, budget = with_bars(values, [family])
+    return Made(bars, _settings(choice, [plan for _, plan in done]), wall, budget)
 
 
 def _march(
@@ -122,14 +150,6 @@ def _integrate(mechanism: Mechanism, case: Case, layout: Layout, choice: Choice,
     return exudyn_planar.run(exudyn_planar.build(mechanism, layout, choice.plane, ancf, n), plan, q, qd)
 
 
-def _extrapolated(runs: list[dict[str, Series]]) -> dict[str, Series]:
-    """Return the limit of an error a l^2 + b h^2, (4 fine - coarse) / 3, the fine run having half of both."""
-    fine = runs[-1]
-    if len(runs) == 1:
-        return fine
-    return {n: replace(s, values=(4 * s.values - runs[0][n].values) / 3) for n, s in fine.items()}
-
-
 def _settings(choice: Choice, plans: list[Plan]) -> dict[str, Any]:
     """Return what the engine was told, for the reader of the report."""
     names = {
@@ -148,7 +168,7 @@ def _settings(choice: Choice, plans: list[Plan]) -> dict[str, Any]:
     }
     if choice.engine in (ANCF, EXACT):
         told |= {"element": names[choice.engine, flat], "elements_per_beam": list(choice.elements)}
-    if len(choice.elements) > 1:
+    if choice.limit:
         told["extrapolation"] = "(4 fine - coarse) / 3: the error is of order l^2 and h^2"
     if plan.extrapolate:
         told["reactions_at_0"] = "2 R(h) - R(2 h)"

@@ -1,15 +1,18 @@
 """flexinv itself, as one engine among the others: ``flexinv.solve`` on the samples of the case.
 
-The error bars of torque and tip come from flexinv's own refinements (half the step, a finer mesh).
+The error bars of a march come from two refinements of its step and two of its mesh (`crosscheck.budget`); those of closed
+formulas from rounding, as for every engine.
 """
 
 from __future__ import annotations
 
 import time as clock
+from collections.abc import Mapping
 from importlib import metadata
 
 import numpy as np
 
+from crosscheck.budget import Family, with_bars
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.record import (
     Record,
@@ -55,33 +58,61 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
 def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
     """Return torque and wrench [N], [N m], tip and deflection [m], axial and internal forces on the sample times.
 
-    options : "error" False leaves the error bars away (they take two more runs; of rigid mechanisms there are none:
-        closed formulas have no step and no mesh)
+    options : "error" False leaves the error bars of a march away (they take four more runs)
     """
-    time = sample_times(case)
     mechanism = case.meshed(mechanism)
     start = clock.perf_counter()
+    solution, made = solved(mechanism, case)
+    wall = clock.perf_counter() - start
+    budget: dict[str, dict[str, object]] = {}
+    if bool(options.get("error", True)) and marches(mechanism, case):
+        made, budget = with_bars(made, refinements(mechanism, case, made))
+    return Record(
+        engine=engine,
+        version=version(),
+        settings=settings(mechanism, solution),
+        time=sample_times(case),
+        series=made,
+        wall_time=wall,
+        budget=budget,
+    )
+
+
+def solved(mechanism: Mechanism, case: Case, finer: int = 1) -> tuple[Solution, dict[str, Series]]:
+    """Return the solution with ``finer`` steps in one step of the case, and its series [N], [N m], [m] on the samples."""
     solution = solve(
         mechanism,
         case.motion,
-        case.step,
-        error=bool(options.get("error", True)) and not mechanism.is_rigid,
+        case.step / finer,
         end=case.end,
         spectral_radius=case.spectral_radius,
         initial=case.initial,
         start=case.start,
     )
-    wall = clock.perf_counter() - start
-    stride = round(case.sample / case.step)
-    rows = slice(None, None, stride)
-    return Record(
-        engine=engine,
-        version=version(),
-        settings=settings(mechanism, solution),
-        time=time,
-        series=all_series(mechanism, solution, rows),
-        wall_time=wall,
-    )
+    rows = slice(None, None, finer * round(case.sample / case.step))
+    return solution, all_series(mechanism, solution, rows)
+
+
+def marches(mechanism: Mechanism, case: Case) -> bool:
+    """Return whether the case is integrated in time: with beams, or with joints that move freely in a tree."""
+    if mechanism.closures or not mechanism.is_rigid:
+        return not mechanism.is_rigid
+    given = set(case.motion.joints(mechanism))
+    return any(joint.nv and joint.name not in given for joint in mechanism.joints)
+
+
+def refinements(mechanism: Mechanism, case: Case, made: Mapping[str, Series]) -> list[Family]:
+    """Return the runs with half and a quarter of the step [s], and with two finer meshes: more order, or more elements.
+
+    The error of higher orders falls faster than with any power of the mesh width; the differences of such runs shrink
+    all the same by a factor from one to the next, and the first of them is nearly the whole error.
+    """
+    step = Family("step", (made, solved(mechanism, case, 2)[1], solved(mechanism, case, 4)[1]), 0)
+    if mechanism.is_rigid:
+        return [step]
+    linear = max(link.beam.order for link in mechanism.beams if link.beam is not None) == 1
+    meshes = [mechanism.refined(elements=k) if linear else mechanism.refined(order=k) for k in (2, 4)]
+    return [step, Family("mesh", (made, *(solved(mesh, case)[1] for mesh in meshes)), 0)]
 
 
 def settings(mechanism: Mechanism, solution: Solution) -> dict[str, object]:
@@ -103,7 +134,7 @@ def all_series(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[st
     """Return every series, in units of [N], [N m] and [m]; rows: which samples."""
     made = torques(mechanism, solution, rows)
     for link, tip in solution.tip.items():
-        made |= vector_series(f"tip/{link}", "m", tip[rows], tip_bars(solution, link, rows))
+        made |= vector_series(f"tip/{link}", "m", tip[rows])
     for link, deflection in solution.deflection.items():
         made |= vector_series(f"deflection/{link}", "m", deflection[rows])
     for name, wrench in solution.wrench.items():
@@ -134,29 +165,16 @@ def reactions(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str
 
 
 def torques(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, Series]:
-    """Return the effort of every coordinate [N m] or [N], with error bars where there is an actuator.
+    """Return the effort of every coordinate [N m] or [N].
 
     Joints without a drive in loops give nothing; what rounding leaves there is not compared but in the settings.
     """
     effort = solution.torque_all[rows].copy()
     if mechanism.closures and left_over(solution) <= ROUNDING * np.abs(effort).max():
         effort[:, ~mechanism.actuated] = 0.0
-    made = torque_series(mechanism, effort)
-    if solution.torque_error is not None:
-        for k, name in enumerate(solution.torque_names):
-            one = made[f"torque/{name}"]
-            made |= series(one.name, one.unit, one.values, solution.torque_error[rows, k])
-    return made
+    return torque_series(mechanism, effort)
 
 
 def left_over(solution: Solution) -> float:
     """Return the largest effort at coordinates without a drive [N m], [N]."""
     return float(np.abs(solution.unactuated).max(initial=0.0))
-
-
-def tip_bars(solution: Solution, link: str, rows: slice) -> np.ndarray | None:
-    """Return the error bar of a tip's three coordinates [m], the same for each, or None."""
-    if solution.tip_error is None:
-        return None
-    bars: np.ndarray = np.repeat(solution.tip_error[link][rows, None], 3, axis=1)
-    return bars

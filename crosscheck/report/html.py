@@ -16,13 +16,14 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from crosscheck import changes
 from crosscheck.compare import Comparison
 from crosscheck.limits import worst
 from crosscheck.report import words
 from crosscheck.report.plots import write_case
 from crosscheck.results import CaseRow, Results, StudyRow, slug
 
-ASSETS = ("report.css", "theme.js", "plots.js")
+ASSETS = ("report.css", "theme.js", "plots.js", "trends.js")
 
 
 def render(results: Results, out: Path) -> None:
@@ -36,7 +37,9 @@ def render(results: Results, out: Path) -> None:
             write_page(pages, "case.html.j2", out / "cases" / f"{case.slug}.html", **case_view(results, case, out))
     for study in results.studies:
         write_page(pages, "study.html.j2", out / "studies" / f"{slug(study.name)}.html", **study_view(results, study))
-    write_page(pages, "index.html.j2", out / "index.html", **index_view(results))
+    write_page(
+        pages, "index.html.j2", out / "index.html", **index_view(results, (out / "trends" / "index.html").is_file())
+    )
 
 
 def environment() -> jinja2.Environment:
@@ -76,7 +79,7 @@ def assets(out: Path) -> None:
         shutil.copyfile(source, folder / "plotly.min.js")
 
 
-def index_view(results: Results) -> dict[str, Any]:
+def index_view(results: Results, trends: bool = False) -> dict[str, Any]:
     """Return what the first page shows."""
     groups = words.by_mechanism(results.cases)
     matrix = {
@@ -90,6 +93,9 @@ def index_view(results: Results) -> dict[str, Any]:
         "counts": words.counts(results),
         "troubles": [(v, link(where), label(where), what, text) for v, where, what, text in words.troubles(results)],
         "matrix": matrix,
+        "limits": [(c, line) for c in results.cases for line in c.unused_limits],
+        "changed": changes.sentence(results.changes),
+        "trends": trends,
     }
 
 
@@ -106,6 +112,7 @@ def case_view(results: Results, case: CaseRow, out: Path) -> dict[str, Any]:
         "runs": [one.run for one in cells if one.run is not None],
         "manifest": write_case(results, case, out),
         "neighbours": neighbours(results, case),
+        "trend": f"../trends/{case.slug}.html" if (out / "trends" / f"{case.slug}.html").is_file() else "",
     }
 
 

@@ -27,6 +27,7 @@ class Limit:
     quantity : "torque", "wrench", "reaction", "tip", "deflection", "axial", "internal" or "frequency"
     engines : patterns of names (fnmatch); of several limits that match, the first one holds
     maximum : largest difference as a fraction of the reference's range [-]; reason : why that is right
+    versions : of the engine, such as ">=1.13, <1.14", for which it holds; "" for all
     expires : the day after which the limit must be looked at again
     """
 
@@ -37,6 +38,7 @@ class Limit:
     reference: str = "flexinv"
     source: str = ""
     expires: datetime.date | None = None
+    versions: str = ""
 
 
 @dataclass(frozen=True)
@@ -88,8 +90,9 @@ def load_cases(path: str | Path, mechanism: Mechanism) -> dict[str, Case]:
 
 def _limit(table: LimitTable) -> Limit:
     return Limit(
-        table.quantity, tuple(table.engines), table.maximum, table.reason, table.reference, table.source, table.expires
-    )
+        table.quantity, tuple(table.engines), table.maximum, table.reason, table.reference, table.source, table.expires,
+        table.versions,
+    )  # fmt: skip
 
 
 def _case(data: Any, name: str, source: str, shared: list[Limit], mechanism: Mechanism, file: Path) -> Case:

@@ -10,6 +10,8 @@ from pydantic import Field
 from flexinv.files.toml_tables import Name, NotNegative, Number, Positive, Table, Text, Vector, key
 
 QUANTITIES = ("torque", "wrench", "reaction", "tip", "deflection", "axial", "internal", "frequency")
+# Comparisons with a release, separated by commas, as in requirements of packages (PEP 440).
+VERSIONS = r"^$|^\s*(==|!=|<=|>=|<|>|~=)\s*\d[\w.*+!]*\s*(,\s*(==|!=|<=|>=|<|>|~=)\s*\d[\w.*+!]*\s*)*$"
 OF_BEAMS = ("deflection", "axial", "internal", "frequency")
 Law = Literal["cycloid", "quintic", "bang-bang", "trapezoid"]
 LAWS = '"cycloid", "quintic", "bang-bang" or "trapezoid"'
@@ -149,6 +151,9 @@ class LimitTable(Table):
     )
     reason: Text = key("why this limit is right, a text", 'reason = "both round off: 1e-16 times the number of links"')
     source: Text = key("where the reason comes from, a text", 'source = "convergence study in ..."', default="")
+    versions: Annotated[str, Field(pattern=VERSIONS)] = key(
+        "versions of the engine for which it holds, all by default", 'versions = ">=1.13, <1.14"', default=""
+    )
     expires: datetime.date | None = key(
         "the day after which the limit must be looked at again", "expires = 2027-01-31", default=None
     )

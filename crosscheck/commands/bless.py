@@ -1,0 +1,67 @@
+"""``crosscheck bless``: the measured values of a run become those that later runs are judged by."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import NoReturn
+
+import click
+from rich.console import Console
+from rich.markup import escape
+
+from crosscheck import baseline as blessed
+from crosscheck import results as store
+from crosscheck.runner import RESULTS
+from crosscheck.terminal import Failure
+
+
+@click.command("bless")
+@click.option(
+    "--reason", required=True, help="Why these values are right: a sentence for whoever reads the file's history."
+)
+@click.option(
+    "--from",
+    "folder",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    default=Path("reports/latest"),
+    show_default=True,
+    help="Report of the run to bless.",
+)
+@click.option(
+    "--baseline",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=Path("reports/baseline"),
+    show_default=True,
+    help="Folder of the blessed night.",
+)
+def command(reason: str, folder: Path, baseline: Path) -> NoReturn:
+    """Bless a run: what it measured is right, and later runs may not be worse.
+
+    Look at its report first.  Every comparison that is inside its limit gets its value of today; the others are
+    listed, keep the value that they had, and make the exit code 1.  Of a run over a part only that part changes.
+    The two files of the baseline belong into version control, so that a change of them can be reviewed.
+    """
+    if not reason.strip():
+        raise Failure(
+            '--reason is empty: say why these values are right, such as "Exudyn 1.14 has a finer default step"'
+        )
+    try:
+        results = store.read(folder / RESULTS)
+        before = blessed.read(baseline).fractions if (baseline / blessed.METRICS).exists() else {}
+    except (OSError, ValueError) as error:
+        raise Failure(f"cannot read what to bless: {error}") from error
+    if not results.finished:
+        raise Failure(f"the run in {folder} has not finished ({results.message or 'no message'}): bless a complete one")
+    good, bad = blessed.blessed(results)
+    blessed.write(baseline, results, good, reason.strip())
+    after = blessed.read(baseline).fractions
+    console = Console()
+    moved = [k for k in after if k in before and after[k] != before[k]]
+    new, gone = after.keys() - before.keys(), before.keys() - after.keys()
+    console.print(f"{len(good)} comparisons blessed: {len(new)} new, {len(moved)} changed, {len(gone)} dropped")
+    for k in moved:
+        console.print(f"  {escape(' '.join(k))}: {before[k]:.3g} -> {after[k]:.3g}", highlight=False, soft_wrap=True)
+    for line in bad:
+        console.print(f"[red]not blessed[/] {escape(line)}", highlight=False, soft_wrap=True)
+    sys.exit(1 if bad else 0)

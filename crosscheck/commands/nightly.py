@@ -1,0 +1,101 @@
+"""``crosscheck nightly``: everything, kept and compared with the nights before."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import NoReturn
+
+import click
+from rich.console import Console
+from rich.markup import escape
+
+from crosscheck import fresh
+from crosscheck.baseline import BaselineError
+from crosscheck.engines import ENGINES
+from crosscheck.night import Nightly, NightRunning, nightly
+from crosscheck.report.words import sentence
+from crosscheck.runner import Options
+from crosscheck.studies import STUDIES
+from crosscheck.terminal import JOBS, MODELS, PATTERNS, TIMEOUT, Failure, chosen, plan_of, progress, terminated
+
+FOLDER = click.Path(file_okay=False, path_type=Path)
+
+
+@click.command("nightly")
+@click.argument("names", nargs=-1)
+@MODELS
+@PATTERNS
+@click.option("--studies", default="*", show_default=True, help="Names or patterns of the studies; '' for none.")
+@click.option("--reports", type=FOLDER, default=Path("reports"), show_default=True, help="Folder of all nights.")
+@click.option("--baseline", type=FOLDER, help="Folder of the blessed night.  [default: baseline in the reports]")
+@click.option(
+    "--history",
+    envvar="CROSSCHECK_HISTORY",
+    help="URL of the history's database, such as postgresql://team@host/nights.  [default: history.sqlite in the reports]",
+)
+@click.option(
+    "--against", default="previous", show_default=True, help="Night to compare with: its folder's name, or its start."
+)
+@click.option("--latest-engines", is_flag=True, help="In a fresh environment with the newest release of every engine.")
+@click.option("--label", default="", hidden=True, help="What kind of night it is, for the history.")
+@JOBS
+@TIMEOUT
+def command(
+    names: tuple[str, ...],
+    models: Path,
+    engines: str,
+    studies: str,
+    reports: Path,
+    baseline: Path | None,
+    history: str | None,
+    against: str,
+    latest_engines: bool,
+    label: str,
+    jobs: int,
+    timeout: float,
+) -> NoReturn:
+    """Run everything, judge it against the blessed night, and add it to the history.
+
+    \b
+    The folder of reports then holds
+      <date>/           the report of this night, with trend pages over all nights
+      latest/           a copy of the last one
+      history.sqlite    every value, verdict, version and time of every night
+      baseline/         the blessed night: `crosscheck bless` writes it, and it belongs into version control
+
+    A comparison that has become worse than its blessed value by more than noise is a deviation, even inside its
+    limit; one without a blessed value fails until it is blessed.  One night runs at a time.  Exit codes are those of
+    `crosscheck run`; 2 also where the history or the report could not be written.
+    """
+    console = Console(stderr=True)
+    if latest_engines:
+        with terminated():
+            sys.exit(fresh.nightly(reports, fresh.without_flag(sys.argv[1:]), console.print))
+    wanted = chosen(ENGINES, engines, "engine")
+    tables = () if names and studies == "*" else tuple(chosen(STUDIES, studies, "study").values())
+    night = Nightly(
+        plan=plan_of(models, names),
+        engines=wanted,
+        studies=tuple(replace(study, options={"models": str(models.resolve())}) for study in tables),
+        options=Options(timeout, jobs),
+        reports=reports,
+        baseline=baseline or reports / "baseline",
+        url=history or f"sqlite:///{reports / 'history.sqlite'}",
+        against=against,
+        label=label,
+        command=shlex.join(["crosscheck", *sys.argv[1:]]),
+        whole=not names and len(wanted) == len(ENGINES),
+    )
+    try:
+        with terminated(), progress(console) as notify:
+            results, folder = nightly(night, notify, lambda line: console.print(escape(line), soft_wrap=True))
+    except (NightRunning, BaselineError) as error:
+        raise Failure(str(error)) from error
+    except OSError as error:
+        raise Failure(f"the night could not be kept: {error}") from error
+    console.print(f"[bold]{escape(sentence(results))}[/bold]")
+    console.print(f"report: {folder / 'index.html'}, also {reports / 'latest' / 'index.html'}", highlight=False)
+    sys.exit(results.exit_code)

@@ -1,0 +1,190 @@
+"""A night: everything is run, judged against the blessed night, added to the history, and kept in a folder of its own.
+
+Whatever goes wrong on the way is told and leaves what was there before as it was: one night at a time (a lock that the
+system drops when its holder dies), the history in one transaction, ``latest`` exchanged as a whole.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import filelock
+
+from crosscheck import baseline, changes, history
+from crosscheck import results as store
+from crosscheck.engines import Engine
+from crosscheck.plan import Plan
+from crosscheck.report import render, trends
+from crosscheck.results import Results
+from crosscheck.runner import RESULTS, Notify, Options, run
+from crosscheck.studies import Study
+
+LATEST, LOCK, HOLDER = "latest", "nightly.lock", "nightly.json"
+
+
+class NightRunning(RuntimeError):
+    """Another night is under way in the same folder of reports."""
+
+
+@dataclass(frozen=True)
+class Nightly:
+    """What a night runs and where it keeps it.
+
+    reports : folder of all nights; baseline : folder of the blessed one; url : of the history
+    against : "previous", or start or folder of the night to compare with; label : "" for an ordinary night
+    whole : everything is run, so that blessed comparisons that are not measured are missed
+    """
+
+    plan: Plan
+    engines: Mapping[str, Engine]
+    studies: tuple[Study, ...]
+    options: Options
+    reports: Path
+    baseline: Path
+    url: str
+    against: str = "previous"
+    label: str = ""
+    command: str = ""
+    whole: bool = True
+
+
+def nightly(night: Nightly, notify: Notify, tell: Callable[[str], None]) -> tuple[Results, Path]:
+    """Run a night and return its results and its folder; what went wrong beside the engines is in ``message``.
+
+    tell : is given one line about everything that a reader at the terminal has to know
+    Raises NightRunning where one is under way, BaselineError where the blessed night cannot be read.
+    """
+    night.reports.mkdir(parents=True, exist_ok=True)
+    with only_one(night.reports):
+        known = baseline_of(night.baseline)
+        database = open_history(night.url, tell)
+        if database is not None:
+            catch_up(database, night.reports, tell)
+        folder = night_folder(night.reports, night.label)
+        results = run(night.plan, night.engines, night.studies, night.options, folder, notify, night.command)
+        results = baseline.apply(results, known, night.whole and results.finished)
+        results = remember(database, night, results, folder, tell)
+        keep(results, folder, night.reports / LATEST, database, tell)
+    return results, folder
+
+
+def baseline_of(folder: Path) -> baseline.Baseline:
+    """Return the blessed night; where there is none, one without values: every comparison will say how to bless."""
+    if not (folder / baseline.METRICS).exists():
+        return baseline.Baseline()
+    return baseline.read(folder)
+
+
+@contextmanager
+def only_one(reports: Path) -> Iterator[None]:
+    """Hold the lock of a folder of reports.  Raises NightRunning with what is known of the other night."""
+    lock = filelock.FileLock(reports / LOCK)
+    try:
+        lock.acquire(blocking=False)
+    except filelock.Timeout:
+        raise NightRunning(f"a night is under way in {reports}{_holder(reports)}: wait until it has ended") from None
+    try:
+        with suppress(OSError):
+            (reports / HOLDER).write_text(json.dumps({"process": os.getpid(), "started": store.now()}))
+        yield
+    finally:
+        (reports / HOLDER).unlink(missing_ok=True)
+        lock.release()
+
+
+def night_folder(reports: Path, label: str = "") -> Path:
+    """Return a new folder for a night: its date, and a number from the second on."""
+    date = datetime.date.today().isoformat() + (f"-{label}" if label else "")
+    names = (date if k == 1 else f"{date}-{k}" for k in range(1, 1000))
+    return next(reports / name for name in names if not (reports / name).exists())
+
+
+def open_history(url: str, tell: Callable[[str], None]) -> Any:
+    """Return the history, or None where it cannot be opened: that is told, and the night goes on."""
+    try:
+        return history.connect(url)
+    except history.HistoryError as error:
+        tell(str(error))
+        return None
+
+
+def catch_up(database: Any, reports: Path, tell: Callable[[str], None]) -> None:
+    """Add the nights whose folders are there and that the history does not know (it was locked, or the disk full)."""
+    for file in sorted(reports.glob(f"[0-9]*/{RESULTS}")):
+        try:
+            results = store.read(file)
+            if results.settings.get("night") and not history.holds(database, results):
+                history.add_night(database, results, file.parent.name, str(results.settings["night"]["label"]))
+                tell(f"added {file.parent.name} to the history, which was missing there")
+        except (OSError, ValueError, LookupError, TypeError, history.HistoryError) as error:
+            tell(f"{file.parent.name} could not be added to the history: {error}")
+
+
+def remember(database: Any, night: Nightly, results: Results, folder: Path, tell: Callable[[str], None]) -> Results:
+    """Add the night to the history and return the results with what changed, or with why that is not known."""
+    settings = {**results.settings, "night": {"label": night.label, "folder": folder.name}}
+    results = replace(results, settings=settings)
+    if database is None:
+        return failed(results, "the history could not be opened")
+    try:
+        number = history.add_night(database, results, folder.name, night.label)
+        before = changes.previous(database, number, night.against)
+        if before is None:
+            return results
+        results = replace(results, changes=changes.between(database, before, number))
+        tell(changes.sentence(results.changes))
+    except history.HistoryError as error:
+        return failed(results, str(error))
+    except LookupError as error:
+        return failed(results, str(error.args[0]))
+    return results
+
+
+def keep(results: Results, folder: Path, latest: Path, database: Any, tell: Callable[[str], None]) -> None:
+    """Write results, trends and pages, and exchange ``latest`` for a copy of the night; a full disk is told."""
+    try:
+        store.write(results, folder / RESULTS)
+        if database is not None:
+            trends.write(database, folder)
+        render(results, folder)
+        exchange(folder, latest)
+    except (OSError, history.HistoryError) as error:
+        tell(f"the report could not be written: {error}; {LATEST} is as it was before")
+        raise
+
+
+def exchange(folder: Path, latest: Path) -> None:
+    """Make ``latest`` a copy of a folder: it is the old one or the new one, never a part."""
+    part, old = latest.with_name(latest.name + ".part"), latest.with_name(latest.name + ".old")
+    for rest in (part, old):
+        shutil.rmtree(rest, ignore_errors=True)
+    try:
+        shutil.copytree(folder, part)
+    except (OSError, shutil.Error):
+        shutil.rmtree(part, ignore_errors=True)
+        raise
+    if latest.exists():
+        latest.rename(old)
+    part.rename(latest)
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def failed(results: Results, words: str) -> Results:
+    """Return the results with a failure of the harness, which makes their exit code 2."""
+    return replace(results, message="; ".join(filter(None, [results.message, words])))
+
+
+def _holder(reports: Path) -> str:
+    try:
+        holder = json.loads((reports / HOLDER).read_text())
+        return f" since {holder['started']} (process {holder['process']})"
+    except (OSError, ValueError, LookupError):
+        return ""

@@ -1,0 +1,117 @@
+"""Trend pages: every comparison, every metric and every time over the nights, with the versions of the engines.
+
+One page per case and one for all; each holds its own numbers, so that years of nights stay quick to open.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy as sql
+
+from crosscheck.history import COMPARISON, METRIC, TIMING, VERSION, Night, ask, nights
+from crosscheck.report import html
+from crosscheck.results import slug
+
+MOST = 400  # nights that are drawn, the newest ones: more than a year
+Row = Mapping[str, Any]
+Case = tuple[str, str]
+
+
+def write(database: sql.Engine, out: Path) -> None:
+    """Write ``trends/index.html`` and one page per case below ``out``.  Raises HistoryError, OSError."""
+    shown = nights(database)[-MOST:]
+    order = {night.id: k for k, night in enumerate(shown)}
+    pages = html.environment()
+    folder = out / "trends"
+    folder.mkdir(parents=True, exist_ok=True)
+    values = _by_case(_kept(database, COMPARISON, order))
+    times = _by_case(_kept(database, TIMING, order))
+    marks = version_marks(shown, _kept(database, VERSION, order))
+    axis = [night.started[:16].replace("T", " ") for night in shown]
+    common = {"root": "../", "nights": shown, "marks": marks, "axis": axis}
+    for case in sorted(times):
+        charts = [
+            chart(
+                "Largest error over the range",
+                "-",
+                lines(values.get(case, ()), order, value_name, "fraction"),
+                log=True,
+            ),
+            chart(
+                "Time of the engine", "s", lines(times[case], order, lambda row: row["engine"], "wall_time"), log=True
+            ),
+        ]
+        title = " / ".join(case)
+        view = {**common, "title": title, "charts": charts, "back": f"../cases/{slug('-'.join(case))}.html"}
+        html.write_page(pages, "trends.html.j2", folder / f"{slug('-'.join(case))}.html", **view, links=[])
+    charts = [
+        chart("Time of the whole night", "s", {"night": [[order[n.id], n.elapsed] for n in shown if not n.label]})
+    ]
+    charts += metric_charts(_kept(database, METRIC, order), order)
+    links = [(" / ".join(case), f"{slug('-'.join(case))}.html") for case in sorted(times)]
+    view = {**common, "title": "All nights", "charts": charts, "links": links, "back": "../index.html"}
+    html.write_page(pages, "trends.html.j2", folder / "index.html", **view)
+
+
+def chart(
+    title: str, unit: str, curves: Mapping[str, Sequence[Any]], log: bool = False, **limits: Any
+) -> dict[str, Any]:
+    """Return what a page needs to draw one chart; curves: name -> [[number of the night, value in unit], ...]."""
+    return {"title": title, "unit": unit, "curves": dict(curves), "log": log, **limits}
+
+
+def lines(rows: Iterable[Row], order: Mapping[int, int], name: Any, what: str) -> dict[str, list[list[Any]]]:
+    """Return one curve per name, in the order of the nights: [number of the night, value, verdict or status]."""
+    curves: dict[str, list[list[Any]]] = {}
+    for row in sorted(rows, key=lambda row: order[row["night"]]):
+        if row[what] is not None:
+            state = row.get("verdict") or row.get("status")
+            curves.setdefault(name(row), []).append([order[row["night"]], row[what], state])
+    return dict(sorted(curves.items()))
+
+
+def value_name(row: Row) -> str:
+    """Return what a comparison is called in a legend."""
+    against = "" if row["reference"] == "flexinv" else f" against {row['reference']}"
+    return f"{row['engine']}{against} {row['quantity']}" + (f" [{row['unit']}]" if row["unit"] else "")
+
+
+def metric_charts(rows: Sequence[Row], order: Mapping[int, int]) -> list[dict[str, Any]]:
+    """Return one chart per metric, with its last limits [unit of the metric]."""
+    charts = []
+    for name in sorted({row["name"] for row in rows}):
+        own = sorted((row for row in rows if row["name"] == name), key=lambda row: order[row["night"]])
+        curve = {name: [[order[row["night"]], row["value"]] for row in own]}
+        charts.append(chart(name, own[-1]["unit"], curve, lower=own[-1]["lower"], upper=own[-1]["upper"]))
+    return charts
+
+
+def version_marks(shown: Sequence[Night], rows: Iterable[Row]) -> list[dict[str, Any]]:
+    """Return where a version changed from one night to the next: {"night": number, "text": "mujoco 4.0.0 to 4.1.0"}."""
+    known: dict[int, dict[str, str]] = {}
+    for row in rows:
+        known.setdefault(row["night"], {})[row["package"]] = row["version"]
+    marks = []
+    for number, (before, after) in enumerate(pairwise(shown), 1):
+        old, new = known.get(before.id, {}), known.get(after.id, {})
+        changed = [f"{p} {old[p]} to {v}" for p, v in sorted(new.items()) if p in old and old[p] != v]
+        if changed:
+            marks.append({"night": number, "text": ", ".join(changed)})
+    return marks
+
+
+def _kept(database: sql.Engine, table: sql.Table, order: Mapping[int, int]) -> list[dict[str, Any]]:
+    first = min(order, default=0)
+    rows = [dict(row._mapping) for row in ask(database, sql.select(table).where(table.c.night >= first))]
+    return [row for row in rows if row["night"] in order]
+
+
+def _by_case(rows: Iterable[dict[str, Any]]) -> dict[Case, list[dict[str, Any]]]:
+    groups: dict[Case, list[dict[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault((row["mechanism"], row["case_name"]), []).append(row)
+    return groups
