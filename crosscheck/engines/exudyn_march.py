@@ -106,10 +106,12 @@ def coarsest(case: Case, wanted: float, times: int) -> float:
     """
     if not case.motion.jumps:
         return step_size(case.sample, wanted * times)
-    step = step_size(case.sample, min(wanted, case.step) * times)
-    parts = [jump / step for jump in case.motion.jumps if jump < case.end]
-    met = all(abs(part - round(part)) <= SAME_TIME * max(1.0, part) for part in parts)
-    return step if met else step_size(case.step, wanted * times)
+    fewest = round(case.sample / step_size(case.sample, min(wanted, case.step) * times))
+    for step in (case.sample / count for count in range(fewest, 2 * fewest)):
+        parts = [jump / step for jump in case.motion.jumps if jump < case.end]
+        if all(abs(part - round(part)) <= SAME_TIME * max(1.0, part) for part in parts):
+            return step
+    return step_size(case.step, wanted * times)
 
 
 def in_time(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Made:
