@@ -56,6 +56,7 @@ quantity = "torque"
 engines = ["exudyn*"]
 maximum = 1e-3
 reason = "first"
+versions = ">=1.13, <1.14"
 expires = 2030-01-31
 
 [[limits]]
@@ -99,7 +100,7 @@ def test_what_is_read(tmp_path: Path) -> None:
     assert (case.quantities, case.spectral_radius, case.initial) == (("torque", "tip"), 0.8, "consistent")
     assert case.source == "test"
     assert case.limits == (
-        Limit("torque", ("exudyn*",), 1e-3, "first", expires=datetime.date(2030, 1, 31)),
+        Limit("torque", ("exudyn*",), 1e-3, "first", expires=datetime.date(2030, 1, 31), versions=">=1.13, <1.14"),
         Limit("torque", ("*",), 1e-12, "second", source="measured"),
         Limit("tip", ("pinocchio", "mujoco"), 1e-11, "third", reference="exudyn"),
     )

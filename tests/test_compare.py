@@ -134,6 +134,35 @@ def test_error_bars_of_both_engines_add_up() -> None:
     assert rows(record("e", LARGE), record("flexinv", LARGE), case())[0].error_bar is None
 
 
+def test_beyond_the_limit_but_within_the_error_bars_is_explained_by_discretisation() -> None:
+    span = float(np.ptp(10.0 * np.sin(3.0 * TIME)))
+    off, one = np.array([0.02 * span, 0.0, 0.0]), case(("torque",), limit("torque", 1e-2))
+
+    def verdict(bar: float) -> Comparison:
+        bars = np.broadcast_to([bar * span, 0.0, 0.0], LARGE.shape)
+        ours = Record("e", time=TIME, series=torque_series(MECHANISM, LARGE + off, bars))
+        return rows(ours, record("flexinv", LARGE), one)[0]
+
+    assert verdict(0.019).verdict == "deviation"
+    covered = verdict(0.021)
+    assert (covered.verdict, covered.message) == (
+        "explained",
+        "by discretisation: 0.02 of the range, the limit is 0.01, and the error bars add up to 0.021",
+    )
+    wide = verdict(0.11)
+    assert wide.verdict == "deviation"
+    assert "too wide to explain it: refine" in wide.message
+    assert wide.magnitude is not None
+    assert wide.comprehensive == pytest.approx(np.hypot(wide.magnitude, wide.phase or 0.0))
+
+
+def test_a_series_whose_error_its_bar_does_not_cover_is_not_explained_by_the_bar_of_another() -> None:
+    off = np.array([0.4, 0.3, 0.0])
+    bars = np.broadcast_to([0.5, 0.1, 0.0], LARGE.shape)
+    ours = Record("e", time=TIME, series=torque_series(MECHANISM, LARGE + off, bars))
+    assert rows(ours, record("flexinv", LARGE), case(("torque",), limit("torque", 1e-3)))[0].verdict == "deviation"
+
+
 def test_the_dominant_frequency_of_the_hold_phase_is_compared() -> None:
     def ringing(frequency: float) -> np.ndarray:
         return LARGE * 0.0 + np.where(TIME < 1.0, 50.0 * TIME, np.sin(2.0 * np.pi * frequency * TIME))[:, None]
@@ -162,6 +191,13 @@ def test_the_first_limit_that_fits_holds() -> None:
     assert limits.find(stated, "torque", "exudyn-ge", "flexinv") is stated[1]
     assert limits.find(stated, "torque", "flexinv", "exudyn") is stated[2]
     assert limits.find(stated, "tip", "exudyn", "flexinv") is None
+
+
+@pytest.mark.parametrize(("version", "found"), [("1.13.6", 0), ("1.14.0", 1), ("source tree", 1), ("", 1)])
+def test_a_limit_may_hold_for_some_versions(version: str, found: int) -> None:
+    stated = (limit("torque", 0.5, "exudyn", versions=">=1.13, <1.14"), limit("torque", 0.1, "*"))
+    assert limits.find(stated, "torque", "exudyn", "flexinv", version) is stated[found]
+    assert limits.find(stated[:1], "torque", "exudyn", "flexinv", "1.14") is None
 
 
 def test_references_are_those_that_limits_name_and_flexinv() -> None:
