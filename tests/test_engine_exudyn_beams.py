@@ -63,7 +63,7 @@ def off(a: Record, b: Record, name: str) -> float:
 @pytest.fixture
 def in_space(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let planar mechanisms be run by the model in space."""
-    monkeypatch.setattr(exudyn_planar, "plane_of", lambda mechanism, layout: "in space for the test")
+    monkeypatch.setattr(exudyn_planar, "plane_of", lambda *what: "in space for the test")
 
 
 # --------------------------------------------------------------------------------------------------------- statics
@@ -235,7 +235,7 @@ def test_space_and_plane_agree(engine: str, monkeypatch: pytest.MonkeyPatch) -> 
     mechanism, case = arm(Beam(0.4, STRIP), PAYLOAD), half_turn(0.2)
     plane = exudyn.run(mechanism, case, "exudyn-ge", {})
     assert plane.settings["model"] == "planar bodies"
-    monkeypatch.setattr(exudyn_planar, "plane_of", lambda mechanism, layout: "in space for the test")
+    monkeypatch.setattr(exudyn_planar, "plane_of", lambda *what: "in space for the test")
     options = {"elements": 2, "step": 1e-3}
     coarse, fine = (exudyn.run(mechanism, case, engine, {**options, "refinement": k}) for k in (0, 1))
     check(fine, sample_times(case))

@@ -1,10 +1,10 @@
 """Exudyn: rigid mechanisms by its kinematic tree or in time, flexible ones by two beam formulations in time.
 
     exudyn        rigid trees, every joint kind: KinematicTree66, tau = M qdd + f (exact, no time integration)
-    exudyn-dae    the same mechanisms in redundant coordinates, every joint a prescribed constraint, in time; also closed
-                  loops, springs and forces (`exudyn_loops`)
+    exudyn-dae    the same mechanisms in redundant coordinates, every joint a prescribed constraint, in time
     exudyn-ancf   absolute nodal coordinates: ANCFCable2D in the plane, ANCFBeam in space
     exudyn-ge     geometrically exact: BeamGeometricallyExact2D (3 nodes) in the plane, BeamGeometricallyExact in space
+                  (the last three also closed loops, springs and forces: `exudyn_loops`)
 
 Options: ``elements`` (per beam), ``step`` [s], ``refinement`` (each doubles the elements and halves the step).
 The modules exudyn_rigid, exudyn_planar and exudyn_spatial give the conventions; what the bodies need is completed here
@@ -19,7 +19,7 @@ import exudyn as exu
 
 from crosscheck.engines import exudyn_loops, exudyn_planar, exudyn_rigid, exudyn_spatial
 from crosscheck.engines.base import Options, sample_times
-from crosscheck.engines.exudyn_march import DAE, TREE, Made, in_time, layout_of
+from crosscheck.engines.exudyn_march import ANCF, DAE, EXACT, TREE, Made, in_time, layout_of
 from crosscheck.engines.exudyn_solve import quiet
 from crosscheck.engines.prescribed import beyond_a_tree, missing_motion, passive_effort, rotor_effort
 from crosscheck.record import Record, fingerprint, torque_series, vector_series, wrench_series
@@ -36,18 +36,18 @@ def abilities() -> str:
     """Return one sentence: what Exudyn can do here."""
     return (
         "Rigid inverse dynamics of every joint kind (KinematicTree66, or in time); flexible and mixed trees in time "
-        "with prescribed joints, by ANCF (cable in the plane, beam in space) or geometrically exact beams; rigid closed "
-        "loops, springs and forces in time (exudyn-dae)."
+        "with prescribed joints, by ANCF (cable in the plane, beam in space) or geometrically exact beams; closed loops, "
+        "springs and forces in time, rigid (exudyn-dae) or with beams."
     )
 
 
 def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return why Exudyn cannot do this case, or None."""
     beyond = beyond_a_tree(mechanism)
-    if beyond and engine == DAE:
-        return exudyn_loops.unsupported(mechanism, case)
+    if beyond and engine != TREE:
+        return exudyn_loops.unsupported(mechanism, case, engine)
     if (reason := beyond or missing_motion(mechanism, case)) is not None:
-        return f"{reason}; see {DAE}" if beyond and mechanism.is_rigid else reason
+        return f"{reason}; see {DAE if mechanism.is_rigid else f'{ANCF} and {EXACT}'}" if beyond else reason
     names = ", ".join(link.name for link in mechanism.beams)
     if engine in (TREE, DAE):
         if names:
@@ -84,7 +84,7 @@ def _made(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Ma
     if engine == TREE:
         return _tree(mechanism, case)
     if beyond_a_tree(mechanism):
-        return exudyn_loops.in_time(mechanism, case, options)
+        return exudyn_loops.in_time(mechanism, case, engine, options)
     return in_time(mechanism, case, engine, options)
 
 

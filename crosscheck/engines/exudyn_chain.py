@@ -1,7 +1,8 @@
 """Kinematics of the cut tree for Exudyn's closed loops: where they start, and how redundant drives share.
 
 Exudyn integrates the motion of the joints that the closures move; what it needs is a closed start, and its multipliers
-act on the joints that the motion gives, whichever these are.  Poses, Jacobians and bias accelerations by recursion
+act on the joints that the motion gives, whichever these are.  Beams stand here as they are without stress: at the start
+they are.  Poses, Jacobians and bias accelerations by recursion
 outward, in the world; J: seat of a joint, C: its child, p, R, w: the joint's own motion.
 
     x_C = x_J + r,                r = R_J p
@@ -13,12 +14,14 @@ outward, in the world; J: seat of a joint, C: its child, p, R, w: the joint's ow
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from crosscheck.engines import assembly
 from crosscheck.engines.assembly import Moving, Task
-from crosscheck.engines.exudyn_frames import Array, joint_pose, joint_twist, turn
+from crosscheck.engines.exudyn_frames import Array, axis_pose, compose, joint_pose, joint_twist, turn
+from crosscheck.engines.exudyn_layout import tip_or
 from flexinv.files.case import Case
 from flexinv.mechanism import WORLD, Attachment, Joint, Mechanism, Placement
 
@@ -46,7 +49,8 @@ class Tree:
     def pairs(self, q: Array, v: Array) -> list[tuple[Moving, Moving]]:
         """Return the two frames of every closure."""
         links = walk(self.mechanism, q, v)
-        return [(_seen(links, c.first), _seen(links, c.second)) for c in self.mechanism.closures]
+        seen = partial(_seen, self.mechanism, links)
+        return [(seen(c.first), seen(c.second)) for c in self.mechanism.closures]
 
 
 def _moved(joint: Joint, q: Array, step: Array) -> Array:
@@ -75,7 +79,7 @@ def walk(mechanism: Mechanism, q: Array, v: Array) -> dict[str, Moving]:
     links = {WORLD: Moving(still, np.eye(3), none, none, still, still, still, still)}
     for joint in mechanism.joints:
         own, rates = q[mechanism.q_slices[joint.name]], mechanism.v_slices[joint.name]
-        seat = carried(links[joint.parent], joint.placement)
+        seat = carried(_section(mechanism, links, joint.parent, joint.station), joint.placement)
         links[joint.child] = _outward(seat, joint, own, v[rates], rates)
     return links
 
@@ -113,8 +117,18 @@ def _rate(joint: Joint, q: Array, qd: Array) -> Array:
     return np.asarray(-np.cross(joint.second_axis * qd[1], first))
 
 
-def _seen(links: dict[str, Moving], at: Attachment) -> Moving:
-    return carried(links[at.link], at.placement)
+def _seen(mechanism: Mechanism, links: dict[str, Moving], at: Attachment) -> Moving:
+    on_beam = at.link != WORLD and mechanism.link_of[at.link].beam is not None
+    seat = _section(mechanism, links, at.link, tip_or(at.station) if on_beam else None)
+    return carried(seat, at.placement)
+
+
+def _section(mechanism: Mechanism, links: dict[str, Moving], name: str, station: float | None) -> Moving:
+    """Return a link's frame, or that of a section of a beam as it is without stress."""
+    beam = None if name == WORLD else mechanism.link_of[name].beam
+    if beam is None or station is None:
+        return links[name]
+    return carried(links[name], compose(beam.placement, axis_pose(beam, station * beam.length)))
 
 
 def closed_motion(mechanism: Mechanism, case: Case, time: Array) -> tuple[Array, Array, Array]:

@@ -25,7 +25,7 @@ from crosscheck.engines.applied import wrench_at
 from crosscheck.engines.assembly import REDUNDANT, Moving, direction_row, position_row
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.exudyn_frames import Array, compose, frame_along
-from crosscheck.engines.exudyn_layout import Frame, Layout
+from crosscheck.engines.exudyn_layout import Frame, Layout, attached, attachments
 from crosscheck.engines.exudyn_parts import Model
 from flexinv.files.case import Case
 from flexinv.mechanism import Attachment, Closure, Force, Joint, Mechanism, Placement
@@ -70,8 +70,8 @@ def marker_axes(one: Joint | Closure) -> tuple[Array, Array]:
 
 def frame_of(layout: Layout, at: Attachment, axes: Array) -> Frame:
     """Return the frame of an attachment, turned by ``axes`` (3, 3) [-]."""
-    link = layout.link[at.link]
-    return Frame(link.group, compose(link.placement, compose(at.placement, Placement(np.zeros(3), axes))))
+    seat = attached(layout, at)
+    return Frame(seat.group, compose(seat.placement, Placement(np.zeros(3), axes)))
 
 
 def wrench_of(held: Sequence[int], force: Array, torque: Array, first: Array, second: Array) -> Array:
@@ -122,14 +122,7 @@ def _rows(closure: Closure, held: Sequence[int], first: Moving, second: Moving) 
 
 
 def planar(mechanism: Mechanism, layout: Layout, normal: Array, in_plane: float) -> str | None:
-    """Return which closure, spring or force is not its own mirror image in the plane, or None.  normal : (3,) [-]"""
-    for closure in mechanism.closures:
-        if closure.kind not in ("revolute", "spherical"):
-            return f"closure {closure.name} is {closure.kind}"
-        for at in (closure.first, closure.second):
-            axis = layout.start(frame_of(layout, at, np.eye(3))).rotation @ closure.axis
-            if closure.kind == "revolute" and np.linalg.norm(np.cross(axis, normal)) > in_plane:
-                return f"the axis of closure {closure.name} is not parallel to the others"
+    """Return which force is not its own mirror image in the plane, or None.  normal : (3,) [-]"""
     for force in mechanism.forces:
         turn = layout.start(frame_of(layout, force.at, np.eye(3))).rotation if force.follower else np.eye(3)
         up, across = force.wrench[:, :3] @ (turn.T @ normal), np.cross(force.wrench[:, 3:], turn.T @ normal)
@@ -140,10 +133,7 @@ def planar(mechanism: Mechanism, layout: Layout, normal: Array, in_plane: float)
 
 def points(mechanism: Mechanism, layout: Layout) -> list[Array]:
     """Return where closures, springs and forces attach at the start, (3,) [m] each."""
-    ends = [at for closure in mechanism.closures for at in (closure.first, closure.second)]
-    ends += [at for spring in mechanism.springs for at in (spring.first, spring.second)]
-    ends += [force.at for force in mechanism.forces]
-    return [layout.start(frame_of(layout, at, np.eye(3))).position for at in ends]
+    return [layout.start(attached(layout, at)).position for at in attachments(mechanism)]
 
 
 # -------------------------------------------------------------------------------------------------- springs, loads

@@ -22,7 +22,10 @@ from crosscheck.engines.exudyn_frames import (
     joint_twist,
     section_at,
 )
-from flexinv.mechanism import WORLD, Beam, Body, Inertia, Joint, Link, Mechanism, Placement
+from flexinv.mechanism import WORLD, Attachment, Beam, Body, Inertia, Joint, Link, Mechanism, Placement
+
+# Fractions of a length that are closer are one cross-section: between them rounding would make an element of no length.
+SAME_STATION = 1e-9
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,7 @@ class Layout:
 
     link : frame of every link; root : frame of the root section of every beam; joint : frame of every moving joint
     on its parent; stations : by beam link, the fractions [-] at which there must be a node, 0 and 1 included
+    section : frame of the cross-section at a beam link's fraction [-], where something is fixed or jointed to it
     """
 
     groups: tuple[Group, ...]
@@ -63,6 +67,7 @@ class Layout:
     root: dict[str, Frame]
     joint: dict[str, Frame]
     stations: dict[str, tuple[float, ...]]
+    section: dict[tuple[str, float], Frame]
 
     def start(self, frame: Frame) -> Placement:
         """Return the pose of a frame in the world where the motion starts."""
@@ -104,12 +109,32 @@ def lay_out(mechanism: Mechanism, q: Array, qd: Array) -> Layout:
         for body in child.bodies:
             at = _body_frame(group_of, child, body, seat)
             bodies[at.group].append((body.inertia, at.placement))
+    held = {(at.link, tip_or(at.station)) for at in attachments(mechanism) if at.link in root}
+    section = {(name, station): group_of(name, station) for name, station in sorted(held)}
 
     groups = [replace(g, inertia=combine(parts)) for g, parts in zip(groups, bodies, strict=True)]
     stations = {
         b.name: tuple(sorted({0.0, 1.0, *(s for name, s in sections if name == b.name)})) for b in mechanism.beams
     }
-    return Layout(tuple(groups), link, root, place, stations)
+    return Layout(tuple(groups), link, root, place, stations, section)
+
+
+def attachments(mechanism: Mechanism) -> list[Attachment]:
+    """Return where closures, springs and forces hold on to links."""
+    ends = [at for closure in mechanism.closures for at in (closure.first, closure.second)]
+    ends += [at for spring in mechanism.springs for at in (spring.first, spring.second)]
+    return [*ends, *(force.at for force in mechanism.forces)]
+
+
+def tip_or(station: float | None) -> float:
+    """Return the fraction of a beam's length [-] that an attachment means: without one it is the tip."""
+    return 1.0 if station is None else station
+
+
+def attached(layout: Layout, at: Attachment) -> Frame:
+    """Return the frame of an attachment."""
+    seat = layout.section.get((at.link, tip_or(at.station)), layout.link[at.link])
+    return Frame(seat.group, compose(seat.placement, at.placement))
 
 
 def _body_frame(group_of: Callable[[str, float], Frame], child: Link, body: Body, seat: Frame) -> Frame:
@@ -160,9 +185,14 @@ class Mesh:
 
 
 def mesh(beam: Beam, stations: tuple[float, ...], elements: int, nodes: int = 2) -> Mesh:
-    """Return about ``elements`` elements of ``nodes`` nodes each, so that every station has a node."""
+    """Return about ``elements`` elements of ``nodes`` nodes each, so that every station [-] has a node.
+
+    stations : increasing, from 0 to 1; those that are equal up to rounding share a node
+    """
     ends = [0.0]
-    for a, b in pairwise(stations):
+    apart = [s for s in stations if SAME_STATION < s < 1.0 - SAME_STATION]
+    apart = [s for before, s in pairwise([0.0, *apart]) if s - before > SAME_STATION]
+    for a, b in pairwise([0.0, *apart, 1.0]):
         n = max(1, round(elements * (b - a)))
         ends += list(a + (b - a) * np.arange(1, n + 1) / n)
     cells = list(pairwise(ends))

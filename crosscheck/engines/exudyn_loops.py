@@ -1,5 +1,7 @@
 """Closed loops, springs and forces in Exudyn, in time: redundant coordinates, drives where the motion gives joints.
 
+Links may be rigid (``exudyn-dae``) or beams too (``exudyn-ancf``, ``exudyn-ge``).
+
 The joints that the motion leaves out are connectors with free axes; Exudyn's integrator moves them.  Its multipliers are
 the efforts of drives on the joints that the motion gives; where actuators stand on other joints, or on more of them,
 the same virtual work is shared out to them with least norm (`exudyn_chain`).  What rotors, damping, dry friction and
@@ -9,8 +11,11 @@ A start with speed or acceleration costs some 20 steps of transient: the engine 
 what the motion prescribes, and takes none from outside (1.13.6: SetODE2Coordinates_tt has no effect on either
 integrator, measured).  The record's settings say so; the error bars do not cover the sample at the start.
 
-Three runs, with 2 h, h and h / 2: (4 fine - coarse) / 3 of the last two is the result, and what it differs from that
-of the first two its error bar.
+Beams move the passive joints as they please: there drives stand on the joints that the motion gives, and damping and
+springs of the others are connectors of their own.
+
+Three runs, with 2 h, h and h / 2, beams with n / 2, n and 2 n elements: (4 fine - coarse) / 3 of the last two is the result,
+and what it differs from that of the first two its error bar.
 """
 
 from __future__ import annotations
@@ -23,19 +28,27 @@ from typing import Any
 import numpy as np
 
 from crosscheck.budget import Family, limit_of, with_bars
-from crosscheck.engines import assembly, exudyn_chain, exudyn_closing, exudyn_planar, exudyn_spatial
+from crosscheck.engines import (
+    assembly,
+    exudyn_chain,
+    exudyn_closing,
+    exudyn_flat,
+    exudyn_planar,
+    exudyn_spatial,
+)
 from crosscheck.engines.base import Options, sample_times
-from crosscheck.engines.exudyn_frames import Array, effort_axes, joint_q
+from crosscheck.engines.exudyn_frames import Array, effort_axes, joint_q, scalar_coordinate
 from crosscheck.engines.exudyn_layout import Layout, lay_out
-from crosscheck.engines.exudyn_march import Made
+from crosscheck.engines.exudyn_march import ANCF, DAE, NAMES, Made, link_series
 from crosscheck.engines.exudyn_parts import Outcome
 from crosscheck.engines.exudyn_solve import NewtonStalled, Plan, grid, step_size
 from crosscheck.engines.prescribed import missing_motion, passive_effort, rotor_effort, spring_effort
-from crosscheck.record import Series, reaction_series, torque_series, vector_series, wrench_series
+from crosscheck.record import Series, reaction_series, torque_series, wrench_series
 from flexinv.files.case import Case
 from flexinv.mechanism import Mechanism
 
 STEPS = 2000  # of the coarse run: the extrapolated torque of the four-bar is within 1e-8 of the range
+ELEMENTS = 8  # per beam; the run beyond has twice as many
 NEWTON = (1e-10, 1e-9, 1e-8)  # of increments, relative and absolute: the next one where a run stalls
 # A pair of unit vectors whose product is smaller is perpendicular up to the digits of a file.
 PERPENDICULAR = 1e-9
@@ -43,13 +56,17 @@ PERPENDICULAR = 1e-9
 
 @dataclass(frozen=True)
 class Model:
-    """What is integrated: layout at the closed start, plane (None in space), equations that each closure keeps."""
+    """What is integrated: layout at the closed start, plane (None in space), equations that each closure keeps.
+
+    free : joints that closures move, where they start [rad], [m] (those of one coordinate)
+    """
 
     mechanism: Mechanism
     case: Case
+    engine: str
     layout: Layout
     plane: Array | None
-    free: frozenset[str]
+    free: dict[str, float]
     held: dict[str, list[int]]
 
     @property
@@ -63,19 +80,48 @@ class Model:
 STARTED = 1e-2
 
 
-def unsupported(mechanism: Mechanism, case: Case) -> str | None:
+def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return why Exudyn cannot do this mechanism with closures, springs or forces in time, or None."""
+    if reason := _wrong_engine(mechanism, engine):
+        return reason
     if not mechanism.closures and (reason := missing_motion(mechanism, case)):
         return reason
-    if switched := [c.name for c in mechanism.closures if c.active]:
-        return f"closures act all the time here; switched: {', '.join(switched)}"
-    if reason := assembly.unsupported(mechanism) or exudyn_spatial.unsupported(mechanism):
+    if reason := _switched(mechanism):
         return reason
+    if not mechanism.beams and (reason := assembly.unsupported(mechanism)):
+        return reason
+    if reason := exudyn_spatial.unsupported(mechanism) or _lean(mechanism, case) or _jerked_start(mechanism, case):
+        return reason
+    return _unsupported_beams(mechanism, case) if mechanism.beams else None
+
+
+def _wrong_engine(mechanism: Mechanism, engine: str) -> str | None:
+    beams = ", ".join(link.name for link in mechanism.beams)
+    if engine == DAE and beams:
+        return f"{engine} has rigid bodies only; flexible here: {beams}"
+    return None if engine == DAE or beams else f"no link is a beam: see {DAE}"
+
+
+def _switched(mechanism: Mechanism) -> str | None:
+    names = [c.name for c in mechanism.closures if c.active]
+    return f"closures act all the time here; switched: {', '.join(names)}" if names else None
+
+
+def _lean(mechanism: Mechanism, case: Case) -> str | None:
     for joint in mechanism.joints:
         lean = joint.kind == "universal" and abs(joint.axis @ joint.second_axis) > PERPENDICULAR
         if lean and joint.name in assembly.left_out(mechanism, case):
             return f"joint {joint.name}: a connector holds the axes of a universal joint perpendicular; these lean"
-    return _jerked_start(mechanism, case)
+    return None
+
+
+def _unsupported_beams(mechanism: Mechanism, case: Case) -> str | None:
+    """Return why beams with closures, springs or forces cannot be done, or None."""
+    free = assembly.left_out(mechanism, case)
+    wrong = [j.name for j in mechanism.joints if j.nv and j.actuated is (j.name in free)]
+    if mechanism.closures and wrong:
+        return f"with beams the drives stand on the very joints that the motion gives; here not so: {', '.join(wrong)}"
+    return exudyn_flat.not_moved(mechanism, frozenset(free))
 
 
 def _jerked_start(mechanism: Mechanism, case: Case) -> str | None:
@@ -92,16 +138,21 @@ def _jerked_start(mechanism: Mechanism, case: Case) -> str | None:
     )
 
 
-def model_of(mechanism: Mechanism, case: Case) -> Model:
+def model_of(mechanism: Mechanism, case: Case, engine: str = DAE) -> Model:
     """Return what is integrated.  Raises AssemblyError where the loops do not close at the start."""
     q, qd, _ = exudyn_chain.closed_motion(mechanism, case, np.zeros(1))
     layout = lay_out(mechanism, q[0], qd[0])
+    left_out = assembly.left_out(mechanism, case)
+    joints = [j for j in mechanism.joints if j.name in left_out]
+    free = {j.name: float(scalar_coordinate(j, joint_q(mechanism, j, q))[0]) if j.nv == 1 else 0.0 for j in joints}
+    plane = exudyn_planar.plane_of(mechanism, layout, frozenset(free))
+    if mechanism.beams:  # a beam in a loop leaves no equation to follow from the others
+        held = {c.name: list(exudyn_closing.HELD[c.kind]) for c in mechanism.closures}
+        return Model(mechanism, case, engine, layout, None if isinstance(plane, str) else plane, free, held)
     held = exudyn_closing.independent(mechanism, case) if mechanism.closures else {}
-    plane = exudyn_planar.plane_of(mechanism, layout)
-    # in the plane every closure is two equations; where some of these are redundant too, the spatial model leaves them out
-    flat = not isinstance(plane, str) and sum(map(sum, held.values())) == 2 * len(mechanism.closures)
-    free = frozenset(assembly.left_out(mechanism, case))
-    return Model(mechanism, case, layout, plane if flat and not isinstance(plane, str) else None, free, held)
+    # in the plane, where some of the equations of its connectors are redundant too, the spatial model leaves them out
+    flat = not isinstance(plane, str) and sum(map(sum, held.values())) == exudyn_flat.equations(mechanism)
+    return Model(mechanism, case, engine, layout, plane if flat and not isinstance(plane, str) else None, free, held)
 
 
 def plans_of(model: Model, options: Options) -> list[Plan]:
@@ -118,47 +169,85 @@ def plans_of(model: Model, options: Options) -> list[Plan]:
         spectral_radius=0.5,
         tolerance=NEWTON[0],
         extrapolate=moving,
+        static_start=bool(model.mechanism.beams) and case.initial == "static",
     )
     return [replace(plan, step=plan.step / 2**k) for k in range(behind + 2)]
 
 
-def in_time(mechanism: Mechanism, case: Case, options: Options) -> Made:
-    """Return torque [N m] or [N], tip [m] and, where unique, wrench [N], [N m], each with its bar."""
+def elements_of(runs: int, options: Options) -> list[int]:
+    """Return the elements per beam [-] of the runs, from coarse to fine."""
+    usual = int(options.get("elements", ELEMENTS)) * 2 ** int(options.get("refinement", 0))
+    return [max(1, usual * 2**k // 2 ** (runs - 2)) for k in range(runs)]
+
+
+def in_time(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Made:
+    """Return torque [N m] or [N], tip [m] and, where unique, wrench [N], [N m], each with its bar.
+
+    Of beams also deflection [m] and axial force [N].
+    """
     start = clock.perf_counter()
-    model = model_of(mechanism, case)
-    state = exudyn_chain.closed_motion(mechanism, case, sample_times(case))
-    done = [_march(model, plan) for plan in plans_of(model, options)]
-    runs = [_series(model, outcome, state) for outcome, _ in done]
-    made, budget = with_bars(limit_of(runs), [Family("step", runs, "limit")])
-    return Made(made, _settings(model, [plan for _, plan in done]), clock.perf_counter() - start, budget)
+    model = model_of(mechanism, case, engine)
+    plans = plans_of(model, options)
+    elements = elements_of(len(plans), options)
+    done = [_march(model, n, plan) for n, plan in zip(elements, plans, strict=True)]
+    series_of = _flexible_series if mechanism.beams else _rigid_series
+    runs = [series_of(model, outcome) for outcome, _ in done]
+    made, budget = with_bars(limit_of(runs), [Family("mesh and step" if mechanism.beams else "step", runs, "limit")])
+    told = _settings(model, [plan for _, plan in done])
+    if mechanism.beams:
+        told |= {"element": NAMES[engine, model.plane is not None], "elements_per_beam": elements}
+    return Made(made, told, clock.perf_counter() - start, budget)
 
 
-def _march(model: Model, plan: Plan) -> tuple[Outcome, Plan]:
+def _march(model: Model, elements: int, plan: Plan) -> tuple[Outcome, Plan]:
     for tolerance in NEWTON[:-1]:
         one = replace(plan, tolerance=tolerance)
         with contextlib.suppress(NewtonStalled):
-            return _integrate(model, one), one
+            return _integrate(model, elements, one), one
     last = replace(plan, tolerance=NEWTON[-1])
-    return _integrate(model, last), last
+    return _integrate(model, elements, last), last
 
 
-def _integrate(model: Model, plan: Plan) -> Outcome:
-    m, layout = model.mechanism, model.layout
+def _integrate(model: Model, elements: int, plan: Plan) -> Outcome:
+    m, layout, ancf = model.mechanism, model.layout, model.engine == ANCF
     q, qd, _ = model.case.motion.evaluate(m, grid(plan))
     if model.plane is None:
-        return exudyn_spatial.run(exudyn_spatial.build(m, layout, False, 1, model.free, model.held), plan, q)
-    return exudyn_planar.run(exudyn_planar.build(m, layout, model.plane, False, 1, model.free), plan, q, qd)
+        drawing = exudyn_spatial.build(m, layout, ancf, elements, frozenset(model.free), model.held)
+        return exudyn_spatial.run(drawing, plan, q)
+    return exudyn_planar.run(exudyn_planar.build(m, layout, model.plane, ancf, elements, model.free), plan, q, qd)
 
 
-def _series(model: Model, outcome: Outcome, state: tuple[Array, Array, Array]) -> dict[str, Series]:
-    m, (q, qd, qdd) = model.mechanism, state
-    torque = rotor_effort(m, qdd) + passive_effort(m, qd) + spring_effort(m, q)
+def _flexible_series(model: Model, outcome: Outcome) -> dict[str, Series]:
+    m = model.mechanism
+    q, qd, qdd = model.case.motion.evaluate(m, sample_times(model.case))
+    own = rotor_effort(m, qdd) + passive_effort(m, qd) + spring_effort(m, q)
+    given = np.array([j.name not in model.free for j in m.joints for _ in range(j.nv)], dtype=bool)
+    torque = _drives(model, outcome, q) + np.where(given, own, 0.0)
+    made = torque_series(m, torque) | link_series(m, model.layout, outcome)
+    for name, wrench in outcome.wrench.items():
+        made |= wrench_series(name, wrench)
+    for name, wrench in outcome.closure.items():
+        made |= reaction_series(name, wrench)
+    return made
+
+
+def _drives(model: Model, outcome: Outcome, q: Array) -> Array:
+    """Return what the drives' connectors give, (samples, nv) [N m] or [N]; q : (samples, nq)."""
+    m = model.mechanism
+    torque = np.zeros((len(q), m.nv))
+    for name, wrench in outcome.wrench.items():
+        if name not in model.free:
+            axes = np.concatenate(effort_axes(m.joint_of[name], joint_q(m, m.joint_of[name], q)), axis=2)
+            torque[:, m.v_slices[name]] = np.einsum("svc,sc->sv", axes, wrench)  # (sample, coordinate)
+    return torque
+
+
+def _rigid_series(model: Model, outcome: Outcome) -> dict[str, Series]:
+    m = model.mechanism
+    q, qd, qdd = exudyn_chain.closed_motion(m, model.case, sample_times(model.case))
+    torque = _drives(model, outcome, q) + rotor_effort(m, qdd) + passive_effort(m, qd) + spring_effort(m, q)
     made: dict[str, Series] = {}
     for name, wrench in outcome.wrench.items():
-        joint = m.joint_of[name]
-        if name not in model.free:
-            axes = np.concatenate(effort_axes(joint, joint_q(m, joint, q)), axis=2)
-            torque[:, m.v_slices[name]] += np.einsum("svc,sc->sv", axes, wrench)  # (sample, coordinate)
         made |= wrench_series(name, wrench)
     for name, wrench in outcome.closure.items():
         made |= reaction_series(name, wrench)
@@ -166,13 +255,7 @@ def _series(model: Model, outcome: Outcome, state: tuple[Array, Array, Array]) -
         torque = exudyn_chain.shared(m, model.case, q, torque)
     if model.left_out or (m.closures and not _driven(model)):
         made = {}  # not the reactions that belong to these efforts
-    for link in m.links:
-        position, rotation = outcome.pose[model.layout.link[link.name].group]
-        frame = model.layout.link[link.name].placement
-        made |= vector_series(
-            f"tip/{link.name}", "m", position + rotation @ (frame.position + frame.rotation @ link.tip)
-        )
-    return torque_series(m, torque) | made
+    return torque_series(m, torque) | made | link_series(m, model.layout, outcome)
 
 
 def _driven(model: Model) -> bool:
@@ -189,7 +272,7 @@ def _settings(model: Model, plans: list[Plan]) -> dict[str, Any]:
     flat = model.plane is not None
     return {
         "model": "planar bodies" if flat else "bodies with Euler parameters",
-        "closures": "RevoluteJoint2D" if flat else "GenericJoint",
+        "closures": "RevoluteJoint2D; slides and welds GenericJoint" if flat else "GenericJoint",
         "redundant equations left out of": model.left_out,
         "step_s": [plan.step for plan in plans],
         "integrator": plans[0].integrator,

@@ -22,6 +22,12 @@ from flexinv.files.case import Case
 from flexinv.mechanism import Beam, Mechanism
 
 TREE, DAE, ANCF, EXACT = "exudyn", "exudyn-dae", "exudyn-ancf", "exudyn-ge"
+NAMES = {
+    (ANCF, True): "ANCFCable2D (no shear, no rotary inertia)",
+    (ANCF, False): "ANCFBeam (one rotary inertia, rho I_x / 2)",
+    (EXACT, True): "BeamGeometricallyExact2D, 3 nodes",
+    (EXACT, False): "BeamGeometricallyExact, 2 nodes, lumped mass",
+}
 # Steps per case and elements per beam, in the plane and in space (there also twice as many, for the extrapolation).
 # Measured on the paper's arms, see tests/test_engine_exudyn_beams.py.
 STEPS = {True: 8000, False: 4000}
@@ -154,12 +160,6 @@ def _integrate(mechanism: Mechanism, case: Case, layout: Layout, choice: Choice,
 
 def _settings(choice: Choice, plans: list[Plan]) -> dict[str, Any]:
     """Return what the engine was told, for the reader of the report."""
-    names = {
-        (ANCF, True): "ANCFCable2D (no shear, no rotary inertia)",
-        (ANCF, False): "ANCFBeam (one rotary inertia, rho I_x / 2)",
-        (EXACT, True): "BeamGeometricallyExact2D, 3 nodes",
-        (EXACT, False): "BeamGeometricallyExact, 2 nodes, lumped mass",
-    }
     plan, flat = plans[0], choice.plane is not None
     told: dict[str, Any] = {
         "model": "planar bodies" if flat else "bodies with Euler parameters",
@@ -169,7 +169,7 @@ def _settings(choice: Choice, plans: list[Plan]) -> dict[str, Any]:
         "start": "static equilibrium" if plan.static_start else "undeformed",
     }
     if choice.engine in (ANCF, EXACT):
-        told |= {"element": names[choice.engine, flat], "elements_per_beam": list(choice.elements)}
+        told |= {"element": NAMES[choice.engine, flat], "elements_per_beam": list(choice.elements)}
     if choice.limit:
         told["extrapolation"] = "(4 fine - coarse) / 3: the error is of order l^2 and h^2"
     if plan.extrapolate:
@@ -188,6 +188,12 @@ def _series(mechanism: Mechanism, case: Case, layout: Layout, outcome: Outcome) 
         both = np.einsum("svc,sc->sv", np.concatenate([force, moment], axis=2), wrench)  # (sample, coordinate)
         torque[:, mechanism.v_slices[name]] += both
         made |= wrench_series(name, wrench)
+    return torque_series(mechanism, torque) | made | link_series(mechanism, layout, outcome)
+
+
+def link_series(mechanism: Mechanism, layout: Layout, outcome: Outcome) -> dict[str, Series]:
+    """Return tips of all links, and of beams deflections [m] and axial forces [N]."""
+    made: dict[str, Series] = {}
     for link in mechanism.links:
         position, rotation = outcome.pose[layout.link[link.name].group]
         frame = layout.link[link.name].placement
@@ -196,12 +202,11 @@ def _series(mechanism: Mechanism, case: Case, layout: Layout, outcome: Outcome) 
         if link.beam is None:
             made |= vector_series(f"tip/{link.name}", "m", origin + axes @ link.tip)
             continue
-        made |= vector_series(f"tip/{link.name}", "m", outcome.end[link.name])
-        made |= vector_series(
-            f"deflection/{link.name}", "m", _deflection(link.beam, origin, axes, outcome.end[link.name])
-        )
+        end = outcome.end[link.name]
+        made |= vector_series(f"tip/{link.name}", "m", end)
+        made |= vector_series(f"deflection/{link.name}", "m", _deflection(link.beam, origin, axes, end))
         made |= series(f"axial/{link.name}", "N", _axial(mechanism, link.name, outcome))
-    return torque_series(mechanism, torque) | made
+    return made
 
 
 def _deflection(beam: Beam, origin: Array, axes: Array, end: Array) -> Array:

@@ -16,7 +16,9 @@ Source: exudyn 1.13.6, measured against a rigid rod in tests/test_engine_exudyn_
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import exudyn as exu
@@ -32,18 +34,17 @@ from exudyn.itemInterface import (
     ObjectBeamGeometricallyExact2D,
     ObjectConnectorCoordinate,
     ObjectJointGeneric,
-    ObjectJointRevolute2D,
     ObjectRigidBody2D,
     SensorNode,
     SensorObject,
 )
 
-from crosscheck.engines import exudyn_closing
+from crosscheck.engines import exudyn_closing, exudyn_flat
 from crosscheck.engines.exudyn_frames import Array, compose, frame_along, joint_q, scalar_coordinate, turn
-from crosscheck.engines.exudyn_layout import Frame, Layout, Mesh, mesh
+from crosscheck.engines.exudyn_layout import Frame, Layout, Mesh, attached, mesh
 from crosscheck.engines.exudyn_parts import Model, Outcome, empty, homogeneous, weigh
 from crosscheck.engines.exudyn_solve import Driver, Key, Plan, Sensors, Table, solve
-from flexinv.mechanism import Beam, Closure, Force, Mechanism, Placement
+from flexinv.mechanism import Beam, Closure, Force, Joint, Mechanism, Placement
 
 OUT = exu.OutputVariableType
 Z = np.array([0.0, 0.0, 1.0])
@@ -51,25 +52,31 @@ Z = np.array([0.0, 0.0, 1.0])
 IN_PLANE = 1e-9
 
 
-def plane_of(mechanism: Mechanism, layout: Layout) -> Array | str:
+def plane_of(mechanism: Mechanism, layout: Layout, free: frozenset[str] = frozenset()) -> Array | str:
     """Return P (3, 3) [-] whose third column is the normal of the plane, or why the mechanism is not planar.
 
     Planar means a mirror: everything is its own image in one plane, so nothing leaves it and no reaction does.
+    free : joints without a driver, which closures move: they may slide in the plane
     """
-    axes = {}
-    for joint in mechanism.joints:
-        if joint.nv:
-            if joint.kind not in ("revolute", "continuous"):
-                return f"joint {joint.name} is {joint.kind}"
-            axes[joint.name] = layout.start(layout.joint[joint.name]).rotation @ joint.axis
-    if not axes:
-        return "no joint moves"
-    normal = next(iter(axes.values()))
-    for name, axis in axes.items():
-        if np.linalg.norm(np.cross(axis, normal)) > IN_PLANE:
-            return f"the axis of joint {name} is not parallel to the others"
+    moving = [joint for joint in mechanism.joints if joint.nv]
+    for joint in moving:
+        if joint.kind not in ("revolute", "continuous") and not (joint.kind == "prismatic" and joint.name in free):
+            return f"joint {joint.name} is {joint.kind}"
+    axes = {j.name: layout.start(layout.joint[j.name]).rotation @ j.axis for j in moving}
+    pins = [axes[j.name] for j in moving if j.kind != "prismatic"]
+    if not pins:
+        return "no joint moves" if not moving else "no joint turns"
+    normal = pins[0]
+    for joint in moving:
+        if reason := exudyn_flat.leaning(joint, axes[joint.name], normal, IN_PLANE):
+            return reason
     if abs(mechanism.gravity @ normal) > IN_PLANE * np.linalg.norm(mechanism.gravity):
         return "gravity leans out of the plane"
+    for closure in mechanism.closures:
+        for at in (closure.first, closure.second):
+            axis = layout.start(attached(layout, at)).rotation @ closure.axis
+            if reason := exudyn_flat.leaning(closure, axis, normal, IN_PLANE):
+                return reason
     reason = _leaning(mechanism, layout, normal) or exudyn_closing.planar(mechanism, layout, normal, IN_PLANE)
     reason = reason or _stacked(mechanism, layout, normal)
     return reason or frame_along(normal)[:, [1, 2, 0]]
@@ -105,7 +112,7 @@ def _stacked(mechanism: Mechanism, layout: Layout, normal: Array) -> str | None:
 class Drawing:
     """A planar model: layout, plane P, cable or geometrically exact, number of elements, and the engine's system.
 
-    free : joints without a driver, which closures move
+    free : joints without a driver, which closures move, where they start [rad], [m]
     """
 
     mechanism: Mechanism
@@ -114,7 +121,7 @@ class Drawing:
     cable: bool
     elements: int
     model: Model
-    free: frozenset[str] = frozenset()
+    free: Mapping[str, float]
 
     def flat(self, frame: Frame) -> tuple[Array, float]:
         """Return position (3,) [m] and angle of the x axis [rad] of a frame in the plane, at the start."""
@@ -128,9 +135,17 @@ class Drawing:
 
 
 def build(
-    mechanism: Mechanism, layout: Layout, plane: Array, cable: bool, elements: int, free: frozenset[str] = frozenset()
+    mechanism: Mechanism,
+    layout: Layout,
+    plane: Array,
+    cable: bool,
+    elements: int,
+    free: Mapping[str, float] = MappingProxyType({}),
 ) -> Drawing:
-    """Return an assembled planar system; the drivers wait for their motion."""
+    """Return an assembled planar system; the drivers wait for their motion.
+
+    free : joints without a driver, which closures move, where they start [rad], [m]
+    """
     d = Drawing(mechanism, layout, plane, cable, elements, empty(), free)
     zero = d.model.mbs.AddNode(NodePointGround())
     d.model.node[0] = zero
@@ -141,10 +156,9 @@ def build(
         _add_beam(d, link.name, link.beam)
     for joint in mechanism.joints:
         if joint.nv:
-            _add_joint(d, joint.name)
+            _add_joint(d, joint)
     for closure in mechanism.closures:
-        ends = [_marker(d, exudyn_closing.frame_of(layout, at, np.eye(3))) for at in (closure.first, closure.second)]
-        d.model.closure[closure.name] = d.model.mbs.AddObject(ObjectJointRevolute2D(markerNumbers=ends))
+        d.model.closure[closure.name] = _connect(d, closure)
     exudyn_closing.load(d.model, mechanism, layout, lambda frame: _marker(d, frame), lambda force: _load_axes(d, force))
     d.model.mbs.Assemble()
     return d
@@ -187,18 +201,24 @@ def _marker(d: Drawing, frame: Frame) -> Any:
     return d.model.mbs.AddMarker(MarkerBodyRigid(bodyNumber=number, localHT=homogeneous(local, turn(Z, angle))))
 
 
-def _add_joint(d: Drawing, name: str) -> None:
-    mbs, seat = d.model.mbs, d.layout.joint[name]
+def _connect(d: Drawing, one: Joint | Closure) -> Any:
+    markers = [_marker(d, end) for end in exudyn_flat.ends(d.layout, one, d.plane[:, 2])]
+    return exudyn_flat.connect(d.model.mbs, one.kind, markers)
+
+
+def _add_joint(d: Drawing, joint: Joint) -> None:
+    mbs, name, seat = d.model.mbs, joint.name, d.layout.joint[joint.name]
     child = next(k for k, g in enumerate(d.layout.groups) if g.joint == name)
-    markers = [_marker(d, seat), _marker(d, Frame(child, Placement()))]
-    pin = mbs.AddObject(ObjectJointRevolute2D(markerNumbers=markers))
-    if name in d.free:
-        d.model.joint[name] = (pin,)
-        return
+    pin = _connect(d, joint)
     angles = [
         mbs.AddMarker(MarkerNodeCoordinate(nodeNumber=d.model.node[k], coordinate=2 if k else 0))
         for k in (seat.group, child)
     ]
+    if name in d.free:
+        d.model.joint[name] = (pin,)
+        if d.mechanism.beams:  # where all is rigid, these efforts follow from the motion afterwards
+            exudyn_flat.hinder(mbs, joint, angles, _sign(d, joint), d.free[name])
+        return
     motor = mbs.AddObject(ObjectConnectorCoordinate(markerNumbers=angles))
     d.model.joint[name] = (pin, motor)
 
@@ -269,7 +289,7 @@ def run(d: Drawing, plan: Plan, q: Array, qd: Array) -> Outcome:
     for joint in moving:
         if joint.name in d.free:
             continue
-        sign = float(d.plane[:, 2] @ d.layout.start(d.layout.joint[joint.name]).rotation @ joint.axis)
+        sign = _sign(d, joint)
         angle = sign * scalar_coordinate(joint, joint_q(d.mechanism, joint, q))
         rate = sign * qd[:, d.mechanism.v_slices[joint.name]][:, 0]
         offset, offset_t = _user_function(plan, angle - angle[0]), _user_function(plan, rate)
@@ -279,10 +299,15 @@ def run(d: Drawing, plan: Plan, q: Array, qd: Array) -> Outcome:
     return Outcome(
         pose=pose,
         end={name: _world(d, d.layout.root[name], seen["end", name]) for name in d.model.beam},
-        wrench={j.name: _wrench(d, j.name, pose, seen) for j in moving},
+        wrench={j.name: _wrench(d, j, pose, seen) for j in moving},
         root={name: -seen["lock", name] for name in d.model.lock},
         closure={c.name: _reaction(d, c, pose, seen) for c in d.mechanism.closures},
     )
+
+
+def _sign(d: Drawing, joint: Joint) -> float:
+    """Return 1 or -1 [-]: how a joint's axis lies along the normal."""
+    return float(d.plane[:, 2] @ d.layout.start(d.layout.joint[joint.name]).rotation @ joint.axis)
 
 
 def _user_function(plan: Plan, values: Array) -> Any:
@@ -296,9 +321,13 @@ def _sensors(d: Drawing) -> tuple[Sensors, Sensors]:
     states: dict[Key, Any] = {("pose", index): (d.model.node[index], OUT.Coordinates) for index in d.model.body}
     states |= {("end", name): (numbers[-1], OUT.Position) for name, numbers in d.model.beam.items()}
     items: dict[Key, Any] = {("lock", name): (number, OUT.ForceLocal) for name, number in d.model.lock.items()}
-    items |= {("closure", name): (number, OUT.Force) for name, number in d.model.closure.items()}
-    for name, numbers in d.model.joint.items():
-        items |= {(part, name): (number, OUT.Force) for part, number in zip(("pin", "motor"), numbers, strict=False)}
+    for joint in d.mechanism.joints:
+        if joint.nv:
+            numbers = d.model.joint[joint.name]
+            items |= _connector_items(joint, ("pin", joint.name), numbers[0])
+            items |= {("motor", joint.name): (number, OUT.Force) for number in numbers[1:]}
+    for closure in d.mechanism.closures:
+        items |= _connector_items(closure, ("closure", closure.name), d.model.closure[closure.name])
     motions = {
         k: add(SensorNode(nodeNumber=n, outputVariableType=v, storeInternal=True)) for k, (n, v) in states.items()
     }
@@ -306,6 +335,13 @@ def _sensors(d: Drawing) -> tuple[Sensors, Sensors]:
         k: add(SensorObject(objectNumber=n, outputVariableType=v, storeInternal=True)) for k, (n, v) in items.items()
     }
     return motions, reactions
+
+
+def _connector_items(one: Joint | Closure, key: Key, number: Any) -> dict[Key, Any]:
+    """Return which forces a connector has to be asked for, by what `_exerted` looks for."""
+    if one.kind in exudyn_flat.PINS:
+        return {key: (number, OUT.Force)}
+    return {key: (number, OUT.ForceLocal), (*key, "torque"): (number, OUT.TorqueLocal)}
 
 
 def _pose(d: Drawing, index: int, seen: dict[Key, Array]) -> tuple[Array, Array]:
@@ -326,18 +362,26 @@ def _world(d: Drawing, root: Frame, flat: Array) -> Array:
     return flat @ d.plane.T + d.plane[:, 2] * (d.plane[:, 2] @ d.layout.start(root).position)
 
 
-def _wrench(d: Drawing, name: str, pose: dict[int, tuple[Array, Array]], seen: dict[Key, Array]) -> Array:
+def _wrench(d: Drawing, joint: Joint, pose: dict[int, tuple[Array, Array]], seen: dict[Key, Array]) -> Array:
     """Return force [N] and moment [N m] on the child at the joint in the child's frame, (samples, 6)."""
-    child = next(k for k, g in enumerate(d.layout.groups) if g.joint == name)
-    force = -seen["pin", name] * (1, 1, 0) @ d.plane.T
-    moment = np.zeros_like(force) if name in d.free else -seen["motor", name] * d.plane[:, 2]
-    both = np.stack([force, moment], axis=1)  # (sample, force or moment, xyz)
+    both = _exerted(d, joint, ("pin", joint.name), pose, seen)
+    if joint.name not in d.free:
+        both[:, 1] -= seen["motor", joint.name] * d.plane[:, 2]
+    child = next(k for k, g in enumerate(d.layout.groups) if g.joint == joint.name)
     return np.asarray(both @ pose[child][1]).reshape(len(both), 6)
 
 
 def _reaction(d: Drawing, closure: Closure, pose: dict[int, tuple[Array, Array]], seen: dict[Key, Array]) -> Array:
-    """Return force [N] and moment [N m], which is none, on the second frame of a closure along its axes, (samples, 6)."""
-    frame = exudyn_closing.frame_of(d.layout, closure.second, np.eye(3))
-    force = -seen["closure", closure.name] * (1, 1, 0) @ d.plane.T
-    own = np.einsum("sji,sj->si", pose[frame.group][1] @ frame.placement.rotation, force)  # (sample, xyz of the frame)
-    return np.hstack([own, np.zeros_like(own)])
+    """Return force [N] and moment [N m] on the second frame of a closure along its axes, (samples, 6)."""
+    both = _exerted(d, closure, ("closure", closure.name), pose, seen)
+    second = attached(d.layout, closure.second)
+    return np.asarray(both @ (pose[second.group][1] @ second.placement.rotation)).reshape(len(both), 6)
+
+
+def _exerted(
+    d: Drawing, one: Joint | Closure, key: Key, pose: dict[int, tuple[Array, Array]], seen: dict[Key, Array]
+) -> Array:
+    """Return force [N] and moment [N m] of a connector on its second frame in the world, (samples, 2, 3)."""
+    first = exudyn_flat.ends(d.layout, one, d.plane[:, 2])[0]
+    axes = pose[first.group][1] @ first.placement.rotation
+    return exudyn_flat.wrench(one.kind, seen[key], seen.get((*key, "torque")), axes, d.plane).reshape(-1, 2, 3)
