@@ -325,7 +325,8 @@ def _sensors(d: Drawing) -> tuple[Sensors, Sensors]:
         if joint.nv:
             numbers = d.model.joint[joint.name]
             items |= _connector_items(joint, ("pin", joint.name), numbers[0])
-            items |= {("motor", joint.name): (number, OUT.Force) for number in numbers[1:]}
+            if len(numbers) > 1:
+                items["motor", joint.name] = (numbers[1], OUT.Force)
     for closure in d.mechanism.closures:
         items |= _connector_items(closure, ("closure", closure.name), d.model.closure[closure.name])
     motions = {
