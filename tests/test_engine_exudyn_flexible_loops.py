@@ -84,8 +84,9 @@ def test_a_rod_that_bends_without_shear_and_rotary_inertia(engine: str) -> None:
     slender = replace(mechanism, links=links)
     other = ours.run(slender, case, "flexinv", {"error": False})
     record = run(slender, case, engine, 4e-5)
-    for quantity in QUANTITIES:
-        assert off(record, other, quantity) < 5e-4, quantity  # the error bar of the deflection is 2e-4 at this step
+    for quantity in QUANTITIES:  # the error bar of the deflection is 2e-4 at this step; reactions have a quarter of the
+        # range of the wrenches, which are as far off
+        assert off(record, other, quantity) < (1e-3 if quantity == "reaction" else 5e-4), quantity
     if engine == "exudyn-ancf":
         assert (
             off(
