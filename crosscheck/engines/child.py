@@ -18,9 +18,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
+
 from crosscheck.engines.base import Adapter
+from crosscheck.engines.export_files import NotExported
 from crosscheck.engines.rounding import with_rounding
-from crosscheck.record import Record, fingerprint, save
+from crosscheck.record import Record, fingerprint, load, save
 from flexinv.files.case import load_cases
 from flexinv.files.mechanism_file import load_mechanism
 
@@ -33,7 +36,7 @@ def main(job_file: str) -> None:
     die_with_parent()
     bound_files()
     job = json.loads(Path(job_file).read_text(encoding="utf-8"))
-    {"run": run_case, "describe": describe, "study": study}[job["kind"]](job)
+    {"run": run_case, "describe": describe, "study": study, "export": export}[job["kind"]](job)
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(0)
@@ -73,6 +76,21 @@ def study(job: dict[str, Any]) -> None:
     """Write the table that the function ``job["function"]`` of the module gives."""
     function = getattr(importlib.import_module(job["module"]), job["function"])
     _write(job, function(**job["options"]))
+
+
+def export(job: dict[str, Any]) -> None:
+    """Write what the engine was given into a folder; what cannot be exported is the answer, in words."""
+    module = importlib.import_module(job["module"])
+    mechanism = load_mechanism(job["mechanism"])
+    case = load_cases(job["mechanism"], mechanism)[job["case"]]
+    expected = load(Path(job["expected"])).series
+    effort = np.stack([expected[f"torque/{name}"].values for name in mechanism.velocity_names], axis=1)
+    try:
+        module.export(mechanism, case, job["engine"], effort, Path(job["folder"]))
+    except NotExported as error:
+        _write(job, {"problem": str(error)})
+    else:
+        _write(job, {"problem": ""})
 
 
 def die_with_parent() -> None:

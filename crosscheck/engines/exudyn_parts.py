@@ -10,6 +10,7 @@ import numpy as np
 from exudyn.itemInterface import LoadMassProportional, MarkerBodyMass, ObjectGround
 
 from crosscheck.engines.exudyn_frames import Array
+from crosscheck.engines.exudyn_script import listening
 from crosscheck.engines.exudyn_solve import Driver
 
 Poses = tuple[Array, Array]
@@ -56,7 +57,7 @@ class Outcome:
 def empty() -> Model:
     """Return a system with nothing but the ground in it."""
     container = exu.SystemContainer()
-    mbs = container.AddSystem()
+    mbs = listening(container.AddSystem())
     return Model(container, mbs, mbs.AddObject(ObjectGround()))
 
 

@@ -144,7 +144,7 @@ def inverse_dynamics(mechanism: Mechanism, q: Array, qd: Array, qdd: Array, wren
     effort = np.zeros((len(q), len(tree.types)))
     tip = {link.name: np.zeros((len(q), 3)) for link in mechanism.links}
     moved = {n: joint_pose(mechanism.joint_of[n], joint_q(mechanism, mechanism.joint_of[n], q)) for n in tree.moving}
-    angle, rate, rate2 = _elementary(mechanism, tree, q, qd, qdd)
+    angle, rate, rate2 = elementary(mechanism, tree, q, qd, qdd)
     for s in range(len(q)):
         transforms = list(tree.transforms)
         for name, (first, before, after) in tree.moving.items():
@@ -158,8 +158,8 @@ def inverse_dynamics(mechanism: Mechanism, q: Array, qd: Array, qdd: Array, wren
     return RigidResult(effort[:, tree.velocity], probes, tip)
 
 
-def _elementary(mechanism: Mechanism, tree: Tree, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
-    """Return coordinates, rates and accelerations of the elementary joints, (samples, elementary)."""
+def elementary(mechanism: Mechanism, tree: Tree, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
+    """Return coordinates, rates and accelerations [rad], [m], [s] of the elementary joints, (samples, elementary)."""
     angle, rate, rate2 = (np.zeros((len(q), len(tree.types))) for _ in range(3))
     rate[:, tree.velocity], rate2[:, tree.velocity] = qd, qdd
     for joint in mechanism.joints:

@@ -23,6 +23,8 @@ import numpy as np
 from exudyn.solver import SolverSuccess
 from numpy.typing import NDArray
 
+from crosscheck.engines.exudyn_script import solved
+
 Array = NDArray[np.float64]
 Key = tuple[Any, ...]
 Sensors = dict[Key, Any]
@@ -147,6 +149,7 @@ def solve(mbs: Any, plan: Plan, drivers: list[Driver], motions: Sensors, reactio
     motions, reactions : sensors of states and of multipliers
     Raises ExudynFailure where Newton does not converge, the run stops early or a value is not finite.
     """
+    solved(mbs, plan, drivers, motions, reactions)
     resting = _static(mbs, plan, drivers, reactions) if plan.static_start else {}
     for driver in drivers:
         mbs.SetObjectParameter(driver.number, "offsetUserFunction", driver.offset)

@@ -1,0 +1,56 @@
+"""``crosscheck export``: a minimal reproduction of one case in one engine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from crosscheck.engines import ENGINES, missing
+from crosscheck.plan import Task
+from crosscheck.reproduce import REFERENCE, can_export, reproduce
+from crosscheck.terminal import MODELS, TIMEOUT, Failure, plan_of
+from flexinv.errors import InputError
+
+EXPORTED = [name for name, engine in ENGINES.items() if name != REFERENCE and can_export(engine)]
+
+
+@click.command("export")
+@click.argument("name")
+@MODELS
+@click.option("--case", help="Which case; may be left out where there is only one.")
+@click.option("--engine", type=click.Choice(EXPORTED), required=True, help="What to write it for.")
+@click.option(
+    "--out", type=click.Path(file_okay=False, path_type=Path), help="Folder; exports/NAME-CASE-ENGINE by default."
+)
+@TIMEOUT
+def command(name: str, models: Path, case: str | None, engine: str, out: Path | None, timeout: float) -> None:
+    """Write what an engine was given, with the motion, the expected torque and a script that compares.
+
+    The folder needs nothing of this project: it goes into a bug report, or into the engine's own viewer.
+
+    \b
+      crosscheck export ur5 --engine pinocchio       model.urdf
+      crosscheck export ur5 --engine mujoco          model.xml; python run.py --view shows the motion
+      crosscheck export flex_one_link --case cycloid --engine exudyn-ge     a script that builds the model
+    """
+    task = _task(models, name, case)
+    if (reason := missing(ENGINES[engine])) is not None:
+        raise Failure(f"{engine}: {reason}")
+    folder = out or Path("exports") / f"{name}-{task.case.name}-{engine}"
+    try:
+        reproduce(task, ENGINES[engine], folder, timeout)
+    except InputError as error:
+        raise Failure(str(error)) from error
+    click.echo(f"{folder}: python run.py")
+
+
+def _task(models: Path, name: str, case: str | None) -> Task:
+    plan = plan_of(models, (f"{name}/{case}" if case else name,))
+    if plan.broken:
+        raise Failure(f"{plan.broken[0][0]} cannot be read: {plan.broken[0][1]}")
+    if len(plan.tasks) > 1:
+        raise Failure(
+            f"{name} has several cases: write --case with one of {', '.join(t.case.name for t in plan.tasks)}"
+        )
+    return plan.tasks[0]

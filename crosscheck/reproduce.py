@@ -1,0 +1,71 @@
+"""A minimal reproduction: what one engine was given for one case, in files that need nothing but that engine and numpy."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+from crosscheck.engines import ENGINES, Engine
+from crosscheck.isolation import Children, ask, run_engine, scratch
+from crosscheck.plan import Task
+from crosscheck.record import save
+from flexinv.errors import InputError
+
+REFERENCE = "flexinv"
+README = """# {mechanism}/{case} in {engine}
+
+{title}
+
+Needs {requires} and numpy, nothing else:
+
+    {install}
+    python run.py
+
+prints how far the efforts that {engine} computes are from `expected.csv` (those of {reference}) and writes `computed.csv`.
+
+| file | what it is |
+|---|---|
+| {model} | the model, as {engine} was given it |
+| motion.csv | the motion: coordinates, velocities and accelerations, in this engine's order and units [rad], [m], [s] |
+| expected.csv | efforts of the actuators [N m], [N] |
+| settings.json | what the model's format does not carry |
+| run.py | computes the efforts and compares |
+"""
+
+
+def can_export(engine: Engine) -> bool:
+    """Return whether there is an export for an engine."""
+    return importlib.util.find_spec(f"{engine.module}_export") is not None
+
+
+def reproduce(task: Task, engine: Engine, folder: Path, limit: float) -> None:
+    """Write the reproduction of ``task`` in ``engine`` into ``folder``; limit : [s] for each of two processes.
+
+    Raises InputError where there is no export for the engine or the mechanism, or where an engine fails.
+    """
+    where = f"{task.folder.name}/{task.case.name} in {engine.name}"
+    if not can_export(engine):
+        raise InputError(f"{where}: there is no export for {engine.module.rpartition('.')[2]}")
+    given = {"mechanism": str(task.folder.resolve()), "case": task.case.name}
+    folder.mkdir(parents=True, exist_ok=True)
+    with scratch() as work:
+        expected = run_engine(ENGINES[REFERENCE], given | {"options": {"error": False}}, task.time, limit, Children())
+        if expected.record.status != "ok":
+            raise InputError(f"{where}: {REFERENCE} gives no expected effort: {expected.record.message}")
+        save(expected.record, work / "expected")
+        job = {
+            "kind": "export",
+            "module": f"{engine.module}_export",
+            "engine": engine.name,
+            "folder": str(folder.resolve()),
+        }
+        answer, ending = ask({**job, **given, "expected": str(work / "expected")}, limit, Children())
+    problem = answer["problem"] if answer else ending.message
+    if problem:
+        raise InputError(f"{where}: {problem}")
+    words = {
+        "mechanism": task.folder.name, "case": task.case.name, "title": task.case.title or task.mechanism.title,
+        "engine": engine.name, "requires": engine.requires, "install": engine.install, "reference": REFERENCE,
+        "model": ", ".join(sorted(f.name for f in folder.glob("model*"))),
+    }  # fmt: skip
+    (folder / "README.md").write_text(README.format(**words), encoding="utf-8")
