@@ -39,6 +39,7 @@ def section(massPerLength, inertia, stiffnessMatrix, dampingMatrix):
     made.stiffnessMatrix, made.dampingMatrix = np.array(stiffnessMatrix), np.array(dampingMatrix)
     return made
 '''
+PLAIN = {"error": False}  # the runs that the result itself needs
 COORDINATES = ("revolute", "continuous", "prismatic")
 
 
@@ -92,9 +93,9 @@ def _in_time(
                 f"{', '.join(COORDINATES)} joints are exported"
             )
     with recording() as runs:
-        adapter.run(mechanism, case, engine, {})
+        adapter.run(mechanism, case, engine, PLAIN)
     kept = _last_tries(runs)
-    flat = choose(mechanism, case, engine, {}).plane is not None
+    flat = choose(mechanism, case, engine, PLAIN).plane is not None
     texts = [source(run).replace("def build(", f"def build_{k}(", 1) for k, run in enumerate(kept)]
     told = inspect.getsource(exudyn_solve.settings)
     arrays: dict[str, Array] = {}
@@ -144,7 +145,7 @@ def _run(mechanism: Mechanism, case: Case, run: Recorded, flat: bool) -> dict[st
             continue
         if flat:
             axis = layout.start(layout.joint[joint.name]).rotation @ joint.axis
-            plane = choose(mechanism, case, "", {}).plane
+            plane = choose(mechanism, case, "", PLAIN).plane
             assert plane is not None
             effort.append([[int(run.reactions["motor", joint.name]), 0, -float(np.sign(plane[:, 2] @ axis))]])
         elif joint.kind == "prismatic":
