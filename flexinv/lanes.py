@@ -12,7 +12,7 @@ import numpy as np
 from flexinv.compiled import jit_lanes
 
 # Samples of a block, which stays in the cache from its coordinates to its torques.
-BLOCK = 64
+BLOCK = 128
 LANES = np.uint64(BLOCK)
 _TWO = np.uint64(2 * BLOCK)
 

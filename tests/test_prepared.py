@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -208,3 +211,36 @@ def test_bad_orders_and_threads_are_explained() -> None:
         prepare(mechanism, threads=0)
     with pytest.raises(flexinv.InputError, match=r"qd has shape \(4,\)"):
         prepare(mechanism).sample(state[0][0], np.zeros(4), state[2][0], np.zeros(mechanism.nv))
+
+
+# A child process of its own: what it holds at most beside input and output, which are there before the first call.
+MEMORY = """
+import resource, sys
+import numpy as np
+import flexinv
+
+def peak():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+
+arm = flexinv.load_mechanism(sys.argv[1])
+f = flexinv.prepare(arm)
+state = [np.zeros((1_000_000, n)) for n in (arm.nq, arm.nv, arm.nv)]
+tau = np.zeros((1_000_000, arm.nv))
+for a in (*state, tau):
+    a += 0.1  # touched, so that the memory is there
+before = peak()
+f.torques(*state, out=tau)
+most = peak()
+assert np.isfinite(tau).all()
+print(most - before, most, sum(a.nbytes for a in (*state, tau)))
+"""
+
+
+@pytest.mark.slow
+def test_a_million_samples_stream() -> None:
+    """The aim: under 300 MB beside input and output, the interpreter and its libraries included."""
+    model = Path(__file__).resolve().parent.parent / "models" / "panda"
+    run = subprocess.run([sys.executable, "-c", MEMORY, str(model)], capture_output=True, text=True, check=True)
+    more, most, given = (int(word) for word in run.stdout.split())
+    assert most - given < 300e6
+    assert more < 10e6  # work spaces of the threads
