@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
@@ -40,8 +41,8 @@ def _fetch(typing_context: Any, x: Any, at: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         array = context.make_array(signature.args[0])(context, builder, arguments[0])
-        number = cgutils.ir.IntType(32)
-        kind = cgutils.ir.FunctionType(cgutils.ir.VoidType(), [array.data.type, number, number, number])
+        number = ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [array.data.type, number, number, number])
         fetch = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
         place = builder.gep(array.data, [arguments[1]])
         builder.call(fetch, [place, number(0), number(2), number(1)])  # to read, into the second cache, data
