@@ -1,0 +1,13 @@
+"""Why two engines differ: a dictionary of causes, fitted to the difference of their torques.
+
+A cause is a change of what an engine was given (`subject.Subject`: mechanism, case, options, and what is done with the
+efforts), with a size.  Its column is what the change does to flexinv's own torques; no formula is written down for it.
+
+To add a cause, add a row `cause.Cause` to one of the tables, `joint_rows`, `body_rows`, `convention_rows`, `beam_rows`:
+
+    Cause("payload", "{target} carries {size} more at its tip", _payload, _carriers, 1, mass, "kg", shows=HOLD)
+
+that is: its name; a sentence; a function (subject, target, size) -> subject, with size 0 the subject itself; where it can
+sit; how many numbers its size has (0: it is there or not); a size that matters; its unit; the motion that shows it.
+``crosscheck selftest`` then plants it in an engine wherever it can sit, and says whether it is found.
+"""

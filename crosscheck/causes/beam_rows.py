@@ -1,0 +1,199 @@
+"""Causes in beams: sections, their orientation, how mass is spread, and how the march is taken."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from crosscheck.causes.cause import Cause, Change, Targets, beams, flexible
+from crosscheck.causes.model import Model
+from crosscheck.causes.subject import Array, Subject
+from flexinv.errors import InputError
+from flexinv.mechanism import Beam, Body, Inertia, Link
+
+RING = "a stop and a rest long enough to ring: stiffness moves the frequency, mass moves the torque before it, too"
+FINER = "the same run with another mesh and another step"
+STIFFNESS = {"EA": (0,), "GJ": (3,), "EI_y": (4,), "EI_z": (5,)}
+SHEAR = (1, 2)
+BUSHELS = 4  # lumps per beam: as many as the mesh of low order that a user would take
+AT = ": "
+
+
+def _section(change: Callable[[Beam, float], Beam]) -> Change:
+    def changed(subject: Subject, target: str, size: Array) -> Subject:
+        return subject.with_beam(target, lambda beam: change(beam, _possible(size)))
+
+    return changed
+
+
+def _possible(size: Array) -> float:
+    """Return a fraction that leaves something of what it is added to; raises InputError."""
+    if not abs(size[0]) < 1.0 and size[0] < 0.0:
+        raise InputError(f"a fraction of {size[0]:g} leaves nothing: expected more than -1")
+    return float(size[0])
+
+
+def _stiffer(subject: Subject, target: str, size: Array) -> Subject:
+    link, component = target.split(AT)
+    return subject.with_beam(link, lambda beam: _scaled(beam, STIFFNESS[component], _possible(size)))
+
+
+def _scaled(beam: Beam, columns: tuple[int, ...], size: float) -> Beam:
+    stiffness = beam.section.stiffness.copy()
+    stiffness[:, list(columns)] *= 1.0 + size
+    return replace(beam, section=replace(beam.section, stiffness=stiffness))
+
+
+def _heavier(beam: Beam, size: float) -> Beam:
+    section = beam.section
+    return replace(beam, section=replace(section, mass_per_length=section.mass_per_length * (1.0 + size)))
+
+
+def _thinner(beam: Beam, size: float) -> Beam:
+    section = beam.section
+    return replace(beam, section=replace(section, rotary_inertia=section.rotary_inertia * (1.0 - size)))
+
+
+def _turned(beam: Beam, size: float) -> Beam:
+    """Exchange the section's y and z."""
+    section, swap = beam.section, [0, 2, 1, 3, 5, 4]
+    return replace(
+        beam,
+        section=replace(
+            section, stiffness=section.stiffness[:, swap], rotary_inertia=section.rotary_inertia[:, [0, 2, 1]]
+        ),
+    )
+
+
+def _straight(beam: Beam, size: float) -> Beam:
+    return replace(beam, curvature=beam.curvature * (1.0 - size))
+
+
+def _longer(beam: Beam, size: float) -> Beam:
+    return replace(beam, length=beam.length * (1.0 + size))
+
+
+def _lumped(subject: Subject, target: str, size: Array) -> Subject:
+    """Move a fraction of a beam's mass and rotary inertia to points, half a lump at either end."""
+    part = float(size[0])
+
+    def change(link: Link) -> Link:
+        beam = link.beam
+        assert beam is not None
+        section = beam.section
+        stations = np.linspace(0.0, 1.0, BUSHELS + 1)
+        weights = np.array([0.5, *[1.0] * (BUSHELS - 1), 0.5]) / BUSHELS * beam.length * part
+        mass = np.interp(stations, section.stations, section.mass_per_length)
+        rotary = [np.interp(stations, section.stations, section.rotary_inertia[:, k]) for k in range(3)]
+        lumps = tuple(
+            Body(f"lump {k}", Inertia(float(w * m), np.zeros(3), np.diag([w * r[k] for r in rotary])), float(s))
+            for k, (s, w, m) in enumerate(zip(stations, weights, mass, strict=True))
+        )
+        light = replace(
+            section,
+            mass_per_length=section.mass_per_length * (1.0 - part),
+            rotary_inertia=section.rotary_inertia * (1.0 - part),
+        )
+        return replace(link, bodies=(*link.bodies, *lumps), beam=replace(beam, section=light))
+
+    return subject.with_link(target, change)
+
+
+def _components(model: Model) -> list[str]:
+    return [f"{name}{AT}{component}" for name in beams(model) for component in STIFFNESS]
+
+
+def _where(test: Callable[[Beam], bool]) -> Targets:
+    return lambda model: [link.name for link in model.base.mechanism.beams if link.beam is not None and test(link.beam)]
+
+
+def _uneven(beam: Beam) -> bool:
+    s = beam.section.stiffness
+    return not (np.allclose(s[:, 1], s[:, 2]) and np.allclose(s[:, 4], s[:, 5]))
+
+
+def _half(model: Model, target: str) -> float:
+    return 5.0  # so that a tenth of it is half of the mass
+
+
+def _coarser(subject: Subject, target: str, size: Array) -> Subject:
+    return subject.with_options(refinement=-1)
+
+
+def _damped(subject: Subject, target: str, size: Array) -> Subject:
+    """Take a spectral radius of 0.3: more numerical damping than anybody's default, so that its effect is clear."""
+    return subject.with_options(spectral_radius=0.3)
+
+
+def _exudyn_step(subject: Subject, target: str, size: Array) -> Subject:
+    """Give Exudyn the spacing of the samples for a step: its default is far finer."""
+    return subject.with_options(step=subject.case.sample)
+
+
+ROWS = (
+    Cause("section stiffness", "{target} is larger by the fraction {size}", _stiffer, _components, shows=RING),
+    Cause(
+        "shear factor",
+        "the shear stiffness of {target} is larger by the fraction {size}",
+        _section(lambda beam, size: _scaled(beam, SHEAR, size)),
+        beams,
+        shows="a short, thick beam, or quick motion: shear matters where bending waves are short",
+    ),
+    Cause(
+        "beam mass",
+        "the mass per length of {target} is larger by the fraction {size}",
+        _section(_heavier),
+        beams,
+        shows=RING,
+    ),
+    Cause(
+        "rotary inertia of the section",
+        "the rotary inertia (rho I) of {target} is smaller by the fraction {size}",
+        _section(_thinner),
+        beams,
+        shows="quick motion: rotary inertia matters where bending waves are short",
+    ),
+    Cause("beam length", "{target} is longer by the fraction {size}", _section(_longer), beams, shows=RING),
+    Cause(
+        "section turned",
+        "y and z of the section of {target} are exchanged",
+        _section(_turned),
+        _where(_uneven),
+        0,
+        shows=RING,
+    ),
+    Cause(
+        "curvature dropped",
+        "the initial curvature of {target} is dropped by the fraction {size}",
+        _section(_straight),
+        _where(lambda beam: bool(beam.curvature.any())),
+        shows="holding still at several places",
+    ),
+    Cause(
+        "lumped mass",
+        f"the fraction {{size}} of the mass of {{target}} stands in {BUSHELS} lumps",
+        _lumped,
+        beams,
+        scale=_half,
+        shows=FINER,
+    ),
+    Cause(
+        "time step",
+        "the step is too long: {size} times what doubling it does (an error that falls with its square)",
+        _coarser,
+        flexible,
+        linear=True,
+        shows=FINER,
+        plant=_exudyn_step,
+    ),
+    Cause(
+        "numerical damping",
+        "the integrator damps: {size} times what a spectral radius of 0.3 does",
+        _damped,
+        flexible,
+        linear=True,
+        shows="a long rest: numerical damping goes with the step",
+    ),
+)

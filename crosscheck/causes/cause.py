@@ -1,0 +1,178 @@
+"""What a cause is: a change of a subject with a size, and where it can sit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from crosscheck.causes.model import Model
+from crosscheck.causes.subject import Array, Subject
+from flexinv.mechanism import Joint
+
+Change = Callable[[Subject, str, Array], Subject]
+Targets = Callable[[Model], Sequence[str]]
+Scale = Callable[[Model, str], float]
+
+
+def whole(model: Model) -> list[str]:
+    """Return the one target of a cause that concerns everything."""
+    return [""]
+
+
+def one(model: Model, target: str) -> float:
+    """Return 1: the size is a fraction, or as it stands [-]."""
+    return 1.0
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One row of the dictionary.
+
+    name : what the report calls it; words : the sentence, with {target} and {size}
+    change : the subject with the cause in it, at a size (parameters,) [unit]; size 0 is the subject itself
+    targets : where it can sit: joints, bodies, beams, or "" for everything
+    parameters : how many numbers a fit may choose; 0: it is there (size 1) or not
+    scale : a size [unit] that matters: of sizes that are a fraction, 1
+    linear : only the amplitude of its effect is fitted (the effect of size 1 is all that is known)
+    turns : an angle whose effect may begin with its square: fits start from several sizes
+    covers : causes that are special cases of this one; where one of them explains as much, it is named instead
+    shows : the motion that shows it best, in words
+    plant : how to put it into an engine's model, where that is not ``change`` (a size) or cannot be (None)
+    """
+
+    name: str
+    words: str
+    change: Change
+    targets: Targets = whole
+    parameters: int = 1
+    scale: Scale = one
+    unit: str = ""
+    linear: bool = False
+    turns: bool = False
+    covers: tuple[str, ...] = ()
+    shows: str = ""
+    plant: Change | None = None
+
+    @property
+    def sized(self) -> bool:
+        """Return whether it comes in sizes."""
+        return self.parameters > 0
+
+
+# ---------------------------------------------------------------------------------------------------------- targets
+
+
+def joints(model: Model) -> list[str]:
+    """Return the joints that move."""
+    return [j.name for j in model.base.mechanism.joints if j.nv]
+
+
+def driven(model: Model) -> list[str]:
+    """Return the joints that move and have a drive."""
+    return [j.name for j in model.base.mechanism.joints if j.nv and j.actuated]
+
+
+def scalar(model: Model) -> list[str]:
+    """Return the joints with one coordinate and an axis."""
+    return [j.name for j in model.base.mechanism.joints if j.nv == 1]
+
+
+def bodies(model: Model) -> list[str]:
+    """Return all bodies with mass."""
+    return [name for name, (_, body) in model.base.bodies.items() if body.inertia.mass > 0.0]
+
+
+def rigid_links(model: Model) -> list[str]:
+    """Return the links that are rigid."""
+    return [link.name for link in model.base.mechanism.links if link.beam is None]
+
+
+def beams(model: Model) -> list[str]:
+    """Return the links that bend."""
+    return [link.name for link in model.base.mechanism.beams]
+
+
+def flexible(model: Model) -> list[str]:
+    """Return the one target where something bends."""
+    return [""] if model.base.mechanism.beams else []
+
+
+def closed(model: Model) -> list[str]:
+    """Return the one target of a rigid mechanism with closures."""
+    mechanism = model.base.mechanism
+    return [""] if mechanism.closures and mechanism.is_rigid and not any(c.active for c in mechanism.closures) else []
+
+
+def pulled(model: Model) -> list[str]:
+    """Return the one target where there is gravity."""
+    return [""] if model.base.mechanism.gravity.any() else []
+
+
+# ----------------------------------------------------------------------------------------------------------- scales
+
+
+def _column(model: Model, target: str) -> slice:
+    return model.base.mechanism.v_slices[target]
+
+
+def effort(model: Model, target: str) -> float:
+    """Return the range of the efforts of a joint's unit [N m], [N]."""
+    return float(model.scale[_column(model, target)].max())
+
+
+def per_speed(model: Model, target: str) -> float:
+    """Return the range of the efforts over the largest speed of a joint [N m s/rad], [N s/m]; 0 at rest."""
+    return _over(effort(model, target), float(np.abs(model.states.qd[:, _column(model, target)]).max()))
+
+
+def per_acceleration(model: Model, target: str) -> float:
+    """Return the range of the efforts over the largest acceleration of a joint [kg m^2], [kg]; 0 at rest."""
+    return _over(effort(model, target), float(np.abs(model.states.qdd[:, _column(model, target)]).max()))
+
+
+def per_travel(model: Model, target: str) -> float:
+    """Return the range of the efforts over a radian, or over the travel of a slide [N m/rad], [N/m]."""
+    joint = model.base.mechanism.joint_of[target]
+    if joint.kind != "prismatic":
+        return effort(model, target)
+    return _over(effort(model, target), float(np.ptp(model.states.q[:, model.base.mechanism.q_slices[target]])))
+
+
+def reach(model: Model, target: str = "") -> float:
+    """Return the length of a typical link [m]: the mean distance from joint to joint, tip or centre of mass."""
+    mechanism = model.base.mechanism
+    lengths = [float(np.linalg.norm(j.placement.position)) for j in mechanism.joints]
+    lengths += [link.beam.length if link.beam else float(np.linalg.norm(link.tip)) for link in mechanism.links]
+    lengths += [float(np.linalg.norm(body.inertia.com)) for _, body in model.base.bodies.values()]
+    return float(np.mean([length for length in lengths if length > 0.0] or [1.0]))
+
+
+def coordinate(model: Model, target: str) -> float:
+    """Return a size of a joint's coordinate: 1 rad, or the typical length [m] of a slide."""
+    return reach(model) if model.base.mechanism.joint_of[target].kind == "prismatic" else 1.0
+
+
+def mass(model: Model, target: str = "") -> float:
+    """Return the mean mass of the moving links [kg]."""
+    mechanism = model.base.mechanism
+    total = sum(body.inertia.mass for _, body in model.base.bodies.values())
+    total += sum(
+        float(np.mean(b.section.mass_per_length)) * b.length for b in (link.beam for link in mechanism.beams) if b
+    )
+    return total / max(1, len([j for j in mechanism.joints if j.nv]))
+
+
+def pull(model: Model, target: str = "") -> float:
+    """Return the size of gravity, 9.81 where there is none [m/s^2]."""
+    return float(np.linalg.norm(model.base.mechanism.gravity)) or 9.81
+
+
+def _over(effort: float, motion: float) -> float:
+    return effort / motion if motion else 0.0
+
+
+def acts_on(joint: Joint) -> str:
+    """Return the unit of a joint's effort, "N m" or "N"."""
+    return "N" if joint.kind == "prismatic" else "N m"

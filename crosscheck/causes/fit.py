@@ -1,0 +1,180 @@
+"""How much of a difference a cause explains: least squares over its size, by Gauss-Newton where the size is not small.
+
+r = tau_engine - tau_reference over the range (all samples, all coordinates)
+minimise |r - d(p)|,   d(p) = tau(subject with the cause at size p) - tau(subject)
+unexplained = |r - d(p)| / |r|
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from crosscheck.causes.cause import Cause
+from crosscheck.causes.model import Model
+from crosscheck.causes.subject import Array
+from flexinv.errors import ConvergenceError, InputError
+
+# Of a rigid model, whose rounding is 1e-12 of the range or less; of a march, whose Newton iterations leave 1e-9.
+PROBE = {True: 1e-5, False: 1e-4}
+# Of the range: a column below this, for a size that matters, is what the probes leave and does not show in this motion.
+NOTHING = {True: 1e-9, False: 1e-5}
+LARGEST = 5.0  # times a size that matters: no fit goes beyond
+HALVINGS = 4
+SMALL = 1e-6  # of the largest singular value: sizes that hardly change anything keep their place
+TINY = 0.1  # times a size that matters: below it the linear fit is a good start
+ASIDE = (0.02, 0.2)  # [rad]
+FAR = (0.03, 0.1, 0.3, 0.8)  # times a size that matters
+HOPELESS = 0.7  # of |r|: beyond, no refinement is tried
+SCANNED = 4  # rounds of Gauss-Newton from there
+ENOUGH = 0.05  # a step that gains less than this part of what is left is the last one: near a solution it gains nearly all
+IMPOSSIBLE = (InputError, ConvergenceError, ValueError, ArithmeticError, np.linalg.LinAlgError)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What one cause at one target makes of a difference.
+
+    size : (parameters,) [unit of the cause]; left : what it leaves, |r - d| over |r| [-]
+    column : (samples nv,) what it explains, over the range [-]
+    """
+
+    cause: Cause
+    target: str
+    size: Array
+    left: float
+    column: Array
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Name and target."""
+        return self.cause.name, self.target
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A cause at a target with its columns at size zero, (samples nv, parameters), per ``scale`` [unit]."""
+
+    cause: Cause
+    target: str
+    scale: float
+    columns: Array
+
+
+def candidates(model: Model, dictionary: dict[str, Cause]) -> list[Candidate]:
+    """Return every cause that can sit somewhere in the subject and that shows in its motion."""
+    return [one for cause in dictionary.values() for one in _of(model, cause)]
+
+
+def _of(model: Model, cause: Cause) -> Iterator[Candidate]:
+    for target in cause.targets(model):
+        scale = cause.scale(model, target)
+        if not scale:
+            continue
+        try:
+            columns = _columns(model, cause, target, scale)
+        except IMPOSSIBLE:
+            continue
+        if np.isfinite(columns).all() and _shows(model, cause, columns):
+            yield Candidate(cause, target, scale, columns)
+
+
+def _shows(model: Model, cause: Cause, columns: Array) -> bool:
+    return cause.turns or float(np.abs(columns).max(initial=0.0)) > NOTHING[model.base.mechanism.is_rigid]
+
+
+def effect(model: Model, cause: Cause, target: str, size: Array) -> Array:
+    """Return what a cause of a size [unit] does to the efforts, over the range, (samples nv,) [-]."""
+    return model.difference(cause.change(model.base, target, size))
+
+
+def _columns(model: Model, cause: Cause, target: str, scale: float) -> Array:
+    if not cause.sized or cause.linear:
+        return effect(model, cause, target, np.ones(1))[:, None]
+    step = PROBE[model.base.mechanism.is_rigid]
+    units = np.eye(cause.parameters) * step * scale
+    return np.stack([effect(model, cause, target, unit) / step for unit in units], axis=1)
+
+
+def fit(model: Model, residual: Array, candidate: Candidate, rounds: int = 0, noise: float = 0.0) -> Fit:
+    """Return the best size of one cause; rounds : of Gauss-Newton after the linear fit, none for a first look.
+
+    noise : part of |r| [-] that says nothing: a fit that leaves half as much is good enough
+    """
+    total = float(np.linalg.norm(residual))
+    cause, columns = candidate.cause, candidate.columns
+    if not cause.sized:
+        return _fit(candidate, np.ones(1), columns[:, 0], residual, total)
+    p = np.asarray(np.linalg.lstsq(columns, residual, rcond=SMALL)[0], dtype=np.float64)
+    first = _fit(candidate, p, columns @ p, residual, total)
+    if cause.linear or not rounds:
+        return first
+    return _iterated(model, residual, candidate, np.clip(p, -LARGEST, LARGEST), rounds, noise / 2)
+
+
+def _iterated(model: Model, residual: Array, candidate: Candidate, p: Array, rounds: int, enough: float) -> Fit:
+    """Gauss-Newton on the size from p, with halved steps where a full one does not help."""
+    total = float(np.linalg.norm(residual))
+    nothing = _fit(candidate, 0 * p, 0 * residual, residual, total)
+    places = [p, *([] if np.abs(p).max() < TINY else [p / 4]), *_aside(candidate)]
+    starts = [f for f in (_at(model, residual, candidate, place, total) for place in places) if f is not None]
+    best = min([nothing, *starts], key=lambda f: f.left)
+    for _ in range(rounds if best.left > enough else 0):
+        p = best.size / candidate.scale
+        try:
+            step = np.linalg.lstsq(_derivative(model, candidate, p, best.column), residual - best.column, rcond=SMALL)[
+                0
+            ]
+        except IMPOSSIBLE:
+            break
+        tries = (_at(model, residual, candidate, p + step / 2**k, total) for k in range(HALVINGS))
+        better = next((f for f in tries if f is not None and f.left < best.left), None)
+        if better is None:
+            break
+        best, gain = better, best.left - better.left
+        if gain < ENOUGH * best.left or best.left < enough:
+            break
+    return best
+
+
+def scan(model: Model, residual: Array, candidate: Candidate, noise: float) -> Fit:
+    """Return the best size near any of some large ones; noise : part of |r| [-] that says nothing."""
+    cause, total = candidate.cause, float(np.linalg.norm(residual))
+    if cause.linear or not cause.sized:
+        return fit(model, residual, candidate)
+    places = [sign * size * unit for unit in np.eye(cause.parameters) for size in FAR for sign in (1.0, -1.0)]
+    fits = [f for f in (_at(model, residual, candidate, place, total) for place in places) if f is not None]
+    best = min(fits, key=lambda f: f.left, default=fit(model, residual, candidate))
+    if best.left > HOPELESS:
+        return best
+    return _iterated(model, residual, candidate, best.size / candidate.scale, SCANNED, noise / 2)
+
+
+def _aside(candidate: Candidate) -> list[Array]:
+    """Return sizes to start from where the derivative at zero may say nothing."""
+    if not candidate.cause.turns:
+        return []
+    return [sign * size * unit for unit in np.eye(candidate.cause.parameters) for size in ASIDE for sign in (1.0, -1.0)]
+
+
+def _at(model: Model, residual: Array, candidate: Candidate, p: Array, total: float) -> Fit | None:
+    if np.abs(p).max() > LARGEST:
+        return None
+    try:
+        column = effect(model, candidate.cause, candidate.target, p * candidate.scale)
+    except IMPOSSIBLE:
+        return None
+    return _fit(candidate, p, column, residual, total) if np.isfinite(column).all() else None
+
+
+def _derivative(model: Model, candidate: Candidate, p: Array, here: Array) -> Array:
+    step = PROBE[model.base.mechanism.is_rigid]
+    moved = [(p + step * unit) * candidate.scale for unit in np.eye(len(p))]
+    return np.stack([(effect(model, candidate.cause, candidate.target, q) - here) / step for q in moved], axis=1)
+
+
+def _fit(candidate: Candidate, p: Array, column: Array, residual: Array, total: float) -> Fit:
+    left = float(np.linalg.norm(residual - column)) / total if total else 0.0
+    return Fit(candidate.cause, candidate.target, p * (candidate.scale if candidate.cause.sized else 1.0), left, column)

@@ -1,0 +1,187 @@
+"""flexinv's own torques of a subject, quickly and as often as a fit asks: the columns of the dictionary come from here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from crosscheck.causes.subject import Array, States, Subject
+from crosscheck.compare import signal_range
+from crosscheck.engines.base import sample_times
+from crosscheck.record import Record, effort_units
+from flexinv.applied import applied_forces, joint_springs
+from flexinv.closures import constraint_jacobian, constraint_rows
+from flexinv.inverse import drive_efforts, joint_wrenches, nodal_forces, project
+from flexinv.loops import REDUNDANT
+from flexinv.mechanism import Mechanism
+from flexinv.mesh import build
+from flexinv.rigid import rigid_motion
+from flexinv.scheme import solve
+from flexinv.solution import Solution
+
+FEWEST = 100  # samples of a rigid mechanism that a fit looks at, or up to twice as many
+STEPS = 1200  # of a flexible march, at least: differences of two of them need less than the values
+
+
+@dataclass(frozen=True)
+class Model:
+    """One case in flexinv, at the samples that a fit looks at.
+
+    rows : their indices among the sample times of the case; states : the joint motion there
+    torque : (samples, nv) [N m] or [N]; scale : (nv,) range of each coordinate's unit, [N m] or [N]
+    """
+
+    base: Subject
+    rows: np.ndarray
+    states: States
+    torque: Array
+    scale: Array
+
+    def torques(self, subject: Subject) -> Array:
+        """Return the efforts of a changed subject at the same samples, (samples, nv) [N m] or [N]."""
+        effort = _efforts(self, subject)
+        for change in subject.effort:
+            effort = change(subject.mechanism, self.states, effort)
+        return effort
+
+    def difference(self, subject: Subject) -> Array:
+        """Return what the change of a subject does to the efforts, over the scale, (samples nv,) [-]."""
+        return self.weighted(self.torques(subject) - self.torque)
+
+    def weighted(self, efforts: Array) -> Array:
+        """Return efforts (samples, nv) over the scale as one column [-]."""
+        return np.asarray((efforts / self.scale).ravel())
+
+    def residual(self, engine: Record, reference: Record) -> Array:
+        """Return what an engine's record lies beside a reference's, over the scale, (samples nv,) [-]."""
+        names = [f"torque/{name}" for name in self.base.mechanism.velocity_names]
+        pairs = [(engine.series[n].values, reference.series[n].values) for n in names]
+        return self.weighted(np.array([(a - b)[self.rows] for a, b in pairs]).T)
+
+    @cached_property
+    def shares(self) -> Array:
+        """(samples, nv, nv) [-]: efforts of the drives of a closed mechanism per effort of its cut tree."""
+        mechanism = self.base.mechanism
+        mesh = build(mechanism)
+        motion = rigid_motion(mesh, self.states.q, self.states.qd, self.states.qdd)
+        g = constraint_jacobian(mesh, motion, constraint_rows(mesh))
+        return np.array([_share(one, mechanism.actuated) for one in g])
+
+
+def model_of(subject: Subject, reference: Record | None = None) -> Model:
+    """Return the model of a subject; the scale comes from a reference record where there is one, else from itself."""
+    time = sample_times(subject.case)
+    rigid = subject.mechanism.is_rigid
+    fewest = FEWEST // 2 if subject.mechanism.closures else FEWEST
+    rows = np.arange(0, len(time), max(1, (len(time) - 1) // fewest) if rigid else 1)
+    held, torque = _first(subject, time[rows])
+    shown = torque
+    if reference is not None:
+        shown = np.array([reference.series[f"torque/{n}"].values for n in subject.mechanism.velocity_names]).T
+    return Model(subject, rows, held, torque, scales(subject.mechanism, shown))
+
+
+def scales(mechanism: Mechanism, torque: Array) -> Array:
+    """Return the range of the efforts of each coordinate's unit, (nv,) [N m] or [N]; 1 where there is none."""
+    units = effort_units(mechanism)
+    ranges = {u: signal_range([torque[:, k] for k, v in enumerate(units) if v == u]) for u in set(units)}
+    return np.array([ranges[u] or 1.0 for u in units])
+
+
+def open_tree(mechanism: Mechanism, states: States) -> Array:
+    """Return the efforts of the rigid tree without its closures, (samples, nv) [N m] or [N]."""
+    mesh = build(mechanism)
+    motion = rigid_motion(mesh, states.q, states.qd, states.qdd)
+    acting = applied_forces(mesh, motion, states.time)
+    wrenches = joint_wrenches(mesh, motion, nodal_forces(mesh, motion, acting))
+    drives = drive_efforts(mechanism, states.qd, states.qdd) + joint_springs(mechanism, states.q)
+    return np.asarray(project(mesh, motion, wrenches) + drives)
+
+
+def is_tree(subject: Subject) -> bool:
+    """Return whether the joint motion is all given: a rigid tree without passive joints."""
+    mechanism = subject.mechanism
+    given = subject.case.motion.joints(mechanism)
+    return mechanism.is_rigid and not mechanism.closures and all(j.name in given for j in mechanism.joints if j.nv)
+
+
+def _first(subject: Subject, time: Array) -> tuple[States, Array]:
+    if is_tree(subject):
+        states = States(time, *subject.case.motion.evaluate(subject.mechanism, time))
+        return states, open_tree(subject.mechanism, states)
+    solution, rows = _solved(subject, time)
+    states = States(time, solution.q[rows], solution.qd[rows], solution.qdd[rows])
+    return states, _all(subject.mechanism, solution)[rows]
+
+
+def _efforts(model: Model, subject: Subject) -> Array:
+    time = model.states.time
+    if is_tree(subject):
+        states = States(time, *subject.case.motion.evaluate(subject.mechanism, time))
+        return open_tree(subject.mechanism, states)
+    if subject.mechanism.is_rigid and _same_motion(model.base, subject):
+        tree = open_tree(subject.mechanism, model.states)
+        return np.asarray(np.einsum("sij,sj->si", model.shares, tree))  # (sample, coordinate)
+    solution, rows = _solved(subject, time)
+    return _all(subject.mechanism, solution)[rows]
+
+
+def _same_motion(base: Subject, subject: Subject) -> bool:
+    """Whether the closures of a rigid mechanism move it as before: nothing that they depend on was touched."""
+    a, b = base.mechanism, subject.mechanism
+    joints = all(
+        one.placement is two.placement and one.axis is two.axis and one.kind == two.kind
+        for one, two in zip(a.joints, b.joints, strict=True)
+    )
+    always = not any(c.active for c in a.closures)
+    return (
+        always and bool(a.closures) and joints and a.closures is b.closures and base.case.motion is subject.case.motion
+    )
+
+
+def _solved(subject: Subject, time: Array) -> tuple[Solution, slice]:
+    case, spacing = subject.case, float(time[1] - time[0])
+    step = spacing if subject.mechanism.is_rigid and subject.mechanism.closures else coarse_step(subject)
+    solution = solve(
+        case.meshed(subject.mechanism),
+        case.motion,
+        step,
+        end=float(time[-1]),
+        spectral_radius=float(subject.options.get("spectral_radius", case.spectral_radius)),
+        initial=case.initial,
+        start=case.start,
+    )
+    return solution, slice(None, None, round(spacing / step))
+
+
+def coarse_step(subject: Subject) -> float:
+    """Return a step [s] of the march for columns: the longest that divides the samples, meets jumps and is fine enough."""
+    case = subject.case
+    refined = 2.0 ** -float(subject.options.get("refinement", 0))
+    if case.motion.jumps:
+        return float(case.step * refined)
+    parts = round(case.sample / case.step)
+    wanted = [k for k in range(1, parts + 1) if parts % k == 0 and case.end / (k * case.step) >= STEPS]
+    return float(max(wanted, default=1) * case.step * refined)
+
+
+def _all(mechanism: Mechanism, solution: Solution) -> Array:
+    """Return the efforts; in loops those of the drives alone: what closures leave at other joints is rounding."""
+    return np.where(mechanism.actuated, solution.torque_all, 0.0) if mechanism.closures else solution.torque_all
+
+
+def _share(g: Array, driven: np.ndarray) -> Array:
+    """Return S pinv(N_driven^T) N^T, (nv, nv) [-], with G N = 0: efforts of least norm."""
+    _, values, right = np.linalg.svd(g)
+    rank = int((values > REDUNDANT * values.max(initial=0.0)).sum())
+    motions = right[rank:].T
+    out = np.zeros((len(driven), len(driven)))
+    out[driven] = np.linalg.pinv(motions[driven].T, rcond=REDUNDANT) @ motions.T
+    return out
+
+
+def without_closures(subject: Subject) -> Subject:
+    """Return the cut tree of a subject (its joint motion has to be given in full)."""
+    return replace(subject, mechanism=replace(subject.mechanism, closures=()))

@@ -1,0 +1,102 @@
+"""Which cause is named: the one that explains the difference, with all that this motion cannot tell from it.
+
+A cause is named when it leaves at most UNEXPLAINED of the difference (or no more than the error bars of the engines).
+Every other cause that leaves about as little stands beside it: the motion cannot tell them apart.  Nothing is named
+where nothing explains the difference, and nothing is asked where it is inside the error bars.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from crosscheck.causes.dictionary import DICTIONARY
+from crosscheck.causes.fit import Candidate, Fit, candidates, fit, scan
+from crosscheck.causes.model import Model, is_tree
+from crosscheck.causes.subject import Array
+
+UNEXPLAINED = 0.1  # of |r|: what a named cause may leave, 1 % of its square
+SIMILAR = 3.0  # a cause that leaves up to this many times what the best one leaves is as good
+ROUNDED = 1e-5  # of |r|: below this the sizes' own steps, and rounding, decide which one leaves less
+NOISE = 2.0  # times the error bars: what is left within them says nothing
+# Causes whose size is refined after a linear look at all, by whether the mechanism is a rigid tree: closing a loop or
+# marching takes a hundred times as long.
+SHORTLIST = {True: 16, False: 5}
+MANY = 300  # columns, of robots with dozens of bodies: there only what looks likely is refined
+ROUNDS = {True: 6, False: 3}
+
+
+@dataclass(frozen=True)
+class Naming:
+    """What a difference is due to.
+
+    named : the causes that explain it, most special first; next : the best of the rest
+    size : largest difference over the range [-]; noise : largest error bar over the range [-]
+    """
+
+    named: tuple[Fit, ...]
+    next: Fit | None
+    size: float
+    noise: float
+    words: str
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the causes, each once."""
+        return tuple(dict.fromkeys(f.cause.name for f in self.named))
+
+    @property
+    def found(self) -> bool:
+        """Return whether the difference is larger than the error bars."""
+        return self.size > self.noise
+
+
+def name(model: Model, residual: Array, noise: Array | float, known: list[Candidate] | None = None) -> Naming:
+    """Return what explains a residual (samples nv,) over the range [-]; noise : error bars of the same shape, or one.
+
+    known : the dictionary's columns where they are at hand (``candidates``)
+    """
+    bars = np.broadcast_to(np.asarray(noise, dtype=np.float64), residual.shape)
+    size, largest = float(np.abs(residual).max()), float(bars.max())
+    if size <= largest:
+        return Naming((), None, size, largest, "the difference is inside the error bars")
+    part = float(np.linalg.norm(bars)) / float(np.linalg.norm(residual))
+    fits = ranked(model, residual, candidates(model, DICTIONARY) if known is None else known, part)
+    return chosen(fits, part, size, largest)
+
+
+def ranked(model: Model, residual: Array, known: list[Candidate], noise: float) -> list[Fit]:
+    """Return a fit [-] of every cause that shows, what explains most first; noise : part of |r| that says nothing."""
+    quick = is_tree(model.base)
+    first = {k: fit(model, residual, one) for k, one in enumerate(known)}
+    order = sorted((k for k in first if known[k].cause.sized), key=lambda k: first[k].left)
+    turning = [k for k in order if known[k].cause.turns] if quick and len(known) < MANY else []
+    again = {*order[: SHORTLIST[quick]], *turning}
+    first |= {k: fit(model, residual, known[k], ROUNDS[quick], noise) for k in again}
+    if (
+        min((f.left for f in first.values()), default=0.0) > UNEXPLAINED and len(known) < MANY
+    ):  # far away: a linear look says nothing
+        first |= {k: min(first[k], scan(model, residual, known[k], noise), key=lambda f: f.left) for k in order}
+    return sorted(first.values(), key=lambda f: f.left)
+
+
+def chosen(fits: list[Fit], noise: float, size: float, largest: float) -> Naming:
+    """Return the naming of ranked fits; noise : norm of the error bars over that of the difference [-]."""
+    if not fits:
+        return Naming((), None, size, largest, "no cause of the dictionary shows in this motion")
+    best = fits[0]
+    if best.left > max(UNEXPLAINED, min(NOISE * noise, 0.5)):
+        words = f"no single cause explains it; the nearest, {best.cause.name}, leaves {best.left:.0%}"
+        return Naming((), best, size, largest, words)
+    limit = min(max(SIMILAR * best.left, NOISE * noise, ROUNDED), 0.5)
+    alike = [f for f in fits if f.left <= limit]
+    rest = next((f for f in fits if f.left > limit), None)
+    named = tuple(sorted(_special(alike), key=lambda f: (f.cause.parameters, f.left)))
+    return Naming(named, rest, size, largest, "")
+
+
+def _special(fits: list[Fit]) -> list[Fit]:
+    """Return the fits without causes of which a special case is among them."""
+    names = {f.cause.name for f in fits}
+    return [f for f in fits if not names & set(f.cause.covers)]

@@ -1,0 +1,124 @@
+"""What an engine is given and what is done with its answer: the thing that a cause changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexinv.files.case import Case
+from flexinv.mechanism import Beam, Body, Joint, Link, Mechanism
+from flexinv.motion import Motion
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class States:
+    """Joint motion at some samples: time (samples,) [s]; q (samples, nq), qd, qdd (samples, nv) [rad or m, s]."""
+
+    time: Array
+    q: Array
+    qd: Array
+    qdd: Array
+
+
+StateChange = Callable[[Mechanism, States], States]
+EffortChange = Callable[[Mechanism, States, Array], Array]
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A mechanism, its case, what the engine is told, and what happens to the efforts that it gives.
+
+    options : of the engine's adapter
+    effort : one after the other, of the mechanism, the joint motion and the efforts (samples, nv) [N m] or [N]
+    """
+
+    mechanism: Mechanism
+    case: Case
+    options: Mapping[str, Any] = field(default_factory=dict)
+    effort: tuple[EffortChange, ...] = ()
+
+    def with_mechanism(self, **changes: Any) -> Subject:
+        """Return the subject with another mechanism; it is no longer what a URDF file says."""
+        return replace(self, mechanism=replace(self.mechanism, urdf=None, **changes))
+
+    def with_joint(self, name: str, change: Callable[[Joint], Joint]) -> Subject:
+        """Return the subject with one joint changed."""
+        return self.with_mechanism(joints=tuple(change(j) if j.name == name else j for j in self.mechanism.joints))
+
+    def with_joints(self, change: Callable[[Joint], Joint]) -> Subject:
+        """Return the subject with every joint changed."""
+        return self.with_mechanism(joints=tuple(map(change, self.mechanism.joints)))
+
+    def with_link(self, name: str, change: Callable[[Link], Link]) -> Subject:
+        """Return the subject with one link changed."""
+        return self.with_mechanism(
+            links=tuple(change(link) if link.name == name else link for link in self.mechanism.links)
+        )
+
+    def with_links(self, change: Callable[[Link], Link]) -> Subject:
+        """Return the subject with every link changed."""
+        return self.with_mechanism(links=tuple(map(change, self.mechanism.links)))
+
+    def with_body(self, target: str, change: Callable[[Body], Body]) -> Subject:
+        """Return the subject with one body changed; target : see ``bodies``."""
+        link, body = self.bodies[target]
+        return self.with_link(
+            link, lambda one: replace(one, bodies=tuple(change(b) if b is body else b for b in one.bodies))
+        )
+
+    def with_beam(self, name: str, change: Callable[[Beam], Beam]) -> Subject:
+        """Return the subject with the beam of one link changed."""
+
+        def bent(link: Link) -> Link:
+            assert link.beam is not None
+            return replace(link, beam=change(link.beam))
+
+        return self.with_link(name, bent)
+
+    def with_states(self, change: StateChange) -> Subject:
+        """Return the subject whose joint motion is changed before the engine gets it."""
+        motion = ChangedMotion(self.case.motion.tracks, self.case.motion.duration, self.case.motion, change)
+        return replace(self, case=replace(self.case, motion=motion))
+
+    def with_effort(self, change: EffortChange) -> Subject:
+        """Return the subject whose efforts are changed after the engine gave them."""
+        return replace(self, effort=(*self.effort, change))
+
+    def with_options(self, **options: Any) -> Subject:
+        """Return the subject whose engine is told something else."""
+        return replace(self, options={**self.options, **options})
+
+    @cached_property
+    def bodies(self) -> dict[str, tuple[str, Body]]:
+        """Link and body by "link" where it has one body, else "link/body"."""
+        found = {}
+        for link in self.mechanism.links:
+            for body in link.bodies:
+                found[link.name if len(link.bodies) == 1 and link.beam is None else f"{link.name}/{body.name}"] = (
+                    link.name,
+                    body,
+                )
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class ChangedMotion(Motion):
+    """A motion that is changed where it is evaluated."""
+
+    inner: Motion
+    change: StateChange
+
+    def evaluate(
+        self, mechanism: Mechanism, time: ArrayLike, side: Literal["left", "right"] = "right"
+    ) -> tuple[Array, Array, Array]:
+        """Return q (samples, nq), qd and qdd (samples, nv) [rad or m, s], changed."""
+        at = np.asarray(time, dtype=np.float64)
+        states = self.change(mechanism, States(at, *self.inner.evaluate(mechanism, at, side)))
+        return states.q, states.qd, states.qdd

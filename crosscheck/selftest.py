@@ -1,0 +1,239 @@
+"""The checker is checked: every cause is planted in an engine's model, and has to be named.
+
+A fault goes into what the *engine's adapter* is given (the mechanism, the motion, its options) or into what is done with
+the engine's answer; flexinv's reference stays unharmed.  The difference of the two records is all that the naming sees.
+Where the mechanism is unharmed, no cause may be named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crosscheck.causes.dictionary import DICTIONARY
+from crosscheck.causes.fit import IMPOSSIBLE, Candidate, candidates
+from crosscheck.causes.model import Model, model_of
+from crosscheck.causes.naming import Naming, name
+from crosscheck.causes.subject import States, Subject
+from crosscheck.engines import ENGINES, adapter
+from crosscheck.engines.base import sample_times
+from crosscheck.record import Record
+from flexinv.files.case import load_cases
+from flexinv.files.mechanism_file import load_mechanism
+
+SIZES = (0.001, 0.01, 0.1)  # of the size that matters
+DIRECTION = np.array([0.78, -0.55, 0.31])  # of sizes with several numbers: no axis of anything
+# Exact engines on the same q, qd, qdd differ by rounding, 1e-12 of the range and, in closed loops whose condition is up to
+# 1e3, by 1e-9: below that nothing is a difference.
+ROUNDING = 1e-9
+SAMPLES = 60  # of a rigid case
+CLEAN = "(nothing)"
+SOFT = "soft constraint"
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Where faults are planted: a case of a mechanism, the engine that gets them, what it is told; causes : only these."""
+
+    mechanism: str
+    case: str
+    engine: str
+    options: Mapping[str, Any] | None = None
+    causes: tuple[str, ...] = ()
+
+    @property
+    def label(self) -> str:
+        """Mechanism and engine."""
+        return f"{self.mechanism} in {self.engine}"
+
+
+# Flexible ones at half their usual fineness: hundreds of runs, and error bars that know of it.
+COARSE = {"elements": 8}
+OF_THE_BASE = ("base acceleration convention", "base acceleration convention (spatial)")
+BENCHES = (
+    Bench("double_pendulum", "swing", "pinocchio"),
+    Bench("rigid_3r", "quintic", "exudyn"),
+    Bench("ur5", "reach", "mujoco"),
+    Bench("panda", "pick", "mujoco"),
+    Bench("talos_arm", "wave", "pinocchio"),
+    Bench("talos", "squat", "pinocchio", causes=OF_THE_BASE),
+    Bench("four_bar", "turn", "mujoco"),
+    Bench("five_bar", "reach", "pinocchio"),
+    Bench("bricard", "fold", "pinocchio"),
+    Bench("flex_one_link", "cycloid", "exudyn-ge", COARSE),
+    Bench("flex_two_link", "cycloid", "exudyn-ancf", COARSE),
+    Bench("spatial_arm", "reach", "exudyn-ge", COARSE),
+)
+
+
+@dataclass(frozen=True)
+class Planted:
+    """One fault and what was made of it.
+
+    size : [unit of the cause]; change : largest change of the engine's efforts over their range [-]
+    outcome : "alone", "first", "in the set", "another", "none", "unseen"; for the clean mechanism "silent" or "another"
+    """
+
+    bench: str
+    cause: str
+    target: str
+    size: float
+    change: float
+    outcome: str
+    named: tuple[str, ...]
+    words: str = ""
+
+
+FOUND = ("alone", "first", "in the set", "silent")
+MATTERS = 0.01  # of the range: faults that change the torque by as much have to be named
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A bench with all that its faults share: the model of the reference, its record, its columns, the error bars.
+
+    noise : [-] of the range
+    """
+
+    bench: Bench
+    subject: Subject
+    model: Model
+    reference: Record
+    clean: Record
+    known: list[Candidate]
+    noise: float
+
+
+def prepare(bench: Bench, models: Path) -> Setting:
+    """Run reference and engine unharmed, and compute the columns of the dictionary."""
+    folder = models / bench.mechanism
+    mechanism = load_mechanism(folder)
+    case = load_cases(folder, mechanism)[bench.case]
+    if mechanism.is_rigid:  # exact at every sample: fewer of them do
+        spacing = case.sample * max(1, round(case.end / case.sample / SAMPLES))
+        case = replace(case, sample=spacing, step=spacing)
+    options = dict(bench.options or {})
+    if options:
+        options["step"] = case.sample / 2
+    subject = Subject(mechanism, case, options)
+    bars = not mechanism.is_rigid
+    reference = adapter(ENGINES["flexinv"]).run(mechanism, case, "flexinv", {"error": bars})
+    model = model_of(replace(subject, options={}), reference)
+    clean = ask(bench, subject)
+    noise = ROUNDING
+    if bars:
+        finer = ask(bench, subject.with_options(refinement=1))
+        own = max(
+            float(np.max(s.error)) for s in reference.series.values() if s.error is not None and s.quantity == "torque"
+        )
+        # Both of second order: the error of the coarse run is 4/3 of what halving does.
+        noise = own / float(model.scale.min()) + 4 / 3 * float(np.abs(model.residual(clean, finer)).max())
+    return Setting(bench, subject, model, reference, clean, candidates(model, DICTIONARY), noise)
+
+
+def ask(bench: Bench, subject: Subject) -> Record:
+    """Return what the bench's engine gives for a subject: the engine's own run, then what is done with its efforts."""
+    engine = adapter(ENGINES[bench.engine])
+    record = engine.run(subject.mechanism, subject.case, bench.engine, subject.options)
+    return with_efforts(record, subject) if subject.effort else record
+
+
+def with_efforts(record: Record, subject: Subject) -> Record:
+    """Return a record after the changes of a subject's efforts [N m], [N]."""
+    names = [f"torque/{n}" for n in subject.mechanism.velocity_names]
+    effort = np.array([record.series[n].values for n in names]).T
+    states = States(record.time, *subject.case.motion.evaluate(subject.mechanism, sample_times(subject.case)))
+    for change in subject.effort:
+        effort = change(subject.mechanism, states, effort)
+    made = {n: replace(record.series[n], values=effort[:, k]) for k, n in enumerate(names)}
+    return replace(record, series={**record.series, **made})
+
+
+def softened(setting: Setting, size: float) -> Record:
+    """Return MuJoCo's efforts with the fraction ``size`` [-] of what its soft equality constraints give."""
+    soft = ask(replace(setting.bench, engine="mujoco-equality"), setting.subject)
+    mixed = {
+        n: replace(s, values=(1 - size) * s.values + size * soft.series[n].values)
+        for n, s in setting.clean.series.items()
+        if s.quantity == "torque"
+    }
+    return replace(setting.clean, series={**setting.clean.series, **mixed})
+
+
+def plant(setting: Setting, candidate: Candidate, size: float) -> Planted | None:
+    """Plant one fault of a size (a fraction of the size that matters [-]); None where the engine cannot take it."""
+    cause, target = candidate.cause, candidate.target
+    numbers = (
+        np.ones(1)
+        if not cause.sized or cause.linear
+        else size * candidate.scale * DIRECTION[: cause.parameters] / _length(cause.parameters)
+    )
+    try:
+        if cause.name == SOFT:
+            harmed = softened(setting, size)
+        else:
+            harmed = ask(setting.bench, (cause.plant or cause.change)(setting.subject, target, numbers))
+    except (*IMPOSSIBLE, RuntimeError, KeyError):
+        return None
+    naming = name(setting.model, setting.model.residual(harmed, setting.reference), setting.noise, setting.known)
+    change = float(np.abs(setting.model.residual(harmed, setting.clean)).max())
+    told = tuple(f"{f.cause.name}: {f.target}" if f.target else f.cause.name for f in naming.named)
+    found = outcome(naming, cause.name, target)
+    return Planted(
+        setting.bench.label, cause.name, target, float(np.linalg.norm(numbers)), change, found, told, naming.words
+    )
+
+
+def _length(parameters: int) -> float:
+    return float(np.linalg.norm(DIRECTION[:parameters]))
+
+
+def outcome(naming: Naming, cause: str, target: str) -> str:
+    """Return what a naming is worth when a cause was planted at a target."""
+    if not naming.found:
+        return "unseen"
+    if not naming.named:
+        return "none"
+    if (cause, target) not in [f.key for f in naming.named]:
+        return "another"
+    if naming.names == (cause,):
+        return "alone"
+    return "first" if naming.named[0].key == (cause, target) else "in the set"
+
+
+def unharmed(setting: Setting) -> Planted:
+    """Return what is said of the engine as it is: nothing may be named."""
+    naming = name(setting.model, setting.model.residual(setting.clean, setting.reference), setting.noise, setting.known)
+    found = "another" if naming.named else "silent"
+    return Planted(setting.bench.label, CLEAN, "", 0.0, 0.0, found, naming.names, naming.words)
+
+
+def faults(
+    setting: Setting, sizes: Sequence[float], causes: Sequence[str], targets: int
+) -> Iterator[tuple[Candidate, float]]:
+    """Yield what to plant: every cause at its first and last targets that show, in every size [-]."""
+    places: dict[str, list[Candidate]] = {}
+    for one in setting.known:
+        if not causes or one.cause.name in causes:
+            places.setdefault(one.cause.name, []).append(one)
+    for known in places.values():
+        picked = known if len(known) <= targets else [known[0], *known[len(known) - targets + 1 :]]
+        for one in picked[:targets]:
+            for size in sizes if one.cause.sized and not one.cause.linear else (1.0,):
+                yield one, size
+
+
+def run_bench(
+    bench: Bench, models: Path, sizes: Sequence[float] = SIZES, causes: Sequence[str] = (), targets: int = 2
+) -> list[Planted]:
+    """Return the rows of one bench: the unharmed mechanism, then every fault; sizes [-] of the sizes that matter."""
+    setting = prepare(bench, models)
+    rows = [unharmed(setting)]
+    rows += [
+        row for one, size in faults(setting, sizes, causes, targets) if (row := plant(setting, one, size)) is not None
+    ]
+    return rows

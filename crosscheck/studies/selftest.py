@@ -1,0 +1,128 @@
+"""The tables of ``crosscheck selftest``: one per bench with every fault, and the matrix planted x named over all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from crosscheck.limits import Verdict
+from crosscheck.results import StudyRow
+from crosscheck.selftest import BENCHES, CLEAN, FOUND, MATTERS, SIZES, run_bench
+from crosscheck.studies import Study
+
+ENOUGH = 0.95  # of the faults that matter have to be named
+MARKS = {"alone": "●", "first": "◐", "in the set": "○", "another": "✗", "none": "–", "unseen": "·", "silent": "●"}
+WORDS = (
+    "● named alone, ◐ named first, ○ in the printed set that the motion cannot tell apart, ✗ another cause, – none named, "
+    "· below the error bars. Of several sizes and places the worst mark is shown; faults that change the effort by less than "
+    "1 % of its range are left out unless they were named."
+)
+ORDER = ("another", "none", "unseen", "in the set", "first", "alone", "silent")  # the worst first
+TEXT = """Every cause of the dictionary, planted in this engine's model, motion or options, in several sizes, at the first and
+at the last place where it shows. The reference stays unharmed; only the difference of the efforts is looked at. "Change" is
+the largest change of an effort over its range; faults that change it by less than 1 % need not be found."""
+COLUMNS = (
+    ("cause", "planted", ""),
+    ("target", "where", ""),
+    ("size", "size", ""),
+    ("change", "change", "of the range"),
+    ("outcome", "outcome", ""),
+    ("named", "named", ""),
+)
+
+
+def study(models: str, bench: int, sizes: Sequence[float] = SIZES, targets: int = 2) -> dict[str, Any]:
+    """Return the table of one bench, by its number; sizes [-] of the sizes that matter."""
+    rows = run_bench(BENCHES[bench], Path(models), sizes, targets=targets)
+    table = [
+        asdict(row) | {"named": "; ".join(row.named) or row.words, "verdict": verdict(asdict(row))} for row in rows
+    ]
+    return {"text": TEXT, "columns": COLUMNS, "rows": table}
+
+
+def studies(models: Path, names: Sequence[str]) -> tuple[Study, ...]:
+    """Return the studies of the benches whose mechanism is named, of all where none is."""
+    return tuple(
+        Study(
+            f"selftest {bench.label}",
+            f"Planted faults: {bench.label}",
+            "crosscheck.studies.selftest",
+            options={"models": str(models.resolve()), "bench": k},
+        )
+        for k, bench in enumerate(BENCHES)
+        if not names or bench.mechanism in names
+    )
+
+
+def verdict(row: Mapping[str, Any]) -> Verdict:
+    """Return what a planted fault is worth: found, missed, or too small to have to be found."""
+    if row["outcome"] in FOUND:
+        return "within"
+    return "deviation" if row["change"] >= MATTERS or row["cause"] == CLEAN else "skipped"
+
+
+def summary(tables: Iterable[StudyRow]) -> StudyRow:
+    """Return the matrix planted x named: a row per cause, a column per bench, and what all amount to."""
+    done = [table for table in tables if table.status == "ok"]
+    rows = [dict(row) for table in done for row in table.rows]
+    benches = list(dict.fromkeys(row["bench"] for row in rows))
+    matrix = [_line(cause, benches, rows) for cause in dict.fromkeys(row["cause"] for row in rows)]
+    total = {"cause": "all", "verdict": "within" if reached(rows) else "deviation"}
+    columns = (("cause", "planted", ""), *((b, b, "") for b in benches), ("alone", "named alone somewhere", ""))
+    blank = dict.fromkeys((key for key, _, _ in columns), "")
+    return StudyRow(
+        "selftest",
+        "The checker is checked: planted causes by mechanism",
+        text=f"{sentence(rows)}\n\n{WORDS}",
+        columns=columns,
+        rows=tuple(blank | line for line in (*matrix, total)),
+    )
+
+
+def _line(cause: str, benches: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    mine = [row for row in rows if row["cause"] == cause]
+    shown = {b: _mark([r for r in mine if r["bench"] == b]) for b in benches}
+    alone = any(row["outcome"] in ("alone", "silent") for row in mine)
+    missed = any(row["verdict"] == "deviation" for row in mine)
+    return {"cause": cause, **shown, "alone": alone, "verdict": "deviation" if missed else "within"}
+
+
+def _mark(rows: Sequence[Mapping[str, Any]]) -> str:
+    counted = [r for r in rows if r["change"] >= MATTERS or r["outcome"] in FOUND]
+    outcomes = {r["outcome"] for r in (counted or rows)}
+    return next((MARKS[o] for o in ORDER if o in outcomes), "")
+
+
+def figures(rows: Sequence[Mapping[str, Any]]) -> dict[str, int]:
+    """Return the counts that the targets are stated for."""
+    planted = [r for r in rows if r["cause"] != CLEAN]
+    matter = [r for r in planted if r["change"] >= MATTERS]
+    causes = {r["cause"] for r in planted}
+    return {
+        "causes": len(causes),
+        "planted": len(planted),
+        "matter": len(matter),
+        "named": sum(r["outcome"] in FOUND for r in matter),
+        "alone": len({r["cause"] for r in planted if r["outcome"] == "alone"}),
+        "clean": sum(r["cause"] == CLEAN for r in rows),
+        "false": sum(r["cause"] == CLEAN and r["outcome"] != "silent" for r in rows),
+    }
+
+
+def reached(rows: Sequence[Mapping[str, Any]]) -> bool:
+    """Return whether enough of the faults that matter are named, and nothing on unharmed mechanisms."""
+    counts = figures(rows)
+    return bool(counts["planted"]) and counts["named"] >= ENOUGH * counts["matter"] and not counts["false"]
+
+
+def sentence(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return the figures in words."""
+    counts = figures(rows)
+    share = counts["named"] / counts["matter"] if counts["matter"] else 0.0
+    return (
+        f"{counts['causes']} causes planted {counts['planted']} times; of {counts['matter']} faults that change an effort by 1 % "
+        f"of its range or more, {counts['named']} ({share:.1%}) are named first or in the printed set; {counts['alone']} causes "
+        f"are named alone on at least one mechanism; {counts['false']} false causes on {counts['clean']} unharmed mechanisms."
+    )

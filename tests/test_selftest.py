@@ -1,0 +1,79 @@
+"""The checker is checked: planted causes are named, unharmed mechanisms are left alone (the full matrix: crosscheck selftest)."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+import pytest
+
+from crosscheck.results import StudyRow
+from crosscheck.selftest import BENCHES, CLEAN, FOUND, MATTERS, Planted, run_bench
+from crosscheck.studies.selftest import figures, reached, summary, verdict
+
+MODELS = Path(__file__).resolve().parent.parent / "models"
+BY_NAME = {bench.mechanism: bench for bench in BENCHES}
+RIGID = (
+    "rotor inertia",
+    "viscous damping",
+    "joint misplaced",
+    "gravity sign",
+    "body mass",
+    "order of efforts",
+    "axis tilted",
+)
+CLOSED = ("viscous damping", "gravity off", "soft constraint", "missing body")
+FLEXIBLE = ("dry friction", "section turned", "effort sign")
+
+
+def check(rows: list[Planted], least: int) -> None:
+    assert rows[0].cause == CLEAN
+    assert rows[0].outcome == "silent"
+    assert len([row for row in rows if row.change >= MATTERS]) >= least
+    missed = [row for row in rows if row.change >= MATTERS and row.outcome not in FOUND]
+    assert not missed, "\n".join(map(str, missed))
+
+
+def test_planted_causes_are_named_on_a_rigid_mechanism() -> None:
+    rows = run_bench(BY_NAME["double_pendulum"], MODELS, (0.1,), RIGID, targets=1)
+    check(rows, least=6)
+    assert {row.cause for row in rows if row.outcome == "alone"} >= {
+        "viscous damping",
+        "gravity sign",
+        "order of efforts",
+    }
+
+
+@pytest.mark.slow
+def test_planted_causes_are_named_on_a_closed_mechanism() -> None:
+    check(run_bench(BY_NAME["four_bar"], MODELS, (0.1,), CLOSED, targets=1), least=4)
+
+
+@pytest.mark.slow
+def test_planted_causes_are_named_on_a_flexible_mechanism() -> None:
+    check(run_bench(BY_NAME["flex_one_link"], MODELS, (0.1,), FLEXIBLE, targets=1), least=3)
+
+
+ROWS = [
+    Planted("a", CLEAN, "", 0.0, 0.0, "silent", ()),
+    *[Planted("a", "payload", "tip", 0.1, 0.02, "alone", ("payload: tip",))] * 19,
+    Planted("a", "payload", "tip", 0.001, 1e-4, "unseen", ()),
+]
+
+
+@pytest.mark.parametrize(
+    ("more", "enough"),
+    [
+        ([], True),
+        ([Planted("a", "payload", "tip", 0.1, 0.02, "another", ("rotor inertia: hub",))], True),  # 19 of 20
+        ([Planted("a", "payload", "tip", 0.1, 0.02, "none", ())] * 2, False),  # 19 of 21
+        ([Planted("b", CLEAN, "", 0.0, 0.0, "another", ("time step",))], False),  # a false cause
+    ],
+)
+def test_the_targets_can_be_missed(more: list[Planted], enough: bool) -> None:
+    rows = [asdict(row) | {"verdict": verdict(asdict(row))} for row in [*ROWS, *more]]
+    assert reached(rows) is enough
+    assert figures(rows)["matter"] == 19 + sum(row.change >= MATTERS for row in more)
+    whole = summary([StudyRow("one", "one", rows=tuple(rows))])
+    assert whole.verdict == ("within" if not more else "deviation")
+    assert whole.rows[-1]["verdict"] == ("within" if enough else "deviation")
