@@ -85,17 +85,6 @@ def joint_springs(mechanism: Mechanism, q: Array, history: bool = True) -> Array
     return out
 
 
-def check_no_springs(mechanism: Mechanism) -> None:
-    """Raise InputError if springs or given forces [N] act where the march would have to carry them: it does not yet."""
-    sprung = [j.name for j in mechanism.joints if j.stiffness]
-    names = [*(s.name for s in mechanism.springs), *(f.name for f in mechanism.forces), *sprung]
-    if names:
-        raise InputError(
-            f"mechanism '{mechanism.name}': springs and applied forces ({', '.join(names)}) are not solved together with "
-            "beams or passive joints yet; make the links rigid and give every joint a motion, or leave them out"
-        )
-
-
 def check_constant(mechanism: Mechanism) -> None:
     """Raise InputError if a given force [N] depends on time, which a single configuration does not have."""
     varying = [f.name for f in mechanism.forces if len(f.time) > 1]

@@ -31,7 +31,6 @@ from flexinv.vectors import (
     put_block,
     scale,
     sub,
-    sum3,
     tapply,
     transpose,
     vec,
@@ -46,6 +45,7 @@ class State(NamedTuple):
         in the parent's frame; d, u, du : (unknowns,) increment since then, velocity, acceleration [m, rad, s]
     pseudo : (unknowns,) the integrator's auxiliary acceleration at the start of the step
     u0, du0 : (unknowns,) velocity and acceleration at the start of the step; kept : (unknowns,) set aside
+    place : (unknowns,) coordinate of a passive scalar joint at the start of the step, against which its spring pulls [rad], [m]
     """
 
     x: Array
@@ -57,13 +57,7 @@ class State(NamedTuple):
     u0: Array
     du0: Array
     kept: Array
-
-
-class Loads(NamedTuple):
-    """Loads on nodes, (nodes, 6) force [N] then moment [N m]: dead ones in the world frame, followers in the node's."""
-
-    dead: Array
-    follower: Array
+    place: Array
 
 
 class Work(NamedTuple):
@@ -182,23 +176,19 @@ def _put_variation(n, k, d, x, t, v, w, a, al):
 
 
 @jit_inner
-def node_wrenches(t, f, d, loads, work, want_tangent):
-    """Set every node's own wrench P = m (a - g), Q = J al + w x J w, less loads, and its variation [N], [N m]."""
-    gravity = vec(t.gravity)
+def node_wrenches(t, f, d, level, work, want_tangent):
+    """Set every node's own wrench P = m (a - g), Q = J al + w x J w, and its variation; ``level`` of g acts [N], [N m]."""
+    gravity = scale(level, vec(t.gravity))
     for n in range(len(t.parent)):
-        m, inertia, w, r = t.mass[n], mat(t.inertia[n]), vec(f.w[n]), mat(f.r[n])
-        spin, follower = apply(inertia, w), vec(loads.follower[n])
-        turn = tapply(r, vec_at(loads.dead[n], 3))
-        load = add(vec(loads.dead[n]), apply(r, follower))
-        moment = add(apply(inertia, vec(f.al[n])), cross(w, spin))
-        put(work.wrench[n], 0, sub(scale(m, sub(vec(f.a[n]), gravity)), load))
-        put(work.wrench[n], 3, sub(moment, add(turn, vec_at(loads.follower[n], 3))))
+        m, inertia, w = t.mass[n], mat(t.inertia[n]), vec(f.w[n])
+        spin = apply(inertia, w)
+        put(work.wrench[n], 0, scale(m, sub(vec(f.a[n]), gravity)))
+        put(work.wrench[n], 3, add(apply(inertia, vec(f.al[n])), cross(w, spin)))
         for k in range(t.size[t.block[n]] if want_tangent else 0):
-            dw, theta = vec(d.w[n, k]), vec(d.t[n, k])
+            dw = vec(d.w[n, k])
             gyro = add(cross(dw, spin), cross(w, apply(inertia, dw)))
-            dforce = sub(scale(m, vec(d.a[n, k])), apply(r, cross(theta, follower)))
-            put(work.dwrench[n, k], 0, dforce)
-            put(work.dwrench[n, k], 3, sum3(apply(inertia, vec(d.al[n, k])), gyro, cross(theta, turn)))
+            put(work.dwrench[n, k], 0, scale(m, vec(d.a[n, k])))
+            put(work.dwrench[n, k], 3, add(apply(inertia, vec(d.al[n, k])), gyro))
 
 
 @jit_inner
@@ -242,7 +232,7 @@ def _add_diagonal(t, d, nodes, count, tangent, dwrench):
 
 
 @jit_inner
-def gather(t, s, f, j, d, work, cv, ca, want_tangent):
+def gather(t, s, f, j, d, level, work, cv, ca, want_tangent):
     """Bring wrenches of dependent nodes back to their blocks: residual (unknowns,) [N], [N m] and diagonal blocks."""
     for n in range(len(t.parent) - 1, -1, -1):
         b, m = t.block[n], t.parent[n]
@@ -255,7 +245,7 @@ def gather(t, s, f, j, d, work, cv, ca, want_tangent):
             continue
         _own_variation(n, t, columns, work)
         if t.freedoms[n] > 0:
-            _passive_rows(n, m, b, columns, t, s, f, d, work, cv, ca)
+            _passive_rows(n, m, b, columns, t, s, f, d, level, work, cv, ca)
         if m >= 0:
             bring_back(n, m, f, j, work.wrench)
             bring_back_variation(n, m, columns, f, j, d, work.own_x, work.own_t, work.wrench, work.dwrench)
@@ -272,8 +262,8 @@ def _own_variation(n, t, columns, work):
 
 
 @jit_inner
-def _passive_rows(n, m, b, columns, t, s, f, d, work, cv, ca):
-    """Residual along passive freedoms: wrench on the axes + rotor, damping and friction of the joint itself."""
+def _passive_rows(n, m, b, columns, t, s, f, d, level, work, cv, ca):
+    """Residual along passive freedoms: wrench on the axes + rotor, damping, friction and spring of the joint itself."""
     first, diagonal = t.offset[b] + t.column[n], work.diagonal[b]
     frame = mat(f.r[m]) if m >= 0 else UNIT
     force, moment = tapply(frame, vec(work.wrench[n])), vec_at(work.wrench[n], 3)
@@ -282,6 +272,7 @@ def _passive_rows(n, m, b, columns, t, s, f, d, work, cv, ca):
         row, slide, turn = t.column[n] + i, vec(t.slide[n, i]), vec(t.turn[n, i])
         rate, soft = s.u[first + i], np.tanh(s.u[first + i] / FRICTION_RATE)
         own = t.rotor[n] * s.du[first + i] + t.damping[n] * rate + t.friction[n] * soft
+        own += level * t.spring[n] * (s.place[first + i] + s.d[first + i] - t.rest[n])
         work.residual[0, first + i] = dot(slide, force) + dot(turn, moment) + own
         if columns == 0:
             continue
@@ -291,6 +282,7 @@ def _passive_rows(n, m, b, columns, t, s, f, d, work, cv, ca):
                 dforce = sub(dforce, cross(vec(d.t[m, k]), force))
             diagonal[row, k] = dot(slide, dforce) + dot(turn, vec_at(work.dwrench[n, k], 3))
         slope = cv * (t.damping[n] + t.friction[n] * (1 - soft * soft) / FRICTION_RATE) + ca * t.rotor[n]
+        slope += level * t.spring[n]
         if t.triple[n] >= 0 and i >= t.triple[n]:  # the turn is unit vector number i - triple
             add_to(diagonal[row], t.column[n] + t.triple[n], scale(slope, tapply(inverse, turn)))
         else:

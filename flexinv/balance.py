@@ -41,12 +41,14 @@ def balance(
     elastic: Array,
     time: Array,
     applied: NodalForces | None = None,
+    brought: Array | None = None,
 ) -> Balance:
     """Return the balances of a motion.
 
     forces : P and Q of all nodes [N], [N m]; tau : (samples, nv) joint efforts L T P without drive efforts [N m], [N]
     base : (samples, 6) reaction of the base on the mechanism about the origin, world, from the kinematics step
     elastic : (samples, 2) elastic energy [J] and its rate [W]; applied : springs, loads and closures, if any
+    brought : (samples,) energy that impacts bring at once [J], if any
     """
     spin = np.einsum("nij,snj->sni", mesh.inertia, motion.omega)
     kinetic = 0.5 * np.einsum("n,sni,sni->s", mesh.mass, motion.v, motion.v)
@@ -56,6 +58,8 @@ def balance(
     energy = kinetic + potential + elastic[:, 0]
     supplied = given if applied is None else given + _power(motion, applied)
     work = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(time) * (supplied[1:] + supplied[:-1]))])
+    if brought is not None:
+        work += np.cumsum(brought)
     total = np.hstack([forces.force.sum(axis=1), (np.cross(motion.x, forces.force) + forces.moment).sum(axis=1)])
     power = given - _power(motion, forces) - elastic[:, 1]
     return Balance(kinetic, potential, elastic[:, 0], power, work - (energy - energy[0]), base - total)

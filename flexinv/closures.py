@@ -12,14 +12,14 @@ through the same sums along the tree as all nodal forces, G^T lambda = (L T) P_l
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.inverse import NodalForces, joint_wrenches, project
-from flexinv.mechanism import CLOSURES, WORLD, Array, Attachment, Closure
+from flexinv.mechanism import CLOSURES, WORLD, Array, Attachment, Closure, Mechanism
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
 
@@ -66,6 +66,23 @@ def constraint_rows(mesh: Mesh) -> Rows:
     whole = [np.array(c, dtype=np.int64) for c in (columns[0], columns[2], columns[3])]
     place_a, place_b, u, w = (np.array(c, dtype=float).reshape(-1, 3) for c in columns[4:])
     return Rows(whole[0], np.array(columns[1], dtype=bool), whole[1], whole[2], place_a, place_b, u, w)
+
+
+def captured(mechanism: Mechanism, original: Rows, now: Rows, motion: NodalMotion, which: NDArray[np.bool_]) -> Rows:
+    """Return ``now`` with the second frames of the closures ``which`` (closures,) put where the first ones stand [m], [-].
+
+    original : rows of the mechanism as it is written; motion : one sample.  A universal closure keeps its second axis.
+    """
+    xa, _, _, _, _, ra = (part[0] for part in _at(motion, original.a))
+    xb, _, _, _, _, rb = (part[0] for part in _at(motion, original.b))
+    seen = np.einsum("rji,rj->ri", rb, xa + np.einsum("rij,rj->ri", ra, original.place_a) - xb)  # (row, xyz) from B
+    w = now.w.copy()
+    for k, index in enumerate(original.closure):
+        closure = mechanism.closures[index]
+        if which[index] and original.direction[k] and closure.kind != "universal":
+            aligned = closure.first.placement.rotation @ closure.second.placement.rotation.T
+            w[k] = rb[k].T @ ra[k] @ aligned @ original.w[k]
+    return replace(now, place_b=np.where(which[original.closure][:, None], seen, now.place_b), w=w)
 
 
 def _equations(closure: Closure) -> list[tuple[bool, Array, Array]]:

@@ -22,8 +22,8 @@ from numba import njit
 
 # The modules whose text or constants are in machine code.
 SOURCES = (
-    "assemble", "beam", "blocks", "compiled", "eliminate", "integrate", "lanes", "march", "modes", "recursion", "rotations",
-    "system", "ties", "tree", "vectors",
+    "assemble", "beam", "blocks", "border", "compiled", "eliminate", "integrate", "lanes", "loads", "march", "modes", "pulls",
+    "recursion", "rotations", "system", "ties", "tree", "vectors",
 )  # fmt: skip
 _IMPORT = re.compile(r"^from flexinv\.(\w+) import", re.MULTILINE)
 

@@ -11,20 +11,23 @@ from flexinv.balance import balance, base_reaction
 from flexinv.differences import differenced
 from flexinv.inverse import NodalForces, drive_efforts, in_node_frame, joint_wrenches, nodal_forces, project
 from flexinv.joint import joint_effort
-from flexinv.kinematics import Trajectory
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import VELOCITIES, Mesh
 from flexinv.nodal import NodalMotion
 from flexinv.rigid import rigid_motion
 from flexinv.solution import Solution
+from flexinv.solver import Trajectory
 from flexinv.system import FRICTION_RATE
 
 
 def evaluate(
     mesh: Mesh, trajectory: Trajectory, time: Array, q: Array, qd: Array, qdd: Array, passive: set[str],
-    settings: dict[str, float | int | str | bool], applied: NodalForces | None = None,
+    settings: dict[str, float | int | str | bool], applied: NodalForces | None = None, brought: Array | None = None,
 ) -> Solution:  # fmt: skip
-    """The paper's second step [N], [N m], and everything else that follows from the nodal motion."""
+    """The paper's second step [N], [N m], and everything else that follows from the nodal motion.
+
+    applied : springs, given forces and closures; brought : (samples,) energy that impacts bring [J]
+    """
     mechanism = mesh.mechanism
     motion = trajectory.motion
     if settings["incremental"]:
@@ -45,7 +48,7 @@ def evaluate(
         nodes=motion, forces=forces,
         tip=_tips(mesh, motion), deflection=_deflections(mesh, motion), wrench=wrench,
         internal=internal, internal_stations=stations,
-        balance=balance(mesh, motion, forces, tau, qd, base, trajectory.energy, time, applied),
+        balance=balance(mesh, motion, forces, tau, qd, base, trajectory.energy, time, applied, brought),
         iterations=trajectory.iterations, settings=settings, notes=mechanism.notes,
     )  # fmt: skip
 

@@ -126,4 +126,5 @@ def advance(t, c, s):
     for k in range(len(s.d)):
         if c.mode == DYNAMIC:
             s.pseudo[k], s.u0[k], s.du0[k] = _pseudo(c, s, k), s.u[k], s.du[k]
+        s.place[k] += s.d[k]
         s.d[k] = 0.0

@@ -143,6 +143,23 @@ def closed_motion(
     return q, *_rates(mesh, rows, q, given[1], given[2], unknown, time)
 
 
+def closed_start(
+    mesh: Mesh, history: JointHistory, time: float, unknown: NDArray[np.bool_], rows: Rows
+) -> tuple[Array, Array, Array]:
+    """Return one closed state q (nq,), qd, qdd (nv,) [rad or m, s] from which a mechanism with beams marches on.
+
+    As `closed_motion` at one time, but what the closures leave open stays at its start: it is free to move.
+    Raises ConvergenceError when the loops cannot be closed.
+    """
+    q, qd, qdd = (part[0] for part in history(np.array([time])))
+    q = _Follower(mesh, rows, history, unknown).start(time, q)
+    for order, rate in ((1, qd), (2, qdd)):
+        motion = rigid_motion(mesh, q[None], qd[None], qdd[None])
+        g = constraint_jacobian(mesh, motion, rows)[0][:, unknown]
+        rate[unknown] -= np.linalg.lstsq(g, residuals(motion, rows)[order][0], rcond=REDUNDANT)[0]
+    return q, qd, qdd
+
+
 def _rates(
     mesh: Mesh, rows: Rows, q: Array, qd: Array, qdd: Array, unknown: NDArray[np.bool_], time: Array
 ) -> tuple[Array, Array]:

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from flexinv.assemble import add_elements, gather, node_wrenches, place
+from flexinv.border import solve_border
 from flexinv.compiled import jit, jit_inline, jit_inner
 from flexinv.eliminate import solve_tree
-from flexinv.integrate import ACCELERATION, DYNAMIC, advance, correct, predict
-from flexinv.ties import add_ties, solve_border, tie_rows, tie_sides
+from flexinv.integrate import ACCELERATION, DYNAMIC, STATIC, advance, correct, predict
+from flexinv.loads import add_loads
+from flexinv.pulls import Pulls, pull_rows, pull_sides, turn_arms
+from flexinv.ties import ACCELERATIONS as RATED
+from flexinv.ties import PULL, RATES, VALUES, Ties, add_ties, tie_rows, tie_sides
 from flexinv.tree import Joints
 from flexinv.vectors import mat, put, put_block, vec
 
@@ -24,35 +30,55 @@ MASSLESS = 1e-16
 CONVERGED, NOT_CONVERGED, TURNED_TOO_MUCH, NOT_FINITE = 0, 1, 2, 3
 
 
+# At rest nothing but the closures or springs of the border may hold a passive joint, and the tree alone cannot be solved.
+# Its diagonal gets this part of the largest stiffness: Newton's step falls short by as much, rounding by 1e-16 / HELD.
+HELD = 1e-10
+
+
+class Border(NamedTuple):
+    """What stands beside the tree: closures and springs between points [m], [N]."""
+
+    ties: Ties
+    pulls: Pulls
+
+
 @jit_inline
-def evaluate(t, e, ties, c, s, j, f, d, loads, work, want_tangent):
+def evaluate(t, e, b, c, s, j, f, d, loads, work, want_tangent):
     """Evaluate residual [N], [N m] (and linearisation) at the present unknowns; return -1 or the element that turned too much."""
+    level = loads.level[0]
     place(t, s, j, f, d, c.cv, c.ca, want_tangent)
-    node_wrenches(t, f, d, loads, work, want_tangent)
-    tie_rows(ties, f, c.mode == ACCELERATION)
-    add_ties(ties, work.wrench)
+    node_wrenches(t, f, d, level, work, want_tangent)
+    add_loads(t, f, d, loads, work, want_tangent)
+    tie_rows(b.ties, f, RATED if c.mode == ACCELERATION else VALUES)
+    pull_rows(b.pulls, b.ties, f, level)
+    add_ties(b.ties, work.wrench)
     bad = add_elements(t, e, f, d, work, want_tangent)
     if bad < 0:
-        gather(t, s, f, j, d, work, c.cv, c.ca, want_tangent)
         if want_tangent:
-            tie_sides(t, ties, d, work.residual)
+            turn_arms(t, b.pulls, b.ties, f, d, work.dwrench)
+        gather(t, s, f, j, d, level, work, c.cv, c.ca, want_tangent)
+        if want_tangent:
+            tie_sides(t, b.ties, d, t.length, work.residual)
+            pull_sides(t, b.pulls, b.ties, f, d)
     return bad
 
 
 @jit_inline
-def newton(t, e, ties, c, s, j, f, d, loads, work, y):
+def newton(t, e, b, c, s, j, f, d, loads, work, y):
     """Solve one instant; return status, iterations (or the bad element), last relative increment [-]."""
     size, last = 0.0, False
     for iteration in range(MOST_ITERATIONS + 1):
-        bad = evaluate(t, e, ties, c, s, j, f, d, loads, work, not last)
+        bad = evaluate(t, e, b, c, s, j, f, d, loads, work, not last)
         if bad >= 0:
             return TURNED_TOO_MUCH, bad, size
         if last or y.shape[1] == 0:
             return CONVERGED, iteration, size
         if c.mode == ACCELERATION:
             _weigh_massless(t, work.diagonal)
+        elif c.mode == STATIC and len(b.ties.a) > 0:
+            _hold_loose(t, work.diagonal)
         solve_tree(t, e, d, work, y)
-        solve_border(ties, c.ca if c.mode == ACCELERATION else 1.0, y)
+        solve_border(b.ties, c.ca if c.mode == ACCELERATION else 1.0, y)
         size = _largest(y[0], t.scale)
         if not np.isfinite(size):
             return NOT_FINITE, iteration, size
@@ -88,37 +114,92 @@ def _weigh_massless(t, diagonal):
                 diagonal[b, k, k] = largest
 
 
+@jit_inner
+def _hold_loose(t, diagonal):
+    """Give passive freedoms a stiffness of their own in the linearisation, HELD of the largest; the residual has none."""
+    largest = 0.0
+    for b in range(len(t.size)):
+        for k in range(t.size[b]):
+            largest = max(largest, abs(diagonal[b, k, k]))
+    for n in range(len(t.parent)):
+        for i in range(t.freedoms[n]):
+            diagonal[t.block[n], t.column[n] + i, t.column[n] + i] += HELD * largest
+
+
 @jit
-def march(t, e, ties, c, rates, s, f, d, loads, work, y, rel, out, wrench, internal, energy, multipliers, iterations):
+def march(
+    t, e, b, c, rates, s, f, d, loads, work, y, rel, table, out, wrench, internal, energy, multipliers, iterations
+):
     """Solve the instants of one chunk, in DYNAMIC mode step after step; fill the histories.
 
     With closures every step has two phases: positions that meet them (scheme c), and then the accelerations and multipliers
     that belong to that state (scheme ``rates``, index 1), which are what is recorded; the integrator goes on with its own.
 
-    rel : Joints with a leading sample axis; out : x, r, v, w, a, al (samples, nodes, ...); wrench : (samples, nodes, 6)
+    rel : Joints with a leading sample axis; table : (samples, loads, 6) wrenches of the loads
+    out : x, r, v, w, a, al (samples, nodes, ...); wrench : (samples, nodes, 6)
     internal : (samples, elements, points, 6); energy : (samples, 2); multipliers : (samples, rows); iterations : (samples,)
     Return status, sample reached, element or iterations, last relative increment [-].
     """
     count, size = 0, 0.0
     for sample in range(rel.p.shape[0]):
         j = Joints(rel.p[sample], rel.dp[sample], rel.ddp[sample], rel.r[sample], rel.w[sample], rel.al[sample])
+        set_loads(loads, table[sample])
         if c.mode == DYNAMIC:
             predict(c, s)
-        for phase in range(2 if c.mode == DYNAMIC and len(ties.a) > 0 else 1):
+        for phase in range(2 if c.mode == DYNAMIC and any_acts(b.ties) else 1):
             if phase == 1:
-                keep(s, ties)
-            status, done, size = newton(t, e, ties, c if phase == 0 else rates, s, j, f, d, loads, work, y)
+                keep(s, b.ties)
+            status, done, size = newton(t, e, b, c if phase == 0 else rates, s, j, f, d, loads, work, y)
             if status != CONVERGED:
                 return status, sample, done, size
             count = done if phase == 0 else count
         record(sample, f, work, out, wrench, internal, energy)
-        for k in range(len(ties.a)):
-            multipliers[sample, k] = ties.multiplier[k]
+        for k in range(multipliers.shape[1]):
+            multipliers[sample, k] = b.ties.multiplier[k]
         iterations[sample] = count
         if phase == 1:
-            restore(s, ties)
+            restore(s, b.ties)
         advance(t, c, s)
     return CONVERGED, rel.p.shape[0], count, size
+
+
+@jit
+def collide(t, e, b, rates, s, j, f, d, loads, work, y):
+    """Let the acting closures stop the velocities that they do not allow, perfectly plastic: s.u changes [m/s], [rad/s].
+
+    M du - G^T Lambda = 0,  G (u + du) = 0: impulses Lambda [N s], [N m s] are left in ties.step.
+    """
+    evaluate(t, e, b, rates, s, j, f, d, loads, work, True)
+    tie_rows(b.ties, f, RATES)
+    _weigh_massless(t, work.diagonal)
+    for i in range(y.shape[1]):
+        work.residual[0, i] = 0.0
+    for k in range(len(b.ties.a)):
+        b.ties.kept[k] = b.ties.multiplier[k]
+        b.ties.value[k] *= 1.0 - b.ties.give[k]
+    solve_tree(t, e, d, work, y)
+    solve_border(b.ties, rates.ca, y)
+    for i in range(y.shape[1]):
+        s.u[i] += rates.ca * y[0, i]
+    for k in range(len(b.ties.a)):
+        b.ties.multiplier[k] = b.ties.kept[k]
+
+
+@jit_inner
+def any_acts(ties):
+    """Whether a closure acts [-]: springs need no second phase."""
+    acts = False
+    for k in range(len(ties.a)):
+        acts = acts or (ties.kind[k] != PULL and ties.acting[k])
+    return acts
+
+
+@jit_inner
+def set_loads(loads, now):
+    """Set the wrenches of the loads (loads, 6) [N], [N m]."""
+    for k in range(len(loads.node)):
+        for i in range(6):
+            loads.wrench[k, i] = now[k, i]
 
 
 @jit_inner

@@ -152,6 +152,7 @@ class Joint:
     friction : [N m] or [N], dry: one number, the same for every velocity coordinate of the joint
     stiffness : [N m/rad] or [N/m] of a spring in the joint, without effort at ``rest`` [rad] or [m] (scalar joints)
     actuated : False leaves the joint to the dynamics, or its effort to ``Solution.unactuated``
+    weight : [-] of the square of its effort where drives are redundant: the minimum of sum weight tau^2 is taken
     """
 
     name: str
@@ -168,6 +169,7 @@ class Joint:
     stiffness: float = 0.0
     rest: float = 0.0
     actuated: bool = True
+    weight: float = 1.0
     limits: Limits = field(default_factory=Limits)
 
     @property
@@ -211,6 +213,8 @@ class Closure:
         point-on-line (in the first frame), the axis of a universal closure that stays with the first frame
     second_axis : (3,) [-], universal: the axis that stays with the second frame
     active : intervals (start, end) [s] in which it acts; empty: always
+    capture : it ties the frames where they stand when it begins to act, as a hand that grasps; False: they must have met
+    impact : what happens when it begins to act on frames that move against each other: a key of ``IMPACTS``
     """
 
     name: str
@@ -220,6 +224,12 @@ class Closure:
     axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     second_axis: Array = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
     active: tuple[tuple[float, float], ...] = ()
+    capture: bool = False
+    impact: str = "error"
+
+
+# What a closure does that begins to act on frames in relative motion: refuse, or stop it at once (perfectly plastic).
+IMPACTS = ("error", "plastic")
 
 
 @dataclass(frozen=True)
@@ -287,6 +297,13 @@ class Mechanism:
         """Joints by name."""
         return {joint.name: joint for joint in self.joints}
 
+    @property
+    def attachments(self) -> tuple[Attachment, ...]:
+        """Every frame that a closure, a spring or a force is attached to."""
+        tied = (end for closure in self.closures for end in (closure.first, closure.second))
+        pulled = (end for spring in self.springs for end in (spring.first, spring.second))
+        return (*tied, *pulled, *(force.at for force in self.forces))
+
     @cached_property
     def coordinate_names(self) -> tuple[str, ...]:
         """Names of the configuration coordinates q, in the order of every q array (Pinocchio's layout)."""
@@ -322,6 +339,16 @@ class Mechanism:
         """(nv,) which velocity coordinates have an actuator."""
         flags = [j.actuated for j in self.joints for _ in range(j.nv)]
         return np.array(flags, dtype=bool)
+
+    @cached_property
+    def weights(self) -> Array:
+        """(nv,) weight of the square of each coordinate's effort among redundant drives [-]."""
+        return np.array([j.weight for j in self.joints for _ in range(j.nv)], dtype=float)
+
+    @cached_property
+    def rotor_inertias(self) -> Array:
+        """(nv,) rotor inertia of every velocity coordinate [kg m^2], [kg]."""
+        return np.array([j.rotor_inertia for j in self.joints for _ in range(j.nv)], dtype=float)
 
     @property
     def is_rigid(self) -> bool:

@@ -191,8 +191,9 @@ class _Builder:
     def beam(self, link: Link, beam: Beam, index: int, node: int) -> None:
         wanted = [j.station for j in self.mechanism.joints if j.parent == link.name and j.station is not None]
         wanted += [b.station for b in link.bodies if b.station is not None]
-        ends = [end for closure in self.mechanism.closures for end in (closure.first, closure.second)]
-        wanted += [end.station for end in ends if end.link == link.name and end.station is not None]
+        wanted += [
+            end.station for end in self.mechanism.attachments if end.link == link.name and end.station is not None
+        ]
         bounds = _element_bounds(beam, wanted)
         root = self.node(node, RIGID, beam.placement, index)
         nodes, stations = [root], [0.0]

@@ -18,15 +18,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import LinAlgError, cholesky, eigh
 
-from flexinv.applied import check_no_springs
 from flexinv.compiled import jit
 from flexinv.errors import InputError
 from flexinv.integrate import STATICS
-from flexinv.kinematics import Solver, equilibrium, instant, start_undeformed
 from flexinv.loops import closed_near
 from flexinv.march import CONVERGED, evaluate
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh, build
+from flexinv.solver import Solver
+from flexinv.starting import equilibrium, instant, start_undeformed
 from flexinv.tree import Joints
 
 # A singular value of the closures' equations below this part of the largest belongs to a redundant one: rounding is 1e-15.
@@ -70,9 +70,9 @@ class Modes:
 
 
 @jit
-def linearise(t, e, ties, c, s, j, f, d, loads, work):
+def linearise(t, e, border, c, s, j, f, d, loads, work):
     """Evaluate the residual [N], [N m] and its linearisation; return -1 or the element that turned too much."""
-    return evaluate(t, e, ties, c, s, j, f, d, loads, work, True)
+    return evaluate(t, e, border, c, s, j, f, d, loads, work, True)
 
 
 def natural_modes(
@@ -87,7 +87,6 @@ def natural_modes(
     Raises InputError for unknown joints and where nothing can move, ConvergenceError where no rest position is found.
     """
     names = _free(mechanism, free)
-    check_no_springs(mechanism)
     mesh = build(mechanism)
     at = mechanism.neutral if q is None else np.array(q, dtype=float)
     if at.shape != (mechanism.nq,) or not np.isfinite(at).all():
@@ -123,6 +122,7 @@ def _rest(solver: Solver, q: Array) -> Joints:
     """Bring the solver to the rest position: of a tree with all joints held, of a loop with its free joints free."""
     mesh, nothing = solver.mesh, np.zeros(solver.mesh.mechanism.nv)
     start_undeformed(solver, q, nothing, nothing)
+    solver.load_at(0.0)
     joints = instant(mesh, q, nothing, nothing)
     if mesh.mechanism.is_rigid:
         _load_ties(solver, joints)
@@ -130,6 +130,7 @@ def _rest(solver: Solver, q: Array) -> Joints:
     held = solver if mesh.mechanism.closures else Solver.of(mesh, set())
     if held is not solver:
         start_undeformed(held, q, nothing, nothing)
+        held.load_at(0.0)
     found = equilibrium(held, q, "rest position for modes")
     status, iterations, size = held.newton(STATICS, found)
     if status != CONVERGED:
@@ -141,26 +142,43 @@ def _rest(solver: Solver, q: Array) -> Joints:
 
 def _load_ties(solver: Solver, joints: Joints) -> None:
     """Give the closures of a rigid mechanism the forces G^T lambda = r of least norm that hold it where it stands."""
-    if len(solver.ties.a):
+    ties, n = solver.border.ties, _constraints(solver)
+    _load_springs(solver, joints)
+    if n:
         _evaluate(solver, joints)
-        solver.ties.multiplier[:] = np.linalg.lstsq(-solver.ties.sides.T, solver.work.residual[0], rcond=REDUNDANT)[0]
+        ties.multiplier[:n] = np.linalg.lstsq(-ties.sides[:n].T, solver.work.residual[0], rcond=REDUNDANT)[0]
+
+
+def _constraints(solver: Solver) -> int:
+    """Number of the border's rows that are constraints; springs follow."""
+    return int(solver.instant.multipliers.shape[1])
+
+
+def _load_springs(solver: Solver, joints: Joints) -> None:
+    """Give the springs between points the forces that they have where the mechanism stands."""
+    n = _constraints(solver)
+    _evaluate(solver, joints)
+    solver.border.ties.multiplier[n:] += solver.border.ties.value[n:]
 
 
 def _evaluate(solver: Solver, joints: Joints) -> None:
     linearise(
-        solver.topology, solver.elements, solver.ties, STATICS, solver.state, joints, solver.frames, solver.variation,
+        solver.topology, solver.elements, solver.border, STATICS, solver.state, joints, solver.frames, solver.variation,
         solver.loads, solver.work,
     )  # fmt: skip
 
 
 def _linear(solver: Solver, joints: Joints) -> tuple[Array, Array]:
     """Stiffness and mass (unknowns, unknowns); the march's tangent leaves out part of what forces in closures do."""
-    force = solver.ties.multiplier.copy()
+    ties, n = solver.border.ties, _constraints(solver)
+    _load_springs(solver, joints)
+    force = ties.multiplier.copy()
     tied = _stiffness_of_ties(solver, joints)
-    solver.ties.multiplier[:] = 0.0
+    ties.multiplier[:n] = 0.0
     _evaluate(solver, joints)
-    solver.ties.multiplier[:] = force
-    return tangent_matrix(solver) + tied, _mass(solver)
+    ties.multiplier[:] = force
+    sprung = -ties.sides[n:].T @ ties.across[n:]  # what a spring's force, which follows the motion, does to the residual
+    return tangent_matrix(solver) + tied + sprung, _mass(solver)
 
 
 def tangent_matrix(solver: Solver) -> Array:
@@ -216,7 +234,8 @@ STEP = 1e-3
 
 def _stiffness_of_ties(solver: Solver, joints: Joints) -> Array:
     """-d(G^T lambda) / dy: what the forces in the closures add to the stiffness where something loads them."""
-    size, force = len(solver.topology.scale), solver.ties.multiplier.copy()
+    n = _constraints(solver)
+    size, force = len(solver.topology.scale), solver.border.ties.multiplier[:n].copy()
     k = np.zeros((size, size))
     if not np.any(force):
         return k
@@ -225,7 +244,7 @@ def _stiffness_of_ties(solver: Solver, joints: Joints) -> Array:
         solver.state.d[unknown] = step * solver.topology.scale[unknown]
         _evaluate(solver, joints)
         solver.state.d[unknown] = 0.0
-        return np.asarray(solver.ties.sides.T @ force)
+        return np.asarray(solver.border.ties.sides[:n].T @ force)
 
     for unknown in range(size):
         near, far = pull(unknown, STEP) - pull(unknown, -STEP), pull(unknown, 2 * STEP) - pull(unknown, -2 * STEP)
@@ -235,7 +254,7 @@ def _stiffness_of_ties(solver: Solver, joints: Joints) -> Array:
 
 def _allowed(solver: Solver) -> Array:
     """N (unknowns, freedoms): the motions that the closures allow, columns of unit length in scaled unknowns."""
-    g = solver.ties.sides * solver.topology.scale
+    g = solver.border.ties.sides[: _constraints(solver)] * solver.topology.scale
     if not len(g):
         return np.diag(solver.topology.scale)
     _, values, right = np.linalg.svd(g)

@@ -36,6 +36,10 @@ class NodalMotion:
         x, v, omega, a, alpha = zeros
         return cls(x, np.zeros((samples, nodes, 3, 3)), v, omega, a, alpha)
 
+    def samples(self, span: slice) -> NodalMotion:
+        """Return the samples of ``span``, not copied [m, rad, s]."""
+        return NodalMotion(*(part[span] for part in (self.x, self.rotation, self.v, self.omega, self.a, self.alpha)))
+
     def repeated(self, times: int) -> NodalMotion:
         """Return every sample ``times`` [-] times, one after the other."""
         parts = (self.x, self.rotation, self.v, self.omega, self.a, self.alpha)

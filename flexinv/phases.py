@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from flexinv.closures import Rows
 from flexinv.errors import InputError
 from flexinv.mechanism import Array, Mechanism
 
@@ -22,6 +23,24 @@ class Phase:
     first: int
     last: int
     active: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A phase and the constraints of all closures, with the frames [m] that they tie in it."""
+
+    phase: Phase
+    rows: Rows
+
+    @property
+    def span(self) -> slice:
+        """Samples of the phase."""
+        return slice(self.phase.first, self.phase.last)
+
+    @property
+    def pick(self) -> NDArray[np.bool_]:
+        """(rows,) which constraints act."""
+        return self.phase.active[self.rows.closure]
 
 
 def phases(mechanism: Mechanism, time: Array) -> list[Phase]:

@@ -6,20 +6,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from flexinv.applied import applied_forces
 from flexinv.errors import InputError
 from flexinv.evaluate import evaluate
 from flexinv.integrate import STATICS
-from flexinv.inverse import NodalForces
-from flexinv.kinematics import Solver, Trajectory, equilibrium, record_instant, start_undeformed
 from flexinv.march import CONVERGED
-from flexinv.mechanism import Array, Body, Inertia, Mechanism
+from flexinv.mechanism import Attachment, Force, Mechanism, Placement
 from flexinv.mesh import build
 from flexinv.solution import Solution
+from flexinv.solver import Solver, Trajectory, record_instant
+from flexinv.starting import equilibrium, start_undeformed
 
 
-def _vector() -> Array:
+def _vector() -> NDArray[np.float64]:
     return np.zeros(3)
 
 
@@ -43,7 +44,8 @@ class Load:
 def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | None = None) -> Solution:
     """Return the equilibrium under gravity and loads with all joints held at ``q``: a Solution of one sample.
 
-    Zero of the residual  f_elastic - m g - loads = 0  on all free nodes; loads are raised in steps as large as Newton converges.
+    Zero of the residual  f_elastic - m g - loads = 0  on all free nodes; gravity, the mechanism's springs and forces (those of
+    t = 0) and the loads are raised in steps as large as Newton converges.
     ``torque`` holds the joints; ``tip``, ``deflection``, ``wrench``, ``internal`` are those of the rest position.
 
     q : (nq,) [rad], [m], all joints at zero by default
@@ -61,18 +63,11 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
             f"statics: mechanism '{mechanism.name}' has closures, whose passive joints would have to give way: not solved yet; "
             "write flexinv.solve(mechanism, motion, step=..., initial='static') with a motion at rest"
         )
-    acting = [*(spring.name for spring in mechanism.springs), *(force.name for force in mechanism.forces)]
-    if acting:
-        raise InputError(
-            f"statics: mechanism '{mechanism.name}' has springs or applied forces ({', '.join(acting)}), not solved here yet; "
-            "write forces as loads=[flexinv.Load(link, force=...)], or of a rigid mechanism flexinv.joint_torques at rest"
-        )
-    mesh = build(_with_load_points(mechanism, checked))
+    loaded = replace(mechanism, forces=(*mechanism.forces, *(_force(mechanism, load) for load in checked)))
+    mesh = build(loaded)
     solver = Solver.of(mesh, set())
-    for k, load in enumerate(checked):
-        rows = solver.loads.follower if load.follower else solver.loads.dead
-        rows[mesh.body_node[(load.link, _point_name(k))]] += np.concatenate([load.force, load.moment])
-    rest = np.zeros(mechanism.nv)
+    solver.load_at(0.0)
+    rest, now = np.zeros(mechanism.nv), np.zeros(1)
     start_undeformed(solver, at, rest, rest)
     joints = equilibrium(solver, at, "statics")
     status, count, size = solver.newton(STATICS, joints)
@@ -83,31 +78,14 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     out.iterations[0] = count
     settings: dict[str, float | int | str | bool] = {"statics": True, "incremental": False}
     row = rest[None]
-    return evaluate(mesh, out, np.zeros(1), at[None], row, row, set(), settings, _applied(solver))
+    acting = applied_forces(mesh, out.motion, now)
+    return evaluate(mesh, out, now, at[None], row, row, set(), settings, acting)
 
 
-def _applied(solver: Solver) -> NodalForces:
-    """All loads in world axes at the rest position."""
-    dead, follower, turn = solver.loads.dead, solver.loads.follower, solver.frames.r
-    force = dead[:, :3] + np.einsum("nij,nj->ni", turn, follower[:, :3])  # (node, xyz)
-    moment = dead[:, 3:] + np.einsum("nij,nj->ni", turn, follower[:, 3:])
-    return NodalForces(force[None], moment[None])
-
-
-def _point_name(index: int) -> str:
-    return f"load {index}"
-
-
-def _with_load_points(mechanism: Mechanism, loads: Sequence[Load]) -> Mechanism:
-    """Put a massless body where each load acts, so that the mesh has a node there."""
-    links = {link.name: link for link in mechanism.links}
-    for k, load in enumerate(loads):
-        link = links[load.link]
-        point = np.asarray(load.point, dtype=float)
-        station = None if link.beam is None else float(load.station)
-        body = Body(_point_name(k), Inertia(0.0, point), station)
-        links[load.link] = replace(link, bodies=(*link.bodies, body))
-    return replace(mechanism, links=tuple(links.values()))
+def _force(mechanism: Mechanism, load: Load) -> Force:
+    station = None if mechanism.link_of[load.link].beam is None else float(load.station)
+    at = Attachment(load.link, Placement(np.asarray(load.point)), station)
+    return Force("load", at, np.concatenate([load.force, load.moment])[None], follower=load.follower)
 
 
 def _checked(mechanism: Mechanism, load: Load) -> Load:

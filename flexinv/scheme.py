@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import maximum_filter1d
 
-from flexinv.applied import applied_forces, check_no_springs
-from flexinv.closed import closed_solution, flexible_closed_solution
+from flexinv.applied import applied_forces
+from flexinv.closed import closed_solution
+from flexinv.closed_beams import flexible_closed_solution
 from flexinv.differences import check_samples
 from flexinv.errors import InputError
 from flexinv.evaluate import evaluate, rigid_trajectory
@@ -86,9 +87,8 @@ def solve(
             applied = applied_forces(mesh, rigid_motion(mesh, q, qd, qdd), time)
             trajectory = rigid_trajectory(mesh, q, qd, qdd, applied)
         else:
-            check_no_springs(mechanism)
-            applied = None
             trajectory = flexible_motion(mesh, history, right, time, scheme, passive, motion.jumps, initial, progress)
+            applied = applied_forces(mesh, trajectory.motion, time)
             fill_passive(mesh, trajectory.motion, passive, q, qd, qdd)
         solution = evaluate(mesh, trajectory, time, q, qd, qdd, passive, settings, applied)
     if not error:

@@ -9,6 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from flexinv.balance import Balance
+from flexinv.impacts import Impact
 from flexinv.inverse import Factors, NodalForces, factors
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh
@@ -28,12 +29,14 @@ class LoopForces:
     condition : (samples,) of the drives' authority over the motions that the closures allow [-]: 1 where drives turn as the
         mechanism does, large where they hardly move it; with beams not computed (nan)
     left : (samples, nv) efforts that neither drives nor closures carry [N m], [N]: rounding where the drives suffice
+    impacts : what happens at once where closures with impact = "plastic" begin to act
     """
 
     reaction: dict[str, Array]
     preload: Array
     condition: Array
     left: Array
+    impacts: tuple[Impact, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -33,8 +33,8 @@ class Topology(NamedTuple):
     freedoms, column : (nodes,) passive freedoms of the node's joint and their first column in the block
     triple : (nodes,) first of three freedoms that are a rotation vector, -1 without
     slide, turn : (nodes, 6, 3) axes of the passive freedoms, in the parent's and in the node's frame [-]
-    rotor, damping, friction : (nodes,) of the passive joint; scale : (unknowns,) length or 1: what a unit step means
-    mass, inertia, gravity : [kg], [kg m^2], [m/s^2]
+    rotor, damping, friction, spring, rest : (nodes,) of the passive joint; scale : (unknowns,) length or 1: a unit step
+    mass, inertia, gravity : [kg], [kg m^2], [m/s^2]; length : of the mechanism [m]
     """
 
     parent: NDArray[np.int64]
@@ -50,10 +50,13 @@ class Topology(NamedTuple):
     rotor: Array
     damping: Array
     friction: Array
+    spring: Array
+    rest: Array
     scale: Array
     mass: Array
     inertia: Array
     gravity: Array
+    length: float
 
 
 class ElementArrays(NamedTuple):
@@ -102,10 +105,13 @@ def topology(mesh: Mesh, passive: set[str]) -> Topology:
         rotor=table.rotor,
         damping=table.damping,
         friction=table.friction,
+        spring=table.spring,
+        rest=table.rest,
         scale=_scale(mesh, size, offset, table, block),
         mass=mesh.mass,
         inertia=mesh.inertia,
         gravity=np.array(mesh.mechanism.gravity, dtype=float),
+        length=mesh.length,
     )
 
 
@@ -145,12 +151,14 @@ class _Passive:
     rotor: Array
     damping: Array
     friction: Array
+    spring: Array
+    rest: Array
 
     @classmethod
     def of(cls, nodes: int) -> _Passive:
         none = np.zeros(nodes, dtype=np.int64)
         axes = np.zeros((nodes, 6, 3))
-        return cls(none, none.copy(), none - 1, axes, axes.copy(), *(np.zeros(nodes) for _ in range(3)))
+        return cls(none, none.copy(), none - 1, axes, axes.copy(), *(np.zeros(nodes) for _ in range(5)))
 
     def add(self, mesh: Mesh, node: int, joint: Joint, size: Indices, block: Indices) -> None:
         kind = int(mesh.kind[node])
@@ -162,7 +170,7 @@ class _Passive:
         self.turn[node, :count] = turn
         self.triple[node] = {SPHERICAL: 0, FREE: 3}.get(kind, -1)
         self.rotor[node], self.damping[node] = joint.rotor_inertia, joint.damping
-        self.friction[node] = joint.friction
+        self.friction[node], self.spring[node], self.rest[node] = joint.friction, joint.stiffness, joint.rest
 
 
 def _scale(mesh: Mesh, size: Indices, offset: Indices, table: _Passive, block: Indices) -> Array:

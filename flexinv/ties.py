@@ -1,43 +1,45 @@
-"""Closures in the march: constraint equations between two nodes, their gradients, and the small border that they add.
+"""Closures in the march: constraint equations between two nodes and their gradients, rows of the border (compiled).
 
-Same equations as `closures`, one row each: position u . d = 0 or direction u . w = 0.  With the gradient g of a row (force on
-node b and a in the world, moment in the node's own frame) the step solves
-
-    K y - G^T dlambda = -(r - G^T lambda)          G y = -phi
-
-by y = y_0 + K^-1 G^T dlambda on the tree, and the border  (G K^-1 G^T) dlambda = -phi - G y_0  with complete pivoting: rows
-that add nothing (redundant constraints of planar loops) are found there and keep their multipliers.
+Same equations as `closures`, one row each: position u . d = 0 or direction u . w = 0, with the gradient g of a row (force on
+node b and a in the world, moment in the node's own frame).  A closure that does not act has rows of zeros.
+Springs between points (`pulls`) follow as further rows.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.closures import constraint_rows
+from flexinv.closures import Rows
 from flexinv.compiled import jit_inner
 from flexinv.mechanism import Array
-from flexinv.mesh import Mesh
 from flexinv.vectors import add, apply, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
 
-# A pivot of the border, scaled to a unit diagonal, below this belongs to a redundant row: rounding leaves 1e-14.
-REDUNDANT_PIVOT = 1e-10
+POSITION, DIRECTION, PULL = 0, 1, 2
+# What `tie_rows` sets: phi, its rate, or its second rate.
+VALUES, RATES, ACCELERATIONS = 0, 1, 2
+# A constraint that moves with no unknown by more than this, in mechanism lengths, is one that no unknown can break (planar
+# loops of spatial joints): rounding leaves 1e-16.
+MOVES_NOTHING = 1e-13
 NONE = (0.0, 0.0, 0.0)
 UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 class Ties(NamedTuple):
-    """Constraint rows of all closures (see `closures.Rows`) and the arrays of the border.
+    """Rows of the border: first the constraints of all closures (see `closures.Rows`), then three for each spring.
 
-    direction : (rows,); a, b : (rows,) nodes; place_a, place_b [m], u, w : (rows, 3) in the nodes' frames
+    kind : (rows,) POSITION, DIRECTION or PULL; acting : (rows,) whether the closure acts
+    a, b : (rows,) nodes; place_a, place_b [m], u, w : (rows, 3) in the nodes' frames
     multiplier : (rows,) [N], [N m]; value : (rows,) phi, or phi'' when accelerations are solved for
+    give : (rows,) what the row's own multiplier adds to its equation: 1 where it is a spring's force, else 0
     gradient : (rows, 12) by the motion of a (world, own frame) and of b
-    sides : (rows, unknowns) -G^T by unknowns; border : (rows, rows + 1); order, step, kept : (rows,) scratch
+    sides, across : (rows, unknowns) -C and -A of `border`; border : (rows, rows + 1); order, step, kept : (rows,) scratch
     """
 
-    direction: NDArray[np.bool_]
+    kind: NDArray[np.int64]
+    acting: NDArray[np.bool_]
     a: NDArray[np.int64]
     b: NDArray[np.int64]
     place_a: Array
@@ -46,35 +48,52 @@ class Ties(NamedTuple):
     w: Array
     multiplier: Array
     value: Array
+    give: Array
     gradient: Array
     sides: Array
+    across: Array
     border: Array
     order: NDArray[np.int64]
     step: Array
     kept: Array
 
 
-def ties(mesh: Mesh, unknowns: int) -> Ties:
-    """Return the constraint rows of a mesh's closures as compiled code takes them [m], [-]."""
-    rows = constraint_rows(mesh)
-    n = len(rows)
+def ties(rows: Rows, pulls: int, unknowns: int) -> Ties:
+    """Return the border's rows: the constraints ``rows`` of closures [m], [-], then those of as many ``pulls`` (springs)."""
+    more = 3 * pulls
+    n = len(rows) + more
+
+    def padded(values: NDArray[Any], fill: float) -> NDArray[Any]:
+        return np.concatenate([values, np.full((more, *values.shape[1:]), fill, dtype=values.dtype)])
+
     return Ties(
-        direction=rows.direction,
-        a=rows.a,
-        b=rows.b,
-        place_a=rows.place_a,
-        place_b=rows.place_b,
-        u=rows.u,
-        w=rows.w,
+        kind=padded(np.where(rows.direction, DIRECTION, POSITION), PULL),
+        acting=np.ones(n, dtype=bool),
+        a=padded(rows.a, -1),
+        b=padded(rows.b, -1),
+        place_a=padded(rows.place_a, 0.0),
+        place_b=padded(rows.place_b, 0.0),
+        u=padded(rows.u, 0.0),
+        w=padded(rows.w, 0.0),
         multiplier=np.zeros(n),
         value=np.zeros(n),
+        give=padded(np.zeros(len(rows)), 1.0),
         gradient=np.zeros((n, 12)),
         sides=np.zeros((n, unknowns)),
+        across=np.zeros((n, unknowns)),
         border=np.zeros((n, n + 1)),
         order=np.zeros(n, dtype=np.int64),
         step=np.zeros(n),
         kept=np.zeros(n),
     )
+
+
+def set_ties(c: Ties, rows: Rows, acting: NDArray[np.bool_]) -> None:
+    """Let the closures of ``acting`` (closures,) act, with the frames [m], [-] that ``rows`` have now; others carry nothing."""
+    n = len(rows)
+    c.acting[:n] = acting[rows.closure]
+    c.place_b[:n], c.w[:n] = rows.place_b, rows.w
+    c.multiplier[:n][~c.acting[:n]] = 0.0
 
 
 @jit_inner
@@ -96,18 +115,38 @@ def _origin(n, f, arm):
 
 
 @jit_inner
-def tie_rows(c, f, accelerations):
-    """Set value and gradient of every row, and return nothing [m], [-]: phi, or phi'' = u''.w + 2 u'.w' + u.w''."""
+def gap(n, m, place_n, place_m, f):
+    """From a point of node n to a point of node m: vector, rate and second rate, world axes [m, s]."""
+    xa, xb = _origin(n, f, _carried(n, f, place_n)), _origin(m, f, _carried(m, f, place_m))
+    return sub(xb[0], xa[0]), sub(xb[1], xa[1]), sub(xb[2], xa[2])
+
+
+@jit_inner
+def _second(k, a, b, c, f):
+    """The second vector of a row, w or d, and its two rates."""
+    if c.kind[k] == DIRECTION:
+        return _carried(b, f, vec(c.w[k]))
+    return gap(a, b, vec(c.place_a[k]), vec(c.place_b[k]), f)
+
+
+@jit_inner
+def tie_rows(c, f, wanted):
+    """Set value and gradient of every constraint, and return nothing [m], [-]: phi, phi', or phi'' = u''.w + 2 u'.w' + u.w''."""
     for k in range(len(c.a)):
+        if c.kind[k] == PULL:
+            continue
+        if not c.acting[k]:
+            c.value[k] = 0.0
+            for i in range(12):
+                c.gradient[k, i] = 0.0
+            continue
         a, b = c.a[k], c.b[k]
         u = _carried(a, f, vec(c.u[k]))
-        if c.direction[k]:
-            w = _carried(b, f, vec(c.w[k]))
-        else:
-            xa, xb = _origin(a, f, _carried(a, f, vec(c.place_a[k]))), _origin(b, f, _carried(b, f, vec(c.place_b[k])))
-            w = sub(xb[0], xa[0]), sub(xb[1], xa[1]), sub(xb[2], xa[2])
-        if accelerations:
+        w = _second(k, a, b, c, f)
+        if wanted == ACCELERATIONS:
             c.value[k] = dot(u[2], w[0]) + 2 * dot(u[1], w[1]) + dot(u[0], w[2])
+        elif wanted == RATES:
+            c.value[k] = dot(u[1], w[0]) + dot(u[0], w[1])
         else:
             c.value[k] = dot(u[0], w[0])
         _set_gradient(k, a, b, c, f, u[0], w[0])
@@ -119,7 +158,7 @@ def _set_gradient(k, a, b, c, f, u, w):
     ra = mat(f.r[a]) if a >= 0 else UNIT
     rb = mat(f.r[b]) if b >= 0 else UNIT
     on_a = cross(vec(c.u[k]), tapply(ra, w))
-    if c.direction[k]:
+    if c.kind[k] == DIRECTION:
         put(c.gradient[k], 0, NONE)
         put(c.gradient[k], 3, on_a)
         put(c.gradient[k], 6, NONE)
@@ -133,7 +172,7 @@ def _set_gradient(k, a, b, c, f, u, w):
 
 @jit_inner
 def add_ties(c, wrench):
-    """Take the forces of the multipliers off the wrenches of their nodes, r - G^T lambda [N], [N m]."""
+    """Take the forces of the multipliers off the wrenches of their nodes, r - C lambda [N], [N m]."""
     for k in range(len(c.a)):
         for i in range(6):
             if c.a[k] >= 0:
@@ -143,15 +182,23 @@ def add_ties(c, wrench):
 
 
 @jit_inner
-def tie_sides(t, c, d, residual):
-    """Put -G^T, by unknowns, into the right sides 1.. of the solve [N], [N m] per unit multiplier."""
+def tie_sides(t, c, d, length, residual):
+    """Put -C, by unknowns, into the right sides 1.. of the solve [N], [N m] per unit multiplier; A = C^T for constraints."""
     for k in range(len(c.a)):
         for i in range(residual.shape[1]):
             c.sides[k, i] = 0.0
         _add_side(t, c.a[k], d, c.gradient[k], 0, c.sides[k])
         _add_side(t, c.b[k], d, c.gradient[k], 6, c.sides[k])
+        largest = 0.0
+        for i in range(residual.shape[1]):
+            largest = max(largest, abs(c.sides[k, i]))
+        if largest < MOVES_NOTHING * length:
+            for i in range(residual.shape[1]):
+                c.sides[k, i] = 0.0
         for i in range(residual.shape[1]):
             residual[1 + k, i] = c.sides[k, i]
+            if c.kind[k] != PULL:
+                c.across[k, i] = c.sides[k, i]
 
 
 @jit_inner
@@ -162,79 +209,3 @@ def _add_side(t, n, d, gradient, first, side):
     for k in range(t.size[block]):
         along = dot(vec_at(gradient, first), vec(d.x[n, k])) + dot(vec_at(gradient, first + 3), vec(d.t[n, k]))
         side[t.offset[block] + k] -= along
-
-
-@jit_inner
-def solve_border(c, unit, y):
-    """Find the multipliers' increments and add what they do to y[0] [m], [rad].
-
-    y : (1 + rows, unknowns), y_0 and then K^-1 G^T; ``unit`` scales phi
-    """
-    rows = len(c.a)
-    for i in range(rows):
-        for j in range(rows):
-            c.border[i, j] = -_product(c.sides[i], y[1 + j])
-        c.border[i, rows] = -c.value[i] / unit + _product(c.sides[i], y[0])
-        c.order[i] = i
-    _solve_pivoted(c, rows)
-    for k in range(rows):
-        c.multiplier[k] += c.step[k]
-        for i in range(y.shape[1]):
-            y[0, i] += c.step[k] * y[1 + k, i]
-
-
-@jit_inner
-def _product(a, b):
-    total = 0.0
-    for i in range(len(a)):
-        total += a[i] * b[i]
-    return total
-
-
-@jit_inner
-def _solve_pivoted(c, rows):
-    """Gauss elimination of the border with complete pivoting; what adds nothing gets a zero step."""
-    m = c.border
-    for k in range(rows):  # to a unit diagonal: closures of metres and of radians, stiff and soft, side by side
-        c.step[k] = 1.0 / np.sqrt(abs(m[k, k])) if m[k, k] != 0.0 else 0.0
-    for i in range(rows):
-        m[i, rows] *= c.step[i]
-        for j in range(rows):
-            m[i, j] *= c.step[i] * c.step[j]
-    for k in range(rows):
-        c.value[k] = c.step[k]
-    rank = rows
-    for k in range(rows):
-        p, q = k, k
-        for i in range(k, rows):
-            for j in range(k, rows):
-                if abs(m[i, j]) > abs(m[p, q]):
-                    p, q = i, j
-        if not abs(m[p, q]) > REDUNDANT_PIVOT:
-            rank = k
-            break
-        _exchange(m, c.order, rows, k, p, q)
-        for i in range(k + 1, rows):
-            factor = m[i, k] / m[k, k]
-            for j in range(k, rows + 1):
-                m[i, j] -= factor * m[k, j]
-    for k in range(rows):
-        c.step[k] = 0.0
-    for k in range(rank - 1, -1, -1):
-        value = m[k, rows]
-        for j in range(k + 1, rank):
-            value -= m[k, j] * c.step[c.order[j]]
-        c.step[c.order[k]] = value / m[k, k]
-    for k in range(rows):
-        c.step[k] *= c.value[k]
-
-
-@jit_inner
-def _exchange(m, order, rows, k, p, q):
-    if p != k:
-        for j in range(rows + 1):
-            m[k, j], m[p, j] = m[p, j], m[k, j]
-    if q != k:
-        for i in range(rows):
-            m[i, k], m[i, q] = m[i, q], m[i, k]
-        order[k], order[q] = order[q], order[k]

@@ -2,18 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from kernels import Array, linearise
 
 from flexinv.integrate import DYNAMIC, Scheme
-from flexinv.kinematics import Solver, instant, start_undeformed
-from flexinv.mechanism import Beam, Body, Inertia, Joint, Link, Mechanism, Placement, Section
+from flexinv.mechanism import (
+    Attachment,
+    Beam,
+    Body,
+    Force,
+    Inertia,
+    Joint,
+    Link,
+    Mechanism,
+    Placement,
+    Section,
+    Spring,
+)
 from flexinv.mesh import build
 from flexinv.rotations import exp_so3, tangent3
+from flexinv.solver import Solver
+from flexinv.starting import instant, start_undeformed
 from flexinv.tree import Frames, Joints
 
+MANY = ("spherical", "universal", "free")  # joints without a spring
 PASSIVE_KINDS = ("revolute", "continuous", "prismatic", "spherical", "universal", "free")
 # dv = CV dx and da = CA dx: any numbers, the linearisation is to hold for all
 SCHEME = Scheme(DYNAMIC, 1.0, 3.0, 7.0, 0.25, 0.5, 0.0, 0.0)
@@ -41,12 +55,26 @@ def branching(kind: str) -> Mechanism:
         Joint("hub", "revolute", "world", "beam"),
         Joint(
             "free", kind, "beam", "passive", placed(0.3, 0.2, 0.1), axis=axis, second_axis=second, rotor_inertia=rotor,
-            damping=0.3, friction=0.1, actuated=False,
+            damping=0.3, friction=0.1, stiffness=0.0 if kind in MANY else 1.3, rest=0.2, actuated=False,
         ),
         Joint("elbow", "revolute", "beam", "curved", placed(0.1, 0.5, 0.4), axis=np.array([0.0, 1.0, 0.0])),
         Joint("swing", "revolute", "curved", "last", placed(0.0, 0.3, 0.0), damping=0.2, actuated=False),
     )  # fmt: skip
-    return Mechanism(f"branching, {kind}", links, joints, gravity=np.array([1.0, -2.0, -9.0]))
+    m = Mechanism(f"branching, {kind}", links, joints, gravity=np.array([1.0, -2.0, -9.0]))
+    return _pulled(m, ("beam", 0.5), ("last", None), ("curved", 1.0), ("passive", None))
+
+
+def _pulled(m: Mechanism, *points: tuple[str, float | None]) -> Mechanism:
+    """Forces and moments, dead ones and followers, and springs between the points and to the world."""
+    rng = np.random.default_rng(3)
+    ends = [Attachment(link, Placement(rng.normal(size=3)), station) for link, station in points]
+    wrenches = rng.normal(size=(2 * len(ends), 1, 6))
+    forces = tuple(Force(f"F{k}", ends[k // 2], wrench, follower=k % 2 == 1) for k, wrench in enumerate(wrenches))
+    world = Attachment("world", Placement(np.array([0.5, 0.5, 0.5])))
+    springs = tuple(
+        Spring(f"S{k}", a, b, 5.0, 0.3 * k, 0.7) for k, (a, b) in enumerate(zip([world, *ends], ends, strict=False))
+    )
+    return replace(m, forces=forces, springs=springs)
 
 
 def hanging(kind: str) -> Mechanism:
@@ -65,7 +93,8 @@ def hanging(kind: str) -> Mechanism:
             Placement(np.array([0.1, 0.0, 0.0]), exp_so3(np.array([0.1, 0.2, 0.3]))),
         ),
     )
-    return Mechanism(f"hanging, {kind}", links, joints, gravity=np.array([0.0, 0.0, -9.0]))
+    m = Mechanism(f"hanging, {kind}", links, joints, gravity=np.array([0.0, 0.0, -9.0]))
+    return _pulled(m, ("body", None), ("beam", 1.0))
 
 
 @dataclass
@@ -86,7 +115,9 @@ class Scene:
         s.state.u[:] = self.u + h * SCHEME.cv * turned
         s.state.du[:] = self.du + h * SCHEME.ca * turned
         joints = Joints(*(part.copy() for part in self.joints))
-        bad = linearise(s.topology, s.elements, s.ties, SCHEME, s.state, joints, s.frames, s.variation, s.loads, s.work)
+        bad = linearise(
+            s.topology, s.elements, s.border, SCHEME, s.state, joints, s.frames, s.variation, s.loads, s.work
+        )
         assert bad == -1
         return Frames(*(part.copy() for part in s.frames)), s.work.residual[0].copy()
 
@@ -112,7 +143,8 @@ def scene(mechanism: Mechanism) -> Scene:
     solver = Solver.of(build(mechanism), passive)
     qd, qdd = rng.normal(size=(2, mechanism.nv))
     start_undeformed(solver, mechanism.neutral, qd, qdd)
-    solver.loads.dead[:], solver.loads.follower[:] = rng.normal(size=(2, *solver.loads.dead.shape))
+    solver.load_at(0.0)
+    solver.border.ties.multiplier[:] = rng.normal(size=len(solver.border.ties.a))
     unknowns = solver.increment.shape[1]
     joints = instant(solver.mesh, mechanism.neutral, qd, qdd)
     return Scene(solver, joints, *(0.2 * rng.normal(size=(3, unknowns))))

@@ -19,15 +19,15 @@ def no_nodes() -> Topology:
     none, index = np.zeros(0), np.zeros(0, dtype=np.int64)
     axes = np.zeros((0, 6, 3))
     return Topology(
-        index, index, np.zeros(0, dtype=np.bool_), index, index, index, index, index, axes, axes, none, none, none, none,
-        none, np.zeros((0, 3, 3)), np.zeros(3),
+        index, index, np.zeros(0, dtype=np.bool_), index, index, index, index, index, axes, axes, none, none,
+        none, none, none, none, none, np.zeros((0, 3, 3)), np.zeros(3), 1.0,
     )  # fmt: skip
 
 
 def marched(scheme: Scheme, squared: float, steps: int, starts: Array) -> tuple[Array, State]:
     """x (steps + 1, starts) of u' = -squared x from rows x, u, u', pseudo acceleration of ``starts`` (4, starts)."""
     x, u, du, pseudo = starts
-    state = State(np.zeros((0, 3)), np.zeros((0, 3, 3)), *(np.zeros(len(x)) for _ in range(7)))
+    state = State(np.zeros((0, 3)), np.zeros((0, 3, 3)), *(np.zeros(len(x)) for _ in range(8)))
     state.u0[:], state.du0[:], state.pseudo[:] = u, du, pseudo
     history = np.zeros((steps + 1, len(x)))
     history[0] = x

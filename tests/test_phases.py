@@ -184,7 +184,7 @@ def test_power_balances_through_the_switches(carried: flexinv.Solution) -> None:
 def test_an_incompatible_grasp_is_an_error() -> None:
     with pytest.raises(
         flexinv.InputError,
-        match=r"t = 0\.5 s: the closures that act from here on \(left, right\) change the rate of .*impulse",
+        match=r"t = 0\.5 s: closure 'left' begins to act on frames that move .* with 1 rad/s.*impact = \"plastic\"",
     ):
         flexinv.solve(two_arms(), motion(hurry=2.0), step=STEP, start=START)
 

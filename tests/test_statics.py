@@ -12,7 +12,7 @@ from flexible_examples import clamped, uniform
 
 import flexinv
 from flexinv import Load
-from flexinv.mechanism import Attachment, Force, Spring
+from flexinv.mechanism import Attachment, Force, Placement, Spring
 
 DATA = Path(__file__).parent / "data"
 REISSNER = pd.read_csv(DATA / "reissner_statics.csv", comment="#")
@@ -106,10 +106,25 @@ def test_bad_loads_are_explained(load: Load, words: str) -> None:
         flexinv.statics(clamped(uniform(1.0, 1e6, 1e6, 1.0, (1.0, 1.0)), 1, 4), [load])
 
 
-def test_springs_and_forces_are_refused_not_overlooked() -> None:
+def test_forces_of_the_mechanism_act_as_loads_do() -> None:
     m = clamped(uniform(1.0, 1e6, 1e6, 1.0, (1.0, 1.0)), 1, 4)
-    pushed = replace(m, forces=(Force("wind", Attachment("beam"), np.ones((1, 6))),))
-    pulled = replace(m, springs=(Spring("rope", Attachment("beam"), Attachment("world"), 1.0),))
-    for mechanism, name in ((pushed, "wind"), (pulled, "rope")):
-        with pytest.raises(flexinv.InputError, match=rf"springs or applied forces \({name}\).*loads="):
-            flexinv.statics(mechanism)
+    at = Attachment("beam", Placement(np.array([0.1, 0.2, 0.0])), 0.7)
+    wrench = np.array([[0.1, 0.2, -0.3, 0.05, 0.0, 0.1]])
+    for follower in (False, True):
+        pushed = flexinv.statics(replace(m, forces=(Force("wind", at, wrench, follower=follower),)))
+        load = Load("beam", wrench[0, :3], wrench[0, 3:], 0.7, at.placement.position, follower)
+        loaded = flexinv.statics(m, [load])
+        assert np.ptp(loaded.deflection["beam"]) > 0.01
+        np.testing.assert_array_equal(pushed.tip["beam"], loaded.tip["beam"])
+
+
+def test_a_spring_shares_the_load_with_the_beam() -> None:
+    """Tip under F and a transverse spring: k_beam = 1 / (L^3 / 3 EI + L / GA) and k side by side (small deflection)."""
+    m = clamped(uniform(1.0, 1e4, 1e4, 1.0, (1.0, 1.0)), 1, 4)
+    post = Attachment("world", Placement(np.array([1.0, 5.0, 0.0])))
+    spring = Spring("post", post, Attachment("beam", station=1.0), 4.0, 5.0)
+    s = flexinv.statics(replace(m, springs=(spring,)), [Load("beam", [0, 1e-5, 0])])
+    # the deflection of 1.4e-6 changes lengths by its square
+    assert s.deflection["beam"][0, 1] == pytest.approx(1e-5 / (1 / (1 / 3 + 1e-4) + 4.0), rel=1e-8)
+    assert abs(s.balance.momentum).max() < 1e-11  # rounding of lengths of 1 m in EA
+    assert s.iterations.max() <= 4  # the spring's exact slope: quadratic

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
@@ -28,9 +29,10 @@ from flexinv.files.toml_tables import (
     validate,
 )
 from flexinv.files.unit_keys import nearest
-from flexinv.mechanism import CLOSURES, WORLD, Array, Attachment, Closure, Force, Link, Spring
+from flexinv.mechanism import CLOSURES, IMPACTS, WORLD, Array, Attachment, Closure, Force, Link, Spring
 
 KINDS = '"revolute", "prismatic", "cylindrical", "universal", "spherical", "point-on-line" or "fixed"'
+IMPACT = '"error" (the default) or "plastic", which stops them at once'
 END = "a table: link, and where on it: xyz_m [m], rpy_deg [deg], on a beam station [-]"
 AXIS = "the free axis in both frames, three numbers [-]"
 
@@ -69,6 +71,16 @@ class ClosureTable(PairTable):
         "intervals [start, end] in which it acts, one after the other [s]; always when absent",
         "active_s = [[0.0, 0.5]]",
         default=[],
+    )
+    capture: bool = key(
+        "true ties the frames where they stand when it begins to act, false asks that they have met",
+        "capture = true",
+        default=False,
+    )
+    impact: str = key(
+        f"what it does to frames that move against each other when it begins to act: {IMPACT}",
+        'impact = "plastic"',
+        default="error",
     )
 
 
@@ -128,13 +140,34 @@ def read_closure(data: Any, links: Mapping[str, Link], taken: Iterable[str], fil
         expected = "a name of its own: a closure is a joint too, and results are named after both"
         raise InputError(complaint(place(file, path), f'"{name}", also a joint', expected, f"[{path}_closure]"))
     table = validate(TABLES.get(kind or "", AxisClosureTable), data, file, path)
-    axes = {
+    axes: dict[str, Any] = {
         axis: unit_axis(getattr(table, axis), place(file, path, axis), f"{axis} = [0, 0, 1]")
         for axis in ("axis", "second_axis")
         if hasattr(table, axis)
     }
     first, second = _pair(table, links, file, path)
-    return Closure(name, table.kind, first, second, **axes, active=_intervals(table.active_s, file, path))
+    closure = Closure(
+        name,
+        table.kind,
+        first,
+        second,
+        active=_intervals(table.active_s, file, path),
+        capture=table.capture,
+        impact=_impact(table, file, path),
+    )
+    return replace(closure, **axes)
+
+
+def _impact(table: ClosureTable, file: Path, path: str) -> str:
+    if table.impact not in IMPACTS:
+        write = f'impact = "{nearest(table.impact, IMPACTS) or "plastic"}"'
+        raise InputError(complaint(place(file, path, "impact"), f"impact = {toml_text(table.impact)}", IMPACT, write))
+    for name, given in (("capture", table.capture), ("impact", table.impact != "error")):
+        if given and not table.active_s:
+            expected = f"active_s with the time at which it begins to act, or no {name}"
+            write = "active_s = [[0.5, 1.0]]"
+            raise InputError(complaint(place(file, path, name), f"{name} without active_s", expected, write))
+    return table.impact
 
 
 def read_spring(data: Any, links: Mapping[str, Link], file: Path, name: str) -> Spring:

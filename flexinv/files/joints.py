@@ -59,6 +59,9 @@ class LinearLimitsTable(Table):
     upper_m: Number | None = key("the highest position [m]", "upper_m = 0.3", default=None)
 
 
+WEIGHT = "weight > 0 of the square of its effort where drives are redundant [-]: the heavier, the less it gives"
+
+
 class RotaryDrive(Table):
     """Rotor, damping and friction of a joint that turns."""
 
@@ -70,6 +73,7 @@ class RotaryDrive(Table):
     )
     friction_Nm: NotNegative = key("dry friction, >= 0 [N m]", "friction_Nm = 0.5", default=0.0)
     actuated: bool = key("true, or false for a passive joint", "actuated = false", default=True)
+    weight: Positive = key(WEIGHT, "weight = 4", default=1.0)
 
 
 class SprungDrive(RotaryDrive):
@@ -95,6 +99,7 @@ class LinearDrive(Table):
     )
     rest_m: Number = key("the position at which the spring rests [m]", "rest_m = 0.1", default=0.0)
     actuated: bool = key("true, or false for a passive joint", "actuated = false", default=True)
+    weight: Positive = key(WEIGHT, "weight = 4", default=1.0)
 
 
 class JointTable(Table):
@@ -126,6 +131,7 @@ class SphericalTable(JointTable):
     )
     friction_Nm: NotNegative = key("dry friction, >= 0 [N m]", "friction_Nm = 0.5", default=0.0)
     actuated: bool = key("true, or false for a passive joint", "actuated = false", default=True)
+    weight: Positive = key(WEIGHT, "weight = 4", default=1.0)
 
 
 class ContinuousTable(SprungDrive, JointTable):
@@ -211,6 +217,7 @@ def drive(table: Table, file: Path, path: str) -> dict[str, Any]:
         "friction": ("friction_Nm", "friction_N"),
         "stiffness": ("stiffness_Nm_per_rad", "stiffness_N_per_m"),
         "actuated": ("actuated",),
+        "weight": ("weight",),
     }
     stated = {name: getattr(table, k) for name, keys in names.items() for k in keys if hasattr(table, k)}
     if "stiffness" in stated:

@@ -1,0 +1,91 @@
+"""Closed loops with beams: the march keeps the closures, inverse dynamics takes their forces among the nodal ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.applied import applied_forces
+from flexinv.closed import closing_forces, coordinates, energy_jumps, phased_reactions
+from flexinv.closures import constraint_rows
+from flexinv.errors import InputError
+from flexinv.evaluate import evaluate
+from flexinv.integrate import Scheme
+from flexinv.joint import JointHistory
+from flexinv.kinematics import Progress, flexible_motion
+from flexinv.loops import closed_start
+from flexinv.mechanism import Array
+from flexinv.mesh import Mesh
+from flexinv.passive import fill_passive
+from flexinv.phases import phases
+from flexinv.solution import LoopForces, Solution
+from flexinv.switching import Switching
+
+
+def flexible_closed_solution(
+    mesh: Mesh,
+    before: JointHistory,
+    after: JointHistory,
+    time: Array,
+    scheme: Scheme,
+    passive: set[str],
+    settings: dict[str, float | int | str | bool],
+    jumps: tuple[float, ...] = (),
+    progress: Progress | None = None,
+) -> Solution:
+    """Return the torques [N m], [N] of a mechanism with beams and closures over ``time`` (samples,) [s].
+
+    The loops are closed undeformed at the start; from there the march carries closures, passive joints and beams together.
+    Drives may be more than the freedoms that rigid links would have: beams yield, and so decide how drives share the work.
+    Multipliers come with accelerations at every step, and act in the inverse dynamics as nodal forces.
+    before, after : as in `kinematics.flexible_motion`
+    Raises InputError unless the motion is that of the drives, else as `closed_solution` and the march do.
+    """
+    m = mesh.mechanism
+    unknown = coordinates(mesh, passive)
+    _check_drives(mesh, unknown)
+    switching = Switching(phases(m, time))
+    start = constraint_rows(mesh).of(switching.phases[0].active)
+    q0, qd0, qdd0 = (part[None] for part in closed_start(mesh, after, float(time[0]), unknown, start))
+
+    def started(at: Array) -> tuple[Array, Array, Array]:
+        q, qd, qdd = after(at)
+        if len(at) == 1 and at[0] == time[0]:
+            return q0, qd0, qdd0
+        return q, qd, qdd
+
+    initial = str(settings["initial"])
+    trajectory = flexible_motion(mesh, before, started, time, scheme, passive, jumps, initial, progress, switching)
+    q, qd, qdd = after(time)
+    q[0] = q0[0]
+    fill_passive(mesh, trajectory.motion, passive, q, qd, qdd)
+    motion, stretches = trajectory.motion, switching.stretches
+    closing = closing_forces(motion, stretches, trajectory.multipliers) + applied_forces(mesh, motion, time)
+    brought = energy_jumps(time, switching.impacts)
+    solution = evaluate(mesh, trajectory, time, q, qd, qdd, passive, settings, closing, brought)
+    reaction = phased_reactions(mesh, motion, stretches, trajectory.multipliers)
+    none, unknown_condition, left = np.zeros((len(time), m.nv, 0)), np.full(len(time), np.nan), ~m.actuated
+    loops = LoopForces(reaction, none, unknown_condition, solution.torque_all * left, tuple(switching.impacts))
+    return replace(solution, loops=loops)
+
+
+def _check_drives(mesh: Mesh, unknown: NDArray[np.bool_]) -> None:
+    """With beams the joints that the motion gives are the drives: the march shares nothing out among others."""
+    m = mesh.mechanism
+    for wrong, what, write in (
+        (
+            ~unknown & ~m.actuated,
+            "the motion gives a joint without a drive",
+            "give the motion of the drives, or write actuated = true",
+        ),
+        (
+            unknown & m.actuated,
+            "the motion leaves out a drive",
+            "write actuated = false: drives cannot share the work here yet",
+        ),
+    ):
+        if wrong.any():
+            name = m.velocity_names[int(np.argmax(wrong))]
+            raise InputError(f"mechanism '{m.name}' has beams and closures, and {what} ('{name}'): {write}")

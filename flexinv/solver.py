@@ -1,0 +1,176 @@
+"""The arrays of the implicit solve, allocated once, and what it gives: the flexible trajectory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.assemble import State, Work
+from flexinv.beam import Scratch
+from flexinv.closures import constraint_rows
+from flexinv.errors import ConvergenceError
+from flexinv.integrate import ACCELERATIONS, Scheme
+from flexinv.loads import Loads, load_table, loads_of
+from flexinv.march import NOT_FINITE, TURNED_TOO_MUCH, Border, collide, march
+from flexinv.mechanism import Array
+from flexinv.mesh import Mesh
+from flexinv.nodal import NodalMotion
+from flexinv.pulls import pulls
+from flexinv.system import ElementArrays, Topology, element_arrays, topology
+from flexinv.ties import ties
+from flexinv.tree import Frames, Joints, Variation
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """The flexible trajectory and what holds it together.
+
+    motion : NodalMotion of all nodes
+    wrench : (samples, nodes, 6) force [N] (world) and moment [N m] (own frame) on every node of a rigid part from
+        inertia, loads and the elastic reactions of the beams that start there
+    internal : (samples, elements, points, 6) stress resultants in the section frame [N], [N m]
+    energy : (samples, 2) elastic energy [J] and its rate [W]; iterations : (samples,) of Newton
+    multipliers : (samples, rows) of the closures [N], [N m]
+    """
+
+    motion: NodalMotion
+    wrench: Array
+    internal: Array
+    energy: Array
+    multipliers: Array
+    iterations: NDArray[np.int64]
+
+    def histories(self) -> tuple[Array, ...]:
+        """Return x, rotation, v, omega, a, alpha, wrench, internal, energy, multipliers [m, rad, s, N, J]."""
+        m = self.motion
+        return m.x, m.rotation, m.v, m.omega, m.a, m.alpha, self.wrench, self.internal, self.energy, self.multipliers
+
+    def rows(self, first: int, last: int) -> Trajectory:
+        """Return the samples from ``first`` to before ``last``, not copied [m, rad, s, N, J]."""
+        parts = [part[first:last] for part in self.histories()]
+        wrench, internal, energy, multipliers = parts[6:]
+        motion = NodalMotion(*parts[:6])
+        return Trajectory(motion, wrench, internal, energy, multipliers, self.iterations[first:last])
+
+    @classmethod
+    def empty(cls, samples: int, mesh: Mesh, rows: int = 0) -> Trajectory:
+        """Return histories to be filled [m, rad, s, N, J]."""
+        points = mesh.elements.weight.shape
+        return cls(
+            NodalMotion.empty(samples, mesh.size), np.zeros((samples, mesh.size, 6)), np.zeros((samples, *points, 6)),
+            np.zeros((samples, 2)), np.zeros((samples, rows)), np.zeros(samples, dtype=np.int64),
+        )  # fmt: skip
+
+
+@dataclass
+class Solver:
+    """All arrays of the implicit solve of one mesh, allocated once."""
+
+    mesh: Mesh
+    topology: Topology
+    elements: ElementArrays
+    state: State
+    frames: Frames
+    variation: Variation
+    work: Work
+    loads: Loads
+    increment: Array
+    border: Border
+    instant: Trajectory
+
+    @classmethod
+    def of(cls, mesh: Mesh, passive: set[str]) -> Solver:
+        """Return the solver of a mesh with the named joints free."""
+        t = topology(mesh, passive)
+        unknowns, widest = len(t.scale), max(int(t.size.max(initial=0)), 1)
+        state = State(
+            np.zeros((mesh.size, 3)), np.tile(np.eye(3), (mesh.size, 1, 1)), *(np.zeros(unknowns) for _ in range(8))
+        )
+        vector = [np.zeros((mesh.size, 3)) for _ in range(5)]
+        frames = Frames(vector[0], np.zeros((mesh.size, 3, 3)), *vector[1:])
+        variation = Variation(*(np.zeros((mesh.size, widest, 3)) for _ in range(6)))
+        loads, rows = loads_of(mesh), constraint_rows(mesh)
+        tied = ties(rows, len(mesh.mechanism.springs), unknowns)
+        border, sides = Border(tied, pulls(mesh, tied)), 1 + len(tied.a)
+        work = _work(mesh, t, unknowns, widest, sides)
+        increment, instant = np.zeros((sides, unknowns)), Trajectory.empty(1, mesh, len(rows))
+        return cls(mesh, t, element_arrays(mesh), state, frames, variation, work, loads, increment, border, instant)
+
+    def march(self, scheme: Scheme, rel: Joints, table: Array, out: Trajectory) -> tuple[int, int, int, float]:
+        """Solve the instants of ``rel`` (samples, nodes, ...) one after the other [m, rad, s], filling ``out``.
+
+        table : (samples, loads, 6) [N], [N m] of `loads.load_table`
+        Return status, samples done, iterations or element, last relative increment [-].
+        """
+        status, sample, count, size = march(
+            self.topology, self.elements, self.border, scheme, ACCELERATIONS, self.state, self.frames, self.variation,
+            self.loads, self.work, self.increment, rel, table, Frames(*out.histories()[:6]), out.wrench, out.internal,
+            out.energy, out.multipliers, out.iterations,
+        )  # fmt: skip
+        return int(status), int(sample), int(count), float(size)
+
+    def newton(self, scheme: Scheme, joints: Joints) -> tuple[int, int, float]:
+        """Solve one instant under the present loads; return status, iterations or element, last relative increment [-]."""
+        now = self.loads.wrench[None].copy()
+        status, _, count, size = self.march(scheme, Joints(*(part[None] for part in joints)), now, self.instant)
+        return status, count, size
+
+    def collide(self, joints: Joints) -> Array:
+        """Stop the velocities that the acting closures do not allow; return their impulses, (rows,) [N s], [N m s]."""
+        collide(
+            self.topology, self.elements, self.border, ACCELERATIONS, self.state, joints, self.frames, self.variation,
+            self.loads, self.work, self.increment,
+        )  # fmt: skip
+        return self.border.ties.step[: self.instant.multipliers.shape[1]].copy()
+
+    def load_at(self, time: float) -> None:
+        """Set the given forces [N], [N m] to what they are at a time [s]."""
+        self.loads.wrench[:] = load_table(self.mesh, np.array([time]))[0]
+
+    def complain(self, status: int, count: int, size: float, when: str) -> ConvergenceError:
+        """Return the error that says where and how the solve failed (``size`` [-] of the last increment) and what to try."""
+        name = self.mesh.mechanism.name
+        if status == TURNED_TOO_MUCH:
+            e = self.mesh.elements
+            link = self.mesh.mechanism.links[int(e.link[count])].name
+            return ConvergenceError(
+                f"mechanism '{name}', link '{link}', {when}: element {count} turns by more than 2.5 rad between its nodes; "
+                "use more elements (elements = 2 or more on this link), or a smaller step if the motion diverged"
+            )
+        what = "is not a finite number" if status == NOT_FINITE else f"is still {size:.1e} after {count} iterations"
+        return ConvergenceError(
+            f"mechanism '{name}', {when}: Newton's increment (relative to the mechanism's length) {what}; "
+            "try a smaller step, a smoother motion (law = 'quintic'), or check that the stiffness is what you mean"
+        )
+
+
+def _work(mesh: Mesh, t: Topology, unknowns: int, widest: int, sides: int) -> Work:
+    elements, count = mesh.elements.nodes.shape if mesh.elements.nodes.size else (0, 1)
+    rows = max((_rows(t, mesh, k) for k in range(elements)), default=0)
+    return Work(
+        wrench=np.zeros((mesh.size, 6)),
+        dwrench=np.zeros((mesh.size, widest, 6)),
+        residual=np.zeros((sides, unknowns)),
+        diagonal=np.zeros((len(t.size), widest, widest)),
+        tangent=np.zeros((elements, 6 * count, 6 * count)),
+        internal=np.zeros((elements, max(count - 1, 0), 6)),
+        energy=np.zeros(2),
+        element=Scratch.of(count),
+        own_x=np.zeros((widest, 3)),
+        own_t=np.zeros((widest, 3)),
+        system=np.zeros((max(rows, widest), max(rows, widest) + widest + sides)),
+        solved=np.zeros((elements, rows, widest + sides)),
+    )
+
+
+def _rows(t: Topology, mesh: Mesh, element: int) -> int:
+    nodes = mesh.elements.nodes[element]
+    return int(sum(t.size[t.block[n]] for n in nodes[1:] if n >= 0))
+
+
+def record_instant(solver: Solver, sample: int, out: Trajectory) -> None:
+    """Copy the instant that was solved last into the histories [m, rad, s, N]."""
+    for history, value in zip(out.histories(), solver.instant.histories(), strict=True):
+        history[sample] = value[0]
