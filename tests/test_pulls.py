@@ -62,7 +62,7 @@ def tangled(continuous: str = "revolute") -> Mechanism:
     )
     off = Placement(np.array([0.05, 0.02, 0.01]))
     springs = (
-        Spring("across", Attachment("fore", off), Attachment("hind", off), 3.0, 0.1, 0.02),
+        Spring("across", Attachment("fore", off), Attachment("hind", off), 3.0, 0.1, 2.0),
         Spring(
             "tied", Attachment("world", Placement(np.array([0.2, 0.3, 0.1]))), Attachment("boom", off, 0.75), 5.0, 0.37
         ),
@@ -99,7 +99,7 @@ def test_a_wrong_spring_is_seen(harm: str) -> None:
     s = flexinv.solve(m, MOVE, step=1e-3)
     wrong = replace(m.springs[0], **{harm: 1.01 * getattr(m.springs[0], harm)})
     other = flexinv.solve(replace(m, springs=(wrong, m.springs[1])), MOVE, step=1e-3)
-    assert abs(other.torque - s.torque).max() > 1e-6 * abs(s.torque).max()
+    assert abs(other.torque - s.torque).max() > 1e-7 * abs(s.torque).max()
 
 
 def rope(damping: float = 0.0) -> Spring:
