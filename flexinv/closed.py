@@ -19,7 +19,7 @@ from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
 from flexinv.phases import Stretch, phases
-from flexinv.reactions import reactions
+from flexinv.reactions import closure_reactions
 from flexinv.rigid import rigid_motion
 from flexinv.solution import LoopForces, Solution
 
@@ -116,7 +116,7 @@ def _impact(
     multipliers[:, stretch.pick] = shares.multipliers
     work = float(shares.tau[0] @ (before + after)) / 2
     lost = kinetic_energy(mesh, one, before) - kinetic_energy(mesh, two, after) + work
-    reaction = _only(reactions(mesh, two, stretch.rows, multipliers))
+    reaction = _only(closure_reactions(mesh, two, stretch.rows, multipliers))
     return Impact(time, names_of(m, begins), shares.tau[0], reaction, work, lost)
 
 
@@ -163,6 +163,6 @@ def closing_forces(motion: NodalMotion, stretches: list[Stretch], multipliers: A
 
 
 def phased_reactions(mesh: Mesh, motion: NodalMotion, stretches: list[Stretch], multipliers: Array) -> dict[str, Array]:
-    """Return `reactions` [N], [N m] with the frames of each phase, (samples, 6) per closure."""
-    parts = [reactions(mesh, motion.samples(s.span), s.rows, multipliers[s.span]) for s in stretches]
+    """Return `closure_reactions` [N], [N m] with the frames of each phase, (samples, 6) per closure."""
+    parts = [closure_reactions(mesh, motion.samples(s.span), s.rows, multipliers[s.span]) for s in stretches]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

@@ -14,13 +14,13 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.closed import closure_reactions
 from flexinv.closures import constraint_jacobian, constraint_rows
 from flexinv.loops import REDUNDANT
 from flexinv.mechanism import WORLD, Array, Closure
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
 from flexinv.phases import Phase, phases
+from flexinv.reactions import closure_reactions
 
 # Null vectors have unit length in [N], [N m]; what rounding, enlarged by the condition of G, leaves of a component is below.
 NONE = 1e-9

@@ -177,7 +177,9 @@ def _linear(solver: Solver, joints: Joints) -> tuple[Array, Array]:
     ties.multiplier[:n] = 0.0
     _evaluate(solver, joints)
     ties.multiplier[:] = force
-    sprung = -ties.sides[n:].T @ ties.across[n:]  # what a spring's force, which follows the motion, does to the residual
+    sprung = (
+        -ties.sides[n:].T @ ties.across[n:]
+    )  # what a spring's force, which follows the motion, does to the residual
     return tangent_matrix(solver) + tied + sprung, _mass(solver)
 
 

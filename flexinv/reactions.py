@@ -11,7 +11,7 @@ from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
 
 
-def reactions(mesh: Mesh, motion: NodalMotion, rows: Rows, multipliers: Array) -> dict[str, Array]:
+def closure_reactions(mesh: Mesh, motion: NodalMotion, rows: Rows, multipliers: Array) -> dict[str, Array]:
     """Return the wrench of each closure on its second link, at its frame there and in its axes, (samples, 6) [N], [N m].
 
     multipliers : (samples, rows) of the closures, or of their impulses

@@ -14,7 +14,7 @@ from flexinv.mechanism import Array
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
 from flexinv.phases import Phase, Stretch
-from flexinv.reactions import reactions
+from flexinv.reactions import closure_reactions
 from flexinv.solver import Solver, Trajectory, record_instant
 from flexinv.starting import accept, consistent_accelerations
 from flexinv.ties import set_ties
@@ -81,7 +81,7 @@ def _impact(
     torque = project(mesh, two, wrenches)[0] + mesh.mechanism.rotor_inertias * (after - before)
     work = float(torque @ (before + after)) / 2
     lost = kinetic_energy(mesh, one, before) - kinetic_energy(mesh, two, after) + work
-    reaction = {name: values[0] for name, values in reactions(mesh, two, rows, impulses[None]).items()}
+    reaction = {name: values[0] for name, values in closure_reactions(mesh, two, rows, impulses[None]).items()}
     return Impact(time, names_of(mesh.mechanism, begins), torque, reaction, work, lost)
 
 
