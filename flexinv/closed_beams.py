@@ -21,6 +21,7 @@ from flexinv.mesh import Mesh
 from flexinv.passive import fill_passive
 from flexinv.phases import phases
 from flexinv.solution import LoopForces, Solution
+from flexinv.solver import Trajectory
 from flexinv.switching import Switching
 
 
@@ -60,6 +61,24 @@ def flexible_closed_solution(
     trajectory = flexible_motion(mesh, before, started, time, scheme, passive, jumps, initial, progress, switching)
     q, qd, qdd = after(time)
     q[0] = q0[0]
+    return evaluated(mesh, trajectory, time, (q, qd, qdd), passive, settings, switching)
+
+
+def evaluated(
+    mesh: Mesh,
+    trajectory: Trajectory,
+    time: Array,
+    joint_motion: tuple[Array, Array, Array],
+    passive: set[str],
+    settings: dict[str, float | int | str | bool],
+    switching: Switching,
+) -> Solution:
+    """Return what follows from a trajectory over ``time`` (samples,) [s] with the closures' multipliers [N], [N m].
+
+    joint_motion : q, qd, qdd, into which the coordinates of the passive joints are written
+    """
+    m = mesh.mechanism
+    q, qd, qdd = joint_motion
     fill_passive(mesh, trajectory.motion, passive, q, qd, qdd)
     motion, stretches = trajectory.motion, switching.stretches
     closing = closing_forces(motion, stretches, trajectory.multipliers) + applied_forces(mesh, motion, time)

@@ -9,15 +9,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexinv.applied import applied_forces
+from flexinv.closed import closed_solution, coordinates
+from flexinv.closed_beams import evaluated
+from flexinv.closures import constraint_rows
 from flexinv.errors import InputError
 from flexinv.evaluate import evaluate
 from flexinv.integrate import STATICS
+from flexinv.joint import JointHistory
+from flexinv.loops import closed_start
 from flexinv.march import CONVERGED
-from flexinv.mechanism import Attachment, Force, Mechanism, Placement
+from flexinv.mechanism import Array, Attachment, Force, Mechanism, Placement
 from flexinv.mesh import build
+from flexinv.phases import phases
 from flexinv.solution import Solution
 from flexinv.solver import Solver, Trajectory, record_instant
 from flexinv.starting import equilibrium, start_undeformed
+from flexinv.switching import Switching
+
+SETTINGS: dict[str, float | int | str | bool] = {"statics": True, "incremental": False}
 
 
 def _vector() -> NDArray[np.float64]:
@@ -44,6 +53,8 @@ class Load:
 def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | None = None) -> Solution:
     """Return the equilibrium under gravity and loads with all joints held at ``q``: a Solution of one sample.
 
+    In a loop the drives are held and the passive joints give way; ``q`` is their guess.
+
     Zero of the residual  f_elastic - m g - loads = 0  on all free nodes; gravity, the mechanism's springs and forces (those of
     t = 0) and the loads are raised in steps as large as Newton converges.
     ``torque`` holds the joints; ``tip``, ``deflection``, ``wrench``, ``internal`` are those of the rest position.
@@ -58,28 +69,40 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
             f"statics: q has shape {at.shape}, expected ({mechanism.nq},) finite numbers: {mechanism.coordinate_names}"
         )
     checked = [_checked(mechanism, load) for load in loads]
-    if mechanism.closures:
-        raise InputError(
-            f"statics: mechanism '{mechanism.name}' has closures, whose passive joints would have to give way: not solved yet; "
-            "write flexinv.solve(mechanism, motion, step=..., initial='static') with a motion at rest"
-        )
     loaded = replace(mechanism, forces=(*mechanism.forces, *(_force(mechanism, load) for load in checked)))
-    mesh = build(loaded)
-    solver = Solver.of(mesh, set())
+    mesh, now, rest = build(loaded), np.zeros(1), np.zeros((1, mechanism.nv))
+    passive = {j.name for j in mechanism.joints if j.nv and not j.actuated} if mechanism.closures else set()
+    still = _still(at, mechanism.nv)
+    if mechanism.closures and mechanism.is_rigid:
+        return closed_solution(mesh, still, now, passive, dict(SETTINGS))
+    switching = Switching(phases(loaded, now))
+    solver = Solver.of(mesh, passive)
+    switching.begin(solver)
     solver.load_at(0.0)
-    rest, now = np.zeros(mechanism.nv), np.zeros(1)
-    start_undeformed(solver, at, rest, rest)
+    if mechanism.closures:
+        rows = constraint_rows(mesh).of(switching.phases[0].active)
+        at = closed_start(mesh, still, 0.0, coordinates(mesh, passive), rows)[0]
+    start_undeformed(solver, at, rest[0], rest[0])
     joints = equilibrium(solver, at, "statics")
     status, count, size = solver.newton(STATICS, joints)
     if status != CONVERGED:
         raise solver.complain(status, count, size, "statics")
-    out = Trajectory.empty(1, mesh)
+    out = Trajectory.empty(1, mesh, solver.instant.multipliers.shape[1])
     record_instant(solver, 0, out)
     out.iterations[0] = count
-    settings: dict[str, float | int | str | bool] = {"statics": True, "incremental": False}
-    row = rest[None]
-    acting = applied_forces(mesh, out.motion, now)
-    return evaluate(mesh, out, now, at[None], row, row, set(), settings, acting)
+    if mechanism.closures:
+        return evaluated(mesh, out, now, (at[None].copy(), rest, rest.copy()), passive, dict(SETTINGS), switching)
+    return evaluate(mesh, out, now, at[None], rest, rest, set(), dict(SETTINGS), applied_forces(mesh, out.motion, now))
+
+
+def _still(q: Array, nv: int) -> JointHistory:
+    """Joint motion that stays at q (nq,)."""
+
+    def history(time: Array) -> tuple[Array, Array, Array]:
+        rest = np.zeros((len(time), nv))
+        return np.tile(q, (len(time), 1)), rest, rest.copy()
+
+    return history
 
 
 def _force(mechanism: Mechanism, load: Load) -> Force:

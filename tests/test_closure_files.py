@@ -35,6 +35,7 @@ child = "coupler"
 placement = { xyz_m = [0.2, 0, 0] }
 axis = [0, 0, 1]
 actuated = false
+weight = 4
 stiffness_Nm_per_rad = 2
 rest_deg = 30
 
@@ -52,6 +53,8 @@ first = { link = "coupler", xyz_m = [0.5, 0, 0], rpy_deg = [0, 0, 90] }
 second = { link = "rocker", xyz_m = [0.4, 0, 0] }
 axis = [0, 0, 1]
 active_s = [[0.0, 0.5], [1.0, 2.0]]
+capture = true
+impact = "plastic"
 
 [springs.S]
 first = { link = "rocker", xyz_m = [0.1, 0, 0] }
@@ -113,6 +116,8 @@ def test_what_is_read(tmp_path: Path) -> None:
     assert m.joint_of["B"].stiffness == 2
     assert m.joint_of["B"].rest == np.radians(30)
     assert m.joint_of["D"].stiffness == 0
+    assert (closure.capture, closure.impact) == (True, "plastic")
+    assert (m.joint_of["B"].weight, m.joint_of["D"].weight) == (4, 1)
 
 
 def test_a_constant_force_needs_no_times(tmp_path: Path) -> None:

@@ -147,6 +147,19 @@ def test_share_out_weights_the_drives() -> None:
     assert shares.tau[0] == pytest.approx([2.0, 1.0])  # minimum of a^2 + 2 b^2 with a + b = 3
 
 
+def test_weights_of_joints_share_out_the_work() -> None:
+    """Against scipy's least squares of the efforts scaled by the root of their weights."""
+    m = four_bar()
+    heavy = replace(m.joints[0], weight=9.0)
+    both = replace(m, joints=(heavy, m.joints[1], replace(m.joints[2], actuated=True)))
+    one = flexinv.solve(m, TURN, step=0.05, start=START)
+    two = flexinv.solve(both, TURN, step=0.05, start=START)
+    root = np.array([3.0, 1.0])
+    for k in range(1, len(two.time) - 1):
+        ratio = np.array([[1.0, two.qd[k, 2] / two.qd[k, 0]]]) / root
+        assert two.torque[k] == pytest.approx(np.linalg.lstsq(ratio, one.torque[k])[0] / root, abs=1e-11)
+
+
 def _dead_point() -> tuple[Mechanism, flexinv.Motion]:
     """A parallelogram driven through its flat position: two branches meet."""
     m = four_bar(0.2, 0.45, 0.2, 0.45)

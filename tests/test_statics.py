@@ -9,10 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from flexible_examples import clamped, uniform
+from test_flexible_loops import bending, rigid_twin
+from test_loops import START
 
 import flexinv
 from flexinv import Load
-from flexinv.mechanism import Attachment, Force, Placement, Spring
+from flexinv.mechanism import Attachment, Force, Mechanism, Placement, Spring
 
 DATA = Path(__file__).parent / "data"
 REISSNER = pd.read_csv(DATA / "reissner_statics.csv", comment="#")
@@ -128,3 +130,29 @@ def test_a_spring_shares_the_load_with_the_beam() -> None:
     assert s.deflection["beam"][0, 1] == pytest.approx(1e-5 / (1 / (1 / 3 + 1e-4) + 4.0), rel=1e-8)
     assert abs(s.balance.momentum).max() < 1e-11  # rounding of lengths of 1 m in EA
     assert s.iterations.max() <= 4  # the spring's exact slope: quadratic
+
+
+def test_a_loop_at_rest_is_the_loop_that_stays() -> None:
+    """`statics` with closures against the march that starts at rest; the drive's torque is that of virtual work when rigid."""
+    m = bending()
+    stay = flexinv.Motion.point_to_point({"A": 0.3}, {"A": 0.3}, 0.01)
+    marched = flexinv.solve(m, stay, step=1e-3, start=START, initial="static")
+    q = np.array([0.3, START["B"], START["D"]])
+    s = flexinv.statics(m, q=q)
+    # Newton's last increment of 1e-8 at rest, in the bending stiffness
+    assert s.torque[0] == pytest.approx(marched.torque[0], rel=1e-6)
+    assert s.unactuated == pytest.approx(np.zeros((1, 2)), abs=1e-7)
+    rigid = rigid_twin()
+    held = flexinv.statics(rigid, q=q)
+    moving = flexinv.solve(rigid, stay, step=1e-3, start=START)
+    assert held.torque[0] == pytest.approx(moving.torque[0], rel=1e-12)
+    loaded = flexinv.statics(rigid, [Load("coupler", force=[0, -3.0, 0], point=[0.25, 0, 0])], q=q)
+    lift = (_height(rigid, 0.3 + 1e-5) - _height(rigid, 0.3 - 1e-5)) / 2e-5
+    assert loaded.torque[0, 0] - held.torque[0, 0] == pytest.approx(3.0 * lift, rel=1e-8)  # central difference
+
+
+def _height(m: Mechanism, angle: float) -> float:
+    """Height of the middle of the coupler at a crank angle [m]."""
+    s = flexinv.statics(m, q=np.array([angle, START["B"], START["D"]]))
+    node = s.mesh.joint_node["B"]
+    return float((s.nodes.x[0, node] + s.nodes.rotation[0, node] @ np.array([0.25, 0, 0]))[1])

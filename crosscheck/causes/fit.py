@@ -29,7 +29,9 @@ ASIDE = (0.02, 0.2)  # [rad]
 FAR = (0.03, 0.1, 0.3, 0.8)  # times a size that matters
 HOPELESS = 0.7  # of |r|: beyond, no refinement is tried
 SCANNED = 4  # rounds of Gauss-Newton from there
-ENOUGH = 0.05  # a step that gains less than this part of what is left is the last one: near a solution it gains nearly all
+ENOUGH = (
+    0.05  # a step that gains less than this part of what is left is the last one: near a solution it gains nearly all
+)
 IMPOSSIBLE = (InputError, ConvergenceError, ValueError, ArithmeticError, np.linalg.LinAlgError)
 
 

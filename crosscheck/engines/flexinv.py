@@ -120,11 +120,13 @@ def settings(mechanism: Mechanism, solution: Solution) -> dict[str, object]:
     meshes = {link.name: f"{b.elements} x order {b.order}" for link in mechanism.links if (b := link.beam) is not None}
     marched = {"Newton iterations per step": float(solution.iterations.mean())} if meshes else {}
     closed = {"largest effort left at passive joints [N m], [N]": left_over(solution)} if mechanism.closures else {}
+    elastic = np.abs(solution.torque_all - solution.reaction).max(initial=0.0)
     return {
         **solution.settings,
         **meshes,
         **marched,
         **closed,
+        "largest difference of elastic reactions and L T P [N m], [N]": float(elastic),
         "largest power residual [W]": float(np.abs(solution.power_residual).max()),
         "largest momentum residual [N], [N m]": float(np.abs(solution.momentum_residual).max()),
     }
