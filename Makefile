@@ -14,7 +14,7 @@ JOBS   ?= 2
 .PHONY: report test check lint clean
 
 report: $(STAMP)
-	$(BIN)/crosscheck run --out $(OUT) --jobs $(JOBS)
+	$(BIN)/crosscheck run --out $(OUT) --jobs $(JOBS) --baseline reports/baseline
 
 test: lint
 	$(BIN)/pytest -n $(JOBS)

@@ -46,16 +46,12 @@ class BaselineError(ValueError):
 
 @dataclass(frozen=True)
 class Baseline:
-    """Blessed errors over the range of the signal [-] by comparison, and how they came to be blessed.
-
-    strict : whether a comparison without a blessed value fails (else it is only said)
-    """
+    """Blessed errors over the range of the signal [-] by comparison, and how they came to be blessed."""
 
     fractions: Mapping[Key, float] = field(default_factory=dict)
     reason: str = ""
     date: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)
-    strict: bool = True
 
 
 def key(row: Comparison) -> Key:
@@ -63,7 +59,15 @@ def key(row: Comparison) -> Key:
     return row.mechanism, row.case, row.engine, row.reference, row.quantity, row.unit
 
 
-def read(folder: Path, strict: bool = True) -> Baseline:
+def find(folder: Path) -> Baseline:
+    """Return the baseline in a folder; where there is none, one without values: every comparison says how to bless.
+
+    Raises BaselineError where there is one that cannot be read.
+    """
+    return read(folder) if (folder / METRICS).exists() else Baseline()
+
+
+def read(folder: Path) -> Baseline:
     """Read a baseline.  Raises BaselineError where there is none, or where it is damaged."""
     try:
         lines = list(csv.reader(io.StringIO((folder / METRICS).read_text(encoding="utf-8"))))
@@ -71,7 +75,7 @@ def read(folder: Path, strict: bool = True) -> Baseline:
         if not lines or tuple(lines[0]) != HEAD:
             raise ValueError(f"{METRICS} has other columns than {', '.join(HEAD)}")
         fractions = {tuple(line[:-1]): float(line[-1]) for line in lines[1:]}
-        return Baseline(fractions, words["reason"], words["date"], words["versions"], strict)
+        return Baseline(fractions, words["reason"], words["date"], words["versions"])
     except FileNotFoundError:
         raise BaselineError(
             f"there is no blessed night in {folder}: look at the report of a whole run, and if it is good, {HOW}"
@@ -98,8 +102,7 @@ def judged(row: Comparison, baseline: Baseline) -> Comparison:
     blessed = baseline.fractions.get(key(row))
     if blessed is None:
         words = f"there is no blessed value for it yet: {HOW}"
-        verdict = "unjudged" if baseline.strict else row.verdict
-        return replace(row, verdict=verdict, message=_joined(row.message, words))
+        return replace(row, verdict="unjudged", message=_joined(row.message, words))
     row = replace(row, blessed=blessed)
     slack = noise(blessed, row.limit)
     if share <= blessed + slack:
@@ -134,13 +137,14 @@ def blessed(results: Results) -> tuple[list[Comparison], list[str]]:
 
 
 def write(folder: Path, results: Results, rows: Iterable[Comparison], reason: str) -> None:
-    """Write the baseline: comparisons that the results do not contain keep the value that they have.
+    """Write the baseline.  Comparisons that the results do not contain keep the value that they have, unless a run over
+    everything missed them: blessing that run is agreeing that they are gone.
 
     What is blessed are three digits: more would change with every run, and noise is larger.
     """
-    known: dict[Key, float] = {}
-    if (folder / METRICS).exists():
-        known |= read(folder).fractions
+    known = dict(find(folder).fractions)
+    for k in results.baseline.get("gone_keys", ()):
+        known.pop(tuple(k), None)
     known |= {key(row): float(f"{row.fraction:.3g}") for row in rows if row.fraction is not None}
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
@@ -159,8 +163,11 @@ def write(folder: Path, results: Results, rows: Iterable[Comparison], reason: st
 def apply(results: Results, baseline: Baseline, whole: bool) -> Results:
     """Return the results judged against the baseline; whole: everything was run, so what is missing is gone."""
     rows = tuple(judged(row, baseline) for row in results.comparisons)
-    missing = tuple(" ".join(k) for k in gone(rows, baseline)) if whole else ()
-    words = {"reason": baseline.reason, "date": baseline.date, "versions": dict(baseline.versions), "gone": missing}
+    missing = gone(rows, baseline) if whole else []
+    words = {
+        **{"reason": baseline.reason, "date": baseline.date, "versions": dict(baseline.versions)},
+        **{"gone": tuple(" ".join(k) for k in missing), "gone_keys": tuple(missing)},
+    }
     return dataclasses.replace(results, comparisons=rows, baseline=words)
 
 

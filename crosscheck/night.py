@@ -64,23 +64,16 @@ def nightly(night: Nightly, notify: Notify, tell: Callable[[str], None]) -> tupl
     """
     night.reports.mkdir(parents=True, exist_ok=True)
     with only_one(night.reports):
-        known = baseline_of(night.baseline)
-        database = open_history(night.url, tell)
+        known = baseline.find(night.baseline)
+        database, trouble = open_history(night.url, tell)
         if database is not None:
             catch_up(database, night.reports, tell)
         folder = night_folder(night.reports, night.label)
         results = run(night.plan, night.engines, night.studies, night.options, folder, notify, night.command)
         results = baseline.apply(results, known, night.whole and results.finished)
-        results = remember(database, night, results, folder, tell)
+        results = remember(database, night, failed(results, trouble), folder, tell)
         keep(results, folder, night.reports / LATEST, database, tell)
     return results, folder
-
-
-def baseline_of(folder: Path) -> baseline.Baseline:
-    """Return the blessed night; where there is none, one without values: every comparison will say how to bless."""
-    if not (folder / baseline.METRICS).exists():
-        return baseline.Baseline()
-    return baseline.read(folder)
 
 
 @contextmanager
@@ -107,13 +100,13 @@ def night_folder(reports: Path, label: str = "") -> Path:
     return next(reports / name for name in names if not (reports / name).exists())
 
 
-def open_history(url: str, tell: Callable[[str], None]) -> Any:
-    """Return the history, or None where it cannot be opened: that is told, and the night goes on."""
+def open_history(url: str, tell: Callable[[str], None]) -> tuple[Any, str]:
+    """Return the history, or None and why it cannot be opened: that is told, and the night goes on."""
     try:
-        return history.connect(url)
+        return history.connect(url), ""
     except history.HistoryError as error:
         tell(str(error))
-        return None
+        return None, str(error)
 
 
 def catch_up(database: Any, reports: Path, tell: Callable[[str], None]) -> None:
@@ -133,7 +126,7 @@ def remember(database: Any, night: Nightly, results: Results, folder: Path, tell
     settings = {**results.settings, "night": {"label": night.label, "folder": folder.name}}
     results = replace(results, settings=settings)
     if database is None:
-        return failed(results, "the history could not be opened")
+        return results
     try:
         number = history.add_night(database, results, folder.name, night.label)
         before = changes.previous(database, number, night.against)
@@ -178,7 +171,7 @@ def exchange(folder: Path, latest: Path) -> None:
 
 
 def failed(results: Results, words: str) -> Results:
-    """Return the results with a failure of the harness, which makes their exit code 2."""
+    """Return the results with a failure of the harness, which makes their exit code 2 (without words, as they are)."""
     return replace(results, message="; ".join(filter(None, [results.message, words])))
 
 

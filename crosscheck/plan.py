@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from crosscheck.results import CaseRow
 from flexinv.errors import InputError
 from flexinv.files.case import Case, load_cases
 from flexinv.files.mechanism_file import load_mechanism
-from flexinv.mechanism import Mechanism
+from flexinv.mechanism import WORLD, Mechanism
 
 LARGEST_TEXT = 20_000  # [characters] of a model file that a report shows
 
@@ -105,8 +106,17 @@ def case_row(one: Task) -> CaseRow:
         step=case.step,
         sample=case.sample,
         rest=one.rest,
+        skeleton=tuple(skeleton(mechanism)),
         files={f.name: _text(f) for f in sorted(one.folder.glob("*.toml"))},
     )
+
+
+def skeleton(mechanism: Mechanism) -> Iterator[dict[str, Any]]:
+    """Yield what a picture of the mechanism connects: links with parent and place in the world [m]."""
+    for joint in mechanism.joints:
+        at = joint.placement.position.tolist() if joint.parent == WORLD else None
+        bends = mechanism.link_of[joint.child].beam is not None
+        yield {"link": joint.child, "parent": joint.parent, "bends": bends, "at": at}
 
 
 def _lines(notes: str | Iterable[str]) -> tuple[str, ...]:

@@ -26,7 +26,11 @@ OF_STATUS: dict[str, Verdict] = {"ok": "within", "skipped": "skipped"}
 
 @dataclass(frozen=True)
 class CaseRow:
-    """One case of one mechanism; rest, end, step [s]; files: name and text of the model's files."""
+    """One case of one mechanism; rest, end, step [s]; files: name and text of the model's files.
+
+    skeleton : what is drawn: every link with its parent, whether it bends, and where its joint is in the world [m] (None
+        on another link)
+    """
 
     mechanism: str
     case: str
@@ -43,6 +47,7 @@ class CaseRow:
     files: Mapping[str, str] = field(default_factory=dict)
     unused_limits: tuple[str, ...] = ()
     problem: str = ""
+    skeleton: tuple[Mapping[str, Any], ...] = ()
 
     @property
     def slug(self) -> str:

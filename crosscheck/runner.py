@@ -152,8 +152,12 @@ class _State:
         self._keep()
 
     def interrupted(self, pending: Mapping[Future[Any], Job]) -> None:
-        """Add a row for everything that did not come to its end."""
+        """Add a row for everything that did not come to its end (what Ctrl-C met while it was taken has one already)."""
+        have = {(r.mechanism, r.case, r.engine) for r in self.results.runs} | {s.name for s in self.results.studies}
         for kind, what, engine in pending.values():
+            name = (what.folder.name, what.case.name, engine.name) if kind == "run" else getattr(what, "name", "")
+            if name in have:
+                continue
             if kind == "run":
                 failed = Record(engine=engine.name, status="error", message="interrupted")
                 self._run(what, engine, Attempt(failed))

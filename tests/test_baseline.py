@@ -33,8 +33,8 @@ def night(*rows: Comparison, **more: object) -> Results:
     return replace(made, **more)
 
 
-def blessed(fraction: float, row: Comparison = ROW, strict: bool = True) -> Baseline:
-    return Baseline({baseline.key(row): fraction}, "it was looked at", "2026-02-01T01:00:00+00:00", {}, strict)
+def blessed(fraction: float, row: Comparison = ROW) -> Baseline:
+    return Baseline({baseline.key(row): fraction}, "it was looked at", "2026-02-01T01:00:00+00:00", {})
 
 
 @pytest.mark.parametrize(
@@ -64,14 +64,11 @@ def test_the_message_says_what_it_was_and_how_to_bless() -> None:
     )
 
 
-def test_a_missing_value_fails_where_the_baseline_is_asked_for() -> None:
-    strict = baseline.judged(ROW, Baseline())
-    assert strict.verdict == "unjudged"
-    assert 'no blessed value for it yet: crosscheck bless --reason "..."' in strict.message
-    assert night(strict).exit_code == 1
-    lenient = baseline.judged(ROW, Baseline(strict=False))
-    assert lenient.verdict == "within"
-    assert lenient.message == strict.message
+def test_a_missing_value_fails_and_says_how_to_bless(tmp_path: Path) -> None:
+    found = baseline.judged(ROW, baseline.find(tmp_path))
+    assert found.verdict == "unjudged"
+    assert 'no blessed value for it yet: crosscheck bless --reason "..."' in found.message
+    assert night(found).exit_code == 1
 
 
 def test_what_deviates_is_skipped_or_has_no_limit_is_left_as_it_is() -> None:
@@ -88,6 +85,13 @@ def test_what_is_no_longer_compared_is_missed_after_a_run_over_everything() -> N
     whole = baseline.apply(night(ROW), known, whole=True)
     assert whole.baseline["gone"] == ("arm swing mujoco flexinv tip m",)
     assert whole.exit_code == 1
+
+
+def test_blessing_a_run_over_everything_drops_what_is_gone(bless: Callable[..., Result], tmp_path: Path) -> None:
+    assert bless(night(ROW, SMALL)).exit_code == 0
+    whole = baseline.apply(night(ROW), baseline.read(tmp_path / "baseline"), whole=True)
+    assert "1 dropped" in bless(whole).output
+    assert list(baseline.read(tmp_path / "baseline").fractions) == [baseline.key(ROW)]
 
 
 def test_files_are_text_in_a_fixed_order_and_come_back(tmp_path: Path) -> None:

@@ -48,7 +48,7 @@ def command(reason: str, folder: Path, baseline: Path) -> NoReturn:
         )
     try:
         results = store.read(folder / RESULTS)
-        before = blessed.read(baseline).fractions if (baseline / blessed.METRICS).exists() else {}
+        before = blessed.find(baseline).fractions
     except (OSError, ValueError) as error:
         raise Failure(f"cannot read what to bless: {error}") from error
     if not results.finished:

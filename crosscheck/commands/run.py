@@ -11,10 +11,12 @@ from typing import NoReturn
 import click
 from rich.console import Console
 
+from crosscheck import baseline as blessed
+from crosscheck import results as store
 from crosscheck.engines import ENGINES
-from crosscheck.runner import Options, run
+from crosscheck.runner import RESULTS, Options, run
 from crosscheck.studies import STUDIES
-from crosscheck.terminal import JOBS, MODELS, PATTERNS, TIMEOUT, chosen, finish, plan_of, progress, terminated
+from crosscheck.terminal import JOBS, MODELS, PATTERNS, TIMEOUT, Failure, chosen, finish, plan_of, progress, terminated
 
 
 @click.command("run")
@@ -29,10 +31,22 @@ from crosscheck.terminal import JOBS, MODELS, PATTERNS, TIMEOUT, chosen, finish,
     show_default=True,
     help="Folder of the report; an older report there is replaced.",
 )
+@click.option(
+    "--baseline",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder of the blessed night: what is worse than there by more than noise deviates (see crosscheck bless).",
+)
 @JOBS
 @TIMEOUT
 def command(
-    names: tuple[str, ...], models: Path, engines: str, studies: str, out: Path, jobs: int, timeout: float
+    names: tuple[str, ...],
+    models: Path,
+    engines: str,
+    studies: str,
+    out: Path,
+    baseline: Path | None,
+    jobs: int,
+    timeout: float,
 ) -> NoReturn:
     """Run mechanisms in all engines, compare, and write a report.
 
@@ -53,8 +67,16 @@ def command(
     known = {} if names and studies == "*" else chosen(STUDIES, studies, "study")
     tables = tuple(replace(study, options={"models": str(models.resolve())}) for study in known.values())
     plan = plan_of(models, names)
+    try:
+        known_good = blessed.find(baseline) if baseline is not None else None
+    except blessed.BaselineError as error:
+        raise Failure(str(error)) from error
     with terminated(), progress(console) as notify:
         results = run(
             plan, wanted, tables, Options(timeout, jobs), out, notify, shlex.join(["crosscheck", *sys.argv[1:]])
         )
+    if known_good is not None:
+        whole = results.finished and not names and len(wanted) == len(ENGINES)
+        results = blessed.apply(results, known_good, whole)
+        store.write(results, out / RESULTS)
     finish(console, results, out)

@@ -134,7 +134,7 @@ def settings(mechanism: Mechanism, solution: Solution) -> dict[str, object]:
 
 def all_series(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, Series]:
     """Return every series, in units of [N], [N m] and [m]; rows: which samples."""
-    made = torques(mechanism, solution, rows)
+    made = torques(mechanism, solution, rows) | shapes(mechanism, solution, rows)
     for link, tip in solution.tip.items():
         made |= vector_series(f"tip/{link}", "m", tip[rows])
     for link, deflection in solution.deflection.items():
@@ -163,6 +163,23 @@ def reactions(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str
             continue  # there it is said at the first frame
         all_six = reaction_series(closure.name, wrench)
         made |= {name: one for (name, one), there in zip(all_six.items(), sure[closure.name], strict=True) if there}
+    return made
+
+
+def shapes(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, Series]:
+    """Return "shape/<link>/<place>/x", "y", "z" [m] in the world: the nodes along a beam, the origin of a rigid link.
+
+    They are drawn and not compared; the tip of every link, which is, follows them.
+    """
+    made: dict[str, Series] = {}
+    for joint in mechanism.joints:
+        name, mesh = joint.child, solution.mesh
+        places = {"origin": mesh.joint_node[joint.name]}
+        if name in mesh.section_nodes:
+            at = zip(mesh.section_stations[name], mesh.section_nodes[name], strict=True)
+            places = {f"{station:.4f}": int(node) for station, node in at}
+        for place, node in places.items():
+            made |= vector_series(f"shape/{name}/{place}", "m", solution.nodes.x[rows, node])
     return made
 
 

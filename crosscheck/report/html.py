@@ -23,7 +23,7 @@ from crosscheck.report import words
 from crosscheck.report.plots import write_case
 from crosscheck.results import CaseRow, Results, StudyRow, slug
 
-ASSETS = ("report.css", "theme.js", "plots.js", "trends.js")
+ASSETS = ("report.css", "theme.js", "plots.js", "trends.js", "animation.js")
 
 
 def render(results: Results, out: Path) -> None:

@@ -7,20 +7,21 @@ are taken in float64 before.
 
 from __future__ import annotations
 
-import base64
 import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from crosscheck.limits import DEFAULT_REFERENCE
 from crosscheck.record import Record, load
+from crosscheck.report import animation
+from crosscheck.report.encoding import encode
 from crosscheck.results import CaseRow, Results, slug
 from crosscheck.spectrum import RINGING, ringing
 
+VISIBLE = 1e-3  # of the range: on a plot 360 pixels high a narrower error bar is inside its line
 HIGHEST = 4.0  # the spectrum is drawn up to this many times the highest marked peak
 
 
@@ -44,6 +45,7 @@ def write_case(results: Results, case: CaseRow, out: Path) -> dict[str, Any]:
         "spectrum": f"Spectrum after the motion, from {case.rest:.4g} s"
         if case.held
         else "Spectrum of the whole signal",
+        "animation": animation.write(case, records, folder),
         "quantities": [{"name": q, "slug": slug(q), "series": names[q]} for q in names],
     }
 
@@ -80,7 +82,7 @@ def _series(results: Results, case: CaseRow, records: Mapping[str, Record], name
         if (one := record.series.get(name)) is None:
             continue
         line: dict[str, Any] = {"value": encode(one.values)}
-        if one.error is not None:
+        if one.error is not None and one.error.max() > VISIBLE * np.ptp(one.values):
             line["error"] = encode(one.error)
         if base is not None and engine != reference(records):
             line["difference"] = encode(one.values - base.values)
@@ -122,8 +124,3 @@ def _spectrum(results: Results, case: CaseRow, records: Mapping[str, Record], na
         "amplitude": {engine: encode(a[kept]) for engine, a in lines.items()},
         "peaks": marks,
     }
-
-
-def encode(values: ArrayLike) -> str:
-    """Return base64 of the values as little-endian float32."""
-    return base64.b64encode(np.asarray(values, dtype="<f4").tobytes()).decode("ascii")

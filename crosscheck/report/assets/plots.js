@@ -223,6 +223,9 @@
     return show();
   }
 
+  window.crosscheckLoad = load; // for the animation, whose numbers come the same way
+  window.crosscheckDecode = decode;
+
   const manifest = read("manifest");
   const plot = read("studyplot");
   if (manifest) casePage(manifest);
