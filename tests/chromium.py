@@ -83,8 +83,10 @@ class Browser:
         """Wait until an expression in the page is true, and return its value."""
         end = clock.monotonic() + seconds
         while clock.monotonic() < end:
-            if value := self.evaluate(script):
-                return value
+            # A click may have led to another page, which takes the question with it: it is put again.
+            with contextlib.suppress(RuntimeError) if clock.monotonic() < end - 1.0 else contextlib.nullcontext():
+                if value := self.evaluate(script):
+                    return value
             clock.sleep(0.05)
         raise TimeoutError(f"never true: {script}")
 

@@ -115,6 +115,47 @@ def test_engines_are_hidden_shown_and_zoomed(page: chromium.Browser, night: Nigh
     quiet(page)
 
 
+MOMENT = "Number(document.getElementById('animation').dataset.drawn)"
+INK = """(c => {
+  const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
+  let n = 0;
+  for (let k = 3; k < d.length; k += 4) n += d[k] > 0;
+  return n / (c.width * c.height);
+})(document.getElementById('animation'))"""
+
+
+@pytest.mark.parametrize(("width", "dark"), [(1400, False), (400, True)])
+def test_the_mechanism_moves_by_mouse_and_by_keyboard(
+    page: chromium.Browser, night: Night, width: int, dark: bool
+) -> None:
+    page.open(address(night.out / "index.html"), width, 900, dark)
+    page.evaluate("document.querySelector('.matrix td.within a').click()")
+    page.wait("document.getElementById('animation') && document.getElementById('animation').dataset.drawn")
+    assert page.evaluate(MOMENT) == 0.0
+    assert 1e-3 < page.evaluate(INK) < 0.5  # something is drawn, and not everything
+    page.evaluate("document.getElementById('play').click()")
+    page.wait(f"{MOMENT} > 0.02")
+    page.evaluate("document.getElementById('play').click()")
+    stopped = page.evaluate(MOMENT)
+    page.evaluate("document.getElementById('animation').focus()")
+    for key, code in ((" ", 32), ("ArrowLeft", 37), ("ArrowUp", 38)):
+        page.press(key, code)
+    page.wait(f"{MOMENT} !== {stopped}")
+    page.press(" ", 32)
+    assert page.evaluate("document.getElementById('play').getAttribute('aria-pressed')") == "false"
+    page.evaluate("(s => { s.value = s.max; s.dispatchEvent(new Event('input')); })(document.getElementById('moment'))")
+    assert page.evaluate(MOMENT) == 0.75
+    assert page.evaluate("Array.from(document.getElementById('other').options, o => o.value)") == ["pinocchio"]
+    before = page.evaluate("document.getElementById('animation').toDataURL()")
+    choose(page, "enlarged", "10000")
+    page.press("Home", 36)
+    assert "its difference × 10000" in page.evaluate("document.getElementById('caption-animation').textContent")
+    page.evaluate("document.getElementById('theme').click()")
+    assert page.evaluate("document.getElementById('animation').toDataURL()") != before  # drawn in the other colours
+    page.evaluate("document.getElementById('theme').click()")
+    quiet(page)
+
+
 def test_no_button_sends_data_away(page: chromium.Browser, night: Night) -> None:
     page.open(address(case_file(night)))
     page.wait(DRAWN)

@@ -86,14 +86,14 @@ def _points(record: Record, skeleton: Sequence[Mapping[str, Any]]) -> list[list[
     found = []
     for part in skeleton:
         tip = _vector(record, f"tip/{part['link']}")
+        if tip is None and not shapes.get(part["link"]):
+            return None
         nodes = [v for stem in shapes.get(part["link"], []) if (v := _vector(record, stem)) is not None]
         if not nodes:  # another engine's record: the joint is where the parent ends
             start = (
                 ends.get(part["parent"]) if part["at"] is None else np.broadcast_to(part["at"], (record.time.size, 3))
             )
             nodes = [] if start is None else [np.asarray(start)]
-        if tip is None and not nodes:
-            return None
         points = nodes if tip is None else [*nodes, tip]
         ends[part["link"]] = points[-1]
         found.append(points)
