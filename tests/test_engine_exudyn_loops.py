@@ -169,9 +169,3 @@ def test_leaning_axes_of_a_passive_universal_joint_are_refused() -> None:
     joints = tuple(replace(j, second_axis=lean) if j.name == "B" else j for j in mechanism.joints)
     reason = exudyn_loops.unsupported(replace(mechanism, joints=joints), case, "exudyn-dae")
     assert reason == "joint B: a connector holds the axes of a universal joint perpendicular; these lean"
-
-
-def test_flexible_and_switched_loops_are_refused() -> None:
-    mechanism, case = examples.four_bar()
-    switched = replace(mechanism, closures=(replace(mechanism.closures[0], active=((0.0, 0.5),)),))
-    assert exudyn.unsupported(switched, case, "exudyn-dae") == "closures act all the time here; switched: C"

@@ -1,7 +1,8 @@
 """Exudyn: rigid mechanisms by its kinematic tree or in time, flexible ones by two beam formulations in time.
 
     exudyn        rigid trees, every joint kind: KinematicTree66, tau = M qdd + f (exact, no time integration)
-    exudyn-dae    the same mechanisms in redundant coordinates, every joint a prescribed constraint, in time
+    exudyn-dae    the same mechanisms in redundant coordinates, every joint a prescribed constraint, in time; also loops
+                  that open and close (`exudyn_phases`)
     exudyn-ancf   absolute nodal coordinates: ANCFCable2D in the plane, ANCFBeam in space
     exudyn-ge     geometrically exact: BeamGeometricallyExact2D (3 nodes) in the plane, BeamGeometricallyExact in space
                   (the last three also closed loops, springs and forces: `exudyn_loops`)
@@ -17,7 +18,7 @@ import time as clock
 
 import exudyn as exu
 
-from crosscheck.engines import exudyn_loops, exudyn_planar, exudyn_rigid, exudyn_spatial
+from crosscheck.engines import exudyn_loops, exudyn_phases, exudyn_planar, exudyn_rigid, exudyn_spatial
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.exudyn_march import ANCF, DAE, EXACT, TREE, Made, in_time, layout_of
 from crosscheck.engines.exudyn_solve import quiet
@@ -37,13 +38,15 @@ def abilities() -> str:
     return (
         "Rigid inverse dynamics of every joint kind (KinematicTree66, or in time); flexible and mixed trees in time "
         "with prescribed joints, by ANCF (cable in the plane, beam in space) or geometrically exact beams; closed loops, "
-        "springs and forces in time, rigid (exudyn-dae) or with beams."
+        "springs and forces in time, rigid (exudyn-dae, also switched) or with beams."
     )
 
 
 def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return why Exudyn cannot do this case, or None."""
     beyond = beyond_a_tree(mechanism)
+    if beyond and engine == DAE and exudyn_phases.switched(mechanism):
+        return exudyn_phases.unsupported(mechanism, case)
     if beyond and engine != TREE:
         return exudyn_loops.unsupported(mechanism, case, engine)
     if (reason := beyond or missing_motion(mechanism, case)) is not None:
@@ -83,6 +86,8 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
 def _made(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Made:
     if engine == TREE:
         return _tree(mechanism, case)
+    if exudyn_phases.switched(mechanism):
+        return exudyn_phases.in_time(mechanism, case, options)
     if beyond_a_tree(mechanism):
         return exudyn_loops.in_time(mechanism, case, engine, options)
     return in_time(mechanism, case, engine, options)

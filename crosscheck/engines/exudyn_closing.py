@@ -89,12 +89,18 @@ def wrench_of(held: Sequence[int], force: Array, torque: Array, first: Array, se
 
 
 def independent(mechanism: Mechanism, case: Case) -> dict[str, list[int]]:
-    """Return which axes (1 or 0) [-] every closure holds, so that no equation follows from the others.
+    """Return `independent_at` a position of a case."""
+    time = sample_times(case)
+    return independent_at(
+        mechanism, case, exudyn_chain.closed_motion(mechanism, case, time[: len(time) // 3 + 1])[0][-1]
+    )
+
+
+def independent_at(mechanism: Mechanism, case: Case, q: Array) -> dict[str, list[int]]:
+    """Return which axes (1 or 0) [-] every closure holds, so that no equation follows from the others at q (nq,) [rad], [m].
 
     Closure by closure, of all choices with the rank that the closure adds the best conditioned one.
     """
-    time = sample_times(case)
-    q = exudyn_chain.closed_motion(mechanism, case, time[: len(time) // 3 + 1])[0][-1]
     pairs = exudyn_chain.Tree(mechanism, case).pairs(q, np.zeros(mechanism.nv))
     kept, chosen = np.zeros((0, mechanism.nv)), {}
     for closure, pair in zip(mechanism.closures, pairs, strict=True):

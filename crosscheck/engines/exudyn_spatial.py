@@ -24,7 +24,7 @@ What ``ANCFBeam`` of 1.13.6 does otherwise than its name says (read in CObjectAN
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
@@ -71,7 +71,7 @@ LOCKED = [1, 1, 1, 1, 1, 1]
 class Drawing:
     """A spatial model: layout, ANCF or geometrically exact, number of elements, and the engine's system.
 
-    free : joints without a driver, which closures move
+    free : joints without a driver, which closures move; held : which of its six equations every closure keeps
     """
 
     mechanism: Mechanism
@@ -80,6 +80,7 @@ class Drawing:
     elements: int
     model: Model
     free: frozenset[str] = frozenset()
+    held: Mapping[str, list[int]] = field(default_factory=dict)
 
     def child(self, joint: str) -> int:
         """Return the group that a joint carries."""
@@ -109,7 +110,7 @@ def build(
 
     free : joints without a driver; held : which of its six equations [-] every closure keeps
     """
-    d = Drawing(mechanism, layout, ancf, elements, empty(), free)
+    d = Drawing(mechanism, layout, ancf, elements, empty(), free, held)
     for index in range(1, len(layout.groups)):
         _add_body(d, index)
     for link in mechanism.beams:
@@ -119,7 +120,7 @@ def build(
         if joint.nv:
             _add_joint(d, joint)
     for closure in mechanism.closures:
-        _add_closure(d, closure, held[closure.name])
+        _add_closure(d, closure)
     exudyn_closing.load(d.model, mechanism, layout, lambda frame: _marker(d, frame), lambda force: np.eye(3))
     d.model.mbs.Assemble()
     return d
@@ -196,9 +197,9 @@ def _add_free_joint(d: Drawing, joint: Joint) -> None:
     d.model.joint[joint.name] = (d.model.mbs.AddObject(made),) if any(held) else ()
 
 
-def _add_closure(d: Drawing, closure: Closure, held: list[int]) -> None:
+def _add_closure(d: Drawing, closure: Closure) -> None:
     markers = [_marker(d, end) for end in _ends(d, closure)]
-    made = ObjectJointGeneric(markerNumbers=markers, constrainedAxes=held)
+    made = ObjectJointGeneric(markerNumbers=markers, constrainedAxes=list(d.held[closure.name]))
     d.model.closure[closure.name] = d.model.mbs.AddObject(made)
 
 
@@ -349,7 +350,7 @@ def _reaction(d: Drawing, one: Joint | Closure, pose: dict[int, Poses], seen: di
     first, second = (pose[end.group][1] @ end.placement.rotation for end in _ends(d, one))
     if ("moment", one.name) not in seen:
         return np.zeros((len(first), 6))
-    held = exudyn_closing.HELD[one.kind]
+    held = d.held.get(one.name, exudyn_closing.HELD[one.kind])
     wrench = exudyn_closing.wrench_of(held, seen["force", one.name, 0], seen["moment", one.name], first, second)
     own = second @ exudyn_closing.marker_axes(one)[1].T
     return np.hstack([np.einsum("sji,sj->si", own, part) for part in (wrench[:, :3], wrench[:, 3:])])
