@@ -22,8 +22,9 @@ from numba import njit
 
 # The modules whose text or constants are in machine code.
 SOURCES = (
-    "assemble", "beam", "blocks", "border", "compiled", "eliminate", "integrate", "lanes", "loads", "march", "modes", "pulls",
-    "recursion", "rotations", "system", "ties", "tree", "vectors",
+    "assemble", "beam", "blocks", "border", "compiled", "eliminate", "integrate", "lanes", "loads", "march", "modes",
+    "planar_beam", "planar_march", "planar_solve", "planar_tree", "pulls", "recursion", "rotations", "system", "ties", "tree",
+    "vectors",
 )  # fmt: skip
 _IMPORT = re.compile(r"^from flexinv\.(\w+) import", re.MULTILINE)
 
@@ -70,3 +71,5 @@ jit_inline = _compiler(_nrt=False, inline="always")
 # The same for loops over lanes, whose products and sums may fuse.
 jit_blocks = _compiler(cache=True, nogil=True, _nrt=False, no_cfunc_wrapper=True, fastmath={"contract"})
 jit_lanes = _compiler(_nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True, fastmath={"contract"})
+# The same, taken into its callers by the machine's compiler: records of many arrays are not handed over in memory.
+jit_merged = _compiler(cache=True, _nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True, forceinline=True)

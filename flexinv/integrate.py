@@ -72,8 +72,8 @@ def predict(c, s):
 
 
 @jit_inner
-def _pseudo(c, s, k):
-    """Auxiliary acceleration A_(n+1) of unknown k, from the increment of the step."""
+def pseudo_acceleration(c, s, k):
+    """Return the auxiliary acceleration A_(n+1) of unknown k [m/s^2], [rad/s^2], from the increment of the step."""
     return (s.d[k] - c.h * s.u0[k] - c.h * c.h * (0.5 - c.beta) * s.pseudo[k]) / (c.h * c.h * c.beta)
 
 
@@ -81,7 +81,7 @@ def _pseudo(c, s, k):
 def follow(c, s):
     """Set velocities and accelerations that belong to the increments of the step [m, rad, s]."""
     for k in range(len(s.d)):
-        pseudo = _pseudo(c, s, k)
+        pseudo = pseudo_acceleration(c, s, k)
         s.u[k] = s.u0[k] + c.h * ((1 - c.gamma) * s.pseudo[k] + c.gamma * pseudo)
         s.du[k] = ((1 - c.alpha_m) * pseudo + c.alpha_m * s.pseudo[k] - c.alpha_f * s.du0[k]) / (1 - c.alpha_f)
 
@@ -125,6 +125,6 @@ def advance(t, c, s):
             put_block(s.r[n], 0, 0, mul(mat(s.r[n]), exp(passive_psi(n, t, s, first))))
     for k in range(len(s.d)):
         if c.mode == DYNAMIC:
-            s.pseudo[k], s.u0[k], s.du0[k] = _pseudo(c, s, k), s.u[k], s.du[k]
+            s.pseudo[k], s.u0[k], s.du0[k] = pseudo_acceleration(c, s, k), s.u[k], s.du[k]
         s.place[k] += s.d[k]
         s.d[k] = 0.0

@@ -12,6 +12,9 @@ from flexinv.loads import load_table
 from flexinv.march import CONVERGED
 from flexinv.mechanism import Array
 from flexinv.mesh import Mesh
+from flexinv.planar import PlanarMarch
+from flexinv.planar_march import Histories
+from flexinv.plane import NotPlanar, find_plane
 from flexinv.solver import Solver, Trajectory, record_instant
 from flexinv.starting import consistent_accelerations, equilibrium, instant, move_as_rigid, start_undeformed
 from flexinv.switching import Switching
@@ -19,6 +22,8 @@ from flexinv.tree import Joints
 
 # Samples handed to the compiled loop at once: short enough for a live progress bar, long enough to cost nothing.
 CHUNK = 256
+# The same of a march in a plane, whose steps are short.
+PLANAR_CHUNK = 4096
 
 # Times closer than this part of a step are the same instant.
 SAME_TIME = 1e-6
@@ -49,23 +54,29 @@ def flexible_motion(
     Raises ConvergenceError with the time, the size of the increment and what to try.
     """
     solver = Solver.of(mesh, passive or set())
+    plane = find_plane(mesh)
+    flat = None if isinstance(plane, NotPlanar) else PlanarMarch.of(mesh, solver.topology, plane)
     out = Trajectory.empty(len(time), mesh, solver.instant.multipliers.shape[1])
     switches = {} if switching is None else switching.samples
     if switching is not None:
         switching.begin(solver)
     _begin(solver, after, time, initial, out)
     stops = _jump_samples(time, jumps)
-    start = 1
+    start, chunk = 1, CHUNK if flat is None else PLANAR_CHUNK
     for stop in sorted({*stops, *switches, len(time) - 1}):
-        for first in range(start, stop + 1, CHUNK):
-            last = min(first + CHUNK, stop + 1)
-            _march(solver, before, time[first:last], scheme, out, first)
+        if flat is not None:
+            flat.take(solver.state)
+        for first in range(start, stop + 1, chunk):
+            last = min(first + chunk, stop + 1)
+            _march(solver, flat, before, time[first:last], scheme, out, first)
             if progress is not None:
                 progress(last - first)
         if switching is not None and stop in switches:
             q, qd, qdd = (part[0] for part in after(time[stop : stop + 1]))
             switching.switch(solver, switches[stop], instant(mesh, q, qd, qdd), qd, float(time[stop]), out)
         elif stop in stops:
+            if flat is not None:
+                flat.give(solver.state)
             _restart(solver, after, time, stop, out)
         start = stop + 1
     return out
@@ -95,10 +106,27 @@ def _is_jump(t: float, jumps: tuple[float, ...], step: float) -> bool:
     return any(abs(t - jump) < SAME_TIME * step for jump in jumps)
 
 
-def _march(solver: Solver, history: JointHistory, time: Array, scheme: Scheme, out: Trajectory, first: int) -> None:
-    rel = Joints(*(np.ascontiguousarray(part) for part in relative_motion(solver.mesh, *history(time))))
-    table = load_table(solver.mesh, time)
-    status, sample, count, size = solver.march(scheme, rel, table, out.rows(first, first + len(time)))
+def _march(
+    solver: Solver,
+    flat: PlanarMarch | None,
+    history: JointHistory,
+    time: Array,
+    scheme: Scheme,
+    out: Trajectory,
+    first: int,
+) -> None:
+    """March over the steps that end at ``time``: in the plane if there is one, else in space."""
+    q, qd, qdd = history(time)
+    if flat is not None:
+        m, row = out.motion, np.arange(first, first + len(time))
+        written = Histories(
+            m.x, m.rotation, m.v, m.omega, m.a, m.alpha, out.wrench, out.internal, out.energy, out.iterations
+        )  # fmt: skip
+        status, sample, count, size = flat.march(scheme, q, qd, qdd, row, written)
+    else:
+        rel = Joints(*(np.ascontiguousarray(part) for part in relative_motion(solver.mesh, q, qd, qdd)))
+        table = load_table(solver.mesh, time)
+        status, sample, count, size = solver.march(scheme, rel, table, out.rows(first, first + len(time)))
     if status != CONVERGED:
         raise solver.complain(status, count, size, f"at t = {time[sample]:g} s (step {scheme.h:g} s)")
 

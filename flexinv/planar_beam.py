@@ -1,0 +1,211 @@
+"""The beam element in a plane: the formulas of `beam` where all rotations share one axis, so that three freedoms are left.
+
+A rotation is an angle: R_0^T R_i = exp(psi_i) has psi_i = theta_i - theta_0, H = 1, and what `beam` states becomes
+
+    u_i = x_i - x_0,  phi = phi_0 + psi,  S = (c, -s; s, c)(phi)               interpolated: u', psi, psi'
+    Gamma = S^T u' - Gamma_0    (axial, shear)            kappa = psi' - kappa_0    (bending)
+    E = 1/2 sum_g w (Gamma . C Gamma + B kappa^2)
+    dE/du' = w S n,   dE/dpsi = w (n_1 y_2 - n_2 y_1),   dE/dpsi' = w m      with n = C Gamma, m = B kappa, y = S^T u'
+
+Points of all elements lie in blocks of eight, one quantity beside the other: what is done at a point is vector code.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.compiled import jit_merged
+from flexinv.lanes import cos_sin
+from flexinv.mechanism import Array
+
+LANES = 8  # points of a block
+_LANES = np.uint64(LANES)
+# Rows of a block.  First what is interpolated, then what follows: S, y, n, m; w times the first derivatives; w times the second.
+(U1, U2, PHI, BEND, COS, SIN, Y1, Y2, N1, N2, M, BY_U1, BY_U2, BY_PSI, BY_BEND, U1_U1, U1_U2, U2_U2, U1_PSI, U2_PSI,
+ PSI_PSI) = (np.uint64(LANES * k) for k in range(21))  # fmt: skip
+BLOCK = np.uint64(21 * LANES)
+# Rows of a block of constants.
+AXIAL, SHEAR, BENDING, WEIGHT, STRAIN1, STRAIN2, CURVATURE = (np.uint64(LANES * k) for k in range(7))
+CONSTANTS = np.uint64(7 * LANES)
+
+
+class PlanarElements(NamedTuple):
+    """Elements in a plane.
+
+    order : (elements,); nodes : (elements, count); shape, slope : (elements, points, count) [-], [1/m]
+    pairs : (elements, points, 4, count^2) products over nodes i, j: slope slope, slope shape, shape slope, shape shape
+    bend : (elements, count) angle of each section against the first in the stress-free shape [rad]
+    heading : (elements,) angle of the first section's axis in the plane when its node stands at zero [rad]
+    constants : (blocks * CONSTANTS,) EA, GA [N], EI [N m^2], weights [m], Gamma_0 [-], kappa_0 [1/m] of all points
+    """
+
+    order: NDArray[np.int64]
+    nodes: NDArray[np.int64]
+    shape: Array
+    slope: Array
+    pairs: Array
+    bend: Array
+    heading: Array
+    constants: Array
+
+
+# An element that turns more than this between its first and any other node is refused, as in `assemble`.
+TURN = 2.0 * np.pi
+
+
+@jit_merged
+def point(k, g, points):
+    """Return where point g of element k stands in the first row of its block [-]."""
+    n = np.uint64(k * points + g)
+    return n // _LANES * BLOCK + n % _LANES
+
+
+@jit_merged
+def interpolate(e, pose, u, p):
+    """Fill u', phi, psi' of all points from the nodes' poses (nodes, 3); return the largest |psi_i| [rad] and its element.
+
+    u : (count, 3) scratch, u_i [m] and psi_i [rad] of one element
+    """
+    largest, worst, points = 0.0, 0, e.shape.shape[1]
+    for k in range(len(e.order)):
+        count, first = e.order[k] + 1, pose[e.nodes[k, 0]]
+        for i in range(1, count):
+            node = pose[e.nodes[k, i]]
+            turned = node[2] - first[2] + e.bend[k, i]
+            u[i, 0], u[i, 1] = node[0] - first[0], node[1] - first[1]
+            u[i, 2] = turned - TURN * np.floor(turned / TURN + 0.5)
+            if not abs(u[i, 2]) <= largest:
+                largest, worst = abs(u[i, 2]), k
+        phi0 = e.heading[k] + first[2]
+        for g in range(count - 1):
+            u1, u2, psi, bend = 0.0, 0.0, 0.0, 0.0
+            for i in range(1, count):
+                slope = e.slope[k, g, i]
+                u1 += slope * u[i, 0]
+                u2 += slope * u[i, 1]
+                psi += e.shape[k, g, i] * u[i, 2]
+                bend += slope * u[i, 2]
+            at = point(k, g, points)
+            p[at + U1], p[at + U2], p[at + PHI], p[at + BEND] = u1, u2, phi0 + psi, bend
+    return largest, worst
+
+
+@jit_merged
+def point_gradients(e, p):
+    """Fill S, y, n, m and the first derivatives of the energy at all points [N], [N m]."""
+    constants = e.constants
+    for block in range(np.uint64(len(constants)) // CONSTANTS):
+        at, own = block * BLOCK, block * CONSTANTS
+        for lane in range(_LANES):
+            i, j = at + lane, own + lane
+            c, s = cos_sin(p[i + PHI])
+            y1, y2 = c * p[i + U1] + s * p[i + U2], c * p[i + U2] - s * p[i + U1]
+            n1 = constants[j + AXIAL] * (y1 - constants[j + STRAIN1])
+            n2 = constants[j + SHEAR] * (y2 - constants[j + STRAIN2])
+            m = constants[j + BENDING] * (p[i + BEND] - constants[j + CURVATURE])
+            w = constants[j + WEIGHT]
+            p[i + COS], p[i + SIN], p[i + Y1], p[i + Y2] = c, s, y1, y2
+            p[i + N1], p[i + N2], p[i + M] = n1, n2, m
+            p[i + BY_U1], p[i + BY_U2] = w * (c * n1 - s * n2), w * (s * n1 + c * n2)
+            p[i + BY_PSI], p[i + BY_BEND] = w * (n1 * y2 - n2 * y1), w * m
+
+
+@jit_merged
+def point_hessians(e, p):
+    """Fill the second derivatives of the energy at all points [N], [N m]; that by psi' is w EI.
+
+    d2E/du'du' = S C S^T,  d2E/du'dpsi = S (J n - C J y),  d2E/dpsi2 = J y . C J y - n . y       with J (a, b) = (-b, a)
+    """
+    constants = e.constants
+    for block in range(np.uint64(len(constants)) // CONSTANTS):
+        at, own = block * BLOCK, block * CONSTANTS
+        for lane in range(_LANES):
+            i, j = at + lane, own + lane
+            c, s, y1, y2, n1, n2 = p[i + COS], p[i + SIN], p[i + Y1], p[i + Y2], p[i + N1], p[i + N2]
+            ea, ga, w = constants[j + AXIAL], constants[j + SHEAR], constants[j + WEIGHT]
+            b1, b2 = ea * y2 - n2, n1 - ga * y1
+            p[i + U1_U1], p[i + U2_U2] = w * (ea * c * c + ga * s * s), w * (ea * s * s + ga * c * c)
+            p[i + U1_U2] = w * (ea - ga) * c * s
+            p[i + U1_PSI], p[i + U2_PSI] = w * (c * b1 - s * b2), w * (s * b1 + c * b2)
+            p[i + PSI_PSI] = w * (ea * y2 * y2 + ga * y1 * y1 - n1 * y1 - n2 * y2)
+
+
+@jit_merged
+def add_forces(e, pose, p, wrench, felt):
+    """Add the nodal forces, the gradient of the energy, to wrench (nodes, 3) [N], [N m]; felt (elements, count, 3): by element.
+
+    Those on the first node follow from balance: F_0 = - sum F_i,  M_0 = - sum (M_i + (x_i - x_0) x F_i)
+    """
+    points = e.shape.shape[1]
+    for k in range(len(e.order)):
+        count, first = e.order[k] + 1, e.nodes[k, 0]
+        fx, fy, moment = 0.0, 0.0, 0.0
+        for i in range(1, count):
+            n, f1, f2, m = e.nodes[k, i], 0.0, 0.0, 0.0
+            for g in range(count - 1):
+                at, slope = point(k, g, points), e.slope[k, g, i]
+                f1 += slope * p[at + BY_U1]
+                f2 += slope * p[at + BY_U2]
+                m += e.shape[k, g, i] * p[at + BY_PSI] + slope * p[at + BY_BEND]
+            felt[k, i, 0], felt[k, i, 1], felt[k, i, 2] = f1, f2, m
+            wrench[n, 0] += f1
+            wrench[n, 1] += f2
+            wrench[n, 2] += m
+            fx -= f1
+            fy -= f2
+            moment -= m + (pose[n, 0] - pose[first, 0]) * f2 - (pose[n, 1] - pose[first, 1]) * f1
+        felt[k, 0, 0], felt[k, 0, 1], felt[k, 0, 2] = fx, fy, moment
+        wrench[first, 0] += fx
+        wrench[first, 1] += fy
+        wrench[first, 2] += moment
+
+
+@jit_merged
+def element_stiffness(k, e, p, stiff):
+    """Fill the exact derivative of element k's nodal forces by (x, y, theta) of its nodes [N/m], [N], [N m].
+
+    stiff : (9, count * count), a table over nodes i, j for every pair of components: K_ab(i, j) = sum_g d2E(a, b) N_i N_j, with
+        the products of shapes and slopes in e.pairs
+    """
+    pairs, points = (e.order[k] + 1) * (e.order[k] + 1), e.shape.shape[1]
+    for table in range(9):
+        for ij in range(pairs):
+            stiff[table, ij] = 0.0
+    for g in range(e.order[k]):
+        at, n = point(k, g, points), np.uint64(k * points + g)
+        own = n // _LANES * CONSTANTS + n % _LANES
+        slopes, mixed, mixed_back, shapes = e.pairs[k, g, 0], e.pairs[k, g, 1], e.pairs[k, g, 2], e.pairs[k, g, 3]
+        _add_table(stiff[0], p[at + U1_U1], slopes, pairs)
+        _add_table(stiff[1], p[at + U1_U2], slopes, pairs)
+        _add_table(stiff[2], p[at + U1_PSI], mixed, pairs)
+        _add_table(stiff[4], p[at + U2_U2], slopes, pairs)
+        _add_table(stiff[5], p[at + U2_PSI], mixed, pairs)
+        _add_table(stiff[6], p[at + U1_PSI], mixed_back, pairs)
+        _add_table(stiff[7], p[at + U2_PSI], mixed_back, pairs)
+        _add_table(stiff[8], p[at + PSI_PSI], shapes, pairs)
+        _add_table(stiff[8], e.constants[own + BENDING] * e.constants[own + WEIGHT], slopes, pairs)
+    for ij in range(pairs):
+        stiff[3, ij] = stiff[1, ij]
+
+
+@jit_merged
+def _add_table(out, factor, table, size):
+    for ij in range(size):
+        out[ij] += factor * table[ij]
+
+
+@jit_merged
+def energy(e, p):
+    """Return the elastic energy of all elements [J]."""
+    total, constants = 0.0, e.constants
+    for block in range(np.uint64(len(constants)) // CONSTANTS):
+        for lane in range(_LANES):
+            i, j = block * BLOCK + lane, block * CONSTANTS + lane
+            strain1, strain2 = p[i + Y1] - constants[j + STRAIN1], p[i + Y2] - constants[j + STRAIN2]
+            curvature = p[i + BEND] - constants[j + CURVATURE]
+            stretched = p[i + N1] * strain1 + p[i + N2] * strain2 + p[i + M] * curvature
+            total += 0.5 * constants[j + WEIGHT] * stretched
+    return total

@@ -1,0 +1,136 @@
+"""Mechanisms that move in a plane, with everything that the planar march takes, and each stood upright anywhere in space."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from flexible_examples import HALF_TURN, STRIP, arm
+from numpy.typing import NDArray
+
+import flexinv
+from flexinv.mechanism import Beam, Body, Inertia, Joint, Link, Mechanism, Placement, Section
+from flexinv.rotations import exp_so3
+
+Array = NDArray[np.float64]
+# Strains of some per cent, so that rounding of strains is rounding of forces too: EA 40 N, GA 15 N, EI about y and z.
+SOFT = Section(
+    np.array([0.0, 1.0]),
+    np.array([[40.0, 15.0, 18.0, 0.1, 0.05, 0.03], [30.0, 10.0, 12.0, 0.1, 0.04, 0.02]]),
+    np.array([0.05, 0.04]),
+    np.array([[3e-6, 2e-6, 1e-6], [2e-6, 1e-6, 1e-6]]),
+)
+Y, Z = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+
+
+def about_z(angle: float, x: float = 0.0, y: float = 0.0) -> Placement:
+    return Placement(np.array([x, y, 0.0]), exp_so3(angle * Z))
+
+
+def body(mass: float, x: float, y: float) -> Body:
+    return Body("body", Inertia(mass, np.array([x, y, 0.0]), mass * np.diag([1e-3, 2e-3, 3e-3])))
+
+
+def two_links(elements: int, order: int) -> Mechanism:
+    """A soft beam, a rigid elbow with a placement, a second beam whose axis of rotation points down, a payload off its axis."""
+    links = (
+        Link("one", (), Beam(0.3, SOFT, elements, order)),
+        Link("elbow", (body(0.01, 0.02, 0.01),)),
+        Link("two", (replace(body(0.004, 0.01, 0.02), name="payload", station=1.0),), Beam(0.2, SOFT, elements, order)),
+    )
+    joints = (
+        Joint("hub", "revolute", "world", "one", about_z(0.3, 0.1, -0.2)),
+        Joint("elbow", "revolute", "one", "elbow", about_z(-0.4, 0.01, 0.02)),
+        Joint("two", "revolute", "elbow", "two", about_z(0.2, 0.04, 0.0), axis=-Z),
+    )
+    return Mechanism("two links", links, joints, gravity=np.array([0.3, -1.0, 0.0]))
+
+
+def branches(friction: float = 0.0) -> Mechanism:
+    """Beams of unequal order on one beam, curved, one bending about its y axis; passive joints between."""
+    upright = exp_so3(0.5 * np.pi * np.array([1.0, 0.0, 0.0]))  # the section's y axis becomes the normal
+    links = (
+        Link("trunk", (), Beam(0.3, SOFT, 2, 3, curvature=np.array([0.0, 0.0, 0.8]))),
+        Link("swing", (body(0.02, 0.05, 0.01),)),
+        Link(
+            "leaf",
+            (),
+            Beam(0.2, SOFT, 1, 4, curvature=np.array([0.0, 0.5, 0.0]), placement=Placement(np.zeros(3), upright)),
+        ),
+        Link("slider", (body(0.01, 0.0, 0.01),)),
+        Link("twig", (), Beam(0.1, SOFT, 2, 1)),
+    )
+    joints = (
+        Joint("root", "continuous", "world", "trunk", about_z(0.1)),
+        Joint(
+            "swing", "revolute", "trunk", "swing", about_z(0.2, 0.0, 0.01), station=0.5, actuated=False, rotor_inertia=1e-5,
+            damping=1e-4, friction=friction,
+        ),
+        Joint("leaf", "revolute", "swing", "leaf", about_z(0.1, 0.06, 0.0), axis=-Z),
+        Joint(
+            "slider", "prismatic", "trunk", "slider", about_z(0.3), axis=np.array([0.6, 0.8, 0.0]), actuated=False, damping=0.02
+        ),
+        Joint("twig", "prismatic", "slider", "twig", about_z(-0.5), axis=np.array([1.0, 0.0, 0.0])),
+    )  # fmt: skip
+    return Mechanism("branches", links, joints, gravity=np.array([0.0, -2.0, 0.0]))
+
+
+def hanging() -> Mechanism:
+    """A passive pendulum on the world carries a driven beam: the unknowns of block 0."""
+    links = (Link("bob", (body(0.1, 0.1, 0.0),)), Link("beam", (), Beam(0.2, SOFT, 1, 3)))
+    joints = (
+        Joint("pivot", "revolute", "world", "bob", actuated=False, damping=1e-3),
+        Joint("drive", "revolute", "bob", "beam", about_z(0.5, 0.1, 0.05)),
+    )
+    return Mechanism("hanging", links, joints, gravity=np.array([0.0, -9.81, 0.0]))
+
+
+def stood(mechanism: Mechanism, psi: Array, shift: Array) -> Mechanism:
+    """The same mechanism with the world turned by exp(psi) and shifted along the new normal and in the plane."""
+    turn = exp_so3(psi)
+    joints = tuple(
+        replace(j, placement=Placement(shift + turn @ j.placement.position, turn @ j.placement.rotation))
+        if j.parent == "world"
+        else j
+        for j in mechanism.joints
+    )
+    return replace(mechanism, joints=joints, gravity=turn @ mechanism.gravity)
+
+
+def quick(*angles: float, law: str = "cycloid") -> flexinv.Motion:
+    return flexinv.Motion.point_to_point(np.zeros(len(angles)), list(angles), 0.15, hold=0.05, law=law)
+
+
+def named(law: str = "cycloid", **angles: float) -> flexinv.Motion:
+    return flexinv.Motion.point_to_point(dict.fromkeys(angles, 0.0), dict(angles), 0.2, law=law)
+
+
+Case = Callable[[], tuple[Mechanism, flexinv.Motion, dict[str, Any]]]
+TILT, SHIFT = np.array([0.7, -0.4, 1.9]), np.array([0.3, -0.1, 0.2])
+SOFT_CASES: dict[str, Case] = {
+    "order 1": lambda: (two_links(3, 1), quick(1.0, -0.5, 0.8), {}),
+    "order 4": lambda: (two_links(1, 4), quick(1.0, -0.5, 0.8), {}),
+    "two of order 3": lambda: (two_links(2, 3), quick(1.0, -0.5, 0.8), {"initial": "static"}),
+    "bang-bang": lambda: (two_links(1, 3), quick(0.5, -0.2, 0.3, law="bang-bang"), {}),
+    "branches": lambda: (branches(), named(root=0.8, leaf=0.5, twig=0.02), {"start": {"swing": 0.2}}),
+    "branches, jumps": lambda: (branches(), named("bang-bang", root=0.4, leaf=0.5, twig=0.02), {}),
+    "hanging": lambda: (hanging(), named(drive=1.0), {"start": {"pivot": -0.4}, "start_rate": {"pivot": 2.0}}),
+    "tilted": lambda: (stood(two_links(1, 4), TILT, SHIFT), quick(1.0, -0.5, 0.8), {}),
+    "tilted branches": lambda: (stood(branches(), TILT, SHIFT), named(root=0.8, leaf=0.5, twig=0.02), {}),
+}
+PAPER_CASES: dict[str, Case] = {
+    "one link, 4 x order 1": lambda: (arm(4, 1), HALF_TURN, {}),
+    "one link, 1 x order 4": lambda: (arm(1, 4), HALF_TURN, {}),
+    "one link with gravity": lambda: (arm(2, 2, gravity=(0.0, -9.81, 0.0)), HALF_TURN, {"initial": "static"}),
+    "two links": lambda: (paper_two_links(), quick(0.5, 1.0), {}),
+}
+
+
+def paper_two_links() -> Mechanism:
+    """The paper's example 4."""
+    thin = replace(STRIP, stiffness=np.array([[1.452e6, 4.65e5, 4.65e5, 0.07, 137.0, 0.046]]))
+    links = (Link("link1", (), Beam(0.2, STRIP, 1, 4)), Link("link2", (), Beam(0.2, thin, 1, 4)))
+    joints = (Joint("joint1", "revolute", "world", "link1"), Joint("joint2", "revolute", "link1", "link2"))
+    return Mechanism("two links", links, joints, gravity=np.zeros(3))
