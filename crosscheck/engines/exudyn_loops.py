@@ -227,7 +227,8 @@ def _flexible_series(model: Model, outcome: Outcome) -> dict[str, Series]:
     for name, wrench in outcome.wrench.items():
         made |= wrench_series(name, wrench)
     for name, wrench in outcome.closure.items():
-        made |= reaction_series(name, wrench)
+        # what the model has no equation for is no reaction: a pin of the plane and its moments
+        made |= {n: one for n, one in reaction_series(name, wrench).items() if one.values.any()}
     return made
 
 
