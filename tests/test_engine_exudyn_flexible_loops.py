@@ -158,6 +158,17 @@ def test_what_beams_in_loops_cannot_be() -> None:
     assert reason(closures=switched) == "closures act all the time here; switched: C"
 
 
+def test_beams_that_start_in_motion_are_refused() -> None:
+    mechanism, case = four_bar()
+    time = np.linspace(0.0, 0.1, 11)
+    reason = exudyn.unsupported(
+        mechanism, replace(case, motion=Motion.from_samples(time, {"A": 0.3 + time})), "exudyn-ge"
+    )
+    assert reason is not None
+    assert reason.startswith("joint A starts in motion: ")
+    assert reason.endswith(", and how a beam came to its start is not known")
+
+
 def test_rigid_loops_are_not_for_beams() -> None:
     mechanism = load_mechanism(MODELS / "four_bar")
     case = load_cases(MODELS / "four_bar", mechanism)["turn"]

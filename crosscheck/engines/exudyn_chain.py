@@ -13,6 +13,7 @@ outward, in the world; J: seat of a joint, C: its child, p, R, w: the joint's ow
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -25,6 +26,8 @@ from crosscheck.engines.exudyn_layout import tip_or
 from flexinv.files.case import Case
 from flexinv.mechanism import WORLD, Attachment, Joint, Mechanism, Placement
 
+Given = Callable[[Array], tuple[Array, Array, Array]]
+
 
 @dataclass(frozen=True)
 class Tree:
@@ -32,10 +35,11 @@ class Tree:
 
     mechanism: Mechanism
     case: Case
+    history: Given | None = None
 
     def given(self, time: Array) -> tuple[Array, Array, Array]:
         """Return q, qd, qdd of the motion at times [s], joints that it leaves out at their guess."""
-        q, qd, qdd = self.case.motion.evaluate(self.mechanism, time)
+        q, qd, qdd = self.history(time) if self.history else self.case.motion.evaluate(self.mechanism, time)
         return assembly.guessed(self.mechanism, self.case, q), qd, qdd
 
     def moved(self, q: Array, step: Array) -> Array:
@@ -131,14 +135,19 @@ def _section(mechanism: Mechanism, links: dict[str, Moving], name: str, station:
     return carried(links[name], compose(beam.placement, axis_pose(beam, station * beam.length)))
 
 
-def closed_motion(mechanism: Mechanism, case: Case, time: Array) -> tuple[Array, Array, Array]:
-    """Return q (samples, nq), qd, qdd (samples, nv) [rad or m, s] of all joints, on the closures where there are any."""
+def closed_motion(
+    mechanism: Mechanism, case: Case, time: Array, history: Given | None = None
+) -> tuple[Array, Array, Array]:
+    """Return q (samples, nq), qd, qdd (samples, nv) [rad or m, s] of all joints, on the closures where there are any.
+
+    history : the motion of the joints that it gives at times [s], where it is another than the case's own
+    """
     if not mechanism.closures:
         return case.motion.evaluate(mechanism, time)
     free = assembly.left_out(mechanism, case)
     unknown = np.array([j.name in free for j in mechanism.joints for _ in range(j.nv)], dtype=bool)
     unknown_q = np.array([j.name in free for j in mechanism.joints for _ in range(j.nq)], dtype=bool)
-    return assembly.closed_motion(Task(mechanism, Tree(mechanism, case), unknown, unknown_q), time)
+    return assembly.closed_motion(Task(mechanism, Tree(mechanism, case, history), unknown, unknown_q), time)
 
 
 def shared(mechanism: Mechanism, case: Case, q: Array, effort: Array) -> Array:

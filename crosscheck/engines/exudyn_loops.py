@@ -7,9 +7,9 @@ the efforts of drives on the joints that the motion gives; where actuators stand
 the same virtual work is shared out to them with least norm (`exudyn_chain`).  What rotors, damping, dry friction and
 springs in joints take joins in there, on passive joints too.
 
-A start with speed or acceleration costs some 20 steps of transient: the engine finds its initial accelerations without
-what the motion prescribes, and takes none from outside (1.13.6: SetODE2Coordinates_tt has no effect on either
-integrator, measured).  The record's settings say so; the error bars do not cover the sample at the start.
+A start with speed or acceleration would cost some 20 steps of transient: the engine finds its initial accelerations without
+what the motion prescribes, and takes none from outside (1.13.6: SetODE2Coordinates_tt has no effect on either integrator,
+measured).  Loops of rigid links are led into their start from rest (`exudyn_lead`).
 
 Beams move the passive joints as they please: there drives stand on the joints that the motion gives, and damping and
 springs of the others are connectors of their own.
@@ -33,12 +33,14 @@ from crosscheck.engines import (
     exudyn_chain,
     exudyn_closing,
     exudyn_flat,
+    exudyn_lead,
     exudyn_planar,
     exudyn_spatial,
 )
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.exudyn_frames import Array, effort_axes, joint_q, scalar_coordinate
 from crosscheck.engines.exudyn_layout import Layout, lay_out
+from crosscheck.engines.exudyn_lead import History, delayed, history_of
 from crosscheck.engines.exudyn_march import ANCF, DAE, NAMES, Made, link_series
 from crosscheck.engines.exudyn_parts import Outcome
 from crosscheck.engines.exudyn_solve import NewtonStalled, Plan, grid, step_size
@@ -48,6 +50,7 @@ from flexinv.files.case import Case
 from flexinv.mechanism import Mechanism
 
 STEPS = 2000  # of the coarse run: the extrapolated torque of the four-bar is within 1e-8 of the range
+LEAD_POINTS = 21  # at which the loops are followed from t = 0 back to where a lead-in begins
 ELEMENTS = 8  # per beam; the run beyond has twice as many
 NEWTON = (1e-10, 1e-9, 1e-8)  # of increments, relative and absolute: the next one where a run stalls
 # A pair of unit vectors whose product is smaller is perpendicular up to the digits of a file.
@@ -61,8 +64,7 @@ class Model:
     free : joints that closures move, where they start [rad], [m] (those of one coordinate)
     """
 
-    mechanism: Mechanism
-    case: Case
+    history: History
     engine: str
     layout: Layout
     plane: Array | None
@@ -70,14 +72,20 @@ class Model:
     held: dict[str, list[int]]
 
     @property
+    def mechanism(self) -> Mechanism:
+        """What moves."""
+        return self.history.mechanism
+
+    @property
+    def case(self) -> Case:
+        """How it moves."""
+        return self.history.case
+
+    @property
     def left_out(self) -> list[str]:
         """Closures whose equations are not all needed (in the plane they are)."""
         full = {c.name: sum(exudyn_closing.HELD[c.kind]) for c in self.mechanism.closures}
         return [] if self.plane is not None else [n for n, rows in self.held.items() if sum(rows) < full[n]]
-
-
-# A motion starts with acceleration when its first one is more than this part of its largest: splines round by less.
-STARTED = 1e-2
 
 
 def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
@@ -90,7 +98,11 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
         return reason
     if not mechanism.beams and (reason := assembly.unsupported(mechanism)):
         return reason
-    if reason := exudyn_spatial.unsupported(mechanism) or _lean(mechanism, case) or _jerked_start(mechanism, case):
+    if (
+        reason := exudyn_spatial.unsupported(mechanism)
+        or _lean(mechanism, case)
+        or exudyn_lead.unsupported(mechanism, case)
+    ):
         return reason
     return _unsupported_beams(mechanism, case) if mechanism.beams else None
 
@@ -124,54 +136,56 @@ def _unsupported_beams(mechanism: Mechanism, case: Case) -> str | None:
     return exudyn_flat.not_moved(mechanism, frozenset(free))
 
 
-def _jerked_start(mechanism: Mechanism, case: Case) -> str | None:
-    """Return why a loop that starts with acceleration is no comparison: the engine cannot be told of it."""
-    _, _, qdd = case.motion.evaluate(mechanism, np.linspace(0.0, case.end, 101))
-    largest = np.abs(qdd).max(axis=0, initial=0.0)
-    started = np.abs(qdd[0]) > STARTED * largest
-    if not mechanism.closures or not (started & (largest > 0.0)).any():
-        return None
-    name = mechanism.velocity_names[int(np.argmax(started & (largest > 0.0)))]
-    return (
-        f"'{name}' starts with acceleration: in a loop Exudyn finds its initial accelerations without what the motion "
-        "prescribes and takes none from outside, which leaves some 20 steps of transient as large as the effort itself"
-    )
-
-
-def model_of(mechanism: Mechanism, case: Case, engine: str = DAE) -> Model:
+def model_of(mechanism: Mechanism, case: Case, engine: str = DAE, history: History | None = None) -> Model:
     """Return what is integrated.  Raises AssemblyError where the loops do not close at the start."""
-    q, qd, _ = exudyn_chain.closed_motion(mechanism, case, np.zeros(1))
-    layout = lay_out(mechanism, q[0], qd[0])
+    history = history or History(mechanism, case)
+    q, qd, _ = _led_into(mechanism, case, history)
+    layout = lay_out(mechanism, q, qd)
     left_out = assembly.left_out(mechanism, case)
     joints = [j for j in mechanism.joints if j.name in left_out]
-    free = {j.name: float(scalar_coordinate(j, joint_q(mechanism, j, q))[0]) if j.nv == 1 else 0.0 for j in joints}
+    free = {
+        j.name: float(scalar_coordinate(j, joint_q(mechanism, j, q[None]))[0]) if j.nv == 1 else 0.0 for j in joints
+    }
     plane = exudyn_planar.plane_of(mechanism, layout, frozenset(free))
     if mechanism.beams:  # a beam in a loop leaves no equation to follow from the others
         held = {c.name: list(exudyn_closing.HELD[c.kind]) for c in mechanism.closures}
-        return Model(mechanism, case, engine, layout, None if isinstance(plane, str) else plane, free, held)
+        return Model(history, engine, layout, None if isinstance(plane, str) else plane, free, held)
     held = exudyn_closing.independent(mechanism, case) if mechanism.closures else {}
     # in the plane, where some of the equations of its connectors are redundant too, the spatial model leaves them out
     flat = not isinstance(plane, str) and sum(map(sum, held.values())) == exudyn_flat.equations(mechanism)
-    return Model(mechanism, case, engine, layout, plane if flat and not isinstance(plane, str) else None, free, held)
+    return Model(history, engine, layout, plane if flat and not isinstance(plane, str) else None, free, held)
+
+
+def _led_into(mechanism: Mechanism, case: Case, history: History) -> tuple[Array, Array, Array]:
+    """Return q (nq,), qd, qdd (nv,) [rad or m, s] where the run starts: closed at 0 and followed back to there."""
+    back = np.linspace(0.0, -history.lead, LEAD_POINTS) if history.lead else np.zeros(1)
+    q, qd, qdd = exudyn_chain.closed_motion(mechanism, case, back, history)
+    return q[-1], qd[-1], qdd[-1]
+
+
+def coarsest(case: Case, options: Options) -> float:
+    """Return the step of the first run [s]."""
+    wanted = float(options.get("step", case.end / STEPS)) / 2 ** int(options.get("refinement", 0))
+    return step_size(case.sample, wanted * (2 if options.get("error", True) else 1))
 
 
 def plans_of(model: Model, options: Options) -> list[Plan]:
     """Return the runs from coarse to fine, steps in [s]; without "error" those two that the result needs."""
-    case = model.case
-    wanted = float(options.get("step", case.end / STEPS)) / 2 ** int(options.get("refinement", 0))
-    behind = 1 if options.get("error", True) else 0
-    moving = any(rate.any() for rate in case.motion.evaluate(model.mechanism, np.zeros(1))[1:])
+    case, lead = model.case, model.history.lead
+    jumps = [t for t in case.motion.jumps if t < case.end and (t > 0.0 or not lead)]
+    moving = not lead and any(rate.any() for rate in case.motion.evaluate(model.mechanism, np.zeros(1))[1:])
     plan = Plan(
         end=(len(sample_times(case)) - 1) * case.sample,
-        step=step_size(case.sample, wanted * 2**behind),
+        step=coarsest(case, options),
         sample=case.sample,
-        index2=model.plane is not None and not case.motion.jumps and not moving,
+        index2=model.plane is not None and not jumps and not moving,
         spectral_radius=0.5,
         tolerance=NEWTON[0],
         extrapolate=moving,
         static_start=bool(model.mechanism.beams) and case.initial == "static",
+        lead=lead,
     )
-    return [replace(plan, step=plan.step / 2**k) for k in range(behind + 2)]
+    return [replace(plan, step=plan.step / 2**k) for k in range(3 if options.get("error", True) else 2)]
 
 
 def elements_of(runs: int, options: Options) -> list[int]:
@@ -186,7 +200,7 @@ def in_time(mechanism: Mechanism, case: Case, engine: str, options: Options) -> 
     Of beams also deflection [m] and axial force [N].
     """
     start = clock.perf_counter()
-    model = model_of(mechanism, case, engine)
+    model = model_of(mechanism, case, engine, history_of(mechanism, case, coarsest(case, options)))
     plans = plans_of(model, options)
     elements = elements_of(len(plans), options)
     done = [_march(model, n, plan) for n, plan in zip(elements, plans, strict=True)]
@@ -209,8 +223,8 @@ def _march(model: Model, elements: int, plan: Plan) -> tuple[Outcome, Plan]:
 
 
 def _integrate(model: Model, elements: int, plan: Plan) -> Outcome:
-    m, layout, ancf = model.mechanism, model.layout, model.engine == ANCF
-    q, qd, _ = model.case.motion.evaluate(m, grid(plan))
+    m, layout, ancf = delayed(model.mechanism, plan.lead), model.layout, model.engine == ANCF
+    q, qd, _ = model.history(grid(plan))
     if model.plane is None:
         drawing = exudyn_spatial.build(m, layout, ancf, elements, frozenset(model.free), model.held)
         return exudyn_spatial.run(drawing, plan, q)
@@ -278,6 +292,12 @@ def _settings(model: Model, plans: list[Plan]) -> dict[str, Any]:
         "step_s": [plan.step for plan in plans],
         "integrator": plans[0].integrator,
         "newton_tolerance": [plan.tolerance for plan in plans],
-        "start": "in motion: the first some 20 steps are a transient" if plans[0].extrapolate else "at rest",
+        "start": _told_start(plans[0]),
         "extrapolation": "(4 fine - coarse) / 3: the error is of order h^2",
     }
+
+
+def _told_start(plan: Plan) -> str:
+    if plan.lead:
+        return f"in motion, led into from rest over {plan.lead:.3g} s before"
+    return "in motion: the first some 20 steps are a transient" if plan.extrapolate else "at rest"

@@ -50,6 +50,7 @@ class Plan:
     with this spectral radius; tolerance : of Newton's increment, relative and absolute
     extrapolate : replace the reactions at t = 0 by 2 R(h) - R(2 h), an error of order h^2
     static_start : rest in static equilibrium first, the motion held at its start; its reactions are those at t = 0
+    lead : time before 0 at which the run begins [s], a multiple of step; what is seen before 0 is dropped
     """
 
     end: float
@@ -60,11 +61,12 @@ class Plan:
     tolerance: float
     extrapolate: bool = False
     static_start: bool = False
+    lead: float = 0.0
 
     @property
     def steps(self) -> int:
-        """Return the number of steps [-]."""
-        return round(self.end / self.step)
+        """Return the number of steps [-], the lead-in's included."""
+        return round((self.lead + self.end) / self.step)
 
     @property
     def integrator(self) -> str:
@@ -101,8 +103,9 @@ class Driver:
 
 
 def grid(plan: Plan) -> Array:
-    """Return the times of all steps, (steps + 1,) [s]."""
-    return np.arange(plan.steps + 1, dtype=np.float64) * plan.step
+    """Return the times of all steps, (steps + 1,) [s]; Exudyn counts from 0 (it takes no negative time): lead is added."""
+    before = round(plan.lead / plan.step)
+    return np.arange(-before, plan.steps + 1 - before, dtype=np.float64) * plan.step
 
 
 def step_size(sample: float, wanted: float) -> float:
@@ -164,7 +167,8 @@ def solve(mbs: Any, plan: Plan, drivers: list[Driver], motions: Sensors, reactio
             seen[key][0] = 2 * seen[key][1] - seen[key][2]
         elif resting:
             seen[key][0] = resting[key]
-    return {key: data[:: round(plan.sample / plan.step)] for key, data in seen.items()}
+    before, stride = round(plan.lead / plan.step), round(plan.sample / plan.step)
+    return {key: data[before::stride] for key, data in seen.items()}
 
 
 def _static(mbs: Any, plan: Plan, drivers: list[Driver], reactions: Sensors) -> dict[Key, Array]:
@@ -194,7 +198,7 @@ def _reasons(mbs: Any, solver: str) -> Iterator[None]:
 
 def _read(mbs: Any, sensor: Any, plan: Plan) -> Array:
     data = np.array(mbs.GetSensorStoredData(sensor), dtype=np.float64)
-    wanted = grid(plan)
+    wanted = grid(plan) + plan.lead
     if len(data) != len(wanted) or np.abs(data[:, 0] - wanted).max() > SAME_TIME * plan.step:
         last = data[-1, 0] if len(data) else 0.0
         of = f"{len(data)} of {len(wanted)} steps, the last at t = {last:.6g} of {plan.end:.6g} s"
