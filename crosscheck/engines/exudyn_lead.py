@@ -23,8 +23,9 @@ from crosscheck.engines.exudyn_frames import Array, joint_q, scalar_coordinate
 from flexinv.files.case import Case
 from flexinv.mechanism import Joint, Mechanism
 
-# A motion starts in motion when its first rate or acceleration is more than this part of its largest: splines round by less.
-STARTED = 1e-6
+# A motion starts in motion when its first rate or acceleration is more than this part of its largest.  A lead-in costs little;
+# refused, for beams, is more than the 1e-5 that a spline through samples leaves of an acceleration that is zero (measured).
+STARTED, REFUSED = 1e-6, 1e-3
 # Steps of the coarsest run in a lead-in: s^3 rises smoothly enough for errors of h^2 to be those of the motion itself.
 STEPS = 100
 # A start with speed v takes at least 3 v / a of the largest acceleration a, for its own to be no larger.
@@ -68,7 +69,7 @@ def in_motion(mechanism: Mechanism, case: Case) -> list[Joint]:
     _, qd, qdd = case.motion.evaluate(mechanism, np.linspace(0.0, case.end, 101))
     moving = np.zeros(mechanism.nv, dtype=bool)
     for rate in (qd, qdd):
-        moving |= np.abs(rate[0]) > STARTED * np.abs(rate).max(axis=0)
+        moving |= np.abs(rate[0]) > (REFUSED if mechanism.beams else STARTED) * np.abs(rate).max(axis=0)
     free = assembly.left_out(mechanism, case)
     return [j for j in mechanism.joints if j.nv and j.name not in free and moving[mechanism.v_slices[j.name]].any()]
 

@@ -40,7 +40,7 @@ from crosscheck.engines import (
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.exudyn_frames import Array, effort_axes, joint_q, scalar_coordinate
 from crosscheck.engines.exudyn_layout import Layout, lay_out
-from crosscheck.engines.exudyn_lead import History, delayed, history_of
+from crosscheck.engines.exudyn_lead import History, delayed, history_of, in_motion
 from crosscheck.engines.exudyn_march import ANCF, DAE, NAMES, Made, link_series
 from crosscheck.engines.exudyn_parts import Outcome
 from crosscheck.engines.exudyn_solve import NewtonStalled, Plan, grid, step_size
@@ -173,7 +173,7 @@ def plans_of(model: Model, options: Options) -> list[Plan]:
     """Return the runs from coarse to fine, steps in [s]; without "error" those two that the result needs."""
     case, lead = model.case, model.history.lead
     jumps = [t for t in case.motion.jumps if t < case.end and (t > 0.0 or not lead)]
-    moving = not lead and any(rate.any() for rate in case.motion.evaluate(model.mechanism, np.zeros(1))[1:])
+    moving = not lead and bool(in_motion(model.mechanism, case))
     plan = Plan(
         end=(len(sample_times(case)) - 1) * case.sample,
         step=coarsest(case, options),
