@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexinv.integrate import Scheme
 from flexinv.joint import JointHistory, relative_motion
@@ -42,6 +43,7 @@ def flexible_motion(
     initial: str = "consistent",
     progress: Progress | None = None,
     switching: Switching | None = None,
+    every: int = 1,
 ) -> Trajectory:
     """Return the flexible trajectory over a uniform grid ``time`` (samples,) [s] of prescribed joint motion.
 
@@ -50,13 +52,14 @@ def flexible_motion(
     initial : "consistent" (undeformed, accelerations solved for) or "static" (equilibrium under gravity first)
     jumps : times [s] at which accelerations jump; there the accelerations are solved anew (right-hand limit)
     switching : the phases, where closures act for a while; it gathers what happens between them
+    every : of so many steps one is kept, from the first on [-]: what memory a long march takes (1 with ``switching``)
 
     Raises ConvergenceError with the time, the size of the increment and what to try.
     """
     solver = Solver.of(mesh, passive or set())
     plane = find_plane(mesh)
     flat = None if isinstance(plane, NotPlanar) else PlanarMarch.of(mesh, solver.topology, plane)
-    out = Trajectory.empty(len(time), mesh, solver.instant.multipliers.shape[1])
+    out = Trajectory.empty(len(time[::every]), mesh, solver.instant.multipliers.shape[1])
     switches = {} if switching is None else switching.samples
     if switching is not None:
         switching.begin(solver)
@@ -68,7 +71,7 @@ def flexible_motion(
             flat.take(solver.state)
         for first in range(start, stop + 1, chunk):
             last = min(first + chunk, stop + 1)
-            _march(solver, flat, before, time[first:last], scheme, out, first)
+            _march(solver, flat, before, time[first:last], scheme, out, np.arange(first, last), every)
             if progress is not None:
                 progress(last - first)
         if switching is not None and stop in switches:
@@ -77,7 +80,7 @@ def flexible_motion(
         elif stop in stops:
             if flat is not None:
                 flat.give(solver.state)
-            _restart(solver, after, time, stop, out)
+            _restart(solver, after, time, stop, out, every)
         start = stop + 1
     return out
 
@@ -107,18 +110,14 @@ def _is_jump(t: float, jumps: tuple[float, ...], step: float) -> bool:
 
 
 def _march(
-    solver: Solver,
-    flat: PlanarMarch | None,
-    history: JointHistory,
-    time: Array,
-    scheme: Scheme,
-    out: Trajectory,
-    first: int,
-) -> None:
-    """March over the steps that end at ``time``: in the plane if there is one, else in space."""
+    solver: Solver, flat: PlanarMarch | None, history: JointHistory, time: Array, scheme: Scheme, out: Trajectory,
+    steps: NDArray[np.int64], every: int,
+) -> None:  # fmt: skip
+    """March over ``steps``, which end at ``time``, in the plane if there is one, else in space; keep every so many."""
     q, qd, qdd = history(time)
+    row = np.where(steps % every == 0, steps // every, -1)
     if flat is not None:
-        m, row = out.motion, np.arange(first, first + len(time))
+        m = out.motion
         written = Histories(
             m.x, m.rotation, m.v, m.omega, m.a, m.alpha, out.wrench, out.internal, out.energy, out.iterations
         )  # fmt: skip
@@ -126,16 +125,20 @@ def _march(
     else:
         rel = Joints(*(np.ascontiguousarray(part) for part in relative_motion(solver.mesh, q, qd, qdd)))
         table = load_table(solver.mesh, time)
-        status, sample, count, size = solver.march(scheme, rel, table, out.rows(first, first + len(time)))
+        whole = out.rows(steps[0], steps[-1] + 1) if every == 1 else out.of_length(len(steps))
+        status, sample, count, size = solver.march(scheme, rel, table, whole)
+        if every > 1:
+            out.put(row[row >= 0], whole, row >= 0)
     if status != CONVERGED:
         raise solver.complain(status, count, size, f"at t = {time[sample]:g} s (step {scheme.h:g} s)")
 
 
-def _restart(solver: Solver, history: JointHistory, time: Array, sample: int, out: Trajectory) -> None:
+def _restart(solver: Solver, history: JointHistory, time: Array, sample: int, out: Trajectory, every: int) -> None:
     """Solve the accelerations anew where those of the task jump, and record their right-hand limit."""
     s = solver.state
     s.u[:], s.du[:] = s.u0, s.du0
     solver.load_at(float(time[sample]))
     q, qd, qdd = (part[0] for part in history(time[sample : sample + 1]))
     consistent_accelerations(solver, instant(solver.mesh, q, qd, qdd), f"at t = {time[sample]:g} s")
-    record_instant(solver, sample, out)
+    if sample % every == 0:
+        record_instant(solver, sample // every, out)

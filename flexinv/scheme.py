@@ -43,6 +43,7 @@ def solve(
     start: Mapping[str, ArrayLike] | None = None,
     start_rate: Mapping[str, ArrayLike] | None = None,
     progress: Progress | None = None,
+    every: int = 1,
 ) -> Solution:
     """Return the torques that make a mechanism, rigid, flexible or mixed, follow a motion of its joints.
 
@@ -54,7 +55,9 @@ def solve(
     initial : "consistent" (starts undeformed) or "static" (starts in equilibrium under gravity)
     incremental : the paper's incremental mode, accelerations from differences of nodal positions (`differences`)
     start, start_rate : initial coordinates and rates of passive joints (unactuated, not in the motion) [rad], [m], [1/s]
-    progress : called with the number of samples done since its last call
+    progress : called with the number of steps done since its last call
+    every : of so many steps one is kept in the solution [-], from the start on: a long march at a small step fits in memory
+        (turns of passive joints are counted, and work is summed, over the samples that are kept)
 
     Raises InputError for input that cannot be, ConvergenceError (time, increment, advice) if Newton fails.
     """
@@ -62,7 +65,9 @@ def solve(
         raise InputError(
             f"initial = {initial!r}: expected 'consistent' (starts undeformed) or 'static' (in equilibrium)"
         )
-    time = _grid(motion, step, end)
+    steps = _grid(motion, step, end, every)
+    _check_every(mechanism, every, incremental)
+    time = steps[::every]
     if incremental:
         check_samples(len(time), step)
     settings: dict[str, float | int | str | bool] = {
@@ -87,7 +92,9 @@ def solve(
             applied = applied_forces(mesh, rigid_motion(mesh, q, qd, qdd), time)
             trajectory = rigid_trajectory(mesh, q, qd, qdd, applied)
         else:
-            trajectory = flexible_motion(mesh, history, right, time, scheme, passive, motion.jumps, initial, progress)
+            trajectory = flexible_motion(
+                mesh, history, right, steps, scheme, passive, motion.jumps, initial, progress, every=every
+            )
             applied = applied_forces(mesh, trajectory.motion, time)
             fill_passive(mesh, trajectory.motion, passive, q, qd, qdd)
         solution = evaluate(mesh, trajectory, time, q, qd, qdd, passive, settings, applied)
@@ -100,10 +107,21 @@ def solve(
         "start": start,
         "start_rate": start_rate,
     }
-    return _with_error(solution, mechanism, motion, step, incremental, progress, options)
+    return _with_error(solution, mechanism, motion, step, incremental, every, progress, options)
 
 
-def _grid(motion: Motion, step: float, end: float | None) -> Array:
+def _check_every(mechanism: Mechanism, every: int, incremental: bool) -> None:
+    if every < 1:
+        raise InputError(f"every = {every}: expected 1 to keep all steps, or more to keep one of so many")
+    if every > 1 and incremental:
+        raise InputError(f"every = {every}: the incremental mode takes differences from step to step; write every=1")
+    if every > 1 and mechanism.closures and not mechanism.is_rigid:
+        raise InputError(
+            f"every = {every}: mechanism '{mechanism.name}' has closures and beams, of which every step is kept; write every=1"
+        )
+
+
+def _grid(motion: Motion, step: float, end: float | None, every: int) -> Array:
     last = motion.duration if end is None else float(end)
     if not (np.isfinite(step) and step > 0.0):
         raise InputError(f"step = {step} s: expected a positive number of seconds, for example step=1e-3")
@@ -114,9 +132,10 @@ def _grid(motion: Motion, step: float, end: float | None) -> Array:
             f"step = {step:g} s is longer than the motion ({last:g} s): write a smaller step, say {last / 200:g}"
         )
     count = int(np.floor(last / step * (1 + 1e-9)))  # the last sample is the end when step divides it, up to rounding
-    if count >= MOST_SAMPLES:
+    if count >= MOST_SAMPLES * max(every, 1):
         raise InputError(
-            f"step = {step:g} s gives {count} samples in {last:g} s, more than {MOST_SAMPLES}: write a larger step"
+            f"step = {step:g} s gives {count} samples in {last:g} s, more than {MOST_SAMPLES * max(every, 1)}: "
+            "write a larger step, or every=10 to keep one step of ten"
         )
     return np.asarray(step * np.arange(count + 1))
 
@@ -177,15 +196,26 @@ def _numbers(label: str, name: str, value: ArrayLike, counts: tuple[int, ...]) -
 
 
 def _with_error(
-    solution: Solution, mechanism: Mechanism, motion: Motion, step: float, incremental: bool, progress: Progress | None,
-    options: Mapping[str, object],
+    solution: Solution, mechanism: Mechanism, motion: Motion, step: float, incremental: bool, every: int,
+    progress: Progress | None, options: Mapping[str, object],
 ) -> Solution:  # fmt: skip
     """Error bars from refinement: 4/3 |s_h - s_(h/2)| (second order in time) + |s - s on the refined mesh|."""
-    half = solve(mechanism, motion, step / 2, incremental=incremental, progress=progress, **options)  # type: ignore[arg-type]
-    bars = [_scaled_difference(solution, half, 2, 4 / 3)]
+    twice = (
+        1 if incremental or mechanism.closures else 2
+    )  # of the half steps every second is compared, and all differenced
+    half = solve(
+        mechanism,
+        motion,
+        step / 2,
+        incremental=incremental,
+        progress=progress,
+        every=twice * every,
+        **options,  # type: ignore[arg-type]
+    )
+    bars = [_scaled_difference(solution, half, 2 // twice, 4 / 3)]
     if not mechanism.is_rigid:
         for finer, factor in _finer_meshes(mechanism):
-            other = solve(finer, motion, step, incremental=incremental, progress=progress, **options)  # type: ignore[arg-type]
+            other = solve(finer, motion, step, incremental=incremental, progress=progress, every=every, **options)  # type: ignore[arg-type]
             bars.append(_scaled_difference(solution, other, 1, factor))
     torque = np.asarray(sum(bar[0] for bar in bars))
     tip = {name: np.asarray(sum(bar[1][name] for bar in bars)) for name in solution.tip}

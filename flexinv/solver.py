@@ -54,6 +54,17 @@ class Trajectory:
         motion = NodalMotion(*parts[:6])
         return Trajectory(motion, wrench, internal, energy, multipliers, self.iterations[first:last])
 
+    def put(self, rows: NDArray[np.int64], other: Trajectory, kept: NDArray[np.bool_]) -> None:
+        """Write the samples of another trajectory that are ``kept`` into ``rows`` of this one [m, rad, s, N, J]."""
+        for history, values in zip(self.histories(), other.histories(), strict=True):
+            history[rows] = values[kept]
+        self.iterations[rows] = other.iterations[kept]
+
+    def of_length(self, samples: int) -> Trajectory:
+        """Return histories of so many samples [-] for the same mechanism, to be filled."""
+        parts = [np.zeros((samples, *part.shape[1:])) for part in self.histories()]
+        return Trajectory(NodalMotion(*parts[:6]), *parts[6:], np.zeros(samples, dtype=np.int64))  # type: ignore[call-arg]
+
     @classmethod
     def empty(cls, samples: int, mesh: Mesh, rows: int = 0) -> Trajectory:
         """Return histories to be filled [m, rad, s, N, J]."""
