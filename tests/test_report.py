@@ -315,3 +315,31 @@ def test_rows_without_numbers_and_with_the_same_words_are_gathered() -> None:
 
 def test_names_break_where_they_may_and_stay_escaped() -> None:
     assert html.breakable("a_b/<c>") == "a_<wbr>b/<wbr>&lt;c&gt;"
+
+
+def test_what_is_gone_idle_or_changed_is_said_in_every_format(night: Night, tmp_path: Path) -> None:
+    moved = {"what": "arm/swing mujoco against flexinv: torque", "before": 1e-4, "after": 2e-4}
+    moved |= {
+        "before_verdict": "within",
+        "after_verdict": "deviation",
+        "message": "",
+        "mechanism": "arm",
+        "case": "swing",
+    }
+    difference = {"night": "2026-02-28", "started": "", "values": [moved], "models": ["arm/swing"], "vanished": ["a"]}
+    difference |= {"versions": [{"package": "mujoco", "before": "4.0", "after": "4.1"}], "appeared": [], "slower": []}
+    known = {"reason": "looked at", "date": NOW, "versions": {}, "gone": ("arm swing mujoco flexinv tip m",)}
+    case = CaseRow("arm", "swing", unused_limits=("twist, engines mujocco",))
+    results = Results(NOW, finished=True, cases=(case,), baseline=known, changes=difference)
+    assert results.exit_code == 1
+    render(results, tmp_path)
+    page, text = Page(tmp_path / "index.html").text, (tmp_path / "summary.md").read_text()
+    for said in (page, text):
+        assert "Since 2026-02-28: 1 new deviation, 1 value moved, 1 version changed, 1 model changed" in said
+        assert "arm swing mujoco flexinv tip m" in said
+        assert "twist, engines mujocco" in said
+        assert "1 blessed comparison is gone" in said
+    assert "4.1" in page
+    tree = ET.fromstring((tmp_path / "junit.xml").read_bytes())
+    assert [c.get("name") for c in tree.iter("testcase")] == ["arm swing mujoco flexinv tip m"]
+    assert len(list(tree.iter("failure"))) == 1

@@ -71,9 +71,13 @@ def command(
     `crosscheck run`; 2 also where the history or the report could not be written.
     """
     console = Console(stderr=True)
+
+    def say(line: str) -> None:
+        console.print(escape(line), soft_wrap=True)
+
     if latest_engines:
         with terminated():
-            sys.exit(fresh.nightly(reports, fresh.without_flag(sys.argv[1:]), console.print))
+            sys.exit(fresh.nightly(reports, fresh.without_flag(sys.argv[1:]), say))
     wanted = chosen(ENGINES, engines, "engine")
     tables = () if names and studies == "*" else tuple(chosen(STUDIES, studies, "study").values())
     night = Nightly(
@@ -91,7 +95,7 @@ def command(
     )
     try:
         with terminated(), progress(console) as notify:
-            results, folder = nightly(night, notify, lambda line: console.print(escape(line), soft_wrap=True))
+            results, folder = nightly(night, notify, say)
     except (NightRunning, BaselineError) as error:
         raise Failure(str(error)) from error
     except OSError as error:

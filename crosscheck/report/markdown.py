@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
+from crosscheck import changes
 from crosscheck.report import words
 from crosscheck.report.words import SIGNS, cell, duration, sentence, short, study_line, troubles
 from crosscheck.results import Results
@@ -15,6 +16,23 @@ SPECIAL = re.compile(r"([\\`*_\[\]|~<>&$@])")
 def render(results: Results) -> str:
     """Return the summary as GitHub-flavoured Markdown."""
     parts = [f"# {sentence(results)}", "", f"{escape(results.started)}, {duration(results.elapsed)}", ""]
+    if results.changes:
+        parts += ["## Changes", "", escape(changes.sentence(results.changes)), ""]
+        moved = [
+            (v["what"], v["before_verdict"], short(v["before"]), v["after_verdict"], short(v["after"]))
+            for v in results.changes["values"]
+        ]
+        parts += table(("comparison", "was", "", "is", ""), moved) if moved else []
+    if gone := results.baseline.get("gone", ()):
+        parts += [
+            "## Gone",
+            "",
+            "Blessed, and not measured any more.",
+            "",
+            *table(("comparison",), ((name,) for name in gone)),
+        ]
+    if idle := [(f"{c.mechanism}/{c.case}", line) for c in results.cases for line in c.unused_limits]:
+        parts += ["## Limits that no comparison asked for", "", *table(("case", "limit"), idle)]
     if rows := troubles(results):
         body = [(f"{SIGNS[v]} {v}", _where(where), what, message) for v, where, what, message in rows]
         parts += ["## Where not", "", *table(("verdict", "where", "what", "message"), body)]

@@ -109,6 +109,7 @@ def sentence(results: Results) -> str:
         _count(failed, "run failed", "runs failed"),
         _count(sum(bool(c.problem) for c in results.cases), "model cannot be read", "models cannot be read"),
         _count(sum(s.verdict not in ("within", "skipped") for s in results.studies), "study is off", "studies are off"),
+        _count(len(results.baseline.get("gone", ())), "blessed comparison is gone", "blessed comparisons are gone"),
         results.message,
     ]
     wrong = [part for part in parts if part]
