@@ -18,10 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.inverse import NodalForces, joint_wrenches, project
+from flexinv.coordinates import Nodes
+from flexinv.inverse import NodalForces
 from flexinv.mechanism import CLOSURES, WORLD, Array, Attachment, Closure, Mechanism
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
+from flexinv.rows import RowArrays, jacobians
 
 
 @dataclass(frozen=True)
@@ -203,7 +205,17 @@ def constraint_jacobian(mesh: Mesh, motion: NodalMotion, rows: Rows) -> Array:
     samples, count = len(motion.x), len(rows)
     if count == 0:
         return np.empty((samples, 0, mesh.mechanism.nv))
-    each = motion.repeated(count)  # all unit multipliers of a sample at once
-    unit = np.tile(np.eye(count), (samples, 1))
-    wrenches = joint_wrenches(mesh, each, row_forces(each, rows, unit))
-    return project(mesh, each, wrenches).reshape(samples, count, mesh.mechanism.nv)
+    g = np.empty((samples, count, mesh.mechanism.nv))
+    world = (motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha)
+    jacobians(nodes_of(mesh), row_arrays(rows), *(np.ascontiguousarray(part) for part in world), g)
+    return g
+
+
+def nodes_of(mesh: Mesh) -> Nodes:
+    """Return the nodes [m], [-] of a mesh as kernels take them."""
+    return Nodes(mesh.parent, mesh.kind, mesh.offset, mesh.rotation, mesh.axis, mesh.q_index, mesh.v_index)
+
+
+def row_arrays(rows: Rows) -> RowArrays:
+    """Return the rows [m], [-] as kernels take them."""
+    return RowArrays(rows.direction, rows.a, rows.b, rows.place_a, rows.place_b, rows.u, rows.w)

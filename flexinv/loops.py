@@ -1,26 +1,20 @@
-"""Rigid closed loops: passive coordinates from the closure equations, torques of the tree shared out to the actuators.
+"""Rigid closed loops: passive coordinates from the closure equations.
 
 Kinematics: given coordinates q_g follow the task; the others solve phi(q) = 0 (Newton, continued from sample to sample on the
 branch that the start lies on), then G_u qd_u = -G_g qd_g and G_u qdd_u = -(phi'' with qdd_u = 0).
-
-Torques: the cut tree needs tau_tree = L T P; closures give G^T lambda, actuators S tau_a:
-
-    S tau_a + G^T lambda = tau_tree           minimum of tau_a^T W tau_a where actuators are redundant
-
-With N a basis of the motions that the closures allow (G N = 0): N^T S tau_a = N^T tau_tree, the null space of N^T S is internal
-preload, and lambda follows (of least norm where constraints are redundant).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.closures import Rows, constraint_jacobian, constraint_rows, residuals
+from flexinv.branch import CLOSED, LARGEST_SURPRISE, LAST_INCREMENT, MOST_ITERATIONS, Problem, follow, rates
+from flexinv.closures import Rows, constraint_jacobian, constraint_rows, nodes_of, residuals, row_arrays
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.joint import JointHistory
 from flexinv.manifold import moved
@@ -28,20 +22,13 @@ from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh
 from flexinv.phases import acting
 from flexinv.rigid import rigid_motion
+from flexinv.shares import REDUNDANT as REDUNDANT
+from flexinv.shares import Shares as Shares
+from flexinv.shares import share_out as share_out
+from flexinv.tree import Frames, Joints
 
-# Newton ends with an increment below this, in radians or metres: its error is about the square, which is rounding.
-LAST_INCREMENT = 1e-9
-# Closure equations are then met to this, in metres over the mechanism's length or radians: rounding of 1e-16 a node in chains
-# of up to some thousand nodes.  A loop that cannot close (constraints that contradict each other) stays open by far more.
-CLOSED = 1e-12
-# A singular value below this part of the largest is a redundant constraint: rounding leaves 1e-15 of it.
-REDUNDANT = 1e-10
 # A configuration whose passive coordinates are this badly determined is singular: eight digits of the torque are lost.
 WORST_CONDITION = 1e8
-MOST_ITERATIONS = 30
-# A passive coordinate may differ from its prediction by this, or the step between samples is halved: it is the largest
-# step over which Newton is trusted to stay on its branch.
-LARGEST_SURPRISE = 0.05  # [rad] or of the mechanism's length
 MOST_HALVINGS = 10
 
 
@@ -133,13 +120,15 @@ def closed_motion(
     phase, rows = rows is not None, constraint_rows(mesh) if rows is None else rows
     given = history(time)
     follower = _Follower(mesh, rows, history, unknown)
-    q = np.empty_like(given[0])
+    q = np.array(given[0])
     state = follower.start(float(time[0]), given[0][0] if start is None else follower.mixed(given[0][0], start))
     q[0] = state
     follower.check_freedoms(state, float(time[0]), phase)
-    for k in range(1, len(time)):
-        state = follower.advance(state, float(time[k - 1]), float(time[k]))
-        q[k] = state
+    compiled = _compiled(mesh, rows, unknown)
+    steps, k = (np.array(time), q, np.array(given[1])), 1
+    while (k := follow(*compiled[:3], *steps, k, *compiled[3:])) < len(time):
+        q[k] = follower.advance(q[k - 1], float(time[k - 1]), float(time[k]))
+        k += 1
     return q, *_rates(mesh, rows, q, given[1], given[2], unknown, time)
 
 
@@ -165,6 +154,20 @@ def _rates(
 ) -> tuple[Array, Array]:
     """Exact rates of the unknown coordinates: two linear solves per sample."""
     qd, qdd = np.where(unknown, 0.0, qd), np.where(unknown, 0.0, qdd)
+    condition, compiled = np.empty(len(time)), _compiled(mesh, rows, unknown)
+    rates(*compiled[:3], q, qd, qdd, condition, *compiled[3:])
+    doubtful = ~(condition < WORST_CONDITION)
+    if doubtful.any():
+        part = (q[doubtful], np.where(unknown, 0.0, qd[doubtful]), qdd[doubtful])
+        qd[doubtful], qdd[doubtful] = _doubtful_rates(mesh, rows, *part, unknown, time[doubtful])
+    return qd, qdd
+
+
+def _doubtful_rates(
+    mesh: Mesh, rows: Rows, q: Array, qd: Array, qdd: Array, unknown: NDArray[np.bool_], time: Array
+) -> tuple[Array, Array]:
+    """The same where the singular values have to say whether the rates are determined."""
+    qdd = np.where(unknown, 0.0, qdd)
     motion = rigid_motion(mesh, q, qd, qdd)
     g = constraint_jacobian(mesh, motion, rows)[:, :, unknown]
     inverse = np.linalg.pinv(g, rcond=REDUNDANT)
@@ -172,6 +175,26 @@ def _rates(
     qd[:, unknown] = -np.einsum("sur,sr->su", inverse, residuals(motion, rows)[1])
     qdd[:, unknown] = -np.einsum("sur,sr->su", inverse, residuals(rigid_motion(mesh, q, qd, qdd), rows)[2])
     return qd, qdd
+
+
+def _compiled(mesh: Mesh, rows: Rows, unknown: NDArray[np.bool_]) -> tuple[Any, ...]:
+    """What `branch.follow` and `branch.rates` take: nodes, rows, problem; relative and world motion of the nodes."""
+    m, places = mesh.mechanism, np.flatnonzero(unknown)
+    owner = np.zeros(m.nq, dtype=bool)
+    for joint in m.joints:
+        owner[m.q_slices[joint.name]] = unknown[m.v_slices[joint.name]].any()
+    count, free = len(rows), len(places)
+    problem = Problem(
+        unknown=places, owner=owner, scale=np.where(rows.direction, 1.0, mesh.length), sizes=_sizes(mesh),
+        g=np.zeros((count, m.nv)), a=np.zeros((count, free)), y=np.zeros(max(count, free)), beta=np.zeros(free),
+        diagonal=np.zeros(free), pivot=np.zeros(free, dtype=np.int64), x=np.zeros(free), step=np.zeros(m.nv),
+        guess=np.zeros(m.nq), rest=np.zeros(m.nv),
+    )  # fmt: skip
+    one = [np.zeros((mesh.size, 3)) for _ in range(10)]
+    turns = np.zeros((2, mesh.size, 3, 3))
+    joints = Joints(one[0], one[1], one[2], turns[0], one[3], one[4])
+    frames = Frames(one[5], turns[1], one[6], one[7], one[8], one[9])
+    return nodes_of(mesh), row_arrays(rows), problem, joints, frames
 
 
 def _check_condition(mechanism: Mechanism, g: Array, time: Array) -> None:
@@ -319,51 +342,3 @@ def _sizes(mesh: Mesh) -> Array:
         start = mesh.mechanism.q_slices[joint.name].start
         sizes[start : start + {"prismatic": 1, "free": 3}.get(joint.kind, 0)] = mesh.length
     return sizes
-
-
-@dataclass(frozen=True)
-class Shares:
-    """Torques of a closed mechanism.
-
-    tau : (samples, nv) effort of the drives [N m], [N], zero on passive coordinates
-    multipliers : (samples, rows) [N], [N m]; left : (samples, nv) what neither drives nor closures carry (rounding)
-    preload : (samples, nv, k) null space of the drives: efforts that only stress the mechanism [-]
-    condition : (samples,) of N^T S [-]: 1 over its smallest singular value, as its largest is at most 1 (N has norm 1)
-    """
-
-    tau: Array
-    multipliers: Array
-    left: Array
-    preload: Array
-    condition: Array
-
-
-def share_out(g: Array, tau_tree: Array, driven: NDArray[np.bool_], weight: Array | None = None) -> Shares:
-    """Return actuator efforts and multipliers of  S tau_a + G^T lambda = tau_tree  [N m], [N].
-
-    g : (samples, rows, nv); tau_tree : (samples, nv); driven : (nv,) bool; weight : (driven,) of the squares of tau_a [-], 1
-        by default: the minimum of tau_a^T W tau_a is taken where drives are redundant
-    """
-    samples, nv = tau_tree.shape
-    tau, left = np.zeros((samples, nv)), np.zeros((samples, nv))
-    multipliers, condition = np.zeros(g.shape[:2]), np.ones(samples)
-    spaces = []
-    root = np.sqrt(np.ones(int(driven.sum())) if weight is None else weight)
-    for k in range(samples):
-        _, values, right = np.linalg.svd(g[k]) if g.shape[1] else (None, np.zeros(0), np.eye(nv))
-        rank = int((values > REDUNDANT * values.max(initial=0.0)).sum())
-        motions = right[rank:].T  # N (nv, freedoms)
-        a = motions[driven].T / root  # N^T S W^(-1/2)
-        u, s, vt = np.linalg.svd(a)
-        use = s > REDUNDANT * s.max(initial=np.finfo(float).tiny)
-        condition[k] = s.max(initial=1.0) / s.min(initial=1.0) if len(s) and s.min() > 0 else np.inf
-        share = vt[: len(s)][use].T @ ((u.T[: len(s)][use] @ (motions.T @ tau_tree[k])) / s[use])
-        tau[k, driven] = share / root
-        multipliers[k] = np.linalg.lstsq(g[k].T, tau_tree[k] - tau[k], rcond=REDUNDANT)[0] if g.shape[1] else 0.0
-        left[k] = tau_tree[k] - tau[k] - g[k].T @ multipliers[k]
-        spaces.append(vt[int(use.sum()) :].T / root[:, None])
-    width = min((space.shape[1] for space in spaces), default=0)
-    preload = np.zeros((samples, nv, width))
-    for k, space in enumerate(spaces):
-        preload[k, driven] = space[:, :width]
-    return Shares(tau, multipliers, left, preload, condition)

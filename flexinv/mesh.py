@@ -19,12 +19,17 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from flexinv.kinds import CONTINUOUS as CONTINUOUS
+from flexinv.kinds import FREE as FREE
+from flexinv.kinds import PRISMATIC as PRISMATIC
+from flexinv.kinds import REVOLUTE as REVOLUTE
+from flexinv.kinds import RIGID as RIGID
+from flexinv.kinds import SECTION as SECTION
+from flexinv.kinds import SPHERICAL as SPHERICAL
 from flexinv.mechanism import WORLD, Array, Beam, Body, Joint, Link, Mechanism, Placement
 from flexinv.quadrature import reference
 from flexinv.rotations import exp_so3, log_so3, tangent3
 
-# How a node hangs on its parent.
-RIGID, REVOLUTE, PRISMATIC, SPHERICAL, FREE, SECTION, CONTINUOUS = range(7)
 _PRIMITIVE = {
     "fixed": RIGID,
     "revolute": REVOLUTE,

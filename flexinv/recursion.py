@@ -20,6 +20,7 @@ import math
 import numpy as np
 
 from flexinv.compiled import jit_lanes
+from flexinv.kinds import CONTINUOUS, FREE, PRISMATIC, REVOLUTE
 from flexinv.lanes import (
     FAR,
     LANES,
@@ -55,8 +56,6 @@ _STATE, _LARGEST = row(STATE_ROWS), row(FREE_ROWS)
 _WORLD, _NONE = row(WORLD_ROWS), (0.0, 0.0, 0.0)
 # How a body's state begins: where its parent left it, at rest in the world, as a copy.
 ON, FROM_WORLD, COPIED = range(3)
-# Kinds, as in `mesh`, whose numbers they must be.
-TURNING, SLIDING, FLOATING, TURNING_BY_COSINE = 1, 2, 4, 6
 
 
 @jit_lanes
@@ -250,7 +249,7 @@ def _float_inboard(rows, above, lanes, body):
 def _stretch(rows, lanes, kind, stiffness, rest):
     """Add what the actuator gives against a spring in the joint, stiffness (q - rest)."""
     for k in range(lanes):
-        place = math.atan2(rows[SIN + k], rows[COS + k]) if kind == TURNING_BY_COSINE else rows[PLACE + k]
+        place = math.atan2(rows[SIN + k], rows[COS + k]) if kind == CONTINUOUS else rows[PLACE + k]
         rows[EFFORT + k] += stiffness * (place - rest)
 
 
@@ -274,14 +273,14 @@ def outboard(tree, numbers, work, lanes):
         kind, first, at, how, source = tree[i, 0], tree[i, 2], tree[i, 3], tree[i, 4], tree[i, 5]
         state, rows, body = work[at : at + _STATE], work[first : first + _LARGEST], numbers[i]
         _begin_state(how, source, state, work, lanes, g)
-        if kind == SLIDING:
+        if kind == PRISMATIC:
             _slide_outboard(state, rows, lanes, body)
-        elif kind in (TURNING, TURNING_BY_COSINE):
-            if kind == TURNING:
+        elif kind in (REVOLUTE, CONTINUOUS):
+            if kind == REVOLUTE:
                 _angles(rows, lanes)
             _turn_outboard(state, rows, lanes, body)
         else:
-            _orientations(rows, lanes, kind == FLOATING)
+            _orientations(rows, lanes, kind == FREE)
             _float_outboard(state, rows, lanes, body)
         if body[25] != 0.0:
             _stretch(rows, lanes, kind, body[25], body[26])
@@ -296,9 +295,9 @@ def inboard(tree, numbers, work, lanes):
         kind, parent, first = tree[i, 0], tree[i, 1], tree[i, 2]
         rows, body = work[first : first + _LARGEST], numbers[i]
         above = work[tree[parent, 2] : tree[parent, 2] + _WORLD]
-        if kind == SLIDING:
+        if kind == PRISMATIC:
             _slide_inboard(rows, above, lanes, body)
-        elif kind in (TURNING, TURNING_BY_COSINE):
+        elif kind in (REVOLUTE, CONTINUOUS):
             _turn_inboard(rows, above, lanes, body)
         else:
             _float_inboard(rows, above, lanes, body)

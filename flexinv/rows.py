@@ -1,0 +1,109 @@
+"""Closure equations of one configuration in compiled code: the rows of `closures`, their rates, their Jacobian."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.compiled import jit, jit_inner
+from flexinv.kinds import FREE, PRISMATIC, SPHERICAL
+from flexinv.mechanism import Array
+from flexinv.tree import Frames
+from flexinv.vectors import add, add_to, apply, cross, dot, mat, scale, sub, tapply, vec
+
+
+class RowArrays(NamedTuple):
+    """Constraints, one a row: see `closures.Rows` [m], [-]."""
+
+    direction: NDArray[np.bool_]
+    a: NDArray[np.int64]
+    b: NDArray[np.int64]
+    place_a: Array
+    place_b: Array
+    u: Array
+    w: Array
+
+
+@jit_inner
+def _fixed(f, n, vector):
+    """A vector fixed in node n (-1: the world) and its two rates, world axes: r, w x r, al x r + w x (w x r)."""
+    none = (0.0, 0.0, 0.0)
+    if n < 0:
+        return vector, none, none
+    r, w, al = mat(f.r[n]), vec(f.w[n]), vec(f.al[n])
+    spin = cross(w, vector)
+    return apply(r, vector), apply(r, spin), apply(r, add(cross(al, vector), cross(w, spin)))
+
+
+@jit_inner
+def _point(f, n, place):
+    """A point fixed in node n, its velocity and its acceleration."""
+    x, v, a = _fixed(f, n, place)
+    if n < 0:
+        return x, v, a
+    return add(vec(f.x[n]), x), add(vec(f.v[n]), v), add(vec(f.a[n]), a)
+
+
+@jit_inner
+def _vectors(k, c, f):
+    """u and w, or u and d = x_B - x_A, of row k, each with its two rates."""
+    u = _fixed(f, c.a[k], vec(c.u[k]))
+    if c.direction[k]:
+        return u, _fixed(f, c.b[k], vec(c.w[k]))
+    xa, xb = _point(f, c.a[k], vec(c.place_a[k])), _point(f, c.b[k], vec(c.place_b[k]))
+    return u, (sub(xb[0], xa[0]), sub(xb[1], xa[1]), sub(xb[2], xa[2]))
+
+
+@jit_inner
+def residual(k, c, f):
+    """Return phi = u . w [m], [-], phi' and phi'' = u''.w + 2 u'.w' + u.w'' of row k."""
+    (u, u1, u2), (w, w1, w2) = _vectors(k, c, f)
+    return dot(u, w), dot(u1, w) + dot(u, w1), dot(u2, w) + 2 * dot(u1, w1) + dot(u, w2)
+
+
+@jit_inner
+def _add_path(t, f, node, force, moment, out):
+    """Add the joint efforts of a wrench on a node, moment about it (world), along the path to the root."""
+    n = node
+    while n >= 0:
+        k = t.v_index[n]
+        if k >= 0:
+            r, axis = mat(f.r[n]), vec(t.axis[n])
+            push = tapply(r, force)
+            turn = tapply(r, add(moment, cross(sub(vec(f.x[node]), vec(f.x[n])), force)))
+            if t.kind[n] == PRISMATIC:
+                out[k] += dot(axis, push)
+            elif t.kind[n] == SPHERICAL:
+                add_to(out, k, turn)
+            elif t.kind[n] == FREE:
+                add_to(out, k, push)
+                add_to(out, k + 3, turn)
+            else:
+                out[k] += dot(axis, turn)
+        n = t.parent[n]
+
+
+@jit_inner
+def jacobian(t, c, f, g):
+    """Set G (rows, nv) [m/rad], [-], phi' = G qd: each row is the joint efforts of a unit multiplier."""
+    for k in range(c.a.shape[0]):
+        g[k, :] = 0.0
+        (u, _, _), (w, _, _) = _vectors(k, c, f)
+        if c.direction[k]:
+            none = (0.0, 0.0, 0.0)
+            _add_path(t, f, c.b[k], none, cross(w, u), g[k])
+            _add_path(t, f, c.a[k], none, cross(u, w), g[k])
+        else:
+            arm_a, _, _ = _fixed(f, c.a[k], vec(c.place_a[k]))
+            arm_b, _, _ = _fixed(f, c.b[k], vec(c.place_b[k]))
+            _add_path(t, f, c.b[k], u, cross(arm_b, u), g[k])
+            _add_path(t, f, c.a[k], scale(-1.0, u), cross(u, add(arm_a, w)), g[k])
+
+
+@jit
+def jacobians(t, c, x, r, v, w, a, al, g):
+    """Set G of every sample (samples, rows, nv) [m/rad], [-] from the motion of the nodes."""
+    for s in range(x.shape[0]):
+        jacobian(t, c, Frames(x[s], r[s], v[s], w[s], a[s], al[s]), g[s])
