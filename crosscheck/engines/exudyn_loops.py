@@ -133,7 +133,19 @@ def _unsupported_beams(mechanism: Mechanism, case: Case) -> str | None:
     wrong = [j.name for j in mechanism.joints if j.nv and j.actuated is (j.name in free)]
     if mechanism.closures and wrong:
         return f"with beams the drives stand on the very joints that the motion gives; here not so: {', '.join(wrong)}"
-    return exudyn_flat.not_moved(mechanism, frozenset(free))
+    if reason := exudyn_flat.not_moved(mechanism, frozenset(free)):
+        return reason
+    hindered = [j.name for j in mechanism.joints if j.name in free and (j.damping or j.stiffness)]
+    if hindered and _in_space(mechanism, case):
+        return f"joint {hindered[0]}: damping and springs of joints without a drive have a connector in the plane only"
+    return None
+
+
+def _in_space(mechanism: Mechanism, case: Case) -> bool:
+    try:
+        return model_of(mechanism, case).plane is None
+    except assembly.AssemblyError:  # the run itself says that the loops do not close
+        return False
 
 
 def model_of(mechanism: Mechanism, case: Case, engine: str = DAE, history: History | None = None) -> Model:
