@@ -12,13 +12,13 @@ import pytest
 from numpy.typing import NDArray
 
 import flexinv
-from crosscheck.engines import assembly, mujoco, mujoco_loops, phases, pinocchio
+from crosscheck.engines import assembly, exudyn, exudyn_chain, mujoco, mujoco_loops, phases, pinocchio
 from crosscheck.engines import flexinv as engine
 from crosscheck.engines.base import sample_times
 from crosscheck.record import Record, check
 from flexinv.determinate import determinate
 from flexinv.files.case import Case, load_cases
-from flexinv.mechanism import Mechanism
+from flexinv.mechanism import Attachment, Body, Closure, Inertia, Joint, Link, Mechanism, Placement
 
 Array = NDArray[np.float64]
 MODELS = Path(__file__).resolve().parent.parent / "models"
@@ -117,6 +117,61 @@ def test_velocities_that_do_not_meet_are_named() -> None:
         assembly.AssemblyError, match=r"from t = 0\.5 s on \(left, right\) change a rate by 0\.5 at once"
     ):
         phases.follow(mechanism, case, time, closed)
+
+
+def struck(impact: str) -> tuple[Mechanism, Case]:
+    """A driven carriage strikes one that stands still, and takes it along: at 0.1 s, where it is at 0.2 m."""
+    along = np.array([1.0, 0.0, 0.0])
+    links = tuple(Link(n, (Body(n, Inertia(2.0, np.zeros(3), 0.1 * np.eye(3))),)) for n in ("driven", "caught"))
+    joints = (
+        Joint("drive", "prismatic", "world", "driven", axis=along),
+        Joint("free", "prismatic", "world", "caught", axis=along, actuated=False),
+    )
+    stands = Closure(
+        "stands", "fixed", Attachment("world", Placement(0.2 * along)), Attachment("caught"), active=((0.0, 0.1),)
+    )
+    coupled = Closure(
+        "coupled", "fixed", Attachment("driven"), Attachment("caught"), active=((0.1, 9.0),), impact=impact
+    )
+    time = np.linspace(0, 0.2, 21)
+    motion = flexinv.Motion.from_samples(time, {"drive": 0.2 + 1.5 * (time - 0.1) + 4.0 * (time - 0.1) ** 2})
+    mechanism = Mechanism("carriages", links, joints, np.zeros(3), (stands, coupled))
+    return mechanism, Case("c", "", motion, 0.01, 0.2, 0.01, ("torque",), (), start={"free": np.array([0.2])})
+
+
+@pytest.mark.parametrize("which", ["pinocchio", "mujoco"])
+def test_a_plastic_impact_is_gone_through_and_another_is_refused(which: str) -> None:
+    """4 kg follow at 8 m/s^2 from the instant on; the impulse itself is no torque."""
+    for name in ("flexinv", which):
+        record = ran(name, *struck("plastic"))
+        assert record.series["torque/drive"].values == pytest.approx([16.0] * 10 + [32.0] * 11, rel=1e-9)
+    with pytest.raises(assembly.AssemblyError, match=r"from t = 0\.1 s on \(coupled\) change a rate by 1\.5 at once"):
+        MODULES[which].run(*struck("error"), which, {})
+
+
+def test_what_engines_do_not_take_of_closures_is_said() -> None:
+    mechanism, case = struck("plastic")
+    catching = replace(mechanism, closures=(mechanism.closures[0], replace(mechanism.closures[1], capture=True)))
+    for which in ("pinocchio", "mujoco", "mujoco-equality"):
+        reason = MODULES[which].unsupported(catching, case, which)
+        assert reason == "closures tie frames that have met here; capturing: coupled"
+    reason = exudyn.unsupported(mechanism, case, "exudyn-dae")
+    assert reason == "a jump of velocity rings in index 3; closures with an impact: coupled"
+
+
+@pytest.mark.parametrize("which", ["pinocchio", "mujoco"])
+def test_drives_share_by_their_weights(which: str) -> None:
+    """Two carriages tied together, of which both have drives: the efforts are as 1 / weight."""
+    mechanism, case = struck("plastic")
+    joints = (replace(mechanism.joints[0], weight=3.0), replace(mechanism.joints[1], actuated=True))
+    tied = replace(mechanism, joints=joints, closures=(replace(mechanism.closures[1], active=()),))
+    case = replace(case, start={"free": np.array([0.09])})
+    for name in ("flexinv", which):
+        series = ran(name, tied, case).series
+        assert series["torque/drive"].values == pytest.approx([8.0] * 21, rel=1e-9)
+        assert series["torque/free"].values == pytest.approx([24.0] * 21, rel=1e-9)
+    both = exudyn_chain.shared(tied, case, np.array([[0.1, 0.1]]), np.array([[32.0, 0.0]]))
+    assert both[0] == pytest.approx([8.0, 24.0])
 
 
 @pytest.mark.parametrize("which", ["pinocchio", "mujoco"])

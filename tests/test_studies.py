@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 
 from crosscheck.robots import LARGEST_ERROR, RobotRow
-from crosscheck.studies import STUDIES, incremental, robots
+from crosscheck.studies import STUDIES, incremental, robots, switching
 from flexinv import differences
+from flexinv.files.case import Case, load_cases
+from flexinv.files.mechanism_file import load_mechanism
+from flexinv.mechanism import Mechanism
 
 ROBOT = RobotRow("arm_description/urdf/arm.urdf", "fixed", 6, 6, 10.0, (), 50.0, 1e-15, 1e-15)
 
@@ -89,6 +92,53 @@ def test_one_robot_in_all_engines() -> None:
 
 
 def test_every_study_names_a_function_that_is_there() -> None:
-    modules = {"crosscheck.studies.robots": robots, "crosscheck.studies.incremental": incremental}
+    modules = {f"crosscheck.studies.{m.__name__.rsplit('.', 1)[1]}": m for m in (robots, incremental, switching)}
     for one in STUDIES.values():
         assert callable(getattr(modules[one.module], one.function))
+
+
+# ------------------------------------------------------------------------------- phases against separate mechanisms
+
+
+def carried(root: Path) -> tuple[Mechanism, Case]:
+    mechanism = load_mechanism(root / "models" / "two_arms")
+    return mechanism, load_cases(root / "models" / "two_arms", mechanism)["carry"]
+
+
+def test_separate_mechanisms_are_other_mechanisms(root: Path) -> None:
+    """Two open arms without the bar, then a closed mechanism that is given as many joints as it has freedoms."""
+    reach, carry, back = switching.separate(*carried(root))
+    for part in (reach, back):
+        assert not part.mechanism.closures
+        assert "bar" not in part.mechanism.link_of
+        assert switching.describe(part) == "open tree"
+    assert [c.name for c in carry.mechanism.closures] == ["left", "right"]
+    assert not any(c.active for c in carry.mechanism.closures)
+    assert len(carry.case.motion.joints(carry.mechanism)) == 3
+    assert all(part.at_rest for part in (reach, carry, back))
+
+
+@pytest.mark.parametrize(
+    "engine", ["pinocchio", *(pytest.param(e, marks=pytest.mark.slow) for e in ("flexinv", "mujoco"))]
+)
+def test_phases_equal_their_separate_mechanisms(root: Path, engine: str) -> None:
+    """The issue's bound of 1e-9."""
+    parts = switching.separate(*carried(root))
+    rows = list(switching.engine_rows(engine, *carried(root), parts, switching.BOUNDS[engine]))
+    assert [row["closures"] for row in rows] == ["lies", "left, right", "lies_again"]
+    assert all(row["verdict"] == "within" and row["error"] <= 1e-9 for row in rows)
+    assert {key for key, _, _ in switching.COLUMNS} <= set(rows[0])
+
+
+@pytest.mark.slow
+def test_another_bar_is_a_deviation_of_the_closed_phase(root: Path) -> None:
+    mechanism, case = carried(root)
+    links = [replace(x, bodies=(replace(b, inertia=replace(b.inertia, mass=4.001)),)) if x.name == "bar" else x
+             for x in mechanism.links for b in x.bodies[:1] or (None,)]  # fmt: skip
+    parts = switching.separate(replace(mechanism, links=tuple(links)), case)
+    rows = list(switching.engine_rows("pinocchio", mechanism, case, parts, 1e-9))
+    assert [row["verdict"] for row in rows] == ["within", "deviation", "within"]
+
+
+def test_without_switched_closures_the_study_is_skipped(tmp_path: Path) -> None:
+    assert switching.study(str(tmp_path))["status"] == "skipped"

@@ -10,7 +10,7 @@ frame and d = x_2 - x_1, or w fixed in the second:
 Positions by Newton, continued from sample to sample with halved steps where it has to go far; rates by two linear
 solves.  Multipliers act on the second frame as forces u at its origin and moments w x u, on the first as the opposite.
 
-    S tau + G^T lambda = tau_tree          of least norm where drives or constraints are redundant
+    S tau + G^T lambda = tau_tree          of least (weighted) norm where drives or constraints are redundant
 """
 
 from __future__ import annotations
@@ -230,16 +230,17 @@ def _advance(
 # ------------------------------------------------------------------------------------------------------- the forces
 
 
-def share_out(g: Array, tree: Array, driven: NDArray[np.bool_]) -> Array:
-    """Return the drives' efforts (nv,) [N m] or [N], of least norm: N^T S tau = N^T tau_tree, G N = 0.
+def share_out(g: Array, tree: Array, driven: NDArray[np.bool_], weight: Array) -> Array:
+    """Return the drives' efforts (nv,) [N m] or [N]: N^T S tau = N^T tau_tree with G N = 0, of least sum weight tau^2.
 
-    g : (rows, nv); tree : (nv,) effort of the open tree; driven : (nv,)
+    g : (rows, nv); tree : (nv,) effort of the open tree; driven, weight : (nv,)
     Raises AssemblyError where the drives cannot hold the mechanism.
     """
     motions = null_space(g)
     asked = motions.T @ tree
     effort = np.zeros(len(tree))
-    effort[driven] = np.linalg.lstsq(motions[driven].T, asked, rcond=REDUNDANT)[0]
+    root = np.sqrt(weight[driven])
+    effort[driven] = np.linalg.lstsq(motions[driven].T / root, asked, rcond=REDUNDANT)[0] / root
     missing = np.abs(motions.T @ effort - asked).max(initial=0.0)
     if missing > NOT_HELD * np.abs(tree).max(initial=1.0):
         raise AssemblyError(f"the actuated joints cannot hold the mechanism: {missing:.3g} N m or N is missing")
@@ -280,6 +281,8 @@ def guessed(mechanism: Mechanism, case: Case, q: Array) -> Array:
 
 def unsupported(mechanism: Mechanism) -> str | None:
     """Return why these loops cannot be closed here, or None."""
+    if catches := [c.name for c in mechanism.closures if c.capture]:
+        return f"closures tie frames that have met here; capturing: {', '.join(catches)}"
     if not mechanism.is_rigid:
         return f"closed loops of rigid links only; flexible: {', '.join(link.name for link in mechanism.beams)}"
     return None

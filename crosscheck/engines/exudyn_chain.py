@@ -156,5 +156,5 @@ def shared(mechanism: Mechanism, case: Case, q: Array, effort: Array) -> Array:
     made = np.empty_like(effort)
     for k, position in enumerate(q):
         g = assembly.rows_of(mechanism.closures, tree.pairs(position, rest)).g
-        made[k] = assembly.share_out(g, effort[k], mechanism.actuated)
+        made[k] = assembly.share_out(g, effort[k], mechanism.actuated, mechanism.weights)
     return made

@@ -136,6 +136,8 @@ def unsupported(mechanism: Mechanism, case: Case) -> str | None:
     given = [j for j in mechanism.joints if j.nv and j.name not in assembly.left_out(mechanism, case)]
     if wrong := [j.name for j in given if j.kind not in LOOSE]:
         return f"where closures switch, joints with a motion are hinges or slides here; others: {', '.join(wrong)}"
+    if hard := [c.name for c in mechanism.closures if c.impact != "error"]:
+        return f"a jump of velocity rings in index 3; closures with an impact: {', '.join(hard)}"
     always = tuple(replace(c, active=()) for c in mechanism.closures)
     return exudyn_loops.unsupported(replace(mechanism, closures=always), case, DAE)
 
@@ -270,7 +272,7 @@ def _shared(phase: Phase, q: Array, torque: Array) -> tuple[Array, dict[str, Arr
     for k, position in enumerate(q):
         pairs = tree.pairs(position, rest)
         rows = assembly.rows_of(m.closures, pairs)
-        made[k] = assembly.share_out(rows.g, torque[k], m.actuated)
+        made[k] = assembly.share_out(rows.g, torque[k], m.actuated, m.weights)
         change = assembly.multipliers(rows.g, torque[k], made[k])
         wrench[k] = reactions(closing(m, pairs, rows, change), pairs)
     return made, {c.name: wrench[:, k] for k, c in enumerate(m.closures)}

@@ -275,14 +275,14 @@ def _tree(mechanism: Mechanism, case: Case, built: Built) -> mujoco_loops.Tree:
 def _held(tree: mujoco_loops.Tree, state: State, time: Array) -> Dynamics:
     """Return drives' efforts, wrenches and tips of one phase: the tree's efforts shared out to drives and closures."""
     mechanism, built = tree.mechanism, tree.built
-    driven = np.zeros(built.model.nv, dtype=bool)
-    for joint in mechanism.joints:
-        if joint.nv:
-            driven[built.v_at[joint.name] : built.v_at[joint.name] + joint.nv] = joint.actuated
+    driven, weight = np.zeros(built.model.nv, dtype=bool), np.ones(built.model.nv)
+    for joint in (j for j in mechanism.joints if j.nv):
+        own = slice(built.v_at[joint.name], built.v_at[joint.name] + joint.nv)
+        driven[own], weight[own] = joint.actuated, joint.weight
     raw, wrench = empty(built.model, len(time)), np.empty((len(time), len(mechanism.closures), 6))
     for k, t in enumerate(time):
         _set(tree, state, k)
-        shares = mujoco_loops.shared(tree, float(t), driven)
+        shares = mujoco_loops.shared(tree, float(t), driven, weight)
         mujoco_loops.put_on(tree, shares.acting)
         keep(built.model, tree.data, raw, k, shares.effort)
         wrench[k] = shares.closures

@@ -165,8 +165,11 @@ class Shares:
     closures: Array
 
 
-def shared(tree: Tree, time: float, driven: NDArray[np.bool_]) -> Shares:
-    """Return drives' efforts and what acts on links at the state in the data, qacc included; time [s]."""
+def shared(tree: Tree, time: float, driven: NDArray[np.bool_], weight: Array) -> Shares:
+    """Return drives' efforts and what acts on links at the state in the data, qacc included; time [s].
+
+    driven, weight : (nv,) which coordinates have a drive, and the weight of its square [-]
+    """
     m, model, data = tree.mechanism, tree.built.model, tree.data
     g = _native_rows(tree) if m.closures else np.zeros((0, model.nv))
     model.opt.disableflags |= OFF
@@ -180,7 +183,7 @@ def shared(tree: Tree, time: float, driven: NDArray[np.bool_]) -> Shares:
     pairs = tree.seen()
     rows = assembly.rows_of(m.closures, pairs)
     own = np.isin(rows.closure, [k for k, c in enumerate(m.closures) if c.kind not in EQUALITIES])
-    drives = assembly.share_out(np.vstack([g, rows.g[own]]), effort, driven)
+    drives = assembly.share_out(np.vstack([g, rows.g[own]]), effort, driven, weight)
     made = closing(m, pairs, rows, assembly.multipliers(rows.g, effort, drives))
     return Shares(drives, acting + made, reactions(made, pairs))
 

@@ -60,13 +60,19 @@ def follow(
                 f"from t = {time[first]:g} s on no closure acts and {', '.join(sorted(loose))} has no motion"
             )
         state = closed(now, case, span)
-        if before is not None:
+        if before is not None and not _strikes(now, out[-1][0].mechanism):
             _meet(before, state[1][0], float(time[first]), now)
         mine = slice(0, last - first)
         q, v, a = (part[mine] for part in state)
         out.append((Phase(now, case, slice(first, last), span[mine]), (q, v, a)))
         case, before = replace(case, start=_places(now, case, ours(state[0][-1:])[0])), state[1][-1]
     return out
+
+
+def _strikes(now: Mechanism, before: Mechanism) -> bool:
+    """Whether a closure that begins to act may stop what it ties at once; rates of joints with a motion are theirs."""
+    old = {c.name for c in before.closures}
+    return any(c.impact == "plastic" for c in now.closures if c.name not in old)
 
 
 def _meet(before: Array, after: Array, time: float, now: Mechanism) -> None:

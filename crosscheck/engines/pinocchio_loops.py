@@ -146,7 +146,7 @@ def _shared(tree: Tree, outside: Outside, torque: Array) -> tuple[Outside, Array
         pairs = tree.pairs(q, v)
         rows = assembly.rows_of(m.closures, pairs)
         g = rows.g[:, tree.built.v_order]
-        effort[k] = assembly.share_out(g, torque[k], m.actuated)
+        effort[k] = assembly.share_out(g, torque[k], m.actuated, m.weights)
         made = closing(m, pairs, rows, assembly.multipliers(g, torque[k], effort[k]))
         wrench[k] = reactions(made, pairs)
         out.append((q, v, acting + made))

@@ -28,5 +28,6 @@ STUDIES: dict[str, Study] = {
     for s in (
         Study("robots", "Every robot of example-robot-data", "crosscheck.studies.robots"),
         Study("incremental", "The paper's incremental mode", "crosscheck.studies.incremental"),
+        Study("switching", "Phases of mechanisms that open and close", "crosscheck.studies.switching"),
     )
 }
