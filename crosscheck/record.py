@@ -60,6 +60,7 @@ class Record:
     settings : what the engine was told (tolerances, mesh, step), JSON values
     status : "ok", or why there are no series; message : words for the reader of the report
     budget : where the error bars come from, by series: see ``crosscheck.budget.with_bars``
+    certificate : what the engine's own model says of itself (``crosscheck.certificate``), or {"problem": why not}
     """
 
     engine: str
@@ -72,6 +73,7 @@ class Record:
     wall_time: float = 0.0
     model_hash: str = ""
     budget: Mapping[str, Any] = field(default_factory=dict)
+    certificate: Mapping[str, Any] = field(default_factory=dict)
 
 
 def series(name: str, unit: str, values: ArrayLike, error: ArrayLike | None = None) -> dict[str, Series]:
@@ -201,6 +203,7 @@ def save(record: Record, stem: Path) -> None:
         words.append({"name": one.name, "unit": one.unit})
     plain = {f.name: getattr(record, f.name) for f in dataclasses.fields(record)}
     plain |= {"series": words, "settings": dict(record.settings), "budget": dict(record.budget)}
+    plain |= {"certificate": dict(record.certificate)}
     del plain["time"]
     np.savez_compressed(stem.with_name(stem.name + ".npz"), allow_pickle=False, **arrays)
     text = json.dumps(plain, indent=1, allow_nan=False)

@@ -15,6 +15,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from crosscheck.certificate import Check
 from crosscheck.compare import Comparison
 from crosscheck.limits import Verdict, exit_code, worst
 from crosscheck.spectrum import FEWEST
@@ -127,9 +128,32 @@ class StudyRow:
 
 
 @dataclass(frozen=True)
+class Diagnosis:
+    """Why one engine's efforts deviate from the reference's (`crosscheck.diagnosis`).
+
+    words : the sentence for the reader; named : cause, target, words, what it leaves [-], for each that explains it
+    separate : the motion that would tell them apart; difference, noise : largest, over the range [-]
+    repaired : largest difference left after the repair, over the range [-], None where there is none; where : which side
+    """
+
+    mechanism: str
+    case: str
+    engine: str
+    reference: str
+    words: str = ""
+    named: tuple[Mapping[str, Any], ...] = ()
+    separate: str = ""
+    difference: float | None = None
+    noise: float | None = None
+    repaired: float | None = None
+    where: str = ""
+
+
+@dataclass(frozen=True)
 class Results:
     """Everything that a report says.
 
+    certificates : what the engines' own models say, line by line; diagnoses : why engines deviate
     baseline : the blessed night that it was judged against: reason, date, versions, what is gone (`crosscheck.baseline`)
     changes : what is different from an earlier night (`crosscheck.changes`)
     """
@@ -147,6 +171,8 @@ class Results:
     runs: tuple[RunRow, ...] = ()
     comparisons: tuple[Comparison, ...] = ()
     studies: tuple[StudyRow, ...] = ()
+    certificates: tuple[Check, ...] = ()
+    diagnoses: tuple[Diagnosis, ...] = ()
     baseline: Mapping[str, Any] = field(default_factory=dict)
     changes: Mapping[str, Any] = field(default_factory=dict)
 
@@ -183,7 +209,7 @@ def read(file: Path) -> Results:
     if not isinstance(plain, dict) or plain.get("schema") != SCHEMA:
         raise ValueError(f"{file} is not a results file of schema {SCHEMA}")
     values: dict[str, Any] = {f.name: plain[f.name] for f in dataclasses.fields(Results) if f.name in plain}
-    values |= {name: tuple(_row(kind, row) for row in plain[name]) for name, kind in TABLES.items()}
+    values |= {name: tuple(_row(kind, row) for row in plain.get(name, ())) for name, kind in TABLES.items()}
     return Results(**values)
 
 
@@ -193,6 +219,8 @@ TABLES: dict[str, type] = {
     "runs": RunRow,
     "comparisons": Comparison,
     "studies": StudyRow,
+    "certificates": Check,
+    "diagnoses": Diagnosis,
 }
 
 

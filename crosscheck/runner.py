@@ -23,6 +23,7 @@ from crosscheck.engines import Engine, missing
 from crosscheck.isolation import Attempt, Children, Ending, ask, run_engine
 from crosscheck.limits import find, references, unused
 from crosscheck.plan import Plan, Task, case_row
+from crosscheck.reasons import certificates, diagnosis, questions
 from crosscheck.record import Record, save
 from crosscheck.results import CaseRow, EngineRow, Results, RunRow, StudyRow, slug
 from crosscheck.spectrum import RINGING, peaks, ringing
@@ -78,6 +79,8 @@ def run(
         pending = {pool.submit(_do, job, options, children): job for job in state.jobs()}
         try:
             _drain(pending, state)
+            pending = {pool.submit(_do, job, options, children): job for job in state.questions()}
+            _drain(pending, state)
         except KeyboardInterrupt:
             children.stop()
             pool.shutdown(wait=True, cancel_futures=True)
@@ -110,6 +113,8 @@ def _ask(job: Job, options: Options, children: Children) -> Any:
     if kind == "study":
         question = {"kind": "study", "module": what.module, "function": what.function, "options": dict(what.options)}
         return ask(question, options.timeout, children)
+    if kind == "why":
+        return ask(what.job, options.timeout, children)
     task = {"mechanism": str(what.folder.resolve()), "case": what.case.name, "options": dict(options.engine)}
     return run_engine(engine, task, what.time, options.timeout, children)
 
@@ -140,6 +145,11 @@ class _State:
         for study in self.studies:
             yield "study", study, None
 
+    def questions(self) -> Iterator[Job]:
+        """Yield what is asked once everything is compared: why engines deviate."""
+        for question in questions(self.results, self.plan, self.out):
+            yield "why", question, None
+
     def take(self, job: Job, answer: Any) -> None:
         """Add one answer to the results."""
         kind, what, engine = job
@@ -147,6 +157,9 @@ class _State:
             self._describe(what, *answer)
         elif kind == "study":
             self._study(what, *answer)
+        elif kind == "why":
+            found = diagnosis(what, answer[0], answer[1].message)
+            self.results = replace(self.results, diagnoses=(*self.results.diagnoses, found))
         else:
             self._run(what, engine, answer)
         self._keep()
@@ -213,11 +226,14 @@ class _State:
 
     def _compare(self, task: Task, records: Mapping[str, Record]) -> None:
         rows, idle = compare_all(task, records)
+        lines = (*self.results.certificates, *certificates(task, records))
         cases = tuple(
             replace(c, unused_limits=idle) if (c.mechanism, c.case) == (task.folder.name, task.case.name) else c
             for c in self.results.cases
         )
-        self.results = replace(self.results, cases=cases, comparisons=(*self.results.comparisons, *rows))
+        self.results = replace(
+            self.results, cases=cases, comparisons=(*self.results.comparisons, *rows), certificates=lines
+        )
 
     def _describe(self, module: str, answer: Any, ending: Any) -> None:
         rows = []

@@ -9,21 +9,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from crosscheck.causes.apply import with_efforts
 from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.fit import IMPOSSIBLE, Candidate, candidates
 from crosscheck.causes.model import Model, model_of
 from crosscheck.causes.naming import Naming, name
-from crosscheck.causes.subject import States, Subject
+from crosscheck.causes.subject import Subject
+from crosscheck.certificate import checks
 from crosscheck.engines import ENGINES, adapter
-from crosscheck.engines.base import sample_times
 from crosscheck.record import Record
 from flexinv.files.case import load_cases
 from flexinv.files.mechanism_file import load_mechanism
+from flexinv.mechanism import Closure
 
 SIZES = (0.001, 0.01, 0.1)  # of the size that matters
 DIRECTION = np.array([0.78, -0.55, 0.31])  # of sizes with several numbers: no axis of anything
@@ -33,6 +36,7 @@ ROUNDING = 1e-9
 SAMPLES = 60  # of a rigid case
 CLEAN = "(nothing)"
 SOFT = "soft constraint"
+RANK = "closure of wrong rank"
 
 
 @dataclass(frozen=True)
@@ -142,17 +146,6 @@ def ask(bench: Bench, subject: Subject) -> Record:
     return with_efforts(record, subject) if subject.effort else record
 
 
-def with_efforts(record: Record, subject: Subject) -> Record:
-    """Return a record after the changes of a subject's efforts [N m], [N]."""
-    names = [f"torque/{n}" for n in subject.mechanism.velocity_names]
-    effort = np.array([record.series[n].values for n in names]).T
-    states = States(record.time, *subject.case.motion.evaluate(subject.mechanism, sample_times(subject.case)))
-    for change in subject.effort:
-        effort = change(subject.mechanism, states, effort)
-    made = {n: replace(record.series[n], values=effort[:, k]) for k, n in enumerate(names)}
-    return replace(record, series={**record.series, **made})
-
-
 def softened(setting: Setting, size: float) -> Record:
     """Return MuJoCo's efforts with the fraction ``size`` [-] of what its soft equality constraints give."""
     soft = ask(replace(setting.bench, engine="mujoco-equality"), setting.subject)
@@ -203,6 +196,30 @@ def outcome(naming: Naming, cause: str, target: str) -> str:
     if naming.names == (cause,):
         return "alone"
     return "first" if naming.named[0].key == (cause, target) else "in the set"
+
+
+def loosened(closure: Closure) -> Closure:
+    """Return a closure that lets a point slide across the axis about which it should only turn."""
+    across = np.cross(closure.axis, np.eye(3)[int(np.argmin(np.abs(closure.axis)))])
+    return replace(closure, kind="point-on-line", axis=across / np.linalg.norm(across))
+
+
+def wrong_rank(setting: Setting) -> Planted | None:
+    """Let a closure of the engine's model tie less than it should; only the certificate can say so: there are no efforts."""
+    mechanism, case = setting.subject.mechanism, setting.subject.case
+    if not mechanism.closures:
+        return None
+    loose = (loosened(mechanism.closures[0]), *mechanism.closures[1:])
+    ask_of = {
+        e: import_module(f"crosscheck.engines.{e}_certificate").certify for e in (setting.bench.engine, "flexinv")
+    }
+    theirs = ask_of[setting.bench.engine](replace(mechanism, closures=loose), case, setting.bench.engine)
+    lines = checks(
+        mechanism.name, case.name, setting.bench.engine, theirs, ask_of["flexinv"](mechanism, case, "flexinv")
+    )
+    wrong = tuple(line.what for line in lines if not line.holds)
+    found = "none" if not wrong else "alone" if wrong == ("rank of the closures",) else "another"
+    return Planted(setting.bench.label, RANK, mechanism.closures[0].name, 1.0, 1.0, found, wrong)
 
 
 def unharmed(setting: Setting) -> Planted:

@@ -71,12 +71,11 @@ def ranked(model: Model, residual: Array, known: list[Candidate], noise: float) 
     quick = is_tree(model.base)
     first = {k: fit(model, residual, one) for k, one in enumerate(known)}
     order = sorted((k for k in first if known[k].cause.sized), key=lambda k: first[k].left)
-    turning = [k for k in order if known[k].cause.turns] if quick and len(known) < MANY else []
-    again = {*order[: SHORTLIST[quick]], *turning}
-    first |= {k: fit(model, residual, known[k], ROUNDS[quick], noise) for k in again}
-    if (
-        min((f.left for f in first.values()), default=0.0) > UNEXPLAINED and len(known) < MANY
-    ):  # far away: a linear look says nothing
+    first |= {k: fit(model, residual, known[k], ROUNDS[quick], noise) for k in order[: SHORTLIST[quick]]}
+    if min((f.left for f in first.values()), default=0.0) > UNEXPLAINED and len(known) < MANY:
+        # Far away, or an angle whose effect begins with its square: a linear look says nothing.
+        turning = [k for k in order if known[k].cause.turns] if quick else []
+        first |= {k: fit(model, residual, known[k], ROUNDS[quick], noise) for k in turning}
         first |= {k: min(first[k], scan(model, residual, known[k], noise), key=lambda f: f.left) for k in order}
     return sorted(first.values(), key=lambda f: f.left)
 

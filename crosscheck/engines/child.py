@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import importlib
+import importlib.util
 import json
 import os
 import signal
@@ -24,8 +25,10 @@ from crosscheck.engines.base import Adapter
 from crosscheck.engines.export_files import NotExported
 from crosscheck.engines.rounding import with_rounding
 from crosscheck.record import Record, fingerprint, load, save
-from flexinv.files.case import load_cases
+from flexinv.errors import InputError
+from flexinv.files.case import Case, load_cases
 from flexinv.files.mechanism_file import load_mechanism
+from flexinv.mechanism import Mechanism
 
 LARGEST_FILE = 1 << 28  # [bytes]; one MuJoCo log was seen to grow without end, a record has a few megabytes
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
@@ -49,7 +52,7 @@ def run_case(job: dict[str, Any]) -> None:
         record = _run(job, cast(Adapter, importlib.import_module(job["module"])))
     except Exception as error:
         traceback.print_exc()
-        record = Record(engine=name, status="error", message=_words(error))
+        record = Record(engine=name, status="error", message=_words(error), certificate=_unrun(job))
     save(record, Path(job["out"]))
 
 
@@ -61,9 +64,35 @@ def _run(job: dict[str, Any], adapter: Adapter) -> Record:
     if (reason := adapter.unsupported(mechanism, case, name)) is not None:
         return Record(status="skipped", message=reason, **known)
     record = replace(adapter.run(mechanism, case, name, job["options"]), **known)
+    if record.status == "ok" and job["options"].get("certificate", True):
+        record = replace(record, certificate=certified(job["module"], mechanism, case, name))
     return (
         with_rounding(adapter, record, mechanism, case, job["options"]) if job["options"].get("error", True) else record
     )
+
+
+def _unrun(job: dict[str, Any]) -> dict[str, Any]:
+    """Return the certificate of an engine whose run failed: it may say why."""
+    try:
+        mechanism = load_mechanism(job["mechanism"])
+        case = load_cases(job["mechanism"], mechanism)[job["case"]]
+        return certified(job["module"], mechanism, case, job["engine"])
+    except Exception as error:
+        return {"problem": _words(error)}
+
+
+def certified(module: str, mechanism: Mechanism, case: Case, engine: str) -> dict[str, Any]:
+    """Return what the engine's own model says of itself, by the file beside its adapter, or why it says nothing."""
+    if importlib.util.find_spec(f"{module}_certificate") is None:
+        return {"problem": "this formulation has nothing to be asked for"}
+    try:
+        certify = importlib.import_module(f"{module}_certificate").certify
+        return cast(dict[str, Any], certify(mechanism, case, engine).plain)
+    except InputError as error:
+        return {"problem": str(error)}
+    except Exception as error:
+        traceback.print_exc()
+        return {"problem": _words(error)}
 
 
 def describe(job: dict[str, Any]) -> None:

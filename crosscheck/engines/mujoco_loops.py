@@ -171,7 +171,7 @@ def shared(tree: Tree, time: float, driven: NDArray[np.bool_], weight: Array) ->
     driven, weight : (nv,) which coordinates have a drive, and the weight of its square [-]
     """
     m, model, data = tree.mechanism, tree.built.model, tree.data
-    g = _native_rows(tree) if m.closures else np.zeros((0, model.nv))
+    g = native_rows(tree) if m.closures else np.zeros((0, model.nv))
     model.opt.disableflags |= OFF
     mujoco.mj_inverse(model, data)
     model.opt.disableflags &= ~OFF
@@ -188,7 +188,7 @@ def shared(tree: Tree, time: float, driven: NDArray[np.bool_], weight: Array) ->
     return Shares(drives, acting + made, reactions(made, pairs))
 
 
-def _native_rows(tree: Tree) -> Array:
+def native_rows(tree: Tree) -> Array:
     """Return the rows of efc_J that are equality constraints, (rows, nv)."""
     mujoco.mj_fwdPosition(tree.built.model, tree.data)
     equality = tree.data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)

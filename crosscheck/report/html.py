@@ -19,7 +19,7 @@ from markupsafe import Markup
 from crosscheck import changes
 from crosscheck.compare import Comparison
 from crosscheck.limits import worst
-from crosscheck.report import words
+from crosscheck.report import reasons, words
 from crosscheck.report.plots import write_case
 from crosscheck.results import CaseRow, Results, StudyRow, slug
 
@@ -112,6 +112,9 @@ def case_view(results: Results, case: CaseRow, out: Path) -> dict[str, Any]:
         "runs": [one.run for one in cells if one.run is not None],
         "manifest": write_case(results, case, out),
         "neighbours": neighbours(results, case),
+        "sheets": reasons.sheets(results, case),
+        "uncertified": reasons.uncertified(results, case),
+        "diagnoses": reasons.diagnoses(results, case),
         "trend": f"../trends/{case.slug}.html" if (out / "trends" / f"{case.slug}.html").is_file() else "",
     }
 

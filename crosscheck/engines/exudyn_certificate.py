@@ -1,0 +1,43 @@
+"""What Exudyn's models say of themselves: the kinematic tree's mass matrix and forces, and static probes of its beams."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crosscheck.certificate import Certificate
+from crosscheck.engines import exudyn_probe, exudyn_rigid
+from crosscheck.engines.exudyn_march import ANCF, DAE, EXACT
+from crosscheck.engines.exudyn_solve import quiet
+from crosscheck.engines.prescribed import rotor_effort
+from crosscheck.engines.probe import configurations
+from flexinv.errors import InputError
+from flexinv.files.case import Case
+from flexinv.mechanism import Mechanism
+
+
+def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
+    """Return masses [kg], mass matrix [kg m^2], [kg], gravity torque [N m], [N]; of beams the stiffness [N], [N m^2]."""
+    if engine in (ANCF, EXACT):
+        with quiet():
+            return Certificate(stiffness=exudyn_probe.stiffness(mechanism, case, engine))
+    if engine == DAE:
+        raise InputError("redundant coordinates: there is no joint-space mass matrix to ask for")
+    q = configurations(mechanism, case)
+    rest, units = np.zeros((len(q), mechanism.nv)), np.eye(mechanism.nv)
+    gravity = exudyn_rigid.inverse_dynamics(mechanism, q, rest, rest, wrench=False).torque
+    columns = [
+        exudyn_rigid.inverse_dynamics(mechanism, q, rest, rest + unit, wrench=False).torque
+        - gravity
+        + rotor_effort(mechanism, rest + unit)
+        for unit in units
+    ]
+    tree = exudyn_rigid.build(mechanism, wrench=False)
+    mass = np.array([inertia[3, 3] for inertia in tree.inertias])
+    last = {j.name: tree.velocity[mechanism.v_slices[j.name]][-1] for j in mechanism.joints if j.nv}
+    return Certificate(
+        mass=float(mass.sum()),
+        masses={name: float(mass[index]) for name, index in last.items()},
+        mass_matrix=np.stack(columns, axis=2),
+        gravity=gravity,
+        order=tuple(sorted(last, key=lambda name: last[name])),
+    )

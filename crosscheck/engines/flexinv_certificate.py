@@ -1,0 +1,109 @@
+"""The reference certificate: what flexinv computes from the mechanism."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from crosscheck.certificate import Certificate
+from crosscheck.engines.probe import Array, carried, configurations
+from flexinv.closures import constraint_jacobian, constraint_rows
+from flexinv.files.case import Case
+from flexinv.loops import REDUNDANT
+from flexinv.mechanism import WORLD, Beam, Mechanism
+from flexinv.mesh import build
+from flexinv.nodal import NodalMotion
+from flexinv.rigid import rigid_motion
+from flexinv.scheme import solve
+from flexinv.torques import joint_torques
+
+AMONG = 400  # points of the quadrature of a beam's compliance: exact for linear tables to 1e-6
+
+
+def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
+    """Return mass [kg], centre of mass [m], mass matrix, gravity torque, axes, stiffness [N], [N m^2] and closures."""
+    if not mechanism.is_rigid:
+        return Certificate(mass=_mass(mechanism), stiffness=stiffness(mechanism))
+    q = configurations(mechanism, case)
+    tree = replace(mechanism, closures=(), springs=(), forces=())
+    mesh = build(tree)
+    rest = np.zeros((len(q), tree.nv))
+    motion = rigid_motion(mesh, q, rest, rest)
+    moving = _moving(tree)
+    weights = np.where([tree.links[k].name in moving for k in mesh.link], mesh.mass, 0.0)
+    rank = _rank(mechanism, case) if mechanism.closures else None
+    return Certificate(
+        mass=float(weights.sum()),
+        masses={name: sum(b.inertia.mass for _, b in bodies) for name, bodies in carried(tree).items()},
+        com=np.einsum("n,snx->sx", weights, motion.x) / (weights.sum() or 1.0),  # (sample, xyz)
+        mass_matrix=_mass_matrix(tree, q),
+        gravity=joint_torques(tree, q, rest, rest, passive=False),
+        axes=_axes(tree, mesh.joint_node, motion),
+        order=tuple(j.name for j in tree.joints if j.nv),
+        residual=None,
+        rank=rank,
+    )
+
+
+def _mass_matrix(tree: Mechanism, q: Array) -> Array:
+    """Return tau(q, 0, e_j) without gravity, (configurations, nv, nv) [kg m^2], [kg]."""
+    weightless = replace(tree, gravity=np.zeros(3))
+    rest = np.zeros((len(q), tree.nv))
+    columns = [joint_torques(weightless, q, rest, rest + unit, passive=False) for unit in np.eye(tree.nv)]
+    return np.stack(columns, axis=2) if columns else np.zeros((len(q), 0, 0))
+
+
+def _moving(tree: Mechanism) -> set[str]:
+    """Links that are not welded to the world."""
+    still = {WORLD}
+    for joint in tree.joints:
+        if joint.nv == 0 and joint.parent in still:
+            still.add(joint.child)
+    return {link.name for link in tree.links} - still
+
+
+def _axes(tree: Mechanism, nodes: dict[str, int], motion: NodalMotion) -> dict[str, Array]:
+    """Axes of joints with one coordinate: the child's frame turns about it, so that it is the same in both frames."""
+    return {j.name: motion.rotation[:, nodes[j.name]] @ j.axis for j in tree.joints if j.nv == 1}
+
+
+def _rank(mechanism: Mechanism, case: Case) -> int:
+    """Rank of the closures' Jacobian at the start of the case (of those that act then)."""
+    solution = solve(mechanism, case.motion, case.sample, end=case.sample, start=case.start)
+    mesh, first = build(mechanism), slice(0, 1)
+    motion = rigid_motion(mesh, solution.q[first], solution.qd[first], solution.qdd[first])
+    rows = constraint_rows(mesh)
+    acts = np.array([not c.active or c.active[0][0] <= 0.0 for c in mechanism.closures])
+    g = constraint_jacobian(mesh, motion, rows)[0][acts[rows.closure]]
+    values = np.linalg.svd(g, compute_uv=False)
+    return int((values > REDUNDANT * values.max(initial=0.0)).sum())
+
+
+def _mass(mechanism: Mechanism) -> float:
+    """Mass of all bodies and beams that move [kg]."""
+    moving = _moving(mechanism)
+    links = [link for link in mechanism.links if link.name in moving]
+    bodies = sum(body.inertia.mass for link in links for body in link.bodies)
+    return bodies + sum(_length_mass(link.beam) for link in links if link.beam is not None)
+
+
+def _length_mass(beam: Beam) -> float:
+    s = beam.section
+    return beam.length * float(np.interp(_points(), s.stations, s.mass_per_length).mean())
+
+
+def stiffness(mechanism: Mechanism) -> dict[str, float]:
+    """Return length over compliance, 1 / mean(1 / stiffness), of every straight beam: EA, GJ, EI_y, EI_z [N], [N m^2]."""
+    found = {}
+    for link in mechanism.beams:
+        assert link.beam is not None
+        section = link.beam.section
+        for name, column in {"EA": 0, "GA_y": 1, "GA_z": 2, "GJ": 3, "EI_y": 4, "EI_z": 5}.items():
+            along = np.interp(_points(), section.stations, section.stiffness[:, column])
+            found[f"{link.name}: {name}"] = float(1.0 / np.mean(1.0 / along))
+    return found
+
+
+def _points() -> Array:
+    return np.asarray((np.arange(AMONG) + 0.5) / AMONG, dtype=np.float64)

@@ -1,0 +1,93 @@
+"""What MuJoCo's model says of itself: body_mass, mj_fullM, qfrc_bias at rest, xaxis, efc_J of its equalities."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from crosscheck.certificate import Certificate
+from crosscheck.engines import assembly, mujoco_loops
+from crosscheck.engines.mujoco import effort_from_engine, to_engine
+from crosscheck.engines.mujoco_model import Built, build
+from crosscheck.engines.prescribed import beyond_a_tree
+from crosscheck.engines.probe import Array, carried, configurations
+from flexinv.files.case import Case
+from flexinv.mechanism import Mechanism
+
+
+def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
+    """Return mass [kg], centre of mass [m], mass matrix [kg m^2], [kg], gravity torque [N m], [N], axes, closures."""
+    built = build(mechanism, extend=mujoco_loops.furnish(mechanism) if beyond_a_tree(mechanism) else None)
+    model, data = built.model, mujoco.MjData(built.model)
+    q = configurations(mechanism, case)
+    rest = np.zeros((len(q), mechanism.nv))
+    state = to_engine(mechanism, built, q, rest, rest)
+    moving = model.body_weldid != 0
+    mass = np.where(moving, model.body_mass, 0.0)
+    com, gravity = np.empty((len(q), 3)), np.empty((len(q), model.nv))
+    matrix = np.empty((len(q), model.nv, model.nv))
+    axes: dict[str, list[Array]] = {j.name: [] for j in mechanism.joints if j.nv == 1}
+    for k in range(len(q)):
+        data.qpos[:], data.qvel[:] = state.q[k], 0.0
+        mujoco.mj_forward(model, data)
+        com[k], gravity[k] = mass @ data.xipos / (mass.sum() or 1.0), data.qfrc_bias
+        mujoco.mj_fullM(model, data, matrix[k])
+        for name, rows in axes.items():
+            rows.append(data.xaxis[model.joint(name).id].copy())
+    residual, rank = _closures(mechanism, case, built)
+    return Certificate(
+        mass=float(mass.sum()),
+        masses=_masses(mechanism, built, mass),
+        com=com,
+        mass_matrix=_in_order(mechanism, built, q, matrix),
+        gravity=effort_from_engine(mechanism, built, q, gravity),
+        axes={name: np.array(rows) for name, rows in axes.items()},
+        order=_order(mechanism, built),
+        residual=residual,
+        rank=rank,
+    )
+
+
+def _masses(mechanism: Mechanism, built: Built, mass: Array) -> dict[str, float]:
+    """Mass of all bodies welded to the child of each moving joint."""
+    weld = built.model.body_weldid
+    child = {j.name: built.body[j.child] for j in mechanism.joints if j.name in carried(mechanism)}
+    return {name: float(mass[weld == weld[body]].sum()) for name, body in child.items()}
+
+
+def _in_order(mechanism: Mechanism, built: Built, q: Array, matrix: Array) -> Array:
+    """The mass matrix in the mechanism's coordinates: the dual of the map, on both sides."""
+    half = [effort_from_engine(mechanism, built, q, matrix[:, :, k]) for k in range(matrix.shape[2])]
+    rows = np.stack(half, axis=2)  # (configuration, coordinate, MuJoCo's coordinate)
+    whole = [effort_from_engine(mechanism, built, q, rows[:, k, :]) for k in range(rows.shape[1])]
+    return np.stack(whole, axis=1)
+
+
+def _order(mechanism: Mechanism, built: Built) -> tuple[str, ...]:
+    return tuple(sorted(built.v_at, key=lambda name: built.v_at[name]))
+
+
+def _closures(mechanism: Mechanism, case: Case, built: Built) -> tuple[float | None, int | None]:
+    """Largest residual of the closures' equations and the rank of MuJoCo's own rows, where the motion starts; as guessed
+    where they do not close."""
+    if not mechanism.closures or any(c.active for c in mechanism.closures):
+        return None, None
+
+    def motion(time: Array) -> tuple[Array, Array, Array]:
+        q, qd, qdd = case.motion.evaluate(mechanism, time)
+        state = to_engine(mechanism, built, assembly.guessed(mechanism, case, q), qd, qdd)
+        return state.q, state.v, state.a
+
+    tree = mujoco_loops.Tree(mechanism, built, mujoco_loops.state_of(built, mechanism), motion)
+    place, rate, _ = motion(np.zeros(1))
+    closes = True
+    try:
+        place, rate, _ = mujoco_loops.closed_state(tree, assembly.left_out(mechanism, case), np.zeros(1))
+    except assembly.AssemblyError:
+        closes = False
+    rows = assembly.rows_of(mechanism.closures, tree.pairs(place[0], rate[0]))
+    native = not mujoco_loops.without_equality(mechanism)
+    g = mujoco_loops.native_rows(tree) if native else rows.g
+    values = np.linalg.svd(g, compute_uv=False)
+    rank = int((values > assembly.REDUNDANT * values.max(initial=0.0)).sum())
+    return float(np.abs(rows.phi).max()) if closes else None, rank

@@ -1,0 +1,77 @@
+"""What Pinocchio's model says of itself: crba, computeGeneralizedGravity, centerOfMass, joint Jacobians."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from crosscheck.certificate import Certificate
+from crosscheck.engines import assembly, pinocchio_loops
+from crosscheck.engines.pinocchio_model import Built, build, to_engine
+from crosscheck.engines.probe import Array, configurations
+from flexinv.files.case import Case
+from flexinv.mechanism import Mechanism
+
+
+def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
+    """Return mass [kg], centre of mass [m], mass matrix [kg m^2], [kg], gravity torque [N m], [N], axes, closures."""
+    built = build(mechanism)
+    model, data = built.model, built.model.createData()
+    q = configurations(mechanism, case)
+    rest = np.zeros((len(q), mechanism.nv))
+    places = to_engine(built, q, rest, rest)[0]
+    order = built.v_order
+    matrix, gravity, com = np.empty((len(q), model.nv, model.nv)), np.empty((len(q), model.nv)), np.empty((len(q), 3))
+    for k, place in enumerate(places):
+        upper = np.triu(pin.crba(model, data, place))
+        matrix[k] = upper + np.triu(upper, 1).T
+        gravity[k] = pin.computeGeneralizedGravity(model, data, place)
+        com[k] = pin.centerOfMass(model, data, place)
+    residual, rank = _closures(mechanism, case, built)
+    return Certificate(
+        mass=float(pin.computeTotalMass(model)),
+        masses={name: float(model.inertias[index].mass) for name, (index, _) in built.joint.items()},
+        com=com,
+        mass_matrix=matrix[:, order][:, :, order],
+        gravity=gravity[:, order],
+        axes=_axes(mechanism, built, places),
+        order=tuple(_known(mechanism, name) for name in list(model.names)[1:]),
+        residual=residual,
+        rank=rank,
+    )
+
+
+def _known(mechanism: Mechanism, name: str) -> str:
+    return mechanism.joints[0].name if name == "root_joint" else name
+
+
+def _axes(mechanism: Mechanism, built: Built, places: Array) -> dict[str, Array]:
+    """Columns of the joints' Jacobians in the world: angular of hinges, linear of slides."""
+    model, data = built.model, built.model.createData()
+    found: dict[str, list[Array]] = {j.name: [] for j in mechanism.joints if j.nv == 1}
+    for place in places:
+        pin.computeJointJacobians(model, data, place)
+        for joint in mechanism.joints:
+            if joint.nv == 1:
+                column = np.array(data.J).reshape(6, model.nv)[
+                    :, built.v_order[mechanism.v_slices[joint.name].start]
+                ]  # a copy
+                found[joint.name].append(column[:3] if joint.kind == "prismatic" else column[3:])
+    return {name: np.array(rows) for name, rows in found.items()}
+
+
+def _closures(mechanism: Mechanism, case: Case, built: Built) -> tuple[float | None, int | None]:
+    """Largest residual of the closures' equations and their rank, where the motion starts; as guessed if they do not close."""
+    if not mechanism.closures or any(c.active for c in mechanism.closures):
+        return None, None
+    tree = pinocchio_loops.Tree(mechanism, built, built.model.createData(), case)
+    place, rate, _ = tree.given(np.zeros(1))
+    closes = True
+    try:
+        place, rate, _ = to_engine(built, *pinocchio_loops.motion(mechanism, case, built, np.zeros(1)))
+    except assembly.AssemblyError:
+        closes = False
+    rows = assembly.rows_of(mechanism.closures, tree.pairs(place[0], rate[0]))
+    values = np.linalg.svd(rows.g, compute_uv=False)
+    rank = int((values > assembly.REDUNDANT * values.max(initial=0.0)).sum())
+    return float(np.abs(rows.phi).max()) if closes else None, rank

@@ -1,0 +1,47 @@
+"""Certificates and causes as the pages show them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from crosscheck.certificate import Check, holds
+from crosscheck.limits import Verdict
+from crosscheck.results import CaseRow, Diagnosis, Results
+
+NONE = "no certificate"
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """The certificate of one engine: its lines, what they amount to as a verdict, and in words."""
+
+    engine: str
+    verdict: Verdict
+    words: str
+    lines: tuple[Check, ...]
+
+
+def sheets(results: Results, case: CaseRow) -> list[Sheet]:
+    """Return the certificates of a case, engine by engine."""
+    mine = [line for line in results.certificates if (line.mechanism, line.case) == (case.mechanism, case.case)]
+    return [
+        _sheet(engine, tuple(x for x in mine if x.engine == engine)) for engine in dict.fromkeys(x.engine for x in mine)
+    ]
+
+
+def _sheet(engine: str, lines: tuple[Check, ...]) -> Sheet:
+    if [line.what for line in lines] == [NONE]:
+        return Sheet(engine, "unjudged", NONE, lines)
+    if holds(lines):
+        return Sheet(engine, "within", "holds", lines)
+    return Sheet(engine, "deviation", "another mechanism: " + ", ".join(x.what for x in lines if not x.holds), lines)
+
+
+def uncertified(results: Results, case: CaseRow) -> dict[str, str]:
+    """Return what to say beside the dynamics of engines whose certificate is missing or does not hold."""
+    return {sheet.engine: sheet.words for sheet in sheets(results, case) if sheet.verdict != "within"}
+
+
+def diagnoses(results: Results, case: CaseRow) -> list[Diagnosis]:
+    """Return why engines deviate in a case."""
+    return [d for d in results.diagnoses if (d.mechanism, d.case) == (case.mechanism, case.case)]

@@ -1,0 +1,147 @@
+"""The certificate: every engine's own model says the same of itself, and a harmed model is found out."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from crosscheck.causes.dictionary import DICTIONARY
+from crosscheck.causes.evidence import consistent
+from crosscheck.causes.model import model_of
+from crosscheck.causes.naming import name
+from crosscheck.causes.subject import Subject
+from crosscheck.certificate import Certificate, Check, certificate, checks, holds
+from crosscheck.plan import task
+from crosscheck.reasons import certificates
+from crosscheck.record import Record
+from crosscheck.selftest import loosened
+from flexinv.files.case import Case, load_cases
+from flexinv.files.mechanism_file import load_mechanism
+from flexinv.mechanism import Mechanism
+
+MODELS = Path(__file__).resolve().parent.parent / "models"
+
+
+def load(place: str) -> tuple[Mechanism, Case]:
+    mechanism, case = place.split("/")
+    found = load_mechanism(MODELS / mechanism)
+    return found, load_cases(MODELS / mechanism, found)[case]
+
+
+def says(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
+    """What an engine says, after the way through JSON that it takes between processes."""
+    module = importlib.import_module(f"crosscheck.engines.{engine.split('-')[0]}_certificate")
+    return certificate(json.loads(json.dumps(module.certify(mechanism, case, engine).plain, allow_nan=False)))
+
+
+def lines(place: str, engine: str, harmed: Subject | None = None) -> tuple[Check, ...]:
+    mechanism, case = load(place)
+    theirs = says(mechanism if harmed is None else harmed.mechanism, case, engine)
+    return checks(mechanism.name, case.name, engine, theirs, says(mechanism, case, "flexinv"))
+
+
+@pytest.mark.parametrize("engine", ["pinocchio", "mujoco", "exudyn"])
+@pytest.mark.parametrize("place", ["double_pendulum/swing", "rigid_one_link/cycloid", "panda/pick", "talos_arm/wave"])
+def test_rigid_engines_have_the_same_mechanism(place: str, engine: str) -> None:
+    found = lines(place, engine)
+    assert holds(found), [line for line in found if not line.holds]
+    assert {line.what for line in found} >= {
+        "total mass",
+        "joint-space mass matrix",
+        "gravity torque",
+        "order of the joints",
+    }
+
+
+@pytest.mark.parametrize("engine", ["pinocchio", "mujoco"])
+@pytest.mark.parametrize("place", ["four_bar/turn", "bricard/fold"])
+def test_closed_mechanisms_have_the_same_closures(place: str, engine: str) -> None:
+    found = lines(place, engine)
+    assert holds(found), [line for line in found if not line.holds]
+    assert {line.what for line in found} >= {"closure residual", "rank of the closures"}
+
+
+@pytest.mark.parametrize("engine", ["exudyn-ge", "exudyn-ancf"])
+@pytest.mark.parametrize("place", ["flex_one_link/cycloid", "spatial_arm/reach"])
+def test_a_static_probe_finds_the_stiffness_of_every_beam(place: str, engine: str) -> None:
+    found = lines(place, engine)
+    assert [line.what for line in found] == ["section stiffness"]
+    # Uniform sections: what is not linear in the probe's load is 1e-6 of the answer.
+    assert (found[0].error or 0.0) <= 1e-6 * (found[0].scale or 0.0)
+
+
+HARM = {
+    "body mass": ("total mass", "masses by joint", "joint-space mass matrix", "gravity torque"),
+    "centre of mass shifted": ("centre of mass", "joint-space mass matrix"),
+    "inertia about the origin": ("joint-space mass matrix",),
+    "gravity magnitude": ("gravity torque",),
+    "axis tilted": ("joint axes",),
+    "rotor inertia": ("joint-space mass matrix",),
+}
+
+
+@pytest.mark.parametrize("cause", HARM)
+@pytest.mark.parametrize("engine", ["pinocchio", "mujoco"])
+def test_a_harmed_model_has_no_certificate(engine: str, cause: str) -> None:
+    mechanism, case = load("double_pendulum/swing")
+    subject = Subject(mechanism, case)
+    row = DICTIONARY[cause]
+    size = np.full(max(1, row.parameters), 1e-3) if row.sized else np.ones(1)
+    found = lines("double_pendulum/swing", engine, row.change(subject, row.targets(model_of(subject))[-1], size))
+    assert {line.what for line in found if not line.holds} >= set(HARM[cause])
+
+
+@pytest.mark.parametrize("component", ["EA", "EI_z"])
+def test_a_stiffness_off_by_a_hundredth_is_found(component: str) -> None:
+    mechanism, case = load("flex_one_link/cycloid")
+    harmed = DICTIONARY["section stiffness"].change(Subject(mechanism, case), f"link: {component}", np.array([0.01]))
+    found = lines("flex_one_link/cycloid", "exudyn-ge", harmed)
+    assert [(line.holds, line.words) for line in found] == [(False, f"link: {component}")]
+
+
+@pytest.mark.parametrize("engine", ["pinocchio", "mujoco"])
+@pytest.mark.parametrize("place", ["four_bar/turn", "bricard/fold"])
+def test_a_closure_of_another_rank_is_found(place: str, engine: str) -> None:
+    mechanism, case = load(place)
+    loose = replace(mechanism, closures=tuple(map(loosened, mechanism.closures)))
+    found = lines(place, engine, Subject(loose, case))
+    wrong = [line for line in found if not line.holds]
+    assert [line.what for line in wrong] == ["rank of the closures"]
+    assert wrong[0].words.endswith("a closure ties less than it should")
+
+
+def test_an_engine_without_a_certificate_says_why() -> None:
+    mechanism, case = load("four_bar/turn")
+    records = {
+        "flexinv": Record("flexinv", certificate=says(mechanism, case, "flexinv").plain),
+        "exudyn-dae": Record("exudyn-dae", certificate={"problem": "redundant coordinates"}),
+    }
+    found = certificates(task(MODELS / "four_bar", mechanism, case), records)
+    assert [(line.what, line.holds, line.words) for line in found] == [
+        ("no certificate", False, "redundant coordinates")
+    ]
+
+
+def test_the_certificate_rules_out_what_it_contradicts() -> None:
+    """In one joint on a vertical axis rotor, link inertia and mass look alike; the mass matrix says nothing of which, the
+    certificate of an effort that is scaled says that the model is right."""
+    mechanism, case = load("rigid_one_link/cycloid")
+    subject = Subject(mechanism, case)
+    model = model_of(subject)
+    scaled = DICTIONARY["effort scale"].change(subject, "hub", np.array([0.05]))
+    naming = name(model, model.difference(scaled), 1e-9)
+    assert {"effort scale", "mass scale", "rotor inertia"} <= set(naming.names)
+    right = says(mechanism, case, "flexinv")
+    left = {f.cause.name for f in consistent(subject, naming.named, right, right)}
+    assert "effort scale" in left
+    assert not left & {"mass scale", "rotor inertia", "body mass"}
+    heavy = DICTIONARY["mass scale"].change(subject, "", np.array([0.05]))
+    wrong = says(heavy.mechanism, case, "pinocchio")
+    left = {f.cause.name for f in consistent(subject, naming.named, wrong, right)}
+    assert "mass scale" in left
+    assert "effort scale" not in left
