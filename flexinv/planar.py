@@ -198,7 +198,6 @@ def _elements(mesh: Mesh, plane: Plane) -> PlanarElements:
     points = max(count - 1, 0)
     bend, heading = np.zeros((elements, count)), np.zeros(elements)
     constants = np.zeros((-(-elements * points // LANES), 7, LANES))
-    pairs = np.zeros((elements, points, 4, count * count))
     for k, nodes in enumerate(e.nodes):
         frames = plane.frames[nodes[: e.order[k] + 1]]
         heading[k] = np.arctan2(frames[0, 1, 0], frames[0, 0, 0])
@@ -206,15 +205,12 @@ def _elements(mesh: Mesh, plane: Plane) -> PlanarElements:
         bend[k, : len(frames)] = log_so3(relative) @ frames[0, 2]
         axle, side = frames[0, 2], frames[0].T @ QUARTER @ frames[0][:, 0]
         for g in range(e.order[k]):
-            n, dn = e.shape[k, g, : len(frames)], e.slope[k, g, : len(frames)]
-            for table, (a, b) in enumerate(((dn, dn), (dn, n), (n, dn), (n, n))):
-                pairs[k, g, table, : len(n) ** 2] = np.outer(a, b).ravel()  # (node node,)
             block, lane = divmod(k * points + g, LANES)
             stiffness = e.stiffness[k, g, 0], side**2 @ e.stiffness[k, g, :3], axle**2 @ e.stiffness[k, g, 3:]
             strains = e.gamma0[k, g, 0], side @ e.gamma0[k, g], axle @ e.kappa0[k, g]
             rows = [int(r) // LANES for r in (AXIAL, SHEAR, BENDING, WEIGHT, STRAIN1, STRAIN2, CURVATURE)]
             constants[block, rows, lane] = *stiffness, e.weight[k, g], *strains
-    return PlanarElements(e.order, e.nodes, e.shape, e.slope, pairs, bend, heading, constants.reshape(-1))
+    return PlanarElements(e.order, e.nodes, e.shape, e.slope, bend, heading, np.uint64(LANES), constants.reshape(-1))
 
 
 def _embedding(mesh: Mesh, plane: Plane) -> Embedding:
@@ -250,5 +246,5 @@ def _factors(t: PlanarTree, e: PlanarElements) -> PlanarFactors:
         inverse=np.zeros((elements, most, most)), to_root=np.zeros((elements, 3, most)),
         b=np.zeros((elements, widest, most)), x=np.zeros((elements, widest, most)),
         root=np.zeros((widest, widest)), diagonal=np.zeros((len(t.size), widest, widest)),
-        stiff=np.zeros((9, max(count * count, 1))), line=np.zeros((2, max(most, widest, 1))),
+        line=np.zeros((2, max(most, widest, 1))),
     )  # fmt: skip

@@ -25,8 +25,8 @@ LANES = 8  # points of a block
 _LANES = np.uint64(LANES)
 # Rows of a block.  First what is interpolated, then what follows: S, y, n, m; w times the first derivatives; w times the second.
 (U1, U2, PHI, BEND, COS, SIN, Y1, Y2, N1, N2, M, BY_U1, BY_U2, BY_PSI, BY_BEND, U1_U1, U1_U2, U2_U2, U1_PSI, U2_PSI,
- PSI_PSI) = (np.uint64(LANES * k) for k in range(21))  # fmt: skip
-BLOCK = np.uint64(21 * LANES)
+ PSI_PSI, BEND_BEND) = (np.uint64(LANES * k) for k in range(22))  # fmt: skip
+BLOCK = np.uint64(22 * LANES)
 # Rows of a block of constants.
 AXIAL, SHEAR, BENDING, WEIGHT, STRAIN1, STRAIN2, CURVATURE = (np.uint64(LANES * k) for k in range(7))
 CONSTANTS = np.uint64(7 * LANES)
@@ -36,9 +36,9 @@ class PlanarElements(NamedTuple):
     """Elements in a plane.
 
     order : (elements,); nodes : (elements, count); shape, slope : (elements, points, count) [-], [1/m]
-    pairs : (elements, points, 4, count^2) products over nodes i, j: slope slope, slope shape, shape slope, shape shape
     bend : (elements, count) angle of each section against the first in the stress-free shape [rad]
     heading : (elements,) angle of the first section's axis in the plane when its node stands at zero [rad]
+    lanes : of a block, LANES; as a number that the compiler does not know, so that it takes them all at once
     constants : (blocks * CONSTANTS,) EA, GA [N], EI [N m^2], weights [m], Gamma_0 [-], kappa_0 [1/m] of all points
     """
 
@@ -46,9 +46,9 @@ class PlanarElements(NamedTuple):
     nodes: NDArray[np.int64]
     shape: Array
     slope: Array
-    pairs: Array
     bend: Array
     heading: Array
+    lanes: np.uint64
     constants: Array
 
 
@@ -96,41 +96,47 @@ def interpolate(e, pose, u, p):
 @jit_merged
 def point_gradients(e, p):
     """Fill S, y, n, m and the first derivatives of the energy at all points [N], [N m]."""
-    constants = e.constants
-    for block in range(np.uint64(len(constants)) // CONSTANTS):
-        at, own = block * BLOCK, block * CONSTANTS
-        for lane in range(_LANES):
-            i, j = at + lane, own + lane
-            c, s = cos_sin(p[i + PHI])
-            y1, y2 = c * p[i + U1] + s * p[i + U2], c * p[i + U2] - s * p[i + U1]
-            n1 = constants[j + AXIAL] * (y1 - constants[j + STRAIN1])
-            n2 = constants[j + SHEAR] * (y2 - constants[j + STRAIN2])
-            m = constants[j + BENDING] * (p[i + BEND] - constants[j + CURVATURE])
-            w = constants[j + WEIGHT]
-            p[i + COS], p[i + SIN], p[i + Y1], p[i + Y2] = c, s, y1, y2
-            p[i + N1], p[i + N2], p[i + M] = n1, n2, m
-            p[i + BY_U1], p[i + BY_U2] = w * (c * n1 - s * n2), w * (s * n1 + c * n2)
-            p[i + BY_PSI], p[i + BY_BEND] = w * (n1 * y2 - n2 * y1), w * m
+    for block in range(np.uint64(len(e.constants)) // CONSTANTS):
+        _block_gradients(e.lanes, block * BLOCK, block * CONSTANTS, e.constants, p)
+
+
+@jit_merged
+def _block_gradients(lanes, at, own, constants, p):
+    for lane in range(lanes):
+        c, s = cos_sin(p[at + PHI + lane])
+        u1, u2 = p[at + U1 + lane], p[at + U2 + lane]
+        y1, y2 = c * u1 + s * u2, c * u2 - s * u1
+        n1 = constants[own + AXIAL + lane] * (y1 - constants[own + STRAIN1 + lane])
+        n2 = constants[own + SHEAR + lane] * (y2 - constants[own + STRAIN2 + lane])
+        m = constants[own + BENDING + lane] * (p[at + BEND + lane] - constants[own + CURVATURE + lane])
+        w = constants[own + WEIGHT + lane]
+        p[at + COS + lane], p[at + SIN + lane], p[at + Y1 + lane], p[at + Y2 + lane] = c, s, y1, y2
+        p[at + N1 + lane], p[at + N2 + lane], p[at + M + lane] = n1, n2, m
+        p[at + BY_U1 + lane], p[at + BY_U2 + lane] = w * (c * n1 - s * n2), w * (s * n1 + c * n2)
+        p[at + BY_PSI + lane], p[at + BY_BEND + lane] = w * (n1 * y2 - n2 * y1), w * m
 
 
 @jit_merged
 def point_hessians(e, p):
-    """Fill the second derivatives of the energy at all points [N], [N m]; that by psi' is w EI.
+    """Fill the second derivatives of the energy at all points [N], [N m].
 
     d2E/du'du' = S C S^T,  d2E/du'dpsi = S (J n - C J y),  d2E/dpsi2 = J y . C J y - n . y       with J (a, b) = (-b, a)
     """
-    constants = e.constants
-    for block in range(np.uint64(len(constants)) // CONSTANTS):
-        at, own = block * BLOCK, block * CONSTANTS
-        for lane in range(_LANES):
-            i, j = at + lane, own + lane
-            c, s, y1, y2, n1, n2 = p[i + COS], p[i + SIN], p[i + Y1], p[i + Y2], p[i + N1], p[i + N2]
-            ea, ga, w = constants[j + AXIAL], constants[j + SHEAR], constants[j + WEIGHT]
-            b1, b2 = ea * y2 - n2, n1 - ga * y1
-            p[i + U1_U1], p[i + U2_U2] = w * (ea * c * c + ga * s * s), w * (ea * s * s + ga * c * c)
-            p[i + U1_U2] = w * (ea - ga) * c * s
-            p[i + U1_PSI], p[i + U2_PSI] = w * (c * b1 - s * b2), w * (s * b1 + c * b2)
-            p[i + PSI_PSI] = w * (ea * y2 * y2 + ga * y1 * y1 - n1 * y1 - n2 * y2)
+    for block in range(np.uint64(len(e.constants)) // CONSTANTS):
+        _block_hessians(e.lanes, block * BLOCK, block * CONSTANTS, e.constants, p)
+
+
+@jit_merged
+def _block_hessians(lanes, at, own, constants, p):
+    for lane in range(lanes):
+        c, s, y1, y2 = p[at + COS + lane], p[at + SIN + lane], p[at + Y1 + lane], p[at + Y2 + lane]
+        n1, n2, w = p[at + N1 + lane], p[at + N2 + lane], constants[own + WEIGHT + lane]
+        ea, ga = constants[own + AXIAL + lane], constants[own + SHEAR + lane]
+        b1, b2 = ea * y2 - n2, n1 - ga * y1
+        p[at + U1_U1 + lane], p[at + U2_U2 + lane] = w * (ea * c * c + ga * s * s), w * (ea * s * s + ga * c * c)
+        p[at + U1_U2 + lane], p[at + BEND_BEND + lane] = w * (ea - ga) * c * s, w * constants[own + BENDING + lane]
+        p[at + U1_PSI + lane], p[at + U2_PSI + lane] = w * (c * b1 - s * b2), w * (s * b1 + c * b2)
+        p[at + PSI_PSI + lane] = w * (ea * y2 * y2 + ga * y1 * y1 - n1 * y1 - n2 * y2)
 
 
 @jit_merged
@@ -164,37 +170,25 @@ def add_forces(e, pose, p, wrench, felt):
 
 
 @jit_merged
-def element_stiffness(k, e, p, stiff):
-    """Fill the exact derivative of element k's nodal forces by (x, y, theta) of its nodes [N/m], [N], [N m].
+def pair_stiffness(k, i, j, e, p):
+    """Return how the force on node i of element k varies with the pose of node j, (3, 3) [N/m], [N], [N m]: exact.
 
-    stiff : (9, count * count), a table over nodes i, j for every pair of components: K_ab(i, j) = sum_g d2E(a, b) N_i N_j, with
-        the products of shapes and slopes in e.pairs
+    K_ij = sum_g (A N_i' N_j', b N_i' N_j; b^T N_i N_j', d N_i N_j + w EI N_i' N_j')  with A, b, d of `point_hessians`
     """
-    pairs, points = (e.order[k] + 1) * (e.order[k] + 1), e.shape.shape[1]
-    for table in range(9):
-        for ij in range(pairs):
-            stiff[table, ij] = 0.0
+    a11, a12, a22, b1, b2, c1, c2, d = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for g in range(e.order[k]):
-        at, n = point(k, g, points), np.uint64(k * points + g)
-        own = n // _LANES * CONSTANTS + n % _LANES
-        slopes, mixed, mixed_back, shapes = e.pairs[k, g, 0], e.pairs[k, g, 1], e.pairs[k, g, 2], e.pairs[k, g, 3]
-        _add_table(stiff[0], p[at + U1_U1], slopes, pairs)
-        _add_table(stiff[1], p[at + U1_U2], slopes, pairs)
-        _add_table(stiff[2], p[at + U1_PSI], mixed, pairs)
-        _add_table(stiff[4], p[at + U2_U2], slopes, pairs)
-        _add_table(stiff[5], p[at + U2_PSI], mixed, pairs)
-        _add_table(stiff[6], p[at + U1_PSI], mixed_back, pairs)
-        _add_table(stiff[7], p[at + U2_PSI], mixed_back, pairs)
-        _add_table(stiff[8], p[at + PSI_PSI], shapes, pairs)
-        _add_table(stiff[8], e.constants[own + BENDING] * e.constants[own + WEIGHT], slopes, pairs)
-    for ij in range(pairs):
-        stiff[3, ij] = stiff[1, ij]
-
-
-@jit_merged
-def _add_table(out, factor, table, size):
-    for ij in range(size):
-        out[ij] += factor * table[ij]
+        at = point(k, g, e.shape.shape[1])
+        slope_i, slope_j, shape_i, shape_j = e.slope[k, g, i], e.slope[k, g, j], e.shape[k, g, i], e.shape[k, g, j]
+        slopes = slope_i * slope_j
+        a11 += p[at + U1_U1] * slopes
+        a12 += p[at + U1_U2] * slopes
+        a22 += p[at + U2_U2] * slopes
+        b1 += p[at + U1_PSI] * slope_i * shape_j
+        b2 += p[at + U2_PSI] * slope_i * shape_j
+        c1 += p[at + U1_PSI] * shape_i * slope_j
+        c2 += p[at + U2_PSI] * shape_i * slope_j
+        d += p[at + PSI_PSI] * shape_i * shape_j + p[at + BEND_BEND] * slopes
+    return (a11, a12, b1), (a12, a22, b2), (c1, c2, d)
 
 
 @jit_merged
@@ -203,9 +197,12 @@ def energy(e, p):
     total, constants = 0.0, e.constants
     for block in range(np.uint64(len(constants)) // CONSTANTS):
         for lane in range(_LANES):
-            i, j = block * BLOCK + lane, block * CONSTANTS + lane
-            strain1, strain2 = p[i + Y1] - constants[j + STRAIN1], p[i + Y2] - constants[j + STRAIN2]
-            curvature = p[i + BEND] - constants[j + CURVATURE]
-            stretched = p[i + N1] * strain1 + p[i + N2] * strain2 + p[i + M] * curvature
-            total += 0.5 * constants[j + WEIGHT] * stretched
+            at, own = block * BLOCK, block * CONSTANTS
+            strain1, strain2 = (
+                p[at + Y1 + lane] - constants[own + STRAIN1 + lane],
+                p[at + Y2 + lane] - constants[own + STRAIN2 + lane],
+            )
+            curvature = p[at + BEND + lane] - constants[own + CURVATURE + lane]
+            stretched = p[at + N1 + lane] * strain1 + p[at + N2 + lane] * strain2 + p[at + M + lane] * curvature
+            total += 0.5 * constants[own + WEIGHT + lane] * stretched
     return total

@@ -17,7 +17,23 @@ from numpy.typing import NDArray
 
 from flexinv.compiled import jit_merged
 from flexinv.mechanism import Array
-from flexinv.planar_beam import element_stiffness
+from flexinv.planar_beam import pair_stiffness
+from flexinv.vectors import (
+    add_to,
+    apply,
+    cross,
+    dot,
+    madd,
+    mat,
+    msub,
+    mul,
+    put,
+    put_block,
+    scale,
+    tapply,
+    transpose,
+    vec_at,
+)
 
 
 class PlanarFactors(NamedTuple):
@@ -27,7 +43,7 @@ class PlanarFactors(NamedTuple):
     own : (elements, rows) number of the unknown
     inverse : (elements, rows, wide) S^-T; to_root : (elements, 3, rows) own rows by the root's pose; b, x : (elements, columns,
         rows) B^T and (S^-1 B)^T; root : (columns, wide) the same of block 0
-    diagonal : (blocks, columns, columns); stiff : (9, count^2), line : (2, wide), scratch
+    diagonal : (blocks, columns, columns); line : (2, wide) scratch
     """
 
     rows: NDArray[np.int64]
@@ -39,7 +55,6 @@ class PlanarFactors(NamedTuple):
     x: Array
     root: Array
     diagonal: Array
-    stiff: Array
     line: Array
 
 
@@ -74,32 +89,76 @@ def put_stiffness(t, e, p, f, q):
     """Put the stiffness of all elements into their own linearisations, and what their roots feel into dwrench [N], [N m]."""
     for k in range(len(e.order)):
         order, root, own = e.order[k], e.nodes[k, 0], q.inverse[k]
-        count = order + 1
-        element_stiffness(k, e, p, q.stiff)
         for r in range(3 * order, q.rows[k]):
             for c in range(q.rows[k]):
                 own[r, c], own[c, r] = 0.0, 0.0
-        for a in range(3):
-            for b in range(3):
-                table = q.stiff[3 * a + b]
-                for i in range(order):
-                    q.to_root[k, b, a * order + i] = table[(i + 1) * count]
-                    for j in range(order):
-                        own[a * order + i, b * order + j] = table[(i + 1) * count + j + 1]
-                for c in range(t.size[t.block[root]]):
-                    f.dwrench[root, c, a] += table[0] * f.by_pose[root, c, b]
+        for i in range(order):
+            by_root = pair_stiffness(k, i + 1, 0, e, p)
+            for a in range(3):
+                q.to_root[k, 0, a * order + i] = by_root[a][0]
+                q.to_root[k, 1, a * order + i] = by_root[a][1]
+                q.to_root[k, 2, a * order + i] = by_root[a][2]
+            for j in range(i + 1):
+                _put_pair(own, order, i, j, pair_stiffness(k, i + 1, j + 1, e, p))
+        of_root = pair_stiffness(k, 0, 0, e, p)
+        for c in range(t.size[t.block[root]]):
+            add_to(f.dwrench[root, c], 0, apply(of_root, vec_at(f.by_pose[root, c], 0)))
+
+
+@jit_merged
+def _put_pair(own, order, i, j, stiffness):
+    """Write a pair of nodes into the matrix of an element, all x first, then y, then theta; the energy's is symmetric."""
+    (xx, xy, xt), (yx, yy, yt), (tx, ty, tt) = stiffness
+    y, theta = order, 2 * order
+    own[i, j], own[i, y + j], own[i, theta + j] = xx, xy, xt
+    own[y + i, j], own[y + i, y + j], own[y + i, theta + j] = yx, yy, yt
+    own[theta + i, j], own[theta + i, y + j], own[theta + i, theta + j] = tx, ty, tt
+    own[j, i], own[y + j, i], own[theta + j, i] = xx, xy, xt
+    own[j, y + i], own[y + j, y + i], own[theta + j, y + i] = yx, yy, yt
+    own[j, theta + i], own[y + j, theta + i], own[theta + j, theta + i] = tx, ty, tt
 
 
 @jit_merged
 def factorise(t, e, f, q):
     """Eliminate the linearisation, whose diagonal blocks stand in q.diagonal [N/m], [N], [N m]."""
     for k in range(len(e.order) - 1, -1, -1):
-        _condense(k, t, e, f, q)
+        if _is_small(k, t, e, q):
+            _condense_small(k, t, e, f, q)
+        else:
+            _condense(k, t, e, f, q)
     roots = t.size[0]
     for r in range(roots):
         for c in range(roots):
             q.root[c, r] = q.diagonal[0, r, c]
     invert(q.root, roots, q.line)
+
+
+@jit_merged
+def _is_small(k, t, e, q):
+    """Whether an element of order 1 has three own unknowns and hangs on three: matrices that stay in registers."""
+    return q.rows[k] == 3 and t.size[t.block[e.nodes[k, 0]]] == 3
+
+
+@jit_merged
+def _condense_small(k, t, e, f, q):
+    """`_condense` of a small element."""
+    root = e.nodes[k, 0]
+    own, first = q.diagonal[t.block[e.nodes[k, 1]]], q.diagonal[t.block[root]]
+    inverse = inverse_transposed(madd(mat(q.inverse[k]), mat(own)))
+    b = mul(mat(f.by_pose[root]), mat(q.to_root[k]))
+    x = mul(b, inverse)
+    put_block(q.inverse[k], 0, 0, inverse)
+    put_block(q.b[k], 0, 0, b)
+    put_block(q.x[k], 0, 0, x)
+    put_block(first, 0, 0, msub(mat(first), mul(b, transpose(x))))
+
+
+@jit_merged
+def inverse_transposed(m):
+    """Return the transposed inverse of a (3, 3) matrix [any unit]: its cofactors over its determinant."""
+    x, y, z = cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])
+    over = 1.0 / dot(m[0], x)
+    return scale(over, x), scale(over, y), scale(over, z)
 
 
 @jit_merged
@@ -139,25 +198,38 @@ def _transposed_product(a, v, out, size):
 @jit_merged
 def solve(t, e, q, residual, y):
     """Solve linearisation y = -residual with the factors at hand; y (unknowns,) [m], [rad].  Overwrites residual."""
-    line = q.line
     for k in range(len(e.order) - 1, -1, -1):
-        rows, own, first = q.rows[k], q.own[k], t.block[e.nodes[k, 0]]
-        for r in range(rows):
-            line[0, r] = residual[own[r]]
-        _transposed_product(q.inverse[k], line[0], line[1], rows)
-        for r in range(rows):
-            y[own[r]] = -line[1, r]
-        for c in range(t.size[first]):
-            total = 0.0
-            for r in range(rows):
-                total += q.b[k, c, r] * line[1, r]
-            residual[t.offset[first] + c] -= total
-    _transposed_product(q.root, residual, line[1], t.size[0])
+        first = t.offset[t.block[e.nodes[k, 0]]]
+        if _is_small(k, t, e, q):
+            found = tapply(mat(q.inverse[k]), vec_at(residual, q.own[k, 0]))
+            put(y, q.own[k, 0], scale(-1.0, found))
+            add_to(residual, first, scale(-1.0, apply(mat(q.b[k]), found)))
+        else:
+            _solve_own(k, t, e, q, residual, y, first)
+    _transposed_product(q.root, residual, q.line[1], t.size[0])
     for r in range(t.size[0]):
-        y[r] = -line[1, r]
+        y[r] = -q.line[1, r]
     for k in range(len(e.order)):
-        first = t.block[e.nodes[k, 0]]
-        for c in range(t.size[first]):
-            along = y[t.offset[first] + c]
-            for r in range(q.rows[k]):
-                y[q.own[k, r]] -= q.x[k, c, r] * along
+        first = t.offset[t.block[e.nodes[k, 0]]]
+        if _is_small(k, t, e, q):
+            add_to(y, q.own[k, 0], scale(-1.0, tapply(mat(q.x[k]), vec_at(y, first))))
+        else:
+            for c in range(t.size[t.block[e.nodes[k, 0]]]):
+                for r in range(q.rows[k]):
+                    y[q.own[k, r]] -= q.x[k, c, r] * y[first + c]
+
+
+@jit_merged
+def _solve_own(k, t, e, q, residual, y, first):
+    """Own unknowns of an element while its first block stands still, and what they do to that block's residual."""
+    rows, own, line = q.rows[k], q.own[k], q.line
+    for r in range(rows):
+        line[0, r] = residual[own[r]]
+    _transposed_product(q.inverse[k], line[0], line[1], rows)
+    for r in range(rows):
+        y[own[r]] = -line[1, r]
+    for c in range(t.size[t.block[e.nodes[k, 0]]]):
+        total = 0.0
+        for r in range(rows):
+            total += q.b[k, c, r] * line[1, r]
+        residual[first + c] -= total
