@@ -1,0 +1,114 @@
+"""``crosscheck verify``: what a mechanism is, how the engines see it, and which limits its error bars suggest."""
+
+from __future__ import annotations
+
+import datetime
+import shlex
+import sys
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from crosscheck.engines import ENGINES
+from crosscheck.plan import Plan, Task
+from crosscheck.portrait import picture, portrait
+from crosscheck.proposals import propose, toml, write
+from crosscheck.report import render
+from crosscheck.report.words import sentence, short
+from crosscheck.results import Results, slug
+from crosscheck.runner import Options, run
+from crosscheck.terminal import COLOURS, JOBS, MODELS, PATTERNS, TIMEOUT, Failure, chosen, plan_of, progress, terminated
+from flexinv.errors import FlexinvError, InputError
+
+
+@click.command("verify")
+@click.argument("name")
+@MODELS
+@PATTERNS
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder of its report; reports/verify/NAME by default.",
+)
+@click.option("--write", "writes", is_flag=True, help="Put the proposed limits into cases.toml, below its mark.")
+@JOBS
+@TIMEOUT
+def command(name: str, models: Path, engines: str, out: Path | None, writes: bool, jobs: int, timeout: float) -> None:
+    """Explain what is in the files of mechanism NAME, compare the engines on it, and propose limits.
+
+    Degrees of freedom, redundancy of constraints and drives, mass, reach, natural frequencies, largest efforts, a picture
+    at rest and in motion; then every engine that can, and limits from their error bars, each with its reason.
+    """
+    console = Console()
+    wanted = chosen(ENGINES, engines, "engine")
+    plan = plan_of(models, (name,))
+    if plan.broken:
+        raise Failure(f"{name} cannot be read: {plan.broken[0][1]}")
+    folder = out or Path("reports") / "verify" / slug(name)
+    folder.mkdir(parents=True, exist_ok=True)
+    for task in plan.tasks:
+        _explain(console, task, folder)
+    results = _compare(plan, wanted, folder, Options(timeout, jobs))
+    _show(console, results)
+    today = datetime.date.today()
+    proposals = propose(results.comparisons, today)
+    source = f"crosscheck verify, {today.isoformat()}, {', '.join(_versions(results))}"
+    console.print("\n[bold]limits that the error bars suggest[/bold]")
+    console.print("\n".join(toml(p, source) for p in proposals), markup=False, highlight=False, soft_wrap=True)
+    file = plan.tasks[0].folder / "cases.toml"
+    if writes:
+        try:
+            write(file, proposals, source)
+        except (InputError, OSError) as error:
+            raise Failure(str(error)) from error
+        console.print(f"wrote them into {file}", highlight=False)
+    console.print(f"report: {folder / 'index.html'}", highlight=False)
+    if any(run_.verdict == "error" for run_ in results.runs):
+        sys.exit(2)
+
+
+def _explain(console: Console, task: Task, folder: Path) -> None:
+    try:
+        seen = portrait(task)
+    except FlexinvError as error:
+        raise Failure(f"{task.folder.name}/{task.case.name}: {error}") from error
+    file = folder / f"picture-{slug(task.case.name)}.svg"
+    picture(seen, file)
+    console.print(f"\n[bold]{escape(f'{task.folder.name}/{task.case.name}')}[/bold]  {escape(task.case.title)}")
+    for what, words in (*seen.lines, ("picture", str(file))):
+        console.print(f"  {what:<15} {words}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _compare(plan: Plan, wanted: dict, folder: Path, options: Options) -> Results:  # type: ignore[type-arg]
+    quiet = Console(stderr=True)
+    with terminated(), progress(quiet) as notify:
+        results = run(plan, wanted, (), options, folder, notify, shlex.join(["crosscheck", *sys.argv[1:]]))
+    render(results, folder)
+    return results
+
+
+def _show(console: Console, results: Results) -> None:
+    table = Table("case", "engine", "quantity", "unit", "difference", "error bars", "", box=None, header_style="dim")
+    for row in results.comparisons:
+        if row.maximum is None or row.scale is None:
+            continue
+        bars = short(row.error_bar / row.scale) if row.error_bar is not None and row.scale else "–"
+        engine = row.engine if row.reference == "flexinv" else f"{row.engine} (against {row.reference})"
+        verdict = f"[{COLOURS[row.verdict]}]{row.verdict}[/]"
+        table.add_row(escape(row.case), engine, row.quantity, row.unit, short(row.fraction), bars, verdict)
+    skipped = {(r.engine, r.message) for r in results.runs if r.status == "skipped"}
+    console.print("\n[bold]engines against each other, parts of the range[/bold]")
+    console.print(table)
+    for engine, message in sorted(skipped):
+        console.print(f"  {engine} is left out: {message}", markup=False, highlight=False, style="dim", soft_wrap=True)
+    for run_ in results.runs:
+        if run_.verdict == "error":
+            console.print(f"  {run_.engine} failed: {run_.message}", markup=False, highlight=False, style="red")
+    console.print(f"\n{escape(sentence(results))}")
+
+
+def _versions(results: Results) -> list[str]:
+    return sorted({f"{e.name.partition('-')[0]} {e.version}" for e in results.engines if e.version})
