@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from flexinv.errors import ConvergenceError, FlexinvError, InputError, ModelWarning
     from flexinv.files.mechanism_file import load_mechanism
     from flexinv.files.urdf import from_urdf
+    from flexinv.forward import simulate
     from flexinv.mechanism import Mechanism
     from flexinv.modes import Modes, natural_modes
     from flexinv.motion import Motion
@@ -38,6 +39,7 @@ _HOME = {
     "load_mechanism": "files.mechanism_file",
     "natural_modes": "modes",
     "prepare": "prepared",
+    "simulate": "forward",
     "solve": "scheme",
     "solve_many": "batch",
     "statics": "rest",
@@ -60,6 +62,7 @@ __all__ = [
     "load_mechanism",
     "natural_modes",
     "prepare",
+    "simulate",
     "solve",
     "solve_many",
     "statics",

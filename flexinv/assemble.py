@@ -232,7 +232,7 @@ def _add_diagonal(t, d, nodes, count, tangent, dwrench):
 
 
 @jit_inner
-def gather(t, s, f, j, d, level, work, cv, ca, want_tangent):
+def gather(t, s, f, j, d, loads, work, cv, ca, want_tangent):
     """Bring wrenches of dependent nodes back to their blocks: residual (unknowns,) [N], [N m] and diagonal blocks."""
     for n in range(len(t.parent) - 1, -1, -1):
         b, m = t.block[n], t.parent[n]
@@ -245,7 +245,7 @@ def gather(t, s, f, j, d, level, work, cv, ca, want_tangent):
             continue
         _own_variation(n, t, columns, work)
         if t.freedoms[n] > 0:
-            _passive_rows(n, m, b, columns, t, s, f, d, level, work, cv, ca)
+            _passive_rows(n, m, b, columns, t, s, f, d, loads, work, cv, ca)
         if m >= 0:
             bring_back(n, m, f, j, work.wrench)
             bring_back_variation(n, m, columns, f, j, d, work.own_x, work.own_t, work.wrench, work.dwrench)
@@ -262,16 +262,17 @@ def _own_variation(n, t, columns, work):
 
 
 @jit_inner
-def _passive_rows(n, m, b, columns, t, s, f, d, level, work, cv, ca):
-    """Residual along passive freedoms: wrench on the axes + rotor, damping, friction and spring of the joint itself."""
+def _passive_rows(n, m, b, columns, t, s, f, d, loads, work, cv, ca):
+    """Residual along passive freedoms: wrench on the axes + rotor, damping, friction and spring of the joint, less its drive."""
     first, diagonal = t.offset[b] + t.column[n], work.diagonal[b]
     frame = mat(f.r[m]) if m >= 0 else UNIT
     force, moment = tapply(frame, vec(work.wrench[n])), vec_at(work.wrench[n], 3)
-    inverse = inverse_tangent(passive_psi(n, t, s, first))
+    inverse, level = inverse_tangent(passive_psi(n, t, s, first)), loads.level[0]
     for i in range(t.freedoms[n]):
         row, slide, turn = t.column[n] + i, vec(t.slide[n, i]), vec(t.turn[n, i])
         rate, soft = s.u[first + i], np.tanh(s.u[first + i] / FRICTION_RATE)
         own = t.rotor[n] * s.du[first + i] + t.damping[n] * rate + t.friction[n] * soft
+        own -= level * loads.effort[first + i]
         own += level * t.spring[n] * (s.place[first + i] + s.d[first + i] - t.rest[n])
         work.residual[0, first + i] = dot(slide, force) + dot(turn, moment) + own
         if columns == 0:

@@ -16,7 +16,7 @@ from flexinv.mesh import Mesh
 from flexinv.planar import PlanarMarch
 from flexinv.planar_march import Histories
 from flexinv.plane import NotPlanar, find_plane
-from flexinv.solver import Solver, Trajectory, record_instant
+from flexinv.solver import Efforts, Solver, Trajectory, record_instant
 from flexinv.starting import consistent_accelerations, equilibrium, instant, move_as_rigid, start_undeformed
 from flexinv.switching import Switching
 from flexinv.tree import Joints
@@ -44,6 +44,7 @@ def flexible_motion(
     progress: Progress | None = None,
     switching: Switching | None = None,
     every: int = 1,
+    efforts: Efforts | None = None,
 ) -> Trajectory:
     """Return the flexible trajectory over a uniform grid ``time`` (samples,) [s] of prescribed joint motion.
 
@@ -53,12 +54,14 @@ def flexible_motion(
     jumps : times [s] at which accelerations jump; there the accelerations are solved anew (right-hand limit)
     switching : the phases, where closures act for a while; it gathers what happens between them
     every : of so many steps one is kept, from the first on [-]: what memory a long march takes (1 with ``switching``)
+    efforts : time -> (samples, nv) [N m], [N] of the drives of passive joints, which their torque moves; none by default
 
     Raises ConvergenceError with the time, the size of the increment and what to try.
     """
     solver = Solver.of(mesh, passive or set())
     plane = find_plane(mesh)
-    flat = None if isinstance(plane, NotPlanar) else PlanarMarch.of(mesh, solver.topology, plane)
+    flat = None if isinstance(plane, NotPlanar) or efforts is not None else PlanarMarch.of(mesh, solver.topology, plane)
+    solver.efforts = efforts
     out = Trajectory.empty(len(time[::every]), mesh, solver.instant.multipliers.shape[1])
     switches = {} if switching is None else switching.samples
     if switching is not None:
@@ -124,9 +127,9 @@ def _march(
         status, sample, count, size = flat.march(scheme, q, qd, qdd, row, written)
     else:
         rel = Joints(*(np.ascontiguousarray(part) for part in relative_motion(solver.mesh, q, qd, qdd)))
-        table = load_table(solver.mesh, time)
+        table, drives = load_table(solver.mesh, time), solver.drives(time)
         whole = out.rows(steps[0], steps[-1] + 1) if every == 1 else out.of_length(len(steps))
-        status, sample, count, size = solver.march(scheme, rel, table, whole)
+        status, sample, count, size = solver.march(scheme, rel, table, drives, whole)
         if every > 1:
             out.put(row[row >= 0], whole, row >= 0)
     if status != CONVERGED:

@@ -25,6 +25,7 @@ class Loads(NamedTuple):
 
     node : (loads,); place : (loads, 3) [m] lever arm in the node's frame; follower : (loads,)
     wrench : (loads, 6) force [N] then moment [N m] now, in world axes or a follower's node axes
+    effort : (unknowns,) of the drives of torque-driven joints now [N m], [N]
     level : (1,) part of all loads, springs and gravity that acts [-]: 1, less while an equilibrium is approached
     """
 
@@ -32,16 +33,17 @@ class Loads(NamedTuple):
     place: Array
     follower: NDArray[np.bool_]
     wrench: Array
+    effort: Array
     level: Array
 
 
-def loads_of(mesh: Mesh) -> Loads:
-    """Return the given forces of a mechanism on its links, wrenches [N], [N m] still zero (`load_table` has them)."""
+def loads_of(mesh: Mesh, unknowns: int) -> Loads:
+    """Return the given forces of a mechanism on its links, wrenches [N], [N m] and efforts still zero."""
     forces = [f for f in mesh.mechanism.forces if attachment_node(mesh, f.at) >= 0]
     nodes = np.array([attachment_node(mesh, f.at) for f in forces], dtype=np.int64)
     place = np.array([f.at.placement.position for f in forces], dtype=float).reshape(-1, 3)
     follower = np.array([f.follower for f in forces], dtype=bool)
-    return Loads(nodes, place, follower, np.zeros((len(forces), 6)), np.ones(1))
+    return Loads(nodes, place, follower, np.zeros((len(forces), 6)), np.zeros(unknowns), np.ones(1))
 
 
 def load_table(mesh: Mesh, time: Array) -> Array:
@@ -54,6 +56,16 @@ def load_table(mesh: Mesh, time: Array) -> Array:
             turn = force.at.placement.rotation
             out[:, k] = np.hstack([out[:, k, :3] @ turn.T, out[:, k, 3:] @ turn.T])
     return out
+
+
+@jit_inner
+def set_loads(loads, wrenches, efforts):
+    """Set the wrenches (loads, 6) [N], [N m] and, where there are any, the drives' efforts (unknowns,) [N m], [N]."""
+    for k in range(len(loads.node)):
+        for i in range(6):
+            loads.wrench[k, i] = wrenches[k, i]
+    for i in range(len(efforts)):
+        loads.effort[i] = efforts[i]
 
 
 @jit_inner

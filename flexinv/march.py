@@ -11,7 +11,7 @@ from flexinv.border import solve_border
 from flexinv.compiled import jit, jit_inline, jit_inner
 from flexinv.eliminate import solve_tree
 from flexinv.integrate import ACCELERATION, DYNAMIC, STATIC, advance, correct, predict
-from flexinv.loads import add_loads
+from flexinv.loads import add_loads, set_loads
 from flexinv.pulls import Pulls, pull_rows, pull_sides, turn_arms
 from flexinv.ties import ACCELERATIONS as RATED
 from flexinv.ties import PULL, RATES, VALUES, Ties, add_ties, tie_rows, tie_sides
@@ -56,7 +56,7 @@ def evaluate(t, e, b, c, s, j, f, d, loads, work, want_tangent):
     if bad < 0:
         if want_tangent:
             turn_arms(t, b.pulls, b.ties, f, d, work.dwrench)
-        gather(t, s, f, j, d, level, work, c.cv, c.ca, want_tangent)
+        gather(t, s, f, j, d, loads, work, c.cv, c.ca, want_tangent)
         if want_tangent:
             tie_sides(t, b.ties, d, t.length, work.residual)
             pull_sides(t, b.pulls, b.ties, f, d)
@@ -128,14 +128,14 @@ def _hold_loose(t, diagonal):
 
 @jit
 def march(
-    t, e, b, c, rates, s, f, d, loads, work, y, rel, table, out, wrench, internal, energy, multipliers, iterations
-):
+    t, e, b, c, rates, s, f, d, loads, work, y, rel, table, efforts, out, wrench, internal, energy, multipliers, iterations
+):  # fmt: skip
     """Solve the instants of one chunk, in DYNAMIC mode step after step; fill the histories.
 
     With closures every step has two phases: positions that meet them (scheme c), and then the accelerations and multipliers
     that belong to that state (scheme ``rates``, index 1), which are what is recorded; the integrator goes on with its own.
 
-    rel : Joints with a leading sample axis; table : (samples, loads, 6) wrenches of the loads
+    rel : Joints with a leading sample axis; table : (samples, loads, 6) wrenches of loads; efforts : (samples, unknowns or 0)
     out : x, r, v, w, a, al (samples, nodes, ...); wrench : (samples, nodes, 6)
     internal : (samples, elements, points, 6); energy : (samples, 2); multipliers : (samples, rows); iterations : (samples,)
     Return status, sample reached, element or iterations, last relative increment [-].
@@ -143,7 +143,7 @@ def march(
     count, size = 0, 0.0
     for sample in range(rel.p.shape[0]):
         j = Joints(rel.p[sample], rel.dp[sample], rel.ddp[sample], rel.r[sample], rel.w[sample], rel.al[sample])
-        set_loads(loads, table[sample])
+        set_loads(loads, table[sample], efforts[sample])
         if c.mode == DYNAMIC:
             predict(c, s)
         for phase in range(2 if c.mode == DYNAMIC and any_acts(b.ties) else 1):
@@ -192,14 +192,6 @@ def any_acts(ties):
     for k in range(len(ties.a)):
         acts = acts or (ties.kind[k] != PULL and ties.acting[k])
     return acts
-
-
-@jit_inner
-def set_loads(loads, now):
-    """Set the wrenches of the loads (loads, 6) [N], [N m]."""
-    for k in range(len(loads.node)):
-        for i in range(6):
-            loads.wrench[k, i] = now[k, i]
 
 
 @jit_inner

@@ -19,13 +19,13 @@ from flexinv.integrate import generalized_alpha
 from flexinv.joint import JointHistory
 from flexinv.kinematics import Progress, flexible_motion
 from flexinv.loops import check_branch
-from flexinv.mechanism import Array, Joint, Mechanism
+from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import build
 from flexinv.motion import Motion
 from flexinv.passive import fill_passive
 from flexinv.rigid import rigid_motion
-from flexinv.samples import unit_quaternions
 from flexinv.solution import Solution
+from flexinv.starts import start_coordinates
 
 # A sampling grid longer than this is a mistake in `step` far more often than a wish.
 MOST_SAMPLES = 5_000_000
@@ -148,15 +148,7 @@ def _histories(
     rate: Mapping[str, ArrayLike],
 ) -> tuple[JointHistory, JointHistory]:
     """Joint motion with the passive joints at their start: left-hand limits at jumps, and right-hand ones."""
-    for label, given in (("start", start), ("start_rate", rate)):
-        for name in given:
-            if name not in passive:
-                raise InputError(
-                    f"{label}: joint {name!r} is not passive here (passive: {', '.join(sorted(passive)) or 'none'}); "
-                    "only unactuated joints that the motion leaves out take a start"
-                )
-    places = {name: _start_place(mechanism.joint_of[name], value) for name, value in start.items()}
-    rates = {name: _numbers("start_rate", name, value, (mechanism.joint_of[name].nv,)) for name, value in rate.items()}
+    places, rates = start_coordinates(mechanism, passive, start, rate)
 
     def joint_motion(time: Array, side: str) -> tuple[Array, Array, Array]:
         q, qd, qdd = motion.evaluate(mechanism, time, side)  # type: ignore[arg-type]
@@ -167,29 +159,6 @@ def _histories(
         return q, qd, qdd
 
     return (lambda time: joint_motion(time, "left")), (lambda time: joint_motion(time, "right"))
-
-
-def _start_place(joint: Joint, value: ArrayLike) -> Array:
-    """Coordinates (nq,) at which a passive joint starts; of a continuous joint an angle is enough."""
-    where = f"start: joint {joint.name!r}"
-    if joint.kind == "continuous":
-        place = _numbers("start", joint.name, value, (1, 2))
-        return np.array([np.cos(place[0]), np.sin(place[0])]) if place.size == 1 else place
-    place = _numbers("start", joint.name, value, (joint.nq,))
-    if joint.kind in ("spherical", "free"):
-        place[-4:] = unit_quaternions(place[-4:], where)
-    return place
-
-
-def _numbers(label: str, name: str, value: ArrayLike, counts: tuple[int, ...]) -> Array:
-    try:
-        numbers = np.atleast_1d(np.array(value, dtype=float))
-    except (TypeError, ValueError):
-        numbers = np.empty(0)
-    if numbers.ndim != 1 or numbers.size not in counts or not np.isfinite(numbers).all():
-        wanted = " or ".join(map(str, counts))
-        raise InputError(f"{label}: joint {name!r} takes {wanted} finite number{'s' * (counts != (1,))}, got {value!r}")
-    return numbers
 
 
 # ------------------------------------------------------------------------------------------------- error bars

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,9 @@ from flexinv.pulls import pulls
 from flexinv.system import ElementArrays, Topology, element_arrays, topology
 from flexinv.ties import ties
 from flexinv.tree import Frames, Joints, Variation
+
+# Efforts of the drives of torque-driven joints: time (samples,) [s] -> (samples, nv) [N m], [N].
+Efforts = Callable[[Array], Array]
 
 
 @dataclass(frozen=True)
@@ -90,6 +94,7 @@ class Solver:
     increment: Array
     border: Border
     instant: Trajectory
+    efforts: Efforts | None = None
 
     @classmethod
     def of(cls, mesh: Mesh, passive: set[str]) -> Solver:
@@ -102,22 +107,24 @@ class Solver:
         vector = [np.zeros((mesh.size, 3)) for _ in range(5)]
         frames = Frames(vector[0], np.zeros((mesh.size, 3, 3)), *vector[1:])
         variation = Variation(*(np.zeros((mesh.size, widest, 3)) for _ in range(6)))
-        loads, rows = loads_of(mesh), constraint_rows(mesh)
+        loads, rows = loads_of(mesh, unknowns), constraint_rows(mesh)
         tied = ties(rows, len(mesh.mechanism.springs), unknowns)
         border, sides = Border(tied, pulls(mesh, tied)), 1 + len(tied.a)
         work = _work(mesh, t, unknowns, widest, sides)
         increment, instant = np.zeros((sides, unknowns)), Trajectory.empty(1, mesh, len(rows))
         return cls(mesh, t, element_arrays(mesh), state, frames, variation, work, loads, increment, border, instant)
 
-    def march(self, scheme: Scheme, rel: Joints, table: Array, out: Trajectory) -> tuple[int, int, int, float]:
+    def march(
+        self, scheme: Scheme, rel: Joints, table: Array, efforts: Array, out: Trajectory
+    ) -> tuple[int, int, int, float]:
         """Solve the instants of ``rel`` (samples, nodes, ...) one after the other [m, rad, s], filling ``out``.
 
-        table : (samples, loads, 6) [N], [N m] of `loads.load_table`
+        table : (samples, loads, 6) [N], [N m] of `loads.load_table`; efforts : (samples, unknowns or 0) of drives
         Return status, samples done, iterations or element, last relative increment [-].
         """
         status, sample, count, size = march(
             self.topology, self.elements, self.border, scheme, ACCELERATIONS, self.state, self.frames, self.variation,
-            self.loads, self.work, self.increment, rel, table, Frames(*out.histories()[:6]), out.wrench, out.internal,
+            self.loads, self.work, self.increment, rel, table, efforts, Frames(*out.histories()[:6]), out.wrench, out.internal,
             out.energy, out.multipliers, out.iterations,
         )  # fmt: skip
         return int(status), int(sample), int(count), float(size)
@@ -125,7 +132,8 @@ class Solver:
     def newton(self, scheme: Scheme, joints: Joints) -> tuple[int, int, float]:
         """Solve one instant under the present loads; return status, iterations or element, last relative increment [-]."""
         now = self.loads.wrench[None].copy()
-        status, _, count, size = self.march(scheme, Joints(*(part[None] for part in joints)), now, self.instant)
+        same = np.empty((1, 0))
+        status, _, count, size = self.march(scheme, Joints(*(part[None] for part in joints)), now, same, self.instant)
         return status, count, size
 
     def collide(self, joints: Joints) -> Array:
@@ -137,8 +145,22 @@ class Solver:
         return self.border.ties.step[: self.instant.multipliers.shape[1]].copy()
 
     def load_at(self, time: float) -> None:
-        """Set the given forces [N], [N m] to what they are at a time [s]."""
-        self.loads.wrench[:] = load_table(self.mesh, np.array([time]))[0]
+        """Set the given forces [N], [N m] and the drives' efforts to what they are at a time [s]."""
+        now = np.array([time])
+        self.loads.wrench[:] = load_table(self.mesh, now)[0]
+        if self.efforts is not None:
+            self.loads.effort[:] = self.drives(now)[0]
+
+    def drives(self, time: Array) -> Array:
+        """Return the drives' efforts at ``time`` (samples,) [s] by the unknowns, (samples, unknowns) [N m], [N]; or (samples, 0)."""
+        if self.efforts is None:
+            return np.empty((len(time), 0))
+        t, efforts = self.topology, self.efforts(time)
+        out = np.zeros((len(efforts), len(t.scale)))
+        for n in np.flatnonzero(t.freedoms):
+            first, v = t.offset[t.block[n]] + t.column[n], self.mesh.v_index[n]
+            out[:, first : first + t.freedoms[n]] = efforts[:, v : v + t.freedoms[n]]
+        return out
 
     def complain(self, status: int, count: int, size: float, when: str) -> ConvergenceError:
         """Return the error that says where and how the solve failed (``size`` [-] of the last increment) and what to try."""

@@ -1,0 +1,122 @@
+"""simulate: torques become a motion, by the same model and the same march with every joint free."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexinv.applied import applied_forces
+from flexinv.closed import coordinates
+from flexinv.closed_beams import evaluated
+from flexinv.closures import constraint_rows
+from flexinv.errors import InputError
+from flexinv.evaluate import evaluate
+from flexinv.integrate import generalized_alpha
+from flexinv.joint import JointHistory
+from flexinv.kinematics import Progress, flexible_motion
+from flexinv.loops import closed_start
+from flexinv.mechanism import Array, Mechanism
+from flexinv.mesh import Mesh, build
+from flexinv.passive import fill_passive
+from flexinv.phases import acting, phases
+from flexinv.solution import Solution
+from flexinv.solver import Efforts
+from flexinv.starts import start_coordinates
+from flexinv.switching import Switching
+
+
+def simulate(
+    mechanism: Mechanism,
+    time: ArrayLike,
+    torque: ArrayLike,
+    step: float,
+    spectral_radius: float = 0.8,
+    initial: str = "consistent",
+    start: Mapping[str, ArrayLike] | None = None,
+    start_rate: Mapping[str, ArrayLike] | None = None,
+    progress: Progress | None = None,
+) -> Solution:
+    """Return the motion that torques of the drives give a mechanism, rigid, flexible or mixed, open or closed.
+
+    M a + f_elastic + f_velocity - m g = S tau(t), from ``time[0]`` to ``time[-1]``: `solve` with nothing prescribed, so that
+    ``simulate`` with the torque of `solve` gives its motion back, up to the time error of both (second order).
+
+    time : (n,) [s], increasing; torque : (n, actuated) [N m], [N], columns as in ``Solution.torque_names``, linear between
+    step : time step and spacing of the samples [s]; spectral_radius, initial : as in `solve` ("static": with the drives' first
+        efforts, which have to hold the mechanism)
+    start, start_rate : initial coordinates and rates of joints [rad], [m], [1/s], zero unless given; in loops the coordinates
+        are moved onto the closures
+    progress : called with the number of samples done since its last call
+
+    Raises InputError for input that cannot be, ConvergenceError (time, increment, advice) if Newton fails.
+    """
+    table = _table(mechanism, time, torque)
+    moves = {j.name for j in mechanism.joints if j.nv}
+    count = round((table[0][-1] - table[0][0]) / step) if step > 0 else 0
+    scheme = generalized_alpha(float(step), spectral_radius)
+    if count < 1:
+        raise InputError(
+            f"step = {step:g} s is longer than the torque's {table[0][-1] - table[0][0]:g} s: write a smaller step"
+        )
+    grid = table[0][0] + step * np.arange(count + 1)
+    settings: dict[str, float | int | str | bool] = {
+        "step": float(step), "spectral_radius": float(spectral_radius), "initial": initial, "incremental": False,
+    }  # fmt: skip
+    mesh = build(mechanism)
+    history = _start(mesh, start_coordinates(mechanism, moves, start or {}, start_rate or {}), moves, float(grid[0]))
+    efforts = _efforts(mechanism, table)
+    switching = Switching(phases(mechanism, grid)) if mechanism.closures else None
+    trajectory = flexible_motion(mesh, history, history, grid, scheme, moves, (), initial, progress, switching, efforts)
+    q, qd, qdd = history(grid)
+    if switching is not None:
+        return evaluated(mesh, trajectory, grid, (q, qd, qdd), moves, settings, switching)
+    fill_passive(mesh, trajectory.motion, moves, q, qd, qdd)
+    applied = applied_forces(mesh, trajectory.motion, grid)
+    return evaluate(mesh, trajectory, grid, q, qd, qdd, moves, settings, applied)
+
+
+def _table(mechanism: Mechanism, time: ArrayLike, torque: ArrayLike) -> tuple[Array, Array]:
+    at, values = np.asarray(time, dtype=float), np.asarray(torque, dtype=float)
+    names = [n for n, driven in zip(mechanism.velocity_names, mechanism.actuated, strict=True) if driven]
+    if at.ndim != 1 or len(at) < 2 or not np.isfinite(at).all() or (np.diff(at) <= 0).any():
+        raise InputError(f"simulate: time has shape {at.shape}, expected two or more times that increase [s]")
+    if values.shape != (len(at), len(names)) or not np.isfinite(values).all():
+        raise InputError(
+            f"simulate: torque has shape {values.shape}, expected finite numbers ({len(at)}, {len(names)}), a row for each time "
+            f"and a column for each drive of '{mechanism.name}': {', '.join(names) or 'none'}"
+        )
+    return at, values
+
+
+def _efforts(mechanism: Mechanism, table: tuple[Array, Array]) -> Efforts:
+    time, torque = table
+
+    def efforts(at: Array) -> Array:
+        out = np.zeros((len(at), mechanism.nv))
+        out[:, mechanism.actuated] = np.stack([np.interp(at, time, column) for column in torque.T], axis=1).reshape(
+            len(at), -1
+        )
+        return out
+
+    return efforts
+
+
+def _start(mesh: Mesh, given: tuple[dict[str, Array], dict[str, Array]], moves: set[str], first: float) -> JointHistory:
+    """Joints where they start, for all times: on the closures that act first."""
+    m, (places, rates) = mesh.mechanism, given
+    q, qd, qdd = m.neutral, np.zeros(m.nv), np.zeros(m.nv)
+    for name, value in places.items():
+        q[m.q_slices[name]] = value
+    for name, value in rates.items():
+        qd[m.v_slices[name]] = value
+    state = (q, qd, qdd)
+
+    def still(time: Array) -> tuple[Array, Array, Array]:
+        return np.tile(state[0], (len(time), 1)), np.tile(state[1], (len(time), 1)), np.tile(state[2], (len(time), 1))
+
+    if m.closures:
+        rows = constraint_rows(mesh).of(acting(m, first))
+        state = closed_start(mesh, still, first, coordinates(mesh, moves), rows)
+    return still
