@@ -68,7 +68,9 @@ def simulate(
     history = _start(mesh, start_coordinates(mechanism, moves, start or {}, start_rate or {}), moves, float(grid[0]))
     efforts = _efforts(mechanism, table)
     switching = Switching(phases(mechanism, grid)) if mechanism.closures else None
-    trajectory = flexible_motion(mesh, history, history, grid, scheme, moves, (), initial, progress, switching, efforts)
+    trajectory = flexible_motion(
+        mesh, history, history, grid, scheme, moves, (), initial, progress, switching, efforts=efforts
+    )
     q, qd, qdd = history(grid)
     if switching is not None:
         return evaluated(mesh, trajectory, grid, (q, qd, qdd), moves, settings, switching)

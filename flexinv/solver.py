@@ -152,7 +152,7 @@ class Solver:
             self.loads.effort[:] = self.drives(now)[0]
 
     def drives(self, time: Array) -> Array:
-        """Return the drives' efforts at ``time`` (samples,) [s] by the unknowns, (samples, unknowns) [N m], [N]; or (samples, 0)."""
+        """Return the drives' efforts at ``time`` (samples,) [s] by the unknowns, (samples, unknowns or 0) [N m], [N]."""
         if self.efforts is None:
             return np.empty((len(time), 0))
         t, efforts = self.topology, self.efforts(time)
