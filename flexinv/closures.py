@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.coordinates import Nodes
-from flexinv.inverse import NodalForces
+from flexinv.inverse import NodalForces, plain
 from flexinv.mechanism import CLOSURES, WORLD, Array, Attachment, Closure, Mechanism
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
@@ -207,7 +207,7 @@ def constraint_jacobian(mesh: Mesh, motion: NodalMotion, rows: Rows) -> Array:
         return np.empty((samples, 0, mesh.mechanism.nv))
     g = np.empty((samples, count, mesh.mechanism.nv))
     world = (motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha)
-    jacobians(nodes_of(mesh), row_arrays(rows), *(np.ascontiguousarray(part) for part in world), g)
+    jacobians(nodes_of(mesh), row_arrays(rows), *(plain(part) for part in world), g)
     return g
 
 

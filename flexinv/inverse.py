@@ -13,6 +13,7 @@ from flexinv.joint import joint_axes, joint_effort
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import VELOCITIES, Mesh
 from flexinv.nodal import NodalMotion
+from flexinv.sums import nodal_samples, sum_samples
 
 
 @dataclass(frozen=True)
@@ -46,10 +47,9 @@ def inverse_dynamics(
 
 def nodal_forces(mesh: Mesh, motion: NodalMotion, applied: NodalForces | None = None) -> NodalForces:
     """Return P = M (a - g) [N] and Q = R (J al + w x J w) [N m] at every node and sample, less applied loads."""
-    force = mesh.mass[:, None] * (motion.a - mesh.mechanism.gravity)  # (sample, node, xyz)
-    spin = np.einsum("nij,snj->sni", mesh.inertia, motion.omega)
-    body = np.einsum("nij,snj->sni", mesh.inertia, motion.alpha) + np.cross(motion.omega, spin)
-    moment = np.einsum("snij,snj->sni", motion.rotation, body)
+    force, moment = np.empty(motion.a.shape), np.empty(motion.a.shape)  # (sample, node, xyz)
+    moving = (plain(part) for part in (motion.rotation, motion.omega, motion.a, motion.alpha))
+    nodal_samples(mesh.mass, mesh.inertia, plain(mesh.mechanism.gravity), *moving, force, moment)
     if applied is not None:
         return NodalForces(force - applied.force, moment - applied.moment)
     return NodalForces(force, moment)
@@ -60,14 +60,14 @@ def joint_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> Noda
 
     F_n = P_n + sum F_c,   M_n = Q_n + sum (M_c + (x_c - x_n) x F_c)   over the children c: suffix sums along the tree.
     """
-    force, moment = forces.force.copy(), forces.moment.copy()
-    for node in range(mesh.size - 1, -1, -1):
-        parent = mesh.parent[node]
-        if parent >= 0:
-            arm = motion.x[:, node] - motion.x[:, parent]
-            force[:, parent] += force[:, node]
-            moment[:, parent] += moment[:, node] + np.cross(arm, force[:, node])
+    force, moment = np.array(forces.force, order="C"), np.array(forces.moment, order="C")
+    sum_samples(mesh.parent, plain(motion.x), force, moment)
     return NodalForces(force, moment)
+
+
+def plain(a: Array) -> Array:
+    """Return an array [any unit] as kernels take it, contiguous and writeable: itself, or a copy if it is not."""
+    return a if a.flags.c_contiguous and a.flags.writeable else np.array(a, order="C")
 
 
 def project(mesh: Mesh, motion: NodalMotion, wrenches: NodalForces) -> Array:

@@ -11,7 +11,7 @@ from loop_examples import loaded_tree
 
 import flexinv
 from flexinv.differences import differenced
-from flexinv.inverse import inverse_dynamics
+from flexinv.inverse import inverse_dynamics, joint_wrenches, nodal_forces
 from flexinv.mechanism import Body, Inertia, Joint, Link, Mechanism, Placement
 from flexinv.mesh import build
 from flexinv.rigid import rigid_motion
@@ -112,3 +112,31 @@ def test_samples_of_a_sprung_continuous_joint_stand_for_themselves() -> None:
     tau = flexinv.joint_torques(mechanism, q, still, still)
     alone = [flexinv.joint_torques(mechanism, *sample) for sample in zip(q, still, still, strict=True)]
     assert abs(tau - alone).max() < 1e-13 * abs(tau).max()  # rounding
+
+
+def test_nodal_forces_and_their_sums_are_those_of_the_definition() -> None:
+    """Every sample and node against NumPy; arrays that are read-only, or not in one piece, too."""
+    mesh = build(spatial_tree())
+    rng = np.random.default_rng(4)
+    motion = rigid_motion(mesh, *rng.normal(size=(3, 5, mesh.mechanism.nv)))
+    force = mesh.mass[:, None] * (motion.a - mesh.mechanism.gravity)
+    body = np.einsum("nij,snj->sni", mesh.inertia, motion.alpha)
+    body += np.cross(motion.omega, np.einsum("nij,snj->sni", mesh.inertia, motion.omega))
+    moment = np.einsum("snij,snj->sni", motion.rotation, body)
+    motion.a.flags.writeable = False
+    odd = replace(motion, x=np.asfortranarray(motion.x), omega=np.asfortranarray(motion.omega))
+    forces = nodal_forces(mesh, odd)
+    assert abs(forces.force - force).max() < 1e-14 * abs(force).max()  # rounding of a product
+    assert abs(forces.moment - moment).max() < 1e-14 * abs(moment).max()  # and of sums of nine
+    summed = joint_wrenches(mesh, odd, forces)
+    beyond = [[n] for n in range(mesh.size)]
+    for n in range(mesh.size - 1, 0, -1):
+        if mesh.parent[n] >= 0:
+            beyond[mesh.parent[n]] += beyond[n]
+    for n, nodes in enumerate(beyond):
+        arms = motion.x[:, nodes] - motion.x[:, [n]]
+        about = np.sum(moment[:, nodes] + np.cross(arms, force[:, nodes]), axis=1)
+        assert (
+            abs(summed.force[:, n] - force[:, nodes].sum(axis=1)).max() < 1e-13 * abs(force).max()
+        )  # sums of some tens
+        assert abs(summed.moment[:, n] - about).max() < 1e-13 * abs(summed.moment).max()
