@@ -23,6 +23,7 @@ from crosscheck.results import Results
 METRICS, BLESSED = "metrics.csv", "blessed.json"
 HEAD = ("mechanism", "case", "engine", "reference", "quantity", "unit", "fraction")
 HOW = 'crosscheck bless --reason "..."'
+UNBLESSED = "there is no blessed value for it yet"
 Key = tuple[str, ...]
 
 # Noise: how much worse a comparison may be on another machine or on another day without anything having changed.
@@ -101,7 +102,7 @@ def judged(row: Comparison, baseline: Baseline) -> Comparison:
         return row
     blessed = baseline.fractions.get(key(row))
     if blessed is None:
-        words = f"there is no blessed value for it yet: {HOW}"
+        words = f"{UNBLESSED}: {HOW}"
         return replace(row, verdict="unjudged", message=_joined(row.message, words))
     row = replace(row, blessed=blessed)
     slack = noise(blessed, row.limit)

@@ -91,7 +91,12 @@ def _value(name: tuple[str, ...], old: Row, new: Row) -> dict[str, Any]:
     return {
         "what": _name(name),
         **{"mechanism": name[0], "case": name[1], "before": old["fraction"], "after": new["fraction"]},
-        **{"before_verdict": old["verdict"], "after_verdict": new["verdict"], "message": new["message"]},
+        **{
+            "before_verdict": old["verdict"],
+            "after_verdict": new["verdict"],
+            "message": new["message"],
+            "before_message": old["message"],
+        },
     }
 
 

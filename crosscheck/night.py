@@ -72,7 +72,7 @@ def nightly(night: Nightly, notify: Notify, tell: Callable[[str], None]) -> tupl
         results = run(night.plan, night.engines, night.studies, night.options, folder, notify, night.command)
         results = baseline.apply(results, known, night.whole and results.finished)
         results = remember(database, night, failed(results, trouble), folder, tell)
-        keep(results, folder, night.reports / LATEST, database, tell)
+        keep(results, folder, None if night.label else night.reports / LATEST, database, tell)
     return results, folder
 
 
@@ -141,14 +141,18 @@ def remember(database: Any, night: Nightly, results: Results, folder: Path, tell
     return results
 
 
-def keep(results: Results, folder: Path, latest: Path, database: Any, tell: Callable[[str], None]) -> None:
-    """Write results, trends and pages, and exchange ``latest`` for a copy of the night; a full disk is told."""
+def keep(results: Results, folder: Path, latest: Path | None, database: Any, tell: Callable[[str], None]) -> None:
+    """Write results, trends and pages, and exchange ``latest`` for a copy of the night; a full disk is told.
+
+    latest : None of a night that is no ordinary one (the newest engines are not what the project stands for)
+    """
     try:
         store.write(results, folder / RESULTS)
         if database is not None:
             trends.write(database, folder)
         render(results, folder)
-        exchange(folder, latest)
+        if latest is not None:
+            exchange(folder, latest)
     except (OSError, history.HistoryError) as error:
         tell(f"the report could not be written: {error}; {LATEST} is as it was before")
         raise

@@ -101,5 +101,6 @@ def command(
     except OSError as error:
         raise Failure(f"the night could not be kept: {error}") from error
     console.print(f"[bold]{escape(sentence(results))}[/bold]")
-    console.print(f"report: {folder / 'index.html'}, also {reports / 'latest' / 'index.html'}", highlight=False)
+    also = "" if label else f", also {reports / 'latest' / 'index.html'}"
+    console.print(f"report: {folder / 'index.html'}{also}", highlight=False)
     sys.exit(results.exit_code)

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
+from crosscheck.baseline import UNBLESSED
 from crosscheck.compare import Comparison
 from crosscheck.limits import VERDICTS, Verdict, worst
 from crosscheck.results import CaseRow, Results, RunRow, StudyRow
@@ -24,7 +25,7 @@ MEANINGS: dict[str, str] = {
     "deviation": "compared, and farther apart than the limit allows",
     "error": "an engine or the harness failed: nothing is shown",
     "explained": "differs for a known cause, which the row names",
-    "unjudged": "compared, but no limit is stated (or it expired)",
+    "unjudged": "compared, but no limit is stated (or it expired), or nothing is blessed yet",
     "skipped": "the engine cannot do this; nothing is claimed",
 }
 
@@ -102,9 +103,11 @@ def sentence(results: Results) -> str:
     failed = sum(r.verdict == "error" for r in results.runs)
     broken = {(r.mechanism, r.case, r.engine) for r in results.runs if r.verdict == "error"}
     alone = [c for c in results.comparisons if c.verdict == "error" and not _engines(c) & broken]
+    bare = [c for c in results.comparisons if c.verdict == "unjudged" and UNBLESSED not in c.message]
     parts = [
         _count(tally["deviation"], "comparison deviates", "comparisons deviate"),
-        _count(tally["unjudged"], "comparison has no limit", "comparisons have no limit"),
+        _count(len(bare), "comparison has no limit", "comparisons have no limit"),
+        _count(tally["unjudged"] - len(bare), "comparison is not blessed yet", "comparisons are not blessed yet"),
         _count(len(alone), "comparison is impossible", "comparisons are impossible"),
         _count(failed, "run failed", "runs failed"),
         _count(sum(bool(c.problem) for c in results.cases), "model cannot be read", "models cannot be read"),
