@@ -16,6 +16,7 @@ from crosscheck.engines import flexinv as reference
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.exudyn_phases import Switching
 from crosscheck.record import Record, check
+from crosscheck.studies.switching import Excerpt
 from flexinv.files.case import Case, load_cases
 from flexinv.mechanism import Mechanism
 
@@ -26,6 +27,7 @@ CASES = {"two_arms": "carry", "walker": "walk"}
 COARSE = {"step": 2.5e-3, "error": False}
 NEAR = 1e-5
 QUANTITIES = ("torque", "tip", "reaction")
+SIX = ("A1", "A2", "A3", "B1", "B2", "B3")
 
 
 @cache
@@ -142,6 +144,13 @@ def test_joints_that_are_no_hinges_are_refused() -> None:
     turned = replace(case, motion=flexinv.Motion.point_to_point(ball, ball, 1.5))
     reason = exudyn.unsupported(replace(mechanism, joints=joints), turned, "exudyn-dae")
     assert reason == "where closures switch, joints with a motion are hinges or slides here; others: A3"
+
+
+def test_a_start_in_motion_is_refused() -> None:
+    mechanism, case, _ = model("two_arms")
+    late = replace(case, motion=Excerpt(case.motion.tracks, case.motion.duration, 0.2, frozenset(SIX)))
+    reason = exudyn.unsupported(mechanism, late, "exudyn-dae")
+    assert reason == "mechanisms that open and close start at rest here; in motion: A1, B1"
 
 
 @pytest.mark.slow

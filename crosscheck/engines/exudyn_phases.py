@@ -15,8 +15,8 @@ Efforts are shared out phase by phase (`exudyn_chain.shared`); the reactions of 
 
 and belong to the determinate components; wrenches of joints are not given.
 
-Tried otherwise: one integration after the other, each started where the one before has ended, leaves a transient of some 20
-steps after every start in motion (`exudyn_loops`); the walker's torso moves at every instant.
+One integration after the other, each started where the one before has ended, would have a transient of some 20 steps after
+every instant at which anything moves, as the walker's torso does: the engine takes no initial accelerations (`exudyn_lead`).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from crosscheck.budget import Family, limit_of, with_bars
-from crosscheck.engines import assembly, exudyn_chain, exudyn_closing, exudyn_loops, exudyn_spatial, phases
+from crosscheck.engines import assembly, exudyn_chain, exudyn_closing, exudyn_lead, exudyn_loops, exudyn_spatial, phases
 from crosscheck.engines.applied import closing, reactions
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.exudyn_frames import Array, effort_axes, joint_q
@@ -138,6 +138,8 @@ def unsupported(mechanism: Mechanism, case: Case) -> str | None:
         return f"where closures switch, joints with a motion are hinges or slides here; others: {', '.join(wrong)}"
     if hard := [c.name for c in mechanism.closures if c.impact != "error"]:
         return f"a jump of velocity rings in index 3; closures with an impact: {', '.join(hard)}"
+    if moving := [j.name for j in exudyn_lead.in_motion(mechanism, case)]:
+        return f"mechanisms that open and close start at rest here; in motion: {', '.join(moving)}"
     always = tuple(replace(c, active=()) for c in mechanism.closures)
     return exudyn_loops.unsupported(replace(mechanism, closures=always), case, DAE)
 
