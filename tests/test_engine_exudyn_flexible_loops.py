@@ -16,7 +16,17 @@ from crosscheck.engines.base import sample_times
 from crosscheck.record import Record, check
 from flexinv.files.case import Case, load_cases
 from flexinv.files.mechanism_file import load_mechanism
-from flexinv.mechanism import Attachment, Beam, Closure, Link, Mechanism, Section
+from flexinv.mechanism import (
+    Attachment,
+    Beam,
+    Closure,
+    Force,
+    Link,
+    Mechanism,
+    Placement,
+    Section,
+    Spring,
+)
 from flexinv.motion import Motion
 
 Array = NDArray[np.float64]
@@ -131,6 +141,47 @@ def test_damping_and_springs_in_passive_joints() -> None:
     other = ours.run(damped, case, "flexinv", {"error": False})
     assert off(b, other, "torque") < 2e-3
     assert off(run(mechanism, case, "exudyn-ge", 5e-4), other, "torque") > 1e-2
+
+
+def carrying() -> tuple[Mechanism, Case]:
+    """The closed phase of models/two_arms_flexible alone: two arms with flexible forearms carry a bar, six drives."""
+    mechanism = load_mechanism(MODELS / "two_arms_flexible")
+    case = load_cases(MODELS / "two_arms_flexible", mechanism)["carry"]
+    hands = [c for c in mechanism.closures if c.name in ("left", "right")]
+    held = tuple(replace(c, active=(), capture=False, impact="error") for c in hands)
+    time = np.linspace(0.0, 0.5, 101)
+    q = case.motion.evaluate(mechanism, 0.5 + time)[0]
+    given = {n: q[:, mechanism.q_slices[n]][:, 0] for n in case.motion.joints(mechanism)}
+    motion = Motion.from_samples(time, given, rest=True)
+    return replace(mechanism, closures=held), replace(case, motion=motion, end=0.5, sample=0.025, step=1e-3)
+
+
+def test_two_flexible_arms_carry_a_bar() -> None:
+    """Fixed and prismatic closures, passive slides, bodies without mass, and more drives than the rigid loop has freedoms."""
+    mechanism, case = carrying()
+    record, other = (
+        run(mechanism, case, "exudyn-ge", 5e-4, error=False),
+        ours.run(mechanism, case, "flexinv", {"error": False}),
+    )
+    for quantity in ("torque", "tip", "deflection", "axial", "wrench"):
+        assert off(record, other, quantity) < 5e-4, quantity  # measured 8e-5 with half of both steps
+
+
+def test_springs_and_forces_on_a_loop_with_a_beam() -> None:
+    """A spring and a force that hold on to the beam's middle, a force that follows a rigid link."""
+    mechanism, case = four_bar()
+    middle = Attachment("coupler", station=0.5)
+    spring = Spring("spring", Attachment("world", Placement(np.array([0.1, -0.3, 0.0]))), middle, 60.0, 0.2, 0.5)
+    push = np.array([[0.5, -0.4, 0.0, 0.0, 0.0, 0.05], [-0.2, 0.8, 0.0, 0.0, 0.0, -0.02]])
+    follower = Force("thrust", Attachment("rocker", Placement(np.array([0.2, 0.0, 0.0]))), 10 * push[:1], follower=True)
+    forces = (Force("load", middle, push, np.array([0.0, 0.1])), follower)
+    loaded = replace(mechanism, springs=(spring,), forces=forces)
+    record, other = run(loaded, case, "exudyn-ge", 5e-4), ours.run(loaded, case, "flexinv", {"error": False})
+    for quantity in QUANTITIES:
+        assert off(record, other, quantity) < 1e-3, quantity
+    for without in ({"springs": ()}, {"forces": forces[1:]}, {"forces": forces[:1]}):
+        wrong = run(replace(loaded, **without), case, "exudyn-ge", 1e-3, error=False)  # type: ignore[arg-type]
+        assert off(wrong, other, "torque") > 1e-2, without
 
 
 # -------------------------------------------------------------------------------------------------------- in space

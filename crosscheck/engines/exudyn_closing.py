@@ -165,9 +165,10 @@ def load(model: Model, mechanism: Mechanism, layout: Layout, marker: Marker, axe
         for kind, part in ((ForceLoad, slice(0, 3)), (Torque, slice(3, 6))):
             table = _table(force, part, axes(force))
             vector = table(None, 0.0, None)
-            model.mbs.AddLoad(
+            number = model.mbs.AddLoad(
                 kind(markerNumber=seat, loadVector=vector, bodyFixed=force.follower, loadVectorUserFunction=table)
             )
+            model.loads[number] = table
 
 
 def _table(force: Force, part: slice, axes: Array) -> Any:

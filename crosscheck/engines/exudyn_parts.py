@@ -22,6 +22,7 @@ class Model:
 
     mbs : the system (container keeps it alive); ground : its ground object
     body, node : object and node number of the body of a group; beam : node numbers along a beam
+    loads : user functions of loads that vary, by load number
     joint : object numbers of the connectors of a joint; lock : of what holds a beam's root; closure : of a closure's
     """
 
@@ -35,6 +36,7 @@ class Model:
     lock: dict[str, Any] = field(default_factory=dict)
     closure: dict[str, Any] = field(default_factory=dict)
     drivers: list[Driver] = field(default_factory=list)
+    loads: dict[Any, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -294,7 +294,7 @@ def run(d: Drawing, plan: Plan, q: Array, qd: Array) -> Outcome:
         rate = sign * qd[:, d.mechanism.v_slices[joint.name]][:, 0]
         offset, offset_t = _user_function(plan, angle - angle[0]), _user_function(plan, rate)
         d.model.drivers.append(Driver(d.model.joint[joint.name][1], offset, offset_t))
-    seen = solve(d.model.mbs, plan, d.model.drivers, *_sensors(d))
+    seen = solve(d.model.mbs, plan, d.model.drivers, *_sensors(d), d.model.loads)
     pose = {index: _pose(d, index, seen) for index in range(len(d.layout.groups))}
     return Outcome(
         pose=pose,

@@ -13,9 +13,10 @@ Jacobian is renewed once per step).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import exudyn as exu
@@ -146,14 +147,23 @@ def settings(plan: Plan) -> Any:
     return s
 
 
-def solve(mbs: Any, plan: Plan, drivers: list[Driver], motions: Sensors, reactions: Sensors) -> dict[Key, Array]:
+def solve(
+    mbs: Any,
+    plan: Plan,
+    drivers: list[Driver],
+    motions: Sensors,
+    reactions: Sensors,
+    loads: Mapping[Any, Any] = MappingProxyType({}),
+) -> dict[Key, Array]:
     """Integrate an assembled system and return what the sensors saw, (samples, components) each.
 
-    motions, reactions : sensors of states and of multipliers
+    motions, reactions : sensors of states and of multipliers; loads : user functions of loads, by number
     Raises ExudynFailure where Newton does not converge, the run stops early or a value is not finite.
     """
     solved(mbs, plan, drivers, motions, reactions)
-    resting = _static(mbs, plan, drivers, reactions) if plan.static_start else {}
+    resting = _static(mbs, plan, drivers, reactions, loads) if plan.static_start else {}
+    for number, load in loads.items():
+        mbs.SetLoadParameter(number, "loadVectorUserFunction", load)
     for driver in drivers:
         mbs.SetObjectParameter(driver.number, "offsetUserFunction", driver.offset)
         if driver.rate is not None:
@@ -171,13 +181,17 @@ def solve(mbs: Any, plan: Plan, drivers: list[Driver], motions: Sensors, reactio
     return {key: data[before::stride] for key, data in seen.items()}
 
 
-def _static(mbs: Any, plan: Plan, drivers: list[Driver], reactions: Sensors) -> dict[Key, Array]:
-    """Move the start to static equilibrium and return the reactions there.
+def _static(
+    mbs: Any, plan: Plan, drivers: list[Driver], reactions: Sensors, loads: Mapping[Any, Any]
+) -> dict[Key, Array]:
+    """Move the start to static equilibrium, with the loads of t = 0, and return the reactions there.
 
     The multipliers of the static solver have the opposite sign of those of the dynamic ones (1.13.6, measured).
     """
     for driver in drivers:
         mbs.SetObjectParameter(driver.number, "offsetUserFunction", 0)
+    for number in loads:
+        mbs.SetLoadParameter(number, "loadVectorUserFunction", 0)
     with _reasons(mbs, "staticSolver"):
         mbs.SolveStatic(settings(plan), updateInitialValues=True)
     return {key: -np.array(mbs.GetSensorValues(sensor), dtype=np.float64) for key, sensor in reactions.items()}

@@ -273,7 +273,7 @@ def run(d: Drawing, plan: Plan, q: Array) -> Outcome:
         own = joint_q(d.mechanism, joint, q)
         for number, rows in zip(d.model.joint[joint.name], _offsets(d, joint, own), strict=True):
             d.model.drivers.append(Driver(number, _user_function(plan, rows)))
-    seen = solve(d.model.mbs, plan, d.model.drivers, *_sensors(d))
+    seen = solve(d.model.mbs, plan, d.model.drivers, *_sensors(d), d.model.loads)
     pose = {index: _pose(d, index, seen) for index in range(len(d.layout.groups))}
     return Outcome(
         pose=pose,
