@@ -20,6 +20,7 @@ from flexinv.loops import closed_near, mobility
 from flexinv.mechanism import CLOSURES, Array, Link, Mechanism
 from flexinv.mesh import build
 from flexinv.modes import natural_modes
+from flexinv.plane import NotPlanar, find_plane
 from flexinv.scheme import solve as solve_motion
 from flexinv.solution import Solution
 
@@ -123,6 +124,10 @@ def info(model: Path) -> None:
     ):
         if len(table):
             click.echo(f"\n{title}\n{table.to_string(index=False, float_format=lambda x: f'{x:.6g}')}")
+    if mechanism.beams:
+        found = find_plane(build(mechanism))
+        where = f"in space: {found.reason}" if isinstance(found, NotPlanar) else "in a plane, three freedoms per node"
+        click.echo(f"\nbeams are solved {where}")
     for note in mechanism.notes:
         click.echo(f"\nnote: {note}")
     if cases:

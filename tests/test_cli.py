@@ -134,6 +134,12 @@ def test_info_shows_beams(root: Path, capsys: pytest.CaptureFixture[str]) -> Non
     printed = capsys.readouterr().out
     assert "total mass 0.0224 kg" in printed  # the paper's link
     assert "1 x order 4" in printed
+    assert "beams are solved in a plane" in printed
+
+
+def test_info_says_what_stands_out_of_the_plane(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["info", str(root / "models" / "spatial_arm")])
+    assert "beams are solved in space: " in capsys.readouterr().out
 
 
 def test_mass_of_a_tapered_beam_with_a_payload() -> None:
