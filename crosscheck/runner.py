@@ -12,12 +12,14 @@ import datetime
 import shutil
 import time as clock
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from crosscheck import results as store
+from crosscheck.attempts import Attempts
+from crosscheck.cluster import far, luggage, workers
 from crosscheck.compare import Comparison, Pair, compare, group
 from crosscheck.engines import Engine, missing
 from crosscheck.isolation import Attempt, Children, Ending, ask, run_engine
@@ -31,17 +33,23 @@ from crosscheck.studies import Study
 
 RESULTS = "results.json"
 OURS = ("series", "cases", "data", "assets", "studies", "trends")  # folders of a report: an older run's are removed
+KEPT = "attempts"  # folder of what engines gave, until the run has finished
 PAUSE = 2.0  # [s] between two writings of results.json at least
 DESCRIBE = 120.0  # [s] to import an engine and ask its version: a cold disk takes some ten seconds
 
 
 @dataclass(frozen=True)
 class Options:
-    """How to run: timeout [s] per engine and case, jobs at a time, options for the engines."""
+    """How to run: timeout [s] per engine and case, jobs at a time, options for the engines.
+
+    scheduler : address of a Dask cluster, "" for this machine; resume : take what an interrupted run left in the folder
+    """
 
     timeout: float = 900.0
     jobs: int = 1
     engine: Mapping[str, Any] = field(default_factory=dict)
+    scheduler: str = ""
+    resume: bool = False
 
 
 @dataclass(frozen=True)
@@ -72,27 +80,61 @@ def run(
 
     Ctrl-C ends every child; what did not run becomes an error that says so.
     """
-    _clear(out)
+    _clear(out, options.resume)
     state = _State(plan, engines, studies, options, out, notify, _opening(plan, engines, studies, options, command))
-    children = Children()
-    with ThreadPoolExecutor(max_workers=max(1, options.jobs)) as pool:
-        pending = {pool.submit(_do, job, options, children): job for job in state.jobs()}
+    kept, children = Attempts(out / KEPT), Children()
+    with workers(options.scheduler, options.jobs) as pool, ThreadPoolExecutor(max(1, options.jobs)) as here:
+        pending: dict[Future[Any], Job] = {}
         try:
-            _drain(pending, state)
-            pending = {pool.submit(_do, job, options, children): job for job in state.questions()}
-            _drain(pending, state)
+            for job in state.jobs():
+                if (found := _found(job, kept, options)) is not None:
+                    state.take(job, found)
+                else:
+                    pending[_submit(pool, job, options, children)] = job
+            _drain(pending, state, kept)
+            pending = {here.submit(_do, job, options, children): job for job in state.questions()}
+            _drain(pending, state, kept)
         except KeyboardInterrupt:
             children.stop()
-            pool.shutdown(wait=True, cancel_futures=True)
+            for future in pending:
+                future.cancel()
             state.interrupted(pending)
-    return state.finish()
+    results = state.finish()
+    if results.finished:
+        shutil.rmtree(out / KEPT, ignore_errors=True)
+    return results
 
 
-def _drain(pending: dict[Future[Any], Job], state: _State) -> None:
+def _submit(pool: Executor, job: Job, options: Options, children: Children) -> Future[Any]:
+    if options.scheduler:
+        return pool.submit(far, _do, job, luggage(job[1]), options)
+    return pool.submit(_do, job, options, children)
+
+
+def _found(job: Job, kept: Attempts, options: Options) -> Attempt | None:
+    """Return what an interrupted run left of a job, where that is wanted."""
+    kind, what, engine = job
+    return kept.find(what, engine.name, options.engine) if options.resume and kind == "run" else None
+
+
+def _drain(pending: dict[Future[Any], Job], state: _State, kept: Attempts) -> None:
     while pending:
         for future in wait(pending, return_when=FIRST_COMPLETED).done:
-            state.take(pending[future], future.result())
+            job = pending[future]
+            answer = _answer(future, job)
+            state.take(job, answer)
             del pending[future]
+            if job[0] == "run":
+                with contextlib.suppress(OSError):  # a full disk: then there is nothing to resume from
+                    kept.keep(job[1], job[2].name, answer, state.options.engine)
+
+
+def _answer(future: Future[Any], job: Job) -> Any:
+    """Return the answer of a job, or that it has none: the cluster lost it."""
+    try:
+        return future.result()
+    except Exception as error:
+        return _failed(job, error)
 
 
 def _do(job: Job, options: Options, children: Children) -> Any:
@@ -100,10 +142,14 @@ def _do(job: Job, options: Options, children: Children) -> Any:
     try:
         return _ask(job, options, children)
     except Exception as error:
-        words = f"the harness failed: {type(error).__name__}: {error}"
-        if job[0] == "run":
-            return Attempt(Record(engine=job[2].name, status="error", message=words))
-        return None, Ending("error", words, "", 0.0)
+        return _failed(job, error)
+
+
+def _failed(job: Job, error: Exception) -> Any:
+    words = f"the harness failed: {type(error).__name__}: {error}"
+    if job[0] == "run":
+        return Attempt(Record(engine=job[2].name, status="error", message=words))
+    return None, Ending("error", words, "", 0.0)
 
 
 def _ask(job: Job, options: Options, children: Children) -> Any:
@@ -344,9 +390,9 @@ def _opening(
     )
 
 
-def _clear(out: Path) -> None:
-    """Make the folder and remove what an older run wrote there; nothing else is touched."""
+def _clear(out: Path, resume: bool = False) -> None:
+    """Make the folder and remove what an older run wrote there, but for what can be resumed; nothing else is touched."""
     out.mkdir(parents=True, exist_ok=True)
     (out / RESULTS).unlink(missing_ok=True)
-    for name in OURS:
+    for name in OURS if resume else (*OURS, KEPT):
         shutil.rmtree(out / name, ignore_errors=True)

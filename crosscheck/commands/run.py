@@ -17,6 +17,7 @@ from crosscheck.engines import ENGINES
 from crosscheck.runner import RESULTS, Options, run
 from crosscheck.studies import STUDIES
 from crosscheck.terminal import JOBS, MODELS, PATTERNS, TIMEOUT, Failure, chosen, finish, plan_of, progress, terminated
+from flexinv.errors import InputError
 
 
 @click.command("run")
@@ -36,6 +37,10 @@ from crosscheck.terminal import JOBS, MODELS, PATTERNS, TIMEOUT, Failure, chosen
     type=click.Path(file_okay=False, path_type=Path),
     help="Folder of the blessed night: what is worse than there by more than noise deviates (see crosscheck bless).",
 )
+@click.option(
+    "--scheduler", default="", help="Address of a Dask scheduler, tcp://host:8786: engines run on its workers."
+)
+@click.option("--resume", is_flag=True, help="Take over what an interrupted run has left in the folder; run the rest.")
 @JOBS
 @TIMEOUT
 def command(
@@ -45,6 +50,8 @@ def command(
     studies: str,
     out: Path,
     baseline: Path | None,
+    scheduler: str,
+    resume: bool,
     jobs: int,
     timeout: float,
 ) -> NoReturn:
@@ -71,10 +78,19 @@ def command(
         known_good = blessed.find(baseline) if baseline is not None else None
     except blessed.BaselineError as error:
         raise Failure(str(error)) from error
-    with terminated(), progress(console) as notify:
-        results = run(
-            plan, wanted, tables, Options(timeout, jobs), out, notify, shlex.join(["crosscheck", *sys.argv[1:]])
-        )
+    try:
+        with terminated(), progress(console) as notify:
+            results = run(
+                plan,
+                wanted,
+                tables,
+                Options(timeout, jobs, scheduler=scheduler, resume=resume),
+                out,
+                notify,
+                shlex.join(["crosscheck", *sys.argv[1:]]),
+            )
+    except InputError as error:
+        raise Failure(str(error)) from error
     if known_good is not None:
         whole = results.finished and not names and len(wanted) == len(ENGINES)
         results = blessed.apply(results, known_good, whole)
