@@ -25,6 +25,9 @@ Array = NDArray[np.float64]
 # A signal that moves by less than this fraction of its own size is a holding torque: its size is its range (a motor of
 # 0.033 N m that varies by 1e-7 would otherwise be judged by that variation, which is interpolation error).
 STILL = 1e-3
+# Moments of 1e-15 N m beside forces of 10 N are no moments but the rounding of those forces times a length of some metres
+# (and the other way round): below this part of a quantity's largest value in any unit a group is zero.
+NOTHING = 1e-13
 # Quantities of which a part is not enough.  Of others an engine may know less (no wrench of a joint that it welded).
 WHOLE = ("torque",)
 
@@ -133,7 +136,7 @@ def _group(pair: Pair, quantity: str, unit: str, names: Sequence[str]) -> Compar
     measured = Measured(
         maximum=float(np.abs(errors[worst][at])),
         rms=float(np.sqrt(np.mean(errors[worst] ** 2))),
-        scale=signal_range([theirs[n].values for n in names]),
+        scale=scale_of(pair.reference, quantity, [theirs[n].values for n in names]),
         series=worst,
         time=float(pair.reference.time[at]),
         error_bar=error_bar(ours[worst], theirs[worst]),
@@ -216,6 +219,16 @@ def signal_range(signals: Sequence[Array]) -> float:
     spread = max(float(np.ptp(s)) for s in signals)
     size = max(float(np.abs(s).max()) for s in signals)
     return spread if spread > STILL * size else size
+
+
+def scale_of(reference: Record, quantity: str, signals: Sequence[Array]) -> float:
+    """Return what errors of a group are divided by: its range, or where it is zero but for rounding that of its quantity.
+
+    signals : each (samples,) [unit]; returns [unit]
+    """
+    own = signal_range(signals)
+    whole = max(float(np.abs(s.values).max()) for s in reference.series.values() if s.quantity == quantity)
+    return own if own > NOTHING * whole else whole
 
 
 def error_bar(ours: Series, theirs: Series) -> float | None:

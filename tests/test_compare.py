@@ -120,6 +120,25 @@ def test_of_wrenches_an_engine_may_give_a_part_and_the_row_says_so() -> None:
     assert moment.verdict == "skipped"
 
 
+def test_what_is_rounding_of_the_other_unit_is_measured_by_that() -> None:
+    """A closure that carries 10 N and, but for rounding, no moment: 1e-15 N m instead of 2e-15 N m is no deviation."""
+
+    def wrench(moment: float) -> np.ndarray:
+        return np.outer(np.sin(3.0 * TIME), [10.0, 0.0, 0.0, 0.0, 0.0, moment])
+
+    one = case(("wrench",), limit("wrench", 1e-9))
+
+    def verdicts(ours: float, theirs: float) -> list[str]:
+        pair = (
+            Record(n, time=TIME, series=wrench_series("j1", wrench(m))) for n, m in (("e", ours), ("flexinv", theirs))
+        )
+        return [r.verdict for r in rows(*pair, one)]
+
+    assert verdicts(2e-15, 1e-15) == ["within", "within"]
+    assert verdicts(1e-3, 1e-15) == ["within", "deviation"]  # a moment where there should be none
+    assert verdicts(2e-11, 1e-11) == ["within", "deviation"]  # small, and not rounding
+
+
 def test_a_series_in_another_unit_is_an_error() -> None:
     wrong = replace(record("e", LARGE), series=series("torque/j1", "N mm", LARGE[:, 0]))
     found = rows(wrong, record("flexinv", LARGE), case(("torque",), limit("torque", 1.0)))

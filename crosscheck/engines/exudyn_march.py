@@ -112,7 +112,8 @@ def coarsest(case: Case, wanted: float, times: int) -> float:
     """
     if not case.motion.jumps:
         return step_size(case.sample, wanted * times)
-    fewest = round(case.sample / step_size(case.sample, min(wanted, case.step) * times))
+    # After a jump the transient of some 20 steps has to be over within a sample: the finest run is no coarser than asked.
+    fewest = round(case.sample / step_size(case.sample, step_size(case.step, wanted) * times))
     for step in (case.sample / count for count in range(fewest, 2 * fewest)):
         parts = [jump / step for jump in case.motion.jumps if jump < case.end]
         if all(abs(part - round(part)) <= SAME_TIME * max(1.0, part) for part in parts):
