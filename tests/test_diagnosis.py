@@ -1,0 +1,96 @@
+"""Deviations are diagnosed in a process of their own, from records on disk: cause, size, repair, what would separate."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from crosscheck.causes.dictionary import DICTIONARY
+from crosscheck.causes.subject import Subject
+from crosscheck.certificate import Check
+from crosscheck.compare import Comparison
+from crosscheck.diagnosis import diagnose
+from crosscheck.engines import ENGINES, adapter
+from crosscheck.isolation import Children, ask
+from crosscheck.plan import discover
+from crosscheck.reasons import Question, diagnosis, questions
+from crosscheck.record import save
+from crosscheck.report.reasons import sheets, uncertified
+from crosscheck.results import CaseRow, Results, RunRow
+from flexinv.files.case import load_cases
+from flexinv.files.mechanism_file import load_mechanism
+
+MODELS = Path(__file__).resolve().parent.parent / "models"
+
+
+def harmed_question(folder: Path, place: str, cause: str, target: str, size: float) -> Question:
+    """Save what a harmed Pinocchio and flexinv give, and return what is asked of them."""
+    mechanism, case = place.split("/")
+    found = load_mechanism(MODELS / mechanism)
+    subject = Subject(found, load_cases(MODELS / mechanism, found)[case])
+    harmed = DICTIONARY[cause].change(subject, target, np.array([size]))
+    for name, one in (("pinocchio", harmed), ("flexinv", subject)):
+        save(adapter(ENGINES[name]).run(one.mechanism, one.case, name, {"error": False}), folder / name)
+    options = {"folder": str(MODELS / mechanism), "case": case, "engine": "pinocchio"}
+    stems = {"ours": str(folder / "pinocchio"), "theirs": str(folder / "flexinv")}
+    return Question((mechanism, case, "pinocchio", "flexinv"), options | stems)
+
+
+def test_a_cause_is_named_with_its_size_and_taken_out(tmp_path: Path) -> None:
+    asked = harmed_question(tmp_path, "double_pendulum/swing", "viscous damping", "knee", 0.05)
+    answer, ending = ask(asked.job, 120.0, Children())
+    assert ending.status == "ok", ending.printed
+    found = diagnosis(asked, answer, ending.message)
+    assert [one["cause"] for one in found.named] == ["viscous damping"]
+    assert found.words.startswith(
+        "the viscous damping of knee differs by 0.05 N m s/rad or N s/m: explains 99.99% of the"
+    )
+    assert " of the range remains of " in found.words
+    # The size is found to rounding, and so is what remains.
+    assert found.repaired is not None
+    assert found.repaired < 1e-12
+    assert found.separate == ""
+
+
+def test_causes_that_look_alike_come_with_what_tells_them_apart(tmp_path: Path) -> None:
+    asked = harmed_question(tmp_path, "rigid_one_link/cycloid", "mass scale", "", 0.1)
+    answer = diagnose(**asked.options)
+    assert {"mass scale", "effort scale"} <= {one["cause"] for one in answer["named"]}
+    assert "This motion cannot tell it from" in answer["words"]
+    assert answer["separate"]
+
+
+def test_only_deviations_of_the_torque_from_the_reference_are_asked_about(tmp_path: Path) -> None:
+    plan = discover(MODELS, ["double_pendulum/swing"])
+    here = ("double_pendulum", "swing")
+    runs = tuple(
+        RunRow(*here, engine, "ok", series=f"series/{engine}") for engine in ("flexinv", "pinocchio", "mujoco")
+    )
+    row = Comparison(*here, "pinocchio", "flexinv", "torque", "N m", "deviation", maximum=1.0, scale=2.0)
+    rows = (row, replace(row, engine="mujoco", verdict="within"), replace(row, engine="mujoco", quantity="tip"))
+    asked = questions(Results("now", runs=runs, comparisons=rows), plan, tmp_path)
+    assert [q.place for q in asked] == [(*here, "pinocchio", "flexinv")]
+    assert not questions(Results("now", runs=runs[:1], comparisons=rows), plan, tmp_path)  # its series was not saved
+
+
+def test_a_diagnosis_that_fails_says_so() -> None:
+    found = diagnosis(Question(("m", "c", "e", "flexinv"), {}), None, "stopped after the time limit of 1 s")
+    assert found.words == "not diagnosed: stopped after the time limit of 1 s"
+
+
+@pytest.mark.parametrize(
+    ("line", "verdict", "words"),
+    [
+        (Check("m", "c", "e", "total mass", "kg", True), "within", "holds"),
+        (Check("m", "c", "e", "total mass", "kg", False), "deviation", "another mechanism: total mass"),
+        (Check("m", "c", "e", "no certificate", "-", False, words="why"), "unjudged", "no certificate"),
+    ],
+)
+def test_dynamics_without_a_certificate_are_labelled(line: Check, verdict: str, words: str) -> None:
+    results = Results("now", certificates=(line,))
+    case = CaseRow("m", "c")
+    assert [(sheet.verdict, sheet.words) for sheet in sheets(results, case)] == [(verdict, words)]
+    assert uncertified(results, case) == ({} if verdict == "within" else {"e": words})
