@@ -182,6 +182,7 @@ def test_the_tutorial_of_the_readme(root: Path, tmp_path: Path, monkeypatch: pyt
         shown = done.output
         if line.startswith("verify"):
             assert "freedoms" in shown
+            assert re.search(r"^  move mujoco +holds$", shown, re.M)
             assert "wrote them into models/my_arm/cases.toml" in shown
             limits = tomllib.loads((tmp_path / "models" / "my_arm" / "cases.toml").read_text())["limits"]
             assert all("error bars" in limit["reason"] for limit in limits)

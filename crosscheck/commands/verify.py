@@ -17,6 +17,7 @@ from crosscheck.plan import Plan, Task
 from crosscheck.portrait import picture, portrait
 from crosscheck.proposals import propose, toml, write
 from crosscheck.report import render
+from crosscheck.report.reasons import sheets
 from crosscheck.report.words import sentence, short
 from crosscheck.results import Results, slug
 from crosscheck.runner import Options, run
@@ -52,7 +53,10 @@ def command(name: str, models: Path, engines: str, out: Path | None, writes: boo
     for task in plan.tasks:
         _explain(console, task, folder)
     results = _compare(plan, wanted, folder, Options(timeout, jobs))
+    _certify(console, results)
     _show(console, results)
+    for found in results.diagnoses:
+        console.print(f"  {found.engine}: {found.words}", markup=False, highlight=False, soft_wrap=True)
     today = datetime.date.today()
     proposals = propose(results.comparisons, today)
     source = f"crosscheck verify, {today.isoformat()}, {', '.join(_versions(results))}"
@@ -88,6 +92,15 @@ def _compare(plan: Plan, wanted: dict, folder: Path, options: Options) -> Result
         results = run(plan, wanted, (), options, folder, notify, shlex.join(["crosscheck", *sys.argv[1:]]))
     render(results, folder)
     return results
+
+
+def _certify(console: Console, results: Results) -> None:
+    """Say whether the engines' own models are the same mechanism, before their dynamics are compared."""
+    console.print("\n[bold]certificates: what the engines' own models say[/bold]")
+    for case in results.cases:
+        for sheet in sheets(results, case):
+            text = f"  {case.case} {sheet.engine:<16} {sheet.words}"
+            console.print(text, markup=False, highlight=False, style=COLOURS[sheet.verdict], soft_wrap=True)
 
 
 def _show(console: Console, results: Results) -> None:
