@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from flexinv.compiled import jit, jit_inner
 from flexinv.coordinates import move_nodes, step_coordinates
 from flexinv.mechanism import Array
-from flexinv.rows import jacobian, residual
+from flexinv.rows import geared, jacobian, residual
 
 # Newton ends with an increment below this, in radians or metres: its error is about the square, which is rounding.
 LAST_INCREMENT = 1e-9
@@ -142,7 +142,7 @@ def _equations(t, c, p, q, j, f):
     move_nodes(t, q, p.rest, p.rest, j, f)
     jacobian(t, c, f, p.g)
     for k in range(p.scale.shape[0]):
-        p.y[k] = residual(k, c, f)[0] / p.scale[k]
+        p.y[k] = (residual(k, c, f)[0] + geared(k, c, q, p.rest, p.rest)[0]) / p.scale[k]
         for i in range(p.unknown.shape[0]):
             p.a[k, i] = p.g[k, p.unknown[i]] / p.scale[k]
 
@@ -237,7 +237,7 @@ def rates(t, c, p, q, qd, qdd, condition, j, f):
         move_nodes(t, q[s], qd[s], qdd[s], j, f)
         jacobian(t, c, f, p.g)
         for k in range(p.scale.shape[0]):
-            p.y[k] = residual(k, c, f)[1]
+            p.y[k] = residual(k, c, f)[1] + geared(k, c, q[s], qd[s], qdd[s])[1]
             for i in range(p.unknown.shape[0]):
                 p.a[k, i] = p.g[k, p.unknown[i]]
         if not factor(p):
@@ -247,7 +247,7 @@ def rates(t, c, p, q, qd, qdd, condition, j, f):
             qd[s, p.unknown[i]] = -p.x[i]
         move_nodes(t, q[s], qd[s], qdd[s], j, f)
         for k in range(p.scale.shape[0]):
-            p.y[k] = residual(k, c, f)[2]
+            p.y[k] = residual(k, c, f)[2] + geared(k, c, q[s], qd[s], qdd[s])[2]
         solve_factored(p)
         for i in range(p.unknown.shape[0]):
             qdd[s, p.unknown[i]] = -p.x[i]

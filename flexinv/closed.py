@@ -51,6 +51,7 @@ def closed_solution(
     closing = closing_forces(motion, stretches, shares.multipliers) + acting
     trajectory = rigid_trajectory(mesh, q, qd, qdd, closing)
     solution = evaluate(mesh, trajectory, time, q, qd, qdd, set(), settings, closing, energy_jumps(time, impacts))
+    solution = geared(solution, shares.multipliers @ stretches[0].rows.gear)
     reaction = phased_reactions(mesh, motion, stretches, shares.multipliers)
     return replace(solution, loops=LoopForces(reaction, shares.preload, shares.condition, shares.left, tuple(impacts)))
 
@@ -160,6 +161,11 @@ def closing_forces(motion: NodalMotion, stretches: list[Stretch], multipliers: A
     """Return the nodal forces [N], [N m] of all closures' multipliers (samples, rows)."""
     parts = [row_forces(motion.samples(s.span), s.rows, multipliers[s.span]) for s in stretches]
     return NodalForces(np.concatenate([p.force for p in parts]), np.concatenate([p.moment for p in parts]))
+
+
+def geared(solution: Solution, efforts: Array) -> Solution:
+    """Return the solution less the efforts (samples, nv) [N m], [N] that couplings give joints in place of their drives."""
+    return replace(solution, torque_all=solution.torque_all - efforts, reaction=solution.reaction - efforts)
 
 
 def phased_reactions(mesh: Mesh, motion: NodalMotion, stretches: list[Stretch], multipliers: Array) -> dict[str, Array]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.applied import applied_forces
-from flexinv.closed import closing_forces, coordinates, energy_jumps, phased_reactions
+from flexinv.closed import closing_forces, coordinates, energy_jumps, geared, phased_reactions
 from flexinv.closures import constraint_rows
 from flexinv.errors import InputError
 from flexinv.evaluate import evaluate
@@ -84,6 +84,7 @@ def evaluated(
     closing = closing_forces(motion, stretches, trajectory.multipliers) + applied_forces(mesh, motion, time)
     brought = energy_jumps(time, switching.impacts)
     solution = evaluate(mesh, trajectory, time, q, qd, qdd, passive, settings, closing, brought)
+    solution = geared(solution, trajectory.multipliers @ stretches[0].rows.gear)
     reaction = phased_reactions(mesh, motion, stretches, trajectory.multipliers)
     none, unknown_condition, left = np.zeros((len(time), m.nv, 0)), np.full(len(time), np.nan), ~m.actuated
     loops = LoopForces(reaction, none, unknown_condition, solution.torque_all * left, tuple(switching.impacts))

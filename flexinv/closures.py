@@ -12,15 +12,16 @@ through the same sums along the tree as all nodal forces, G^T lambda = (L T) P_l
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.coordinates import Nodes
+from flexinv.errors import InputError
 from flexinv.inverse import NodalForces, plain
-from flexinv.mechanism import CLOSURES, WORLD, Array, Attachment, Closure, Mechanism
+from flexinv.mechanism import CLOSURES, COUPLED, WORLD, Array, Attachment, Closure, Mechanism
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
 from flexinv.rows import RowArrays, jacobians
@@ -33,6 +34,8 @@ class Rows:
     closure : (rows,) index into mechanism.closures; direction : (rows,) True for u . w, False for u . d
     a, b : (rows,) nodes, -1 the world; place_a, place_b : (rows, 3) [m] frame origins in the nodes' frames
     u, w : (rows, 3) [-] vectors in the nodes' frames
+    gear : (rows, nv) factors of a coupling, whose equation is sum gear q = offset; zero for all others
+    place : (nv,) index into q of the scalar coordinates, -1 for others
     """
 
     closure: NDArray[np.int64]
@@ -43,6 +46,9 @@ class Rows:
     place_b: Array
     u: Array
     w: Array
+    gear: Array
+    offset: Array
+    place: NDArray[np.int64]
 
     def __len__(self) -> int:
         """Number of constraints [-]."""
@@ -51,8 +57,8 @@ class Rows:
     def of(self, active: NDArray[np.bool_]) -> Rows:
         """Return the rows of the closures that are ``active`` (closures,)."""
         k = active[self.closure]
-        place_a, place_b, u, w = self.place_a[k], self.place_b[k], self.u[k], self.w[k]
-        return Rows(self.closure[k], self.direction[k], self.a[k], self.b[k], place_a, place_b, u, w)
+        parts = {f.name: getattr(self, f.name)[k] for f in fields(self) if f.name != "place"}
+        return replace(self, **parts)
 
 
 def constraint_rows(mesh: Mesh) -> Rows:
@@ -64,10 +70,47 @@ def constraint_rows(mesh: Mesh) -> Rows:
         for direction, u, w in _equations(closure):
             vectors = (first.position, second.position, first.rotation @ u, second.rotation @ w)
             table.append((index, direction, a, b, *vectors))
+        if closure.kind == "coupling":
+            table.append((index, True, -1, -1, *np.zeros((4, 3))))
     columns: list[tuple[Any, ...]] = list(zip(*table, strict=True)) if table else [()] * 8
     whole = [np.array(c, dtype=np.int64) for c in (columns[0], columns[2], columns[3])]
     place_a, place_b, u, w = (np.array(c, dtype=float).reshape(-1, 3) for c in columns[4:])
-    return Rows(whole[0], np.array(columns[1], dtype=bool), whole[1], whole[2], place_a, place_b, u, w)
+    directed = np.array(columns[1], dtype=bool)
+    return Rows(whole[0], directed, whole[1], whole[2], place_a, place_b, u, w, *_gears(mesh.mechanism, whole[0]))
+
+
+def _gears(m: Mechanism, closure: NDArray[np.int64]) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Factors and offset of every row's coupling, and where the scalar coordinates stand in q."""
+    gear, offset, place = np.zeros((len(closure), m.nv)), np.zeros(len(closure)), np.full(m.nv, -1, dtype=np.int64)
+    for joint in m.joints:
+        if joint.kind in COUPLED:
+            place[m.v_slices[joint.name].start] = m.q_slices[joint.name].start
+    for row, index in enumerate(closure):
+        offset[row] = m.closures[index].offset
+        for name, factor in m.closures[index].factors:
+            check_coupled(m, m.closures[index], name)
+            gear[row, m.v_slices[name].start] = factor
+    return gear, offset, place
+
+
+def check_coupled(m: Mechanism, closure: Closure, name: str) -> None:
+    """Raise InputError unless a coupling can tie the named joint's coordinate [rad], [m]."""
+    if name not in m.joint_of or m.joint_of[name].kind not in COUPLED:
+        known = ", ".join(j.name for j in m.joints if j.kind in COUPLED) or "none"
+        raise InputError(
+            f"closure '{closure.name}': a coupling ties revolute and prismatic joints ({known}), not {name!r}"
+        )
+    if closure.active:
+        raise InputError(f"closure '{closure.name}': a coupling acts all the time; leave its active intervals out")
+
+
+def coupling_residuals(rows: Rows, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
+    """Return sum gear q - offset [rad], [m] and its two rates, (samples, rows) each; zero for rows that are no couplings.
+
+    q : (samples, nq), qd, qdd : (samples, nv)
+    """
+    scalar = np.where(rows.place >= 0, q[:, rows.place], 0.0)
+    return scalar @ rows.gear.T - rows.offset, qd @ rows.gear.T, qdd @ rows.gear.T
 
 
 def captured(mechanism: Mechanism, original: Rows, now: Rows, motion: NodalMotion, which: NDArray[np.bool_]) -> Rows:
@@ -91,6 +134,8 @@ def _equations(closure: Closure) -> list[tuple[bool, Array, Array]]:
     """Rows (direction?, u in frame A, w in frame B) of one closure."""
     x, y, z = np.eye(3)
     across, also = _normals(closure.axis)
+    if closure.kind == "coupling":
+        return []
     position = {
         "prismatic": (across, also),
         "cylindrical": (across, also),
@@ -218,4 +263,5 @@ def nodes_of(mesh: Mesh) -> Nodes:
 
 def row_arrays(rows: Rows) -> RowArrays:
     """Return the rows [m], [-] as kernels take them."""
-    return RowArrays(rows.direction, rows.a, rows.b, rows.place_a, rows.place_b, rows.u, rows.w)
+    vectors = rows.place_a, rows.place_b, rows.u, rows.w
+    return RowArrays(rows.direction, rows.a, rows.b, *vectors, rows.gear, rows.offset, rows.place)

@@ -79,6 +79,7 @@ def flexible_motion(
                 progress(last - first)
         if switching is not None and stop in switches:
             q, qd, qdd = (part[0] for part in after(time[stop : stop + 1]))
+            solver.load_at(float(time[stop]), q, qd, qdd)
             switching.switch(solver, switches[stop], instant(mesh, q, qd, qdd), qd, float(time[stop]), out)
         elif stop in stops:
             if flat is not None:
@@ -91,7 +92,7 @@ def flexible_motion(
 def _begin(solver: Solver, history: JointHistory, time: Array, initial: str, out: Trajectory) -> None:
     q, qd, qdd = (part[0] for part in history(time[:1]))
     start_undeformed(solver, q, qd, qdd)
-    solver.load_at(float(time[0]))
+    solver.load_at(float(time[0]), q, qd, qdd)
     joints = instant(solver.mesh, q, qd, qdd)
     when = f"at the start, t = {time[0]:g} s"
     if initial == "static":
@@ -129,7 +130,7 @@ def _march(
         rel = Joints(*(np.ascontiguousarray(part) for part in relative_motion(solver.mesh, q, qd, qdd)))
         table, drives = load_table(solver.mesh, time), solver.drives(time)
         whole = out.rows(steps[0], steps[-1] + 1) if every == 1 else out.of_length(len(steps))
-        status, sample, count, size = solver.march(scheme, rel, table, drives, whole)
+        status, sample, count, size = solver.march(scheme, rel, table, drives, solver.given(q, qd, qdd), whole)
         if every > 1:
             out.put(row[row >= 0], whole, row >= 0)
     if status != CONVERGED:
@@ -140,8 +141,8 @@ def _restart(solver: Solver, history: JointHistory, time: Array, sample: int, ou
     """Solve the accelerations anew where those of the task jump, and record their right-hand limit."""
     s = solver.state
     s.u[:], s.du[:] = s.u0, s.du0
-    solver.load_at(float(time[sample]))
     q, qd, qdd = (part[0] for part in history(time[sample : sample + 1]))
+    solver.load_at(float(time[sample]), q, qd, qdd)
     consistent_accelerations(solver, instant(solver.mesh, q, qd, qdd), f"at t = {time[sample]:g} s")
     if sample % every == 0:
         record_instant(solver, sample // every, out)

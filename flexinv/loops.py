@@ -14,7 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.branch import CLOSED, LARGEST_SURPRISE, LAST_INCREMENT, MOST_ITERATIONS, Problem, follow, rates
-from flexinv.closures import Rows, constraint_jacobian, constraint_rows, nodes_of, residuals, row_arrays
+from flexinv.closures import (
+    Rows,
+    constraint_jacobian,
+    constraint_rows,
+    coupling_residuals,
+    nodes_of,
+    residuals,
+    row_arrays,
+)
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.joint import JointHistory
 from flexinv.manifold import moved
@@ -145,7 +153,8 @@ def closed_start(
     for order, rate in ((1, qd), (2, qdd)):
         motion = rigid_motion(mesh, q[None], qd[None], qdd[None])
         g = constraint_jacobian(mesh, motion, rows)[0][:, unknown]
-        rate[unknown] -= np.linalg.lstsq(g, residuals(motion, rows)[order][0], rcond=REDUNDANT)[0]
+        open_ = residuals(motion, rows)[order] + coupling_residuals(rows, q[None], qd[None], qdd[None])[order]
+        rate[unknown] -= np.linalg.lstsq(g, open_[0], rcond=REDUNDANT)[0]
     return q, qd, qdd
 
 
@@ -172,8 +181,10 @@ def _doubtful_rates(
     g = constraint_jacobian(mesh, motion, rows)[:, :, unknown]
     inverse = np.linalg.pinv(g, rcond=REDUNDANT)
     _check_condition(mesh.mechanism, g, time)
-    qd[:, unknown] = -np.einsum("sur,sr->su", inverse, residuals(motion, rows)[1])
-    qdd[:, unknown] = -np.einsum("sur,sr->su", inverse, residuals(rigid_motion(mesh, q, qd, qdd), rows)[2])
+    rate = residuals(motion, rows)[1] + coupling_residuals(rows, q, qd, qdd)[1]
+    qd[:, unknown] = -np.einsum("sur,sr->su", inverse, rate)
+    second = residuals(rigid_motion(mesh, q, qd, qdd), rows)[2] + coupling_residuals(rows, q, qd, qdd)[2]
+    qdd[:, unknown] = -np.einsum("sur,sr->su", inverse, second)
     return qd, qdd
 
 
@@ -226,7 +237,8 @@ class _Follower:
         motion = rigid_motion(self.mesh, q[None], rest, rest)
         scale = np.where(self.rows.direction, 1.0, self.mesh.length)
         g = constraint_jacobian(self.mesh, motion, self.rows)[0]
-        return residuals(motion, self.rows)[0][0] / scale, g / scale[:, None]
+        phi = residuals(motion, self.rows)[0] + coupling_residuals(self.rows, q[None], rest, rest)[0]
+        return phi[0] / scale, g / scale[:, None]
 
     def solve(self, q: Array) -> Array | None:
         """Newton from a guess; None if the loops do not close."""

@@ -14,7 +14,7 @@ from flexinv.integrate import ACCELERATION, DYNAMIC, STATIC, advance, correct, p
 from flexinv.loads import add_loads, set_loads
 from flexinv.pulls import Pulls, pull_rows, pull_sides, turn_arms
 from flexinv.ties import ACCELERATIONS as RATED
-from flexinv.ties import PULL, RATES, VALUES, Ties, add_ties, tie_rows, tie_sides
+from flexinv.ties import PULL, RATES, VALUES, Ties, add_gears, add_ties, tie_rows, tie_sides
 from flexinv.tree import Joints
 from flexinv.vectors import mat, put, put_block, vec
 
@@ -49,7 +49,7 @@ def evaluate(t, e, b, c, s, j, f, d, loads, work, want_tangent):
     place(t, s, j, f, d, c.cv, c.ca, want_tangent)
     node_wrenches(t, f, d, level, work, want_tangent)
     add_loads(t, f, d, loads, work, want_tangent)
-    tie_rows(b.ties, f, RATED if c.mode == ACCELERATION else VALUES)
+    tie_rows(b.ties, s, f, RATED if c.mode == ACCELERATION else VALUES)
     pull_rows(b.pulls, b.ties, f, level)
     add_ties(b.ties, work.wrench)
     bad = add_elements(t, e, f, d, work, want_tangent)
@@ -57,6 +57,7 @@ def evaluate(t, e, b, c, s, j, f, d, loads, work, want_tangent):
         if want_tangent:
             turn_arms(t, b.pulls, b.ties, f, d, work.dwrench)
         gather(t, s, f, j, d, loads, work, c.cv, c.ca, want_tangent)
+        add_gears(b.ties, work.residual)
         if want_tangent:
             tie_sides(t, b.ties, d, t.length, work.residual)
             pull_sides(t, b.pulls, b.ties, f, d)
@@ -128,7 +129,7 @@ def _hold_loose(t, diagonal):
 
 @jit
 def march(
-    t, e, b, c, rates, s, f, d, loads, work, y, rel, table, efforts, out, wrench, internal, energy, multipliers, iterations
+    t, e, b, c, rates, s, f, d, loads, work, y, rel, table, efforts, given, out, wrench, internal, energy, multipliers, iterations
 ):  # fmt: skip
     """Solve the instants of one chunk, in DYNAMIC mode step after step; fill the histories.
 
@@ -144,6 +145,7 @@ def march(
     for sample in range(rel.p.shape[0]):
         j = Joints(rel.p[sample], rel.dp[sample], rel.ddp[sample], rel.r[sample], rel.w[sample], rel.al[sample])
         set_loads(loads, table[sample], efforts[sample])
+        set_given(b.ties, given[sample])
         if c.mode == DYNAMIC:
             predict(c, s)
         for phase in range(2 if c.mode == DYNAMIC and any_acts(b.ties) else 1):
@@ -170,7 +172,7 @@ def collide(t, e, b, rates, s, j, f, d, loads, work, y):
     M du - G^T Lambda = 0,  G (u + du) = 0: impulses Lambda [N s], [N m s] are left in ties.step.
     """
     evaluate(t, e, b, rates, s, j, f, d, loads, work, True)
-    tie_rows(b.ties, f, RATES)
+    tie_rows(b.ties, s, f, RATES)
     _weigh_massless(t, work.diagonal)
     for i in range(y.shape[1]):
         work.residual[0, i] = 0.0
@@ -192,6 +194,14 @@ def any_acts(ties):
     for k in range(len(ties.a)):
         acts = acts or (ties.kind[k] != PULL and ties.acting[k])
     return acts
+
+
+@jit_inner
+def set_given(ties, given):
+    """Set what joints with a motion add to the equations of couplings (rows or 0, 3) [rad], [m] and rates."""
+    for k in range(given.shape[0]):
+        for i in range(3):
+            ties.given[k, i] = given[k, i]
 
 
 @jit_inner

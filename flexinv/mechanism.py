@@ -192,7 +192,12 @@ CLOSURES: dict[str, int] = {
     "universal": 4,
     "spherical": 3,
     "point-on-line": 2,
+    "coupling": 1,
 }
+
+
+# Joints that a coupling may tie: those whose coordinate is one number that counts whole turns.
+COUPLED = ("revolute", "prismatic")
 
 
 @dataclass(frozen=True)
@@ -206,7 +211,7 @@ class Attachment:
 
 @dataclass(frozen=True)
 class Closure:
-    """A joint that closes a loop: it ties the second frame to the first as a joint of its kind would.
+    """A joint that closes a loop: it ties the second frame to the first as a joint of its kind would; or a gear between joints.
 
     kind : a key of ``CLOSURES``
     axis : (3,) [-], unit, in both frames: the free axis of a revolute, prismatic or cylindrical closure, the line of
@@ -215,6 +220,8 @@ class Closure:
     active : intervals (start, end) [s] in which it acts; empty: always
     capture : it ties the frames where they stand when it begins to act, as a hand that grasps; False: they must have met
     impact : what happens when it begins to act on frames that move against each other: a key of ``IMPACTS``
+    factors : of a coupling, which ties coordinates of revolute and prismatic joints and no frames (both on the world):
+        sum factor q = offset, joint names and factors [-], [rad/m]; offset [rad] or [m]
     """
 
     name: str
@@ -226,6 +233,8 @@ class Closure:
     active: tuple[tuple[float, float], ...] = ()
     capture: bool = False
     impact: str = "error"
+    factors: tuple[tuple[str, float], ...] = ()
+    offset: float = 0.0
 
 
 # What a closure does that begins to act on frames in relative motion: refuse, or stop it at once (perfectly plastic).

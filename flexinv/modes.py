@@ -122,7 +122,7 @@ def _rest(solver: Solver, q: Array) -> Joints:
     """Bring the solver to the rest position: of a tree with all joints held, of a loop with its free joints free."""
     mesh, nothing = solver.mesh, np.zeros(solver.mesh.mechanism.nv)
     start_undeformed(solver, q, nothing, nothing)
-    solver.load_at(0.0)
+    solver.load_at(0.0, q, nothing, nothing)
     joints = instant(mesh, q, nothing, nothing)
     if mesh.mechanism.is_rigid:
         _load_ties(solver, joints)
@@ -130,7 +130,7 @@ def _rest(solver: Solver, q: Array) -> Joints:
     held = solver if mesh.mechanism.closures else Solver.of(mesh, set())
     if held is not solver:
         start_undeformed(held, q, nothing, nothing)
-        held.load_at(0.0)
+        held.load_at(0.0, q, nothing, nothing)
     found = equilibrium(held, q, "rest position for modes")
     status, iterations, size = held.newton(STATICS, found)
     if status != CONVERGED:

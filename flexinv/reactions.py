@@ -14,10 +14,12 @@ from flexinv.nodal import NodalMotion
 def closure_reactions(mesh: Mesh, motion: NodalMotion, rows: Rows, multipliers: Array) -> dict[str, Array]:
     """Return the wrench of each closure on its second link, at its frame there and in its axes, (samples, 6) [N], [N m].
 
-    multipliers : (samples, rows) of the closures, or of their impulses
+    multipliers : (samples, rows) of the closures, or of their impulses.  A coupling ties no frames: it has no wrench.
     """
     out = {}
     for index, closure in enumerate(mesh.mechanism.closures):
+        if closure.kind == "coupling":
+            continue
         own = np.where(rows.closure == index, multipliers, 0.0)
         end, node = (closure.second, 1) if closure.second.link != WORLD else (closure.first, -1)
         out[closure.name] = node * _at_frame(motion, row_forces(motion, rows, own), rows, index, end)

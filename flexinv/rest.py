@@ -78,10 +78,10 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     switching = Switching(phases(loaded, now))
     solver = Solver.of(mesh, passive)
     switching.begin(solver)
-    solver.load_at(0.0)
     if mechanism.closures:
         rows = constraint_rows(mesh).of(switching.phases[0].active)
         at = closed_start(mesh, still, 0.0, coordinates(mesh, passive), rows)[0]
+    solver.load_at(0.0, at, rest[0], rest[0])
     start_undeformed(solver, at, rest[0], rest[0])
     joints = equilibrium(solver, at, "statics")
     status, count, size = solver.newton(STATICS, joints)

@@ -24,6 +24,9 @@ class RowArrays(NamedTuple):
     place_b: Array
     u: Array
     w: Array
+    gear: Array
+    offset: Array
+    place: NDArray[np.int64]
 
 
 @jit_inner
@@ -64,6 +67,18 @@ def residual(k, c, f):
 
 
 @jit_inner
+def geared(k, c, q, qd, qdd):
+    """Return what a coupling of joint coordinates adds to row k: sum gear q - offset [rad], [m], and its two rates."""
+    phi, rate, second = -c.offset[k], 0.0, 0.0
+    for i in range(c.place.shape[0]):
+        if c.gear[k, i] != 0.0:
+            phi += c.gear[k, i] * q[c.place[i]]
+            rate += c.gear[k, i] * qd[i]
+            second += c.gear[k, i] * qdd[i]
+    return phi, rate, second
+
+
+@jit_inner
 def _add_path(t, f, node, force, moment, out):
     """Add the joint efforts of a wrench on a node, moment about it (world), along the path to the root."""
     n = node
@@ -89,7 +104,8 @@ def _add_path(t, f, node, force, moment, out):
 def jacobian(t, c, f, g):
     """Set G (rows, nv) [m/rad], [-], phi' = G qd: each row is the joint efforts of a unit multiplier."""
     for k in range(c.a.shape[0]):
-        g[k, :] = 0.0
+        for i in range(c.place.shape[0]):
+            g[k, i] = c.gear[k, i]
         (u, _, _), (w, _, _) = _vectors(k, c, f)
         if c.direction[k]:
             none = (0.0, 0.0, 0.0)

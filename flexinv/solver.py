@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.assemble import State, Work
 from flexinv.beam import Scratch
-from flexinv.closures import constraint_rows
+from flexinv.closures import constraint_rows, coupling_residuals
 from flexinv.errors import ConvergenceError
 from flexinv.integrate import ACCELERATIONS, Scheme
 from flexinv.loads import Loads, load_table, loads_of
@@ -79,6 +79,16 @@ class Trajectory:
         )  # fmt: skip
 
 
+def by_unknown(mesh: Mesh, t: Topology) -> Array:
+    """Return (nv, unknowns) [-]: 1 where an unknown of the march is a coordinate of a passive joint."""
+    out = np.zeros((mesh.mechanism.nv, len(t.scale)))
+    for n in np.flatnonzero(t.freedoms):
+        first, v = t.offset[t.block[n]] + t.column[n], mesh.v_index[n]
+        for k in range(t.freedoms[n]):
+            out[v + k, first + k] = 1.0
+    return out
+
+
 @dataclass
 class Solver:
     """All arrays of the implicit solve of one mesh, allocated once."""
@@ -108,32 +118,33 @@ class Solver:
         frames = Frames(vector[0], np.zeros((mesh.size, 3, 3)), *vector[1:])
         variation = Variation(*(np.zeros((mesh.size, widest, 3)) for _ in range(6)))
         loads, rows = loads_of(mesh, unknowns), constraint_rows(mesh)
-        tied = ties(rows, len(mesh.mechanism.springs), unknowns)
+        tied = ties(rows, len(mesh.mechanism.springs), by_unknown(mesh, t))
         border, sides = Border(tied, pulls(mesh, tied)), 1 + len(tied.a)
         work = _work(mesh, t, unknowns, widest, sides)
         increment, instant = np.zeros((sides, unknowns)), Trajectory.empty(1, mesh, len(rows))
         return cls(mesh, t, element_arrays(mesh), state, frames, variation, work, loads, increment, border, instant)
 
     def march(
-        self, scheme: Scheme, rel: Joints, table: Array, efforts: Array, out: Trajectory
+        self, scheme: Scheme, rel: Joints, table: Array, efforts: Array, given: Array, out: Trajectory
     ) -> tuple[int, int, int, float]:
         """Solve the instants of ``rel`` (samples, nodes, ...) one after the other [m, rad, s], filling ``out``.
 
         table : (samples, loads, 6) [N], [N m] of `loads.load_table`; efforts : (samples, unknowns or 0) of drives
+        given : (samples, rows or 0, 3) of `given`
         Return status, samples done, iterations or element, last relative increment [-].
         """
         status, sample, count, size = march(
             self.topology, self.elements, self.border, scheme, ACCELERATIONS, self.state, self.frames, self.variation,
-            self.loads, self.work, self.increment, rel, table, efforts, Frames(*out.histories()[:6]), out.wrench, out.internal,
-            out.energy, out.multipliers, out.iterations,
+            self.loads, self.work, self.increment, rel, table, efforts, given,
+            Frames(*out.histories()[:6]), out.wrench, out.internal, out.energy, out.multipliers, out.iterations,
         )  # fmt: skip
         return int(status), int(sample), int(count), float(size)
 
     def newton(self, scheme: Scheme, joints: Joints) -> tuple[int, int, float]:
         """Solve one instant under the present loads; return status, iterations or element, last relative increment [-]."""
         now = self.loads.wrench[None].copy()
-        same = np.empty((1, 0))
-        status, _, count, size = self.march(scheme, Joints(*(part[None] for part in joints)), now, same, self.instant)
+        same, one = (np.empty((1, 0)), np.empty((1, 0, 3))), Joints(*(part[None] for part in joints))
+        status, _, count, size = self.march(scheme, one, now, *same, self.instant)
         return status, count, size
 
     def collide(self, joints: Joints) -> Array:
@@ -144,23 +155,35 @@ class Solver:
         )  # fmt: skip
         return self.border.ties.step[: self.instant.multipliers.shape[1]].copy()
 
-    def load_at(self, time: float) -> None:
-        """Set the given forces [N], [N m] and the drives' efforts to what they are at a time [s]."""
+    def load_at(self, time: float, q: Array, qd: Array, qdd: Array) -> None:
+        """Set the given forces [N], [N m], the drives' efforts and the given part of couplings to what they are at a time [s].
+
+        q (nq,), qd, qdd (nv,) of the joints with a motion [rad], [m], [1/s]
+        """
+        given = self.given(q[None], qd[None], qdd[None])[0]
+        self.border.ties.given[: len(given)] = given
         now = np.array([time])
         self.loads.wrench[:] = load_table(self.mesh, now)[0]
         if self.efforts is not None:
             self.loads.effort[:] = self.drives(now)[0]
 
+    def given(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """Return what joints with a motion add to the equations of couplings, (samples, rows or 0, 3) [rad], [m] and rates.
+
+        q : (samples, nq), qd, qdd : (samples, nv)
+        """
+        rows = constraint_rows(self.mesh)
+        if not rows.gear.any():
+            return np.empty((len(q), 0, 3))
+        moved = by_unknown(self.mesh, self.topology).any(axis=1)
+        of_given = replace(rows, gear=np.where(moved, 0.0, rows.gear))
+        return np.stack(coupling_residuals(of_given, q, qd, qdd), axis=2)  # (sample, row, rate)
+
     def drives(self, time: Array) -> Array:
         """Return the drives' efforts at ``time`` (samples,) [s] by the unknowns, (samples, unknowns or 0) [N m], [N]."""
         if self.efforts is None:
             return np.empty((len(time), 0))
-        t, efforts = self.topology, self.efforts(time)
-        out = np.zeros((len(efforts), len(t.scale)))
-        for n in np.flatnonzero(t.freedoms):
-            first, v = t.offset[t.block[n]] + t.column[n], self.mesh.v_index[n]
-            out[:, first : first + t.freedoms[n]] = efforts[:, v : v + t.freedoms[n]]
-        return out
+        return np.asarray(self.efforts(time) @ by_unknown(self.mesh, self.topology))
 
     def complain(self, status: int, count: int, size: float, when: str) -> ConvergenceError:
         """Return the error that says where and how the solve failed (``size`` [-] of the last increment) and what to try."""

@@ -25,7 +25,7 @@ def instant(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> Joints:
 def start_undeformed(solver: Solver, q: Array, qd: Array, qdd: Array) -> None:
     """Set the unknowns to the rigid motion of the stress-free mechanism at one instant [m, rad, s]."""
     mesh, t = solver.mesh, solver.topology
-    for n in np.flatnonzero(t.spring):
+    for n in np.flatnonzero((t.freedoms == 1) & (mesh.q_index >= 0)):
         i = mesh.q_index[n]
         angle = np.arctan2(q[i + 1], q[i]) if mesh.kind[n] == CONTINUOUS else q[i]
         solver.state.place[t.offset[t.block[n]] + t.column[n]] = angle

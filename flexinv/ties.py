@@ -17,7 +17,7 @@ from flexinv.compiled import jit_inner
 from flexinv.mechanism import Array
 from flexinv.vectors import add, apply, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
 
-POSITION, DIRECTION, PULL = 0, 1, 2
+POSITION, DIRECTION, PULL, COUPLING = 0, 1, 2, 3
 # What `tie_rows` sets: phi, its rate, or its second rate.
 VALUES, RATES, ACCELERATIONS = 0, 1, 2
 # A constraint that moves with no unknown by more than this, in mechanism lengths, is one that no unknown can break (planar
@@ -30,11 +30,12 @@ UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 class Ties(NamedTuple):
     """Rows of the border: first the constraints of all closures (see `closures.Rows`), then three for each spring.
 
-    kind : (rows,) POSITION, DIRECTION or PULL; acting : (rows,) whether the closure acts
+    kind : (rows,) POSITION, DIRECTION, PULL or COUPLING; acting : (rows,) whether the closure acts
     a, b : (rows,) nodes; place_a, place_b [m], u, w : (rows, 3) in the nodes' frames
     multiplier : (rows,) [N], [N m]; value : (rows,) phi, or phi'' when accelerations are solved for
     give : (rows,) what the row's own multiplier adds to its equation: 1 where it is a spring's force, else 0
     gradient : (rows, 12) by the motion of a (world, own frame) and of b
+    gear : (rows, unknowns) factors of couplings; given : (rows, 3) what joints with a motion add to their equation, and its rates
     sides, across : (rows, unknowns) -C and -A of `border`; border : (rows, rows + 1); order, step, kept : (rows,) scratch
     """
 
@@ -50,6 +51,8 @@ class Ties(NamedTuple):
     value: Array
     give: Array
     gradient: Array
+    gear: Array
+    given: Array
     sides: Array
     across: Array
     border: Array
@@ -58,8 +61,12 @@ class Ties(NamedTuple):
     kept: Array
 
 
-def ties(rows: Rows, pulls: int, unknowns: int) -> Ties:
-    """Return the border's rows: the constraints ``rows`` of closures [m], [-], then those of as many ``pulls`` (springs)."""
+def ties(rows: Rows, pulls: int, by_unknown: Array) -> Ties:
+    """Return the border's rows: the constraints ``rows`` of closures [m], [-], then those of as many ``pulls`` (springs).
+
+    by_unknown : (nv, unknowns) 1 where an unknown of the march is a joint coordinate
+    """
+    unknowns = by_unknown.shape[1]
     more = 3 * pulls
     n = len(rows) + more
 
@@ -67,7 +74,7 @@ def ties(rows: Rows, pulls: int, unknowns: int) -> Ties:
         return np.concatenate([values, np.full((more, *values.shape[1:]), fill, dtype=values.dtype)])
 
     return Ties(
-        kind=padded(np.where(rows.direction, DIRECTION, POSITION), PULL),
+        kind=padded(np.where(rows.gear.any(axis=1), COUPLING, np.where(rows.direction, DIRECTION, POSITION)), PULL),
         acting=np.ones(n, dtype=bool),
         a=padded(rows.a, -1),
         b=padded(rows.b, -1),
@@ -79,6 +86,8 @@ def ties(rows: Rows, pulls: int, unknowns: int) -> Ties:
         value=np.zeros(n),
         give=padded(np.zeros(len(rows)), 1.0),
         gradient=np.zeros((n, 12)),
+        gear=padded(rows.gear @ by_unknown, 0.0),
+        given=np.zeros((n, 3)),
         sides=np.zeros((n, unknowns)),
         across=np.zeros((n, unknowns)),
         border=np.zeros((n, n + 1)),
@@ -130,10 +139,28 @@ def _second(k, a, b, c, f):
 
 
 @jit_inner
-def tie_rows(c, f, wanted):
+def _geared(k, c, s, wanted):
+    """Equation of a coupling, sum gear q - offset, or a rate of it, of joints with and without a motion."""
+    value = c.given[k, wanted]
+    for i in range(c.gear.shape[1]):
+        if c.gear[k, i] != 0.0:
+            if wanted == ACCELERATIONS:
+                value += c.gear[k, i] * s.du[i]
+            elif wanted == RATES:
+                value += c.gear[k, i] * s.u[i]
+            else:
+                value += c.gear[k, i] * (s.place[i] + s.d[i])
+    return value
+
+
+@jit_inner
+def tie_rows(c, s, f, wanted):
     """Set value and gradient of every constraint, and return nothing [m], [-]: phi, phi', or phi'' = u''.w + 2 u'.w' + u.w''."""
     for k in range(len(c.a)):
         if c.kind[k] == PULL:
+            continue
+        if c.kind[k] == COUPLING:
+            c.value[k] = _geared(k, c, s, wanted)
             continue
         if not c.acting[k]:
             c.value[k] = 0.0
@@ -182,11 +209,20 @@ def add_ties(c, wrench):
 
 
 @jit_inner
+def add_gears(c, residual):
+    """Take the efforts of the couplings' multipliers off the residual of the unknowns [N m], [N]."""
+    for k in range(len(c.a)):
+        if c.kind[k] == COUPLING:
+            for i in range(residual.shape[1]):
+                residual[0, i] -= c.multiplier[k] * c.gear[k, i]
+
+
+@jit_inner
 def tie_sides(t, c, d, length, residual):
     """Put -C, by unknowns, into the right sides 1.. of the solve [N], [N m] per unit multiplier; A = C^T for constraints."""
     for k in range(len(c.a)):
         for i in range(residual.shape[1]):
-            c.sides[k, i] = 0.0
+            c.sides[k, i] = -c.gear[k, i]
         _add_side(t, c.a[k], d, c.gradient[k], 0, c.sides[k])
         _add_side(t, c.b[k], d, c.gradient[k], 6, c.sides[k])
         largest = 0.0

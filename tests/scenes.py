@@ -143,7 +143,7 @@ def scene(mechanism: Mechanism) -> Scene:
     solver = Solver.of(build(mechanism), passive)
     qd, qdd = rng.normal(size=(2, mechanism.nv))
     start_undeformed(solver, mechanism.neutral, qd, qdd)
-    solver.load_at(0.0)
+    solver.load_at(0.0, mechanism.neutral, qd, qdd)
     solver.border.ties.multiplier[:] = rng.normal(size=len(solver.border.ties.a))
     unknowns = solver.increment.shape[1]
     joints = instant(solver.mesh, mechanism.neutral, qd, qdd)

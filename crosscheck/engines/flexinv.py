@@ -158,9 +158,9 @@ def reactions(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str
     sure = determinate(solution.mesh, solution.nodes, solution.time)
     made: dict[str, Series] = {}
     for closure in mechanism.closures:
-        wrench = solution.loops.reaction[closure.name][rows]
         if closure.second.link == WORLD:
-            continue  # there it is said at the first frame
+            continue  # there it is said at the first frame; a coupling has none
+        wrench = solution.loops.reaction[closure.name][rows]
         all_six = reaction_series(closure.name, wrench)
         made |= {name: one for (name, one), there in zip(all_six.items(), sure[closure.name], strict=True) if there}
     return made

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -29,9 +29,9 @@ from flexinv.files.toml_tables import (
     validate,
 )
 from flexinv.files.unit_keys import nearest
-from flexinv.mechanism import CLOSURES, IMPACTS, WORLD, Array, Attachment, Closure, Force, Link, Spring
+from flexinv.mechanism import CLOSURES, COUPLED, IMPACTS, WORLD, Array, Attachment, Closure, Force, Joint, Link, Spring
 
-KINDS = '"revolute", "prismatic", "cylindrical", "universal", "spherical", "point-on-line" or "fixed"'
+KINDS = '"revolute", "prismatic", "cylindrical", "universal", "spherical", "point-on-line", "fixed" or "coupling"'
 IMPACT = '"error" (the default) or "plastic", which stops them at once'
 END = "a table: link, and where on it: xyz_m [m], rpy_deg [deg], on a beam station [-]"
 AXIS = "the free axis in both frames, three numbers [-]"
@@ -97,6 +97,18 @@ class UniversalClosureTable(ClosureTable):
     second_axis: Vector = key("the axis that stays with the second frame, three numbers [-]", "second_axis = [0, 1, 0]")
 
 
+class CouplingTable(Table):
+    """A gear: an equation between coordinates of joints, and no frames."""
+
+    kind: str = key(f"one of {KINDS}", 'kind = "coupling"')
+    factors: dict[str, Number] = key(
+        "joint = factor, whose products with the joints' coordinates [rad], [m] add up to offset [-]",
+        "factors = { motor = 1, wheel = -5 }",
+    )
+    offset: Number = key("what the products add up to [rad], [m]", "offset = 0.1", default=0.0)
+    source: Text = SOURCE
+
+
 class SpringTable(PairTable):
     """A spring and damper along the line between two points."""
 
@@ -129,8 +141,8 @@ TABLES: dict[str, type[ClosureTable]] = {
 }
 
 
-def read_closure(data: Any, links: Mapping[str, Link], taken: Iterable[str], file: Path, name: str) -> Closure:
-    """Read ``[closures.NAME]`` [m, rad, s]; taken : names of joints, which a closure may not have."""
+def read_closure(data: Any, links: Mapping[str, Link], taken: Mapping[str, Joint], file: Path, name: str) -> Closure:
+    """Read ``[closures.NAME]`` [m, rad, s]; taken : joints, whose names a closure may not have."""
     path = f"closures.{name}"
     kind = data.get("kind") if isinstance(data, dict) else None
     if kind is not None and (not isinstance(kind, str) or kind not in CLOSURES):
@@ -139,6 +151,8 @@ def read_closure(data: Any, links: Mapping[str, Link], taken: Iterable[str], fil
     if name in taken:
         expected = "a name of its own: a closure is a joint too, and results are named after both"
         raise InputError(complaint(place(file, path), f'"{name}", also a joint', expected, f"[{path}_closure]"))
+    if kind == "coupling":
+        return _coupling(validate(CouplingTable, data, file, path), taken, file, path, name)
     table = validate(TABLES.get(kind or "", AxisClosureTable), data, file, path)
     axes: dict[str, Any] = {
         axis: unit_axis(getattr(table, axis), place(file, path, axis), f"{axis} = [0, 0, 1]")
@@ -156,6 +170,23 @@ def read_closure(data: Any, links: Mapping[str, Link], taken: Iterable[str], fil
         impact=_impact(table, file, path),
     )
     return replace(closure, **axes)
+
+
+def _coupling(table: CouplingTable, joints: Mapping[str, Joint], file: Path, path: str, name: str) -> Closure:
+    where, write = place(file, path, "factors"), "factors = { motor = 1, wheel = -5 }"
+    scalar = [j for j, joint in joints.items() if joint.kind in COUPLED]
+    for joint in table.factors:
+        if joint not in scalar:
+            expected = "revolute and prismatic joints: " + (", ".join(scalar[:20]) or "there are none")
+            near = nearest(joint, scalar)
+            raise InputError(complaint(where, f'"{joint}"', expected, f"{near} = 1" if near else write))
+    used = {j: factor for j, factor in table.factors.items() if factor}
+    if len(used) < 2:
+        raise InputError(
+            complaint(where, toml_text(table.factors), "two joints or more with factors other than 0", write)
+        )
+    world = Attachment(WORLD)
+    return Closure(name, table.kind, world, world, factors=tuple(used.items()), offset=table.offset)
 
 
 def _impact(table: ClosureTable, file: Path, path: str) -> str:
