@@ -1,0 +1,162 @@
+"""Torques of many samples: flexinv beside Pinocchio in a loop and over threads, and MuJoCo, on the same motion."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.bench.targets import faster, judged, metric
+from crosscheck.bench.timing import Call, Spread, Times, in_turns, ratio
+from crosscheck.robots import LARGEST_ERROR, random_states, undamped
+from flexinv.files.mechanism_file import load_mechanism
+from flexinv.helpers import processors
+from flexinv.mechanism import Mechanism
+from flexinv.prepared import prepare
+
+Array = NDArray[np.float64]
+Order = Literal["coordinates", "samples"]
+State = tuple[Array, Array, Array]
+ROBOTS = ("ur5", "panda", "talos")
+SAMPLES = (100, 1_000, 4_096, 32_768, 131_072)
+IN_A_LOOP = 1_000  # samples that loops in Python go over, at most: each of them takes as long as the others
+SECONDS = 1.5  # for each size of one robot, by which every call gets some ten repetitions or more
+ORDERS: tuple[Order, ...] = ("coordinates", "samples")
+
+TEXT = f"""Random states, the same for all. "By coordinate" is an array (coordinates, samples), in which one coordinate of all
+samples lies together; "by sample" one (samples, coordinates). Pinocchio's matrices are in the order that it likes best, and
+both write into arrays that are there. Loops in Python go over {IN_A_LOOP} samples. Torques differ by at most
+{LARGEST_ERROR:g} of the largest, or nothing is timed.
+
+Faster: how many times as long rneaInParallel takes with as many threads. A native loop in C++ was not built here: the
+wheel's rneaInParallel with one thread is Pinocchio's own loop in C++, compiled for any processor."""
+
+COLUMNS = (
+    ("robot", "robot", ""),
+    ("samples", "samples", ""),
+    ("method", "method", ""),
+    ("threads", "threads", ""),
+    ("time", "one sample", "ns"),
+    ("quartiles", "quartiles", "ns"),
+    ("faster", "faster than rneaInParallel", "-"),
+    ("asked", "asked", "-"),
+    ("difference", "torques differ by", "of the largest"),
+)
+PLOT = {"x": "samples", "y": "time", "group": "curve", "log": True}
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much is measured: robots, samples, and seconds for each size of one robot [s]."""
+
+    robots: tuple[str, ...] = ROBOTS
+    samples: tuple[int, ...] = SAMPLES
+    seconds: float = SECONDS
+
+
+def asked(samples: int, order: Order) -> float | None:
+    """Return how many times as fast as rneaInParallel flexinv has to be [-], at equal threads; None: nothing is asked."""
+    if samples >= 32_768:
+        return faster(20.0 if order == "coordinates" else 15.0)
+    return faster(15.0) if samples >= 4_096 else faster(10.0) if samples >= 1_000 else None
+
+
+def study(models: str, robots: list[str] | None = None, samples: list[int] | None = None, seconds: float = SECONDS) -> Any:
+    """Return the table: times [ns] by robot, number of samples and method."""
+    rows = []
+    for robot in robots or ROBOTS:
+        mechanism = undamped(load_mechanism(Path(models) / robot))
+        for count in samples or SAMPLES:
+            rows += rows_of(robot, mechanism, count, seconds)
+    return {"text": TEXT, "columns": COLUMNS, "rows": rows, "plot": PLOT}
+
+
+def rows_of(robot: str, mechanism: Mechanism, samples: int, seconds: float) -> list[dict[str, Any]]:
+    """Return the rows of one robot and one number of samples, torques compared before they are timed; seconds [s]."""
+    state = random_states(mechanism, samples, np.random.default_rng(samples))
+    calls, differences = {}, {}
+    for name, (call, torque, per) in methods(mechanism, state).items():
+        calls[name] = call
+        differences[name] = (torque(), per)
+    reference, _ = differences[("rneaInParallel", 1)]
+    largest = np.abs(reference).max()
+    apart = {name: float(np.abs(tau - reference[: len(tau)]).max() / largest) for name, (tau, _) in differences.items()}
+    named = {" ".join(map(str, name)): call for name, call in calls.items()}
+    if max(apart.values()) > LARGEST_ERROR:
+        return [_wrong(robot, samples, name, value) for name, value in apart.items() if value > LARGEST_ERROR]
+    times = in_turns(named, seconds)
+    rows = []
+    for (method, threads), (_, per) in differences.items():
+        own = times[f"{method} {threads}"]
+        row = _row(robot, samples, method, threads, own, per) | {"difference": apart[method, threads]}
+        if method.startswith("flexinv"):
+            row |= _judgement(robot, samples, method, threads, ratio(times[f"rneaInParallel {threads}"], own))
+        rows.append(judged(row))
+    return rows
+
+
+def _row(robot: str, samples: int, method: str, threads: int, times: Times, per: int) -> dict[str, Any]:
+    spread = times.spread()
+    return {
+        "robot": robot,
+        "samples": samples,
+        "method": method,
+        "threads": threads,
+        "time": 1e9 * spread.median / per,
+        "quartiles": f"{1e9 * spread.low / per:.4g} .. {1e9 * spread.high / per:.4g}",
+        "curve": f"{robot} {method}, {threads} thread{'s' * (threads > 1)}",
+    }
+
+
+def _judgement(robot: str, samples: int, method: str, threads: int, found: Spread) -> dict[str, Any]:
+    order: Order = "coordinates" if "coordinate" in method else "samples"
+    name = f"{robot}: times as fast as rneaInParallel, {samples} samples by {order[:-1]}, {threads} thread{'s' * (threads > 1)}"
+    spread = f"{found.low:.3g} .. {found.high:.3g}"
+    limit = asked(samples, order)
+    return {"faster": found.median, "asked": limit, "metric": metric(name, found.median, "-", lower=limit, spread=spread)}
+
+
+def _wrong(robot: str, samples: int, name: tuple[str, int], apart: float) -> dict[str, Any]:
+    return {"robot": robot, "samples": samples, "method": name[0], "threads": name[1], "difference": apart} | {
+        "verdict": "deviation",
+        "curve": robot,
+    }
+
+
+Method = tuple[Call, Callable[[], Array], int]
+
+
+def methods(mechanism: Mechanism, state: State) -> Mapping[tuple[str, int], Method]:
+    """Return by name and threads: the call, what gives its torques (samples, nv) [N m], and its number of samples."""
+    pinocchio = importlib.import_module("crosscheck.engines.pinocchio_bench")
+    mujoco = importlib.import_module("crosscheck.engines.mujoco_bench")
+    few: State = (state[0][:IN_A_LOOP], state[1][:IN_A_LOOP], state[2][:IN_A_LOOP])
+    found: dict[tuple[str, int], Method] = {}
+    counts = sorted({1, min(2, processors())})
+    for threads in counts:
+        for order in ORDERS:
+            found[f"flexinv by {order[:-1]}", threads] = _flexinv(mechanism, state, order, threads)
+        found["rneaInParallel", threads] = _method(*pinocchio.parallel(mechanism, *state, threads), len(state[0]), threads)
+    found["pin.rnea in a loop", 1] = _method(*pinocchio.loop(mechanism, *few), len(few[0]))
+    found["mj_inverse in a loop", 1] = _method(*mujoco.loop(mechanism, *few), len(few[0]))
+    return found
+
+
+def _method(run: Callable[[], Array], said: Callable[[Array], Array], samples: int, threads: int = 1) -> Method:
+    return Call(run, threads), lambda: said(run()), samples
+
+
+def _flexinv(mechanism: Mechanism, state: State, order: Order, threads: int) -> Method:
+    function = prepare(mechanism, passive=False, threads=threads)
+    given = [np.ascontiguousarray(part.T if order == "coordinates" else part) for part in state]
+    out = np.empty_like(given[1])
+
+    def run() -> Array:
+        return function.torques(*given, out=out, order=order)
+
+    return Call(run, threads), lambda: run().T if order == "coordinates" else run(), len(state[0])

@@ -1,0 +1,93 @@
+"""What flexinv has to reach, on which machine, and what was reached: the table on top, and the ratios for the history.
+
+A row of a part carries ``metric``: name, value, unit, lower, upper, note.  A limit is a limit like that of a torque: beyond it
+the row is a deviation.  The ratios are those of runs side by side in one process; no time by itself has a limit, except those
+that somebody waits for (one sample, the first call).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from llvmlite import binding
+
+from crosscheck.history import Metric
+from crosscheck.limits import Verdict
+from crosscheck.results import StudyRow, machine
+
+NAME = "bench"
+COLUMNS = (
+    ("what", "what", ""),
+    ("value", "measured", ""),
+    ("limit", "asked", ""),
+    ("unit", "unit", ""),
+    ("spread", "quartiles", ""),
+    ("note", "note", ""),
+)
+
+
+def vector_width() -> str:
+    """Return the widest vectors that compiled code uses here: avx512, avx2 or other."""
+    features = binding.get_host_cpu_features()
+    return "avx512" if features.get("avx512f") else "avx2" if features.get("avx2") else "other"
+
+
+def faster(times: float) -> float:
+    """Return how many times as fast as others rigid inverse dynamics has to be here [-]: without AVX-512 half of it."""
+    return times if vector_width() == "avx512" else times / 2.0
+
+
+def metric(
+    name: str, value: float, unit: str, lower: float | None = None, upper: float | None = None, spread: str = ""
+) -> dict[str, Any]:
+    """Return what a row carries for the table of targets and for the history; value, lower and upper in [unit]."""
+    return {"name": name, "value": value, "unit": unit, "lower": lower, "upper": upper, "note": spread}
+
+
+def judged(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a row with its verdict: within or a deviation where its metric has a limit, within where it has none."""
+    own = row.get("metric")
+    verdict: Verdict = Metric(**own).verdict if own else "within"
+    message = row.get("verdict", "within")
+    return {**row, "verdict": "within" if verdict == "unjudged" and message == "within" else verdict}
+
+
+def metrics(tables: Iterable[StudyRow]) -> list[Metric]:
+    """Return the numbers of all parts for the history [unit of each]."""
+    return [Metric(**row["metric"]) for table in tables for row in table.rows if row.get("metric")]
+
+
+def summary(tables: Iterable[StudyRow]) -> StudyRow:
+    """Return the table of targets: what is asked, what was measured."""
+    rows = [
+        {
+            "what": one.name,
+            "value": one.value,
+            "limit": f"at least {one.lower:g}" if one.lower is not None else f"at most {one.upper:g}",
+            "unit": one.unit,
+            "spread": one.note,
+            "note": "" if one.verdict == "within" else "missed",
+            "verdict": one.verdict,
+        }
+        for one in metrics(tables)
+        if one.lower is not None or one.upper is not None
+    ]
+    return StudyRow(NAME, "Speed: what was asked and what was measured", text(), COLUMNS, tuple(rows))
+
+
+def text() -> str:
+    """Return the words on top: which machine this was, and how it was measured."""
+    here = machine()
+    width = vector_width()
+    asked = (
+        "The ratios asked of rigid inverse dynamics are those for AVX-512."
+        if width == "avx512"
+        else "Without AVX-512, as here, half of the ratios is asked of rigid inverse dynamics."
+    )
+    return (
+        f"{here['processor']}, {here['cores']} cores, vectors: {width}. {asked}\n\n"
+        "Calls take turns in one process; repetitions in which the system interrupted it are dropped, and where too few are "
+        "left the processor's time is taken. Shown are medians, with the quartiles of what stood side by side. Results are "
+        "compared before anything is timed."
+    )
