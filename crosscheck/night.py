@@ -14,12 +14,15 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import filelock
 
 from crosscheck import baseline, changes, history
 from crosscheck import results as store
+from crosscheck.bench.parts import measure
+from crosscheck.bench.targets import metrics
 from crosscheck.engines import Engine
 from crosscheck.plan import Plan
 from crosscheck.report import render, trends
@@ -41,6 +44,7 @@ class Nightly:
     reports : folder of all nights; baseline : folder of the blessed one; url : of the history
     against : "previous", or start or folder of the night to compare with; label : "" for an ordinary night
     whole : everything is run, so that blessed comparisons that are not measured are missed
+    bench : parts of the speed comparison, run after everything else
     """
 
     plan: Plan
@@ -54,6 +58,7 @@ class Nightly:
     label: str = ""
     command: str = ""
     whole: bool = True
+    bench: tuple[Study, ...] = ()
 
 
 def nightly(night: Nightly, notify: Notify, tell: Callable[[str], None]) -> tuple[Results, Path]:
@@ -71,9 +76,20 @@ def nightly(night: Nightly, notify: Notify, tell: Callable[[str], None]) -> tupl
         folder = night_folder(night.reports, night.label)
         results = run(night.plan, night.engines, night.studies, night.options, folder, notify, night.command)
         results = baseline.apply(results, known, night.whole and results.finished)
+        if night.bench and results.finished:
+            results = with_speed(results, night, notify)
         results = remember(database, night, failed(results, trouble), folder, tell)
         keep(results, folder, None if night.label else night.reports / LATEST, database, tell)
     return results, folder
+
+
+def with_speed(results: Results, night: Nightly, notify: Notify) -> Results:
+    """Return the results with the tables of the speed comparison: alone on the machine, when all else has been done."""
+    with TemporaryDirectory() as folder:
+        speed = measure(night.bench, night.options.timeout, Path(folder), notify)
+    tables = (*results.studies, *speed.studies)
+    whole = replace(results, studies=tables, elapsed=results.elapsed + speed.elapsed)
+    return whole if speed.finished else replace(failed(whole, speed.message), finished=False)
 
 
 @contextmanager
@@ -115,7 +131,8 @@ def catch_up(database: Any, reports: Path, tell: Callable[[str], None]) -> None:
         try:
             results = store.read(file)
             if results.settings.get("night") and not history.holds(database, results):
-                history.add_night(database, results, file.parent.name, str(results.settings["night"]["label"]))
+                label = str(results.settings["night"]["label"])
+                history.add_night(database, results, file.parent.name, label, metrics(results.studies))
                 tell(f"added {file.parent.name} to the history, which was missing there")
         except (OSError, ValueError, LookupError, TypeError, history.HistoryError) as error:
             tell(f"{file.parent.name} could not be added to the history: {error}")
@@ -128,7 +145,7 @@ def remember(database: Any, night: Nightly, results: Results, folder: Path, tell
     if database is None:
         return results
     try:
-        number = history.add_night(database, results, folder.name, night.label)
+        number = history.add_night(database, results, folder.name, night.label, metrics(results.studies))
         before = changes.previous(database, number, night.against)
         if before is None:
             return results

@@ -1,8 +1,15 @@
-"""Draw the README's picture from real runs: ``python docs/make_figures.py`` writes docs/arms.png."""
+"""Draw the README's pictures from real runs.
+
+``python docs/make_figures.py`` writes docs/arms.png.  With the results of ``crosscheck bench`` it writes
+docs/time_error.png instead: ``python docs/make_figures.py reports/bench/results.json``.
+"""
 
 from __future__ import annotations
 
+import json
+import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -74,5 +81,53 @@ def draw() -> Figure:
     return figure
 
 
+# ------------------------------------------------------------------------------------------------------ time and error
+
+ARMS = {
+    "flex_one_link": "one link, in the plane",
+    "flex_two_link": "two links, in the plane",
+    "spatial_arm": "in space",
+}
+STYLE = {"flexinv, order 1": ("C0", "o"), "flexinv, order 4": ("C2", "s"), "Exudyn": ("C1", "^")}
+
+
+def time_error(results: dict[str, Any]) -> Figure:
+    """Time against error of every run, one panel for each arm; lines join runs of one mesh, their steps halved."""
+    rows = next(study["rows"] for study in results["studies"] if study["name"] == "bench flexible")
+    arms = [arm for arm in ARMS if any(row["arm"] == arm for row in rows)]
+    figure = Figure(figsize=(3.1 * len(arms) + 0.6, 3.9), layout="constrained")
+    panels = figure.subplots(1, len(arms), squeeze=False)[0]
+    for axes, arm in zip(panels, arms, strict=True):
+        panel(axes, [row for row in rows if row["arm"] == arm and row.get("time")])
+        axes.set_title(ARMS[arm], fontsize="medium")
+    panels[0].set_ylabel("largest error of a tip over the length")
+    handles, names = panels[0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", ncols=len(handles), fontsize="small")
+    return figure
+
+
+def panel(axes: Axes, rows: list[dict[str, Any]]) -> None:
+    """Every mesh a line over its steps, its number of elements at the finest."""
+    named = set()
+    for method, elements in dict.fromkeys((row["method"], row["elements"]) for row in rows):
+        kind = next(kind for kind in STYLE if method.startswith(kind))
+        own = sorted((r for r in rows if (r["method"], r["elements"]) == (method, elements)), key=lambda r: -r["step"])
+        time, error = [row["time"] for row in own], [row["error"] for row in own]
+        colour, marker = STYLE[kind]
+        axes.loglog(
+            time, error, color=colour, marker=marker, markersize=4, linewidth=1, label=None if kind in named else kind
+        )
+        axes.annotate(
+            str(elements), (time[-1], error[-1]), xytext=(4, -3), textcoords="offset points", fontsize=7, color=colour
+        )
+        named.add(kind)
+    axes.set_xlabel("time of the run [s]")
+    axes.grid(alpha=0.3)
+
+
 if __name__ == "__main__":
-    draw().savefig(Path(__file__).with_name("arms.png"), dpi=110)
+    if len(sys.argv) > 1:
+        read = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
+        time_error(read).savefig(Path(__file__).with_name("time_error.png"), dpi=110)
+    else:
+        draw().savefig(Path(__file__).with_name("arms.png"), dpi=110)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.bench.targets import faster, judged, metric
-from crosscheck.bench.timing import Call, Spread, Times, in_turns, ratio
+from crosscheck.bench.timing import Call, Spread, Times, busy, in_turns, ratio
 from crosscheck.robots import LARGEST_ERROR, random_states, undamped
 from flexinv.files.mechanism_file import load_mechanism
 from flexinv.helpers import processors
@@ -46,17 +45,10 @@ COLUMNS = (
     ("faster", "faster than rneaInParallel", "-"),
     ("asked", "asked", "-"),
     ("difference", "torques differ by", "of the largest"),
+    ("message", "", ""),
 )
+BUSY = "others held the processors: not measured"
 PLOT = {"x": "samples", "y": "time", "group": "curve", "log": True}
-
-
-@dataclass(frozen=True)
-class Size:
-    """How much is measured: robots, samples, and seconds for each size of one robot [s]."""
-
-    robots: tuple[str, ...] = ROBOTS
-    samples: tuple[int, ...] = SAMPLES
-    seconds: float = SECONDS
 
 
 def asked(samples: int, order: Order) -> float | None:
@@ -66,7 +58,9 @@ def asked(samples: int, order: Order) -> float | None:
     return faster(15.0) if samples >= 4_096 else faster(10.0) if samples >= 1_000 else None
 
 
-def study(models: str, robots: list[str] | None = None, samples: list[int] | None = None, seconds: float = SECONDS) -> Any:
+def study(
+    models: str, robots: list[str] | None = None, samples: list[int] | None = None, seconds: float = SECONDS
+) -> Any:
     """Return the table: times [ns] by robot, number of samples and method."""
     rows = []
     for robot in robots or ROBOTS:
@@ -94,8 +88,11 @@ def rows_of(robot: str, mechanism: Mechanism, samples: int, seconds: float) -> l
     for (method, threads), (_, per) in differences.items():
         own = times[f"{method} {threads}"]
         row = _row(robot, samples, method, threads, own, per) | {"difference": apart[method, threads]}
-        if method.startswith("flexinv"):
-            row |= _judgement(robot, samples, method, threads, ratio(times[f"rneaInParallel {threads}"], own))
+        beside = times[f"rneaInParallel {threads}"]
+        if busy(own, beside):
+            row |= {"verdict": "skipped", "message": BUSY}
+        elif method.startswith("flexinv"):
+            row |= _judgement(robot, samples, method, threads, ratio(beside, own))
         rows.append(judged(row))
     return rows
 
@@ -118,7 +115,11 @@ def _judgement(robot: str, samples: int, method: str, threads: int, found: Sprea
     name = f"{robot}: times as fast as rneaInParallel, {samples} samples by {order[:-1]}, {threads} thread{'s' * (threads > 1)}"
     spread = f"{found.low:.3g} .. {found.high:.3g}"
     limit = asked(samples, order)
-    return {"faster": found.median, "asked": limit, "metric": metric(name, found.median, "-", lower=limit, spread=spread)}
+    return {
+        "faster": found.median,
+        "asked": limit,
+        "metric": metric(name, found.median, "-", lower=limit, spread=spread),
+    }
 
 
 def _wrong(robot: str, samples: int, name: tuple[str, int], apart: float) -> dict[str, Any]:
@@ -128,6 +129,7 @@ def _wrong(robot: str, samples: int, name: tuple[str, int], apart: float) -> dic
     }
 
 
+Work = tuple[Callable[[], Array], Callable[[Array], Array]]
 Method = tuple[Call, Callable[[], Array], int]
 
 
@@ -141,22 +143,25 @@ def methods(mechanism: Mechanism, state: State) -> Mapping[tuple[str, int], Meth
     for threads in counts:
         for order in ORDERS:
             found[f"flexinv by {order[:-1]}", threads] = _flexinv(mechanism, state, order, threads)
-        found["rneaInParallel", threads] = _method(*pinocchio.parallel(mechanism, *state, threads), len(state[0]), threads)
-    found["pin.rnea in a loop", 1] = _method(*pinocchio.loop(mechanism, *few), len(few[0]))
-    found["mj_inverse in a loop", 1] = _method(*mujoco.loop(mechanism, *few), len(few[0]))
+        found["rneaInParallel", threads] = _method(
+            pinocchio.parallel(mechanism, *state, threads), len(state[0]), threads
+        )
+    found["pin.rnea in a loop", 1] = _method(pinocchio.loop(mechanism, *few), len(few[0]))
+    found["mj_inverse in a loop", 1] = _method(mujoco.loop(mechanism, *few), len(few[0]))
     return found
 
 
-def _method(run: Callable[[], Array], said: Callable[[Array], Array], samples: int, threads: int = 1) -> Method:
+def _method(work: Work, samples: int, threads: int = 1) -> Method:
+    run, said = work
     return Call(run, threads), lambda: said(run()), samples
 
 
 def _flexinv(mechanism: Mechanism, state: State, order: Order, threads: int) -> Method:
     function = prepare(mechanism, passive=False, threads=threads)
-    given = [np.ascontiguousarray(part.T if order == "coordinates" else part) for part in state]
-    out = np.empty_like(given[1])
+    q, qd, qdd = (np.ascontiguousarray(part.T if order == "coordinates" else part) for part in state)
+    out = np.empty_like(qd)
 
     def run() -> Array:
-        return function.torques(*given, out=out, order=order)
+        return function.torques(q, qd, qdd, out, order)
 
     return Call(run, threads), lambda: run().T if order == "coordinates" else run(), len(state[0])

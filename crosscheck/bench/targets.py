@@ -23,7 +23,6 @@ COLUMNS = (
     ("limit", "asked", ""),
     ("unit", "unit", ""),
     ("spread", "quartiles", ""),
-    ("note", "note", ""),
 )
 
 
@@ -48,9 +47,9 @@ def metric(
 def judged(row: Mapping[str, Any]) -> dict[str, Any]:
     """Return a row with its verdict: within or a deviation where its metric has a limit, within where it has none."""
     own = row.get("metric")
-    verdict: Verdict = Metric(**own).verdict if own else "within"
-    message = row.get("verdict", "within")
-    return {**row, "verdict": "within" if verdict == "unjudged" and message == "within" else verdict}
+    limited = own is not None and not (own["lower"] is None and own["upper"] is None)
+    verdict: Verdict = Metric(**own).verdict if own and limited else "within"
+    return {"verdict": verdict, **row}
 
 
 def metrics(tables: Iterable[StudyRow]) -> list[Metric]:
@@ -64,16 +63,21 @@ def summary(tables: Iterable[StudyRow]) -> StudyRow:
         {
             "what": one.name,
             "value": one.value,
-            "limit": f"at least {one.lower:g}" if one.lower is not None else f"at most {one.upper:g}",
+            "limit": _words(one),
             "unit": one.unit,
             "spread": one.note,
-            "note": "" if one.verdict == "within" else "missed",
-            "verdict": one.verdict,
+            "verdict": "skipped" if one.verdict == "unjudged" else one.verdict,
         }
         for one in metrics(tables)
-        if one.lower is not None or one.upper is not None
     ]
+    rows.sort(key=lambda row: row["verdict"] != "deviation")
     return StudyRow(NAME, "Speed: what was asked and what was measured", text(), COLUMNS, tuple(rows))
+
+
+def _words(one: Metric) -> str:
+    if one.lower is not None:
+        return f"at least {one.lower:g}"
+    return "nothing" if one.upper is None else f"at most {one.upper:g}"
 
 
 def text() -> str:
@@ -89,5 +93,5 @@ def text() -> str:
         f"{here['processor']}, {here['cores']} cores, vectors: {width}. {asked}\n\n"
         "Calls take turns in one process; repetitions in which the system interrupted it are dropped, and where too few are "
         "left the processor's time is taken. Shown are medians, with the quartiles of what stood side by side. Results are "
-        "compared before anything is timed."
+        "compared before anything is timed. Rows without a verdict are measured, and nothing is asked of them."
     )

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 REPETITION = 1e-3  # [s]: well below the some 4 ms after which a busy system changes processes
+LONG = 0.05  # [s]: what takes longer is not run twice before it is timed
 FEWEST = 5  # repetitions, and clean ones, that quartiles are taken of
 MOST = 400  # repetitions; more do not move a median
 
@@ -61,6 +62,11 @@ class Times:
         return _quartiles(self.usable())
 
 
+def busy(*times: Times) -> bool:
+    """Return whether others took the processors too often to say how long several threads take together."""
+    return any(t.threads > 1 and t.clean.sum() < min(FEWEST, len(t.wall)) for t in times)
+
+
 def ratio(slow: Times, fast: Times) -> Spread:
     """Return how many times as long the first takes [-]: quartiles over repetitions that stood side by side."""
     both = slow.clean & fast.clean
@@ -102,8 +108,11 @@ def _once(call: Call, times: int) -> tuple[float, float, bool]:
 
 
 def _count(call: Call) -> int:
-    """How many runs make a repetition; the first run, which compiles or fills caches, does not count."""
+    """How many runs make a repetition; the first run, which compiles or fills caches, counts if it is long itself."""
+    start = clock.perf_counter()
     call.run()
+    if clock.perf_counter() - start > LONG:
+        return 1
     start = clock.perf_counter()
     call.run()
     return max(1, int(REPETITION / max(clock.perf_counter() - start, 1e-7)))

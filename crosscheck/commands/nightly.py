@@ -14,6 +14,7 @@ from rich.markup import escape
 
 from crosscheck import fresh
 from crosscheck.baseline import BaselineError
+from crosscheck.bench.parts import studies as bench_studies
 from crosscheck.engines import ENGINES
 from crosscheck.night import Nightly, NightRunning, nightly
 from crosscheck.report.words import sentence
@@ -40,6 +41,9 @@ FOLDER = click.Path(file_okay=False, path_type=Path)
     "--against", default="previous", show_default=True, help="Night to compare with: its folder's name, or its start."
 )
 @click.option("--latest-engines", is_flag=True, help="In a fresh environment with the newest release of every engine.")
+@click.option(
+    "--bench", is_flag=True, help="At the end the speed comparison of `crosscheck bench`, its ratios in the history."
+)
 @click.option("--label", default="", hidden=True, help="What kind of night it is, for the history.")
 @JOBS
 @TIMEOUT
@@ -53,6 +57,7 @@ def command(
     history: str | None,
     against: str,
     latest_engines: bool,
+    bench: bool,
     label: str,
     jobs: int,
     timeout: float,
@@ -92,6 +97,7 @@ def command(
         label=label,
         command=shlex.join(["crosscheck", *sys.argv[1:]]),
         whole=not names and len(wanted) == len(ENGINES),
+        bench=bench_studies(models) if bench else (),
     )
     try:
         with terminated(), progress(console) as notify:

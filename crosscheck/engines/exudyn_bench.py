@@ -107,7 +107,6 @@ def _simulation(march: March, setting: Setting) -> Any:
     t.newton.useModifiedNewton = setting.modified
     t.newton.relativeTolerance = t.newton.absoluteTolerance = setting.tolerance
     t.verboseMode = 0
-    s.displayStatistics = s.displayComputationTime = False
     s.solution.file.write = False
     s.solution.sensors.writePeriod = march.step
     kinds = exu.LinearSolverType

@@ -1,0 +1,174 @@
+"""What flexinv's own marches cost: over elements, over threads, and in closed loops beside trees of the same size."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crosscheck.bench.flexible import SAMPLE
+from crosscheck.bench.rigid import BUSY
+from crosscheck.bench.targets import judged, metric
+from crosscheck.bench.timing import Call, Times, busy, in_turns, ratio
+from flexinv.batch import solve_many
+from flexinv.files.case import load_cases
+from flexinv.files.mechanism_file import load_mechanism
+from flexinv.helpers import processors
+from flexinv.mechanism import Mechanism
+from flexinv.motion import Motion
+from flexinv.scheme import solve
+
+EXPONENT = 1.05  # of the time over the number of elements
+TWO_THREADS = 1.8  # times as fast as one
+LEANING = 1e-5  # [m/s^2]: what makes a mechanism in a plane spatial, and changes nothing that matters
+LOOP_MARCH, LOOP_RIGID = 1.3, 2.0  # times as long as the tree
+SECONDS = 4.0
+SCENARIOS = 4
+MESHES = {1: (4, 8, 16, 32, 64, 128, 256), 4: (1, 2, 4, 8, 16, 32, 64)}
+
+ELEMENTS_TEXT = f"""Time of the whole solve over the number of elements, steps of {SAMPLE:g} s. The exponent is that of the line
+between the last two meshes: where the elements, not the steps' own work, take the time."""
+ELEMENTS_COLUMNS = (
+    ("arm", "arm", ""),
+    ("order", "order", ""),
+    ("elements", "elements per link", ""),
+    ("time", "one step", "µs"),
+    ("iterations", "Newton iterations", "per step"),
+    ("exponent", "exponent", "-"),
+    ("asked", "at most", "-"),
+)
+ELEMENTS_PLOT = {"x": "elements", "y": "time", "group": "curve", "log": True}
+OTHER_TEXT = """Closed loops: the same mechanism with and without its closure, the passive joints free; a tree in the plane is
+marched with three freedoms per node, a closed loop with six, so that the tree is also timed with gravity leaning out of the
+plane by a millionth, which makes it spatial. Rigid loops: the closed mechanism finds its passive joints (their motion cannot be
+given), the tree is given the motion of all joints.
+Threads: solve_many with some scenarios on one thread and on two."""
+OTHER_COLUMNS = (
+    ("what", "what", ""),
+    ("method", "method", ""),
+    ("time", "time", "ms"),
+    ("ratio", "ratio", "-"),
+    ("asked", "asked", ""),
+    ("message", "", ""),
+)
+
+
+def elements(models: str, orders: dict[str, list[int]] | None = None, seconds: float = SECONDS) -> dict[str, Any]:
+    """Return the table over elements; times [us], exponents [-]."""
+    rows = []
+    for model, case, plane in (("flex_one_link", "cycloid", True), ("spatial_arm", "reach", False)):
+        mechanism = replace(load_mechanism(Path(models) / model), gravity=np.zeros(3))
+        motion = load_cases(Path(models) / model, mechanism)[case].motion
+        for order, meshes in ({int(k): tuple(v) for k, v in orders.items()} if orders else MESHES).items():
+            kept = meshes if plane else meshes[: max(2, len(meshes) - 2)]
+            rows += _over_elements(model, mechanism, motion, order, kept, seconds)
+    return {"text": ELEMENTS_TEXT, "columns": ELEMENTS_COLUMNS, "rows": rows, "plot": ELEMENTS_PLOT}
+
+
+def _over_elements(
+    model: str, mechanism: Mechanism, motion: Motion, order: int, meshes: tuple[int, ...], seconds: float
+) -> list[dict[str, Any]]:
+    end = 200 * SAMPLE
+    meshed = {n: mechanism.with_mesh(n, order) for n in meshes}
+    calls = {str(n): Call(lambda m=m: solve(m, motion, SAMPLE, end=end)) for n, m in meshed.items()}  # type: ignore[misc]
+    times = in_turns(calls, seconds)
+    rows: list[dict[str, Any]] = []
+    for n in meshes:
+        iterations = float(solve(meshed[n], motion, SAMPLE, end=end).iterations.mean())
+        taken = times[str(n)].spread().median
+        named = {"arm": model, "order": order, "elements": n, "curve": f"{model}, order {order}"}
+        rows.append(named | {"time": 1e6 * taken * SAMPLE / end, "iterations": iterations})
+    grown = ratio(times[str(meshes[-1])], times[str(meshes[-2])]).median
+    exponent = float(np.log(grown) / np.log(meshes[-1] / meshes[-2]))
+    name = f"{model}, order {order}: exponent of the time over elements"
+    rows[-1] |= {"exponent": exponent, "asked": EXPONENT, "metric": metric(name, exponent, "-", upper=EXPONENT)}
+    return [judged(row) for row in rows]
+
+
+def others(models: str, seconds: float = SECONDS) -> dict[str, Any]:
+    """Return the table of closed loops and of threads; times [ms], ratios [-]."""
+    folder = Path(models)
+    rows = [*_flexible_loop(folder, seconds), *_rigid_loop(folder, seconds), *_threads(folder, seconds)]
+    return {"text": OTHER_TEXT, "columns": OTHER_COLUMNS, "rows": rows}
+
+
+def _flexible_loop(folder: Path, seconds: float) -> list[dict[str, Any]]:
+    """A four-bar with a coupler that bends: closed, cut in the plane, cut in space."""
+    closed = load_mechanism(folder / "four_bar_flexible")
+    case = load_cases(folder / "four_bar_flexible", closed)["turn"]
+    tree = replace(closed, closures=())
+    leaning = replace(tree, gravity=tree.gravity + np.array([0.0, 0.0, LEANING]))
+    options: dict[str, Any] = {"step": SAMPLE, "end": 0.1, "start": case.start}
+    calls = {
+        "closed": Call(lambda: solve(closed, case.motion, **options)),
+        "tree in the plane": Call(lambda: solve(tree, case.motion, **options)),
+        "tree in space": Call(lambda: solve(leaning, case.motion, **options)),
+    }
+    times = in_turns(calls, seconds)
+    return _compared("four-bar with a flexible coupler, march", "march of a flexible loop", times, "closed", LOOP_MARCH)
+
+
+def _rigid_loop(folder: Path, seconds: float) -> list[dict[str, Any]]:
+    """A five-bar, and its tree with the motion of all joints as the closed mechanism finds it."""
+    closed = load_mechanism(folder / "five_bar")
+    case = load_cases(folder / "five_bar", closed)["reach"]
+    step = 1e-3
+    found = solve(closed, case.motion, step, start=case.start)
+    names = [name for joint in closed.joints for name in [joint.name] if joint.nv]
+    given = Motion.from_samples(found.time, found.q, names)
+    tree = replace(closed, closures=())
+    calls = {
+        "closed": Call(lambda: solve(closed, case.motion, step, start=case.start)),
+        "tree": Call(lambda: solve(tree, given, step)),
+    }
+    times = in_turns(calls, seconds)
+    return _compared("five-bar, rigid", "rigid loop, passive joints found too", times, "closed", LOOP_RIGID)
+
+
+def _compared(what: str, name: str, times: dict[str, Times], first: str, most: float) -> list[dict[str, Any]]:
+    """Rows of times, the trees' with how many times as long the closed mechanism takes."""
+    rows = []
+    for method, own in times.items():
+        row: dict[str, Any] = {"what": what, "method": method, "time": 1e3 * own.spread().median}
+        if method.startswith("tree"):
+            found = ratio(times[first], own)
+            one = metric(
+                f"{name}: times as long as the {method}",
+                found.median,
+                "-",
+                upper=most,
+                spread=f"{found.low:.3g} .. {found.high:.3g}",
+            )
+            row |= {"ratio": found.median, "asked": f"at most {most:g}", "metric": one}
+        rows.append(judged(row))
+    return rows
+
+
+def _threads(folder: Path, seconds: float) -> list[dict[str, Any]]:
+    """The same scenarios on one thread and on two."""
+    rows = []
+    for model, case in (("flex_one_link", "cycloid"), ("spatial_arm", "reach")):
+        mechanism = load_mechanism(folder / model)
+        motion = load_cases(folder / model, mechanism)[case].motion
+        counts = (1, 2) if processors() > 1 else (1,)
+        times = in_turns({str(n): _many(mechanism, motion, n) for n in counts}, seconds)
+        for n in counts:
+            row: dict[str, Any] = {"what": f"solve_many, {SCENARIOS} times {model}", "method": f"{n} threads"}
+            row["time"] = 1e3 * times[str(n)].spread().median
+            if n > 1 and busy(times[str(n)]):
+                row |= {"verdict": "skipped", "message": BUSY}
+            elif n > 1:
+                found = ratio(times["1"], times[str(n)])
+                one = metric(
+                    f"solve_many, {model}: times as fast with two threads", found.median, "-", lower=TWO_THREADS
+                )
+                row |= {"ratio": found.median, "asked": f"at least {TWO_THREADS:g}", "metric": one}
+            rows.append(judged(row))
+    return rows
+
+
+def _many(mechanism: Mechanism, motion: Motion, threads: int) -> Call:
+    motions = [motion] * SCENARIOS
+    return Call(lambda: solve_many(mechanism, motions, SAMPLE / 2, end=0.2, threads=threads).all(), threads)

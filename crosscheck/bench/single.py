@@ -1,0 +1,153 @@
+"""One sample at a time, the first call of a fresh process, and chains of more and more joints."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crosscheck.bench.rigid import ROBOTS
+from crosscheck.bench.targets import judged, metric
+from crosscheck.bench.timing import Call, Times, in_turns, ratio
+from crosscheck.robots import random_states, undamped
+from flexinv.files.mechanism_file import load_mechanism
+from flexinv.mechanism import Body, Inertia, Joint, Link, Mechanism, Placement
+from flexinv.prepared import prepare
+
+ONE_SAMPLE = 5.0  # [us] for one sample through a prepared handle
+FIRST_CALL = 1.0  # [s] for the first call of a fresh process whose machine code is there
+JOINTS = (1, 2, 4, 8, 16, 32, 64)
+CHAIN_SAMPLES = 4_096
+STARTS = 3  # fresh processes; the fastest counts, as starting is what the system does, too
+SECONDS = 1.0
+
+TEXT = """One sample: through a prepared function (flexinv.prepare), which writes into an array that is there, beside pin.rnea
+and mj_inverse. First call: a fresh process imports flexinv, reads a robot and computes the torques of one sample; the machine
+code has been kept by a process before it. It is the processor's time, which does not count waiting for others."""
+COLUMNS = (
+    ("what", "what", ""),
+    ("method", "method", ""),
+    ("time", "time", "µs"),
+    ("quartiles", "quartiles", "µs"),
+    ("asked", "at most", "µs"),
+)
+CHAIN_TEXT = f"""Chains of revolute joints, each turned against the one before; {CHAIN_SAMPLES} samples by coordinate,
+one thread."""
+CHAIN_COLUMNS = (
+    ("joints", "joints", ""),
+    ("method", "method", ""),
+    ("time", "one sample", "ns"),
+    ("per_joint", "one sample and joint", "ns"),
+    ("faster", "faster than rneaInParallel", "-"),
+)
+CHAIN_PLOT = {"x": "joints", "y": "time", "group": "method", "log": True}
+FRESH = """
+import json, sys
+from time import process_time
+start = process_time()
+import numpy as np, flexinv
+imported = process_time()
+robot = flexinv.load_mechanism(sys.argv[1])
+read = process_time()
+zero = np.zeros((1, robot.nv))
+flexinv.joint_torques(robot, np.zeros((1, robot.nq)), zero, zero)
+print(json.dumps([imported - start, read - imported, process_time() - read]))
+"""
+
+
+def study(models: str, robots: list[str] | None = None, seconds: float = SECONDS) -> dict[str, Any]:
+    """Return the table of single samples and of the first call; times [us]."""
+    rows = []
+    for robot in robots or ROBOTS:
+        rows += _one_sample(robot, undamped(load_mechanism(Path(models) / robot)), seconds)
+    return {"text": TEXT, "columns": COLUMNS, "rows": [*rows, *_first_call(Path(models) / "ur5")]}
+
+
+def _one_sample(robot: str, mechanism: Mechanism, seconds: float) -> list[dict[str, Any]]:
+    pinocchio = importlib.import_module("crosscheck.engines.pinocchio_bench")
+    mujoco = importlib.import_module("crosscheck.engines.mujoco_bench")
+    state = random_states(mechanism, 1, np.random.default_rng(1))
+    q, qd, qdd = (np.ascontiguousarray(part[0]) for part in state)
+    function, out = prepare(mechanism, passive=False), np.empty(mechanism.nv)
+    calls = {
+        "flexinv, prepared": Call(lambda: function.sample(q, qd, qdd, out)),
+        "pin.rnea": Call(pinocchio.loop(mechanism, *state)[0]),
+        "mj_inverse": Call(mujoco.loop(mechanism, *state)[0]),
+    }
+    rows = []
+    for method, times in in_turns(calls, seconds).items():
+        row = _row(f"{robot}, one sample", method, times)
+        if method.startswith("flexinv"):
+            name = f"{robot}: one sample through a prepared function"
+            row |= {"asked": ONE_SAMPLE, "metric": metric(name, row["time"], "us", upper=ONE_SAMPLE)}
+        rows.append(judged(row))
+    return rows
+
+
+def _row(what: str, method: str, times: Times) -> dict[str, Any]:
+    s = times.spread()
+    quartiles = f"{1e6 * s.low:.3g} .. {1e6 * s.high:.3g}"
+    return {"what": what, "method": method, "time": 1e6 * s.median, "quartiles": quartiles}
+
+
+def _first_call(model: Path) -> list[dict[str, Any]]:
+    """One start that keeps the machine code, then some that find it."""
+    command = [sys.executable, "-c", FRESH, str(model.resolve())]
+    parts = []
+    for _ in range(1 + STARTS):
+        done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=Path(__file__).parents[2])
+        parts.append(json.loads(done.stdout))
+    imported, read, computed = min(parts[1:], key=sum)
+    total = imported + read + computed
+    named = {"what": f"{model.name}, first call in a fresh process"}
+    rows = [
+        named | {"method": method, "time": 1e6 * value}
+        for method, value in (("importing", imported), ("reading", read), ("torques", computed))
+    ]
+    one = metric("first call in a fresh process", total, "s", upper=FIRST_CALL)
+    rows.append(named | {"method": "all of it", "time": 1e6 * total, "asked": 1e6 * FIRST_CALL, "metric": one})
+    return [judged(row) for row in rows]
+
+
+# ------------------------------------------------------------------------------------------------------------ chains
+
+
+def chain(joints: int) -> Mechanism:
+    """Return a chain of rods of 0.3 m and 1 kg [-], every joint turned by 90 degrees against the one before."""
+    rod = Body("rod", Inertia(1.0, np.array([0.15, 0.0, 0.0]), np.diag([1e-4, 7.5e-3, 7.5e-3])))
+    turned = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    seat = Placement(np.array([0.3, 0.0, 0.0]), turned)
+    links = tuple(Link(f"rod{k}", (rod,)) for k in range(joints))
+    made = tuple(
+        Joint(f"joint{k}", "revolute", "world" if k == 0 else f"rod{k - 1}", f"rod{k}", Placement() if k == 0 else seat)
+        for k in range(joints)
+    )
+    return Mechanism(f"chain of {joints}", links, made, gravity=np.array([0.0, 0.0, -9.81]))
+
+
+def chains(joints: list[int] | None = None, seconds: float = SECONDS) -> dict[str, Any]:
+    """Return the table over joints; times [ns]."""
+    pinocchio = importlib.import_module("crosscheck.engines.pinocchio_bench")
+    rows = []
+    for count in joints or JOINTS:
+        mechanism = chain(count)
+        state = random_states(mechanism, CHAIN_SAMPLES, np.random.default_rng(count))
+        given = [np.ascontiguousarray(part.T) for part in state]
+        function, out = prepare(mechanism, passive=False, threads=1), np.empty((mechanism.nv, CHAIN_SAMPLES))
+        calls = {
+            "flexinv": Call(lambda f=function, g=given, o=out: f.torques(*g, out=o, order="coordinates")),  # type: ignore[misc]
+            "rneaInParallel": Call(pinocchio.parallel(mechanism, *state, 1)[0]),
+        }
+        times = in_turns(calls, seconds)
+        for method, own in times.items():
+            value = 1e9 * own.spread().median / CHAIN_SAMPLES
+            row = {"joints": count, "method": method, "time": value, "per_joint": value / count}
+            if method == "flexinv":
+                row["faster"] = ratio(times["rneaInParallel"], own).median
+            rows.append(judged(row))
+    return {"text": CHAIN_TEXT, "columns": CHAIN_COLUMNS, "rows": rows, "plot": CHAIN_PLOT}

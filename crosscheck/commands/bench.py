@@ -1,0 +1,107 @@
+"""``crosscheck bench``: how fast flexinv is beside other engines, on this machine."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+from typing import NoReturn
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from crosscheck import history
+from crosscheck import results as store
+from crosscheck.bench import parts as known
+from crosscheck.bench.targets import metrics, text
+from crosscheck.report import render
+from crosscheck.report.html import value
+from crosscheck.report.words import SIGNS
+from crosscheck.results import Results
+from crosscheck.runner import RESULTS
+from crosscheck.terminal import COLOURS, MODELS, TIMEOUT, Failure, progress, terminated
+
+
+@click.command("bench")
+@click.argument("parts", nargs=-1)
+@MODELS
+@click.option("--quick", is_flag=True, help="A minute or so, with fewer sizes: to see that all is well, not to quote.")
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=Path("reports/bench"),
+    show_default=True,
+    help="Folder of the report; an older report there is replaced.",
+)
+@click.option(
+    "--history",
+    "url",
+    envvar="CROSSCHECK_HISTORY",
+    help="URL of a history that the ratios are added to, such as sqlite:///reports/history.sqlite; left out: none.",
+)
+@TIMEOUT
+def command(parts: tuple[str, ...], models: Path, quick: bool, out: Path, url: str | None, timeout: float) -> NoReturn:
+    """Measure how fast flexinv is beside Pinocchio, MuJoCo and Exudyn, and beside what it shall reach.
+
+    PARTS are what is measured; without names all of it.
+
+    \b
+      rigid     torques of 100 to 131,072 samples: flexinv, pin.rnea, rneaInParallel, mj_inverse
+      single    one sample through a prepared function; the first call of a fresh process
+      chains    from 1 to 64 joints
+      flexible  arms that bend, beside Exudyn: error and time
+      elements  from 4 to 256 elements
+      others    closed loops beside trees, solve_many on two threads
+
+    \b
+      crosscheck bench --quick             one look, about a minute
+      crosscheck bench                     all of it, some minutes: leave the machine alone meanwhile
+      crosscheck bench rigid flexible      these parts only
+      python docs/make_figures.py reports/bench/results.json     the plot of time and error as a picture
+
+    The engines take turns in one process, results are compared before anything is timed, and what is judged are
+    ratios of medians.  `crosscheck nightly --bench` does the same at the end of a night.
+
+    \b
+    Exit codes: 0  every target is reached
+                1  one is missed
+                2  a part failed, or the report or the history could not be written
+    """
+    if unknown := [name for name in parts if name not in known.PARTS]:
+        raise Failure(f"no part is called {unknown[0]!r}; known: {', '.join(known.PARTS)}")
+    with terminated(), progress(Console(stderr=True)) as notify:
+        line = shlex.join(["crosscheck", *sys.argv[1:]])
+        results = known.measure(known.studies(models, parts, quick), timeout, out, notify, line)
+    store.write(results, out / RESULTS)
+    render(results, out)
+    _show(results)
+    if url is not None:
+        _remember(results, url)
+    Console(stderr=True).print(f"report: {out / 'index.html'}", highlight=False)
+    failed = not results.finished or any(table.status != "ok" for table in results.studies)
+    sys.exit(2 if failed else int(results.studies[0].verdict == "deviation"))
+
+
+def _show(results: Results) -> None:
+    """Print the table of targets, and what failed."""
+    console = Console()
+    console.print(text().split("\n\n")[0], highlight=False)
+    table = Table("", "what", "measured", "asked", "", box=None, header_style="dim")
+    for row in results.studies[0].rows:
+        sign = f"[{COLOURS[row['verdict']]}]{SIGNS[row['verdict']]}[/]"
+        table.add_row(
+            sign, escape(row["what"]), f"{value(row['value'])} {row['unit'].strip('-')}", row["limit"], row["spread"]
+        )
+    console.print(table)
+    for part in results.studies[1:]:
+        if part.status != "ok":
+            console.print(f"[red]{escape(part.title)}: {escape(part.message)}[/]")
+
+
+def _remember(results: Results, url: str) -> None:
+    try:
+        history.add_metrics(history.connect(url), metrics(results.studies), elapsed=results.elapsed)
+    except history.HistoryError as error:
+        raise Failure(str(error)) from error

@@ -1,0 +1,174 @@
+"""The speed comparison: what is measured, compared and judged.  No time is tested: those are the machine's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from crosscheck_examples import write_models
+
+from crosscheck import history
+from crosscheck.bench import flexible, marches, parts, rigid, single, targets
+from crosscheck.bench.timing import Call, Times, busy, in_turns, ratio
+from crosscheck.cli import main
+from crosscheck.engines import pinocchio_bench
+from crosscheck.report.html import study_plot
+from crosscheck.results import StudyRow, read
+from crosscheck.robots import random_states
+from flexinv import joint_torques, load_mechanism
+
+MODELS = Path(__file__).parents[1] / "models"
+SHORT = 0.01  # [s] of timing: the least number of turns
+TINY = {"robots": ["ur5"], "samples": [100, 1000], "seconds": SHORT}
+
+
+def times(wall: list[float], clean: bool, threads: int = 1) -> Times:
+    return Times(np.array(wall), np.array(wall) / 2, np.full(len(wall), clean), threads)
+
+
+def test_repetitions_that_were_interrupted_do_not_count() -> None:
+    long, short = np.full(10, 4.0), np.full(10, 2.0)
+    long[:5] = 100.0  # interrupted
+    clean = np.arange(10) >= 5
+    slow, fast = Times(long, long, clean), Times(short, short, np.full(10, True))
+    assert slow.spread().median == 4.0
+    assert ratio(slow, fast).median == 2.0
+    assert ratio(replace(slow, clean=np.full(10, True)), fast).median > 2.0
+
+
+def test_on_a_busy_machine_the_processors_time_counts_and_several_threads_are_not_judged() -> None:
+    assert times([3.0] * 9, clean=False).spread().median == 1.5  # the processor's
+    assert times([3.0] * 9, clean=True).spread().median == 3.0
+    assert busy(times([3.0] * 9, clean=False, threads=2))
+    assert not busy(times([3.0] * 9, clean=True, threads=2), times([3.0] * 9, clean=False))
+
+
+def test_calls_take_turns() -> None:
+    order: list[str] = []
+    found = in_turns({name: Call(lambda name=name: order.append(name)) for name in "ab"}, SHORT)  # type: ignore[misc]
+    turns = [name for k, name in enumerate(order) if k == 0 or order[k - 1] != name]
+    assert turns[-8:] == list("abababab")
+    assert len(found["a"].wall) == len(found["b"].wall) >= 5
+
+
+def test_a_ratio_beyond_its_limit_is_a_deviation() -> None:
+    def verdict(**limits: float) -> str:
+        return str(targets.judged({"metric": targets.metric("x", 3.0, "-", **limits)})["verdict"])
+
+    assert (verdict(lower=2.0), verdict(lower=4.0)) == ("within", "deviation")
+    assert (verdict(upper=4.0), verdict(upper=2.0)) == ("within", "deviation")
+    assert verdict() == "within"
+
+
+def test_without_avx512_half_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(targets, "vector_width", lambda: "avx512")
+    assert [rigid.asked(n, "coordinates") for n in (100, 1000, 4096, 32768)] == [None, 10.0, 15.0, 20.0]
+    monkeypatch.setattr(targets, "vector_width", lambda: "avx2")
+    assert rigid.asked(32768, "samples") == 7.5
+    assert "Without AVX-512, as here" in targets.text()
+
+
+def test_torques_are_compared_before_they_are_timed(monkeypatch: pytest.MonkeyPatch) -> None:
+    ur5 = load_mechanism(MODELS / "ur5")
+    rows = rigid.rows_of("ur5", ur5, 100, SHORT)
+    assert {"flexinv by coordinate", "flexinv by sample", "rneaInParallel", "pin.rnea in a loop"} <= {
+        row["method"] for row in rows
+    }
+    assert all(row["difference"] <= rigid.LARGEST_ERROR and row["time"] > 0.0 for row in rows)
+    right = pinocchio_bench.loop
+
+    def wrong(*given: Any) -> Any:
+        run, said = right(*given)
+        return run, lambda answer: said(answer) * (1.0 + 1e-9)
+
+    monkeypatch.setattr(pinocchio_bench, "loop", wrong)
+    rows = rigid.rows_of("ur5", ur5, 100, SHORT)
+    assert [(row["method"], row["verdict"], "time" in row) for row in rows] == [
+        ("pin.rnea in a loop", "deviation", False)
+    ]
+
+
+def test_chains_are_the_same_in_both_engines() -> None:
+    mechanism = single.chain(5)
+    state = random_states(mechanism, 7, np.random.default_rng(1))
+    run, said = pinocchio_bench.parallel(mechanism, *state, 1)
+    ours = joint_torques(mechanism, *state)
+    assert np.abs(said(run()) - ours).max() < rigid.LARGEST_ERROR * np.abs(ours).max()
+    rows = single.chains([1, 3], SHORT)["rows"]
+    assert [row["joints"] for row in rows] == [1, 1, 3, 3]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arm", [flexible.ARMS[0], flexible.ARMS[2]], ids=["plane", "space"])
+def test_flexible_arms_have_error_beside_time(arm: flexible.Arm) -> None:
+    # A hundredth of a second, three meshes: small, but the reference still has to be one.
+    small = replace(arm, end=0.05, reference=(1, 2.5e-4), finest=(16, 2.5e-4))
+    grid = flexible.Grid(exudyn=(4,), linear=(4,), spectral=(1,), steps=(1e-3,), finer=())
+    head, *rows = flexible.arm_rows(small, MODELS, grid, SHORT)
+    assert head["verdict"] == "within"
+    assert {row["method"].split(",")[0] for row in rows} == {"flexinv", "Exudyn"}
+    assert all(row["error"] > 0.0 and row["time"] > 0.0 for row in rows)
+    theirs = next(row for row in rows if row["method"].startswith("Exudyn"))
+    assert theirs["faster"] > 0.0
+    assert theirs["metric"]["lower"] == arm.asked
+    (alone,) = flexible.arm_rows(replace(small, agreement=1e-12), MODELS, grid, SHORT)
+    assert alone["verdict"] == "deviation"
+    assert "no reference" in alone["by"]
+
+
+@pytest.mark.slow
+def test_marches_loops_and_threads_are_measured() -> None:
+    rows = marches.others(str(MODELS), SHORT)["rows"]
+    assert {row["what"].split(",")[0] for row in rows} >= {"four-bar with a flexible coupler", "five-bar", "solve_many"}
+    table = StudyRow("bench others", "", columns=marches.OTHER_COLUMNS, rows=tuple(rows))
+    assert {m.upper for m in targets.metrics([table])} >= {marches.LOOP_MARCH, marches.LOOP_RIGID}
+    rows = marches.elements(str(MODELS), {"1": [2, 4]}, SHORT)["rows"]
+    assert [row["elements"] for row in rows] == [2, 4, 2, 4]
+    assert all(0.0 < row["exponent"] < 3.0 for row in rows if row["elements"] == 4)
+
+
+@pytest.fixture
+def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
+    title, module, function, _ = parts.PARTS["rigid"]
+    monkeypatch.setattr(parts, "PARTS", {"rigid": (title, module, function, TINY)})
+
+
+def test_the_command_leaves_a_page_and_ratios(tiny: None, tmp_path: Path) -> None:
+    url = f"sqlite:///{tmp_path / 'history.sqlite'}"
+    where = ["--models", str(MODELS), "--out", str(tmp_path / "out"), "--history", url]
+    done = CliRunner().invoke(main, ["bench", "rigid", "--quick", *where])
+    assert done.exit_code in (0, 1), done.output  # 1: a ratio that this machine, busy with tests, does not reach
+    results = read(tmp_path / "out" / "results.json")
+    assert [table.name for table in results.studies] == ["bench", "bench rigid"]
+    page = (tmp_path / "out" / "studies" / "bench.html").read_text()
+    assert targets.vector_width() in page
+    assert "ur5: times as fast as rneaInParallel, 1000 samples by coordinate, 1 thread" in page
+    kept = history.connect(url)
+    (night,) = history.nights(kept, "bench")
+    rows = {row["name"]: row for row in history.rows_of(kept, history.METRIC, night.id)}
+    assert rows["ur5: times as fast as rneaInParallel, 1000 samples by sample, 1 thread"]["lower"] in (10.0, 5.0)
+    assert study_plot(results.studies[1])["log"]
+
+
+def test_a_part_that_there_is_not_is_named() -> None:
+    done = CliRunner().invoke(main, ["bench", "rigit"])
+    assert done.exit_code == 2
+    assert "no part is called 'rigit'; known: rigid, single, chains, flexible, elements, others" in done.output
+
+
+def test_a_night_may_measure_speed_at_its_end(tiny: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    write_models(tmp_path / "models", MODELS.parent)
+    quick = parts.studies(MODELS, quick=True)
+    monkeypatch.setattr("crosscheck.commands.nightly.bench_studies", lambda models: quick)
+    where = ["--models", str(tmp_path / "models"), "--reports", str(tmp_path / "reports"), "--jobs", "1"]
+    CliRunner().invoke(main, ["nightly", *where, "--engines", "flexinv", "--studies", "", "--bench"])
+    kept = history.connect(f"sqlite:///{tmp_path / 'reports' / 'history.sqlite'}")
+    (night,) = history.nights(kept)
+    assert {row["unit"] for row in history.rows_of(kept, history.METRIC, night.id)} == {"-"}
+    results = read(tmp_path / "reports" / "latest" / "results.json")
+    assert {table.name for table in results.studies} == {"bench", "bench rigid"}
+    assert "times as fast as rneaInParallel" in (tmp_path / "reports" / "latest" / "trends" / "index.html").read_text()
