@@ -93,7 +93,7 @@ STYLE = {"flexinv, order 1": ("C0", "o"), "flexinv, order 4": ("C2", "s"), "Exud
 
 def time_error(results: dict[str, Any]) -> Figure:
     """Time against error of every run, one panel for each arm; lines join runs of one mesh, their steps halved."""
-    rows = next(study["rows"] for study in results["studies"] if study["name"] == "bench flexible")
+    rows = [row for study in results["studies"] for row in study["rows"] if row.get("arm") in ARMS and "error" in row]
     arms = [arm for arm in ARMS if any(row["arm"] == arm for row in rows)]
     figure = Figure(figsize=(3.1 * len(arms) + 0.6, 3.9), layout="constrained")
     panels = figure.subplots(1, len(arms), squeeze=False)[0]

@@ -98,7 +98,7 @@ def test_chains_are_the_same_in_both_engines() -> None:
     run, said = pinocchio_bench.parallel(mechanism, *state, 1)
     ours = joint_torques(mechanism, *state)
     assert np.abs(said(run()) - ours).max() < rigid.LARGEST_ERROR * np.abs(ours).max()
-    rows = single.chains([1, 3], SHORT)["rows"]
+    rows = single.chains(joints=[1, 3], seconds=SHORT)["rows"]
     assert [row["joints"] for row in rows] == [1, 1, 3, 3]
 
 
@@ -133,8 +133,7 @@ def test_marches_loops_and_threads_are_measured() -> None:
 
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
-    title, module, function, _ = parts.PARTS["rigid"]
-    monkeypatch.setattr(parts, "PARTS", {"rigid": (title, module, function, TINY)})
+    monkeypatch.setattr(parts, "PARTS", {"rigid": replace(parts.PARTS["rigid"], quick=TINY)})
 
 
 def test_the_command_leaves_a_page_and_ratios(tiny: None, tmp_path: Path) -> None:
@@ -157,7 +156,10 @@ def test_the_command_leaves_a_page_and_ratios(tiny: None, tmp_path: Path) -> Non
 def test_a_part_that_there_is_not_is_named() -> None:
     done = CliRunner().invoke(main, ["bench", "rigit"])
     assert done.exit_code == 2
-    assert "no part is called 'rigit'; known: rigid, single, chains, flexible, elements, others" in done.output
+    assert (
+        "no part is called 'rigit'; known: rigid, single, chains, one-link, two-link, spatial, elements, others"
+        in done.output
+    )
 
 
 def test_a_night_may_measure_speed_at_its_end(tiny: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,40 +13,46 @@ from crosscheck.results import Results
 from crosscheck.runner import Notify, Options, run
 from crosscheck.studies import Study
 
-# Part: title, module, function, options of the quick mode; every one takes the folder of models except chains.
-_QUICK_RIGID = {"samples": [1_000, 4_096, 32_768], "seconds": 0.3}
-PARTS: Mapping[str, tuple[str, str, str, Mapping[str, Any]]] = {
-    "rigid": ("Torques of many samples", "rigid", "study", _QUICK_RIGID),
-    "single": ("One sample, and the first call", "single", "study", {"seconds": 0.2}),
-    "chains": ("Longer chains", "single", "chains", {"joints": [1, 8, 64], "seconds": 0.2}),
-    "flexible": (
-        "Arms that bend: time and error",
-        "flexible",
-        "study",
-        {"arms": ["flex_one_link"], "quick": True, "seconds": 2.0},
-    ),
-    "elements": (
-        "More elements",
-        "marches",
-        "elements",
-        {"orders": {"1": [4, 16, 64, 128], "4": [1, 4, 16]}, "seconds": 1.0},
-    ),
-    "others": ("Closed loops and threads", "marches", "others", {"seconds": 1.0}),
+_QUICK_ARM = {"quick": True, "seconds": 1.0}
+_ARMS = {"one-link": "flex_one_link", "two-link": "flex_two_link", "spatial": "spatial_arm"}
+
+
+@dataclass(frozen=True)
+class Part:
+    """A title, the function of a module here, and what it is called with: always, and in the quick mode."""
+
+    title: str
+    module: str
+    function: str = "study"
+    options: Mapping[str, Any] = field(default_factory=dict)
+    quick: Mapping[str, Any] = field(default_factory=dict)
+
+
+PARTS: Mapping[str, Part] = {
+    "rigid": Part("Torques of many samples", "rigid", quick={"samples": [1_000, 4_096, 32_768], "seconds": 0.3}),
+    "single": Part("One sample, and the first call", "single", quick={"seconds": 0.2}),
+    "chains": Part("Longer chains", "single", "chains", quick={"joints": [1, 8, 64], "seconds": 0.2}),
+    **{
+        name: Part(f"Time and error of an arm that bends, {name}", "flexible", "study", {"arms": [model]}, _QUICK_ARM)
+        for name, model in _ARMS.items()
+    },
+    "elements": Part("More elements", "marches", "elements", quick={"orders": {"1": [16, 64, 128]}, "seconds": 0.5}),
+    "others": Part("Closed loops and threads", "marches", "others", quick={"seconds": 0.5}),
 }
 
 
 def studies(models: Path, names: tuple[str, ...] = (), quick: bool = False) -> tuple[Study, ...]:
     """Return the studies of the named parts, of all where none is named."""
-    chosen = {name: part for name, part in PARTS.items() if not names or name in names}
     return tuple(
         Study(
             f"bench {name}",
-            f"Speed: {title[0].lower()}{title[1:]}",
-            f"crosscheck.bench.{module}",
-            function,
-            ({} if name == "chains" else {"models": str(models.resolve())}) | (dict(own) if quick else {}),
+            f"Speed: {part.title[0].lower()}{part.title[1:]}",
+            f"crosscheck.bench.{part.module}",
+            part.function,
+            {"models": str(models.resolve()), **part.options, **(part.quick if quick else {})},
         )
-        for name, (title, module, function, own) in chosen.items()
+        for name, part in PARTS.items()
+        if not names or name in names
     )
 
 

@@ -130,8 +130,8 @@ def chain(joints: int) -> Mechanism:
     return Mechanism(f"chain of {joints}", links, made, gravity=np.array([0.0, 0.0, -9.81]))
 
 
-def chains(joints: list[int] | None = None, seconds: float = SECONDS) -> dict[str, Any]:
-    """Return the table over joints; times [ns]."""
+def chains(models: str = "", joints: list[int] | None = None, seconds: float = SECONDS) -> dict[str, Any]:
+    """Return the table over joints; times [ns].  The chains are made here: no models are read."""
     pinocchio = importlib.import_module("crosscheck.engines.pinocchio_bench")
     rows = []
     for count in joints or JOINTS:

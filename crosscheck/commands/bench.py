@@ -51,14 +51,14 @@ def command(parts: tuple[str, ...], models: Path, quick: bool, out: Path, url: s
       rigid     torques of 100 to 131,072 samples: flexinv, pin.rnea, rneaInParallel, mj_inverse
       single    one sample through a prepared function; the first call of a fresh process
       chains    from 1 to 64 joints
-      flexible  arms that bend, beside Exudyn: error and time
+      one-link, two-link, spatial   arms that bend, beside Exudyn: error and time
       elements  from 4 to 256 elements
       others    closed loops beside trees, solve_many on two threads
 
     \b
       crosscheck bench --quick             one look, about a minute
       crosscheck bench                     all of it, some minutes: leave the machine alone meanwhile
-      crosscheck bench rigid flexible      these parts only
+      crosscheck bench rigid one-link      these parts only
       python docs/make_figures.py reports/bench/results.json     the plot of time and error as a picture
 
     The engines take turns in one process, results are compared before anything is timed, and what is judged are
