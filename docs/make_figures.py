@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
@@ -121,6 +122,7 @@ def panel(axes: Axes, rows: list[dict[str, Any]]) -> None:
             str(elements), (time[-1], error[-1]), xytext=(4, -3), textcoords="offset points", fontsize=7, color=colour
         )
         named.add(kind)
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_xlabel("time of the run [s]")
     axes.grid(alpha=0.3)
 

@@ -84,7 +84,7 @@ class Arm:
 ARMS = (
     Arm("flex_one_link", "cycloid", "ancf", ASKED, (2, 2.5e-5), (32, 2.5e-5), 3e-6),
     Arm("flex_two_link", "cycloid", "ancf", ASKED, (2, 2.5e-5), (32, 2.5e-5), 3e-6),
-    Arm("spatial_arm", "reach", "ge", None, (1, 1e-4), (32, 2.5e-4), 3e-5),
+    Arm("spatial_arm", "reach", "ge", None, (1, 1e-4), (32, 5e-4), 3e-5),
 )
 
 
@@ -129,7 +129,7 @@ def arm_rows(arm: Arm, models: Path, grid: Grid, seconds: float) -> list[dict[st
     mechanism, motion = subject(arm, models)
     length = sum(link.beam.length for link in mechanism.beams if link.beam)
     reference = solved(mechanism.with_mesh(arm.reference[0], 8), motion, arm.reference[1], arm.end)
-    finest = best(arm, mechanism, motion, *arm.finest)
+    finest = best(arm, mechanism, motion, *arm.finest, any_setting=True)
     apart = distance(finest.tips, reference) / length
     head = _row(arm, finest) | {"error": apart, "by": "the reference: two codes agree", "time": None, "per_step": None}
     if apart > arm.agreement:
@@ -197,8 +197,11 @@ def _theirs(arm: Arm, mechanism: Mechanism, motion: Motion, grid: Grid) -> Itera
                 yield best(arm, mechanism, motion, elements, step)
 
 
-def best(arm: Arm, mechanism: Mechanism, motion: Motion, elements: int, step: float) -> Run:
-    """Return Exudyn's run with the setting that is fastest here; step [s].  Raises ExudynFailure where none converges."""
+def best(arm: Arm, mechanism: Mechanism, motion: Motion, elements: int, step: float, any_setting: bool = False) -> Run:
+    """Return Exudyn's run with the setting that is fastest here, or with any; step [s].
+
+    Raises ExudynFailure where none converges.
+    """
     exudyn = importlib.import_module("crosscheck.engines.exudyn_bench")
     march = exudyn.March(mechanism, motion, arm.formulation, elements, step, arm.end)
     found: list[tuple[float, Any, dict[str, Array]]] = []
@@ -211,6 +214,8 @@ def best(arm: Arm, mechanism: Mechanism, motion: Motion, elements: int, step: fl
             trouble = error
             continue
         found.append((clock.process_time() - start, setting, tips))
+        if any_setting:
+            break
     if not found:
         raise trouble
     _, setting, tips = min(found, key=lambda one: one[0])
