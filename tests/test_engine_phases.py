@@ -219,3 +219,54 @@ def test_reactions_carry_the_bar() -> None:
         total += np.stack([c * f[:, 0] - n * f[:, 1], n * f[:, 0] + c * f[:, 1]], axis=1)
     expected = 4.0 * (s.qdd[:, [x, y]] - mechanism.gravity[:2])
     assert np.abs(total - expected)[held].max() < 1e-11 * np.abs(expected).max()  # rounding times condition
+
+
+# ---------------------------------------------------------------------------------------------------------- couplings
+
+
+def rack_and_pinion() -> tuple[Mechanism, Case]:
+    """A drive turns a pinion; a rack without a drive moves by 0.05 m per radian, upward."""
+    up = np.array([0.0, 1.0, 0.0])
+    links = (
+        Link("pinion", (Body("pinion", Inertia(1.0, np.zeros(3), 0.02 * np.eye(3))),)),
+        Link("rack", (Body("rack", Inertia(3.0, np.zeros(3), 0.01 * np.eye(3))),)),
+    )
+    joints = (
+        Joint("turn", "revolute", "world", "pinion", damping=0.1),
+        Joint("lift", "prismatic", "world", "rack", axis=up, actuated=False),
+    )
+    world = Attachment("world")
+    gear = Closure("gear", "coupling", world, world, factors=(("turn", 0.05), ("lift", -1.0)), offset=-0.02)
+    motion = flexinv.Motion.point_to_point({"turn": 0.0}, {"turn": 2.0}, 1.0)
+    mechanism = Mechanism("rack and pinion", links, joints, np.array([0.0, -9.81, 0.0]), (gear,))
+    return mechanism, Case("c", "", motion, 0.05, 1.0, 0.05, ("torque",), (), start={"lift": np.array([0.02])})
+
+
+@pytest.mark.parametrize("which", ["pinocchio", "mujoco"])
+def test_a_coupling_ties_two_coordinates(which: str) -> None:
+    """tau = (J + m r^2) q'' + d q' + m g r, and no wrench between frames."""
+    mechanism, case = rack_and_pinion()
+    q, qd, qdd = (part[:, 0] for part in case.motion.evaluate(mechanism, sample_times(case)))
+    expected = (0.02 + 3.0 * 0.05**2) * qdd + 0.1 * qd + 3.0 * 9.81 * 0.05
+    for name in ("flexinv", which):
+        record = ran(name, mechanism, case)
+        assert record.series["torque/turn"].values == pytest.approx(
+            expected, abs=1e-12 * np.abs(expected).max() + 1e-12
+        )
+        assert record.series["tip/rack/y"].values == pytest.approx(0.05 * q + 0.02, abs=1e-12)
+        assert not [n for n in record.series if n.startswith("reaction")]
+
+
+def test_mujocos_joint_equality_is_soft_too() -> None:
+    """The drive turns the pinion alone, and the rack asks for its own weight and acceleration."""
+    mechanism, case = rack_and_pinion()
+    _, qd, qdd = (part[:, 0] for part in case.motion.evaluate(mechanism, sample_times(case)))
+    native = ran("mujoco-equality", mechanism, case)
+    # rounding of the position, 1e-17 m, times a stiffness of 1e5 / s^2 times 3 kg over 1 - impedance = 1e-4
+    assert native.series["torque/turn"].values == pytest.approx(0.02 * qdd + 0.1 * qd, abs=1e-6)
+    assert native.series["torque/lift"].values == pytest.approx(3.0 * (0.05 * qdd + 9.81), abs=1e-6)
+
+
+def test_exudyn_says_that_it_has_no_coupling() -> None:
+    reason = exudyn.unsupported(*rack_and_pinion(), "exudyn-dae")
+    assert reason == "closures without a connector of Exudyn between redundant coordinates: gear"

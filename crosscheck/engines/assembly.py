@@ -7,6 +7,8 @@ frame and d = x_2 - x_1, or w fixed in the second:
     phi = u . d     phi' = u . (v_2 - v_1) + (w_1 x u) . d
     phi = u . w     phi' = (w_2 - w_1) . (w x u)
 
+A coupling of joint coordinates joins in as the first of these (`coupled`).
+
 Positions by Newton, continued from sample to sample with halved steps where it has to go far; rates by two linear
 solves.  Multipliers act on the second frame as forces u at its origin and moments w x u, on the first as the opposite.
 
@@ -15,6 +17,7 @@ solves.  Multipliers act on the second frame as forces u at its origin and momen
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Protocol
@@ -110,7 +113,25 @@ def equations(closure: Closure) -> tuple[list[Array], list[tuple[Array, Array]]]
             return [p, s], [(p, n), (s, n)]
         case "point-on-line":
             return [p, s], []
+        case "coupling":
+            return [x], []
     raise AssemblyError(f"closure {closure.name!r}: no equations here for kind {closure.kind!r}")
+
+
+def coupled(closure: Closure, place: Callable[[str], tuple[int, int]], q: Array, v: Array) -> tuple[Moving, Moving]:
+    """Return a coupling, sum factor q = offset [rad], [m], as two points on a line: the second is where the sum is.
+
+    place : joint -> where its number stands in q (nq,) and in v (nv,).  Both points are the world's: a force between
+    them acts on nothing.
+    """
+    still, none = np.zeros(3), np.zeros((3, len(v)))
+    sum_of, rate = np.array([-closure.offset, 0.0, 0.0]), none.copy()
+    for name, factor in closure.factors:
+        at, column = place(name)
+        sum_of[0] += factor * q[at]
+        rate[0, column] += factor
+    fixed = Moving(still, np.eye(3), none, none, still, still, still, still)
+    return fixed, Moving(sum_of, np.eye(3), rate, none, rate @ v, still, still, still)
 
 
 def rows_of(closures: tuple[Closure, ...], pairs: list[tuple[Moving, Moving]]) -> Rows:

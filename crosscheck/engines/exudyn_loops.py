@@ -96,6 +96,8 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
         return reason
     if reason := _switched(mechanism):
         return reason
+    if strange := [c.name for c in mechanism.closures if c.kind not in exudyn_closing.HELD]:
+        return f"closures without a connector of Exudyn between redundant coordinates: {', '.join(strange)}"
     if not mechanism.beams and (reason := assembly.unsupported(mechanism)):
         return reason
     if (

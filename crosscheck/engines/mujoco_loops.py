@@ -9,9 +9,9 @@
     wrenches      mj_rnePostConstraint with given forces and closures in xfrc_applied; the tendons' forces it adds itself
 
 Phases        closures that act for a while: MuJoCo's own switch of an equality, ``eq_active`` of its data
-Equalities    spherical: connect;  revolute: two of them, a metre apart on the axis;  fixed: weld.  None of MuJoCo's types
-              makes up universal, prismatic, cylindrical, point-on-line: their rows come from mj_jac, and there is no
-              "mujoco-equality".
+Equalities    spherical: connect;  revolute: two of them, a metre apart on the axis;  fixed: weld;  coupling of two joints:
+              joint.  None of MuJoCo's types makes up universal, prismatic, cylindrical, point-on-line: their rows come
+              from mj_jac, and there is no "mujoco-equality".
 Springs       between points: spatial tendons with stiffness, springlength and damping;  in joints: stiffness, springref.
 Forces        mj_inverse leaves applied forces out: mj_applyFT gives what they take off the effort.
 Native result  An equality is soft: mj_inverse asks which force -D (J a - a_ref) goes with the given acceleration.  Where
@@ -37,7 +37,7 @@ from flexinv.mechanism import WORLD, Attachment, Closure, Mechanism
 
 Array = NDArray[np.float64]
 Motion = Callable[[Array], tuple[Array, Array, Array]]
-CONNECT, WELD = mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD
+CONNECT, WELD, JOINT = mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD, mujoco.mjtEq.mjEQ_JOINT
 EQUALITIES = {"spherical": (CONNECT, (0.0,)), "revolute": (CONNECT, (0.0, 1.0)), "fixed": (WELD, (0.0,))}
 OFF = int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
 # As stiff as MuJoCo takes it at its own step of 2 ms (solref[0] >= 2 steps), impedance next to 1: see "Native result".
@@ -67,7 +67,18 @@ def _site(spec: Any, at: Attachment, name: str, offset: Array) -> str:
     return name
 
 
+def has_equality(closure: Closure) -> bool:
+    """Return whether MuJoCo's equalities make up a closure."""
+    return closure.kind in EQUALITIES or (closure.kind == "coupling" and len(closure.factors) == 2)
+
+
 def _equality(spec: Any, closure: Closure) -> None:
+    if closure.kind == "coupling" and has_equality(closure):
+        (first, f), (second, g) = closure.factors
+        made = spec.add_equality(name=f"{closure.name}/0", type=JOINT, name1=first, name2=second)
+        made.data[:2] = closure.offset / f, -g / f
+        made.solref, made.solimp = STIFF
+        return
     kind, offsets = EQUALITIES.get(closure.kind, (CONNECT, ()))
     for k, offset in enumerate(offsets):
         ends = ((closure.first, "first"), (closure.second, "second"))
@@ -80,7 +91,7 @@ def _equality(spec: Any, closure: Closure) -> None:
 
 def without_equality(mechanism: Mechanism) -> list[str]:
     """Return the closures that none of MuJoCo's equalities makes up."""
-    return [c.name for c in mechanism.closures if c.kind not in EQUALITIES]
+    return [c.name for c in mechanism.closures if not has_equality(c)]
 
 
 def state_of(built: Built, mechanism: Mechanism) -> Any:
@@ -122,7 +133,16 @@ class Tree:
 
     def seen(self) -> list[tuple[Moving, Moving]]:
         """Return the two frames of every closure where the data stands."""
-        return [(self.look(c.first), self.look(c.second)) for c in self.mechanism.closures]
+        return [
+            assembly.coupled(c, self.number, self.data.qpos, self.data.qvel)
+            if c.kind == "coupling"
+            else (self.look(c.first), self.look(c.second))
+            for c in self.mechanism.closures
+        ]
+
+    def number(self, joint: str) -> tuple[int, int]:
+        """Return where the one number of a joint stands in qpos and in qvel [-]."""
+        return self.built.q_at[joint], self.built.v_at[joint]
 
     def look(self, at: Attachment) -> Moving:
         """Return a frame where the data stands."""
@@ -182,7 +202,7 @@ def shared(tree: Tree, time: float, driven: NDArray[np.bool_], weight: Array) ->
         return Shares(effort, acting, np.zeros((0, 6)))
     pairs = tree.seen()
     rows = assembly.rows_of(m.closures, pairs)
-    own = np.isin(rows.closure, [k for k, c in enumerate(m.closures) if c.kind not in EQUALITIES])
+    own = np.isin(rows.closure, [k for k, c in enumerate(m.closures) if not has_equality(c)])
     drives = assembly.share_out(np.vstack([g, rows.g[own]]), effort, driven, weight)
     made = closing(m, pairs, rows, assembly.multipliers(rows.g, effort, drives))
     return Shares(drives, acting + made, reactions(made, pairs))

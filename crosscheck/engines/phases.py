@@ -108,5 +108,9 @@ def joined(parts: Iterable[dict[str, Array]]) -> dict[str, Array]:
 
 
 def complete(mechanism: Mechanism, wrenches: dict[str, Array], samples: int) -> dict[str, Array]:
-    """Return the wrenches (samples, 6) [N], [N m] of all closures of a mechanism: zero of those that do not act."""
-    return {c.name: wrenches.get(c.name, np.zeros((samples, 6))) for c in mechanism.closures}
+    """Return the wrenches (samples, 6) [N], [N m] of all closures of a mechanism: zero of those that do not act.
+
+    A coupling ties no frames: it has none.
+    """
+    framed = [c.name for c in mechanism.closures if c.kind != "coupling"]
+    return {name: wrenches.get(name, np.zeros((samples, 6))) for name in framed}

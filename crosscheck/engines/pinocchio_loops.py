@@ -53,7 +53,17 @@ class Tree:
     def pairs(self, q: Array, v: Array) -> list[tuple[Moving, Moving]]:
         """Return the two frames of every closure."""
         self.place(q, v)
-        return [(self.look(c.first), self.look(c.second)) for c in self.mechanism.closures]
+        return [
+            assembly.coupled(c, self.number, q, v)
+            if c.kind == "coupling"
+            else (self.look(c.first), self.look(c.second))
+            for c in self.mechanism.closures
+        ]
+
+    def number(self, joint: str) -> tuple[int, int]:
+        """Return where the one number of a joint stands in q and in v [-]."""
+        m, built = self.mechanism, self.built
+        return int(built.q_order[m.q_slices[joint]][0]), int(built.v_order[m.v_slices[joint]][0])
 
     def place(self, q: Array, v: Array) -> None:
         """Put the tree where it is, joint accelerations zero [rad], [m], [s]."""
