@@ -78,7 +78,7 @@ def _compiler(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 # For kernels that Python calls: other threads of Python run beside them.
 jit = _compiler(cache=True, nogil=True, _nrt=False, no_cfunc_wrapper=True)
 # For kernels that only other kernels call.
-jit_inner = _compiler(cache=True, _nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True)
+jit_inner = _compiler(forceinline=True, cache=True, _nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True)
 # For kernels with a single caller, which takes in their text: no second copy of all that they call is compiled.
 jit_inline = _compiler(_nrt=False, inline="always")
 # The same for loops over lanes, whose products and sums may fuse.
