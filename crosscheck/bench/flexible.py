@@ -30,7 +30,7 @@ from flexinv.scheme import solve
 Array = NDArray[np.float64]
 ASKED = 10.0  # times as fast as Exudyn in the plane, at an error as small or smaller
 SAMPLE = 1e-3  # [s] between the samples at which errors are taken; every step divides it
-SECONDS = 20.0  # for each mechanism: some five turns of everything
+SECONDS = 10.0  # for each mechanism: five turns of everything, or more
 # So little shear and rotary inertia that the arms' tips move by less than 1e-6 of their length: hundred times as stiff,
 # a hundredth of the inertia (as they are, the two codes differ by 2.7e-5, with this by 2.6e-7).
 LITTLE = 100.0
@@ -207,6 +207,8 @@ def best(arm: Arm, mechanism: Mechanism, motion: Motion, elements: int, step: fl
     found: list[tuple[float, Any, dict[str, Array]]] = []
     trouble = exudyn.ExudynFailure("nothing was tried")
     for setting in march.settings():
+        if found and (any_setting or setting.tolerance > found[0][1].tolerance):
+            break
         try:
             start = clock.process_time()
             tips = march.tips(setting, SAMPLE)
@@ -214,8 +216,6 @@ def best(arm: Arm, mechanism: Mechanism, motion: Motion, elements: int, step: fl
             trouble = error
             continue
         found.append((clock.process_time() - start, setting, tips))
-        if any_setting:
-            break
     if not found:
         raise trouble
     _, setting, tips = min(found, key=lambda one: one[0])

@@ -57,9 +57,9 @@ class March:
     spectral_radius: float = 0.8
 
     def settings(self) -> list[Setting]:
-        """Return what is worth trying: dense matrices where there are few unknowns."""
-        kinds = [Setting(True, False), Setting(False, False)]
-        return [*kinds, Setting(True, True)] if self.elements <= 16 else kinds
+        """Return what is worth trying, the stricter tolerance first; dense matrices where there are few unknowns."""
+        kinds = [(True, False), (False, False), *([(True, True)] if self.elements <= 16 else [])]
+        return [Setting(modified, dense, tolerance) for tolerance in TOLERANCES for modified, dense in kinds]
 
     def runner(self, setting: Setting) -> Callable[[], None]:
         """Return what marches from the start to the end.  Raises ExudynFailure where Newton fails."""
