@@ -1,7 +1,7 @@
 """Draw the README's pictures from real runs.
 
 ``python docs/make_figures.py`` writes docs/arms.png.  With the results of ``crosscheck bench`` it writes
-docs/time_error.png instead: ``python docs/make_figures.py reports/bench/results.json``.
+docs/time_error.png instead: ``python docs/make_figures.py reports/bench/results.json`` (several files: all of them).
 """
 
 from __future__ import annotations
@@ -129,7 +129,8 @@ def panel(axes: Axes, rows: list[dict[str, Any]]) -> None:
 
 if __name__ == "__main__":
     if len(sys.argv) > 1:
-        read = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
-        time_error(read).savefig(Path(__file__).with_name("time_error.png"), dpi=110)
+        runs = [json.loads(Path(name).read_text(encoding="utf-8")) for name in sys.argv[1:]]
+        merged = {"studies": [study for run in runs for study in run["studies"]]}
+        time_error(merged).savefig(Path(__file__).with_name("time_error.png"), dpi=110)
     else:
         draw().savefig(Path(__file__).with_name("arms.png"), dpi=110)
