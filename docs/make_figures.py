@@ -122,6 +122,7 @@ def panel(axes: Axes, rows: list[dict[str, Any]]) -> None:
             str(elements), (time[-1], error[-1]), xytext=(4, -3), textcoords="offset points", fontsize=7, color=colour
         )
         named.add(kind)
+    axes.margins(x=0.12)
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_xlabel("time of the run [s]")
     axes.grid(alpha=0.3)
