@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexinv.inverse import NodalForces
+from flexinv.inverse import NodalForces, plain
 from flexinv.mechanism import Array
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
+from flexinv.sums import energy_samples, root_samples
 
 
 @dataclass(frozen=True)
@@ -50,18 +51,17 @@ def balance(
     elastic : (samples, 2) elastic energy [J] and its rate [W]; applied : springs, loads and closures, if any
     brought : (samples,) energy that impacts bring at once [J], if any
     """
-    spin = np.einsum("nij,snj->sni", mesh.inertia, motion.omega)
-    kinetic = 0.5 * np.einsum("n,sni,sni->s", mesh.mass, motion.v, motion.v)
-    kinetic += 0.5 * np.einsum("sni,sni->s", motion.omega, spin)
-    potential = -np.einsum("n,sni,i->s", mesh.mass, motion.x, mesh.mechanism.gravity)
+    sums, total = np.empty((len(time), 3)), np.empty((len(time), 6))
+    moving = (plain(part) for part in (motion.x, motion.rotation, motion.v, motion.omega, forces.force, forces.moment))
+    energy_samples(mesh.mass, mesh.inertia, plain(mesh.mechanism.gravity), *moving, sums, total)
+    kinetic, potential, moved = sums.T.copy()
     given = np.einsum("sv,sv->s", tau, qd)
     energy = kinetic + potential + elastic[:, 0]
     supplied = given if applied is None else given + _power(motion, applied)
     work = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(time) * (supplied[1:] + supplied[:-1]))])
     if brought is not None:
         work += np.cumsum(brought)
-    total = np.hstack([forces.force.sum(axis=1), (np.cross(motion.x, forces.force) + forces.moment).sum(axis=1)])
-    power = given - _power(motion, forces) - elastic[:, 1]
+    power = given - moved - elastic[:, 1]
     return Balance(kinetic, potential, elastic[:, 0], power, work - (energy - energy[0]), base - total)
 
 
@@ -77,7 +77,6 @@ def base_reaction(mesh: Mesh, motion: NodalMotion, wrench: Array) -> Array:
 
     wrench : (samples, nodes, 6) force (world) and moment (own frame) on each node from its own rigid part
     """
-    roots = np.flatnonzero(mesh.parent < 0)
-    force = wrench[:, roots, :3]
-    moment = np.einsum("snij,snj->sni", motion.rotation[:, roots], wrench[:, roots, 3:])
-    return np.hstack([force.sum(axis=1), (np.cross(motion.x[:, roots], force) + moment).sum(axis=1)])
+    total = np.zeros((len(motion.x), 6))
+    root_samples(np.flatnonzero(mesh.parent < 0), plain(motion.x), plain(motion.rotation), plain(wrench), total)
+    return total

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexinv.applied import joint_springs
 from flexinv.balance import balance, base_reaction
@@ -39,7 +40,7 @@ def evaluate(
         mechanism, q
     )
     base = base_reaction(mesh, motion, trajectory.wrench)
-    wrench = {name: np.hstack(in_node_frame(motion, wrenches, node)) for name, node in mesh.joint_node.items()}
+    wrench = {name: in_node_frame(motion, wrenches, node) for name, node in mesh.joint_node.items()}
     internal, stations = _internal(mesh, trajectory)
     return Solution(
         mechanism=mechanism, mesh=mesh, time=time, q=q, qd=qd, qdd=qdd,
@@ -107,6 +108,14 @@ def _internal(mesh: Mesh, trajectory: Trajectory) -> tuple[dict[str, Array], dic
     for index, link in enumerate(mesh.mechanism.links):
         own = np.flatnonzero(e.link == index) if link.beam is not None else ()
         if len(own):
-            values[link.name] = np.concatenate([trajectory.internal[:, k, : e.order[k]] for k in own], axis=1)
+            values[link.name] = _points(trajectory.internal, own, e.order[own])
             stations[link.name] = np.concatenate([e.station[k, : e.order[k]] for k in own])
     return values, stations
+
+
+def _points(internal: Array, own: NDArray[np.int64], order: NDArray[np.int64]) -> Array:
+    """All points of the elements ``own`` in a row, (samples, points, 6); not copied where they stand so in memory."""
+    points = internal.shape[2]
+    if np.all(order == points) and np.all(np.diff(own) == 1):
+        return internal[:, own[0] : own[-1] + 1].reshape(len(internal), -1, 6)
+    return np.concatenate([internal[:, k, :n] for k, n in zip(own, order, strict=True)], axis=1)

@@ -13,7 +13,7 @@ from flexinv.joint import joint_axes, joint_effort
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import VELOCITIES, Mesh
 from flexinv.nodal import NodalMotion
-from flexinv.sums import nodal_samples, sum_samples
+from flexinv.sums import in_frame, nodal_samples, sum_samples
 
 
 @dataclass(frozen=True)
@@ -74,17 +74,16 @@ def project(mesh: Mesh, motion: NodalMotion, wrenches: NodalForces) -> Array:
     """Return the component of each joint's wrench along its coordinates, (samples, nv) [N m] or [N]."""
     tau = np.zeros((len(motion.x), mesh.mechanism.nv))
     for node in np.flatnonzero(mesh.v_index >= 0):
-        force, moment = in_node_frame(motion, wrenches, int(node))
-        kind, first = int(mesh.kind[node]), mesh.v_index[node]
-        tau[:, first : first + VELOCITIES[kind]] = joint_effort(kind, mesh.axis[node], force, moment)
+        own, kind, first = in_node_frame(motion, wrenches, int(node)), int(mesh.kind[node]), mesh.v_index[node]
+        tau[:, first : first + VELOCITIES[kind]] = joint_effort(kind, mesh.axis[node], own[:, :3], own[:, 3:])
     return tau
 
 
-def in_node_frame(motion: NodalMotion, wrenches: NodalForces, node: int) -> tuple[Array, Array]:
-    """Return force [N] and moment [N m] of one node's wrench, (samples, 3) each, in the node's own frame."""
-    rotation = motion.rotation[:, node]
-    force = np.einsum("sji,sj->si", rotation, wrenches.force[:, node])  # (sample, xyz)
-    return force, np.einsum("sji,sj->si", rotation, wrenches.moment[:, node])
+def in_node_frame(motion: NodalMotion, wrenches: NodalForces, node: int) -> Array:
+    """Return force [N] and moment [N m] of one node's wrench, (samples, 6), in the node's own frame."""
+    own = np.empty((len(motion.x), 6))
+    in_frame(node, plain(motion.rotation), plain(wrenches.force), plain(wrenches.moment), own)
+    return own
 
 
 def drive_efforts(

@@ -92,9 +92,8 @@ def progress(law: Law, s: Array, left: NDArray[np.bool_]) -> Triple:
     s : (samples,) [-]; left : (samples,) True where the limit from the left is wanted instead
     returns u, u', u'' : (samples,) each [-]
     """
-    marks = np.array(sorted({0.0, 1.0, *law.jumps}))
-    nearest_mark = marks[np.abs(s[:, None] - marks).argmin(axis=1)]  # (samples,)
-    s = np.where(np.abs(s - nearest_mark) <= SNAP, nearest_mark, s)
+    for mark in {0.0, 1.0, *law.jumps}:
+        s = np.where(np.abs(s - mark) <= SNAP, mark, s)
     inside = np.clip(s, 0.0, 1.0)
     u, speed, acceleration = law.function(inside)
     if law.jumps:  # u'' is constant between the jumps, so its limit from the left is its value a little earlier

@@ -1,9 +1,9 @@
-"""Nodal forces and their sums along the tree, sample by sample: each number is read once, at the speed of the memory."""
+"""Nodal forces, their sums along the tree and over it, sample by sample: each number is read once, at the speed of the memory."""
 
 from __future__ import annotations
 
 from flexinv.compiled import jit
-from flexinv.vectors import add, apply, cross, mat, put, scale, sub, vec
+from flexinv.vectors import add, apply, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
 
 
 @jit
@@ -29,3 +29,49 @@ def sum_samples(parent, x, force, moment):
                 arm = sub(vec(x[s, n]), vec(x[s, m]))
                 put(force[s, m], 0, add(vec(force[s, m]), push))
                 put(moment[s, m], 0, add(vec(moment[s, m]), add(vec(moment[s, n]), cross(arm, push))))
+
+
+@jit
+def in_frame(node, rotation, force, moment, out):
+    """Set force [N] and moment [N m] of one node in the node's own frame, (samples, 6)."""
+    for s in range(rotation.shape[0]):
+        turn = mat(rotation[s, node])
+        put(out[s], 0, tapply(turn, vec(force[s, node])))
+        put(out[s], 3, tapply(turn, vec(moment[s, node])))
+
+
+@jit
+def energy_samples(mass, inertia, g, x, rotation, v, omega, force, moment, energy, total):
+    """Set kinetic and potential energy [J] and the power P . v + Q . w [W] of all nodes, (samples, 3), and sum P, Q.
+
+    total : (samples, 6) sum of P [N] and of x x P + Q [N m], about the origin
+    """
+    gravity, none = vec(g), (0.0, 0.0, 0.0)
+    for s in range(x.shape[0]):
+        kinetic, potential, power, push, turn = 0.0, 0.0, 0.0, none, none
+        for n in range(mass.shape[0]):
+            place, speed, w = vec(x[s, n]), vec(v[s, n]), vec(omega[s, n])
+            p, q = vec(force[s, n]), vec(moment[s, n])
+            kinetic += 0.5 * (mass[n] * dot(speed, speed) + dot(w, apply(mat(inertia[n]), w)))
+            potential -= mass[n] * dot(gravity, place)
+            power += dot(p, speed) + dot(q, apply(mat(rotation[s, n]), w))
+            push, turn = add(push, p), add(turn, add(cross(place, p), q))
+        put(energy[s], 0, (kinetic, potential, power))
+        put(total[s], 0, push)
+        put(total[s], 3, turn)
+
+
+@jit
+def root_samples(roots, x, rotation, wrench, total):
+    """Add to ``total`` (samples, 6) [N], [N m] the wrenches on the nodes ``roots``, about the origin.
+
+    wrench : (samples, nodes, 6) force (world) and moment (own frame)
+    """
+    for s in range(x.shape[0]):
+        push, turn = vec_at(total[s], 0), vec_at(total[s], 3)
+        for n in roots:
+            force = vec_at(wrench[s, n], 0)
+            moment = apply(mat(rotation[s, n]), vec_at(wrench[s, n], 3))
+            push, turn = add(push, force), add(turn, add(cross(vec(x[s, n]), force), moment))
+        put(total[s], 0, push)
+        put(total[s], 3, turn)
