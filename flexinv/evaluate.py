@@ -106,8 +106,8 @@ def _deflections(mesh: Mesh, motion: NodalMotion) -> dict[str, Array]:
 def _internal(mesh: Mesh, trajectory: Trajectory) -> tuple[dict[str, Array], dict[str, Array]]:
     e, values, stations = mesh.elements, {}, {}
     for index, link in enumerate(mesh.mechanism.links):
-        own = np.flatnonzero(e.link == index) if link.beam is not None else ()
-        if len(own):
+        own = np.flatnonzero(e.link == index)
+        if link.beam is not None and len(own):
             values[link.name] = _points(trajectory.internal, own, e.order[own])
             stations[link.name] = np.concatenate([e.station[k, : e.order[k]] for k in own])
     return values, stations
