@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from flexinv.applied import joint_springs
 from flexinv.balance import balance, base_reaction
 from flexinv.differences import differenced
-from flexinv.inverse import NodalForces, drive_efforts, in_node_frame, joint_wrenches, nodal_forces, project
+from flexinv.inverse import NodalForces, along_joints, drive_efforts, joint_wrenches, nodal_forces, own_wrenches
 from flexinv.joint import joint_effort
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import VELOCITIES, Mesh
@@ -34,13 +34,13 @@ def evaluate(
     if settings["incremental"]:
         motion = differenced(motion, float(settings["step"]))
     forces = nodal_forces(mesh, motion, applied)
-    wrenches = joint_wrenches(mesh, motion, forces)
-    tau = project(mesh, motion, wrenches)
+    wrenches = own_wrenches(mesh, motion, forces)
+    tau = along_joints(mesh, len(motion.x), wrenches)
     drive = drive_efforts(mechanism, qd, qdd, direction=_direction(mechanism, qd, passive)) + joint_springs(
         mechanism, q
     )
     base = base_reaction(mesh, motion, trajectory.wrench)
-    wrench = {name: in_node_frame(motion, wrenches, node) for name, node in mesh.joint_node.items()}
+    wrench = {name: wrenches[node] for name, node in mesh.joint_node.items()}
     internal, stations = _internal(mesh, trajectory)
     return Solution(
         mechanism=mechanism, mesh=mesh, time=time, q=q, qd=qd, qdd=qdd,

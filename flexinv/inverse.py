@@ -13,7 +13,7 @@ from flexinv.joint import joint_axes, joint_effort
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import VELOCITIES, Mesh
 from flexinv.nodal import NodalMotion
-from flexinv.sums import in_frame, nodal_samples, sum_samples
+from flexinv.sums import in_frame, nodal_samples, sum_in_frames, sum_samples
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,8 @@ def inverse_dynamics(
     ``passive`` what damping and dry friction of the joint take from the actuator.
     """
     forces = nodal_forces(mesh, motion, applied)
-    wrenches = joint_wrenches(mesh, motion, forces)
-    tau = project(mesh, motion, wrenches)
+    wrenches = own_wrenches(mesh, motion, forces)
+    tau = along_joints(mesh, len(motion.x), wrenches)
     return tau + drive_efforts(mesh.mechanism, qd, qdd, passive)
 
 
@@ -65,6 +65,16 @@ def joint_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> Noda
     return NodalForces(force, moment)
 
 
+def own_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> dict[int, Array]:
+    """Return the wrenches of `joint_wrenches` of the joints' nodes only, node -> (samples, 6) [N], [N m], in its own frame."""
+    moves = np.flatnonzero(mesh.v_index >= 0)
+    nodes = np.union1d(moves, np.array([*mesh.joint_node.values()], dtype=np.int64))
+    own, line = np.empty((len(nodes), len(motion.x), 6)), np.empty((mesh.size, 6))
+    parts = (plain(part) for part in (motion.x, motion.rotation, forces.force, forces.moment))
+    sum_in_frames(mesh.parent, nodes, *parts, line, own)
+    return dict(zip(nodes.tolist(), own, strict=True))
+
+
 def plain(a: Array) -> Array:
     """Return an array [any unit] as kernels take it, contiguous and writeable: itself, or a copy if it is not."""
     return a if a.flags.c_contiguous and a.flags.writeable else np.array(a, order="C")
@@ -72,9 +82,15 @@ def plain(a: Array) -> Array:
 
 def project(mesh: Mesh, motion: NodalMotion, wrenches: NodalForces) -> Array:
     """Return the component of each joint's wrench along its coordinates, (samples, nv) [N m] or [N]."""
-    tau = np.zeros((len(motion.x), mesh.mechanism.nv))
-    for node in np.flatnonzero(mesh.v_index >= 0):
-        own, kind, first = in_node_frame(motion, wrenches, int(node)), int(mesh.kind[node]), mesh.v_index[node]
+    moves = np.flatnonzero(mesh.v_index >= 0).tolist()
+    return along_joints(mesh, len(motion.x), {node: in_node_frame(motion, wrenches, node) for node in moves})
+
+
+def along_joints(mesh: Mesh, samples: int, wrenches: dict[int, Array]) -> Array:
+    """Return what `project` does, (samples, nv) [N m] or [N], of wrenches in their nodes' own frames (`own_wrenches`)."""
+    tau = np.zeros((samples, mesh.mechanism.nv))
+    for node in np.flatnonzero(mesh.v_index >= 0).tolist():
+        own, kind, first = wrenches[node], int(mesh.kind[node]), mesh.v_index[node]
         tau[:, first : first + VELOCITIES[kind]] = joint_effort(kind, mesh.axis[node], own[:, :3], own[:, 3:])
     return tau
 

@@ -69,7 +69,7 @@ class Elements:
     link: NDArray[np.int64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # a mesh is itself only: what is known of it can be kept
 class Mesh:
     """Nodes of a mechanism in tree order (parents first) and its beam elements.
 

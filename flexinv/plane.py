@@ -9,6 +9,7 @@ by rounding errors alone).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -39,6 +40,7 @@ class NotPlanar:
     reason: str
 
 
+@lru_cache(maxsize=64)
 def find_plane(mesh: Mesh) -> Plane | NotPlanar:
     """Return the plane [m] in which a mechanism moves whatever its joints do, or why there is none."""
     m = mesh.mechanism

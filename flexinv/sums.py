@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flexinv.compiled import jit
-from flexinv.vectors import add, apply, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
+from flexinv.vectors import add, add_to, apply, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
 
 
 @jit
@@ -38,6 +38,29 @@ def in_frame(node, rotation, force, moment, out):
         turn = mat(rotation[s, node])
         put(out[s], 0, tapply(turn, vec(force[s, node])))
         put(out[s], 3, tapply(turn, vec(moment[s, node])))
+
+
+@jit
+def sum_in_frames(parent, nodes, x, rotation, force, moment, line, out):
+    """Set the sums of `sum_samples` of some ``nodes`` only, in their own frames, (nodes, samples, 6) [N], [N m].
+
+    line : (all nodes, 6) scratch, the sums of one sample
+    """
+    for s in range(x.shape[0]):
+        for n in range(parent.shape[0]):
+            put(line[n], 0, vec(force[s, n]))
+            put(line[n], 3, vec(moment[s, n]))
+        for n in range(parent.shape[0] - 1, -1, -1):
+            m = parent[n]
+            if m >= 0:
+                push = vec_at(line[n], 0)
+                arm = sub(vec(x[s, n]), vec(x[s, m]))
+                add_to(line[m], 0, push)
+                add_to(line[m], 3, add(vec_at(line[n], 3), cross(arm, push)))
+        for k in range(nodes.shape[0]):
+            turn = mat(rotation[s, nodes[k]])
+            put(out[k, s], 0, tapply(turn, vec_at(line[nodes[k]], 0)))
+            put(out[k, s], 3, tapply(turn, vec_at(line[nodes[k]], 3)))
 
 
 @jit
