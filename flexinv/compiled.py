@@ -23,8 +23,8 @@ from numba import njit
 # The modules whose text or constants are in machine code.
 SOURCES = (
     "assemble", "beam", "blocks", "border", "branch", "compiled", "coordinates", "eliminate", "integrate", "kinds", "lanes",
-    "loads", "march", "modes", "planar_beam", "planar_march", "planar_solve", "planar_tree", "pulls", "recursion", "rotations",
-    "rows", "sums", "system", "ties", "tree", "vectors",
+    "loads", "march", "modes", "planar_beam", "planar_march", "planar_solve", "planar_tree", "projection", "pulls", "recursion",
+    "rotations", "rows", "sums", "system", "ties", "tree", "vectors",
 )  # fmt: skip
 _IMPORT = re.compile(r"^from flexinv\.(\w+) import", re.MULTILINE)
 

@@ -5,17 +5,20 @@ Torques: the cut tree needs tau_tree = L T P; closures give G^T lambda, actuator
     S tau_a + G^T lambda = tau_tree           minimum of tau_a^T W tau_a where actuators are redundant
 
 With N a basis of the motions that the closures allow (G N = 0): N^T S tau_a = N^T tau_tree, the null space of N^T S is internal
-preload, and lambda follows (of least norm where constraints are redundant).
+preload, and lambda follows (of least norm where constraints are redundant).  `projection` does so in
+compiled code; samples where it finds a rank in doubt, near singular positions, are solved here by singular values.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexinv.inverse import plain
 from flexinv.mechanism import Array
+from flexinv.projection import places, share
 
 # A singular value below this part of the largest is a redundant constraint: rounding leaves 1e-15 of it.
 REDUNDANT = 1e-10
@@ -45,7 +48,39 @@ def share_out(g: Array, tau_tree: Array, driven: NDArray[np.bool_], weight: Arra
         by default: the minimum of tau_a^T W tau_a is taken where drives are redundant
     """
     samples, rows, nv = g.shape
-    root = np.sqrt(np.ones(int(driven.sum())) if weight is None else weight)
+    drives = np.flatnonzero(driven)
+    root = np.sqrt(np.ones(len(drives)) if weight is None else weight)
+    if not samples or not rows or not len(drives):
+        return by_singular_values(g, tau_tree, driven, root)
+    most = max(len(drives) - max(nv - rows, 1), 0)  # preloads: at least so many freedoms are left to move
+    made = Shares(
+        np.zeros((samples, nv)),
+        np.empty((samples, rows)),
+        np.empty((samples, nv)),
+        np.zeros((samples, nv, most)),
+        np.empty(samples),
+    )
+    width = np.empty(samples, dtype=np.int64)
+    efforts = made.tau, made.multipliers, made.left, made.preload
+    share(places(rows, drives, root, nv), plain(g), plain(tau_tree), *efforts, width, made.condition)
+    doubtful = np.flatnonzero(width < 0)
+    if not len(doubtful):
+        return replace(made, preload=made.preload[:, :, : int(width.min())])
+    others = by_singular_values(g[doubtful], tau_tree[doubtful], driven, root)
+    if len(doubtful) == samples:
+        return others
+    width[doubtful] = others.preload.shape[2]
+    least = int(width.min())
+    made = replace(made, preload=made.preload[:, :, :least])
+    for part, other in ((made.tau, others.tau), (made.multipliers, others.multipliers), (made.left, others.left)):
+        part[doubtful] = other
+    made.preload[doubtful], made.condition[doubtful] = others.preload[:, :, :least], others.condition
+    return made
+
+
+def by_singular_values(g: Array, tau_tree: Array, driven: NDArray[np.bool_], root: Array) -> Shares:
+    """Return `share_out` [N m], [N] where ranks may be in doubt; root : (driven,) square roots of the weights [-]."""
+    samples, rows, nv = g.shape
     left, values, right = (
         np.linalg.svd(g) if rows and samples else (g, np.zeros((samples, 0)), np.tile(np.eye(nv), (samples, 1, 1)))
     )

@@ -1,0 +1,338 @@
+"""Torques of the cut tree shared out in compiled code, one sample a lane of a block, as long as no rank is in doubt.
+
+Two Householder factorisations with pivoting, columns kept as rows of an array.  G = Q R gives the motions that the closures
+allow, N = [1; -R_d^-1 R_i] of the independent coordinates; N^T S W^-1/2 x = N^T tau_tree, of least norm, gives the drives, and
+G^T lambda = tau_tree - S tau_a, of least norm, the multipliers.  The samples of a block share pivots and ranks; blocks in doubt
+are left to the singular values of `shares`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.compiled import jit, jit_inner
+from flexinv.mechanism import Array
+
+# Pivots over the longest column: above SURE one counts, below NONE it repeats others (rounding of 1e-16 in some tens of
+# columns); between them singular values decide, whose own limit, 1e-10, lies well inside.
+SURE, NONE = 1e-7, 1e-13
+# Jacobi's rotations square what is left off the diagonal with every sweep: six reach rounding, more are never needed.
+MOST_SWEEPS = 12
+# Samples of a block: few enough to stay in the cache, and to share pivots.
+LANES = 16
+_TINY = 1e-300  # keeps 0 / 0 away where nothing is to be turned
+
+
+class Factor(NamedTuple):
+    """Q R of matrices whose columns are the rows of ``a`` (columns, rows, lanes), in ``order``."""
+
+    a: Array
+    beta: Array  # (columns, lanes)
+    diagonal: Array  # (columns, lanes) of R
+    sizes: Array  # (columns, lanes) squares of what is left of each
+    longest: Array  # (lanes,) square of the longest column
+    sums: Array  # (lanes,)
+    order: NDArray[np.int64]
+
+
+class Place(NamedTuple):
+    """Where the kernel works, and what it needs to know.
+
+    drives : (drives,) velocity coordinates; root : (drives,) square roots of the weights
+    """
+
+    drives: NDArray[np.int64]
+    root: Array
+    closing: Factor  # (nv, rows)
+    driving: Factor  # (nv, drives), as many columns as freedoms
+    motions: Array  # (nv, nv, lanes) of which as many as freedoms
+    h: Array  # (nv, nv, lanes)
+    y: Array  # (rows + nv, lanes)
+    turn: Array  # (2, lanes)
+
+
+def places(rows: int, drives: NDArray[np.int64], root: Array, nv: int) -> Place:
+    """Return the arrays of the kernel [any unit] for G of (rows, nv)."""
+
+    def empty(length: int) -> Factor:
+        beta, diagonal, sizes = np.zeros((3, nv, LANES))
+        longest, sums = np.zeros((2, LANES))
+        return Factor(np.zeros((nv, length, LANES)), beta, diagonal, sizes, longest, sums, np.zeros(nv, dtype=np.int64))
+
+    motions, h = np.zeros((2, nv, nv, LANES))
+    y, turn = np.zeros((rows + nv, LANES)), np.zeros((2, LANES))
+    return Place(drives, root, empty(rows), empty(len(drives)), motions, h, y, turn)
+
+
+@jit_inner
+def _reflect(y, v, beta, j, sums):
+    """y - beta v (v . y) from entry j on."""
+    for k in range(LANES):
+        sums[k] = 0.0
+    for i in range(j, y.shape[0]):
+        for k in range(LANES):
+            sums[k] += v[i, k] * y[i, k]
+    for k in range(LANES):
+        sums[k] *= beta[k]
+    for i in range(j, y.shape[0]):
+        for k in range(LANES):
+            y[i, k] -= sums[k] * v[i, k]
+
+
+@jit_inner
+def _measure(y, first, size):
+    """Set the squares of a column from entry ``first`` on."""
+    for k in range(LANES):
+        size[k] = 0.0
+    for i in range(first, y.shape[0]):
+        for k in range(LANES):
+            size[k] += y[i, k] * y[i, k]
+
+
+@jit_inner
+def _pivot(p, j, columns):
+    """Bring the column with the most left, in its worst lane, to place j: 1 where it counts, 0 where none does, -1 in doubt."""
+    best, at, most = -1.0, j, 0.0
+    for c in range(j, columns):
+        least = np.inf
+        for k in range(LANES):
+            part = p.sizes[p.order[c], k] / p.longest[k]
+            if not part >= least:  # a NaN stays
+                least = part
+            if not part <= most:
+                most = part
+        if least > best:
+            best, at = least, c
+    p.order[j], p.order[at] = p.order[at], p.order[j]
+    if best > SURE * SURE:
+        return 1
+    return 0 if most <= NONE * NONE else -1
+
+
+@jit_inner
+def factor(p, columns):
+    """Factor Q R of the first columns with pivoting, in place [any unit]; return the rank, -1 where it is in doubt."""
+    for k in range(LANES):
+        p.longest[k] = 0.0
+    for c in range(columns):
+        p.order[c] = c
+        _measure(p.a[c], 0, p.sizes[c])
+        for k in range(LANES):
+            p.longest[k] = max(p.longest[k], p.sizes[c, k])
+    for j in range(columns):
+        counts = _pivot(p, j, columns)
+        if counts < 1:
+            return j if counts == 0 else -1
+        own = p.order[j]
+        for k in range(LANES):
+            norm, first = math.sqrt(p.sizes[own, k]), p.a[own, j, k]
+            p.diagonal[j, k] = -math.copysign(norm, first)
+            p.beta[j, k] = 1.0 / (norm * (norm + abs(first)))
+            p.a[own, j, k] = first - p.diagonal[j, k]
+        for c in range(j + 1, columns):
+            _reflect(p.a[p.order[c]], p.a[own], p.beta[j], j, p.sums)
+            _measure(p.a[p.order[c]], j + 1, p.sizes[p.order[c]])
+    return columns
+
+
+@jit_inner
+def _back(p, rank, y):
+    """Solve R z = y in place of y."""
+    for j in range(rank - 1, -1, -1):
+        for k in range(LANES):
+            y[j, k] /= p.diagonal[j, k]
+        for i in range(j):
+            for k in range(LANES):
+                y[i, k] -= p.a[p.order[j], i, k] * y[j, k]
+
+
+@jit_inner
+def _forth(p, rank, y):
+    """Solve R^T z = y in place of y."""
+    for j in range(rank):
+        for i in range(j):
+            for k in range(LANES):
+                y[j, k] -= p.a[p.order[j], i, k] * y[i, k]
+        for k in range(LANES):
+            y[j, k] /= p.diagonal[j, k]
+
+
+@jit_inner
+def _turn(p, rank, y):
+    """Q y in place of y."""
+    for j in range(rank - 1, -1, -1):
+        _reflect(y, p.a[p.order[j]], p.beta[j], j, p.sums)
+
+
+@jit_inner
+def _allowed(p, rank):
+    """Set the motions N^T that the closures allow, each with one independent coordinate at 1."""
+    nv, y = p.motions.shape[0], p.y
+    for n in range(nv - rank):
+        own = p.closing.order[rank + n]
+        for i in range(rank):
+            for k in range(LANES):
+                y[i, k] = p.closing.a[own, i, k]
+        _back(p.closing, rank, y)
+        for i in range(rank, nv):
+            p.motions[n, p.closing.order[i]] = 1.0 if i == rank + n else 0.0
+        for i in range(rank):
+            for k in range(LANES):
+                p.motions[n, p.closing.order[i], k] = -y[i, k]
+
+
+@jit_inner
+def _driving(p, freedoms):
+    """Set and factor S^T N over the roots of the weights; whether every freedom is driven for certain."""
+    for n in range(freedoms):
+        for i in range(p.drives.shape[0]):
+            for k in range(LANES):
+                p.driving.a[n, i, k] = p.motions[n, p.drives[i], k] / p.root[i]
+    return factor(p.driving, freedoms) == freedoms
+
+
+@jit_inner
+def _condition(p, freedoms):
+    """Leave in p.y[0] the larger of 1 and the largest over the smaller of 1 and the smallest singular value of N^T S W^-1/2 [-].
+
+    N of norm 1: the eigenvalues of R^-T N^T N R^-1 are one over their squares.
+    """
+    h, order = p.h, p.driving.order
+    for n in range(freedoms):
+        for m in range(freedoms):
+            h[n, m] = 0.0
+            for c in range(p.motions.shape[1]):
+                for k in range(LANES):
+                    h[n, m, k] += p.motions[order[n], c, k] * p.motions[order[m], c, k]
+        _forth(p.driving, freedoms, h[n])
+    for m in range(freedoms):
+        for n in range(freedoms):
+            for k in range(LANES):
+                p.y[n, k] = h[n, m, k]
+        _forth(p.driving, freedoms, p.y)
+        for n in range(freedoms):
+            for k in range(LANES):
+                h[n, m, k] = p.y[n, k]
+    _diagonalise(h, freedoms, p.turn)
+    for k in range(LANES):
+        largest, smallest = 1.0, 1.0
+        for n in range(freedoms):
+            largest, smallest = max(largest, h[n, n, k]), min(smallest, h[n, n, k])
+        p.y[0, k] = math.sqrt(largest / smallest)
+
+
+@jit_inner
+def _diagonalise(h, size, turn):
+    """Bring the eigenvalues of symmetric matrices onto their diagonals by Jacobi's rotations, in place [any unit]."""
+    for _ in range(MOST_SWEEPS):
+        moved = False
+        for p in range(size - 1):
+            for q in range(p + 1, size):
+                some = False
+                for k in range(LANES):  # above rounding of both
+                    some |= h[p, q, k] * h[p, q, k] > 1e-32 * abs(h[p, p, k] * h[q, q, k])
+                if some:
+                    moved = True
+                    _rotate(h, size, p, q, turn)
+        if not moved:
+            return
+
+
+@jit_inner
+def _rotate(h, size, p, q, turn):
+    """Turn rows and columns p and q so that their common entry vanishes."""
+    for k in range(LANES):
+        apart, common = h[q, q, k] - h[p, p, k], 2.0 * h[p, q, k]
+        t = common / (apart + math.copysign(math.sqrt(apart * apart + common * common) + _TINY, apart))
+        turn[0, k] = 1.0 / math.sqrt(t * t + 1.0)
+        turn[1, k] = t * turn[0, k]
+    for i in range(size):
+        for k in range(LANES):
+            one, two = h[p, i, k], h[q, i, k]
+            h[p, i, k] = turn[0, k] * one - turn[1, k] * two
+            h[q, i, k] = turn[1, k] * one + turn[0, k] * two
+    for i in range(size):
+        for k in range(LANES):
+            one, two = h[i, p, k], h[i, q, k]
+            h[i, p, k] = turn[0, k] * one - turn[1, k] * two
+            h[i, q, k] = turn[1, k] * one + turn[0, k] * two
+    h[p, q] = 0.0
+    h[q, p] = 0.0
+
+
+@jit_inner
+def _drive(p, freedoms, s, tree, tau, preload):
+    """Set the least efforts of the drives and the efforts that only stress the mechanism, samples s and on."""
+    drives = p.drives.shape[0]
+    x = p.y[:drives]
+    x[:] = 0.0
+    for n in range(freedoms):
+        for i in range(tree.shape[1]):
+            for k in range(LANES):
+                x[n, k] += p.motions[p.driving.order[n], i, k] * tree[min(s + k, tree.shape[0] - 1), i]
+    _forth(p.driving, freedoms, x)
+    _turn(p.driving, freedoms, x)
+    for i in range(drives):
+        for k in range(min(LANES, tree.shape[0] - s)):
+            tau[s + k, p.drives[i]] = x[i, k] / p.root[i]
+    for n in range(drives - freedoms):
+        x[:] = 0.0
+        x[freedoms + n] = 1.0
+        _turn(p.driving, freedoms, x)
+        for i in range(drives):
+            for k in range(min(LANES, tree.shape[0] - s)):
+                preload[s + k, p.drives[i], n] = x[i, k] / p.root[i]
+
+
+@jit_inner
+def _close(p, rank, s, g, left, multipliers):
+    """Set the multipliers of least norm that carry ``left``, and take from it what they do, samples s and on."""
+    y = p.y[: g.shape[1]]
+    y[:] = 0.0
+    for i in range(rank):
+        for k in range(LANES):
+            y[i, k] = left[min(s + k, g.shape[0] - 1), p.closing.order[i]]
+    _forth(p.closing, rank, y)
+    _turn(p.closing, rank, y)
+    for k in range(min(LANES, g.shape[0] - s)):
+        for r in range(g.shape[1]):
+            multipliers[s + k, r] = y[r, k]
+            for i in range(g.shape[2]):
+                left[s + k, i] -= g[s + k, r, i] * y[r, k]
+
+
+@jit
+def share(p, g, tree, tau, multipliers, left, preload, width, condition):
+    """Share out the efforts ``tree`` (samples, nv) [N m], [N]; ``width`` (samples,) of preload is -1 where a rank is in doubt.
+
+    g : (samples, rows, nv); tau is zero on entry; as `shares.share_out`.  Lanes beyond the last sample repeat it.
+    """
+    samples, nv, drives = tree.shape[0], tree.shape[1], p.drives.shape[0]
+    for s in range(0, samples, LANES):
+        end = min(s + LANES, samples)
+        width[s:end] = -1
+        for k in range(LANES):
+            own = g[min(s + k, samples - 1)]
+            for r in range(g.shape[1]):
+                for i in range(nv):
+                    p.closing.a[i, r, k] = own[r, i]
+        rank = factor(p.closing, nv)
+        freedoms = nv - rank
+        if rank < 0 or freedoms == 0 or freedoms > drives:
+            continue
+        _allowed(p, rank)
+        if not _driving(p, freedoms):
+            continue
+        width[s:end] = drives - freedoms
+        _drive(p, freedoms, s, tree, tau, preload)
+        for k in range(s, end):
+            for i in range(nv):
+                left[k, i] = tree[k, i] - tau[k, i]
+        _close(p, rank, s, g, left, multipliers)
+        _condition(p, freedoms)
+        for k in range(s, end):
+            condition[k] = p.y[0, k - s]
