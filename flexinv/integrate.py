@@ -128,3 +128,16 @@ def advance(t, c, s):
             s.pseudo[k], s.u0[k], s.du0[k] = pseudo_acceleration(c, s, k), s.u[k], s.du[k]
         s.place[k] += s.d[k]
         s.d[k] = 0.0
+
+
+@jit_inner
+def largest_increment(y, scale):
+    """Return the largest increment relative to its scale [-]; not finite if one of them is not."""
+    largest = 0.0
+    for k in range(len(y)):
+        size = abs(y[k]) / scale[k]
+        if not size <= largest:
+            largest = size
+        if not np.isfinite(size):
+            return size
+    return largest

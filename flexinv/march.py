@@ -10,7 +10,7 @@ from flexinv.assemble import add_elements, gather, node_wrenches, place
 from flexinv.border import solve_border
 from flexinv.compiled import jit, jit_inline, jit_inner
 from flexinv.eliminate import solve_tree
-from flexinv.integrate import ACCELERATION, DYNAMIC, STATIC, advance, correct, predict
+from flexinv.integrate import ACCELERATION, DYNAMIC, STATIC, advance, correct, largest_increment, predict
 from flexinv.loads import add_loads, set_loads
 from flexinv.pulls import Pulls, pull_rows, pull_sides, turn_arms
 from flexinv.ties import ACCELERATIONS as RATED
@@ -80,25 +80,12 @@ def newton(t, e, b, c, s, j, f, d, loads, work, y):
             _hold_loose(t, work.diagonal)
         solve_tree(t, e, d, work, y)
         solve_border(b.ties, c.ca if c.mode == ACCELERATION else 1.0, y)
-        size = _largest(y[0], t.scale)
+        size = largest_increment(y[0], t.scale)
         if not np.isfinite(size):
             return NOT_FINITE, iteration, size
         correct(t, c, s, y[0])
         last = size < INCREMENT or c.mode == ACCELERATION
     return NOT_CONVERGED, MOST_ITERATIONS, size
-
-
-@jit_inner
-def _largest(y, scale):
-    """Largest increment relative to its scale; not a number if one of them is not."""
-    largest = 0.0
-    for k in range(len(y)):
-        size = abs(y[k]) / scale[k]
-        if not size <= largest:
-            largest = size
-        if not np.isfinite(size):
-            return size
-    return largest
 
 
 @jit_inner

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.compiled import jit_merged
+from flexinv.compiled import jit_inner
 from flexinv.lanes import cos_sin
 from flexinv.mechanism import Array
 
@@ -56,14 +56,14 @@ class PlanarElements(NamedTuple):
 TURN = 2.0 * np.pi
 
 
-@jit_merged
+@jit_inner
 def point(k, g, points):
     """Return where point g of element k stands in the first row of its block [-]."""
     n = np.uint64(k * points + g)
     return n // _LANES * BLOCK + n % _LANES
 
 
-@jit_merged
+@jit_inner
 def interpolate(e, pose, u, p):
     """Fill u', phi, psi' of all points from the nodes' poses (nodes, 3); return the largest |psi_i| [rad] and its element.
 
@@ -93,14 +93,14 @@ def interpolate(e, pose, u, p):
     return largest, worst
 
 
-@jit_merged
+@jit_inner
 def point_gradients(e, p):
     """Fill S, y, n, m and the first derivatives of the energy at all points [N], [N m]."""
     for block in range(np.uint64(len(e.constants)) // CONSTANTS):
         _block_gradients(e.lanes, block * BLOCK, block * CONSTANTS, e.constants, p)
 
 
-@jit_merged
+@jit_inner
 def _block_gradients(lanes, at, own, constants, p):
     for lane in range(lanes):
         c, s = cos_sin(p[at + PHI + lane])
@@ -116,7 +116,7 @@ def _block_gradients(lanes, at, own, constants, p):
         p[at + BY_PSI + lane], p[at + BY_BEND + lane] = w * (n1 * y2 - n2 * y1), w * m
 
 
-@jit_merged
+@jit_inner
 def point_hessians(e, p):
     """Fill the second derivatives of the energy at all points [N], [N m].
 
@@ -126,7 +126,7 @@ def point_hessians(e, p):
         _block_hessians(e.lanes, block * BLOCK, block * CONSTANTS, e.constants, p)
 
 
-@jit_merged
+@jit_inner
 def _block_hessians(lanes, at, own, constants, p):
     for lane in range(lanes):
         c, s, y1, y2 = p[at + COS + lane], p[at + SIN + lane], p[at + Y1 + lane], p[at + Y2 + lane]
@@ -139,7 +139,7 @@ def _block_hessians(lanes, at, own, constants, p):
         p[at + PSI_PSI + lane] = w * (ea * y2 * y2 + ga * y1 * y1 - n1 * y1 - n2 * y2)
 
 
-@jit_merged
+@jit_inner
 def add_forces(e, pose, p, wrench, felt):
     """Add the nodal forces, the gradient of the energy, to wrench (nodes, 3) [N], [N m]; felt (elements, count, 3): by element.
 
@@ -169,7 +169,7 @@ def add_forces(e, pose, p, wrench, felt):
         wrench[first, 2] += moment
 
 
-@jit_merged
+@jit_inner
 def pair_stiffness(k, i, j, e, p):
     """Return how the force on node i of element k varies with the pose of node j, (3, 3) [N/m], [N], [N m]: exact.
 
@@ -191,7 +191,7 @@ def pair_stiffness(k, i, j, e, p):
     return (a11, a12, b1), (a12, a22, b2), (c1, c2, d)
 
 
-@jit_merged
+@jit_inner
 def energy(e, p):
     """Return the elastic energy of all elements [J]."""
     total, constants = 0.0, e.constants

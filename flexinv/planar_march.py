@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.assemble import LARGEST_TURN
-from flexinv.compiled import jit, jit_merged
-from flexinv.integrate import follow, pseudo_acceleration
+from flexinv.compiled import jit, jit_inner
+from flexinv.integrate import follow, largest_increment, pseudo_acceleration
 from flexinv.march import CONVERGED, MOST_ITERATIONS, NOT_CONVERGED, NOT_FINITE, TURNED_TOO_MUCH
 from flexinv.mechanism import Array
 from flexinv.planar_beam import N1, N2, M, add_forces, energy, interpolate, point, point_gradients, point_hessians
@@ -79,7 +79,7 @@ class Histories(NamedTuple):
     iterations: NDArray[np.int64]
 
 
-@jit_merged
+@jit_inner
 def evaluate(t, e, s, given, f, q, w):
     """Evaluate the residual [N], [N m] at the present unknowns; return the largest turn [rad] in an element, and which."""
     place(t, s, given, f)
@@ -91,7 +91,7 @@ def evaluate(t, e, s, given, f, q, w):
     return largest, worst
 
 
-@jit_merged
+@jit_inner
 def linearise(t, e, c, s, f, q, w):
     """Make and eliminate the linearisation at the state that `evaluate` has seen last [N/m], [N], [N m]."""
     vary(t, f, c.cv, c.ca)
@@ -102,7 +102,7 @@ def linearise(t, e, c, s, f, q, w):
     factorise(t, e, f, q)
 
 
-@jit_merged
+@jit_inner
 def newton(t, e, c, s, given, f, q, w, slowest):
     """Solve one step; return status, iterations (or the bad element), last relative increment [-], and the slowest shrinking.
 
@@ -119,7 +119,7 @@ def newton(t, e, c, s, given, f, q, w, slowest):
         if fresh:
             linearise(t, e, c, s, f, q, w)
         solve(t, e, q, w.residual, w.y)
-        before, size = size, _largest(w.y, t.scale)
+        before, size = size, largest_increment(w.y, t.scale)
         if not np.isfinite(size):
             return NOT_FINITE, iteration, size, slowest
         for k in range(len(w.y)):
@@ -132,20 +132,7 @@ def newton(t, e, c, s, given, f, q, w, slowest):
     return NOT_CONVERGED, MOST_ITERATIONS, size, slowest
 
 
-@jit_merged
-def _largest(y, scale):
-    """Largest increment relative to its scale; not finite if one of them is not."""
-    largest = 0.0
-    for k in range(len(y)):
-        size = abs(y[k]) / scale[k]
-        if not size <= largest:
-            largest = size
-        if not np.isfinite(size):
-            return size
-    return largest
-
-
-@jit_merged
+@jit_inner
 def start(c, s):
     """Start a step where the auxiliary accelerations go on changing as they did in the last [m, rad, s]."""
     for k in range(len(s.d)):
@@ -153,7 +140,7 @@ def start(c, s):
     follow(c, s)
 
 
-@jit_merged
+@jit_inner
 def advance(t, c, s):
     """Finish a step: its end becomes the start of the next [m, rad, s]."""
     for n in range(len(t.parent)):
@@ -191,7 +178,7 @@ def planar_march(t, e, space, c, s, f, q, w, given, row, out):
     return CONVERGED, given.shape[0], count, size
 
 
-@jit_merged
+@jit_inner
 def record(sample, t, e, space, f, w, out):
     """Write one instant into the histories, in space [m, rad, s, N, J]."""
     for n in range(len(t.parent)):
@@ -216,14 +203,14 @@ def record(sample, t, e, space, f, w, out):
     out.energy[sample, 0], out.energy[sample, 1] = energy(e, w.points), power
 
 
-@jit_merged
+@jit_inner
 def _embed(axes, v, height, out):
     """A vector of the plane, and a height above it, in the world."""
     for i in range(3):
         out[i] = axes[i, 0] * v[0] + axes[i, 1] * v[1] + axes[i, 2] * height
 
 
-@jit_merged
+@jit_inner
 def _resultants(k, e, space, p, internal):
     """Stress resultants of one element in its section frame: n_1 e_1 + n_2 side, m normal."""
     side, axle = space.side[k], space.axle[e.nodes[k, 0]]

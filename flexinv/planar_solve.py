@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.compiled import jit_merged
+from flexinv.compiled import jit_inner
 from flexinv.mechanism import Array
 from flexinv.planar_beam import pair_stiffness
 from flexinv.vectors import (
@@ -58,7 +58,7 @@ class PlanarFactors(NamedTuple):
     line: Array
 
 
-@jit_merged
+@jit_inner
 def invert(a, size, line):
     """Replace a[:size, :size] by its inverse [any unit]; Gauss-Jordan, as rows of ``a`` are contiguous.
 
@@ -78,13 +78,13 @@ def invert(a, size, line):
             _subtract(a[i], column[i], row, size)
 
 
-@jit_merged
+@jit_inner
 def _subtract(a, factor, b, size):
     for c in range(size):
         a[c] -= factor * b[c]
 
 
-@jit_merged
+@jit_inner
 def put_stiffness(t, e, p, f, q):
     """Put the stiffness of all elements into their own linearisations, and what their roots feel into dwrench [N], [N m]."""
     for k in range(len(e.order)):
@@ -105,7 +105,7 @@ def put_stiffness(t, e, p, f, q):
             add_to(f.dwrench[root, c], 0, apply(of_root, vec_at(f.by_pose[root, c], 0)))
 
 
-@jit_merged
+@jit_inner
 def _put_pair(own, order, i, j, stiffness):
     """Write a pair of nodes into the matrix of an element, all x first, then y, then theta; the energy's is symmetric."""
     (xx, xy, xt), (yx, yy, yt), (tx, ty, tt) = stiffness
@@ -118,7 +118,7 @@ def _put_pair(own, order, i, j, stiffness):
     own[j, theta + i], own[y + j, theta + i], own[theta + j, theta + i] = tx, ty, tt
 
 
-@jit_merged
+@jit_inner
 def factorise(t, e, f, q):
     """Eliminate the linearisation, whose diagonal blocks stand in q.diagonal [N/m], [N], [N m]."""
     for k in range(len(e.order) - 1, -1, -1):
@@ -133,13 +133,13 @@ def factorise(t, e, f, q):
     invert(q.root, roots, q.line)
 
 
-@jit_merged
+@jit_inner
 def _is_small(k, t, e, q):
     """Whether an element of order 1 has three own unknowns and hangs on three: matrices that stay in registers."""
     return q.rows[k] == 3 and t.size[t.block[e.nodes[k, 0]]] == 3
 
 
-@jit_merged
+@jit_inner
 def _condense_small(k, t, e, f, q):
     """`_condense` of a small element."""
     root = e.nodes[k, 0]
@@ -153,7 +153,7 @@ def _condense_small(k, t, e, f, q):
     put_block(first, 0, 0, msub(mat(first), mul(b, transpose(x))))
 
 
-@jit_merged
+@jit_inner
 def inverse_transposed(m):
     """Return the transposed inverse of a (3, 3) matrix [any unit]: its cofactors over its determinant."""
     x, y, z = cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])
@@ -161,7 +161,7 @@ def inverse_transposed(m):
     return scale(over, x), scale(over, y), scale(over, z)
 
 
-@jit_merged
+@jit_inner
 def _condense(k, t, e, f, q):
     """Condense element k onto its first block."""
     nodes, rows, inverse, b, x = e.nodes[k], q.rows[k], q.inverse[k], q.b[k], q.x[k]
@@ -186,7 +186,7 @@ def _condense(k, t, e, f, q):
             q.diagonal[first, d, c] -= total
 
 
-@jit_merged
+@jit_inner
 def _transposed_product(a, v, out, size):
     """out = a^T v, row by row."""
     for r in range(size):
@@ -195,7 +195,7 @@ def _transposed_product(a, v, out, size):
         _subtract(out, -v[c], a[c], size)
 
 
-@jit_merged
+@jit_inner
 def solve(t, e, q, residual, y):
     """Solve linearisation y = -residual with the factors at hand; y (unknowns,) [m], [rad].  Overwrites residual."""
     for k in range(len(e.order) - 1, -1, -1):
@@ -219,7 +219,7 @@ def solve(t, e, q, residual, y):
                     y[q.own[k, r]] -= q.x[k, c, r] * y[first + c]
 
 
-@jit_merged
+@jit_inner
 def _solve_own(k, t, e, q, residual, y, first):
     """Own unknowns of an element while its first block stands still, and what they do to that block's residual."""
     rows, own, line = q.rows[k], q.own[k], q.line

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.compiled import jit_merged
+from flexinv.compiled import jit_inner
 from flexinv.mechanism import Array
 from flexinv.system import FRICTION_RATE
 
@@ -88,7 +88,7 @@ class PlanarFrames(NamedTuple):
     dwrench: Array
 
 
-@jit_merged
+@jit_inner
 def place(t, s, given, f):
     """Set the motion of all nodes from the unknowns and the prescribed coordinates (joints, 3) q, q', q'' [m, rad, s]."""
     for n in range(len(t.parent)):
@@ -106,12 +106,12 @@ def place(t, s, given, f):
         _carry(n, t, f)
 
 
-@jit_merged
+@jit_inner
 def _put(a, x, y, turned):
     a[0], a[1], a[2] = x, y, turned
 
 
-@jit_merged
+@jit_inner
 def _carry(n, t, f):
     """Motion of a dependent node from its parent's, the equations at the head of the file."""
     m, turn, d1, d2 = t.parent[n], t.turn[n], t.slide[n, 0], t.slide[n, 1]
@@ -136,7 +136,7 @@ def _carry(n, t, f):
     _put(f.acceleration[n], a1, a2, al + turn * ddq)
 
 
-@jit_merged
+@jit_inner
 def vary_independent(t, f, cv, ca):
     """Set how independent nodes move with their own unknowns [m, rad, s], once and for all: dv = cv dx, da = ca dx."""
     for n in range(len(t.parent)):
@@ -147,7 +147,7 @@ def vary_independent(t, f, cv, ca):
                     f.by_pose[n, k, i], f.by_rate[n, k, i], f.by_acceleration[n, k, i] = own, cv * own, ca * own
 
 
-@jit_merged
+@jit_inner
 def vary(t, f, cv, ca):
     """Set how dependent nodes move with the unknowns of their blocks [m, rad, s]."""
     for n in range(len(t.parent)):
@@ -160,7 +160,7 @@ def vary(t, f, cv, ca):
             _carry_variation(n, k, t, f, cv, ca)
 
 
-@jit_merged
+@jit_inner
 def _carry_variation(n, k, t, f, cv, ca):
     """Add to the variation of node n, on entry its parent's, the differential of `_carry` by unknown k."""
     m, own = t.parent[n], 1.0 if k == t.column[n] else 0.0
@@ -180,7 +180,7 @@ def _carry_variation(n, k, t, f, cv, ca):
     _put(a, a1, a2, dal + ca * turn)
 
 
-@jit_merged
+@jit_inner
 def node_wrenches(t, f):
     """Set every node's own wrench P = m (a - g) [N], Q = J al [N m]."""
     for n in range(len(t.parent)):
@@ -188,7 +188,7 @@ def node_wrenches(t, f):
         _put(f.wrench[n], m * (a[0] - t.gravity[0]), m * (a[1] - t.gravity[1]), t.inertia[n] * a[2])
 
 
-@jit_merged
+@jit_inner
 def node_wrench_variations(t, f):
     """Set how every node's own wrench varies with the unknowns of its block [N], [N m]."""
     for n in range(len(t.parent)):
@@ -198,7 +198,7 @@ def node_wrench_variations(t, f):
             _put(f.dwrench[n, k], m * a[0], m * a[1], j * a[2])
 
 
-@jit_merged
+@jit_inner
 def gather(t, s, f, residual):
     """Bring wrenches of dependent nodes back to their blocks: residual (unknowns,) [N], [N m]."""
     for n in range(len(t.parent) - 1, -1, -1):
@@ -217,12 +217,12 @@ def gather(t, s, f, residual):
             f.wrench[m, 2] += mu + f.arm[n, 0] * f2 - f.arm[n, 1] * f1
 
 
-@jit_merged
+@jit_inner
 def _get(a):
     return a[0], a[1], a[2]
 
 
-@jit_merged
+@jit_inner
 def gather_variations(t, s, f, diagonal, cv, ca):
     """Bring variations of wrenches back: diagonal blocks of the linearisation [N/m], [N], [N m].
 
@@ -249,7 +249,7 @@ def gather_variations(t, s, f, diagonal, cv, ca):
                 f.dwrench[m, k, 2] += dmu + r1 * df2 - r2 * df1 + dr1 * f2 - dr2 * f1
 
 
-@jit_merged
+@jit_inner
 def _drive_slope(n, own, t, s, cv, ca):
     """Derivative of a passive joint's own rotor, damping and friction efforts by its coordinate."""
     soft = np.tanh(s.u[t.offset[t.block[n]] + own] / FRICTION_RATE)

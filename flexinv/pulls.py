@@ -18,7 +18,8 @@ from flexinv.closures import attachment_node
 from flexinv.compiled import jit_inner
 from flexinv.mechanism import Array
 from flexinv.mesh import Mesh
-from flexinv.ties import UNIT, Ties, gap
+from flexinv.rows import gap
+from flexinv.ties import UNIT, Ties
 from flexinv.vectors import (
     add,
     add_scaled,
@@ -76,7 +77,7 @@ def pull_rows(p, c, f, level):
     for k in range(len(p.row)):
         row = p.row[k]
         a, b, place_a, place_b = c.a[row], c.b[row], vec(c.place_a[row]), vec(c.place_b[row])
-        d, rate, _ = gap(a, b, place_a, place_b, f)
+        d, rate, _ = gap(f, a, b, place_a, place_b)
         length = max(np.sqrt(dot(d, d)), TINY)
         n = scale(1.0 / length, d)
         lengthening = dot(n, rate)

@@ -30,8 +30,8 @@ class RowArrays(NamedTuple):
 
 
 @jit_inner
-def _fixed(f, n, vector):
-    """A vector fixed in node n (-1: the world) and its two rates, world axes: r, w x r, al x r + w x (w x r)."""
+def fixed(f, n, vector):
+    """Return a vector [m], [-] fixed in node n (-1: the world) and its two rates, world axes: r, w x r, al x r + w x (w x r)."""
     none = (0.0, 0.0, 0.0)
     if n < 0:
         return vector, none, none
@@ -41,22 +41,28 @@ def _fixed(f, n, vector):
 
 
 @jit_inner
-def _point(f, n, place):
-    """A point fixed in node n, its velocity and its acceleration."""
-    x, v, a = _fixed(f, n, place)
+def point(f, n, place):
+    """Return a point fixed in node n [m], its velocity and its acceleration."""
+    x, v, a = fixed(f, n, place)
     if n < 0:
         return x, v, a
     return add(vec(f.x[n]), x), add(vec(f.v[n]), v), add(vec(f.a[n]), a)
 
 
 @jit_inner
+def gap(f, a, b, place_a, place_b):
+    """Return the vector from a point of node a to a point of node b [m] and its two rates, world axes."""
+    xa, xb = point(f, a, place_a), point(f, b, place_b)
+    return sub(xb[0], xa[0]), sub(xb[1], xa[1]), sub(xb[2], xa[2])
+
+
+@jit_inner
 def _vectors(k, c, f):
     """u and w, or u and d = x_B - x_A, of row k, each with its two rates."""
-    u = _fixed(f, c.a[k], vec(c.u[k]))
+    u = fixed(f, c.a[k], vec(c.u[k]))
     if c.direction[k]:
-        return u, _fixed(f, c.b[k], vec(c.w[k]))
-    xa, xb = _point(f, c.a[k], vec(c.place_a[k])), _point(f, c.b[k], vec(c.place_b[k]))
-    return u, (sub(xb[0], xa[0]), sub(xb[1], xa[1]), sub(xb[2], xa[2]))
+        return u, fixed(f, c.b[k], vec(c.w[k]))
+    return u, gap(f, c.a[k], c.b[k], vec(c.place_a[k]), vec(c.place_b[k]))
 
 
 @jit_inner
@@ -112,8 +118,8 @@ def jacobian(t, c, f, g):
             _add_path(t, f, c.b[k], none, cross(w, u), g[k])
             _add_path(t, f, c.a[k], none, cross(u, w), g[k])
         else:
-            arm_a, _, _ = _fixed(f, c.a[k], vec(c.place_a[k]))
-            arm_b, _, _ = _fixed(f, c.b[k], vec(c.place_b[k]))
+            arm_a, _, _ = fixed(f, c.a[k], vec(c.place_a[k]))
+            arm_b, _, _ = fixed(f, c.b[k], vec(c.place_b[k]))
             _add_path(t, f, c.b[k], u, cross(arm_b, u), g[k])
             _add_path(t, f, c.a[k], scale(-1.0, u), cross(u, add(arm_a, w)), g[k])
 

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from flexinv.closures import Rows
 from flexinv.compiled import jit_inner
 from flexinv.mechanism import Array
-from flexinv.vectors import add, apply, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
+from flexinv.rows import fixed, gap
+from flexinv.vectors import cross, dot, mat, put, scale, sub, tapply, vec, vec_at
 
 POSITION, DIRECTION, PULL, COUPLING = 0, 1, 2, 3
 # What `tie_rows` sets: phi, its rate, or its second rate.
@@ -106,36 +107,11 @@ def set_ties(c: Ties, rows: Rows, acting: NDArray[np.bool_]) -> None:
 
 
 @jit_inner
-def _carried(n, f, vector):
-    """A vector fixed in node n's frame and its two rates, world axes (n = -1: the world)."""
-    if n < 0:
-        return vector, NONE, NONE
-    r, w, al = mat(f.r[n]), vec(f.w[n]), vec(f.al[n])
-    spin = cross(w, vector)
-    return apply(r, vector), apply(r, spin), apply(r, add(cross(al, vector), cross(w, spin)))
-
-
-@jit_inner
-def _origin(n, f, arm):
-    """Position, velocity and acceleration of a closure's frame from the lever arm and its rates."""
-    if n < 0:
-        return arm
-    return add(vec(f.x[n]), arm[0]), add(vec(f.v[n]), arm[1]), add(vec(f.a[n]), arm[2])
-
-
-@jit_inner
-def gap(n, m, place_n, place_m, f):
-    """From a point of node n to a point of node m: vector, rate and second rate, world axes [m, s]."""
-    xa, xb = _origin(n, f, _carried(n, f, place_n)), _origin(m, f, _carried(m, f, place_m))
-    return sub(xb[0], xa[0]), sub(xb[1], xa[1]), sub(xb[2], xa[2])
-
-
-@jit_inner
 def _second(k, a, b, c, f):
     """The second vector of a row, w or d, and its two rates."""
     if c.kind[k] == DIRECTION:
-        return _carried(b, f, vec(c.w[k]))
-    return gap(a, b, vec(c.place_a[k]), vec(c.place_b[k]), f)
+        return fixed(f, b, vec(c.w[k]))
+    return gap(f, a, b, vec(c.place_a[k]), vec(c.place_b[k]))
 
 
 @jit_inner
@@ -168,7 +144,7 @@ def tie_rows(c, s, f, wanted):
                 c.gradient[k, i] = 0.0
             continue
         a, b = c.a[k], c.b[k]
-        u = _carried(a, f, vec(c.u[k]))
+        u = fixed(f, a, vec(c.u[k]))
         w = _second(k, a, b, c, f)
         if wanted == ACCELERATIONS:
             c.value[k] = dot(u[2], w[0]) + 2 * dot(u[1], w[1]) + dot(u[0], w[2])
