@@ -20,7 +20,7 @@ from flexinv.mechanism import Array
 # Pivots over the longest column: above SURE one counts, below NONE it repeats others (rounding of 1e-16 in some tens of
 # columns); between them singular values decide, whose own limit, 1e-10, lies well inside.
 SURE, NONE = 1e-7, 1e-13
-# Jacobi's rotations square what is left off the diagonal with every sweep: six reach rounding, more are never needed.
+# Jacobi's rotations square what is left off the diagonal with every sweep: six reach rounding, these are never needed.
 MOST_SWEEPS = 12
 # Samples of a block: few enough to stay in the cache, and to share pivots.
 LANES = 16
@@ -34,7 +34,7 @@ class Factor(NamedTuple):
     beta: Array  # (columns, lanes)
     diagonal: Array  # (columns, lanes) of R
     sizes: Array  # (columns, lanes) squares of what is left of each
-    longest: Array  # (lanes,) square of the longest column
+    scale: Array  # (lanes,) one over the square of the longest column
     sums: Array  # (lanes,)
     order: NDArray[np.int64]
 
@@ -60,8 +60,8 @@ def places(rows: int, drives: NDArray[np.int64], root: Array, nv: int) -> Place:
 
     def empty(length: int) -> Factor:
         beta, diagonal, sizes = np.zeros((3, nv, LANES))
-        longest, sums = np.zeros((2, LANES))
-        return Factor(np.zeros((nv, length, LANES)), beta, diagonal, sizes, longest, sums, np.zeros(nv, dtype=np.int64))
+        scale, sums = np.zeros((2, LANES))
+        return Factor(np.zeros((nv, length, LANES)), beta, diagonal, sizes, scale, sums, np.zeros(nv, dtype=np.int64))
 
     motions, h = np.zeros((2, nv, nv, LANES))
     y, turn = np.zeros((rows + nv, LANES)), np.zeros((2, LANES))
@@ -69,8 +69,8 @@ def places(rows: int, drives: NDArray[np.int64], root: Array, nv: int) -> Place:
 
 
 @jit_inner
-def _reflect(y, v, beta, j, sums):
-    """y - beta v (v . y) from entry j on."""
+def _reflect(y, v, beta, j, sums, size):
+    """y - beta v (v . y) from entry j on; set the squares of what then follows entry j."""
     for k in range(LANES):
         sums[k] = 0.0
     for i in range(j, y.shape[0]):
@@ -78,17 +78,20 @@ def _reflect(y, v, beta, j, sums):
             sums[k] += v[i, k] * y[i, k]
     for k in range(LANES):
         sums[k] *= beta[k]
-    for i in range(j, y.shape[0]):
+        size[k] = 0.0
+        y[j, k] -= sums[k] * v[j, k]
+    for i in range(j + 1, y.shape[0]):
         for k in range(LANES):
             y[i, k] -= sums[k] * v[i, k]
+            size[k] += y[i, k] * y[i, k]
 
 
 @jit_inner
-def _measure(y, first, size):
-    """Set the squares of a column from entry ``first`` on."""
+def _measure(y, size):
+    """Set the squares of a column."""
     for k in range(LANES):
         size[k] = 0.0
-    for i in range(first, y.shape[0]):
+    for i in range(y.shape[0]):
         for k in range(LANES):
             size[k] += y[i, k] * y[i, k]
 
@@ -100,7 +103,7 @@ def _pivot(p, j, columns):
     for c in range(j, columns):
         least = np.inf
         for k in range(LANES):
-            part = p.sizes[p.order[c], k] / p.longest[k]
+            part = p.sizes[p.order[c], k] * p.scale[k]
             if not part >= least:  # a NaN stays
                 least = part
             if not part <= most:
@@ -117,12 +120,14 @@ def _pivot(p, j, columns):
 def factor(p, columns):
     """Factor Q R of the first columns with pivoting, in place [any unit]; return the rank, -1 where it is in doubt."""
     for k in range(LANES):
-        p.longest[k] = 0.0
+        p.scale[k] = 0.0
     for c in range(columns):
         p.order[c] = c
-        _measure(p.a[c], 0, p.sizes[c])
+        _measure(p.a[c], p.sizes[c])
         for k in range(LANES):
-            p.longest[k] = max(p.longest[k], p.sizes[c, k])
+            p.scale[k] = max(p.scale[k], p.sizes[c, k])
+    for k in range(LANES):
+        p.scale[k] = 1.0 / p.scale[k]
     for j in range(columns):
         counts = _pivot(p, j, columns)
         if counts < 1:
@@ -134,8 +139,7 @@ def factor(p, columns):
             p.beta[j, k] = 1.0 / (norm * (norm + abs(first)))
             p.a[own, j, k] = first - p.diagonal[j, k]
         for c in range(j + 1, columns):
-            _reflect(p.a[p.order[c]], p.a[own], p.beta[j], j, p.sums)
-            _measure(p.a[p.order[c]], j + 1, p.sizes[p.order[c]])
+            _reflect(p.a[p.order[c]], p.a[own], p.beta[j], j, p.sums, p.sizes[p.order[c]])
     return columns
 
 
@@ -165,7 +169,7 @@ def _forth(p, rank, y):
 def _turn(p, rank, y):
     """Q y in place of y."""
     for j in range(rank - 1, -1, -1):
-        _reflect(y, p.a[p.order[j]], p.beta[j], j, p.sums)
+        _reflect(y, p.a[p.order[j]], p.beta[j], j, p.sums, p.sizes[p.order[j]])
 
 
 @jit_inner
