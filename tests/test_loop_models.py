@@ -227,6 +227,7 @@ MOBILITY = {
     "andrews_squeezer": (1, 9, 3),
     "bricard": (1, 5, 1),
     "stewart_platform": (6, 18, 0),
+    "geared_four_bar": (1, 7, 3),
 }
 
 

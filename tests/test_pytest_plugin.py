@@ -95,9 +95,13 @@ def pytest_on(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.slow
 def test_every_comparison_is_a_test(root: Path, tmp_path: Path) -> None:
-    """Two processes of xdist, three engines: sound ones pass, Exudyn's integration in time is not good to 1e-12."""
+    """Two processes of xdist, three engines: sound ones pass, what Exudyn integrates in time differs by more than its bars."""
     cases = write_models(tmp_path / "models", root) / "cases.toml"
-    cases.write_text(cases.read_text().replace('engines = ["*"]', 'engines = ["pino*", "exudyn-dae"]', 1))
+    text = cases.read_text().replace('engines = ["*"]', 'engines = ["pino*", "exudyn-dae"]', 1)
+    # the swing of models/double_pendulum, whose difference is more than twice the error bars of both
+    text = text.replace("step_s = 5e-3", "step_s = 1e-3\nsample_s = 0.01")
+    text = text.replace("duration_s = 0.5\nhold_s = 0.25", 'law = "quintic"\nduration_s = 1.2')
+    cases.write_text(text.replace("to_deg = 90", "to_deg = 120").replace("to_deg = -45", "to_deg = -75"))
     xml = tmp_path / "tests.xml"
     options = ["models", "-n", "2", "--crosscheck-engines=flexinv,pinocchio,exudyn-dae", f"--junitxml={xml}", "-v"]
     done = pytest_on(tmp_path, *options, "-k", "torque or (tip and pinocchio)")
