@@ -343,3 +343,13 @@ def test_what_is_gone_idle_or_changed_is_said_in_every_format(night: Night, tmp_
     tree = ET.fromstring((tmp_path / "junit.xml").read_bytes())
     assert [c.get("name") for c in tree.iter("testcase")] == ["arm swing mujoco flexinv tip m"]
     assert len(list(tree.iter("failure"))) == 1
+
+
+def test_a_case_with_but_the_reference_is_skipped_not_passed(night: Night) -> None:
+    """Nothing was compared: the page does not say "within", which it does as soon as one engine is."""
+    case = next(row for row in night.results.cases if row.case)
+    cells = [words.cell(night.results, case, engine) for engine in ("flexinv", "pinocchio")]
+    alone = replace(cells[0], comparisons=(), verdict="within")
+    assert html.standing([alone]) == "skipped"
+    assert html.standing([alone, cells[1]]) == cells[1].verdict
+    assert html.standing([replace(alone, verdict="error")]) == "error"

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from markupsafe import Markup
 
 from crosscheck import changes
 from crosscheck.compare import Comparison
-from crosscheck.limits import worst
+from crosscheck.limits import Verdict, worst
 from crosscheck.report import reasons, words
 from crosscheck.report.plots import write_case
 from crosscheck.results import CaseRow, Results, StudyRow, slug
@@ -106,7 +106,7 @@ def case_view(results: Results, case: CaseRow, out: Path) -> dict[str, Any]:
         "results": results,
         "root": "../",
         "case": case,
-        "verdict": worst([c.verdict for c in cells if c.verdict is not None]),
+        "verdict": standing(cells),
         "cells": cells,
         "comparisons": words.gathered(sorted((c for one in cells for c in one.comparisons), key=skipped_last)),
         "runs": [one.run for one in cells if one.run is not None],
@@ -117,6 +117,11 @@ def case_view(results: Results, case: CaseRow, out: Path) -> dict[str, Any]:
         "diagnoses": reasons.diagnoses(results, case),
         "trend": f"../trends/{case.slug}.html" if (out / "trends" / f"{case.slug}.html").is_file() else "",
     }
+
+
+def standing(cells: Iterable[words.Cell]) -> Verdict:
+    """Return the gravest verdict of a case; "skipped" where there is but the reference: skipped is not passed."""
+    return worst([c.verdict for c in cells if c.verdict is not None and (c.comparisons or c.verdict == "error")])
 
 
 def skipped_last(row: Comparison) -> bool:
