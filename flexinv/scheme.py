@@ -78,16 +78,14 @@ def solve(
     history, right = _histories(mechanism, motion, passive, start or {}, start_rate or {})
     mesh = build(mechanism)
     scheme = generalized_alpha(float(step), spectral_radius)
-    q, qd, qdd = right(time)
-    if mechanism.closures:
-        if mechanism.is_rigid:
-            solution = closed_solution(mesh, right, time, passive, settings)
-        else:
-            solution = flexible_closed_solution(
-                mesh, history, right, time, scheme, passive, settings, motion.jumps, progress
-            )
-        check_branch(mechanism, start or {}, q[0], solution.q[0])
+    if mechanism.closures and mechanism.is_rigid:
+        solution = closed_solution(mesh, right, time, passive, settings)
+    elif mechanism.closures:
+        solution = flexible_closed_solution(
+            mesh, history, right, time, scheme, passive, settings, motion.jumps, progress
+        )
     else:
+        q, qd, qdd = right(time)
         if mechanism.is_rigid and not passive:
             applied = applied_forces(mesh, rigid_motion(mesh, q, qd, qdd), time)
             trajectory = rigid_trajectory(mesh, q, qd, qdd, applied)
@@ -98,15 +96,13 @@ def solve(
             applied = applied_forces(mesh, trajectory.motion, time)
             fill_passive(mesh, trajectory.motion, passive, q, qd, qdd)
         solution = evaluate(mesh, trajectory, time, q, qd, qdd, passive, settings, applied)
+    if mechanism.closures:
+        check_branch(mechanism, start or {}, right(time[:1])[0][0], solution.q[0])
     if not error:
         return solution
     options = {
-        "end": end,
-        "spectral_radius": spectral_radius,
-        "initial": initial,
-        "start": start,
-        "start_rate": start_rate,
-    }
+        "end": end, "spectral_radius": spectral_radius, "initial": initial, "start": start, "start_rate": start_rate,
+    }  # fmt: skip
     return _with_error(solution, mechanism, motion, step, incremental, every, progress, options)
 
 
