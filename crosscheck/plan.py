@@ -16,6 +16,7 @@ from crosscheck.results import CaseRow
 from flexinv.errors import InputError
 from flexinv.files.case import Case, load_cases
 from flexinv.files.mechanism_file import load_mechanism
+from flexinv.files.unit_keys import nearest
 from flexinv.mechanism import WORLD, Mechanism
 
 LARGEST_TEXT = 20_000  # [characters] of a model file that a report shows
@@ -87,7 +88,9 @@ def _every_name_fits(
         mechanism, _, case = name.partition("/")
         if not any(fnmatchcase(m, mechanism) and fnmatchcase(c, case or "*") for m, c in have):
             known = ", ".join(sorted(folders)) or "none"
-            raise InputError(f"nothing to run is called {name!r}; mechanisms here: {known}")
+            near = nearest(mechanism, sorted(folders)) if mechanism not in folders else None
+            write = f"; write '{near}'" if near else ""
+            raise InputError(f"nothing to run is called {name!r}{write}; mechanisms here: {known}")
 
 
 def case_row(one: Task) -> CaseRow:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -211,3 +213,11 @@ def test_modes_of_a_hanging_rod(model: Path, capsys: pytest.CaptureFixture[str])
     omega = np.sqrt(1.5 * 9.81 / 0.6)
     assert printed[-4:] == ["1", f"{omega / (2 * np.pi):.6g}", f"{omega:.6g}", "arm"]
     assert "nothing of 'pendulum' can move" in complaint(["modes", str(model)], capsys)
+
+
+def test_the_module_is_the_command_line(root: Path) -> None:
+    """Where the console script is not on the path."""
+    done = subprocess.run(
+        [sys.executable, "-m", "flexinv", "--help"], cwd=root, capture_output=True, text=True, check=True
+    )
+    assert "solve" in done.stdout

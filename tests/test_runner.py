@@ -188,6 +188,8 @@ def test_names_and_patterns_choose(root: Path, tmp_path: Path) -> None:
     assert [t.case.name for t in discover(tmp_path, ["leg/swing"]).tasks] == ["swing"]
     with pytest.raises(InputError, match="nothing to run is called 'tail'; mechanisms here: left_arm, leg, right_arm"):
         discover(tmp_path, ["tail"])
+    with pytest.raises(InputError, match="nothing to run is called 'left_am'; write 'left_arm'; mechanisms here"):
+        discover(tmp_path, ["left_am"])
     with pytest.raises(InputError, match="'leg/kick'"):
         discover(tmp_path, ["leg/kick"])
 
