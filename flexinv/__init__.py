@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from flexinv.mechanism import Mechanism
     from flexinv.modes import Modes, natural_modes
     from flexinv.motion import Motion
+    from flexinv.parameters import BaseParameters, Regressor, base_parameters, torque_regressor
     from flexinv.prepared import TorqueFunction, prepare
     from flexinv.rest import Load, statics
     from flexinv.scheme import solve
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 # Where each public name lives; it is imported when first used, so that a program that only reads a mechanism
 # does not wait for the compiler.
 _HOME = {
+    "BaseParameters": "parameters",
     "Batch": "batch",
     "ConvergenceError": "errors",
     "FlexinvError": "errors",
@@ -32,8 +34,10 @@ _HOME = {
     "ModelWarning": "errors",
     "Modes": "modes",
     "Motion": "motion",
+    "Regressor": "parameters",
     "Solution": "solution",
     "TorqueFunction": "prepared",
+    "base_parameters": "parameters",
     "from_urdf": "files.urdf",
     "joint_torques": "torques",
     "load_mechanism": "files.mechanism_file",
@@ -43,9 +47,11 @@ _HOME = {
     "solve": "scheme",
     "solve_many": "batch",
     "statics": "rest",
+    "torque_regressor": "parameters",
 }
 
 __all__ = [
+    "BaseParameters",
     "Batch",
     "ConvergenceError",
     "FlexinvError",
@@ -55,8 +61,10 @@ __all__ = [
     "ModelWarning",
     "Modes",
     "Motion",
+    "Regressor",
     "Solution",
     "TorqueFunction",
+    "base_parameters",
     "from_urdf",
     "joint_torques",
     "load_mechanism",
@@ -66,6 +74,7 @@ __all__ = [
     "solve",
     "solve_many",
     "statics",
+    "torque_regressor",
 ]
 
 

@@ -12,6 +12,7 @@ import click
 import numpy as np
 import pandas as pd
 
+from flexinv.cli_parameters import parameters
 from flexinv.errors import FlexinvError, InputError, ModelWarning
 from flexinv.files.case import Case, load_cases
 from flexinv.files.mechanism_file import load_mechanism
@@ -154,6 +155,9 @@ def modes(model: Path, name: str | None, free: tuple[str, ...], count: int) -> N
     rows = zip(range(1, count + 1), found.frequency, np.sqrt(np.abs(found.squared)), found.link, strict=False)
     table = pd.DataFrame(rows, columns=["mode", "frequency [Hz]", "omega [rad/s]", "moves most"])
     click.echo(table.to_string(index=False, float_format=lambda x: f"{x:.6g}", na_rep="unstable"))
+
+
+app.add_command(parameters)
 
 
 def start_of(mechanism: Mechanism, case: Case | None) -> Array:

@@ -24,7 +24,7 @@ from numba import njit
 SOURCES = (
     "assemble", "beam", "blocks", "border", "branch", "compiled", "coordinates", "eliminate", "integrate", "kinds", "lanes",
     "loads", "march", "modes", "planar_beam", "planar_march", "planar_solve", "planar_tree", "projection", "pulls", "recursion",
-    "rotations", "rows", "sums", "system", "ties", "tree", "vectors",
+    "regress", "rotations", "rows", "sums", "system", "ties", "tree", "vectors",
 )  # fmt: skip
 _IMPORT = re.compile(r"^from flexinv\.(\w+) import", re.MULTILINE)
 

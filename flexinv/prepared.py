@@ -172,6 +172,15 @@ def _check_tree(mechanism: Mechanism) -> None:
         )
 
 
+def checked_states(mechanism: Mechanism, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> tuple[Array, Array, Array]:
+    """Return q (samples, nq), qd, qdd (samples, nv) [rad], [m], [1/s] of a rigid tree as floats, checked as `torques` does."""
+    _check_tree(mechanism)
+    given = _checked(mechanism, (q, qd, qdd), "samples")
+    _check_finite(given)
+    places, rates, accelerations = (np.ascontiguousarray(_by_sample(a, "samples")) for a in given)
+    return places, rates, accelerations
+
+
 def _by_sample(a: Array, order: Order) -> Array:
     """A view (samples, columns)."""
     return a[None] if a.ndim == 1 else a.T if order == "coordinates" else a
