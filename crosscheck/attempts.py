@@ -31,7 +31,7 @@ class Attempts:
 
     def find(self, task: Task, engine: str, options: Mapping[str, Any] | None = None) -> Attempt | None:
         """Return what ``engine`` gave for the task before, or None."""
-        stem = self.folder / key(task, engine, options or {})
+        stem = self.stem(task, engine, options)
         try:
             words = json.loads(stem.with_name(stem.name + ".attempt").read_text(encoding="utf-8"))
             record = load(stem)
@@ -45,12 +45,16 @@ class Attempts:
         if attempt.record.status not in KEPT:
             return
         self.folder.mkdir(parents=True, exist_ok=True)
-        stem = self.folder / key(task, engine, options or {})
+        stem = self.stem(task, engine, options)
         save(attempt.record, stem)
         words = json.dumps({"printed": attempt.printed, "elapsed": attempt.elapsed})
         part = stem.with_name(stem.name + ".part")
         part.write_text(words, encoding="utf-8")
         part.replace(stem.with_name(stem.name + ".attempt"))
+
+    def stem(self, task: Task, engine: str, options: Mapping[str, Any] | None = None) -> Path:
+        """Return where an attempt's files are, but for their endings (`crosscheck.record.save`)."""
+        return self.folder / key(task, engine, options or {})
 
     @contextlib.contextmanager
     def alone(self, task: Task, engine: str) -> Iterator[None]:

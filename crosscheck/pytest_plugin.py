@@ -19,7 +19,7 @@ import pytest
 if TYPE_CHECKING:
     from crosscheck.compare import Comparison
     from crosscheck.engines import Engine
-    from crosscheck.isolation import Attempt
+    from crosscheck.pairs import Shared
     from crosscheck.plan import Task
 
 FOLDER = pytest.StashKey[str]()
@@ -38,6 +38,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
     group.addoption(
         "--crosscheck-timeout", type=float, default=900.0, metavar="SECONDS", help="For one engine on one case (900)."
+    )
+    group.addoption(
+        "--crosscheck-baseline",
+        metavar="FOLDER",
+        help="The blessed night that judges, too (reports/baseline beside the models, where it is; '' for none).",
     )
 
 
@@ -79,8 +84,10 @@ class CasesFile(pytest.File):
 
     def collect(self) -> Iterable[pytest.Item]:
         """Yield one test per comparison that a run would make."""
+        from crosscheck.baseline import BaselineError
         from crosscheck.engines import ENGINES
         from crosscheck.limits import references
+        from crosscheck.pairs import blessed
         from crosscheck.plan import discover
         from flexinv.errors import ModelWarning
 
@@ -91,6 +98,10 @@ class CasesFile(pytest.File):
             plan = discover(folder.parent, [folder.name])
         if plan.broken:
             raise self.CollectError(plan.broken[0][1])
+        try:
+            blessed(_baseline(self.config, folder.parent))
+        except BaselineError as error:
+            raise self.CollectError(str(error)) from error
         for task in plan.tasks:
             for engine in wanted:
                 others = references(task.case.limits, engine)
@@ -100,6 +111,13 @@ class CasesFile(pytest.File):
                         name = f"{folder.name}-{task.case.name}-{engine}{against}-{quantity}"
                         pair = ENGINES[engine], ENGINES[reference]
                         yield ComparisonItem.from_parent(self, name=name, task=task, pair=pair, quantity=quantity)
+
+
+def _baseline(config: pytest.Config, models: Path) -> Path | None:
+    from crosscheck.pairs import beside
+
+    said = config.getoption("--crosscheck-baseline")
+    return beside(models) if said is None else Path(said) if said else None
 
 
 def _wanted(config: pytest.Config) -> list[str]:
@@ -126,8 +144,11 @@ class ComparisonItem(pytest.Item):
     def runtest(self) -> None:
         """Run both engines unless that was done, compare, and fail with words."""
         from crosscheck.limits import worst
+        from crosscheck.pairs import cause, compared
 
-        rows = self._compared()
+        shared = self._shared()
+        pair = compared(shared, self.task, *self.pair)
+        rows = [row for row in pair if row.quantity == self.quantity]
         for row in rows:
             self._note(row)
         verdict = worst(row.verdict for row in rows)
@@ -139,32 +160,15 @@ class ComparisonItem(pytest.Item):
         if verdict != "within":
             from crosscheck.report.failure import failure
 
-            wrong = [failure(row) for row in rows if row.verdict in ("deviation", "unjudged", "error")]
-            raise ComparisonFailed("\n\n".join(wrong))
+            wrong = [row for row in rows if row.verdict in ("deviation", "unjudged", "error")]
+            why = cause(shared, self.task, pair) if any(row.maximum is not None for row in wrong) else ""
+            raise ComparisonFailed("\n\n".join(failure(row, why) for row in wrong))
 
-    def _compared(self) -> list[Comparison]:
-        import datetime
+    def _shared(self) -> Shared:
+        from crosscheck.pairs import Shared
 
-        from crosscheck.compare import Pair, compare
-
-        engine, reference = (self._attempt(one).record for one in self.pair)
-        task = self.task
-        pair = Pair(task.folder.name, task.case, engine, reference, task.rest, datetime.date.today())
-        return [row for row in compare(pair) if row.quantity == self.quantity]
-
-    def _attempt(self, engine: Engine) -> Attempt:
-        from crosscheck.attempts import Attempts
-        from crosscheck.isolation import Children, run_engine
-
-        kept = Attempts(_records(self.config))
-        limit = float(self.config.getoption("--crosscheck-timeout"))
-        what = {"mechanism": str(self.task.folder.resolve()), "case": self.task.case.name, "options": {}}
-        with kept.alone(self.task, engine.name):
-            found = kept.find(self.task, engine.name)
-            if found is None:
-                found = run_engine(engine, what, self.task.time, limit, Children())
-                kept.keep(self.task, engine.name, found)
-        return found
+        baseline = _baseline(self.config, self.task.folder.parent)
+        return Shared(_records(self.config), baseline, float(self.config.getoption("--crosscheck-timeout")))
 
     def _note(self, row: Comparison) -> None:
         """Give the numbers to JUnit."""

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck.certificate import Check, certificate, checks
+from crosscheck.compare import Comparison
 from crosscheck.plan import Plan, Task
 from crosscheck.record import Record
 from crosscheck.results import Diagnosis, Results
@@ -58,20 +59,29 @@ def questions(results: Results, plan: Plan, out: Path) -> list[Question]:
     """Return one question for every engine whose efforts deviate from the reference's and were saved."""
     series = {(r.mechanism, r.case, r.engine): r.series for r in results.runs}
     folders = {(t.folder.name, t.case.name): t.folder for t in plan.tasks}
-    asked: dict[tuple[str, str, str], Question] = {}
-    for row in results.comparisons:
-        here = (row.mechanism, row.case, row.engine)
-        stems = [series.get((row.mechanism, row.case, e), "") for e in (row.engine, REFERENCE)]
-        wanted = (
-            row.quantity == "torque" and row.reference == REFERENCE and row.verdict in ASKED and row.maximum is not None
-        )
-        if wanted and all(stems):
-            place = (row.mechanism, row.case, row.engine, REFERENCE)
-            ours, theirs = (str((out / stem).resolve()) for stem in stems)
-            folder = str(folders[here[:2]].resolve())
-            options = {"folder": folder, "case": row.case, "engine": row.engine, "ours": ours, "theirs": theirs}
-            asked[here] = Question(place, options)
-    return list(asked.values())
+    found: dict[tuple[str, str, str], Question] = {}
+    for row in filter(asked, results.comparisons):
+        here = (row.mechanism, row.case)
+        ours, theirs = (series.get((*here, e), "") for e in (row.engine, REFERENCE))
+        if ours and theirs:
+            found[*here, row.engine] = question(row, folders[here], out / ours, out / theirs)
+    return list(found.values())
+
+
+def asked(row: Comparison) -> bool:
+    """Return whether a reader of a comparison asks why: efforts that differ from the reference's."""
+    measured = row.quantity == "torque" and row.reference == REFERENCE and row.maximum is not None
+    return measured and row.verdict in ASKED
+
+
+def question(row: Comparison, folder: Path, ours: Path, theirs: Path) -> Question:
+    """Return why a comparison deviates, as a question.
+
+    folder : of the mechanism; ours, theirs : stems of the saved records of the engine and of the reference
+    """
+    saved = {"ours": str(ours.resolve()), "theirs": str(theirs.resolve())}
+    options = {"folder": str(folder.resolve()), "case": row.case, "engine": row.engine, **saved}
+    return Question((row.mechanism, row.case, row.engine, row.reference), options)
 
 
 def diagnosis(question: Question, answer: Any, trouble: str) -> Diagnosis:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import html
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+import rogue_engines as rogue
+from crosscheck_examples import example_run, write_models
 
 from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.subject import Subject
@@ -18,6 +22,8 @@ from crosscheck.isolation import Children, ask
 from crosscheck.plan import discover
 from crosscheck.reasons import Question, diagnosis, questions
 from crosscheck.record import save
+from crosscheck.report import render
+from crosscheck.report.markdown import escape
 from crosscheck.report.reasons import sheets, uncertified
 from crosscheck.results import CaseRow, Results, RunRow
 from flexinv.files.case import load_cases
@@ -74,6 +80,28 @@ def test_only_deviations_of_the_torque_from_the_reference_are_asked_about(tmp_pa
     asked = questions(Results("now", runs=runs, comparisons=rows), plan, tmp_path)
     assert [q.place for q in asked] == [(*here, "pinocchio", "flexinv")]
     assert not questions(Results("now", runs=runs[:1], comparisons=rows), plan, tmp_path)  # its series was not saved
+
+
+def test_the_cause_stands_in_the_matrix_and_in_every_summary(root: Path, tmp_path: Path) -> None:
+    """From a run with an engine that has a damper too many to the cell, the list of troubles, Markdown and JUnit."""
+    write_models(tmp_path / "models", root)
+    engines = {"flexinv": ENGINES["flexinv"], "damped": rogue.engine("damped")}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", str(Path(rogue.__file__).parent))
+        results = example_run(tmp_path / "models", tmp_path / "out", engines)
+    (one,) = results.diagnoses
+    assert one.words.startswith("the viscous damping of knee differs by 0.05 N m s/rad or N s/m: explains 99.99%")
+    index, summary = ((tmp_path / "out" / name).read_text() for name in ("index.html", "summary.md"))
+    assert '<span class="cause">viscous damping (knee)</span>' in index
+    assert f"cause: {one.words}" in html.unescape(index)
+    (row,) = [line for line in summary.splitlines() if line.startswith("| double\\_pendulum/swing | damped | viscous")]
+    assert row == f"| double\\_pendulum/swing | damped | viscous damping (knee) | {escape(one.words)} |"
+    assert "✗ 0.0019: viscous damping (knee) |" in summary
+    failed = ET.parse(tmp_path / "out" / "junit.xml").findall(".//failure")
+    assert sum(f"cause: {one.words}" in str(f.get("message")) for f in failed) == 1
+    clean = replace(results, diagnoses=(replace(one, named=(), words="no single cause explains it."),))
+    render(clean, tmp_path / "out")  # nothing is named where nothing explains it
+    assert 'class="cause"' not in (tmp_path / "out" / "index.html").read_text()
 
 
 def test_a_diagnosis_that_fails_says_so() -> None:

@@ -18,6 +18,7 @@ from crosscheck_examples import write_models
 
 from crosscheck import terminal
 from crosscheck.attempts import Attempts
+from crosscheck.baseline import Baseline, judged, key
 from crosscheck.cli import main
 from crosscheck.compare import Comparison
 from crosscheck.isolation import Attempt
@@ -41,8 +42,8 @@ def test_a_deviation_says_everything() -> None:
             "  limit         0.005 of the range: meshes and steps differ",
             "  error bars    2.5e-4 N m of both engines together: at most 2 % of the difference",
             "  cause         rotor inertia is missing",
-            "  to accept     mend the model; or raise the limit in models/arm/cases.toml with its reason, then "
-            'crosscheck bless --reason "..."',
+            "  to accept     mend the model; or raise the limit in models/arm/cases.toml with its reason, "
+            'crosscheck run arm/swing, then crosscheck bless --reason "..."',
             "  to look       crosscheck run arm/swing --engines exudyn-ge,flexinv",
             "  to reproduce  crosscheck export arm --case swing --engine exudyn-ge",
         ]
@@ -67,6 +68,32 @@ def test_a_comparison_without_limit_asks_for_one() -> None:
     )
 
 
+def test_a_comparison_that_has_become_worse_says_since_when_it_is_blessed() -> None:
+    known = Baseline({key(ROW): 0.001}, "looked at", "2026-03-01T01:00:00+00:00")
+    row = judged(replace(ROW, verdict="within", message="", limit=0.05), known)
+    assert failure(row, "the viscous damping of hub differs by 0.05 N m s/rad").split("\n") == [
+        "arm/swing, torque: exudyn-ge differs from flexinv by more than when it was blessed",
+        "  difference    0.013 N m, 0.013 of the range of 1 N m",
+        "  where         torque/hub, at t = 0.035 s",
+        "  limit         0.05 of the range: meshes and steps differ",
+        "  blessed       0.001 of the range; 5e-4 more is noise",
+        "  error bars    2.5e-4 N m of both engines together: at most 2 % of the difference",
+        "  cause         the viscous damping of hub differs by 0.05 N m s/rad",
+        "  to accept     mend the cause; or crosscheck run arm/swing, look at its report, then "
+        'crosscheck bless --reason "..."',
+        "  to look       crosscheck run arm/swing --engines exudyn-ge,flexinv",
+        "  to reproduce  crosscheck export arm --case swing --engine exudyn-ge",
+    ]
+
+
+def test_a_comparison_that_nobody_has_blessed_says_how() -> None:
+    row = judged(replace(ROW, verdict="within", message="", limit=0.05), Baseline())
+    lines = failure(row).split("\n")
+    assert lines[0] == "arm/swing, torque: exudyn-ge is compared with flexinv, but nothing is blessed yet"
+    accept = '  to accept     crosscheck run arm/swing, look at its report, then crosscheck bless --reason "..."'
+    assert lines[5] == accept
+
+
 def test_an_engine_that_failed_says_why() -> None:
     row = Comparison("arm", "swing", "mujoco", "flexinv", "tip", "", "error", "timeout: stopped after 9 s")
     assert failure(row) == "\n".join(
@@ -76,6 +103,20 @@ def test_an_engine_that_failed_says_why() -> None:
             "  to look       crosscheck run arm/swing --engines mujoco,flexinv",
         ]
     )
+
+
+DAMPED = """\
+double_pendulum/swing, torque: damped differs from flexinv by more than its limit
+  difference    0.16 N m, 0.0019 of the range of 82 N m
+  where         torque/knee, at t = 0.25 s
+  limit         1e-15 of the range: closed formulas on both sides: rounding of two links stays below 1e-14
+  error bars    1e-15 N m of both engines together: less than 0.1 % of the difference
+  cause         the viscous damping of knee differs by 0.05 N m s/rad or N s/m: explains 99.99% of the difference; \
+put into the reference, 1e-15 of the range remains of 1.9e-03.
+  to accept     mend the model; or raise the limit in models/double_pendulum/cases.toml with its reason, \
+crosscheck run double_pendulum/swing, then crosscheck bless --reason "..."
+  to look       crosscheck run double_pendulum/swing --engines damped,flexinv
+  to reproduce  crosscheck export double_pendulum --case swing --engine damped"""
 
 
 def pytest_on(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
@@ -124,6 +165,43 @@ def test_every_comparison_is_a_test(root: Path, tmp_path: Path) -> None:
     assert properties["limit"] == 1e-12
     assert 0 < properties["fraction"] < 1e-12
     assert not list(tmp_path.glob("crosscheck-*")), "records and scratch folders are removed"
+
+
+# A conftest of a user who has an engine of their own: here Pinocchio with a damper that the model does not have.
+OWN_ENGINE = """
+import os, sys
+sys.path.insert(0, {tests!r})
+os.environ["PYTHONPATH"] += os.pathsep + {tests!r}
+import rogue_engines
+from crosscheck.engines import ENGINES
+ENGINES["damped"] = rogue_engines.engine("damped")
+"""
+
+
+@pytest.mark.slow
+def test_a_failure_names_the_cause_and_how_to_bless(root: Path, tmp_path: Path) -> None:
+    """Word for word, from the run of both engines to the diagnosis; the same difference inside its limit is not blessed."""
+    write_models(tmp_path / "models", root)
+    loose = write_models(tmp_path / "models", root, "loose") / "cases.toml"
+    loose.write_text(loose.read_text().replace("maximum = 1e-12", "maximum = 0.5", 1))
+    (tmp_path / "models" / "conftest.py").write_text(OWN_ENGINE.format(tests=str(Path(__file__).parent)))
+    blessed = tmp_path / "reports" / "baseline"
+    blessed.mkdir(parents=True)
+    (blessed / "blessed.json").write_text('{"reason": "", "date": "2026-03-01", "versions": {}}')
+    known = ["mechanism,case,engine,reference,quantity,unit,fraction"]
+    known += [f"{name},swing,pinocchio,flexinv,torque,N m,1e-14" for name in ("double_pendulum", "loose")]
+    (blessed / "metrics.csv").write_text("\n".join(known) + "\n")
+    options = ["models", "--crosscheck-engines=pinocchio,damped", "-k", "torque", "-rA"]
+    said = pytest_on(tmp_path, *options).stdout
+    # error bars and remainder are rounding, which is not the same on every machine
+    assert f"\n{DAMPED}\n" in re.sub(r"\d(\.\d+)?e-1\d ", "1e-15 ", said)
+    assert "loose/swing, torque: damped is compared with flexinv, but nothing is blessed yet" in said
+    assert said.count("  cause         the viscous damping of knee differs by 0.05 N m s/rad") == 2
+    assert len(re.findall(r"^PASSED .*-swing-pinocchio-torque$", said, re.M)) == 2
+    (blessed / "metrics.csv").write_text("what is this")
+    said = pytest_on(tmp_path, *options).stdout
+    assert "metrics.csv has other columns than mechanism, case" in said
+    assert "Traceback" not in said
 
 
 def test_a_model_that_cannot_be_read_is_an_error_of_collection(tmp_path: Path) -> None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from crosscheck.baseline import HOW, UNBLESSED, noise
 from crosscheck.compare import Comparison
 from crosscheck.report.words import short
 
 HEADS = {
     "deviation": "differs from {reference} by more than its limit",
+    "worse": "differs from {reference} by more than when it was blessed",
+    "unblessed": "is compared with {reference}, but nothing is blessed yet",
     "unjudged": "is compared with {reference}, but no limit holds",
     "error": "cannot be compared with {reference}",
 }
@@ -18,7 +21,7 @@ def failure(row: Comparison, cause: str = "") -> str:
     cause : what the difference comes from, where that is known
     """
     case = f"{row.mechanism}/{row.case}"
-    head = HEADS.get(row.verdict, "is {verdict} against {reference}")
+    head = HEADS.get(_kind(row), "is {verdict} against {reference}")
     said = head.format(reference=row.reference, verdict=row.verdict)
     lines = {"": f"{case}, {row.quantity}: {row.engine} {said}"}
     if row.maximum is not None:
@@ -34,6 +37,13 @@ def failure(row: Comparison, cause: str = "") -> str:
     return "\n".join([lines.pop(""), *(f"  {what:<13} {words}" for what, words in lines.items())])
 
 
+def _kind(row: Comparison) -> str:
+    """Return the verdict, or which part of it the blessed night has."""
+    if row.verdict == "deviation" and row.blessed is not None:
+        return "worse"
+    return "unblessed" if row.verdict == "unjudged" and UNBLESSED in row.message else row.verdict
+
+
 def _measured(row: Comparison) -> dict[str, str]:
     unit = f" {row.unit}" if row.unit else ""
     where = f", at t = {row.time:.6g} s" if row.time is not None else ""
@@ -42,19 +52,25 @@ def _measured(row: Comparison) -> dict[str, str]:
         "where": f"{row.series}{where}",
         "limit": "none" if row.limit is None else f"{short(row.limit)} of the range: {row.reason}",
     }
-    if row.verdict != "deviation" and row.message:
+    if row.blessed is not None:
+        lines["blessed"] = f"{short(row.blessed)} of the range; {short(noise(row.blessed, row.limit))} more is noise"
+    if _kind(row) not in ("deviation", "worse", "unblessed") and row.message:
         lines["why"] = row.message
     if row.error_bar is None:
         lines["error bars"] = "neither engine gives one"
     else:
         share = row.error_bar / row.maximum if row.maximum else float("inf")
-        part = "all" if share >= 1 else f"at most {100 * share:.2g} %"
+        part = "all" if share >= 1 else f"at most {100 * share:.2g} %" if share > 1e-3 else "less than 0.1 %"
         lines["error bars"] = f"{short(row.error_bar)}{unit} of both engines together: {part} of the difference"
     return lines
 
 
 def _accept(row: Comparison) -> str:
-    file = f"models/{row.mechanism}/cases.toml"
+    file, again = f"models/{row.mechanism}/cases.toml", f"crosscheck run {row.mechanism}/{row.case}"
     if row.limit is None:
         return f"state a limit with its reason in {file}"
-    return f'mend the model; or raise the limit in {file} with its reason, then crosscheck bless --reason "..."'
+    if _kind(row) == "unblessed":
+        return f"{again}, look at its report, then {HOW}"
+    if _kind(row) == "worse":
+        return f"mend the cause; or {again}, look at its report, then {HOW}"
+    return f"mend the model; or raise the limit in {file} with its reason, {again}, then {HOW}"

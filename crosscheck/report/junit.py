@@ -6,7 +6,7 @@ import re
 from xml.etree import ElementTree as ET
 
 from crosscheck.compare import Comparison
-from crosscheck.report.words import short
+from crosscheck.report.words import cause_of, short
 from crosscheck.results import CaseRow, Results, RunRow, StudyRow
 
 # XML 1.0 has no way to write these characters (https://www.w3.org/TR/xml/#charsets).
@@ -46,7 +46,7 @@ def _case(root: ET.Element, results: Results, case: CaseRow) -> None:
             _run(suite, name, run)
     for row in results.comparisons:
         if (row.mechanism, row.case) == (case.mechanism, case.case):
-            _comparison(suite, name, row)
+            _comparison(suite, name, row, cause_of(results, row))
 
 
 def _run(suite: ET.Element, name: str, run: RunRow) -> None:
@@ -57,12 +57,12 @@ def _run(suite: ET.Element, name: str, run: RunRow) -> None:
         ET.SubElement(item, "system-err").text = _clean(run.printed)
 
 
-def _comparison(suite: ET.Element, name: str, row: Comparison) -> None:
+def _comparison(suite: ET.Element, name: str, row: Comparison, cause: str) -> None:
     label = f"{row.engine} against {row.reference}: {row.quantity}" + (f" [{row.unit}]" if row.unit else "")
     where = f" in {row.series}" if row.series else ""
     when = "" if row.time is None else f" at t = {row.time:.6g} s"
     size = "" if row.maximum is None else f" (largest error {short(row.maximum)} {row.unit}{where}{when})"
-    _item(suite, name, label, row.verdict, row.message + size)
+    _item(suite, name, label, row.verdict, row.message + size + (cause and f"; {cause}"))
 
 
 def _study(root: ET.Element, study: StudyRow) -> None:

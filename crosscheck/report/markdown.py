@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 from crosscheck import changes
 from crosscheck.report import words
+from crosscheck.report.reasons import causes, why
 from crosscheck.report.words import SIGNS, cell, duration, sentence, short, study_line, troubles
 from crosscheck.results import Results
 
@@ -38,6 +39,9 @@ def render(results: Results) -> str:
         parts += ["## Where not", "", *table(("verdict", "where", "what", "message"), body)]
     parts += ["## Matrix", "", "Largest error over the range of the signal, for the quantity nearest its limit.", ""]
     parts += table(("case", *(e.name for e in results.engines)), _matrix(results))
+    if results.diagnoses:
+        asked = [(f"{d.mechanism}/{d.case}", d.engine, causes(d) or "none", why(d)) for d in results.diagnoses]
+        parts += ["## Why they differ", "", *table(("case", "engine", "cause", "what it explains"), asked)]
     if results.studies:
         parts += ["## Studies", "", *table(("study", "verdict", "rows"), _studies(results))]
     parts += ["## Comparisons", "", *table(HEAD, _comparisons(results))]
@@ -51,7 +55,7 @@ HEAD = ("case", "engine", "reference", "quantity", "largest error", "RMS", "of r
 def _matrix(results: Results) -> Iterable[tuple[str, ...]]:
     for case in results.cases:
         cells = [cell(results, case, e.name) for e in results.engines]
-        texts = [f"{SIGNS[c.verdict]} {c.headline}" if c.verdict else "" for c in cells]
+        texts = [f"{SIGNS[c.verdict]} {c.headline}{c.cause and f': {c.cause}'}" if c.verdict else "" for c in cells]
         yield _where(case), *texts
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from crosscheck.certificate import Check, holds
 from crosscheck.limits import Verdict
@@ -45,3 +47,28 @@ def uncertified(results: Results, case: CaseRow) -> dict[str, str]:
 def diagnoses(results: Results, case: CaseRow) -> list[Diagnosis]:
     """Return why engines deviate in a case."""
     return [d for d in results.diagnoses if (d.mechanism, d.case) == (case.mechanism, case.case)]
+
+
+def diagnosed(results: Results, mechanism: str, case: str, engine: str) -> Diagnosis | None:
+    """Return why an engine deviates in a case, where that was asked."""
+    here = (mechanism, case, engine)
+    return next((d for d in results.diagnoses if (d.mechanism, d.case, d.engine) == here), None)
+
+
+def causes(diagnosis: Diagnosis | None) -> str:
+    """Return the names of the causes that explain a deviation, in a few words; "" where none does."""
+    if diagnosis is None or not diagnosis.named:
+        return ""
+    names = list(dict.fromkeys(_name(one) for one in diagnosis.named))
+    others = len(names) - 1
+    return names[0] + (f", or {others} other{'s' * (others > 1)}" if others else "")
+
+
+def _name(one: Mapping[str, Any]) -> str:
+    return f"{one['cause']} ({one['target']})" if one.get("target") else str(one["cause"])
+
+
+def why(diagnosis: Diagnosis) -> str:
+    """Return a diagnosis in one line: the cause, what it explains, and where there are several what tells them apart."""
+    apart = f" To tell them apart: {diagnosis.separate}." if diagnosis.separate else ""
+    return diagnosis.words + apart

@@ -10,7 +10,8 @@ from typing import Any
 from crosscheck.baseline import UNBLESSED
 from crosscheck.compare import Comparison
 from crosscheck.limits import VERDICTS, Verdict, worst
-from crosscheck.results import CaseRow, Results, RunRow, StudyRow
+from crosscheck.report.reasons import causes, diagnosed, why
+from crosscheck.results import CaseRow, Diagnosis, Results, RunRow, StudyRow
 
 SIGNS: dict[str, str] = {
     "within": "✓",
@@ -32,7 +33,10 @@ MEANINGS: dict[str, str] = {
 
 @dataclass(frozen=True)
 class Cell:
-    """One field of the matrix: what an engine is worth on one case; leading: the comparison nearest its limit."""
+    """One field of the matrix: what an engine is worth on one case; leading: the comparison nearest its limit.
+
+    diagnosis : why its efforts deviate, where that was asked
+    """
 
     case: CaseRow
     engine: str
@@ -40,6 +44,12 @@ class Cell:
     leading: Comparison | None
     run: RunRow | None
     comparisons: tuple[Comparison, ...]
+    diagnosis: Diagnosis | None = None
+
+    @property
+    def cause(self) -> str:
+        """The names of what explains the deviation, "" where nothing does."""
+        return causes(self.diagnosis)
 
     @property
     def headline(self) -> str:
@@ -68,6 +78,8 @@ class Cell:
         messages = [c.message for c in self.comparisons if c.verdict == self.verdict and c.message]
         if self.run is not None and self.run.message:
             messages.insert(0, self.run.message)
+        if self.diagnosis is not None:
+            messages.append(why(self.diagnosis))
         if self.verdict is None:
             return "not run"
         return "; ".join(dict.fromkeys([MEANINGS[self.verdict], *messages]))[:500]
@@ -82,7 +94,8 @@ def cell(results: Results, case: CaseRow, engine: str) -> Cell:
         return Cell(case, engine, None, None, None, rows)
     verdict = run.verdict if run.status != "ok" or not rows else worst(c.verdict for c in rows)
     measured = [c for c in rows if c.fraction is not None]
-    return Cell(case, engine, verdict, max(measured, key=nearness, default=None), run, rows)
+    leading = max(measured, key=nearness, default=None)
+    return Cell(case, engine, verdict, leading, run, rows, diagnosed(results, *here))
 
 
 def nearness(row: Comparison) -> tuple[int, float]:
@@ -138,9 +151,16 @@ def troubles(results: Results) -> list[tuple[Verdict, CaseRow | StudyRow, str, s
         for c in results.comparisons:
             known = c.verdict in ("within", "skipped", "explained") or {c.engine, c.reference} & failed
             if (c.mechanism, c.case) == here and not known:
-                rows.append((c.verdict, case, f"{c.engine} {c.quantity}", c.message))
+                text = "; ".join(filter(None, [c.message, cause_of(results, c)]))
+                rows.append((c.verdict, case, f"{c.engine} {c.quantity}", text))
     rows += [(s.verdict, s, s.name, study_line(s)) for s in results.studies if s.verdict not in ("within", "skipped")]
     return sorted(rows, key=lambda row: -VERDICTS.index(row[0]))
+
+
+def cause_of(results: Results, row: Comparison) -> str:
+    """Return what a comparison of efforts deviates for, where a cause is named; "" else."""
+    one = diagnosed(results, row.mechanism, row.case, row.engine) if row.quantity == "torque" else None
+    return f"cause: {why(one)}" if one is not None and one.named and one.reference == row.reference else ""
 
 
 def study_line(study: StudyRow) -> str:
