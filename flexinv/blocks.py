@@ -6,49 +6,16 @@ so that one that is held up leaves its work to the others.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
 
+from flexinv.atomics import address, fetch, put, reals, reals_table, take, wholes, wholes_table
 from flexinv.compiled import jit_blocks, jit_lanes
 from flexinv.lanes import LANES
-from flexinv.recursion import inboard, outboard
+from flexinv.offers import ANSWER, DONE, OFFERED, SLEEPS, STATE, WORDS, awaited, claimed, settled, write
+from flexinv.recursion import NUMBERS, TREE, inboard, outboard
 
-_instruction: Any = intrinsic  # its own type hides that the arguments are those of the call
 # Numbers in a line of the cache.
 _LINE = np.uint64(8)
-
-
-@_instruction
-def _take(typing_context: Any, counter: Any) -> Any:
-    """Return counter[0] and raise it by one, undivided by other threads."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        array = context.make_array(signature.args[0])(context, builder, arguments[0])
-        one = context.get_constant(types.uint64, 1)
-        return builder.atomic_rmw("add", array.data, one, "monotonic")
-
-    return types.uint64(counter), generate
-
-
-@_instruction
-def _fetch(typing_context: Any, x: Any, at: Any) -> Any:
-    """Tell the processor that x[at] will be read soon; what is behind the end of x does no harm."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        array = context.make_array(signature.args[0])(context, builder, arguments[0])
-        number = ir.IntType(32)
-        kind = ir.FunctionType(ir.VoidType(), [array.data.type, number, number, number])
-        fetch = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
-        place = builder.gep(array.data, [arguments[1]])
-        builder.call(fetch, [place, number(0), number(2), number(1)])  # to read, into the second cache, data
-        return context.get_dummy_value()
-
-    return types.none(x, at), generate
 
 
 @jit_lanes
@@ -60,13 +27,13 @@ def _load(work, columns, lanes, x, start, by_sample, by_column):
             for k in range(lanes):
                 work[first + k] = x[at + k]
             for k in range(LANES, LANES + LANES, _LINE):
-                _fetch(x, at + k)
+                fetch(x, at + k)
         return
     for tile in range(np.uint64(0), lanes, _LINE):  # as many samples as make a cache line of every row
         size = min(_LINE, lanes - tile)
         at = (start + tile) * by_sample
         for k in range(np.uint64(0), size * by_sample, _LINE):
-            _fetch(x, at + LANES * by_sample + k)
+            fetch(x, at + LANES * by_sample + k)
         for j in range(columns.shape[0]):
             first = columns[j] + tile
             for k in range(size):
@@ -91,18 +58,14 @@ def _store(work, columns, lanes, x, start, by_sample, by_column):
     return wrong
 
 
-@jit_blocks
-def torque_blocks(tree, numbers, columns, q, qd, qdd, tau, strides, samples, work, counter):
-    """Write the efforts [N m], [N] of all blocks that are left to take; return how many numbers are not finite.
-
-    tree, numbers, columns : of `bodies.Bodies`; q, qd, qdd, tau : (samples * width,) [rad or m, s], whose ``strides`` (4, 2) of
-    a sample and of a column are (width, 1) or (1, samples); counter : (1,) the next block
-    """
+@jit_lanes
+def _blocks(tree, numbers, columns, q, qd, qdd, tau, strides, samples, work, counter):
+    """Write the efforts of all blocks that are left to take; return how many numbers are not finite."""
     nv, wrong = tree[0, 0], 0
     nq = columns.shape[0] - 2 * nv
     for_q, for_qd, for_qdd = columns[:nq], columns[nq : nq + nv], columns[nq + nv :]
     while True:
-        start = _take(counter) * LANES
+        start = take(counter) * LANES
         if start >= samples:
             return wrong
         lanes = min(LANES, samples - start)
@@ -112,3 +75,59 @@ def torque_blocks(tree, numbers, columns, q, qd, qdd, tau, strides, samples, wor
         outboard(tree, numbers, work, lanes)
         inboard(tree, numbers, work, lanes)
         wrong += _store(work, for_qdd, lanes, tau, start, strides[3, 0], strides[3, 1])
+
+
+@jit_lanes
+def _offer(mail, tree, numbers, columns, q, qd, qdd, tau, strides, samples, work, counter):
+    """Offer a helper to take blocks, too."""
+    if not claimed(mail, address(counter)):
+        return
+    write(mail, 0, tree)
+    write(mail, 1, numbers)
+    write(mail, 2, columns)
+    write(mail, 3, q)
+    write(mail, 4, qd)
+    write(mail, 5, qdd)
+    write(mail, 6, tau)
+    write(mail, 7, strides)
+    write(mail, 8, work)
+    write(mail, 9, counter)
+    mail[WORDS + 20] = samples
+    put(mail, STATE, OFFERED)
+
+
+@jit_blocks
+def attend(mail, patience):
+    """Take blocks for whoever offers, until no offer comes for so many looks [-]; the mail then says that its helper sleeps."""
+    while awaited(mail, patience):
+        word = mail[WORDS:]
+        tree = wholes_table(word[0], word[1] // TREE, TREE)
+        numbers = reals_table(word[2], word[3] // NUMBERS, NUMBERS)
+        columns = wholes(word[4], word[5])
+        q, qd, qdd = reals(word[6], word[7]), reals(word[8], word[9]), reals(word[10], word[11])
+        tau, strides = reals(word[12], word[13]), wholes_table(word[14], 4, 2)
+        work, counter, samples = reals(word[16], word[17]), wholes(word[18], word[19]), word[20]
+        mail[ANSWER] = _blocks(tree, numbers, columns, q, qd, qdd, tau, strides, samples, work, counter)
+        put(mail, STATE, DONE)
+    put(mail, SLEEPS, 1)
+
+
+@jit_blocks
+def torque_blocks(tree, numbers, columns, q, qd, qdd, tau, strides, samples, work, counter, mails):
+    """Write the efforts [N m], [N] of all samples; return whether every helper that began has ended.
+
+    tree, numbers, columns : of `bodies.Bodies`; q, qd, qdd, tau : (samples * width,) [rad or m, s], whose ``strides`` (4, 2) of
+    a sample and of a column are (width, 1) or (1, samples)
+    work : (1 + helpers, size); counter : (2,) the next block, and how many numbers are not finite; mails : (helpers, cells)
+    """
+    counter[0], counter[1] = 0, 0
+    for i in range(mails.shape[0]):
+        _offer(mails[i], tree, numbers, columns, q, qd, qdd, tau, strides, samples, work[i + 1], counter)
+    counter[1] += _blocks(tree, numbers, columns, q, qd, qdd, tau, strides, samples, work[0], counter)
+    return settled(mails, address(counter), counter[1:])
+
+
+@jit_blocks
+def settle(mails, counter):
+    """Return whether every helper that began has ended [-], where `torque_blocks` did not wait for one."""
+    return settled(mails, address(counter), counter[1:])

@@ -1,10 +1,27 @@
-"""Threads that help with one call: they wait between calls, and take what the calling thread has not taken yet."""
+"""Threads that help with one call: they take blocks that the calling thread has not taken yet.
+
+After its work a helper watches its mail for a while, so that the next call of a loop has it within a microsecond; then it
+sleeps, and waking it takes some ten times as long.  Nobody waits for a helper that has not begun.
+"""
 
 from __future__ import annotations
 
+import atexit
 import os
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+import time
+from queue import SimpleQueue
+from threading import Lock, Thread
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.blocks import attend
+from flexinv.offers import CELLS, SLEEPS
+
+# How long a helper watches before it sleeps [s]: several times what passes between two calls in a loop.
+WATCH = 3e-4
+_LOOKS = 2_000  # by which a helper learns at first how long a look takes
+MOST = 255
 
 
 def processors() -> int:
@@ -12,34 +29,75 @@ def processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-class _Helpers:
-    """The waiting threads, started when first needed; a forked child begins without them."""
+class _Helper:
+    """A thread, its mail and the bell that wakes it."""
+
+    def __init__(self, mail: NDArray[np.uint64]) -> None:
+        self.mail, self.bell = mail, SimpleQueue[bool]()
+        self.thread = Thread(target=self._serve, name="flexinv", daemon=True)
+        self.thread.start()
+
+    def _serve(self) -> None:
+        start = time.perf_counter()
+        attend(np.zeros(CELLS, dtype=np.uint64), _LOOKS)
+        looks = int(_LOOKS * WATCH / (time.perf_counter() - start))
+        attend(self.mail, looks)
+        while self.bell.get():
+            attend(self.mail, looks)
+
+    def wake(self) -> None:
+        if self.mail[SLEEPS]:
+            self.mail[SLEEPS] = 0
+            self.bell.put(True)
+
+    def dismiss(self) -> None:
+        self.bell.put(False)
+        self.thread.join()
+
+
+class Helpers:
+    """The threads, started when first needed; a forked child begins without them, and at the end they are dismissed."""
 
     def __init__(self) -> None:
-        self.size, self.pool = 0, ThreadPoolExecutor(1)
+        self._starting = Lock()
+        self.forget()
+        atexit.register(self.dismiss)
         if hasattr(os, "register_at_fork"):
             os.register_at_fork(after_in_child=self.forget)
 
     def forget(self) -> None:
-        self.size, self.pool = 0, ThreadPoolExecutor(1)
+        """Begin without helpers [-]."""
+        self._starting, self._members = Lock(), list[_Helper]()
+        self._mails, self._called = np.zeros((MOST, CELLS), dtype=np.uint64), -np.inf
 
-    def at_least(self, size: int) -> ThreadPoolExecutor:
-        if size > self.size:
-            self.size, self.pool = size, ThreadPoolExecutor(size, thread_name_prefix="flexinv")
-        return self.pool
+    def dismiss(self) -> None:
+        """Let all helpers end [-]."""
+        members = self._members
+        self.forget()
+        for one in members:
+            one.dismiss()
+
+    def mails(self, count: int, wake: bool) -> NDArray[np.uint64]:
+        """Return the mails (helpers, cells) [-] of at most so many helpers, which watch them soon.
+
+        Where not ``wake``, those that sleep are woken only if the last call was a moment ago, as in a loop.
+        """
+        now = time.perf_counter()
+        wake, self._called = wake or now - self._called < WATCH, now
+        if wake:
+            if len(self._members) < count:
+                self._start(count)
+            for one in self._members[:count]:
+                one.wake()
+        return self._mails[: min(count, len(self._members))]
+
+    def _start(self, count: int) -> None:
+        with self._starting:
+            try:
+                while len(self._members) < min(count, MOST):
+                    self._members.append(_Helper(self._mails[len(self._members)]))
+            except RuntimeError:  # no more threads, or the program is ending: those that are there have to do
+                return
 
 
-_HELPERS = _Helpers()
-
-
-def share(work: Callable[[], int], threads: int) -> int:
-    """Return the sum of what ``work`` returns in this thread and in ``threads`` - 1 helpers [-].
-
-    A helper that has not begun when this thread finds nothing left to do is not waited for.
-    """
-    if threads == 1:
-        return work()
-    pool = _HELPERS.at_least(threads - 1)
-    helping = [pool.submit(work) for _ in range(threads - 1)]
-    done = work()
-    return done + sum(future.result() for future in helping if not future.cancel())
+HELPERS = Helpers()

@@ -2,44 +2,45 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from threading import local
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numba import types
 from numpy.typing import ArrayLike, NDArray
 
 from flexinv.applied import applied_forces, check_constant
-from flexinv.blocks import torque_blocks
+from flexinv.blocks import attend, settle, torque_blocks
 from flexinv.bodies import Bodies, bodies
 from flexinv.errors import InputError
-from flexinv.helpers import processors, share
+from flexinv.helpers import HELPERS, processors
 from flexinv.inverse import joint_wrenches, project
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh, build
+from flexinv.offers import CELLS
 from flexinv.rigid import rigid_motion
 
 Order = Literal["samples", "coordinates"]
-# A helper takes some 20 us to begin: joints times samples that keep one thread busy for three times as long.
-WORTH_HELP = 16_000
+# Joints times samples that keep one thread busy for so long that help pays, of a helper that watches (which begins within
+# 1 us) and of one that sleeps (within 30 us).
+WORTH_HELP, WORTH_WAKING = 2_000, 16_000
 # Samples whose nodal motion is in memory at once, where springs and given forces act on nodes.
 NODAL_BLOCK = 512
 
 
 _ONE, _ONE_SAMPLE = np.uint64(1), np.ones((4, 2), dtype=np.uint64)
+_NOBODY = np.zeros((0, CELLS), dtype=np.uint64)
 
 
 class _Own(local):
-    """What every thread has for itself: a work space and a counter of blocks."""
+    """What every thread has for itself: a work space for itself and for each helper, and a counter of blocks."""
 
-    work: Array
-    counter: NDArray[np.uint64]
-
-    def __init__(self, size: int) -> None:
-        self.work, self.counter = np.zeros(size), np.zeros(1, dtype=np.uint64)
+    def __init__(self, threads: int, size: int) -> None:
+        self.work, self.counter = np.zeros((threads, size)), np.zeros(2, dtype=np.uint64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,19 +68,18 @@ class TorqueFunction:
         out : where the efforts go, in the shape of qd, contiguous in either order; returned
         Raises InputError: wrong shape, value that is not finite.
         """
+        mails = self._mails(getattr(qdd, "size", 0))  # first of all: what follows takes as long as waking somebody
         given = _checked(self.mechanism, (q, qd, qdd), order)
         tau = _output(out, given[1])
         rows = [_by_sample(a, order) for a in (*given, tau)]
         flat, strides = zip(*(_flat(a) for a in rows), strict=True)
-        samples = np.uint64(len(rows[0]))
-        counter, table = np.zeros(1, dtype=np.uint64), np.array(strides, dtype=np.uint64)
-
-        def work() -> int:
-            b = self.bodies
-            return int(torque_blocks(b.tree, b.numbers, b.columns, *flat, table, samples, self._own.work, counter))
-
-        helped = self.threads if len(rows[0]) * self.mechanism.nv > WORTH_HELP else 1
-        if share(work, helped):
+        b, own, table = self.bodies, self._own, _table(strides)
+        if not torque_blocks(
+            b.tree, b.numbers, b.columns, *flat, table, np.uint64(len(rows[0])), own.work, own.counter, mails
+        ):
+            while not settle(mails, own.counter):
+                time.sleep(0)  # the system holds a helper up
+        if own.counter[1]:
             _check_finite(given)
         self._add_applied(rows[:3], rows[3])
         return tau
@@ -94,18 +94,24 @@ class TorqueFunction:
         if len(q) != m.nq or not len(qd) == len(qdd) == len(out) == m.nv:
             _checked(m, (q, qd, qdd), "samples")
             _output(out, np.asarray(qd))
-        own.counter[0] = 0
         try:
-            wrong = torque_blocks(
-                b.tree, b.numbers, b.columns, q, qd, qdd, out, _ONE_SAMPLE, _ONE, own.work, own.counter
+            torque_blocks(
+                b.tree, b.numbers, b.columns, q, qd, qdd, out, _ONE_SAMPLE, _ONE, own.work, own.counter, _NOBODY
             )
         except TypeError:  # not contiguous, or not of floats
             return self.torques(q, qd, qdd, out)
-        if wrong:
+        if own.counter[1]:
             _check_finite((q, qd, qdd))
         if m.springs or m.forces:
             self._add_applied((q[None], qd[None], qdd[None]), out[None])
         return out
+
+    def _mails(self, size: int) -> NDArray[np.uint64]:
+        """Mails of those who help with a call of so many efforts."""
+        if self.threads == 1 or size < WORTH_HELP:
+            return _NOBODY
+        compile_for_helpers()
+        return HELPERS.mails(self.threads - 1, size > WORTH_WAKING)
 
     def _add_applied(self, motion: Sequence[Array], tau: Array) -> None:
         """Subtract what springs between points and given forces do for the joints."""
@@ -136,25 +142,38 @@ def prepare(mechanism: Mechanism, passive: bool = True, threads: int | None = No
     mesh = build(mechanism)
     table = bodies(mesh, passive)
     compile_for_arrays()
-    return TorqueFunction(mechanism, passive, threads or processors(), mesh, table, _Own(table.size))
+    return TorqueFunction(
+        mechanism, passive, threads or processors(), mesh, table, _Own(threads or processors(), table.size)
+    )
+
+
+def _array(kind: types.Type, dimensions: int, readonly: bool = False) -> types.Array:
+    return types.Array(kind, dimensions, "C", readonly=readonly)
+
+
+_CELLS, _MAILS = _array(types.uint64, 1), _array(types.uint64, 2)
+
+
+def _compile(kernel: Any, *signature: types.Type) -> None:
+    if hasattr(kernel, "compile"):  # not with NUMBA_DISABLE_JIT
+        kernel.compile(signature)
+        kernel.disable_compile()
 
 
 @cache
 def compile_for_arrays() -> None:
     """Compile the kernel, once: arrays [any unit] are contiguous, and those that it only reads may be read-only."""
-    if not hasattr(torque_blocks, "compile"):  # with NUMBA_DISABLE_JIT
-        return
+    read, written = _array(types.float64, 1, readonly=True), _array(types.float64, 1)
+    tree, columns, strides = _MAILS, _CELLS, _MAILS
+    body, work = _array(types.float64, 2), _array(types.float64, 2)
+    _compile(torque_blocks, tree, body, columns, read, read, read, written, strides, types.uint64, work, _CELLS, _MAILS)
 
-    def array(kind: types.Type, dimensions: int, readonly: bool = True) -> types.Array:
-        return types.Array(kind, dimensions, "C", readonly=readonly)
 
-    read, written = array(types.float64, 1), array(types.float64, 1, readonly=False)
-    tree, columns, strides = array(types.uint64, 2), array(types.uint64, 1), array(types.uint64, 2)
-    counter = array(types.uint64, 1, readonly=False)
-    torque_blocks.compile(
-        (tree, array(types.float64, 2), columns, read, read, read, written, strides, types.uint64, written, counter)
-    )
-    torque_blocks.disable_compile()
+@cache
+def compile_for_helpers() -> None:
+    """Compile what helpers do, once [-]."""
+    _compile(attend, _CELLS, types.int64)
+    _compile(settle, _MAILS, _CELLS)
 
 
 def _check_tree(mechanism: Mechanism) -> None:
@@ -188,21 +207,26 @@ def _by_sample(a: Array, order: Order) -> Array:
 
 def _flat(a: Array) -> tuple[Array, tuple[int, int]]:
     """The numbers of (samples, columns) as they stand in memory, and the strides of a sample and of a column in them."""
-    if a.flags.c_contiguous:
-        return a.reshape(-1), (a.shape[1], 1)
-    if a.flags.f_contiguous:
-        return a.T.reshape(-1), (1, a.shape[0])
-    return np.ascontiguousarray(a).reshape(-1), (a.shape[1], 1)
+    flags = a.flags
+    if flags.f_contiguous and not flags.c_contiguous:
+        return a.ravel("F"), (1, len(a))
+    return a.ravel(), (a.shape[1], 1)
+
+
+@lru_cache(maxsize=256)
+def _table(strides: tuple[tuple[int, int], ...]) -> NDArray[np.uint64]:
+    return np.array(strides, dtype=np.uint64)
 
 
 def _output(out: Array | None, like: Array) -> Array:
     """Where efforts go: ``out``, or an array in the shape and the memory order of the rates."""
     if out is None:
         return np.empty_like(like, subok=False)
-    shown = f"an array of {out.dtype}, shape {out.shape}" if isinstance(out, np.ndarray) else repr(out)
     if not isinstance(out, np.ndarray) or out.shape != like.shape or out.dtype != np.float64:
+        shown = f"an array of {out.dtype}, shape {out.shape}" if isinstance(out, np.ndarray) else repr(out)
         raise InputError(f"joint_torques: out is {shown}, expected an array of float64, shape {like.shape}")
-    if not out.flags.writeable or not (out.flags.c_contiguous or out.flags.f_contiguous):
+    flags = out.flags
+    if not flags.writeable or not (flags.c_contiguous or flags.f_contiguous):
         raise InputError("joint_torques: out cannot be written to in one piece, expected a contiguous, writeable array")
     return out
 

@@ -37,6 +37,8 @@ from flexinv.lanes import (
     vec_of,
 )
 
+# Columns of the tables of bodies: see `bodies.Bodies`.
+TREE, NUMBERS = np.uint64(6), np.uint64(27)
 # Rows of every body: force and moment that its parent exerts on it, and all beyond it, at its origin.
 FORCE, MOMENT = row(0), row(3)
 WORLD_ROWS = 6

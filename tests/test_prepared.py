@@ -18,7 +18,6 @@ import flexinv
 from crosscheck.robots import random_states
 from flexinv.applied import applied_forces, joint_springs
 from flexinv.bodies import bodies
-from flexinv.helpers import share
 from flexinv.inverse import inverse_dynamics
 from flexinv.lanes import BLOCK
 from flexinv.mechanism import Array, Mechanism
@@ -85,7 +84,7 @@ def test_lumped_nodes_of_an_undeformed_beam_collapse_exactly() -> None:
     mesh = build(spatial_tree())
     mechanism = mesh.mechanism
     table = bodies(mesh)
-    rigid = TorqueFunction(mechanism, True, 1, mesh, table, prepare(tree())._own.__class__(table.size))
+    rigid = TorqueFunction(mechanism, True, 1, mesh, table, prepare(tree())._own.__class__(1, table.size))
     state = states(mechanism, 20)
     assert error(rigid.torques(*state), by_nodes(mechanism, *state)) < ROUNDING
 
@@ -139,21 +138,6 @@ def test_threads_give_the_same() -> None:
     with ThreadPoolExecutor(4) as pool:  # callers at the same time, through one prepared function
         for found in pool.map(lambda _: prepare(mechanism).torques(*state), range(8)):
             assert np.array_equal(found, alone)
-
-
-def test_work_is_shared() -> None:
-    left = list(range(1000))
-
-    def work() -> int:
-        done = 0
-        while True:
-            try:
-                left.pop()
-            except IndexError:
-                return done
-            done += 1
-
-    assert share(work, 3) == 1000
 
 
 def test_far_angles_keep_their_digits() -> None:

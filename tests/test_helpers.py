@@ -1,0 +1,124 @@
+"""Threads that help: they take part, they are not waited for, and they leave no trace in a forked child or at the end."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rigid_trees import tree
+
+from crosscheck.robots import random_states
+from flexinv.blocks import settle, torque_blocks
+from flexinv.helpers import HELPERS
+from flexinv.mechanism import Array
+from flexinv.offers import ANSWER, CELLS, DONE, FREE, OFFERED, OWNER, STATE, TAKEN
+from flexinv.prepared import TorqueFunction, prepare
+
+SAMPLES = 2000
+OTHERS = 12345  # the owner of an offer that somebody else has made
+
+
+def function() -> tuple[TorqueFunction, list[Array], Array]:
+    mechanism = tree()
+    state = list(random_states(mechanism, SAMPLES, np.random.default_rng(0)))
+    return prepare(mechanism, threads=2), state, prepare(mechanism, threads=1).torques(*state)
+
+
+def call(f: TorqueFunction, state: list[Array], mails: np.ndarray) -> tuple[Array, np.ndarray]:
+    """The kernel itself, on mails that no helper watches: efforts and counter."""
+    b, own, tau = f.bodies, f._own, np.zeros_like(state[1])
+    strides = np.array([(a.shape[1], 1) for a in (*state, tau)], dtype=np.uint64)
+    flat = [a.reshape(-1) for a in (*state, tau)]
+    assert torque_blocks(b.tree, b.numbers, b.columns, *flat, strides, np.uint64(SAMPLES), own.work, own.counter, mails)
+    return tau, own.counter
+
+
+def test_a_helper_takes_part() -> None:
+    f, state, alone = function()
+    f.torques(*state)
+    mail = HELPERS.mails(1, wake=True)[0]
+    for _ in range(1000):  # a busy machine may let the helper begin too late, but not a thousand times
+        mail[ANSWER] = OTHERS
+        assert np.array_equal(f.torques(*state), alone)
+        if mail[ANSWER] == 0:  # it has worked, and found every number finite
+            return
+    pytest.fail("no helper ever began")
+
+
+def test_numbers_that_are_not_finite_are_counted_by_all() -> None:
+    f, state, _ = function()
+    state[0][:] = np.nan
+    for _ in range(20):
+        with pytest.raises(ValueError, match=r"q\[0, 0\] is nan"):
+            f.torques(*state)
+        assert f._own.counter[1] == state[1].size
+
+
+def test_a_helper_that_has_not_begun_is_not_waited_for() -> None:
+    f, state, alone = function()
+    mails = np.zeros((1, CELLS), dtype=np.uint64)
+    tau, counter = call(f, state, mails)
+    assert np.array_equal(tau, alone)
+    assert counter[1] == 0
+    assert (mails[0, STATE], mails[0, OWNER]) == (FREE, 0)  # the offer was withdrawn
+
+
+@pytest.mark.parametrize("state_of", [OFFERED, TAKEN, DONE])
+def test_a_helper_of_others_is_left_alone(state_of: int) -> None:
+    f, state, alone = function()
+    mails = np.zeros((1, CELLS), dtype=np.uint64)
+    mails[0, STATE], mails[0, OWNER], mails[0, ANSWER] = state_of, OTHERS, 7
+    tau, counter = call(f, state, mails)
+    assert np.array_equal(tau, alone)
+    assert counter[1] == 0
+    assert (mails[0, STATE], mails[0, OWNER], mails[0, ANSWER]) == (state_of, OTHERS, 7)
+
+
+def test_a_helper_that_is_held_up_is_asked_again() -> None:
+    prepare(tree(), threads=2)
+    counter, mails = np.array([0, 2], dtype=np.uint64), np.zeros((1, CELLS), dtype=np.uint64)
+    mails[0, STATE], mails[0, OWNER] = TAKEN, counter.ctypes.data
+    assert not settle(mails, counter)
+    assert mails[0, STATE] == TAKEN
+    mails[0, STATE], mails[0, ANSWER] = DONE, 3
+    assert settle(mails, counter)
+    assert counter[1] == 5
+    assert (mails[0, STATE], mails[0, OWNER]) == (FREE, 0)
+
+
+PROGRAM = """
+import os, sys
+import numpy as np
+from flexinv import prepare
+from rigid_trees import tree
+
+f, alone = prepare(tree(), threads=3), prepare(tree(), threads=1)
+state = [np.ones((3000, n)) for n in (tree().nq, tree().nv, tree().nv)]
+expected = alone.torques(*state)
+for _ in range(20):
+    assert np.array_equal(f.torques(*state), expected)
+if sys.argv[1] == "fork":
+    child = os.fork()
+    for _ in range(20):
+        assert np.array_equal(f.torques(*state), expected)
+    if child == 0:
+        os._exit(0)
+    assert os.waitpid(child, 0)[1] == 0
+"""  # and the program ends while its helpers watch
+
+
+@pytest.mark.parametrize("way", ["fork", "end"])
+def test_helpers_neither_outlive_a_fork_nor_the_program(way: str) -> None:
+    if way == "fork" and not hasattr(os, "fork"):
+        pytest.skip("this system does not fork")
+    tests = Path(__file__).resolve().parent
+    paths = {**os.environ, "PYTHONPATH": os.pathsep.join((str(tests.parent), str(tests)))}
+    for _ in range(3):
+        done = subprocess.run(
+            [sys.executable, "-c", PROGRAM, way], capture_output=True, text=True, timeout=120, env=paths
+        )
+        assert done.returncode == 0, done.stderr
