@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from flexinv.batch import Batch, solve_many
+    from flexinv.derivatives import TorqueDerivatives, torque_derivatives
     from flexinv.errors import ConvergenceError, FlexinvError, InputError, ModelWarning
     from flexinv.files.mechanism_file import load_mechanism
     from flexinv.files.urdf import from_urdf
@@ -36,6 +37,7 @@ _HOME = {
     "Motion": "motion",
     "Regressor": "parameters",
     "Solution": "solution",
+    "TorqueDerivatives": "derivatives",
     "TorqueFunction": "prepared",
     "base_parameters": "parameters",
     "from_urdf": "files.urdf",
@@ -47,6 +49,7 @@ _HOME = {
     "solve": "scheme",
     "solve_many": "batch",
     "statics": "rest",
+    "torque_derivatives": "derivatives",
     "torque_regressor": "parameters",
 }
 
@@ -63,6 +66,7 @@ __all__ = [
     "Motion",
     "Regressor",
     "Solution",
+    "TorqueDerivatives",
     "TorqueFunction",
     "base_parameters",
     "from_urdf",
@@ -74,6 +78,7 @@ __all__ = [
     "solve",
     "solve_many",
     "statics",
+    "torque_derivatives",
     "torque_regressor",
 ]
 
