@@ -1,4 +1,4 @@
-"""What is different between two nights: values, versions of engines, models, verdicts, times."""
+"""What is different between two nights: values, versions of engines, models, verdicts, causes, times."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from typing import Any
 import sqlalchemy as sql
 
 from crosscheck.baseline import noise
-from crosscheck.history import COMPARISON, MODEL, TIMING, VERSION, Night, nights, rows_of
+from crosscheck.history import CAUSE, COMPARISON, MODEL, TIMING, VERSION, Night, nights, rows_of
 
+CAUSES = ("mechanism", "case_name", "engine", "reference", "cause", "target")
 NAMES = ("mechanism", "case_name", "engine", "reference", "quantity", "unit")
 BAD = ("deviation", "error", "unjudged")
 # A run is slower when it takes this many times as long, and more than a second longer: what a machine does beside
@@ -44,7 +45,8 @@ def between(database: sql.Engine, before: Night, after: int) -> dict[str, Any]:
     models = [_indexed(rows_of(database, MODEL, n), ("mechanism", "case_name")) for n in (before.id, after)]
     versions = [{r["package"]: r["version"] for r in rows_of(database, VERSION, n)} for n in (before.id, after)]
     timings = [_indexed(rows_of(database, TIMING, n), ("mechanism", "case_name", "engine")) for n in (before.id, after)]
-    ran = {k[:3] for k in new}
+    ran, ran_before = {k[:3] for k in new}, {k[:3] for k in old}
+    causes = [_indexed(rows_of(database, CAUSE, n), CAUSES) for n in (before.id, after)]
     return {
         "night": before.folder or before.started,
         "started": before.started,
@@ -59,6 +61,10 @@ def between(database: sql.Engine, before: Night, after: int) -> dict[str, Any]:
         "vanished": sorted(
             _name(k) for k in old.keys() - new.keys() if k[:3] in ran and old[k]["fraction"] is not None
         ),
+        "causes": [
+            *(_cause("appeared", k, causes[1][k]) for k in causes[1] if k not in causes[0] and k[:3] in ran_before),
+            *(_cause("vanished", k, causes[0][k]) for k in causes[0] if k not in causes[1] and k[:3] in ran),
+        ],
         "slower": [
             {"run": " ".join(k), "before": timings[0][k]["wall_time"], "after": t["wall_time"]}
             for k, t in timings[1].items()
@@ -73,9 +79,12 @@ def sentence(changes: Mapping[str, Any]) -> str:
         return ""
     fresh = [v for v in changes["values"] if v["after_verdict"] in BAD and v["before_verdict"] not in BAD]
     mended = [v for v in changes["values"] if v["before_verdict"] in BAD and v["after_verdict"] not in BAD]
+    came, went = ([c for c in changes.get("causes", ()) if c["what"] == w] for w in ("appeared", "vanished"))
     parts = [
         _count(len(fresh), "new deviation"),
         _count(len(mended), "deviation less", "deviations less"),
+        _count(len(came), "cause appeared", "causes appeared"),
+        _count(len(went), "cause vanished", "causes vanished"),
         _count(len(changes["values"]), "value moved", "values moved"),
         _count(len(changes["versions"]), "version changed", "versions changed"),
         _count(len(changes["models"]), "model changed", "models changed"),
@@ -98,6 +107,12 @@ def _value(name: tuple[str, ...], old: Row, new: Row) -> dict[str, Any]:
             "before_message": old["message"],
         },
     }
+
+
+def _cause(what: str, name: tuple[str, ...], row: Row) -> dict[str, str]:
+    mechanism, case, engine, reference, cause, target = name
+    words = f"{mechanism}/{case} {engine} against {reference}: {cause}" + (f" ({target})" if target else "")
+    return {"what": what, "name": words, "words": row["words"]}
 
 
 def _moved(old: Row, new: Row) -> bool:

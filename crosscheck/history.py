@@ -65,6 +65,10 @@ COMPARISON = _table(
     *(("quantity", Text), ("unit", Text), ("verdict", Text), ("message", Text)),
     *((n, Float) for n in NUMBERS),
 )
+CAUSE = _table(
+    *("cause", ("mechanism", Text), ("case_name", Text), ("engine", Text), ("reference", Text)),
+    *(("cause", Text), ("target", Text), ("words", Text)),
+)
 METRIC = _table(
     "metric", ("name", Text), ("value", Float), ("unit", Text), ("lower", Float), ("upper", Float), ("note", Text)
 )
@@ -201,6 +205,12 @@ def _rows(results: Results) -> dict[sql.Table, list[dict[str, Any]]]:
         MODEL: [{"mechanism": m, "case_name": c, "hash": h} for (m, c), h in hashes.items()],
         TIMING: timings,
         COMPARISON: comparisons,
+        CAUSE: [
+            {"mechanism": d.mechanism, "case_name": d.case, "engine": d.engine, "reference": d.reference}
+            | {"cause": one["cause"], "target": one["target"], "words": one["words"]}
+            for d in results.diagnoses
+            for one in d.named
+        ],
     }
 
 

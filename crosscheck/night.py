@@ -9,6 +9,7 @@ from __future__ import annotations
 import datetime
 import json
 import os
+import re
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -27,7 +28,7 @@ from crosscheck.engines import Engine
 from crosscheck.plan import Plan
 from crosscheck.report import render, trends
 from crosscheck.results import Results
-from crosscheck.runner import RESULTS, Notify, Options, run
+from crosscheck.runner import KEPT, RESULTS, Notify, Options, run
 from crosscheck.studies import Study
 
 LATEST, LOCK, HOLDER = "latest", "nightly.lock", "nightly.json"
@@ -74,8 +75,10 @@ def nightly(night: Nightly, notify: Notify, tell: Callable[[str], None]) -> tupl
         if database is not None:
             catch_up(database, night.reports, tell)
         folder = night_folder(night.reports, night.label)
-        results = run(night.plan, night.engines, night.studies, night.options, folder, notify, night.command)
-        results = baseline.apply(results, known, night.whole and results.finished)
+        if night.options.resume:
+            take_over(night.reports, night.label, folder, tell)
+        options = replace(night.options, baseline=known, whole=night.whole)
+        results = run(night.plan, night.engines, night.studies, options, folder, notify, night.command)
         if night.bench and results.finished:
             results = with_speed(results, night, notify)
         results = remember(database, night, failed(results, trouble), folder, tell)
@@ -114,6 +117,23 @@ def night_folder(reports: Path, label: str = "") -> Path:
     date = datetime.date.today().isoformat() + (f"-{label}" if label else "")
     names = (date if k == 1 else f"{date}-{k}" for k in range(1, 1000))
     return next(reports / name for name in names if not (reports / name).exists())
+
+
+def take_over(reports: Path, label: str, folder: Path, tell: Callable[[str], None]) -> None:
+    """Move what the last night of the same label left that was cut short into the folder of this one; else tell."""
+    left = [f for f in reports.glob(f"[0-9]*/{KEPT}") if _label(f.parent.name) == label]
+    if not left:
+        tell("nothing to resume: no night was cut short")
+        return
+    last = max(left, key=lambda f: f.stat().st_mtime)
+    tell(f"resuming {last.parent.name}")
+    folder.mkdir(parents=True)
+    last.rename(folder / KEPT)
+
+
+def _label(name: str) -> str:
+    """Return the label in the name of a night's folder: between its date and its number."""
+    return re.sub(r"-\d+$", "", name[len("2026-01-01") :]).removeprefix("-")
 
 
 def open_history(url: str, tell: Callable[[str], None]) -> tuple[Any, str]:

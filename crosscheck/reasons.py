@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from crosscheck.baseline import UNBLESSED
 from crosscheck.certificate import Check, certificate, checks
 from crosscheck.compare import Comparison
 from crosscheck.plan import Plan, Task
@@ -69,9 +70,12 @@ def questions(results: Results, plan: Plan, out: Path) -> list[Question]:
 
 
 def asked(row: Comparison) -> bool:
-    """Return whether a reader of a comparison asks why: efforts that differ from the reference's."""
+    """Return whether a reader of a comparison asks why: efforts that differ from the reference's.
+
+    What is inside its limit and only not blessed yet needs no reason.
+    """
     measured = row.quantity == "torque" and row.reference == REFERENCE and row.maximum is not None
-    return measured and row.verdict in ASKED
+    return measured and row.verdict in ASKED and UNBLESSED not in row.message
 
 
 def question(row: Comparison, folder: Path, ours: Path, theirs: Path) -> Question:

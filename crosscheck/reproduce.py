@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Iterator
 from pathlib import Path
 
 from crosscheck.engines import ENGINES, Engine
@@ -25,12 +26,22 @@ prints how far the efforts that {engine} computes are from `expected.csv` (those
 
 | file | what it is |
 |---|---|
-| {model} | the model, as {engine} was given it |
-| motion.csv | the motion: coordinates, velocities and accelerations, in this engine's order and units [rad], [m], [s] |
-| expected.csv | efforts of the actuators [N m], [N] |
-| settings.json | what the model's format does not carry |
-| run.py | computes the efforts and compares |
+{table}
 """
+
+
+# In this order, of what the export has written.
+FILES = {
+    "model*": "the model, as {engine} was given it",
+    "motion.csv": "the motion: coordinates, velocities and accelerations, in this engine's order and units [rad], [m], [s]",
+    "forces.csv": "given forces [N] and moments [N m], along the axes they are given in",
+    "drivers.npz": "what connectors and loads follow, step by step",
+    "steps.npz": "the joints' motion at every step",
+    "shares.npz": "how efforts of the joints that the motion gives are shared out among the drives, sample by sample",
+    "expected.csv": "efforts of the actuators [N m], [N]",
+    "settings.json": "what the model's format does not carry: drives, closures, springs",
+    "run.py": "computes the efforts and compares",
+}
 
 
 def can_export(engine: Engine) -> bool:
@@ -66,6 +77,12 @@ def reproduce(task: Task, engine: Engine, folder: Path, limit: float) -> None:
     words = {
         "mechanism": task.folder.name, "case": task.case.name, "title": task.case.title or task.mechanism.title,
         "engine": engine.name, "requires": engine.requires, "install": engine.install, "reference": REFERENCE,
-        "model": ", ".join(sorted(f.name for f in folder.glob("model*"))),
+        "table": "\n".join(_lines(folder, engine)),
     }  # fmt: skip
     (folder / "README.md").write_text(README.format(**words), encoding="utf-8")
+
+
+def _lines(folder: Path, engine: Engine) -> Iterator[str]:
+    for pattern, words in FILES.items():
+        if names := sorted(f.name for f in folder.glob(pattern)):
+            yield f"| {', '.join(names)} | {words.format(engine=engine.name)} |"

@@ -7,28 +7,27 @@ cut short leaves a report of everything that was done and a row for everything t
 from __future__ import annotations
 
 import contextlib
-import dataclasses
-import datetime
 import shutil
 import time as clock
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from crosscheck import baseline
 from crosscheck import results as store
 from crosscheck.attempts import Attempts
+from crosscheck.baseline import Baseline
 from crosscheck.cluster import far, luggage, workers
-from crosscheck.compare import Comparison, Pair, compare, group
+from crosscheck.compare import Comparison
 from crosscheck.engines import Engine, missing
 from crosscheck.isolation import Attempt, Children, Ending, ask, run_engine
-from crosscheck.limits import find, references, unused
 from crosscheck.plan import Plan, Task, case_row
 from crosscheck.reasons import certificates, diagnosis, questions
 from crosscheck.record import Record, save
 from crosscheck.results import CaseRow, EngineRow, Results, RunRow, StudyRow, slug
-from crosscheck.spectrum import RINGING, peaks, ringing
+from crosscheck.rows import compare_all, run_row, study_row
 from crosscheck.studies import Study
 
 RESULTS = "results.json"
@@ -43,6 +42,7 @@ class Options:
     """How to run: timeout [s] per engine and case, jobs at a time, options for the engines.
 
     scheduler : address of a Dask cluster, "" for this machine; resume : take what an interrupted run left in the folder
+    baseline : the blessed night that judges beside the limits, or None; whole : everything runs, so what it misses is gone
     """
 
     timeout: float = 900.0
@@ -50,6 +50,8 @@ class Options:
     engine: Mapping[str, Any] = field(default_factory=dict)
     scheduler: str = ""
     resume: bool = False
+    baseline: Baseline | None = None
+    whole: bool = False
 
 
 @dataclass(frozen=True)
@@ -107,7 +109,7 @@ def run(
 
 def _submit(pool: Executor, job: Job, options: Options, children: Children) -> Future[Any]:
     if options.scheduler:
-        return pool.submit(far, _do, job, luggage(job[1]), options)
+        return pool.submit(far, _do, job, luggage(job[1]), replace(options, baseline=None))
     return pool.submit(_do, job, options, children)
 
 
@@ -193,7 +195,7 @@ class _State:
 
     def questions(self) -> Iterator[Job]:
         """Yield what is asked once everything is compared: why engines deviate."""
-        for question in questions(self.results, self.plan, self.out):
+        for question in questions(self._judged(whole=False), self.plan, self.out):
             yield "why", question, None
 
     def take(self, job: Job, answer: Any) -> None:
@@ -239,6 +241,7 @@ class _State:
             runs=tuple(sorted(self.results.runs, key=place)),
             comparisons=tuple(sorted(self.results.comparisons, key=place)),
         )
+        self.results = self._judged(self.options.whole and self.results.finished)
         try:
             self._keep(at_once=True)
         except OSError as error:
@@ -247,6 +250,10 @@ class _State:
                 self.results, finished=False, message="; ".join(filter(None, [self.results.message, words]))
             )
         return self.results
+
+    def _judged(self, whole: bool) -> Results:
+        known = self.options.baseline
+        return self.results if known is None else baseline.apply(self.results, known, whole)
 
     def _run(self, task: Task, engine: Engine, attempt: Attempt) -> None:
         key = (task.folder.name, task.case.name)
@@ -308,70 +315,6 @@ class _State:
             forgiven = () if at_once else (OSError,)
             with contextlib.suppress(*forgiven):
                 store.write(self.results, self.out / RESULTS)
-
-
-def compare_all(task: Task, records: Mapping[str, Record]) -> tuple[list[Comparison], tuple[str, ...]]:
-    """Return every comparison of one case, and the limits that none of them asked for."""
-    rows, used = [], []
-    for name, record in records.items():
-        for reference in references(task.case.limits, name):
-            other = records.get(reference) or absent(reference)
-            pair = Pair(task.folder.name, task.case, record, other, task.rest, datetime.date.today())
-            rows += compare(pair)
-            used += [find(task.case.limits, q, name, reference, record.version) for q in task.case.quantities]
-    idle = unused(task.case.limits, [limit for limit in used if limit is not None])
-    named = {n for limit in idle for n in limit.engines}
-    return rows, tuple(f"{i.quantity}, engines {', '.join(i.engines)}, reference {i.reference}" for i in idle if named)
-
-
-def absent(reference: str) -> Record:
-    """Return the record of a reference that is not part of this run."""
-    return Record(engine=reference, status="skipped", message="is not part of this run")
-
-
-def run_row(task: Task, attempt: Attempt) -> RunRow:
-    """Return what a report says about one run."""
-    record = attempt.record
-    spectra = {
-        s.name: ringing(record.time, s.values, task.rest) for s in record.series.values() if s.quantity in RINGING
-    }
-    return RunRow(
-        mechanism=task.folder.name,
-        case=task.case.name,
-        engine=record.engine,
-        status=record.status,
-        message=record.message,
-        version=record.version,
-        settings=dict(record.settings),
-        wall_time=record.wall_time,
-        elapsed=attempt.elapsed,
-        model_hash=record.model_hash,
-        printed=attempt.printed,
-        peaks={name: peaks(*lines) for name, lines in spectra.items() if lines is not None},
-        budget=tuple(budget_rows(record, task.case.quantities)),
-    )
-
-
-def budget_rows(record: Record, quantities: Iterable[str]) -> Iterator[dict[str, Any]]:
-    """Yield the budget line of the series with the largest error bar [unit], for every quantity compared and unit."""
-    for quantity in quantities:
-        for unit, names in group(record.series, quantity).items():
-            known = [n for n in names if n in record.budget]
-            if known:
-                widest = max(known, key=lambda n: float(record.budget[n]["bar"]))
-                yield {"quantity": quantity, "unit": unit, "series": widest, **record.budget[widest]}
-
-
-def study_row(study: Study, answer: Any, ending: Any) -> StudyRow:
-    """Return the table of a study, or why there is none."""
-    known = {f.name for f in dataclasses.fields(StudyRow)}
-    row = StudyRow(study.name, study.title, printed=ending.printed, elapsed=ending.elapsed)
-    if ending.status != "ok":
-        return replace(row, status=ending.status, message=ending.message)
-    if not isinstance(answer, dict) or not set(answer) <= known or not (answer.get("rows") or answer.get("message")):
-        return replace(row, status="error", message="the study gave no table")
-    table: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in answer.items()}
-    return replace(row, **table)
 
 
 def _opening(

@@ -6,7 +6,7 @@ import contextlib
 import os
 import signal
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from fnmatch import fnmatchcase
 from pathlib import Path
 from types import FrameType
@@ -40,7 +40,9 @@ MODELS = click.option(
     show_default=True,
     help="Folder of mechanisms: one folder each, with mechanism.toml and cases.toml.",
 )
+FOLDER = click.Path(file_okay=False, path_type=Path)
 T = TypeVar("T")
+C = TypeVar("C", bound=Callable[..., Any])
 LARGEST_SUMMARY = 900_000  # [bytes]: GitHub refuses a step's summary of more than 1 MiB
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 JOBS = click.option(
@@ -56,6 +58,12 @@ TIMEOUT = click.option(
 PATTERNS = click.option(
     "--engines", default="*", show_default=True, help="Names or patterns of the engines, separated by commas."
 )
+
+
+def out(default: str) -> Callable[[C], C]:
+    """Return the option for the folder of a report."""
+    words = "Folder of the report; an older report there is replaced."
+    return click.option("--out", type=FOLDER, default=Path(default), show_default=True, help=words)
 
 
 class Failure(click.ClickException):

@@ -189,6 +189,23 @@ def loaded_tree() -> Example:
     return mechanism, case_of(mechanism, motion, {})
 
 
+def rack_and_pinion() -> Example:
+    """A drive turns a pinion; a rack without a drive moves by 0.05 m per radian, upward."""
+    links = (
+        Link("pinion", (Body("pinion", Inertia(1.0, np.zeros(3), 0.02 * np.eye(3))),)),
+        Link("rack", (Body("rack", Inertia(3.0, np.zeros(3), 0.01 * np.eye(3))),)),
+    )
+    joints = (
+        Joint("turn", "revolute", WORLD, "pinion", damping=0.1),
+        Joint("lift", "prismatic", WORLD, "rack", axis=Y, actuated=False),
+    )
+    world = Attachment(WORLD)
+    gear = Closure("gear", "coupling", world, world, factors=(("turn", 0.05), ("lift", -1.0)), offset=-0.02)
+    motion = Motion.point_to_point({"turn": 0.0}, {"turn": 2.0}, 1.0)
+    mechanism = Mechanism("rack and pinion", links, joints, DOWN, (gear,))
+    return mechanism, Case("c", "", motion, 0.05, 1.0, 0.05, ("torque",), (), start={"lift": np.array([0.02])})
+
+
 def _about_z(angle: float) -> Array:
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -13,15 +13,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from crosscheck_examples import write_models
 
 from crosscheck.attempts import Attempts
+from crosscheck.cli import main
 from crosscheck.cluster import luggage, workers
 from crosscheck.engines import ENGINES
 from crosscheck.isolation import Attempt
 from crosscheck.plan import Plan, discover
 from crosscheck.record import load
-from crosscheck.results import Results
+from crosscheck.results import Results, read
 from crosscheck.runner import KEPT, Event, Options, run
 from flexinv.errors import InputError
 
@@ -79,11 +81,25 @@ def test_nothing_is_lost_when_a_worker_is_killed(root: Path, tmp_path: Path) -> 
 
         results = run(plan, engines, (), Options(120.0, scheduler=address), tmp_path / "out", kill)
         assert first.wait(10) == -signal.SIGKILL
+        night = whole_night(plan.tasks[0].folder.parent, tmp_path / "reports", address)
     assert [r.message for r in results.runs if r.status != "ok"] == []
     assert len(results.runs) == 2 * MANY
     assert {c.verdict for c in results.comparisons} == {"within"}
     assert results.finished
     assert not (tmp_path / "out" / KEPT).exists()
+    assert [(r.engine, r.status) for r in night.runs] == [("pinocchio", "ok")]
+    assert address in night.command
+
+
+def whole_night(models: Path, reports: Path, address: str) -> Results:
+    """A night of one case on the worker that is left."""
+    where = ["--models", str(models), "--reports", str(reports), "--scheduler", address, "--engines", "pinocchio"]
+    words = ["nightly", "double_pendulum/swing0", *where]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["crosscheck", *words])
+        done = CliRunner().invoke(main, words)
+    assert done.exit_code == 0, done.output
+    return read(reports / "latest" / "results.json")
 
 
 def stopped(plan: Plan, out: Path) -> Results:

@@ -12,6 +12,7 @@ import pytest
 import rogue_engines as rogue
 from crosscheck_examples import example_run, write_models
 
+from crosscheck.baseline import UNBLESSED
 from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.subject import Subject
 from crosscheck.certificate import Check
@@ -79,6 +80,8 @@ def test_only_deviations_of_the_torque_from_the_reference_are_asked_about(tmp_pa
     rows = (row, replace(row, engine="mujoco", verdict="within"), replace(row, engine="mujoco", quantity="tip"))
     asked = questions(Results("now", runs=runs, comparisons=rows), plan, tmp_path)
     assert [q.place for q in asked] == [(*here, "pinocchio", "flexinv")]
+    unblessed = replace(row, verdict="unjudged", message=UNBLESSED)  # the first night would ask of everything
+    assert not questions(Results("now", runs=runs, comparisons=(unblessed,)), plan, tmp_path)
     assert not questions(Results("now", runs=runs[:1], comparisons=rows), plan, tmp_path)  # its series was not saved
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from loop_examples import rack_and_pinion
 from numpy.typing import NDArray
 
 import flexinv
@@ -222,24 +223,6 @@ def test_reactions_carry_the_bar() -> None:
 
 
 # ---------------------------------------------------------------------------------------------------------- couplings
-
-
-def rack_and_pinion() -> tuple[Mechanism, Case]:
-    """A drive turns a pinion; a rack without a drive moves by 0.05 m per radian, upward."""
-    up = np.array([0.0, 1.0, 0.0])
-    links = (
-        Link("pinion", (Body("pinion", Inertia(1.0, np.zeros(3), 0.02 * np.eye(3))),)),
-        Link("rack", (Body("rack", Inertia(3.0, np.zeros(3), 0.01 * np.eye(3))),)),
-    )
-    joints = (
-        Joint("turn", "revolute", "world", "pinion", damping=0.1),
-        Joint("lift", "prismatic", "world", "rack", axis=up, actuated=False),
-    )
-    world = Attachment("world")
-    gear = Closure("gear", "coupling", world, world, factors=(("turn", 0.05), ("lift", -1.0)), offset=-0.02)
-    motion = flexinv.Motion.point_to_point({"turn": 0.0}, {"turn": 2.0}, 1.0)
-    mechanism = Mechanism("rack and pinion", links, joints, np.array([0.0, -9.81, 0.0]), (gear,))
-    return mechanism, Case("c", "", motion, 0.05, 1.0, 0.05, ("torque",), (), start={"lift": np.array([0.02])})
 
 
 @pytest.mark.parametrize("which", ["pinocchio", "mujoco"])

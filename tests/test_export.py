@@ -7,22 +7,26 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
+import loop_examples as examples
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from crosscheck_examples import write_models
 from flexible_examples import arm
-from loop_examples import four_bar
 from numpy.typing import NDArray
 from rigid_trees import case_of, chain, tree
 
 from crosscheck.cli import main
+from crosscheck.engines import ENGINES, mujoco_flex
 from crosscheck.engines.export_files import NotExported
 from crosscheck.engines.urdf_text import roll_pitch_yaw
-from flexinv.files.case import Case
+from flexinv.files.case import Case, load_cases
+from flexinv.files.mechanism_file import load_mechanism
 from flexinv.manifold import moved
 from flexinv.mechanism import Mechanism, Placement
 from flexinv.motion import Motion
@@ -32,6 +36,8 @@ from flexinv.scheme import solve
 Array = NDArray[np.float64]
 # Rounding of trees of ten bodies with efforts of some hundred N m, and of quaternions that MuJoCo norms again.
 ROUNDING = 1e-12
+# What test_engine_loops asks of the adapters, for the same reason.
+NEAR = {"pinocchio": 1e-10, "mujoco": 1e-8}
 # run.py without this project: importing it would be an error.
 ALONE = (
     "import sys, runpy; sys.modules['flexinv'] = sys.modules['crosscheck'] = None; sys.path.insert(0, '.'); "
@@ -49,8 +55,7 @@ def swing(mechanism: Mechanism, duration: float = 0.2) -> tuple[Case, Array]:
 
 def exported(mechanism: Mechanism, engine: str, folder: Path, case: Case, effort: Array) -> None:
     folder.mkdir(exist_ok=True)
-    family = engine.partition("-")[0]
-    importlib.import_module(f"crosscheck.engines.{family}_export").export(mechanism, case, engine, effort, folder)
+    importlib.import_module(f"{ENGINES[engine].module}_export").export(mechanism, case, engine, effort, folder)
 
 
 def run(folder: Path) -> dict[str, float]:
@@ -89,6 +94,40 @@ def test_every_joint_of_a_tree(engine: str, mechanism: Mechanism, tmp_path: Path
     assert max(found.values()) < ROUNDING
 
 
+def posed(mechanism: Mechanism, case: Case) -> Array:
+    """flexinv's efforts of all joints for a mechanism whose closures move some."""
+    return solve(mechanism, case.motion, case.sample, start=case.start).torque_all
+
+
+def opening() -> tuple[Mechanism, Case]:
+    """Two arms grasp a bar, carry it and put it down."""
+    folder = Path(__file__).resolve().parent.parent / "models" / "two_arms"
+    mechanism = load_mechanism(folder)
+    return mechanism, load_cases(folder, mechanism)["carry"]
+
+
+LOOPS: dict[str, Callable[[], tuple[Mechanism, Case]]] = {
+    "redundant drives": partial(examples.five_bar, 3),
+    "slide": partial(examples.slider_crank, "pin"),
+    "space": examples.spatial,
+    "springs and forces in a loop": examples.loaded,
+    "springs and forces on a tree": examples.loaded_tree,
+    "gear": examples.rack_and_pinion,
+    "opens and closes": opening,
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", ["pinocchio", "mujoco"])
+@pytest.mark.parametrize("name", LOOPS)
+def test_loops_springs_and_forces(engine: str, name: str, tmp_path: Path) -> None:
+    mechanism, case = LOOPS[name]()
+    exported(mechanism, engine, tmp_path, case, posed(mechanism, case))
+    found = run(tmp_path)
+    assert len(found) == mechanism.nv
+    assert max(found.values()) < NEAR[engine]
+
+
 @pytest.mark.parametrize(("engine", "file"), [("pinocchio", "model.urdf"), ("mujoco", "model.xml")])
 def test_another_model_is_another_effort(engine: str, file: str, tmp_path: Path) -> None:
     """The script computes from the model that lies beside it: one mass changed there is seen."""
@@ -122,6 +161,35 @@ def test_a_beam_in_time(engine: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_a_flex_of_mujoco(tmp_path: Path) -> None:
+    """The script integrates both meshes again: the adapter's own result, to rounding."""
+    mechanism = arm()
+    motion = Motion.point_to_point([0.0], [0.05], 0.02, law="quintic")
+    case = case_of(motion, 0.02, 1e-3)
+    exported(mechanism, "mujoco-flex", tmp_path, case, solve(mechanism, motion, 1e-3).torque_all)
+    run(tmp_path)
+    series = mujoco_flex.run(mechanism, case, "mujoco-flex", {"error": False}).series
+    ours = series["torque/hub"].values
+    computed = np.loadtxt(tmp_path / "computed.csv", delimiter=",", skiprows=1)[:, 1]
+    # thousands of explicit steps with the same numbers: rounding grows a little on the way
+    np.testing.assert_allclose(computed, ours, rtol=0, atol=1e-9 * np.ptp(ours))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["springs and forces in a loop", "springs and forces on a tree", "space"])
+def test_loops_springs_and_forces_in_time(name: str, tmp_path: Path) -> None:
+    """The script repeats the run of the adapter to rounding, drives that share the work included."""
+    mechanism, case = LOOPS[name]()
+    exported(mechanism, "exudyn-dae", tmp_path, case, posed(mechanism, case))
+    assert max(run(tmp_path).values()) < 1e-5  # what test_engine_exudyn_loops asks of its error of h^2
+    adapter = importlib.import_module("crosscheck.engines.exudyn")
+    series = adapter.run(mechanism, case, "exudyn-dae", {"error": False}).series
+    ours = np.stack([series[f"torque/{name}"].values for name in mechanism.velocity_names], axis=1)
+    computed = np.loadtxt(tmp_path / "computed.csv", delimiter=",", skiprows=1)[:, 1:]
+    np.testing.assert_allclose(computed, ours, rtol=0, atol=NEAR["pinocchio"] * np.ptp(ours))
+
+
+@pytest.mark.slow
 def test_a_rigid_chain_in_time(tmp_path: Path) -> None:
     mechanism = chain("prismatic")
     case, effort = swing(mechanism)
@@ -130,16 +198,17 @@ def test_a_rigid_chain_in_time(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_exported_is_said(tmp_path: Path) -> None:
-    loop, loop_case = four_bar()
+    loop, loop_case = examples.four_bar("universal")
     none = np.zeros((1, 1))
     case, effort = swing(chain("spherical"))
     for engine, words, mechanism, what in (
         (
             "mujoco",
-            r"closed loops \(C\) are not exported for mujoco yet: open trees and their drives are",
+            r"closures \(C\) have no equality constraint in MJCF: see pinocchio",
             loop,
             loop_case,
         ),
+        ("exudyn-dae", r"closures that act for a while \(.*\) are switched step by step in Exudyn", *opening()),
         ("pinocchio", r"beams \(link\) are exported for exudyn-ancf and exudyn-ge, not for pinocchio", arm(), case),
         ("pinocchio", "URDF has no spherical joint .* see mujoco", chain("spherical"), case),
         ("pinocchio", "a free base of a URDF begins at the world's frame", tree(), case),
@@ -164,6 +233,8 @@ def test_the_command_writes_a_folder_that_explains_itself(root: Path, tmp_path: 
     assert {f.name for f in out.iterdir()} == {
         "README.md", "model.xml", "motion.csv", "expected.csv", "settings.json", "run.py",
     }  # fmt: skip
+    assert "| settings.json | what the model's format does not carry" in (out / "README.md").read_text()
+    assert "forces.csv" not in (out / "README.md").read_text()
     assert "# double_pendulum/swing in mujoco" in (out / "README.md").read_text()
     assert "python -m pip install mujoco" in (out / "README.md").read_text()
     found = run(out)

@@ -12,8 +12,8 @@ import sqlalchemy as sql
 from crosscheck import changes, history
 from crosscheck.compare import Comparison
 from crosscheck.history import HistoryError, Metric
-from crosscheck.report import trends
-from crosscheck.results import CaseRow, Results, RunRow
+from crosscheck.report import html, markdown, trends
+from crosscheck.results import CaseRow, Diagnosis, Results, RunRow
 
 ROW = Comparison("arm", "swing", "mujoco", "flexinv", "torque", "N m", "within", "", 2e-4, 1e-4, 1.0, limit=1e-3)
 RUN = RunRow("arm", "swing", "mujoco", "ok", version="4.0", wall_time=2.0, elapsed=3.0, model_hash="aa")
@@ -130,6 +130,32 @@ def test_values_versions_models_and_times_that_changed_are_named(database: sql.E
         "Since 2026-03-01: 1 new deviation, 1 value moved, 1 version changed, 1 model changed, 1 comparison appeared, "
         "1 run slower."
     )
+
+
+def test_causes_that_came_and_went_are_named_where_the_engine_ran_in_both(database: sql.Engine) -> None:
+    def because(cause: str, target: str, engine: str = "mujoco") -> Diagnosis:
+        named = ({"cause": cause, "target": target, "words": f"{cause} of {target} differs", "left": 0.0},)
+        return Diagnosis("arm", "swing", engine, "flexinv", named=named)
+
+    new = replace(ROW, engine="exudyn")  # did not run before: what it differs for is no news of that engine's release
+    history.add_night(database, replace(FIRST, diagnoses=(because("gravity", ""),)), "old")
+    after = [because("rotor inertia", "hub"), because("gravity", "", "exudyn")]
+    number = history.add_night(database, later(2, diagnoses=tuple(after), comparisons=(ROW, new)), "new")
+    before = changes.previous(database, number)
+    assert before is not None
+    found = changes.between(database, before, number)
+    assert [(c["what"], c["name"]) for c in found["causes"]] == [
+        ("appeared", "arm/swing mujoco against flexinv: rotor inertia (hub)"),
+        ("vanished", "arm/swing mujoco against flexinv: gravity"),
+    ]
+    assert found["causes"][0]["words"] == "rotor inertia of hub differs"
+    told = "Since old: 1 cause appeared, 1 cause vanished, 1 comparison appeared."
+    assert changes.sentence(found) == told
+    assert changes.sentence({k: v for k, v in found.items() if k != "causes"}) == "Since old: 1 comparison appeared."
+    night = replace(FIRST, changes=found)
+    assert "| appeared | arm/swing mujoco against flexinv: rotor inertia (hub) |" in markdown.render(night)
+    page = html.environment().get_template("index.html.j2").render(**html.index_view(night))
+    assert "cause vanished: <b>arm/swing mujoco against flexinv: gravity</b>" in page
 
 
 def test_what_vanished_is_named_where_its_engine_ran(database: sql.Engine) -> None:

@@ -104,7 +104,7 @@ def test_a_night_with_a_hang_a_crash_and_nan_is_complete_for_the_rest(
     rogues("hanging", "crashing", "nan")
     # The hanging one leaves its process number in a folder, which it is told as an option.
     told = functools.partial(Options, engine={"pids": str(tmp_path)})
-    monkeypatch.setattr("crosscheck.commands.nightly.Options", told)
+    monkeypatch.setattr("crosscheck.asked.Options", told)
     done = nightly("--engines", "*", "--timeout", "30")  # a sound engine takes two seconds, on a busy machine ten
     assert done.exit_code == 2, done.output
     results = last(reports)
@@ -160,7 +160,9 @@ def start(reports: Path, *words: str, **more: object) -> subprocess.Popen[str]:
 
 
 @pytest.mark.slow
-def test_ctrl_c_in_the_middle_leaves_a_report_and_a_history_that_is_whole(reports: Path, root: Path) -> None:
+def test_ctrl_c_in_the_middle_leaves_a_report_a_history_that_is_whole_and_what_to_resume_from(
+    nightly: Invoke, reports: Path, root: Path
+) -> None:
     for name in ("a", "b", "c"):
         write_models(reports.parent / "models", root, name)
     run = start(reports, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
@@ -180,6 +182,17 @@ def test_ctrl_c_in_the_middle_leaves_a_report_and_a_history_that_is_whole(report
     assert (night.finished, night.exit_code) == (False, 2)
     with filelock.FileLock(reports / "nightly.lock").acquire(timeout=0):  # nothing is left that bars the next night
         pass
+    again = nightly("--resume")
+    assert f"resuming {night.folder}" in again.output
+    assert [(n.folder, n.finished) for n in known(reports)] == [(night.folder, False), (f"{night.folder}-2", True)]
+    took = {(r.mechanism, r.engine): r.elapsed for r in results.runs if r.status == "ok"}
+    now = {(r.mechanism, r.engine): r.elapsed for r in last(reports).runs}
+    assert len(now) == 4 * 2
+    assert {
+        place: now[place] for place in took
+    } == took  # taken over: no run takes as long as another to the last digit
+    assert not list(reports.glob("*/attempts"))
+    assert "nothing to resume: no night was cut short" in nightly("--resume", "a").output
 
 
 def small_files() -> None:

@@ -22,19 +22,14 @@ from crosscheck.report.words import SIGNS
 from crosscheck.results import Results
 from crosscheck.runner import RESULTS
 from crosscheck.terminal import COLOURS, MODELS, TIMEOUT, Failure, progress, terminated
+from crosscheck.terminal import out as out_option
 
 
 @click.command("bench")
 @click.argument("parts", nargs=-1)
 @MODELS
 @click.option("--quick", is_flag=True, help="A minute or so, with fewer sizes: to see that all is well, not to quote.")
-@click.option(
-    "--out",
-    type=click.Path(file_okay=False, path_type=Path),
-    default=Path("reports/bench"),
-    show_default=True,
-    help="Folder of the report; an older report there is replaced.",
-)
+@out_option("reports/bench")
 @click.option(
     "--history",
     "url",

@@ -13,7 +13,7 @@ from rich.markup import escape
 from crosscheck import baseline as blessed
 from crosscheck import results as store
 from crosscheck.runner import RESULTS
-from crosscheck.terminal import Failure
+from crosscheck.terminal import FOLDER, Failure
 
 
 @click.command("bless")
@@ -30,7 +30,7 @@ from crosscheck.terminal import Failure
 )
 @click.option(
     "--baseline",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=FOLDER,
     default=Path("reports/baseline"),
     show_default=True,
     help="Folder of the blessed night.",

@@ -33,6 +33,7 @@ def command(name: str, models: Path, case: str | None, engine: str, out: Path | 
       crosscheck export ur5 --engine pinocchio       model.urdf
       crosscheck export ur5 --engine mujoco          model.xml; python run.py --view shows the motion
       crosscheck export flex_one_link --case cycloid --engine exudyn-ge     a script that builds the model
+      crosscheck export five_bar_redundant --engine mujoco                  loops as equality constraints of MJCF
     """
     task = _task(models, name, case)
     if (reason := missing(ENGINES[engine])) is not None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
@@ -13,23 +12,18 @@ from rich.console import Console
 from rich.markup import escape
 
 from crosscheck import fresh
+from crosscheck.asked import Asked, running
 from crosscheck.baseline import BaselineError
 from crosscheck.bench.parts import studies as bench_studies
 from crosscheck.engines import ENGINES
 from crosscheck.night import Nightly, NightRunning, nightly
 from crosscheck.report.words import sentence
-from crosscheck.runner import Options
-from crosscheck.studies import STUDIES
-from crosscheck.terminal import JOBS, MODELS, PATTERNS, TIMEOUT, Failure, chosen, plan_of, progress, terminated
-
-FOLDER = click.Path(file_okay=False, path_type=Path)
+from crosscheck.terminal import FOLDER, Failure, progress, terminated
+from flexinv.errors import InputError
 
 
 @click.command("nightly")
-@click.argument("names", nargs=-1)
-@MODELS
-@PATTERNS
-@click.option("--studies", default="*", show_default=True, help="Names or patterns of the studies; '' for none.")
+@running
 @click.option("--reports", type=FOLDER, default=Path("reports"), show_default=True, help="Folder of all nights.")
 @click.option("--baseline", type=FOLDER, help="Folder of the blessed night.  [default: baseline in the reports]")
 @click.option(
@@ -45,13 +39,8 @@ FOLDER = click.Path(file_okay=False, path_type=Path)
     "--bench", is_flag=True, help="At the end the speed comparison of `crosscheck bench`, its ratios in the history."
 )
 @click.option("--label", default="", hidden=True, help="What kind of night it is, for the history.")
-@JOBS
-@TIMEOUT
 def command(
-    names: tuple[str, ...],
-    models: Path,
-    engines: str,
-    studies: str,
+    asked: Asked,
     reports: Path,
     baseline: Path | None,
     history: str | None,
@@ -59,8 +48,6 @@ def command(
     latest_engines: bool,
     bench: bool,
     label: str,
-    jobs: int,
-    timeout: float,
 ) -> NoReturn:
     """Run everything, judge it against the blessed night, and add it to the history.
 
@@ -72,8 +59,9 @@ def command(
       baseline/         the blessed night: `crosscheck bless` writes it, and it belongs into version control
 
     A comparison that has become worse than its blessed value by more than noise is a deviation, even inside its
-    limit; one without a blessed value fails until it is blessed.  One night runs at a time.  Exit codes are those of
-    `crosscheck run`; 2 also where the history or the report could not be written.
+    limit; one without a blessed value fails until it is blessed.  One night runs at a time; with --resume it takes over
+    what the last one left that was cut short.  Exit codes are those of `crosscheck run`; 2 also where the history or the
+    report could not be written.
     """
     console = Console(stderr=True)
 
@@ -83,26 +71,25 @@ def command(
     if latest_engines:
         with terminated():
             sys.exit(fresh.nightly(reports, fresh.without_flag(sys.argv[1:]), say))
-    wanted = chosen(ENGINES, engines, "engine")
-    tables = () if names and studies == "*" else tuple(chosen(STUDIES, studies, "study").values())
+    engines = asked.among(ENGINES)
     night = Nightly(
-        plan=plan_of(models, names),
-        engines=wanted,
-        studies=tuple(replace(study, options={"models": str(models.resolve())}) for study in tables),
-        options=Options(timeout, jobs),
+        plan=asked.plan,
+        engines=engines,
+        studies=asked.tables,
+        options=asked.options,
         reports=reports,
         baseline=baseline or reports / "baseline",
         url=history or f"sqlite:///{reports / 'history.sqlite'}",
         against=against,
         label=label,
         command=shlex.join(["crosscheck", *sys.argv[1:]]),
-        whole=not names and len(wanted) == len(ENGINES),
-        bench=bench_studies(models) if bench else (),
+        whole=not asked.names and len(engines) == len(ENGINES),
+        bench=bench_studies(asked.models) if bench else (),
     )
     try:
         with terminated(), progress(console) as notify:
             results, folder = nightly(night, notify, say)
-    except (NightRunning, BaselineError) as error:
+    except (NightRunning, BaselineError, InputError) as error:
         raise Failure(str(error)) from error
     except OSError as error:
         raise Failure(f"the night could not be kept: {error}") from error

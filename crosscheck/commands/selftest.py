@@ -20,18 +20,13 @@ from crosscheck.runner import RESULTS, Options, run
 from crosscheck.selftest import BENCHES
 from crosscheck.studies.selftest import studies, summary
 from crosscheck.terminal import JOBS, MODELS, TIMEOUT, Failure, progress, terminated
+from crosscheck.terminal import out as out_option
 
 
 @click.command("selftest")
 @click.argument("names", nargs=-1)
 @MODELS
-@click.option(
-    "--out",
-    type=click.Path(file_okay=False, path_type=Path),
-    default=Path("reports/selftest"),
-    show_default=True,
-    help="Folder of the report; an older report there is replaced.",
-)
+@out_option("reports/selftest")
 @JOBS
 @TIMEOUT
 def command(names: tuple[str, ...], models: Path, out: Path, jobs: int, timeout: float) -> NoReturn:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from crosscheck.engines.applied import wrench_at
+from crosscheck.record import WRENCH
 from flexinv.mechanism import Mechanism
 
 Array = NDArray[np.float64]
@@ -55,26 +57,35 @@ def write(folder: Path, motion: Motion, script: str, files: Mapping[str, str], s
         (folder / name).write_text(text, encoding="utf-8")
 
 
+def sharing(
+    mechanism: Mechanism, order: NDArray[np.intp], spans: Iterable[tuple[slice, Sequence[str]]]
+) -> dict[str, Any]:
+    """Return the settings of loops: which coordinates have drives, with which weights [-], and what closes when.
+
+    order : which of the mechanism's velocity coordinates stands at every place of the engine's
+    spans : samples of every phase, and the names of what closes loops there
+    """
+    return {
+        "driven": [bool(x) for x in mechanism.actuated[order]],
+        "weight": [float(x) for x in mechanism.weights[order]],
+        "phases": [{"first": own.start, "last": own.stop, "closures": list(names)} for own, names in spans],
+    }
+
+
+def forces(folder: Path, mechanism: Mechanism, time: Array) -> None:
+    """Write ``forces.csv``, where forces are given: force [N] and moment [N m] of each, along the axes they are given in."""
+    if mechanism.forces:
+        names = [f"{force.name} {part}" for force in mechanism.forces for part in WRENCH]
+        rows = np.array([np.concatenate([wrench_at(force, float(t)) for force in mechanism.forces]) for t in time])
+        table(folder / "forces.csv", time, names, rows)
+
+
 def table(file: Path, time: Array, names: Sequence[str], values: Array) -> None:
     """Write a CSV whose first column is the time [s]; numbers in the shortest form that gives them back."""
     with file.open("w", encoding="utf-8", newline="") as stream:
         out = csv.writer(stream, lineterminator="\n")
         out.writerow(["time", *names])
         out.writerows([repr(float(t)), *map(repr, map(float, row))] for t, row in zip(time, values, strict=True))
-
-
-def check_tree(mechanism: Mechanism, engine: str) -> None:
-    """Raise NotExported unless the mechanism is an open tree without springs and given forces."""
-    kinds = {
-        "closed loops": [c.name for c in mechanism.closures],
-        "springs": [s.name for s in mechanism.springs],
-        "forces": [f.name for f in mechanism.forces],
-        "springs in joints": [j.name for j in mechanism.joints if j.stiffness],
-    }
-    for kind, found in kinds.items():
-        if found:
-            names = ", ".join(found)
-            raise NotExported(f"{kind} ({names}) are not exported for {engine} yet: open trees and their drives are")
 
 
 def check_rigid(mechanism: Mechanism, engine: str) -> None:

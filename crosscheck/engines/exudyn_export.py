@@ -3,24 +3,32 @@
 The tree of rigid bodies is written as arrays of ``KinematicTree66``; models in time are recorded while they run
 (`exudyn_script`).  There the effort along a joint is one component of one reaction (see the heads of `exudyn_planar`,
 `exudyn_spatial`): the moment or force along the connector's x axis, or the force of the coordinate connector.
+
+In rigid loops these stand on the joints that the motion gives; ``shares.npz`` takes them, and what joints take themselves,
+to the drives: our own numbers, from the Jacobian of the closures (`exudyn_chain.shared`).
 """
 
 from __future__ import annotations
 
 import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from crosscheck.engines import exudyn as adapter
-from crosscheck.engines import exudyn_rigid, exudyn_solve
+from crosscheck.engines import exudyn_chain, exudyn_loops, exudyn_phases, exudyn_rigid, exudyn_solve
 from crosscheck.engines.base import sample_times
-from crosscheck.engines.export_files import Array, Motion, NotExported, check_rigid, check_tree, write
+from crosscheck.engines.export_files import Array, Motion, NotExported, check_rigid, write
 from crosscheck.engines.exudyn_frames import compose, joint_pose, joint_q
+from crosscheck.engines.exudyn_layout import Layout
+from crosscheck.engines.exudyn_lead import history_of
 from crosscheck.engines.exudyn_march import TREE, choose, layout_of
 from crosscheck.engines.exudyn_script import Recorded, recording, source
 from crosscheck.engines.exudyn_solve import Plan, grid
+from crosscheck.engines.prescribed import beyond_a_tree
 from flexinv.files.case import Case
 from flexinv.mechanism import Mechanism, Placement
 
@@ -46,25 +54,61 @@ COORDINATES = ("revolute", "continuous", "prismatic")
 def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder: Path) -> None:
     """Write model and script; effort : (samples, nv) [N m] or [N] expected, in mechanism order.
 
-    Raises NotExported for loops, springs, given forces, and in time for joints of several coordinates.
+    Raises NotExported for closures that switch, and in time for drives on joints of several coordinates.
     """
-    check_tree(mechanism, engine)
     if engine == TREE:
         check_rigid(mechanism, engine)
+    if exudyn_phases.switched(mechanism):
+        names = ", ".join(c.name for c in mechanism.closures if c.active)
+        raise NotExported(
+            f"closures that act for a while ({names}) are switched step by step in Exudyn and are not exported: see mujoco "
+            "and pinocchio"
+        )
     if (reason := adapter.unsupported(mechanism, case, engine)) is not None:
         raise NotExported(reason)
     time = sample_times(case)
-    motion = Motion(
-        time, *case.motion.evaluate(mechanism, time), effort, mechanism.coordinate_names, mechanism.velocity_names
-    )  # fmt: skip
-    settings: dict[str, Any] = {"engine": engine} | {
-        key: [float(getattr(j, key)) for j in mechanism.joints for _ in range(j.nv)]
-        for key in ("rotor_inertia", "damping", "friction")
-    }
+    state = case.motion.evaluate(mechanism, time)
+    if mechanism.closures and mechanism.is_rigid:
+        state = exudyn_chain.closed_motion(mechanism, case, time)
+    motion = Motion(time, *state, effort, mechanism.coordinate_names, mechanism.velocity_names)
+    settings: dict[str, Any] = {"engine": engine}
     if engine == TREE:
-        _tree(mechanism, motion, settings, folder)
+        _tree(mechanism, motion, settings | _passive(mechanism, frozenset()), folder)
     else:
         _in_time(mechanism, case, engine, motion, settings, folder)
+
+
+def _passive(mechanism: Mechanism, without: frozenset[str]) -> dict[str, Any]:
+    """Return what joints themselves take [kg m^2], [N m s/rad], [N m], ..., but for some joints, where it is in the model."""
+    own = [(j, 0.0 if j.name in without else 1.0) for j in mechanism.joints for _ in range(j.nv)]
+    made: dict[str, Any] = {
+        key: [factor * float(getattr(j, key)) for j, factor in own] for key in ("rotor_inertia", "damping", "friction")
+    }
+    springs = [j for j in mechanism.joints if j.stiffness and j.name not in without]
+    return made | {
+        "joint_springs": [
+            {"joint": j.name, "stiffness": j.stiffness, "rest": j.rest, "v": mechanism.v_slices[j.name].start}
+            | {"q": list(range(*mechanism.q_slices[j.name].indices(mechanism.nq)))}
+            for j in springs
+        ]
+    }
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a model in time is looked at: its layout, its plane (None in space), joints without a drive of their own."""
+
+    layout: Layout
+    plane: Array | None
+    free: frozenset[str] = frozenset()
+
+
+def _look(mechanism: Mechanism, case: Case, engine: str) -> Look:
+    if beyond_a_tree(mechanism) is None:
+        return Look(layout_of(mechanism, case), choose(mechanism, case, engine, PLAIN).plane)
+    history = history_of(mechanism, case, exudyn_loops.coarsest(case, PLAIN))
+    model = exudyn_loops.model_of(mechanism, case, engine, history)
+    return Look(model.layout, model.plane, frozenset(model.free))
 
 
 def _tree(mechanism: Mechanism, motion: Motion, settings: dict[str, Any], folder: Path) -> None:
@@ -86,8 +130,9 @@ def _tree(mechanism: Mechanism, motion: Motion, settings: dict[str, Any], folder
 def _in_time(
     mechanism: Mechanism, case: Case, engine: str, motion: Motion, settings: dict[str, Any], folder: Path
 ) -> None:
+    look = _look(mechanism, case, engine)
     for joint in mechanism.joints:
-        if joint.nv and joint.kind not in COORDINATES:
+        if joint.nv and joint.kind not in COORDINATES and joint.name not in look.free:
             raise NotExported(
                 f"joint {joint.name!r}: its efforts depend on the position of a {joint.kind} joint; for models in time "
                 f"{', '.join(COORDINATES)} joints are exported"
@@ -95,18 +140,25 @@ def _in_time(
     with recording() as runs:
         adapter.run(mechanism, case, engine, PLAIN)
     kept = _last_tries(runs)
-    flat = choose(mechanism, case, engine, PLAIN).plane is not None
     texts = [source(run).replace("def build(", f"def build_{k}(", 1) for k, run in enumerate(kept)]
     told = inspect.getsource(exudyn_solve.settings)
     arrays: dict[str, Array] = {}
     for k, run in enumerate(kept):
         for d, driver in enumerate(run.drivers):
-            arrays[f"offset_{k}_{d}"] = _table(run.plan, driver.offset)
+            arrays[f"offset_{k}_{d}"] = _table(run.plan, driver.offset, 0, 0)
             if driver.rate is not None:
-                arrays[f"rate_{k}_{d}"] = _table(run.plan, driver.rate)
+                arrays[f"rate_{k}_{d}"] = _table(run.plan, driver.rate, 0, 0)
+        for number, load in run.loads.items():
+            arrays[f"load_{k}_{int(number)}"] = _table(run.plan, load, None)
     np.savez_compressed(folder / "drivers.npz", allow_pickle=False, **arrays)
-    settings["runs"] = [_run(mechanism, case, run, flat) for run in kept]
+    settings["runs"] = [_run(mechanism, look, run) for run in kept]
     settings["weights"] = [1.0] if len(kept) == 1 else [-1 / 3, 4 / 3]
+    # beside beams, damping and springs of joints without a drive are connectors of the model
+    settings |= _passive(mechanism, frozenset() if mechanism.is_rigid else look.free)
+    if mechanism.closures and mechanism.is_rigid:
+        units = (np.tile(unit, (len(motion.time), 1)) for unit in np.eye(mechanism.nv))
+        shares = np.stack([exudyn_chain.shared(mechanism, case, motion.q, unit) for unit in units], axis=2)
+        np.savez_compressed(folder / "shares.npz", allow_pickle=False, shares=shares)  # (sample, drive, joint)
     text = "\n\n".join([HEAD, told, *texts])
     write(folder, motion, "run_exudyn.py.txt", {"model.py": text}, settings)
 
@@ -117,37 +169,28 @@ def _last_tries(runs: list[Recorded]) -> list[Recorded]:
     return list(last.values())
 
 
-def _table(plan: Plan, function: Any) -> Array:
+def _table(plan: Plan, function: Callable[..., Any], *more: Any) -> Array:
     """Return what a user function gives at every step, (steps + 1, columns)."""
-    return np.array([np.atleast_1d(function(None, float(t), 0, 0)) for t in grid(plan)])
+    return np.array([np.atleast_1d(function(None, float(t), *more)) for t in grid(plan) + plan.lead])
 
 
-def _run(mechanism: Mechanism, case: Case, run: Recorded, flat: bool) -> dict[str, Any]:
-    plan = run.plan
-    told = {
-        name: getattr(plan, name)
-        for name in (
-            "end",
-            "step",
-            "sample",
-            "steps",
-            "index2",
-            "spectral_radius",
-            "tolerance",
-            "extrapolate",
-            "static_start",
-        )
-    }
-    layout = layout_of(mechanism, case)
-    effort = []
+TOLD = (
+    *("end", "step", "sample", "steps", "lead", "index2", "spectral_radius", "tolerance", "extrapolate"),
+    "static_start",
+)
+
+
+def _run(mechanism: Mechanism, look: Look, run: Recorded) -> dict[str, Any]:
+    told = {name: getattr(run.plan, name) for name in TOLD}
+    effort: list[list[list[float]]] = []
     for joint in mechanism.joints:
         if not joint.nv:
             continue
-        if flat:
-            axis = layout.start(layout.joint[joint.name]).rotation @ joint.axis
-            plane = choose(mechanism, case, "", PLAIN).plane
-            assert plane is not None
-            effort.append([[int(run.reactions["motor", joint.name]), 0, -float(np.sign(plane[:, 2] @ axis))]])
+        if joint.name in look.free:
+            effort += [[] for _ in range(joint.nv)]
+        elif look.plane is not None:
+            axis = look.layout.start(look.layout.joint[joint.name]).rotation @ joint.axis
+            effort.append([[int(run.reactions["motor", joint.name]), 0, -float(np.sign(look.plane[:, 2] @ axis))]])
         elif joint.kind == "prismatic":
             keys = [key for key in run.reactions if key[:2] == ("force", joint.name)]
             effort.append([[int(run.reactions[key]), 0, -1.0] for key in keys])

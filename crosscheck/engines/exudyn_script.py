@@ -6,7 +6,7 @@ with recording() as runs:
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -20,13 +20,16 @@ ADDED = ("AddNode", "AddObject", "AddMarker", "AddLoad", "AddSensor")
 
 @dataclass(frozen=True)
 class Recorded:
-    """One solve: the calls (method, item) that built the system, the plan, the drivers, and the sensors by key."""
+    """One solve: the calls (method, item) that built the system, the plan, the drivers, the sensors by key, and what loads
+    that vary are at a time, by number.
+    """
 
     calls: tuple[tuple[str, Any], ...]
     plan: Any
     drivers: tuple[Any, ...]
     motions: dict[Any, Any]
     reactions: dict[Any, Any]
+    loads: dict[Any, Any]
 
 
 RUNS: ContextVar[list[Recorded] | None] = ContextVar("RUNS", default=None)
@@ -67,11 +70,18 @@ def listening(mbs: Any) -> Any:
     return mbs if RUNS.get() is None else Listener(mbs)
 
 
-def solved(mbs: Any, plan: Any, drivers: list[Any], motions: dict[Any, Any], reactions: dict[Any, Any]) -> None:
+def solved(
+    mbs: Any,
+    plan: Any,
+    drivers: list[Any],
+    motions: dict[Any, Any],
+    reactions: dict[Any, Any],
+    loads: Mapping[Any, Any],
+) -> None:
     """Take down a solve, where recording is on."""
     runs = RUNS.get()
     if runs is not None and isinstance(mbs, Listener):
-        runs.append(Recorded(tuple(mbs.calls), plan, tuple(drivers), dict(motions), dict(reactions)))
+        runs.append(Recorded(tuple(mbs.calls), plan, tuple(drivers), dict(motions), dict(reactions), dict(loads)))
 
 
 def source(run: Recorded) -> str:
@@ -83,7 +93,9 @@ def source(run: Recorded) -> str:
 def _item(item: Any) -> str:
     stated = vars(item)
     usual = vars(type(item)())
-    words = [f"{k}={_text(v)}" for k, v in stated.items() if k != "visualization" and _text(v) != _text(usual[k])]
+    # user functions are put in before the run, from tables
+    said = {k: v for k, v in stated.items() if k != "visualization" and not callable(v)}
+    words = [f"{k}={_text(v)}" for k, v in said.items() if _text(v) != _text(usual[k])]
     return f"{type(item).__name__}({', '.join(words)})"
 
 

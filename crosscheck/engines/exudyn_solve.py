@@ -160,7 +160,7 @@ def solve(
     motions, reactions : sensors of states and of multipliers; loads : user functions of loads, by number
     Raises ExudynFailure where Newton does not converge, the run stops early or a value is not finite.
     """
-    solved(mbs, plan, drivers, motions, reactions)
+    solved(mbs, plan, drivers, motions, reactions, loads)
     resting = _static(mbs, plan, drivers, reactions, loads) if plan.static_start else {}
     for number, load in loads.items():
         mbs.SetLoadParameter(number, "loadVectorUserFunction", load)

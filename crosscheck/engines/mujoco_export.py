@@ -6,21 +6,21 @@ Slim capsules without mass make the bodies visible; inertias are explicit, so th
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree as ET
 
-import mujoco
 import numpy as np
 
 from crosscheck.engines import mujoco as adapter
+from crosscheck.engines import mujoco_loops
 from crosscheck.engines.base import sample_times
-from crosscheck.engines.export_files import Array, Motion, check_rigid, check_tree, write
+from crosscheck.engines.export_files import Array, Motion, NotExported, check_rigid, forces, sharing, write
+from crosscheck.engines.mujoco_mjcf import mjcf
 from crosscheck.engines.mujoco_model import Built, build
 from flexinv.files.case import Case
-from flexinv.mechanism import Joint, Mechanism
+from flexinv.mechanism import Force, Joint, Mechanism
 
-KINDS = {"mjJNT_FREE": "free", "mjJNT_BALL": "ball", "mjJNT_SLIDE": "slide", "mjJNT_HINGE": "hinge"}
 SUFFIX = {
     "free": (".vx", ".vy", ".vz", ".wx", ".wy", ".wz"),
     "spherical": (".wx", ".wy", ".wz"),
@@ -33,22 +33,48 @@ PLACE = {"free": (".x", ".y", ".z", ".qw", ".qx", ".qy", ".qz"), "spherical": ("
 def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder: Path) -> None:
     """Write ``model.xml`` and what goes with it; effort : (samples, nv) [N m] or [N] expected, in mechanism order.
 
-    Raises NotExported for beams, loops, springs and given forces.
+    Raises NotExported for beams and for closures that none of MuJoCo's equalities makes up.
     """
-    check_tree(mechanism, engine)
     check_rigid(mechanism, engine)
+    if strange := mujoco_loops.without_equality(mechanism):
+        raise NotExported(f"closures ({', '.join(strange)}) have no equality constraint in MJCF: see pinocchio")
+    if (reason := adapter.unsupported(mechanism, case, engine)) is not None:
+        raise NotExported(reason)
     time = sample_times(case)
-    q, qd, qdd = case.motion.evaluate(mechanism, time)
-    built = build(mechanism)
-    state = adapter.to_engine(mechanism, built, q, qd, qdd)
+    built = build(mechanism, extend=_furnished(mechanism))
+    followed = adapter.follow(mechanism, case, built, time)
+    state = adapter.State(*(np.concatenate(part) for part in zip(*(state for _, state in followed), strict=True)))
     q_names, v_names = [""] * built.model.nq, [""] * built.model.nv
+    order = np.zeros(built.model.nv, dtype=np.intp)
     for joint in mechanism.joints:
         if joint.nv:
             _name(q_names, built.q_at[joint.name], joint, PLACE)
             _name(v_names, built.v_at[joint.name], joint, SUFFIX)
-    expected = _to_engine(mechanism, built, q, effort)
+            own = mechanism.v_slices[joint.name]
+            order[built.v_at[joint.name] + np.arange(joint.nv)] = np.arange(own.start, own.stop)
+    expected = _to_engine(mechanism, built, adapter.from_engine(mechanism, built, state.q), effort)
     motion = Motion(time, state.q, state.v, state.a, expected, q_names, v_names)
-    write(folder, motion, "run_mujoco.py.txt", {"model.xml": mjcf(built.model, mechanism.name)}, {"engine": engine})
+    spans = ((phase.samples, [c.name for c in phase.mechanism.closures]) for phase, _ in followed)
+    given = [{"site": _site(f), "follower": f.follower} for f in mechanism.forces]
+    settings = {"engine": engine, "forces": given, **sharing(mechanism, order, spans)}
+    forces(folder, mechanism, time)
+    write(folder, motion, "run_mujoco.py.txt", {"model.xml": mjcf(built.model, mechanism.name)}, settings)
+
+
+def _furnished(mechanism: Mechanism) -> Callable[[Any], None]:
+    """Return what adds closures, springs, and a site for every given force, to an MjSpec."""
+    furnish = mujoco_loops.furnish(mechanism)
+
+    def extend(spec: Any) -> None:
+        furnish(spec)
+        for force in mechanism.forces:
+            mujoco_loops.add_site(spec, force.at, _site(force), np.zeros(3))
+
+    return extend
+
+
+def _site(force: Force) -> str:
+    return f"{force.name}/force"
 
 
 def _name(names: list[str], first: int, joint: Joint, suffixes: dict[str, tuple[str, ...]]) -> None:
@@ -67,47 +93,3 @@ def _to_engine(mechanism: Mechanism, built: Built, q: Array, effort: Array) -> A
         unit[:, column] = 1.0
         out[:, column] = np.sum(adapter.effort_from_engine(mechanism, built, q, unit) * effort, axis=1)
     return out
-
-
-def mjcf(model: Any, name: str) -> str:
-    """Return the MJCF of a compiled model of rigid bodies and joints."""
-    root = ET.Element("mujoco", model=name)
-    ET.SubElement(root, "compiler", angle="radian", fusestatic="false")
-    ET.SubElement(root, "option", gravity=_text(model.opt.gravity))
-    bodies = {0: ET.SubElement(root, "worldbody")}
-    for k in range(1, model.nbody):
-        body = bodies[k] = ET.SubElement(bodies[model.body_parentid[k]], "body", _body(model, k))
-        if model.body_mass[k] > 0:
-            inertia = {"mass": model.body_mass[k], "diaginertia": model.body_inertia[k]}
-            placed = {"pos": model.body_ipos[k], "quat": model.body_iquat[k]}
-            ET.SubElement(body, "inertial", {key: _text(value) for key, value in (placed | inertia).items()})
-        for j in range(model.body_jntadr[k], model.body_jntadr[k] + model.body_jntnum[k]):
-            ET.SubElement(body, "joint", _joint(model, j))
-        for end in [model.body_pos[c] for c in range(k + 1, model.nbody) if model.body_parentid[c] == k] + [
-            model.body_ipos[k]
-        ]:
-            if np.linalg.norm(end) > 0:
-                shape = {"type": "capsule", "fromto": _text([0, 0, 0, *end]), "size": _text(np.linalg.norm(end) / 20)}
-                ET.SubElement(body, "geom", shape | {"mass": "0", "contype": "0", "conaffinity": "0"})
-    ET.indent(root)
-    return ET.tostring(root, encoding="unicode") + "\n"
-
-
-def _body(model: Any, k: int) -> dict[str, str]:
-    return {"name": model.body(k).name, "pos": _text(model.body_pos[k]), "quat": _text(model.body_quat[k])}
-
-
-def _joint(model: Any, j: int) -> dict[str, str]:
-    kind, dof = KINDS[mujoco.mjtJoint(model.jnt_type[j]).name], model.jnt_dofadr[j]
-    out = {"name": model.joint(j).name, "type": kind}
-    if kind in ("slide", "hinge"):
-        out["axis"] = _text(model.jnt_axis[j])
-    numbers = {"armature": model.dof_armature, "damping": model.dof_damping, "frictionloss": model.dof_frictionloss}
-    out |= {key: _text(values[dof]) for key, values in numbers.items() if np.any(values[dof])}
-    if model.dof_frictionloss[dof]:
-        out["solreffriction"] = _text(model.dof_solref[dof])
-    return out
-
-
-def _text(numbers: Any) -> str:
-    return " ".join(repr(float(x)) for x in np.ravel(numbers))

@@ -115,15 +115,15 @@ def one_mesh(mechanism: Mechanism, case: Case, rod: Rod) -> dict[str, Series]:
     built = flexible(mechanism, rod, step)
     steps = (len(sample_times(case)) - 1) * stride
     q, qd, qdd = case.motion.evaluate(mechanism, np.arange(steps + 1) * step)
-    raw = _march(mechanism, built, (_angles(mechanism, q), qd, qdd), stride)
+    raw = _march(mechanism, built, (angles(mechanism, q), qd, qdd), stride)
     order = [built.v_at[j.name] for j in mechanism.joints if j.nv]
     torque = raw.effort[:, order] + passive_effort(mechanism, qd[::stride])
     torque += rotor_effort(mechanism, qdd[::stride])
     return _series(mechanism, built, rod, raw, torque)
 
 
-def _angles(mechanism: Mechanism, q: Array) -> Array:
-    """One number per joint: of a continuous joint the angle instead of its cosine and sine."""
+def angles(mechanism: Mechanism, q: Array) -> Array:
+    """Return one number per joint [rad], [m]: of a continuous joint the angle instead of its cosine and sine."""
     columns = [q[:, mechanism.q_slices[j.name]] for j in mechanism.joints if j.nv]
     return np.column_stack([np.arctan2(c[:, 1], c[:, 0]) if c.shape[1] == 2 else c[:, 0] for c in columns])
 

@@ -55,12 +55,13 @@ def furnish(mechanism: Mechanism) -> Callable[[Any], None]:
             tendon = spec.add_tendon(name=spring.name, springlength=[spring.rest, spring.rest])
             tendon.stiffness[0], tendon.damping[0] = spring.stiffness, spring.damping
             for at, end in ((spring.first, "first"), (spring.second, "second")):
-                tendon.wrap_site(_site(spec, at, f"{spring.name}/{end}", np.zeros(3)))
+                tendon.wrap_site(add_site(spec, at, f"{spring.name}/{end}", np.zeros(3)))
 
     return extend
 
 
-def _site(spec: Any, at: Attachment, name: str, offset: Array) -> str:
+def add_site(spec: Any, at: Attachment, name: str, offset: Array) -> str:
+    """Add a site at an attachment, moved by an offset (3,) [m] along its axes; return its name."""
     body = spec.worldbody if at.link == WORLD else spec.body(at.link)
     place = at.placement.position + at.placement.rotation @ offset
     body.add_site(name=name, pos=place, quat=quaternion(at.placement.rotation))
@@ -82,7 +83,7 @@ def _equality(spec: Any, closure: Closure) -> None:
     kind, offsets = EQUALITIES.get(closure.kind, (CONNECT, ()))
     for k, offset in enumerate(offsets):
         ends = ((closure.first, "first"), (closure.second, "second"))
-        names = [_site(spec, at, f"{closure.name}/{end}{k}", offset * closure.axis) for at, end in ends]
+        names = [add_site(spec, at, f"{closure.name}/{end}{k}", offset * closure.axis) for at, end in ends]
         made = spec.add_equality(
             name=f"{closure.name}/{k}", type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, name1=names[0], name2=names[1]
         )

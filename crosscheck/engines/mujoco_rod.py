@@ -57,6 +57,13 @@ class Rod:
         return ea, ei_z if self.bent == 1 else ei_y
 
     @property
+    def section(self) -> tuple[float, float]:
+        """Radius [m] and Young's modulus [Pa] of a circle that has EA and EI: r^2 = 4 EI / EA, E = EA / (pi r^2)."""
+        ea, ei = self.stiffness
+        radius = 2 * float(np.sqrt(ei / ea))
+        return radius, ea / (np.pi * radius**2)
+
+    @property
     def density(self) -> float:
         """Mass per length [kg/m]."""
         return float(self.beam.section.mass_per_length[0])
@@ -159,14 +166,11 @@ def _add_point(link: Any, rod: Rod, k: int) -> None:
 
 
 def _add_flex(spec: Any, rod: Rod) -> None:
-    """A circular section whose radius gives EA and EI together: r^2 = 4 EI / EA, E = EA / (pi r^2)."""
-    ea, ei = rod.stiffness
     root, axis = rod.beam.placement.position, rod.beam.placement.rotation[:, 0]
     flex = spec.add_flex(name="rod", dim=1, contype=0, conaffinity=0)
     flex.vertbody = [rod.link, rod.link, *(rod.point(k) for k in range(1, rod.elements + 1))]
     flex.vert = [*(root - GHOST * rod.edge * axis), *root, *np.zeros(3 * rod.elements)]
     flex.elem = [i for k in range(rod.elements + 1) for i in (k, k + 1)]
     flex.section = mujoco.mjtFlexSection.mjFLEXSECTION_CIRCLE
-    flex.radius = 2 * np.sqrt(ei / ea)
-    flex.young, flex.poisson = ea / (np.pi * flex.radius**2), 0.0
-    flex.edgestiffness = ea / rod.edge
+    (flex.radius, flex.young), flex.poisson = rod.section, 0.0
+    flex.edgestiffness = rod.stiffness[0] / rod.edge

@@ -1,18 +1,26 @@
-"""What Pinocchio was given, as URDF, with the motion and the expected effort in the order of its own parser."""
+"""What Pinocchio was given, as URDF, with the motion and the expected effort in the order of its own parser.
+
+URDF has no loops, springs and forces: closures go along as the vectors of their equations (`assembly.equations`), and the
+script does with Pinocchio's Jacobians what `pinocchio_loops` does.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from crosscheck.engines import assembly, pinocchio_phases
+from crosscheck.engines import pinocchio as adapter
 from crosscheck.engines.base import sample_times
-from crosscheck.engines.export_files import Array, Motion, check_rigid, check_tree, write
+from crosscheck.engines.export_files import Array, Motion, NotExported, check_rigid, forces, sharing, write
 from crosscheck.engines.urdf_text import urdf
 from flexinv.files.case import Case
-from flexinv.mechanism import COORDINATES, Joint, Mechanism
+from flexinv.mechanism import COORDINATES, Attachment, Closure, Joint, Mechanism
 
 Indices = NDArray[np.intp]
 
@@ -20,16 +28,18 @@ Indices = NDArray[np.intp]
 def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder: Path) -> None:
     """Write ``model.urdf`` and what goes with it; effort : (samples, nv) [N m] or [N] expected, in mechanism order.
 
-    Raises NotExported for beams, loops, springs, given forces, and for joints that URDF does not have.
+    Raises NotExported for beams and for joints that URDF does not have.
     """
-    check_tree(mechanism, engine)
     check_rigid(mechanism, engine)
+    if (reason := adapter.unsupported(mechanism, case, engine)) is not None:
+        raise NotExported(reason)
     time = sample_times(case)
     text = urdf(mechanism)
     free = mechanism.joints[0].kind == "free"
     model = pin.buildModelFromXML(text, *([pin.JointModelFreeFlyer()] if free else []))
     q_order, v_order = _order(mechanism, model)
-    q, qd, qdd = case.motion.evaluate(mechanism, time)
+    followed = pinocchio_phases.follow(mechanism, case, adapter.build(mechanism), time)
+    q, qd, qdd = (np.concatenate(part) for part in zip(*(state for _, state in followed), strict=True))
     q_names, v_names = (
         [names[k] for k in order]
         for names, order in ((mechanism.coordinate_names, q_order), (mechanism.velocity_names, v_order))
@@ -42,7 +52,50 @@ def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder:
         for key in ("rotor_inertia", "damping", "friction")
     }
     settings = {"engine": engine, "free_base": free, "gravity_m_per_s2": mechanism.gravity.tolist(), **drives}
+    spans = ((phase.samples, [c.name for c in phase.mechanism.closures]) for phase, _ in followed)
+    settings |= sharing(mechanism, v_order, spans) | _beyond(mechanism, np.argsort(q_order), np.argsort(v_order))
+    forces(folder, mechanism, time)
     write(folder, motion, "run_pinocchio.py.txt", {"model.urdf": text}, settings)
+
+
+def _beyond(mechanism: Mechanism, q_at: Indices, v_at: Indices) -> dict[str, Any]:
+    """Return closures, springs and given forces in words; q_at, v_at : where the mechanism's coordinates stand."""
+
+    def number(name: str) -> dict[str, Any]:
+        q, v = mechanism.q_slices[name], mechanism.v_slices[name]
+        return {"q": q_at[q].tolist(), "v": int(v_at[v.start])}
+
+    return {
+        "closures": [_closure(mechanism, c, number) for c in mechanism.closures],
+        "springs": [
+            {"name": s.name, "first": _seat(s.first), "second": _seat(s.second), "stiffness": s.stiffness}
+            | {"rest": s.rest, "damping": s.damping}
+            for s in mechanism.springs
+        ],
+        "joint_springs": [
+            {"joint": j.name, "stiffness": j.stiffness, "rest": j.rest, **number(j.name)}
+            for j in mechanism.joints
+            if j.stiffness
+        ],
+        "forces": [{"name": f.name, "at": _seat(f.at), "follower": f.follower} for f in mechanism.forces],
+    }
+
+
+def _closure(mechanism: Mechanism, closure: Closure, number: Callable[[str], dict[str, Any]]) -> dict[str, Any]:
+    if closure.kind == "coupling":
+        rows = [{"factor": factor, **number(name)} for name, factor in closure.factors]
+        return {"name": closure.name, "kind": closure.kind, "offset": closure.offset, "coupled": rows}
+    along, pairs = assembly.equations(closure)
+    return {
+        **{"name": closure.name, "kind": closure.kind, "first": _seat(closure.first), "second": _seat(closure.second)},
+        "positions": [u.tolist() for u in along],
+        "directions": [[u.tolist(), w.tolist()] for u, w in pairs],
+    }
+
+
+def _seat(at: Attachment) -> dict[str, Any]:
+    """Return an attachment: link, and its frame there."""
+    return {"link": at.link, "position": at.placement.position.tolist(), "rotation": at.placement.rotation.tolist()}
 
 
 def _order(mechanism: Mechanism, model: pin.Model) -> tuple[Indices, Indices]:

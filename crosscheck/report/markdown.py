@@ -24,6 +24,8 @@ def render(results: Results) -> str:
             for v in results.changes["values"]
         ]
         parts += table(("comparison", "was", "", "is", ""), moved) if moved else []
+        if new := [(c["what"], c["name"], c["words"]) for c in results.changes.get("causes", ())]:
+            parts += table(("cause", "of what", "in words"), new)
     if gone := results.baseline.get("gone", ()):
         parts += [
             "## Gone",
