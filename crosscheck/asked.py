@@ -11,9 +11,8 @@ from typing import Any
 import click
 
 from crosscheck.engines import Engine
-from crosscheck.plan import Plan
-from crosscheck.runner import Options
-from crosscheck.studies import STUDIES, Study
+from crosscheck.runner import Options, Work
+from crosscheck.studies import STUDIES
 from crosscheck.terminal import JOBS, MODELS, PATTERNS, TIMEOUT, chosen, plan_of
 
 OPTIONS = (
@@ -43,25 +42,14 @@ class Asked:
     jobs: int
     timeout: float
 
-    @property
-    def plan(self) -> Plan:
-        """The cases.  Raises Failure where a name leads to nothing."""
-        return plan_of(self.models, self.names)
-
-    @property
-    def options(self) -> Options:
-        """How to run."""
-        return Options(self.timeout, self.jobs, scheduler=self.scheduler, resume=self.resume)
-
-    @property
-    def tables(self) -> tuple[Study, ...]:
-        """The studies: a reader who names mechanisms wants those, the studies belong to the whole.  Raises Failure."""
-        known = {} if self.names and self.studies == "*" else chosen(STUDIES, self.studies, "study")
-        return tuple(replace(study, options={"models": str(self.models.resolve())}) for study in known.values())
-
-    def among(self, known: Mapping[str, Engine]) -> dict[str, Engine]:
-        """Return the engines.  Raises Failure where a pattern fits none."""
-        return chosen(known, self.engines, "engine")
+    def work(self, known: Mapping[str, Engine]) -> Work:
+        """Return what that means among the known engines.  Raises Failure where a name or a pattern leads to nothing."""
+        options = Options(self.timeout, self.jobs, scheduler=self.scheduler, resume=self.resume)
+        engines = chosen(known, self.engines, "engine")
+        # a reader who names mechanisms wants those; the studies belong to the whole
+        tables = {} if self.names and self.studies == "*" else chosen(STUDIES, self.studies, "study")
+        studies = (replace(study, options={"models": str(self.models.resolve())}) for study in tables.values())
+        return Work(plan_of(self.models, self.names), engines, tuple(studies), options)
 
 
 def running(command: Callable[..., Any]) -> Callable[..., Any]:

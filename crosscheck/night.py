@@ -11,7 +11,7 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,11 +24,9 @@ from crosscheck import baseline, changes, history
 from crosscheck import results as store
 from crosscheck.bench.parts import measure
 from crosscheck.bench.targets import metrics
-from crosscheck.engines import Engine
-from crosscheck.plan import Plan
 from crosscheck.report import render, trends
 from crosscheck.results import Results
-from crosscheck.runner import KEPT, RESULTS, Notify, Options, run
+from crosscheck.runner import KEPT, RESULTS, Notify, Work, run
 from crosscheck.studies import Study
 
 LATEST, LOCK, HOLDER = "latest", "nightly.lock", "nightly.json"
@@ -48,10 +46,7 @@ class Nightly:
     bench : parts of the speed comparison, run after everything else
     """
 
-    plan: Plan
-    engines: Mapping[str, Engine]
-    studies: tuple[Study, ...]
-    options: Options
+    work: Work
     reports: Path
     baseline: Path
     url: str
@@ -75,10 +70,10 @@ def nightly(night: Nightly, notify: Notify, tell: Callable[[str], None]) -> tupl
         if database is not None:
             catch_up(database, night.reports, tell)
         folder = night_folder(night.reports, night.label)
-        if night.options.resume:
+        if night.work.options.resume:
             take_over(night.reports, night.label, folder, tell)
-        options = replace(night.options, baseline=known, whole=night.whole)
-        results = run(night.plan, night.engines, night.studies, options, folder, notify, night.command)
+        options = replace(night.work.options, baseline=known, whole=night.whole)
+        results = run(replace(night.work, options=options), folder, notify, night.command)
         if night.bench and results.finished:
             results = with_speed(results, night, notify)
         results = remember(database, night, failed(results, trouble), folder, tell)
@@ -89,7 +84,7 @@ def nightly(night: Nightly, notify: Notify, tell: Callable[[str], None]) -> tupl
 def with_speed(results: Results, night: Nightly, notify: Notify) -> Results:
     """Return the results with the tables of the speed comparison: alone on the machine, when all else has been done."""
     with TemporaryDirectory() as folder:
-        speed = measure(night.bench, night.options.timeout, Path(folder), notify)
+        speed = measure(night.bench, night.work.options.timeout, Path(folder), notify)
     tables = (*results.studies, *speed.studies)
     whole = replace(results, studies=tables, elapsed=results.elapsed + speed.elapsed)
     return whole if speed.finished else replace(failed(whole, speed.message), finished=False)

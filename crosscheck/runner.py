@@ -55,6 +55,16 @@ class Options:
 
 
 @dataclass(frozen=True)
+class Work:
+    """What is to run: cases, engines, studies, and how."""
+
+    plan: Plan
+    engines: Mapping[str, Engine]
+    studies: tuple[Study, ...] = ()
+    options: Options = Options()
+
+
+@dataclass(frozen=True)
 class Event:
     """Something that finished, for a progress display."""
 
@@ -69,21 +79,14 @@ Notify = Callable[[Event], None]
 Job = tuple[str, Any, Any]  # kind, what, engine
 
 
-def run(
-    plan: Plan,
-    engines: Mapping[str, Engine],
-    studies: tuple[Study, ...],
-    options: Options,
-    out: Path,
-    notify: Notify = lambda event: None,
-    command: str = "",
-) -> Results:
-    """Run the plan and return its results, which stand in ``out/results.json`` as well.
+def run(work: Work, out: Path, notify: Notify = lambda event: None, command: str = "") -> Results:
+    """Run what is to run and return its results, which stand in ``out/results.json`` as well.
 
     Ctrl-C ends every child; what did not run becomes an error that says so.
     """
+    options = work.options
     _clear(out, options.resume)
-    state = _State(plan, engines, studies, options, out, notify, _opening(plan, engines, studies, options, command))
+    state = _State(work, out, notify, _opening(work, command))
     kept, children = Attempts(out / KEPT), Children()
     with workers(options.scheduler, options.jobs) as pool, ThreadPoolExecutor(max(1, options.jobs)) as here:
         pending: dict[Future[Any], Job] = {}
@@ -128,7 +131,7 @@ def _drain(pending: dict[Future[Any], Job], state: _State, kept: Attempts) -> No
             del pending[future]
             if job[0] == "run":
                 with contextlib.suppress(OSError):  # a full disk: then there is nothing to resume from
-                    kept.keep(job[1], job[2].name, answer, state.options.engine)
+                    kept.keep(job[1], job[2].name, answer, state.work.options.engine)
 
 
 def _answer(future: Future[Any], job: Job) -> Any:
@@ -171,10 +174,7 @@ def _ask(job: Job, options: Options, children: Children) -> Any:
 class _State:
     """What has been done so far; only the main thread touches it."""
 
-    plan: Plan
-    engines: Mapping[str, Engine]
-    studies: tuple[Study, ...]
-    options: Options
+    work: Work
     out: Path
     notify: Notify
     results: Results
@@ -185,17 +185,17 @@ class _State:
 
     def jobs(self) -> Iterator[Job]:
         """Yield everything there is to do, case by case so that comparisons come early."""
-        for module in sorted({e.module for e in self.engines.values() if missing(e) is None}):
+        for module in sorted({e.module for e in self.work.engines.values() if missing(e) is None}):
             yield "describe", module, None
-        for task in self.plan.tasks:
-            for engine in self.engines.values():
+        for task in self.work.plan.tasks:
+            for engine in self.work.engines.values():
                 yield "run", task, engine
-        for study in self.studies:
+        for study in self.work.studies:
             yield "study", study, None
 
     def questions(self) -> Iterator[Job]:
         """Yield what is asked once everything is compared: why engines deviate."""
-        for question in questions(self._judged(whole=False), self.plan, self.out):
+        for question in questions(self._judged(whole=False), self.work.plan, self.out):
             yield "why", question, None
 
     def take(self, job: Job, answer: Any) -> None:
@@ -229,7 +229,7 @@ class _State:
 
     def finish(self) -> Results:
         """Return the complete results, and write them; where that fails they say so."""
-        order = list(self.engines)
+        order = list(self.work.engines)
         cases = [(c.mechanism, c.case) for c in self.results.cases]
 
         def place(row: RunRow | Comparison) -> tuple[int, int]:
@@ -241,7 +241,7 @@ class _State:
             runs=tuple(sorted(self.results.runs, key=place)),
             comparisons=tuple(sorted(self.results.comparisons, key=place)),
         )
-        self.results = self._judged(self.options.whole and self.results.finished)
+        self.results = self._judged(self.work.options.whole and self.results.finished)
         try:
             self._keep(at_once=True)
         except OSError as error:
@@ -252,7 +252,7 @@ class _State:
         return self.results
 
     def _judged(self, whole: bool) -> Results:
-        known = self.options.baseline
+        known = self.work.options.baseline
         return self.results if known is None else baseline.apply(self.results, known, whole)
 
     def _run(self, task: Task, engine: Engine, attempt: Attempt) -> None:
@@ -261,7 +261,7 @@ class _State:
         self.results = replace(self.results, runs=(*self.results.runs, row))
         records = self.records.setdefault(key, {})
         records[engine.name] = attempt.record
-        if len(records) == len(self.engines):
+        if len(records) == len(self.work.engines):
             self._compare(task, self.records.pop(key))
         self._tell(f"{key[0]}/{key[1]} {engine.name}", row.verdict if row.status != "ok" else "ok", row.message)
 
@@ -291,7 +291,7 @@ class _State:
     def _describe(self, module: str, answer: Any, ending: Any) -> None:
         rows = []
         for row in self.results.engines:
-            if self.engines[row.name].module == module:
+            if self.work.engines[row.name].module == module:
                 row = replace(row, **answer) if answer else replace(row, present=False, message=ending.message)
             rows.append(row)
         self.results = replace(self.results, engines=tuple(rows))
@@ -303,7 +303,7 @@ class _State:
 
     def _tell(self, label: str, verdict: str, message: str) -> None:
         self.done += 1
-        total = len(self.plan.tasks) * len(self.engines) + len(self.studies)
+        total = len(self.work.plan.tasks) * len(self.work.engines) + len(self.work.studies)
         self.notify(Event(label, verdict, message, self.done, total))
 
     def _keep(self, at_once: bool = False) -> None:
@@ -317,11 +317,10 @@ class _State:
                 store.write(self.results, self.out / RESULTS)
 
 
-def _opening(
-    plan: Plan, engines: Mapping[str, Engine], studies: tuple[Study, ...], options: Options, command: str
-) -> Results:
+def _opening(work: Work, command: str) -> Results:
+    plan, options = work.plan, work.options
     broken = [CaseRow(name, "", problem=message) for name, message in plan.broken]
-    rows = [EngineRow(e.name, (m := missing(e)) is None, message=m or "") for e in engines.values()]
+    rows = [EngineRow(e.name, (m := missing(e)) is None, message=m or "") for e in work.engines.values()]
     return Results(
         started=store.now(),
         command=command,

@@ -14,7 +14,7 @@ from crosscheck.engines import ENGINES, Engine
 from crosscheck.plan import discover
 from crosscheck.report import render
 from crosscheck.results import Results
-from crosscheck.runner import Options, run
+from crosscheck.runner import Options, Work, run
 from crosscheck.studies import Study
 
 WICKED = "<img src=x onerror=alert(1)>"
@@ -65,7 +65,7 @@ def example_run(
     models: Path, out: Path, engines: dict[str, Engine], studies: tuple[Study, ...] = (), timeout: float = 60.0
 ) -> Results:
     """Run everything in ``models`` for real, render the report and return the results."""
-    results = run(discover(models), engines, studies, Options(timeout=timeout), out)
+    results = run(Work(discover(models), engines, studies, Options(timeout=timeout)), out)
     render(results, out)
     return results
 

@@ -24,7 +24,7 @@ from crosscheck.isolation import Attempt
 from crosscheck.plan import Plan, discover
 from crosscheck.record import load
 from crosscheck.results import Results, read
-from crosscheck.runner import KEPT, Event, Options, run
+from crosscheck.runner import KEPT, Event, Options, Work, run
 from flexinv.errors import InputError
 
 # How many cases the cluster gets; `CROSSCHECK_MANY=500 pytest tests/test_cluster.py` is the long show.
@@ -79,7 +79,7 @@ def test_nothing_is_lost_when_a_worker_is_killed(root: Path, tmp_path: Path) -> 
             if event.done == 2:
                 first.send_signal(signal.SIGKILL)
 
-        results = run(plan, engines, (), Options(120.0, scheduler=address), tmp_path / "out", kill)
+        results = run(Work(plan, engines, (), Options(120.0, scheduler=address)), tmp_path / "out", kill)
         assert first.wait(10) == -signal.SIGKILL
         night = whole_night(plan.tasks[0].folder.parent, tmp_path / "reports", address)
     assert [r.message for r in results.runs if r.status != "ok"] == []
@@ -109,7 +109,7 @@ def stopped(plan: Plan, out: Path) -> Results:
         if event.done == 1:
             raise KeyboardInterrupt
 
-    return run(plan, {"pinocchio": ENGINES["pinocchio"]}, (), Options(60.0), out, stop)
+    return run(Work(plan, {"pinocchio": ENGINES["pinocchio"]}, (), Options(60.0)), out, stop)
 
 
 def test_a_run_that_was_cut_short_is_resumed(root: Path, tmp_path: Path) -> None:
@@ -118,16 +118,16 @@ def test_a_run_that_was_cut_short_is_resumed(root: Path, tmp_path: Path) -> None
     cut = stopped(plan, out)
     assert not cut.finished
     kept = Attempts(out / KEPT)
-    done = run(plan, {"pinocchio": ENGINES["pinocchio"]}, (), Options(60.0), tmp_path / "other")
+    done = run(Work(plan, {"pinocchio": ENGINES["pinocchio"]}, (), Options(60.0)), tmp_path / "other")
     first = plan.tasks[0]
     record = load(tmp_path / "other" / done.runs[0].series)
     kept.keep(first, "pinocchio", Attempt(record, "printed before", 7.0))
-    again = run(plan, {"pinocchio": ENGINES["pinocchio"]}, (), Options(60.0, resume=True), out)
+    again = run(Work(plan, {"pinocchio": ENGINES["pinocchio"]}, (), Options(60.0, resume=True)), out)
     assert again.finished
     assert [r.status for r in again.runs] == ["ok", "ok"]
     assert again.runs[0].printed == "printed before"  # not run again
     assert again.runs[1].printed != "printed before"
-    anew = run(replace(plan, tasks=plan.tasks[:1]), {"pinocchio": ENGINES["pinocchio"]}, (), Options(60.0), out)
+    anew = run(Work(replace(plan, tasks=plan.tasks[:1]), {"pinocchio": ENGINES["pinocchio"]}, (), Options(60.0)), out)
     assert anew.runs[0].printed != "printed before"
 
 

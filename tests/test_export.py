@@ -166,7 +166,7 @@ def test_a_flex_of_mujoco(tmp_path: Path) -> None:
     mechanism = arm()
     motion = Motion.point_to_point([0.0], [0.05], 0.02, law="quintic")
     case = case_of(motion, 0.02, 1e-3)
-    exported(mechanism, "mujoco-flex", tmp_path, case, solve(mechanism, motion, 1e-3).torque_all)
+    exported(mechanism, "mujoco-flex", tmp_path, case, np.zeros((21, 1)))
     run(tmp_path)
     series = mujoco_flex.run(mechanism, case, "mujoco-flex", {"error": False}).series
     ours = series["torque/hub"].values

@@ -170,6 +170,9 @@ def test_ctrl_c_in_the_middle_leaves_a_report_a_history_that_is_whole_and_what_t
     # one run after the other: when the third is written, the first is known
     while clock.monotonic() < end and len(list(reports.glob("[0-9]*/series/*/*.npz"))) < 3:
         clock.sleep(0.05)
+    other = nightly()  # a second night meanwhile
+    assert other.exit_code == 2
+    assert f"a night is under way in {reports} since" in other.output
     run.send_signal(signal.SIGINT)
     _, printed = run.communicate(timeout=60.0)
     assert run.returncode == 2, printed

@@ -19,7 +19,7 @@ from crosscheck.isolation import Children
 from crosscheck.plan import Plan, case_row, discover
 from crosscheck.record import load
 from crosscheck.results import CaseRow, Results, RunRow, StudyRow
-from crosscheck.runner import Event, Options, run
+from crosscheck.runner import Event, Options, Work, run
 from flexinv.errors import InputError
 
 NAMES = ["flexinv", "pinocchio", "fine", "killed", "nan", "absent"]
@@ -143,7 +143,7 @@ def test_ctrl_c_leaves_a_row_for_everything(plan: Plan, tmp_path: Path, monkeypa
     monkeypatch.setenv("PYTHONPATH", str(Path(rogue.__file__).parent))
     absent = Engine("absent", "rogue_engines", "no_such_package", "never")
     engines = {"absent": absent, "fine": rogue.engine("fine"), "hanging": rogue.engine("hanging")}
-    results = run(plan, engines, (), Options(60.0, jobs=1), tmp_path / "out", stopping(1))
+    results = run(Work(plan, engines, (), Options(60.0, jobs=1)), tmp_path / "out", stopping(1))
     assert {r.engine for r in results.runs} == set(engines)
     assert {r.status for r in results.runs} == {"error"}
     assert (results.exit_code, results.finished) == (2, False)
@@ -155,7 +155,7 @@ def test_a_full_disk_becomes_a_row(plan: Plan, tmp_path: Path, monkeypatch: pyte
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("crosscheck.isolation.tempfile.TemporaryDirectory", full)
-    results = run(plan, {"pinocchio": ENGINES["pinocchio"]}, (), Options(60.0), tmp_path / "out")
+    results = run(Work(plan, {"pinocchio": ENGINES["pinocchio"]}, (), Options(60.0)), tmp_path / "out")
     assert "No space left on device" in results.runs[0].message
     assert results.exit_code == 2
 
@@ -165,7 +165,7 @@ def test_an_older_report_is_replaced_and_nothing_else_is_touched(plan: Plan, tmp
     (out / "series" / "old").mkdir(parents=True)
     (out / "mine.txt").write_text("keep me")
     absent = Engine("absent", "rogue_engines", "no_such_package", "never")
-    run(plan, {"absent": absent}, (), Options(60.0), out)
+    run(Work(plan, {"absent": absent}, (), Options(60.0)), out)
     assert not (out / "series" / "old").exists()
     assert (out / "mine.txt").read_text() == "keep me"
 

@@ -10,7 +10,7 @@ from typing import Any
 from crosscheck.bench.targets import summary
 from crosscheck.plan import Plan
 from crosscheck.results import Results
-from crosscheck.runner import Notify, Options, run
+from crosscheck.runner import Notify, Options, Work, run
 from crosscheck.studies import Study
 
 _QUICK_ARM = {"quick": True, "seconds": 1.0}
@@ -61,5 +61,5 @@ def measure(parts: tuple[Study, ...], timeout: float, out: Path, notify: Notify,
 
     They run one at a time: what runs beside it would be measured, too.
     """
-    results = run(Plan(()), {}, parts, Options(timeout, 1), out, notify, command)
+    results = run(Work(Plan(()), {}, parts, Options(timeout, 1)), out, notify, command)
     return replace(results, studies=(summary(results.studies), *results.studies))

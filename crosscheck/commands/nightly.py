@@ -71,19 +71,16 @@ def command(
     if latest_engines:
         with terminated():
             sys.exit(fresh.nightly(reports, fresh.without_flag(sys.argv[1:]), say))
-    engines = asked.among(ENGINES)
+    work = asked.work(ENGINES)
     night = Nightly(
-        plan=asked.plan,
-        engines=engines,
-        studies=asked.tables,
-        options=asked.options,
+        work=work,
         reports=reports,
         baseline=baseline or reports / "baseline",
         url=history or f"sqlite:///{reports / 'history.sqlite'}",
         against=against,
         label=label,
         command=shlex.join(["crosscheck", *sys.argv[1:]]),
-        whole=not asked.names and len(engines) == len(ENGINES),
+        whole=not asked.names and len(work.engines) == len(ENGINES),
         bench=bench_studies(asked.models) if bench else (),
     )
     try:

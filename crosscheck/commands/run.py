@@ -43,13 +43,13 @@ def command(asked: Asked, out: Path, baseline: Path | None) -> NoReturn:
       series/        all curves (NumPy .npz with a .json of names and units)
     """
     console = Console(stderr=True)
-    engines, studies, plan = asked.among(ENGINES), asked.tables, asked.plan
-    whole = not asked.names and len(engines) == len(ENGINES)
+    work = asked.work(ENGINES)
+    whole = not asked.names and len(work.engines) == len(ENGINES)
     try:
         known = blessed.find(baseline) if baseline is not None else None
-        options = replace(asked.options, baseline=known, whole=whole)
+        work = replace(work, options=replace(work.options, baseline=known, whole=whole))
         with terminated(), progress(console) as notify:
-            results = run(plan, engines, studies, options, out, notify, shlex.join(["crosscheck", *sys.argv[1:]]))
+            results = run(work, out, notify, shlex.join(["crosscheck", *sys.argv[1:]]))
     except (blessed.BaselineError, InputError) as error:
         raise Failure(str(error)) from error
     finish(console, results, out)

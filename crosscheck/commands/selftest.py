@@ -16,7 +16,7 @@ from crosscheck import results as store
 from crosscheck.plan import Plan
 from crosscheck.report import render
 from crosscheck.results import StudyRow
-from crosscheck.runner import RESULTS, Options, run
+from crosscheck.runner import RESULTS, Options, Work, run
 from crosscheck.selftest import BENCHES
 from crosscheck.studies.selftest import studies, summary
 from crosscheck.terminal import JOBS, MODELS, TIMEOUT, Failure, progress, terminated
@@ -45,7 +45,7 @@ def command(names: tuple[str, ...], models: Path, out: Path, jobs: int, timeout:
         raise Failure(f"no bench is called {unknown[0]!r}; known: {', '.join(dict.fromkeys(known))}")
     with terminated(), progress(Console(stderr=True)) as notify:
         line = shlex.join(["crosscheck", *sys.argv[1:]])
-        results = run(Plan(()), {}, studies(models, names), Options(timeout, jobs), out, notify, line)
+        results = run(Work(Plan(()), {}, studies(models, names), Options(timeout, jobs)), out, notify, line)
     whole = summary(results.studies)
     results = replace(results, studies=(whole, *results.studies))
     store.write(results, out / RESULTS)

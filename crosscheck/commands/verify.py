@@ -20,7 +20,7 @@ from crosscheck.report import render
 from crosscheck.report.reasons import sheets
 from crosscheck.report.words import sentence, short
 from crosscheck.results import Results, slug
-from crosscheck.runner import Options, run
+from crosscheck.runner import Options, Work, run
 from crosscheck.terminal import COLOURS, JOBS, MODELS, PATTERNS, TIMEOUT, Failure, chosen, plan_of, progress, terminated
 from flexinv.errors import FlexinvError, InputError
 
@@ -89,7 +89,7 @@ def _explain(console: Console, task: Task, folder: Path) -> None:
 def _compare(plan: Plan, wanted: dict, folder: Path, options: Options) -> Results:  # type: ignore[type-arg]
     quiet = Console(stderr=True)
     with terminated(), progress(quiet) as notify:
-        results = run(plan, wanted, (), options, folder, notify, shlex.join(["crosscheck", *sys.argv[1:]]))
+        results = run(Work(plan, wanted, (), options), folder, notify, shlex.join(["crosscheck", *sys.argv[1:]]))
     render(results, folder)
     return results
 

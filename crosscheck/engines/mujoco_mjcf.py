@@ -103,7 +103,7 @@ def _flex(model: Any, root: ET.Element, young: float) -> None:
         body.set("name", body.get("name", "").replace(" ", "_"))
     carriers = [model.body(k).name.replace(" ", "_") for k in model.flex_vertbodyid]
     where = {"vertex": text(model.flex_vert), "element": " ".join(map(str, model.flex_elem))}
-    told = {"name": model.flex(0).name, "dim": "1", "radius": text(model.flex_radius[0]), "body": " ".join(carriers)}
+    told = {"name": "rod", "dim": "1", "radius": text(model.flex_radius[0]), "body": " ".join(carriers)}
     flex = ET.SubElement(ET.SubElement(root, "deformable"), "flex", told | where)
     ET.SubElement(flex, "contact", contype="0", conaffinity="0")
     ET.SubElement(flex, "elasticity", young=text(young), poisson="0")
