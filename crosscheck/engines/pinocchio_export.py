@@ -31,10 +31,10 @@ def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder:
     Raises NotExported for beams and for joints that URDF does not have.
     """
     check_rigid(mechanism, engine)
+    text = urdf(mechanism)
     if (reason := adapter.unsupported(mechanism, case, engine)) is not None:
         raise NotExported(reason)
     time = sample_times(case)
-    text = urdf(mechanism)
     free = mechanism.joints[0].kind == "free"
     model = pin.buildModelFromXML(text, *([pin.JointModelFreeFlyer()] if free else []))
     q_order, v_order = _order(mechanism, model)
