@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from flexinv.files.mechanism_file import load_mechanism
     from flexinv.files.urdf import from_urdf
     from flexinv.forward import simulate
+    from flexinv.linear import LinearModel, linear_model
     from flexinv.mechanism import Mechanism
     from flexinv.modes import Modes, natural_modes
     from flexinv.motion import Motion
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from flexinv.scheme import solve
     from flexinv.solution import Solution
     from flexinv.torques import joint_torques
+    from flexinv.vibration import SteadyModes, steady_modes
 
 # Where each public name lives; it is imported when first used, so that a program that only reads a mechanism
 # does not wait for the compiler.
@@ -30,6 +32,7 @@ _HOME = {
     "ConvergenceError": "errors",
     "FlexinvError": "errors",
     "InputError": "errors",
+    "LinearModel": "linear",
     "Load": "rest",
     "Mechanism": "mechanism",
     "ModelWarning": "errors",
@@ -37,11 +40,13 @@ _HOME = {
     "Motion": "motion",
     "Regressor": "parameters",
     "Solution": "solution",
+    "SteadyModes": "vibration",
     "TorqueDerivatives": "derivatives",
     "TorqueFunction": "prepared",
     "base_parameters": "parameters",
     "from_urdf": "files.urdf",
     "joint_torques": "torques",
+    "linear_model": "linear",
     "load_mechanism": "files.mechanism_file",
     "natural_modes": "modes",
     "prepare": "prepared",
@@ -49,6 +54,7 @@ _HOME = {
     "solve": "scheme",
     "solve_many": "batch",
     "statics": "rest",
+    "steady_modes": "vibration",
     "torque_derivatives": "derivatives",
     "torque_regressor": "parameters",
 }
@@ -59,6 +65,7 @@ __all__ = [
     "ConvergenceError",
     "FlexinvError",
     "InputError",
+    "LinearModel",
     "Load",
     "Mechanism",
     "ModelWarning",
@@ -66,11 +73,13 @@ __all__ = [
     "Motion",
     "Regressor",
     "Solution",
+    "SteadyModes",
     "TorqueDerivatives",
     "TorqueFunction",
     "base_parameters",
     "from_urdf",
     "joint_torques",
+    "linear_model",
     "load_mechanism",
     "natural_modes",
     "prepare",
@@ -78,6 +87,7 @@ __all__ = [
     "solve",
     "solve_many",
     "statics",
+    "steady_modes",
     "torque_derivatives",
     "torque_regressor",
 ]

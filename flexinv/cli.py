@@ -24,6 +24,7 @@ from flexinv.modes import natural_modes
 from flexinv.plane import NotPlanar, find_plane
 from flexinv.scheme import solve as solve_motion
 from flexinv.solution import Solution
+from flexinv.vibration import steady_modes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -142,15 +143,26 @@ def info(model: Path) -> None:
 @click.option("--case", "name", help="Take the configuration at the start of this case; all joints at zero without it.")
 @click.option("--free", multiple=True, help="A joint that moves freely (may be repeated); all others are held.")
 @click.option("--count", type=click.IntRange(min=1), default=6, show_default=True, help="How many modes.")
-def modes(model: Path, name: str | None, free: tuple[str, ...], count: int) -> None:
+@click.option("--rate", multiple=True, metavar="JOINT=RAD_PER_S", help="A joint that turns steadily (may be repeated).")
+@click.option("--damped", is_flag=True, help="Damping counts: frequencies and damping ratios of the damped motions.")
+def modes(
+    model: Path, name: str | None, free: tuple[str, ...], count: int, rate: tuple[str, ...], damped: bool
+) -> None:
     """Show natural frequencies about the rest position: links that bend, joints that are free, loops that swing.
 
-    In a loop the joints without a drive are free, unless --free says which.
+    In a loop the joints without a drive are free, unless --free says which. With --rate the frequencies are those about a
+    steady rotation, stress, centrifugal and gyroscopic terms included.
     """
     mechanism, at = load_mechanism(model), None
     if name is not None:
         case = choose(load_cases(folder(model), mechanism), name, model)
         mechanism, at = case.meshed(mechanism), start_of(mechanism, case)
+    if rate or damped:
+        steady = steady_modes(mechanism, at, dict(rate_of(text) for text in rate), free or None, count)
+        columns = zip(range(1, count + 1), steady.frequency, steady.damping_ratio, steady.link, strict=False)
+        table = pd.DataFrame(columns, columns=["mode", "frequency [Hz]", "damping ratio", "moves most"])
+        click.echo(table.to_string(index=False, float_format=lambda x: f"{x:.6g}", na_rep="-"))
+        return
     found = natural_modes(mechanism, at, free or None, count)
     rows = zip(range(1, count + 1), found.frequency, np.sqrt(np.abs(found.squared)), found.link, strict=False)
     table = pd.DataFrame(rows, columns=["mode", "frequency [Hz]", "omega [rad/s]", "moves most"])
@@ -158,6 +170,15 @@ def modes(model: Path, name: str | None, free: tuple[str, ...], count: int) -> N
 
 
 app.add_command(parameters)
+
+
+def rate_of(text: str) -> tuple[str, float]:
+    """Return joint and rate [rad/s] of what stands behind --rate."""
+    joint, _, value = text.partition("=")
+    try:
+        return joint, float(value)
+    except ValueError:
+        raise InputError(f"--rate {text}: expected a joint and its rate in rad/s, for example --rate hub=80") from None
 
 
 def start_of(mechanism: Mechanism, case: Case | None) -> Array:

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import permutations
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +21,7 @@ from scipy.linalg import LinAlgError, cholesky, eigh
 
 from flexinv.compiled import jit
 from flexinv.errors import InputError
-from flexinv.integrate import STATICS
+from flexinv.integrate import STATICS, Scheme, advance, correct
 from flexinv.loops import closed_near
 from flexinv.march import CONVERGED, evaluate
 from flexinv.mechanism import Array, Mechanism
@@ -75,6 +76,13 @@ def linearise(t, e, border, c, s, j, f, d, loads, work):
     return evaluate(t, e, border, c, s, j, f, d, loads, work, True)
 
 
+@jit
+def settle(t, c, s, y):
+    """Move the unknowns s by Newton's increments y (unknowns,) [m], [rad], and start from there."""
+    correct(t, c, s, y)
+    advance(t, c, s)
+
+
 def natural_modes(
     mechanism: Mechanism, q: ArrayLike | None = None, free: Collection[str] | None = None, count: int | None = None
 ) -> Modes:
@@ -86,6 +94,24 @@ def natural_modes(
 
     Raises InputError for unknown joints and where nothing can move, ConvergenceError where no rest position is found.
     """
+    mesh, at, names = chosen(mechanism, q, free)
+    solver = Solver.of(mesh, set(names))
+    joints = rest(solver, at)
+    stiffness, mass = _linear(solver, joints)
+    squared, shapes = undamped(stiffness, mass, allowed_motions(solver))
+    last = len(squared) if count is None else count
+    moves = nodal_shapes(solver, shapes[:, :last])
+    place, turn = solver.frames.x.copy(), solver.frames.r.copy()
+    return Modes(mesh, at, names, squared[:last], moves[..., :3], moves[..., 3:], place, turn)
+
+
+def chosen(
+    mechanism: Mechanism, q: ArrayLike | None, free: Collection[str] | None
+) -> tuple[Mesh, Array, tuple[str, ...]]:
+    """Return the mesh, the configuration (nq,) [rad], [m], loops closed, and the names of the free joints that are asked for.
+
+    Raises InputError for unknown joints, a wrong q and where nothing can move.
+    """
     names = _free(mechanism, free)
     mesh = build(mechanism)
     at = mechanism.neutral if q is None else np.array(q, dtype=float)
@@ -93,19 +119,12 @@ def natural_modes(
         raise InputError(f"modes: q has shape {at.shape}, expected ({mechanism.nq},) finite numbers [rad], [m]")
     if mechanism.closures:
         at = closed_near(mesh, at)
-    solver = Solver.of(mesh, set(names))
-    if not len(solver.topology.scale):
+    if not names and mechanism.is_rigid:
         raise InputError(
             f"modes: nothing of '{mechanism.name}' can move: no link is a beam and no joint is free; "
             f"write free=[...] with names of {', '.join(j.name for j in mechanism.joints if j.nv) or 'joints'}"
         )
-    joints = _rest(solver, at)
-    stiffness, mass = _linear(solver, joints)
-    squared, shapes = _eigen(stiffness, mass, _allowed(solver))
-    last = len(squared) if count is None else count
-    moves = _nodal(solver, shapes[:, :last])
-    place, turn = solver.frames.x.copy(), solver.frames.r.copy()
-    return Modes(mesh, at, names, squared[:last], moves[..., :3], moves[..., 3:], place, turn)
+    return mesh, at, names
 
 
 def _free(mechanism: Mechanism, free: Collection[str] | None) -> tuple[str, ...]:
@@ -118,8 +137,8 @@ def _free(mechanism: Mechanism, free: Collection[str] | None) -> tuple[str, ...]
     return tuple(j.name for j in mechanism.joints if j.name in free)
 
 
-def _rest(solver: Solver, q: Array) -> Joints:
-    """Bring the solver to the rest position: of a tree with all joints held, of a loop with its free joints free."""
+def rest(solver: Solver, q: Array) -> Joints:
+    """Bring the solver to the rest position [m], [rad]: of a tree with all joints held, of a loop with its free joints free."""
     mesh, nothing = solver.mesh, np.zeros(solver.mesh.mechanism.nv)
     start_undeformed(solver, q, nothing, nothing)
     solver.load_at(0.0, q, nothing, nothing)
@@ -142,40 +161,41 @@ def _rest(solver: Solver, q: Array) -> Joints:
 
 def _load_ties(solver: Solver, joints: Joints) -> None:
     """Give the closures of a rigid mechanism the forces G^T lambda = r of least norm that hold it where it stands."""
-    ties, n = solver.border.ties, _constraints(solver)
-    _load_springs(solver, joints)
+    ties, n = solver.border.ties, constraints(solver)
+    load_springs(solver, joints)
     if n:
-        _evaluate(solver, joints)
+        evaluate_once(solver, joints)
         ties.multiplier[:n] = np.linalg.lstsq(-ties.sides[:n].T, solver.work.residual[0], rcond=REDUNDANT)[0]
 
 
-def _constraints(solver: Solver) -> int:
-    """Number of the border's rows that are constraints; springs follow."""
+def constraints(solver: Solver) -> int:
+    """Return the number [-] of the border's rows that are constraints; springs follow."""
     return int(solver.instant.multipliers.shape[1])
 
 
-def _load_springs(solver: Solver, joints: Joints) -> None:
-    """Give the springs between points the forces that they have where the mechanism stands."""
-    n = _constraints(solver)
-    _evaluate(solver, joints)
+def load_springs(solver: Solver, joints: Joints) -> None:
+    """Give the springs between points the forces that they have where the mechanism stands [N]."""
+    n = constraints(solver)
+    evaluate_once(solver, joints)
     solver.border.ties.multiplier[n:] += solver.border.ties.value[n:]
 
 
-def _evaluate(solver: Solver, joints: Joints) -> None:
+def evaluate_once(solver: Solver, joints: Joints, scheme: Scheme = STATICS) -> None:
+    """Evaluate residual [N], [N m] and linearisation of a solver at its present unknowns, as ``scheme`` varies them."""
     linearise(
-        solver.topology, solver.elements, solver.border, STATICS, solver.state, joints, solver.frames, solver.variation,
+        solver.topology, solver.elements, solver.border, scheme, solver.state, joints, solver.frames, solver.variation,
         solver.loads, solver.work,
     )  # fmt: skip
 
 
 def _linear(solver: Solver, joints: Joints) -> tuple[Array, Array]:
     """Stiffness and mass (unknowns, unknowns); the march's tangent leaves out part of what forces in closures do."""
-    ties, n = solver.border.ties, _constraints(solver)
-    _load_springs(solver, joints)
+    ties, n = solver.border.ties, constraints(solver)
+    load_springs(solver, joints)
     force = ties.multiplier.copy()
-    tied = _stiffness_of_ties(solver, joints)
+    tied = stiffness_of_ties(solver, joints)
     ties.multiplier[:n] = 0.0
-    _evaluate(solver, joints)
+    evaluate_once(solver, joints)
     ties.multiplier[:] = force
     sprung = (
         -ties.sides[n:].T @ ties.across[n:]
@@ -234,9 +254,9 @@ def _variation(solver: Solver, node: int) -> Array:
 STEP = 1e-3
 
 
-def _stiffness_of_ties(solver: Solver, joints: Joints) -> Array:
-    """-d(G^T lambda) / dy: what the forces in the closures add to the stiffness where something loads them."""
-    n = _constraints(solver)
+def stiffness_of_ties(solver: Solver, joints: Joints) -> Array:
+    """Return -d(G^T lambda) / dy [N/m], [N m]: what forces in closures add to the stiffness where something loads them."""
+    n = constraints(solver)
     size, force = len(solver.topology.scale), solver.border.ties.multiplier[:n].copy()
     k = np.zeros((size, size))
     if not np.any(force):
@@ -244,7 +264,7 @@ def _stiffness_of_ties(solver: Solver, joints: Joints) -> Array:
 
     def pull(unknown: int, step: float) -> Array:
         solver.state.d[unknown] = step * solver.topology.scale[unknown]
-        _evaluate(solver, joints)
+        evaluate_once(solver, joints)
         solver.state.d[unknown] = 0.0
         return np.asarray(solver.border.ties.sides[:n].T @ force)
 
@@ -254,9 +274,9 @@ def _stiffness_of_ties(solver: Solver, joints: Joints) -> Array:
     return k
 
 
-def _allowed(solver: Solver) -> Array:
-    """N (unknowns, freedoms): the motions that the closures allow, columns of unit length in scaled unknowns."""
-    g = solver.border.ties.sides[: _constraints(solver)] * solver.topology.scale
+def allowed_motions(solver: Solver) -> Array:
+    """Return N (unknowns, freedoms) [m], [rad]: the motions that closures allow, columns of unit length in scaled unknowns."""
+    g = solver.border.ties.sides[: constraints(solver)] * solver.topology.scale
     if not len(g):
         return np.diag(solver.topology.scale)
     _, values, right = np.linalg.svd(g)
@@ -264,7 +284,7 @@ def _allowed(solver: Solver) -> Array:
     return np.asarray(solver.topology.scale[:, None] * right[rank:].T)
 
 
-def _eigen(stiffness: Array, mass: Array, allowed: Array) -> tuple[Array, Array]:
+def undamped(stiffness: Array, mass: Array, allowed: Array) -> tuple[Array, Array]:
     """Return omega^2 (modes,) [1/s^2], rising, and shapes (unknowns, modes) with unit modal mass.
 
     1 / (omega^2 + shift) are eigenvalues of M by K + shift M, which is positive definite: so the low frequencies are the exact
@@ -294,9 +314,9 @@ def _definite(matrix: Array) -> bool:
     return bool((pivots > SOFT * np.abs(np.diag(matrix))).all())
 
 
-def _nodal(solver: Solver, shapes: Array) -> Array:
-    """Displacement and rotation of every node, (modes, nodes, 6)."""
-    out = np.zeros((shapes.shape[1], solver.mesh.size, 6))
+def nodal_shapes(solver: Solver, shapes: NDArray[Any]) -> NDArray[Any]:
+    """Return displacement [m] (world) and rotation [rad] (own frame) of every node, (modes, nodes, 6)."""
+    out = np.zeros((shapes.shape[1], solver.mesh.size, 6), dtype=shapes.dtype)
     for node in range(solver.mesh.size):
         out[:, node] = (_variation(solver, node) @ shapes[_columns(solver, node)]).T
     return out
