@@ -28,11 +28,11 @@ def solve_border(c, unit, y):
     rows = len(c.a)
     for i in range(rows):
         for j in range(rows):
-            c.border[i, j] = -_product(c.across[i], y[1 + j])
+            c.border[i, j] = -product(c.across[i], y[1 + j])
         c.border[i, i] -= c.give[i]
-        c.border[i, rows] = _product(c.across[i], y[0]) - c.value[i] / (unit if c.give[i] == 0.0 else 1.0)
+        c.border[i, rows] = product(c.across[i], y[0]) - c.value[i] / (unit if c.give[i] == 0.0 else 1.0)
         c.order[i] = i
-    _solve_pivoted(c, rows)
+    solve_pivoted(c, rows)
     for k in range(rows):
         c.multiplier[k] += c.step[k]
         for i in range(y.shape[1]):
@@ -40,7 +40,8 @@ def solve_border(c, unit, y):
 
 
 @jit_inner
-def _product(a, b):
+def product(a, b):
+    """Return a . b of two rows [any unit]."""
     total = 0.0
     for i in range(len(a)):
         total += a[i] * b[i]
@@ -48,8 +49,11 @@ def _product(a, b):
 
 
 @jit_inner
-def _solve_pivoted(c, rows):
-    """Gauss elimination of the border with complete pivoting; what adds nothing gets a zero step."""
+def solve_pivoted(c, rows):
+    """Solve c.border (rows, rows + 1) for c.step [N], [N m], with complete pivoting; what adds nothing gets a zero step.
+
+    Overwrites c.border and c.value; c.order : (rows,) 0, 1, ...
+    """
     m = c.border
     for k in range(rows):  # to a unit diagonal: closures of metres and of radians, stiff and soft, side by side
         c.step[k] = 1.0 / np.sqrt(abs(m[k, k])) if m[k, k] != 0.0 else 0.0

@@ -13,6 +13,7 @@ through the same sums along the tree as all nodal forces, G^T lambda = (L T) P_l
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from flexinv.inverse import NodalForces, plain
 from flexinv.mechanism import CLOSURES, COUPLED, WORLD, Array, Attachment, Closure, Mechanism
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
-from flexinv.rows import RowArrays, jacobians
+from flexinv.rows import RowArrays, jacobians, push_samples, residual_samples
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,7 @@ class Rows:
         return replace(self, **parts)
 
 
+@lru_cache(maxsize=64)
 def constraint_rows(mesh: Mesh) -> Rows:
     """Return the constraints of a mesh's closures [m], [-]."""
     table: list[tuple[int, bool, int, int, Array, Array, Array, Array]] = []
@@ -169,27 +171,6 @@ def attachment_node(mesh: Mesh, at: Attachment) -> int:
     return next(mesh.joint_node[j.name] for j in mesh.mechanism.joints if j.child == at.link)
 
 
-@dataclass(frozen=True)
-class _Sides:
-    """World vectors of all rows and their rates, (samples, rows, 3): frames A and B, their lever arms, u and w or d."""
-
-    arm_a: Array
-    arm_b: Array
-    u: Array
-    w: Array
-    u1: Array
-    w1: Array
-    u2: Array
-    w2: Array
-
-
-def _carried(rotation: Array, omega: Array, alpha: Array, vector: Array) -> tuple[Array, Array, Array]:
-    """A vector fixed in moving frames and its two rates, world axes: r, w x r, al x r + w x (w x r)."""
-    spin, spin_rate = np.cross(omega, vector), np.cross(alpha, vector)
-    stack = np.stack(np.broadcast_arrays(vector, spin, spin_rate + np.cross(omega, spin)))
-    return tuple(np.einsum("srij,ksrj->ksri", rotation, stack))
-
-
 def _at(motion: NodalMotion, nodes: NDArray[np.int64]) -> tuple[Array, ...]:
     """Motion of the rows' nodes; the world (-1) stands still."""
     fixed = (nodes < 0)[:, None]
@@ -198,50 +179,20 @@ def _at(motion: NodalMotion, nodes: NDArray[np.int64]) -> tuple[Array, ...]:
     return (*zero, rotation)
 
 
-def _sides(motion: NodalMotion, rows: Rows) -> _Sides:
-    xa, va, aa, wa, ala, ra = _at(motion, rows.a)
-    xb, vb, ab, wb, alb, rb = _at(motion, rows.b)
-    arm_a, arm_a1, arm_a2 = _carried(ra, wa, ala, rows.place_a)
-    arm_b, arm_b1, arm_b2 = _carried(rb, wb, alb, rows.place_b)
-    u, u1, u2 = _carried(ra, wa, ala, rows.u)
-    w, w1, w2 = _carried(rb, wb, alb, rows.w)
-    d = (xb + arm_b - xa - arm_a, vb + arm_b1 - va - arm_a1, ab + arm_b2 - aa - arm_a2)
-    pick = rows.direction[:, None]
-    return _Sides(arm_a, arm_b, u, np.where(pick, w, d[0]), u1, np.where(pick, w1, d[1]), u2, np.where(pick, w2, d[2]))
-
-
-def _dot(a: Array, b: Array) -> Array:
-    return np.asarray(np.einsum("sri,sri->sr", a, b))  # (sample, row)
-
-
 def residuals(motion: NodalMotion, rows: Rows) -> tuple[Array, Array, Array]:
     """Return phi [m], [-] and its two time derivatives, (samples, rows) each, for given nodal motion.
 
     phi'' = u''.w + 2 u'.w' + u.w''
     """
-    s = _sides(motion, rows)
-    return (
-        _dot(s.u, s.w),
-        _dot(s.u1, s.w) + _dot(s.u, s.w1),
-        _dot(s.u2, s.w) + 2 * _dot(s.u1, s.w1) + _dot(s.u, s.w2),
-    )
+    phi = np.empty((len(motion.x), len(rows), 3))
+    residual_samples(row_arrays(rows), *_world(motion), phi)
+    return phi[:, :, 0], phi[:, :, 1], phi[:, :, 2]
 
 
 def row_forces(motion: NodalMotion, rows: Rows, multipliers: Array) -> NodalForces:
     """Return the nodal forces [N] and moments [N m] (world, about the nodes) of multipliers (samples, rows) [N], [N m]."""
-    s = _sides(motion, rows)
     force, moment = np.zeros_like(motion.x), np.zeros_like(motion.x)
-    push = np.where(rows.direction[:, None], 0.0, s.u)
-    on_b = np.where(rows.direction[:, None], np.cross(s.w, s.u), np.cross(s.arm_b, s.u))
-    on_a = np.cross(s.u, s.w) - np.where(rows.direction[:, None], 0.0, np.cross(s.arm_a, s.u))
-    for k in range(len(rows)):
-        size = multipliers[:, k, None]
-        if rows.b[k] >= 0:
-            force[:, rows.b[k]] += size * push[:, k]
-            moment[:, rows.b[k]] += size * on_b[:, k]
-        if rows.a[k] >= 0:
-            force[:, rows.a[k]] -= size * push[:, k]
-            moment[:, rows.a[k]] += size * on_a[:, k]
+    push_samples(row_arrays(rows), *_world(motion), plain(multipliers), force, moment)
     return NodalForces(force, moment)
 
 
@@ -251,9 +202,13 @@ def constraint_jacobian(mesh: Mesh, motion: NodalMotion, rows: Rows) -> Array:
     if count == 0:
         return np.empty((samples, 0, mesh.mechanism.nv))
     g = np.empty((samples, count, mesh.mechanism.nv))
-    world = (motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha)
-    jacobians(nodes_of(mesh), row_arrays(rows), *(plain(part) for part in world), g)
+    jacobians(nodes_of(mesh), row_arrays(rows), *_world(motion), g)
     return g
+
+
+def _world(motion: NodalMotion) -> tuple[Array, ...]:
+    """Motion of the nodes as kernels take it: `tree.Frames` of all samples."""
+    return tuple(plain(part) for part in (motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha))
 
 
 def nodes_of(mesh: Mesh) -> Nodes:

@@ -60,7 +60,7 @@ def flexible_motion(
     """
     solver = Solver.of(mesh, passive or set())
     plane = find_plane(mesh)
-    flat = None if isinstance(plane, NotPlanar) or efforts is not None else PlanarMarch.of(mesh, solver.topology, plane)
+    flat = None if isinstance(plane, NotPlanar) or efforts is not None else PlanarMarch.of(mesh, passive or set())
     solver.efforts = efforts
     out = Trajectory.empty(len(time[::every]), mesh, solver.instant.multipliers.shape[1])
     switches = {} if switching is None else switching.samples
@@ -71,19 +71,20 @@ def flexible_motion(
     start, chunk = 1, CHUNK if flat is None else PLANAR_CHUNK
     for stop in sorted({*stops, *switches, len(time) - 1}):
         if flat is not None:
-            flat.take(solver.state)
+            flat.take(solver.state, solver.border.ties)
         for first in range(start, stop + 1, chunk):
             last = min(first + chunk, stop + 1)
             _march(solver, flat, before, time[first:last], scheme, out, np.arange(first, last), every)
             if progress is not None:
                 progress(last - first)
-        if switching is not None and stop in switches:
+        switched = switching is not None and stop in switches
+        if flat is not None and (switched or stop in stops):
+            flat.give(solver.state, solver.border.ties)
+        if switching is not None and switched:
             q, qd, qdd = (part[0] for part in after(time[stop : stop + 1]))
             solver.load_at(float(time[stop]), q, qd, qdd)
             switching.switch(solver, switches[stop], instant(mesh, q, qd, qdd), qd, float(time[stop]), out)
         elif stop in stops:
-            if flat is not None:
-                flat.give(solver.state)
             _restart(solver, after, time, stop, out, every)
         start = stop + 1
     return out
@@ -123,7 +124,7 @@ def _march(
     if flat is not None:
         m = out.motion
         written = Histories(
-            m.x, m.rotation, m.v, m.omega, m.a, m.alpha, out.wrench, out.internal, out.energy, out.iterations
+            m.x, m.rotation, m.v, m.omega, m.a, m.alpha, out.wrench, out.internal, out.energy, out.multipliers, out.iterations
         )  # fmt: skip
         status, sample, count, size = flat.march(scheme, q, qd, qdd, row, written)
     else:

@@ -1,36 +1,27 @@
-"""The planar march's arrays, made from those of the spatial solver, whose state it takes over and gives back."""
+"""The planar march's arrays; the spatial solver's state is where it starts, and gets what it has come to."""
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 
 from flexinv.assemble import State
+from flexinv.closures import Rows, constraint_rows
 from flexinv.integrate import Scheme
 from flexinv.mechanism import Array
-from flexinv.mesh import CONTINUOUS, PRISMATIC, REVOLUTE, Mesh
-from flexinv.planar_beam import (
-    AXIAL,
-    BENDING,
-    BLOCK,
-    CONSTANTS,
-    CURVATURE,
-    LANES,
-    SHEAR,
-    STRAIN1,
-    STRAIN2,
-    WEIGHT,
-    PlanarElements,
-)
-from flexinv.planar_march import Embedding, Histories, PlanarWork, planar_march
+from flexinv.mesh import CONTINUOUS, PRISMATIC, Mesh
+from flexinv.planar_beam import BLOCK, CONSTANTS
+from flexinv.planar_march import Histories, PlanarWork, planar_march
+from flexinv.planar_model import PlanarModel, planar_model
 from flexinv.planar_solve import PlanarFactors
+from flexinv.planar_ties import PlanarTies
 from flexinv.planar_tree import PlanarFrames, PlanarState, PlanarTree
-from flexinv.plane import Plane
+from flexinv.plane import Plane, seen, tied_in
 from flexinv.rotations import about_axis, log_so3
-from flexinv.system import Indices, Topology
-
-QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # J, a quarter turn about the normal
+from flexinv.system import Indices
+from flexinv.ties import Ties
 
 
 @dataclass(frozen=True)
@@ -38,72 +29,73 @@ class PlanarMarch:
     """A mechanism in a plane, ready to march; what the spatial solver has solved is where it starts."""
 
     mesh: Mesh
-    topology: Topology
-    plane: Plane
-    tree: PlanarTree
-    elements: PlanarElements
-    space: Embedding
+    model: PlanarModel
     state: PlanarState
     frames: PlanarFrames
     factors: PlanarFactors
     work: PlanarWork
+    ties: PlanarTies
 
     @classmethod
-    def of(cls, mesh: Mesh, topology: Topology, plane: Plane) -> PlanarMarch:
-        """Return the arrays of a mesh that lies in ``plane``, with the unknowns of ``topology``."""
-        tree, elements = _tree(mesh, topology, plane), _elements(mesh, plane)
-        unknowns, widest = len(tree.scale), max(int(tree.size.max(initial=0)), 1)
+    def of(cls, mesh: Mesh, passive: Collection[str]) -> PlanarMarch:
+        """Return the arrays of a mesh that lies in a plane, whose joints named in ``passive`` are free."""
+        m = planar_model(mesh, frozenset(passive))
+        unknowns, widest = len(m.tree.scale), max(int(m.tree.size.max(initial=0)), 1)
         vectors, variations = (mesh.size, 3), (mesh.size, widest, 3)
-        shapes = (
-            vectors,
-            vectors,
-            vectors,
-            vectors,
-            (mesh.size, 4),
-            variations,
-            variations,
-            variations,
-            vectors,
-            variations,
-        )
-        state = PlanarState(np.zeros(vectors), *(np.zeros(unknowns) for _ in range(7)))
+        shapes = (*(vectors,) * 4, (mesh.size, 4), *(variations,) * 3, vectors, variations)
+        state = PlanarState(np.zeros(vectors), *(np.zeros(unknowns) for _ in range(8)))
         count = mesh.elements.nodes.shape[1]
         work = PlanarWork(
-            points=np.zeros(len(elements.constants) // int(CONSTANTS) * int(BLOCK)), u=np.zeros((max(count, 1), 3)),
+            points=np.zeros(len(m.elements.constants) // int(CONSTANTS) * int(BLOCK)), u=np.zeros((max(count, 1), 3)),
             felt=np.zeros((*mesh.elements.nodes.shape, 3)), residual=np.zeros(unknowns), y=np.zeros(unknowns),
         )  # fmt: skip
         frames = PlanarFrames(*(np.zeros(shape) for shape in shapes))
-        space = _embedding(mesh, plane)
-        return cls(mesh, topology, plane, tree, elements, space, state, frames, _factors(tree, elements), work)
+        ties = _ties(constraint_rows(mesh), m.plane, m.tree)
+        return cls(mesh, m, state, frames, _factors(m), work, ties)
 
-    def take(self, s: State) -> None:
-        """Begin where the spatial solver stands [m, rad, s]."""
-        here = self.state
-        for n in range(self.mesh.size):
-            if self.tree.independent[n]:
-                here.start[n, :2] = self.plane.axes.T[:2] @ s.x[n]
-                here.start[n, 2] = self._angle(n, s.r[n])
-            elif self.tree.column[n] >= 0:
-                here.start[n, 0] = self._coordinate(n, s)
-        pick = self._planar_of_spatial()
+    def take(self, s: State, ties: Ties) -> None:
+        """Begin where the spatial solver stands, with the closures that act there [m, rad, s, N]."""
+        own = self.ties
+        own.acting[:], own.multiplier[:] = ties.acting[own.row], ties.multiplier[own.row]
+        if len(own.row):
+            for here, node, vectors in (
+                (own.place_a, own.a, ties.place_a),
+                (own.place_b, own.b, ties.place_b),
+                (own.u, own.a, ties.u),
+                (own.w, own.b, ties.w),
+            ):
+                here[:] = seen(self.model.plane, node, vectors[own.row])[:, :2]
+        self._take(s)
+
+    def _take(self, s: State) -> None:
+        here, m = self.state, self.model
+        free = np.flatnonzero(m.tree.independent)
+        turned = np.einsum("ji,njk,nlk->nil", m.plane.axes, s.r[free], m.plane.frames[free])  # axes^T R frames^T
+        here.start[free, :2] = s.x[free] @ m.plane.axes[:, :2]
+        here.start[free, 2] = np.arctan2(turned[:, 1, 0] - turned[:, 0, 1], turned[:, 0, 0] + turned[:, 1, 1])
+        for n in np.flatnonzero(~m.tree.independent & (m.tree.column >= 0)):
+            here.start[n, 0] = self._coordinate(int(n), s)
+        pick = self.model.pick
         for name in ("u", "du", "pseudo", "u0", "du0"):
             getattr(here, name)[:] = pick @ getattr(s, name)
         here.d[:] = 0.0
         here.trend[:] = 0.0
+        here.bend[:] = 0.0
 
-    def give(self, s: State) -> None:
-        """Put the spatial solver where this march has come to [m, rad, s]."""
-        here, axes = self.state, self.plane.axes
+    def give(self, s: State, ties: Ties) -> None:
+        """Put the spatial solver where this march has come to [m, rad, s, N]."""
+        ties.multiplier[self.ties.row] = self.ties.multiplier
+        here, axes = self.state, self.model.plane.axes
         for n in range(self.mesh.size):
-            if self.tree.independent[n]:
-                s.x[n] = axes @ np.append(here.start[n, :2], self.plane.height)
+            if self.model.tree.independent[n]:
+                s.x[n] = axes @ np.append(here.start[n, :2], self.model.plane.height)
                 s.r[n] = self._rotation(n, here.start[n, 2])
-            elif self.tree.column[n] >= 0:
+            elif self.model.tree.column[n] >= 0:
                 q, placed = here.start[n, 0], self.mesh.rotation[n]
                 turning = self.mesh.kind[n] != PRISMATIC
                 s.x[n] = self.mesh.offset[n] if turning else self.mesh.offset[n] + q * placed @ self.mesh.axis[n]
                 s.r[n] = placed @ about_axis(self.mesh.axis[n], np.array([q]))[0] if turning else placed
-        pick = self._planar_of_spatial()
+        pick = self.model.pick
         for name in ("u", "du", "pseudo", "u0", "du0"):
             getattr(s, name)[:] = pick.T @ getattr(here, name)
         s.d[:] = 0.0
@@ -115,15 +107,17 @@ class PlanarMarch:
 
         Return status, steps done, iterations or element, last relative increment [-].
         """
-        given = np.empty((len(q), int((self.tree.given >= 0).sum()), 3))
-        for n in np.flatnonzero(self.tree.given >= 0):
-            own, at, v = given[:, self.tree.given[n]], self.mesh.q_index[n], self.mesh.v_index[n]
+        m = self.model
+        given = np.empty((len(q), int((m.tree.given >= 0).sum()), 3))
+        for n in np.flatnonzero(m.tree.given >= 0):
+            own, at, v = given[:, m.tree.given[n]], self.mesh.q_index[n], self.mesh.v_index[n]
             own[:, 0] = np.arctan2(q[:, at + 1], q[:, at]) if self.mesh.kind[n] == CONTINUOUS else q[:, at]
             own[:, 1], own[:, 2] = qd[:, v], qdd[:, v]
         status, step, count, size = planar_march(
-            self.tree,
-            self.elements,
-            self.space,
+            m.tree,
+            m.elements,
+            self.ties,
+            m.space,
             scheme,
             self.state,
             self.frames,
@@ -135,12 +129,8 @@ class PlanarMarch:
         )
         return int(status), int(step), int(count), float(size)
 
-    def _angle(self, n: int, rotation: Array) -> float:
-        turned = self.plane.axes.T @ rotation @ self.plane.frames[n].T
-        return float(np.arctan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1]))
-
     def _rotation(self, n: int, angle: float) -> Array:
-        space = self.space
+        space = self.model.space
         return np.asarray(np.cos(angle) * space.across[n] + np.sin(angle) * space.along[n] + space.normal[n])
 
     def _coordinate(self, n: int, s: State) -> float:
@@ -149,102 +139,40 @@ class PlanarMarch:
             return float(axis @ placed.T @ (s.x[n] - self.mesh.offset[n]))
         return float(axis @ log_so3(placed.T @ s.r[n]))
 
-    def _planar_of_spatial(self) -> Array:
-        """(planar unknowns, spatial unknowns): components along the plane's axes, turns about its normal."""
-        t, plane = self.topology, self.tree
-        pick = np.zeros((len(plane.scale), len(t.scale)))
-        for n in range(self.mesh.size):
-            here, there = int(plane.offset[plane.block[n]]), int(t.offset[t.block[n]])
-            if plane.independent[n]:
-                pick[here : here + 2, there : there + 3] = self.plane.axes.T[:2]
-                pick[here + 2, there + 3 : there + 6] = self.space.axle[n]
-            elif plane.column[n] >= 0:
-                pick[here + plane.column[n], there + t.column[n]] = 1.0
-        return pick
 
-
-def _tree(mesh: Mesh, t: Topology, plane: Plane) -> PlanarTree:
-    frames, moves = plane.frames, mesh.v_index >= 0
-    size = np.where(np.arange(len(t.size)) > 0, t.size - 3, t.size)  # three freedoms of a node instead of six
-    passive = t.freedoms > 0
-    turning = np.isin(mesh.kind, (REVOLUTE, CONTINUOUS))
-    sliding = mesh.kind == PRISMATIC
-    before = [plane.axes.T if m < 0 else frames[m] for m in mesh.parent]
-    offset_p = np.array([frame @ offset for frame, offset in zip(before, mesh.offset, strict=True)]).reshape(-1, 3)
-    axis = np.einsum("nij,nj->ni", frames, mesh.axis)  # (node, xyz), in the plane's axes
-    scale = np.ones(int(size.sum()))
-    offset = np.concatenate([[0], np.cumsum(size)[:-1]]).astype(np.int64)
-    column = np.where(passive, t.column - 3 * (t.block > 0), -1)
-    for n in range(mesh.size):
-        first = offset[t.block[n]]
-        if t.independent[n]:
-            scale[first : first + 2] = mesh.length
-        elif passive[n] and sliding[n]:
-            scale[first + column[n]] = mesh.length
-    driven = moves & ~passive
-    return PlanarTree(
-        parent=mesh.parent, block=t.block, independent=t.independent, size=size, offset=offset, scale=scale,
-        given=np.where(driven, np.cumsum(driven) - 1, -1), column=column,
-        turn=np.where(turning, np.sign(axis[:, 2]), 0.0), slide=np.where(sliding[:, None], axis[:, :2], 0.0),
-        offset_p=np.ascontiguousarray(offset_p[:, :2]), shifted=sliding | offset_p[:, :2].any(axis=1),
-        mass=mesh.mass, inertia=np.einsum("ni,nij,nj->n", frames[:, 2], mesh.inertia, frames[:, 2]),
-        gravity=plane.axes.T[:2] @ mesh.mechanism.gravity, rotor=t.rotor, damping=t.damping, friction=t.friction,
+def _ties(rows: Rows, plane: Plane, t: PlanarTree) -> PlanarTies:
+    """The constraints that say something in the plane; `PlanarMarch.take` sets what may change while they act."""
+    row = np.flatnonzero(tied_in(plane, rows)).astype(np.int64)
+    a, b, n, unknowns = rows.a[row], rows.b[row], len(row), len(t.scale)
+    members = [np.flatnonzero(t.block == block) for block in range(len(t.size))]
+    alone = [
+        len(nodes) == 1 and t.size[block] == 3 and not np.isin(nodes, (a, b)).any()
+        for block, nodes in enumerate(members)
+    ]
+    blocks = [block for block in range(len(t.size)) if t.size[block] > 0 and not alone[block]]
+    single = np.array([members[block][0] for block in range(len(t.size)) if alone[block]], dtype=np.int64)
+    members = [members[block] for block in blocks]
+    table = np.full((len(blocks), max((len(m) for m in members), default=0)), -1, dtype=np.int64)
+    for own, nodes in zip(table, members, strict=True):
+        own[: len(nodes)] = nodes
+    widest = max(int(t.size.max(initial=0)), 1)
+    return PlanarTies(
+        row=row, direction=rows.direction[row], acting=np.ones(n, dtype=bool), a=a, b=b,
+        place_a=np.zeros((n, 2)), place_b=np.zeros((n, 2)), u=np.zeros((n, 2)), w=np.zeros((n, 2)),
+        multiplier=np.zeros(n), value=np.zeros(n), gradient=np.zeros((n, 6)), sides=np.zeros((n, unknowns)),
+        moved=np.zeros((n, unknowns)), flexibility=np.zeros((n, n)), line=np.zeros(unknowns), border=np.zeros((n, n + 1)),
+        order=np.zeros(n, dtype=np.int64), step=np.zeros(n), single=single,
+        block=np.array(blocks, dtype=np.int64), member=table,
+        mass=np.zeros((widest, widest)), kept=np.zeros(n), accelerations=np.zeros(unknowns),
     )  # fmt: skip
 
 
-def _elements(mesh: Mesh, plane: Plane) -> PlanarElements:
-    e = mesh.elements
-    elements, count = e.nodes.shape
-    points = max(count - 1, 0)
-    bend, heading = np.zeros((elements, count)), np.zeros(elements)
-    constants = np.zeros((-(-elements * points // LANES), 7, LANES))
-    for k, nodes in enumerate(e.nodes):
-        frames = plane.frames[nodes[: e.order[k] + 1]]
-        heading[k] = np.arctan2(frames[0, 1, 0], frames[0, 0, 0])
-        relative = np.einsum("ji,njk->nik", frames[0], frames)  # (node, 3, 3), R_0^T R_i
-        bend[k, : len(frames)] = log_so3(relative) @ frames[0, 2]
-        axle, side = frames[0, 2], frames[0].T @ QUARTER @ frames[0][:, 0]
-        for g in range(e.order[k]):
-            block, lane = divmod(k * points + g, LANES)
-            stiffness = e.stiffness[k, g, 0], side**2 @ e.stiffness[k, g, :3], axle**2 @ e.stiffness[k, g, 3:]
-            strains = e.gamma0[k, g, 0], side @ e.gamma0[k, g], axle @ e.kappa0[k, g]
-            rows = [int(r) // LANES for r in (AXIAL, SHEAR, BENDING, WEIGHT, STRAIN1, STRAIN2, CURVATURE)]
-            constants[block, rows, lane] = *stiffness, e.weight[k, g], *strains
-    return PlanarElements(e.order, e.nodes, e.shape, e.slope, bend, heading, np.uint64(LANES), constants.reshape(-1))
-
-
-def _embedding(mesh: Mesh, plane: Plane) -> Embedding:
-    axes, frames = plane.axes, plane.frames
-    upright = np.diag([0.0, 0.0, 1.0])
-    side = np.zeros((len(mesh.elements.order), 3))
-    for k, nodes in enumerate(mesh.elements.nodes):
-        side[k] = frames[nodes[0]].T @ QUARTER @ frames[nodes[0]][:, 0]
-    across, along, normal = (
-        np.ascontiguousarray(axes @ part @ frames) for part in (np.eye(3) - upright, QUARTER, upright)
-    )
-    return Embedding(axes, plane.height, across, along, normal, np.ascontiguousarray(frames[:, 2]), side)
-
-
-def _factors(t: PlanarTree, e: PlanarElements) -> PlanarFactors:
-    elements, count = e.nodes.shape
-    widest = max(int(t.size.max(initial=0)), 1)
-    row = np.zeros((elements, count, widest), dtype=np.int64)
-    numbers = []
-    for k in range(elements):
-        order, extra, own = int(e.order[k]), 3 * int(e.order[k]), {}
-        for i, n in enumerate(e.nodes[k, 1 : order + 1]):
-            block = t.block[n]
-            for j in range(t.size[block]):
-                row[k, i + 1, j] = j * order + i if j < 3 else extra
-                extra += j >= 3
-                own[int(row[k, i + 1, j])] = int(t.offset[block] + j)
-        numbers.append([own[r] for r in range(extra)])
-    most = max((len(own) for own in numbers), default=0)
-    table = np.array([own + [0] * (most - len(own)) for own in numbers], dtype=np.int64).reshape(elements, most)
+def _factors(m: PlanarModel) -> PlanarFactors:
+    rows, row, own = m.place
+    elements, most = own.shape
+    widest = max(int(m.tree.size.max(initial=0)), 1)
     return PlanarFactors(
-        rows=np.array([len(own) for own in numbers], dtype=np.int64), row=row, own=table,
-        inverse=np.zeros((elements, most, most)), to_root=np.zeros((elements, 3, most)),
-        b=np.zeros((elements, widest, most)), x=np.zeros((elements, widest, most)),
-        root=np.zeros((widest, widest)), diagonal=np.zeros((len(t.size), widest, widest)),
-        line=np.zeros((2, max(most, widest, 1))),
+        rows=rows, row=row, own=own, inverse=np.zeros((elements, most, most)), to_root=np.zeros((elements, 3, most)),
+        b=np.zeros((elements, widest, most)), x=np.zeros((elements, widest, most)), root=np.zeros((widest, widest)),
+        diagonal=np.zeros((len(m.tree.size), widest, widest)), line=np.zeros((2, max(most, widest, 1))),
     )  # fmt: skip

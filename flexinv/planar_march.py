@@ -1,4 +1,4 @@
-"""The march in a plane: time steps of generalized-alpha with a linearisation that is kept while it serves (compiled).
+"""The march in a plane: time steps of generalized-alpha, one linearisation for all iterations of a step (compiled).
 
 The same scheme, equations and accuracy as `march`; in the plane positions and angles are a vector space, x_(n+1) = x_n + d.
 """
@@ -17,6 +17,17 @@ from flexinv.march import CONVERGED, MOST_ITERATIONS, NOT_CONVERGED, NOT_FINITE,
 from flexinv.mechanism import Array
 from flexinv.planar_beam import N1, N2, M, add_forces, energy, interpolate, point, point_gradients, point_hessians
 from flexinv.planar_solve import factorise, put_stiffness, solve
+from flexinv.planar_ties import (
+    add_ties,
+    any_acts,
+    factorise_ties,
+    keep,
+    restore,
+    return_to,
+    settle,
+    solve_ties,
+    tie_rows,
+)
 from flexinv.planar_tree import (
     gather,
     gather_variations,
@@ -27,14 +38,16 @@ from flexinv.planar_tree import (
     vary_independent,
 )
 
-# When the iterations of a step end.  A fresh linearisation leaves the square of an increment, times 1e3 or so where axial
-# stiffness meets bending: after FRESH that is 1e-17.  A kept one leaves SLOW times it or less: after KEPT that is 1e-16.
-FRESH = 1e-10
-KEPT = 5e-15
-# A linearisation that shrinks increments by less than SLOW is made anew: that costs about as much as three iterations.  It
-# serves the next step too if it has shrunk them to QUICK in this one.
-SLOW = 0.02
-QUICK = 1e-4
+# Newton stops when what an iteration leaves is below LEFT: its increment times what it shrank the one before to (and no less
+# than SURE of it).  A fresh linearisation leaves the square of its increment, times 1e3 or so where axial stiffness meets
+# bending: below FRESH that is LEFT.  Increments below ROUNDING say nothing more.
+LEFT = 1e-18
+SURE = 1e-6
+FRESH = 3e-11
+ROUNDING = 5e-15
+# A linearisation serves all iterations of a step, unless it shrinks an increment by less than SLOW: a new one costs as much as
+# two iterations or three.  (That of the step before, even turned with the mechanism, costs two iterations more: dearer.)
+SLOW = 0.01
 
 
 class PlanarWork(NamedTuple):
@@ -65,7 +78,10 @@ class Embedding(NamedTuple):
 
 
 class Histories(NamedTuple):
-    """Where the samples are written (`kinematics.Trajectory`): x, r, v, w, a, al, wrench, internal, energy, iterations."""
+    """Where the samples are written (`solver.Trajectory`).
+
+    x, r, v, w, a, al, wrench, internal, energy, multipliers, iterations
+    """
 
     x: Array
     r: Array
@@ -76,23 +92,32 @@ class Histories(NamedTuple):
     wrench: Array
     internal: Array
     energy: Array
+    multipliers: Array
     iterations: NDArray[np.int64]
 
 
 @jit_inner
-def evaluate(t, e, s, given, f, q, w):
+def evaluate(t, e, k, s, given, f, q, w):
     """Evaluate the residual [N], [N m] at the present unknowns; return the largest turn [rad] in an element, and which."""
     place(t, s, given, f)
-    node_wrenches(t, f)
+    tie_rows(k, f, False)
     largest, worst = interpolate(e, f.pose, w.u, w.points)
     point_gradients(e, w.points)
-    add_forces(e, f.pose, w.points, f.wrench, w.felt)
-    gather(t, s, f, w.residual)
+    add_up(t, e, k, s, f, w)
     return largest, worst
 
 
 @jit_inner
-def linearise(t, e, c, s, f, q, w):
+def add_up(t, e, k, s, f, w):
+    """Sum the wrenches of inertia, closures and elements to the residual [N], [N m]."""
+    node_wrenches(t, f)
+    add_ties(k, f.wrench)
+    add_forces(e, f.pose, w.points, f.wrench, w.felt)
+    gather(t, s, f, w.residual)
+
+
+@jit_inner
+def linearise(t, e, k, c, s, f, q, w):
     """Make and eliminate the linearisation at the state that `evaluate` has seen last [N/m], [N], [N m]."""
     vary(t, f, c.cv, c.ca)
     node_wrench_variations(t, f)
@@ -100,49 +125,51 @@ def linearise(t, e, c, s, f, q, w):
     put_stiffness(t, e, w.points, f, q)
     gather_variations(t, s, f, q.diagonal, c.cv, c.ca)
     factorise(t, e, f, q)
+    factorise_ties(t, e, k, f, q)
 
 
 @jit_inner
-def newton(t, e, c, s, given, f, q, w, slowest):
-    """Solve one step; return status, iterations (or the bad element), last relative increment [-], and the slowest shrinking.
+def newton(t, e, k, c, s, given, f, q, w, slow):
+    """Solve one step; return status, iterations (or the bad element), last relative increment [-].
 
-    slowest : that of the step before [-], which decides whether its linearisation is kept
+    slow : shrinking of an increment [-] from which on the linearisation is made anew, 0 for every time
     """
-    size, before, fresh, last = 0.0, 0.0, slowest > QUICK, False
-    slowest = 0.0
+    size, fresh, last = 0.0, True, False
     for iteration in range(MOST_ITERATIONS + 1):
-        turned, worst = evaluate(t, e, s, given, f, q, w)
+        turned, worst = evaluate(t, e, k, s, given, f, q, w)
         if not turned <= LARGEST_TURN:
-            return TURNED_TOO_MUCH, worst, size, slowest
+            return TURNED_TOO_MUCH, worst, size
         if last or len(w.y) == 0:
-            return CONVERGED, iteration, size, slowest
+            return CONVERGED, iteration, size
         if fresh:
-            linearise(t, e, c, s, f, q, w)
+            linearise(t, e, k, c, s, f, q, w)
         solve(t, e, q, w.residual, w.y)
+        solve_ties(k, w.y)
         before, size = size, largest_increment(w.y, t.scale)
         if not np.isfinite(size):
-            return NOT_FINITE, iteration, size, slowest
-        for k in range(len(w.y)):
-            s.d[k] += w.y[k]
-            s.u[k] += c.cv * w.y[k]
-            s.du[k] += c.ca * w.y[k]
-        last = size < (FRESH if fresh else KEPT)
-        shrunk = size / before if iteration > 0 and not last else 0.0
-        slowest, fresh = max(slowest, shrunk), shrunk > SLOW
-    return NOT_CONVERGED, MOST_ITERATIONS, size, slowest
+            return NOT_FINITE, iteration, size
+        for i in range(len(w.y)):
+            s.d[i] += w.y[i]
+            s.u[i] += c.cv * w.y[i]
+            s.du[i] += c.ca * w.y[i]
+        shrunk = size / before if iteration > 0 else 1.0
+        last = size < (FRESH if fresh else ROUNDING) or size * max(shrunk, SURE) < LEFT
+        fresh = shrunk > slow if iteration > 0 else slow == 0.0
+    return NOT_CONVERGED, MOST_ITERATIONS, size
 
 
 @jit_inner
-def start(c, s):
-    """Start a step where the auxiliary accelerations go on changing as they did in the last [m, rad, s]."""
+def start(c, s, order):
+    """Start a step where the auxiliary accelerations go on as a parabola (2), a line (1) or as they are (0) [m, rad, s]."""
     for k in range(len(s.d)):
-        s.d[k] = c.h * s.u0[k] + c.h * c.h * (0.5 * s.pseudo[k] + c.beta * s.trend[k])
+        change = (s.trend[k] if order > 0 else 0.0) + (s.bend[k] if order > 1 else 0.0)
+        s.d[k] = c.h * s.u0[k] + c.h * c.h * (0.5 * s.pseudo[k] + c.beta * change)
     follow(c, s)
 
 
 @jit_inner
 def advance(t, c, s):
-    """Finish a step: its end becomes the start of the next [m, rad, s]."""
+    """Finish a step: its end becomes the start of the next [m, rad, s]; return the order that would have served best."""
     for n in range(len(t.parent)):
         o = t.offset[t.block[n]]
         if t.independent[n]:
@@ -150,36 +177,58 @@ def advance(t, c, s):
                 s.start[n, i] += s.d[o + i]
         elif t.column[n] >= 0:
             s.start[n, 0] += s.d[o + t.column[n]]
+    still, line, parabola = 0.0, 0.0, 0.0
     for k in range(len(s.d)):
         pseudo = pseudo_acceleration(c, s, k)
-        s.trend[k] = pseudo - s.pseudo[k]
+        trend = pseudo - s.pseudo[k]
+        bend = trend - s.trend[k]
+        still, line = still + abs(trend) / t.scale[k], line + abs(bend) / t.scale[k]
+        parabola += abs(bend - s.bend[k]) / t.scale[k]
+        s.trend[k], s.bend[k] = trend, bend
         s.pseudo[k], s.u0[k], s.du0[k] = pseudo, s.u[k], s.du[k]
         s.d[k] = 0.0
+    return 0 if still < line else 1 if line < parabola else 2
 
 
 @jit
-def planar_march(t, e, space, c, s, f, q, w, given, row, out):
+def planar_march(t, e, k, space, c, s, f, q, w, given, row, out):
     """March over the steps of one chunk and write the samples that are asked for.
+
+    Where closures act, what is written are the accelerations and multipliers that `planar_ties.settle` finds.
 
     given : (steps, joints, 3) q, q', q'' of the prescribed joints [m, rad, s]; row : (steps,) of the histories, -1 for none
     Return status, step reached, element or iterations, last relative increment [-].
     """
-    count, size, slowest = 0, 0.0, np.inf
+    count, size, order = 0, 0.0, 0
     vary_independent(t, f, c.cv, c.ca)
     for step in range(given.shape[0]):
-        start(c, s)
-        status, count, size, slowest = newton(t, e, c, s, given[step], f, q, w, slowest)
+        start(c, s, order)
+        keep(k)
+        status, count, size = newton(t, e, k, c, s, given[step], f, q, w, SLOW)
+        if status != CONVERGED:  # where something has just let go, the past says little about what comes
+            start(c, s, 0)
+            return_to(k)
+            status, count, size = newton(t, e, k, c, s, given[step], f, q, w, 0.0)
         if status != CONVERGED:
             return status, step, count, size
         if row[step] >= 0:
-            record(row[step], t, e, space, f, w, out)
+            tied = any_acts(k)
+            if tied:
+                keep(k)
+                settle(t, k, s, f, q, w.residual, c.cv, c.ca)
+                place(t, s, given[step], f)
+                add_up(t, e, k, s, f, w)
+            record(row[step], t, e, k, space, f, w, out)
             out.iterations[row[step]] = count
-        advance(t, c, s)
+            if tied:
+                return_to(k)
+                restore(k, s)
+        order = advance(t, c, s)
     return CONVERGED, given.shape[0], count, size
 
 
 @jit_inner
-def record(sample, t, e, space, f, w, out):
+def record(sample, t, e, k, space, f, w, out):
     """Write one instant into the histories, in space [m, rad, s, N, J]."""
     for n in range(len(t.parent)):
         _embed(space.axes, f.pose[n], space.height, out.x[sample, n])
@@ -194,12 +243,14 @@ def record(sample, t, e, space, f, w, out):
             for j in range(3):
                 turned = c * space.across[n, i, j] + s * space.along[n, i, j]
                 out.r[sample, n, i, j] = turned + space.normal[n, i, j]
+    for r in range(len(k.a)):
+        out.multipliers[sample, k.row[r]] = k.multiplier[r]
     power = 0.0
-    for k in range(len(e.order)):
-        for i in range(e.order[k] + 1):
-            rate, felt = f.rate[e.nodes[k, i]], w.felt[k, i]
+    for n in range(len(e.order)):
+        for i in range(e.order[n] + 1):
+            rate, felt = f.rate[e.nodes[n, i]], w.felt[n, i]
             power += felt[0] * rate[0] + felt[1] * rate[1] + felt[2] * rate[2]
-        _resultants(k, e, space, w.points, out.internal[sample, k])
+        _resultants(n, e, space, w.points, out.internal[sample, n])
     out.energy[sample, 0], out.energy[sample, 1] = energy(e, w.points), power
 
 

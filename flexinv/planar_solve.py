@@ -35,6 +35,8 @@ from flexinv.vectors import (
     vec_at,
 )
 
+NONE = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
 
 class PlanarFactors(NamedTuple):
     """The linearisation of a planar mechanism on its tree, eliminated.
@@ -60,22 +62,56 @@ class PlanarFactors(NamedTuple):
 
 @jit_inner
 def invert(a, size, line):
-    """Replace a[:size, :size] by its inverse [any unit]; Gauss-Jordan, as rows of ``a`` are contiguous.
+    """Replace a[:size, :size] by its inverse [any unit]: Gauss-Jordan by three rows at a time, what is left by single ones.
 
     A vanishing pivot leaves infinities, which the caller's test finds.  line : (2, size) scratch
     """
-    row, column = line[0], line[1]
-    for k in range(size):
-        pivot = 1.0 / a[k, k]
-        for i in range(size):
-            column[i] = a[i, k]
-            a[i, k] = 0.0
-        a[k, k], column[k] = 1.0, 0.0
-        for c in range(size):
-            row[c] = pivot * a[k, c]
-            a[k, c] = row[c]
-        for i in range(size):
-            _subtract(a[i], column[i], row, size)
+    threes = size - size % 3
+    for k in range(0, threes, 3):
+        _sweep_three(a, k, size)
+    for k in range(threes, size):
+        _sweep(a, k, size, line[0], line[1])
+
+
+@jit_inner
+def _sweep_three(a, k, size):
+    """One step of Gauss-Jordan with the pivot rows k, k + 1, k + 2."""
+    one, two, three = a[k], a[k + 1], a[k + 2]
+    p, q, r = transpose(inverse_transposed((vec_at(one, k), vec_at(two, k), vec_at(three, k))))
+    put(one, k, (1.0, 0.0, 0.0))
+    put(two, k, (0.0, 1.0, 0.0))
+    put(three, k, (0.0, 0.0, 1.0))
+    for c in range(size):
+        x, y, z = one[c], two[c], three[c]
+        one[c] = p[0] * x + p[1] * y + p[2] * z
+        two[c] = q[0] * x + q[1] * y + q[2] * z
+        three[c] = r[0] * x + r[1] * y + r[2] * z
+    for i in range(size):
+        if i < k or i > k + 2:
+            factors = vec_at(a[i], k)
+            put(a[i], k, (0.0, 0.0, 0.0))
+            _subtract_three(a[i], factors, one, two, three, size)
+
+
+@jit_inner
+def _subtract_three(row, factors, one, two, three, size):
+    for c in range(size):
+        row[c] -= factors[0] * one[c] + factors[1] * two[c] + factors[2] * three[c]
+
+
+@jit_inner
+def _sweep(a, k, size, row, column):
+    """One step of Gauss-Jordan with the pivot row k; rows of ``a`` are contiguous."""
+    pivot = 1.0 / a[k, k]
+    for i in range(size):
+        column[i] = a[i, k]
+        a[i, k] = 0.0
+    a[k, k], column[k] = 1.0, 0.0
+    for c in range(size):
+        row[c] = pivot * a[k, c]
+        a[k, c] = row[c]
+    for i in range(size):
+        _subtract(a[i], column[i], row, size)
 
 
 @jit_inner
@@ -89,20 +125,31 @@ def put_stiffness(t, e, p, f, q):
     """Put the stiffness of all elements into their own linearisations, and what their roots feel into dwrench [N], [N m]."""
     for k in range(len(e.order)):
         order, root, own = e.order[k], e.nodes[k, 0], q.inverse[k]
+        columns = t.size[t.block[root]]
         for r in range(3 * order, q.rows[k]):
             for c in range(q.rows[k]):
                 own[r, c], own[c, r] = 0.0, 0.0
         for i in range(order):
-            by_root = pair_stiffness(k, i + 1, 0, e, p)
-            for a in range(3):
-                q.to_root[k, 0, a * order + i] = by_root[a][0]
-                q.to_root[k, 1, a * order + i] = by_root[a][1]
-                q.to_root[k, 2, a * order + i] = by_root[a][2]
+            if columns > 0:
+                _put_root(q.to_root[k], order, i, pair_stiffness(k, i + 1, 0, e, p))
             for j in range(i + 1):
                 _put_pair(own, order, i, j, pair_stiffness(k, i + 1, j + 1, e, p))
-        of_root = pair_stiffness(k, 0, 0, e, p)
-        for c in range(t.size[t.block[root]]):
+        of_root = pair_stiffness(k, 0, 0, e, p) if columns > 0 else NONE
+        for c in range(columns):
             add_to(f.dwrench[root, c], 0, apply(of_root, vec_at(f.by_pose[root, c], 0)))
+
+
+@jit_inner
+def _put_root(to_root, order, i, stiffness):
+    """Write how the forces on node i vary with the root's pose, all x first, then y, then theta."""
+    for a in range(3):
+        put_column(to_root, a * order + i, stiffness[a])
+
+
+@jit_inner
+def put_column(m, c, v):
+    """Write v into column c of m (3, columns) [any unit]."""
+    m[0, c], m[1, c], m[2, c] = v
 
 
 @jit_inner

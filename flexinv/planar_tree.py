@@ -64,6 +64,7 @@ class PlanarState(NamedTuple):
     du: Array
     pseudo: Array
     trend: Array
+    bend: Array
     u0: Array
     du0: Array
 

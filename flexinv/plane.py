@@ -12,8 +12,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
-from flexinv.mechanism import Array
+from flexinv.closures import Rows, constraint_rows
+from flexinv.mechanism import Array, Closure, Mechanism
 from flexinv.mesh import CONTINUOUS, PRISMATIC, REVOLUTE, RIGID, SECTION, Mesh
 
 # Components out of the plane below this part of what they are compared with are rounding of the placements' angles.
@@ -44,7 +46,7 @@ class NotPlanar:
 def find_plane(mesh: Mesh) -> Plane | NotPlanar:
     """Return the plane [m] in which a mechanism moves whatever its joints do, or why there is none."""
     m = mesh.mechanism
-    for what, items in (("closures", m.closures), ("springs", m.springs), ("applied forces", m.forces)):
+    for what, items in (("springs", m.springs), ("applied forces", m.forces), ("couplings", _couplings(m))):
         if items:
             return NotPlanar(f"it has {what}")
     if any(joint.stiffness for joint in m.joints):
@@ -53,9 +55,47 @@ def find_plane(mesh: Mesh) -> Plane | NotPlanar:
     found: Plane | NotPlanar = NotPlanar("it has neither revolute joints nor beams")
     for normal in _candidates(mesh, rotation):
         found = _check(mesh, rotation, normal)
+        reason = closure_standing_out(mesh, found) if isinstance(found, Plane) else ""
+        found = NotPlanar(reason) if reason else found
         if isinstance(found, Plane):
             return found
     return found
+
+
+def _couplings(m: Mechanism) -> list[Closure]:
+    return [closure for closure in m.closures if closure.kind == "coupling"]
+
+
+def seen(plane: Plane, node: NDArray[np.int64], vectors: Array) -> Array:
+    """Return vectors (rows, 3) [any unit] fixed in nodes (rows,), -1 the world, in the plane's axes where those stand at zero."""
+    frames = np.where((node >= 0)[:, None, None], plane.frames[node], plane.axes.T)
+    return np.asarray(np.einsum("rij,rj->ri", frames, vectors))
+
+
+def tied_in(plane: Plane, rows: Rows) -> NDArray[np.bool_]:
+    """Return which constraints (rows,) say something in the plane [-]; the others are met by all that lies in it."""
+    inside = ~_upright(seen(plane, rows.a, rows.u))
+    return np.asarray(inside & (~rows.direction | ~_upright(seen(plane, rows.b, rows.w))))
+
+
+def _upright(vectors: Array) -> NDArray[np.bool_]:
+    return np.asarray(np.hypot(vectors[:, 0], vectors[:, 1]) <= ROUNDING)
+
+
+def closure_standing_out(mesh: Mesh, plane: Plane) -> str:
+    """Return which closure ties more than the plane's motion, or frames outside it; empty if none does [-]."""
+    rows = constraint_rows(mesh)
+    u, w = seen(plane, rows.a, rows.u), seen(plane, rows.b, rows.w)
+    above = [seen(plane, n, p)[:, 2] for n, p in ((rows.a, rows.place_a), (rows.b, rows.place_b))]
+    above = [p - np.where(n < 0, plane.height, 0.0) for n, p in zip((rows.a, rows.b), above, strict=True)]
+    skew = ~_upright(u) & (np.abs(u[:, 2]) > ROUNDING)
+    skew |= rows.direction & ~_upright(w) & (np.abs(w[:, 2]) > ROUNDING)
+    skew |= rows.direction & _upright(u) & _upright(w)
+    skew |= ~rows.direction & (np.abs(above[0] - above[1]) > ROUNDING * mesh.length)
+    if skew.any():
+        name = mesh.mechanism.closures[int(rows.closure[int(np.argmax(skew))])].name
+        return f"the frames of closure '{name}' do not lie in the plane"
+    return ""
 
 
 def _at_zero(mesh: Mesh) -> Array:

@@ -11,7 +11,7 @@ from flexinv.compiled import jit, jit_inner
 from flexinv.kinds import FREE, PRISMATIC, SPHERICAL
 from flexinv.mechanism import Array
 from flexinv.tree import Frames
-from flexinv.vectors import add, add_to, apply, cross, dot, mat, scale, sub, tapply, vec
+from flexinv.vectors import add, add_to, apply, cross, dot, mat, put, scale, sub, tapply, vec
 
 
 class RowArrays(NamedTuple):
@@ -129,3 +129,43 @@ def jacobians(t, c, x, r, v, w, a, al, g):
     """Set G of every sample (samples, rows, nv) [m/rad], [-] from the motion of the nodes."""
     for s in range(x.shape[0]):
         jacobian(t, c, Frames(x[s], r[s], v[s], w[s], a[s], al[s]), g[s])
+
+
+@jit
+def residual_samples(c, x, r, v, w, a, al, phi):
+    """Set phi [m], [-], phi' and phi'', (samples, rows, 3), of every sample from the motion of the nodes."""
+    for s in range(x.shape[0]):
+        f = Frames(x[s], r[s], v[s], w[s], a[s], al[s])
+        for k in range(c.a.shape[0]):
+            put(phi[s, k], 0, residual(k, c, f))
+
+
+@jit
+def push_samples(c, x, r, v, w, a, al, multipliers, force, moment):
+    """Add what multipliers (samples, rows) [N], [N m] do to nodes: forces, moments about them (samples, nodes, 3), world."""
+    for s in range(x.shape[0]):
+        f = Frames(x[s], r[s], v[s], w[s], a[s], al[s])
+        for k in range(c.a.shape[0]):
+            if multipliers[s, k] != 0.0:
+                _push(k, c, f, multipliers[s, k], force[s], moment[s])
+
+
+@jit_inner
+def _push(k, c, f, size, force, moment):
+    a, b = c.a[k], c.b[k]
+    (u, _, _), (w, _, _) = _vectors(k, c, f)
+    on_a = scale(size, cross(u, w))
+    on_b = scale(-1.0, on_a)
+    if not c.direction[k]:
+        push = scale(size, u)
+        arm_a, _, _ = fixed(f, a, vec(c.place_a[k]))
+        arm_b, _, _ = fixed(f, b, vec(c.place_b[k]))
+        on_a, on_b = sub(on_a, cross(arm_a, push)), cross(arm_b, push)
+        if b >= 0:
+            add_to(force[b], 0, push)
+        if a >= 0:
+            add_to(force[a], 0, scale(-1.0, push))
+    if b >= 0:
+        add_to(moment[b], 0, on_b)
+    if a >= 0:
+        add_to(moment[a], 0, on_a)

@@ -8,7 +8,9 @@ freedoms among them form one *block* of unknowns; block 0 hangs on the world and
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -72,11 +74,16 @@ class ElementArrays(NamedTuple):
     kappa0: Array
 
 
-def topology(mesh: Mesh, passive: set[str]) -> Topology:
+def topology(mesh: Mesh, passive: Collection[str]) -> Topology:
     """Return the unknowns of a mesh when the joints named in ``passive`` are free [m], [rad] and all others prescribed.
 
     Raises InputError for a passive joint that cannot be.
     """
+    return _topology(mesh, frozenset(passive))
+
+
+@lru_cache(maxsize=64)
+def _topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
     independent = mesh.kind == SECTION
     block = np.zeros(mesh.size, dtype=np.int64)
     block[independent] = 1 + np.arange(independent.sum())

@@ -11,7 +11,7 @@ from flexible_examples import HALF_TURN, STRIP, arm
 from numpy.typing import NDArray
 
 import flexinv
-from flexinv.mechanism import Beam, Body, Inertia, Joint, Link, Mechanism, Placement, Section
+from flexinv.mechanism import Attachment, Beam, Body, Closure, Inertia, Joint, Link, Mechanism, Placement, Section
 from flexinv.rotations import exp_so3
 
 Array = NDArray[np.float64]
@@ -87,16 +87,50 @@ def hanging() -> Mechanism:
     return Mechanism("hanging", links, joints, gravity=np.array([0.0, -9.81, 0.0]))
 
 
+def four_bar(kind: str = "revolute") -> Mechanism:
+    """A soft coupler between a driven crank and a rocker; its closure ties the rocker's end to the coupler's."""
+    links = (
+        Link("crank", (body(0.05, 0.05, 0.0),)),
+        Link("coupler", (body(0.01, 0.0, 0.01),), Beam(0.3, SOFT, 2, 3)),
+        Link("rocker", (body(0.05, 0.1, 0.0),)),
+    )
+    joints = (
+        Joint("A", "revolute", "world", "crank", rotor_inertia=1e-4),
+        Joint("B", "revolute", "crank", "coupler", about_z(0.0, 0.1), actuated=False, damping=1e-4),
+        Joint("D", "continuous", "world", "rocker", about_z(0.0, 0.3), actuated=False, rotor_inertia=1e-5),
+    )
+    ends = Attachment("coupler", about_z(0.0), 1.0), Attachment("rocker", about_z(0.3 if kind == "fixed" else 0.0, 0.2))
+    return Mechanism("four-bar", links, joints, np.array([0.0, -2.0, 0.0]), (Closure("C", kind, *ends),))
+
+
+def braced(kind: str) -> Mechanism:
+    """A driven beam whose end is tied to the world: a rail along it (prismatic), or nothing but a point (spherical)."""
+    links = (Link("hub", (body(0.05, 0.05, 0.0),)), Link("beam", (), Beam(0.3, SOFT, 1, 4)))
+    joints = (
+        Joint("slide", "prismatic", "world", "hub", axis=np.array([1.0, 0.0, 0.0])),
+        Joint("turn", "revolute", "hub", "beam", about_z(0.2), actuated=False, damping=1e-3),
+    )
+    ends = (
+        Attachment("beam", about_z(-0.2), 1.0),
+        Attachment("world", about_z(0.0, 0.3 * np.cos(0.2), 0.3 * np.sin(0.2))),
+    )
+    axis = np.array([1.0, 0.0, 0.0])
+    return Mechanism("braced", links, joints, np.array([0.0, -2.0, 0.0]), (Closure("rail", kind, *ends, axis=axis),))
+
+
 def stood(mechanism: Mechanism, psi: Array, shift: Array) -> Mechanism:
     """The same mechanism with the world turned by exp(psi) and shifted along the new normal and in the plane."""
     turn = exp_so3(psi)
-    joints = tuple(
-        replace(j, placement=Placement(shift + turn @ j.placement.position, turn @ j.placement.rotation))
-        if j.parent == "world"
-        else j
-        for j in mechanism.joints
+
+    def placed(p: Placement) -> Placement:
+        return Placement(shift + turn @ p.position, turn @ p.rotation)
+
+    joints = tuple(replace(j, placement=placed(j.placement)) if j.parent == "world" else j for j in mechanism.joints)
+    closures = tuple(
+        replace(c, second=replace(c.second, placement=placed(c.second.placement))) if c.second.link == "world" else c
+        for c in mechanism.closures
     )
-    return replace(mechanism, joints=joints, gravity=turn @ mechanism.gravity)
+    return replace(mechanism, joints=joints, gravity=turn @ mechanism.gravity, closures=closures)
 
 
 def quick(*angles: float, law: str = "cycloid") -> flexinv.Motion:
@@ -119,6 +153,16 @@ SOFT_CASES: dict[str, Case] = {
     "hanging": lambda: (hanging(), named(drive=1.0), {"start": {"pivot": -0.4}, "start_rate": {"pivot": 2.0}}),
     "tilted": lambda: (stood(two_links(1, 4), TILT, SHIFT), quick(1.0, -0.5, 0.8), {}),
     "tilted branches": lambda: (stood(branches(), TILT, SHIFT), named(root=0.8, leaf=0.5, twig=0.02), {}),
+}
+RAIL = {"start": {"turn": 0.0}}
+CLOSED_CASES: dict[str, Case] = {
+    "four-bar": lambda: (four_bar(), named(A=2.0), {"start": {"B": 0.72, "D": 1.44}}),
+    "four-bar, static": lambda: (four_bar(), named(A=2.0), {"start": {"B": 0.72, "D": 1.44}, "initial": "static"}),
+    "four-bar, jumps": lambda: (four_bar(), named("bang-bang", A=0.5), {"start": {"B": 0.72, "D": 1.44}}),
+    "four-bar, redundant": lambda: (four_bar("spherical"), named(A=2.0), {"start": {"B": 0.72, "D": 1.44}}),
+    "tilted four-bar": lambda: (stood(four_bar(), TILT, SHIFT), named(A=2.0), {"start": {"B": 0.72, "D": 1.44}}),
+    "point": lambda: (braced("spherical"), named(slide=0.01), RAIL),
+    "tilted rail": lambda: (stood(braced("prismatic"), TILT, SHIFT), named(slide=0.01), RAIL),
 }
 PAPER_CASES: dict[str, Case] = {
     "one link, 4 x order 1": lambda: (arm(4, 1), HALF_TURN, {}),

@@ -1,0 +1,149 @@
+"""A mechanism in a plane as the planar march needs it, made from the mesh: what does not change while it marches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from flexinv.mechanism import Array
+from flexinv.mesh import CONTINUOUS, PRISMATIC, REVOLUTE, Mesh
+from flexinv.planar_beam import (
+    AXIAL,
+    BENDING,
+    CURVATURE,
+    LANES,
+    SHEAR,
+    STRAIN1,
+    STRAIN2,
+    WEIGHT,
+    PlanarElements,
+)
+from flexinv.planar_march import Embedding
+from flexinv.planar_tree import PlanarTree
+from flexinv.plane import Plane, find_plane
+from flexinv.rotations import log_so3
+from flexinv.system import Indices, Topology, topology
+
+QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # J, a quarter turn about the normal
+
+
+@dataclass(frozen=True)
+class PlanarModel:
+    """What does not change while a mechanism in a plane marches; made once for a mesh and its passive joints.
+
+    pick : (planar unknowns, spatial unknowns) components along the plane's axes, turns about its normal
+    place : what `planar` needs to know of the elements' own unknowns
+    """
+
+    plane: Plane
+    topology: Topology
+    tree: PlanarTree
+    elements: PlanarElements
+    space: Embedding
+    pick: Array
+    place: tuple[Indices, Indices, Indices]
+
+
+@lru_cache(maxsize=64)
+def planar_model(mesh: Mesh, passive: frozenset[str]) -> PlanarModel:
+    """Return the arrays of a mesh that lies in a plane [m], [rad], with the joints named in ``passive`` free."""
+    plane, t = find_plane(mesh), topology(mesh, passive)
+    assert isinstance(plane, Plane)  # else nobody asks
+    tree, elements, space = _tree(mesh, t, plane), _elements(mesh, plane), _embedding(mesh, plane)
+    return PlanarModel(plane, t, tree, elements, space, _pick(mesh, t, tree, plane, space), _places(tree, elements))
+
+
+def _pick(mesh: Mesh, t: Topology, tree: PlanarTree, plane: Plane, space: Embedding) -> Array:
+    pick = np.zeros((len(tree.scale), len(t.scale)))
+    for n in range(mesh.size):
+        here, there = int(tree.offset[tree.block[n]]), int(t.offset[t.block[n]])
+        if tree.independent[n]:
+            pick[here : here + 2, there : there + 3] = plane.axes.T[:2]
+            pick[here + 2, there + 3 : there + 6] = space.axle[n]
+        elif tree.column[n] >= 0:
+            pick[here + tree.column[n], there + t.column[n]] = 1.0
+    return pick
+
+
+def _tree(mesh: Mesh, t: Topology, plane: Plane) -> PlanarTree:
+    frames, moves = plane.frames, mesh.v_index >= 0
+    size = np.where(np.arange(len(t.size)) > 0, t.size - 3, t.size)  # three freedoms of a node instead of six
+    passive = t.freedoms > 0
+    turning = np.isin(mesh.kind, (REVOLUTE, CONTINUOUS))
+    sliding = mesh.kind == PRISMATIC
+    before = [plane.axes.T if m < 0 else frames[m] for m in mesh.parent]
+    offset_p = np.array([frame @ offset for frame, offset in zip(before, mesh.offset, strict=True)]).reshape(-1, 3)
+    axis = np.einsum("nij,nj->ni", frames, mesh.axis)  # (node, xyz), in the plane's axes
+    scale = np.ones(int(size.sum()))
+    offset = np.concatenate([[0], np.cumsum(size)[:-1]]).astype(np.int64)
+    column = np.where(passive, t.column - 3 * (t.block > 0), -1)
+    for n in range(mesh.size):
+        first = offset[t.block[n]]
+        if t.independent[n]:
+            scale[first : first + 2] = mesh.length
+        elif passive[n] and sliding[n]:
+            scale[first + column[n]] = mesh.length
+    driven = moves & ~passive
+    return PlanarTree(
+        parent=mesh.parent, block=t.block, independent=t.independent, size=size, offset=offset, scale=scale,
+        given=np.where(driven, np.cumsum(driven) - 1, -1), column=column,
+        turn=np.where(turning, np.sign(axis[:, 2]), 0.0), slide=np.where(sliding[:, None], axis[:, :2], 0.0),
+        offset_p=np.ascontiguousarray(offset_p[:, :2]), shifted=sliding | offset_p[:, :2].any(axis=1),
+        mass=mesh.mass, inertia=np.einsum("ni,nij,nj->n", frames[:, 2], mesh.inertia, frames[:, 2]),
+        gravity=plane.axes.T[:2] @ mesh.mechanism.gravity, rotor=t.rotor, damping=t.damping, friction=t.friction,
+    )  # fmt: skip
+
+
+def _elements(mesh: Mesh, plane: Plane) -> PlanarElements:
+    e = mesh.elements
+    elements, count = e.nodes.shape
+    points = max(count - 1, 0)
+    bend, heading = np.zeros((elements, count)), np.zeros(elements)
+    constants = np.zeros((-(-elements * points // LANES), 7, LANES))
+    for k, nodes in enumerate(e.nodes):
+        frames = plane.frames[nodes[: e.order[k] + 1]]
+        heading[k] = np.arctan2(frames[0, 1, 0], frames[0, 0, 0])
+        relative = np.einsum("ji,njk->nik", frames[0], frames)  # (node, 3, 3), R_0^T R_i
+        bend[k, : len(frames)] = log_so3(relative) @ frames[0, 2]
+        axle, side = frames[0, 2], frames[0].T @ QUARTER @ frames[0][:, 0]
+        for g in range(e.order[k]):
+            block, lane = divmod(k * points + g, LANES)
+            stiffness = e.stiffness[k, g, 0], side**2 @ e.stiffness[k, g, :3], axle**2 @ e.stiffness[k, g, 3:]
+            strains = e.gamma0[k, g, 0], side @ e.gamma0[k, g], axle @ e.kappa0[k, g]
+            rows = [int(r) // LANES for r in (AXIAL, SHEAR, BENDING, WEIGHT, STRAIN1, STRAIN2, CURVATURE)]
+            constants[block, rows, lane] = *stiffness, e.weight[k, g], *strains
+    return PlanarElements(e.order, e.nodes, e.shape, e.slope, bend, heading, np.uint64(LANES), constants.reshape(-1))
+
+
+def _embedding(mesh: Mesh, plane: Plane) -> Embedding:
+    axes, frames = plane.axes, plane.frames
+    upright = np.diag([0.0, 0.0, 1.0])
+    side = np.zeros((len(mesh.elements.order), 3))
+    for k, nodes in enumerate(mesh.elements.nodes):
+        side[k] = frames[nodes[0]].T @ QUARTER @ frames[nodes[0]][:, 0]
+    across, along, normal = (
+        np.ascontiguousarray(axes @ part @ frames) for part in (np.eye(3) - upright, QUARTER, upright)
+    )
+    return Embedding(axes, plane.height, across, along, normal, np.ascontiguousarray(frames[:, 2]), side)
+
+
+def _places(t: PlanarTree, e: PlanarElements) -> tuple[Indices, Indices, Indices]:
+    """Rows, row and own of `PlanarFactors`: where the own unknowns of every element stand."""
+    elements, count = e.nodes.shape
+    widest = max(int(t.size.max(initial=0)), 1)
+    row = np.zeros((elements, count, widest), dtype=np.int64)
+    numbers = []
+    for k in range(elements):
+        order, extra, own = int(e.order[k]), 3 * int(e.order[k]), {}
+        for i, n in enumerate(e.nodes[k, 1 : order + 1]):
+            block = t.block[n]
+            for j in range(t.size[block]):
+                row[k, i + 1, j] = j * order + i if j < 3 else extra
+                extra += j >= 3
+                own[int(row[k, i + 1, j])] = int(t.offset[block] + j)
+        numbers.append([own[r] for r in range(extra)])
+    most = max((len(own) for own in numbers), default=0)
+    table = np.array([own + [0] * (most - len(own)) for own in numbers], dtype=np.int64).reshape(elements, most)
+    return np.array([len(own) for own in numbers], dtype=np.int64), row, table

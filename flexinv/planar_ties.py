@@ -1,0 +1,291 @@
+"""Closures in a plane: those constraints of `ties` that say something there, rows of a border beside the tree (compiled).
+
+With S(theta) a turn in the plane, J (a, b) = (-b, a), arms r = S p and d = x_B + r_B - x_A - r_A, all in the plane's axes:
+
+    position   phi = S_A u . d          direction   phi = S_A u . S_B w
+
+and g the gradient of phi by x, y, theta of both nodes.  With K = the tree's linearisation, G the gradients by the unknowns,
+
+    K y - G^T dlambda = -r,  G y = -phi:      y = y_0 + W dlambda,  W = K^-1 G^T,      (G W) dlambda = -phi - G y_0
+
+W lasts as long as the linearisation.  A step ends with positions that are closed; `settle` finds the accelerations and
+multipliers that belong to them and the velocities (index 1): M (a' - a) = G^T dlambda - r, G a' = -G' u.  Masses are lumped
+in the nodes, so M has one small matrix for each block of unknowns; what Newton has left, r, goes too.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.border import product, solve_pivoted
+from flexinv.compiled import jit_inner
+from flexinv.march import MASSLESS
+from flexinv.mechanism import Array
+from flexinv.planar_solve import invert, solve
+from flexinv.planar_tree import vary
+
+
+class PlanarTies(NamedTuple):
+    """Rows of the border of a mechanism in a plane.
+
+    row : (rows,) among those of `ties.Ties`; direction, acting : (rows,); a, b : (rows,) nodes, -1 the world
+    place_a, place_b [m], u, w : (rows, 2) in the nodes' frames, seen in the plane where the nodes stand at zero
+    multiplier : (rows,) [N], [N m]; value : (rows,) phi or phi''; gradient : (rows, 6) by the poses of a and b
+    sides, moved : (rows, unknowns) G and W; flexibility : (rows, rows) G W; line : (unknowns,) scratch
+    border : (rows, rows + 1); order, step : (rows,) scratch of `border`
+    single : nodes that are alone in their block and in no closure; block : (blocks,) the other blocks of unknowns
+    member : (blocks, most) nodes of each, -1 behind the last; mass : scratch
+    kept : (rows,) multipliers set aside; accelerations : (unknowns,) the integrator's own
+    """
+
+    row: NDArray[np.int64]
+    direction: NDArray[np.bool_]
+    acting: NDArray[np.bool_]
+    a: NDArray[np.int64]
+    b: NDArray[np.int64]
+    place_a: Array
+    place_b: Array
+    u: Array
+    w: Array
+    multiplier: Array
+    value: Array
+    gradient: Array
+    sides: Array
+    moved: Array
+    flexibility: Array
+    line: Array
+    border: Array
+    order: NDArray[np.int64]
+    step: Array
+    single: NDArray[np.int64]
+    block: NDArray[np.int64]
+    member: NDArray[np.int64]
+    mass: Array
+    kept: Array
+    accelerations: Array
+
+
+@jit_inner
+def any_acts(k):
+    """Whether a closure acts [-]."""
+    acts = False
+    for r in range(len(k.a)):
+        acts = acts or k.acting[r]
+    return acts
+
+
+@jit_inner
+def _turned(f, n, v):
+    """A vector that is fixed in node n, in the plane's axes."""
+    if n < 0:
+        return v[0], v[1]
+    c, s = np.cos(f.pose[n, 2]), np.sin(f.pose[n, 2])
+    return c * v[0] - s * v[1], s * v[0] + c * v[1]
+
+
+@jit_inner
+def _motion(f, n):
+    """Pose, rates and accelerations of a node, of the world zeros."""
+    if n < 0:
+        zero = (0.0, 0.0, 0.0)
+        return zero, zero, zero
+    x, v, a = f.pose[n], f.rate[n], f.acceleration[n]
+    return (x[0], x[1], x[2]), (v[0], v[1], v[2]), (a[0], a[1], a[2])
+
+
+@jit_inner
+def _rates(r, spin, change):
+    """A vector that turns, with its two rates: r, w J r, al J r - w^2 r."""
+    square = spin * spin
+    return r, (-spin * r[1], spin * r[0]), (-change * r[1] - square * r[0], change * r[0] - square * r[1])
+
+
+@jit_inner
+def _gap(x, y, arm_a, arm_b, order):
+    """d or one of its rates."""
+    p, q = x[order], y[order]
+    return q[0] + arm_b[order][0] - p[0] - arm_a[order][0], q[1] + arm_b[order][1] - p[1] - arm_a[order][1]
+
+
+@jit_inner
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1]
+
+
+@jit_inner
+def tie_rows(k, f, rated):
+    """Set value and gradient of every constraint [m], [-]: phi, or where ``rated`` phi'' = u''.w + 2 u'.w' + u.w''."""
+    for r in range(len(k.a)):
+        if not k.acting[r]:
+            k.value[r] = 0.0
+            for i in range(6):
+                k.gradient[r, i] = 0.0
+            continue
+        a, b = k.a[r], k.b[r]
+        x, y = _motion(f, a), _motion(f, b)
+        u = _rates(_turned(f, a, k.u[r]), x[1][2], x[2][2])
+        if k.direction[r]:
+            w = _rates(_turned(f, b, k.w[r]), y[1][2], y[2][2])
+            across = u[0][0] * w[0][1] - u[0][1] * w[0][0]  # J u . w
+            _put(k.gradient[r], (0.0, 0.0, across), (0.0, 0.0, -across))
+        else:
+            arm_a = _rates(_turned(f, a, k.place_a[r]), x[1][2], x[2][2])
+            arm_b = _rates(_turned(f, b, k.place_b[r]), y[1][2], y[2][2])
+            w = _gap(x, y, arm_a, arm_b, 0), _gap(x, y, arm_a, arm_b, 1), _gap(x, y, arm_a, arm_b, 2)
+            (u1, u2), (p1, p2), (q1, q2) = u[0], arm_a[0], arm_b[0]
+            across = u1 * w[0][1] - u2 * w[0][0]
+            _put(k.gradient[r], (-u1, -u2, across - (u2 * p1 - u1 * p2)), (u1, u2, u2 * q1 - u1 * q2))
+        k.value[r] = _dot(u[2], w[0]) + 2 * _dot(u[1], w[1]) + _dot(u[0], w[2]) if rated else _dot(u[0], w[0])
+
+
+@jit_inner
+def _put(gradient, of_a, of_b):
+    for i in range(3):
+        gradient[i], gradient[3 + i] = of_a[i], of_b[i]
+
+
+@jit_inner
+def add_ties(k, wrench):
+    """Take the forces of the multipliers off the wrenches (nodes, 3) of their nodes [N], [N m]."""
+    for r in range(len(k.a)):
+        for i in range(3):
+            if k.a[r] >= 0:
+                wrench[k.a[r], i] -= k.multiplier[r] * k.gradient[r, i]
+            if k.b[r] >= 0:
+                wrench[k.b[r], i] -= k.multiplier[r] * k.gradient[r, 3 + i]
+
+
+@jit_inner
+def tie_sides(t, k, f):
+    """Set G, the gradients by the unknowns [-], [m], from the variations of the nodes."""
+    for r in range(len(k.a)):
+        for i in range(k.sides.shape[1]):
+            k.sides[r, i] = 0.0
+        _add_side(t, k.a[r], f, k.gradient[r], 0, k.sides[r])
+        _add_side(t, k.b[r], f, k.gradient[r], 3, k.sides[r])
+
+
+@jit_inner
+def _add_side(t, n, f, gradient, first, side):
+    if n < 0:
+        return
+    block = t.block[n]
+    for c in range(t.size[block]):
+        x = f.by_pose[n, c]
+        along = gradient[first] * x[0] + gradient[first + 1] * x[1] + gradient[first + 2] * x[2]
+        side[t.offset[block] + c] += along
+
+
+@jit_inner
+def factorise_ties(t, e, k, f, q):
+    """Find W and G W with a new linearisation [m/N], [rad/N]."""
+    tie_sides(t, k, f)
+    for r in range(len(k.a)):
+        for i in range(len(k.line)):
+            k.line[i] = -k.sides[r, i]
+        solve(t, e, q, k.line, k.moved[r])
+    for i in range(len(k.a)):
+        for j in range(len(k.a)):
+            k.flexibility[i, j] = product(k.sides[i], k.moved[j])
+
+
+@jit_inner
+def solve_ties(k, y):
+    """Find dlambda [N], [N m] and add W dlambda to the increments y (unknowns,) of the tree [m], [rad]."""
+    rows = len(k.a)
+    for i in range(rows):
+        for j in range(rows):
+            k.border[i, j] = k.flexibility[i, j]
+        k.border[i, rows] = -k.value[i] - product(k.sides[i], y)
+        k.order[i] = i
+    solve_pivoted(k, rows)
+    for r in range(rows):
+        k.multiplier[r] += k.step[r]
+        for i in range(len(y)):
+            y[i] += k.step[r] * k.moved[r, i]
+
+
+@jit_inner
+def settle(t, k, s, f, q, residual, cv, ca):
+    """Change accelerations and multipliers into those that belong to the positions and velocities; keep the former.
+
+    residual : (unknowns,) what Newton has left [N], [N m]
+    """
+    vary(t, f, cv, ca)
+    tie_rows(k, f, True)
+    tie_sides(t, k, f)
+    for r in range(len(k.a)):
+        for i in range(len(k.line)):
+            k.moved[r, i] = 0.0
+    for i in range(len(k.line)):
+        k.accelerations[i], k.line[i] = s.du[i], 0.0
+    for n in k.single:
+        first = t.offset[t.block[n]]
+        for i in range(3):
+            inertia = t.mass[n] if i < 2 else t.inertia[n]
+            k.line[first + i] = -residual[first + i] / inertia if inertia > 0.0 else 0.0
+    for b in range(len(k.block)):
+        _accelerate_block(b, t, k, f, q, residual)
+    for i in range(len(k.a)):
+        for j in range(len(k.a)):
+            k.flexibility[i, j] = product(k.sides[i], k.moved[j])
+    solve_ties(k, k.line)
+    for i in range(len(k.line)):
+        s.du[i] += k.line[i]
+
+
+@jit_inner
+def _accelerate_block(b, t, k, f, q, residual):
+    """M^-1 G^T and -M^-1 r of one block: its mass matrix from its nodes and the rotors of its passive joints."""
+    block, largest = k.block[b], 0.0
+    columns, first, m = t.size[block], t.offset[block], k.mass
+    for i in range(columns):
+        for j in range(columns):
+            m[i, j] = 0.0
+    for n in k.member[b]:
+        if n < 0:
+            break
+        for i in range(columns):
+            x = f.by_pose[n, i]
+            for j in range(columns):
+                y = f.by_pose[n, j]
+                m[i, j] += t.mass[n] * (x[0] * y[0] + x[1] * y[1]) + t.inertia[n] * x[2] * y[2]
+        if t.column[n] >= 0 and not t.independent[n]:
+            m[t.column[n], t.column[n]] += t.rotor[n]
+    for i in range(columns):
+        largest = max(largest, m[i, i])
+    for i in range(columns):
+        if m[i, i] <= MASSLESS * largest:  # what has no inertia keeps its acceleration
+            m[i, i] = largest
+    invert(m, columns, q.line)
+    for i in range(columns):
+        for j in range(columns):
+            k.line[first + i] -= m[i, j] * residual[first + j]
+    for r in range(len(k.a)):
+        for i in range(columns):
+            for j in range(columns):
+                k.moved[r, first + i] += m[i, j] * k.sides[r, first + j]
+
+
+@jit_inner
+def restore(k, s):
+    """Take the integrator's own accelerations back [m/s^2], [rad/s^2]."""
+    for i in range(len(k.line)):
+        s.du[i] = k.accelerations[i]
+
+
+@jit_inner
+def keep(k):
+    """Set the multipliers aside [N], [N m]."""
+    for r in range(len(k.a)):
+        k.kept[r] = k.multiplier[r]
+
+
+@jit_inner
+def return_to(k):
+    """Take the multipliers back that `keep` has set aside [N], [N m]."""
+    for r in range(len(k.a)):
+        k.multiplier[r] = k.kept[r]
