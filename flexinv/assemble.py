@@ -67,7 +67,7 @@ class Work(NamedTuple):
         the closures (`ties`); diagonal : (blocks, columns, columns)
     tangent : (elements, 6 count, 6 count); internal : (elements, points, 6); energy : (2,) elastic energy [J] and power [W]
     element : scratch of one element; own_x, own_t : (columns, 3), scratch of one passive joint
-    system : (rows, rows + columns + sides), scratch of one elimination
+    system : (rows, rows + columns + sides), scratch of one elimination; settled : (2, nodes, 6), scratch of `settle`
     solved : (elements, rows, columns + sides) eliminated unknowns by those of the element's first block
     """
 
@@ -83,6 +83,7 @@ class Work(NamedTuple):
     own_t: Array
     system: Array
     solved: Array
+    settled: Array
 
 
 # An element that turns more than this between its first and any other node is too coarse (log is singular at pi).

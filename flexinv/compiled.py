@@ -24,8 +24,8 @@ from numba import njit
 SOURCES = (
     "assemble", "atomics", "beam", "blocks", "border", "branch", "compiled", "coordinates", "differentiate", "eliminate",
     "integrate", "kinds", "lanes", "loads", "march", "modes", "offers", "planar_beam", "planar_march", "planar_solve",
-    "planar_ties", "planar_tree", "projection", "pulls", "recursion", "regress", "rotations", "rows", "sums", "system", "ties",
-    "tree", "vectors",
+    "planar_ties", "planar_tree", "projection", "pulls", "recursion", "regress", "rotations", "rows", "settle", "sums",
+    "system", "ties", "tree", "vectors",
 )  # fmt: skip
 _IMPORT = re.compile(r"^from flexinv\.(\w+) import", re.MULTILINE)
 

@@ -13,6 +13,7 @@ from flexinv.eliminate import solve_tree
 from flexinv.integrate import ACCELERATION, DYNAMIC, STATIC, advance, correct, largest_increment, predict
 from flexinv.loads import add_loads, set_loads
 from flexinv.pulls import Pulls, pull_rows, pull_sides, turn_arms
+from flexinv.settle import settle, weigh_massless
 from flexinv.ties import ACCELERATIONS as RATED
 from flexinv.ties import PULL, RATES, VALUES, Ties, add_gears, add_ties, tie_rows, tie_sides
 from flexinv.tree import Joints
@@ -22,10 +23,6 @@ from flexinv.vectors import mat, put, put_block, vec
 # follows, and as convergence is quadratic the error that is left is about its square: rounding.
 INCREMENT = 1e-8
 MOST_ITERATIONS = 25
-
-# In an ACCELERATION solve inertia stands 1e30 (`integrate.ACCELERATIONS`) above stiffness: what is this far below the
-# largest inertia has none.
-MASSLESS = 1e-16
 
 CONVERGED, NOT_CONVERGED, TURNED_TOO_MUCH, NOT_FINITE = 0, 1, 2, 3
 
@@ -75,7 +72,7 @@ def newton(t, e, b, c, s, j, f, d, loads, work, y):
         if last or y.shape[1] == 0:
             return CONVERGED, iteration, size
         if c.mode == ACCELERATION:
-            _weigh_massless(t, work.diagonal)
+            weigh_massless(t, work.diagonal)
         elif c.mode == STATIC and len(b.ties.a) > 0:
             _hold_loose(t, work.diagonal)
         solve_tree(t, e, d, work, y)
@@ -86,20 +83,6 @@ def newton(t, e, b, c, s, j, f, d, loads, work, y):
         correct(t, c, s, y[0])
         last = size < INCREMENT or c.mode == ACCELERATION
     return NOT_CONVERGED, MOST_ITERATIONS, size
-
-
-@jit_inner
-def _weigh_massless(t, diagonal):
-    """Make freedoms without inertia (no term in ca) so heavy that their acceleration stays that of the rigid motion."""
-    largest = 0.0
-    for b in range(len(t.size)):
-        for k in range(t.size[b]):
-            for i in range(t.size[b]):
-                largest = max(largest, abs(diagonal[b, k, i]))
-    for b in range(len(t.size)):
-        for k in range(t.size[b]):
-            if abs(diagonal[b, k, k]) < MASSLESS * largest:
-                diagonal[b, k, k] = largest
 
 
 @jit_inner
@@ -120,8 +103,8 @@ def march(
 ):  # fmt: skip
     """Solve the instants of one chunk, in DYNAMIC mode step after step; fill the histories.
 
-    With closures every step has two phases: positions that meet them (scheme c), and then the accelerations and multipliers
-    that belong to that state (scheme ``rates``, index 1), which are what is recorded; the integrator goes on with its own.
+    With closures a step finds positions that meet them, and then the accelerations and multipliers that belong to that state
+    (`settle`, scheme ``rates``), which are what is recorded; the integrator goes on with its own.
 
     rel : Joints with a leading sample axis; table : (samples, loads, 6) wrenches of loads; efforts : (samples, unknowns or 0)
     out : x, r, v, w, a, al (samples, nodes, ...); wrench : (samples, nodes, 6)
@@ -135,18 +118,18 @@ def march(
         set_given(b.ties, given[sample])
         if c.mode == DYNAMIC:
             predict(c, s)
-        for phase in range(2 if c.mode == DYNAMIC and any_acts(b.ties) else 1):
-            if phase == 1:
-                keep(s, b.ties)
-            status, done, size = newton(t, e, b, c if phase == 0 else rates, s, j, f, d, loads, work, y)
-            if status != CONVERGED:
-                return status, sample, done, size
-            count = done if phase == 0 else count
+        status, count, size = newton(t, e, b, c, s, j, f, d, loads, work, y)
+        if status != CONVERGED:
+            return status, sample, count, size
+        settles = c.mode == DYNAMIC and any_acts(b.ties)
+        if settles:
+            keep(s, b.ties)
+            settle(t, b.ties, rates, s, j, f, d, loads, work, y)
         record(sample, f, work, out, wrench, internal, energy)
         for k in range(multipliers.shape[1]):
             multipliers[sample, k] = b.ties.multiplier[k]
         iterations[sample] = count
-        if phase == 1:
+        if settles:
             restore(s, b.ties)
         advance(t, c, s)
     return CONVERGED, rel.p.shape[0], count, size
@@ -160,7 +143,7 @@ def collide(t, e, b, rates, s, j, f, d, loads, work, y):
     """
     evaluate(t, e, b, rates, s, j, f, d, loads, work, True)
     tie_rows(b.ties, s, f, RATES)
-    _weigh_massless(t, work.diagonal)
+    weigh_massless(t, work.diagonal)
     for i in range(y.shape[1]):
         work.residual[0, i] = 0.0
     for k in range(len(b.ties.a)):

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 from flexinv.border import product, solve_pivoted
 from flexinv.compiled import jit_inner
-from flexinv.march import MASSLESS
 from flexinv.mechanism import Array
 from flexinv.planar_solve import invert, solve
 from flexinv.planar_tree import vary
+from flexinv.settle import MASSLESS
 
 
 class PlanarTies(NamedTuple):

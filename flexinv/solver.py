@@ -218,6 +218,7 @@ def _work(mesh: Mesh, t: Topology, unknowns: int, widest: int, sides: int) -> Wo
         own_t=np.zeros((widest, 3)),
         system=np.zeros((max(rows, widest), max(rows, widest) + widest + sides)),
         solved=np.zeros((elements, rows, widest + sides)),
+        settled=np.zeros((2, mesh.size, 6)),
     )
 
 
