@@ -47,7 +47,7 @@ FRESH = 3e-11
 ROUNDING = 5e-15
 # A linearisation serves all iterations of a step, unless it shrinks an increment by less than SLOW: a new one costs as much as
 # two iterations or three.  (That of the step before, even turned with the mechanism, costs two iterations more: dearer.)
-SLOW = 0.01
+SLOW = 0.03
 
 
 class PlanarWork(NamedTuple):

@@ -78,11 +78,15 @@ def any_acts(k):
 
 
 @jit_inner
-def _turned(f, n, v):
-    """A vector that is fixed in node n, in the plane's axes."""
-    if n < 0:
-        return v[0], v[1]
-    c, s = np.cos(f.pose[n, 2]), np.sin(f.pose[n, 2])
+def _angle(f, n):
+    """Cosine and sine of how far node n has turned."""
+    return (np.cos(f.pose[n, 2]), np.sin(f.pose[n, 2])) if n >= 0 else (1.0, 0.0)
+
+
+@jit_inner
+def _turned(angle, v):
+    """A vector that is fixed in a node, in the plane's axes."""
+    c, s = angle
     return c * v[0] - s * v[1], s * v[0] + c * v[1]
 
 
@@ -118,7 +122,10 @@ def _dot(a, b):
 @jit_inner
 def tie_rows(k, f, rated):
     """Set value and gradient of every constraint [m], [-]: phi, or where ``rated`` phi'' = u''.w + 2 u'.w' + u.w''."""
+    on_a, on_b = (1.0, 0.0), (1.0, 0.0)
     for r in range(len(k.a)):
+        if r == 0 or k.a[r] != k.a[r - 1] or k.b[r] != k.b[r - 1]:
+            on_a, on_b = _angle(f, k.a[r]), _angle(f, k.b[r])
         if not k.acting[r]:
             k.value[r] = 0.0
             for i in range(6):
@@ -126,14 +133,14 @@ def tie_rows(k, f, rated):
             continue
         a, b = k.a[r], k.b[r]
         x, y = _motion(f, a), _motion(f, b)
-        u = _rates(_turned(f, a, k.u[r]), x[1][2], x[2][2])
+        u = _rates(_turned(on_a, k.u[r]), x[1][2], x[2][2])
         if k.direction[r]:
-            w = _rates(_turned(f, b, k.w[r]), y[1][2], y[2][2])
+            w = _rates(_turned(on_b, k.w[r]), y[1][2], y[2][2])
             across = u[0][0] * w[0][1] - u[0][1] * w[0][0]  # J u . w
             _put(k.gradient[r], (0.0, 0.0, across), (0.0, 0.0, -across))
         else:
-            arm_a = _rates(_turned(f, a, k.place_a[r]), x[1][2], x[2][2])
-            arm_b = _rates(_turned(f, b, k.place_b[r]), y[1][2], y[2][2])
+            arm_a = _rates(_turned(on_a, k.place_a[r]), x[1][2], x[2][2])
+            arm_b = _rates(_turned(on_b, k.place_b[r]), y[1][2], y[2][2])
             w = _gap(x, y, arm_a, arm_b, 0), _gap(x, y, arm_a, arm_b, 1), _gap(x, y, arm_a, arm_b, 2)
             (u1, u2), (p1, p2), (q1, q2) = u[0], arm_a[0], arm_b[0]
             across = u1 * w[0][1] - u2 * w[0][0]
