@@ -160,6 +160,8 @@ def _phased_shares(mesh: Mesh, motion: NodalMotion, tree: Array, stretches: list
 def closing_forces(motion: NodalMotion, stretches: list[Stretch], multipliers: Array) -> NodalForces:
     """Return the nodal forces [N], [N m] of all closures' multipliers (samples, rows)."""
     parts = [row_forces(motion.samples(s.span), s.rows, multipliers[s.span]) for s in stretches]
+    if len(parts) == 1:
+        return parts[0]
     return NodalForces(np.concatenate([p.force for p in parts]), np.concatenate([p.moment for p in parts]))
 
 

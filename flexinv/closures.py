@@ -25,7 +25,7 @@ from flexinv.inverse import NodalForces, plain
 from flexinv.mechanism import CLOSURES, COUPLED, WORLD, Array, Attachment, Closure, Mechanism
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
-from flexinv.rows import RowArrays, jacobians, push_samples, residual_samples
+from flexinv.rows import RowArrays, end_samples, jacobians, push_samples, residual_samples
 
 
 @dataclass(frozen=True)
@@ -194,6 +194,13 @@ def row_forces(motion: NodalMotion, rows: Rows, multipliers: Array) -> NodalForc
     force, moment = np.zeros_like(motion.x), np.zeros_like(motion.x)
     push_samples(row_arrays(rows), *_world(motion), plain(multipliers), force, moment)
     return NodalForces(force, moment)
+
+
+def end_wrench(motion: NodalMotion, rows: Rows, multipliers: Array, second: bool) -> Array:
+    """Return force [N] and moment [N m] (world, about the node) of all rows on their second node, or first, (samples, 6)."""
+    wrench = np.zeros((len(motion.x), 6))
+    end_samples(row_arrays(rows), *_world(motion), plain(multipliers), second, wrench)
+    return wrench
 
 
 def constraint_jacobian(mesh: Mesh, motion: NodalMotion, rows: Rows) -> Array:

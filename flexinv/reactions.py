@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexinv.closures import Rows, row_forces
-from flexinv.inverse import NodalForces
+from flexinv.closures import Rows, end_wrench
 from flexinv.mechanism import WORLD, Array, Attachment
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
@@ -20,17 +19,19 @@ def closure_reactions(mesh: Mesh, motion: NodalMotion, rows: Rows, multipliers: 
     for index, closure in enumerate(mesh.mechanism.closures):
         if closure.kind == "coupling":
             continue
-        own = np.where(rows.closure == index, multipliers, 0.0)
-        end, node = (closure.second, 1) if closure.second.link != WORLD else (closure.first, -1)
-        out[closure.name] = node * _at_frame(motion, row_forces(motion, rows, own), rows, index, end)
+        own = rows.closure == index
+        second = closure.second.link != WORLD
+        end = closure.second if second else closure.first
+        part = rows.of(np.arange(len(mesh.mechanism.closures)) == index)
+        node = int(part.b[0] if second else part.a[0])
+        wrench = end_wrench(motion, part, multipliers[:, own], second)
+        out[closure.name] = (1 if second else -1) * _at_frame(motion, wrench, node, end)
     return out
 
 
-def _at_frame(motion: NodalMotion, forces: NodalForces, rows: Rows, index: int, end: Attachment) -> Array:
-    first = int(np.flatnonzero(rows.closure == index)[0])
-    node = int(rows.b[first] if rows.b[first] >= 0 else rows.a[first])
-    turn = motion.rotation[:, node] @ end.placement.rotation
-    arm = motion.rotation[:, node] @ end.placement.position
-    force, moment = forces.force[:, node], forces.moment[:, node]
-    at_frame = moment - np.cross(arm, force)
-    return np.hstack([np.einsum("sji,sj->si", turn, force), np.einsum("sji,sj->si", turn, at_frame)])
+def _at_frame(motion: NodalMotion, wrench: Array, node: int, end: Attachment) -> Array:
+    rotation = motion.rotation[:, node]
+    arm, force = rotation @ end.placement.position, wrench[:, :3]
+    turn = (rotation @ end.placement.rotation).transpose(0, 2, 1)
+    at_frame = wrench[:, 3:] - np.cross(arm, force)
+    return np.hstack([(turn @ force[:, :, None])[:, :, 0], (turn @ at_frame[:, :, None])[:, :, 0]])

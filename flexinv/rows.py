@@ -146,26 +146,37 @@ def push_samples(c, x, r, v, w, a, al, multipliers, force, moment):
     for s in range(x.shape[0]):
         f = Frames(x[s], r[s], v[s], w[s], a[s], al[s])
         for k in range(c.a.shape[0]):
+            if multipliers[s, k] == 0.0:
+                continue
+            push, on_a, on_b = _wrenches(k, c, f, multipliers[s, k])
+            if c.b[k] >= 0:
+                add_to(force[s, c.b[k]], 0, push)
+                add_to(moment[s, c.b[k]], 0, on_b)
+            if c.a[k] >= 0:
+                add_to(force[s, c.a[k]], 0, scale(-1.0, push))
+                add_to(moment[s, c.a[k]], 0, on_a)
+
+
+@jit
+def end_samples(c, x, r, v, w, a, al, multipliers, second, wrench):
+    """Add force [N] and moment [N m] (world) on the second nodes of the rows, or on the first, to wrench (samples, 6)."""
+    for s in range(x.shape[0]):
+        f = Frames(x[s], r[s], v[s], w[s], a[s], al[s])
+        for k in range(c.a.shape[0]):
             if multipliers[s, k] != 0.0:
-                _push(k, c, f, multipliers[s, k], force[s], moment[s])
+                push, on_a, on_b = _wrenches(k, c, f, multipliers[s, k])
+                add_to(wrench[s], 0, push if second else scale(-1.0, push))
+                add_to(wrench[s], 3, on_b if second else on_a)
 
 
 @jit_inner
-def _push(k, c, f, size, force, moment):
-    a, b = c.a[k], c.b[k]
+def _wrenches(k, c, f, size):
+    """Force on the second node, and moments on the first and on the second, of a multiplier (world, about the nodes)."""
     (u, _, _), (w, _, _) = _vectors(k, c, f)
     on_a = scale(size, cross(u, w))
-    on_b = scale(-1.0, on_a)
-    if not c.direction[k]:
-        push = scale(size, u)
-        arm_a, _, _ = fixed(f, a, vec(c.place_a[k]))
-        arm_b, _, _ = fixed(f, b, vec(c.place_b[k]))
-        on_a, on_b = sub(on_a, cross(arm_a, push)), cross(arm_b, push)
-        if b >= 0:
-            add_to(force[b], 0, push)
-        if a >= 0:
-            add_to(force[a], 0, scale(-1.0, push))
-    if b >= 0:
-        add_to(moment[b], 0, on_b)
-    if a >= 0:
-        add_to(moment[a], 0, on_a)
+    if c.direction[k]:
+        return (0.0, 0.0, 0.0), on_a, scale(-1.0, on_a)
+    push = scale(size, u)
+    arm_a, _, _ = fixed(f, c.a[k], vec(c.place_a[k]))
+    arm_b, _, _ = fixed(f, c.b[k], vec(c.place_b[k]))
+    return push, sub(on_a, cross(arm_a, push)), cross(arm_b, push)
