@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexinv.assemble import State
-from flexinv.closures import Rows, constraint_rows
 from flexinv.integrate import Scheme
 from flexinv.mechanism import Array
 from flexinv.mesh import CONTINUOUS, PRISMATIC, Mesh
@@ -17,8 +16,8 @@ from flexinv.planar_march import Histories, PlanarWork, planar_march
 from flexinv.planar_model import PlanarModel, planar_model
 from flexinv.planar_solve import PlanarFactors
 from flexinv.planar_ties import PlanarTies
-from flexinv.planar_tree import PlanarFrames, PlanarState, PlanarTree
-from flexinv.plane import Plane, seen, tied_in
+from flexinv.planar_tree import PlanarFrames, PlanarState
+from flexinv.plane import seen
 from flexinv.rotations import about_axis, log_so3
 from flexinv.system import Indices
 from flexinv.ties import Ties
@@ -50,8 +49,7 @@ class PlanarMarch:
             felt=np.zeros((*mesh.elements.nodes.shape, 3)), residual=np.zeros(unknowns), y=np.zeros(unknowns),
         )  # fmt: skip
         frames = PlanarFrames(*(np.zeros(shape) for shape in shapes))
-        ties = _ties(constraint_rows(mesh), m.plane, m.tree)
-        return cls(mesh, m, state, frames, _factors(m), work, ties)
+        return cls(mesh, m, state, frames, _factors(m), work, _ties(m))
 
     def take(self, s: State, ties: Ties) -> None:
         """Begin where the spatial solver stands, with the closures that act there [m, rad, s, N]."""
@@ -140,29 +138,16 @@ class PlanarMarch:
         return float(axis @ log_so3(placed.T @ s.r[n]))
 
 
-def _ties(rows: Rows, plane: Plane, t: PlanarTree) -> PlanarTies:
+def _ties(m: PlanarModel) -> PlanarTies:
     """The constraints that say something in the plane; `PlanarMarch.take` sets what may change while they act."""
-    row = np.flatnonzero(tied_in(plane, rows)).astype(np.int64)
-    a, b, n, unknowns = rows.a[row], rows.b[row], len(row), len(t.scale)
-    members = [np.flatnonzero(t.block == block) for block in range(len(t.size))]
-    alone = [
-        len(nodes) == 1 and t.size[block] == 3 and not np.isin(nodes, (a, b)).any()
-        for block, nodes in enumerate(members)
-    ]
-    blocks = [block for block in range(len(t.size)) if t.size[block] > 0 and not alone[block]]
-    single = np.array([members[block][0] for block in range(len(t.size)) if alone[block]], dtype=np.int64)
-    members = [members[block] for block in blocks]
-    table = np.full((len(blocks), max((len(m) for m in members), default=0)), -1, dtype=np.int64)
-    for own, nodes in zip(table, members, strict=True):
-        own[: len(nodes)] = nodes
-    widest = max(int(t.size.max(initial=0)), 1)
+    c, n, unknowns = m.constraints, len(m.constraints.row), len(m.tree.scale)
+    widest = max(int(m.tree.size.max(initial=0)), 1)
     return PlanarTies(
-        row=row, direction=rows.direction[row], acting=np.ones(n, dtype=bool), a=a, b=b,
+        row=c.row, direction=c.direction, acting=np.ones(n, dtype=bool), a=c.a, b=c.b,
         place_a=np.zeros((n, 2)), place_b=np.zeros((n, 2)), u=np.zeros((n, 2)), w=np.zeros((n, 2)),
         multiplier=np.zeros(n), value=np.zeros(n), gradient=np.zeros((n, 6)), sides=np.zeros((n, unknowns)),
         moved=np.zeros((n, unknowns)), flexibility=np.zeros((n, n)), line=np.zeros(unknowns), border=np.zeros((n, n + 1)),
-        order=np.zeros(n, dtype=np.int64), step=np.zeros(n), single=single,
-        block=np.array(blocks, dtype=np.int64), member=table,
+        order=np.zeros(n, dtype=np.int64), step=np.zeros(n), single=c.single, block=c.block, member=c.member,
         mass=np.zeros((widest, widest)), kept=np.zeros(n), accelerations=np.zeros(unknowns),
     )  # fmt: skip
 

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
+from flexinv.closures import Rows, constraint_rows
 from flexinv.mechanism import Array
 from flexinv.mesh import CONTINUOUS, PRISMATIC, REVOLUTE, Mesh
 from flexinv.planar_beam import (
@@ -22,11 +24,24 @@ from flexinv.planar_beam import (
 )
 from flexinv.planar_march import Embedding
 from flexinv.planar_tree import PlanarTree
-from flexinv.plane import Plane, find_plane
+from flexinv.plane import Plane, find_plane, tied_in
 from flexinv.rotations import log_so3
 from flexinv.system import Indices, Topology, topology
 
 QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # J, a quarter turn about the normal
+
+
+@dataclass(frozen=True)
+class PlanarConstraints:
+    """Constraints of closures that say something in the plane, and the blocks of unknowns, as in `planar_ties.PlanarTies`."""
+
+    row: Indices
+    direction: NDArray[np.bool_]
+    a: Indices
+    b: Indices
+    single: Indices
+    block: Indices
+    member: Indices
 
 
 @dataclass(frozen=True)
@@ -44,6 +59,7 @@ class PlanarModel:
     space: Embedding
     pick: Array
     place: tuple[Indices, Indices, Indices]
+    constraints: PlanarConstraints
 
 
 @lru_cache(maxsize=64)
@@ -52,7 +68,9 @@ def planar_model(mesh: Mesh, passive: frozenset[str]) -> PlanarModel:
     plane, t = find_plane(mesh), topology(mesh, passive)
     assert isinstance(plane, Plane)  # else nobody asks
     tree, elements, space = _tree(mesh, t, plane), _elements(mesh, plane), _embedding(mesh, plane)
-    return PlanarModel(plane, t, tree, elements, space, _pick(mesh, t, tree, plane, space), _places(tree, elements))
+    pick = _pick(mesh, t, tree, plane, space)
+    tied = _constraints(constraint_rows(mesh), plane, tree)
+    return PlanarModel(plane, t, tree, elements, space, pick, _places(tree, elements), tied)
 
 
 def _pick(mesh: Mesh, t: Topology, tree: PlanarTree, plane: Plane, space: Embedding) -> Array:
@@ -147,3 +165,17 @@ def _places(t: PlanarTree, e: PlanarElements) -> tuple[Indices, Indices, Indices
     most = max((len(own) for own in numbers), default=0)
     table = np.array([own + [0] * (most - len(own)) for own in numbers], dtype=np.int64).reshape(elements, most)
     return np.array([len(own) for own in numbers], dtype=np.int64), row, table
+
+
+def _constraints(rows: Rows, plane: Plane, t: PlanarTree) -> PlanarConstraints:
+    row = np.flatnonzero(tied_in(plane, rows)).astype(np.int64)
+    a, b, count = rows.a[row], rows.b[row], len(t.size)
+    members = [np.flatnonzero(t.block == block) for block in range(count)]
+    tied = [np.isin(nodes, (a, b)).any() for nodes in members]
+    alone = [len(members[k]) == 1 and t.size[k] == 3 and not tied[k] for k in range(count)]
+    blocks = [k for k in range(count) if t.size[k] > 0 and not alone[k]]
+    member = np.full((len(blocks), max((len(members[k]) for k in blocks), default=0)), -1, dtype=np.int64)
+    for own, k in zip(member, blocks, strict=True):
+        own[: len(members[k])] = members[k]
+    single = np.array([members[k][0] for k in range(count) if alone[k]], dtype=np.int64)
+    return PlanarConstraints(row, rows.direction[row], a, b, single, np.array(blocks, dtype=np.int64), member)
