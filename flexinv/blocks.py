@@ -30,31 +30,42 @@ def _load(work, columns, lanes, x, start, by_sample, by_column):
                 fetch(x, at + k)
         return
     for tile in range(np.uint64(0), lanes, _LINE):  # as many samples as make a cache line of every row
-        size = min(_LINE, lanes - tile)
         at = (start + tile) * by_sample
-        for k in range(np.uint64(0), size * by_sample, _LINE):
+        for k in range(np.uint64(0), _LINE * by_sample, _LINE):
             fetch(x, at + LANES * by_sample + k)
         for j in range(columns.shape[0]):
-            first = columns[j] + tile
-            for k in range(size):
-                work[first + k] = x[at + k * by_sample + np.uint64(j)]
+            first, of = columns[j] + tile, at + np.uint64(j)
+            if lanes - tile >= _LINE:
+                for k in range(_LINE):
+                    work[first + k] = x[of + k * by_sample]
+            else:
+                for k in range(lanes - tile):
+                    work[first + k] = x[of + k * by_sample]
 
 
 @jit_lanes
 def _store(work, columns, lanes, x, start, by_sample, by_column):
-    """Copy rows to the columns of a block; return how many numbers are not finite."""
-    wrong = 0
-    for j in range(columns.shape[0]):
-        first, at = columns[j], start * by_sample + np.uint64(j) * by_column
-        for k in range(lanes):
-            value = work[first + k]
-            wrong += 0 if value - value == 0.0 else 1
-        if by_sample == 1:
+    """Copy rows to the columns of a block."""
+    if by_sample == 1:
+        for j in range(columns.shape[0]):
+            first, at = columns[j], start + np.uint64(j) * by_column
             for k in range(lanes):
                 x[at + k] = work[first + k]
-        else:
-            for k in range(lanes):
-                x[at + k * by_sample] = work[first + k]
+        return
+    for k in range(lanes):
+        at = (start + k) * by_sample
+        for j in range(columns.shape[0]):
+            x[at + np.uint64(j)] = work[columns[j] + k]
+
+
+@jit_lanes
+def _wrong(work, columns, lanes):
+    """How many numbers are not finite."""
+    wrong = 0
+    for j in range(columns.shape[0]):
+        for k in range(lanes):
+            value = work[columns[j] + k]
+            wrong += 0 if value - value == 0.0 else 1
     return wrong
 
 
@@ -74,7 +85,8 @@ def _blocks(tree, numbers, columns, q, qd, qdd, tau, strides, samples, work, cou
         _load(work, for_qdd, lanes, qdd, start, strides[2, 0], strides[2, 1])
         outboard(tree, numbers, work, lanes)
         inboard(tree, numbers, work, lanes)
-        wrong += _store(work, for_qdd, lanes, tau, start, strides[3, 0], strides[3, 1])
+        _store(work, for_qdd, lanes, tau, start, strides[3, 0], strides[3, 1])
+        wrong += _wrong(work, for_qdd, lanes)
 
 
 @jit_lanes

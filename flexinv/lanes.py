@@ -90,6 +90,18 @@ def turned(c, s, v):
     return c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]
 
 
+@jit_lanes
+def tilted_back(c, s, v):
+    """Return R_x^T v of a turn about x with cosine c and sine s [any unit]."""
+    return v[0], c * v[1] + s * v[2], c * v[2] - s * v[1]
+
+
+@jit_lanes
+def tilted(c, s, v):
+    """Return R_x v of a turn about x with cosine c and sine s [any unit]."""
+    return v[0], c * v[1] - s * v[2], s * v[1] + c * v[2]
+
+
 # pi/2 in three parts, the first two of 33 bits: their products with a number of quarter turns below 2^20 are exact.
 _QUARTER = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
 _PER_QUARTER = 6.36619772367581382433e-01

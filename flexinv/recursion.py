@@ -9,8 +9,12 @@ With R = R_parent,body of the placement and the joint together, p the joint's pl
 and from the leaves to the root  F_parent += R F,  N_parent += R N + p x R F.  A joint's effort is the component of F or N
 along its axis, which is z, with what its rotor, damper, friction and spring take.
 
+Along a chain the frames lie so that R = Rx(tilt) Rz(zero + q), as Denavit and Hartenberg's (`bodies`); where a branch begins a
+constant rotation stands before that.  The *state* (w, al, a) is carried on in place: what body i leaves is that of the place p
+of its last child's joint, a + S p; other children begin with a copy.
+
 The tree is data: one machine code serves all mechanisms.  Each body has a few rows in the work space; its coordinates come in
-there, its efforts go out of there.  The state (w, al, a) of a chain is carried on in place; a branch begins with a copy.
+there, its efforts go out of there.
 """
 
 from __future__ import annotations
@@ -20,7 +24,7 @@ import math
 import numpy as np
 
 from flexinv.compiled import jit_lanes
-from flexinv.kinds import CONTINUOUS, FREE, PRISMATIC, REVOLUTE
+from flexinv.kinds import CONTINUOUS, FREE, PRISMATIC, REVOLUTE, SPHERICAL
 from flexinv.lanes import (
     FAR,
     LANES,
@@ -31,6 +35,8 @@ from flexinv.lanes import (
     plus_out_of,
     put_vec,
     row,
+    tilted,
+    tilted_back,
     times,
     turned,
     turned_back,
@@ -38,10 +44,10 @@ from flexinv.lanes import (
 )
 
 # Columns of the tables of bodies: see `bodies.Bodies`.
-TREE, NUMBERS = np.uint64(6), np.uint64(27)
+TREE, NUMBERS = np.uint64(6), np.uint64(37)
 # Rows of every body: force and moment that its parent exerts on it, and all beyond it, at its origin.
-FORCE, MOMENT = row(0), row(3)
-WORLD_ROWS = 6
+FORCE, MOMENT, MOMENT_Z = row(0), row(3), row(5)
+WRENCH_ROWS = 6
 # of a body that turns or slides: coordinate, its cosine and sine, rate; acceleration, which becomes the effort
 PLACE, COS, SIN, RATE, EFFORT = row(6), row(7), row(8), row(9), row(10)
 SCALAR_ROWS = 11
@@ -55,9 +61,9 @@ FREE_ROWS = 30
 SPIN, SPIN_RATE, ACCELERATION = row(0), row(3), row(6)
 STATE_ROWS = 9
 _STATE, _LARGEST = row(STATE_ROWS), row(FREE_ROWS)
-_WORLD, _NONE = row(WORLD_ROWS), (0.0, 0.0, 0.0)
-# How a body's state begins: where its parent left it, at rest in the world, as a copy.
-ON, FROM_WORLD, COPIED = range(3)
+_WRENCH, _NONE = row(WRENCH_ROWS), (0.0, 0.0, 0.0)
+# How a body's state begins: where its parent left it, the same turned by a constant rotation, a turned copy, in the world.
+ON, TURNED, COPIED, FROM_WORLD = range(4)
 
 
 @jit_lanes
@@ -67,8 +73,20 @@ def _vec(numbers, first):
 
 @jit_lanes
 def _placement(body):
-    """R (rows) and p of the joint in the parent's frame."""
+    """R (rows) before tilt and joint, and p of the joint, in the parent's frame."""
     return (_vec(body, 0), _vec(body, 3), _vec(body, 6)), _vec(body, 9)
+
+
+@jit_lanes
+def _tilt(body):
+    """Cosine and sine of the tilt about x, and of the angle about z at which the coordinate is zero."""
+    return (body[27], body[28]), (body[29], body[30])
+
+
+@jit_lanes
+def _onward(body):
+    """p of the last child's joint in this body's frame."""
+    return _vec(body, 31)
 
 
 @jit_lanes
@@ -83,16 +101,19 @@ def _sign(x):
 
 
 @jit_lanes
-def _carried(state, k, p):
-    """w, al and a_parent + al x p + w x (w x p): what a point p of the parent gives the body that hangs there."""
-    w, al, a = vec_of(state, SPIN, k), vec_of(state, SPIN_RATE, k), vec_of(state, ACCELERATION, k)
-    wp = plus_cross(_NONE, w, p)
-    return w, al, plus_cross(plus_cross(a, al, p), w, wp)
+def _state(state, k):
+    return vec_of(state, SPIN, k), vec_of(state, SPIN_RATE, k), vec_of(state, ACCELERATION, k)
 
 
 @jit_lanes
-def _leave(state, rows, k, w, al, a, inertia):
-    """Leave the state for the next body, and F = m a + S h, N = h x a + axial(S Sigma) in this one's rows."""
+def _at(w, al, a, arm):
+    """a + al x arm + w x (w x arm): the acceleration of another point of the same body."""
+    return plus_cross(plus_cross(a, al, arm), w, plus_cross(_NONE, w, arm))
+
+
+@jit_lanes
+def _leave(state, rows, k, w, al, a, inertia, onward):
+    """Leave the state of the place ``onward``, and F = m a + S h, N = h x a + axial(S Sigma) in the body's rows."""
     m, h, (sxx, syy, szz), (sxy, sxz, syz) = inertia
     xx, yy, zz = w[0] * w[0], w[1] * w[1], w[2] * w[2]
     x = (-yy - zz, w[0] * w[1] - al[2], w[0] * w[2] + al[1])  # rows of S
@@ -107,7 +128,7 @@ def _leave(state, rows, k, w, al, a, inertia):
     )
     put_vec(state, SPIN, k, w)
     put_vec(state, SPIN_RATE, k, al)
-    put_vec(state, ACCELERATION, k, a)
+    put_vec(state, ACCELERATION, k, plus_out_of(a, (x, y, z), onward))
     put_vec(rows, FORCE, k, force)
     put_vec(rows, MOMENT, k, moment)
 
@@ -128,37 +149,38 @@ def _angles(rows, lanes):
 @jit_lanes
 def _turn_outboard(state, rows, lanes, body):
     """A body that turns about z."""
-    (r, p), inertia = _placement(body), _inertia(body)
-    rotor, damping, friction = _vec(body, 22)
+    ((ct, st), (c0, s0)), inertia, onward = _tilt(body), _inertia(body), _onward(body)
+    rotor, damping = body[22], body[23]
     for k in range(lanes):
-        w, al, a = _carried(state, k, p)
-        c, s, rate, acceleration = rows[COS + k], rows[SIN + k], rows[RATE + k], rows[EFFORT + k]
-        w = turned_back(c, s, into(r, w))
-        al = turned_back(c, s, into(r, al))
-        a = turned_back(c, s, into(r, a))
+        w, al, a = _state(state, k)
+        rate, acceleration = rows[RATE + k], rows[EFFORT + k]
+        c, s = c0 * rows[COS + k] - s0 * rows[SIN + k], s0 * rows[COS + k] + c0 * rows[SIN + k]
+        rows[COS + k], rows[SIN + k] = c, s
+        w = turned_back(c, s, tilted_back(ct, st, w))
+        al = turned_back(c, s, tilted_back(ct, st, al))
+        a = turned_back(c, s, tilted_back(ct, st, a))
         al = (al[0] + w[1] * rate, al[1] - w[0] * rate, al[2] + acceleration)  # + c x w_j + al_j, w_j = rate z
         w = (w[0], w[1], w[2] + rate)
-        _leave(state, rows, k, w, al, a, inertia)
-        rows[EFFORT + k] = rotor * acceleration + damping * rate + friction * _sign(rate)
+        _leave(state, rows, k, w, al, a, inertia, onward)
+        rows[EFFORT + k] = rotor * acceleration + damping * rate
 
 
 @jit_lanes
 def _slide_outboard(state, rows, lanes, body):
-    """A body that slides along z: p moves with it."""
-    (r, p), inertia = _placement(body), _inertia(body)
-    rotor, damping, friction = _vec(body, 22)
-    along = (r[0][2], r[1][2], r[2][2])
+    """A body that slides along z."""
+    inertia, onward = _inertia(body), _onward(body)
+    rotor, damping = body[22], body[23]
     for k in range(lanes):
-        place, rate, acceleration = rows[PLACE + k], rows[RATE + k], rows[EFFORT + k]
-        w, al, a = _carried(state, k, plus(p, times(place, along)))
-        w, al, a = into(r, w), into(r, al), into(r, a)
+        w, al, a = _state(state, k)
+        rate, acceleration = rows[RATE + k], rows[EFFORT + k]
+        a = _at(w, al, a, (0.0, 0.0, rows[PLACE + k]))
         a = (
             a[0] + 2.0 * w[1] * rate,
             a[1] - 2.0 * w[0] * rate,
             a[2] + acceleration,
         )  # + 2 c x v_j + v_j', v_j = rate z
-        _leave(state, rows, k, w, al, a, inertia)
-        rows[EFFORT + k] = rotor * acceleration + damping * rate + friction * _sign(rate)
+        _leave(state, rows, k, w, al, a, inertia, onward)
+        rows[EFFORT + k] = rotor * acceleration + damping * rate
 
 
 @jit_lanes
@@ -187,16 +209,17 @@ def _orientation(rows, k):
 @jit_lanes
 def _float_outboard(state, rows, lanes, body):
     """A body that turns about its origin, which moves too; rates and accelerations are in its own frame."""
-    (r, p), inertia = _placement(body), _inertia(body)
+    inertia, onward = _inertia(body), _onward(body)
     for k in range(lanes):
         rj = _orientation(rows, k)
         v, wj = vec_of(rows, RATES, k), vec_of(rows, RATES_TURNING, k)
         dv, alj = vec_of(rows, EFFORTS, k), vec_of(rows, EFFORTS_TURNING, k)
-        w, al, a = _carried(state, k, plus_out_of(p, r, vec_of(rows, SHIFT, k)))
-        c = into(rj, into(r, w))
-        al = plus_cross(plus(into(rj, into(r, al)), alj), c, wj)
-        a = plus_cross(plus(into(rj, into(r, a)), dv), plus(times(2.0, c), wj), v)
-        _leave(state, rows, k, plus(c, wj), al, a, inertia)
+        w, al, a = _state(state, k)
+        a = _at(w, al, a, vec_of(rows, SHIFT, k))
+        c = into(rj, w)
+        al = plus_cross(plus(into(rj, al), alj), c, wj)
+        a = plus_cross(plus(into(rj, a), dv), plus(times(2.0, c), wj), v)
+        _leave(state, rows, k, plus(c, wj), al, a, inertia, onward)
     rotor, damping, friction = _vec(body, 22)
     for j in range(6):
         rate, effort = RATES + np.uint64(j) * LANES, EFFORTS + np.uint64(j) * LANES
@@ -206,65 +229,95 @@ def _float_outboard(state, rows, lanes, body):
 
 
 @jit_lanes
-def _add_to_parent(above, k, force, moment):
+def _add(above, k, p, force, moment):
+    """Add to the parent what a wrench at the place p is at its origin."""
     put_vec(above, FORCE, k, plus(vec_of(above, FORCE, k), force))
-    put_vec(above, MOMENT, k, plus(vec_of(above, MOMENT, k), moment))
+    put_vec(above, MOMENT, k, plus_cross(plus(vec_of(above, MOMENT, k), moment), p, force))
 
 
 @jit_lanes
-def _turn_inboard(rows, above, lanes, body):
-    r, p = _placement(body)
+def _turn_inboard(rows, lanes, body):
+    """The effort, and the wrench in the frame before the joint."""
+    (ct, st), _ = _tilt(body)
     for k in range(lanes):
-        force, moment = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k)
         c, s = rows[COS + k], rows[SIN + k]
-        rows[EFFORT + k] += moment[2]
-        up = plus_out_of(_NONE, r, turned(c, s, force))
-        turn = plus_out_of(_NONE, r, turned(c, s, moment))
-        _add_to_parent(above, k, up, plus_cross(turn, p, up))
+        rows[EFFORT + k] += rows[MOMENT_Z + k]
+        put_vec(rows, FORCE, k, tilted(ct, st, turned(c, s, vec_of(rows, FORCE, k))))
+        put_vec(rows, MOMENT, k, tilted(ct, st, turned(c, s, vec_of(rows, MOMENT, k))))
 
 
 @jit_lanes
-def _slide_inboard(rows, above, lanes, body):
-    r, p = _placement(body)
-    along = (r[0][2], r[1][2], r[2][2])
+def _turn_on_inboard(rows, above, lanes, body):
+    """The effort, and the wrench that the parent takes in its own frame."""
+    ((ct, st), _), (_, p) = _tilt(body), _placement(body)
+    for k in range(lanes):
+        c, s = rows[COS + k], rows[SIN + k]
+        rows[EFFORT + k] += rows[MOMENT_Z + k]
+        force = tilted(ct, st, turned(c, s, vec_of(rows, FORCE, k)))
+        _add(above, k, p, force, tilted(ct, st, turned(c, s, vec_of(rows, MOMENT, k))))
+
+
+@jit_lanes
+def _slide_inboard(rows, lanes):
+    """The effort, and the moment where the slide begins."""
     for k in range(lanes):
         force, moment = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k)
         rows[EFFORT + k] += force[2]
-        up = plus_out_of(_NONE, r, force)
-        arm = plus(p, times(rows[PLACE + k], along))
-        _add_to_parent(above, k, up, plus_cross(plus_out_of(_NONE, r, moment), arm, up))
+        put_vec(rows, MOMENT, k, plus_cross(moment, (0.0, 0.0, rows[PLACE + k]), force))
 
 
 @jit_lanes
-def _float_inboard(rows, above, lanes, body):
-    r, p = _placement(body)
+def _float_inboard(rows, lanes):
+    """The efforts, and the wrench before the joint."""
     for k in range(lanes):
         force, moment, rj = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k), _orientation(rows, k)
         put_vec(rows, EFFORTS, k, plus(vec_of(rows, EFFORTS, k), force))
         put_vec(rows, EFFORTS_TURNING, k, plus(vec_of(rows, EFFORTS_TURNING, k), moment))
-        up = plus_out_of(_NONE, r, plus_out_of(_NONE, rj, force))
-        arm = plus_out_of(p, r, vec_of(rows, SHIFT, k))
-        _add_to_parent(above, k, up, plus_cross(plus_out_of(_NONE, r, plus_out_of(_NONE, rj, moment)), arm, up))
+        force, moment = plus_out_of(_NONE, rj, force), plus_out_of(_NONE, rj, moment)
+        put_vec(rows, FORCE, k, force)
+        put_vec(rows, MOMENT, k, plus_cross(moment, vec_of(rows, SHIFT, k), force))
 
 
 @jit_lanes
-def _stretch(rows, lanes, kind, stiffness, rest):
-    """Add what the actuator gives against a spring in the joint, stiffness (q - rest)."""
+def _branch_inboard(rows, above, lanes, body):
+    """The wrench before the joint, which the parent takes in its own frame."""
+    r, p = _placement(body)
     for k in range(lanes):
-        place = math.atan2(rows[SIN + k], rows[COS + k]) if kind == CONTINUOUS else rows[PLACE + k]
-        rows[EFFORT + k] += stiffness * (place - rest)
+        force, moment = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k)
+        _add(above, k, p, plus_out_of(_NONE, r, force), plus_out_of(_NONE, r, moment))
 
 
 @jit_lanes
-def _begin_state(how, source, state, work, lanes, g):
+def _resist(rows, lanes, kind, body):
+    """Add what the actuator gives against dry friction and a spring in the joint, friction sign(qd) + stiffness (q - rest)."""
+    (_, (c0, s0)), (friction, stiffness, rest) = _tilt(body), _vec(body, 24)
+    for k in range(lanes):
+        c, s = rows[COS + k], rows[SIN + k]  # of zero + q: a joint that turns without end has no other coordinate
+        place = math.atan2(c0 * s - s0 * c, c0 * c + s0 * s) if kind == CONTINUOUS else rows[PLACE + k]
+        rows[EFFORT + k] += friction * _sign(rows[RATE + k]) + stiffness * (place - rest)
+
+
+@jit_lanes
+def _begin(how, source, state, work, lanes, body, g):
+    """The state before the joint: at rest in the world, or the parent's, turned by the constant rotation."""
+    if how == ON:
+        return
+    (r, _), d = _placement(body), _vec(body, 34)
     if how == FROM_WORLD:
+        a = into(r, (-g[0], -g[1], -g[2]))
         for k in range(lanes):
             put_vec(state, SPIN, k, _NONE)
             put_vec(state, SPIN_RATE, k, _NONE)
-            put_vec(state, ACCELERATION, k, (-g[0], -g[1], -g[2]))
-    elif how == COPIED:
+            put_vec(state, ACCELERATION, k, a)
+        return
+    if how == COPIED:
         for i in range(STATE_ROWS * LANES):
             state[i] = work[source + i]
+    for k in range(lanes):
+        w, al, a = _state(state, k)
+        put_vec(state, SPIN, k, into(r, w))
+        put_vec(state, SPIN_RATE, k, into(r, al))
+        put_vec(state, ACCELERATION, k, into(r, _at(w, al, a, d)))
 
 
 @jit_lanes
@@ -274,7 +327,7 @@ def outboard(tree, numbers, work, lanes):
     for i in range(1, tree.shape[0]):
         kind, first, at, how, source = tree[i, 0], tree[i, 2], tree[i, 3], tree[i, 4], tree[i, 5]
         state, rows, body = work[at : at + _STATE], work[first : first + _LARGEST], numbers[i]
-        _begin_state(how, source, state, work, lanes, g)
+        _begin(how, source, state, work, lanes, body, g)
         if kind == PRISMATIC:
             _slide_outboard(state, rows, lanes, body)
         elif kind in (REVOLUTE, CONTINUOUS):
@@ -284,22 +337,26 @@ def outboard(tree, numbers, work, lanes):
         else:
             _orientations(rows, lanes, kind == FREE)
             _float_outboard(state, rows, lanes, body)
-        if body[25] != 0.0:
-            _stretch(rows, lanes, kind, body[25], body[26])
+        if kind not in (SPHERICAL, FREE) and (body[24] != 0.0 or body[25] != 0.0):
+            _resist(rows, lanes, kind, body)
 
 
 @jit_lanes
 def inboard(tree, numbers, work, lanes):
     """Sum forces [N] and moments [N m] from the leaves to the root; what lies along a joint's axis is its effort."""
-    work[:_WORLD] = 0.0
     for back in range(1, tree.shape[0]):
         i = tree.shape[0] - back
-        kind, parent, first = tree[i, 0], tree[i, 1], tree[i, 2]
+        kind, parent, first, how = tree[i, 0], tree[i, 1], tree[i, 2], tree[i, 4]
         rows, body = work[first : first + _LARGEST], numbers[i]
-        above = work[tree[parent, 2] : tree[parent, 2] + _WORLD]
+        above = work[tree[parent, 2] : tree[parent, 2] + _WRENCH]
+        if how == ON:
+            _turn_on_inboard(rows, above, lanes, body)
+            continue
         if kind == PRISMATIC:
-            _slide_inboard(rows, above, lanes, body)
+            _slide_inboard(rows, lanes)
         elif kind in (REVOLUTE, CONTINUOUS):
-            _turn_inboard(rows, above, lanes, body)
+            _turn_inboard(rows, lanes, body)
         else:
-            _float_inboard(rows, above, lanes, body)
+            _float_inboard(rows, lanes)
+        if how != FROM_WORLD:
+            _branch_inboard(rows, above, lanes, body)

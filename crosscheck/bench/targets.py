@@ -91,7 +91,9 @@ def text() -> str:
     )
     return (
         f"{here['processor']}, {here['cores']} cores, vectors: {width}. {asked}\n\n"
-        "Calls take turns in one process; repetitions in which the system interrupted it are dropped, and where too few are "
-        "left the processor's time is taken. Shown are medians, with the quartiles of what stood side by side. Results are "
+        "Calls take turns in one process. Each turn of a call begins with a run that is not timed (unless it takes more than "
+        "50 ms), so that every call finds its data and its threads as in a loop of its own, not as others left the caches. "
+        "Repetitions in which the system interrupted the process are dropped, and where too few are left the processor's "
+        "time is taken. Shown are medians, with the quartiles of what stood side by side. Results are "
         "compared before anything is timed. Rows without a verdict are measured, and nothing is asked of them."
     )

@@ -1,5 +1,8 @@
 """Time calls in turns, so that whatever else the machine does meets all of them alike.
 
+A repetition begins with a run that is not timed: every call finds its data, its machine code and its threads as in a loop of
+its own, and not as the call before it left the caches; a call of more than 50 ms needs none.
+
 A repetition in which the process was interrupted (an involuntary context switch) is dropped.  Where too few are left, as
 with long calls on a busy machine, calls of one thread are measured by the processor's time instead, which does not count
 interruptions, and calls of several by the fastest quarter of their repetitions.
@@ -18,7 +21,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 REPETITION = 1e-3  # [s]: well below the some 4 ms after which a busy system changes processes
-LONG = 0.05  # [s]: what takes longer is not run twice before it is timed
+LONG = (
+    0.05  # [s]: what takes longer is not run before it is timed, as what it finds in the caches is no part of its time
+)
 FEWEST = 5  # repetitions, and clean ones, that quartiles are taken of
 MOST = 400  # repetitions; more do not move a median
 
@@ -91,7 +96,7 @@ def in_turns(calls: Mapping[str, Call], seconds: float) -> dict[str, Times]:
             if done >= FEWEST and clock.perf_counter() > end:
                 break
             for name, call in calls.items():
-                taken[name].append(_once(call, often[name]))
+                taken[name].append(_once(call, *often[name]))
     columns = {name: list(zip(*rows, strict=True)) for name, rows in taken.items()}
     return {
         name: Times(np.array(wall), np.array(own), np.array(clean, dtype=bool), calls[name].threads)
@@ -99,7 +104,9 @@ def in_turns(calls: Mapping[str, Call], seconds: float) -> dict[str, Times]:
     }
 
 
-def _once(call: Call, times: int) -> tuple[float, float, bool]:
+def _once(call: Call, times: int, long: bool) -> tuple[float, float, bool]:
+    if not long:
+        call.run()
     before, own, start = _interruptions(), clock.process_time(), clock.perf_counter()
     for _ in range(times):
         call.run()
@@ -107,15 +114,15 @@ def _once(call: Call, times: int) -> tuple[float, float, bool]:
     return wall / times, (clock.process_time() - own) / times, _interruptions() == before
 
 
-def _count(call: Call) -> int:
-    """How many runs make a repetition; the first run, which compiles or fills caches, counts if it is long itself."""
+def _count(call: Call) -> tuple[int, bool]:
+    """How many runs make a repetition, and whether one is long; the first, which compiles or fills caches, counts if it is."""
     start = clock.perf_counter()
     call.run()
     if clock.perf_counter() - start > LONG:
-        return 1
+        return 1, True
     start = clock.perf_counter()
     call.run()
-    return max(1, int(REPETITION / max(clock.perf_counter() - start, 1e-7)))
+    return max(1, int(REPETITION / max(clock.perf_counter() - start, 1e-7))), False
 
 
 def _quartiles(values: Array) -> Spread:
