@@ -24,10 +24,18 @@ from flexinv.vectors import add_to, apply, mat, mul, put_block, scale, vec, vec_
 DYNAMIC, STATIC, ACCELERATION = 0, 1, 2
 
 
+# What Newton leaves by default: less than rounding.
+EXACT = 1e-18
+# A new linearisation leaves the square of its increment times this, or less: where axial stiffness meets bending.
+SQUARED = 1e3
+MOST_LEFT = 1e-6
+
+
 class Scheme(NamedTuple):
     """What is solved for (DYNAMIC: a time step, STATIC: rest, ACCELERATION: u' at a given state) and with what.
 
     h [s]; cv = du/dd [1/s]; ca = du'/dd [1/s^2]; the rest dimensionless
+    left : what Newton may leave of its unknowns, over the mechanism's length or in radians
     """
 
     mode: int
@@ -38,6 +46,7 @@ class Scheme(NamedTuple):
     gamma: float
     alpha_m: float
     alpha_f: float
+    left: float = EXACT
 
 
 STATICS = Scheme(STATIC, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -45,11 +54,11 @@ STATICS = Scheme(STATIC, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 ACCELERATIONS = Scheme(ACCELERATION, 0.0, 0.0, 1e30, 0.0, 0.0, 0.0, 0.0)
 
 
-def generalized_alpha(h: float, spectral_radius: float) -> Scheme:
+def generalized_alpha(h: float, spectral_radius: float, left: float = EXACT) -> Scheme:
     """Return the scheme of step ``h`` [s] whose high frequencies shrink by ``spectral_radius`` [-] per step.
 
     alpha_m = (2 rho - 1)/(rho + 1), alpha_f = rho/(rho + 1), gamma = 1/2 + alpha_f - alpha_m, beta = (gamma + 1/2)^2 / 4.
-    Second order for every rho; raises InputError outside 0 <= rho <= 1 or for h <= 0.
+    Second order for every rho; raises InputError outside 0 <= rho <= 1, for h <= 0, for ``left`` [-] outside 0 < left <= 1e-6.
     """
     rho = spectral_radius
     if not 0.0 <= rho <= 1.0:
@@ -60,7 +69,11 @@ def generalized_alpha(h: float, spectral_radius: float) -> Scheme:
     gamma = 0.5 + alpha_f - alpha_m
     beta = 0.25 * (gamma + 0.5) ** 2
     ca = (1 - alpha_m) / ((1 - alpha_f) * beta * h * h)
-    return Scheme(DYNAMIC, h, gamma / (beta * h), ca, beta, gamma, alpha_m, alpha_f)
+    if not 0.0 < left <= MOST_LEFT:
+        raise InputError(
+            f"tolerance = {left}: expected a part of the mechanism's length above 0 and at most {MOST_LEFT:g}, for example 1e-9"
+        )
+    return Scheme(DYNAMIC, h, gamma / (beta * h), ca, beta, gamma, alpha_m, alpha_f, left)
 
 
 @jit_inner

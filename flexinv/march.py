@@ -10,7 +10,7 @@ from flexinv.assemble import add_elements, gather, node_wrenches, place
 from flexinv.border import solve_border
 from flexinv.compiled import jit, jit_inline, jit_inner
 from flexinv.eliminate import solve_tree
-from flexinv.integrate import ACCELERATION, DYNAMIC, STATIC, advance, correct, largest_increment, predict
+from flexinv.integrate import ACCELERATION, DYNAMIC, SQUARED, STATIC, advance, correct, largest_increment, predict
 from flexinv.loads import add_loads, set_loads
 from flexinv.pulls import Pulls, pull_rows, pull_sides, turn_arms
 from flexinv.settle import settle, weigh_massless
@@ -20,7 +20,8 @@ from flexinv.tree import Joints
 from flexinv.vectors import mat, put, put_block, vec
 
 # Newton stops when an increment, relative to the mechanism's length or in radians, is below this; one evaluation
-# follows, and as convergence is quadratic the error that is left is about its square: rounding.
+# follows, and as convergence is quadratic the error that is left is about its square: rounding.  (A scheme that may leave more
+# lets it stop earlier.)
 INCREMENT = 1e-8
 MOST_ITERATIONS = 25
 
@@ -81,7 +82,7 @@ def newton(t, e, b, c, s, j, f, d, loads, work, y):
         if not np.isfinite(size):
             return NOT_FINITE, iteration, size
         correct(t, c, s, y[0])
-        last = size < INCREMENT or c.mode == ACCELERATION
+        last = size < INCREMENT or SQUARED * size * size < c.left or c.mode == ACCELERATION
     return NOT_CONVERGED, MOST_ITERATIONS, size
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from flexinv.assemble import LARGEST_TURN
 from flexinv.compiled import jit, jit_inner
-from flexinv.integrate import follow, largest_increment, pseudo_acceleration
+from flexinv.integrate import SQUARED, follow, largest_increment, pseudo_acceleration
 from flexinv.march import CONVERGED, MOST_ITERATIONS, NOT_CONVERGED, NOT_FINITE, TURNED_TOO_MUCH
 from flexinv.mechanism import Array
 from flexinv.planar_beam import N1, N2, M, add_forces, energy, interpolate, point, point_gradients, point_hessians
@@ -38,12 +38,10 @@ from flexinv.planar_tree import (
     vary_independent,
 )
 
-# Newton stops when what an iteration leaves is below LEFT: its increment times what it shrank the one before to (and no less
-# than SURE of it).  A fresh linearisation leaves the square of its increment, times 1e3 or so where axial stiffness meets
-# bending: below FRESH that is LEFT.  Increments below ROUNDING say nothing more.
-LEFT = 1e-18
+# Newton stops when what an iteration leaves is below that of the scheme: its increment times what it shrank the one before to
+# (and no less than SURE of it), or with a new linearisation the square (`integrate.SQUARED`).  Increments below ROUNDING say
+# nothing more.
 SURE = 1e-6
-FRESH = 3e-11
 ROUNDING = 5e-15
 # A linearisation serves all iterations of a step, unless it shrinks an increment by less than SLOW: a new one costs as much as
 # two iterations or three.  (That of the step before, even turned with the mechanism, costs two iterations more: dearer.)
@@ -153,7 +151,8 @@ def newton(t, e, k, c, s, given, f, q, w, slow):
             s.u[i] += c.cv * w.y[i]
             s.du[i] += c.ca * w.y[i]
         shrunk = size / before if iteration > 0 else 1.0
-        last = size < (FRESH if fresh else ROUNDING) or size * max(shrunk, SURE) < LEFT
+        leaves = SQUARED * size * size if fresh else size * max(shrunk, SURE)
+        last = size < ROUNDING or leaves < c.left
         fresh = shrunk > slow if iteration > 0 else slow == 0.0
     return NOT_CONVERGED, MOST_ITERATIONS, size
 

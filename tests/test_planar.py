@@ -128,6 +128,23 @@ def test_dry_friction_of_a_passive_joint(monkeypatch: pytest.MonkeyPatch) -> Non
     assert difference(a.torque_all, b.torque_all) < 1e-6
 
 
+@pytest.mark.parametrize("plane", [True, False])
+def test_newton_may_stop_early(plane: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What it leaves of positions is below the tolerance at every step; some hundred steps add that up, with damping."""
+    if not plane:
+        monkeypatch.setattr(kinematics, "find_plane", lambda mesh: NotPlanar("asked for"))
+    exact = flexinv.solve(arm(), HALF_TURN, 1e-3)
+    early = flexinv.solve(arm(), HALF_TURN, 1e-3, tolerance=1e-9)
+    assert early.iterations.sum() < exact.iterations.sum()
+    assert 0.0 < difference(early.nodes.x, exact.nodes.x) < 100 * 1e-9
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -1e-9, 1e-3, float("nan")])
+def test_a_tolerance_that_cannot_be(tolerance: float) -> None:
+    with pytest.raises(flexinv.InputError, match=r"tolerance = .*: expected a part of the mechanism's length above 0"):
+        flexinv.solve(arm(), HALF_TURN, 1e-3, tolerance=tolerance)
+
+
 def test_a_slightly_other_beam_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """The comparison can fail: a bending stiffness off by 1e-9."""
     other = replace(STRIP, stiffness=STRIP.stiffness * np.array([1, 1, 1, 1, 1, 1 + 1e-9]))

@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 ASKED = 10.0  # times as fast as Exudyn in the plane, at an error as small or smaller
 SAMPLE = 1e-3  # [s] between the samples at which errors are taken; every step divides it
 SECONDS = 10.0  # for each mechanism: five turns of everything, or more
+# What flexinv's Newton may leave, over the length: its errors here are 1e-5 and more.
+TOLERANCE = 1e-9
 # So little shear and rotary inertia that the arms' tips move by less than 1e-6 of their length: hundred times as stiff,
 # a hundredth of the inertia (as they are, the two codes differ by 2.7e-5, with this by 2.6e-7).
 LITTLE = 100.0
@@ -38,7 +40,8 @@ LITTLE = 100.0
 TEXT = """The arm (without gravity) makes its motion and vibrates. Time is that of the whole run: for flexinv from the model to
 torques, wrenches and histories of all nodes, for Exudyn its SolveDynamic alone, without sensors and files. Exudyn runs as it
 is fastest: the build without range checks, reduced integration, modified or full Newton, dense or sparse matrices, tolerances
-of 1e-6, whichever of these is fastest here. Both integrate by generalized-alpha with a spectral radius of 0.8.
+of 1e-6, whichever of these is fastest here. flexinv's Newton may leave 1e-9 of the length. Both integrate by
+generalized-alpha with a spectral radius of 0.8.
 
 The error is the largest distance of a tip from where the reference has it, over the arm's length. Faster: how many times as
 long Exudyn takes as the fastest run of flexinv whose error is as small or smaller, up to what the step itself leaves: a coarse
@@ -170,7 +173,7 @@ def slender(beam: Beam) -> Beam:
 
 def solved(mechanism: Mechanism, motion: Motion, step: float, end: float) -> dict[str, Array]:
     """Return where flexinv has the tips of the beams, (samples, 3) [m], every SAMPLE; step, end [s]."""
-    tip = solve(mechanism, motion, step, end=end).tip
+    tip = solve(mechanism, motion, step, end=end, tolerance=TOLERANCE).tip
     return {link.name: tip[link.name][:: round(SAMPLE / step)] for link in mechanism.beams}
 
 
@@ -185,7 +188,7 @@ def _ours(arm: Arm, mechanism: Mechanism, motion: Motion, grid: Grid) -> Iterato
             meshed = mechanism.with_mesh(elements, order)
             for step in (*grid.steps, *grid.finer):
                 tips = solved(meshed, motion, step, arm.end)
-                call = Call(lambda m=meshed, h=step: solve(m, motion, h, end=arm.end))  # type: ignore[misc]
+                call = Call(lambda m=meshed, h=step: solve(m, motion, h, end=arm.end, tolerance=TOLERANCE))  # type: ignore[misc]
                 yield Run(f"flexinv, order {order}", elements, step, call, tips)
 
 
