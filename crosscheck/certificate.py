@@ -28,6 +28,8 @@ class Certificate:
     """What one engine's model says; empty where it cannot say it.
 
     mass : total of what moves [kg]; masses : of all that each moving joint carries up to the next [kg], by joint
+    moments, inertias : of the same, first moment m c (3,) [kg m] and tensor (3, 3) [kg m^2] about the origin of the joint's
+        child, along its axes
     com : (configurations, 3) [m], of what moves; mass_matrix : (configurations, nv, nv), rotor inertia included
     gravity : (configurations, nv) [N m] or [N], effort that holds the tree still
     axes : by joint with one coordinate, (configurations, 3) [-], in the world
@@ -38,6 +40,8 @@ class Certificate:
 
     mass: float | None = None
     masses: Mapping[str, float] = field(default_factory=dict)
+    moments: Mapping[str, Any] = field(default_factory=dict)
+    inertias: Mapping[str, Any] = field(default_factory=dict)
     com: Any = None
     mass_matrix: Any = None
     gravity: Any = None
@@ -109,6 +113,8 @@ def _numbers(theirs: Certificate, ours: Certificate) -> Iterator[dict[str, Any]]
             yield _line(what, unit, np.asarray(a), np.asarray(b), EXACT)
     for what, unit, name, limit in (
         ("masses by joint", "kg", "masses", EXACT),
+        ("first moments by joint", "kg m", "moments", EXACT),
+        ("inertias by joint", "kg m^2", "inertias", EXACT),
         ("joint axes", "-", "axes", EXACT),
         ("section stiffness", "N, N m^2", "stiffness", PROBED),
     ):

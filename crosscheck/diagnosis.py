@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.causes.apply import with_efforts
-from crosscheck.causes.evidence import consistent
+from crosscheck.causes.evidence import Evidence
 from crosscheck.causes.fit import IMPOSSIBLE, Fit
 from crosscheck.causes.model import Model, model_of
 from crosscheck.causes.naming import Naming, name
@@ -31,8 +31,9 @@ def diagnose(folder: str, case: str, engine: str, ours: str, theirs: str) -> dic
     record, reference = load(Path(ours)), load(Path(theirs))
     model = model_of(subject, reference)
     residual = model.residual(record, reference)
-    naming = name(model, residual, noise_of(model, record, reference))
-    fits = consistent(subject, naming.named, certificate(record.certificate), certificate(reference.certificate))
+    evidence = Evidence(model, residual, certificate(record.certificate), certificate(reference.certificate))
+    naming = name(model, residual, noise_of(model, record, reference), evidence=evidence)
+    fits = naming.named
     repaired, where = repair(model, fits[0], engine, reference, record) if fits else (None, "")
     return {
         "words": sentence(naming, fits, repaired, where),
@@ -108,7 +109,9 @@ def sentence(naming: Naming, fits: tuple[Fit, ...], repaired: float | None, wher
     if repaired is not None:
         text += f"; {where}, {repaired:.1e} of the range remains of {naming.size:.1e}"
     others = len(fits) - 1
-    return text + (f". This motion cannot tell it from {others} other{'s' * (others > 1)}." if others else ".")
+    text += f". This motion cannot tell it from {others} other{'s' * (others > 1)}." if others else "."
+    out = list(dict.fromkeys(f.cause.name for f in naming.ruled_out if f.cause is not best.cause))
+    return text + (f" What the engine's own model says of itself rules out: {', '.join(out)}." if out else "")
 
 
 def _share(part: float) -> str:

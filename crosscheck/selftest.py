@@ -17,16 +17,18 @@ import numpy as np
 
 from crosscheck.causes.apply import with_efforts
 from crosscheck.causes.dictionary import DICTIONARY
+from crosscheck.causes.evidence import Evidence
 from crosscheck.causes.fit import IMPOSSIBLE, Candidate, candidates
 from crosscheck.causes.model import Model, model_of
 from crosscheck.causes.naming import Naming, name
 from crosscheck.causes.subject import Subject
-from crosscheck.certificate import checks
+from crosscheck.certificate import Certificate, checks
 from crosscheck.engines import ENGINES, adapter
+from crosscheck.engines.flexinv_certificate import certify
 from crosscheck.record import Record
-from flexinv.files.case import load_cases
+from flexinv.files.case import Case, load_cases
 from flexinv.files.mechanism_file import load_mechanism
-from flexinv.mechanism import Closure
+from flexinv.mechanism import Closure, Mechanism
 
 SIZES = (0.001, 0.01, 0.1)  # of the size that matters
 DIRECTION = np.array([0.78, -0.55, 0.31])  # of sizes with several numbers: no axis of anything
@@ -100,7 +102,7 @@ MATTERS = 0.01  # of the range: faults that change the torque by as much have to
 class Setting:
     """A bench with all that its faults share: the model of the reference, its record, its columns, the error bars.
 
-    noise : [-] of the range
+    certificate : of the reference; noise : [-] of the range
     """
 
     bench: Bench
@@ -108,6 +110,7 @@ class Setting:
     model: Model
     reference: Record
     clean: Record
+    certificate: Certificate
     known: list[Candidate]
     noise: float
 
@@ -136,7 +139,8 @@ def prepare(bench: Bench, models: Path) -> Setting:
         )
         # Both of second order: the error of the coarse run is 4/3 of what halving does.
         noise = own / float(model.scale.min()) + 4 / 3 * float(np.abs(model.residual(clean, finer)).max())
-    return Setting(bench, subject, model, reference, clean, candidates(model, DICTIONARY), noise)
+    ours = certify(mechanism, case, "flexinv")
+    return Setting(bench, subject, model, reference, clean, ours, candidates(model, DICTIONARY), noise)
 
 
 def ask(bench: Bench, subject: Subject) -> Record:
@@ -165,20 +169,42 @@ def plant(setting: Setting, candidate: Candidate, size: float) -> Planted | None
         if not cause.sized or cause.linear
         else size * candidate.scale * DIRECTION[: cause.parameters] / _length(cause.parameters)
     )
+    subject = setting.subject
     try:
         if cause.name == SOFT:
             harmed = softened(setting, size)
         else:
-            harmed = ask(setting.bench, (cause.plant or cause.change)(setting.subject, target, numbers))
+            subject = (cause.plant or cause.change)(setting.subject, target, numbers)
+            harmed = ask(setting.bench, subject)
     except (*IMPOSSIBLE, RuntimeError, KeyError):
         return None
-    naming = name(setting.model, setting.model.residual(harmed, setting.reference), setting.noise, setting.known)
+    naming = named(setting, harmed, subject)
     change = float(np.abs(setting.model.residual(harmed, setting.clean)).max())
     told = tuple(f"{f.cause.name}: {f.target}" if f.target else f.cause.name for f in naming.named)
     found = outcome(naming, cause.name, target)
     return Planted(
         setting.bench.label, cause.name, target, float(np.linalg.norm(numbers)), change, found, told, naming.words
     )
+
+
+def named(setting: Setting, harmed: Record, subject: Subject) -> Naming:
+    """Return what is said of a harmed engine: of its efforts, and of what its model of the harmed mechanism says of itself."""
+    residual = setting.model.residual(harmed, setting.reference)
+    if float(np.abs(residual).max()) <= setting.noise:
+        return name(setting.model, residual, setting.noise, setting.known)
+    theirs = _certified(setting.bench.engine, subject.mechanism, setting.subject.case)
+    evidence = Evidence(setting.model, residual, theirs, setting.certificate)
+    return name(setting.model, residual, setting.noise, setting.known, evidence)
+
+
+def _certified(engine: str, mechanism: Mechanism, case: Case) -> Certificate:
+    """Return what an engine's own model says of itself; an empty certificate where it says nothing."""
+    module = f"{ENGINES[engine].module}_certificate"
+    try:
+        found: Certificate = import_module(module).certify(mechanism, case, engine)
+    except (*IMPOSSIBLE, RuntimeError):
+        return Certificate()
+    return found
 
 
 def _length(parameters: int) -> float:
@@ -224,7 +250,7 @@ def wrong_rank(setting: Setting) -> Planted | None:
 
 def unharmed(setting: Setting) -> Planted:
     """Return what is said of the engine as it is: nothing may be named."""
-    naming = name(setting.model, setting.model.residual(setting.clean, setting.reference), setting.noise, setting.known)
+    naming = named(setting, setting.clean, setting.subject)
     found = "another" if naming.named else "silent"
     return Planted(setting.bench.label, CLEAN, "", 0.0, 0.0, found, naming.names, naming.words)
 

@@ -195,6 +195,7 @@ ROWS = (
         3,
         reach,
         "m",
+        covers=("fixed joint fused wrongly",),
         shows=HOLD,
     ),
     Cause(

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from crosscheck.causes.dictionary import DICTIONARY
+from crosscheck.causes.evidence import Evidence
 from crosscheck.causes.fit import Candidate, Fit, candidates, fit, scan
 from crosscheck.causes.model import Model, is_tree
 from crosscheck.causes.subject import Array
@@ -25,6 +26,7 @@ NOISE = 2.0  # times the error bars: what is left within them says nothing
 SHORTLIST = {True: 16, False: 5}
 MANY = 300  # columns, of robots with dozens of bodies: there only what looks likely is refined
 ROUNDS = {True: 6, False: 3}
+ASTRAY = 40  # sizes of several numbers that are fitted to the certificates where the motion led to nothing
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,7 @@ class Naming:
     """What a difference is due to.
 
     named : the causes that explain it, most special first; next : the best of the rest
+    ruled_out : causes that explain it as well and that what else is known contradicts
     size : largest difference over the range [-]; noise : largest error bar over the range [-]
     """
 
@@ -40,6 +43,7 @@ class Naming:
     size: float
     noise: float
     words: str
+    ruled_out: tuple[Fit, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -52,10 +56,17 @@ class Naming:
         return self.size > self.noise
 
 
-def name(model: Model, residual: Array, noise: Array | float, known: list[Candidate] | None = None) -> Naming:
+def name(
+    model: Model,
+    residual: Array,
+    noise: Array | float,
+    known: list[Candidate] | None = None,
+    evidence: Evidence | None = None,
+) -> Naming:
     """Return what explains a residual (samples nv,) over the range [-]; noise : error bars of the same shape, or one.
 
     known : the dictionary's columns where they are at hand (``candidates``)
+    evidence : what else is known; where it bears out none of the causes that fit, it is not listened to
     """
     bars = np.broadcast_to(np.asarray(noise, dtype=np.float64), residual.shape)
     size, largest = float(np.abs(residual).max()), float(bars.max())
@@ -63,7 +74,7 @@ def name(model: Model, residual: Array, noise: Array | float, known: list[Candid
         return Naming((), None, size, largest, "the difference is inside the error bars")
     part = float(np.linalg.norm(bars)) / float(np.linalg.norm(residual))
     fits = ranked(model, residual, candidates(model, DICTIONARY) if known is None else known, part)
-    return chosen(fits, part, size, largest)
+    return chosen(fits, part, size, largest, evidence)
 
 
 def ranked(model: Model, residual: Array, known: list[Candidate], noise: float) -> list[Fit]:
@@ -80,19 +91,38 @@ def ranked(model: Model, residual: Array, known: list[Candidate], noise: float) 
     return sorted(first.values(), key=lambda f: f.left)
 
 
-def chosen(fits: list[Fit], noise: float, size: float, largest: float) -> Naming:
+def chosen(fits: list[Fit], noise: float, size: float, largest: float, evidence: Evidence | None = None) -> Naming:
     """Return the naming of ranked fits; noise : norm of the error bars over that of the difference [-]."""
     if not fits:
         return Naming((), None, size, largest, "no cause of the dictionary shows in this motion")
+    enough = max(UNEXPLAINED, min(NOISE * noise, 0.5))
+    fits, ruled_out = (fits, []) if evidence is None else heard(fits, enough, evidence)
     best = fits[0]
-    if best.left > max(UNEXPLAINED, min(NOISE * noise, 0.5)):
+    if best.left > enough:
         words = f"no single cause explains it; the nearest, {best.cause.name}, leaves {best.left:.0%}"
         return Naming((), best, size, largest, words)
     limit = min(max(SIMILAR * best.left, NOISE * noise, ROUNDED), 0.5)
     alike = [f for f in fits if f.left <= limit]
     rest = next((f for f in fits if f.left > limit), None)
     named = tuple(sorted(_special(alike), key=lambda f: (f.cause.parameters, f.left)))
-    return Naming(named, rest, size, largest, "")
+    out = tuple(f for f in _special(ruled_out) if f.left <= limit)
+    return Naming(named, rest, size, largest, "", out)
+
+
+def heard(fits: list[Fit], enough: float, evidence: Evidence) -> tuple[list[Fit], list[Fit]]:
+    """Return the fits without those that evidence contradicts, and those; enough : what an explanation may leave [-].
+
+    Where all that explain it are contradicted, the evidence is not of this difference: none is left out.
+    """
+    explaining = [f for f in fits if f.left <= enough]
+    borne = [again for f in explaining if (again := evidence.hear(f, enough)) is not None]
+    if explaining and not borne:  # the motion led a size of several numbers astray
+        turned = [f for f in fits if f.left > enough and f.cause.parameters > 1]
+        borne = [again for f in turned[:ASTRAY] if (again := evidence.hear(f, enough)) is not None]
+    keys = {f.key for f in borne}
+    out = [f for f in explaining if f.key not in keys]
+    kept = sorted((*borne, *(f for f in fits if f.left > enough and f.key not in keys)), key=lambda f: f.left)
+    return (kept, out) if borne else (fits, [])
 
 
 def _special(fits: list[Fit]) -> list[Fit]:

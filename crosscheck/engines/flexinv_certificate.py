@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from crosscheck.certificate import Certificate
-from crosscheck.engines.probe import Array, carried, configurations
+from crosscheck.engines.probe import Array, about_origin, carried, configurations
 from flexinv.closures import constraint_jacobian, constraint_rows
 from flexinv.files.case import Case
 from flexinv.loops import REDUNDANT
-from flexinv.mechanism import WORLD, Beam, Mechanism
-from flexinv.mesh import build
+from flexinv.mechanism import WORLD, Beam, Body, Mechanism
+from flexinv.mesh import Mesh, build
 from flexinv.nodal import NodalMotion
 from flexinv.rigid import rigid_motion
 from flexinv.scheme import solve
@@ -33,9 +33,12 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     moving = _moving(tree)
     weights = np.where([tree.links[k].name in moving for k in mesh.link], mesh.mass, 0.0)
     rank = _rank(mechanism, case) if mechanism.closures else None
+    lumps = {name: _lump(mesh, motion, name, bodies) for name, bodies in carried(tree).items()}
     return Certificate(
         mass=float(weights.sum()),
         masses={name: sum(b.inertia.mass for _, b in bodies) for name, bodies in carried(tree).items()},
+        moments={name: moment for name, (moment, _) in lumps.items()},
+        inertias={name: tensor for name, (_, tensor) in lumps.items()},
         com=np.einsum("n,snx->sx", weights, motion.x) / (weights.sum() or 1.0),  # (sample, xyz)
         mass_matrix=_mass_matrix(tree, q),
         gravity=joint_torques(tree, q, rest, rest, passive=False),
@@ -44,6 +47,21 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
         residual=None,
         rank=rank,
     )
+
+
+def _lump(mesh: Mesh, motion: NodalMotion, joint: str, bodies: list[tuple[str, Body]]) -> tuple[Array, Array]:
+    """First moment and tensor of bodies about the origin of a joint's child, along its axes."""
+    at = mesh.joint_node[joint]
+    origin, axes = motion.x[0, at], motion.rotation[0, at]
+    moment, tensor = np.zeros(3), np.zeros((3, 3))
+    for link, body in bodies:
+        node = mesh.body_node[link, body.name]
+        turn = axes.T @ motion.rotation[0, node]
+        m, i = about_origin(
+            body.inertia.mass, axes.T @ (motion.x[0, node] - origin), turn @ body.inertia.tensor @ turn.T
+        )
+        moment, tensor = moment + m, tensor + i
+    return moment, tensor
 
 
 def _mass_matrix(tree: Mechanism, q: Array) -> Array:

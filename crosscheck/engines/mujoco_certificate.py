@@ -10,7 +10,7 @@ from crosscheck.engines import assembly, mujoco_loops
 from crosscheck.engines.mujoco import effort_from_engine, to_engine
 from crosscheck.engines.mujoco_model import Built, build
 from crosscheck.engines.prescribed import beyond_a_tree
-from crosscheck.engines.probe import Array, carried, configurations
+from crosscheck.engines.probe import Array, about_origin, carried, configurations
 from flexinv.files.case import Case
 from flexinv.mechanism import Mechanism
 
@@ -35,9 +35,12 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
         for name, rows in axes.items():
             rows.append(data.xaxis[model.joint(name).id].copy())
     residual, rank = _closures(mechanism, case, built)
+    lumps = _lumps(mechanism, built, data, mass)
     return Certificate(
         mass=float(mass.sum()),
         masses=_masses(mechanism, built, mass),
+        moments={name: moment for name, (moment, _) in lumps.items()},
+        inertias={name: tensor for name, (_, tensor) in lumps.items()},
         com=com,
         mass_matrix=_in_order(mechanism, built, q, matrix),
         gravity=effort_from_engine(mechanism, built, q, gravity),
@@ -53,6 +56,21 @@ def _masses(mechanism: Mechanism, built: Built, mass: Array) -> dict[str, float]
     weld = built.model.body_weldid
     child = {j.name: built.body[j.child] for j in mechanism.joints if j.name in carried(mechanism)}
     return {name: float(mass[weld == weld[body]].sum()) for name, body in child.items()}
+
+
+def _lumps(mechanism: Mechanism, built: Built, data: mujoco.MjData, mass: Array) -> dict[str, tuple[Array, Array]]:
+    """First moment and tensor about the child's origin, along its axes, of all bodies welded to it, by moving joint."""
+    model, found = built.model, {}
+    for name in carried(mechanism):
+        child = built.body[mechanism.joint_of[name].child]
+        axes, moment, tensor = data.xmat[child].reshape(3, 3), np.zeros(3), np.zeros((3, 3))
+        for body in np.flatnonzero(model.body_weldid == model.body_weldid[child]):
+            turn = axes.T @ data.ximat[body].reshape(3, 3)
+            own = turn @ np.diag(model.body_inertia[body]) @ turn.T
+            m, i = about_origin(float(mass[body]), axes.T @ (data.xipos[body] - data.xpos[child]), own)
+            moment, tensor = moment + m, tensor + i
+        found[name] = (moment, tensor)
+    return found
 
 
 def _in_order(mechanism: Mechanism, built: Built, q: Array, matrix: Array) -> Array:

@@ -8,7 +8,7 @@ import pinocchio as pin
 from crosscheck.certificate import Certificate
 from crosscheck.engines import assembly, pinocchio_loops
 from crosscheck.engines.pinocchio_model import Built, build, to_engine
-from crosscheck.engines.probe import Array, configurations
+from crosscheck.engines.probe import Array, about_origin, configurations
 from flexinv.files.case import Case
 from flexinv.mechanism import Mechanism
 
@@ -28,9 +28,13 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
         gravity[k] = pin.computeGeneralizedGravity(model, data, place)
         com[k] = pin.centerOfMass(model, data, place)
     residual, rank = _closures(mechanism, case, built)
+    lumps = {name: frame.actInv(model.inertias[index]) for name, (index, frame) in built.joint.items()}
+    second = {name: about_origin(float(i.mass), i.lever, i.inertia) for name, i in lumps.items()}
     return Certificate(
         mass=float(pin.computeTotalMass(model)),
         masses={name: float(model.inertias[index].mass) for name, (index, _) in built.joint.items()},
+        moments={name: moment for name, (moment, _) in second.items()},
+        inertias={name: tensor for name, (_, tensor) in second.items()},
         com=com,
         mass_matrix=matrix[:, order][:, :, order],
         gravity=gravity[:, order],

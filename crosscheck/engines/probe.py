@@ -28,6 +28,14 @@ def configurations(mechanism: Mechanism, case: Case) -> Array:
     return q
 
 
+def about_origin(mass: float, com: Array, tensor: Array) -> tuple[Array, Array]:
+    """Return first moment m c (3,) [kg m] and tensor about the origin (3, 3) [kg m^2] of a body.
+
+    tensor : about its centre of mass;  I_o = I_c + m (|c|^2 1 - c c^T)
+    """
+    return mass * com, tensor + mass * (float(com @ com) * np.eye(3) - np.outer(com, com))
+
+
 def carried(mechanism: Mechanism) -> dict[str, list[tuple[str, Body]]]:
     """Return the bodies (with their links) that each moving joint carries up to the next one; of beams, their bodies."""
     mover: dict[str, str | None] = {WORLD: None}
