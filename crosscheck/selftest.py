@@ -7,14 +7,14 @@ Where the mechanism is unharmed, no cause may be named.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from crosscheck.benches import Bench
 from crosscheck.causes.apply import with_efforts
 from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.evidence import Evidence
@@ -39,41 +39,6 @@ SAMPLES = 60  # of a rigid case
 CLEAN = "(nothing)"
 SOFT = "soft constraint"
 RANK = "closure of wrong rank"
-
-
-@dataclass(frozen=True)
-class Bench:
-    """Where faults are planted: a case of a mechanism, the engine that gets them, what it is told; causes : only these."""
-
-    mechanism: str
-    case: str
-    engine: str
-    options: Mapping[str, Any] | None = None
-    causes: tuple[str, ...] = ()
-
-    @property
-    def label(self) -> str:
-        """Mechanism and engine."""
-        return f"{self.mechanism} in {self.engine}"
-
-
-# Flexible ones at half their usual fineness: hundreds of runs, and error bars that know of it.
-COARSE = {"elements": 8}
-OF_THE_BASE = ("base acceleration convention", "base acceleration convention (spatial)")
-BENCHES = (
-    Bench("double_pendulum", "swing", "pinocchio"),
-    Bench("rigid_3r", "quintic", "exudyn"),
-    Bench("ur5", "reach", "mujoco"),
-    Bench("panda", "pick", "mujoco"),
-    Bench("talos_arm", "wave", "pinocchio"),
-    Bench("talos", "squat", "pinocchio", causes=OF_THE_BASE),
-    Bench("four_bar", "turn", "mujoco"),
-    Bench("five_bar", "reach", "pinocchio"),
-    Bench("bricard", "fold", "pinocchio"),
-    Bench("flex_one_link", "cycloid", "exudyn-ge", COARSE),
-    Bench("flex_two_link", "cycloid", "exudyn-ancf", COARSE),
-    Bench("spatial_arm", "reach", "exudyn-ge", COARSE),
-)
 
 
 @dataclass(frozen=True)
@@ -120,12 +85,13 @@ def prepare(bench: Bench, models: Path) -> Setting:
     folder = models / bench.mechanism
     mechanism = load_mechanism(folder)
     case = load_cases(folder, mechanism)[bench.case]
+    case = bench.motion[1](mechanism, case) if bench.motion else case
     if mechanism.is_rigid:  # exact at every sample: fewer of them do
         spacing = case.sample * max(1, round(case.end / case.sample / SAMPLES))
         case = replace(case, sample=spacing, step=spacing)
     options = dict(bench.options or {})
     if options:
-        options["step"] = case.sample / 2
+        options["step"] = case.sample / bench.steps
     subject = Subject(mechanism, case, options)
     bars = not mechanism.is_rigid
     reference = adapter(ENGINES["flexinv"]).run(mechanism, case, "flexinv", {"error": bars})
@@ -162,7 +128,10 @@ def softened(setting: Setting, size: float) -> Record:
 
 
 def plant(setting: Setting, candidate: Candidate, size: float) -> Planted | None:
-    """Plant one fault of a size (a fraction of the size that matters [-]); None where the engine cannot take it."""
+    """Plant one fault of a size (a fraction of the size that matters [-]); None where the engine cannot take it.
+
+    A fault that makes a plane mechanism spatial gives Exudyn other elements with other errors: it is planted elsewhere.
+    """
     cause, target = candidate.cause, candidate.target
     numbers = (
         np.ones(1)
@@ -177,6 +146,8 @@ def plant(setting: Setting, candidate: Candidate, size: float) -> Planted | None
             subject = (cause.plant or cause.change)(setting.subject, target, numbers)
             harmed = ask(setting.bench, subject)
     except (*IMPOSSIBLE, RuntimeError, KeyError):
+        return None
+    if harmed.settings.get("element") != setting.clean.settings.get("element"):
         return None
     naming = named(setting, harmed, subject)
     change = float(np.abs(setting.model.residual(harmed, setting.clean)).max())
@@ -274,9 +245,10 @@ def run_bench(
     bench: Bench, models: Path, sizes: Sequence[float] = SIZES, causes: Sequence[str] = (), targets: int = 2
 ) -> list[Planted]:
     """Return the rows of one bench: the unharmed mechanism, then every fault; sizes [-] of the sizes that matter."""
-    setting = prepare(bench, models)
+    setting, causes = prepare(bench, models), causes or bench.causes
     rows = [unharmed(setting)]
     rows += [
         row for one, size in faults(setting, sizes, causes, targets) if (row := plant(setting, one, size)) is not None
     ]
-    return rows
+    ranked = wrong_rank(setting) if not causes or RANK in causes else None
+    return rows if ranked is None else [*rows, ranked]

@@ -15,12 +15,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from crosscheck.benches import Bench
 from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.model import model_of
 from crosscheck.causes.naming import Naming, name
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
-from crosscheck.selftest import ROUNDING, Bench, ask
+from crosscheck.selftest import ROUNDING, ask
 from flexinv.files.case import Case, load_cases
 from flexinv.files.mechanism_file import load_mechanism
 from flexinv.mechanism import Body, Inertia, Joint, Link, Mechanism, Placement

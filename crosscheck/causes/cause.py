@@ -36,6 +36,7 @@ class Cause:
     parameters : how many numbers a fit may choose; 0: it is there (size 1) or not
     scale : a size [unit] that matters: of sizes that are a fraction, 1
     linear : only the amplitude of its effect is fitted (the effect of size 1 is all that is known)
+    remeshes : it puts nodes at other places, which has an effect of its own that is taken off
     turns : an angle whose effect may begin with its square: fits start from several sizes
     covers : causes that are special cases of this one; where one of them explains as much, it is named instead
     shows : the motion that shows it best, in words
@@ -50,6 +51,7 @@ class Cause:
     scale: Scale = one
     unit: str = ""
     linear: bool = False
+    remeshes: bool = False
     turns: bool = False
     covers: tuple[str, ...] = ()
     shows: str = ""

@@ -89,7 +89,8 @@ def _shows(model: Model, cause: Cause, columns: Array) -> bool:
 
 def effect(model: Model, cause: Cause, target: str, size: Array) -> Array:
     """Return what a cause of a size [unit] does to the efforts, over the range, (samples nv,) [-]."""
-    return model.difference(cause.change(model.base, target, size))
+    column = model.difference(cause.change(model.base, target, size))
+    return column - model.difference(cause.change(model.base, target, 0.0 * size)) if cause.remeshes else column
 
 
 def _columns(model: Model, cause: Cause, target: str, scale: float) -> Array:

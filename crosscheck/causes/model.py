@@ -157,14 +157,14 @@ def _solved(subject: Subject, time: Array) -> tuple[Solution, slice]:
 
 
 def coarse_step(subject: Subject) -> float:
-    """Return a step [s] of the march for columns: the longest that divides the samples, meets jumps and is fine enough."""
+    """Return a step [s] of the march for columns: what is asked for, or the longest that divides the samples, meets jumps
+    and is fine enough."""
     case = subject.case
-    refined = 2.0 ** -float(subject.options.get("refinement", 0))
-    if case.motion.jumps:
-        return float(case.step * refined)
+    if "step" in subject.options:
+        return float(subject.options["step"])
     parts = round(case.sample / case.step)
-    wanted = [k for k in range(1, parts + 1) if parts % k == 0 and case.end / (k * case.step) >= STEPS]
-    return float(max(wanted, default=1) * case.step * refined)
+    fine = [k for k in range(1, parts + 1) if parts % k == 0 and case.end / (k * case.step) >= STEPS]
+    return float(1 if case.motion.jumps else max(fine, default=1)) * case.step
 
 
 def _all(mechanism: Mechanism, solution: Solution) -> Array:

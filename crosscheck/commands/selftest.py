@@ -13,11 +13,11 @@ from rich.console import Console
 from rich.table import Table
 
 from crosscheck import results as store
+from crosscheck.benches import BENCHES
 from crosscheck.plan import Plan
 from crosscheck.report import render
 from crosscheck.results import StudyRow
 from crosscheck.runner import RESULTS, Options, Work, run
-from crosscheck.selftest import BENCHES
 from crosscheck.studies.selftest import studies, summary
 from crosscheck.terminal import JOBS, MODELS, TIMEOUT, Failure, progress, terminated
 from crosscheck.terminal import out as out_option

@@ -7,7 +7,8 @@
     exudyn-ge     geometrically exact: BeamGeometricallyExact2D (3 nodes) in the plane, BeamGeometricallyExact in space
                   (the last three also closed loops, springs and forces: `exudyn_loops`)
 
-Options: ``elements`` (per beam), ``step`` [s], ``refinement`` (each doubles the elements and halves the step).
+Options: ``elements`` (per beam), ``step`` [s], ``refinement`` (each doubles the elements and halves the step),
+``spectral_radius`` (generalized-alpha of index 3, in the place of index 2 where that is the default).
 The modules exudyn_rigid, exudyn_planar and exudyn_spatial give the conventions; what the bodies need is completed here
 to the effort of the actuator: + rotor inertia qdd + damping qd + friction sign(qd).
 """

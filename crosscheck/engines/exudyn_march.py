@@ -37,6 +37,7 @@ ELEMENTS_ANCF_BEAM = 12  # its Jacobian is numerical and slow
 # 3e-2 of the range, single samples; from 1e-8 on nothing changes).  A run that stalls is repeated with ten times the
 # tolerance, and the record says which one held.
 NEWTON = 1e-9
+RADIUS = 0.5  # settles within some 20 steps, see ``choose``
 TRIES = 3
 
 
@@ -89,12 +90,13 @@ def choose(mechanism: Mechanism, case: Case, engine: str, options: Options) -> C
     wanted = float(options.get("step", case.end / STEPS[flat])) / finer
     moving = any(rate.any() for rate in case.motion.evaluate(mechanism, np.zeros(1))[1:])
     resting = case.initial == "static"
+    radius = options.get("spectral_radius")  # where it is asked for, the integrator that has one is taken
     plan = Plan(
         end=(len(sample_times(case)) - 1) * case.sample,
         step=coarsest(case, wanted, 2**behind),
         sample=case.sample,
-        index2=flat and not case.motion.jumps and not moving,
-        spectral_radius=0.5,
+        index2=flat and not case.motion.jumps and not moving and radius is None,
+        spectral_radius=RADIUS if radius is None else float(radius),
         tolerance=NEWTON,
         extrapolate=moving or (engine == ANCF and not flat and not resting and bool(mechanism.gravity.any())),
         static_start=resting,

@@ -7,9 +7,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from crosscheck.benches import BENCHES
 from crosscheck.limits import Verdict
 from crosscheck.results import StudyRow
-from crosscheck.selftest import BENCHES, CLEAN, FOUND, MATTERS, SIZES, run_bench
+from crosscheck.selftest import CLEAN, FOUND, MATTERS, SIZES, run_bench
 from crosscheck.studies import Study
 
 ENOUGH = 0.95  # of the faults that matter have to be named
