@@ -6,13 +6,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from crosscheck.causes.separate import TRIALS
 from crosscheck.causes.subject import Subject
 from flexinv.files.case import Case
-from flexinv.mechanism import Mechanism
+from flexinv.mechanism import Beam, Mechanism
 from flexinv.motion import Motion
 
 Moved = Callable[[Mechanism, Case], Case]
+Shaped = Callable[[Mechanism], Mechanism]
 
 
 @dataclass(frozen=True)
@@ -20,6 +23,7 @@ class Bench:
     """A case of a mechanism, the engine that gets the faults, and what it is told.
 
     causes : only these; steps : of a march, per sample; motion : in the place of the case's own, and its name
+    shape : what becomes of the mechanism first, and its name
     """
 
     mechanism: str
@@ -29,11 +33,18 @@ class Bench:
     causes: tuple[str, ...] = ()
     steps: int = 2
     motion: tuple[str, Moved] | None = None
+    shape: tuple[str, Shaped] | None = None
 
     @property
     def label(self) -> str:
         """Mechanism, motion and engine."""
-        return f"{self.mechanism}/{self.motion[0] if self.motion else self.case} in {self.engine}"
+        shape = f" ({self.shape[0]})" if self.shape else ""
+        return f"{self.mechanism}{shape}/{self.motion[0] if self.motion else self.case} in {self.engine}"
+
+    def made(self, mechanism: Mechanism, case: Case) -> tuple[Mechanism, Case]:
+        """Return mechanism and case as this bench has them."""
+        mechanism = self.shape[1](mechanism) if self.shape else mechanism
+        return mechanism, self.motion[1](mechanism, case) if self.motion else case
 
 
 def _quick(mechanism: Mechanism, case: Case) -> Case:
@@ -42,18 +53,50 @@ def _quick(mechanism: Mechanism, case: Case) -> Case:
     return Subject(mechanism, case).with_states(lambda harmed, given: trial(harmed, given.time)).case
 
 
-def _flick(mechanism: Mechanism, case: Case) -> Case:
-    """A turn by 0.1 rad in 0.02 s, then rest: a stroke that leaves the second and the third bending mode ringing."""
-    joints = [joint.name for joint in mechanism.joints if joint.nv]
-    motion = Motion.point_to_point(
-        dict.fromkeys(joints, 0.0), dict.fromkeys(joints, 0.1), 0.02, hold=0.13, law="quintic"
+def _turn(angle: float, duration: float, hold: float) -> Moved:
+    """Return a turn of all joints by an angle [rad], then rest [s]: a stroke that leaves short waves ringing."""
+
+    def moved(mechanism: Mechanism, case: Case) -> Case:
+        joints = [joint.name for joint in mechanism.joints if joint.nv]
+        there = dict.fromkeys(joints, angle)
+        motion = Motion.point_to_point(dict.fromkeys(joints, 0.0), there, duration, hold=hold, law="quintic")
+        sample = (duration + hold) / 300
+        return replace(case, motion=motion, end=motion.duration, step=sample / 20, sample=sample)
+
+    return moved
+
+
+def _beams(change: Callable[[Beam], Beam]) -> Shaped:
+    """Return the change of a mechanism that changes all its beams."""
+
+    def shaped(mechanism: Mechanism) -> Mechanism:
+        links = (x if x.beam is None else replace(x, beam=change(x.beam)) for x in mechanism.links)
+        return replace(mechanism, links=tuple(links))
+
+    return shaped
+
+
+def _thick(beam: Beam) -> Beam:
+    """THICKER times as thick with the same area: bending, twist and rotary inertia grow with the square of that."""
+    stiffness, section = beam.section.stiffness.copy(), beam.section
+    stiffness[:, 3:] *= THICKER**2
+    return replace(
+        beam, section=replace(section, stiffness=stiffness, rotary_inertia=section.rotary_inertia * THICKER**2)
     )
-    return replace(case, motion=motion, end=motion.duration, step=2.5e-5, sample=5e-4)
 
 
-QUICK, FLICK = ("quick", _quick), ("flick", _flick)
+def _bent(beam: Beam) -> Beam:
+    """An arc of a radian in the plane of the motion."""
+    return replace(beam, curvature=np.array([0.0, 0.0, 1.0 / beam.length]))
+
+
+THICKER = 30.0  # a strip of 1.95 mm, 0.4 m long, is then 15 % as thick as long
+QUICK = ("quick", _quick)
+FLICK, SNAP = ("flick", _turn(0.1, 0.02, 0.13)), ("snap", _turn(0.01, 0.001, 0.0065))
+STOUT, ARC = ("stout", _beams(_thick)), ("arc", _beams(_bent))
 # Flexible ones at half their usual fineness: hundreds of runs, and error bars that know of it.
 COARSE = {"elements": 8, "error": False}
+FINE = {"elements": 16, "error": False}  # where waves are short
 OF_THE_BASE = ("base acceleration convention", "base acceleration convention (spatial)")
 OF_INERTIA = (
     "inertial frame rotated",
@@ -63,14 +106,8 @@ OF_INERTIA = (
     "fixed joint fused wrongly",
     "centre of mass shifted",
 )
-OF_WAVES = (
-    "time step",
-    "numerical damping",
-    "lumped mass",
-    "section stiffness",
-    "shear factor",
-    "rotary inertia of the section",
-)
+OF_WAVES = ("time step", "numerical damping", "lumped mass", "section stiffness")
+OF_SECTIONS = ("section stiffness", "shear factor", "rotary inertia of the section", "beam mass")
 BENCHES = (
     Bench("double_pendulum", "swing", "pinocchio"),
     Bench("rigid_3r", "quintic", "exudyn"),
@@ -84,7 +121,9 @@ BENCHES = (
     Bench("five_bar", "reach", "pinocchio"),
     Bench("bricard", "fold", "pinocchio"),
     Bench("flex_one_link", "cycloid", "exudyn-ge", COARSE, steps=8),
-    Bench("flex_one_link", "bang_bang", "exudyn-ge", {"elements": 16, "error": False}, OF_WAVES, steps=20, motion=FLICK),
+    Bench("flex_one_link", "bang_bang", "exudyn-ge", FINE, OF_WAVES, steps=20, motion=FLICK),
+    Bench("flex_one_link", "bang_bang", "exudyn-ge", FINE, OF_SECTIONS, steps=20, motion=SNAP, shape=STOUT),
+    Bench("flex_one_link", "cycloid", "exudyn-ge", FINE, ("curvature dropped",), steps=8, shape=ARC),
     Bench("flex_two_link", "cycloid", "exudyn-ancf", COARSE, steps=8),
     Bench("spatial_arm", "reach", "exudyn-ge", COARSE),
 )

@@ -19,7 +19,7 @@ EXACT = 1e-9
 # What Newton leaves of a closure's equations in any engine [m], [-].
 CLOSED = 1e-9
 # A static probe of a beam: a load that bends by some 1e-4 of the length, so that geometry adds 1e-8, on a mesh whose error
-# in statics under end loads is rounding for uniform sections and a part of the taper for others.
+# in statics under end loads is rounding for uniform sections and a part of the taper for others; as is that of its mass.
 PROBED = 1e-3
 
 
@@ -29,7 +29,8 @@ class Certificate:
 
     mass : total of what moves [kg]; masses : of all that each moving joint carries up to the next [kg], by joint
     moments, inertias : of the same, first moment m c (3,) [kg m] and tensor (3, 3) [kg m^2] about the origin of the joint's
-        child, along its axes
+        child, along its axes; of what a beam carries, "link at 1", in the frame of its section
+    beam_masses, beam_moments : of every straight beam alone [kg], about its root along its axis [kg m]
     com : (configurations, 3) [m], of what moves; mass_matrix : (configurations, nv, nv), rotor inertia included
     gravity : (configurations, nv) [N m] or [N], effort that holds the tree still
     axes : by joint with one coordinate, (configurations, 3) [-], in the world
@@ -40,6 +41,8 @@ class Certificate:
 
     mass: float | None = None
     masses: Mapping[str, float] = field(default_factory=dict)
+    beam_masses: Mapping[str, float] = field(default_factory=dict)
+    beam_moments: Mapping[str, float] = field(default_factory=dict)
     moments: Mapping[str, Any] = field(default_factory=dict)
     inertias: Mapping[str, Any] = field(default_factory=dict)
     com: Any = None
@@ -116,14 +119,14 @@ def _numbers(theirs: Certificate, ours: Certificate) -> Iterator[dict[str, Any]]
         ("first moments by joint", "kg m", "moments", EXACT),
         ("inertias by joint", "kg m^2", "inertias", EXACT),
         ("joint axes", "-", "axes", EXACT),
+        ("masses of beams", "kg", "beam_masses", PROBED),
+        ("first moments of beams", "kg m", "beam_moments", PROBED),
         ("section stiffness", "N, N m^2", "stiffness", PROBED),
     ):
         a, b = getattr(theirs, name), getattr(ours, name)
         both = [key for key in b if key in a]
         if both:
-            yield _worst(
-                what, unit, {k: (np.asarray(a[k]), np.asarray(b[k])) for k in both}, limit, name == "stiffness"
-            )
+            yield _worst(what, unit, {k: (np.asarray(a[k]), np.asarray(b[k])) for k in both}, limit, limit == PROBED)
 
 
 def _line(what: str, unit: str, a: Array, b: Array, limit: float, words: str = "") -> dict[str, Any]:

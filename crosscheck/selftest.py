@@ -85,7 +85,7 @@ def prepare(bench: Bench, models: Path) -> Setting:
     folder = models / bench.mechanism
     mechanism = load_mechanism(folder)
     case = load_cases(folder, mechanism)[bench.case]
-    case = bench.motion[1](mechanism, case) if bench.motion else case
+    mechanism, case = bench.made(mechanism, case)
     if mechanism.is_rigid:  # exact at every sample: fewer of them do
         spacing = case.sample * max(1, round(case.end / case.sample / SAMPLES))
         case = replace(case, sample=spacing, step=spacing)

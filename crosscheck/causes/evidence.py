@@ -27,6 +27,8 @@ LINES = {
     "masses": EXACT,
     "moments": EXACT,
     "inertias": EXACT,
+    "beam_masses": PROBED,
+    "beam_moments": PROBED,
     "com": EXACT,
     "mass_matrix": EXACT,
     "gravity": EXACT,
@@ -105,7 +107,7 @@ def _line(name: str, limit: float, theirs: Certificate, ours: Certificate, said:
             continue
         measured, predicted = a[key] - b[key], c[key] - b[key]
         scale = max(float(np.linalg.norm(measured)), float(np.linalg.norm(predicted)))
-        own = float(np.abs(b[key]).max(initial=0.0)) if name == "stiffness" else size
+        own = float(np.abs(b[key]).max(initial=0.0)) if limit == PROBED else size
         if scale > limit * own and float(np.linalg.norm(measured - predicted)) > part * scale:
             return False
     return True

@@ -1,27 +1,28 @@
-"""What Exudyn's models say of themselves: the kinematic tree's mass matrix and forces, and static probes of its beams."""
+"""What Exudyn's models say of themselves: the kinematic tree's mass matrix and forces, weights and static probes in time."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
 from crosscheck.certificate import Certificate
-from crosscheck.engines import exudyn_probe, exudyn_rigid
+from crosscheck.engines import exudyn_probe, exudyn_rigid, exudyn_weights
 from crosscheck.engines.exudyn_march import ANCF, DAE, EXACT
 from crosscheck.engines.exudyn_solve import quiet
 from crosscheck.engines.prescribed import rotor_effort
 from crosscheck.engines.probe import configurations
-from flexinv.errors import InputError
 from flexinv.files.case import Case
 from flexinv.mechanism import Mechanism
 
 
 def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
-    """Return masses [kg], mass matrix [kg m^2], [kg], gravity torque [N m], [N]; of beams the stiffness [N], [N m^2]."""
-    if engine in (ANCF, EXACT):
+    """Return masses [kg], moments [kg m], inertias [kg m^2]; of the tree mass matrix and gravity torque [N m], [N]; of beams
+    mass and stiffness [N], [N m^2].  The models in time have redundant coordinates and no mass matrix of the joints'."""
+    if engine in (ANCF, EXACT, DAE):
         with quiet():
-            return Certificate(stiffness=exudyn_probe.stiffness(mechanism, case, engine))
-    if engine == DAE:
-        raise InputError("redundant coordinates: there is no joint-space mass matrix to ask for")
+            found = exudyn_weights.weigh(mechanism, case, engine)
+            return found if engine == DAE else replace(found, stiffness=exudyn_probe.stiffness(mechanism, case, engine))
     q = configurations(mechanism, case)
     rest, units = np.zeros((len(q), mechanism.nv)), np.eye(mechanism.nv)
     gravity = exudyn_rigid.inverse_dynamics(mechanism, q, rest, rest, wrench=False).torque

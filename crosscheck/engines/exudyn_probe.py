@@ -1,6 +1,7 @@
-"""Static probes of Exudyn's beams: one beam of the mechanism alone, clamped, pulled, twisted and bent at its end.
+"""Static probes of Exudyn's beams: one beam of the mechanism alone, clamped, pulled, twisted, bent and sheared at its end.
 
     EA = N L / u_x      GJ = M_x L / phi_x      EI_y = M_y L / phi_y      EI_z = M_z L / phi_z
+    GA_y = Q_y L / u_y, GA_z = Q_z L / u_z      of the same beam, made RIGID times as stiff in bending: shear alone is left
 
 The same elements, sections and integration as in the engine's runs, half as many of them; loads that strain by 1e-4 and
 turn by 1e-3 rad, so that what is not linear is 1e-6 of the answer.
@@ -26,11 +27,19 @@ from flexinv.mechanism import WORLD, Beam, Joint, Link, Mechanism, Placement
 OUT = exu.OutputVariableType
 STRAIN, TURN = 1e-4, 1e-3  # [-], [rad]
 ELEMENTS = 8
+# Bending adds GA L^2 / (3 EI) of the shear, up to 1e5 of slender beams: a part of 1e-5 is left of it.
+RIGID = 1e10
+AXES = {"EA": 0, "GA_y": 1, "GA_z": 2, "GJ": 0, "EI_y": 1, "EI_z": 2}
+COLUMNS = {"EA": 0, "GA_y": 1, "GA_z": 2, "GJ": 3, "EI_y": 4, "EI_z": 5}
+PUSHED = ("EA", "GA_y", "GA_z")  # by a force; the others are turned by a moment
 Drawing = exudyn_planar.Drawing | exudyn_spatial.Drawing
 
 
 def stiffness(mechanism: Mechanism, case: Case, engine: str) -> dict[str, float]:
-    """Return what every straight beam answers to a static probe: EA [N], GJ, EI_y, EI_z [N m^2]."""
+    """Return what every straight beam answers to a static probe: EA, GA_y, GA_z [N], GJ, EI_y, EI_z [N m^2].
+
+    ``ANCFCable2D`` has no shear; in a plane EA, one shear and one bending stiffness can be asked for.
+    """
     layout = layout_of(mechanism, case)
     plane = exudyn_planar.plane_of(mechanism, layout)
     found: dict[str, float] = {}
@@ -39,31 +48,41 @@ def stiffness(mechanism: Mechanism, case: Case, engine: str) -> dict[str, float]
         if beam is None or beam.curvature.any():
             continue
         normal = None if isinstance(plane, str) else layout.start(layout.root[link.name]).rotation.T @ plane[:, 2]
-        for name in ("EA", "GJ", "EI_y", "EI_z") if normal is None else ("EA", _bending(normal)):
+        for name in _names(engine, normal):
             found[f"{link.name}: {name}"] = _probed(beam, name, engine, normal)
     return found
 
 
-def _bending(normal: Array) -> str:
-    """Which bending a plane with this normal (section axes) lets a beam do."""
-    return {1: "EI_y", 2: "EI_z"}[int(np.argmax(np.abs(normal)))]
+def _names(engine: str, normal: Array | None) -> tuple[str, ...]:
+    """What a beam in space, or in a plane with this normal (section axes), can be asked for."""
+    if normal is None:
+        return tuple(COLUMNS)
+    bending, shear = {1: ("EI_y", "GA_z"), 2: ("EI_z", "GA_y")}[int(np.argmax(np.abs(normal)))]
+    return ("EA", bending) if engine == ANCF else ("EA", bending, shear)
 
 
 def _probed(beam: Beam, name: str, engine: str, normal: Array | None) -> float:
     """Return one stiffness of one beam [N] or [N m^2]."""
-    d = _clamped(beam, engine, normal)
+    d = _clamped(_rigid(beam) if name.startswith("GA") else beam, engine, normal)
     mbs, tip = d.model.mbs, d.model.beam["beam"][-1]
-    guess = _mean(beam, name)
-    axis = np.eye(3)[{"EA": 0, "GJ": 0, "EI_y": 1, "EI_z": 2}[name]]
-    size = guess * STRAIN if name == "EA" else guess * TURN / beam.length
+    guess = float(np.mean(beam.section.stiffness[:, COLUMNS[name]]))
+    axis = np.eye(3)[AXES[name]]
+    size = guess * STRAIN if name in PUSHED else guess * TURN / beam.length
     turned = d.plane.T @ axis if isinstance(d, exudyn_planar.Drawing) else axis
     marker = mbs.AddMarker(MarkerNodeRigid(nodeNumber=tip))
-    kind = Force if name == "EA" else Torque
+    kind = Force if name in PUSHED else Torque
     mbs.AddLoad(kind(markerNumber=marker, loadVector=list(size * turned)))
     mbs.Assemble()
     mbs.SolveStatic(_settings())
     shift, turn = _flat(d, tip) if isinstance(d, exudyn_planar.Drawing) else _moved(mbs, tip)
-    return size * beam.length / float(turned @ (shift if name == "EA" else turn))
+    return size * beam.length / float(turned @ (shift if name in PUSHED else turn))
+
+
+def _rigid(beam: Beam) -> Beam:
+    """Return a beam that hardly bends."""
+    stiffness = beam.section.stiffness.copy()
+    stiffness[:, 4:] *= RIGID
+    return replace(beam, section=replace(beam.section, stiffness=stiffness))
 
 
 def _clamped(beam: Beam, engine: str, normal: Array | None) -> Drawing:
@@ -78,11 +97,6 @@ def _clamped(beam: Beam, engine: str, normal: Array | None) -> Drawing:
     if normal is None:
         return exudyn_spatial.build(alone, layout, engine == ANCF, ELEMENTS)
     return exudyn_planar.build(alone, layout, frame_along(normal)[:, [1, 2, 0]], engine == ANCF, ELEMENTS)
-
-
-def _mean(beam: Beam, name: str) -> float:
-    column = {"EA": 0, "GJ": 3, "EI_y": 4, "EI_z": 5}[name]
-    return float(np.mean(beam.section.stiffness[:, column]))
 
 
 def _settings() -> exu.SimulationSettings:

@@ -11,7 +11,7 @@ from crosscheck.engines.probe import Array, about_origin, carried, configuration
 from flexinv.closures import constraint_jacobian, constraint_rows
 from flexinv.files.case import Case
 from flexinv.loops import REDUNDANT
-from flexinv.mechanism import WORLD, Beam, Body, Mechanism
+from flexinv.mechanism import WORLD, Beam, Body, Mechanism, Placement
 from flexinv.mesh import Mesh, build
 from flexinv.nodal import NodalMotion
 from flexinv.rigid import rigid_motion
@@ -24,7 +24,7 @@ AMONG = 400  # points of the quadrature of a beam's compliance: exact for linear
 def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     """Return mass [kg], centre of mass [m], mass matrix, gravity torque, axes, stiffness [N], [N m^2] and closures."""
     if not mechanism.is_rigid:
-        return Certificate(mass=_mass(mechanism), stiffness=stiffness(mechanism))
+        return _flexible(mechanism)
     q = configurations(mechanism, case)
     tree = replace(mechanism, closures=(), springs=(), forces=())
     mesh = build(tree)
@@ -47,6 +47,49 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
         residual=None,
         rank=rank,
     )
+
+
+def _flexible(mechanism: Mechanism) -> Certificate:
+    """Mass and stiffness of beams; masses, moments and inertias of what joints, and sections of beams, carry."""
+    seats = placed(mechanism)
+    lumps: dict[str, list[tuple[float, Array, Array]]] = {}
+    for link in mechanism.links:
+        for body in link.bodies:
+            name, place = seats[link.name]
+            if link.beam is not None:
+                at = body.station or 0.0
+                name, place = (f"{link.name} at {at:g}", Placement()) if at else (name, _on(place, link.beam.placement))
+            turned = _on(place, Placement(body.inertia.com, np.eye(3)))
+            tensor = turned.rotation @ body.inertia.tensor @ turned.rotation.T
+            second = about_origin(body.inertia.mass, turned.position, tensor)
+            lumps.setdefault(name, []).append((body.inertia.mass, *second))
+    straight = {x.name: x.beam for x in mechanism.beams if x.beam is not None and not x.beam.curvature.any()}
+    return Certificate(
+        mass=_mass(mechanism),
+        masses={name: sum(part[0] for part in parts) for name, parts in lumps.items()},
+        moments={name: np.sum([part[1] for part in parts], axis=0) for name, parts in lumps.items()},
+        inertias={name: np.sum([part[2] for part in parts], axis=0) for name, parts in lumps.items()},
+        beam_masses={name: _length_mass(beam) for name, beam in straight.items()},
+        beam_moments={name: _length_mass(beam, 1) for name, beam in straight.items()},
+        stiffness=stiffness(mechanism),
+    )
+
+
+def placed(mechanism: Mechanism) -> dict[str, tuple[str, Placement]]:
+    """Return by link the joint, or the place on a beam, that carries it, and its pose in that frame."""
+    seats: dict[str, tuple[str, Placement]] = {WORLD: ("world", Placement())}
+    for joint in mechanism.joints:
+        name, place = seats[joint.parent]
+        beam = None if joint.parent == WORLD else mechanism.link_of[joint.parent].beam
+        if beam is not None and joint.station is not None:
+            at = joint.station
+            name, place = (f"{joint.parent} at {at:g}", Placement()) if at else (name, _on(place, beam.placement))
+        seats[joint.child] = (joint.name, Placement()) if joint.nv else (name, _on(place, joint.placement))
+    return seats
+
+
+def _on(a: Placement, b: Placement) -> Placement:
+    return Placement(a.position + a.rotation @ b.position, a.rotation @ b.rotation)
 
 
 def _lump(mesh: Mesh, motion: NodalMotion, joint: str, bodies: list[tuple[str, Body]]) -> tuple[Array, Array]:
@@ -106,9 +149,11 @@ def _mass(mechanism: Mechanism) -> float:
     return bodies + sum(_length_mass(link.beam) for link in links if link.beam is not None)
 
 
-def _length_mass(beam: Beam) -> float:
+def _length_mass(beam: Beam, power: int = 0) -> float:
+    """Return int rho A s^power ds along a straight beam [kg], [kg m]."""
     s = beam.section
-    return beam.length * float(np.interp(_points(), s.stations, s.mass_per_length).mean())
+    along = np.interp(_points(), s.stations, s.mass_per_length) * (beam.length * _points()) ** power
+    return beam.length * float(along.mean())
 
 
 def stiffness(mechanism: Mechanism) -> dict[str, float]:
