@@ -30,7 +30,7 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     points = [model.body(rod.point(k)) for k in range(1, rod.elements + 1)]
     masses = np.array([float(body.mass[0]) for body in points])
     masses[-1] -= rod.tip
-    places: Array = rod.edge * np.arange(1, rod.elements + 1)
+    places: Array = np.arange(1.0, rod.elements + 1.0) * rod.edge
     link = mechanism.link_of[rod.link]
     carried = sum(body.inertia.mass for body in link.bodies if body.station in (None, 0.0))
     fixed = model.body_weldid == model.body_weldid[built.body[rod.link]]
