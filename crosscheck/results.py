@@ -106,6 +106,8 @@ class StudyRow:
     """A table made by a study of its own: columns (key, title, unit), rows by key, each with a verdict.
 
     plot : {"x": key, "y": key, "group": key, "log": bool} or None
+    figures : {"title", "x", "y": what the axes say, "curves": {name: {"x": numbers, "y": numbers}}} each
+    tables : {"title", "columns", "rows"} each, beside the one that is judged
     """
 
     name: str
@@ -114,6 +116,8 @@ class StudyRow:
     columns: tuple[tuple[str, str, str], ...] = ()
     rows: tuple[Mapping[str, Any], ...] = ()
     plot: Mapping[str, Any] | None = None
+    figures: tuple[Mapping[str, Any], ...] = ()
+    tables: tuple[Mapping[str, Any], ...] = ()
     status: str = "ok"
     message: str = ""
     printed: str = ""

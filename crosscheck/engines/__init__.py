@@ -44,6 +44,7 @@ ENGINES: dict[str, Engine] = {
         _engine("exudyn-dae", "exudyn", "exudyn", "exudyn"),
         _engine("exudyn-ancf", "exudyn", "exudyn", "exudyn"),
         _engine("exudyn-ge", "exudyn", "exudyn", "exudyn"),
+        _engine("measured", "measured", "numpy", "."),
     )
 }
 

@@ -132,8 +132,18 @@ def skipped_last(row: Comparison) -> bool:
 def study_view(results: Results, study: StudyRow) -> dict[str, Any]:
     """Return what the page of a study shows."""
     plot = study_plot(study) if study.plot is not None and study.rows else None
-    numeric = {key for key, _, _ in study.columns if any(isinstance(row.get(key), int | float) for row in study.rows)}
-    return {"results": results, "root": "../", "study": study, "plot": plot, "numeric": numeric}
+    judged = {"title": study.title, "columns": study.columns, "rows": study.rows, "judged": True}
+    tables = [
+        t | {"numeric": numeric(t)} for t in (judged, *({**t, "judged": False} for t in study.tables)) if t["rows"]
+    ]
+    return {"results": results, "root": "../", "study": study, "plot": plot, "tables": tables}
+
+
+def numeric(table: Mapping[str, Any]) -> set[str]:
+    """Return the keys of the columns that hold numbers [any unit]."""
+    return {
+        key for key, _, _ in table["columns"] if any(isinstance(row.get(key), int | float) for row in table["rows"])
+    }
 
 
 def study_plot(study: StudyRow) -> dict[str, Any]:

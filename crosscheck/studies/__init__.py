@@ -1,7 +1,8 @@
 """Tables that a report carries beside the matrix: each made by one function, in a child process of its own.
 
 A study's function returns a dict: ``text``, ``columns`` [(key, title, unit)], ``rows`` [{key: value, "verdict": ...}]
-and perhaps ``plot`` {"x": key, "y": key, "group": key, "log": bool}: one curve for every value of the group's column.
+and perhaps ``plot`` {"x": key, "y": key, "group": key, "log": bool}: one curve for every value of the group's column;
+``figures`` and ``tables`` beside the one that is judged (``crosscheck.results.StudyRow`` says how they look).
 Where it does not apply it returns {"status": "skipped", "message": why}.
 """
 
@@ -29,5 +30,6 @@ STUDIES: dict[str, Study] = {
         Study("robots", "Every robot of example-robot-data", "crosscheck.studies.robots"),
         Study("incremental", "The paper's incremental mode", "crosscheck.studies.incremental"),
         Study("switching", "Phases of mechanisms that open and close", "crosscheck.studies.switching"),
+        Study("measured", "A measured arm, rigid and flexible", "crosscheck.studies.measured_arm"),
     )
 }

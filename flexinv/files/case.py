@@ -13,6 +13,7 @@ from flexinv.files.case_motion import read_motion
 from flexinv.files.case_schema import OF_BEAMS, CasesTable, CaseTable, LimitTable
 from flexinv.files.case_start import read_start
 from flexinv.files.toml_tables import check_names, complaint, place, read_toml, validate
+from flexinv.files.unit_keys import nearest
 from flexinv.mechanism import Array, Mechanism
 from flexinv.motion import Motion
 
@@ -49,6 +50,7 @@ class Case:
     spectral_radius : of the time integration [-]; initial : "consistent" or "static"
     mesh : (elements, order) of every beam in flexinv [-], None for the mechanism's own
     start : joint that the motion leaves out -> its coordinates at the start [rad], [m]; in a loop a guess of them
+    measured : CSV file of what a machine that did this was seen to do, None where there is none
     """
 
     name: str
@@ -65,6 +67,7 @@ class Case:
     start: Mapping[str, Array] = field(default_factory=dict)
     source: str = ""
     notes: tuple[str, ...] = ()
+    measured: Path | None = None
 
     def meshed(self, mechanism: Mechanism) -> Mechanism:
         """Return the mechanism with the mesh [-] of this case, its own where the case says nothing."""
@@ -114,7 +117,21 @@ def _case(data: Any, name: str, source: str, shared: list[Limit], mechanism: Mec
     return Case(
         name, table.title, motion, table.step_s, end, sample, tuple(table.quantities), limits,
         table.spectral_radius, table.initial, mesh, start, table.source or source, tuple(table.notes),
+        _measured(table, file, path),
     )  # fmt: skip
+
+
+def _measured(table: CaseTable, file: Path, path: str) -> Path | None:
+    """The file of what was measured, which has to be in the folder of the cases, like that of a sampled motion."""
+    if table.measured is None:
+        return None
+    found = file.parent / table.measured
+    if Path(table.measured).name != table.measured or not found.is_file():
+        near = nearest(table.measured, sorted(p.name for p in file.parent.glob("*.csv")))
+        write = f'measured = "{near}"' if near else "the name of a file that exists"
+        given, expected = f'measured = "{table.measured}"', "the name of a CSV file in the same folder"
+        raise InputError(complaint(place(file, path, "measured"), given, expected, write))
+    return found
 
 
 def _check_times(table: CaseTable, motion: Motion, end: float, sample: float, file: Path, path: str) -> None:

@@ -193,6 +193,11 @@ class CaseTable(Table):
         "start.rocker = { deg = 100 }",
         default={},
     )
+    measured: Text | None = key(
+        "a CSV file beside this one with what was measured on a machine that did this",
+        'measured = "measured.csv"',
+        default=None,
+    )
     quantities: Annotated[
         list[Literal["torque", "wrench", "reaction", "tip", "deflection", "axial", "internal", "frequency"]],
         Field(min_length=1),

@@ -223,11 +223,29 @@
     return show();
   }
 
+  // ------------------------------------------------------------------ a study: curves over a common axis
+  function studyFigures(figures) {
+    const show = () => Promise.all(figures.map(async (figure, number) => {
+      const traces = Object.entries(figure.curves).map(([name, curve], k) => ({
+        type: "scatter", mode: "lines", name: plain(name), x: curve.x, y: curve.y,
+        line: { color: COLOURS[k % COLOURS.length], dash: DASHES[k % DASHES.length], width: 2 },
+      }));
+      const node = document.getElementById("figure" + number);
+      delete node.dataset.drawn;
+      await draw("figure" + number, traces, layout(figure.x, figure.y, { showlegend: true, legend: { orientation: "h", y: 1.12 } }));
+      node.dataset.drawn = "figure";
+    }));
+    document.addEventListener("theme", show);
+    return show();
+  }
+
   window.crosscheckLoad = load; // for the animation, whose numbers come the same way
   window.crosscheckDecode = decode;
 
   const manifest = read("manifest");
   const plot = read("studyplot");
+  const figures = read("studyfigures");
   if (manifest) casePage(manifest);
   if (plot) studyPage(plot);
+  if (figures) studyFigures(figures);
 })();

@@ -1,0 +1,1 @@
+"""Records of real machines: read, cut, smoothed, and models identified from them."""

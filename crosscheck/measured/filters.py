@@ -1,0 +1,56 @@
+"""Filters for measured signals: zero-phase low-pass for what is differentiated, and the lag of a sensor's own filter."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, cont2discrete, lfilter, lfilter_zi, sosfiltfilt
+
+Array = NDArray[np.float64]
+ORDER = 4  # of the Butterworth filter; forth and back it is 8
+
+
+def low_pass(values: Array, spacing: float, bandwidth: float) -> Array:
+    """Return a signal without what is faster than the bandwidth [Hz], without delay: Butterworth, forth and back.
+
+    ``|H(f)| = 1 / (1 + (f / bandwidth)^8)``: half the amplitude at the bandwidth, 0.996 of it at half the bandwidth.
+
+    values : (samples,) [any unit]; spacing : [s]; the ends are continued by a point reflection over two periods of the bandwidth
+    """
+    sections = butter(ORDER, bandwidth, fs=1.0 / spacing, output="sos")
+    pad = min(len(values) - 1, int(np.ceil(2.0 / (bandwidth * spacing))))
+    return np.asarray(sosfiltfilt(sections, values, padlen=pad))
+
+
+def lag(values: Array, spacing: float, frequency: float, damping: float) -> Array:
+    """Return a signal after the second-order low-pass of a sensor, which stood still on its first value before.
+
+    ``y'' + 2 damping w y' + w^2 y = w^2 x``, w = 2 pi frequency; exact for x that is linear between samples
+
+    values : (samples,) [any unit]; spacing : [s]; frequency : [Hz]; damping : [-]
+    """
+    b, a, rest = _sampled(spacing, frequency, damping)
+    return np.asarray(lfilter(b, a, values, zi=rest * values[0])[0])
+
+
+@lru_cache(maxsize=8)
+def _sampled(spacing: float, frequency: float, damping: float) -> tuple[Array, Array, Array]:
+    """Numerator, denominator, and the state in which the filter stands still on 1."""
+    w = 2.0 * np.pi * frequency
+    numerator, denominator, _ = cont2discrete(([w * w], [1.0, 2.0 * damping * w, w * w]), spacing, "foh")
+    b, a = np.ravel(numerator), np.ravel(denominator)
+    return b, a, lfilter_zi(b, a)
+
+
+def undo_lag(values: Array, spacing: float, frequency: float, damping: float) -> Array:
+    """Return what the sensor saw, from what its second-order low-pass gave: ``x = y + 2 damping y' / w + y'' / w^2``.
+
+    The values have to be smooth: differences of second order are taken, one-sided at the ends.
+
+    values : (samples,) [any unit]; spacing : [s]; frequency : [Hz]; damping : [-]
+    """
+    w = 2.0 * np.pi * frequency
+    rate = np.gradient(values, spacing, edge_order=2)
+    return np.asarray(values + 2.0 * damping / w * rate + np.gradient(rate, spacing, edge_order=2) / w**2)
