@@ -28,6 +28,7 @@ from crosscheck.report import render, trends
 from crosscheck.results import Results
 from crosscheck.runner import KEPT, RESULTS, Notify, Work, run
 from crosscheck.studies import Study
+from flexinv.errors import InputError
 
 LATEST, LOCK, HOLDER = "latest", "nightly.lock", "nightly.json"
 
@@ -61,7 +62,8 @@ def nightly(night: Nightly, notify: Notify, tell: Callable[[str], None]) -> tupl
     """Run a night and return its results and its folder; what went wrong beside the engines is in ``message``.
 
     tell : is given one line about everything that a reader at the terminal has to know
-    Raises NightRunning where one is under way, BaselineError where the blessed night cannot be read.
+    Raises NightRunning where one is under way, BaselineError where the blessed night cannot be read, InputError where no
+    scheduler answers.
     """
     night.reports.mkdir(parents=True, exist_ok=True)
     with only_one(night.reports):
@@ -73,7 +75,8 @@ def nightly(night: Nightly, notify: Notify, tell: Callable[[str], None]) -> tupl
         if night.work.options.resume:
             take_over(night.reports, night.label, folder, tell)
         options = replace(night.work.options, baseline=known, whole=night.whole)
-        results = run(replace(night.work, options=options), folder, notify, night.command)
+        with no_trace(folder):
+            results = run(replace(night.work, options=options), folder, notify, night.command)
         if night.bench and results.finished:
             results = with_speed(results, night, notify)
         results = remember(database, night, failed(results, trouble), folder, tell)
@@ -112,6 +115,17 @@ def night_folder(reports: Path, label: str = "") -> Path:
     date = datetime.date.today().isoformat() + (f"-{label}" if label else "")
     names = (date if k == 1 else f"{date}-{k}" for k in range(1, 1000))
     return next(reports / name for name in names if not (reports / name).exists())
+
+
+@contextmanager
+def no_trace(folder: Path) -> Iterator[None]:
+    """Remove an empty folder where a night cannot even begin (no scheduler answers)."""
+    try:
+        yield
+    except InputError:
+        with suppress(OSError):  # not empty: it holds what is to be resumed
+            folder.rmdir()
+        raise
 
 
 def take_over(reports: Path, label: str, folder: Path, tell: Callable[[str], None]) -> None:

@@ -76,7 +76,7 @@ def test_nothing_is_lost_when_a_worker_is_killed(root: Path, tmp_path: Path) -> 
     with cluster(tmp_path) as (address, (first, _)):
 
         def kill(event: Event) -> None:
-            if event.done == 2:
+            if event.done == MANY:  # of twice as many
                 first.send_signal(signal.SIGKILL)
 
         results = run(Work(plan, engines, (), Options(120.0, scheduler=address)), tmp_path / "out", kill)

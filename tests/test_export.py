@@ -190,6 +190,23 @@ def test_loops_springs_and_forces_in_time(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_a_loop_of_beams_in_time(tmp_path: Path) -> None:
+    folder = Path(__file__).resolve().parent.parent / "models" / "four_bar_flexible"
+    mechanism = load_mechanism(folder)
+    case = replace(load_cases(folder, mechanism)["turn"], end=0.05)
+    exported(mechanism, "exudyn-ge", tmp_path, case, np.zeros((11, mechanism.nv)))
+    run(tmp_path)
+    series = (
+        importlib.import_module("crosscheck.engines.exudyn").run(mechanism, case, "exudyn-ge", {"error": False}).series
+    )
+    ours = np.stack([series[f"torque/{name}"].values for name in mechanism.velocity_names], axis=1)
+    computed = np.loadtxt(tmp_path / "computed.csv", delimiter=",", skiprows=1)[:, 1:]
+    assert np.ptp(ours[:, 0]) > 0.5  # [N m]
+    # the same calls with the same numbers, through Newton's increments of 1e-10
+    np.testing.assert_allclose(computed, ours, rtol=0, atol=1e-8 * np.ptp(ours))
+
+
+@pytest.mark.slow
 def test_a_rigid_chain_in_time(tmp_path: Path) -> None:
     mechanism = chain("prismatic")
     case, effort = swing(mechanism)

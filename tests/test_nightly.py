@@ -152,6 +152,17 @@ def test_a_second_night_at_once_is_refused_and_harms_nothing(nightly: Invoke, re
     assert not (reports / "history.sqlite").exists()
 
 
+def test_a_night_without_its_cluster_leaves_no_trace(
+    nightly: Invoke, reports: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("crosscheck.cluster.CONNECT", 0.5)
+    done = nightly("--scheduler", "tcp://127.0.0.1:9")
+    assert done.exit_code == 2
+    assert "--scheduler tcp://127.0.0.1:9: no scheduler answers there" in done.output
+    assert folders(reports) == []
+    assert known(reports) == []
+
+
 def start(reports: Path, *words: str, **more: object) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "crosscheck", "nightly", "--models", str(reports.parent / "models"), "--jobs", "1"]
     command += ["--reports", str(reports), "--studies", "", "--engines", "flexinv,pinocchio", *words]

@@ -153,6 +153,8 @@ def _in_time(
     np.savez_compressed(folder / "drivers.npz", allow_pickle=False, **arrays)
     settings["runs"] = [_run(mechanism, look, run) for run in kept]
     settings["weights"] = [1.0] if len(kept) == 1 else [-1 / 3, 4 / 3]
+    if look.free and not mechanism.is_rigid:
+        settings["moved_by_loops"] = sorted(look.free)  # motion.csv has nothing of them
     # beside beams, damping and springs of joints without a drive are connectors of the model
     settings |= _passive(mechanism, frozenset() if mechanism.is_rigid else look.free)
     if mechanism.closures and mechanism.is_rigid:
