@@ -13,6 +13,7 @@ import numpy as np
 
 from flexinv.beam import Scratch, element_gradient, element_tangent, nodal_forces, relative
 from flexinv.compiled import jit_inner
+from flexinv.damped_beam import Rates, damped_gradient, damped_tangent, relative_rates
 from flexinv.mechanism import Array
 from flexinv.rotations import exp, inverse_tangent
 from flexinv.system import FRICTION_RATE
@@ -65,8 +66,9 @@ class Work(NamedTuple):
 
     wrench : (nodes, 6); dwrench : (nodes, columns, 6); residual : (sides, unknowns), the first is it, the others belong to
         the closures (`ties`); diagonal : (blocks, columns, columns)
-    tangent : (elements, 6 count, 6 count); internal : (elements, points, 6); energy : (2,) elastic energy [J] and power [W]
-    element : scratch of one element; own_x, own_t : (columns, 3), scratch of one passive joint
+    tangent : (elements, 6 count, 6 count), with damping six columns more (`damped_beam`); internal : (elements, points, 6)
+    energy : (3,) elastic energy [J], power of the internal forces and what of it is dissipated [W]
+    element, rates : scratch of one element; own_x, own_t : (columns, 3), scratch of one passive joint
     system : (rows, rows + columns + sides), scratch of one elimination; settled : (2, nodes, 6), scratch of `settle`
     solved : (elements, rows, columns + sides) eliminated unknowns by those of the element's first block
     """
@@ -79,6 +81,7 @@ class Work(NamedTuple):
     internal: Array
     energy: Array
     element: Scratch
+    rates: Rates
     own_x: Array
     own_t: Array
     system: Array
@@ -193,9 +196,13 @@ def node_wrenches(t, f, d, level, work, want_tangent):
 
 
 @jit_inner
-def add_elements(t, e, f, d, work, want_tangent):
-    """Add elastic forces of all elements to the wrenches; return -1, or the element that turns too much [rad]."""
-    z, energy, power = work.element, 0.0, 0.0
+def add_elements(t, e, f, d, work, moving, want_tangent):
+    """Add internal forces of all elements to the wrenches; return -1, or the element that turns too much [rad].
+
+    moving : False where velocities do not count, at rest
+    """
+    z, energy, power, lost = work.element, 0.0, 0.0, 0.0
+    damped = moving and len(e.damping) > 0
     for k in range(len(e.order)):
         count = e.order[k] + 1
         nodes = e.nodes[k]
@@ -204,7 +211,13 @@ def add_elements(t, e, f, d, work, want_tangent):
             put_block(z.r[i], 0, 0, mat(f.r[nodes[i]]))
         if not relative(count, z) <= LARGEST_TURN:
             return k
-        energy += element_gradient(k, count, e, z, work.internal[k], want_tangent)
+        if damped:
+            _set_rates(count, nodes, f, work.rates)
+            relative_rates(count, z, work.rates)
+            stored, gone = damped_gradient(k, count, e, z, work.rates, work.internal[k], want_tangent)
+            energy, lost = energy + stored, lost + gone
+        else:
+            energy += element_gradient(k, count, e, z, work.internal[k], want_tangent)
         nodal_forces(count, z)
         for i in range(count):
             n, force, moment = nodes[i], vec(z.forces[i]), vec_at(z.forces[i], 3)
@@ -212,10 +225,21 @@ def add_elements(t, e, f, d, work, want_tangent):
             add_to(work.wrench[n], 3, moment)
             power += dot(force, vec(f.v[n])) + dot(moment, vec(f.w[n]))
         if want_tangent:
-            element_tangent(count, z, work.tangent[k])
+            if damped:
+                damped_tangent(count, z, work.rates, nodes, d, work.tangent[k])
+            else:
+                element_tangent(count, z, work.tangent[k])
+                work.tangent[k, :, 6 * e.nodes.shape[1] :] = 0.0
             _add_diagonal(t, d, nodes, count, work.tangent[k], work.dwrench)
-    work.energy[0], work.energy[1] = energy, power
+    work.energy[0], work.energy[1], work.energy[2] = energy, power, lost
     return -1
+
+
+@jit_inner
+def _set_rates(count, nodes, f, rates):
+    for i in range(count):
+        put(rates.v[i], 0, vec(f.v[nodes[i]]))
+        put(rates.w[i], 0, vec(f.w[nodes[i]]))
 
 
 @jit_inner
@@ -224,12 +248,21 @@ def _add_diagonal(t, d, nodes, count, tangent, dwrench):
     root = nodes[0]
     for k in range(t.size[t.block[root]]):
         for i in range(6):
-            felt = dot(vec(tangent[i]), vec(d.x[root, k])) + dot(vec_at(tangent[i], 3), vec(d.t[root, k]))
-            dwrench[root, k, i] += felt
+            dwrench[root, k, i] += by_root(tangent, i, root, k, d)
     for node in range(1, count):
         for k in range(6):
             for i in range(6):
                 dwrench[nodes[node], k, i] += tangent[6 * node + i, 6 * node + k]
+
+
+@jit_inner
+def by_root(tangent, row, root, k, d):
+    """Return how a force of an element varies with unknown k of its root's block, by pose and velocity [N/m], [N], [N m]."""
+    by, last = tangent[row], tangent.shape[1] - 6
+    felt = dot(vec(by), vec(d.x[root, k])) + dot(vec_at(by, 3), vec(d.t[root, k]))
+    if tangent.shape[1] > tangent.shape[0]:
+        felt += dot(vec_at(by, last), vec(d.v[root, k])) + dot(vec_at(by, last + 3), vec(d.w[root, k]))
+    return felt
 
 
 @jit_inner

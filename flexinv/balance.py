@@ -17,9 +17,9 @@ from flexinv.sums import energy_samples, root_samples
 class Balance:
     """Energies and what is left of the balances.
 
-    kinetic, potential, elastic : (samples,) [J]
-    power : (samples,) [W] residual of  tau . qd = sum P . v + Q . w + elastic power, at every instant
-    work : (samples,) [J] residual of  integral (tau . qd + power of applied forces) dt = change of energy
+    kinetic, potential, elastic : (samples,) [J]; dissipated : (samples,) [W] by the damping of beams
+    power : (samples,) [W] residual of  tau . qd = sum P . v + Q . w + power of internal forces, at every instant
+    work : (samples,) [J] residual of  integral (tau . qd + power of applied forces - dissipated) dt = change of energy
         (trapezoidal: time error shows here)
     momentum : (samples, 6) [N], [N m] reaction at the base (elastic side) less sum P and sum x x P + Q (inertia side)
     """
@@ -30,6 +30,7 @@ class Balance:
     power: Array
     work: Array
     momentum: Array
+    dissipated: Array
 
 
 def balance(
@@ -48,7 +49,8 @@ def balance(
 
     forces : P and Q of all nodes [N], [N m]; tau : (samples, nv) joint efforts L T P without drive efforts [N m], [N]
     base : (samples, 6) reaction of the base on the mechanism about the origin, world, from the kinematics step
-    elastic : (samples, 2) elastic energy [J] and its rate [W]; applied : springs, loads and closures, if any
+    elastic : (samples, 3) elastic energy [J], power of internal forces and what of it is dissipated [W]
+    applied : springs, loads and closures, if any
     brought : (samples,) energy that impacts bring at once [J], if any
     """
     sums, total = np.empty((len(time), 3)), np.empty((len(time), 6))
@@ -57,12 +59,13 @@ def balance(
     kinetic, potential, moved = sums.T.copy()
     given = np.einsum("sv,sv->s", tau, qd)
     energy = kinetic + potential + elastic[:, 0]
-    supplied = given if applied is None else given + _power(motion, applied)
+    dissipated = elastic[:, 2]
+    supplied = (given if applied is None else given + _power(motion, applied)) - dissipated
     work = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(time) * (supplied[1:] + supplied[:-1]))])
     if brought is not None:
         work += np.cumsum(brought)
     power = given - moved - elastic[:, 1]
-    return Balance(kinetic, potential, elastic[:, 0], power, work - (energy - energy[0]), base - total)
+    return Balance(kinetic, potential, elastic[:, 0], power, work - (energy - energy[0]), base - total, dissipated)
 
 
 def _power(motion: NodalMotion, forces: NodalForces) -> Array:

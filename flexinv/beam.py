@@ -138,8 +138,8 @@ def relative(count, z):
 
 
 @jit_inner
-def _interpolate(count, shape, slope, z):
-    """u', psi, psi' at one Gauss point (node 0 contributes nothing: u_0 = psi_0 = 0)."""
+def interpolate(count, shape, slope, z):
+    """Return u' [-], psi [rad], psi' [rad/m] at one Gauss point (node 0 contributes nothing: u_0 = psi_0 = 0)."""
     du, psi, dpsi = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for i in range(1, count):
         du = add_scaled(du, slope[i], vec(z.u[i]))
@@ -176,7 +176,7 @@ def _clear(count, z, want_hessian):
 @jit_inner
 def _add_point(count, shape, slope, w, stiffness, gamma0, kappa0, z, internal, want_hessian):
     """Add one Gauss point to gradient and Hessian; return its energy."""
-    du, psi, dpsi = _interpolate(count, shape, slope, z)
+    du, psi, dpsi = interpolate(count, shape, slope, z)
     q = coefficients(dot(psi, psi))
     s, h = mul(mat(z.r[0]), exp_with(psi, q)), tangent_with(psi, q)
     stretch = tapply(s, du)
@@ -194,14 +194,14 @@ def _add_point(count, shape, slope, w, stiffness, gamma0, kappa0, z, internal, w
         add_to(z.gradient[i], 0, scale(slope[i], by_du))
         add_to(z.gradient[i], 3, add(scale(shape[i], by_psi), scale(slope[i], by_dpsi)))
     if want_hessian:
-        _point_hessian(psi, dpsi, q, s, h, stretch, bend, n, m, couple, c_n, c_m, w, z.parts)
+        point_hessian(psi, dpsi, q, s, h, stretch, bend, n, m, couple, c_n, c_m, w, z.parts)
         _spread(count, shape, slope, z.parts, z.hessian)
     return 0.5 * w * (dot(n, gamma) + dot(m, kappa))
 
 
 @jit_inner
-def _point_hessian(psi, dpsi, q, s, h, stretch, bend, n, m, couple, c_n, c_m, w, parts):
-    """Second derivatives at one Gauss point, w d2E by (u', psi, psi'), into the parts of `Scratch`."""
+def point_hessian(psi, dpsi, q, s, h, stretch, bend, n, m, couple, c_n, c_m, w, parts):
+    """Fill the parts of `Scratch` with second derivatives at one Gauss point, w d2E by (u', psi, psi') [N], [N m]."""
     spin = mul(skew(stretch), h)  # dGamma = S^T du' + spin dpsi
     c_spin, c_bend = rows(c_n, spin), rows(c_m, bend)
     turned = mul(skew(n), spin)
@@ -210,27 +210,28 @@ def _point_hessian(psi, dpsi, q, s, h, stretch, bend, n, m, couple, c_n, c_m, w,
     stretching = madd(madd(tmul(spin, c_spin), tmul(h, turned)), tangent_slope(psi, couple, q, -1.0))
     bending = madd(tmul(bend, c_bend), tangent_curvature(psi, m, dpsi, q))
     by_slope_psi = madd(tmul(h, c_bend), tangent_slope(psi, m, q, -1.0))
-    _put_part(parts[0], 0, 0, mscale(w, by_u_u))
-    _put_part(parts[0], 3, 3, mscale(w, tmul(h, rows(c_m, h))))
-    _put_part(parts[1], 0, 3, mscale(w, by_u_psi))
-    _put_part(parts[1], 3, 3, mscale(w, by_slope_psi))
-    _put_part(parts[2], 3, 0, mscale(w, transpose(by_u_psi)))
-    _put_part(parts[2], 3, 3, mscale(w, transpose(by_slope_psi)))
-    _put_part(parts[3], 3, 3, mscale(w, madd(stretching, bending)))
+    put_part(parts[0], 0, 0, mscale(w, by_u_u))
+    put_part(parts[0], 3, 3, mscale(w, tmul(h, rows(c_m, h))))
+    put_part(parts[1], 0, 3, mscale(w, by_u_psi))
+    put_part(parts[1], 3, 3, mscale(w, by_slope_psi))
+    put_part(parts[2], 3, 0, mscale(w, transpose(by_u_psi)))
+    put_part(parts[2], 3, 3, mscale(w, transpose(by_slope_psi)))
+    put_part(parts[3], 3, 3, mscale(w, madd(stretching, bending)))
 
 
 @jit_inner
-def _put_part(part, row, column, m):
-    """Write a matrix into a (6, 6) block that is stored as 36 numbers."""
-    put(part, 6 * row + column, m[0])
-    put(part, 6 * row + 6 + column, m[1])
-    put(part, 6 * row + 12 + column, m[2])
+def put_part(numbers, row, column, m):
+    """Write a matrix into a (6, 6) block that is stored as 36 numbers [any unit]."""
+    put(numbers, 6 * row + column, m[0])
+    put(numbers, 6 * row + 6 + column, m[1])
+    put(numbers, 6 * row + 12 + column, m[2])
 
 
 @jit_inner
-def _part(part, row, column):
+def part(numbers, row, column):
+    """Return a matrix of a (6, 6) block that is stored as 36 numbers [any unit]."""
     first = 6 * row + column
-    return vec_at(part, first), vec_at(part, first + 6), vec_at(part, first + 12)
+    return vec_at(numbers, first), vec_at(numbers, first + 6), vec_at(numbers, first + 12)
 
 
 @jit_inner
@@ -275,9 +276,9 @@ def element_tangent(count, z, tangent):
         own = mat(z.inverse[i])
         for j in range(i, count):
             other = mat(z.inverse[j])
-            x_x, x_t = _part(z.hessian[i, j], 0, 0), mul(_part(z.hessian[i, j], 0, 3), other)
-            t_x = tmul(own, _part(z.hessian[i, j], 3, 0))
-            t_t = tmul(own, mul(_part(z.hessian[i, j], 3, 3), other))
+            x_x, x_t = part(z.hessian[i, j], 0, 0), mul(part(z.hessian[i, j], 0, 3), other)
+            t_x = tmul(own, part(z.hessian[i, j], 3, 0))
+            t_t = tmul(own, mul(part(z.hessian[i, j], 3, 3), other))
             if i == j:
                 geometric = inverse_tangent_slope(vec(z.psi[i]), vec_at(z.gradient[i], 3), -1.0)
                 t_t = madd(t_t, mul(geometric, own))

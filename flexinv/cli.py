@@ -166,6 +166,8 @@ def modes(
     found = natural_modes(mechanism, at, free or None, count)
     rows = zip(range(1, count + 1), found.frequency, np.sqrt(np.abs(found.squared)), found.link, strict=False)
     table = pd.DataFrame(rows, columns=["mode", "frequency [Hz]", "omega [rad/s]", "moves most"])
+    if found.friction.any():
+        table.insert(3, "damping ratio [-]", found.ratio[: len(table)])
     click.echo(table.to_string(index=False, float_format=lambda x: f"{x:.6g}", na_rep="unstable"))
 
 

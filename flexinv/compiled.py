@@ -22,10 +22,10 @@ from numba import njit
 
 # The modules whose text or constants are in machine code.
 SOURCES = (
-    "assemble", "atomics", "beam", "blocks", "border", "branch", "compiled", "coordinates", "differentiate", "eliminate",
-    "integrate", "kinds", "lanes", "loads", "march", "modes", "offers", "planar_beam", "planar_march", "planar_solve",
-    "planar_ties", "planar_tree", "projection", "pulls", "recursion", "regress", "rotations", "rows", "settle", "sums",
-    "system", "ties", "tree", "vectors",
+    "assemble", "atomics", "beam", "blocks", "border", "branch", "compiled", "coordinates", "damped_beam", "damped_plane",
+    "differentiate", "eliminate", "integrate", "kinds", "lanes", "loads", "march", "modes", "offers", "planar_beam",
+    "planar_march", "planar_solve", "planar_ties", "planar_tree", "projection", "pulls", "recursion", "regress",
+    "rotations", "rows", "settle", "sums", "system", "ties", "tree", "vectors",
 )  # fmt: skip
 _IMPORT = re.compile(r"^from flexinv\.(\w+) import", re.MULTILINE)
 

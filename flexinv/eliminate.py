@@ -6,8 +6,9 @@ to it alone.  Condensing them onto the first block, leaf elements first, leaves 
 
 from __future__ import annotations
 
+from flexinv.assemble import by_root
 from flexinv.compiled import jit, jit_inner
-from flexinv.vectors import dot, vec, vec_at
+from flexinv.vectors import dot, vec
 
 
 @jit
@@ -92,9 +93,8 @@ def _condense(t, e, d, work, k, sides):
             if q != i:
                 _copy_block(tangent, 6 * i, 6 * q, system, at, _row(t, nodes, q))
         for r in range(6):
-            by_x, by_t = vec(tangent[6 * i + r]), vec_at(tangent[6 * i + r], 3)
             for c in range(columns):
-                system[at + r, rows + c] = _by_root(by_x, by_t, nodes[0], c, d)
+                system[at + r, rows + c] = by_root(tangent, 6 * i + r, nodes[0], c, d)
     solve_dense(system, rows, rows + columns + sides)
     for r in range(rows):
         for c in range(columns + sides):
@@ -110,12 +110,6 @@ def _copy_block(a, row, column, out, at, to):
 
 
 @jit_inner
-def _by_root(by_x, by_t, root, c, d):
-    """Derivative by unknown c of the root's block, given those by the root's position and rotation."""
-    return dot(by_x, vec(d.x[root, c])) + dot(by_t, vec(d.t[root, c]))
-
-
-@jit_inner
 def _add_to_first(t, nodes, count, columns, tangent, d, work, k, sides):
     """Subtract from the first block's linearisation and residuals what the eliminated unknowns do to it."""
     first = t.block[nodes[0]]
@@ -126,7 +120,7 @@ def _add_to_first(t, nodes, count, columns, tangent, d, work, k, sides):
             by_x = tangent[0, column], tangent[1, column], tangent[2, column]
             by_t = tangent[3, column], tangent[4, column], tangent[5, column]
             for r in range(columns):
-                back = _by_root(by_x, by_t, nodes[0], r, d)
+                back = dot(by_x, vec(d.x[nodes[0], r])) + dot(by_t, vec(d.t[nodes[0], r]))
                 for c in range(columns):
                     work.diagonal[first, r, c] -= back * work.solved[k, at + q, c]
                 for side in range(sides):

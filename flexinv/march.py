@@ -50,7 +50,7 @@ def evaluate(t, e, b, c, s, j, f, d, loads, work, want_tangent):
     tie_rows(b.ties, s, f, RATED if c.mode == ACCELERATION else VALUES)
     pull_rows(b.pulls, b.ties, f, level)
     add_ties(b.ties, work.wrench)
-    bad = add_elements(t, e, f, d, work, want_tangent)
+    bad = add_elements(t, e, f, d, work, c.mode != STATIC, want_tangent)
     if bad < 0:
         if want_tangent:
             turn_arms(t, b.pulls, b.ties, f, d, work.dwrench)
@@ -109,7 +109,7 @@ def march(
 
     rel : Joints with a leading sample axis; table : (samples, loads, 6) wrenches of loads; efforts : (samples, unknowns or 0)
     out : x, r, v, w, a, al (samples, nodes, ...); wrench : (samples, nodes, 6)
-    internal : (samples, elements, points, 6); energy : (samples, 2); multipliers : (samples, rows); iterations : (samples,)
+    internal : (samples, elements, points, 6); energy : (samples, 3); multipliers : (samples, rows); iterations : (samples,)
     Return status, sample reached, element or iterations, last relative increment [-].
     """
     count, size = 0, 0.0
@@ -209,4 +209,4 @@ def record(sample, f, work, out, wrench, internal, energy):
         for point in range(work.internal.shape[1]):
             for i in range(6):
                 internal[sample, k, point, i] = work.internal[k, point, i]
-    energy[sample, 0], energy[sample, 1] = work.energy[0], work.energy[1]
+    put(energy[sample], 0, vec(work.energy))

@@ -88,12 +88,14 @@ class Section:
         (shear stiffness with the shear factor already in it; EI_z bends the beam in its x-y plane)
     mass_per_length : (n,) [kg/m]
     rotary_inertia : (n, 3) [kg m]: rho I about x (polar), y, z
+    damping : (n, 6) [N s], [N m^2 s]: stress by rate of strain, in the order of ``stiffness``; None: none
     """
 
     stations: Array
     stiffness: Array
     mass_per_length: Array
     rotary_inertia: Array
+    damping: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -195,7 +197,6 @@ CLOSURES: dict[str, int] = {
     "coupling": 1,
 }
 
-
 # Joints that a coupling may tie: those whose coordinate is one number that counts whole turns.
 COUPLED = ("revolute", "prismatic")
 
@@ -275,7 +276,6 @@ class Mechanism:
     """A tree of links and joints under gravity; ``joints`` is ordered depth-first, parents before children.
 
     closures : what ties links of the tree into loops; springs, forces : what else acts on them
-
     gravity : (3,) [m/s^2], world frame
     urdf : the URDF file the mechanism came from, if any (an engine with a URDF parser of its own reads it again)
     packages : folders in which ``package://`` paths of that URDF are looked up

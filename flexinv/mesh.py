@@ -51,6 +51,7 @@ class Elements:
 
     order : (elements,); nodes : (elements, order+1) node numbers, -1 where padded
     stiffness : (elements, points, 6) EA, GA_y, GA_z [N], GJ, EI_y, EI_z [N m^2] at the Gauss points
+    damping : (elements, points, 6) [N s], [N m^2 s] of the rates of strain; zero where a beam has none
     gamma0, kappa0 : (elements, points, 3) strains of the stress-free shape [-], [1/m]
     weight : (elements, points) Gauss weight times ds/dxi [m]
     shape, slope : (elements, points, order+1) interpolation and its derivative by arc length [-], [1/m]
@@ -60,6 +61,7 @@ class Elements:
     order: NDArray[np.int64]
     nodes: NDArray[np.int64]
     stiffness: Array
+    damping: Array
     gamma0: Array
     kappa0: Array
     weight: Array
@@ -225,12 +227,14 @@ class _Builder:
             self.mass[node] += float(w * mass)
             self.inertia[node] = self.inertia[node] + w * np.diag(rotary)
         gamma0, kappa0 = _stress_free_strains(beam, at_nodes, ref.shape, ref.slope / jacobian)
-        (stiffness,) = _interpolate(beam, at_points, beam.section.stiffness)
+        of_rate = np.zeros_like(beam.section.stiffness) if beam.section.damping is None else beam.section.damping
+        stiffness, damping = _interpolate(beam, at_points, beam.section.stiffness, of_rate)
         self.elements.append(
             {
                 "order": np.array(beam.order),
                 "nodes": np.array(own, dtype=float),
                 "stiffness": stiffness,
+                "damping": damping,
                 "gamma0": gamma0,
                 "kappa0": kappa0,
                 "weight": ref.point_weights * jacobian,
@@ -303,6 +307,7 @@ def _elements(rows: list[dict[str, Array]]) -> Elements:
         return Elements(
             index,
             np.empty((0, 0), np.int64),
+            np.empty((0, 0, 6)),
             np.empty((0, 0, 6)),
             empty,
             empty,

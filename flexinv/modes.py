@@ -4,6 +4,7 @@ Small motions y of the unknowns about a rest position, B_n the variation of node
 
     M y'' + K y = 0        M = sum_n B_n^T diag(m_n, J_n) B_n  (+ rotors of free joints)        K = tangent of the residual
 
+Dampers and damped beams add D y' (`damping_matrix`); each mode's ratio is what light damping makes of it.
 Prescribed joints are clamped.  Closures leave the motions y = N z with G N = 0.  At a rest position K is symmetric; where an
 outside effort holds a free joint in place, it is taken as constant, and of K the symmetric part.
 """
@@ -21,7 +22,7 @@ from scipy.linalg import LinAlgError, cholesky, eigh
 
 from flexinv.compiled import jit
 from flexinv.errors import InputError
-from flexinv.integrate import STATICS, Scheme, advance, correct
+from flexinv.integrate import DYNAMIC, STATICS, Scheme, advance, correct
 from flexinv.loops import closed_near
 from flexinv.march import CONVERGED, evaluate
 from flexinv.mechanism import Array, Mechanism
@@ -47,6 +48,7 @@ class Modes:
     displacement : (modes, nodes, 3) [m] world; rotation : (modes, nodes, 3) [rad] own frame; of modal mass 1 kg m^2:
         sum of m |displacement|^2 + rotation . J rotation (and of the rotors of free joints)
     position : (nodes, 3) [m] world, orientation : (nodes, 3, 3), the rest position; free : names of the free joints
+    friction : (modes,) y . D y [1/s], of dampers and damped beams in each mode (no dry friction)
     """
 
     mesh: Mesh
@@ -57,11 +59,21 @@ class Modes:
     rotation: Array
     position: Array
     orientation: Array
+    friction: Array
 
     @property
     def frequency(self) -> Array:
         """(modes,) natural frequencies [Hz]; nan where the rest position is unstable."""
         return np.sqrt(np.where(self.squared < 0.0, np.nan, self.squared)) / (2 * np.pi)
+
+    @property
+    def ratio(self) -> Array:
+        """(modes,) of critical damping [-]: y . D y / (2 omega); nan without oscillation.
+
+        Exact where D is a multiple of K; else what light damping does, as it then couples modes.
+        """
+        omega = np.sqrt(np.where(self.squared > 0.0, self.squared, np.nan))
+        return np.asarray(self.friction / (2 * omega))
 
     @property
     def link(self) -> tuple[str, ...]:
@@ -97,12 +109,14 @@ def natural_modes(
     mesh, at, names = chosen(mechanism, q, free)
     solver = Solver.of(mesh, set(names))
     joints = rest(solver, at)
+    damping = damping_matrix(solver, joints)
     stiffness, mass = _linear(solver, joints)
     squared, shapes = undamped(stiffness, mass, allowed_motions(solver))
     last = len(squared) if count is None else count
     moves = nodal_shapes(solver, shapes[:, :last])
+    lost = np.einsum("um,uw,wm->m", shapes, damping, shapes)[:last]  # (mode,)
     place, turn = solver.frames.x.copy(), solver.frames.r.copy()
-    return Modes(mesh, at, names, squared[:last], moves[..., :3], moves[..., 3:], place, turn)
+    return Modes(mesh, at, names, squared[:last], moves[..., :3], moves[..., 3:], place, turn, lost)
 
 
 def chosen(
@@ -188,6 +202,26 @@ def evaluate_once(solver: Solver, joints: Joints, scheme: Scheme = STATICS) -> N
     )  # fmt: skip
 
 
+# Velocities per displacement [1/s] at which damping is seen: so large that rounding of the stiffness beside it is none.
+FAST = 1e8
+
+
+def damping_matrix(solver: Solver, joints: Joints) -> Array:
+    """Return how the residual varies with the velocities of the unknowns, at rest, (unknowns, unknowns) [N s/m], [N s], [N m s].
+
+    Damped beams, dampers in joints and between points; dry friction, which at rest has no derivative, is left out.
+    """
+    friction, n = solver.topology.friction.copy(), constraints(solver)
+    solver.topology.friction[:] = 0.0
+    found = []
+    for cv in (FAST, 0.0):
+        evaluate_once(solver, joints, STATICS._replace(mode=DYNAMIC, cv=cv))
+        ties = solver.border.ties
+        found.append(tangent_matrix(solver) - ties.sides[n:].T @ ties.across[n:])
+    solver.topology.friction[:] = friction
+    return np.asarray((found[0] - found[1]) / FAST)
+
+
 def _linear(solver: Solver, joints: Joints) -> tuple[Array, Array]:
     """Stiffness and mass (unknowns, unknowns); the march's tangent leaves out part of what forces in closures do."""
     ties, n = solver.border.ties, constraints(solver)
@@ -220,7 +254,17 @@ def tangent_matrix(solver: Solver) -> Array:
         for (i, (rows, by_row)), (q, (columns, by_column)) in permutations(enumerate(moves), 2):
             piece = work.tangent[element, 6 * i : 6 * i + 6, 6 * q : 6 * q + 6]
             k[np.ix_(rows, columns)] += by_row.T @ piece @ by_column
+        if len(solver.elements.damping):
+            columns, follow = _columns(solver, int(nodes[0])), _root_rates(solver, int(nodes[0]))
+            for i, (rows, by_row) in enumerate(moves[1:], 1):
+                k[np.ix_(rows, columns)] += by_row.T @ work.tangent[element, 6 * i : 6 * i + 6, -6:] @ follow
     return k
+
+
+def _root_rates(solver: Solver, node: int) -> Array:
+    """Velocity (world) and angular velocity (own frame) of a node by the unknowns of its block, (6, columns)."""
+    size = solver.topology.size[solver.topology.block[node]]
+    return np.vstack([solver.variation.v[node, :size].T, solver.variation.w[node, :size].T])
 
 
 def _mass(solver: Solver) -> Array:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexinv.assemble import State
+from flexinv.damped_plane import COEFFICIENTS, RATES
 from flexinv.integrate import Scheme
 from flexinv.mechanism import Array
 from flexinv.mesh import CONTINUOUS, PRISMATIC, Mesh
@@ -45,7 +46,8 @@ class PlanarMarch:
         state = PlanarState(np.zeros(vectors), *(np.zeros(unknowns) for _ in range(8)))
         count = mesh.elements.nodes.shape[1]
         work = PlanarWork(
-            points=np.zeros(len(m.elements.constants) // int(CONSTANTS) * int(BLOCK)), u=np.zeros((max(count, 1), 3)),
+            points=np.zeros(len(m.elements.constants) // int(CONSTANTS) * int(BLOCK)),
+            rates=np.zeros(len(m.elements.damping) // int(COEFFICIENTS) * int(RATES)), u=np.zeros((max(count, 1), 3)),
             felt=np.zeros((*mesh.elements.nodes.shape, 3)), residual=np.zeros(unknowns), y=np.zeros(unknowns),
         )  # fmt: skip
         frames = PlanarFrames(*(np.zeros(shape) for shape in shapes))

@@ -40,6 +40,7 @@ class PlanarElements(NamedTuple):
     heading : (elements,) angle of the first section's axis in the plane when its node stands at zero [rad]
     lanes : of a block, LANES; as a number that the compiler does not know, so that it takes them all at once
     constants : (blocks * CONSTANTS,) EA, GA [N], EI [N m^2], weights [m], Gamma_0 [-], kappa_0 [1/m] of all points
+    damping : of all points as in `damped_plane`, empty where no beam has any [N s], [N m^2 s]
     """
 
     order: NDArray[np.int64]
@@ -50,6 +51,7 @@ class PlanarElements(NamedTuple):
     heading: Array
     lanes: np.uint64
     constants: Array
+    damping: Array
 
 
 # An element that turns more than this between its first and any other node is refused, as in `assemble`.
@@ -194,15 +196,13 @@ def pair_stiffness(k, i, j, e, p):
 @jit_inner
 def energy(e, p):
     """Return the elastic energy of all elements [J]."""
-    total, constants = 0.0, e.constants
-    for block in range(np.uint64(len(constants)) // CONSTANTS):
+    total, c = 0.0, e.constants
+    for block in range(np.uint64(len(c)) // CONSTANTS):
+        at, own = block * BLOCK, block * CONSTANTS
         for lane in range(_LANES):
-            at, own = block * BLOCK, block * CONSTANTS
-            strain1, strain2 = (
-                p[at + Y1 + lane] - constants[own + STRAIN1 + lane],
-                p[at + Y2 + lane] - constants[own + STRAIN2 + lane],
-            )
-            curvature = p[at + BEND + lane] - constants[own + CURVATURE + lane]
-            stretched = p[at + N1 + lane] * strain1 + p[at + N2 + lane] * strain2 + p[at + M + lane] * curvature
-            total += 0.5 * constants[own + WEIGHT + lane] * stretched
+            axial, shear = p[at + Y1 + lane] - c[own + STRAIN1 + lane], p[at + Y2 + lane] - c[own + STRAIN2 + lane]
+            curvature = p[at + BEND + lane] - c[own + CURVATURE + lane]
+            stretched = c[own + AXIAL + lane] * axial * axial + c[own + SHEAR + lane] * shear * shear
+            bent = c[own + BENDING + lane] * curvature * curvature
+            total += 0.5 * c[own + WEIGHT + lane] * (stretched + bent)
     return total

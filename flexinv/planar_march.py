@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from flexinv.assemble import LARGEST_TURN
 from flexinv.compiled import jit, jit_inner
+from flexinv.damped_plane import add_viscous, add_viscous_hessians, dissipated, interpolate_rates
 from flexinv.integrate import SQUARED, follow, largest_increment, pseudo_acceleration
 from flexinv.march import CONVERGED, MOST_ITERATIONS, NOT_CONVERGED, NOT_FINITE, TURNED_TOO_MUCH
 from flexinv.mechanism import Array
@@ -43,15 +44,22 @@ from flexinv.planar_tree import (
 # nothing more.
 SURE = 1e-6
 ROUNDING = 5e-15
+# With damping no linearisation is exact (`damped_plane`), and rates add rounding of their own: an increment below this that
+# shrinks no more is rounding.
+STALLED = 1e-12
 # A linearisation serves all iterations of a step, unless it shrinks an increment by less than SLOW: a new one costs as much as
 # two iterations or three.  (That of the step before, even turned with the mechanism, costs two iterations more: dearer.)
 SLOW = 0.03
 
 
 class PlanarWork(NamedTuple):
-    """Scratch of the march: points of `planar_beam`, u (count, 3), felt (elements, count, 3), residual and y (unknowns,)."""
+    """Scratch of the march: points of `planar_beam`, u (count, 3), felt (elements, count, 3), residual and y (unknowns,).
+
+    rates : of `damped_plane`, empty where no beam is damped
+    """
 
     points: Array
+    rates: Array
     u: Array
     felt: Array
     residual: Array
@@ -101,6 +109,9 @@ def evaluate(t, e, k, s, given, f, q, w):
     tie_rows(k, f, False)
     largest, worst = interpolate(e, f.pose, w.u, w.points)
     point_gradients(e, w.points)
+    if len(e.damping) > 0:
+        interpolate_rates(e, f.rate, w.rates)
+        add_viscous(e, w.points, w.rates)
     add_up(t, e, k, s, f, w)
     return largest, worst
 
@@ -120,6 +131,8 @@ def linearise(t, e, k, c, s, f, q, w):
     vary(t, f, c.cv, c.ca)
     node_wrench_variations(t, f)
     point_hessians(e, w.points)
+    if len(e.damping) > 0:
+        add_viscous_hessians(e, c.cv, w.points, w.rates)
     put_stiffness(t, e, w.points, f, q)
     gather_variations(t, s, f, q.diagonal, c.cv, c.ca)
     factorise(t, e, f, q)
@@ -132,7 +145,7 @@ def newton(t, e, k, c, s, given, f, q, w, slow):
 
     slow : shrinking of an increment [-] from which on the linearisation is made anew, 0 for every time
     """
-    size, fresh, last = 0.0, True, False
+    size, fresh, last, damped = 0.0, True, False, len(e.damping) > 0
     for iteration in range(MOST_ITERATIONS + 1):
         turned, worst = evaluate(t, e, k, s, given, f, q, w)
         if not turned <= LARGEST_TURN:
@@ -151,8 +164,9 @@ def newton(t, e, k, c, s, given, f, q, w, slow):
             s.u[i] += c.cv * w.y[i]
             s.du[i] += c.ca * w.y[i]
         shrunk = size / before if iteration > 0 else 1.0
-        leaves = SQUARED * size * size if fresh else size * max(shrunk, SURE)
+        leaves = SQUARED * size * size if fresh and not damped else size * max(shrunk, SURE)
         last = size < ROUNDING or leaves < c.left
+        last = last or (damped and iteration > 0 and shrunk > 0.5 and size < STALLED)
         fresh = shrunk > slow if iteration > 0 else slow == 0.0
     return NOT_CONVERGED, MOST_ITERATIONS, size
 
@@ -250,7 +264,8 @@ def record(sample, t, e, k, space, f, w, out):
             rate, felt = f.rate[e.nodes[n, i]], w.felt[n, i]
             power += felt[0] * rate[0] + felt[1] * rate[1] + felt[2] * rate[2]
         _resultants(n, e, space, w.points, out.internal[sample, n])
-    out.energy[sample, 0], out.energy[sample, 1] = energy(e, w.points), power
+    stored, lost = energy(e, w.points), dissipated(e, w.rates)
+    out.energy[sample, 0], out.energy[sample, 1], out.energy[sample, 2] = stored, power, lost
 
 
 @jit_inner

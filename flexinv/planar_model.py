@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.closures import Rows, constraint_rows
+from flexinv.damped_plane import D_AXIAL, D_BENDING, D_SHEAR
 from flexinv.mechanism import Array
 from flexinv.mesh import CONTINUOUS, PRISMATIC, REVOLUTE, Mesh
 from flexinv.planar_beam import (
@@ -119,7 +120,8 @@ def _elements(mesh: Mesh, plane: Plane) -> PlanarElements:
     elements, count = e.nodes.shape
     points = max(count - 1, 0)
     bend, heading = np.zeros((elements, count)), np.zeros(elements)
-    constants = np.zeros((-(-elements * points // LANES), 7, LANES))
+    blocks = -(-elements * points // LANES)
+    constants, damping = np.zeros((blocks, 7, LANES)), np.zeros((blocks if e.damping.any() else 0, 3, LANES))
     for k, nodes in enumerate(e.nodes):
         frames = plane.frames[nodes[: e.order[k] + 1]]
         heading[k] = np.arctan2(frames[0, 1, 0], frames[0, 0, 0])
@@ -128,11 +130,16 @@ def _elements(mesh: Mesh, plane: Plane) -> PlanarElements:
         axle, side = frames[0, 2], frames[0].T @ QUARTER @ frames[0][:, 0]
         for g in range(e.order[k]):
             block, lane = divmod(k * points + g, LANES)
-            stiffness = e.stiffness[k, g, 0], side**2 @ e.stiffness[k, g, :3], axle**2 @ e.stiffness[k, g, 3:]
+            stiffness, viscous = (
+                (a[k, g, 0], side**2 @ a[k, g, :3], axle**2 @ a[k, g, 3:]) for a in (e.stiffness, e.damping)
+            )
             strains = e.gamma0[k, g, 0], side @ e.gamma0[k, g], axle @ e.kappa0[k, g]
             rows = [int(r) // LANES for r in (AXIAL, SHEAR, BENDING, WEIGHT, STRAIN1, STRAIN2, CURVATURE)]
             constants[block, rows, lane] = *stiffness, e.weight[k, g], *strains
-    return PlanarElements(e.order, e.nodes, e.shape, e.slope, bend, heading, np.uint64(LANES), constants.reshape(-1))
+            if len(damping):
+                damping[block, [int(r) // LANES for r in (D_AXIAL, D_SHEAR, D_BENDING)], lane] = viscous
+    flat = constants.reshape(-1), damping.reshape(-1)
+    return PlanarElements(e.order, e.nodes, e.shape, e.slope, bend, heading, np.uint64(LANES), *flat)
 
 
 def _embedding(mesh: Mesh, plane: Plane) -> Embedding:

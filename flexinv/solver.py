@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from flexinv.assemble import State, Work
 from flexinv.beam import Scratch
 from flexinv.closures import constraint_rows, coupling_residuals
+from flexinv.damped_beam import Rates
 from flexinv.errors import ConvergenceError
 from flexinv.integrate import ACCELERATIONS, Scheme
 from flexinv.loads import Loads, load_table, loads_of
@@ -35,7 +36,8 @@ class Trajectory:
     wrench : (samples, nodes, 6) force [N] (world) and moment [N m] (own frame) on every node of a rigid part from
         inertia, loads and the elastic reactions of the beams that start there
     internal : (samples, elements, points, 6) stress resultants in the section frame [N], [N m]
-    energy : (samples, 2) elastic energy [J] and its rate [W]; iterations : (samples,) of Newton
+    energy : (samples, 3) elastic energy [J], power of the internal forces and what of it is dissipated [W]
+    iterations : (samples,) of Newton
     multipliers : (samples, rows) of the closures [N], [N m]
     """
 
@@ -75,7 +77,7 @@ class Trajectory:
         points = mesh.elements.weight.shape
         return cls(
             NodalMotion.empty(samples, mesh.size), np.zeros((samples, mesh.size, 6)), np.zeros((samples, *points, 6)),
-            np.zeros((samples, 2)), np.zeros((samples, rows)), np.zeros(samples, dtype=np.int64),
+            np.zeros((samples, 3)), np.zeros((samples, rows)), np.zeros(samples, dtype=np.int64),
         )  # fmt: skip
 
 
@@ -205,15 +207,17 @@ class Solver:
 def _work(mesh: Mesh, t: Topology, unknowns: int, widest: int, sides: int) -> Work:
     elements, count = mesh.elements.nodes.shape if mesh.elements.nodes.size else (0, 1)
     rows = max((_rows(t, mesh, k) for k in range(elements)), default=0)
+    damped = bool(mesh.elements.damping.any())
     return Work(
         wrench=np.zeros((mesh.size, 6)),
         dwrench=np.zeros((mesh.size, widest, 6)),
         residual=np.zeros((sides, unknowns)),
         diagonal=np.zeros((len(t.size), widest, widest)),
-        tangent=np.zeros((elements, 6 * count, 6 * count)),
+        tangent=np.zeros((elements, 6 * count, 6 * count + 6 * damped)),
         internal=np.zeros((elements, max(count - 1, 0), 6)),
-        energy=np.zeros(2),
+        energy=np.zeros(3),
         element=Scratch.of(count),
+        rates=Rates.of(count if damped else 0),
         own_x=np.zeros((widest, 3)),
         own_t=np.zeros((widest, 3)),
         system=np.zeros((max(rows, widest), max(rows, widest) + widest + sides)),

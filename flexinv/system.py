@@ -62,7 +62,7 @@ class Topology(NamedTuple):
 
 
 class ElementArrays(NamedTuple):
-    """`mesh.Elements` as the compiled code takes them (same names, shapes and units)."""
+    """`mesh.Elements` as the compiled code takes them (same names, shapes and units); damping is empty where no beam has any."""
 
     order: NDArray[np.int64]
     nodes: NDArray[np.int64]
@@ -70,6 +70,7 @@ class ElementArrays(NamedTuple):
     slope: Array
     weight: Array
     stiffness: Array
+    damping: Array
     gamma0: Array
     kappa0: Array
 
@@ -133,7 +134,8 @@ def _check_passive(joint: Joint) -> None:
 def element_arrays(mesh: Mesh) -> ElementArrays:
     """Return the elements of a mesh as compiled code takes them [N], [m]."""
     e = mesh.elements
-    return ElementArrays(e.order, e.nodes, e.shape, e.slope, e.weight, e.stiffness, e.gamma0, e.kappa0)
+    damping = e.damping if e.damping.any() else e.damping[:0]
+    return ElementArrays(e.order, e.nodes, e.shape, e.slope, e.weight, e.stiffness, damping, e.gamma0, e.kappa0)
 
 
 def _joint_of_node(mesh: Mesh) -> dict[int, Joint]:

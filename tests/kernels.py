@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from flexinv.beam import element_gradient, element_tangent, nodal_forces, relative
 from flexinv.compiled import jit
+from flexinv.damped_beam import damped_gradient, damped_tangent, relative_rates
 from flexinv.eliminate import solve_dense, solve_tree
 from flexinv.integrate import advance, follow, predict
 from flexinv.modes import linearise
@@ -16,7 +17,8 @@ from flexinv.rotations import coefficients, inverse_coefficient, inverse_tangent
 from flexinv.vectors import put_block, vec
 
 __all__ = [
-    "all_coefficients", "dense", "derivative", "element", "eliminate", "inverse_tangent_one", "linearise", "oscillate",
+    "all_coefficients", "damped_element", "dense", "derivative", "element", "eliminate", "inverse_tangent_one",
+    "linearise", "oscillate",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -40,6 +42,17 @@ def element(k, count, e, z, internal, tangent):
     nodal_forces(count, z)
     element_tangent(count, z, tangent)
     return energy
+
+
+@jit
+def damped_element(k, count, e, z, y, nodes, d, internal, tangent):
+    """Evaluate one damped element whose poses stand in z, velocities in y; return its energy and dissipated power."""
+    relative(count, z)
+    relative_rates(count, z, y)
+    stored, gone = damped_gradient(k, count, e, z, y, internal, True)
+    nodal_forces(count, z)
+    damped_tangent(count, z, y, nodes, d, tangent)
+    return stored, gone
 
 
 @jit

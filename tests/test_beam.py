@@ -36,6 +36,7 @@ def example(order: int) -> Example:
         slope=ref.slope[None] / half,
         weight=ref.point_weights[None] * half,
         stiffness=rng.uniform(1.0, 3.0, size=(1, order, 6)),
+        damping=np.zeros((0, order, 6)),
         gamma0=np.array([1.0, 0.0, 0.0]) + 0.1 * rng.normal(size=(1, order, 3)),
         kappa0=0.3 * rng.normal(size=(1, order, 3)),
     )

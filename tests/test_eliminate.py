@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from kernels import DIFFERENCE, Array, dense, derivative, eliminate
+from planar_examples import damped
 from scenes import PASSIVE_KINDS, Scene, branching, hanging, scene
 
 from flexinv.mechanism import Mechanism
 from flexinv.modes import tangent_matrix
 
-MECHANISMS = [*(branching(kind) for kind in PASSIVE_KINDS), *(hanging(kind) for kind in PASSIVE_KINDS)]
+UNDAMPED = [*(branching(kind) for kind in PASSIVE_KINDS), *(hanging(kind) for kind in PASSIVE_KINDS)]
+DAMPED = [damped(m, 300.0) for m in (branching("free"), branching("prismatic"), hanging("spherical"))]
+MECHANISMS = [*UNDAMPED, *(replace(m, name=f"{m.name}, damped") for m in DAMPED)]
 EPS = np.finfo(float).eps
 
 

@@ -56,16 +56,17 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     if engine in (TREE, DAE):
         if names:
             return f"{engine} has rigid bodies only; flexible here: {names}"
-        return None if engine == TREE else _unsupported(mechanism, case)
-    return _unsupported(mechanism, case) if names else f"no link is a beam: see {TREE} and {DAE}"
+        return None if engine == TREE else _unsupported(mechanism, case, engine)
+    return _unsupported(mechanism, case, engine) if names else f"no link is a beam: see {TREE} and {DAE}"
 
 
-def _unsupported(mechanism: Mechanism, case: Case) -> str | None:
+def _unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return why there is no model in time, or None; the tree of rigid bodies has no such limits."""
     layout = layout_of(mechanism, case)
     if not isinstance(exudyn_planar.plane_of(mechanism, layout), str):
         return None
-    return exudyn_spatial.unsupported(mechanism)
+    left_out = exudyn_spatial.damping_left_out(mechanism) if engine == EXACT else None
+    return exudyn_spatial.unsupported(mechanism) or left_out
 
 
 def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:

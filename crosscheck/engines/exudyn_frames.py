@@ -171,6 +171,14 @@ def section_at(beam: Beam, fraction: float) -> tuple[Array, float, Array]:
     return stiffness, float(np.interp(fraction, s.stations, s.mass_per_length)), rotary
 
 
+def damping_at(beam: Beam, fraction: float) -> Array:
+    """Return stress by rate of strain (6,) [N s, N m^2 s] at a fraction [-], in the order of the stiffness."""
+    s = beam.section
+    if s.damping is None:
+        return np.zeros(6)
+    return np.array([np.interp(fraction, s.stations, c) for c in s.damping.T])
+
+
 def combine(parts: list[tuple[Inertia, Placement]]) -> Inertia:
     """Return one body of several that are fixed to each other (Huygens-Steiner).
 

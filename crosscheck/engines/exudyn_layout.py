@@ -17,6 +17,7 @@ from crosscheck.engines.exudyn_frames import (
     axis_pose,
     combine,
     compose,
+    damping_at,
     joint_pose,
     joint_q,
     joint_twist,
@@ -172,12 +173,14 @@ class Mesh:
 
     fraction : (nodes,) [-], increasing; pose : of every node in the root frame; lengths : (elements,) [m]
     sections : per element stiffness (6,) [N, N m^2], mass per length [kg/m], rotary inertia (3,) [kg m], at mid element
+    damping : per element (6,) [N s, N m^2 s], at mid element
     """
 
     fraction: Array
     pose: tuple[Placement, ...]
     lengths: Array
     sections: tuple[tuple[Array, float, Array], ...]
+    damping: tuple[Array, ...]
 
     def node(self, station: float) -> int:
         """Return the node that stands at a station [-]."""
@@ -202,4 +205,5 @@ def mesh(beam: Beam, stations: tuple[float, ...], elements: int, nodes: int = 2)
         pose=tuple(axis_pose(beam, f * beam.length) for f in fraction),
         lengths=np.array([(b - a) * beam.length for a, b in cells]),
         sections=tuple(section_at(beam, (a + b) / 2) for a, b in cells),
+        damping=tuple(damping_at(beam, (a + b) / 2) for a, b in cells),
     )

@@ -41,7 +41,7 @@ from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.exudyn_frames import Array, effort_axes, joint_q, scalar_coordinate
 from crosscheck.engines.exudyn_layout import Layout, lay_out
 from crosscheck.engines.exudyn_lead import History, delayed, history_of, in_motion
-from crosscheck.engines.exudyn_march import ANCF, DAE, NAMES, Made, link_series
+from crosscheck.engines.exudyn_march import ANCF, DAE, EXACT, NAMES, Made, link_series
 from crosscheck.engines.exudyn_parts import Outcome
 from crosscheck.engines.exudyn_solve import NewtonStalled, Plan, grid, step_size
 from crosscheck.engines.prescribed import missing_motion, passive_effort, rotor_effort, spring_effort
@@ -106,7 +106,7 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
         or exudyn_lead.unsupported(mechanism, case)
     ):
         return reason
-    return _unsupported_beams(mechanism, case) if mechanism.beams else None
+    return _unsupported_beams(mechanism, case, engine) if mechanism.beams else None
 
 
 def _wrong_engine(mechanism: Mechanism, engine: str) -> str | None:
@@ -129,7 +129,7 @@ def _lean(mechanism: Mechanism, case: Case) -> str | None:
     return None
 
 
-def _unsupported_beams(mechanism: Mechanism, case: Case) -> str | None:
+def _unsupported_beams(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return why beams with closures, springs or forces cannot be done, or None."""
     free = assembly.left_out(mechanism, case)
     wrong = [j.name for j in mechanism.joints if j.nv and j.actuated is (j.name in free)]
@@ -137,6 +137,9 @@ def _unsupported_beams(mechanism: Mechanism, case: Case) -> str | None:
         return f"with beams the drives stand on the very joints that the motion gives; here not so: {', '.join(wrong)}"
     if reason := exudyn_flat.not_moved(mechanism, frozenset(free)):
         return reason
+    left_out = exudyn_spatial.damping_left_out(mechanism) if engine == EXACT else None
+    if left_out and _in_space(mechanism, case):
+        return left_out
     hindered = [j.name for j in mechanism.joints if j.name in free and (j.damping or j.stiffness)]
     if hindered and _in_space(mechanism, case):
         return f"joint {hindered[0]}: damping and springs of joints without a drive have a connector in the plane only"

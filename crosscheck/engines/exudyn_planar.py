@@ -251,7 +251,7 @@ def _node(d: Drawing, root: Frame, pose: Placement) -> Any:
 
 def _element(d: Drawing, root: Frame, beam: Beam, cells: Mesh, nodes: list[Any], k: int) -> Any:
     """Return element k: bending about the section axis that is normal to the plane, shear along the other."""
-    stiffness, mass, rotary = cells.sections[k]
+    (stiffness, mass, rotary), damping = cells.sections[k], cells.damping[k]
     normal = d.layout.start(root).rotation.T @ d.plane[:, 2]
     about = int(np.argmax(np.abs(normal)))  # 1: y, 2: z
     common: dict[str, Any] = {
@@ -259,6 +259,8 @@ def _element(d: Drawing, root: Frame, beam: Beam, cells: Mesh, nodes: list[Any],
         "massPerLength": mass,
         "bendingStiffness": stiffness[3 + about],
         "axialStiffness": stiffness[0],
+        "bendingDamping": damping[3 + about],
+        "axialDamping": damping[0],
     }
     if d.cable:
         # Reduced integration 2: Lobatto and Gauss points that avoid membrane locking.
@@ -268,6 +270,7 @@ def _element(d: Drawing, root: Frame, beam: Beam, cells: Mesh, nodes: list[Any],
         nodeNumbers=nodes[2 * k : 2 * k + 3],
         crossSectionInertia=rotary[about],
         shearStiffness=stiffness[3 - about],
+        shearDamping=damping[3 - about],
         referenceCurvature=float(beam.curvature @ normal),
         includeReferenceRotations=True,
         **common,

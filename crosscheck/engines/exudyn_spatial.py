@@ -98,6 +98,14 @@ def unsupported(mechanism: Mechanism) -> str | None:
     return None
 
 
+def damping_left_out(mechanism: Mechanism) -> str | None:
+    """Return why ``BeamGeometricallyExact`` is not the beam that is meant, or None (``ANCFBeam`` applies its damping)."""
+    for link in mechanism.beams:
+        if link.beam is not None and link.beam.section.damping is not None and link.beam.section.damping.any():
+            return f"{link.name} is damped: Exudyn's geometrically exact beam in space takes a damping matrix and leaves it out"
+    return None
+
+
 def build(
     mechanism: Mechanism,
     layout: Layout,
@@ -244,6 +252,7 @@ def _element(d: Drawing, cells: Mesh, nodes: list[Any], k: int) -> Any:
     stiffness, mass, rotary = cells.sections[k]
     section = exu.BeamSection()
     section.stiffnessMatrix = np.diag(stiffness)
+    section.dampingMatrix = np.diag(cells.damping[k])
     section.massPerLength = mass
     section.inertia = rotary[0] / 2 * np.diag([4.0, 1.0, 1.0]) if d.ancf else np.diag(rotary)
     kind = ObjectANCFBeam if d.ancf else ObjectBeamGeometricallyExact

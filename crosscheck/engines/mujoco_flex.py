@@ -69,6 +69,8 @@ def _trouble(mechanism: Mechanism, link: Link) -> str | None:
     assert link.beam is not None
     if len(link.beam.section.stations) > 1 or link.beam.curvature.any():
         return f"a flex of dimension 1 has one section, and is straight here; {link.name} varies or is curved"
+    if link.beam.section.damping is not None and link.beam.section.damping.any():
+        return f"this adapter gives a flex no damping; {link.name} is damped"
     if bending_axis(mechanism, link) is None:
         return f"{NO_FRAME}, so no twist: motion and gravity must stay in a plane of the section of {link.name}"
     return None

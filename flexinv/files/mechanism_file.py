@@ -13,6 +13,7 @@ import numpy as np
 from flexinv.errors import InputError, ModelWarning
 from flexinv.files.bodies import far_end, read_inertia, read_payloads
 from flexinv.files.closures import read_closure, read_force, read_spring
+from flexinv.files.damping import damped
 from flexinv.files.joints import read_joint, read_placement
 from flexinv.files.overlay import overlaid
 from flexinv.files.schema import BeamLinkTable, MechanismTable, RigidLinkTable, UrdfTable
@@ -39,7 +40,7 @@ def load_mechanism(path: str | Path) -> Mechanism:
     check_names(file, **{kind: getattr(table, kind) for kind in named})
     sections = {name: read_section(data, file, name) for name, data in table.sections.items()}
     mechanism = _native(table, sections, file) if table.urdf is None else _from_urdf(table, table.urdf, sections, file)
-    mechanism = _with_loads(mechanism, table, file)
+    mechanism = damped(_with_loads(mechanism, table, file), table.damping, file)
     name = table.name or (file.stem if file.name != "mechanism.toml" else file.resolve().parent.name)
     return replace(mechanism, name=name, title=table.title, source=table.source, notes=(*table.notes, *mechanism.notes))
 

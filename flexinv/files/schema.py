@@ -51,6 +51,15 @@ def _rotary(value: Any) -> tuple[float, float, float]:
     return x, y, z
 
 
+def _times(value: Any) -> tuple[float, ...]:
+    if not isinstance(value, dict):
+        value = dict.fromkeys(("axial", "shear", "twist", "bending"), value)
+    part = components(value, "axial shear twist bending")
+    if min(part.values()) < 0:
+        raise ValueError("should not be negative")
+    return part["axial"], part["shear"], part["shear"], part["twist"], part["bending"], part["bending"]
+
+
 def _tensor(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
     if isinstance(value, list):
         return _matrix(value)
@@ -74,11 +83,17 @@ def _rotation(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
 
 Across = Annotated[tuple[float, float], PlainValidator(_across)]
 Rotary = Annotated[tuple[float, float, float], PlainValidator(_rotary)]
+Times = Annotated[tuple[float, ...], PlainValidator(_times)]
 Tensor = Annotated[Any, PlainValidator(_tensor)]
 Rotation = Annotated[Any, PlainValidator(_rotation)]
 Along = Literal["x", "y", "z"]
 
 SOURCE = key("where the numbers come from, a text", 'source = "data sheet of ..., table 2"', default="")
+RETARDATION = key(
+    "damping, stress by rate of strain over stress by strain [s]: one number, or { axial, shear, twist, bending }",
+    "retardation_s = 1e-3",
+    default=(0.0,) * 6,
+)
 PLACEMENT = "a table: xyz_m [m] and one of rpy_deg [deg], rpy_rad [rad], rotation [-]"
 
 
@@ -209,8 +224,23 @@ class BeamLinkTable(MeshTable):
     source: Text = SOURCE
 
 
+class DampingTable(Table):
+    """Damping of all beams: a retardation time, or the ratio that one natural mode has."""
+
+    retardation_s: NotNegative | None = key(
+        "stress by rate of strain over stress by strain, >= 0 [s]", "retardation_s = 1e-3", default=None
+    )
+    ratio: Fraction | None = key("of critical damping of one natural mode, 0..1 [-]", "ratio = 0.01", default=None)
+    mode: Annotated[int, Field(ge=1)] = key(
+        "which natural mode, all joints held at zero: 1 the lowest [-]", "mode = 1", default=1
+    )
+    source: Text = SOURCE
+
+
 class StiffnessSectionTable(Table):
     """A section by its numbers."""
+
+    retardation_s: Times = RETARDATION
 
     EA_N: Positive = key("axial stiffness, a number > 0 [N]", "EA_N = 1.452e6")
     GA_N: Across = key("shear stiffness with its shear factor [N]: one number, or { y, z }", "GA_N = 4.65e5")
@@ -232,6 +262,7 @@ class MaterialTable(Table):
         "Poisson's ratio, -1 < nu <= 0.5 [-]", "nu = 0.33", default=None
     )
     G_Pa: Positive | None = key("shear modulus, a number > 0 [Pa]", "G_Pa = 26e9", default=None)
+    retardation_s: Times = RETARDATION
     rho_kg_per_m3: Positive = key("density, a number > 0 [kg/m^3]", "rho_kg_per_m3 = 2700")
     shear_factor: Across | None = key(
         "shear factor [-]: one number, or { y, z }; Cowper's when absent", "shear_factor = 0.85", default=None
@@ -332,6 +363,9 @@ class MechanismTable(Table):
     closures: dict[str, Any] = key("tables [closures.NAME], joints that close loops", "[closures.NAME]", default={})
     springs: dict[str, Any] = key("tables [springs.NAME] between two points", "[springs.NAME]", default={})
     forces: dict[str, Any] = key("tables [forces.NAME] on points", "[forces.NAME]", default={})
+    damping: DampingTable | None = key(
+        "a table: retardation_s [s], or ratio [-] and mode", "damping = { ratio = 0.01, mode = 1 }", default=None
+    )
     urdf: UrdfTable | None = key("a table: path, package, base, lock", "[urdf]", default=None)
     overlay: OverlayTable | None = key(
         "tables [overlay.links.NAME] and [overlay.joints.NAME]", "[overlay.links.NAME]", default=None

@@ -31,11 +31,15 @@ SHAPES: dict[str, type[RectangleTable] | type[CircleTable] | type[TubeTable]] = 
 
 @dataclass(frozen=True)
 class CrossSection:
-    """One cross-section: stiffness (6,) [N, N, N, N m^2, N m^2, N m^2], mass [kg/m], rotary inertia (3,) [kg m]."""
+    """One cross-section: stiffness (6,) [N, N, N, N m^2, N m^2, N m^2], mass [kg/m], rotary inertia (3,) [kg m].
+
+    retardation : (6,) [s], damping over stiffness
+    """
 
     stiffness: tuple[float, ...]
     mass_per_length: float
     rotary_inertia: tuple[float, float, float]
+    retardation: tuple[float, ...]
 
 
 def read_section(data: Any, file: Path, name: str) -> CrossSection:
@@ -66,7 +70,7 @@ def read_section(data: Any, file: Path, name: str) -> CrossSection:
 
 def _from_numbers(table: StiffnessSectionTable) -> CrossSection:
     stiffness = (table.EA_N, *table.GA_N, table.GJ_Nm2, *table.EI_Nm2)
-    return CrossSection(stiffness, table.mass_per_length_kg_per_m, table.rho_I_kgm)
+    return CrossSection(stiffness, table.mass_per_length_kg_per_m, table.rho_I_kgm, table.retardation_s)
 
 
 def _from_geometry(table: RectangleTable | CircleTable | TubeTable) -> CrossSection:
@@ -79,7 +83,8 @@ def _from_geometry(table: RectangleTable | CircleTable | TubeTable) -> CrossSect
         shear * torsion, young * second_y, young * second_z,
     )  # fmt: skip
     rho = table.rho_kg_per_m3
-    return CrossSection(stiffness, rho * area, (rho * (second_y + second_z), rho * second_y, rho * second_z))
+    rotary = (rho * (second_y + second_z), rho * second_y, rho * second_z)
+    return CrossSection(stiffness, rho * area, rotary, table.retardation_s)
 
 
 def _moduli(table: MaterialTable) -> tuple[float, float, float]:
@@ -146,8 +151,10 @@ def section_along(value: Any, sections: Mapping[str, CrossSection], file: Path, 
     if not uniform and (at[0] != 0.0 or at[-1] != 1.0 or np.any(np.diff(at) <= 0)):
         raise InputError(complaint(where, f"at = {at.tolist()}", "at increasing from 0 to 1 [-]", advice))
     parts = [_named(table.section, sections, where) for table in tables]
-    return Section(at, _rows([p.stiffness for p in parts]), _rows([p.mass_per_length for p in parts]),
-                   _rows([p.rotary_inertia for p in parts]))  # fmt: skip
+    stiffness, retardation = _rows([p.stiffness for p in parts]), _rows([p.retardation for p in parts])
+    damping = retardation * stiffness if retardation.any() else None
+    mass, rotary = _rows([p.mass_per_length for p in parts]), _rows([p.rotary_inertia for p in parts])
+    return Section(at, stiffness, mass, rotary, damping)
 
 
 def _named(name: str, sections: Mapping[str, CrossSection], where: str) -> CrossSection:
