@@ -144,10 +144,10 @@ def plant(setting: Setting, candidate: Candidate, size: float) -> Planted | None
             harmed = softened(setting, size)
         else:
             subject = (cause.plant or cause.change)(setting.subject, target, numbers)
+            if _element(setting, subject) != setting.clean.settings.get("element"):
+                return None
             harmed = ask(setting.bench, subject)
     except (*IMPOSSIBLE, RuntimeError, KeyError):
-        return None
-    if harmed.settings.get("element") != setting.clean.settings.get("element"):
         return None
     naming = named(setting, harmed, subject)
     change = float(np.abs(setting.model.residual(harmed, setting.clean)).max())
@@ -156,6 +156,14 @@ def plant(setting: Setting, candidate: Candidate, size: float) -> Planted | None
     return Planted(
         setting.bench.label, cause.name, target, float(np.linalg.norm(numbers)), change, found, told, naming.words
     )
+
+
+def _element(setting: Setting, subject: Subject) -> object:
+    """Return which element the engine takes for a subject, by a run of two samples; None where nothing bends."""
+    if subject.mechanism.is_rigid:
+        return None
+    short = replace(subject.case, end=2 * subject.case.sample)
+    return ask(setting.bench, replace(subject, case=short, effort=())).settings.get("element")
 
 
 def named(setting: Setting, harmed: Record, subject: Subject) -> Naming:

@@ -9,11 +9,12 @@ import pytest
 
 from crosscheck.benches import BENCHES
 from crosscheck.results import StudyRow
-from crosscheck.selftest import CLEAN, FOUND, MATTERS, Planted, run_bench
+from crosscheck.selftest import CLEAN, FOUND, MATTERS, RANK, Planted, run_bench
 from crosscheck.studies.selftest import figures, reached, summary, verdict
 
 MODELS = Path(__file__).resolve().parent.parent / "models"
-BY_NAME = {bench.mechanism: bench for bench in BENCHES if bench.motion is None}
+BY_NAME = {bench.mechanism: bench for bench in BENCHES if bench.motion is None and bench.shape is None}
+BY_LABEL = {bench.label: bench for bench in BENCHES}
 RIGID = (
     "rotor inertia",
     "viscous damping",
@@ -53,6 +54,30 @@ def test_planted_causes_are_named_on_a_closed_mechanism() -> None:
 @pytest.mark.slow
 def test_planted_causes_are_named_on_a_flexible_mechanism() -> None:
     check(run_bench(BY_NAME["flex_one_link"], MODELS, (0.1,), FLEXIBLE, targets=1), least=3)
+
+
+@pytest.mark.parametrize("cause", ["inertial frame rotated", "rotary inertia dropped", "fixed joint fused wrongly"])
+def test_inertias_are_told_apart_by_a_quick_motion_and_the_certificate(cause: str) -> None:
+    rows = run_bench(BY_LABEL["panda/quick in exudyn"], MODELS, (0.1,), (cause,))
+    assert rows[0].outcome == "silent"
+    assert {row.outcome for row in rows[1:]} <= {"alone", "unseen"}  # the base's inertia is in no torque
+    assert "alone" in {row.outcome for row in rows}
+
+
+@pytest.mark.slow
+def test_long_steps_and_numerical_damping_are_told_apart_by_short_waves() -> None:
+    rows = run_bench(BY_LABEL["flex_one_link/flick in exudyn-ge"], MODELS, causes=("time step", "numerical damping"))
+    assert [(row.cause, row.outcome) for row in rows] == [
+        (CLEAN, "silent"),
+        ("time step", "alone"),
+        ("numerical damping", "alone"),
+    ]
+    assert all(row.change > 0.005 for row in rows[1:])  # some ten times the error bars
+
+
+def test_a_closure_of_wrong_rank_is_planted_and_found_by_the_certificate() -> None:
+    rows = run_bench(BY_NAME["bricard"], MODELS, causes=(RANK,))
+    assert [(row.cause, row.outcome) for row in rows] == [(CLEAN, "silent"), (RANK, "alone")]
 
 
 ROWS = [

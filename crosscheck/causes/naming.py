@@ -83,7 +83,7 @@ def ranked(model: Model, residual: Array, known: list[Candidate], noise: float) 
     first = {k: fit(model, residual, one) for k, one in enumerate(known)}
     order = sorted((k for k in first if known[k].cause.sized), key=lambda k: first[k].left)
     first |= {k: fit(model, residual, known[k], ROUNDS[quick], noise) for k in order[: SHORTLIST[quick]]}
-    if min((f.left for f in first.values()), default=0.0) > UNEXPLAINED and len(known) < MANY:
+    if min((f.left for f in first.values()), default=0.0) > allowed(noise) and len(known) < MANY:
         # Far away, or an angle whose effect begins with its square: a linear look says nothing.
         turning = [k for k in order if known[k].cause.turns] if quick else []
         first |= {k: fit(model, residual, known[k], ROUNDS[quick], noise) for k in turning}
@@ -91,11 +91,16 @@ def ranked(model: Model, residual: Array, known: list[Candidate], noise: float) 
     return sorted(first.values(), key=lambda f: f.left)
 
 
+def allowed(noise: float) -> float:
+    """Return what a named cause may leave of |r| [-]; noise : norm of the error bars over that of the difference [-]."""
+    return max(UNEXPLAINED, min(NOISE * noise, 0.5))
+
+
 def chosen(fits: list[Fit], noise: float, size: float, largest: float, evidence: Evidence | None = None) -> Naming:
     """Return the naming of ranked fits; noise : norm of the error bars over that of the difference [-]."""
     if not fits:
         return Naming((), None, size, largest, "no cause of the dictionary shows in this motion")
-    enough = max(UNEXPLAINED, min(NOISE * noise, 0.5))
+    enough = allowed(noise)
     fits, ruled_out = (fits, []) if evidence is None else heard(fits, enough, evidence)
     best = fits[0]
     if best.left > enough:

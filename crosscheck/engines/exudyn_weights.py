@@ -39,7 +39,7 @@ class Weights:
 def weigh(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     """Return masses [kg], first moments [kg m] and inertias [kg m^2] of what joints and beams carry, and of beams."""
     tree = replace(mechanism, closures=(), springs=(), forces=())
-    layout = layout_of(tree, case)
+    layout = layout_of(mechanism, case)  # of the whole: the motion need not give joints that closures move
     plane = exudyn_planar.plane_of(tree, layout)
     d: Drawing
     if isinstance(plane, str):
