@@ -252,3 +252,34 @@ def rates(t, c, p, q, qd, qdd, condition, j, f):
         for i in range(p.unknown.shape[0]):
             qdd[s, p.unknown[i]] = -p.x[i]
         condition[s] = condition_bound(p)
+
+
+@jit_inner
+def _hold(worst, at, kind, value, s, k, size):
+    """Remember the largest residual of one kind, where it is, and the largest size that it is held against."""
+    if not value <= worst[kind, 0]:  # a NaN is the largest
+        worst[kind, 0], at[kind, 0], at[kind, 1] = value, s, k
+    worst[kind, 1] = max(worst[kind, 1], size)
+
+
+@jit
+def closing(t, c, scale, q, qd, qdd, g, worst, at, j, f):
+    """Set G (samples, rows, nv) [m/rad], [-] of a motion that is given, and how far it is from closed.
+
+    worst : (3, 2) the largest |phi| / scale, |phi'|, |phi''|, and 1, |G| |qd|, |G| |qdd| + |phi'' - G qdd|; at : (3, 2) their
+    sample and row
+    """
+    for s in range(q.shape[0]):
+        move_nodes(t, q[s], qd[s], qdd[s], j, f)
+        jacobian(t, c, f, g[s])
+        for k in range(scale.shape[0]):
+            one, two = residual(k, c, f), geared(k, c, q[s], qd[s], qdd[s])
+            phi, rate, second = one[0] + two[0], one[1] + two[1], one[2] + two[2]
+            speed = size = turning = 0.0
+            for i in range(qd.shape[1]):
+                speed += abs(g[s, k, i] * qd[s, i])
+                size += abs(g[s, k, i] * qdd[s, i])
+                turning += g[s, k, i] * qdd[s, i]
+            _hold(worst, at, 0, abs(phi) / scale[k], s, k, 1.0)
+            _hold(worst, at, 1, abs(rate), s, k, speed)
+            _hold(worst, at, 2, abs(second), s, k, size + abs(second - turning))

@@ -16,7 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from flexinv.applied import applied_forces, check_constant
 from flexinv.blocks import attend, settle, torque_blocks
 from flexinv.bodies import Bodies, bodies
+from flexinv.closures import constraint_rows
 from flexinv.errors import InputError
+from flexinv.given import GivenLoops
 from flexinv.helpers import HELPERS, processors
 from flexinv.inverse import joint_wrenches, project
 from flexinv.mechanism import Array, Mechanism
@@ -49,6 +51,7 @@ class TorqueFunction:
 
     Calls from several threads do not disturb each other: each has a work space of its own.
     passive : joint springs, damping and dry friction are part of the efforts; threads : most that work on one call [-]
+    loops : of the closures, where there are some
     """
 
     mechanism: Mechanism
@@ -57,6 +60,7 @@ class TorqueFunction:
     mesh: Mesh = field(repr=False)
     bodies: Bodies = field(repr=False)
     _own: _Own = field(repr=False)
+    loops: GivenLoops | None = field(default=None, repr=False)
 
     def torques(
         self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, out: Array | None = None, order: Order = "samples"
@@ -65,8 +69,10 @@ class TorqueFunction:
 
         q : (samples, nq) [rad], [m]; qd, qdd : (samples, nv); with order = "coordinates" (nq, samples), (nv, samples); one
             sample may be a plain vector.  Arrays in either order of memory are read as they are, without a copy.
+            Of a mechanism with closures they are the consistent motion of all joints; its drives share the efforts, of least
+            (weighted) squares where they are redundant, and passive joints have none.
         out : where the efforts go, in the shape of qd, contiguous in either order; returned
-        Raises InputError: wrong shape, value that is not finite.
+        Raises InputError: wrong shape, value that is not finite, a motion that the closures do not allow (see `given`).
         """
         mails = self._mails(getattr(qdd, "size", 0))  # first of all: what follows takes as long as waking somebody
         given = _checked(self.mechanism, (q, qd, qdd), order)
@@ -82,6 +88,8 @@ class TorqueFunction:
         if own.counter[1]:
             _check_finite(given)
         self._add_applied(rows[:3], rows[3])
+        if self.loops is not None:
+            self.loops.share(rows[0], rows[1], rows[2], rows[3])
         return tau
 
     def sample(self, q: Array, qd: Array, qdd: Array, out: Array) -> Array:
@@ -104,6 +112,8 @@ class TorqueFunction:
             _check_finite((q, qd, qdd))
         if m.springs or m.forces:
             self._add_applied((q[None], qd[None], qdd[None]), out[None])
+        if self.loops is not None:
+            self.loops.share(q[None], qd[None], qdd[None], out[None])
         return out
 
     def _mails(self, size: int) -> NDArray[np.uint64]:
@@ -133,18 +143,19 @@ def prepare(mechanism: Mechanism, passive: bool = True, threads: int | None = No
     passive : joint springs, damping and dry friction are part of what the actuator must give (``rnea`` leaves them out)
     threads : most that work on one call [-], by default one for every processor; small batches are not shared out
 
-    Raises InputError for a flexible mechanism, one with closures, a force that depends on time (use `solve`).
+    A mechanism with closures takes the consistent motion of all its joints.
+    Raises InputError for a flexible mechanism, closures that act for a while, a force that depends on time (use `solve`).
     """
-    _check_tree(mechanism)
+    _check_rigid(mechanism)
     check_constant(mechanism)
     if threads is not None and threads < 1:
         raise InputError(f"threads = {threads}: expected 1 or more, or None for one per processor")
     mesh = build(mechanism)
     table = bodies(mesh, passive)
     compile_for_arrays()
-    return TorqueFunction(
-        mechanism, passive, threads or processors(), mesh, table, _Own(threads or processors(), table.size)
-    )
+    most = threads or processors()
+    loops = GivenLoops.of(mesh, constraint_rows(mesh)) if mechanism.closures else None
+    return TorqueFunction(mechanism, passive, most, mesh, table, _Own(most, table.size), loops)
 
 
 def _array(kind: types.Type, dimensions: int, readonly: bool = False) -> types.Array:
@@ -176,17 +187,27 @@ def compile_for_helpers() -> None:
     _compile(settle, _MAILS, _CELLS)
 
 
-def _check_tree(mechanism: Mechanism) -> None:
+def _check_rigid(mechanism: Mechanism) -> None:
     if not mechanism.is_rigid:
         names = ", ".join(link.name for link in mechanism.beams)
         raise InputError(
             f"joint_torques: mechanism '{mechanism.name}' has beam links ({names}), whose deformation depends on the "
             "history of the motion; write flexinv.solve(mechanism, motion, step=...) instead"
         )
+    switched = [c.name for c in mechanism.closures if c.active or c.capture]
+    if switched:
+        raise InputError(
+            f"joint_torques: mechanism '{mechanism.name}' has closures that act for a while ({', '.join(switched)}), and here no "
+            "time is known; write flexinv.solve(mechanism, motion, step=...) instead"
+        )
+
+
+def _check_tree(mechanism: Mechanism) -> None:
+    _check_rigid(mechanism)
     if mechanism.closures:
         names = ", ".join(c.name for c in mechanism.closures)
         raise InputError(
-            f"joint_torques: mechanism '{mechanism.name}' has closures ({names}), through which its drives share the work; "
+            f"mechanism '{mechanism.name}' has closures ({names}), through which its drives share the work; "
             "write flexinv.solve(mechanism, motion, step=...) instead"
         )
 

@@ -18,7 +18,9 @@ from flexinv.files.mechanism_file import load_mechanism
 from flexinv.helpers import processors
 from flexinv.mechanism import Mechanism
 from flexinv.motion import Motion
+from flexinv.prepared import prepare
 from flexinv.scheme import solve
+from flexinv.solution import Solution
 
 EXPONENT = 1.05  # of the time over the number of elements
 TWO_THREADS = 1.8  # times as fast as one
@@ -41,8 +43,9 @@ ELEMENTS_COLUMNS = (
 )
 ELEMENTS_PLOT = {"x": "elements", "y": "time", "group": "curve", "log": True}
 OTHER_TEXT = """Closed loops: the same mechanism with and without its closure, the passive joints free, over the whole motion; in
-the plane, and with gravity leaning out of it by a millionth, which makes both spatial. Rigid loops: the closed mechanism
-finds its passive joints (their motion cannot be given), the tree is given the motion of all joints.
+the plane, and with gravity leaning out of it by a millionth, which makes both spatial. Rigid loops: both are given the
+consistent motion of all joints, by flexinv.solve with all that it returns, and by a prepared function that returns torques
+alone; beside them the closed mechanism that finds its passive joints, of which nothing is asked. One thread.
 Threads: solve_many with some scenarios on one thread and on two."""
 OTHER_COLUMNS = (
     ("what", "what", ""),
@@ -117,20 +120,34 @@ def _march(mechanism: Mechanism, motion: Motion, options: dict[str, Any]) -> Cal
 
 
 def _rigid_loop(folder: Path, seconds: float) -> list[dict[str, Any]]:
-    """A five-bar, and its tree with the motion of all joints as the closed mechanism finds it."""
+    """A five-bar and its tree, with the motion of all joints as the closed mechanism finds it."""
     closed = load_mechanism(folder / "five_bar")
     case = load_cases(folder / "five_bar", closed)["reach"]
     step = 1e-3
     found = solve(closed, case.motion, step, start=case.start)
-    names = [name for joint in closed.joints for name in [joint.name] if joint.nv]
-    given = Motion.from_samples(found.time, found.q, names)
+    given = Motion.from_samples(found.time, found.q, [joint.name for joint in closed.joints if joint.nv])
     tree = replace(closed, closures=())
-    calls = {
-        "closed": Call(lambda: solve(closed, case.motion, step, start=case.start)),
+    solved = {
+        "closed, given": Call(lambda: solve(closed, given, step)),
+        "closed, passive joints found": Call(lambda: solve(closed, case.motion, step, start=case.start)),
         "tree": Call(lambda: solve(tree, given, step)),
     }
-    times = in_turns(calls, seconds)
-    return _compared("five-bar, rigid", "rigid loop, passive joints found too", times, "closed", LOOP_RIGID)
+    prepared = {name: _torques(m, found) for name, m in (("closed, given", closed), ("tree", tree))}
+    what = "rigid loop with a given motion"
+    times = in_turns(solved, seconds)
+    rows = _compared("five-bar, solved", f"{what}, solved", times, "closed, given", LOOP_RIGID)
+    own = ratio(times["closed, passive joints found"], times["tree"])
+    rows[1]["ratio"] = own.median
+    return [
+        *rows,
+        *_compared("five-bar, prepared", f"{what}, torques", in_turns(prepared, seconds), "closed, given", LOOP_RIGID),
+    ]
+
+
+def _torques(mechanism: Mechanism, motion: Solution) -> Call:
+    function, state = prepare(mechanism, threads=1), (motion.q, motion.qd, motion.qdd)
+    out = np.empty_like(motion.qd)
+    return Call(lambda: function.torques(*state, out=out))
 
 
 def _compared(what: str, name: str, times: dict[str, Times], first: str, most: float) -> list[dict[str, Any]]:

@@ -1,0 +1,107 @@
+"""Rigid closed loops whose whole motion is given: whether the closures allow it, and what their drives then share.
+
+A consistent motion keeps  phi(q) = 0,  phi' = G qd = 0  and  phi'' = G qdd + G' qd = 0.  Rates and accelerations are held against
+what the single joints bring to them, |G| |qd| and |G| |qdd| + |G' qd|, the largest of the whole motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.branch import closing
+from flexinv.closures import Rows, nodes_of, row_arrays
+from flexinv.coordinates import Nodes
+from flexinv.errors import InputError
+from flexinv.inverse import plain
+from flexinv.mechanism import Array
+from flexinv.mesh import Mesh
+from flexinv.rows import RowArrays
+from flexinv.shares import share_out
+from flexinv.tree import Frames, Joints
+
+# How far a given motion may be from closed: in metres over the mechanism's length or radians, as six digits of coordinates leave
+# it; its rates and accelerations relative to their size, as those of a spline through samples of a few hundred per period.
+OPEN, RATE, ACCELERATION = 1e-6, 1e-4, 1e-3
+# What neither drives nor closures carry, over the largest effort: beyond this it is an effort that no drive can give.
+LEFT_OVER = 1e-9
+
+
+class _Kind(NamedTuple):
+    label: str
+    most: float
+    breaks: str
+    of: str
+
+
+_KINDS = (
+    _Kind("q", OPEN, "open by", "(over the mechanism's length where it is one)"),
+    _Kind("qd", RATE, "opening at a relative rate of", "of what the joints bring"),
+    _Kind("qdd", ACCELERATION, "opening with a relative acceleration of", "of what the joints bring"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class GivenLoops:
+    """The closures of a mechanism, and what the compiled check works with.
+
+    scale : (rows,) what their equations are measured against [m], [-]
+    """
+
+    mesh: Mesh
+    scale: Array
+    nodes: Nodes
+    rows: RowArrays
+    closure: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, mesh: Mesh, rows: Rows) -> GivenLoops:
+        """Return the loops of a mesh [m] for the constraints that act."""
+        scale = np.where(rows.direction, 1.0, mesh.length)
+        return cls(mesh, scale, nodes_of(mesh), row_arrays(rows), rows.closure)
+
+    def jacobian(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """Return G (samples, rows, nv) [m/rad], [-] of a consistent motion q (samples, nq), qd, qdd (samples, nv) [rad or m, s].
+
+        Raises InputError for a motion that the closures do not allow.
+        """
+        count, nodes = len(self.scale), self.mesh.size
+        g, worst, at = np.empty((len(q), count, qd.shape[1])), np.zeros((3, 2)), np.zeros((3, 2), dtype=np.int64)
+        one, turns = np.zeros((10, nodes, 3)), np.zeros((2, nodes, 3, 3))
+        joints = Joints(one[0], one[1], one[2], turns[0], one[3], one[4])
+        frames = Frames(one[5], turns[1], one[6], one[7], one[8], one[9])
+        state = (plain(q), plain(qd), plain(qdd))
+        closing(self.nodes, self.rows, self.scale, *state, g, worst, at, joints, frames)
+        for found, (sample, row), kind in zip(worst, at, _KINDS, strict=True):
+            if found[0] > kind.most * found[1] or np.isnan(found[0]):
+                name = self.mesh.mechanism.closures[int(self.closure[row])].name
+                raise InputError(
+                    f"mechanism '{self.mesh.mechanism.name}': the given {kind.label} does not keep closure '{name}', which at "
+                    f"sample {sample} is {kind.breaks} {found[0] / found[1]:.2g} {kind.of}, expected at most {kind.most:g}; give "
+                    "q, qd, qdd of all joints as flexinv.solve finds them, or flexinv.solve the motion of the independent joints"
+                )
+        return g
+
+    def share(self, q: Array, qd: Array, qdd: Array, tau: Array) -> None:
+        """Replace the efforts of the cut tree, ``tau`` (samples, nv) [N m], [N], by those of its drives: see `shares.share_out`.
+
+        q : (samples, nq), qd, qdd : (samples, nv) of all joints; torques of passive joints become zero
+        Raises InputError for a motion that the closures do not allow, or that the drives cannot give.
+        """
+        m = self.mesh.mechanism
+        shares = share_out(self.jacobian(q, qd, qdd), tau, m.actuated, m.weights[m.actuated])
+        left, largest = (
+            np.abs(shares.left),
+            max(np.abs(tau).max(initial=0.0), np.abs(shares.multipliers).max(initial=0.0)),
+        )
+        if left.max(initial=0.0) > LEFT_OVER * largest:
+            sample, column = np.unravel_index(int(np.argmax(left)), left.shape)
+            raise InputError(
+                f"mechanism '{m.name}', sample {sample}: the actuated joints cannot give this motion "
+                f"({left.max():.3g} N m or N is left at '{m.velocity_names[column]}'): "
+                "write actuated = true for as many independent joints as the mechanism has freedoms"
+            )
+        tau[:] = shares.tau
