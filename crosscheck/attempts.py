@@ -71,8 +71,8 @@ class Attempts:
 def key(task: Task, engine: str, options: Mapping[str, Any]) -> str:
     """Return a name that changes with everything that the attempt depends on."""
     case = replace(task.case, limits=())  # they judge; nothing that an engine gives depends on them
-    urdf = task.mechanism.urdf.read_bytes() if task.mechanism.urdf else b""
-    given = task.folder.name, task.mechanism, sha256(urdf).hexdigest(), case, dict(options)
+    files = (file.read_bytes() if file else b"" for file in (task.mechanism.urdf, case.measured))
+    given = task.folder.name, task.mechanism, *(sha256(data).hexdigest() for data in files), case, dict(options)
     return fingerprint(*given, engine, surroundings())
 
 

@@ -50,6 +50,11 @@ def test_a_deviation_says_everything() -> None:
     )
 
 
+def test_a_measurement_is_not_exported() -> None:
+    assert "crosscheck export" in failure(ROW)
+    assert "crosscheck export" not in failure(replace(ROW, engine="measured"))
+
+
 def test_a_comparison_without_limit_asks_for_one() -> None:
     words = "no limit is stated for this quantity and engine: add one to cases.toml"
     row = replace(ROW, verdict="unjudged", limit=None, reason="", message=words, error_bar=None, maximum=2.0)
@@ -241,6 +246,13 @@ def test_answers_are_kept_and_failures_are_not(root: Path, tmp_path: Path) -> No
     assert kept.find(loose, "x") is not None  # limits judge, they do not compute
     other = replace(task, case=replace(task.case, step=task.case.step / 2))
     assert kept.find(other, "x") is None
+    record = tmp_path / "measured.csv"
+    record.write_text("time [s]\n0\n")
+    measured = replace(task, case=replace(task.case, measured=record))
+    kept.keep(measured, "x", skipped)
+    assert kept.find(measured, "x") is not None
+    record.write_text("time [s]\n1\n")  # another measurement
+    assert kept.find(measured, "x") is None
     for file in (tmp_path / "kept").glob("*.json"):
         file.write_text("{")
     assert kept.find(task, "x") is None

@@ -32,7 +32,7 @@ def failure(row: Comparison, cause: str = "") -> str:
     else:
         lines["why"] = row.message
     lines["to look"] = f"crosscheck run {case} --engines {row.engine},{row.reference}"
-    if row.maximum is not None:
+    if row.maximum is not None and row.engine != "measured":  # a machine is not exported
         lines["to reproduce"] = f"crosscheck export {row.mechanism} --case {row.case} --engine {row.engine}"
     return "\n".join([lines.pop(""), *(f"  {what:<13} {words}" for what, words in lines.items())])
 
