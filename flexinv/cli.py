@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from flexinv.cli_parameters import parameters
+from flexinv.drives import motor_side
 from flexinv.errors import FlexinvError, InputError, ModelWarning
 from flexinv.files.case import Case, load_cases
 from flexinv.files.mechanism_file import load_mechanism
@@ -95,6 +96,8 @@ def solve(model: Path, name: str | None, out: Path | None, plot: Path | None, st
     if solution.torque_error is not None:
         table.loc[list(solution.torque_names), "error of effort"] = solution.torque_error.max(axis=0)
     click.echo(table.to_string(float_format=lambda x: f"{x:.5g}", na_rep="-"))
+    if any(joint.drive for joint in mechanism.joints):
+        click.echo(motors(solution))
     if out is not None:
         solution.frame().to_csv(out)
         click.echo(f"wrote {out}")
@@ -213,6 +216,18 @@ def choose(cases: dict[str, Case], name: str | None, model: Path) -> Case:
         advice = f"write --case {like[0]}" if like else f"write one of {', '.join(cases)}"
         raise InputError(f"--case {name}: {model} has no such case; {advice}")
     return cases[name]
+
+
+def motors(solution: Solution) -> str:
+    """Return a table of what every motor does at most [rad/s], [N m], [A], or why its motion does not follow."""
+    try:
+        found = motor_side(solution)
+    except InputError as error:
+        return f"motors: {_one_line(error)}"
+    columns = ["motor", "peak speed [rad/s]", "peak torque [N m]", "peak current [A]"]
+    rows = [(name, *(np.abs(part).max() for part in (m.rate, m.torque, m.current))) for name, m in found.items()]
+    table = pd.DataFrame(rows, columns=columns)
+    return str(table.to_string(index=False, float_format=lambda x: f"{x:.5g}", na_rep="-"))
 
 
 def link_mass(link: Link) -> float:

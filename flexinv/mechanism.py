@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from flexinv.drive import Drive as Drive
 from flexinv.errors import InputError
 
 Array = NDArray[np.float64]
@@ -44,8 +45,7 @@ COORDINATES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 class Placement:
     """A frame B in a frame A: ``x_A = position + rotation @ x_B``.
 
-    position : (3,) [m]
-    rotation : (3, 3) [-], R_AB
+    position : (3,) [m]; rotation : (3, 3) [-], R_AB
     """
 
     position: Array = field(default_factory=lambda: np.zeros(3))
@@ -56,8 +56,7 @@ class Placement:
 class Inertia:
     """Mass, centre of mass and inertia tensor of a rigid body.
 
-    mass : scalar [kg]
-    com : (3,) [m], in the frame that carries the body
+    mass : scalar [kg]; com : (3,) [m], in the frame that carries the body
     tensor : (3, 3) [kg m^2], about the centre of mass, along that frame's axes
     """
 
@@ -102,8 +101,7 @@ class Section:
 class Beam:
     """A geometrically exact Timoshenko beam.
 
-    length : scalar [m], arc length
-    section : Section along it
+    length : scalar [m], arc length; section : Section along it
     elements : number of finite elements; order : polynomial order of each (1 is the paper's element)
     curvature : (3,) [1/m], initial twist, curvature about y and about z, constant along the length
     placement : root cross-section frame in the link frame; the axis leaves along local x
@@ -155,6 +153,7 @@ class Joint:
     stiffness : [N m/rad] or [N/m] of a spring in the joint, without effort at ``rest`` [rad] or [m] (scalar joints)
     actuated : False leaves the joint to the dynamics, or its effort to ``Solution.unactuated``
     weight : [-] of the square of its effort where drives are redundant: the minimum of sum weight tau^2 is taken
+    drive : motor, gear and elastic joint (`drives`)
     """
 
     name: str
@@ -173,6 +172,7 @@ class Joint:
     actuated: bool = True
     weight: float = 1.0
     limits: Limits = field(default_factory=Limits)
+    drive: Drive | None = None
 
     @property
     def nq(self) -> int:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexinv.errors import InputError, ModelWarning
+from flexinv.files.drives import DriveTable, read_drive
 from flexinv.files.schema import PLACEMENT, SOURCE, PlacementTable
 from flexinv.files.toml_tables import (
     Fraction,
@@ -134,8 +135,13 @@ class SphericalTable(JointTable):
     weight: Positive = key(WEIGHT, "weight = 4", default=1.0)
 
 
+MOTOR = key("a table: gear_ratio, motor_inertia_kgm2, ...", "[joints.NAME.drive]", default=None)
+
+
 class ContinuousTable(SprungDrive, JointTable):
     """A rotation without end."""
+
+    drive: DriveTable | None = MOTOR
 
     axis: Vector = key(AXIS, "axis = [0, 0, 1]")
     limits: LimitsTable | None = key(
@@ -145,6 +151,8 @@ class ContinuousTable(SprungDrive, JointTable):
 
 class RevoluteTable(SprungDrive, JointTable):
     """A rotation."""
+
+    drive: DriveTable | None = MOTOR
 
     axis: Vector = key(AXIS, "axis = [0, 0, 1]")
     limits: RotaryLimitsTable | None = key(
@@ -206,6 +214,7 @@ def read_joint(data: Any, file: Path, name: str) -> Joint:
     return Joint(
         name, table.kind, table.parent, table.child, read_placement(table.placement, file, f"{path}.placement"),
         table.station, **axes, **drive(table, file, path), limits=_limits(table, file, f"{path}.limits"),
+        drive=read_drive(getattr(table, "drive", None), file, f"{path}.drive"),
     )  # fmt: skip
 
 

@@ -22,6 +22,7 @@ from flexinv.files.toml_tables import check_names, complaint, place, read_toml, 
 from flexinv.files.tree_order import depth_first
 from flexinv.files.urdf import STANDARD_GRAVITY, read_urdf
 from flexinv.files.urdf_table import find_urdf
+from flexinv.gears import expanded
 from flexinv.mechanism import WORLD, Array, Beam, Body, Joint, Link, Mechanism
 
 LINKS: dict[str, type[RigidLinkTable] | type[BeamLinkTable]] = {"rigid": RigidLinkTable, "beam": BeamLinkTable}
@@ -40,9 +41,18 @@ def load_mechanism(path: str | Path) -> Mechanism:
     check_names(file, **{kind: getattr(table, kind) for kind in named})
     sections = {name: read_section(data, file, name) for name, data in table.sections.items()}
     mechanism = _native(table, sections, file) if table.urdf is None else _from_urdf(table, table.urdf, sections, file)
+    mechanism = with_drives(mechanism, file)
     mechanism = damped(_with_loads(mechanism, table, file), table.damping, file)
     name = table.name or (file.stem if file.name != "mechanism.toml" else file.resolve().parent.name)
     return replace(mechanism, name=name, title=table.title, source=table.source, notes=(*table.notes, *mechanism.notes))
+
+
+def with_drives(mechanism: Mechanism, file: Path) -> Mechanism:
+    """Return the mechanism with what its drives add, joints and links; InputError names the file and the joint [-]."""
+    try:
+        return expanded(mechanism)
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from error
 
 
 def toml_file(path: str | Path, name: str) -> Path:

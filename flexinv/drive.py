@@ -1,0 +1,27 @@
+"""What a drive is: motor, gear and elastic joint, as data (`drives` has the equations)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Motor, gear and elastic joint of a joint that turns about one axis; the equations are in `drives`.
+
+    ratio : [-], turns of the motor per turn of the joint; rotor_inertia : of the motor [kg m^2]
+    stiffness, damping : of the elastic joint, on its link's side [N m/rad], [N m s/rad]; stiffness 0: a rigid gear
+    torque_constant : [N m/A], 0 unknown; viscous [N m s/rad], coulomb, static [N m], stribeck [rad/s] : friction of the motor
+    moves : "link" or "motor", which of the two the joint's coordinate is (the motor's over the ratio)
+    """
+
+    ratio: float = 1.0
+    rotor_inertia: float = 0.0
+    stiffness: float = 0.0
+    damping: float = 0.0
+    torque_constant: float = 0.0
+    viscous: float = 0.0
+    coulomb: float = 0.0
+    static: float = 0.0
+    stribeck: float = 1.0
+    moves: str = "link"

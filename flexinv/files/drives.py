@@ -1,0 +1,69 @@
+"""The table ``[joints.NAME.drive]``: motor, gear, elastic joint and friction, with units in its keys."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from flexinv.drive import Drive
+from flexinv.errors import InputError
+from flexinv.files.toml_tables import NotNegative, Positive, Table, complaint, key, place
+
+
+class DriveTable(Table):
+    """Motor, gear and elastic joint."""
+
+    gear_ratio: Positive = key("turns of the motor per turn of the joint, > 0 [-]", "gear_ratio = 100", default=1.0)
+    motor_inertia_kgm2: NotNegative = key(
+        "inertia of the rotor at the motor's shaft, >= 0 [kg m^2]", "motor_inertia_kgm2 = 1e-4", default=0.0
+    )
+    stiffness_Nm_per_rad: NotNegative = key(
+        "stiffness of the elastic joint at the link, >= 0 [N m/rad]; 0: a rigid gear",
+        "stiffness_Nm_per_rad = 5e3",
+        default=0.0,
+    )
+    damping_Nms_per_rad: NotNegative = key(
+        "damping of the elastic joint at the link, >= 0 [N m s/rad]", "damping_Nms_per_rad = 5", default=0.0
+    )
+    torque_constant_Nm_per_A: Positive | None = key(
+        "torque of the motor per current, > 0 [N m/A]", "torque_constant_Nm_per_A = 0.05", default=None
+    )
+    viscous_Nms_per_rad: NotNegative = key(
+        "viscous friction at the motor's shaft, >= 0 [N m s/rad]", "viscous_Nms_per_rad = 1e-5", default=0.0
+    )
+    coulomb_Nm: NotNegative = key("dry friction at the motor's shaft, >= 0 [N m]", "coulomb_Nm = 0.01", default=0.0)
+    static_Nm: NotNegative = key(
+        "friction when it begins to turn, not below coulomb_Nm [N m]", "static_Nm = 0.015", default=0.0
+    )
+    stribeck_rad_per_s: Positive = key(
+        "rate of the motor at which static friction has gone to a third [rad/s]",
+        "stribeck_rad_per_s = 1.0",
+        default=1.0,
+    )
+    moves: Literal["link", "motor"] = key(
+        'what the motion of this joint is, "link" or "motor" (its angle over the gear ratio)',
+        'moves = "motor"',
+        default="link",
+    )
+
+
+def read_drive(table: DriveTable | None, file: Path, path: str) -> Drive | None:
+    """Return the drive [kg m^2, N m/rad, N m s/rad, N m/A, N m] of a joint, or None."""
+    if table is None:
+        return None
+    if table.static_Nm and table.static_Nm < table.coulomb_Nm:
+        given = f"static_Nm = {table.static_Nm:g} below coulomb_Nm = {table.coulomb_Nm:g}"
+        advice = f"static_Nm = {1.5 * table.coulomb_Nm:g}"
+        raise InputError(complaint(place(file, path, "static_Nm"), given, "at least coulomb_Nm [N m]", advice))
+    return Drive(
+        ratio=table.gear_ratio,
+        rotor_inertia=table.motor_inertia_kgm2,
+        stiffness=table.stiffness_Nm_per_rad,
+        damping=table.damping_Nms_per_rad,
+        torque_constant=table.torque_constant_Nm_per_A or 0.0,
+        viscous=table.viscous_Nms_per_rad,
+        coulomb=table.coulomb_Nm,
+        static=table.static_Nm,
+        stribeck=table.stribeck_rad_per_s,
+        moves=table.moves,
+    )
