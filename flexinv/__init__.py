@@ -11,12 +11,14 @@ if TYPE_CHECKING:
     from flexinv.errors import ConvergenceError, FlexinvError, InputError, ModelWarning
     from flexinv.files.mechanism_file import load_mechanism
     from flexinv.files.urdf import from_urdf
+    from flexinv.follow import Following, follow
     from flexinv.forward import simulate
     from flexinv.linear import LinearModel, linear_model
     from flexinv.mechanism import Mechanism
     from flexinv.modes import Modes, natural_modes
     from flexinv.motion import Motion
     from flexinv.parameters import BaseParameters, Regressor, base_parameters, torque_regressor
+    from flexinv.path import Path
     from flexinv.prepared import TorqueFunction, prepare
     from flexinv.rest import Load, statics
     from flexinv.scheme import solve
@@ -31,6 +33,7 @@ _HOME = {
     "Batch": "batch",
     "ConvergenceError": "errors",
     "FlexinvError": "errors",
+    "Following": "follow",
     "InputError": "errors",
     "LinearModel": "linear",
     "Load": "rest",
@@ -39,11 +42,13 @@ _HOME = {
     "Modes": "modes",
     "Motion": "motion",
     "Regressor": "parameters",
+    "Path": "path",
     "Solution": "solution",
     "SteadyModes": "vibration",
     "TorqueDerivatives": "derivatives",
     "TorqueFunction": "prepared",
     "base_parameters": "parameters",
+    "follow": "follow",
     "from_urdf": "files.urdf",
     "joint_torques": "torques",
     "linear_model": "linear",
@@ -64,6 +69,7 @@ __all__ = [
     "Batch",
     "ConvergenceError",
     "FlexinvError",
+    "Following",
     "InputError",
     "LinearModel",
     "Load",
@@ -71,12 +77,14 @@ __all__ = [
     "ModelWarning",
     "Modes",
     "Motion",
+    "Path",
     "Regressor",
     "Solution",
     "SteadyModes",
     "TorqueDerivatives",
     "TorqueFunction",
     "base_parameters",
+    "follow",
     "from_urdf",
     "joint_torques",
     "linear_model",

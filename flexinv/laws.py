@@ -8,6 +8,7 @@ see any text on cam design.
 |-----------|---------|----------|-------------------------|
 | cycloid   | 2       | 2 pi     | none                    |
 | quintic   | 15/8    | 10/sqrt3 | none                    |
+| nonic     | 315/128 | 9.372    | none, nor of its two next derivatives |
 | bang-bang | 2       | 4        | 0, 1/2, 1               |
 | trapezoid | 3/2     | 9/2      | 0, 1/3, 2/3, 1          |
 """
@@ -54,6 +55,14 @@ def _quintic(s: Array) -> Triple:
     return u, 30.0 * s**2 * (1.0 - s) ** 2, 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
 
 
+def _nonic(s: Array) -> Triple:
+    """u' = 630 (s (1 - s))^4: what an arm that bends needs for a torque without corners."""
+    early = s < 0.5
+    p = np.where(early, s, 1.0 - s)
+    half = p**5 * (126.0 - 420.0 * p + 540.0 * p**2 - 315.0 * p**3 + 70.0 * p**4)
+    return np.where(early, half, 1.0 - half), 630.0 * (s * (1 - s)) ** 4, 2520.0 * (s * (1 - s)) ** 3 * (1.0 - 2.0 * s)
+
+
 def _bang_bang(s: Array) -> Triple:
     first = s < 0.5
     u = np.where(first, 2.0 * s**2, 1.0 - 2.0 * (1.0 - s) ** 2)
@@ -72,6 +81,7 @@ LAWS: dict[str, Law] = {
     for law in (
         Law("cycloid", (), _cycloid),
         Law("quintic", (), _quintic),
+        Law("nonic", (), _nonic),
         Law("bang-bang", (0.0, 1.0 / 2.0, 1.0), _bang_bang),
         Law("trapezoid", (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0), _trapezoid),
     )

@@ -198,18 +198,18 @@ def _with_error(
         every=twice * every,
         **options,  # type: ignore[arg-type]
     )
-    bars = [_scaled_difference(solution, half, 2 // twice, 4 / 3)]
+    bars = [scaled_difference(solution, half, 2 // twice, 4 / 3)]
     if not mechanism.is_rigid:
-        for finer, factor in _finer_meshes(mechanism):
+        for finer, factor in finer_meshes(mechanism):
             other = solve(finer, motion, step, incremental=incremental, progress=progress, every=every, **options)  # type: ignore[arg-type]
-            bars.append(_scaled_difference(solution, other, 1, factor))
+            bars.append(scaled_difference(solution, other, 1, factor))
     torque = np.asarray(sum(bar[0] for bar in bars))
     tip = {name: np.asarray(sum(bar[1][name] for bar in bars)) for name in solution.tip}
     return replace(solution, torque_error=torque, tip_error=tip)
 
 
-def _finer_meshes(mechanism: Mechanism) -> list[tuple[Mechanism, float]]:
-    """Refined meshes and the factor on the difference: doubled for order 1 (second order), two orders higher else."""
+def finer_meshes(mechanism: Mechanism) -> list[tuple[Mechanism, float]]:
+    """Return refined meshes and the factor on the difference [-]: doubled for order 1 (second order), two orders higher else."""
     linear = max(link.beam.order for link in mechanism.beams if link.beam is not None) == 1
     return [(mechanism.refined(elements=2), 4 / 3)] if linear else [(mechanism.refined(order=2), 1.0)]
 
@@ -218,7 +218,8 @@ def _finer_meshes(mechanism: Mechanism) -> list[tuple[Mechanism, float]]:
 WINDOW = 0.02
 
 
-def _scaled_difference(a: Solution, b: Solution, stride: int, factor: float) -> tuple[Array, dict[str, Array]]:
+def scaled_difference(a: Solution, b: Solution, stride: int, factor: float) -> tuple[Array, dict[str, Array]]:
+    """Return ``factor`` times the largest differences near each sample: of torque [N m], [N], and of every link's tip [m]."""
     width = 2 * int(np.ceil(WINDOW * len(a.time))) + 1
     torque = np.abs(a.torque - b.torque[::stride][: len(a.time)])
     tip = {k: np.linalg.norm(v - b.tip[k][::stride][: len(v)], axis=1) for k, v in a.tip.items()}

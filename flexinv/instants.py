@@ -1,0 +1,138 @@
+"""Many instants of one motion at once: residual of the equation of motion and its derivatives at each of them (compiled).
+
+At a given pose, velocity u and acceleration u' of the march's unknowns (`assemble`)
+
+    r(y, u, u') = inertia + elastic forces - loads,       K = dr/dy,   C = dr/du,   M = dr/du'
+
+with y increments of the pose, a rotation's in the node's own frame.  The march's own evaluation gives them: it is affine in
+the factors cv = du/dy and ca = du'/dy of its linearisation, so that (0, 0), (1, 0) and (0, 1) give K, K + C and K + M.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexinv.compiled import jit, jit_inner
+from flexinv.integrate import DYNAMIC, Scheme
+from flexinv.loads import set_loads
+from flexinv.march import evaluate, record
+from flexinv.mechanism import Array
+from flexinv.rotations import inverse_tangent
+from flexinv.vectors import add_scaled, dot, mat, put, put_block, vec, vec_at
+
+
+@jit
+def evaluate_instants(
+    t, e, border, s, j, f, d, loads, work, given, table, want, residual, tangent, frame, reach, out, wrench, internal, energy
+):  # fmt: skip
+    """Fill residuals [N], [N m], derivatives if ``want``, and histories; return -1, -1 or the instant and its bad element.
+
+    given : x (samples, nodes, 3), r (samples, nodes, 3, 3), place, u, du (samples, unknowns) as `assemble.State` has them
+    table : (samples, loads, 6); residual : (samples, unknowns); tangent : (3, samples, unknowns, unknowns) K, C, M
+    frame : node whose motion is wanted; reach : (samples, 6, unknowns) of its displacement (world), rotation (own frame)
+    """
+    x, r, place, u, du = given
+    for k in range(x.shape[0]):
+        _take(s, x[k], r[k], place[k], u[k], du[k])
+        set_loads(loads, table[k], s.d[:0])
+        for which in range(3 if want else 1):
+            c = Scheme(DYNAMIC, 0.0, 1.0 if which == 1 else 0.0, 1.0 if which == 2 else 0.0, 0.0, 0.0, 0.0, 0.0)
+            bad = evaluate(t, e, border, c, s, j, f, d, loads, work, want)
+            if bad >= 0:
+                return k, bad
+            if want:
+                dense_tangent(t, e, d, work, tangent[which, k])
+        for i in range(len(s.d)):
+            residual[k, i] = work.residual[0, i]
+        record(k, f, work, out, wrench, internal, energy)
+        if want:
+            _less(tangent, k)
+            _reach(t, d, frame, reach[k])
+    return -1, -1
+
+
+@jit_inner
+def _take(s, x, r, place, u, du):
+    for n in range(x.shape[0]):
+        put(s.x[n], 0, vec(x[n]))
+        put_block(s.r[n], 0, 0, mat(r[n]))
+    for i in range(len(s.d)):
+        s.d[i], s.u[i], s.du[i], s.place[i] = 0.0, u[i], du[i], place[i]
+
+
+@jit_inner
+def _less(tangent, k):
+    """K + C and K + M become C and M."""
+    for r in range(tangent.shape[2]):
+        for c in range(tangent.shape[3]):
+            tangent[1, k, r, c] -= tangent[0, k, r, c]
+            tangent[2, k, r, c] -= tangent[0, k, r, c]
+
+
+@jit_inner
+def _reach(t, d, frame, out):
+    """How a node moves with the unknowns of its block, (6, unknowns)."""
+    for r in range(6):
+        for c in range(out.shape[1]):
+            out[r, c] = 0.0
+    o = t.offset[t.block[frame]]
+    for k in range(t.size[t.block[frame]]):
+        for i in range(3):
+            out[i, o + k] = d.x[frame, k, i]
+            out[3 + i, o + k] = d.t[frame, k, i]
+
+
+@jit_inner
+def dense_tangent(t, e, d, work, out):
+    """Fill the linearisation that was evaluated last as one matrix [N/m], [N], [N m], as `modes.tangent_matrix` does."""
+    for r in range(out.shape[0]):
+        for c in range(out.shape[1]):
+            out[r, c] = 0.0
+    for b in range(len(t.size)):
+        o = t.offset[b]
+        for r in range(t.size[b]):
+            for c in range(t.size[b]):
+                out[o + r, o + c] = work.diagonal[b, r, c]
+    for k in range(len(e.order)):
+        count = e.order[k] + 1
+        for i in range(count):
+            for q in range(count):
+                if i != q:
+                    _add_coupling(t, d, e.nodes[k], i, q, work.tangent[k], out)
+
+
+@jit_inner
+def _add_coupling(t, d, nodes, i, q, tangent, out):
+    """Add B_i^T K_iq B_q; the first node moves with all unknowns of its block, every other with its own six."""
+    root = nodes[0]
+    rows, columns = t.offset[t.block[nodes[i]]], t.offset[t.block[nodes[q]]]
+    for r in range(t.size[t.block[root]] if i == 0 else 6):
+        by_x, by_t = vec_at(tangent[6 * i + r % 6], 6 * q), vec_at(tangent[6 * i + r % 6], 6 * q + 3)
+        if i == 0:
+            by_x, by_t = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+            for a in range(3):
+                by_x = add_scaled(by_x, d.x[root, r, a], vec_at(tangent[a], 6 * q))
+                by_t = add_scaled(by_t, d.x[root, r, a], vec_at(tangent[a], 6 * q + 3))
+                by_x = add_scaled(by_x, d.t[root, r, a], vec_at(tangent[3 + a], 6 * q))
+                by_t = add_scaled(by_t, d.t[root, r, a], vec_at(tangent[3 + a], 6 * q + 3))
+        if q > 0:
+            for a in range(3):
+                out[rows + r, columns + a] += by_x[a]
+                out[rows + r, columns + 3 + a] += by_t[a]
+        else:
+            for c in range(t.size[t.block[root]]):
+                out[rows + r, columns + c] += dot(by_x, vec(d.x[root, c])) + dot(by_t, vec(d.t[root, c]))
+
+
+@jit
+def _inverse_many(psi, out):
+    for i in range(psi.shape[0]):
+        put_block(out[i], 0, 0, inverse_tangent(vec(psi[i])))
+
+
+def inverse_tangents(psi: Array) -> Array:
+    """Return H(psi)^-1, (..., 3, 3) [-], of rotation vectors (..., 3) [rad]: d log(R) = H^-1 times the body increment of R."""
+    psi = np.array(psi, dtype=float, order="C")
+    out = np.empty((*psi.shape, 3))
+    _inverse_many(psi.reshape(-1, 3), out.reshape(-1, 3, 3))
+    return out
