@@ -1,6 +1,6 @@
 """Draw the README's pictures from real runs.
 
-``python docs/make_figures.py`` writes docs/arms.png.  With the results of ``crosscheck bench`` it writes
+``python docs/make_figures.py`` writes docs/arms.png and docs/feed_forward.png (torques replayed in Exudyn).  With the results of ``crosscheck bench`` it writes
 docs/time_error.png instead: ``python docs/make_figures.py reports/bench/results.json`` (several files: all of them).
 """
 
@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 import flexinv
-from flexinv import Mechanism, Motion, Solution
+from crosscheck.studies import feedforward
+from flexinv import Following, Mechanism, Motion, Solution
 
 ROOT = Path(__file__).resolve().parent.parent
 STEP = 5e-4  # [s], at which the paper's one-link case is converged to a thousandth
@@ -82,6 +83,50 @@ def draw() -> Figure:
     return figure
 
 
+# -------------------------------------------------------------------------------------------------------- feed-forward
+
+WAYS = {feedforward.JOINT_SPACE: "C1", feedforward.RIGID: "C2", feedforward.INVERSION: "C0"}
+
+
+def feed_forward() -> Figure:
+    """The paper's example 4 with its tip on an arc: the tip in Exudyn under three feed-forwards, and what the joints do."""
+    task = next(t for t in feedforward.tasks() if t.model == "flex_two_link")
+    arm = flexinv.load_mechanism(ROOT / "models" / task.model).with_mesh(1, feedforward.ORDER)
+    found = flexinv.follow(arm, task.path, task.link, task.step, start=task.start)
+    replayed = feedforward.replays(True)["exudyn-ge"]
+    tips = {way: replayed(arm, found, way)[task.link] for way in WAYS}
+    figure = Figure(figsize=(9, 3.3), layout="constrained")
+    plane, off, joints = figure.subplots(1, 3, width_ratios=(1.2, 1.2, 1))
+    in_the_plane(plane, found, tips)
+    for way, tip in tips.items():
+        distance = np.linalg.norm(tip - found.wanted, axis=1) / task.path.length
+        off.semilogy(1e3 * found.time, np.maximum(distance, 1e-9), color=WAYS[way], linewidth=1.2, label=way)
+    off.set(xlabel="time [ms]", ylabel="tip's distance over the path's length", ylim=(1e-7, 1))
+    off.legend(fontsize="small", loc="lower right")
+    for k, name in enumerate(arm.velocity_names):
+        ahead = np.degrees(found.solution.q[:, k] - found.rigid.q[:, k])
+        joints.plot(1e3 * found.time, ahead, color=f"C{k + 3}", linewidth=1.2, label=name)
+    joints.set(xlabel="time [ms]", ylabel="joint less that of the rigid arm [deg]")
+    joints.legend(fontsize="small")
+    for axes in (off, joints):
+        axes.axvspan(0.0, 1e3 * task.path.duration, color="0.93", zorder=0)
+        axes.grid(alpha=0.3)
+    return figure
+
+
+def in_the_plane(axes: Axes, found: Following, tips: dict[str, NDArray[np.float64]]) -> None:
+    """The bent arm on its way, the arc, and where three tips go."""
+    for time in np.linspace(0.0, found.path.duration, 6):
+        sample = int(np.argmin(np.abs(found.time - time)))
+        for link in found.solution.mechanism.beams:
+            line = shape(found.solution, link.name, sample)
+            axes.plot(line[:, 0], line[:, 1], color="0.7", linewidth=1.2)
+    axes.plot(found.wanted[:, 0], found.wanted[:, 1], color="k", linewidth=3, alpha=0.25, label="path")
+    for way, tip in tips.items():
+        axes.plot(tip[:, 0], tip[:, 1], color=WAYS[way], linewidth=1.1, label=way)
+    axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
+
+
 # ------------------------------------------------------------------------------------------------------ time and error
 
 ARMS = {
@@ -135,3 +180,4 @@ if __name__ == "__main__":
         time_error(merged).savefig(Path(__file__).with_name("time_error.png"), dpi=110)
     else:
         draw().savefig(Path(__file__).with_name("arms.png"), dpi=110)
+        feed_forward().savefig(Path(__file__).with_name("feed_forward.png"), dpi=110)

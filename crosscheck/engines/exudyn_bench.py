@@ -131,7 +131,7 @@ def _planar(march: March, layout: Layout, plane: Array, q: Array, sensors: bool)
         return True
 
     mbs.SetPreStepUserFunction(prescribe)
-    return mbs, _watched(d, sensors, lambda name, flat: exudyn_planar._world(d, layout.root[name], flat))
+    return mbs, _watched(d, sensors, lambda name, flat: exudyn_planar.in_world(d, layout.root[name], flat))
 
 
 def _spatial(march: March, layout: Layout, q: Array, sensors: bool) -> tuple[Any, dict[str, Any]]:

@@ -217,7 +217,7 @@ def _add_joint(d: Drawing, joint: Joint) -> None:
     if name in d.free:
         d.model.joint[name] = (pin,)
         if d.mechanism.beams:  # where all is rigid, these efforts follow from the motion afterwards
-            exudyn_flat.hinder(mbs, joint, angles, _sign(d, joint), d.free[name])
+            exudyn_flat.hinder(mbs, joint, angles, sign_of(d, joint), d.free[name])
         return
     motor = mbs.AddObject(ObjectConnectorCoordinate(markerNumbers=angles))
     d.model.joint[name] = (pin, motor)
@@ -292,23 +292,23 @@ def run(d: Drawing, plan: Plan, q: Array, qd: Array) -> Outcome:
     for joint in moving:
         if joint.name in d.free:
             continue
-        sign = _sign(d, joint)
+        sign = sign_of(d, joint)
         angle = sign * scalar_coordinate(joint, joint_q(d.mechanism, joint, q))
         rate = sign * qd[:, d.mechanism.v_slices[joint.name]][:, 0]
         offset, offset_t = _user_function(plan, angle - angle[0]), _user_function(plan, rate)
         d.model.drivers.append(Driver(d.model.joint[joint.name][1], offset, offset_t))
-    seen = solve(d.model.mbs, plan, d.model.drivers, *_sensors(d), d.model.loads)
+    seen = solve(d.model.mbs, plan, d.model.drivers, *sensors(d), d.model.loads)
     pose = {index: _pose(d, index, seen) for index in range(len(d.layout.groups))}
     return Outcome(
         pose=pose,
-        end={name: _world(d, d.layout.root[name], seen["end", name]) for name in d.model.beam},
+        end={name: in_world(d, d.layout.root[name], seen["end", name]) for name in d.model.beam},
         wrench={j.name: _wrench(d, j, pose, seen) for j in moving},
         root={name: -seen["lock", name] for name in d.model.lock},
         closure={c.name: _reaction(d, c, pose, seen) for c in d.mechanism.closures},
     )
 
 
-def _sign(d: Drawing, joint: Joint) -> float:
+def sign_of(d: Drawing, joint: Joint) -> float:
     """Return 1 or -1 [-]: how a joint's axis lies along the normal."""
     return float(d.plane[:, 2] @ d.layout.start(d.layout.joint[joint.name]).rotation @ joint.axis)
 
@@ -318,7 +318,7 @@ def _user_function(plan: Plan, values: Array) -> Any:
     return lambda mbs, t, item, offset: float(table(t))
 
 
-def _sensors(d: Drawing) -> tuple[Sensors, Sensors]:
+def sensors(d: Drawing) -> tuple[Sensors, Sensors]:
     """Return the sensors of motions and of reactions, by what they see and whose it is."""
     add = d.model.mbs.AddSensor
     states: dict[Key, Any] = {("pose", index): (d.model.node[index], OUT.Coordinates) for index in d.model.body}
@@ -361,7 +361,7 @@ def _pose(d: Drawing, index: int, seen: dict[Key, Array]) -> tuple[Array, Array]
     return position, d.plane @ r @ d.plane.T @ group.start.rotation
 
 
-def _world(d: Drawing, root: Frame, flat: Array) -> Array:
+def in_world(d: Drawing, root: Frame, flat: Array) -> Array:
     """Return points of the plane (samples, 3) in the world, at the height of a frame [m]."""
     return flat @ d.plane.T + d.plane[:, 2] * (d.plane[:, 2] @ d.layout.start(root).position)
 

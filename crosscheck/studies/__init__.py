@@ -29,6 +29,7 @@ STUDIES: dict[str, Study] = {
     for s in (
         Study("robots", "Every robot of example-robot-data", "crosscheck.studies.robots"),
         Study("incremental", "The paper's incremental mode", "crosscheck.studies.incremental"),
+        Study("feedforward", "Feed-forward replayed in other engines", "crosscheck.studies.feedforward"),
         Study("switching", "Phases of mechanisms that open and close", "crosscheck.studies.switching"),
         Study("measured", "A measured arm, rigid and flexible", "crosscheck.studies.measured_arm"),
     )
