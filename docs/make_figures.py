@@ -1,6 +1,7 @@
 """Draw the README's pictures from real runs.
 
-``python docs/make_figures.py`` writes docs/arms.png and docs/feed_forward.png (torques replayed in Exudyn).  With the results of ``crosscheck bench`` it writes
+``python docs/make_figures.py`` writes docs/arms.png and docs/feed_forward.png (torques replayed in Exudyn).
+With the results of ``crosscheck bench`` it writes
 docs/time_error.png instead: ``python docs/make_figures.py reports/bench/results.json`` (several files: all of them).
 """
 
@@ -21,6 +22,8 @@ from scipy.interpolate import CubicSpline
 import flexinv
 from crosscheck.studies import feedforward
 from flexinv import Following, Mechanism, Motion, Solution
+from flexinv.files.tasks import load_tasks
+from flexinv.follow import INVERSION, JOINT_SPACE, RIGID
 
 ROOT = Path(__file__).resolve().parent.parent
 STEP = 5e-4  # [s], at which the paper's one-link case is converged to a thousandth
@@ -85,16 +88,18 @@ def draw() -> Figure:
 
 # -------------------------------------------------------------------------------------------------------- feed-forward
 
-WAYS = {feedforward.JOINT_SPACE: "C1", feedforward.RIGID: "C2", feedforward.INVERSION: "C0"}
+WAYS = {JOINT_SPACE: "C1", RIGID: "C2", INVERSION: "C0"}
 
 
 def feed_forward() -> Figure:
     """The paper's example 4 with its tip on an arc: the tip in Exudyn under three feed-forwards, and what the joints do."""
-    task = next(t for t in feedforward.tasks() if t.model == "flex_two_link")
-    arm = flexinv.load_mechanism(ROOT / "models" / task.model).with_mesh(1, feedforward.ORDER)
-    found = flexinv.follow(arm, task.path, task.link, task.step, start=task.start)
+    folder = ROOT / "models" / "flex_two_link"
+    arm = flexinv.load_mechanism(folder)
+    task = load_tasks(folder, arm)["arc"]
+    arm = task.meshed(arm)
+    found = feedforward.followed(arm, task)
     replayed = feedforward.replays(True)["exudyn-ge"]
-    tips = {way: replayed(arm, found, way)[task.link] for way in WAYS}
+    tips = {way: replayed(arm, found, way)[found.frame.name] for way in WAYS}
     figure = Figure(figsize=(9, 3.3), layout="constrained")
     plane, off, joints = figure.subplots(1, 3, width_ratios=(1.2, 1.2, 1))
     in_the_plane(plane, found, tips)

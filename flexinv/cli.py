@@ -12,6 +12,7 @@ import click
 import numpy as np
 import pandas as pd
 
+from flexinv.cli_follow import follow_task
 from flexinv.cli_parameters import parameters
 from flexinv.drives import motor_side
 from flexinv.errors import FlexinvError, InputError, ModelWarning
@@ -175,6 +176,7 @@ def modes(
 
 
 app.add_command(parameters)
+app.add_command(follow_task)
 
 
 def rate_of(text: str) -> tuple[str, float]:

@@ -10,13 +10,16 @@ import pytest
 from crosscheck.engines import mujoco_replay, pinocchio_replay
 from crosscheck.engines.replay import Drive
 from crosscheck.studies import feedforward
-from crosscheck.studies.feedforward import BETTER, INVERSION, JOINT_SPACE, REACHED, RIGID
+from crosscheck.studies.feedforward import BETTER, REACHED
 from flexinv import load_mechanism
+from flexinv.files.tasks import load_tasks
+from flexinv.follow import INVERSION, JOINT_SPACE, RIGID
 
 
 def rows_of(root: Path, model: str) -> dict[tuple[str, str], dict[str, object]]:
-    task = next(t for t in feedforward.tasks() if t.model == model)
-    rows = feedforward.task_rows(load_mechanism(root / "models" / model), task)
+    mechanism = load_mechanism(root / "models" / model)
+    (task,) = load_tasks(root / "models" / model, mechanism).values()
+    rows = feedforward.task_rows(mechanism, task)
     return {(str(row["engine"]), str(row["feed_forward"])): row for row in rows}
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path as Folder
 from typing import Any
 
@@ -12,18 +11,17 @@ from numpy.typing import NDArray
 
 from crosscheck.engines import ENGINES, missing
 from crosscheck.engines.replay import Drive
+from flexinv.errors import InputError
 from flexinv.files.mechanism_file import load_mechanism
-from flexinv.follow import INVERSION, JOINT_SPACE, RIGID, Following, follow
+from flexinv.files.tasks import Task, load_tasks
+from flexinv.follow import INVERSION, RIGID, Following, follow
 from flexinv.mechanism import Mechanism
-from flexinv.path import Path
 
 Array = NDArray[np.float64]
 # What stable inversion has to reach in an engine that bends: of the path's length, and against the other two.
 REACHED, BETTER = 1e-3, 30.0
 # Rigid arms: the torque is linear between samples, an error of h^2 / 8 times its second derivative, 1e-5 of the path.
 OF_RIGID = 1e-4
-# Beams of flexinv in the study, of order 6: the torque that a path asks for holds more than one of order 4 resolves to 1e-4.
-ORDER = 6
 
 TEXT = f"""The tip of an arm shall run along a path. flexinv finds the torques, and they drive the same arm, all joints
 free, in another engine, built there from primary data. Three feed-forwards stand side by side: torques of the rigid
@@ -34,7 +32,7 @@ over the length of the path. Stable inversion is within its bound below {REACHED
 
 COLUMNS = (
     ("mechanism", "mechanism", ""),
-    ("path", "path", ""),
+    ("task", "task", ""),
     ("engine", "engine", ""),
     ("feed_forward", "feed-forward", ""),
     ("error", "largest distance", "of the path's length"),
@@ -42,59 +40,46 @@ COLUMNS = (
 )
 
 
-@dataclass(frozen=True)
-class Task:
-    """A path for the tip of a link [m], found with so many seconds between instants, from where the joints are at ``start``."""
-
-    model: str
-    link: str
-    path: Path
-    step: float
-    start: Mapping[str, float]
-
-
-def tasks() -> tuple[Task, ...]:
-    """Return the paper's examples 3 and 4 with their tips on arcs, and its rigid arm on a line [m], [s]."""
-    one = Path.arc([0.4, 0, 0], [0, 0, 0], np.pi / 4, 0.2)
-    two = Path.arc([0.3, 0, 0], [0.2, 0, 0], np.pi / 2, 0.2)
-    line = Path.line([0.3, -0.9, 0.0], [0.6, -0.6, 0.0], 0.5)  # hanging: what it is off does not grow by itself
-    return (
-        Task("flex_one_link", "link", one, 5e-4, {}),
-        Task("flex_two_link", "link2", two, 5e-4, {"joint1": -0.5, "joint2": 1.0}),
-        Task("rigid_3r", "link3", line, 5e-4, {"joint1": -1.5, "joint2": 0.3, "joint3": 0.3}),
-    )
-
-
 def study(models: str) -> dict[str, Any]:
     """Return the table of the report; distances over the length of the path [-]."""
     rows: list[dict[str, Any]] = []
-    for task in tasks():
-        if (folder := Folder(models) / task.model).is_dir():
-            rows += task_rows(load_mechanism(folder), task)
+    for folder in sorted(file.parent for file in Folder(models).glob("*/mechanism.toml")):
+        try:
+            mechanism = load_mechanism(folder)
+            tasks = load_tasks(folder, mechanism) if (folder / "cases.toml").is_file() else {}
+        except InputError:
+            continue  # the matrix of models says so
+        for task in tasks.values():
+            rows += task_rows(mechanism, task)
     if not rows:
-        return {"status": "skipped", "message": "none of the study's arms is among the models"}
+        return {"status": "skipped", "message": "no model has a task: a table [tasks.NAME] in its cases.toml"}
     return {"text": TEXT, "columns": COLUMNS, "rows": rows}
 
 
 def task_rows(mechanism: Mechanism, task: Task) -> Iterator[dict[str, Any]]:
     """Yield one row per engine and feed-forward; distances over the length of the path [-]."""
     flexible = not mechanism.is_rigid
-    mechanism = mechanism.with_mesh(1, ORDER) if flexible else mechanism
-    found = follow(mechanism, task.path, task.link, task.step, start=task.start)
+    mechanism = task.meshed(mechanism)
+    found = followed(mechanism, task)
     for engine, replayed in replays(flexible).items():
         names = found.feed_forwards if flexible else (RIGID,)
-        errors = {name: error(found, replayed(mechanism, found, name)[task.link]) for name in names}
+        errors = {name: error(found, replayed(mechanism, found, name)[found.frame.name]) for name in names}
         for name in names:
-            yield row(mechanism.name, task.path.text, engine, name, errors)
+            yield row(mechanism.name, task.name, engine, name, errors)
 
 
-def row(model: str, path: str, engine: str, name: str, errors: Mapping[str, float]) -> dict[str, Any]:
+def followed(mechanism: Mechanism, task: Task) -> Following:
+    """Return what follows the path of a task [m, rad, s, N m]; the mechanism has the task's mesh already."""
+    return follow(mechanism, task.path, task.frame, task.step, task.before, task.after, task.start)
+
+
+def row(model: str, task: str, engine: str, name: str, errors: Mapping[str, float]) -> dict[str, Any]:
     """Return a row of the table; errors of all feed-forwards over the length of the path [-]."""
     best = errors.get(INVERSION)
     better = None if best is None or name == INVERSION else errors[name] / best
     made = {
         "mechanism": model,
-        "path": path,
+        "task": task,
         "engine": engine,
         "feed_forward": name,
         "error": errors[name],
@@ -148,18 +133,3 @@ def _mujoco(m: Mechanism, found: Following, name: str) -> dict[str, Array]:
     from crosscheck.engines.mujoco_replay import replay
 
     return replay(m, _drive(found, name))
-
-
-__all__ = [
-    "BETTER",
-    "INVERSION",
-    "JOINT_SPACE",
-    "REACHED",
-    "RIGID",
-    "Task",
-    "error",
-    "row",
-    "study",
-    "task_rows",
-    "tasks",
-]

@@ -211,4 +211,5 @@ class CasesTable(Table):
 
     source: Text = key("where the cases come from, a text", 'source = "Isobe et al., example 3"')
     cases: dict[str, Any] = key("tables [cases.NAME]", "[cases.NAME]")
+    tasks: dict[str, Any] = key("tables [tasks.NAME]: paths of a frame", "[tasks.NAME]", default={})
     limits: list[LimitTable] = key("tables [[limits]] that hold for every case of the file", "[[limits]]", default=[])

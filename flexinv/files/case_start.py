@@ -39,10 +39,23 @@ def read_start(
     """Read the start of joints that the motion leaves out: joint -> its coordinates [rad], [m], quaternion [-]."""
     given = motion.joints(mechanism)
     passive = [joint.name for joint in mechanism.joints if joint.nv and joint.name not in given]
-    out = {}
-    for name, data in tables.items():
+    for name in tables:
         if name not in passive:
             _refuse(name, name in given, passive, file, path)
+    return read_places(tables, mechanism, passive, file, path)
+
+
+def read_places(
+    tables: Mapping[str, Any], mechanism: Mechanism, joints: list[str], file: Path, path: str
+) -> dict[str, Array]:
+    """Read where joints are, each of ``joints`` or none: joint -> its coordinates [rad], [m], quaternion [-]."""
+    out = {}
+    for name, data in tables.items():
+        if name not in joints:
+            near = nearest(name, joints)
+            expected = f"a joint of {mechanism.name} that moves: {', '.join(joints[:20]) or 'there is none'}"
+            write = f"{near} instead of {name}" if near else f"no start.{name}"
+            raise InputError(complaint(place(file, path, name), f"a start for joint {name}", expected, write))
         model, parts, write = STARTS[mechanism.joint_of[name].kind]
         where = f"{path}.{name}"
         table = validate(model, data, file, where)

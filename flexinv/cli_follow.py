@@ -1,0 +1,61 @@
+"""``flexinv follow``: the path of a frame becomes torques."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+import numpy as np
+import pandas as pd
+
+from flexinv.errors import InputError
+from flexinv.files.mechanism_file import load_mechanism
+from flexinv.files.tasks import Task, load_tasks
+from flexinv.follow import follow
+
+
+@click.command("follow")
+@click.argument("model", type=click.Path(path_type=Path))
+@click.option("--task", "name", help="Which task of cases.toml; may be left out where there is only one.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write time, joint motion and torques of stable inversion as CSV, units in the header.",
+)
+@click.option("--step", type=float, help="Spacing of the instants [s] in place of the task's.")
+def follow_task(model: Path, name: str | None, out: Path | None, step: float | None) -> None:
+    """Compute the torques with which the tip of a mechanism follows a path, although its links bend.
+
+    The table shows how far the tip of the flexible mechanism is from the path with torques of the rigid mechanism, with
+    joints that move as the rigid mechanism's, and with stable inversion, whose joints move before the path begins.
+    """
+    if out is not None and not out.resolve().parent.is_dir():
+        raise InputError(f"{out}: the folder {out.resolve().parent} does not exist; make it first")
+    mechanism = load_mechanism(model)
+    task = _chosen(load_tasks(model, mechanism), name, model)
+    size = task.step if step is None else step
+    found = follow(task.meshed(mechanism), task.path, task.frame, size, task.before, task.after, task.start)
+    click.echo(f"{mechanism.name}, task {task.name}: {task.title}" if task.title else f"{mechanism.name}, {task.name}")
+    click.echo(
+        f"{found.path.text} of {found.path.length:.4g} m in {found.path.duration:g} s, from {found.time[0]:.4g} s on"
+    )
+    rows = {}
+    for way, solution in found.feed_forwards.items():
+        off = found.distance(found.replay(way))
+        peaks = zip(solution.torque_names, np.abs(solution.torque).max(axis=0), strict=True)
+        rows[way] = {"tip off by [m]": off.max(), "over the length [-]": off.max() / found.path.length} | {
+            f"peak {joint}": peak for joint, peak in peaks
+        }
+    click.echo(pd.DataFrame(rows).T.to_string(float_format=lambda x: f"{x:.4g}"))
+    if out is not None:
+        found.solution.frame().to_csv(out)
+        click.echo(f"wrote {out}")
+
+
+def _chosen(tasks: dict[str, Task], name: str | None, model: Path) -> Task:
+    if name is None and len(tasks) == 1:
+        return next(iter(tasks.values()))
+    if name is None or name not in tasks:
+        known = ", ".join(tasks) or "none: write a table [tasks.NAME] in its cases.toml"
+        raise InputError(f"{model}: {'give --task' if name is None else f'no task {name!r}'}; tasks there: {known}")
+    return tasks[name]
