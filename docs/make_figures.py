@@ -23,7 +23,7 @@ import flexinv
 from crosscheck.studies import feedforward
 from flexinv import Following, Mechanism, Motion, Solution
 from flexinv.files.tasks import load_tasks
-from flexinv.follow import INVERSION, JOINT_SPACE, RIGID
+from flexinv.following import INVERSION, JOINT_SPACE, RIGID
 
 ROOT = Path(__file__).resolve().parent.parent
 STEP = 5e-4  # [s], at which the paper's one-link case is converged to a thousandth
@@ -106,16 +106,16 @@ def feed_forward() -> Figure:
     for way, tip in tips.items():
         distance = np.linalg.norm(tip - found.wanted, axis=1) / task.path.length
         off.semilogy(1e3 * found.time, np.maximum(distance, 1e-9), color=WAYS[way], linewidth=1.2, label=way)
-    off.set(xlabel="time [ms]", ylabel="tip's distance over the path's length", ylim=(1e-7, 1))
-    off.legend(fontsize="small", loc="lower right")
+    off.set(xlabel="time [ms]", ylabel="tip off / path length", ylim=(1e-7, 1))
     for k, name in enumerate(arm.velocity_names):
         ahead = np.degrees(found.solution.q[:, k] - found.rigid.q[:, k])
         joints.plot(1e3 * found.time, ahead, color=f"C{k + 3}", linewidth=1.2, label=name)
-    joints.set(xlabel="time [ms]", ylabel="joint less that of the rigid arm [deg]")
+    joints.set(xlabel="time [ms]", ylabel="joint less rigid arm's [deg]")
     joints.legend(fontsize="small")
     for axes in (off, joints):
         axes.axvspan(0.0, 1e3 * task.path.duration, color="0.93", zorder=0)
         axes.grid(alpha=0.3)
+    figure.legend(*plane.get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize="small")
     return figure
 
 

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from flexinv.errors import ConvergenceError, FlexinvError, InputError, ModelWarning
     from flexinv.files.mechanism_file import load_mechanism
     from flexinv.files.urdf import from_urdf
-    from flexinv.follow import Following, follow
+    from flexinv.following import Following, follow
     from flexinv.forward import simulate
     from flexinv.linear import LinearModel, linear_model
     from flexinv.mechanism import Mechanism
@@ -33,7 +33,7 @@ _HOME = {
     "Batch": "batch",
     "ConvergenceError": "errors",
     "FlexinvError": "errors",
-    "Following": "follow",
+    "Following": "following",
     "InputError": "errors",
     "LinearModel": "linear",
     "Load": "rest",
@@ -48,7 +48,7 @@ _HOME = {
     "TorqueDerivatives": "derivatives",
     "TorqueFunction": "prepared",
     "base_parameters": "parameters",
-    "follow": "follow",
+    "follow": "following",
     "from_urdf": "files.urdf",
     "joint_torques": "torques",
     "linear_model": "linear",

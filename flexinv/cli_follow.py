@@ -11,7 +11,7 @@ import pandas as pd
 from flexinv.errors import InputError
 from flexinv.files.mechanism_file import load_mechanism
 from flexinv.files.tasks import Task, load_tasks
-from flexinv.follow import follow
+from flexinv.following import follow
 
 
 @click.command("follow")

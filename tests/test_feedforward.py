@@ -13,7 +13,7 @@ from crosscheck.studies import feedforward
 from crosscheck.studies.feedforward import BETTER, REACHED
 from flexinv import load_mechanism
 from flexinv.files.tasks import load_tasks
-from flexinv.follow import INVERSION, JOINT_SPACE, RIGID
+from flexinv.following import INVERSION, JOINT_SPACE, RIGID
 
 
 def rows_of(root: Path, model: str) -> dict[tuple[str, str], dict[str, object]]:

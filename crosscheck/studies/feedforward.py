@@ -14,7 +14,7 @@ from crosscheck.engines.replay import Drive
 from flexinv.errors import InputError
 from flexinv.files.mechanism_file import load_mechanism
 from flexinv.files.tasks import Task, load_tasks
-from flexinv.follow import INVERSION, RIGID, Following, follow
+from flexinv.following import INVERSION, RIGID, Following, follow
 from flexinv.mechanism import Mechanism
 
 Array = NDArray[np.float64]
