@@ -36,7 +36,7 @@ def evaluate_instants(
         _take(s, x[k], r[k], place[k], u[k], du[k])
         set_loads(loads, table[k], s.d[:0])
         for which in range(3 if want else 1):
-            c = Scheme(DYNAMIC, 0.0, 1.0 if which == 1 else 0.0, 1.0 if which == 2 else 0.0, 0.0, 0.0, 0.0, 0.0)
+            c = Scheme(DYNAMIC, 0.0, 1.0 if which == 1 else 0.0, 1.0 if which == 2 else 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
             bad = evaluate(t, e, border, c, s, j, f, d, loads, work, want)
             if bad >= 0:
                 return k, bad
