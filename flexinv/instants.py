@@ -12,13 +12,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from flexinv.assemble import by_root
 from flexinv.compiled import jit, jit_inner
 from flexinv.integrate import DYNAMIC, Scheme
 from flexinv.loads import set_loads
 from flexinv.march import evaluate, record
 from flexinv.mechanism import Array
 from flexinv.rotations import inverse_tangent
-from flexinv.vectors import add_scaled, dot, mat, put, put_block, vec, vec_at
+from flexinv.vectors import add_scaled, mat, put, put_block, vec, vec_at
 
 
 @jit
@@ -121,7 +122,7 @@ def _add_coupling(t, d, nodes, i, q, tangent, out):
                 out[rows + r, columns + 3 + a] += by_t[a]
         else:
             for c in range(t.size[t.block[root]]):
-                out[rows + r, columns + c] += dot(by_x, vec(d.x[root, c])) + dot(by_t, vec(d.t[root, c]))
+                out[rows + r, columns + c] += by_root(tangent, 6 * i + r, root, c, d)
 
 
 @jit
