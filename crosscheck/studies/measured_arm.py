@@ -209,7 +209,7 @@ def parameters(outcomes: dict[str, dict[str, Outcome]]) -> dict[str, Any]:
     known = {p.name: p for p in (*arm.mechanical(True), *arm.of_sensors())}
     keys = list(product((split.name for split in SPLITS), ("rigid", "flexible")))
     columns = [("name", "identified", ""), ("unit", "unit", "")]
-    columns += [(f"{split}/{model}", f"{model}, from the half before {split}", "") for split, model in keys]
+    columns += [(f"{split}/{model}", f"{model}; judged on: {split}", "") for split, model in keys]
     rows = []
     for name, one in known.items():
         row: dict[str, Any] = {"name": name, "unit": one.unit}
