@@ -73,16 +73,29 @@ def name(
     if size <= largest:
         return Naming((), None, size, largest, "the difference is inside the error bars")
     part = float(np.linalg.norm(bars)) / float(np.linalg.norm(residual))
-    fits = ranked(model, residual, candidates(model, DICTIONARY) if known is None else known, part)
+    known = candidates(model, DICTIONARY) if known is None else known
+    fits = ranked(model, residual, known, part)
+    if evidence is not None and contradicted(fits, allowed(part), evidence):
+        fits = ranked(model, residual, known, part, deep=True)
     return chosen(fits, part, size, largest, evidence)
 
 
-def ranked(model: Model, residual: Array, known: list[Candidate], noise: float) -> list[Fit]:
-    """Return a fit [-] of every cause that shows, what explains most first; noise : part of |r| that says nothing."""
+def contradicted(fits: list[Fit], enough: float, evidence: Evidence) -> bool:
+    """Return whether what else is known contradicts all that explain the difference (leave no more than ``enough`` [-])."""
+    explaining = [f for f in fits if f.left <= enough]
+    return bool(explaining) and all(evidence.hear(f, enough) is None for f in explaining)
+
+
+def ranked(model: Model, residual: Array, known: list[Candidate], noise: float, deep: bool = False) -> list[Fit]:
+    """Return a fit [-] of every cause that shows, what explains most first; noise : part of |r| that says nothing.
+
+    deep : refine the size of all of them, whatever the linear look says
+    """
     quick = is_tree(model.base)
     first = {k: fit(model, residual, one) for k, one in enumerate(known)}
     order = sorted((k for k in first if known[k].cause.sized), key=lambda k: first[k].left)
-    first |= {k: fit(model, residual, known[k], ROUNDS[quick], noise) for k in order[: SHORTLIST[quick]]}
+    refined = order if deep and len(known) < MANY else order[: SHORTLIST[quick]]
+    first |= {k: fit(model, residual, known[k], ROUNDS[quick], noise) for k in refined}
     if min((f.left for f in first.values()), default=0.0) > allowed(noise) and len(known) < MANY:
         # Far away, or an angle whose effect begins with its square: a linear look says nothing.
         turning = [k for k in order if known[k].cause.turns] if quick else []
