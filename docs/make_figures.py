@@ -1,8 +1,8 @@
 """Draw the README's pictures from real runs.
 
 ``python docs/make_figures.py`` writes docs/arms.png and docs/feed_forward.png (torques replayed in Exudyn).
-With the results of ``crosscheck bench`` it writes
-docs/time_error.png instead: ``python docs/make_figures.py reports/bench/results.json`` (several files: all of them).
+With the results of ``crosscheck bench`` it writes docs/time_error.png and docs/latency.png instead:
+``python docs/make_figures.py reports/bench/results.json`` (several files: all of them).
 """
 
 from __future__ import annotations
@@ -178,11 +178,47 @@ def panel(axes: Axes, rows: list[dict[str, Any]]) -> None:
     axes.grid(alpha=0.3)
 
 
+# ------------------------------------------------------------------------------------------------------------ latency
+
+CONTROLLED = {
+    "panda": ("seven joints and a gripper, rigid", "C0"),
+    "flex_one_link": ("one flexible link", "C2"),
+    "flex_two_link": ("two flexible links", "C1"),
+    "spatial_arm": ("flexible, in space", "C3"),
+}
+BINS = 10  # in a decade, as `crosscheck bench latency` has them
+
+
+def latency(rows: list[dict[str, Any]]) -> Figure:
+    """Histogram of the time of every step of the controllers, beside the cycles that they are for."""
+    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    axes = figure.add_subplot()
+    for name, (label, colour) in CONTROLLED.items():
+        own = {round(BINS * np.log10(row["latency"])): row["steps"] for row in rows if row["what"] == name}
+        if own:
+            last = np.arange(min(own), max(own) + 1)  # upper edges of the bins, in tenths of a decade
+            counts = [own.get(int(k), 0) for k in last]
+            axes.stairs(counts, 10.0 ** (np.append(last[0] - 1, last) / BINS), baseline=None, color=colour, label=label)
+    for cycle, words in ((1e3, "1 kHz"), (1e4, "the paper's 10 ms")):
+        axes.axvline(cycle, color="0.4", linestyle="--", linewidth=1)
+        axes.annotate(
+            words, (cycle, 0.95), xycoords=("data", "axes fraction"), ha="right", va="top", rotation=90, fontsize=8
+        )
+    axes.set(xscale="log", yscale="log", ylim=(0.7, None), xlabel="time of a step [µs]", ylabel="steps")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize="small", loc="upper center", bbox_to_anchor=(0.55, 1.0))
+    return figure
+
+
 if __name__ == "__main__":
     if len(sys.argv) > 1:
         runs = [json.loads(Path(name).read_text(encoding="utf-8")) for name in sys.argv[1:]]
         merged = {"studies": [study for run in runs for study in run["studies"]]}
-        time_error(merged).savefig(Path(__file__).with_name("time_error.png"), dpi=110)
+        rows = [row for study in merged["studies"] for row in study["rows"]]
+        if any(row.get("arm") in ARMS for row in rows):
+            time_error(merged).savefig(Path(__file__).with_name("time_error.png"), dpi=110)
+        if cycles := [row for row in rows if "latency" in row]:
+            latency(cycles).savefig(Path(__file__).with_name("latency.png"), dpi=110)
     else:
         draw().savefig(Path(__file__).with_name("arms.png"), dpi=110)
         feed_forward().savefig(Path(__file__).with_name("feed_forward.png"), dpi=110)

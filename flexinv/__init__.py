@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from flexinv.batch import Batch, solve_many
+    from flexinv.controller import Controller
     from flexinv.derivatives import TorqueDerivatives, torque_derivatives
     from flexinv.errors import ConvergenceError, FlexinvError, InputError, ModelWarning
     from flexinv.files.mechanism_file import load_mechanism
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 _HOME = {
     "BaseParameters": "parameters",
     "Batch": "batch",
+    "Controller": "controller",
     "ConvergenceError": "errors",
     "FlexinvError": "errors",
     "Following": "following",
@@ -67,6 +69,7 @@ _HOME = {
 __all__ = [
     "BaseParameters",
     "Batch",
+    "Controller",
     "ConvergenceError",
     "FlexinvError",
     "Following",

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.compiled import jit_inner
+from flexinv.compiled import jit, jit_inner
 from flexinv.kinds import CONTINUOUS, FREE, PRISMATIC, REVOLUTE, SPHERICAL
 from flexinv.mechanism import Array
 from flexinv.rotations import quadratic
@@ -112,3 +112,22 @@ def step_coordinates(t, q, d):
                 _turn(q, i + 3, psi)
         else:
             q[i] += d[k]
+
+
+@jit
+def fill_relative(nodes, q, qd, qdd, j):
+    """Set the relative motion of all nodes [m, rad, s] from the joints' coordinates."""
+    for n in range(nodes.parent.shape[0]):
+        move_joint(n, nodes, q, qd, qdd, j)
+
+
+@jit
+def fill_given(nodes, q, qd, qdd, given):
+    """Set coordinate, rate and its rate [rad], [m], [1/s] of all joints that turn or slide, (joints, 3) in the order of nodes."""
+    k = 0
+    for n in range(nodes.parent.shape[0]):
+        if nodes.v_index[n] >= 0:
+            i, v = nodes.q_index[n], nodes.v_index[n]
+            given[k, 0] = math.atan2(q[i + 1], q[i]) if nodes.kind[n] == CONTINUOUS else q[i]
+            given[k, 1], given[k, 2] = qd[v], qdd[v]
+            k += 1

@@ -113,6 +113,11 @@ class PlanarMarch:
             own, at, v = given[:, m.tree.given[n]], self.mesh.q_index[n], self.mesh.v_index[n]
             own[:, 0] = np.arctan2(q[:, at + 1], q[:, at]) if self.mesh.kind[n] == CONTINUOUS else q[:, at]
             own[:, 1], own[:, 2] = qd[:, v], qdd[:, v]
+        return self.run(scheme, given, row, out)
+
+    def run(self, scheme: Scheme, given: Array, row: Indices, out: Histories) -> tuple[int, int, int, float]:
+        """Do what `march` does with the driven joints' ``given`` (steps, joints, 3) q, q', q'' [m, rad, s]."""
+        m = self.model
         status, step, count, size = planar_march(
             m.tree,
             m.elements,

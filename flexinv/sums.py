@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
 from flexinv.compiled import jit
+from flexinv.kinds import CONTINUOUS
+from flexinv.mechanism import Array
 from flexinv.vectors import add, add_to, apply, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
 
 
@@ -98,3 +106,54 @@ def root_samples(roots, x, rotation, wrench, total):
             push, turn = add(push, force), add(turn, add(cross(vec(x[s, n]), force), moment))
         put(total[s], 0, push)
         put(total[s], 3, turn)
+
+
+class Drives(NamedTuple):
+    """Joints by node, and what their drives take besides.
+
+    freedoms : (nodes,); slide, turn : (nodes, 6, 3) axes in the node's frame [-]
+    rotor, damping, friction, stiffness, rest : (nodes,) [kg m^2], [N m s], [N m], [N m/rad], [rad] or of a sliding joint
+    """
+
+    freedoms: NDArray[np.int64]
+    slide: Array
+    turn: Array
+    rotor: Array
+    damping: Array
+    friction: Array
+    stiffness: Array
+    rest: Array
+
+
+@jit
+def instant_torques(nodes, drives, mass, inertia, gravity, x, r, w, a, al, line, q, qd, qdd, tau):
+    """Set the effort of every joint coordinate, (nv,) [N m] or [N], from the motion of all nodes at one instant.
+
+    P = M (a - g), summed from the leaves (line : (nodes, 6) scratch), along the axes; plus what the drive takes
+    """
+    g = vec(gravity)
+    for n in range(nodes.parent.shape[0]):
+        spin, tensor = vec(w[n]), mat(inertia[n])
+        body = add(apply(tensor, vec(al[n])), cross(spin, apply(tensor, spin)))
+        put(line[n], 0, scale(mass[n], sub(vec(a[n]), g)))
+        put(line[n], 3, apply(mat(r[n]), body))
+    for n in range(nodes.parent.shape[0] - 1, -1, -1):
+        m, push = nodes.parent[n], vec_at(line[n], 0)
+        if drives.freedoms[n] > 0:
+            turned = mat(r[n])
+            force, moment = tapply(turned, push), tapply(turned, vec_at(line[n], 3))
+            for i in range(drives.freedoms[n]):
+                v = nodes.v_index[n] + i
+                effort = dot(vec(drives.slide[n, i]), force) + dot(vec(drives.turn[n, i]), moment)
+                rate = qd[v]
+                sign = 1.0 if rate > 0.0 else -1.0 if rate < 0.0 else 0.0
+                effort += drives.rotor[n] * qdd[v] + drives.damping[n] * rate + drives.friction[n] * sign
+                if drives.stiffness[n] != 0.0:
+                    at = nodes.q_index[n]
+                    place = math.atan2(q[at + 1], q[at]) if nodes.kind[n] == CONTINUOUS else q[at]
+                    effort += drives.stiffness[n] * (place - drives.rest[n])
+                tau[v] = effort
+        if m >= 0:
+            arm = sub(vec(x[n]), vec(x[m]))
+            add_to(line[m], 0, push)
+            add_to(line[m], 3, add(vec_at(line[n], 3), cross(arm, push)))

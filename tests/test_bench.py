@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from crosscheck_examples import write_models
 
 from crosscheck import history
-from crosscheck.bench import flexible, marches, parts, rigid, single, targets
+from crosscheck.bench import flexible, latency, marches, parts, rigid, single, targets
 from crosscheck.bench.timing import LONG, Call, Times, busy, in_turns, ratio
 from crosscheck.cli import main
 from crosscheck.engines import pinocchio_bench
@@ -193,3 +193,23 @@ def test_a_night_may_measure_speed_at_its_end(tiny: None, monkeypatch: pytest.Mo
     results = read(tmp_path / "reports" / "latest" / "results.json")
     assert {table.name for table in results.studies} == {"bench", "bench rigid"}
     assert "times as fast as rneaInParallel" in (tmp_path / "reports" / "latest" / "trends" / "index.html").read_text()
+
+
+def test_latencies_of_a_controller_are_a_histogram() -> None:
+    table = latency.study(str(MODELS), arms=["panda", "flex_two_link"], steps=60)
+    for name, asked in (("panda", 5.0), ("flex_two_link", 200.0)):
+        rows = [row for row in table["rows"] if row["what"] == name]
+        assert sum(row["steps"] for row in rows) == 60
+        assert [row["latency"] for row in rows] == sorted(row["latency"] for row in rows)
+        assert rows[-1]["slower"] == 0.0
+        assert rows[0]["metric"]["upper"] == asked
+        assert "of 60 steps" in rows[0]["note"]
+        assert 0.0 < rows[0]["metric"]["value"] <= rows[-1]["latency"]
+
+
+def test_a_slow_controller_is_a_deviation() -> None:
+    rows = latency._rows("slow", 200.0, np.array([150.0, 250.0, 260.0, 2e4]))
+    assert rows[0]["verdict"] == "deviation"
+    assert "2 beyond" not in rows[0]["note"]
+    assert "1 beyond 1 ms, 1 beyond 10 ms of 4 steps" in rows[0]["note"]
+    assert rows[0]["slower"] == 75.0

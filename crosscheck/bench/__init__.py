@@ -5,6 +5,7 @@ Every part is a study (a table of the report made in a process of its own); its 
     timing      calls in turns, repetitions in which the process was not interrupted, medians and quartiles
     targets     what flexinv has to reach, on this machine, and what was reached; the ratios for the history
     rigid       torques of many samples, of one, and of the first call; longer chains
+    latency     cycles of a controller, one call each, as a histogram
     flexible    arms that bend: time beside error
     loops       closed loops beside trees of the same size; many scenarios over threads
 """

@@ -45,6 +45,7 @@ def command(parts: tuple[str, ...], models: Path, quick: bool, out: Path, url: s
     \b
       rigid     torques of 100 to 131,072 samples: flexinv, pin.rnea, rneaInParallel, mj_inverse
       single    one sample through a prepared function; the first call of a fresh process
+      latency   100,000 cycles of a controller, rigid and flexible: a histogram of what every call takes
       chains    from 1 to 64 joints
       one-link, two-link, spatial   arms that bend, beside Exudyn: error and time
       elements  from 4 to 256 elements

@@ -1,0 +1,203 @@
+"""Controller: torques while the motion comes in, one instant a call, for the cycle of a controller.
+
+A rigid mechanism has no memory: every call is `TorqueFunction.sample`.  A flexible one carries its deformation on: every call is
+one step of the march and then tau = L T P, so that the calls are `solve` cut into steps.  The torque that a call returns belongs
+to the instant whose motion it was given; the march needs no later ones.  A controller that must have a torque before its instant
+looks ahead: it gives the motion of an instant to come, as far ahead as its cycle asks, and keeps the torque until then.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexinv.coordinates import Nodes, fill_given, fill_relative
+from flexinv.errors import InputError
+from flexinv.integrate import Scheme, generalized_alpha
+from flexinv.march import CONVERGED
+from flexinv.mechanism import Array, Mechanism
+from flexinv.mesh import Mesh, build
+from flexinv.parameters import axes_of_nodes
+from flexinv.planar import PlanarMarch
+from flexinv.planar_march import Histories
+from flexinv.plane import NotPlanar, find_plane
+from flexinv.prepared import TorqueFunction, prepare
+from flexinv.solver import Solver, Trajectory
+from flexinv.starting import consistent_accelerations, equilibrium, instant, move_as_rigid, start_undeformed
+from flexinv.sums import Drives, instant_torques
+from flexinv.tree import Joints
+
+
+@dataclass(frozen=True, eq=False)
+class Flexible:
+    """What the steps of a flexible mechanism need, allocated once."""
+
+    solver: Solver
+    flat: PlanarMarch | None
+    scheme: Scheme
+    nodes: Nodes
+    drives: Drives
+    joints: Joints
+    one: Joints
+    given: Array
+    row: NDArray[np.int64]
+    written: Histories
+    motion: tuple[Array, ...]
+    line: Array
+    nothing: tuple[Array, Array, Array]
+
+
+@dataclass(eq=False)
+class Controller:
+    """Torques of a mechanism all of whose joints are driven, call by call.
+
+    controller = Controller.of(arm, step=1e-3)      # step: the time between two calls [s]
+    controller.start(q, qd, qdd)                    # once: where the motion begins, undeformed or in equilibrium
+    tau = controller.step(q, qd, qdd)               # every cycle; (nv,) [N m], [N], the same array every time
+    """
+
+    mechanism: Mechanism
+    tau: Array
+    rigid: TorqueFunction | None
+    flexible: Flexible | None
+    begun: bool = field(default=False)
+
+    @classmethod
+    def of(cls, mechanism: Mechanism, step: float | None = None, spectral_radius: float = 0.8) -> Controller:
+        """Return the controller of a tree, rigid or with beams, its kernels compiled.
+
+        step : time between two calls [s], of a mechanism with beams; spectral_radius : as in `solve` [-]
+
+        Raises InputError: closures, springs between points or given forces with beams, no step for beams.
+        """
+        if mechanism.is_rigid:
+            return cls(mechanism, np.zeros(mechanism.nv), prepare(mechanism, threads=1), None)
+        for what in ("closures", "springs", "forces"):
+            if getattr(mechanism, what):
+                raise InputError(
+                    f"controller: mechanism '{mechanism.name}' has beams and {what}, which are not marched step by step; "
+                    "write flexinv.solve(mechanism, motion, step=...) instead"
+                )
+        if step is None:
+            raise InputError(
+                f"controller: mechanism '{mechanism.name}' has beams, whose deformation is carried on from call to call; "
+                "write step = the time between two calls in seconds, for example step=1e-3"
+            )
+        out = cls(
+            mechanism, np.zeros(mechanism.nv), None, _flexible(mechanism, generalized_alpha(step, spectral_radius))
+        )
+        still = mechanism.neutral, np.zeros(mechanism.nv), np.zeros(mechanism.nv)
+        out.start(*still)
+        out.step(*still)
+        out.begun = False
+        return out
+
+    def start(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, initial: str = "consistent") -> Array:
+        """Begin at a motion and return its torques (nv,) [N m], [N]; beams begin undeformed or ("static") in equilibrium.
+
+        Raises InputError for wrong shapes or ``initial``, ConvergenceError where no equilibrium is found.
+        """
+        m, now = self.mechanism, [np.array(part, dtype=float) for part in (q, qd, qdd)]
+        for name, part, size in zip(("q", "qd", "qdd"), now, (m.nq, m.nv, m.nv), strict=True):
+            if part.shape != (size,) or not np.isfinite(part).all():
+                raise InputError(
+                    f"controller: {name} has shape {part.shape}, expected ({size},) finite numbers [rad], [m]"
+                )
+        if initial not in ("consistent", "static"):
+            raise InputError(f"initial = {initial!r}: expected 'consistent' (undeformed) or 'static' (in equilibrium)")
+        self.begun = True
+        if self.flexible is None:
+            return self.step(*now)
+        f = self.flexible
+        start_undeformed(f.solver, *now)
+        f.solver.load_at(0.0, *now)
+        joints = instant(f.solver.mesh, *now)
+        if initial == "static":
+            equilibrium(f.solver, now[0], "at the start")
+            move_as_rigid(f.solver, joints, *now[1:])
+        consistent_accelerations(f.solver, joints, "at the start")
+        if f.flat is not None:
+            f.flat.take(f.solver.state, f.solver.border.ties)
+        return self._torques(*now)
+
+    def step(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """Return the torques (nv,) [N m], [N] of the next instant, always in the same array; nothing else is allocated.
+
+        q : (nq,) [rad], [m]; qd, qdd : (nv,), contiguous arrays of floats
+
+        Raises ConvergenceError where a step of the march fails, InputError for what is not finite or was not started.
+        """
+        if self.rigid is not None:
+            return self.rigid.sample(q, qd, qdd, self.tau)
+        f = self.flexible
+        if f is None or not self.begun:
+            raise InputError(
+                "controller: write controller.start(q, qd, qdd) once, where the motion begins, before step"
+            )
+        if f.flat is not None:
+            fill_given(f.nodes, q, qd, qdd, f.given[0])
+            status, _, count, size = f.flat.run(f.scheme, f.given, f.row, f.written)
+        else:
+            fill_relative(f.nodes, q, qd, qdd, f.joints)
+            status, _, count, size = f.solver.march(f.scheme, f.one, *f.nothing, f.solver.instant)
+        if status != CONVERGED:
+            raise f.solver.complain(status, count, size, "in a step of the controller")
+        return self._torques(q, qd, qdd)
+
+    def _torques(self, q: Array, qd: Array, qdd: Array) -> Array:
+        f = self.flexible
+        assert f is not None
+        mesh = f.solver.mesh
+        instant_torques(
+            f.nodes,
+            f.drives,
+            mesh.mass,
+            mesh.inertia,
+            f.solver.topology.gravity,
+            *f.motion,
+            f.line,
+            q,
+            qd,
+            qdd,
+            self.tau,
+        )
+        return self.tau
+
+
+def _flexible(mechanism: Mechanism, scheme: Scheme) -> Flexible:
+    mesh = build(mechanism)
+    solver, plane = Solver.of(mesh, set()), find_plane(mesh)
+    flat = None if isinstance(plane, NotPlanar) else PlanarMarch.of(mesh, set())
+    nodes = Nodes(mesh.parent, mesh.kind, mesh.offset, mesh.rotation, mesh.axis, mesh.q_index, mesh.v_index)
+    joints = Joints(*(part.copy() for part in instant(mesh, mechanism.neutral, *(2 * [np.zeros(mechanism.nv)]))))
+    out = solver.instant
+    m = out.motion
+    return Flexible(
+        solver, flat, scheme, nodes, _drives(mesh), joints, Joints(*(part[None] for part in joints)),
+        np.zeros((1, int((mesh.v_index >= 0).sum()), 3)), np.zeros(1, dtype=np.int64), _written(out),
+        tuple(part[0] for part in (m.x, m.rotation, m.omega, m.a, m.alpha)), np.zeros((mesh.size, 6)),
+        (np.empty((1, 0, 6)), np.empty((1, 0)), np.empty((1, 0, 3))),
+    )  # fmt: skip
+
+
+def _written(out: Trajectory) -> Histories:
+    """The histories of one instant by the names of the planar march."""
+    m = out.motion
+    named: dict[str, Any] = {
+        "x": m.x, "r": m.rotation, "v": m.v, "w": m.omega, "a": m.a, "al": m.alpha, "wrench": out.wrench,
+        "internal": out.internal, "energy": out.energy, "multipliers": out.multipliers, "iterations": out.iterations,
+    }  # fmt: skip
+    return Histories(**{name: named[name] for name in Histories._fields})
+
+
+def _drives(mesh: Mesh) -> Drives:
+    freedoms, slide, turn = axes_of_nodes(mesh)
+    owner = [joint for joint in mesh.mechanism.joints for _ in range(joint.nv)]
+    table = np.zeros((5, mesh.size))
+    for n in np.flatnonzero(mesh.v_index >= 0):
+        j = owner[int(mesh.v_index[n])]
+        table[:, n] = j.rotor_inertia, j.damping, j.friction, j.stiffness, j.rest
+    return Drives(freedoms, slide, turn, *table)
