@@ -106,7 +106,7 @@ OF_INERTIA = (
     "fixed joint fused wrongly",
     "centre of mass shifted",
 )
-OF_WAVES = ("time step", "numerical damping", "lumped mass", "section stiffness")
+OF_WAVES = ("time step", "numerical damping", "beam damping", "lumped mass", "section stiffness")
 OF_SECTIONS = ("section stiffness", "shear factor", "rotary inertia of the section", "beam mass")
 BENCHES = (
     Bench("double_pendulum", "swing", "pinocchio"),

@@ -56,6 +56,26 @@ def _thinner(beam: Beam, size: float) -> Beam:
     return replace(beam, section=replace(section, rotary_inertia=section.rotary_inertia * (1.0 - size)))
 
 
+def _retarded(beam: Beam, size: float) -> Beam:
+    """Add size [s] times each stiffness to the damping: stress by the rate of strain (Kelvin-Voigt)."""
+    section = beam.section
+    before = 0.0 * section.stiffness if section.damping is None else section.damping
+    return replace(beam, section=replace(section, damping=before + size * section.stiffness))
+
+
+def _undamped(beam: Beam, size: float) -> Beam:
+    return replace(beam, section=replace(beam.section, damping=None))
+
+
+def _damps(beam: Beam) -> bool:
+    return beam.section.damping is not None and bool(beam.section.damping.any())
+
+
+def _moment(model: Model, target: str) -> float:
+    """Return a hundredth of the case's time [s]: what rings a few times in it is damped well by that."""
+    return model.base.case.end / 100.0
+
+
 def _turned(beam: Beam, size: float) -> Beam:
     """Exchange the section's y and z."""
     section, swap = beam.section, [0, 2, 1, 3, 5, 4]
@@ -161,6 +181,24 @@ ROWS = (
         _section(_thinner),
         beams,
         shows="quick motion: rotary inertia matters where bending waves are short",
+    ),
+    Cause(
+        "beam damping",
+        "the damping of {target} is larger by {size} times its stiffness (Kelvin-Voigt)",
+        _section(_retarded),
+        beams,
+        scale=_moment,
+        unit="s",
+        covers=("beam damping dropped",),
+        shows="a stroke and a rest long enough to ring: damping takes the short waves first, and goes with no step",
+    ),
+    Cause(
+        "beam damping dropped",
+        "the damping of {target} stands in the model but is not applied",
+        _section(_undamped),
+        _where(_damps),
+        0,
+        shows="a stroke and a rest long enough to ring",
     ),
     Cause("beam length", "{target} is longer by the fraction {size}", _section(_longer), beams, shows=RING),
     Cause(
