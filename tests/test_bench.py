@@ -176,7 +176,7 @@ def test_a_part_that_there_is_not_is_named() -> None:
     done = CliRunner().invoke(main, ["bench", "rigit"])
     assert done.exit_code == 2
     assert (
-        "no part is called 'rigit'; known: rigid, single, chains, one-link, two-link, spatial, elements, others"
+        "no part is called 'rigit'; known: rigid, single, latency, chains, one-link, two-link, spatial, elements, others"
         in done.output
     )
 
