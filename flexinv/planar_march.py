@@ -50,6 +50,8 @@ STALLED = 1e-12
 # A linearisation serves all iterations of a step, unless it shrinks an increment by less than SLOW: a new one costs as much as
 # two iterations or three.  (That of the step before, even turned with the mechanism, costs two iterations more: dearer.)
 SLOW = 0.03
+# A step that takes more iterations than this is begun anew, cautiously: there may be another solution where it gets to.
+MANY = 12
 
 
 class PlanarWork(NamedTuple):
@@ -140,13 +142,13 @@ def linearise(t, e, k, c, s, f, q, w):
 
 
 @jit_inner
-def newton(t, e, k, c, s, given, f, q, w, slow):
+def newton(t, e, k, c, s, given, f, q, w, slow, most):
     """Solve one step; return status, iterations (or the bad element), last relative increment [-].
 
-    slow : shrinking of an increment [-] from which on the linearisation is made anew, 0 for every time
+    slow : shrinking of an increment [-] from which on the linearisation is made anew, 0 for every time; most : iterations
     """
     size, fresh, last, damped = 0.0, True, False, len(e.damping) > 0
-    for iteration in range(MOST_ITERATIONS + 1):
+    for iteration in range(most + 1):
         turned, worst = evaluate(t, e, k, s, given, f, q, w)
         if not turned <= LARGEST_TURN:
             return TURNED_TOO_MUCH, worst, size
@@ -168,7 +170,7 @@ def newton(t, e, k, c, s, given, f, q, w, slow):
         last = size < ROUNDING or leaves < c.left
         last = last or (damped and iteration > 0 and shrunk > 0.5 and size < STALLED)
         fresh = shrunk > slow if iteration > 0 else slow == 0.0
-    return NOT_CONVERGED, MOST_ITERATIONS, size
+    return NOT_CONVERGED, most, size
 
 
 @jit_inner
@@ -217,11 +219,11 @@ def planar_march(t, e, k, space, c, s, f, q, w, given, row, out):
     for step in range(given.shape[0]):
         start(c, s, order)
         keep(k)
-        status, count, size = newton(t, e, k, c, s, given[step], f, q, w, SLOW)
+        status, count, size = newton(t, e, k, c, s, given[step], f, q, w, SLOW, MANY)
         if status != CONVERGED:  # where something has just let go, the past says little about what comes
             start(c, s, 0)
             return_to(k)
-            status, count, size = newton(t, e, k, c, s, given[step], f, q, w, 0.0)
+            status, count, size = newton(t, e, k, c, s, given[step], f, q, w, 0.0, MOST_ITERATIONS)
         if status != CONVERGED:
             return status, step, count, size
         if row[step] >= 0:

@@ -142,7 +142,7 @@ def test_a_missing_force_breaks_the_balances() -> None:
     weightless = build(replace(s.mechanism, gravity=np.zeros(3)))
     forces, wrong = s.forces, nodal_forces(weightless, s.nodes)
     total = np.hstack([forces.force.sum(axis=1), (np.cross(s.nodes.x, forces.force) + forces.moment).sum(axis=1)])
-    elastic = np.stack([s.balance.elastic, np.gradient(s.balance.elastic, s.time)], axis=1)
+    elastic = np.stack([s.balance.elastic, np.gradient(s.balance.elastic, s.time), np.zeros(len(s.time))], axis=1)
     tau = s.torque_all - drive_efforts(s.mechanism, s.qd, s.qdd)
     found = balance(s.mesh, s.nodes, wrong, tau, s.qd, s.momentum_residual + total, elastic, s.time)
     weight = 9.81 * s.mesh.mass.sum()

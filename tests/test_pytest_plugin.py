@@ -128,7 +128,8 @@ def pytest_on(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """Run pytest as a user would, in a process of its own that knows nothing of this run."""
     command = [sys.executable, "-m", "pytest", "-p", "crosscheck.pytest_plugin", "-p", "no:cacheprovider", *words]
     root = str(Path(__file__).resolve().parent.parent)
-    clean = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}
+    there = ("PYTEST", "CI", "BUILD_NUMBER")  # with the latter two pytest repeats whole messages in its summary
+    clean = {name: value for name, value in os.environ.items() if not name.startswith(there)}
     return subprocess.run(
         command,
         cwd=folder,

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from crosscheck.robots import LARGEST_ERROR, RobotRow
-from crosscheck.studies import STUDIES, incremental, measured_arm, robots, switching
+from crosscheck.studies import STUDIES, feedforward, incremental, measured_arm, robots, switching
 from flexinv import differences
 from flexinv.files.case import Case, load_cases
 from flexinv.files.mechanism_file import load_mechanism
@@ -93,7 +93,8 @@ def test_one_robot_in_all_engines() -> None:
 
 def test_every_study_names_a_function_that_is_there() -> None:
     modules = {
-        f"crosscheck.studies.{m.__name__.rsplit('.', 1)[1]}": m for m in (robots, incremental, switching, measured_arm)
+        f"crosscheck.studies.{m.__name__.rsplit('.', 1)[1]}": m
+        for m in (robots, incremental, switching, measured_arm, feedforward)
     }
     for one in STUDIES.values():
         assert callable(getattr(modules[one.module], one.function))

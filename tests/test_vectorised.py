@@ -17,10 +17,12 @@ NUMBERS = types.Array(types.float64, 1, "C", readonly=True)
 LOOPS: dict[str, tuple[Any, ...]] = {
     "_angles": (ROWS, types.uint64),
     "_turn_outboard": (ROWS, ROWS, types.uint64, NUMBERS),
-    "_turn_inboard": (ROWS, ROWS, types.uint64, NUMBERS),
+    "_turn_inboard": (ROWS, types.uint64, NUMBERS),
+    "_turn_on_inboard": (ROWS, ROWS, types.uint64, NUMBERS),
     "_slide_outboard": (ROWS, ROWS, types.uint64, NUMBERS),
     "_float_outboard": (ROWS, ROWS, types.uint64, NUMBERS),
-    "_float_inboard": (ROWS, ROWS, types.uint64, NUMBERS),
+    "_float_inboard": (ROWS, types.uint64),
+    "_branch_inboard": (ROWS, ROWS, types.uint64, NUMBERS),
 }
 
 
