@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from flexinv.offers import ANSWER, CELLS, DONE, FREE, OFFERED, OWNER, STATE, TAK
 from flexinv.prepared import TorqueFunction, prepare
 
 SAMPLES = 2000
+PATIENCE = 120.0  # s: on a busy machine a thread may wait for its turn as long as one call takes, but not for ever
 OTHERS = 12345  # the owner of an offer that somebody else has made
 
 
@@ -38,10 +40,12 @@ def call(f: TorqueFunction, state: list[Array], mails: np.ndarray) -> tuple[Arra
 
 
 def test_a_helper_takes_part() -> None:
-    f, state, alone = function()
-    f.torques(*state)
-    mail = HELPERS.mails(1, wake=True)[0]
-    for _ in range(1000):  # a busy machine may let the helper begin too late, but not a thousand times
+    f = prepare(tree(), threads=2)
+    state = [np.repeat(a, 100, axis=0) for a in random_states(f.mechanism, SAMPLES, np.random.default_rng(0))]
+    alone = prepare(tree(), threads=1).torques(*state)
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        mail = HELPERS.mails(1, wake=True)[0]
         mail[ANSWER] = OTHERS
         assert np.array_equal(f.torques(*state), alone)
         if mail[ANSWER] == 0:  # it has worked, and found every number finite
