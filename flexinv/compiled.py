@@ -5,50 +5,18 @@ nothing themselves.  So arrays need no reference counting in there (`_nrt`): tha
 Division by zero gives infinity, which Newton's loop finds.  Wrappers for Python are compiled only for `jit`, a third of
 the time of compiling otherwise; a kernel of `jit_inner` called from Python ends the process: call it from a kernel.
 
-Machine code is kept on disk.  Numba asks only whether the file of the function itself is the same, but the code holds
-that of all functions it calls: here it is thrown away when any source of its family changes, its module's and those imported.
+Machine code is kept on disk until a source of its family changes (`sources`).
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
-from functools import cache
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 from numba import njit
 
-# The modules whose text or constants are in machine code.
-SOURCES = (
-    "assemble", "atomics", "beam", "blocks", "border", "branch", "compiled", "coordinates", "damped_beam", "damped_plane",
-    "differentiate", "eliminate", "instants", "integrate", "kinds", "lanes", "loads", "march", "modes", "offers", "planar_beam",
-    "planar_march", "planar_solve", "planar_ties", "planar_tree", "projection", "pulls", "recursion", "regress", "rotations",
-    "rows", "settle", "sums", "system", "ties", "tree", "tridiagonal", "vectors",
-)  # fmt: skip
-_IMPORT = re.compile(r"^from flexinv\.(\w+) import", re.MULTILINE)
-
-
-def family(module: str, folder: Path) -> tuple[str, ...]:
-    """Return the sources [-] that are in the kernels of a module: itself and what it imports of them, all where it is none."""
-    if module not in SOURCES:
-        return SOURCES
-    found, ahead = {module}, [module]
-    while ahead:
-        names = set(_IMPORT.findall((folder / f"{ahead.pop()}.py").read_text(encoding="utf-8")))
-        ahead += sorted(names.intersection(SOURCES) - found)
-        found.update(ahead)
-    return tuple(sorted(found))
-
-
-@cache
-def source_stamp(folder: Path, module: str) -> str:
-    """Return a digest [-] of the sources in ``folder`` that are in the kernels of a module."""
-    digest = sha256()
-    for name in family(module, folder):
-        digest.update((folder / f"{name}.py").read_bytes())
-    return digest.hexdigest()
+from flexinv.sources import source_stamp
 
 
 def forgiving(load: Callable[[], Any]) -> Callable[[], Any]:

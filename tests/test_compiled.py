@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from flexinv.compiled import SOURCES, family, forgiving, source_stamp
+from flexinv.compiled import forgiving
+from flexinv.sources import SOURCES, family, source_stamp
 
 FOLDER = Path(__file__).resolve().parent.parent / "flexinv"
 
