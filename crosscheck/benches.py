@@ -107,6 +107,7 @@ OF_INERTIA = (
     "centre of mass shifted",
 )
 OF_WAVES = ("time step", "numerical damping", "beam damping", "lumped mass", "section stiffness")
+OF_DAMPING = ("beam damping", "beam damping dropped")
 OF_SECTIONS = ("section stiffness", "shear factor", "rotary inertia of the section", "beam mass")
 BENCHES = (
     Bench("double_pendulum", "swing", "pinocchio"),
@@ -124,6 +125,7 @@ BENCHES = (
     Bench("flex_one_link", "bang_bang", "exudyn-ge", FINE, OF_WAVES, steps=20, motion=FLICK),
     Bench("flex_one_link", "bang_bang", "exudyn-ge", FINE, OF_SECTIONS, steps=20, motion=SNAP, shape=STOUT),
     Bench("flex_one_link", "cycloid", "exudyn-ge", FINE, ("curvature dropped",), steps=8, shape=ARC),
+    Bench("flex_one_link_damped", "cycloid", "exudyn-ge", COARSE, OF_DAMPING, steps=8),
     Bench("flex_two_link", "cycloid", "exudyn-ancf", COARSE, steps=8),
     Bench("spatial_arm", "reach", "exudyn-ge", COARSE),
 )

@@ -144,6 +144,9 @@ def plant(setting: Setting, candidate: Candidate, size: float) -> Planted | None
             harmed = softened(setting, size)
         else:
             subject = (cause.plant or cause.change)(setting.subject, target, numbers)
+            engine = adapter(ENGINES[setting.bench.engine])
+            if engine.unsupported(subject.mechanism, subject.case, setting.bench.engine):
+                return None  # it would leave out what was planted
             if _element(setting, subject) != setting.clean.settings.get("element"):
                 return None
             harmed = ask(setting.bench, subject)

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from crosscheck.causes.dictionary import DICTIONARY
-from crosscheck.causes.fit import candidates, effect
+from crosscheck.causes.fit import candidates, effect, fit
 from crosscheck.causes.model import Model, model_of
-from crosscheck.causes.naming import name
+from crosscheck.causes.naming import UNEXPLAINED, name
 from crosscheck.causes.subject import Subject
+from flexinv.errors import InputError
 from flexinv.files.case import load_cases
 from flexinv.files.mechanism_file import load_mechanism
 
@@ -73,6 +74,28 @@ def test_two_causes_at_once_are_not_taken_for_one() -> None:
     both = effect(here, DICTIONARY["viscous damping"], "pivot", np.array([0.1]))
     both = both + effect(here, DICTIONARY["centre of mass shifted"], "lower", np.array([0.02, 0.01, 0.0]))
     assert name(here, both, 1e-9).named == ()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.02])
+def test_an_engine_that_gives_something_else_is_not_taken_for_a_mechanism_almost_without_mass(share: float) -> None:
+    """A sine in the place of efforts ten times as large: a mass scale of -0.9 or so leaves little of the *difference*."""
+    here = model()
+    sine = np.sin(10.0 * here.states.time)[:, None] * share * here.scale * [1.0, 2.0]
+    residual = here.weighted(sine - here.torque)
+    light = fit(here, residual, candidates(here, {"mass scale": DICTIONARY["mass scale"]})[0], rounds=6)
+    assert light.left < UNEXPLAINED
+    naming = name(here, residual, 1e-9)
+    assert naming.named == ()
+    assert naming.words.startswith("no single cause explains it")
+
+
+def test_nothing_has_less_than_no_mass() -> None:
+    here = model()
+    for cause, target in (("mass scale", ""), ("body mass", "lower")):
+        with pytest.raises(
+            InputError, match=r"a fraction of -1\.1 leaves next to nothing: expected more than -0\.9999"
+        ):
+            DICTIONARY[cause].change(here.base, target, np.array([-1.1]))
 
 
 def test_causes_that_a_motion_cannot_tell_apart_are_named_together() -> None:

@@ -7,10 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from crosscheck.causes.cause import Cause, Change, Targets, beams, flexible
+from crosscheck.causes.cause import Cause, Change, Targets, beams, flexible, more_than_nothing
 from crosscheck.causes.model import Model
 from crosscheck.causes.subject import Array, Subject
-from flexinv.errors import InputError
 from flexinv.mechanism import Beam, Body, Inertia, Link
 
 RING = "a stop and a rest long enough to ring: stiffness moves the frequency, mass moves the torque before it, too"
@@ -23,21 +22,14 @@ AT = ": "
 
 def _section(change: Callable[[Beam, float], Beam]) -> Change:
     def changed(subject: Subject, target: str, size: Array) -> Subject:
-        return subject.with_beam(target, lambda beam: change(beam, _possible(size)))
+        return subject.with_beam(target, lambda beam: change(beam, more_than_nothing(size)))
 
     return changed
 
 
-def _possible(size: Array) -> float:
-    """Return a fraction that leaves something of what it is added to; raises InputError."""
-    if not abs(size[0]) < 1.0 and size[0] < 0.0:
-        raise InputError(f"a fraction of {size[0]:g} leaves nothing: expected more than -1")
-    return float(size[0])
-
-
 def _stiffer(subject: Subject, target: str, size: Array) -> Subject:
     link, component = target.split(AT)
-    return subject.with_beam(link, lambda beam: _scaled(beam, STIFFNESS[component], _possible(size)))
+    return subject.with_beam(link, lambda beam: _scaled(beam, STIFFNESS[component], more_than_nothing(size)))
 
 
 def _scaled(beam: Beam, columns: tuple[int, ...], size: float) -> Beam:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from crosscheck.causes.cause import Cause, Change, bodies, mass, pull, pulled, reach, whole
+from crosscheck.causes.cause import Cause, Change, bodies, mass, more_than_nothing, pull, pulled, reach, whole
 from crosscheck.causes.model import Model
 from crosscheck.causes.subject import Array, Subject
 from flexinv.mechanism import Beam, Body, Inertia, Link
@@ -27,7 +27,7 @@ def _inertia(change: Callable[[Inertia, Array], Inertia]) -> Change:
 
 
 def _heavier(inertia: Inertia, size: Array) -> Inertia:
-    factor = 1.0 + float(size[0])
+    factor = 1.0 + more_than_nothing(size)
     return replace(inertia, mass=inertia.mass * factor, tensor=inertia.tensor * factor)
 
 
@@ -76,7 +76,7 @@ def _carriers(model: Model) -> list[str]:
 
 
 def _scaled(subject: Subject, target: str, size: Array) -> Subject:
-    factor = 1.0 + float(size[0])
+    factor = 1.0 + more_than_nothing(size)
 
     def beam(one: Beam) -> Beam:
         section = one.section

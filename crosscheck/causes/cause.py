@@ -9,7 +9,10 @@ import numpy as np
 
 from crosscheck.causes.model import Model
 from crosscheck.causes.subject import Array, Subject
-from flexinv.mechanism import Joint
+from flexinv.errors import InputError
+
+# Of what there is: units that are mistaken (g for kg) leave a thousandth; less is nothing, which other causes are for.
+LEAST = 1e-4
 
 Change = Callable[[Subject, str, Array], Subject]
 Targets = Callable[[Model], Sequence[str]]
@@ -175,6 +178,8 @@ def _over(effort: float, motion: float) -> float:
     return effort / motion if motion else 0.0
 
 
-def acts_on(joint: Joint) -> str:
-    """Return the unit of a joint's effort, "N m" or "N"."""
-    return "N" if joint.kind == "prismatic" else "N m"
+def more_than_nothing(size: Array) -> float:
+    """Return a fraction [-] that leaves something of what it is added to; raises InputError."""
+    if not size[0] > LEAST - 1.0:
+        raise InputError(f"a fraction of {size[0]:g} leaves next to nothing: expected more than {LEAST - 1:g}")
+    return float(size[0])

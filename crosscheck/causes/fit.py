@@ -87,6 +87,15 @@ def _shows(model: Model, cause: Cause, columns: Array) -> bool:
     return cause.turns or float(np.abs(columns).max(initial=0.0)) > NOTHING[model.base.mechanism.is_rigid]
 
 
+def possible(model: Model, one: Fit) -> bool:
+    """Return whether there is a mechanism with the cause in it: a linear look may leave less than no mass."""
+    try:
+        one.cause.change(model.base, one.target, one.size)
+    except IMPOSSIBLE:
+        return False
+    return True
+
+
 def effect(model: Model, cause: Cause, target: str, size: Array) -> Array:
     """Return what a cause of a size [unit] does to the efforts, over the range, (samples nv,) [-]."""
     column = model.difference(cause.change(model.base, target, size))

@@ -1,6 +1,8 @@
 """Which cause is named: the one that explains the difference, with all that this motion cannot tell from it.
 
-A cause is named when it leaves at most UNEXPLAINED of the difference (or no more than the error bars of the engines).
+A cause is named when it leaves at most UNEXPLAINED of the difference (or no more than the error bars of the engines), and of
+the efforts that the engine gave: what explains them predicts them.  An engine that gives next to nothing differs by all of
+the reference, which a mechanism almost without mass would "explain", and would predict none of what the engine did give.
 Every other cause that leaves about as little stands beside it: the motion cannot tell them apart.  Nothing is named
 where nothing explains the difference, and nothing is asked where it is inside the error bars.
 """
@@ -13,7 +15,7 @@ import numpy as np
 
 from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.evidence import Evidence
-from crosscheck.causes.fit import Candidate, Fit, candidates, fit, scan
+from crosscheck.causes.fit import Candidate, Fit, candidates, fit, possible, scan
 from crosscheck.causes.model import Model, is_tree
 from crosscheck.causes.subject import Array
 
@@ -72,12 +74,14 @@ def name(
     size, largest = float(np.abs(residual).max()), float(bars.max())
     if size <= largest:
         return Naming((), None, size, largest, "the difference is inside the error bars")
-    part = float(np.linalg.norm(bars)) / float(np.linalg.norm(residual))
+    total = float(np.linalg.norm(residual))
+    part = float(np.linalg.norm(bars)) / total
+    enough = allowed(part, float(np.linalg.norm(model.weighted(model.torque) + residual)) / total)
     known = candidates(model, DICTIONARY) if known is None else known
-    fits = ranked(model, residual, known, part)
-    if evidence is not None and contradicted(fits, allowed(part), evidence):
-        fits = ranked(model, residual, known, part, deep=True)
-    return chosen(fits, part, size, largest, evidence)
+    fits = ranked(model, residual, known, part, enough)
+    if evidence is not None and contradicted(fits, enough, evidence):
+        fits = ranked(model, residual, known, part, enough, deep=True)
+    return chosen(fits, part, enough, size, largest, evidence)
 
 
 def contradicted(fits: list[Fit], enough: float, evidence: Evidence) -> bool:
@@ -86,9 +90,12 @@ def contradicted(fits: list[Fit], enough: float, evidence: Evidence) -> bool:
     return bool(explaining) and all(evidence.hear(f, enough) is None for f in explaining)
 
 
-def ranked(model: Model, residual: Array, known: list[Candidate], noise: float, deep: bool = False) -> list[Fit]:
+def ranked(
+    model: Model, residual: Array, known: list[Candidate], noise: float, enough: float, deep: bool = False
+) -> list[Fit]:
     """Return a fit [-] of every cause that shows, what explains most first; noise : part of |r| that says nothing.
 
+    enough : what an explanation may leave of |r| [-]
     deep : refine the size of all of them, whatever the linear look says
     """
     quick = is_tree(model.base)
@@ -96,24 +103,31 @@ def ranked(model: Model, residual: Array, known: list[Candidate], noise: float, 
     order = sorted((k for k in first if known[k].cause.sized), key=lambda k: first[k].left)
     refined = order if deep and len(known) < MANY else order[: SHORTLIST[quick]]
     first |= {k: fit(model, residual, known[k], ROUNDS[quick], noise) for k in refined}
-    if min((f.left for f in first.values()), default=0.0) > allowed(noise) and len(known) < MANY:
+    if min((f.left for f in first.values()), default=0.0) > enough and len(known) < MANY:
         # Far away, or an angle whose effect begins with its square: a linear look says nothing.
         turning = [k for k in order if known[k].cause.turns] if quick else []
         first |= {k: fit(model, residual, known[k], ROUNDS[quick], noise) for k in turning}
         first |= {k: min(first[k], scan(model, residual, known[k], noise), key=lambda f: f.left) for k in order}
-    return sorted(first.values(), key=lambda f: f.left)
+    return sorted((f for f in first.values() if possible(model, f)), key=lambda f: f.left)
 
 
-def allowed(noise: float) -> float:
-    """Return what a named cause may leave of |r| [-]; noise : norm of the error bars over that of the difference [-]."""
-    return max(UNEXPLAINED, min(NOISE * noise, 0.5))
+def allowed(noise: float, given: float) -> float:
+    """Return what a named cause may leave of |r| [-].
+
+    noise, given : norms of the error bars and of the engine's efforts over that of the difference [-]
+    """
+    return max(UNEXPLAINED * min(1.0, given), min(NOISE * noise, 0.5), ROUNDED)
 
 
-def chosen(fits: list[Fit], noise: float, size: float, largest: float, evidence: Evidence | None = None) -> Naming:
-    """Return the naming of ranked fits; noise : norm of the error bars over that of the difference [-]."""
+def chosen(
+    fits: list[Fit], noise: float, enough: float, size: float, largest: float, evidence: Evidence | None = None
+) -> Naming:
+    """Return the naming of ranked fits; noise : norm of the error bars over that of the difference [-].
+
+    enough : what an explanation may leave of the difference [-]
+    """
     if not fits:
         return Naming((), None, size, largest, "no cause of the dictionary shows in this motion")
-    enough = allowed(noise)
     fits, ruled_out = (fits, []) if evidence is None else heard(fits, enough, evidence)
     best = fits[0]
     if best.left > enough:

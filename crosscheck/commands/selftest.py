@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import shlex
 import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import click
 from rich.console import Console
@@ -16,10 +17,11 @@ from crosscheck import results as store
 from crosscheck.benches import BENCHES
 from crosscheck.plan import Plan
 from crosscheck.report import render
+from crosscheck.report.words import SIGNS
 from crosscheck.results import StudyRow
 from crosscheck.runner import RESULTS, Options, Work, run
-from crosscheck.studies.selftest import studies, summary
-from crosscheck.terminal import JOBS, MODELS, TIMEOUT, Failure, progress, terminated
+from crosscheck.studies.selftest import ALONE, studies, summary, targets
+from crosscheck.terminal import COLOURS, JOBS, MODELS, TIMEOUT, Failure, progress, terminated
 from crosscheck.terminal import out as out_option
 
 
@@ -36,7 +38,8 @@ def command(names: tuple[str, ...], models: Path, out: Path, jobs: int, timeout:
     matrix planted x named is printed and stands in the report, with a table of every fault per bench.
 
     \b
-    Exit codes: 0  95 % of the faults that matter are named, and nothing on the unharmed mechanisms
+    Exit codes: 0  95 % of the faults that matter are named, and nothing on the unharmed mechanisms; without NAMES, every
+                   cause is named alone somewhere
                 1  not so
                 2  an engine, a model or the harness failed
     """
@@ -46,21 +49,35 @@ def command(names: tuple[str, ...], models: Path, out: Path, jobs: int, timeout:
     with terminated(), progress(Console(stderr=True)) as notify:
         line = shlex.join(["crosscheck", *sys.argv[1:]])
         results = run(Work(Plan(()), {}, studies(models, names), Options(timeout, jobs)), out, notify, line)
-    whole = summary(results.studies)
+    whole = summary(results.studies, whole=not names)
     results = replace(results, studies=(whole, *results.studies))
     store.write(results, out / RESULTS)
     render(results, out)
-    _show(whole)
+    met = targets(results.studies[1:], whole=not names)
+    _show(whole, met)
     Console(stderr=True).print(f"report: {out / 'index.html'}", highlight=False)
     failed = not results.finished or any(table.status != "ok" for table in results.studies)
-    sys.exit(2 if failed else int(whole.rows[-1]["verdict"] != "within"))
+    sys.exit(2 if failed else int(any(line["verdict"] != "within" for line in met)))
 
 
-def _show(whole: StudyRow) -> None:
-    """Print the matrix and the figures."""
-    table = Table(*(title.replace(" in ", "\n") for _, title, _ in whole.columns), box=None, header_style="dim")
-    for row in whole.rows[:-1]:
-        table.add_row(*({True: "yes", False: "no"}.get(row[key], row[key]) for key, _, _ in whole.columns))
-    Console().print(table)
+def _show(whole: StudyRow, met: Sequence[Mapping[str, Any]]) -> None:
+    """Print the matrix with numbered columns, where each cause is named alone, and the targets."""
+    console, benches = Console(), [title for _, title, _ in whole.columns[1:-1]]
+    matrix = whole.rows[: -len(met)]
+    table = Table("planted", box=None, header_style="dim", padding=(0, 1, 0, 0))
+    for k in range(len(benches)):
+        table.add_column(str(k + 1), no_wrap=True, min_width=2)
+    where = Table("cause", "named alone on", box=None, header_style="dim")
+    for row in matrix:
+        table.add_row(row["cause"], *(row[b] for b in benches))
+        where.add_row(row["cause"], row[ALONE])
+    console.print(table)
+    for k, bench in enumerate(benches):
+        console.print(f"{k + 1:2d}  {bench}", highlight=False)
+    console.print(where)
     for paragraph in whole.text.split("\n\n"):
-        Console().print(paragraph, highlight=False)
+        console.print(paragraph, highlight=False)
+    for line in met:
+        verdict = line["verdict"]
+        sign = SIGNS.get(verdict, "✓")
+        console.print(f"[{COLOURS[verdict]}]{sign}[/] {line['cause']}: {line[ALONE]}", highlight=False, soft_wrap=True)
