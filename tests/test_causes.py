@@ -118,3 +118,19 @@ def test_a_model_harmed_where_closures_depend_on_it_is_closed_again() -> None:
     again = replace(heavy, mechanism=replace(heavy.mechanism, closures=(*heavy.mechanism.closures,)))
     other = replace(again, case=replace(again.case, motion=replace(again.case.motion)))
     assert np.abs(here.torques(heavy) - here.torques(other)).max() < 1e-9
+
+
+@pytest.mark.parametrize(("place", "samples"), [("two_arms/carry", 76), ("walker/walk", 141)])
+def test_the_samples_that_a_fit_looks_at_meet_the_instants_at_which_closures_switch(place: str, samples: int) -> None:
+    """A third of the 151 samples would do for the arms, but would step over the grasp; half of them do not."""
+    mechanism, case = place.split("/")
+    here = model(mechanism, case)
+    instants = [
+        t for c in here.base.mechanism.closures for span in c.active for t in span if 0 < t < here.base.case.end
+    ]
+    assert instants
+    for instant in instants:
+        # times are multiples of the sampling interval, to rounding
+        assert np.abs(here.states.time - instant).min() < 1e-9
+    assert len(here.rows) == samples
+    assert np.abs(here.difference(DICTIONARY["gravity off"].change(here.base, "", np.ones(1)))).max() > 0.1

@@ -77,12 +77,19 @@ def model_of(subject: Subject, reference: Record | None = None) -> Model:
     time = sample_times(subject.case)
     rigid = subject.mechanism.is_rigid
     fewest = FEWEST // 2 if subject.mechanism.closures else FEWEST
-    rows = np.arange(0, len(time), max(1, (len(time) - 1) // fewest) if rigid else 1)
+    rows = np.arange(0, len(time), sparse(subject.mechanism, time, (len(time) - 1) // fewest) if rigid else 1)
     held, torque = _first(subject, time[rows])
     shown = torque
     if reference is not None:
         shown = np.array([reference.series[f"torque/{n}"].values for n in subject.mechanism.velocity_names]).T
     return Model(subject, rows, held, torque, scales(subject.mechanism, shown))
+
+
+def sparse(mechanism: Mechanism, time: Array, most: int) -> int:
+    """Return the largest stride up to ``most`` that keeps the samples, of time [s], at which closures begin or cease to act."""
+    instants = {t for c in mechanism.closures for span in c.active for t in span if time[0] < t < time[-1]}
+    samples = [round((t - time[0]) / (time[1] - time[0])) for t in instants]
+    return max((k for k in range(1, most + 1) if not any(n % k for n in samples)), default=1)
 
 
 def scales(mechanism: Mechanism, torque: Array) -> Array:
