@@ -18,7 +18,7 @@ from crosscheck_examples import WICKED, Night, night_run
 from crosscheck.compare import Comparison
 from crosscheck.record import load
 from crosscheck.report import html, junit, markdown, render, words
-from crosscheck.results import CaseRow, EngineRow, Results, RunRow, StudyRow, read
+from crosscheck.results import CaseRow, EngineRow, Results, RunRow, StudyRow, read, write
 
 NOW = "2026-03-01T12:00:00+00:00"
 VOID = {"meta", "link", "br", "img", "input", "hr", "wbr"}
@@ -353,3 +353,20 @@ def test_a_case_with_but_the_reference_is_skipped_not_passed(night: Night) -> No
     assert html.standing([alone]) == "skipped"
     assert html.standing([alone, cells[1]]) == cells[1].verdict
     assert html.standing([replace(alone, verdict="error")]) == "error"
+
+
+def test_curves_of_a_study_stay_in_the_order_in_which_it_gives_them(tmp_path: Path) -> None:
+    """Not by the alphabet: the naive answer first, the best one last."""
+    curves = {name: {"x": [0.0], "y": [1.0]} for name in ("rigid", "flexible", "at rest")}
+    figure = {"title": "tip", "x": "time [s]", "y": "y [m]", "curves": curves}
+    rows = tuple({"kind": name, "x": 1, "y": 1.0, "verdict": "within"} for name in curves)
+    plot = {"x": "x", "y": "y", "group": "kind", "log": False}
+    columns = (("kind", "kind", ""), ("x", "x", ""), ("y", "y", ""))
+    study = StudyRow("one", "one", columns=columns, rows=rows, plot=plot, figures=(figure,))
+    results = Results("2026-03-01T01:00:00+00:00", finished=True, studies=(study,))
+    write(results, tmp_path / "results.json")
+    render(read(tmp_path / "results.json"), tmp_path)
+    text = (tmp_path / "studies" / "one.html").read_text()
+    for name in ("studyplot", "studyfigures"):
+        found = json.loads(text.partition(f'id="{name}">')[2].partition("</script>")[0])
+        assert list((found[0] if name == "studyfigures" else found)["curves"]) == list(curves)

@@ -58,6 +58,7 @@ def environment() -> jinja2.Environment:
         "value": value,
         "breakable": breakable,
     }
+    env.policies["json.dumps_kwargs"] = {}  # curves stay in the order in which they were given
     env.globals |= {"SIGNS": words.SIGNS, "MEANINGS": words.MEANINGS, "study_line": words.study_line}
     return env
 
