@@ -54,28 +54,30 @@ COORDINATES = ("revolute", "continuous", "prismatic")
 def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder: Path) -> None:
     """Write model and script; effort : (samples, nv) [N m] or [N] expected, in mechanism order.
 
-    Raises NotExported for closures that switch, and in time for drives on joints of several coordinates.
+    Raises NotExported in time for drives on joints of several coordinates.
     """
     if engine == TREE:
         check_rigid(mechanism, engine)
-    if exudyn_phases.switched(mechanism):
-        names = ", ".join(c.name for c in mechanism.closures if c.active)
-        raise NotExported(
-            f"closures that act for a while ({names}) are switched step by step in Exudyn and are not exported: see mujoco "
-            "and pinocchio"
-        )
     if (reason := adapter.unsupported(mechanism, case, engine)) is not None:
         raise NotExported(reason)
     time = sample_times(case)
-    state = case.motion.evaluate(mechanism, time)
-    if mechanism.closures and mechanism.is_rigid:
-        state = exudyn_chain.closed_motion(mechanism, case, time)
-    motion = Motion(time, *state, effort, mechanism.coordinate_names, mechanism.velocity_names)
+    motion = Motion(time, *_state(mechanism, case, time), effort, mechanism.coordinate_names, mechanism.velocity_names)
     settings: dict[str, Any] = {"engine": engine}
     if engine == TREE:
         _tree(mechanism, motion, settings | _passive(mechanism, frozenset()), folder)
     else:
         _in_time(mechanism, case, engine, motion, settings, folder)
+
+
+def _state(mechanism: Mechanism, case: Case, time: Array) -> tuple[Array, Array, Array]:
+    """Return q (samples, nq), qd, qdd (samples, nv) [rad], [m], ... of all joints, those that rigid loops move, too."""
+    if exudyn_phases.switched(mechanism):
+        parts = [state for _, state in exudyn_phases.follow(mechanism, case)]
+        q, qd, qdd = (np.concatenate([part[k] for part in parts]) for k in range(3))
+        return q, qd, qdd
+    if mechanism.closures and mechanism.is_rigid:
+        return exudyn_chain.closed_motion(mechanism, case, time)
+    return case.motion.evaluate(mechanism, time)
 
 
 def _passive(mechanism: Mechanism, without: frozenset[str]) -> dict[str, Any]:
@@ -104,6 +106,9 @@ class Look:
 
 
 def _look(mechanism: Mechanism, case: Case, engine: str) -> Look:
+    if exudyn_phases.switched(mechanism):
+        followed = exudyn_phases.Run(mechanism, case, exudyn_phases.follow(mechanism, case))
+        return Look(followed.layout, None, followed.switching.free)
     if beyond_a_tree(mechanism) is None:
         return Look(layout_of(mechanism, case), choose(mechanism, case, engine, PLAIN).plane)
     history = history_of(mechanism, case, exudyn_loops.coarsest(case, PLAIN))
@@ -158,11 +163,18 @@ def _in_time(
     # beside beams, damping and springs of joints without a drive are connectors of the model
     settings |= _passive(mechanism, frozenset() if mechanism.is_rigid else look.free)
     if mechanism.closures and mechanism.is_rigid:
-        units = (np.tile(unit, (len(motion.time), 1)) for unit in np.eye(mechanism.nv))
-        shares = np.stack([exudyn_chain.shared(mechanism, case, motion.q, unit) for unit in units], axis=2)
+        shares = _shares(mechanism, case, motion.q)
         np.savez_compressed(folder / "shares.npz", allow_pickle=False, shares=shares)  # (sample, drive, joint)
     text = "\n\n".join([HEAD, told, *texts])
     write(folder, motion, "run_exudyn.py.txt", {"model.py": text}, settings)
+
+
+def _shares(mechanism: Mechanism, case: Case, q: Array) -> Array:
+    """Return what drives give per effort of the joints that the motion gives, (samples, nv, nv) [-]; q : (samples, nq)."""
+    if exudyn_phases.switched(mechanism):
+        return exudyn_phases.shares(mechanism, exudyn_phases.follow(mechanism, case))
+    units = (np.tile(unit, (len(q), 1)) for unit in np.eye(mechanism.nv))
+    return np.stack([exudyn_chain.shared(mechanism, case, q, unit) for unit in units], axis=2)
 
 
 def _last_tries(runs: list[Recorded]) -> list[Recorded]:
@@ -198,4 +210,6 @@ def _run(mechanism: Mechanism, look: Look, run: Recorded) -> dict[str, Any]:
             effort.append([[int(run.reactions[key]), 0, -1.0] for key in keys])
         else:
             effort.append([[int(run.reactions["moment", joint.name]), 0, -1.0]])
-    return told | {"drivers": [int(d.number) for d in run.drivers], "effort": effort}
+    acting = [{"from": start, "objects": list(on)} for start, on in run.acting]
+    made = {"drivers": [int(d.number) for d in run.drivers], "effort": effort}
+    return told | made | {"switched": list(run.switched), "acting": acting}

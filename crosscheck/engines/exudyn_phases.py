@@ -31,7 +31,16 @@ import numpy as np
 from scipy.linalg import qr
 
 from crosscheck.budget import Family, limit_of, with_bars
-from crosscheck.engines import assembly, exudyn_chain, exudyn_closing, exudyn_lead, exudyn_loops, exudyn_spatial, phases
+from crosscheck.engines import (
+    assembly,
+    exudyn_chain,
+    exudyn_closing,
+    exudyn_lead,
+    exudyn_loops,
+    exudyn_script,
+    exudyn_spatial,
+    phases,
+)
 from crosscheck.engines.applied import closing, reactions
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.exudyn_frames import Array, effort_axes, joint_q
@@ -247,6 +256,10 @@ def switch(mbs: Any, connectors: dict[str, tuple[Any, ...]], switching: Switchin
                 for number in numbers:
                     mbs.SetObjectParameter(number, "activeConnector", name in on)
 
+    numbers = {name: tuple(map(int, own)) for name, own in connectors.items()}
+    acting = (tuple(n for name in numbers if name in on for n in numbers[name]) for on in switching.acting)
+    taken = tuple(n for own in numbers.values() for n in own)
+    exudyn_script.switches(mbs, taken, tuple(zip(switching.starts, acting, strict=True)))
     state = [switching.at(0.0)]
     turn(state[0], None)
 
@@ -264,6 +277,17 @@ def _sum(wrenches: dict[str, Array], closure: str, samples: int) -> Array:
     """What all variants of a closure give together, (samples, 6)."""
     parts = [wrench for name, wrench in wrenches.items() if name.rsplit("/", 1)[0] == closure]
     return np.asarray(sum(parts, np.zeros((samples, 6))))
+
+
+def shares(mechanism: Mechanism, followed: list[tuple[Phase, State]]) -> Array:
+    """Return what drives give per effort of the joints that the motion gives, (samples, nv, nv) [-]."""
+    q = np.concatenate([state[0] for _, state in followed])
+    made = np.zeros((len(q), mechanism.nv, mechanism.nv))
+    for phase, _ in followed:
+        own = q[phase.samples]
+        for k, unit in enumerate(np.eye(mechanism.nv)):
+            made[phase.samples, :, k] = _shared(phase, own, np.tile(unit, (len(own), 1)))[0]
+    return made
 
 
 def _shared(phase: Phase, q: Array, torque: Array) -> tuple[Array, dict[str, Array]]:

@@ -20,8 +20,8 @@ ADDED = ("AddNode", "AddObject", "AddMarker", "AddLoad", "AddSensor")
 
 @dataclass(frozen=True)
 class Recorded:
-    """One solve: the calls (method, item) that built the system, the plan, the drivers, the sensors by key, and what loads
-    that vary are at a time, by number.
+    """One solve: the calls (method, item) that built the system, the plan, the drivers, the sensors by key, what loads that
+    vary are at a time, by number, and which of the connectors that are switched act from which time [s] on.
     """
 
     calls: tuple[tuple[str, Any], ...]
@@ -30,6 +30,8 @@ class Recorded:
     motions: dict[Any, Any]
     reactions: dict[Any, Any]
     loads: dict[Any, Any]
+    switched: tuple[int, ...] = ()
+    acting: tuple[tuple[float, tuple[int, ...]], ...] = ()
 
 
 RUNS: ContextVar[list[Recorded] | None] = ContextVar("RUNS", default=None)
@@ -52,6 +54,8 @@ class Listener:
     def __init__(self, mbs: Any) -> None:
         self.mbs = mbs
         self.calls: list[tuple[str, Any]] = []
+        self.switched: tuple[int, ...] = ()
+        self.acting: tuple[tuple[float, tuple[int, ...]], ...] = ()
 
     def __getattr__(self, name: str) -> Any:
         found = getattr(self.mbs, name)
@@ -81,7 +85,14 @@ def solved(
     """Take down a solve, where recording is on."""
     runs = RUNS.get()
     if runs is not None and isinstance(mbs, Listener):
-        runs.append(Recorded(tuple(mbs.calls), plan, tuple(drivers), dict(motions), dict(reactions), dict(loads)))
+        told = tuple(mbs.calls), plan, tuple(drivers), dict(motions), dict(reactions), dict(loads)
+        runs.append(Recorded(*told, mbs.switched, mbs.acting))
+
+
+def switches(mbs: Any, switched: tuple[int, ...], acting: tuple[tuple[float, tuple[int, ...]], ...]) -> None:
+    """Take down which connectors are switched, and which of them act from which time [s] on, where recording is on."""
+    if isinstance(mbs, Listener):
+        mbs.switched, mbs.acting = switched, acting
 
 
 def source(run: Recorded) -> str:
