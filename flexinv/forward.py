@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike
 from flexinv.applied import applied_forces
 from flexinv.closed import coordinates
 from flexinv.closed_beams import evaluated
-from flexinv.closures import constraint_rows
-from flexinv.errors import InputError
+from flexinv.closures import Rows, constraint_rows
+from flexinv.errors import ConvergenceError, InputError
 from flexinv.evaluate import evaluate
 from flexinv.integrate import generalized_alpha
 from flexinv.joint import JointHistory
-from flexinv.kinematics import Progress, flexible_motion
+from flexinv.kinematics import SAME_TIME, Progress, flexible_motion
 from flexinv.loops import closed_start
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh, build
@@ -43,14 +43,16 @@ def simulate(
     M a + f_elastic + f_velocity - m g = S tau(t), from ``time[0]`` to ``time[-1]``: `solve` with nothing prescribed, so that
     ``simulate`` with the torque of `solve` gives its motion back, up to the time error of both (second order).
 
-    time : (n,) [s], increasing; torque : (n, actuated) [N m], [N], columns as in ``Solution.torque_names``, linear between
-    step : time step and spacing of the samples [s]; spectral_radius, initial : as in `solve` ("static": with the drives' first
-        efforts, which have to hold the mechanism)
+    time : (n,) [s], increasing; torque : (n, actuated) [N m], [N], columns as in ``Solution.torque_names``, linear between; a
+        time given twice is a jump: the first of the two rows ends what is before it, the second begins what follows
+    step : time step and spacing of the samples [s]; spectral_radius, initial : as in `solve` ("static": in equilibrium with the
+        driven joints held where they start)
     start, start_rate : initial coordinates and rates of joints [rad], [m], [1/s], zero unless given; in loops the coordinates
-        are moved onto the closures
+        are moved onto the closures, those of drives where the others cannot close them
     progress : called with the number of samples done since its last call
 
-    Raises InputError for input that cannot be, ConvergenceError (time, increment, advice) if Newton fails.
+    Raises InputError for input that cannot be, a drive of a free joint among it, ConvergenceError (time, increment, advice) if
+    Newton fails.
     """
     table = _table(mechanism, time, torque)
     moves = {j.name for j in mechanism.joints if j.nv}
@@ -66,10 +68,20 @@ def simulate(
     }  # fmt: skip
     mesh = build(mechanism)
     history = _start(mesh, start_coordinates(mechanism, moves, start or {}, start_rate or {}), moves, float(grid[0]))
-    efforts = _efforts(mechanism, table)
+    efforts = _efforts(mechanism, table, float(step))
     switching = Switching(phases(mechanism, grid)) if mechanism.closures else None
     trajectory = flexible_motion(
-        mesh, history, history, grid, scheme, moves, (), initial, progress, switching, efforts=efforts
+        mesh,
+        history,
+        history,
+        grid,
+        scheme,
+        moves,
+        tuple(_jumps(table[0])),
+        initial,
+        progress,
+        switching,
+        efforts=efforts,
     )
     q, qd, qdd = history(grid)
     if switching is not None:
@@ -82,24 +94,47 @@ def simulate(
 def _table(mechanism: Mechanism, time: ArrayLike, torque: ArrayLike) -> tuple[Array, Array]:
     at, values = np.asarray(time, dtype=float), np.asarray(torque, dtype=float)
     names = [n for n, driven in zip(mechanism.velocity_names, mechanism.actuated, strict=True) if driven]
-    if at.ndim != 1 or len(at) < 2 or not np.isfinite(at).all() or (np.diff(at) <= 0).any():
-        raise InputError(f"simulate: time has shape {at.shape}, expected two or more times that increase [s]")
+    if at.ndim != 1 or len(at) < 2 or not np.isfinite(at).all() or not _in_order(at):
+        raise InputError(
+            f"simulate: time has shape {at.shape}, expected two or more times that increase [s]; between the first and the last "
+            "a time may be given twice, where the torque jumps"
+        )
     if values.shape != (len(at), len(names)) or not np.isfinite(values).all():
         raise InputError(
             f"simulate: torque has shape {values.shape}, expected finite numbers ({len(at)}, {len(names)}), a row for each time "
             f"and a column for each drive of '{mechanism.name}': {', '.join(names) or 'none'}"
         )
+    for joint in mechanism.joints:
+        if joint.kind == "free" and joint.actuated:
+            raise InputError(
+                f"simulate: free joint '{joint.name}' of '{mechanism.name}' has a drive, whose force would turn with what it "
+                "moves; write actuated=False and a force with follower=True on its link"
+            )
     return at, values
 
 
-def _efforts(mechanism: Mechanism, table: tuple[Array, Array]) -> Efforts:
-    time, torque = table
+def _in_order(time: Array) -> bool:
+    gaps = np.diff(time)
+    return bool((gaps >= 0).all() and gaps[0] > 0 and gaps[-1] > 0 and (time[2:] > time[:-2]).all())
 
-    def efforts(at: Array) -> Array:
+
+def _jumps(time: Array) -> Array:
+    """Times that are given twice."""
+    return np.asarray(time[1:][np.diff(time) == 0.0])
+
+
+def _efforts(mechanism: Mechanism, table: tuple[Array, Array], step: float) -> Efforts:
+    time, torque = table
+    jumps = np.append(_jumps(time), np.inf)
+
+    def efforts(at: Array, before: bool) -> Array:
+        after = np.minimum(np.searchsorted(jumps, at - SAME_TIME * step), len(jumps) - 1)
+        met = np.where(np.abs(jumps[after] - at) < SAME_TIME * step, jumps[after], at)
         out = np.zeros((len(at), mechanism.nv))
-        out[:, mechanism.actuated] = np.stack([np.interp(at, time, column) for column in torque.T], axis=1).reshape(
-            len(at), -1
-        )
+        # of two rows at one time np.interp takes the second, seen backwards the first
+        line = (-met[::-1], -time[::-1], torque[::-1]) if before else (met, time, torque)
+        found = [np.interp(line[0], line[1], column) for column in line[2].T]
+        out[:, mechanism.actuated] = np.reshape(found, (-1, len(at))).T[:: -1 if before else 1]
         return out
 
     return efforts
@@ -113,12 +148,28 @@ def _start(mesh: Mesh, given: tuple[dict[str, Array], dict[str, Array]], moves: 
         q[m.q_slices[name]] = value
     for name, value in rates.items():
         qd[m.v_slices[name]] = value
-    state = (q, qd, qdd)
+    still = _standing((q, qd, qdd))
+    if not m.closures:
+        return still
+    return _standing(_closed(mesh, still, first, moves, constraint_rows(mesh).of(acting(m, first))))
+
+
+def _closed(mesh: Mesh, still: JointHistory, first: float, moves: set[str], rows: Rows) -> tuple[Array, Array, Array]:
+    """The start on the closures: the joints without drives move onto them, and what they leave open all joints share."""
+    passive = {j.name for j in mesh.mechanism.joints if j.nv and not j.actuated}
+    history = still
+    if passive:
+        try:
+            history = _standing(closed_start(mesh, still, first, coordinates(mesh, passive), rows))
+        except ConvergenceError:  # more drives than freedoms: they have to move, too
+            history = still
+    return closed_start(mesh, history, first, coordinates(mesh, moves), rows)
+
+
+def _standing(state: tuple[Array, Array, Array]) -> JointHistory:
+    """A state of the joints (q, qd, qdd) at all times."""
 
     def still(time: Array) -> tuple[Array, Array, Array]:
         return np.tile(state[0], (len(time), 1)), np.tile(state[1], (len(time), 1)), np.tile(state[2], (len(time), 1))
 
-    if m.closures:
-        rows = constraint_rows(mesh).of(acting(m, first))
-        state = closed_start(mesh, still, first, coordinates(mesh, moves), rows)
     return still

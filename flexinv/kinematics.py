@@ -17,7 +17,14 @@ from flexinv.planar import PlanarMarch
 from flexinv.planar_march import Histories
 from flexinv.plane import NotPlanar, find_plane
 from flexinv.solver import Efforts, Solver, Trajectory, record_instant
-from flexinv.starting import consistent_accelerations, equilibrium, instant, move_as_rigid, start_undeformed
+from flexinv.starting import (
+    consistent_accelerations,
+    equilibrium,
+    instant,
+    move_as_rigid,
+    settle_held,
+    start_undeformed,
+)
 from flexinv.switching import Switching
 from flexinv.tree import Joints
 
@@ -54,7 +61,7 @@ def flexible_motion(
     jumps : times [s] at which accelerations jump; there the accelerations are solved anew (right-hand limit)
     switching : the phases, where closures act for a while; it gathers what happens between them
     every : of so many steps one is kept, from the first on [-]: what memory a long march takes (1 with ``switching``)
-    efforts : time -> (samples, nv) [N m], [N] of the drives of passive joints, which their torque moves; none by default
+    efforts : of the drives of passive joints, which their torque moves (`solver.Efforts`) [N m], [N]; none by default
 
     Raises ConvergenceError with the time, the size of the increment and what to try.
     """
@@ -97,8 +104,11 @@ def _begin(solver: Solver, history: JointHistory, time: Array, initial: str, out
     joints = instant(solver.mesh, q, qd, qdd)
     when = f"at the start, t = {time[0]:g} s"
     if initial == "static":
-        equilibrium(solver, q, when)
-        move_as_rigid(solver, joints, qd, qdd)
+        settled = solver.efforts is None or settle_held(solver, q, float(time[0]), when)
+        if solver.efforts is None:
+            equilibrium(solver, q, when)
+        if settled:
+            move_as_rigid(solver, joints, qd, qdd)
     consistent_accelerations(solver, joints, when)
     record_instant(solver, 0, out)
 

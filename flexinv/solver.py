@@ -24,8 +24,9 @@ from flexinv.system import ElementArrays, Topology, element_arrays, topology
 from flexinv.ties import ties
 from flexinv.tree import Frames, Joints, Variation
 
-# Efforts of the drives of torque-driven joints: time (samples,) [s] -> (samples, nv) [N m], [N].
-Efforts = Callable[[Array], Array]
+# Efforts of the drives of torque-driven joints: time (samples,) [s], and whether the limit before a jump at that time is meant or
+# the one after it -> (samples, nv) [N m], [N].
+Efforts = Callable[[Array, bool], Array]
 
 
 @dataclass(frozen=True)
@@ -167,7 +168,7 @@ class Solver:
         now = np.array([time])
         self.loads.wrench[:] = load_table(self.mesh, now)[0]
         if self.efforts is not None:
-            self.loads.effort[:] = self.drives(now)[0]
+            self.loads.effort[:] = self.drives(now, before=False)[0]
 
     def given(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return what joints with a motion add to the equations of couplings, (samples, rows or 0, 3) [rad], [m] and rates.
@@ -181,11 +182,14 @@ class Solver:
         of_given = replace(rows, gear=np.where(moved, 0.0, rows.gear))
         return np.stack(coupling_residuals(of_given, q, qd, qdd), axis=2)  # (sample, row, rate)
 
-    def drives(self, time: Array) -> Array:
-        """Return the drives' efforts at ``time`` (samples,) [s] by the unknowns, (samples, unknowns or 0) [N m], [N]."""
+    def drives(self, time: Array, before: bool = True) -> Array:
+        """Return the drives' efforts at ``time`` (samples,) [s] by the unknowns, (samples, unknowns or 0) [N m], [N].
+
+        before : where they jump, the limit that ends a step, or the one from which the next begins
+        """
         if self.efforts is None:
             return np.empty((len(time), 0))
-        return np.asarray(self.efforts(time) @ by_unknown(self.mesh, self.topology))
+        return np.asarray(self.efforts(time, before) @ by_unknown(self.mesh, self.topology))
 
     def complain(self, status: int, count: int, size: float, when: str) -> ConvergenceError:
         """Return the error that says where and how the solve failed (``size`` [-] of the last increment) and what to try."""

@@ -81,12 +81,13 @@ MOST_HALVINGS = 12
 def equilibrium(solver: Solver, q: Array, when: str) -> Joints:
     """Find the rest position under gravity, springs and the solver's loads, raised from zero in steps as large as converge [N].
 
-    The unknowns must hold a starting position; returns the relative motion (at rest) of the prescribed joints.
+    The unknowns must hold a starting position, and are at rest afterwards; returns the relative motion of the prescribed joints.
     Raises ConvergenceError, naming the part of the load that was reached.
     """
     nv = solver.mesh.mechanism.nv
     joints = instant(solver.mesh, q, np.zeros(nv), np.zeros(nv))
     level, state = solver.loads.level, solver.state
+    state.u[:], state.du[:] = 0.0, 0.0
     reached, part = 0.0, 1.0
     while reached < 1.0:
         level[0] = min(1.0, reached + part)
@@ -99,6 +100,32 @@ def equilibrium(solver: Solver, q: Array, when: str) -> Joints:
         if part < 0.5**MOST_HALVINGS:
             raise solver.complain(status, count, size, f"{when}, {reached:.1%} of the load")
     return joints
+
+
+def settle_held(solver: Solver, q: Array, time: float, when: str) -> bool:
+    """Put a mechanism that torques move into its equilibrium at a time [s] with all driven joints held at q (nq,) [rad], [m].
+
+    Were they free, joints with nothing to hold them (a vertical axis) would have no one equilibrium, and a first torque seldom
+    is just what holds the others.  False where nothing is left that could settle.
+    """
+    mesh, t = solver.mesh, solver.topology
+    still = np.zeros(mesh.mechanism.nv)
+    held = Solver.of(mesh, {j.name for j in mesh.mechanism.joints if j.nv and not j.actuated})
+    if not len(held.topology.scale):
+        return False
+    acting, own = held.border.ties, solver.border.ties
+    acting.acting[:], acting.place_b[:], acting.w[:] = own.acting, own.place_b, own.w
+    start_undeformed(held, q, still, still)
+    held.load_at(time, q, still, still)
+    equilibrium(held, q, when)
+    nodes = held.topology.independent | (held.topology.freedoms > 0)
+    solver.state.x[nodes], solver.state.r[nodes] = held.state.x[nodes], held.state.r[nodes]
+    for n in np.flatnonzero(held.topology.freedoms):
+        of, to = (int(part.offset[part.block[n]] + part.column[n]) for part in (held.topology, t))
+        solver.state.place[to : to + t.freedoms[n]] = held.state.place[of : of + t.freedoms[n]]
+    solver.frames.x[:], solver.frames.r[:] = held.frames.x, held.frames.r
+    own.multiplier[:] = acting.multiplier
+    return True
 
 
 def move_as_rigid(solver: Solver, joints: Joints, qd: Array, qdd: Array) -> None:

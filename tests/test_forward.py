@@ -63,11 +63,21 @@ def test_a_torque_that_grows_turns_a_wheel() -> None:
     assert s.torque[:, 0] == pytest.approx(s.time, abs=1e-12)
 
 
+def test_a_torque_that_jumps_is_met_exactly() -> None:
+    """2 kg m^2 under nothing until 0.5 s and 1 N m from then on: (t - 0.5)^2 / 4 rad, a parabola, exactly."""
+    s = flexinv.simulate(wheel(), [0.0, 0.5, 0.5, 1.0], [[0.0], [0.0], [1.0], [1.0]], step=1e-2)
+    np.testing.assert_allclose(s.q[:, 0], np.clip(s.time - 0.5, 0.0, None) ** 2 / 4, rtol=0, atol=1e-12)
+    ramp = flexinv.simulate(wheel(), [0.0, 0.49, 0.5, 1.0], [[0.0], [0.0], [1.0], [1.0]], step=1e-2)
+    assert abs(ramp.q - s.q).max() > 1e-3
+
+
 @pytest.mark.parametrize(
     ("time", "torque", "words"),
     [
         ([0.0, 1.0], [[0.0, 1.0]], r"torque has shape \(1, 2\), expected finite numbers \(2, 1\).*axle"),
         ([0.0, 0.0], [[0.0], [1.0]], r"two or more times that increase \[s\]"),
+        ([0.0, 1.0, 1.0], 3 * [[0.0]], r"between the first and the last a time may be given twice"),
+        ([0.0, 0.5, 0.5, 0.5, 1.0], 5 * [[0.0]], r"a time may be given twice"),
         ([0.0, 1.0], [[0.0], [np.nan]], r"finite numbers"),
         ([0.0, 1e-4], [[0.0], [1.0]], r"step = 0\.001 s is longer than the torque's 0\.0001 s"),
     ],
