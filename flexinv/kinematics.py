@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexinv.closures import constraint_rows
 from flexinv.integrate import Scheme
 from flexinv.joint import JointHistory, relative_motion
 from flexinv.loads import load_table
 from flexinv.march import CONVERGED
 from flexinv.mechanism import Array
 from flexinv.mesh import Mesh
-from flexinv.planar import PlanarMarch
-from flexinv.planar_march import Histories
+from flexinv.planar import PlanarMarch, histories
 from flexinv.plane import NotPlanar, find_plane
-from flexinv.solver import Efforts, Solver, Trajectory, record_instant
+from flexinv.solver import Efforts, Solver, Trajectory, complaint, record_instant
 from flexinv.starting import (
     consistent_accelerations,
     equilibrium,
@@ -65,52 +65,34 @@ def flexible_motion(
 
     Raises ConvergenceError with the time, the size of the increment and what to try.
     """
-    solver = Solver.of(mesh, passive or set())
-    plane = find_plane(mesh)
-    flat = None if isinstance(plane, NotPlanar) or efforts is not None else PlanarMarch.of(mesh, passive or set())
-    solver.efforts = efforts
-    out = Trajectory.empty(len(time[::every]), mesh, solver.instant.multipliers.shape[1])
-    switches = {} if switching is None else switching.samples
+    flat = None if efforts is not None else in_plane(mesh, passive or set())
+    alone = flat is not None and initial == "consistent" and (switching is None or switching.never)
+    solver = None if alone else Solver.of(mesh, passive or set(), efforts)
+    out = Trajectory.empty(len(time[::every]), mesh, len(constraint_rows(mesh)))
+    march = _March(mesh, solver, flat, scheme, time, out, every)
     if switching is not None:
-        switching.begin(solver)
-    _begin(solver, after, time, initial, out)
+        switching.begin(mesh, None if solver is None else solver.border.ties)
+    march.begin(after, initial)
+    switches = {} if switching is None else switching.samples
     stops = _jump_samples(time, jumps)
     start, chunk = 1, CHUNK if flat is None else PLANAR_CHUNK
     for stop in sorted({*stops, *switches, len(time) - 1}):
-        if flat is not None:
-            flat.take(solver.state, solver.border.ties)
         for first in range(start, stop + 1, chunk):
             last = min(first + chunk, stop + 1)
-            _march(solver, flat, before, time[first:last], scheme, out, np.arange(first, last), every)
+            march.steps(before, first, last)
             if progress is not None:
                 progress(last - first)
-        switched = switching is not None and stop in switches
-        if flat is not None and (switched or stop in stops):
-            flat.give(solver.state, solver.border.ties)
-        if switching is not None and switched:
-            q, qd, qdd = (part[0] for part in after(time[stop : stop + 1]))
-            solver.load_at(float(time[stop]), q, qd, qdd)
-            switching.switch(solver, switches[stop], instant(mesh, q, qd, qdd), qd, float(time[stop]), out)
+        if switching is not None and stop in switches:
+            march.switch(after, switching, stop)
         elif stop in stops:
-            _restart(solver, after, time, stop, out, every)
+            march.restart(after, stop)
         start = stop + 1
     return out
 
 
-def _begin(solver: Solver, history: JointHistory, time: Array, initial: str, out: Trajectory) -> None:
-    q, qd, qdd = (part[0] for part in history(time[:1]))
-    start_undeformed(solver, q, qd, qdd)
-    solver.load_at(float(time[0]), q, qd, qdd)
-    joints = instant(solver.mesh, q, qd, qdd)
-    when = f"at the start, t = {time[0]:g} s"
-    if initial == "static":
-        settled = solver.efforts is None or settle_held(solver, q, float(time[0]), when)
-        if solver.efforts is None:
-            equilibrium(solver, q, when)
-        if settled:
-            move_as_rigid(solver, joints, qd, qdd)
-    consistent_accelerations(solver, joints, when)
-    record_instant(solver, 0, out)
+def in_plane(mesh: Mesh, passive: set[str]) -> PlanarMarch | None:
+    """Return the planar march of a mesh that lies in a plane [m], with the named joints free, else None."""
+    return None if isinstance(find_plane(mesh), NotPlanar) else PlanarMarch.of(mesh, passive)
 
 
 def _jump_samples(time: Array, jumps: tuple[float, ...]) -> list[int]:
@@ -124,36 +106,91 @@ def _is_jump(t: float, jumps: tuple[float, ...], step: float) -> bool:
     return any(abs(t - jump) < SAME_TIME * step for jump in jumps)
 
 
-def _march(
-    solver: Solver, flat: PlanarMarch | None, history: JointHistory, time: Array, scheme: Scheme, out: Trajectory,
-    steps: NDArray[np.int64], every: int,
-) -> None:  # fmt: skip
-    """March over ``steps``, which end at ``time``, in the plane if there is one, else in space; keep every so many."""
-    q, qd, qdd = history(time)
-    row = np.where(steps % every == 0, steps // every, -1)
-    if flat is not None:
-        m = out.motion
-        written = Histories(
-            m.x, m.rotation, m.v, m.omega, m.a, m.alpha, out.wrench, out.internal, out.energy, out.multipliers, out.iterations
-        )  # fmt: skip
-        status, sample, count, size = flat.march(scheme, q, qd, qdd, row, written)
-    else:
-        rel = Joints(*(np.ascontiguousarray(part) for part in relative_motion(solver.mesh, q, qd, qdd)))
-        table, drives = load_table(solver.mesh, time), solver.drives(time)
-        whole = out.rows(steps[0], steps[-1] + 1) if every == 1 else out.of_length(len(steps))
-        status, sample, count, size = solver.march(scheme, rel, table, drives, solver.given(q, qd, qdd), whole)
-        if every > 1:
-            out.put(row[row >= 0], whole, row >= 0)
-    if status != CONVERGED:
-        raise solver.complain(status, count, size, f"at t = {time[sample]:g} s (step {scheme.h:g} s)")
+@dataclass(frozen=True)
+class _March:
+    """A march over ``time`` [s] that fills ``out``: in the plane if there is one (``flat``), else in space.
 
+    The spatial solver is there where something is found in space: all, a rest position at the start, what a switch does.
+    """
 
-def _restart(solver: Solver, history: JointHistory, time: Array, sample: int, out: Trajectory, every: int) -> None:
-    """Solve the accelerations anew where those of the task jump, and record their right-hand limit."""
-    s = solver.state
-    s.u[:], s.du[:] = s.u0, s.du0
-    q, qd, qdd = (part[0] for part in history(time[sample : sample + 1]))
-    solver.load_at(float(time[sample]), q, qd, qdd)
-    consistent_accelerations(solver, instant(solver.mesh, q, qd, qdd), f"at t = {time[sample]:g} s")
-    if sample % every == 0:
-        record_instant(solver, sample // every, out)
+    mesh: Mesh
+    solver: Solver | None
+    flat: PlanarMarch | None
+    scheme: Scheme
+    time: Array
+    out: Trajectory
+    every: int
+
+    def begin(self, history: JointHistory, initial: str) -> None:
+        """Start undeformed or in equilibrium, with the accelerations that belong to it, and record that."""
+        solver, flat, time = self.solver, self.flat, self.time[:1]
+        when = f"at the start, t = {time[0]:g} s"
+        motion = history(time)
+        if solver is None:
+            assert flat is not None
+            self._check(flat.begin(*motion, histories(self.out)), when)
+            return
+        q, qd, qdd = (part[0] for part in motion)
+        start_undeformed(solver, q, qd, qdd)
+        solver.load_at(float(time[0]), q, qd, qdd)
+        joints = instant(self.mesh, q, qd, qdd)
+        if initial == "static":
+            settled = solver.efforts is None or settle_held(solver, q, float(time[0]), when)
+            if solver.efforts is None:
+                equilibrium(solver, q, when)
+            if settled:
+                move_as_rigid(solver, joints, qd, qdd)
+        consistent_accelerations(solver, joints, when)
+        record_instant(solver, 0, self.out)
+        if flat is not None:
+            flat.take(solver.state, solver.border.ties)
+
+    def steps(self, history: JointHistory, first: int, last: int) -> None:
+        """March over the steps that end at the samples from ``first`` to before ``last``; keep every so many."""
+        time, steps, every = self.time[first:last], np.arange(first, last), self.every
+        q, qd, qdd = history(time)
+        row = np.where(steps % every == 0, steps // every, -1)
+        if self.flat is not None:
+            result = self.flat.march(self.scheme, q, qd, qdd, row, histories(self.out))
+        else:
+            assert self.solver is not None
+            solver, whole = self.solver, self.out.rows(first, last) if every == 1 else self.out.of_length(len(steps))
+            rel = Joints(*(np.ascontiguousarray(part) for part in relative_motion(self.mesh, q, qd, qdd)))
+            table, drives = load_table(self.mesh, time), solver.drives(time)
+            result = solver.march(self.scheme, rel, table, drives, solver.given(q, qd, qdd), whole)
+            if every > 1:
+                self.out.put(row[row >= 0], whole, row >= 0)
+        self._check(result, "at t = {:g} s (step " + f"{self.scheme.h:g} s)", time)
+
+    def restart(self, history: JointHistory, sample: int) -> None:
+        """Solve the accelerations anew where those of the task jump, and record their right-hand limit."""
+        time, row = self.time[sample : sample + 1], sample // self.every if sample % self.every == 0 else -1
+        motion, when = history(time), f"at t = {time[0]:g} s"
+        if self.flat is not None:
+            self._check(self.flat.restart(*motion, np.array([row]), histories(self.out)), when)
+            return
+        assert self.solver is not None
+        q, qd, qdd = (part[0] for part in motion)
+        s = self.solver.state
+        s.u[:], s.du[:] = s.u0, s.du0
+        self.solver.load_at(float(time[0]), q, qd, qdd)
+        consistent_accelerations(self.solver, instant(self.mesh, q, qd, qdd), when)
+        if row >= 0:
+            record_instant(self.solver, row, self.out)
+
+    def switch(self, history: JointHistory, switching: Switching, sample: int) -> None:
+        """Go over to the phase that begins at a sample."""
+        solver, flat, time = self.solver, self.flat, float(self.time[sample])
+        assert solver is not None
+        if flat is not None:
+            flat.give(solver.state, solver.border.ties)
+        q, qd, qdd = (part[0] for part in history(self.time[sample : sample + 1]))
+        solver.load_at(time, q, qd, qdd)
+        switching.switch(solver, switching.samples[sample], instant(self.mesh, q, qd, qdd), qd, time, self.out)
+        if flat is not None:
+            flat.take(solver.state, solver.border.ties)
+
+    def _check(self, result: tuple[int, int, int, float], when: str, time: Array | None = None) -> None:
+        status, sample, count, size = result
+        if status != CONVERGED:
+            raise complaint(self.mesh, status, count, size, when if time is None else when.format(time[sample]))

@@ -9,19 +9,22 @@ import numpy as np
 
 from flexinv.assemble import State
 from flexinv.damped_plane import COEFFICIENTS, RATES
-from flexinv.integrate import Scheme
+from flexinv.integrate import ACCELERATIONS, Scheme
 from flexinv.mechanism import Array
-from flexinv.mesh import CONTINUOUS, PRISMATIC, Mesh
+from flexinv.mesh import PRISMATIC, Mesh
 from flexinv.planar_beam import BLOCK, CONSTANTS
-from flexinv.planar_march import Histories, PlanarWork, planar_march
+from flexinv.planar_march import Histories, PlanarWork, planar_march, planar_start
 from flexinv.planar_model import PlanarModel, planar_model
 from flexinv.planar_solve import PlanarFactors
 from flexinv.planar_ties import PlanarTies
 from flexinv.planar_tree import PlanarFrames, PlanarState
 from flexinv.plane import seen
 from flexinv.rotations import about_axis, log_so3
+from flexinv.solver import Trajectory
 from flexinv.system import Indices
 from flexinv.ties import Ties
+
+_FIRST = np.zeros(1, dtype=np.int64)
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,23 @@ class PlanarMarch:
         )  # fmt: skip
         frames = PlanarFrames(*(np.zeros(shape) for shape in shapes))
         return cls(mesh, m, state, frames, _factors(m), work, _ties(m))
+
+    def begin(self, q: Array, qd: Array, qdd: Array, out: Histories) -> tuple[int, int, int, float]:
+        """Begin undeformed at one instant, q (1, nq), qd, qdd (1, nv) [m, rad, s], with the accelerations that belong to it.
+
+        The first row of ``out`` is written; all closures act.  Return as `march`.
+        """
+        m = self.model
+        joints = np.zeros((self.mesh.size, 3))
+        joints[m.joints.node] = m.joints.coordinates(q, qd, qdd)[0]
+        planar_start(m.tree, m.elements, self.state, joints, self.frames, self.work)
+        return self.march(ACCELERATIONS, q, qd, qdd, _FIRST, out)
+
+    def restart(self, q: Array, qd: Array, qdd: Array, row: Indices, out: Histories) -> tuple[int, int, int, float]:
+        """Find the accelerations [m/s^2], [rad/s^2] anew where the march stands and they jump; arguments as of `march`."""
+        s = self.state
+        s.u[:], s.du[:] = s.u0, s.du0
+        return self.march(ACCELERATIONS, q, qd, qdd, row, out)
 
     def take(self, s: State, ties: Ties) -> None:
         """Begin where the spatial solver stands, with the closures that act there [m, rad, s, N]."""
@@ -107,12 +127,10 @@ class PlanarMarch:
 
         Return status, steps done, iterations or element, last relative increment [-].
         """
-        m = self.model
-        given = np.empty((len(q), int((m.tree.given >= 0).sum()), 3))
-        for n in np.flatnonzero(m.tree.given >= 0):
-            own, at, v = given[:, m.tree.given[n]], self.mesh.q_index[n], self.mesh.v_index[n]
-            own[:, 0] = np.arctan2(q[:, at + 1], q[:, at]) if self.mesh.kind[n] == CONTINUOUS else q[:, at]
-            own[:, 1], own[:, 2] = qd[:, v], qdd[:, v]
+        joints = self.model.joints
+        given = joints.coordinates(q, qd, qdd)
+        if not joints.given.all():
+            given = np.ascontiguousarray(given[:, joints.given])
         return self.run(scheme, given, row, out)
 
     def run(self, scheme: Scheme, given: Array, row: Indices, out: Histories) -> tuple[int, int, int, float]:
@@ -145,13 +163,21 @@ class PlanarMarch:
         return float(axis @ log_so3(placed.T @ s.r[n]))
 
 
+def histories(out: Trajectory) -> Histories:
+    """Return the histories of a trajectory [m, rad, s, N, J] by the names of the planar march."""
+    m = out.motion
+    return Histories(
+        m.x, m.rotation, m.v, m.omega, m.a, m.alpha, out.wrench, out.internal, out.energy, out.multipliers, out.iterations
+    )  # fmt: skip
+
+
 def _ties(m: PlanarModel) -> PlanarTies:
-    """The constraints that say something in the plane; `PlanarMarch.take` sets what may change while they act."""
+    """The constraints that say something in the plane, all of which act; `PlanarMarch.take` changes that."""
     c, n, unknowns = m.constraints, len(m.constraints.row), len(m.tree.scale)
     widest = max(int(m.tree.size.max(initial=0)), 1)
     return PlanarTies(
         row=c.row, direction=c.direction, acting=np.ones(n, dtype=bool), a=c.a, b=c.b,
-        place_a=np.zeros((n, 2)), place_b=np.zeros((n, 2)), u=np.zeros((n, 2)), w=np.zeros((n, 2)),
+        place_a=c.place_a.copy(), place_b=c.place_b.copy(), u=c.u.copy(), w=c.w.copy(),
         multiplier=np.zeros(n), value=np.zeros(n), gradient=np.zeros((n, 6)), sides=np.zeros((n, unknowns)),
         moved=np.zeros((n, unknowns)), flexibility=np.zeros((n, n)), line=np.zeros(unknowns), border=np.zeros((n, n + 1)),
         order=np.zeros(n, dtype=np.int64), step=np.zeros(n), single=c.single, block=c.block, member=c.member,

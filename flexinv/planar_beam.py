@@ -96,6 +96,18 @@ def interpolate(e, pose, u, p):
 
 
 @jit_inner
+def relax(e, p):
+    """Leave all points without stress [N], [N m], exactly."""
+    for block in range(np.uint64(len(e.constants)) // CONSTANTS):
+        at, own = block * BLOCK, block * CONSTANTS
+        for i in range(BLOCK):
+            p[at + i] = 0.0
+        for lane in range(_LANES):
+            p[at + Y1 + lane], p[at + Y2 + lane] = e.constants[own + STRAIN1 + lane], e.constants[own + STRAIN2 + lane]
+            p[at + BEND + lane] = e.constants[own + CURVATURE + lane]
+
+
+@jit_inner
 def point_gradients(e, p):
     """Fill S, y, n, m and the first derivatives of the energy at all points [N], [N m]."""
     for block in range(np.uint64(len(e.constants)) // CONSTANTS):

@@ -13,10 +13,21 @@ from numpy.typing import NDArray
 from flexinv.assemble import LARGEST_TURN
 from flexinv.compiled import jit, jit_inner
 from flexinv.damped_plane import add_viscous, add_viscous_hessians, dissipated, interpolate_rates
-from flexinv.integrate import SQUARED, follow, largest_increment, pseudo_acceleration
+from flexinv.integrate import ACCELERATION, SQUARED, follow, largest_increment, pseudo_acceleration
 from flexinv.march import CONVERGED, MOST_ITERATIONS, NOT_CONVERGED, NOT_FINITE, TURNED_TOO_MUCH
 from flexinv.mechanism import Array
-from flexinv.planar_beam import N1, N2, M, add_forces, energy, interpolate, point, point_gradients, point_hessians
+from flexinv.planar_beam import (
+    N1,
+    N2,
+    M,
+    add_forces,
+    energy,
+    interpolate,
+    point,
+    point_gradients,
+    point_hessians,
+    relax,
+)
 from flexinv.planar_solve import factorise, put_stiffness, solve
 from flexinv.planar_ties import (
     add_ties,
@@ -30,11 +41,13 @@ from flexinv.planar_ties import (
     tie_rows,
 )
 from flexinv.planar_tree import (
+    accept,
     gather,
     gather_variations,
     node_wrench_variations,
     node_wrenches,
     place,
+    stand,
     vary,
     vary_independent,
 )
@@ -105,15 +118,20 @@ class Histories(NamedTuple):
 
 
 @jit_inner
-def evaluate(t, e, k, s, given, f, q, w):
-    """Evaluate the residual [N], [N m] at the present unknowns; return the largest turn [rad] in an element, and which."""
+def evaluate(t, e, k, s, given, f, w, moved):
+    """Evaluate the residual [N], [N m] at the present unknowns; return the largest turn [rad] in an element, and which.
+
+    moved : whether poses or rates have changed since the last evaluation, and with them what the elements feel
+    """
     place(t, s, given, f)
     tie_rows(k, f, False)
-    largest, worst = interpolate(e, f.pose, w.u, w.points)
-    point_gradients(e, w.points)
-    if len(e.damping) > 0:
-        interpolate_rates(e, f.rate, w.rates)
-        add_viscous(e, w.points, w.rates)
+    largest, worst = 0.0, 0
+    if moved:
+        largest, worst = interpolate(e, f.pose, w.u, w.points)
+        point_gradients(e, w.points)
+        if len(e.damping) > 0:
+            interpolate_rates(e, f.rate, w.rates)
+            add_viscous(e, w.points, w.rates)
     add_up(t, e, k, s, f, w)
     return largest, worst
 
@@ -145,11 +163,12 @@ def linearise(t, e, k, c, s, f, q, w):
 def newton(t, e, k, c, s, given, f, q, w, slow, most):
     """Solve one step; return status, iterations (or the bad element), last relative increment [-].
 
+    Where only accelerations are asked for, the state stands still.
     slow : shrinking of an increment [-] from which on the linearisation is made anew, 0 for every time; most : iterations
     """
-    size, fresh, last, damped = 0.0, True, False, len(e.damping) > 0
+    size, fresh, last, damped = 0.0, True, c.mode == ACCELERATION, len(e.damping) > 0
     for iteration in range(most + 1):
-        turned, worst = evaluate(t, e, k, s, given, f, q, w)
+        turned, worst = evaluate(t, e, k, s, given, f, w, c.mode != ACCELERATION)
         if not turned <= LARGEST_TURN:
             return TURNED_TOO_MUCH, worst, size
         if last or len(w.y) == 0:
@@ -209,36 +228,41 @@ def advance(t, c, s):
 def planar_march(t, e, k, space, c, s, f, q, w, given, row, out):
     """March over the steps of one chunk and write the samples that are asked for.
 
-    Where closures act, what is written are the accelerations and multipliers that `planar_ties.settle` finds.
+    Where closures act, what is written are the accelerations and multipliers that `planar_ties.settle` finds.  With
+    `integrate.ACCELERATIONS` nothing moves: they are found for the state at hand, and the march goes on from them.
 
     given : (steps, joints, 3) q, q', q'' of the prescribed joints [m, rad, s]; row : (steps,) of the histories, -1 for none
     Return status, step reached, element or iterations, last relative increment [-].
     """
-    count, size, order = 0, 0.0, 0
+    count, size, order, moves = 0, 0.0, 0, c.mode != ACCELERATION
     vary_independent(t, f, c.cv, c.ca)
     for step in range(given.shape[0]):
-        start(c, s, order)
+        if moves:
+            start(c, s, order)
         keep(k)
         status, count, size = newton(t, e, k, c, s, given[step], f, q, w, SLOW, MANY)
-        if status != CONVERGED:  # where something has just let go, the past says little about what comes
+        if status != CONVERGED and moves:  # where something has just let go, the past says little about what comes
             start(c, s, 0)
             return_to(k)
             status, count, size = newton(t, e, k, c, s, given[step], f, q, w, 0.0, MOST_ITERATIONS)
         if status != CONVERGED:
             return status, step, count, size
+        settles = not moves or (any_acts(k) and row[step] >= 0)
+        if settles:
+            keep(k)
+            settle(t, k, s, f, q, w.residual, c.cv, c.ca)
+            place(t, s, given[step], f)
+            add_up(t, e, k, s, f, w)
         if row[step] >= 0:
-            tied = any_acts(k)
-            if tied:
-                keep(k)
-                settle(t, k, s, f, q, w.residual, c.cv, c.ca)
-                place(t, s, given[step], f)
-                add_up(t, e, k, s, f, w)
             record(row[step], t, e, k, space, f, w, out)
             out.iterations[row[step]] = count
-            if tied:
-                return_to(k)
-                restore(k, s)
-        order = advance(t, c, s)
+        if settles and moves:
+            return_to(k)
+            restore(k, s)
+        if moves:
+            order = advance(t, c, s)
+        else:
+            accept(s)
     return CONVERGED, given.shape[0], count, size
 
 
@@ -287,3 +311,13 @@ def _resultants(k, e, space, p, internal):
         for i in range(3):
             internal[g, i], internal[g, 3 + i] = n2 * side[i], m * axle[i]
         internal[g, 0] = n1
+
+
+@jit
+def planar_start(t, e, s, joint, f, w):
+    """Begin undeformed: joint (nodes, 3) q, q', q'' of all joints [m, rad, s]; the elements feel nothing, not even rounding."""
+    stand(t, s, joint, f)
+    accept(s)
+    relax(e, w.points)
+    for i in range(len(w.rates)):
+        w.rates[i] = 0.0

@@ -25,7 +25,7 @@ from flexinv.planar_beam import (
 )
 from flexinv.planar_march import Embedding
 from flexinv.planar_tree import PlanarTree
-from flexinv.plane import Plane, find_plane, tied_in
+from flexinv.plane import Plane, find_plane, seen, tied_in
 from flexinv.rotations import log_so3
 from flexinv.system import Indices, Topology, topology
 
@@ -40,9 +40,32 @@ class PlanarConstraints:
     direction: NDArray[np.bool_]
     a: Indices
     b: Indices
+    place_a: Array
+    place_b: Array
+    u: Array
+    w: Array
     single: Indices
     block: Indices
     member: Indices
+
+
+@dataclass(frozen=True)
+class JointNodes:
+    """Nodes with a joint, and where their coordinates stand in q and in qd; whether q is (cos, sin); which are prescribed."""
+
+    node: Indices
+    q: Indices
+    v: Indices
+    turns_on: NDArray[np.bool_]
+    given: NDArray[np.bool_]
+
+    def coordinates(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """Return q, q', q'' of the joints, (samples, joints, 3) [m, rad, s], from q (samples, nq), qd, qdd (samples, nv)."""
+        out = np.empty((len(q), len(self.node), 3))
+        out[:, :, 0], out[:, :, 1], out[:, :, 2] = q[:, self.q], qd[:, self.v], qdd[:, self.v]
+        for k in np.flatnonzero(self.turns_on):
+            out[:, k, 0] = np.arctan2(q[:, self.q[k] + 1], q[:, self.q[k]])
+        return out
 
 
 @dataclass(frozen=True)
@@ -51,6 +74,7 @@ class PlanarModel:
 
     pick : (planar unknowns, spatial unknowns) components along the plane's axes, turns about its normal
     place : what `planar` needs to know of the elements' own unknowns
+    joints : the nodes with a joint
     """
 
     plane: Plane
@@ -61,6 +85,7 @@ class PlanarModel:
     pick: Array
     place: tuple[Indices, Indices, Indices]
     constraints: PlanarConstraints
+    joints: JointNodes
 
 
 @lru_cache(maxsize=64)
@@ -71,7 +96,14 @@ def planar_model(mesh: Mesh, passive: frozenset[str]) -> PlanarModel:
     tree, elements, space = _tree(mesh, t, plane), _elements(mesh, plane), _embedding(mesh, plane)
     pick = _pick(mesh, t, tree, plane, space)
     tied = _constraints(constraint_rows(mesh), plane, tree)
-    return PlanarModel(plane, t, tree, elements, space, pick, _places(tree, elements), tied)
+    return PlanarModel(plane, t, tree, elements, space, pick, _places(tree, elements), tied, _joints(mesh, tree))
+
+
+def _joints(mesh: Mesh, tree: PlanarTree) -> JointNodes:
+    node = np.flatnonzero(mesh.v_index >= 0)
+    return JointNodes(
+        node, mesh.q_index[node], mesh.v_index[node], mesh.kind[node] == CONTINUOUS, tree.given[node] >= 0
+    )
 
 
 def _pick(mesh: Mesh, t: Topology, tree: PlanarTree, plane: Plane, space: Embedding) -> Array:
@@ -185,4 +217,10 @@ def _constraints(rows: Rows, plane: Plane, t: PlanarTree) -> PlanarConstraints:
     for own, k in zip(member, blocks, strict=True):
         own[: len(members[k])] = members[k]
     single = np.array([members[k][0] for k in range(count) if alone[k]], dtype=np.int64)
-    return PlanarConstraints(row, rows.direction[row], a, b, single, np.array(blocks, dtype=np.int64), member)
+    place_a, place_b, u, w = (
+        np.ascontiguousarray(seen(plane, node, v[row])[:, :2])
+        for node, v in ((a, rows.place_a), (b, rows.place_b), (a, rows.u), (b, rows.w))
+    )
+    return PlanarConstraints(
+        row, rows.direction[row], a, b, place_a, place_b, u, w, single, np.array(blocks, dtype=np.int64), member
+    )

@@ -138,6 +138,29 @@ def _carry(n, t, f):
 
 
 @jit_inner
+def stand(t, s, joint, f):
+    """Set the unknowns to the rigid motion of the stress-free mechanism whose joints (nodes, 3) are at q, q', q'' [m, rad, s]."""
+    for n in range(len(t.parent)):
+        o, own = t.offset[t.block[n]], t.column[n]
+        for i in range(3):
+            f.joint[n, i] = joint[n, i]
+        _carry(n, t, f)
+        if t.independent[n]:
+            for i in range(3):
+                s.start[n, i], s.u[o + i], s.du[o + i] = f.pose[n, i], f.rate[n, i], f.acceleration[n, i]
+        elif own >= 0:
+            s.start[n, 0], s.u[o + own], s.du[o + own] = joint[n, 0], joint[n, 1], joint[n, 2]
+
+
+@jit_inner
+def accept(s):
+    """Let the next step start from the present velocities [m/s] and accelerations [m/s^2], without a past."""
+    for k in range(len(s.d)):
+        s.u0[k], s.du0[k], s.pseudo[k] = s.u[k], s.du[k], s.du[k]
+        s.d[k], s.trend[k], s.bend[k] = 0.0, 0.0, 0.0
+
+
+@jit_inner
 def vary_independent(t, f, cv, ca):
     """Set how independent nodes move with their own unknowns [m, rad, s], once and for all: dv = cv dx, da = ca dx."""
     for n in range(len(t.parent)):

@@ -77,7 +77,7 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
         return closed_solution(mesh, still, now, passive, dict(SETTINGS))
     switching = Switching(phases(loaded, now))
     solver = Solver.of(mesh, passive)
-    switching.begin(solver)
+    switching.begin(mesh, solver.border.ties)
     if mechanism.closures:
         rows = constraint_rows(mesh).of(switching.phases[0].active)
         at = closed_start(mesh, still, 0.0, coordinates(mesh, passive), rows)[0]

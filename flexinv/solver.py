@@ -110,8 +110,8 @@ class Solver:
     efforts: Efforts | None = None
 
     @classmethod
-    def of(cls, mesh: Mesh, passive: set[str]) -> Solver:
-        """Return the solver of a mesh with the named joints free."""
+    def of(cls, mesh: Mesh, passive: set[str], efforts: Efforts | None = None) -> Solver:
+        """Return the solver of a mesh with the named joints free, moved by the ``efforts`` of their drives [N m], [N]."""
         t = topology(mesh, passive)
         unknowns, widest = len(t.scale), max(int(t.size.max(initial=0)), 1)
         state = State(
@@ -125,7 +125,9 @@ class Solver:
         border, sides = Border(tied, pulls(mesh, tied)), 1 + len(tied.a)
         work = _work(mesh, t, unknowns, widest, sides)
         increment, instant = np.zeros((sides, unknowns)), Trajectory.empty(1, mesh, len(rows))
-        return cls(mesh, t, element_arrays(mesh), state, frames, variation, work, loads, increment, border, instant)
+        return cls(
+            mesh, t, element_arrays(mesh), state, frames, variation, work, loads, increment, border, instant, efforts
+        )
 
     def march(
         self, scheme: Scheme, rel: Joints, table: Array, efforts: Array, given: Array, out: Trajectory
@@ -192,20 +194,25 @@ class Solver:
         return np.asarray(self.efforts(time, before) @ by_unknown(self.mesh, self.topology))
 
     def complain(self, status: int, count: int, size: float, when: str) -> ConvergenceError:
-        """Return the error that says where and how the solve failed (``size`` [-] of the last increment) and what to try."""
-        name = self.mesh.mechanism.name
-        if status == TURNED_TOO_MUCH:
-            e = self.mesh.elements
-            link = self.mesh.mechanism.links[int(e.link[count])].name
-            return ConvergenceError(
-                f"mechanism '{name}', link '{link}', {when}: element {count} turns by more than 2.5 rad between its nodes; "
-                "use more elements (elements = 2 or more on this link), or a smaller step if the motion diverged"
-            )
-        what = "is not a finite number" if status == NOT_FINITE else f"is still {size:.1e} after {count} iterations"
+        """Return the error that says where and how the solve failed, see `complaint`; size [-]."""
+        return complaint(self.mesh, status, count, size, when)
+
+
+def complaint(mesh: Mesh, status: int, count: int, size: float, when: str) -> ConvergenceError:
+    """Return the error that says where and how a solve failed (``size`` [-] of the last increment) and what to try."""
+    name = mesh.mechanism.name
+    if status == TURNED_TOO_MUCH:
+        e = mesh.elements
+        link = mesh.mechanism.links[int(e.link[count])].name
         return ConvergenceError(
-            f"mechanism '{name}', {when}: Newton's increment (relative to the mechanism's length) {what}; "
-            "try a smaller step, a smoother motion (law = 'quintic'), or check that the stiffness is what you mean"
+            f"mechanism '{name}', link '{link}', {when}: element {count} turns by more than 2.5 rad between its nodes; "
+            "use more elements (elements = 2 or more on this link), or a smaller step if the motion diverged"
         )
+    what = "is not a finite number" if status == NOT_FINITE else f"is still {size:.1e} after {count} iterations"
+    return ConvergenceError(
+        f"mechanism '{name}', {when}: Newton's increment (relative to the mechanism's length) {what}; "
+        "try a smaller step, a smoother motion (law = 'quintic'), or check that the stiffness is what you mean"
+    )
 
 
 def _work(mesh: Mesh, t: Topology, unknowns: int, widest: int, sides: int) -> Work:

@@ -17,7 +17,7 @@ from flexinv.phases import Phase, Stretch
 from flexinv.reactions import closure_reactions
 from flexinv.solver import Solver, Trajectory, record_instant
 from flexinv.starting import accept, consistent_accelerations
-from flexinv.ties import set_ties
+from flexinv.ties import Ties, set_ties
 from flexinv.tree import Joints
 
 
@@ -29,11 +29,17 @@ class Switching:
     stretches: list[Stretch] = field(default_factory=list)
     impacts: list[Impact] = field(default_factory=list)
 
-    def begin(self, solver: Solver) -> None:
+    @property
+    def never(self) -> bool:
+        """Whether all closures act all the time [-]."""
+        return len(self.phases) == 1 and bool(self.phases[0].active.all())
+
+    def begin(self, mesh: Mesh, ties: Ties | None) -> None:
         """Let the closures of the first phase act, with the frames [m] that the mechanism states."""
-        rows = constraint_rows(solver.mesh)
+        rows = constraint_rows(mesh)
         self.stretches.append(Stretch(self.phases[0], rows))
-        set_ties(solver.border.ties, rows, self.phases[0].active)
+        if ties is not None:
+            set_ties(ties, rows, self.phases[0].active)
 
     @property
     def samples(self) -> dict[int, Phase]:

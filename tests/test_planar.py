@@ -41,6 +41,9 @@ RATE, ACCELERATION = 1e-10, 1e-9
 # they are a difference of strains times EA, whose rounding, 1e-16 of a unit strain, is amplified by slopes of the interpolation
 # (10) and by dozens of terms.
 FORCE, STIFF_FORCE = 2e-11, 1e-14
+# At an undeformed start elements in the plane feel nothing at all; in space they feel the rounding of their strains, 1e-16, some
+# ten times the interpolation's slopes, times EA = 1.5e6 N over 1e-3 kg of a node: 1e-6 m/s^2 of 600, gone after some steps.
+START = 10.0 * ACCELERATION
 # Newton in space leaves out how the forces of closures turn, so that the increment below 1e-8 which it stops at is not squared,
 # but multiplied by these forces over the stiffness of a step, 1e-3 and less: 1e-11 of the length where trees have 1e-13.
 CLOSED = 100.0
@@ -64,13 +67,15 @@ def difference(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.abs(a - b).max() / np.abs(b).max())
 
 
-def compare_motion(a: flexinv.Solution, b: flexinv.Solution, looser: float = 1.0) -> None:
+def compare_motion(
+    a: flexinv.Solution, b: flexinv.Solution, looser: float = 1.0, acceleration: float = ACCELERATION
+) -> None:
     assert difference(a.nodes.x, b.nodes.x) < looser * POSITION
     assert difference(a.nodes.rotation, b.nodes.rotation) < looser * POSITION
     assert difference(a.nodes.v, b.nodes.v) < looser * RATE
     assert difference(a.nodes.omega, b.nodes.omega) < looser * RATE
-    assert difference(a.nodes.a, b.nodes.a) < looser * ACCELERATION
-    assert difference(a.nodes.alpha, b.nodes.alpha) < looser * ACCELERATION
+    assert difference(a.nodes.a, b.nodes.a) < looser * acceleration
+    assert difference(a.nodes.alpha, b.nodes.alpha) < looser * acceleration
     assert difference(a.q, b.q) < looser * POSITION
     assert difference(a.balance.elastic, b.balance.elastic) < looser * POSITION
 
@@ -109,7 +114,7 @@ def test_soft_mechanisms_move_as_in_space(name: str, monkeypatch: pytest.MonkeyP
 @pytest.mark.parametrize("name", PAPER_CASES)
 def test_the_papers_arms_move_as_in_space(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     a, b = in_plane(PAPER_CASES[name]), in_space(monkeypatch, PAPER_CASES[name])
-    compare_motion(a, b)
+    compare_motion(a, b, acceleration=START)
     stiffness = STRIP.stiffness[0, 0]
     assert difference(a.torque_all, b.torque_all) < FORCE
     assert np.abs(a.reaction - b.reaction).max() < STIFF_FORCE * stiffness * 0.4
