@@ -10,7 +10,7 @@ from flexinv.inverse import NodalForces, plain
 from flexinv.mechanism import Array
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
-from flexinv.sums import energy_samples, root_samples
+from flexinv.sums import energy_samples, power_samples, root_samples
 
 
 @dataclass(frozen=True)
@@ -70,9 +70,10 @@ def balance(
 
 def _power(motion: NodalMotion, forces: NodalForces) -> Array:
     """Sum of P . v + Q . w over all nodes, (samples,) [W]."""
-    turning = np.einsum("snij,snj->sni", motion.rotation, motion.omega)  # (sample, node, xyz), world frame
-    pushed = np.einsum("sni,sni->s", forces.force, motion.v)
-    return np.asarray(pushed + np.einsum("sni,sni->s", forces.moment, turning))
+    power = np.zeros(len(motion.v))
+    parts = motion.rotation, motion.v, motion.omega, forces.force, forces.moment
+    power_samples(*(plain(part) for part in parts), power)
+    return power
 
 
 def base_reaction(mesh: Mesh, motion: NodalMotion, wrench: Array) -> Array:

@@ -159,18 +159,22 @@ def _phased_shares(mesh: Mesh, motion: NodalMotion, tree: Array, stretches: list
 
 def closing_forces(motion: NodalMotion, stretches: list[Stretch], multipliers: Array) -> NodalForces:
     """Return the nodal forces [N], [N m] of all closures' multipliers (samples, rows)."""
+    if len(stretches) == 1:
+        return row_forces(motion, stretches[0].rows, multipliers)
     parts = [row_forces(motion.samples(s.span), s.rows, multipliers[s.span]) for s in stretches]
-    if len(parts) == 1:
-        return parts[0]
     return NodalForces(np.concatenate([p.force for p in parts]), np.concatenate([p.moment for p in parts]))
 
 
 def geared(solution: Solution, efforts: Array) -> Solution:
     """Return the solution less the efforts (samples, nv) [N m], [N] that couplings give joints in place of their drives."""
+    if not efforts.any():
+        return solution
     return replace(solution, torque_all=solution.torque_all - efforts, reaction=solution.reaction - efforts)
 
 
 def phased_reactions(mesh: Mesh, motion: NodalMotion, stretches: list[Stretch], multipliers: Array) -> dict[str, Array]:
     """Return `closure_reactions` [N], [N m] with the frames of each phase, (samples, 6) per closure."""
+    if len(stretches) == 1:
+        return closure_reactions(mesh, motion, stretches[0].rows, multipliers)
     parts = [closure_reactions(mesh, motion.samples(s.span), s.rows, multipliers[s.span]) for s in stretches]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

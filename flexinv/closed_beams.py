@@ -59,7 +59,7 @@ def flexible_closed_solution(
 
     initial = str(settings["initial"])
     trajectory = flexible_motion(mesh, before, started, time, scheme, passive, jumps, initial, progress, switching)
-    q, qd, qdd = after(time)
+    q, qd, qdd = (part.copy() for part in after(time))
     q[0] = q0[0]
     return evaluated(mesh, trajectory, time, (q, qd, qdd), passive, settings, switching)
 

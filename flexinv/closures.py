@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from flexinv.coordinates import Nodes
 from flexinv.errors import InputError
 from flexinv.inverse import NodalForces, plain
-from flexinv.mechanism import CLOSURES, COUPLED, WORLD, Array, Attachment, Closure, Mechanism
+from flexinv.mechanism import CLOSURES, COUPLED, WORLD, Array, Attachment, Closure, Mechanism, Placement
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
 from flexinv.rows import RowArrays, end_samples, jacobians, push_samples, residual_samples
@@ -57,6 +57,8 @@ class Rows:
 
     def of(self, active: NDArray[np.bool_]) -> Rows:
         """Return the rows of the closures that are ``active`` (closures,)."""
+        if active.all():
+            return self
         k = active[self.closure]
         parts = {f.name: getattr(self, f.name)[k] for f in fields(self) if f.name != "place"}
         return replace(self, **parts)
@@ -196,10 +198,15 @@ def row_forces(motion: NodalMotion, rows: Rows, multipliers: Array) -> NodalForc
     return NodalForces(force, moment)
 
 
-def end_wrench(motion: NodalMotion, rows: Rows, multipliers: Array, second: bool) -> Array:
-    """Return force [N] and moment [N m] (world, about the node) of all rows on their second node, or first, (samples, 6)."""
+def end_wrench(motion: NodalMotion, rows: Rows, multipliers: Array, node: int, frame: Placement) -> Array:
+    """Return force [N] and moment [N m] of all rows on their second node, at a frame there and in its axes, (samples, 6).
+
+    node : the second, or the first, on which they act the other way round
+    """
     wrench = np.zeros((len(motion.x), 6))
-    end_samples(row_arrays(rows), *_world(motion), plain(multipliers), second, wrench)
+    end_samples(
+        row_arrays(rows), *_world(motion), plain(multipliers), node, frame.position, plain(frame.rotation), wrench
+    )
     return wrench
 
 

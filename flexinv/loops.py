@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NoReturn
 
 import numpy as np
@@ -152,7 +153,9 @@ def closed_start(
     As `closed_motion` at one time, but what the closures leave open stays at its start: it is free to move.
     Raises ConvergenceError when the loops cannot be closed.
     """
-    q, qd, qdd = (part[0] for part in history(np.array([time])))
+    q, qd, qdd = (part[0].copy() for part in history(np.array([time])))
+    if _close(mesh, rows, unknown, q, qd, qdd):
+        return q, qd, qdd
     q = _Follower(mesh, rows, history, unknown).start(time, q)
     for order, rate in ((1, qd), (2, qdd)):
         motion = rigid_motion(mesh, q[None], qd[None], qdd[None])
@@ -160,6 +163,21 @@ def closed_start(
         open_ = residuals(motion, rows)[order] + coupling_residuals(rows, q[None], qd[None], qdd[None])[order]
         rate[unknown] -= np.linalg.lstsq(g, open_[0], rcond=REDUNDANT)[0]
     return q, qd, qdd
+
+
+def _close(mesh: Mesh, rows: Rows, unknown: NDArray[np.bool_], q: Array, qd: Array, qdd: Array) -> bool:
+    """Close one state in place, compiled; False, and all as it was, where closures leave something open or Newton fails."""
+    nodes, closures, problem, *motion = _compiled(mesh, rows, unknown)
+    anywhere = problem._replace(sizes=np.full(len(q), np.inf))
+    both, condition = np.stack([q, q]), np.empty(1)
+    if follow(nodes, closures, anywhere, np.zeros(2), both, np.zeros((2, len(qd))), 1, *motion) < 2:
+        return False
+    first, second = (np.where(unknown, 0.0, rate)[None] for rate in (qd, qdd))
+    rates(nodes, closures, problem, both[1:], first, second, condition, *motion)
+    if not condition[0] < WORST_CONDITION:
+        return False
+    q[:], qd[:], qdd[:] = both[1], first[0], second[0]
+    return True
 
 
 def _rates(
@@ -351,6 +369,7 @@ class _Follower:
         )
 
 
+@lru_cache(maxsize=64)
 def _sizes(mesh: Mesh) -> Array:
     """What each coordinate is measured against, (nq,): positions against the mechanism's length [m], all others against 1."""
     sizes = np.ones(mesh.mechanism.nq)

@@ -15,7 +15,7 @@ from flexinv.mesh import PRISMATIC, Mesh
 from flexinv.planar_beam import BLOCK, CONSTANTS
 from flexinv.planar_march import Histories, PlanarWork, planar_march, planar_start
 from flexinv.planar_model import PlanarModel, planar_model
-from flexinv.planar_solve import PlanarFactors
+from flexinv.planar_solve import FOUR, PlanarFactors
 from flexinv.planar_ties import PlanarTies
 from flexinv.planar_tree import PlanarFrames, PlanarState
 from flexinv.plane import seen
@@ -179,18 +179,20 @@ def _ties(m: PlanarModel) -> PlanarTies:
         row=c.row, direction=c.direction, acting=np.ones(n, dtype=bool), a=c.a, b=c.b,
         place_a=c.place_a.copy(), place_b=c.place_b.copy(), u=c.u.copy(), w=c.w.copy(),
         multiplier=np.zeros(n), value=np.zeros(n), gradient=np.zeros((n, 6)), sides=np.zeros((n, unknowns)),
-        moved=np.zeros((n, unknowns)), flexibility=np.zeros((n, n)), line=np.zeros(unknowns), border=np.zeros((n, n + 1)),
-        order=np.zeros(n, dtype=np.int64), step=np.zeros(n), single=c.single, block=c.block, member=c.member,
-        mass=np.zeros((widest, widest)), kept=np.zeros(n), accelerations=np.zeros(unknowns),
+        moved=np.zeros((n, unknowns)), stiffness=np.zeros((n, n)), open=np.zeros(n), step=np.zeros(n),
+        left=np.zeros(n, dtype=bool), line=np.zeros(unknowns), single=c.single, over=c.over,
+        block=c.block, member=c.member, mass=np.zeros((widest, widest)),
+        change=np.zeros((len(m.tree.parent), 3)), kept=np.zeros(n), accelerations=np.zeros(unknowns),
     )  # fmt: skip
 
 
 def _factors(m: PlanarModel) -> PlanarFactors:
     rows, row, own = m.place
-    elements, most = own.shape
-    widest = max(int(m.tree.size.max(initial=0)), 1)
+    elements, widest = len(own), max(int(m.tree.size.max(initial=0)), 1)
+    most, columns = (-(-n // FOUR) * FOUR for n in (own.shape[1], widest))
     return PlanarFactors(
         rows=rows, row=row, own=own, inverse=np.zeros((elements, most, most)), to_root=np.zeros((elements, 3, most)),
-        b=np.zeros((elements, widest, most)), x=np.zeros((elements, widest, most)), root=np.zeros((widest, widest)),
-        diagonal=np.zeros((len(m.tree.size), widest, widest)), line=np.zeros((2, max(most, widest, 1))),
+        b=np.zeros((elements, widest, most)), x=np.zeros((elements, widest, most)), root=np.zeros((columns, columns)),
+        diagonal=np.zeros((len(m.tree.size), widest, widest)), line=np.zeros((2, max(most, columns))),
+        found=np.zeros((elements, most)),
     )  # fmt: skip

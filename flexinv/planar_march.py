@@ -14,6 +14,7 @@ from flexinv.assemble import LARGEST_TURN
 from flexinv.compiled import jit, jit_inner
 from flexinv.damped_plane import add_viscous, add_viscous_hessians, dissipated, interpolate_rates
 from flexinv.integrate import ACCELERATION, SQUARED, follow, largest_increment, pseudo_acceleration
+from flexinv.lanes import cos_sin
 from flexinv.march import CONVERGED, MOST_ITERATIONS, NOT_CONVERGED, NOT_FINITE, TURNED_TOO_MUCH
 from flexinv.mechanism import Array
 from flexinv.planar_beam import (
@@ -175,8 +176,8 @@ def newton(t, e, k, c, s, given, f, q, w, slow, most):
             return CONVERGED, iteration, size
         if fresh:
             linearise(t, e, k, c, s, f, q, w)
-        solve(t, e, q, w.residual, w.y)
-        solve_ties(k, w.y)
+        solve(t, e, q, w.residual, w.y, False)
+        solve_ties(t, k, w.y)
         before, size = size, largest_increment(w.y, t.scale)
         if not np.isfinite(size):
             return NOT_FINITE, iteration, size
@@ -250,9 +251,7 @@ def planar_march(t, e, k, space, c, s, f, q, w, given, row, out):
         settles = not moves or (any_acts(k) and row[step] >= 0)
         if settles:
             keep(k)
-            settle(t, k, s, f, q, w.residual, c.cv, c.ca)
-            place(t, s, given[step], f)
-            add_up(t, e, k, s, f, w)
+            settle(t, k, s, f, q, w.residual)
         if row[step] >= 0:
             record(row[step], t, e, k, space, f, w, out)
             out.iterations[row[step]] = count
@@ -274,7 +273,7 @@ def record(sample, t, e, k, space, f, w, out):
         _embed(space.axes, f.rate[n], 0.0, out.v[sample, n])
         _embed(space.axes, f.acceleration[n], 0.0, out.a[sample, n])
         _embed(space.axes, f.wrench[n], 0.0, out.wrench[sample, n])
-        c, s = np.cos(f.pose[n, 2]), np.sin(f.pose[n, 2])
+        c, s = cos_sin(f.pose[n, 2])
         for i in range(3):
             out.w[sample, n, i] = f.rate[n, 2] * space.axle[n, i]
             out.al[sample, n, i] = f.acceleration[n, 2] * space.axle[n, i]

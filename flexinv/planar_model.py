@@ -45,6 +45,7 @@ class PlanarConstraints:
     u: Array
     w: Array
     single: Indices
+    over: Array
     block: Indices
     member: Indices
 
@@ -210,8 +211,7 @@ def _constraints(rows: Rows, plane: Plane, t: PlanarTree) -> PlanarConstraints:
     row = np.flatnonzero(tied_in(plane, rows)).astype(np.int64)
     a, b, count = rows.a[row], rows.b[row], len(t.size)
     members = [np.flatnonzero(t.block == block) for block in range(count)]
-    tied = [np.isin(nodes, (a, b)).any() for nodes in members]
-    alone = [len(members[k]) == 1 and t.size[k] == 3 and not tied[k] for k in range(count)]
+    alone = [len(members[k]) == 1 and t.size[k] == 3 for k in range(count)]
     blocks = [k for k in range(count) if t.size[k] > 0 and not alone[k]]
     member = np.full((len(blocks), max((len(members[k]) for k in blocks), default=0)), -1, dtype=np.int64)
     for own, k in zip(member, blocks, strict=True):
@@ -221,6 +221,7 @@ def _constraints(rows: Rows, plane: Plane, t: PlanarTree) -> PlanarConstraints:
         np.ascontiguousarray(seen(plane, node, v[row])[:, :2])
         for node, v in ((a, rows.place_a), (b, rows.place_b), (a, rows.u), (b, rows.w))
     )
-    return PlanarConstraints(
-        row, rows.direction[row], a, b, place_a, place_b, u, w, single, np.array(blocks, dtype=np.int64), member
-    )
+    inertia = np.stack([t.mass[single], t.mass[single], t.inertia[single]], axis=1)
+    over = np.divide(1.0, inertia, out=np.zeros_like(inertia), where=inertia > 0.0)
+    block = np.array(blocks, dtype=np.int64)
+    return PlanarConstraints(row, rows.direction[row], a, b, place_a, place_b, u, w, single, over, block, member)

@@ -45,7 +45,7 @@ class PlanarFactors(NamedTuple):
     own : (elements, rows) number of the unknown
     inverse : (elements, rows, wide) S^-T; to_root : (elements, 3, rows) own rows by the root's pose; b, x : (elements, columns,
         rows) B^T and (S^-1 B)^T; root : (columns, wide) the same of block 0
-    diagonal : (blocks, columns, columns); line : (2, wide) scratch
+    diagonal : (blocks, columns, columns); line (2, wide), found (elements, wide) : scratch
     """
 
     rows: NDArray[np.int64]
@@ -58,6 +58,7 @@ class PlanarFactors(NamedTuple):
     root: Array
     diagonal: Array
     line: Array
+    found: Array
 
 
 @jit_inner
@@ -224,36 +225,67 @@ def _condense(k, t, e, f, q):
         v1, v2, v3 = f.by_pose[root, c, 0], f.by_pose[root, c, 1], f.by_pose[root, c, 2]
         for r in range(rows):
             b[c, r] = q.to_root[k, 0, r] * v1 + q.to_root[k, 1, r] * v2 + q.to_root[k, 2, r] * v3
-        _transposed_product(inverse, b[c], x[c], rows)
+        _transposed_product(inverse, b[c], x[c], rows)  # behind its rows b is zero
     for c in range(columns):
         for d in range(columns):
-            total = 0.0
-            for r in range(rows):
-                total += b[d, r] * x[c, r]
-            q.diagonal[first, d, c] -= total
+            q.diagonal[first, d, c] -= _dot(b[d], x[c], rows)
+
+
+# Rows of a matrix that a product takes at a time: sums wait for each other a quarter as often.
+FOUR = 4
 
 
 @jit_inner
 def _transposed_product(a, v, out, size):
-    """out = a^T v, row by row."""
+    """out = a^T v; behind ``size`` rows of ``a`` and numbers of v and out are there, up to a multiple of FOUR, v and out zero."""
     for r in range(size):
         out[r] = 0.0
-    for c in range(size):
-        _subtract(out, -v[c], a[c], size)
+    for c in range(0, size, FOUR):
+        p, q, s, t = v[c], v[c + 1], v[c + 2], v[c + 3]
+        for r in range(size):
+            out[r] += (p * a[c, r] + q * a[c + 1, r]) + (s * a[c + 2, r] + t * a[c + 3, r])
+    for r in range(size, -(-size // FOUR) * FOUR):
+        out[r] = 0.0
 
 
 @jit_inner
-def solve(t, e, q, residual, y):
-    """Solve linearisation y = -residual with the factors at hand; y (unknowns,) [m], [rad].  Overwrites residual."""
+def _few_rows(a, v, out, size):
+    """The same where most of v is zero: closures are felt at their nodes only."""
+    for r in range(-(-size // FOUR) * FOUR):
+        out[r] = 0.0
+    for c in range(size):
+        if v[c] != 0.0:
+            _subtract(out, -v[c], a[c], size)
+
+
+@jit_inner
+def _dot(a, b, size):
+    """a . b, with zeros behind ``size`` up to a multiple of FOUR."""
+    p, q, s, t = 0.0, 0.0, 0.0, 0.0
+    for r in range(0, size, FOUR):
+        p += a[r] * b[r]
+        q += a[r + 1] * b[r + 1]
+        s += a[r + 2] * b[r + 2]
+        t += a[r + 3] * b[r + 3]
+    return (p + q) + (s + t)
+
+
+@jit_inner
+def solve(t, e, q, residual, y, few):
+    """Solve linearisation y = -residual with the factors at hand; y (unknowns,) [m], [rad].  Overwrites residual.
+
+    few : whether most of the residual is zero
+    """
     for k in range(len(e.order) - 1, -1, -1):
         first = t.offset[t.block[e.nodes[k, 0]]]
         if _is_small(k, t, e, q):
-            found = tapply(mat(q.inverse[k]), vec_at(residual, q.own[k, 0]))
-            put(y, q.own[k, 0], scale(-1.0, found))
-            add_to(residual, first, scale(-1.0, apply(mat(q.b[k]), found)))
+            own = tapply(mat(q.inverse[k]), vec_at(residual, q.own[k, 0]))
+            put(y, q.own[k, 0], scale(-1.0, own))
+            add_to(residual, first, scale(-1.0, apply(mat(q.b[k]), own)))
         else:
-            _solve_own(k, t, e, q, residual, y, first)
-    _transposed_product(q.root, residual, q.line[1], t.size[0])
+            _solve_own(k, t, e, q, residual, q.found[k], first, few)
+    _fill(residual, t.size[0], q.line[0])
+    _transposed_product(q.root, q.line[0], q.line[1], t.size[0])
     for r in range(t.size[0]):
         y[r] = -q.line[1, r]
     for k in range(len(e.order)):
@@ -261,22 +293,33 @@ def solve(t, e, q, residual, y):
         if _is_small(k, t, e, q):
             add_to(y, q.own[k, 0], scale(-1.0, tapply(mat(q.x[k]), vec_at(y, first))))
         else:
+            found = q.found[k]
             for c in range(t.size[t.block[e.nodes[k, 0]]]):
-                for r in range(q.rows[k]):
-                    y[q.own[k, r]] -= q.x[k, c, r] * y[first + c]
+                _subtract(found, -y[first + c], q.x[k, c], q.rows[k])
+            for r in range(q.rows[k]):
+                y[q.own[k, r]] = -found[r]
 
 
 @jit_inner
-def _solve_own(k, t, e, q, residual, y, first):
-    """Own unknowns of an element while its first block stands still, and what they do to that block's residual."""
-    rows, own, line = q.rows[k], q.own[k], q.line
+def _fill(v, size, line):
+    """Copy ``size`` numbers of v, and zeros behind them up to a multiple of FOUR."""
+    for r in range(size):
+        line[r] = v[r]
+    for r in range(size, -(-size // FOUR) * FOUR):
+        line[r] = 0.0
+
+
+@jit_inner
+def _solve_own(k, t, e, q, residual, found, first, few):
+    """S^-1 r of an element, and what its own unknowns do to the residual of its first block while that stands still."""
+    rows, own, line = q.rows[k], q.own[k], q.line[0]
     for r in range(rows):
-        line[0, r] = residual[own[r]]
-    _transposed_product(q.inverse[k], line[0], line[1], rows)
-    for r in range(rows):
-        y[own[r]] = -line[1, r]
+        line[r] = residual[own[r]]
+    for r in range(rows, -(-rows // FOUR) * FOUR):
+        line[r] = 0.0
+    if few:
+        _few_rows(q.inverse[k], line, found, rows)
+    else:
+        _transposed_product(q.inverse[k], line, found, rows)
     for c in range(t.size[t.block[e.nodes[k, 0]]]):
-        total = 0.0
-        for r in range(rows):
-            total += q.b[k, c, r] * line[1, r]
-        residual[first + c] -= total
+        residual[first + c] -= _dot(q.b[k, c], found, rows)

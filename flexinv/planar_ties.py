@@ -8,7 +8,7 @@ and g the gradient of phi by x, y, theta of both nodes.  With K = the tree's lin
 
     K y - G^T dlambda = -r,  G y = -phi:      y = y_0 + W dlambda,  W = K^-1 G^T,      (G W) dlambda = -phi - G y_0
 
-W lasts as long as the linearisation.  A step ends with positions that are closed; `settle` finds the accelerations and
+W and (G W)^-1 last as long as the linearisation.  A step ends with closed positions; `settle` finds the accelerations and
 multipliers that belong to them and the velocities (index 1): M (a' - a) = G^T dlambda - r, G a' = -G' u.  Masses are lumped
 in the nodes, so M has one small matrix for each block of unknowns; what Newton has left, r, goes too.
 """
@@ -20,11 +20,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.border import product, solve_pivoted
+from flexinv.border import REDUNDANT_PIVOT
 from flexinv.compiled import jit_inner
+from flexinv.lanes import cos_sin
 from flexinv.mechanism import Array
 from flexinv.planar_solve import invert, solve
-from flexinv.planar_tree import vary
+from flexinv.planar_tree import vary_poses
 from flexinv.settle import MASSLESS
 
 
@@ -34,10 +35,11 @@ class PlanarTies(NamedTuple):
     row : (rows,) among those of `ties.Ties`; direction, acting : (rows,); a, b : (rows,) nodes, -1 the world
     place_a, place_b [m], u, w : (rows, 2) in the nodes' frames, seen in the plane where the nodes stand at zero
     multiplier : (rows,) [N], [N m]; value : (rows,) phi or phi''; gradient : (rows, 6) by the poses of a and b
-    sides, moved : (rows, unknowns) G and W; flexibility : (rows, rows) G W; line : (unknowns,) scratch
-    border : (rows, rows + 1); order, step : (rows,) scratch of `border`
-    single : nodes that are alone in their block and in no closure; block : (blocks,) the other blocks of unknowns
-    member : (blocks, most) nodes of each, -1 behind the last; mass : scratch
+    sides, moved : (rows, unknowns) G and W
+    stiffness : (rows, rows) (G W)^-1; open, step, left : (rows,) -phi - G y, dlambda, scratch; line : (unknowns,) scratch
+    single : nodes that are alone in their block; over : (single, 3) 1/m, 1/m, 1/J, zero where that is infinite
+    block : (blocks,) the other blocks of unknowns
+    member : (blocks, most) nodes of each, -1 behind the last; mass, change (nodes, 3) : scratch
     kept : (rows,) multipliers set aside; accelerations : (unknowns,) the integrator's own
     """
 
@@ -55,15 +57,17 @@ class PlanarTies(NamedTuple):
     gradient: Array
     sides: Array
     moved: Array
-    flexibility: Array
-    line: Array
-    border: Array
-    order: NDArray[np.int64]
+    stiffness: Array
+    open: Array
     step: Array
+    left: NDArray[np.bool_]
+    line: Array
     single: NDArray[np.int64]
+    over: Array
     block: NDArray[np.int64]
     member: NDArray[np.int64]
     mass: Array
+    change: Array
     kept: Array
     accelerations: Array
 
@@ -80,7 +84,7 @@ def any_acts(k):
 @jit_inner
 def _angle(f, n):
     """Cosine and sine of how far node n has turned."""
-    return (np.cos(f.pose[n, 2]), np.sin(f.pose[n, 2])) if n >= 0 else (1.0, 0.0)
+    return cos_sin(f.pose[n, 2]) if n >= 0 else (1.0, 0.0)
 
 
 @jit_inner
@@ -188,40 +192,96 @@ def _add_side(t, n, f, gradient, first, side):
 
 @jit_inner
 def factorise_ties(t, e, k, f, q):
-    """Find W and G W with a new linearisation [m/N], [rad/N]."""
+    """Find W and (G W)^-1 with a new linearisation [m/N], [rad/N]."""
     tie_sides(t, k, f)
     for r in range(len(k.a)):
         for i in range(len(k.line)):
             k.line[i] = -k.sides[r, i]
-        solve(t, e, q, k.line, k.moved[r])
-    for i in range(len(k.a)):
-        for j in range(len(k.a)):
-            k.flexibility[i, j] = product(k.sides[i], k.moved[j])
+        solve(t, e, q, k.line, k.moved[r], True)
+    _stiffen(t, k)
 
 
 @jit_inner
-def solve_ties(k, y):
+def _along(t, k, r, y):
+    """G y of one row: only the blocks of its two nodes have a part in it."""
+    total, a, b = 0.0, k.a[r], k.b[r]
+    first = t.block[a] if a >= 0 else -1
+    second = t.block[b] if b >= 0 else -1
+    if first >= 0:
+        for i in range(t.offset[first], t.offset[first] + t.size[first]):
+            total += k.sides[r, i] * y[i]
+    if second >= 0 and second != first:
+        for i in range(t.offset[second], t.offset[second] + t.size[second]):
+            total += k.sides[r, i] * y[i]
+    return total
+
+
+@jit_inner
+def _stiffen(t, k):
+    """Set (G W)^-1 [N/m], [N m]: the rows that add something, found by the largest pivots; zero for the others."""
+    rows, m = len(k.a), k.stiffness
+    for i in range(rows):
+        for j in range(rows):
+            m[i, j] = _along(t, k, i, k.moved[j])
+    for i in range(rows):  # to a unit diagonal: closures of metres and of radians side by side
+        k.step[i] = 1.0 / np.sqrt(abs(m[i, i])) if m[i, i] != 0.0 else 0.0
+        k.left[i] = True
+    for i in range(rows):
+        for j in range(rows):
+            m[i, j] *= k.step[i] * k.step[j]
+    for _ in range(rows):
+        p, largest = 0, REDUNDANT_PIVOT
+        for i in range(rows):
+            if k.left[i] and abs(m[i, i]) > largest:
+                p, largest = i, abs(m[i, i])
+        if not largest > REDUNDANT_PIVOT:
+            break
+        k.left[p] = False
+        _sweep(m, p, rows)
+    for i in range(rows):
+        for j in range(rows):
+            m[i, j] = 0.0 if k.left[i] or k.left[j] else m[i, j] * k.step[i] * k.step[j]
+
+
+@jit_inner
+def _sweep(m, p, rows):
+    """One step of Gauss-Jordan in place, with the pivot (p, p)."""
+    over = 1.0 / m[p, p]
+    m[p, p] = 1.0
+    for j in range(rows):
+        m[p, j] *= over
+    for i in range(rows):
+        if i != p:
+            factor = m[i, p]
+            m[i, p] = 0.0
+            for j in range(rows):
+                m[i, j] -= factor * m[p, j]
+
+
+@jit_inner
+def solve_ties(t, k, y):
     """Find dlambda [N], [N m] and add W dlambda to the increments y (unknowns,) of the tree [m], [rad]."""
     rows = len(k.a)
     for i in range(rows):
-        for j in range(rows):
-            k.border[i, j] = k.flexibility[i, j]
-        k.border[i, rows] = -k.value[i] - product(k.sides[i], y)
-        k.order[i] = i
-    solve_pivoted(k, rows)
+        k.open[i] = -k.value[i] - _along(t, k, i, y)
     for r in range(rows):
-        k.multiplier[r] += k.step[r]
+        total = 0.0
+        for i in range(rows):
+            total += k.stiffness[r, i] * k.open[i]
+        k.step[r] = total
+        k.multiplier[r] += total
         for i in range(len(y)):
-            y[i] += k.step[r] * k.moved[r, i]
+            y[i] += total * k.moved[r, i]
 
 
 @jit_inner
-def settle(t, k, s, f, q, residual, cv, ca):
-    """Change accelerations and multipliers into those that belong to the positions and velocities; keep the former.
+def settle(t, k, s, f, q, residual):
+    """Change accelerations, multipliers and wrenches into those that belong to the positions and velocities.
 
+    The integrator's own accelerations are kept (`restore`).
     residual : (unknowns,) what Newton has left [N], [N m]
     """
-    vary(t, f, cv, ca)
+    vary_poses(t, f)
     tie_rows(k, f, True)
     tie_sides(t, k, f)
     for r in range(len(k.a)):
@@ -229,19 +289,50 @@ def settle(t, k, s, f, q, residual, cv, ca):
             k.moved[r, i] = 0.0
     for i in range(len(k.line)):
         k.accelerations[i], k.line[i] = s.du[i], 0.0
-    for n in k.single:
-        first = t.offset[t.block[n]]
+    for n in range(len(k.single)):
+        first, over = t.offset[t.block[k.single[n]]], k.over[n]
         for i in range(3):
-            inertia = t.mass[n] if i < 2 else t.inertia[n]
-            k.line[first + i] = -residual[first + i] / inertia if inertia > 0.0 else 0.0
+            k.line[first + i] = -residual[first + i] * over[i]
+            for r in range(len(k.a)):
+                k.moved[r, first + i] = k.sides[r, first + i] * over[i]
     for b in range(len(k.block)):
         _accelerate_block(b, t, k, f, q, residual)
-    for i in range(len(k.a)):
-        for j in range(len(k.a)):
-            k.flexibility[i, j] = product(k.sides[i], k.moved[j])
-    solve_ties(k, k.line)
+    _stiffen(t, k)
+    solve_ties(t, k, k.line)
     for i in range(len(k.line)):
         s.du[i] += k.line[i]
+    _change(t, k, f)
+
+
+@jit_inner
+def _change(t, k, f):
+    """Add to the nodes' accelerations and wrenches what changes of accelerations and multipliers do, both of them linear."""
+    for n in range(len(t.parent)):
+        x, y, turned, first = 0.0, 0.0, 0.0, t.offset[t.block[n]]
+        if t.independent[n]:
+            x, y, turned = k.line[first], k.line[first + 1], k.line[first + 2]
+        else:
+            for i in range(t.size[t.block[n]]):
+                step, by = k.line[first + i], f.by_pose[n, i]
+                x, y, turned = x + by[0] * step, y + by[1] * step, turned + by[2] * step
+        f.acceleration[n, 0] += x
+        f.acceleration[n, 1] += y
+        f.acceleration[n, 2] += turned
+        k.change[n, 0], k.change[n, 1], k.change[n, 2] = t.mass[n] * x, t.mass[n] * y, t.inertia[n] * turned
+    for r in range(len(k.a)):
+        for i in range(3):
+            if k.a[r] >= 0:
+                k.change[k.a[r], i] -= k.step[r] * k.gradient[r, i]
+            if k.b[r] >= 0:
+                k.change[k.b[r], i] -= k.step[r] * k.gradient[r, 3 + i]
+    for n in range(len(t.parent) - 1, -1, -1):
+        m, own = t.parent[n], k.change[n]
+        for i in range(3):
+            f.wrench[n, i] += own[i]
+            if m >= 0 and not t.independent[n]:
+                k.change[m, i] += own[i]
+        if m >= 0 and not t.independent[n]:
+            k.change[m, 2] += f.arm[n, 0] * own[1] - f.arm[n, 1] * own[0]
 
 
 @jit_inner

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.compiled import jit_inner
+from flexinv.lanes import cos_sin
 from flexinv.mechanism import Array
 from flexinv.system import FRICTION_RATE
 
@@ -126,7 +127,7 @@ def _carry(n, t, f):
         return
     r1, r2, e1, e2 = 0.0, 0.0, 0.0, 0.0
     if t.shifted[n]:
-        c, s = np.cos(f.pose[m, 2]), np.sin(f.pose[m, 2])
+        c, s = cos_sin(f.pose[m, 2])
         r1, r2, e1, e2 = c * p1 - s * p2, s * p1 + c * p2, c * d1 - s * d2, s * d1 + c * d2
     f.arm[n, 0], f.arm[n, 1], f.arm[n, 2], f.arm[n, 3] = r1, r2, e1, e2
     x, v, a, w, al = f.pose[m], f.rate[m], f.acceleration[m], f.rate[m, 2], f.acceleration[m, 2]
@@ -182,6 +183,18 @@ def vary(t, f, cv, ca):
                 f.by_rate[n, k, i] = f.by_rate[m, k, i] if m >= 0 else 0.0
                 f.by_acceleration[n, k, i] = f.by_acceleration[m, k, i] if m >= 0 else 0.0
             _carry_variation(n, k, t, f, cv, ca)
+
+
+@jit_inner
+def vary_poses(t, f):
+    """Set how the poses of dependent nodes move with the unknowns of their blocks [m], [rad]: the first part of `vary`."""
+    for n in range(len(t.parent)):
+        m = t.parent[n]
+        for k in range(0 if t.independent[n] else t.size[t.block[n]]):
+            x, y, turned = _get(f.by_pose[m, k]) if m >= 0 else (0.0, 0.0, 0.0)
+            own = 1.0 if k == t.column[n] else 0.0
+            x, y = x + own * f.arm[n, 2] - turned * f.arm[n, 1], y + own * f.arm[n, 3] + turned * f.arm[n, 0]
+            _put(f.by_pose[n, k], x, y, turned + own * t.turn[n])
 
 
 @jit_inner

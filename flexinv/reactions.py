@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from flexinv.closures import Rows, end_wrench
-from flexinv.mechanism import WORLD, Array, Attachment
+from flexinv.mechanism import WORLD, Array
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
 
@@ -24,14 +24,5 @@ def closure_reactions(mesh: Mesh, motion: NodalMotion, rows: Rows, multipliers: 
         end = closure.second if second else closure.first
         part = rows.of(np.arange(len(mesh.mechanism.closures)) == index)
         node = int(part.b[0] if second else part.a[0])
-        wrench = end_wrench(motion, part, multipliers[:, own], second)
-        out[closure.name] = (1 if second else -1) * _at_frame(motion, wrench, node, end)
+        out[closure.name] = end_wrench(motion, part, multipliers[:, own], node, end.placement)
     return out
-
-
-def _at_frame(motion: NodalMotion, wrench: Array, node: int, end: Attachment) -> Array:
-    rotation = motion.rotation[:, node]
-    arm, force = rotation @ end.placement.position, wrench[:, :3]
-    turn = (rotation @ end.placement.rotation).transpose(0, 2, 1)
-    at_frame = wrench[:, 3:] - np.cross(arm, force)
-    return np.hstack([(turn @ force[:, :, None])[:, :, 0], (turn @ at_frame[:, :, None])[:, :, 0]])

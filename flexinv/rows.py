@@ -11,7 +11,7 @@ from flexinv.compiled import jit, jit_inner
 from flexinv.kinds import FREE, PRISMATIC, SPHERICAL
 from flexinv.mechanism import Array
 from flexinv.tree import Frames
-from flexinv.vectors import add, add_to, apply, cross, dot, mat, put, scale, sub, tapply, vec
+from flexinv.vectors import add, add_to, apply, cross, dot, mat, mul, put, scale, sub, tapply, vec
 
 
 class RowArrays(NamedTuple):
@@ -158,15 +158,23 @@ def push_samples(c, x, r, v, w, a, al, multipliers, force, moment):
 
 
 @jit
-def end_samples(c, x, r, v, w, a, al, multipliers, second, wrench):
-    """Add force [N] and moment [N m] (world) on the second nodes of the rows, or on the first, to wrench (samples, 6)."""
+def end_samples(c, x, r, v, w, a, al, multipliers, node, place, turn, wrench):
+    """Set force [N] and moment [N m] of all rows on their second node at a frame there, in its axes, (samples, 6).
+
+    node : the second, or the first, on which they act the other way round; place (3,) [m], turn (3, 3) of the frame in it
+    """
+    at, frame = vec(place), mat(turn)
     for s in range(x.shape[0]):
         f = Frames(x[s], r[s], v[s], w[s], a[s], al[s])
+        force, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         for k in range(c.a.shape[0]):
             if multipliers[s, k] != 0.0:
                 push, on_a, on_b = _wrenches(k, c, f, multipliers[s, k])
-                add_to(wrench[s], 0, push if second else scale(-1.0, push))
-                add_to(wrench[s], 3, on_b if second else on_a)
+                force = add(force, push)
+                moment = add(moment, on_b if node == c.b[k] else scale(-1.0, on_a))
+        axes = mul(mat(r[s, node]), frame)
+        put(wrench[s], 0, tapply(axes, force))
+        put(wrench[s], 3, tapply(axes, sub(moment, cross(apply(mat(r[s, node]), at), force))))
 
 
 @jit_inner

@@ -82,6 +82,8 @@ def solve(
     history, right = _histories(mechanism, motion, passive, start or {}, start_rate or {})
     mesh = build(mechanism)
     scheme = generalized_alpha(float(step), spectral_radius, float(tolerance))
+    if every == 1 and not motion.jumps and not (mechanism.closures and mechanism.is_rigid):
+        history = right = _looked_up(time, right)
     if mechanism.closures and mechanism.is_rigid:
         solution = closed_solution(mesh, right, time, passive, settings)
     elif mechanism.closures:
@@ -89,9 +91,7 @@ def solve(
             mesh, history, right, time, scheme, passive, settings, motion.jumps, progress
         )
     else:
-        if every == 1 and not motion.jumps:
-            history = right = _looked_up(time, right)
-        q, qd, qdd = right(time)
+        q, qd, qdd = (part.copy() for part in right(time))
         if mechanism.is_rigid and not passive:
             applied = applied_forces(mesh, rigid_motion(mesh, q, qd, qdd), time)
             trajectory = rigid_trajectory(mesh, q, qd, qdd, applied)
@@ -167,6 +167,8 @@ def _histories(
 def _looked_up(time: Array, history: JointHistory) -> JointHistory:
     """The same history at samples of a grid, taken from one evaluation."""
     table = history(time)
+    for part in table:
+        part.flags.writeable = False
 
     def samples(at: Array) -> tuple[Array, Array, Array]:
         first = int(np.searchsorted(time, at[0]))

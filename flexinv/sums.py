@@ -93,6 +93,15 @@ def energy_samples(mass, inertia, g, x, rotation, v, omega, force, moment, energ
 
 
 @jit
+def power_samples(rotation, v, omega, force, moment, power):
+    """Add P . v + Q . w of all nodes [W] to power (samples,)."""
+    for s in range(v.shape[0]):
+        for n in range(v.shape[1]):
+            turning = apply(mat(rotation[s, n]), vec(omega[s, n]))
+            power[s] += dot(vec(force[s, n]), vec(v[s, n])) + dot(vec(moment[s, n]), turning)
+
+
+@jit
 def root_samples(roots, x, rotation, wrench, total):
     """Add to ``total`` (samples, 6) [N], [N m] the wrenches on the nodes ``roots``, about the origin.
 

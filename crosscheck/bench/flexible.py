@@ -93,13 +93,16 @@ ARMS = (
 
 @dataclass(frozen=True)
 class Grid:
-    """What is run: Exudyn's elements, flexinv's elements of order 1 and of order 4, and their steps [s]."""
+    """What is run: Exudyn's elements, flexinv's elements of order 1 and of order 4, and their steps [s].
+
+    finer : steps of flexinv alone, for Exudyn's runs whose error lies between those of two steps
+    """
 
     exudyn: tuple[int, ...] = (4, 16, 64, 256)
     linear: tuple[int, ...] = (4, 16, 64, 256)
     spectral: tuple[int, ...] = (1, 2, 4)
     steps: tuple[float, ...] = (1e-3, 5e-4, 2.5e-4)
-    finer: tuple[float, ...] = (1.25e-4,)
+    finer: tuple[float, ...] = (1e-3 / 3, 1.25e-4)
 
 
 QUICK = Grid((4, 16), (4, 16), (1, 2), (1e-3, 5e-4), ())
