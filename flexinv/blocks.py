@@ -11,11 +11,16 @@ import numpy as np
 from flexinv.atomics import address, fetch, put, reals, reals_table, take, wholes, wholes_table
 from flexinv.compiled import jit_blocks, jit_lanes
 from flexinv.lanes import LANES
+from flexinv.loop_lanes import LIMITS, begin, close, keep, move
+from flexinv.loop_rows import entries, hold, share, unclear
 from flexinv.offers import ANSWER, DONE, OFFERED, SLEEPS, STATE, WORDS, awaited, claimed, settled, write
 from flexinv.recursion import NUMBERS, TREE, inboard, outboard
 
 # Numbers in a line of the cache.
 _LINE = np.uint64(8)
+# Cells that threads share: the next block; how many numbers are not finite; how many blocks of loops are in doubt, whether their
+# motion is; and of every block of loops whether it is.
+CALL_CELLS = 4
 
 
 @jit_lanes
@@ -70,27 +75,48 @@ def _wrong(work, columns, lanes):
 
 
 @jit_lanes
-def _blocks(tree, numbers, columns, q, qd, qdd, tau, strides, samples, work, counter):
+def _closed(plan, fixed, work, lanes):
+    """Turn the efforts of the cut tree into those of the drives; return how often a rank is in doubt."""
+    move(plan, fixed, work, lanes)
+    close(plan, fixed, work, lanes)
+    entries(plan, fixed, work, lanes)
+    hold(plan, fixed, work, lanes)
+    return share(plan, fixed, work, lanes)
+
+
+@jit_lanes
+def _blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, samples, work, counter):
     """Write the efforts of all blocks that are left to take; return how many numbers are not finite."""
     nv, wrong = tree[0, 0], 0
     nq = columns.shape[0] - 2 * nv
     for_q, for_qd, for_qdd = columns[:nq], columns[nq : nq + nv], columns[nq + nv :]
+    loops = plan[LIMITS] > 0
+    block, again = take(counter), False
     while True:
-        start = take(counter) * LANES
+        start = block * LANES
         if start >= samples:
             return wrong
         lanes = min(LANES, samples - start)
         _load(work, for_q, lanes, q, start, strides[0, 0], strides[0, 1])
         _load(work, for_qd, lanes, qd, start, strides[1, 0], strides[1, 1])
         _load(work, for_qdd, lanes, qdd, start, strides[2, 0], strides[2, 1])
+        if loops and not again:
+            keep(plan, work, lanes)
         outboard(tree, numbers, work, lanes)
         inboard(tree, numbers, work, lanes)
+        if loops:
+            doubt = not again and _closed(plan, fixed, work, lanes) > 0
+            counter[CALL_CELLS + block] = 1 if doubt or again else 0
+            again = doubt
+            if doubt:  # once more, without its loops
+                continue
         _store(work, for_qdd, lanes, tau, start, strides[3, 0], strides[3, 1])
         wrong += _wrong(work, for_qdd, lanes)
+        block = take(counter)
 
 
 @jit_lanes
-def _offer(mail, tree, numbers, columns, q, qd, qdd, tau, strides, samples, work, counter):
+def _offer(mail, tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, samples, work, counter):
     """Offer a helper to take blocks, too."""
     if not claimed(mail, address(counter)):
         return
@@ -105,6 +131,8 @@ def _offer(mail, tree, numbers, columns, q, qd, qdd, tau, strides, samples, work
     write(mail, 8, work)
     write(mail, 9, counter)
     mail[WORDS + 20] = samples
+    write(mail, 11, plan)
+    write(mail, 12, fixed)
     put(mail, STATE, OFFERED)
 
 
@@ -119,27 +147,44 @@ def attend(mail, patience):
         q, qd, qdd = reals(word[6], word[7]), reals(word[8], word[9]), reals(word[10], word[11])
         tau, strides = reals(word[12], word[13]), wholes_table(word[14], 4, 2)
         work, counter, samples = reals(word[16], word[17]), wholes(word[18], word[19]), word[20]
-        mail[ANSWER] = _blocks(tree, numbers, columns, q, qd, qdd, tau, strides, samples, work, counter)
+        plan, fixed = wholes(word[22], word[23]), reals(word[24], word[25])
+        mail[ANSWER] = _blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, samples, work, counter)
         put(mail, STATE, DONE)
     put(mail, SLEEPS, 1)
 
 
+@jit_lanes
+def _judge(plan, fixed, samples, work, counter):
+    """Count the blocks in doubt, and say whether the motion is."""
+    for i in range((samples + LANES - np.uint64(1)) // LANES):
+        counter[2] += counter[CALL_CELLS + i]
+    counter[3] = 1 if unclear(plan, fixed, work, min(samples, LANES)) else 0
+
+
 @jit_blocks
-def torque_blocks(tree, numbers, columns, q, qd, qdd, tau, strides, samples, work, counter, mails):
+def torque_blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, samples, work, counter, mails):
     """Write the efforts [N m], [N] of all samples; return whether every helper that began has ended.
 
-    tree, numbers, columns : of `bodies.Bodies`; q, qd, qdd, tau : (samples * width,) [rad or m, s], whose ``strides`` (4, 2) of
-    a sample and of a column are (width, 1) or (1, samples)
-    work : (1 + helpers, size); counter : (2,) the next block, and how many numbers are not finite; mails : (helpers, cells)
+    tree, numbers, columns : of `bodies.Bodies`; plan, fixed : of `loop_plan.LoopPlan`
+    q, qd, qdd, tau : (samples * width,) [rad or m, s], whose ``strides`` (4, 2) of a sample and of a column are (width, 1) or
+    (1, samples)
+    work : (1 + helpers, size); counter : (CALL_CELLS + blocks of loops,); mails : (helpers, cells)
     """
-    counter[0], counter[1] = 0, 0
+    counter[:CALL_CELLS] = 0
+    if plan[LIMITS] > 0:
+        for i in range(1 + mails.shape[0]):
+            begin(plan, fixed, work[i])
     for i in range(mails.shape[0]):
-        _offer(mails[i], tree, numbers, columns, q, qd, qdd, tau, strides, samples, work[i + 1], counter)
-    counter[1] += _blocks(tree, numbers, columns, q, qd, qdd, tau, strides, samples, work[0], counter)
-    return settled(mails, address(counter), counter[1:])
+        _offer(mails[i], tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, samples, work[i + 1], counter)
+    counter[1] += _blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, samples, work[0], counter)
+    return settle(plan, fixed, samples, work[: 1 + mails.shape[0]], counter, mails)
 
 
 @jit_blocks
-def settle(mails, counter):
-    """Return whether every helper that began has ended [-], where `torque_blocks` did not wait for one."""
-    return settled(mails, address(counter), counter[1:])
+def settle(plan, fixed, samples, work, counter, mails):
+    """Return whether every helper that began has ended [-]; those of `torque_blocks` may not have."""
+    if not settled(mails, address(counter), counter[1:]):
+        return False
+    if plan[LIMITS] > 0:
+        _judge(plan, fixed, samples, work, counter)
+    return True

@@ -67,7 +67,7 @@ class Bodies:
 
 def bodies(mesh: Mesh, passive: bool = True) -> Bodies:
     """Return the bodies [kg, m] of a mesh, its beams undeformed; without ``passive`` no damping, friction or springs."""
-    carrier, turn, place = _carriers(mesh)
+    carrier, turn, place = carriers(mesh)
     moving = np.flatnonzero(_moves(mesh))
     node = np.concatenate([[-1], moving]).astype(np.int64)
     number = {int(n): i for i, n in enumerate(node)}
@@ -118,8 +118,8 @@ def _moves(mesh: Mesh) -> NDArray[np.bool_]:
     return mesh.v_index >= 0
 
 
-def _carriers(mesh: Mesh) -> tuple[NDArray[np.int64], Array, Array]:
-    """For each node the moving node (-1: the world) that it is fixed on, and R, x in that node's frame."""
+def carriers(mesh: Mesh) -> tuple[NDArray[np.int64], Array, Array]:
+    """Return for each node the moving node (-1: the world) that it is fixed on, and R [-], x [m] in that node's frame."""
     carrier = np.full(mesh.size, -1, dtype=np.int64)
     turn, place = np.tile(np.eye(3), (mesh.size, 1, 1)), np.zeros((mesh.size, 3))
     for n in range(mesh.size):

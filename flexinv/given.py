@@ -28,6 +28,8 @@ from flexinv.tree import Frames, Joints
 OPEN, RATE, ACCELERATION = 1e-6, 1e-4, 1e-3
 # What neither drives nor closures carry, over the largest effort: beyond this it is an effort that no drive can give.
 LEFT_OVER = 1e-9
+# Samples whose rows G are in memory at once, where only the motion is looked at.
+SAMPLES_AT_ONCE = 4096
 
 
 class _Kind(NamedTuple):
@@ -68,6 +70,23 @@ class GivenLoops:
 
         Raises InputError for a motion that the closures do not allow.
         """
+        g, worst, at = self._closing(q, qd, qdd)
+        self._hold(worst, at)
+        return g
+
+    def check(self, q: Array, qd: Array, qdd: Array) -> None:
+        """Raise InputError for a motion q (samples, nq), qd, qdd (samples, nv) [rad or m, s] that the closures do not allow."""
+        worst, at = np.zeros((3, 2)), np.zeros((3, 2), dtype=np.int64)
+        for start in range(0, len(q), SAMPLES_AT_ONCE):
+            part = slice(start, start + SAMPLES_AT_ONCE)
+            _, found, where = self._closing(q[part], qd[part], qdd[part])
+            more = ~(found[:, 0] <= worst[:, 0])  # a NaN is the largest
+            worst[more, 0], at[more] = found[more, 0], where[more] + [start, 0]
+            worst[:, 1] = np.maximum(worst[:, 1], found[:, 1])
+        self._hold(worst, at)
+
+    def _closing(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, NDArray[np.int64]]:
+        """G, how far the motion is from closed, and where: see `branch.closing`."""
         count, nodes = len(self.scale), self.mesh.size
         g, worst, at = np.empty((len(q), count, qd.shape[1])), np.zeros((3, 2)), np.zeros((3, 2), dtype=np.int64)
         one, turns = np.zeros((10, nodes, 3)), np.zeros((2, nodes, 3, 3))
@@ -75,6 +94,10 @@ class GivenLoops:
         frames = Frames(one[5], turns[1], one[6], one[7], one[8], one[9])
         state = (plain(q), plain(qd), plain(qdd))
         closing(self.nodes, self.rows, self.scale, *state, g, worst, at, joints, frames)
+        return g, worst, at
+
+    def _hold(self, worst: Array, at: NDArray[np.int64]) -> None:
+        """Raise InputError where the motion is further from closed than is allowed."""
         for found, (sample, row), kind in zip(worst, at, _KINDS, strict=True):
             if found[0] > kind.most * found[1] or np.isnan(found[0]):
                 name = self.mesh.mechanism.closures[int(self.closure[row])].name
@@ -83,7 +106,6 @@ class GivenLoops:
                     f"sample {sample} is {kind.breaks} {found[0] / found[1]:.2g} {kind.of}, expected at most {kind.most:g}; give "
                     "q, qd, qdd of all joints as flexinv.solve finds them, or flexinv.solve the motion of the independent joints"
                 )
-        return g
 
     def share(self, q: Array, qd: Array, qdd: Array, tau: Array) -> None:
         """Replace the efforts of the cut tree, ``tau`` (samples, nv) [N m], [N], by those of its drives: see `shares.share_out`.
@@ -91,8 +113,17 @@ class GivenLoops:
         q : (samples, nq), qd, qdd : (samples, nv) of all joints; torques of passive joints become zero
         Raises InputError for a motion that the closures do not allow, or that the drives cannot give.
         """
+        tau[:] = self._shared(self.jacobian(q, qd, qdd), tau, np.arange(len(tau)))
+
+    def share_some(self, which: NDArray[np.bool_], q: Array, qd: Array, qdd: Array, tau: Array) -> None:
+        """Do so for some samples (samples,) of a motion that is known to keep the closures [N m], [N]."""
+        samples = np.flatnonzero(which)
+        g, _, _ = self._closing(q[samples], qd[samples], qdd[samples])
+        tau[samples] = self._shared(g, tau[samples], samples)
+
+    def _shared(self, g: Array, tau: Array, samples: NDArray[np.int64]) -> Array:
         m = self.mesh.mechanism
-        shares = share_out(self.jacobian(q, qd, qdd), tau, m.actuated, m.weights[m.actuated])
+        shares = share_out(g, tau, m.actuated, m.weights[m.actuated])
         left, largest = (
             np.abs(shares.left),
             max(np.abs(tau).max(initial=0.0), np.abs(shares.multipliers).max(initial=0.0)),
@@ -100,8 +131,8 @@ class GivenLoops:
         if left.max(initial=0.0) > LEFT_OVER * largest:
             sample, column = np.unravel_index(int(np.argmax(left)), left.shape)
             raise InputError(
-                f"mechanism '{m.name}', sample {sample}: the actuated joints cannot give this motion "
+                f"mechanism '{m.name}', sample {samples[sample]}: the actuated joints cannot give this motion "
                 f"({left.max():.3g} N m or N is left at '{m.velocity_names[column]}'): "
                 "write actuated = true for as many independent joints as the mechanism has freedoms"
             )
-        tau[:] = shares.tau
+        return shares.tau

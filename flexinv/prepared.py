@@ -14,13 +14,15 @@ from numba import types
 from numpy.typing import ArrayLike, NDArray
 
 from flexinv.applied import applied_forces, check_constant
-from flexinv.blocks import attend, settle, torque_blocks
+from flexinv.blocks import CALL_CELLS, attend, settle, torque_blocks
 from flexinv.bodies import Bodies, bodies
 from flexinv.closures import constraint_rows
 from flexinv.errors import InputError
-from flexinv.given import GivenLoops
+from flexinv.given import ACCELERATION, OPEN, RATE, GivenLoops
 from flexinv.helpers import HELPERS, processors
 from flexinv.inverse import joint_wrenches, project
+from flexinv.lanes import BLOCK
+from flexinv.loop_plan import NO_LOOPS, PLACES, LoopPlan, anywhere, planned
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh, build
 from flexinv.offers import CELLS
@@ -42,7 +44,13 @@ class _Own(local):
     """What every thread has for itself: a work space for itself and for each helper, and a counter of blocks."""
 
     def __init__(self, threads: int, size: int) -> None:
-        self.work, self.counter = np.zeros((threads, size)), np.zeros(2, dtype=np.uint64)
+        self.work, self.counter = np.zeros((threads, size)), np.zeros(CALL_CELLS + 1, dtype=np.uint64)
+
+    def cells(self, samples: int) -> NDArray[np.uint64]:
+        """The counter, with a cell for every block."""
+        if len(self.counter) < CALL_CELLS + samples // BLOCK + 1:
+            self.counter = np.zeros(CALL_CELLS + samples // BLOCK + 1, dtype=np.uint64)
+        return self.counter
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +68,7 @@ class TorqueFunction:
     mesh: Mesh = field(repr=False)
     bodies: Bodies = field(repr=False)
     _own: _Own = field(repr=False)
+    plan: LoopPlan = field(default=NO_LOOPS, repr=False)
     loops: GivenLoops | None = field(default=None, repr=False)
 
     def torques(
@@ -79,17 +88,18 @@ class TorqueFunction:
         tau = _output(out, given[1])
         rows = [_by_sample(a, order) for a in (*given, tau)]
         flat, strides = zip(*(_flat(a) for a in rows), strict=True)
-        b, own, table = self.bodies, self._own, _table(strides)
+        b, own, loops = self.bodies, self._own, (self.plan.plan, self.plan.fixed)
+        samples, work, counter = np.uint64(len(rows[0])), own.work, own.cells(len(rows[0]))
         if not torque_blocks(
-            b.tree, b.numbers, b.columns, *flat, table, np.uint64(len(rows[0])), own.work, own.counter, mails
+            b.tree, b.numbers, b.columns, *loops, *flat, _table(strides), samples, work, counter, mails
         ):
-            while not settle(mails, own.counter):
+            while not settle(*loops, samples, work, counter, mails):
                 time.sleep(0)  # the system holds a helper up
-        if own.counter[1]:
+        if counter[1]:
             _check_finite(given)
         self._add_applied(rows[:3], rows[3])
         if self.loops is not None:
-            self.loops.share(rows[0], rows[1], rows[2], rows[3])
+            self._share(counter, rows)
         return tau
 
     def sample(self, q: Array, qd: Array, qdd: Array, out: Array) -> Array:
@@ -104,8 +114,9 @@ class TorqueFunction:
             _output(out, np.asarray(qd))
         try:
             torque_blocks(
-                b.tree, b.numbers, b.columns, q, qd, qdd, out, _ONE_SAMPLE, _ONE, own.work, own.counter, _NOBODY
-            )
+                b.tree, b.numbers, b.columns, self.plan.plan, self.plan.fixed, q, qd, qdd, out, _ONE_SAMPLE, _ONE,
+                own.work, own.counter, _NOBODY,
+            )  # fmt: skip
         except TypeError:  # not contiguous, or not of floats
             return self.torques(q, qd, qdd, out)
         if own.counter[1]:
@@ -113,8 +124,20 @@ class TorqueFunction:
         if m.springs or m.forces:
             self._add_applied((q[None], qd[None], qdd[None]), out[None])
         if self.loops is not None:
-            self.loops.share(q[None], qd[None], qdd[None], out[None])
+            self._share(own.counter, (q[None], qd[None], qdd[None], out[None]))
         return out
+
+    def _share(self, counter: NDArray[np.uint64], rows: Sequence[Array]) -> None:
+        """Share out what the kernel has left, and look at a motion that it finds in doubt."""
+        assert self.loops is not None
+        if not len(self.plan.sizes):
+            self.loops.share(*rows)
+            return
+        if counter[3]:
+            self.loops.check(*rows[:3])
+        if counter[2]:
+            blocks = CALL_CELLS + (len(rows[0]) + BLOCK - 1) // BLOCK
+            self.loops.share_some(np.repeat(counter[CALL_CELLS:blocks] > 0, BLOCK)[: len(rows[0])], *rows)
 
     def _mails(self, size: int) -> NDArray[np.uint64]:
         """Mails of those who help with a call of so many efforts."""
@@ -155,7 +178,26 @@ def prepare(mechanism: Mechanism, passive: bool = True, threads: int | None = No
     compile_for_arrays()
     most = threads or processors()
     loops = GivenLoops.of(mesh, constraint_rows(mesh)) if mechanism.closures else None
-    return TorqueFunction(mechanism, passive, most, mesh, table, _Own(most, table.size), loops)
+    plan = _loop_plan(mesh, table)
+    return TorqueFunction(mechanism, passive, most, mesh, table, _Own(most, max(table.size, plan.size)), plan, loops)
+
+
+def _loop_plan(mesh: Mesh, b: Bodies) -> LoopPlan:
+    """How the kernel shares efforts out; without springs and forces, which come afterwards."""
+    m = mesh.mechanism
+    if not m.closures or m.springs or m.forces:
+        return NO_LOOPS
+
+    def run(plan: LoopPlan) -> Array:
+        q, rest, work = anywhere(m, PLACES), np.zeros((4, m.nv)), np.zeros((1, plan.size))
+        strides, counter = _table(((m.nq, 1), *[(m.nv, 1)] * 3)), np.zeros(CALL_CELLS + 1, dtype=np.uint64)
+        flat = q.ravel(), rest.ravel(), rest.ravel(), np.empty(rest.size)
+        torque_blocks(
+            b.tree, b.numbers, b.columns, plan.plan, plan.fixed, *flat, strides, np.uint64(PLACES), work, counter, _NOBODY
+        )
+        return work[0]
+
+    return planned(mesh, b, constraint_rows(mesh), (OPEN, RATE, ACCELERATION), run) or NO_LOOPS
 
 
 def _array(kind: types.Type, dimensions: int, readonly: bool = False) -> types.Array:
@@ -177,14 +219,16 @@ def compile_for_arrays() -> None:
     read, written = _array(types.float64, 1, readonly=True), _array(types.float64, 1)
     tree, columns, strides = _MAILS, _CELLS, _MAILS
     body, work = _array(types.float64, 2), _array(types.float64, 2)
-    _compile(torque_blocks, tree, body, columns, read, read, read, written, strides, types.uint64, work, _CELLS, _MAILS)
+    loops = _CELLS, _array(types.float64, 1)
+    motion = read, read, read, written, strides, types.uint64
+    _compile(torque_blocks, tree, body, columns, *loops, *motion, work, _CELLS, _MAILS)
 
 
 @cache
 def compile_for_helpers() -> None:
     """Compile what helpers do, once [-]."""
     _compile(attend, _CELLS, types.int64)
-    _compile(settle, _MAILS, _CELLS)
+    _compile(settle, _CELLS, _array(types.float64, 1), types.uint64, _array(types.float64, 2), _CELLS, _MAILS)
 
 
 def _check_rigid(mechanism: Mechanism) -> None:

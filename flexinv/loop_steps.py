@@ -1,0 +1,129 @@
+"""The order in which rows of G are combined, found once for a mechanism: see `loop_rows`.
+
+Passive coordinates go one after the other, first those in fewest rows; the pattern of what may be other than zero is carried
+along, with the numbers of one sample beside it, which say where a pivot can be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from flexinv.loop_rows import EMPTY, NORM, PAIR, PART, PROJECT, SOLVE, SURE
+from flexinv.mechanism import Array
+
+# A pivot of the sample, whose joints stand anywhere, is above this part of the largest entry; without one there is no order.
+PIVOT = 1e-6
+
+
+@dataclass
+class Elimination:
+    """Rows as they are combined.
+
+    rows : for each row, velocity coordinate -> where its entry stands in the work space [-]; numbers : (rows, nv) [1/rad], [1/m], [-]
+    sizes : for each coordinate, where the squares of its column stand; take : finds room for one entry more
+    words : of the steps so far; count : how many steps; fills : entries that are zero at first
+    """
+
+    rows: list[dict[int, int]]
+    numbers: Array
+    sizes: dict[int, list[int]]
+    take: Callable[[], int]
+    words: list[int] = field(default_factory=list)
+    count: int = 0
+    fills: list[int] = field(default_factory=list)
+
+    def step(self, kind: int, first: int = 0, second: int = 0, pairs: Sequence[tuple[int, int]] = ()) -> None:
+        """Write one step [-]."""
+        self.words += [kind, len(pairs), first, second, *(word for pair in pairs for word in pair)]
+        self.count += 1
+
+    def eliminate(self, column: int, among: list[int]) -> int | None:
+        """Combine the rows ``among`` that have an entry in a column, until one of them has; return it [-], None without one."""
+        candidates = sorted((r for r in among if column in self.rows[r]), key=lambda r: len(self.rows[r]))
+        if not candidates or not np.abs(self.numbers[candidates, column]).max() > PIVOT * np.abs(self.numbers).max():
+            return None
+        pivot = candidates[0]
+        for other in candidates[1:]:
+            self._pair(pivot, other, column)
+        for size in self.sizes[column]:
+            self.step(SURE, self.rows[pivot][column], size)
+        return pivot
+
+    def _pair(self, pivot: int, other: int, column: int) -> None:
+        one, two, n = self.rows[pivot], self.rows[other], self.numbers
+        for missing, there in ((one, two), (two, one)):
+            for c in there.keys() - missing.keys():
+                missing[c] = self.take()
+                self.fills.append(missing[c])
+        pairs = [(one[c], two[c]) for c in sorted(one) if c != column]
+        self.step(PAIR, one[column], two[column], pairs)
+        del two[column]
+        if abs(n[other, column]) > abs(n[pivot, column]):
+            n[[pivot, other]] = n[[other, pivot]]
+        n[other] -= n[other, column] / n[pivot, column] * n[pivot]
+        n[other, column] = 0.0
+
+
+def sharing(e: Elimination, effort: Sequence[int], passive: list[int], drives: list[int], beyond: int, weights: int) -> bool:
+    """Write the steps [-] that share efforts out; return whether there are any that do.
+
+    effort : (nv,) where efforts stand; beyond : how many rows drives have against each other; weights : where theirs stand
+    """
+    left, order = [r for r, row in enumerate(e.rows) if row], list(passive)
+    solved: list[tuple[int, int]] = []
+    while order:
+        column = min(order, key=lambda c: _cost(e, left, c))
+        pivot = e.eliminate(column, left)
+        if pivot is None:
+            return False
+        order.remove(column)
+        left.remove(pivot)
+        solved.append((column, pivot))
+    against: list[int] = []
+    for _ in range(beyond):
+        column = max(drives, key=lambda c: float(np.abs(e.numbers[left, c]).max(initial=0.0)))
+        pivot = e.eliminate(column, left)
+        if pivot is None:
+            return False
+        left.remove(pivot)
+        against.append(pivot)
+    for r in left:
+        for c in e.rows[r].keys():
+            for size in e.sizes[c]:
+                e.step(EMPTY, e.rows[r][c], size)
+    for column, pivot in solved:
+        others = [(at, effort[c]) for c, at in sorted(e.rows[pivot].items()) if c != column]
+        e.step(SOLVE, e.rows[pivot][column], effort[column], others)
+    _project(e, effort, against, drives, weights)
+    return True
+
+
+def _cost(e: Elimination, left: list[int], column: int) -> tuple[int, int]:
+    """Rows that have an entry in a column, and their entries."""
+    own = [e.rows[r] for r in left if column in e.rows[r]]
+    return len(own), sum(len(row) for row in own)
+
+
+def _project(e: Elimination, effort: Sequence[int], against: list[int], drives: list[int], weights: int) -> None:
+    """Take from the efforts, row by row, what drives do against each other; Gram's and Schmidt's modified order."""
+    for i, r in enumerate(against):
+        for c in drives:
+            if c not in e.rows[r]:
+                e.rows[r][c] = e.take()
+                e.fills.append(e.rows[r][c])
+        own = [e.rows[r][c] for c in drives]
+        e.step(NORM, 0, weights, [(at, at) for at in own])
+        targets = [[effort[c] for c in drives]]
+        for s in against[i + 1 :]:
+            for c in drives:
+                if c not in e.rows[s]:
+                    e.rows[s][c] = e.take()
+                    e.fills.append(e.rows[s][c])
+            targets.append([e.rows[s][c] for c in drives])
+        for target in targets:
+            pairs = list(zip(own, target, strict=True))
+            e.step(PART, 0, weights, pairs)
+            e.step(PROJECT, 0, 0, pairs)
