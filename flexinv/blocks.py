@@ -21,6 +21,8 @@ _LINE = np.uint64(8)
 # Cells that threads share: the next block; how many numbers are not finite; how many blocks of loops are in doubt, whether their
 # motion is; and of every block of loops whether it is.
 CALL_CELLS = 4
+# Every which block the sums are taken that the motion of loops is held against: enough to have nearly the largest.
+SUMS = np.uint64(4)
 
 
 @jit_lanes
@@ -75,12 +77,12 @@ def _wrong(work, columns, lanes):
 
 
 @jit_lanes
-def _closed(plan, fixed, work, lanes):
+def _closed(plan, fixed, work, lanes, sums):
     """Turn the efforts of the cut tree into those of the drives; return how often a rank is in doubt."""
     move(plan, fixed, work, lanes)
     close(plan, fixed, work, lanes)
     entries(plan, fixed, work, lanes)
-    hold(plan, fixed, work, lanes)
+    hold(plan, fixed, work, lanes, sums)
     return share(plan, fixed, work, lanes)
 
 
@@ -105,7 +107,7 @@ def _blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, sampl
         outboard(tree, numbers, work, lanes)
         inboard(tree, numbers, work, lanes)
         if loops:
-            doubt = not again and _closed(plan, fixed, work, lanes) > 0
+            doubt = not again and _closed(plan, fixed, work, lanes, block % SUMS == 0) > 0
             counter[CALL_CELLS + block] = 1 if doubt or again else 0
             again = doubt
             if doubt:  # once more, without its loops

@@ -54,3 +54,7 @@ jit_inline = _compiler(_nrt=False, inline="always")
 # The same for loops over lanes, whose products and sums may fuse.
 jit_blocks = _compiler(cache=True, nogil=True, _nrt=False, no_cfunc_wrapper=True, fastmath={"contract"})
 jit_lanes = _compiler(_nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True, fastmath={"contract"})
+# What every lane does, where it is too long for the machine's compiler to take it into the loop by itself.
+jit_lane = _compiler(
+    forceinline=True, _nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True, fastmath={"contract"}
+)

@@ -11,15 +11,15 @@ Rows are those of `closures`: position u . d, direction u . w.  Three positions 
 axes, here the root's.  A row's entries in G are e . (z x (x_B - x)) or e . z of the joints between the ends, with e = u or w x u;
 the end A is taken at the point of B, too, where it is as long as the loop is closed.
 
-Limits: of all rows of a closure together, over their scales, phi^2, phi'^2 and phi''^2.  The sums |G| |qd| and |G| |qdd| + |phi'' -
-G qdd| that they are held against are taken of some samples of a block; where that leaves a doubt, `given` looks at all.
+Limits: of all rows of a closure together, over their scales, phi^2, phi'^2 and phi''^2.  The sums |G| |qd| and |G| |qdd| +
+|phi'' - G qdd| that they are held against are taken of some samples of a block; where that leaves a doubt, `given` looks at all.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from flexinv.compiled import jit_lanes
+from flexinv.compiled import jit_lane, jit_lanes
 from flexinv.lanes import LANES, into, plus, plus_cross, put_vec, row, times, vec_of
 from flexinv.recursion import (
     COS,
@@ -81,13 +81,13 @@ def _constant(c, first):
     return c[first], c[first + 1], c[first + 2]
 
 
-@jit_lanes
+@jit_lane
 def _axes(body, k):
     """The axes of a body, so that `into` gives a vector of its frame in those of the root."""
     return vec_of(body, AXES, k), vec_of(body, AXIS_Y, k), vec_of(body, AXIS_Z, k)
 
 
-@jit_lanes
+@jit_lane
 def _put(own, k, axes, x, v, w, al, a):
     put_vec(own, AXES, k, axes[0])
     put_vec(own, AXIS_Y, k, axes[1])
@@ -99,7 +99,7 @@ def _put(own, k, axes, x, v, w, al, a):
     put_vec(own, ACCELERATION, k, a)
 
 
-@jit_lanes
+@jit_lane
 def _moved(body, k, arm):
     """Place, velocity and acceleration of a point of a body, its arm in the axes of the root."""
     w, al = vec_of(body, SPIN, k), vec_of(body, SPIN_RATE, k)
@@ -111,7 +111,7 @@ def _moved(body, k, arm):
     )
 
 
-@jit_lanes
+@jit_lane
 def _seat(axes, c):
     """The axes at a joint's zero, c : R_parent,body by columns, p."""
     return into(axes, _constant(c, 0)), into(axes, _constant(c, 3)), into(axes, _constant(c, 6))
@@ -218,7 +218,7 @@ def move(plan, fixed, work, lanes):
             _float(own, parent, rows, lanes, c)
 
 
-@jit_lanes
+@jit_lane
 def _gap(a, b, k, at_a, at_b):
     """The point of B, d = x_B - x_A and its two rates."""
     xa, va, aa = _moved(a, k, into(_axes(a, k), at_a))
@@ -226,7 +226,7 @@ def _gap(a, b, k, at_a, at_b):
     return xb, minus(xb, xa), minus(vb, va), minus(ab, aa)
 
 
-@jit_lanes
+@jit_lane
 def _square(own, k, phi, rate, second):
     """Add to the squares of a closure."""
     own[SQUARES + k] += phi * phi

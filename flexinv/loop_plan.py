@@ -56,12 +56,12 @@ from flexinv.loop_steps import Elimination, sharing
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh
 
-# An entry below this part of the largest one, at places where joints stand anywhere, is zero: rounding of some tens of operations.
+# An entry below this part of the largest one, at places where joints stand anywhere, is zero: rounding of some tens of sums.
 ZERO = 1e-13
 # Samples at which it is looked for.
 PLACES = 4
-# The limits of `given` over those of a closure's squares: axes of the root for those of the closure's own make a factor of sqrt(3)
-# in the sums, and rows of a closure that is open by as much as is allowed differ by less than the rest.
+# The limits of `given` over those of a closure's squares: axes of the root for those of the closure's own make a factor of
+# sqrt(3) in the sums, and rows of a closure that is open by as much as is allowed differ by less than the rest.
 CLEARLY = 0.5
 
 
@@ -279,14 +279,17 @@ def _coupling(t: _Tables, rows: Rows, row: int) -> None:
     t.closures += [COUPLED, first, first, first, t.numbers(rows.offset[row]), 1, 0, columns, len(coupled)]
 
 
-def planned(mesh: Mesh, b: Bodies, rows: Rows, limits: tuple[float, float, float], run: Callable[[LoopPlan], Array]) -> LoopPlan | None:
+def planned(
+    mesh: Mesh, b: Bodies, rows: Rows, limits: tuple[float, float, float], run: Callable[[LoopPlan], Array]
+) -> LoopPlan | None:
     """Return the plan [any unit] of a mechanism, None where drives are too few or none can be found.
 
     run : the work space of a block with `PLACES` samples, whose joints stand anywhere, after the kernel without steps
     """
     m = mesh.mechanism
     passive, drives = (np.flatnonzero(which).tolist() for which in (~m.actuated, m.actuated))
-    kept = np.abs(_matrix(tables(mesh, b, rows, limits, np.ones(len(rows), dtype=bool)), run)).any(axis=(0, 2))
+    every = np.ones(len(rows), dtype=bool)
+    kept = np.asarray(_matrix(tables(mesh, b, rows, limits, every), run).any(axis=(0, 2)))
     plan = tables(mesh, b, rows, limits, kept)
     g = _matrix(plan, run)
     where = np.abs(g).any(axis=0) & (plan.matrix > 0)

@@ -1,10 +1,10 @@
 """Closed loops, one sample a lane: the matrix G of their rows, and the efforts of the cut tree shared out to the drives.
 
-With passive coordinates p and drives a,  tau_a + G_a^T lambda = tau_tree,a  and  G_p^T lambda = tau_tree,p.  Rows are combined, two
-and two and always the smaller by the larger, until G_p is upper triangular: then lambda follows coordinate by coordinate, and what
-is left of rows beyond the passive coordinates has entries of drives only.  Such a row B is an effort that drives can give against
-each other: none where there are as many drives as freedoms (the row vanishes, it repeats others); else tau_a is that of least
-tau_a^T W tau_a, from which the parts along the rows B are taken one after the other.
+With passive coordinates p and drives a,  tau_a + G_a^T lambda = tau_tree,a  and  G_p^T lambda = tau_tree,p.  Rows are combined,
+two and two and always the smaller by the larger, until G_p is upper triangular: then lambda follows coordinate by coordinate,
+and what is left of rows beyond the passive coordinates has entries of drives only.  Such a row B is an effort that drives can
+give against each other: none where there are as many drives as freedoms (the row vanishes, it repeats others); else tau_a is
+that of least tau_a^T W tau_a, from which the parts along the rows B are taken one after the other.
 
 Which rows are combined in which order is a list of *steps*, the same for every sample (`loop_steps`).  Where a pivot is too small
 next to its column, or a row that should vanish does not, the block is left to `shares`.
@@ -45,7 +45,7 @@ from flexinv.loop_lanes import (
 # A column: the square of its size, then its entries, row by row.
 ENTRIES = row(1)
 # Steps: a word for what is done, how many pairs of rows follow, and their offsets.
-PAIR, SURE, EMPTY, SOLVE, NORM, PART, PROJECT = range(7)
+PAIR, SURE, EMPTY, SOLVE, NORM, INNER, PROJECT = range(7)
 # A pivot over its column's size is at least this, so that its errors are 1e-12 at most; else singular values decide.
 LEAST_PIVOT = 1e-4
 # What is left of a row that repeats others, over the size of its column: rounding over the smallest pivot.  Singular values would
@@ -136,8 +136,8 @@ def _sums(plan, work, k, closure, entry):
 
 
 @jit_lanes
-def hold(plan, fixed, work, lanes):
-    """Remember the largest squares of every lane, and the largest sums of some [any unit]."""
+def hold(plan, fixed, work, lanes, sums):
+    """Remember the largest squares of every lane, and where asked for the largest sums of some lanes [any unit]."""
     limits = work[plan[LIMITS] : plan[LIMITS] + _COLUMN]
     for i in range(plan[CLOSURES + 1]):
         at = plan[CLOSURES] + i * CLOSURE_CELLS
@@ -149,7 +149,7 @@ def hold(plan, fixed, work, lanes):
                 value = squares[row_of]
                 limits[row_of] = limits[row_of] if value <= limits[row_of] else value  # a NaN is the largest
         whole = _THREE if closure[5] == _ZERO else closure[5]
-        for j in range(whole + closure[6]):
+        for j in range(whole + closure[6] if sums else _ZERO):
             scale = fixed[_THREE] if j < whole and closure[0] != COUPLED else 1.0
             for some in range(SOME):
                 speed, size = _sums(plan, work, (some * lanes) >> _THREE, closure, ENTRIES + j * LANES)
@@ -258,7 +258,7 @@ def share(plan, fixed, work, lanes):
             one, other = work[one : one + LANES], work[other : other + LANES]
             if kind == PAIR:
                 _combine(scratch, one, other, lanes)
-            elif kind == NORM or kind == PART:
+            elif kind in (NORM, INNER):
                 _multiply(scratch, FACTOR if kind == NORM else LAMBDA, one, other, lanes, fixed[second + i], i == 0)
             else:
                 _take(scratch, one, other, lanes)

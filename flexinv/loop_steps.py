@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from flexinv.loop_rows import EMPTY, NORM, PAIR, PART, PROJECT, SOLVE, SURE
+from flexinv.loop_rows import EMPTY, INNER, NORM, PAIR, PROJECT, SOLVE, SURE
 from flexinv.mechanism import Array
 
 # A pivot of the sample, whose joints stand anywhere, is above this part of the largest entry; without one there is no order.
@@ -22,7 +22,7 @@ PIVOT = 1e-6
 class Elimination:
     """Rows as they are combined.
 
-    rows : for each row, velocity coordinate -> where its entry stands in the work space [-]; numbers : (rows, nv) [1/rad], [1/m], [-]
+    rows : for each row, velocity coordinate -> where its entry stands in the work space [-]; numbers : (rows, nv) of a sample
     sizes : for each coordinate, where the squares of its column stand; take : finds room for one entry more
     words : of the steps so far; count : how many steps; fills : entries that are zero at first
     """
@@ -67,7 +67,9 @@ class Elimination:
         n[other, column] = 0.0
 
 
-def sharing(e: Elimination, effort: Sequence[int], passive: list[int], drives: list[int], beyond: int, weights: int) -> bool:
+def sharing(
+    e: Elimination, effort: Sequence[int], passive: list[int], drives: list[int], beyond: int, weights: int
+) -> bool:
     """Write the steps [-] that share efforts out; return whether there are any that do.
 
     effort : (nv,) where efforts stand; beyond : how many rows drives have against each other; weights : where theirs stand
@@ -91,7 +93,7 @@ def sharing(e: Elimination, effort: Sequence[int], passive: list[int], drives: l
         left.remove(pivot)
         against.append(pivot)
     for r in left:
-        for c in e.rows[r].keys():
+        for c in e.rows[r]:
             for size in e.sizes[c]:
                 e.step(EMPTY, e.rows[r][c], size)
     for column, pivot in solved:
@@ -125,5 +127,5 @@ def _project(e: Elimination, effort: Sequence[int], against: list[int], drives: 
             targets.append([e.rows[s][c] for c in drives])
         for target in targets:
             pairs = list(zip(own, target, strict=True))
-            e.step(PART, 0, weights, pairs)
+            e.step(INNER, 0, weights, pairs)
             e.step(PROJECT, 0, 0, pairs)

@@ -189,13 +189,12 @@ def _loop_plan(mesh: Mesh, b: Bodies) -> LoopPlan:
         return NO_LOOPS
 
     def run(plan: LoopPlan) -> Array:
-        q, rest, work = anywhere(m, PLACES), np.zeros((4, m.nv)), np.zeros((1, plan.size))
+        q, rest, work = anywhere(m, PLACES), np.zeros((3, PLACES * m.nv)), np.zeros((1, plan.size))
         strides, counter = _table(((m.nq, 1), *[(m.nv, 1)] * 3)), np.zeros(CALL_CELLS + 1, dtype=np.uint64)
-        flat = q.ravel(), rest.ravel(), rest.ravel(), np.empty(rest.size)
-        torque_blocks(
-            b.tree, b.numbers, b.columns, plan.plan, plan.fixed, *flat, strides, np.uint64(PLACES), work, counter, _NOBODY
-        )
-        return work[0]
+        motion = q.ravel(), *rest[:3], strides, np.uint64(PLACES)
+        torque_blocks(b.tree, b.numbers, b.columns, plan.plan, plan.fixed, *motion, work, counter, _NOBODY)
+        own: Array = work[0]
+        return own
 
     return planned(mesh, b, constraint_rows(mesh), (OPEN, RATE, ACCELERATION), run) or NO_LOOPS
 

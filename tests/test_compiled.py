@@ -33,7 +33,17 @@ def test_families() -> None:
     """The rigid kernel, the march, its planar form and the loops that are followed have little in common."""
     rigid, march, loops = (set(family(module, FOLDER)) for module in ("blocks", "march", "branch"))
     planar = {name for name in SOURCES if name.startswith("planar")}
-    assert rigid == {"atomics", "blocks", "compiled", "kinds", "lanes", "offers", "recursion"}
+    assert rigid == {
+        "atomics",
+        "blocks",
+        "compiled",
+        "kinds",
+        "lanes",
+        "loop_lanes",
+        "loop_rows",
+        "offers",
+        "recursion",
+    }
     assert march >= {"assemble", "beam", "compiled", "eliminate", "integrate", "march", "rotations", "tree", "vectors"}
     assert not march & {"blocks", "branch", "lanes", "modes", "recursion", *planar}
     assert planar | {"lanes", "integrate"} <= set(family("planar_march", FOLDER))

@@ -15,12 +15,14 @@ from rigid_trees import tree
 from crosscheck.robots import random_states
 from flexinv.blocks import settle, torque_blocks
 from flexinv.helpers import HELPERS
+from flexinv.loop_plan import NO_LOOPS
 from flexinv.mechanism import Array
 from flexinv.offers import ANSWER, CELLS, DONE, FREE, OFFERED, OWNER, STATE, TAKEN
 from flexinv.prepared import TorqueFunction, prepare
 
 SAMPLES = 2000
 PATIENCE = 120.0  # s: on a busy machine a thread may wait for its turn as long as one call takes, but not for ever
+NONE = NO_LOOPS.plan, NO_LOOPS.fixed
 OTHERS = 12345  # the owner of an offer that somebody else has made
 
 
@@ -35,7 +37,8 @@ def call(f: TorqueFunction, state: list[Array], mails: np.ndarray) -> tuple[Arra
     b, own, tau = f.bodies, f._own, np.zeros_like(state[1])
     strides = np.array([(a.shape[1], 1) for a in (*state, tau)], dtype=np.uint64)
     flat = [a.reshape(-1) for a in (*state, tau)]
-    assert torque_blocks(b.tree, b.numbers, b.columns, *flat, strides, np.uint64(SAMPLES), own.work, own.counter, mails)
+    motion = (*flat, strides, np.uint64(SAMPLES))
+    assert torque_blocks(b.tree, b.numbers, b.columns, *NONE, *motion, own.work, own.counter, mails)
     return tau, own.counter
 
 
@@ -86,10 +89,11 @@ def test_a_helper_that_is_held_up_is_asked_again() -> None:
     prepare(tree(), threads=2)
     counter, mails = np.array([0, 2], dtype=np.uint64), np.zeros((1, CELLS), dtype=np.uint64)
     mails[0, STATE], mails[0, OWNER] = TAKEN, counter.ctypes.data
-    assert not settle(mails, counter)
+    whole = *NONE, np.uint64(SAMPLES), np.zeros((2, 1)), counter, mails
+    assert not settle(*whole)
     assert mails[0, STATE] == TAKEN
     mails[0, STATE], mails[0, ANSWER] = DONE, 3
-    assert settle(mails, counter)
+    assert settle(*whole)
     assert counter[1] == 5
     assert (mails[0, STATE], mails[0, OWNER]) == (FREE, 0)
 

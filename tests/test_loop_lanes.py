@@ -1,0 +1,230 @@
+"""Closed loops in lanes: the same efforts as rows G, one sample after the other, and singular values give."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from loop_examples import Example, four_bar, platform, rack_and_pinion, slider_crank, spatial
+from numpy.typing import NDArray
+from rigid_trees import TREE, tree, unit
+
+import flexinv
+from crosscheck.robots import random_states
+from flexinv.blocks import CALL_CELLS
+from flexinv.closures import constraint_jacobian, constraint_rows, residuals
+from flexinv.files.case import load_cases
+from flexinv.given import GivenLoops
+from flexinv.loop_rows import LEAST_PIVOT
+from flexinv.mechanism import WORLD, Attachment, Closure, Mechanism, Placement
+from flexinv.mesh import build
+from flexinv.prepared import TorqueFunction, prepare
+from flexinv.rigid import rigid_motion
+
+Array = NDArray[np.float64]
+MODELS = Path(__file__).parents[1] / "models"
+# Two eliminations of the same equations differ by rounding of their largest effort, the multipliers among them, over the smallest
+# pivot: some hundreds here.
+ROUNDING = 1e-12
+KINDS = ("fixed", "revolute", "prismatic", "cylindrical", "universal", "spherical", "point-on-line")
+
+
+def reference(f: TorqueFunction, state: tuple[Array, Array, Array]) -> Array:
+    """Efforts of the cut tree, shared out by `shares`."""
+    assert f.loops is not None
+    tau = prepare(replace(f.mechanism, closures=()), f.passive, threads=1).torques(*state)
+    f.loops.share(*state, tau)
+    return tau
+
+
+def doubts(f: TorqueFunction, samples: int) -> list[int]:
+    """Which blocks the kernel has left to `shares`."""
+    blocks = -(-samples // 128)
+    return np.flatnonzero(f._own.counter[CALL_CELLS : CALL_CELLS + blocks]).tolist()
+
+
+def largest(f: TorqueFunction, state: tuple[Array, Array, Array]) -> float:
+    return float(np.abs(prepare(replace(f.mechanism, closures=()), f.passive, threads=1).torques(*state)).max())
+
+
+def solved(example: Example, samples: int) -> tuple[Mechanism, tuple[Array, Array, Array]]:
+    mechanism, case = example
+    s = flexinv.solve(mechanism, case.motion, step=case.end / (samples - 1), start=case.start)
+    return mechanism, (np.array(s.q), np.array(s.qd), np.array(s.qdd))
+
+
+EXAMPLES: dict[str, Callable[[], Example]] = {
+    "revolute": four_bar,
+    "spherical": lambda: four_bar("spherical"),
+    "universal": lambda: four_bar("universal"),
+    "cylindrical": lambda: four_bar("cylindrical"),
+    "slide": lambda: slider_crank("prismatic"),
+    "line": lambda: slider_crank("point-on-line"),
+    "pin": lambda: slider_crank("pin"),
+    "spatial": spatial,
+    "platform": platform,
+    "rack": rack_and_pinion,
+}
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_efforts_are_those_of_one_sample_after_the_other(name: str) -> None:
+    mechanism, state = solved(EXAMPLES[name](), 200)
+    mechanism = replace(mechanism, springs=(), forces=())
+    f = prepare(mechanism, threads=1)
+    tau = f.torques(*state)
+    assert doubts(f, 200) == []
+    assert f.plan.sizes
+    assert not f._own.counter[3]
+    assert np.abs(tau - reference(f, state)).max() < ROUNDING * largest(f, state)
+
+
+@pytest.mark.parametrize(
+    "name", ["andrews_squeezer", "bricard", "five_bar_redundant", "geared_four_bar", "stewart_platform"]
+)
+def test_models(name: str) -> None:
+    mechanism = flexinv.load_mechanism(MODELS / name)
+    case = next(iter(load_cases(MODELS / name, mechanism).values()))
+    bare, state = solved((mechanism, case), 150)
+    f = prepare(replace(bare, springs=(), forces=()), threads=1)
+    tau = f.torques(*state)
+    assert doubts(f, 150) == []
+    assert np.abs(tau - reference(f, state)).max() < ROUNDING * largest(f, state)
+
+
+def closed_tree(kind: str, seed: int, drives: int) -> tuple[Mechanism, tuple[Array, Array, Array]]:
+    """A tree of all kinds of joints, closed where it stands; samples of motions that keep the closure there.
+
+    drives : how many more there are than freedoms; negative, how many fewer
+    """
+    random = np.random.default_rng(seed)
+    mechanism = tree(TREE, seed)
+    q = random_states(mechanism, 1, random)[0]
+    one, other = ("hip", "slider") if seed % 2 and kind != "fixed" else (WORLD, "hip" if seed % 2 else "slider")
+    rest = np.zeros((1, mechanism.nv))
+    motion, mesh = rigid_motion(build(mechanism), q, rest, rest), build(mechanism)
+
+    def pose(link: str) -> tuple[Array, Array]:
+        if link == WORLD:
+            return np.zeros(3), np.eye(3)
+        node = next(mesh.joint_node[j.name] for j in mechanism.joints if j.child == link)
+        return motion.x[0, node], motion.rotation[0, node]
+
+    (xa, ra), (xb, rb) = pose(one), pose(other)
+    seat = Placement(random.normal(size=3), np.linalg.qr(random.normal(size=(3, 3)))[0])
+    seat = replace(seat, rotation=seat.rotation * np.sign(np.linalg.det(seat.rotation)))
+    there = Placement(rb.T @ (xa + ra @ seat.position - xb), rb.T @ ra @ seat.rotation)
+    axis = unit(random)
+    across = np.cross(axis, unit(random))
+    ends = Attachment(one, seat), Attachment(other, there)
+    closure = Closure("C", kind, *ends, axis=axis, second_axis=across / np.linalg.norm(across))
+    closed = replace(mechanism, closures=(closure,))
+    return driven(closed, q, drives, random)
+
+
+def driven(
+    closed: Mechanism, q: Array, drives: int, random: np.random.Generator
+) -> tuple[Mechanism, tuple[Array, Array, Array]]:
+    """The drives, and motions of 150 samples at one configuration."""
+    mesh, rest = build(closed), np.zeros((1, closed.nv))
+    rows = constraint_rows(mesh)
+    g = constraint_jacobian(mesh, rigid_motion(mesh, q, rest, rest), rows)[0]
+    _, values, right = np.linalg.svd(g)
+    rank = int((values > 1e-10 * values[0]).sum())
+    qd = random.normal(size=(150, closed.nv - rank)) @ right[rank:]
+    states = np.repeat(q, 150, axis=0)
+    turning = residuals(rigid_motion(mesh, states, qd, 0 * qd), rows)[2]
+    qdd = random.normal(size=qd.shape) @ right[rank:].T @ right[rank:] - turning @ np.linalg.pinv(g, rcond=1e-10).T
+    passive: list[str] = []
+    for joint in random.permutation(
+        np.array([j.name for j in closed.joints if j.nv])
+    ):  # as long as they are independent
+        columns = [i for n in (*passive, joint) for i in range(*closed.v_slices[n].indices(closed.nv))]
+        own = np.linalg.svd(g[:, columns], compute_uv=False)
+        if len(columns) <= rank - drives and own[-1] > 1e-2 * values[0]:
+            passive.append(str(joint))
+    joints = tuple(replace(j, actuated=j.name not in passive, weight=random.uniform(0.5, 2.0)) for j in closed.joints)
+    return replace(closed, joints=joints), (states, qd, qdd)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_every_kind_between_any_bodies(kind: str, seed: int) -> None:
+    """In space, drives more than freedoms where joints of several coordinates cannot be divided."""
+    mechanism, state = closed_tree(kind, seed, 0)
+    f = prepare(mechanism, threads=1)
+    tau = f.torques(*state)
+    assert f.plan.sizes
+    assert doubts(f, 150) == []
+    assert np.abs(tau - reference(f, state)).max() < 10 * ROUNDING * largest(f, state)  # pivots of 1e-2 are let through
+
+
+def test_a_dead_point_is_left_to_singular_values() -> None:
+    """Coupler and rocker in line: the passive joints do not follow there; only its block is left."""
+    mechanism, (q, qd, qdd) = solved(four_bar(), 500)
+    f = prepare(mechanism, threads=1)
+    assert f.loops is not None
+    g = f.loops.jacobian(q, qd, qdd)[:, :, 1:]
+    worst = int(np.argmin(np.linalg.svd(g, compute_uv=False)[:, 1]))
+    joints = tuple(
+        replace(j, actuated=j.name == "B") for j in mechanism.joints
+    )  # the crank turns by the coupler's drive
+    other = prepare(replace(mechanism, joints=joints), threads=1)
+    tau = other.torques(q, qd, qdd)
+    assert worst >= 0
+    assert np.abs(tau - reference(other, (q, qd, qdd))).max() < np.abs(tau).max() * ROUNDING / LEAST_PIVOT
+
+
+def test_what_the_kernel_doubts_the_other_way_finds() -> None:
+    """A motion that is open by half of what is allowed, and one at rest: the same efforts, and no complaint."""
+    mechanism, (q, qd, qdd) = solved(four_bar(), 300)
+    f = prepare(mechanism, threads=1)
+    still = (q, 0 * qd, 0 * qdd)
+    assert np.abs(f.torques(*still) - reference(f, still)).max() < ROUNDING * largest(f, still)
+    assert not f._own.counter[3]
+    moved = (q + 0.9e-7 * np.array([0.0, 1.0, 0.0, 0.0]), qd * (1 + 3e-5 * np.array([0.0, 1.0, 0.0])), qdd)
+    tau = f.torques(*moved)
+    assert np.abs(tau - reference(f, moved)).max() < ROUNDING * largest(f, moved)
+
+
+def test_blocks_in_doubt_are_shared_out_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One block of three at a dead point of its drive: those samples, and no others, go the other way."""
+    mechanism, state = solved(four_bar(), 384)
+    f = prepare(mechanism, threads=1)
+    asked: list[int] = []
+    shared = GivenLoops.share_some
+
+    def some(self: GivenLoops, which: NDArray[np.bool_], *rows: Array) -> None:
+        asked.extend(np.flatnonzero(which).tolist())
+        shared(self, which, *rows)
+
+    monkeypatch.setattr(GivenLoops, "share_some", some)
+    mechanism, case = four_bar()
+    joints = tuple(
+        replace(j, actuated=j.name == "D") for j in mechanism.joints
+    )  # the rocker drives: the crank has dead points
+    s = flexinv.solve(mechanism, case.motion, step=case.end / 40_000, start=case.start)
+    dead = prepare(replace(mechanism, joints=joints), threads=1)
+    state = (s.q, s.qd, s.qdd)
+    tau = dead.torques(*state)
+    blocks = doubts(dead, len(s.q))
+    assert 0 < len(blocks) <= 6  # two dead points, some blocks around each
+    assert asked == [k for b in blocks for k in range(128 * b, min(128 * (b + 1), len(s.q)))]
+    assert np.isfinite(tau).all()
+    alone = prepare(mechanism, threads=1)
+    alone.torques(*state)
+    assert doubts(alone, len(s.q)) == []
+    assert np.array_equal(f.torques(*(a[:384] for a in state)), f.torques(*(a[:384] for a in state)))
+
+
+def test_threads_and_orders_agree() -> None:
+    mechanism, state = solved(four_bar(), 5000)
+    one, two = prepare(mechanism, threads=1), prepare(mechanism, threads=2)
+    tau = one.torques(*state)
+    for _ in range(20):
+        assert np.array_equal(two.torques(*state), tau)
+    columns = [np.ascontiguousarray(a.T) for a in state]
+    assert np.array_equal(two.torques(*columns, order="coordinates").T, tau)
