@@ -23,8 +23,8 @@ from flexinv.solution import Solution
 
 FEWEST = 100  # samples of a rigid mechanism that a fit looks at, or up to twice as many
 # Of a flexible march, at least.  A thick strip that rings in short waves, 10 % softer in shear: with 1,200 steps the column has
-# an error of 13 % (more than a named cause may leave), with 3,000 of 2 %, with 6,000 of 0.4 %; these take 0.07 s.
-STEPS = 5000
+# an error of 13 % (more than a named cause may leave), with 3,000 of 2 %, with 6,000 of 0.4 %.
+STEPS = 2500
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from crosscheck.report.words import SIGNS
 from crosscheck.results import StudyRow
 from crosscheck.runner import RESULTS, Options, Work, run
 from crosscheck.studies.selftest import ALONE, studies, summary, targets
-from crosscheck.terminal import COLOURS, JOBS, MODELS, TIMEOUT, Failure, progress, terminated
+from crosscheck.terminal import COLOURS, JOBS, MODELS, Failure, progress, terminated
 from crosscheck.terminal import out as out_option
 
 
@@ -30,7 +30,13 @@ from crosscheck.terminal import out as out_option
 @MODELS
 @out_option("reports/selftest")
 @JOBS
-@TIMEOUT
+@click.option(
+    "--timeout",
+    type=click.FloatRange(min=0.0, min_open=True),
+    default=3600.0,
+    show_default=True,
+    help="Seconds that one bench may take: some hundred runs of an engine.",
+)
 def command(names: tuple[str, ...], models: Path, out: Path, jobs: int, timeout: float) -> NoReturn:
     """Plant every known cause in an engine's model and demand that it is named.
 
@@ -46,6 +52,9 @@ def command(names: tuple[str, ...], models: Path, out: Path, jobs: int, timeout:
     known = [bench.mechanism for bench in BENCHES]
     if unknown := [n for n in names if n not in known]:
         raise Failure(f"no bench is called {unknown[0]!r}; known: {', '.join(dict.fromkeys(known))}")
+    asked = dict.fromkeys(name for name in known if not names or name in names)
+    if absent := [name for name in asked if not (models / name / "mechanism.toml").is_file()]:
+        raise Failure(f"{models} has no mechanism {', '.join(absent)}: write --models with this project's own models")
     with terminated(), progress(Console(stderr=True)) as notify:
         line = shlex.join(["crosscheck", *sys.argv[1:]])
         results = run(Work(Plan(()), {}, studies(models, names), Options(timeout, jobs)), out, notify, line)
