@@ -197,6 +197,18 @@ def row(verdict: str, maximum: float | None = 1.0, limit: float | None = 1e-3, *
     return replace(one, **more)  # type: ignore[arg-type]
 
 
+def studies(*verdicts: str) -> Results:
+    """A run of studies alone, as the selftest and the benchmark are."""
+    return Results(NOW, finished=True, studies=tuple(StudyRow(v, v, rows=({"verdict": v},)) for v in verdicts))
+
+
+def test_a_run_of_studies_alone_has_no_empty_matrix(tmp_path: Path) -> None:
+    render(studies("within"), tmp_path)
+    assert not Page(tmp_path / "index.html").all("table", **{"class": "matrix"})
+    render(example(row("within")), tmp_path)
+    assert Page(tmp_path / "index.html").all("table", **{"class": "matrix"})
+
+
 @pytest.mark.parametrize(
     ("results", "sentence"),
     [
@@ -213,6 +225,8 @@ def row(verdict: str, maximum: float | None = 1.0, limit: float | None = 1e-3, *
             "Of 1 comparisons 1 are within their limits; the run has not finished.",
         ),
         (example(row("within"), finished=False, message="cut"), "Of 1 comparisons 1 are within their limits; cut."),
+        (studies("within", "within"), "All 2 studies are within their targets."),
+        (studies("within", "deviation"), "Of 2 studies 1 are within their targets; 1 study is off."),
     ],
 )
 def test_the_first_sentence(results: Results, sentence: str) -> None:

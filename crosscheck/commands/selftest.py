@@ -71,7 +71,7 @@ def command(names: tuple[str, ...], models: Path, out: Path, jobs: int, timeout:
 
 def _show(whole: StudyRow, met: Sequence[Mapping[str, Any]]) -> None:
     """Print the matrix with numbered columns, where each cause is named alone, and the targets."""
-    console, benches = Console(), [title for _, title, _ in whole.columns[1:-1]]
+    console, benches = Console(), [key for key, _, _ in whole.columns[1:-1]]
     matrix = whole.rows[: -len(met)]
     table = Table("planted", box=None, header_style="dim", padding=(0, 1, 0, 0))
     for k in range(len(benches)):

@@ -132,9 +132,13 @@ def sentence(results: Results) -> str:
     if not wrong and results.exit_code == 0:
         named = _count(tally["explained"], "more differs for a named cause", "more differ for a named cause")
         good = f"All {judged} comparisons are within their limits{'; ' if named else ''}{named}."
-        return good if judged else "Nothing was compared."
+        done = sum(s.verdict == "within" for s in results.studies)
+        return good if judged else f"All {done} studies are within their targets." if done else "Nothing was compared."
     if not results.finished and not results.message:
         wrong.append("the run has not finished")
+    if results.studies and not results.cases:  # of the selftest, of the benchmark
+        done = sum(s.verdict in ("within", "skipped") for s in results.studies)
+        return f"Of {len(results.studies)} studies {done} are within their targets; " + ", ".join(wrong) + "."
     return f"Of {judged} comparisons {tally['within']} are within their limits; " + ", ".join(wrong) + "."
 
 

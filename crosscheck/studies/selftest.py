@@ -24,6 +24,7 @@ WORDS = (
     "· below the error bars. Of several sizes and places the worst mark is shown; faults that change the effort by less than "
     "1 % of its range are left out unless they were named."
 )
+PLACES = (("number", "number", ""), ("bench", "mechanism, motion and engine", ""))
 ORDER = ("another", "none", "unseen", "in the set", "first", "alone", "silent")  # the worst first
 TEXT = """Every cause of the dictionary, planted in this engine's model, motion or options, in several sizes, at the first and
 at the last place where it shows. The reference stays unharmed; only the difference of the efforts is looked at. "Change" is
@@ -78,7 +79,8 @@ def summary(tables: Iterable[StudyRow], whole: bool = True) -> StudyRow:
     planted = dict.fromkeys(row["cause"] for row in rows)
     causes = dict.fromkeys((*planted, *ALL)) if whole else planted
     matrix = [_line(cause, benches, rows, whole) for cause in causes]
-    columns = (("cause", "planted", ""), *((b, b, "") for b in benches), (ALONE, "named alone on", ""))
+    numbered = ((b, str(k + 1), "") for k, b in enumerate(benches))
+    columns = (("cause", "planted", ""), *numbered, (ALONE, "named alone on", ""))
     blank = dict.fromkeys((key for key, _, _ in columns), "")
     return StudyRow(
         "selftest",
@@ -86,7 +88,12 @@ def summary(tables: Iterable[StudyRow], whole: bool = True) -> StudyRow:
         text=f"{sentence(rows)}\n\n{WORDS}",
         columns=columns,
         rows=tuple(blank | line for line in (*matrix, *_targets(rows, whole))),
+        tables=({"title": "Where faults were planted", "columns": PLACES, "rows": _places(benches)},),
     )
+
+
+def _places(benches: Sequence[str]) -> tuple[dict[str, str], ...]:
+    return tuple({"number": str(k + 1), "bench": bench} for k, bench in enumerate(benches))
 
 
 def _line(cause: str, benches: Sequence[str], rows: Sequence[Mapping[str, Any]], whole: bool) -> dict[str, Any]:
