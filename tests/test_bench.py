@@ -48,6 +48,14 @@ def test_on_a_busy_machine_the_processors_time_counts_and_several_threads_are_no
     assert not busy(times([3.0] * 9, clean=True, threads=2), times([3.0] * 9, clean=False))
 
 
+def test_threads_that_interrupt_each_other_are_judged_where_others_hardly_use_the_machine() -> None:
+    mine = replace(times([3.0] * 9, clean=False, threads=2), others=0.01)
+    assert not busy(mine)
+    assert mine.spread().median == 3.0
+    assert ratio(times([6.0] * 9, clean=True), mine).median == 2.0
+    assert busy(replace(mine, others=0.5))
+
+
 def test_calls_take_turns() -> None:
     order: list[str] = []
     found = in_turns({name: Call(lambda name=name: order.append(name)) for name in "ab"}, SHORT)  # type: ignore[misc]

@@ -27,7 +27,7 @@ TWO_THREADS = 1.8  # times as fast as one
 LEANING = 1e-5  # [m/s^2]: what makes a mechanism in a plane spatial, and changes nothing that matters
 LOOP_MARCH, LOOP_RIGID = 1.3, 2.0  # times as long as the tree
 SECONDS = 4.0
-SCENARIOS = 4
+SCENARIOS = 8
 MESHES = {1: (4, 8, 16, 32, 64, 128, 256), 4: (1, 2, 4, 8, 16, 32, 64)}
 
 ELEMENTS_TEXT = f"""Time of the whole solve over the number of elements, steps of {SAMPLE:g} s. The exponent is that of the line
@@ -46,7 +46,8 @@ OTHER_TEXT = """Closed loops: the same mechanism with and without its closure, t
 the plane, and with gravity leaning out of it by a millionth, which makes both spatial. Rigid loops: both are given the
 consistent motion of all joints, by flexinv.solve with all that it returns, and by a prepared function that returns torques
 alone; beside them the closed mechanism that finds its passive joints, of which nothing is asked. One thread.
-Threads: solve_many with some scenarios on one thread and on two."""
+Threads: solve_many with some scenarios, each a whole motion, on one thread and on two. Only compiled code runs side by side:
+scenarios of a few milliseconds gain less than those of many."""
 OTHER_COLUMNS = (
     ("what", "what", ""),
     ("method", "method", ""),
@@ -172,11 +173,11 @@ def _compared(what: str, name: str, times: dict[str, Times], first: str, most: f
 def _threads(folder: Path, seconds: float) -> list[dict[str, Any]]:
     """The same scenarios on one thread and on two."""
     rows = []
-    for model, case in (("flex_one_link", "cycloid"), ("spatial_arm", "reach")):
+    for model, case, step in (("flex_one_link", "cycloid", SAMPLE / 2), ("spatial_arm", "reach", SAMPLE)):
         mechanism = load_mechanism(folder / model)
         motion = load_cases(folder / model, mechanism)[case].motion
         counts = (1, 2) if processors() > 1 else (1,)
-        times = in_turns({str(n): _many(mechanism, motion, n) for n in counts}, seconds)
+        times = in_turns({str(n): _many(mechanism, motion, step, n) for n in counts}, seconds)
         for n in counts:
             row: dict[str, Any] = {"what": f"solve_many, {SCENARIOS} times {model}", "method": f"{n} threads"}
             row["time"] = 1e3 * times[str(n)].spread().median
@@ -192,6 +193,6 @@ def _threads(folder: Path, seconds: float) -> list[dict[str, Any]]:
     return rows
 
 
-def _many(mechanism: Mechanism, motion: Motion, threads: int) -> Call:
+def _many(mechanism: Mechanism, motion: Motion, step: float, threads: int) -> Call:
     motions = [motion] * SCENARIOS
-    return Call(lambda: solve_many(mechanism, motions, SAMPLE / 2, end=0.2, threads=threads).all(), threads)
+    return Call(lambda: solve_many(mechanism, motions, step, threads=threads).all(), threads)

@@ -5,12 +5,14 @@ its own, and not as the call before it left the caches; a call of more than 50 m
 
 A repetition in which the process was interrupted (an involuntary context switch) is dropped.  Where too few are left, as
 with long calls on a busy machine, calls of one thread are measured by the processor's time instead, which does not count
-interruptions, and calls of several by the fastest quarter of their repetitions.
+interruptions.  Threads interrupt each other, too: their calls count as they are where others hardly used the machine, and
+where others did, they say nothing.
 """
 
 from __future__ import annotations
 
 import gc
+import os
 import time as clock
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -26,6 +28,7 @@ LONG = (
 )
 FEWEST = 5  # repetitions, and clean ones, that quartiles are taken of
 MOST = 400  # repetitions; more do not move a median
+OTHERS = 0.05  # processors that others may use while several threads are timed: a fortieth of two
 
 
 @dataclass(frozen=True)
@@ -47,20 +50,22 @@ class Spread:
 
 @dataclass(frozen=True)
 class Times:
-    """Seconds that one run of a call took, by repetition: on the clock and of the processor; clean: not interrupted."""
+    """Seconds that one run of a call took, by repetition: on the clock and of the processor; clean: not interrupted.
+
+    others : processors that other programs used meanwhile [-], infinite where the system does not tell
+    """
 
     wall: Array
     processor: Array
     clean: NDArray[np.bool_]
     threads: int = 1
+    others: float = np.inf
 
     def usable(self) -> Array:
         """Return the times that count [s]."""
         if self.clean.sum() >= min(FEWEST, len(self.wall)):
             return self.wall[self.clean]
-        if self.threads == 1:
-            return self.processor
-        return np.sort(self.wall)[: max(1, len(self.wall) // 4)]
+        return self.processor if self.threads == 1 else self.wall
 
     def spread(self) -> Spread:
         """Return the quartiles [s]."""
@@ -69,7 +74,7 @@ class Times:
 
 def busy(*times: Times) -> bool:
     """Return whether others took the processors too often to say how long several threads take together."""
-    return any(t.threads > 1 and t.clean.sum() < min(FEWEST, len(t.wall)) for t in times)
+    return any(t.threads > 1 and t.clean.sum() < min(FEWEST, len(t.wall)) and t.others > OTHERS for t in times)
 
 
 def ratio(slow: Times, fast: Times) -> Spread:
@@ -79,8 +84,7 @@ def ratio(slow: Times, fast: Times) -> Spread:
         return _quartiles(slow.wall[both] / fast.wall[both])
     if slow.threads == fast.threads == 1:
         return _quartiles(slow.processor / fast.processor)
-    value = slow.spread().median / fast.spread().median
-    return Spread(value, value, value)
+    return _quartiles(slow.wall / fast.wall)
 
 
 def in_turns(calls: Mapping[str, Call], seconds: float) -> dict[str, Times]:
@@ -90,16 +94,19 @@ def in_turns(calls: Mapping[str, Call], seconds: float) -> dict[str, Times]:
     """
     often = {name: _count(call) for name, call in calls.items()}
     taken: dict[str, list[tuple[float, float, bool]]] = {name: [] for name in calls}
-    end = clock.perf_counter() + seconds
+    start, before, own = clock.perf_counter(), _machine(), clock.process_time()
+    end = start + seconds
     with _undisturbed():
         for done in range(MOST):
             if done >= FEWEST and clock.perf_counter() > end:
                 break
             for name, call in calls.items():
                 taken[name].append(_once(call, *often[name]))
+    worked = _machine() - before - (clock.process_time() - own)
+    others = worked / (clock.perf_counter() - start) if np.isfinite(before) else np.inf
     columns = {name: list(zip(*rows, strict=True)) for name, rows in taken.items()}
     return {
-        name: Times(np.array(wall), np.array(own), np.array(clean, dtype=bool), calls[name].threads)
+        name: Times(np.array(wall), np.array(own), np.array(clean, dtype=bool), calls[name].threads, others)
         for name, (wall, own, clean) in columns.items()
     }
 
@@ -137,6 +144,16 @@ def _interruptions() -> int:
     except ImportError:
         return 0
     return resource.getrusage(resource.RUSAGE_SELF).ru_nivcsw
+
+
+def _machine() -> float:
+    """Seconds that all processors together have worked since the system began; infinite where it does not tell."""
+    try:
+        with open("/proc/stat", encoding="ascii") as stat:
+            user, nice, system, _, _, *interrupts = (int(word) for word in stat.readline().split()[1:9])
+    except OSError:
+        return np.inf
+    return (user + nice + system + sum(interrupts)) / os.sysconf("SC_CLK_TCK")
 
 
 @contextmanager
