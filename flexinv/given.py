@@ -20,7 +20,7 @@ from flexinv.inverse import plain
 from flexinv.mechanism import Array
 from flexinv.mesh import Mesh
 from flexinv.rows import RowArrays
-from flexinv.shares import share_out
+from flexinv.shares import Shares, share_out
 from flexinv.tree import Frames, Joints
 
 # How far a given motion may be from closed: in metres over the mechanism's length or radians, as six digits of coordinates leave
@@ -113,15 +113,19 @@ class GivenLoops:
         q : (samples, nq), qd, qdd : (samples, nv) of all joints; torques of passive joints become zero
         Raises InputError for a motion that the closures do not allow, or that the drives cannot give.
         """
-        tau[:] = self._shared(self.jacobian(q, qd, qdd), tau, np.arange(len(tau)))
+        tau[:] = self.shares(q, qd, qdd, tau).tau
+
+    def shares(self, q: Array, qd: Array, qdd: Array, tau: Array) -> Shares:
+        """Return what `share` writes [N m], [N], and the multipliers with it; ``tau`` (samples, nv) stays as it is."""
+        return self._shared(self.jacobian(q, qd, qdd), tau, np.arange(len(tau)))
 
     def share_some(self, which: NDArray[np.bool_], q: Array, qd: Array, qdd: Array, tau: Array) -> None:
         """Do so for some samples (samples,) of a motion that is known to keep the closures [N m], [N]."""
         samples = np.flatnonzero(which)
         g, _, _ = self._closing(q[samples], qd[samples], qdd[samples])
-        tau[samples] = self._shared(g, tau[samples], samples)
+        tau[samples] = self._shared(g, tau[samples], samples).tau
 
-    def _shared(self, g: Array, tau: Array, samples: NDArray[np.int64]) -> Array:
+    def _shared(self, g: Array, tau: Array, samples: NDArray[np.int64]) -> Shares:
         m = self.mesh.mechanism
         shares = share_out(g, tau, m.actuated, m.weights[m.actuated])
         left, largest = (
@@ -135,4 +139,4 @@ class GivenLoops:
                 f"({left.max():.3g} N m or N is left at '{m.velocity_names[column]}'): "
                 "write actuated = true for as many independent joints as the mechanism has freedoms"
             )
-        return shares.tau
+        return shares

@@ -25,6 +25,7 @@ from flexinv.lanes import BLOCK
 from flexinv.loop_plan import NO_LOOPS, PLACES, LoopPlan, anywhere, planned
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh, build
+from flexinv.nodal_result import NodalResult, nodal_result
 from flexinv.offers import CELLS
 from flexinv.rigid import rigid_motion
 
@@ -101,6 +102,18 @@ class TorqueFunction:
         if self.loops is not None:
             self._share(counter, rows)
         return tau
+
+    def nodal(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, order: Order = "samples") -> NodalResult:
+        """Return how every node moves [m, rad, s], what acts on it [N], [N m], the wrenches of the joints, and the efforts.
+
+        q, qd, qdd, order : as for `torques`, which is many times as fast and needs none of this memory, some 50 numbers for
+            every node and sample: many samples are best given in parts.
+        Raises InputError as `torques` does.
+        """
+        given = _checked(self.mechanism, (q, qd, qdd), order)
+        _check_finite(given)
+        places, rates, accelerations = (np.ascontiguousarray(_by_sample(a, order)) for a in given)
+        return nodal_result(self.mesh, self.loops, self.passive, places, rates, accelerations)
 
     def sample(self, q: Array, qd: Array, qdd: Array, out: Array) -> Array:
         """Write the efforts of one sample into ``out`` (nv,) [N m] or [N] and return it: for a controller's cycle.

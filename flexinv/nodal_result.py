@@ -1,0 +1,61 @@
+"""What a prepared function can give beside the efforts: how every node moves, what acts on it and in the joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexinv.applied import applied_forces, joint_springs
+from flexinv.closures import constraint_rows, row_forces
+from flexinv.given import GivenLoops
+from flexinv.inverse import NodalForces, along_joints, drive_efforts, nodal_forces, own_wrenches
+from flexinv.mechanism import Array
+from flexinv.mesh import Mesh
+from flexinv.nodal import NodalMotion
+from flexinv.reactions import closure_reactions
+from flexinv.rigid import rigid_motion
+
+
+@dataclass(frozen=True)
+class NodalResult:
+    """The motion and the forces of all nodes, of `TorqueFunction.nodal`.
+
+    torque : (samples, nv) effort of every joint coordinate, as `TorqueFunction.torques` has it [N m], [N]
+    motion : of all nodes, world frame (`NodalMotion`); forces : P, what acts on every node so that it moves as it does
+    wrench : joint -> (samples, 6) force [N] and moment [N m] on the child, at the joint, in the child's link frame
+    reaction : closure -> (samples, 6) the same on its second link, as `Solution.loops` has it; empty without closures
+    node : link -> number of its link frame's node; body : (link, body) -> number of the node at its centre of mass
+    """
+
+    torque: Array
+    motion: NodalMotion
+    forces: NodalForces
+    wrench: dict[str, Array]
+    reaction: dict[str, Array]
+    node: dict[str, int]
+    body: dict[tuple[str, str], int]
+
+
+def nodal_result(mesh: Mesh, loops: GivenLoops | None, passive: bool, q: Array, qd: Array, qdd: Array) -> NodalResult:
+    """Return the motion, forces and wrenches [m, rad, s, N] of q (samples, nq), qd, qdd (samples, nv).
+
+    passive : joint springs, damping and dry friction are part of the efforts; loops : of the closures, where there are some
+    Raises InputError for a motion that the closures do not allow, or that the drives cannot give.
+    """
+    m, motion = mesh.mechanism, rigid_motion(mesh, q, qd, qdd)
+    acting = applied_forces(mesh, motion, np.zeros(len(q)))
+    forces = nodal_forces(mesh, motion, acting)
+    wrenches = own_wrenches(mesh, motion, forces)
+    torque = along_joints(mesh, len(q), wrenches) + drive_efforts(m, qd, qdd, passive)
+    if passive:
+        torque = torque + joint_springs(m, q)
+    reaction: dict[str, Array] = {}
+    if loops is not None:
+        rows, shares = constraint_rows(mesh), loops.shares(q, qd, qdd, torque)
+        forces = nodal_forces(mesh, motion, row_forces(motion, rows, shares.multipliers) + acting)
+        wrenches, torque = own_wrenches(mesh, motion, forces), shares.tau
+        reaction = closure_reactions(mesh, motion, rows, shares.multipliers)
+    wrench = {name: wrenches[node] for name, node in mesh.joint_node.items()}
+    node = {joint.child: mesh.joint_node[joint.name] for joint in m.joints}
+    return NodalResult(torque, motion, forces, wrench, reaction, node, dict(mesh.body_node))
