@@ -11,7 +11,8 @@ import numpy as np
 from flexinv.atomics import address, fetch, put, reals, reals_table, take, wholes, wholes_table
 from flexinv.compiled import jit_blocks, jit_lanes
 from flexinv.lanes import LANES
-from flexinv.loop_lanes import LIMITS, begin, close, keep, move
+from flexinv.loop_lanes import LIMITS, PLANE, begin, close, keep, move
+from flexinv.loop_plane import in_plane
 from flexinv.loop_rows import entries, hold, share, unclear
 from flexinv.offers import ANSWER, DONE, OFFERED, SLEEPS, STATE, WORDS, awaited, claimed, settled, write
 from flexinv.recursion import NUMBERS, TREE, inboard, outboard
@@ -79,9 +80,12 @@ def _wrong(work, columns, lanes):
 @jit_lanes
 def _closed(plan, fixed, work, lanes, sums):
     """Turn the efforts of the cut tree into those of the drives; return how often a rank is in doubt."""
-    move(plan, fixed, work, lanes)
-    close(plan, fixed, work, lanes)
-    entries(plan, fixed, work, lanes)
+    if plan[PLANE] > 0:
+        in_plane(plan, fixed, work, lanes)
+    else:
+        move(plan, fixed, work, lanes)
+        close(plan, fixed, work, lanes)
+        entries(plan, fixed, work, lanes)
     hold(plan, fixed, work, lanes, sums)
     return share(plan, fixed, work, lanes)
 

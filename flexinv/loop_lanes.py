@@ -49,7 +49,19 @@ WORST, LARGEST, LIMIT_ROWS = row(0), row(3), 4
 # Where a block works: a factor and whether two rows change places; a multiplier; a column's motion of the point.
 FACTOR, CHANGED, LAMBDA, MOVED, SCRATCH_ROWS = row(0), row(1), row(2), row(3), 7
 # The plan: a header of where its tables begin and how long they are, then the tables.
-LIMITS, SCRATCH, KEEPS, ROOTS, BODIES, CLOSURES, COLUMNS, STEPS, FILLS, HEADER = 0, 1, 2, 4, 6, 8, 10, 12, 14, 16
+LIMITS, SCRATCH, KEEPS, ROOTS, BODIES, CLOSURES, COLUMNS, STEPS, FILLS, PLANE, HEADER = (
+    0,
+    1,
+    2,
+    4,
+    6,
+    8,
+    10,
+    12,
+    14,
+    16,
+    17,
+)
 BODY_CELLS, CLOSURE_CELLS, COLUMN_CELLS = np.uint64(5), np.uint64(9), np.uint64(10)
 ROOT_TURN, TURN, SLIDE, FLOAT = range(4)  # bodies
 WHOLE, PARTIAL, COUPLED = range(3)  # closures
@@ -285,8 +297,8 @@ def _direction(a, b, own, e, lanes, u, w):
 
 
 @jit_lanes
-def _coupled(plan, fixed, work, own, lanes, columns, count, offset):
-    """phi = sum gear q - offset of a coupling."""
+def coupled(plan, fixed, work, own, lanes, columns, count, offset):
+    """Set the squares of a coupling, phi = sum gear q - offset [rad], [m]."""
     for k in range(lanes):
         put_vec(own, GAP, k, (-offset, 0.0, 0.0))
         put_vec(own, SQUARES, k, _NONE)
@@ -313,7 +325,7 @@ def close(plan, fixed, work, lanes):
         own = work[first : first + VECTORS + (positions + directions) * VECTOR]
         a, b = work[one : one + _BODY], work[other : other + _BODY]
         if kind == COUPLED:
-            _coupled(plan, fixed, work, own, lanes, plan[at + np.uint64(7)], plan[at + np.uint64(8)], c[0])
+            coupled(plan, fixed, work, own, lanes, plan[at + np.uint64(7)], plan[at + np.uint64(8)], c[0])
             continue
         if kind == WHOLE:
             _whole(a, b, own, lanes, c)

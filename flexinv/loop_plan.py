@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from flexinv.bodies import TURNING as TURNS
 from flexinv.bodies import Bodies, carriers
-from flexinv.closures import Rows
+from flexinv.closures import Rows, residuals
 from flexinv.kinds import FREE, PRISMATIC, SPHERICAL
 from flexinv.lanes import BLOCK
 from flexinv.loop_lanes import (
@@ -40,6 +40,7 @@ from flexinv.loop_lanes import (
     LIMIT_ROWS,
     LIMITS,
     PARTIAL,
+    PLANE,
     ROOT_TURN,
     ROOTS,
     SCRATCH,
@@ -55,6 +56,7 @@ from flexinv.loop_rows import ENTRIES
 from flexinv.loop_steps import Elimination, sharing
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh
+from flexinv.rigid import rigid_motion
 
 # An entry below this part of the largest one, at places where joints stand anywhere, is zero: rounding of some tens of sums.
 ZERO = 1e-13
@@ -177,7 +179,7 @@ def _root(t: _Tables, root: int, toward: int) -> int:
         x /= np.linalg.norm(x)
         basis = np.stack([x, np.cross(z, x), z])  # rows: the root's axes z and two at right angles
         t.own[root, root], t.bases[root] = t.rows(BODY_ROWS), basis
-        t.roots += [t.own[root, root], t.numbers(basis.T)]
+        t.roots += [t.own[root, root], t.numbers(np.eye(3))]
     return t.own[root, root]
 
 
@@ -196,10 +198,13 @@ def _moving(t: _Tables, root: int, body: int) -> int:
     above = _moving(t, root, parent)
     own = t.own[root, body] = t.rows(BODY_ROWS)
     (r, p), kind = _seat(t.bodies, body), int(t.bodies.tree[body, 0])
-    from_root = parent == root and kind in TURNS
-    if from_root:
+    if parent == root:
         r, p = t.bases[root] @ r, t.bases[root] @ p
-    how = ROOT_TURN if from_root else {PRISMATIC: SLIDE, SPHERICAL: FLOAT, FREE: FLOAT}.get(kind, TURN)
+    how = (
+        ROOT_TURN
+        if parent == root and kind in TURNS
+        else {PRISMATIC: SLIDE, SPHERICAL: FLOAT, FREE: FLOAT}.get(kind, TURN)
+    )
     t.moved += [how, own, above, int(t.bodies.tree[body, 2]), t.numbers(r.T, p)]
     m, first = t.mesh.mechanism, int(t.mesh.v_index[t.bodies.node[body]])
     for j, to in enumerate(_kept(kind)):
@@ -225,6 +230,10 @@ def _closure(t: _Tables, rows: Rows, own: NDArray[np.int64]) -> None:
         return  # both ends on one body: nothing moves
     _root(t, root, (way_b or way_a)[-1])
     ends = [t.own[root, root] if i == root else _moving(t, root, i) for i in (a, b)]
+    if a == root:
+        ra, xa = t.bases[root] @ ra, t.bases[root] @ xa
+    if b == root:
+        rb, xb = t.bases[root] @ rb, t.bases[root] @ xb
     positions = [r for r in own if not rows.direction[r]]
     directions = [r for r in own if rows.direction[r]]
     whole = len(positions) == 3
@@ -303,6 +312,8 @@ def planned(
         size += BLOCK
         return size - BLOCK
 
+    if np.abs(_constant(mesh, rows)[~kept]).max(initial=0.0) > CLEARLY * limits[0]:
+        return None  # a direction that never closes
     patterns = [{int(c): int(plan.matrix[r, c]) for c in np.flatnonzero(where[r])} for r in range(len(rows))]
     e = Elimination(patterns, g[0].copy(), plan.sizes, take)
     effort = [int(i) for i in b.columns[m.nq + m.nv :]]
@@ -310,10 +321,39 @@ def planned(
     if not sharing(e, effort, passive, drives, beyond, len(plan.fixed)):
         return None
     words = plan.plan.copy()
+    words[PLANE] = 1 if _is_plane(plan, CLEARLY * limits[0] * mesh.length) else 0
     words[STEPS], words[STEPS + 1] = len(words), e.count
     words[FILLS], words[FILLS + 1] = len(words) + len(e.words), len(e.fills)
     whole = np.concatenate([words, np.array(e.words + e.fills, dtype=np.uint64)])
     return LoopPlan(whole, np.array(fixed), size, plan.matrix, plan.sizes)
+
+
+def _constant(mesh: Mesh, rows: Rows) -> Array:
+    """phi (rows,) of directions [-], where the joints stand anywhere; zero for positions."""
+    m = mesh.mechanism
+    rest = np.zeros((1, m.nv))
+    return np.where(rows.direction, residuals(rigid_motion(mesh, anywhere(m, 1), rest, rest), rows)[0][0], 0.0)
+
+
+def _is_plane(plan: LoopPlan, most: float) -> bool:
+    """Whether all joints of loops turn about z, and closures keep three positions, open by at most so much along z [m]."""
+    words, height = [int(i) for i in plan.plan], dict[int, float]()
+    for i in range(words[ROOTS + 1]):
+        height[words[words[ROOTS] + 2 * i]] = 0.0
+    for i in range(words[BODIES + 1]):
+        how, own, above, _, at = words[words[BODIES] + 5 * i :][:5]
+        r, p = plan.fixed[at : at + 9].reshape(3, 3).T, plan.fixed[at + 9 : at + 12]
+        if how not in (ROOT_TURN, TURN) or np.abs(r[2] - [0, 0, 1]).max() > ZERO:
+            return False
+        height[own] = height[above] + p[2]
+    for i in range(words[CLOSURES + 1]):
+        kind, _, a, b, at, _, directions = words[words[CLOSURES] + int(CLOSURE_CELLS) * i :][:7]
+        if kind == COUPLED:
+            continue
+        gap = height[b] + plan.fixed[at + 5] - height[a] - plan.fixed[at + 2]
+        if kind != WHOLE or directions or abs(gap) > most:
+            return False
+    return bool(height)
 
 
 def _matrix(plan: LoopPlan, run: Callable[[LoopPlan], Array]) -> Array:

@@ -102,6 +102,22 @@ def _column(work, scratch, lanes, column, signs):
 
 
 @jit_lanes
+def geared(to, lanes, gear):
+    """Set the column of a coupling [-]."""
+    for k in range(lanes):
+        to[k], to[ENTRIES + k] = gear * gear, gear
+
+
+@jit_lanes
+def clear(plan, work, lanes):
+    """Set the entries that are zero at first [-]."""
+    for i in range(plan[FILLS + 1]):
+        empty = work[plan[plan[FILLS] + i] :]
+        for k in range(lanes):
+            empty[k] = 0.0
+
+
+@jit_lanes
 def entries(plan, fixed, work, lanes):
     """Set G, column by column: positions over the mechanism's length [1/rad], [1/m], directions [-]."""
     scratch = plan[SCRATCH] + MOVED
@@ -110,15 +126,10 @@ def entries(plan, fixed, work, lanes):
         column = plan[at : at + COLUMN_CELLS]
         signs = fixed[column[9] : column[9] + _TWO]
         if column[0] == GEARED:
-            own = work[column[4] : column[4] + _COLUMN]
-            for k in range(lanes):
-                own[k], own[ENTRIES + k] = signs[0] * signs[0], signs[0]
+            geared(work[column[4] : column[4] + _COLUMN], lanes, signs[0])
         else:
             _column(work, scratch, lanes, column, signs)
-    for i in range(plan[FILLS + 1]):
-        empty = work[plan[plan[FILLS] + i] :]
-        for k in range(lanes):
-            empty[k] = 0.0
+    clear(plan, work, lanes)
 
 
 @jit_lanes

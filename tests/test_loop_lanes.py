@@ -18,6 +18,7 @@ from flexinv.blocks import CALL_CELLS
 from flexinv.closures import constraint_jacobian, constraint_rows, residuals
 from flexinv.files.case import load_cases
 from flexinv.given import GivenLoops
+from flexinv.loop_lanes import PLANE
 from flexinv.loop_rows import LEAST_PIVOT
 from flexinv.mechanism import WORLD, Attachment, Closure, Mechanism, Placement
 from flexinv.mesh import build
@@ -160,6 +161,42 @@ def test_every_kind_between_any_bodies(kind: str, seed: int) -> None:
     assert f.plan.sizes
     assert doubts(f, 150) == []
     assert np.abs(tau - reference(f, state)).max() < 10 * ROUNDING * largest(f, state)  # pivots of 1e-2 are let through
+
+
+def test_what_moves_in_a_plane_is_found_wherever_it_lies() -> None:
+    """Slides and spatial loops are not taken for plane ones; a plane one is, however it hangs in space."""
+    mechanism, state = solved(four_bar(), 200)
+    turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    joints = tuple(
+        replace(j, placement=Placement(turn @ j.placement.position, turn @ j.placement.rotation))
+        if j.parent == WORLD
+        else j
+        for j in mechanism.joints
+    )
+    for plane in (mechanism, replace(mechanism, joints=joints, gravity=turn @ mechanism.gravity)):
+        f = prepare(plane, threads=1)
+        assert f.plan.plan[PLANE]
+        assert np.abs(f.torques(*state) - reference(f, state)).max() < ROUNDING * largest(f, state)
+        assert doubts(f, 200) == []
+    for example in (spatial(), slider_crank("pin")):
+        assert not prepare(replace(example[0], springs=(), forces=())).plan.plan[PLANE]
+
+
+@pytest.mark.parametrize(
+    "second",
+    [
+        Placement(np.array([0.4, 0.0, 1e-3])),  # a millimetre beside the plane
+        Placement(np.array([0.4, 0.0, 0.0]), np.array([[1.0, 0.0, 0.0], [0.0, 0.96, -0.28], [0.0, 0.28, 0.96]])),
+    ],
+)
+def test_what_never_closes_is_named(second: Placement) -> None:
+    """Rows that no joint changes are not in the lanes: that they are kept is found when the function is prepared."""
+    mechanism, state = solved(four_bar(), 20)
+    (closure,) = mechanism.closures
+    broken = replace(mechanism, closures=(replace(closure, second=replace(closure.second, placement=second)),))
+    with pytest.raises(flexinv.InputError, match="the given q does not keep closure 'C'"):
+        prepare(broken).torques(*state)
 
 
 def test_a_dead_point_is_left_to_singular_values() -> None:

@@ -1,0 +1,155 @@
+"""Closed loops in one plane: the formulas of `loop_lanes` and `loop_rows` restricted to what is not zero there.
+
+All joints turn about z, the root's axis.  A body's axes are its heading (c, s); with r the arm from the parent's place:
+
+    v = v_parent + w_parent (-r_y, r_x)      a = a_parent + al_parent (-r_y, r_x) - w_parent^2 r      w = w_parent + qd
+
+and a joint moves the point of B by (-(y_B - y), x_B - x).  Rows stand where those of space do.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexinv.compiled import jit_lane, jit_lanes
+from flexinv.lanes import LANES, put_vec, row
+from flexinv.loop_lanes import (
+    ACCELERATION,
+    AT,
+    AXES,
+    BODIES,
+    BODY_CELLS,
+    BODY_ROWS,
+    CLOSURE_CELLS,
+    CLOSURES,
+    COLUMN_CELLS,
+    COLUMNS,
+    COUPLED,
+    GEARED,
+    KEPT,
+    POINT,
+    ROOT_TURN,
+    SPEED,
+    SPIN,
+    SPIN_RATE,
+    SQUARES,
+    VECTOR,
+    VECTORS,
+    coupled,
+)
+from flexinv.loop_rows import ENTRIES, clear, geared
+from flexinv.recursion import COS, RATE, SIN
+
+_BODY, _COLUMN, _ONE, _TWO, _THREE = row(BODY_ROWS), row(4), np.uint64(1), np.uint64(2), np.uint64(3)
+_SPIN, _SPIN_RATE = SPIN + row(2), SPIN_RATE + row(2)
+
+
+@jit_lane
+def _pair(rows, first, k):
+    """Lane k of two rows."""
+    return rows[first + k], rows[first + LANES + k]
+
+
+@jit_lane
+def _put(own, k, heading, at, v, w, al, a):
+    own[AXES + k], own[AXES + LANES + k] = heading
+    own[AT + k], own[AT + LANES + k] = at
+    own[SPEED + k], own[SPEED + LANES + k] = v
+    own[_SPIN + k], own[_SPIN_RATE + k] = w, al
+    own[ACCELERATION + k], own[ACCELERATION + LANES + k] = a
+
+
+@jit_lane
+def _turned(c, s, v):
+    """A vector turned by an angle of cosine c and sine s."""
+    return c * v[0] - s * v[1], s * v[0] + c * v[1]
+
+
+@jit_lane
+def _moved(body, k, arm):
+    """Place, velocity and acceleration of a point of a body, its arm in the axes of the body."""
+    c, s = _pair(body, AXES, k)
+    (x, y), w, al = _turned(c, s, arm), body[_SPIN + k], body[_SPIN_RATE + k]
+    at, v, a = _pair(body, AT, k), _pair(body, SPEED, k), _pair(body, ACCELERATION, k)
+    return (
+        (at[0] + x, at[1] + y),
+        (v[0] - w * y, v[1] + w * x),
+        (a[0] - al * y - w * w * x, a[1] + al * x - w * w * y),
+    )
+
+
+@jit_lanes
+def _from_root(own, rows, lanes, c):
+    """A body that turns, fixed in the root."""
+    zero, at = (c[0], c[1]), (c[9], c[10])
+    for k in range(lanes):
+        heading = _turned(rows[COS + k], rows[SIN + k], zero)
+        _put(own, k, heading, at, (0.0, 0.0), rows[RATE + k], own[KEPT + k], (0.0, 0.0))
+
+
+@jit_lanes
+def _turn(own, parent, rows, lanes, c):
+    """A body that turns."""
+    zero, arm = (c[0], c[1]), (c[9], c[10])
+    for k in range(lanes):
+        at, v, a = _moved(parent, k, arm)
+        cosine, sine = _pair(parent, AXES, k)
+        heading = _turned(rows[COS + k], rows[SIN + k], _turned(cosine, sine, zero))
+        _put(own, k, heading, at, v, parent[_SPIN + k] + rows[RATE + k], parent[_SPIN_RATE + k] + own[KEPT + k], a)
+
+
+@jit_lanes
+def _close(a, b, own, lanes, c):
+    """The point of B, and the squares of the gap and of its rates."""
+    at_a, at_b, scale = (c[0], c[1]), (c[3], c[4]), c[6]
+    for k in range(lanes):
+        xa, va, aa = _moved(a, k, at_a)
+        xb, vb, ab = _moved(b, k, at_b)
+        own[POINT + k], own[POINT + LANES + k] = xb
+        gap = scale * ((xb[0] - xa[0]) ** 2 + (xb[1] - xa[1]) ** 2)
+        rate = (vb[0] - va[0]) ** 2 + (vb[1] - va[1]) ** 2
+        put_vec(own, SQUARES, k, (gap, rate, (ab[0] - aa[0]) ** 2 + (ab[1] - aa[1]) ** 2))
+
+
+@jit_lanes
+def _column(to, at, own, lanes, sign):
+    """What a unit rate of a joint moves the point of B by, and its square."""
+    for k in range(lanes):
+        point, place = _pair(own, POINT, k), _pair(at, np.uint64(0), k)
+        x, y = sign * (place[1] - point[1]), sign * (point[0] - place[0])
+        to[ENTRIES + k], to[ENTRIES + LANES + k] = x, y
+        to[k] = x * x + y * y
+
+
+@jit_lanes
+def in_plane(plan, fixed, work, lanes):
+    """Set points [m], squares of the closures and G: what `move`, `close` and `entries` do in space [m, rad, s]."""
+    for i in range(plan[BODIES + 1]):
+        at = plan[BODIES] + i * BODY_CELLS
+        first, above, rows, c = plan[at + _ONE], plan[at + _TWO], plan[at + _THREE], fixed[plan[at + np.uint64(4)] :]
+        own, parent, rows = work[first : first + _BODY], work[above : above + _BODY], work[rows : rows + _BODY]
+        if plan[at] == ROOT_TURN:
+            _from_root(own, rows, lanes, c)
+        else:
+            _turn(own, parent, rows, lanes, c)
+    for i in range(plan[CLOSURES + 1]):
+        at = plan[CLOSURES] + i * CLOSURE_CELLS
+        first, one, other, c = plan[at + _ONE], plan[at + _TWO], plan[at + _THREE], fixed[plan[at + np.uint64(4)] :]
+        own = work[first : first + VECTORS]
+        if plan[at] == COUPLED:
+            coupled(plan, fixed, work, own, lanes, plan[at + np.uint64(7)], plan[at + np.uint64(8)], c[0])
+        else:
+            _close(work[one : one + _BODY], work[other : other + _BODY], own, lanes, c)
+    for i in range(plan[COLUMNS + 1]):
+        at = plan[COLUMNS] + i * COLUMN_CELLS
+        to, place, own, sign = (
+            plan[at + np.uint64(4)],
+            plan[at + _TWO],
+            plan[at + _THREE],
+            fixed[plan[at + np.uint64(9)]],
+        )
+        if plan[at] == GEARED:
+            geared(work[to : to + _COLUMN], lanes, sign)
+        else:
+            _column(work[to : to + _COLUMN], work[place : place + VECTOR], work[own : own + VECTOR], lanes, sign)
+    clear(plan, work, lanes)
