@@ -4,6 +4,10 @@ A rigid mechanism has no memory: every call is `TorqueFunction.sample`.  A flexi
 one step of the march and then tau = L T P, so that the calls are `solve` cut into steps.  The torque that a call returns belongs
 to the instant whose motion it was given; the march needs no later ones.  A controller that must have a torque before its instant
 looks ahead: it gives the motion of an instant to come, as far ahead as its cycle asks, and keeps the torque until then.
+
+Of a joint with an elastic drive whose link is moved the torque is that of its spring; what the motor does follows from its
+derivatives (`drives.motor_side`), which no cycle has.  A drive whose motor is moved is a driven joint and a passive one, which is
+carried on like the deformation.
 """
 
 from __future__ import annotations
@@ -14,9 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexinv.applied import applied_forces, check_constant
 from flexinv.coordinates import Nodes, fill_given, fill_relative
 from flexinv.errors import InputError
 from flexinv.integrate import Scheme, generalized_alpha
+from flexinv.inverse import joint_wrenches, project
+from flexinv.loads import load_table
 from flexinv.march import CONVERGED
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh, build
@@ -47,12 +54,12 @@ class Flexible:
     written: Histories
     motion: tuple[Array, ...]
     line: Array
-    nothing: tuple[Array, Array, Array]
+    loads: tuple[Array, Array, Array]
 
 
 @dataclass(eq=False)
 class Controller:
-    """Torques of a mechanism all of whose joints are driven, call by call.
+    """Torques of a mechanism call by call; with beams, joints without drives move as the dynamics have it.
 
     controller = Controller.of(arm, step=1e-3)      # step: the time between two calls [s]
     controller.start(q, qd, qdd)                    # once: where the motion begins, undeformed or in equilibrium
@@ -67,20 +74,21 @@ class Controller:
 
     @classmethod
     def of(cls, mechanism: Mechanism, step: float | None = None, spectral_radius: float = 0.8) -> Controller:
-        """Return the controller of a tree, rigid or with beams, its kernels compiled.
+        """Return the controller of a mechanism, rigid (as `prepare`) or with beams, its kernels compiled.
 
         step : time between two calls [s], of a mechanism with beams; spectral_radius : as in `solve` [-]
+        With springs between points, given forces or joints without drives beams are marched in space.
 
-        Raises InputError: closures, springs between points or given forces with beams, no step for beams.
+        Raises InputError: closures with beams, forces that depend on time, no step for beams.
         """
         if mechanism.is_rigid:
             return cls(mechanism, np.zeros(mechanism.nv), prepare(mechanism, threads=1), None)
-        for what in ("closures", "springs", "forces"):
-            if getattr(mechanism, what):
-                raise InputError(
-                    f"controller: mechanism '{mechanism.name}' has beams and {what}, which are not marched step by step; "
-                    "write flexinv.solve(mechanism, motion, step=...) instead"
-                )
+        check_constant(mechanism)
+        if mechanism.closures:
+            raise InputError(
+                f"controller: mechanism '{mechanism.name}' has beams and closures, which are not marched step by step; "
+                "write flexinv.solve(mechanism, motion, step=...) instead"
+            )
         if step is None:
             raise InputError(
                 f"controller: mechanism '{mechanism.name}' has beams, whose deformation is carried on from call to call; "
@@ -97,6 +105,8 @@ class Controller:
 
     def start(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, initial: str = "consistent") -> Array:
         """Begin at a motion and return its torques (nv,) [N m], [N]; beams begin undeformed or ("static") in equilibrium.
+
+        Joints without drives begin (with beams) where q and qd say, or where the equilibrium has them.
 
         Raises InputError for wrong shapes or ``initial``, ConvergenceError where no equilibrium is found.
         """
@@ -126,7 +136,9 @@ class Controller:
     def step(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return the torques (nv,) [N m], [N] of the next instant, always in the same array; nothing else is allocated.
 
-        q : (nq,) [rad], [m]; qd, qdd : (nv,), contiguous arrays of floats
+        q : (nq,) [rad], [m]; qd, qdd : (nv,), contiguous arrays of floats; those of joints without drives are not looked at where
+            there are beams, and their efforts are zero
+        (Springs between points and given forces do allocate.)
 
         Raises ConvergenceError where a step of the march fails, InputError for what is not finite or was not started.
         """
@@ -142,7 +154,7 @@ class Controller:
             status, _, count, size = f.flat.run(f.scheme, f.given, f.row, f.written)
         else:
             fill_relative(f.nodes, q, qd, qdd, f.joints)
-            status, _, count, size = f.solver.march(f.scheme, f.one, *f.nothing, f.solver.instant)
+            status, _, count, size = f.solver.march(f.scheme, f.one, *f.loads, f.solver.instant)
         if status != CONVERGED:
             raise f.solver.complain(status, count, size, "in a step of the controller")
         return self._torques(q, qd, qdd)
@@ -164,13 +176,25 @@ class Controller:
             qdd,
             self.tau,
         )
+        if self.mechanism.springs or self.mechanism.forces:
+            self._add_applied(f.solver)
         return self.tau
+
+    def _add_applied(self, solver: Solver) -> None:
+        """Subtract what springs between points and given forces do for the driven joints."""
+        mesh, motion = solver.mesh, solver.instant.motion
+        applied = applied_forces(mesh, motion, np.zeros(1))
+        if applied is not None:
+            brought = project(mesh, motion, joint_wrenches(mesh, motion, applied))[0]
+            self.tau -= np.where(self.mechanism.actuated, brought, 0.0)
 
 
 def _flexible(mechanism: Mechanism, scheme: Scheme) -> Flexible:
     mesh = build(mechanism)
-    solver, plane = Solver.of(mesh, set()), find_plane(mesh)
-    flat = None if isinstance(plane, NotPlanar) else PlanarMarch.of(mesh, set())
+    passive = {j.name for j in mechanism.joints if j.nv and not j.actuated}
+    solver, plane = Solver.of(mesh, passive), find_plane(mesh)
+    in_space = isinstance(plane, NotPlanar) or passive or mechanism.springs or mechanism.forces
+    flat = None if in_space else PlanarMarch.of(mesh, set())
     nodes = Nodes(mesh.parent, mesh.kind, mesh.offset, mesh.rotation, mesh.axis, mesh.q_index, mesh.v_index)
     joints = Joints(*(part.copy() for part in instant(mesh, mechanism.neutral, *(2 * [np.zeros(mechanism.nv)]))))
     out = solver.instant
@@ -179,7 +203,7 @@ def _flexible(mechanism: Mechanism, scheme: Scheme) -> Flexible:
         solver, flat, scheme, nodes, _drives(mesh), joints, Joints(*(part[None] for part in joints)),
         np.zeros((1, int((mesh.v_index >= 0).sum()), 3)), np.zeros(1, dtype=np.int64), _written(out),
         tuple(part[0] for part in (m.x, m.rotation, m.omega, m.a, m.alpha)), np.zeros((mesh.size, 6)),
-        (np.empty((1, 0, 6)), np.empty((1, 0)), np.empty((1, 0, 3))),
+        (load_table(mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))),
     )  # fmt: skip
 
 
@@ -200,4 +224,5 @@ def _drives(mesh: Mesh) -> Drives:
     for n in np.flatnonzero(mesh.v_index >= 0):
         j = owner[int(mesh.v_index[n])]
         table[:, n] = j.rotor_inertia, j.damping, j.friction, j.stiffness, j.rest
+        freedoms[n] *= j.actuated
     return Drives(freedoms, slide, turn, *table)

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Drive:
-    """Motor, gear and elastic joint of a joint that turns about one axis; the equations are in `drives`.
+    """Motor, gear and elastic joint of a joint with one coordinate; the equations are in `drives`.
 
-    ratio : [-], turns of the motor per turn of the joint; rotor_inertia : of the motor [kg m^2]
-    stiffness, damping : of the elastic joint, on its link's side [N m/rad], [N m s/rad]; stiffness 0: a rigid gear
+    ratio : [-], turns of the motor per turn of the joint, of one that slides [rad/m]; rotor_inertia : of the motor [kg m^2]
+    stiffness, damping : of the elastic joint, on its link's side [N m/rad], [N m s/rad] or [N/m], [N s/m]; stiffness 0: a rigid
+        gear
     torque_constant : [N m/A], 0 unknown; viscous [N m s/rad], coulomb, static [N m], stribeck [rad/s] : friction of the motor
     moves : "link" or "motor", which of the two the joint's coordinate is (the motor's over the ratio)
     """

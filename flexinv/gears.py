@@ -9,6 +9,8 @@ from flexinv.mechanism import Joint, Link, Mechanism, Placement
 
 # Names of what an elastic drive adds to a mechanism: the gear's output and the spring to the link.
 GEAR, SPRING = ".gear", ".spring"
+# Kinds of joint that a drive may move, and of the spring between motor and link there.
+SPRINGS = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
 
 
 def expanded(mechanism: Mechanism) -> Mechanism:
@@ -16,7 +18,7 @@ def expanded(mechanism: Mechanism) -> Mechanism:
 
     rotor N^2 J, damping N^2 v, dry friction N c at the joint; the Stribeck part above c is the motor's alone (`motor_side`)
 
-    Raises InputError for a drive on a joint that does not turn about one axis, or beside rotor, damping, friction or spring.
+    Raises InputError for a drive on a joint without just one coordinate, or beside rotor, damping, friction or spring.
     """
     joints: list[Joint] = []
     links = [mechanism.link_of[joint.child] for joint in mechanism.joints]
@@ -39,7 +41,7 @@ def expanded(mechanism: Mechanism) -> Mechanism:
             continue
         gear = Link(joint.name + GEAR)
         spring = Joint(
-            joint.name + SPRING, "revolute", gear.name, joint.child, Placement(), axis=joint.axis,
+            joint.name + SPRING, SPRINGS[joint.kind], gear.name, joint.child, Placement(), axis=joint.axis,
             stiffness=drive.stiffness, damping=drive.damping, actuated=False,
         )  # fmt: skip
         gears.append(gear)
@@ -48,9 +50,25 @@ def expanded(mechanism: Mechanism) -> Mechanism:
     return replace(mechanism, joints=tuple(joints), links=tuple(by_name[joint.child] for joint in joints))
 
 
+def check_expanded(joint: Joint) -> None:
+    """Raise InputError where a joint has a drive that its mechanism does not have: rotor, friction, spring [kg m^2], [N m]."""
+    drive = joint.drive
+    if drive is None or (drive.stiffness and drive.moves == "link"):
+        return
+    elastic = drive.stiffness and not joint.child.endswith(GEAR)
+    own = drive.rotor_inertia or drive.viscous or drive.coulomb
+    if elastic or (own and not (joint.rotor_inertia or joint.damping or joint.friction)):
+        raise InputError(
+            f"joint {joint.name!r}: its drive is not part of the mechanism yet; write flexinv.gears.expanded(mechanism), "
+            "which puts rotors into joints and springs between motors and links"
+        )
+
+
 def _check(joint: Joint) -> None:
-    if joint.kind not in ("revolute", "continuous"):
-        raise InputError(f"joint {joint.name!r}: a drive turns about one axis, the joint is {joint.kind}")
+    if joint.kind not in SPRINGS:
+        raise InputError(
+            f"joint {joint.name!r}: a drive moves one coordinate ({', '.join(SPRINGS)}), the joint is {joint.kind}"
+        )
     if joint.rotor_inertia or joint.damping or joint.friction or joint.stiffness:
         raise InputError(
             f"joint {joint.name!r}: rotor, damping, friction or spring beside a drive; state them in the drive"

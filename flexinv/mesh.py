@@ -19,6 +19,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from flexinv.gears import check_expanded
 from flexinv.kinds import CONTINUOUS as CONTINUOUS
 from flexinv.kinds import FREE as FREE
 from flexinv.kinds import PRISMATIC as PRISMATIC
@@ -327,10 +328,12 @@ def build(mechanism: Mechanism) -> Mesh:
     """Return the mesh of a mechanism: nodes with masses [kg] and inertias [kg m^2], elements with stiffnesses [N].
 
     Lumped mass at the Gauss-Lobatto nodes: m_i = rho A w_i, J_i = rho I w_i (order 1: half and half, as in the paper).
+    Raises InputError for drives that are not part of the mechanism (`gears.expanded`).
     """
     builder = _Builder(mechanism)
     index = {link.name: k for k, link in enumerate(mechanism.links)}
     for joint in mechanism.joints:
+        check_expanded(joint)
         builder.joint(joint, index[joint.child])
     parent, kind, placement, axis, q, v, link = zip(*builder.rows, strict=True) if builder.rows else ((),) * 7
     return Mesh(

@@ -12,12 +12,14 @@ import numpy as np
 import pytest
 import rigid_trees as trees
 from flexible_examples import spatial_tree
+from hub_arm import hub_arm
 from kernels import Array
 
 import flexinv
 from flexinv.controller import Controller
 from flexinv.errors import InputError
-from flexinv.mechanism import WORLD, Attachment, Mechanism, Spring
+from flexinv.files.case import load_cases
+from flexinv.mechanism import WORLD, Attachment, Closure, Force, Mechanism, Placement, Spring
 from flexinv.parameters import random_states
 
 # The same march; what follows it is summed in another order: a few hundred roundings of the largest effort.
@@ -163,9 +165,49 @@ def test_what_cannot_be_is_said(root: Path) -> None:
     with pytest.raises(InputError, match=r"initial = 'rest': expected 'consistent'"):
         controller.start(one, one, one, initial="rest")
     tree = spatial_tree()
-    pulled = replace(
-        tree,
-        springs=(Spring("s", Attachment(WORLD), Attachment(tree.links[-1].name), 1.0),),
-    )
-    with pytest.raises(InputError, match=r"has beams and springs.*write flexinv.solve"):
-        Controller.of(pulled, step=STEP)
+    tie = Closure("c", "spherical", Attachment(WORLD), Attachment(tree.links[-1].name))
+    with pytest.raises(InputError, match=r"has beams and closures.*write flexinv.solve"):
+        Controller.of(replace(tree, closures=(tie,)), step=STEP)
+    gust = Force("gust", Attachment(tree.links[-1].name), np.zeros((2, 6)), np.array([0.0, 1.0]))
+    with pytest.raises(InputError, match=r"force 'gust' depends on time"):
+        Controller.of(replace(tree, forces=(gust,)), step=STEP)
+
+
+@pytest.mark.parametrize("initial", ["consistent", "static"])
+def test_springs_and_given_forces_are_those_of_solve(root: Path, initial: str) -> None:
+    """A spring from the world to the tip and a constant force on it, in the march as in what the drives must give."""
+    arm = flexinv.load_mechanism(root / "models" / "spatial_arm")
+    tip = Attachment(arm.links[-1].name, station=1.0)
+    spring = Spring("s", Attachment(WORLD, Placement(np.array([1.0, 0.5, 0.3]))), tip, 5.0, damping=0.2)
+    wind = Force("wind", tip, np.array([[0.3, -0.2, 0.4, 0.0, 0.0, 0.01]]))
+    loaded = replace(arm, springs=(spring,), forces=(wind,))
+    solution = solved(loaded, initial)
+    found, scale = stepped(solution, initial), np.abs(solution.torque_all).max()
+    np.testing.assert_allclose(found, solution.torque_all, rtol=0, atol=10 * ROUNDING * scale)
+    assert np.abs(found - stepped(solved(arm, initial), initial)).max() > 1e-2 * scale  # they are felt
+
+
+def test_joints_without_drives_move_as_in_solve() -> None:
+    """A motor that is moved turns a damped beam through a spring: the controller is told of the motor alone."""
+    arm = hub_arm(6)
+    motion = flexinv.Motion.point_to_point({"drive": 0.0}, {"drive": 0.3}, duration=0.05, law="quintic")
+    solution = flexinv.solve(arm, motion, step=STEP)
+    told = replace(solution, q=np.where(arm.actuated, solution.q, 0.0), qd=np.where(arm.actuated, solution.qd, 0.0))
+    # forces along a beam of 1e9 N: 1e-16 of that; the march in a plane and the one in space
+    atol = 1e-6 * np.abs(solution.torque_all).max()
+    np.testing.assert_allclose(stepped(told)[:, 0], solution.torque_all[:, 0], rtol=0, atol=atol)
+    stiff = flexinv.solve(hub_arm(6, elastic=False), motion, step=STEP)
+    assert np.abs(stiff.torque_all[:, 0] - solution.torque_all[:, 0]).max() > 100 * atol
+
+
+@pytest.mark.parametrize("model", ["four_bar", "stewart_platform"])
+def test_rigid_loops_are_those_of_solve(root: Path, model: str) -> None:
+    folder = root / "models" / model
+    m = flexinv.load_mechanism(folder)
+    case = next(iter(load_cases(folder, m).values()))
+    solution = flexinv.solve(m, case.motion, case.step, start=case.start)
+    controller = Controller.of(m)
+    rows = zip(solution.q, solution.qd, solution.qdd, strict=True)
+    found = np.array([controller.step(*row).copy() for row in rows])
+    # two solvers of the shares, condition of the closures times rounding
+    np.testing.assert_allclose(found, solution.torque_all, rtol=0, atol=1e-9 * np.abs(solution.torque_all).max())

@@ -132,7 +132,7 @@ def test_a_jerky_link_is_refused() -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"kind": "prismatic"}, "turns about one axis"),
+        ({"kind": "spherical"}, "a drive moves one coordinate .*the joint is spherical"),
         ({"damping": 1.0}, "beside a drive"),
         ({"stiffness": 1.0}, "beside a drive"),
     ],
@@ -173,3 +173,114 @@ def test_files_state_drives(tmp_path: Path) -> None:
     (tmp_path / "mechanism.toml").write_text(FILE + "static_Nm = 0.001\n", encoding="utf-8")
     with pytest.raises(InputError, match="at least coulomb_Nm"):
         load_mechanism(tmp_path)
+
+
+# ------------------------------------------------------------------------------------------- joints that slide, robots
+
+
+def slide(drive: Drive) -> Mechanism:
+    """A carriage of 2 kg along x."""
+    joint = Joint("q", "prismatic", "world", "rod", axis=np.array([1.0, 0.0, 0.0]), drive=drive)
+    body = Body("rod", Inertia(2.0))
+    return expanded(Mechanism("slide", (Link("rod", (body,)),), (joint,), gravity=np.zeros(3)))
+
+
+SCREW = Drive(ratio=400.0, rotor_inertia=1e-5, stiffness=2e3, torque_constant=0.08)  # rad/m, N/m
+
+
+def test_a_screw_moves_a_carriage() -> None:
+    """theta = N (q + m q'' / k), tau_m = N J (q'' + m q'''' / k) + m q'' / N, as in a joint that turns."""
+    time, motion = swing()
+    found = motor_side(flexinv.solve(slide(SCREW), motion, 1e-3))["q"]
+    n, k = SCREW.ratio, SCREW.stiffness
+    q, qdd, snap = (MOVE.deriv(m)(time) for m in (0, 2, 4))
+    # as in `test_the_motor_runs_ahead_of_the_link`, where N I / k is 0.06: here N m / k = 0.4 of the spline's accelerations
+    np.testing.assert_allclose(found.angle, n * (q + 2.0 * qdd / k), rtol=0, atol=1e-6)
+    expected = n * SCREW.rotor_inertia * (qdd + 2.0 * snap / k) + 2.0 * qdd / n
+    assert np.abs(found.torque - expected).max() < 1e-3 * np.abs(expected).max()
+
+
+def test_the_screws_motor_brings_the_carriage_back() -> None:
+    time, motion = swing()
+    motor = motor_side(flexinv.solve(slide(SCREW), motion, 1e-3))["q"]
+    elastic = slide(replace(SCREW, moves="motor"))
+    assert [(j.name, j.kind) for j in elastic.joints] == [("q", "prismatic"), ("q.spring", "prismatic")]
+    back = flexinv.solve(elastic, sampled(motor.angle / SCREW.ratio, time), 1e-3)
+    # second order in the step: (omega h)^2 / 12 of the spring's way of 9 mm, omega = sqrt(k / m) = 32 rad/s, and its swinging
+    assert np.abs(back.q.sum(axis=1) - MOVE(time)).max() < 2e-5
+    again = motor_side(back)["q"]
+    assert np.abs(again.torque - motor.torque).max() < 2e-3 * np.abs(motor.torque).max()
+
+
+SLIDE = """
+title = "a carriage"
+source = "test"
+gravity_m_per_s2 = [0, 0, 0]
+[links]
+rod = { kind = "rigid", mass_kg = 2, rod = { length_m = 1 } }
+[joints.q]
+kind = "prismatic"
+parent = "world"
+child = "rod"
+axis = [1, 0, 0]
+[joints.q.drive]
+gear_ratio_rad_per_m = 400
+motor_inertia_kgm2 = 1e-5
+stiffness_N_per_m = 2e3
+torque_constant_Nm_per_A = 0.08
+"""
+
+
+def test_files_state_drives_of_joints_that_slide(tmp_path: Path) -> None:
+    file = tmp_path / "mechanism.toml"
+    file.write_text(SLIDE, encoding="utf-8")
+    assert load_mechanism(tmp_path).joints[0].drive == SCREW
+    for wrong in (SLIDE.replace("ratio_rad_per_m", "ratio"), SLIDE.replace("gear_ratio_rad_per_m = 400\n", "")):
+        file.write_text(wrong, encoding="utf-8")
+        with pytest.raises(InputError, match=r"gear_ratio_rad_per_m"):
+            load_mechanism(tmp_path)
+
+
+ROBOT = """
+title = "a robot with a drive in its elbow"
+source = "test"
+[urdf]
+package = "example-robot-data"
+path = "ur_description/urdf/ur5_robot.urdf"
+[overlay.joints.elbow_joint.drive]
+gear_ratio = 101
+motor_inertia_kgm2 = 2e-5
+viscous_Nms_per_rad = 1e-5
+"""
+
+
+def test_a_robot_from_a_urdf_gets_a_drive(tmp_path: Path) -> None:
+    file = tmp_path / "mechanism.toml"
+    file.write_text(ROBOT, encoding="utf-8")
+    robot = load_mechanism(tmp_path)
+    elbow, turned = robot.joint_of["elbow_joint"], 101**2
+    assert (elbow.rotor_inertia, elbow.damping) == (pytest.approx(turned * 2e-5), pytest.approx(turned * 1e-5))
+    still = np.zeros(robot.nq)
+    mass = flexinv.torque_derivatives(robot, still, still, still).qdd[0, 2, 2]
+    bare = replace(robot, joints=tuple(replace(j, drive=None, rotor_inertia=0.0) for j in robot.joints))
+    without = flexinv.torque_derivatives(bare, still, still, still).qdd[0, 2, 2]
+    assert mass - without == pytest.approx(turned * 2e-5)
+    file.write_text(ROBOT + 'stiffness_Nm_per_rad = 1e4\nmoves = "motor"\n', encoding="utf-8")
+    names = [j.name for j in load_mechanism(tmp_path).joints if j.nv]
+    assert names[names.index("elbow_joint") + 1] == "elbow_joint.spring"
+    file.write_text(ROBOT + "gear_rato = 3\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"overlay.joints.elbow_joint.drive.*gear_rat"):
+        load_mechanism(tmp_path)
+
+
+@pytest.mark.parametrize("drive", [replace(DRIVE, stiffness=0.0), replace(DRIVE, moves="motor")])
+def test_a_drive_that_is_not_part_of_the_mechanism_is_refused(drive: Drive) -> None:
+    """What is built in Python may forget to expand it: no tool may leave out its rotor in silence."""
+    joint, one = Joint("q", "revolute", "world", "rod", drive=drive), np.zeros(1)
+    bare = Mechanism("rod", (Link("rod", (Body("rod", Inertia(1.0)),)),), (joint,))
+    words = r"joint 'q': its drive is not part of the mechanism yet; write flexinv.gears.expanded"
+    for ask in (flexinv.joint_torques, flexinv.torque_regressor, flexinv.torque_derivatives):
+        with pytest.raises(InputError, match=words):
+            ask(bare, one, one, one)
+    with pytest.raises(InputError, match=words):
+        flexinv.Controller.of(bare)

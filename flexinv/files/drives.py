@@ -10,20 +10,11 @@ from flexinv.errors import InputError
 from flexinv.files.toml_tables import NotNegative, Positive, Table, complaint, key, place
 
 
-class DriveTable(Table):
-    """Motor, gear and elastic joint."""
+class MotorTable(Table):
+    """The motor, its friction, and what is moved."""
 
-    gear_ratio: Positive = key("turns of the motor per turn of the joint, > 0 [-]", "gear_ratio = 100", default=1.0)
     motor_inertia_kgm2: NotNegative = key(
         "inertia of the rotor at the motor's shaft, >= 0 [kg m^2]", "motor_inertia_kgm2 = 1e-4", default=0.0
-    )
-    stiffness_Nm_per_rad: NotNegative = key(
-        "stiffness of the elastic joint at the link, >= 0 [N m/rad]; 0: a rigid gear",
-        "stiffness_Nm_per_rad = 5e3",
-        default=0.0,
-    )
-    damping_Nms_per_rad: NotNegative = key(
-        "damping of the elastic joint at the link, >= 0 [N m s/rad]", "damping_Nms_per_rad = 5", default=0.0
     )
     torque_constant_Nm_per_A: Positive | None = key(
         "torque of the motor per current, > 0 [N m/A]", "torque_constant_Nm_per_A = 0.05", default=None
@@ -47,19 +38,63 @@ class DriveTable(Table):
     )
 
 
-def read_drive(table: DriveTable | None, file: Path, path: str) -> Drive | None:
-    """Return the drive [kg m^2, N m/rad, N m s/rad, N m/A, N m] of a joint, or None."""
+class DriveTable(MotorTable):
+    """Motor, gear and elastic joint of a joint that turns."""
+
+    gear_ratio: Positive = key("turns of the motor per turn of the joint, > 0 [-]", "gear_ratio = 100", default=1.0)
+    stiffness_Nm_per_rad: NotNegative = key(
+        "stiffness of the elastic joint at the link, >= 0 [N m/rad]; 0: a rigid gear",
+        "stiffness_Nm_per_rad = 5e3",
+        default=0.0,
+    )
+    damping_Nms_per_rad: NotNegative = key(
+        "damping of the elastic joint at the link, >= 0 [N m s/rad]", "damping_Nms_per_rad = 5", default=0.0
+    )
+
+
+class LinearDriveTable(MotorTable):
+    """Motor, screw (or rack, or drum) and elastic joint of a joint that slides."""
+
+    gear_ratio_rad_per_m: Positive = key(
+        "angle of the motor per way of the joint, > 0 [rad/m]; of a screw 2 pi over its lead",
+        "gear_ratio_rad_per_m = 1257",
+    )
+    stiffness_N_per_m: NotNegative = key(
+        "stiffness of the elastic joint at the link, >= 0 [N/m]; 0: a rigid gear",
+        "stiffness_N_per_m = 5e5",
+        default=0.0,
+    )
+    damping_Ns_per_m: NotNegative = key(
+        "damping of the elastic joint at the link, >= 0 [N s/m]", "damping_Ns_per_m = 500", default=0.0
+    )
+
+
+# By kind of joint: what its table ``drive`` is.
+MOTORS: dict[str, type[MotorTable]] = {
+    "revolute": DriveTable,
+    "continuous": DriveTable,
+    "prismatic": LinearDriveTable,
+}
+
+
+def read_drive(table: MotorTable | None, file: Path, path: str) -> Drive | None:
+    """Return the drive [kg m^2, N m/rad, N/m, N m s/rad, N m/A, N m] of a joint, or None."""
     if table is None:
         return None
+    if isinstance(table, LinearDriveTable):
+        gear = table.gear_ratio_rad_per_m, table.stiffness_N_per_m, table.damping_Ns_per_m
+    else:
+        assert isinstance(table, DriveTable)
+        gear = table.gear_ratio, table.stiffness_Nm_per_rad, table.damping_Nms_per_rad
     if table.static_Nm and table.static_Nm < table.coulomb_Nm:
         given = f"static_Nm = {table.static_Nm:g} below coulomb_Nm = {table.coulomb_Nm:g}"
         advice = f"static_Nm = {1.5 * table.coulomb_Nm:g}"
         raise InputError(complaint(place(file, path, "static_Nm"), given, "at least coulomb_Nm [N m]", advice))
     return Drive(
-        ratio=table.gear_ratio,
+        ratio=gear[0],
         rotor_inertia=table.motor_inertia_kgm2,
-        stiffness=table.stiffness_Nm_per_rad,
-        damping=table.damping_Nms_per_rad,
+        stiffness=gear[1],
+        damping=gear[2],
         torque_constant=table.torque_constant_Nm_per_A or 0.0,
         viscous=table.viscous_Nms_per_rad,
         coulomb=table.coulomb_Nm,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexinv.errors import InputError, ModelWarning
-from flexinv.files.drives import DriveTable, read_drive
+from flexinv.files.drives import DriveTable, LinearDriveTable, read_drive
 from flexinv.files.schema import PLACEMENT, SOURCE, PlacementTable
 from flexinv.files.toml_tables import (
     Fraction,
@@ -162,6 +162,10 @@ class RevoluteTable(SprungDrive, JointTable):
 
 class PrismaticTable(LinearDrive, JointTable):
     """A translation."""
+
+    drive: LinearDriveTable | None = key(
+        "a table: gear_ratio_rad_per_m, motor_inertia_kgm2, ...", "[joints.NAME.drive]", default=None
+    )
 
     axis: Vector = key(AXIS, "axis = [1, 0, 0]")
     limits: LinearLimitsTable | None = key(

@@ -11,6 +11,7 @@ import numpy as np
 
 from flexinv.errors import InputError
 from flexinv.files.bodies import read_payloads
+from flexinv.files.drives import MOTORS, read_drive
 from flexinv.files.joints import DRIVES, drive
 from flexinv.files.schema import OverlayBeamTable, OverlayLinkTable, OverlayTable
 from flexinv.files.sections import CrossSection, section_along
@@ -62,11 +63,23 @@ def _driven(joint: Joint, data: Any, file: Path, path: str) -> Joint:
         raise InputError(
             complaint(place(file, path), f"an overlay of joint {joint.name}", expected, "remove the table")
         )
+    if isinstance(data, dict) and "drive" in data:
+        joint = _motored(joint, data["drive"], file, f"{path}.drive")
+        data = {key: value for key, value in data.items() if key != "drive"}
     table = validate(DRIVES[joint.kind], data, file, path)
     stated = {key.split("_")[0] for key in table.model_fields_set}
     return replace(
         joint, **{name: value for name, value in drive(table, file, path).items() if name.split("_")[0] in stated}
     )
+
+
+def _motored(joint: Joint, data: Any, file: Path, path: str) -> Joint:
+    """The joint with motor and gear in place of the damping and dry friction that the URDF has for it."""
+    if joint.kind not in MOTORS:
+        expected = f"a drive of a joint with one coordinate ({', '.join(MOTORS)}); {joint.name} is {joint.kind}"
+        raise InputError(complaint(place(file, path), f"a drive of joint {joint.name}", expected, "remove the table"))
+    motor = read_drive(validate(MOTORS[joint.kind], data, file, path), file, path)
+    return replace(joint, drive=motor, damping=0.0, friction=0.0)
 
 
 def _flexible(
