@@ -197,7 +197,7 @@ def test_joints_without_drives_move_as_in_solve() -> None:
     atol = 1e-6 * np.abs(solution.torque_all).max()
     np.testing.assert_allclose(stepped(told)[:, 0], solution.torque_all[:, 0], rtol=0, atol=atol)
     stiff = flexinv.solve(hub_arm(6, elastic=False), motion, step=STEP)
-    assert np.abs(stiff.torque_all[:, 0] - solution.torque_all[:, 0]).max() > 100 * atol
+    assert np.abs(stiff.torque_all[:, 0] - solution.torque_all[:, 0]).max() > 0.1  # N m: the spring is felt
 
 
 @pytest.mark.parametrize("model", ["four_bar", "stewart_platform"])
