@@ -312,8 +312,9 @@ def planned(
         size += BLOCK
         return size - BLOCK
 
-    if np.abs(_constant(mesh, rows)[~kept]).max(initial=0.0) > CLEARLY * limits[0]:
-        return None  # a direction that never closes
+    unmoved = ~(plan.matrix > 0).any(axis=1)
+    if np.abs(_constant(mesh, rows)[unmoved]).max(initial=0.0) > CLEARLY * limits[0]:
+        return None  # what no joint moves is not in the tables, and is open
     patterns = [{int(c): int(plan.matrix[r, c]) for c in np.flatnonzero(where[r])} for r in range(len(rows))]
     e = Elimination(patterns, g[0].copy(), plan.sizes, take)
     effort = [int(i) for i in b.columns[m.nq + m.nv :]]
@@ -329,10 +330,11 @@ def planned(
 
 
 def _constant(mesh: Mesh, rows: Rows) -> Array:
-    """phi (rows,) of directions [-], where the joints stand anywhere; zero for positions."""
+    """phi (rows,) over its scale [-], where the joints stand anywhere."""
     m = mesh.mechanism
     rest = np.zeros((1, m.nv))
-    return np.where(rows.direction, residuals(rigid_motion(mesh, anywhere(m, 1), rest, rest), rows)[0][0], 0.0)
+    phi: Array = residuals(rigid_motion(mesh, anywhere(m, 1), rest, rest), rows)[0][0]
+    return phi / np.where(rows.direction, 1.0, mesh.length)
 
 
 def _is_plane(plan: LoopPlan, most: float) -> bool:

@@ -199,6 +199,21 @@ def test_what_never_closes_is_named(second: Placement) -> None:
         prepare(broken).torques(*state)
 
 
+def test_a_closure_on_one_body() -> None:
+    """It moves with its body and changes nothing, or never closes."""
+    mechanism, state = solved(four_bar(), 20)
+    spot = Attachment("coupler", Placement(np.array([0.3, 0.1, 0.0])))
+    kept, broken = (
+        replace(mechanism, closures=(*mechanism.closures, Closure("own", "fixed", spot, other)))
+        for other in (spot, Attachment("coupler", Placement(np.array([0.3, 0.2, 0.0]))))
+    )
+    f = prepare(kept, threads=1)
+    assert np.abs(f.torques(*state) - prepare(mechanism).torques(*state)).max() < ROUNDING * largest(f, state)
+    assert f.plan.sizes
+    with pytest.raises(flexinv.InputError, match="the given q does not keep closure 'own'"):
+        prepare(broken).torques(*state)
+
+
 def test_a_dead_point_is_left_to_singular_values() -> None:
     """Coupler and rocker in line: the passive joints do not follow there; only its block is left."""
     mechanism, (q, qd, qdd) = solved(four_bar(), 500)
