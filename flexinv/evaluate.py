@@ -64,7 +64,16 @@ def rigid_trajectory(mesh: Mesh, q: Array, qd: Array, qdd: Array, applied: Nodal
 
 
 def _direction(mechanism: Mechanism, qd: Array, passive: set[str]) -> Array:
-    """Direction of dry friction: the sign of the rate, smoothed as in the march where the joint is passive."""
+    """Direction of dry friction: the sign of the rate, smoothed as in the march where the joint is passive.
+
+    There FRICTION_RATE decides how slowly a joint that should stick creeps, and how short the steps have to be: Newton takes
+    changes of the rate of up to some 20 FRICTION_RATE in a step.  A pendulum that friction stops (tests/test_friction.py):
+
+        FRICTION_RATE   creeps, at 3/4 of what holds   beside sharp friction   Newton converges at steps of
+        1e-2 rad/s      8e-3 rad/s                     1e-3 rad                10, 4, 1 ms
+        1e-3            9e-4                           1e-4                    4, 1 ms
+        1e-4            not to be had                                          none of them
+    """
     smooth = np.array([j.name in passive for j in mechanism.joints for _ in range(j.nv)], dtype=bool)
     return np.where(smooth, np.tanh(qd / FRICTION_RATE), np.sign(qd))
 
