@@ -186,6 +186,7 @@ def test_the_tutorial_of_the_readme(root: Path, tmp_path: Path, monkeypatch: pyt
             assert "wrote them into models/my_arm/cases.toml" in shown
             limits = tomllib.loads((tmp_path / "models" / "my_arm" / "cases.toml").read_text())["limits"]
             assert all("error bars" in limit["reason"] for limit in limits)
+            assert not any("measured " in limit["source"] for limit in limits)  # engines that did not run
             assert (tmp_path / "reports" / "verify" / "my_arm" / "picture-move.svg").is_file()
     assert "are within their limits." in shown
     assert (tmp_path / "reports" / "latest" / "index.html").is_file()

@@ -124,4 +124,6 @@ def _show(console: Console, results: Results) -> None:
 
 
 def _versions(results: Results) -> list[str]:
-    return sorted({f"{e.name.partition('-')[0]} {e.version}" for e in results.engines if e.version})
+    """Return the engines that gave something, each with its version."""
+    ran = {run_.engine for run_ in results.runs if run_.status == "ok"}
+    return sorted({f"{e.name.partition('-')[0]} {e.version}" for e in results.engines if e.version and e.name in ran})
