@@ -54,6 +54,10 @@ def simulate(
     Raises InputError for input that cannot be, a drive of a free joint among it, ConvergenceError (time, increment, advice) if
     Newton fails.
     """
+    if initial not in ("consistent", "static"):
+        raise InputError(
+            f"simulate: initial = {initial!r}, expected 'consistent' (starts undeformed) or 'static' (in equilibrium)"
+        )
     table = _table(mechanism, time, torque)
     moves = {j.name for j in mechanism.joints if j.nv}
     count = round((table[0][-1] - table[0][0]) / step) if step > 0 else 0

@@ -85,3 +85,8 @@ def test_a_torque_that_jumps_is_met_exactly() -> None:
 def test_input_that_cannot_be(time: list[float], torque: list[list[float]], words: str) -> None:
     with pytest.raises(flexinv.InputError, match=words):
         flexinv.simulate(wheel(), time, torque, step=1e-3)
+
+
+def test_an_unknown_start_is_refused() -> None:
+    with pytest.raises(flexinv.InputError, match=r"initial = 'rest', expected 'consistent'"):
+        flexinv.simulate(wheel(), [0.0, 1.0], [[0.0], [0.0]], step=0.1, initial="rest")
