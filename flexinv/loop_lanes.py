@@ -38,6 +38,7 @@ from flexinv.recursion import (
 AXES, AXIS_Y, AXIS_Z, AT = row(0), row(3), row(6), row(9)
 SPEED, SPIN, SPIN_RATE, ACCELERATION, KEPT = row(12), row(15), row(18), row(21), row(24)
 KEPT_TURNING = row(27)
+DIRECTION = row(27)  # of one that slides
 BODY_ROWS = 30
 # Rows of a closure: the point of B; the gap and its two rates; squares of phi, phi', phi''; vectors e of rows.
 POINT, GAP, GAP_RATE, GAP_RATE_TOO, SQUARES, VECTORS = row(0), row(3), row(6), row(9), row(12), row(15)
@@ -155,14 +156,14 @@ def _turn(own, parent, rows, lanes, c):
 
 @jit_lanes
 def _slide(own, parent, rows, lanes, c):
-    """A body that slides along z."""
+    """A body that slides along a direction z of its parent, whose axes it has."""
     for k in range(lanes):
-        rate, above = rows[RATE + k], _axes(parent, k)
-        axes = _seat(above, c)
-        z = axes[2]
-        at, v, a = _moved(parent, k, plus(into(above, _constant(c, 9)), times(rows[PLACE + k], z)))
+        rate, axes = rows[RATE + k], _axes(parent, k)
+        z = into(axes, _constant(c, 6))
+        at, v, a = _moved(parent, k, plus(into(axes, _constant(c, 9)), times(rows[PLACE + k], z)))
         w, al = vec_of(parent, SPIN, k), vec_of(parent, SPIN_RATE, k)
         a = plus_cross(plus(a, times(own[KEPT + k], z)), w, times(2.0 * rate, z))
+        put_vec(own, DIRECTION, k, z)
         _put(own, k, axes, at, plus(v, times(rate, z)), w, al, a)
 
 

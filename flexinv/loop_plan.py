@@ -30,6 +30,7 @@ from flexinv.loop_lanes import (
     COLUMN_CELLS,
     COLUMNS,
     COUPLED,
+    DIRECTION,
     FILLS,
     FLOAT,
     GEARED,
@@ -93,7 +94,7 @@ class _Tables:
     size: int
     fixed: list[float]
     own: dict[tuple[int, int], int] = field(default_factory=dict)  # (root, body) -> its rows
-    bases: dict[int, Array] = field(default_factory=dict)  # R of a root's axes as they are taken here
+    turned: dict[tuple[int, int], Array] = field(default_factory=dict)  # its axes as taken here, constant in its own
     keeps: list[int] = field(default_factory=list)
     roots: list[int] = field(default_factory=list)
     moved: list[int] = field(default_factory=list)
@@ -170,15 +171,29 @@ def _seated(t: _Tables, node: int) -> tuple[int, Array, Array]:
     return body, axes @ turn[node], axes @ place[node]
 
 
-def _root(t: _Tables, root: int, toward: int) -> int:
-    """Rows of a root, its axes so that z is that of the first joint of the loop."""
+def _first_axis(b: Bodies, ways: tuple[list[int], ...]) -> Array:
+    """The axis, in the root, of the first joint of a loop that turns; slides before it turn nothing."""
+    axes = []
+    for way in ways:
+        turn = np.eye(3)
+        for body in way[::-1]:
+            turn = turn @ _seat(b, body)[0]
+            axes.append((int(b.tree[body, 0]) == PRISMATIC, turn[:, 2]))
+            if not axes[-1][0]:
+                break
+    axis: Array = min(axes, key=lambda one: one[0])[1]
+    return axis
+
+
+def _root(t: _Tables, root: int, ways: tuple[list[int], ...]) -> int:
+    """Rows of a root, its axes so that z is that of the first joint of the loop that turns."""
     if (root, root) not in t.own:
-        z = _seat(t.bodies, toward)[0][:, 2]
+        z = _first_axis(t.bodies, ways)
         x = np.eye(3)[int(np.argmin(np.abs(z)))]
         x = x - (x @ z) * z
         x /= np.linalg.norm(x)
         basis = np.stack([x, np.cross(z, x), z])  # rows: the root's axes z and two at right angles
-        t.own[root, root], t.bases[root] = t.rows(BODY_ROWS), basis
+        t.own[root, root], t.turned[root, root] = t.rows(BODY_ROWS), basis
         t.roots += [t.own[root, root], t.numbers(np.eye(3))]
     return t.own[root, root]
 
@@ -197,9 +212,8 @@ def _moving(t: _Tables, root: int, body: int) -> int:
     parent = int(t.bodies.tree[body, 1])
     above = _moving(t, root, parent)
     own = t.own[root, body] = t.rows(BODY_ROWS)
-    (r, p), kind = _seat(t.bodies, body), int(t.bodies.tree[body, 0])
-    if parent == root:
-        r, p = t.bases[root] @ r, t.bases[root] @ p
+    (r, p), kind = (t.turned[root, parent] @ x for x in _seat(t.bodies, body)), int(t.bodies.tree[body, 0])
+    t.turned[root, body] = r if kind == PRISMATIC else np.eye(3)  # one that slides has its parent's axes
     how = (
         ROOT_TURN
         if parent == root and kind in TURNS
@@ -228,12 +242,10 @@ def _closure(t: _Tables, rows: Rows, own: NDArray[np.int64]) -> None:
     way_a, way_b = way_a[: way_a.index(root)], way_b[: way_b.index(root)]
     if not (way_a or way_b):
         return  # both ends on one body: nothing moves
-    _root(t, root, (way_b or way_a)[-1])
+    _root(t, root, (way_b, way_a))
     ends = [t.own[root, root] if i == root else _moving(t, root, i) for i in (a, b)]
-    if a == root:
-        ra, xa = t.bases[root] @ ra, t.bases[root] @ xa
-    if b == root:
-        rb, xb = t.bases[root] @ rb, t.bases[root] @ xb
+    ra, xa = (t.turned[root, a] @ x for x in (ra, xa))
+    rb, xb = (t.turned[root, b] @ x for x in (rb, xb))
     positions = [r for r in own if not rows.direction[r]]
     directions = [r for r in own if rows.direction[r]]
     whole = len(positions) == 3
@@ -259,7 +271,9 @@ def _columns_of(
     kind, m = int(t.bodies.tree[number, 0]), t.mesh.mechanism
     axes = [body + int(at) for at in (AXES, AXIS_Y, AXIS_Z)]
     slides, turns = [(SLIDING, at) for at in axes], [(TURNING, at) for at in axes]
-    single = {PRISMATIC: slides[2:], SPHERICAL: turns, FREE: slides + turns}.get(kind, turns[2:])
+    single = {PRISMATIC: [(SLIDING, body + int(DIRECTION))], SPHERICAL: turns, FREE: slides + turns}.get(
+        kind, turns[2:]
+    )
     kept = _kept(kind)
     for j, (how, axis) in enumerate(single):
         v = int(t.mesh.v_index[t.bodies.node[number]]) + j
@@ -338,14 +352,15 @@ def _constant(mesh: Mesh, rows: Rows) -> Array:
 
 
 def _is_plane(plan: LoopPlan, most: float) -> bool:
-    """Whether all joints of loops turn about z, and closures keep three positions, open by at most so much along z [m]."""
+    """Whether joints of loops turn about z or slide across it, closures keep three positions, open by so much along z [m]."""
     words, height = [int(i) for i in plan.plan], dict[int, float]()
     for i in range(words[ROOTS + 1]):
         height[words[words[ROOTS] + 2 * i]] = 0.0
     for i in range(words[BODIES + 1]):
         how, own, above, _, at = words[words[BODIES] + 5 * i :][:5]
         r, p = plan.fixed[at : at + 9].reshape(3, 3).T, plan.fixed[at + 9 : at + 12]
-        if how not in (ROOT_TURN, TURN) or np.abs(r[2] - [0, 0, 1]).max() > ZERO:
+        off = abs(r[2, 2]) if how == SLIDE else np.abs(r[2] - [0, 0, 1]).max()  # what is not in the plane
+        if how not in (ROOT_TURN, TURN, SLIDE) or off > ZERO:
             return False
         height[own] = height[above] + p[2]
     for i in range(words[CLOSURES + 1]):

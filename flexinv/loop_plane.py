@@ -1,10 +1,13 @@
 """Closed loops in one plane: the formulas of `loop_lanes` and `loop_rows` restricted to what is not zero there.
 
-All joints turn about z, the root's axis.  A body's axes are its heading (c, s); with r the arm from the parent's place:
+All joints turn about z, the root's axis, or slide across it.  A body's axes are its heading (c, s); with r the arm from the
+parent's place:
 
-    v = v_parent + w_parent (-r_y, r_x)      a = a_parent + al_parent (-r_y, r_x) - w_parent^2 r      w = w_parent + qd
+    v = v_parent + w_parent (-r_y, r_x)      a = a_parent + al_parent (-r_y, r_x) - w_parent^2 r
+    turn              w = w_parent + qd      al = al_parent + qdd
+    slide along d     v + qd d               a + qdd d + 2 w_parent qd (-d_y, d_x),     r + q d  for r
 
-and a joint moves the point of B by (-(y_B - y), x_B - x).  Rows stand where those of space do.
+and a joint moves the point of B by (-(y_B - y), x_B - x), or d.  Rows stand where those of space do.
 """
 
 from __future__ import annotations
@@ -25,10 +28,13 @@ from flexinv.loop_lanes import (
     COLUMN_CELLS,
     COLUMNS,
     COUPLED,
+    DIRECTION,
     GEARED,
     KEPT,
     POINT,
     ROOT_TURN,
+    SLIDE,
+    SLIDING,
     SPEED,
     SPIN,
     SPIN_RATE,
@@ -38,7 +44,7 @@ from flexinv.loop_lanes import (
     coupled,
 )
 from flexinv.loop_rows import ENTRIES, clear, geared
-from flexinv.recursion import COS, RATE, SIN
+from flexinv.recursion import COS, PLACE, RATE, SIN
 
 _BODY, _COLUMN, _ONE, _TWO, _THREE = row(BODY_ROWS), row(4), np.uint64(1), np.uint64(2), np.uint64(3)
 _SPIN, _SPIN_RATE = SPIN + row(2), SPIN_RATE + row(2)
@@ -99,6 +105,21 @@ def _turn(own, parent, rows, lanes, c):
 
 
 @jit_lanes
+def _slide(own, parent, rows, lanes, c):
+    """A body that slides along a direction d of its parent, whose heading it has."""
+    along, (px, py) = (c[6], c[7]), (c[9], c[10])
+    for k in range(lanes):
+        q, rate, second = rows[PLACE + k], rows[RATE + k], own[KEPT + k]
+        at, v, a = _moved(parent, k, (px + q * along[0], py + q * along[1]))
+        heading, w = _pair(parent, AXES, k), parent[_SPIN + k]
+        dx, dy = _turned(heading[0], heading[1], along)
+        v = v[0] + rate * dx, v[1] + rate * dy
+        a = a[0] + second * dx - 2.0 * w * rate * dy, a[1] + second * dy + 2.0 * w * rate * dx
+        _put(own, k, heading, at, v, w, parent[_SPIN_RATE + k], a)
+        own[DIRECTION + k], own[DIRECTION + LANES + k] = dx, dy
+
+
+@jit_lanes
 def _close(a, b, own, lanes, c):
     """The point of B, and the squares of the gap and of its rates."""
     at_a, at_b, scale = (c[0], c[1]), (c[3], c[4]), c[6]
@@ -122,6 +143,15 @@ def _column(to, at, own, lanes, sign):
 
 
 @jit_lanes
+def _column_of_slide(to, direction, lanes, sign):
+    """The same of a slide: its direction, whose square is 1."""
+    for k in range(lanes):
+        x, y = _pair(direction, np.uint64(0), k)
+        to[ENTRIES + k], to[ENTRIES + LANES + k] = sign * x, sign * y
+        to[k] = sign * sign
+
+
+@jit_lanes
 def in_plane(plan, fixed, work, lanes):
     """Set points [m], squares of the closures and G: what `move`, `close` and `entries` do in space [m, rad, s]."""
     for i in range(plan[BODIES + 1]):
@@ -130,6 +160,8 @@ def in_plane(plan, fixed, work, lanes):
         own, parent, rows = work[first : first + _BODY], work[above : above + _BODY], work[rows : rows + _BODY]
         if plan[at] == ROOT_TURN:
             _from_root(own, rows, lanes, c)
+        elif plan[at] == SLIDE:
+            _slide(own, parent, rows, lanes, c)
         else:
             _turn(own, parent, rows, lanes, c)
     for i in range(plan[CLOSURES + 1]):
@@ -142,14 +174,12 @@ def in_plane(plan, fixed, work, lanes):
             _close(work[one : one + _BODY], work[other : other + _BODY], own, lanes, c)
     for i in range(plan[COLUMNS + 1]):
         at = plan[COLUMNS] + i * COLUMN_CELLS
-        to, place, own, sign = (
-            plan[at + np.uint64(4)],
-            plan[at + _TWO],
-            plan[at + _THREE],
-            fixed[plan[at + np.uint64(9)]],
-        )
+        axis, place, own, first = plan[at + _ONE], plan[at + _TWO], plan[at + _THREE], plan[at + np.uint64(4)]
+        to, sign = work[first : first + _COLUMN], fixed[plan[at + np.uint64(9)]]
         if plan[at] == GEARED:
-            geared(work[to : to + _COLUMN], lanes, sign)
+            geared(to, lanes, sign)
+        elif plan[at] == SLIDING:
+            _column_of_slide(to, work[axis : axis + VECTOR], lanes, sign)
         else:
-            _column(work[to : to + _COLUMN], work[place : place + VECTOR], work[own : own + VECTOR], lanes, sign)
+            _column(to, work[place : place + VECTOR], work[own : own + VECTOR], lanes, sign)
     clear(plan, work, lanes)

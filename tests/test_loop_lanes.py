@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from loop_examples import Example, four_bar, platform, rack_and_pinion, slider_crank, spatial
+from loop_examples import Example, X, case_of, four_bar, platform, rack_and_pinion, rod, slider_crank, spatial
 from numpy.typing import NDArray
 from rigid_trees import TREE, tree, unit
+from scipy.spatial.transform import Rotation
 
 import flexinv
 from crosscheck.robots import random_states
@@ -20,7 +21,7 @@ from flexinv.files.case import load_cases
 from flexinv.given import GivenLoops
 from flexinv.loop_lanes import PLANE
 from flexinv.loop_rows import LEAST_PIVOT
-from flexinv.mechanism import WORLD, Attachment, Closure, Mechanism, Placement
+from flexinv.mechanism import WORLD, Attachment, Closure, Joint, Mechanism, Placement
 from flexinv.mesh import build
 from flexinv.prepared import TorqueFunction, prepare
 from flexinv.rigid import rigid_motion
@@ -164,7 +165,7 @@ def test_every_kind_between_any_bodies(kind: str, seed: int) -> None:
 
 
 def test_what_moves_in_a_plane_is_found_wherever_it_lies() -> None:
-    """Slides and spatial loops are not taken for plane ones; a plane one is, however it hangs in space."""
+    """Spatial loops are not taken for plane ones; a plane one is, however it hangs in space."""
     mechanism, state = solved(four_bar(), 200)
     turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
@@ -179,8 +180,83 @@ def test_what_moves_in_a_plane_is_found_wherever_it_lies() -> None:
         assert f.plan.plan[PLANE]
         assert np.abs(f.torques(*state) - reference(f, state)).max() < ROUNDING * largest(f, state)
         assert doubts(f, 200) == []
-    for example in (spatial(), slider_crank("pin")):
-        assert not prepare(replace(example[0], springs=(), forces=())).plan.plan[PLANE]
+    assert not prepare(spatial()[0]).plan.plan[PLANE]
+
+
+def turned_about_z(angle: float) -> Array:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def with_slides(case: str, lean: float = 0.0) -> Example:
+    """Slides in the plane, tilted and beside their joints: on an arm that turns, or before a rod; ``lean`` [rad] out of it."""
+    lens = Placement(np.array([0.05, 0.03, 0.02]), turned_about_z(0.7) @ Rotation.from_euler("y", lean).as_matrix())
+    links = (rod("crank", 0.2, 0.3), rod("arm", 0.6, 0.5), rod("block", 0.1, 0.2))
+    crank = Joint("A", "revolute", WORLD, "crank", Placement(np.zeros(3), turned_about_z(0.4)), damping=0.1)
+    tip = Attachment("crank", Placement(np.array([0.2, 0.0, 0.1])))
+    if case == "on an arm":
+        along = np.array([0.96, 0.28, 0.0])
+        joints: tuple[Joint, ...] = (
+            crank,
+            Joint("D", "revolute", WORLD, "arm", Placement(np.array([0.0, -0.5, 0.0])), actuated=False),
+            Joint(
+                "S", "prismatic", "arm", "block", lens, axis=turned_about_z(-0.7) @ along, actuated=False, friction=0.2
+            ),
+        )
+        end, start = Attachment("block", Placement(np.array([0.02, -0.04, 0.08]))), {"D": 1.2, "S": 0.4}
+    else:
+        joints = (
+            crank,
+            Joint(
+                "S",
+                "prismatic",
+                WORLD,
+                "block",
+                replace(lens, position=np.array([0.1, 0.2, 0.02])),
+                axis=X,
+                actuated=False,
+            ),
+            Joint("B", "revolute", "block", "arm", Placement(np.array([0.03, 0.01, 0.04])), actuated=False),
+        )
+        end, start = Attachment("arm", Placement(np.array([0.6, 0.05, 0.04]))), {"S": 0.4, "B": 2.5}
+    mechanism = Mechanism(case, links, joints, np.array([0.3, -9.81, 0.0]), (Closure("C", "revolute", tip, end),))
+    motion = flexinv.Motion.point_to_point({"A": 0.3}, {"A": 0.3 + 2 * np.pi}, 1.0)
+    return mechanism, case_of(mechanism, motion, start)
+
+
+@pytest.mark.parametrize("case", ["on an arm", "before a rod"])
+def test_slides_in_the_plane_are_those_of_space(case: str) -> None:
+    """The same efforts and limits by the formulas of the plane, by those of space, and one sample after the other."""
+    mechanism, state = solved(with_slides(case), 200)
+    f = prepare(mechanism, threads=1)
+    assert f.plan.plan[PLANE]
+    tau, size = f.torques(*state), largest(f, state)
+    assert np.abs(tau - reference(f, state)).max() < ROUNDING * size
+    assert doubts(f, 200) == []
+    in_space = replace(f.plan, plan=f.plan.plan.copy())
+    in_space.plan[PLANE] = 0
+    g = replace(f, plan=in_space)
+    assert np.abs(g.torques(*state) - tau).max() < ROUNDING * size
+    assert not f._own.counter[3]
+    q, qd, qdd = state
+    slide = mechanism.velocity_names.index("S")
+    for k, label in enumerate(("q", "qd", "qdd")):  # what the squares of the plane leave out would be let through
+        wrong = [q.copy(), qd.copy(), qdd.copy()]
+        wrong[k][100, slide] += 0.02 * np.abs(wrong[k][:, slide]).max()
+        with pytest.raises(
+            flexinv.InputError, match=f"the given {label} does not keep closure 'C', which at sample 100"
+        ):
+            f.torques(*wrong)
+    moved = [a + 1e-4 * np.abs(a).max() * np.eye(a.shape[1])[slide] for a in state]
+    for h in (f, g):
+        with pytest.raises(flexinv.InputError, match="the given q"):
+            h.torques(*moved)
+
+
+def test_slides_that_lean_are_not_in_the_plane() -> None:
+    """By a thousandth of a radian out of it: nearly the same efforts, by the formulas of space."""
+    assert prepare(with_slides("on an arm")[0]).plan.plan[PLANE]
+    assert not prepare(with_slides("on an arm", 1e-3)[0]).plan.plan[PLANE]
 
 
 @pytest.mark.parametrize(

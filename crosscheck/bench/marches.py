@@ -27,6 +27,10 @@ TWO_THREADS = 1.8  # times as fast as one
 LEANING = 1e-5  # [m/s^2]: what makes a mechanism in a plane spatial, and changes nothing that matters
 LOOP_MARCH, LOOP_RIGID = 1.3, 2.0  # times as long as the tree
 LOOP_SAMPLES = 4096
+LOOPS_IN_SPACE = ("bricard", "stewart_platform")  # of which nothing is asked
+RIGID_LOOPS = (
+    "four_bar", "slider_crank", "five_bar", "five_bar_redundant", "geared_four_bar", "andrews_squeezer", *LOOPS_IN_SPACE
+)  # fmt: skip
 SECONDS = 4.0
 SCENARIOS = 8
 MESHES = {1: (4, 8, 16, 32, 64, 128, 256), 4: (1, 2, 4, 8, 16, 32, 64)}
@@ -139,13 +143,13 @@ def _rigid_loop(folder: Path, seconds: float) -> list[dict[str, Any]]:
     rows = _compared("five-bar, solved", f"{what}, solved", times, "closed, given", LOOP_RIGID)
     own = ratio(times["closed, passive joints found"], times["tree"])
     rows[1]["ratio"] = own.median
-    for model, most in (("four_bar", LOOP_RIGID), ("five_bar", LOOP_RIGID), ("stewart_platform", None)):
-        rows += _prepared_loop(folder, model, most, seconds)
+    for model in RIGID_LOOPS:
+        rows += _prepared_loop(folder, model, None if model in LOOPS_IN_SPACE else LOOP_RIGID, seconds)
     return rows
 
 
 def _prepared_loop(folder: Path, model: str, most: float | None, seconds: float) -> list[dict[str, Any]]:
-    """A closed mechanism and its tree through prepared functions, coordinate-major; nothing is asked of many bodies in space."""
+    """A closed mechanism and its tree through prepared functions, coordinate-major."""
     closed = load_mechanism(folder / model)
     case = next(iter(load_cases(folder / model, closed).values()))
     found = solve(closed, case.motion, case.end / (LOOP_SAMPLES - 1), start=case.start)
