@@ -47,13 +47,15 @@ def relative_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> Relative:
     for node in np.flatnonzero(mesh.v_index >= 0):
         kind, nq, nv = int(mesh.kind[node]), mesh.q_index[node], mesh.v_index[node]
         own_q, own_v = slice(nq, nq + CONFIGURATIONS[kind]), slice(nv, nv + VELOCITIES[kind])
-        _add_joint(out, int(node), kind, mesh.axis[node], q[:, own_q], qd[:, own_v], qdd[:, own_v])
+        own = q[:, own_q], qd[:, own_v], qdd[:, own_v]
+        _add_joint(out, int(node), kind, mesh.rotation[node], mesh.axis[node], *own)
     return out
 
 
-def _add_joint(out: Relative, node: int, kind: int, axis: Array, q: Array, qd: Array, qdd: Array) -> None:
-    """Put one joint's motion on top of its node's placement."""
-    placed = out.rotation[0, node].copy()
+def _add_joint(
+    out: Relative, node: int, kind: int, placed: Array, axis: Array, q: Array, qd: Array, qdd: Array
+) -> None:
+    """Put one joint's motion on top of its node's placement, whose rotation is ``placed``."""
     if kind == PRISMATIC:
         direction = placed @ axis
         out.p[:, node] += q * direction

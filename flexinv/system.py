@@ -23,7 +23,8 @@ from flexinv.mesh import FREE, SECTION, SPHERICAL, VELOCITIES, Mesh
 
 Indices = NDArray[np.int64]
 
-# A passive joint's dry friction is friction tanh(rate / FRICTION_RATE): a slope instead of a jump at rest.
+# A passive joint's dry friction is friction tanh(rate / FRICTION_RATE): a slope instead of a jump at rest.  How large it may be,
+# as measured: `evaluate._direction`.
 FRICTION_RATE = 1e-3  # [rad/s] or [m/s]
 
 

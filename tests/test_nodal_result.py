@@ -36,6 +36,15 @@ def test_of_a_tree() -> None:
     assert np.abs(one.torque[0] - tau[3]).max() < ROUNDING * np.abs(tau).max()
 
 
+@pytest.mark.parametrize(
+    "mechanism", [tree(), flexinv.load_mechanism(MODELS / "andrews_squeezer")], ids=["tree", "loops"]
+)
+def test_no_samples_give_no_efforts(mechanism: flexinv.Mechanism) -> None:
+    """As where a stream is cut into parts and the last one is empty."""
+    f, state = flexinv.prepare(mechanism), [np.zeros((0, n)) for n in (mechanism.nq, mechanism.nv, mechanism.nv)]
+    assert f.torques(*state).shape == f.nodal(*state).torque.shape == (0, mechanism.nv)
+
+
 def test_without_what_resists() -> None:
     mechanism = tree()
     f, state = flexinv.prepare(mechanism, passive=False), random_states(mechanism, 5, np.random.default_rng(2))

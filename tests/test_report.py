@@ -212,21 +212,27 @@ def test_a_run_of_studies_alone_has_no_empty_matrix(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("results", "sentence"),
     [
-        (example(row("within"), row("skipped")), "All 1 comparisons are within their limits."),
+        (example(row("within"), row("skipped")), "The comparison is within its limit."),
+        (example(row("within"), row("within")), "All 2 comparisons are within their limits."),
         (example(row("skipped")), "Nothing was compared."),
         (
             example(row("within"), row("deviation")),
-            "Of 2 comparisons 1 are within their limits; 1 comparison deviates.",
+            "1 of 2 comparisons is within its limit; 1 comparison deviates.",
         ),
-        (example(row("unjudged")), "Of 1 comparisons 0 are within their limits; 1 comparison has no limit."),
-        (example(row("error")), "Of 1 comparisons 0 are within their limits; 1 comparison is impossible."),
+        (example(row("unjudged")), "0 of 1 comparison is within its limit; 1 comparison has no limit."),
+        (example(row("error")), "0 of 1 comparison is within its limit; 1 comparison is impossible."),
         (
             example(row("within"), finished=False),
-            "Of 1 comparisons 1 are within their limits; the run has not finished.",
+            "1 of 1 comparison is within its limit; the run has not finished.",
         ),
-        (example(row("within"), finished=False, message="cut"), "Of 1 comparisons 1 are within their limits; cut."),
+        (example(row("within"), finished=False, message="cut"), "1 of 1 comparison is within its limit; cut."),
+        (
+            example(row("deviation"), row("deviation")),
+            "0 of 2 comparisons are within their limits; 2 comparisons deviate.",
+        ),
+        (studies("within"), "The study is within its target."),
         (studies("within", "within"), "All 2 studies are within their targets."),
-        (studies("within", "deviation"), "Of 2 studies 1 are within their targets; 1 study is off."),
+        (studies("within", "deviation"), "1 of 2 studies is within its target; 1 study is off."),
     ],
 )
 def test_the_first_sentence(results: Results, sentence: str) -> None:
@@ -235,7 +241,7 @@ def test_the_first_sentence(results: Results, sentence: str) -> None:
 
 def test_only_a_good_run_is_called_good() -> None:
     for bad in ("deviation", "error", "unjudged"):
-        assert not words.sentence(example(row("within"), row(bad))).startswith("All")
+        assert words.sentence(example(row("within"), row(bad))).startswith("1 of 2 comparisons is within its limit; ")
         assert words.troubles(example(row(bad)))
     failed = replace(example(row("within")), studies=(StudyRow("s", "S", status="timeout", message="slow"),))
     assert words.sentence(failed).endswith("1 study is off.")

@@ -131,15 +131,16 @@ def sentence(results: Results) -> str:
     wrong = [part for part in parts if part]
     if not wrong and results.exit_code == 0:
         named = _count(tally["explained"], "more differs for a named cause", "more differ for a named cause")
-        good = f"All {judged} comparisons are within their limits{'; ' if named else ''}{named}."
+        if judged:
+            return _all_within(judged, *_COMPARISONS) + ("; " if named else "") + named + "."
         done = sum(s.verdict == "within" for s in results.studies)
-        return good if judged else f"All {done} studies are within their targets." if done else "Nothing was compared."
+        return _all_within(done, *_STUDIES) + "." if done else "Nothing was compared."
     if not results.finished and not results.message:
         wrong.append("the run has not finished")
     if results.studies and not results.cases:  # of the selftest, of the benchmark
         done = sum(s.verdict in ("within", "skipped") for s in results.studies)
-        return f"Of {len(results.studies)} studies {done} are within their targets; " + ", ".join(wrong) + "."
-    return f"Of {judged} comparisons {tally['within']} are within their limits; " + ", ".join(wrong) + "."
+        return _some_within(done, len(results.studies), *_STUDIES) + "; " + ", ".join(wrong) + "."
+    return _some_within(tally["within"], judged, *_COMPARISONS) + "; " + ", ".join(wrong) + "."
 
 
 def troubles(results: Results) -> list[tuple[Verdict, CaseRow | StudyRow, str, str]]:
@@ -226,3 +227,15 @@ def _engines(row: Comparison) -> set[tuple[str, str, str]]:
 
 def _count(number: int, one: str, many: str) -> str:
     return f"{number} {one if number == 1 else many}" if number else ""
+
+
+_COMPARISONS, _STUDIES = ("comparison", "comparisons", "limit"), ("study", "studies", "target")
+
+
+def _all_within(number: int, one: str, many: str, limit: str) -> str:
+    return f"The {one} is within its {limit}" if number == 1 else f"All {number} {many} are within their {limit}s"
+
+
+def _some_within(good: int, number: int, one: str, many: str, limit: str) -> str:
+    where = f"is within its {limit}" if 1 in (good, number) else f"are within their {limit}s"
+    return f"{good} of {number} {one if number == 1 else many} {where}"

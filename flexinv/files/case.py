@@ -10,9 +10,9 @@ from typing import Any
 
 from flexinv.errors import InputError
 from flexinv.files.case_motion import read_motion
-from flexinv.files.case_schema import OF_BEAMS, CasesTable, CaseTable, LimitTable
+from flexinv.files.case_schema import OF_BEAMS, CasesTable, CaseTable, LimitTable, read_cases
 from flexinv.files.case_start import read_start
-from flexinv.files.toml_tables import check_names, complaint, place, read_toml, validate
+from flexinv.files.toml_tables import check_names, complaint, place, validate
 from flexinv.files.unit_keys import nearest
 from flexinv.mechanism import Array, Mechanism
 from flexinv.motion import Motion
@@ -80,9 +80,7 @@ def load_cases(path: str | Path, mechanism: Mechanism) -> dict[str, Case]:
     path : ``models/<name>`` or the TOML file.  The format is described in models/README.md.
     Raises InputError, which names file, table, key, what was given, what is expected and what to write.
     """
-    path = Path(path)
-    file = path if path.suffix == ".toml" else path / "cases.toml"
-    table = validate(CasesTable, read_toml(file), file, "")
+    file, table = read_cases(path)
     check_names(file, cases=table.cases)
     if not table.cases:
         expected = CasesTable.model_fields["cases"].description or ""

@@ -3,11 +3,23 @@
 from __future__ import annotations
 
 import datetime
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from flexinv.files.toml_tables import Name, NotNegative, Number, Positive, Table, Text, Vector, key
+from flexinv.files.toml_tables import (
+    Name,
+    NotNegative,
+    Number,
+    Positive,
+    Table,
+    Text,
+    Vector,
+    key,
+    read_toml,
+    validate,
+)
 
 QUANTITIES = ("torque", "wrench", "reaction", "tip", "deflection", "axial", "internal", "frequency")
 # Comparisons with a release, separated by commas, as in requirements of packages (PEP 440).
@@ -213,3 +225,13 @@ class CasesTable(Table):
     cases: dict[str, Any] = key("tables [cases.NAME]", "[cases.NAME]")
     tasks: dict[str, Any] = key("tables [tasks.NAME]: paths of a frame", "[tasks.NAME]", default={})
     limits: list[LimitTable] = key("tables [[limits]] that hold for every case of the file", "[[limits]]", default=[])
+
+
+def read_cases(path: str | Path) -> tuple[Path, CasesTable]:
+    """Return a cases file and its table as it stands there, units in its keys [unit]; path : ``models/<name>`` or the file.
+
+    Raises InputError, which names file, table, key, what was given, what is expected and what to write.
+    """
+    path = Path(path)
+    file = path if path.suffix == ".toml" else path / "cases.toml"
+    return file, validate(CasesTable, read_toml(file), file, "")

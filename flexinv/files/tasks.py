@@ -12,7 +12,7 @@ from pydantic import Field
 from scipy.spatial.transform import Rotation
 
 from flexinv.errors import InputError
-from flexinv.files.case_schema import CasesTable, MeshTable
+from flexinv.files.case_schema import MeshTable, read_cases
 from flexinv.files.case_start import read_places
 from flexinv.files.toml_tables import (
     Fraction,
@@ -26,7 +26,6 @@ from flexinv.files.toml_tables import (
     check_names,
     complaint,
     place,
-    read_toml,
     validate,
 )
 from flexinv.files.unit_keys import nearest
@@ -132,9 +131,7 @@ def load_tasks(path: str | File, mechanism: Mechanism) -> dict[str, Task]:
     path : ``models/<name>`` or the TOML file.  The format is described in models/README.md.
     Raises InputError, which names file, table, key, what was given, what is expected and what to write.
     """
-    path = File(path)
-    file = path if path.suffix == ".toml" else path / "cases.toml"
-    table = validate(CasesTable, read_toml(file), file, "")
+    file, table = read_cases(path)
     check_names(file, tasks=table.tasks)
     return {name: _task(data, name, mechanism, file) for name, data in table.tasks.items()}
 
