@@ -189,6 +189,7 @@ def test_a_part_that_there_is_not_is_named() -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_night_may_measure_speed_at_its_end(tiny: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     write_models(tmp_path / "models", MODELS.parent)
     quick = parts.studies(MODELS, quick=True)

@@ -112,6 +112,7 @@ def stopped(plan: Plan, out: Path) -> Results:
     return run(Work(plan, {"pinocchio": ENGINES["pinocchio"]}, (), Options(60.0)), out, stop)
 
 
+@pytest.mark.slow
 def test_a_run_that_was_cut_short_is_resumed(root: Path, tmp_path: Path) -> None:
     """What was answered is taken over, what was not is run; without --resume everything is."""
     plan, out = cases(root, tmp_path, 2), tmp_path / "out"

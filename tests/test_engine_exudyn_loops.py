@@ -136,6 +136,7 @@ FAULTS: dict[str, Callable[[Mechanism], Mechanism]] = {
 }
 
 
+@pytest.mark.slow
 def test_a_planted_fault_is_seen() -> None:
     mechanism, case = examples.loaded()
     other = pinocchio.run(mechanism, case, "pinocchio", {})

@@ -257,6 +257,7 @@ def test_what_cannot_be_exported_is_said(tmp_path: Path) -> None:
     assert effort.shape[1] == 4
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_folder_that_explains_itself(root: Path, tmp_path: Path) -> None:
     models = write_models(tmp_path / "models", root).parent
     out = tmp_path / "bug"

@@ -72,6 +72,7 @@ def known(reports: Path) -> list[history.Night]:
     return history.nights(history.connect(f"sqlite:///{reports / 'history.sqlite'}"))
 
 
+@pytest.mark.slow
 def test_two_nights_one_blessing_and_what_changed(nightly: Invoke, reports: Path) -> None:
     first = nightly()
     assert first.exit_code == 1, first.output  # nothing is blessed yet, and every row says how

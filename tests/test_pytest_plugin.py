@@ -210,6 +210,7 @@ def test_a_failure_names_the_cause_and_how_to_bless(root: Path, tmp_path: Path) 
     assert "Traceback" not in said
 
 
+@pytest.mark.slow
 def test_a_model_that_cannot_be_read_is_an_error_of_collection(tmp_path: Path) -> None:
     folder = tmp_path / "models" / "broken"
     folder.mkdir(parents=True)
