@@ -23,11 +23,11 @@ from flexinv.coordinates import Nodes, fill_given, fill_relative
 from flexinv.errors import InputError
 from flexinv.integrate import Scheme, generalized_alpha
 from flexinv.inverse import joint_wrenches, project
+from flexinv.joint import axes_of_nodes
 from flexinv.loads import load_table
 from flexinv.march import CONVERGED
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh, build
-from flexinv.parameters import axes_of_nodes
 from flexinv.planar import PlanarMarch
 from flexinv.planar_march import Histories
 from flexinv.plane import NotPlanar, find_plane

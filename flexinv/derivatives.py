@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexinv.differentiate import Spatial, derivative_samples
 from flexinv.errors import InputError
+from flexinv.joint import axes_of_nodes
 from flexinv.mechanism import Array, Mechanism
-from flexinv.parameters import axes_of_nodes
 from flexinv.prepared import TorqueFunction, checked_states, prepare
 from flexinv.rigid import rigid_motion
 from flexinv.tree import Frames

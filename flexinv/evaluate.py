@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.applied import joint_springs
-from flexinv.balance import balance, base_reaction
+from flexinv.balance import Balance
 from flexinv.differences import differenced
-from flexinv.inverse import NodalForces, along_joints, drive_efforts, joint_wrenches, nodal_forces, own_wrenches
-from flexinv.joint import joint_effort
+from flexinv.inverse import NodalForces, drive_efforts, joint_wrenches, nodal_forces, plain
+from flexinv.joint import axes_of_nodes
 from flexinv.mechanism import Array, Mechanism
-from flexinv.mesh import VELOCITIES, Mesh
+from flexinv.memory import together
+from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
 from flexinv.rigid import rigid_motion
+from flexinv.second_step import Found, Given, Moving, Skeleton, second_step_samples
 from flexinv.solution import Solution
 from flexinv.solver import Trajectory
 from flexinv.system import FRICTION_RATE
@@ -33,24 +36,74 @@ def evaluate(
     motion = trajectory.motion
     if settings["incremental"]:
         motion = differenced(motion, float(settings["step"]))
-    forces = nodal_forces(mesh, motion, applied)
-    wrenches = own_wrenches(mesh, motion, forces)
-    tau = along_joints(mesh, len(motion.x), wrenches)
-    drive = drive_efforts(mechanism, qd, qdd, direction=_direction(mechanism, qd, passive)) + joint_springs(
-        mechanism, q
-    )
-    base = base_reaction(mesh, motion, trajectory.wrench)
-    wrench = {name: wrenches[node] for name, node in mesh.joint_node.items()}
+    found = second_step(mesh, motion, trajectory, time, qd, applied, brought)
+    drive = drive_efforts(mechanism, qd, qdd, direction=_direction(mechanism, qd, passive))
+    if any(joint.stiffness for joint in mechanism.joints):
+        drive = drive + joint_springs(mechanism, q)
     internal, stations = _internal(mesh, trajectory)
+    energy = trajectory.energy
     return Solution(
         mechanism=mechanism, mesh=mesh, time=time, q=q, qd=qd, qdd=qdd,
-        torque_all=tau + drive,
-        reaction=_reaction(mesh, motion, trajectory.wrench) + drive,
-        nodes=motion, forces=forces,
-        tip=_tips(mesh, motion), deflection=_deflections(mesh, motion), wrench=wrench,
+        torque_all=found.tau + drive, reaction=found.reaction + drive,
+        nodes=motion, forces=NodalForces(found.force, found.moment),
+        tip=dict(zip((joint.child for joint in mechanism.joints), found.tip, strict=True)),
+        deflection={link.name: own for link, own in zip(mechanism.beams, found.deflection, strict=True)},
+        wrench=dict(zip(mesh.joint_node, found.wrench, strict=True)),
         internal=internal, internal_stations=stations,
-        balance=balance(mesh, motion, forces, tau, qd, base, trajectory.energy, time, applied, brought),
+        balance=Balance(
+            found.kinetic, found.potential, energy[:, 0], found.power, found.work, found.momentum, energy[:, 2]
+        ),
         iterations=trajectory.iterations, settings=settings, notes=mechanism.notes,
+    )  # fmt: skip
+
+
+def second_step(
+    mesh: Mesh, motion: NodalMotion, trajectory: Trajectory, time: Array, qd: Array,
+    applied: NodalForces | None = None, brought: Array | None = None,
+) -> Found:  # fmt: skip
+    """Return the nodal forces of a motion [N], [N m] and what follows from them, beside the elastic side of a trajectory.
+
+    time : (samples,) [s]; qd : (samples, nv) [rad/s], [m/s]; applied, brought : as of `evaluate`
+    """
+    k, samples, none = skeleton(mesh), len(time), np.empty((0, 0, 0))
+    nodal, joints, series = (samples, mesh.size, 3), (samples, mesh.mechanism.nv), (samples,)
+    shapes = (
+        nodal, nodal, joints, joints, (len(k.joint), samples, 6), (len(k.tip), samples, 3), (len(k.root), samples, 3),
+        *4 * (series,), (samples, 6), (mesh.size, 6),
+    )  # fmt: skip
+    *out, line = together(*shapes)
+    moving = Moving(
+        *(plain(part) for part in (motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha))
+    )
+    pushed = (none, none) if applied is None else (plain(applied.force), plain(applied.moment))
+    energy, jumps = trajectory.energy, np.empty(0) if brought is None else brought
+    found = Found(*out)
+    given = Given(plain(trajectory.wrench), plain(energy), *pushed, jumps, plain(qd), plain(time))
+    second_step_samples(k, moving, given, line, found)
+    return found
+
+
+@lru_cache(maxsize=64)
+def skeleton(mesh: Mesh) -> Skeleton:
+    """Return what the second step has to know of a mesh [m], [kg]."""
+    m = mesh.mechanism
+    tips = [(m.link_of[joint.child], mesh.joint_node[joint.name]) for joint in m.joints]
+    end = [(mesh.tip_node.get(link.name, node), np.zeros(3) if link.beam else link.tip) for link, node in tips]
+    straight = np.zeros((len(m.beams), 3))
+    for place, link in zip(straight, m.beams, strict=True):
+        turn = np.eye(3)
+        for node in mesh.section_nodes[link.name][1:]:
+            place += turn @ mesh.offset[node]
+            turn = turn @ mesh.rotation[node]
+    numbers = [list(mesh.joint_node.values()), [n for n, _ in end]]
+    numbers += [[nodes[link.name] for link in m.beams] for nodes in (mesh.root_node, mesh.tip_node)]
+    joint, tip, root, last = (np.array(nodes, dtype=np.int64) for nodes in numbers)
+    points = np.array([point for _, point in end], dtype=float).reshape(-1, 3)
+    freedoms, slide, turns = axes_of_nodes(mesh)
+    gravity = np.array(m.gravity, dtype=float)
+    return Skeleton(
+        mesh.parent, mesh.mass, mesh.inertia, gravity, freedoms, mesh.v_index, slide, turns, joint, tip, points, root, last,
+        straight,
     )  # fmt: skip
 
 
@@ -74,57 +127,34 @@ def _direction(mechanism: Mechanism, qd: Array, passive: set[str]) -> Array:
         1e-3            9e-4                           1e-4                    4, 1 ms
         1e-4            not to be had                                          none of them
     """
+    if not any(joint.friction for joint in mechanism.joints):
+        return np.zeros_like(qd)
     smooth = np.array([j.name in passive for j in mechanism.joints for _ in range(j.nv)], dtype=bool)
     return np.where(smooth, np.tanh(qd / FRICTION_RATE), np.sign(qd))
 
 
-def _reaction(mesh: Mesh, motion: NodalMotion, wrench: Array) -> Array:
-    """Joint efforts from the elastic side: wrench of each joint's own rigid part and the beams that start on it."""
-    out = np.zeros((len(motion.x), mesh.mechanism.nv))
-    for node in np.flatnonzero(mesh.v_index >= 0):
-        kind, first = int(mesh.kind[node]), mesh.v_index[node]
-        force = np.einsum("sji,sj->si", motion.rotation[:, node], wrench[:, node, :3])
-        effort = joint_effort(kind, mesh.axis[node], force, wrench[:, node, 3:])
-        out[:, first : first + VELOCITIES[kind]] = effort
-    return out
-
-
-def _tips(mesh: Mesh, motion: NodalMotion) -> dict[str, Array]:
-    out = {}
-    for joint in mesh.mechanism.joints:
-        link = mesh.mechanism.link_of[joint.child]
-        node = mesh.tip_node.get(link.name, mesh.joint_node[joint.name])
-        point = np.zeros(3) if link.beam is not None else link.tip
-        out[link.name] = motion.x[:, node] + motion.rotation[:, node] @ point
-    return out
-
-
-def _deflections(mesh: Mesh, motion: NodalMotion) -> dict[str, Array]:
-    """Tip in the root section's frame less its place in the stress-free shape, (samples, 3) [m]."""
-    out = {}
-    for link in mesh.mechanism.beams:
-        root, tip = mesh.root_node[link.name], mesh.tip_node[link.name]
-        place, turn = np.zeros(3), np.eye(3)
-        for node in mesh.section_nodes[link.name][1:]:
-            place, turn = place + turn @ mesh.offset[node], turn @ mesh.rotation[node]
-        seen = np.einsum("sji,sj->si", motion.rotation[:, root], motion.x[:, tip] - motion.x[:, root])
-        out[link.name] = seen - place
-    return out
-
-
 def _internal(mesh: Mesh, trajectory: Trajectory) -> tuple[dict[str, Array], dict[str, Array]]:
-    e, values, stations = mesh.elements, {}, {}
-    for index, link in enumerate(mesh.mechanism.links):
-        own = np.flatnonzero(e.link == index)
-        if link.beam is not None and len(own):
-            values[link.name] = _points(trajectory.internal, own, e.order[own])
-            stations[link.name] = np.concatenate([e.station[k, : e.order[k]] for k in own])
+    """Resultants (samples, points, 6) and stations (points,) by beam; not copied where they stand so in memory."""
+    values, stations = {}, {}
+    for name, own, order, station in _points(mesh):
+        part = trajectory.internal[:, own]
+        whole = bool((order == part.shape[2]).all())
+        values[name] = (
+            part.reshape(len(part), -1, 6)
+            if whole
+            else np.concatenate([part[:, k, :n] for k, n in enumerate(order)], axis=1)
+        )
+        stations[name] = station.copy()
     return values, stations
 
 
-def _points(internal: Array, own: NDArray[np.int64], order: NDArray[np.int64]) -> Array:
-    """All points of the elements ``own`` in a row, (samples, points, 6); not copied where they stand so in memory."""
-    points = internal.shape[2]
-    if np.all(order == points) and np.all(np.diff(own) == 1):
-        return internal[:, own[0] : own[-1] + 1].reshape(len(internal), -1, 6)
-    return np.concatenate([internal[:, k, :n] for k, n in zip(own, order, strict=True)], axis=1)
+@lru_cache(maxsize=64)
+def _points(mesh: Mesh) -> list[tuple[str, slice, NDArray[np.int64], Array]]:
+    """Name of each beam, which elements are its own, their orders, and where their points are."""
+    e, out = mesh.elements, []
+    for index, link in enumerate(mesh.mechanism.links):
+        own = np.flatnonzero(e.link == index)
+        if link.beam is not None and len(own):
+            station = np.concatenate([e.station[k, : e.order[k]] for k in own])
+            out.append((link.name, slice(int(own[0]), int(own[-1]) + 1), e.order[own], station))
+    return out

@@ -85,14 +85,14 @@ def jump_efforts(mesh: Mesh, before: NodalMotion, after: NodalMotion, change: Ar
     change : (nv,) jump of the joint rates, which the rotors follow
     """
     wrenches = joint_wrenches(mesh, after, jump_forces(mesh, before, after))
-    return np.asarray(project(mesh, after, wrenches)[0] + mesh.mechanism.rotor_inertias * change)
+    return np.asarray(project(mesh, after, wrenches)[0] + mesh.mechanism.drive_table[0] * change)
 
 
 def kinetic_energy(mesh: Mesh, motion: NodalMotion, qd: Array) -> float:
     """Return the kinetic energy [J] of nodes and rotors at one instant (one sample; qd (nv,) [1/s])."""
     moving = np.einsum("n,ni,ni->", mesh.mass, motion.v[0], motion.v[0])
     turning = np.einsum("nij,ni,nj->", mesh.inertia, motion.omega[0], motion.omega[0])
-    return float(0.5 * (moving + turning + mesh.mechanism.rotor_inertias @ qd**2))
+    return float(0.5 * (moving + turning + mesh.mechanism.drive_table[0] @ qd**2))
 
 
 def names_of(mechanism: Mechanism, which: NDArray[np.bool_]) -> tuple[str, ...]:

@@ -109,14 +109,15 @@ def drive_efforts(
 
     direction : (samples, nv) [-], sign(qd) unless given
     """
-    rotor, damping, friction = (
-        np.array([getattr(j, name) for j in mechanism.joints for _ in range(j.nv)], dtype=float)
-        for name in ("rotor_inertia", "damping", "friction")
-    )
-    effort = rotor * qdd
+    rotor, damping, friction = mechanism.drive_table
+    effort = np.asarray(rotor * qdd)
     if not passive:
         return effort
-    return np.asarray(effort + damping * qd + friction * (np.sign(qd) if direction is None else direction))
+    if damping.any():
+        effort += damping * qd
+    if friction.any():
+        effort += friction * (np.sign(qd) if direction is None else direction)
+    return effort
 
 
 # --------------------------------------------------------------------------------------------- the paper's factors

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexinv.mechanism import Array
 from flexinv.mesh import CONFIGURATIONS, CONTINUOUS, FREE, PRISMATIC, REVOLUTE, SPHERICAL, VELOCITIES, Mesh
@@ -88,6 +89,16 @@ def joint_axes(kind: int, axis: Array) -> tuple[Array, Array]:
     if kind in (REVOLUTE, CONTINUOUS):
         return np.zeros((1, 3)), axis[None]
     return np.zeros((0, 3)), np.zeros((0, 3))
+
+
+def axes_of_nodes(mesh: Mesh) -> tuple[NDArray[np.int64], Array, Array]:
+    """Return freedoms (nodes,), slide and turn (nodes, 6, 3) [-]: the axes of every node's joint in its own frame."""
+    freedoms = np.zeros(mesh.size, dtype=np.int64)
+    slide, turn = np.zeros((mesh.size, 6, 3)), np.zeros((mesh.size, 6, 3))
+    for n in np.flatnonzero(mesh.v_index >= 0):
+        freedoms[n] = count = VELOCITIES[int(mesh.kind[n])]
+        slide[n, :count], turn[n, :count] = joint_axes(int(mesh.kind[n]), mesh.axis[n])
+    return freedoms, slide, turn
 
 
 def joint_effort(kind: int, axis: Array, force: Array, moment: Array) -> Array:

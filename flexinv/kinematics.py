@@ -68,31 +68,34 @@ def flexible_motion(
     flat = None if efforts is not None else in_plane(mesh, passive or set())
     alone = flat is not None and initial == "consistent" and (switching is None or switching.never)
     solver = None if alone else Solver.of(mesh, passive or set(), efforts)
-    out = Trajectory.empty(len(time[::every]), mesh, len(constraint_rows(mesh)))
+    out = Trajectory.unwritten(len(time[::every]), mesh, len(constraint_rows(mesh)))
     march = _March(mesh, solver, flat, scheme, time, out, every)
     if switching is not None:
         switching.begin(mesh, None if solver is None else solver.border.ties)
-    march.begin(after, initial)
+    if not alone:
+        march.begin(after, initial)
     switches = {} if switching is None else switching.samples
     stops = _jump_samples(time, jumps)
-    start, chunk = 1, CHUNK if flat is None else PLANAR_CHUNK
+    start, chunk = 0 if alone else 1, CHUNK if flat is None else PLANAR_CHUNK
     for stop in sorted({*stops, *switches, len(time) - 1}):
         for first in range(start, stop + 1, chunk):
             last = min(first + chunk, stop + 1)
-            march.steps(before, first, last)
+            march.steps(before, after, first, last)
             if progress is not None:
-                progress(last - first)
+                progress(last - max(first, 1))
         if switching is not None and stop in switches:
             march.switch(after, switching, stop)
         elif stop in stops:
             march.restart(after, stop)
         start = stop + 1
+    if alone and flat is not None:
+        flat.leave(passive or set())
     return out
 
 
 def in_plane(mesh: Mesh, passive: set[str]) -> PlanarMarch | None:
     """Return the planar march of a mesh that lies in a plane [m], with the named joints free, else None."""
-    return None if isinstance(find_plane(mesh), NotPlanar) else PlanarMarch.of(mesh, passive)
+    return None if isinstance(find_plane(mesh), NotPlanar) else PlanarMarch.ready(mesh, passive)
 
 
 def _jump_samples(time: Array, jumps: tuple[float, ...]) -> list[int]:
@@ -124,13 +127,9 @@ class _March:
     def begin(self, history: JointHistory, initial: str) -> None:
         """Start undeformed or in equilibrium, with the accelerations that belong to it, and record that."""
         solver, flat, time = self.solver, self.flat, self.time[:1]
+        assert solver is not None
         when = f"at the start, t = {time[0]:g} s"
-        motion = history(time)
-        if solver is None:
-            assert flat is not None
-            self._check(flat.begin(*motion, histories(self.out)), when)
-            return
-        q, qd, qdd = (part[0] for part in motion)
+        q, qd, qdd = (part[0] for part in history(time))
         start_undeformed(solver, q, qd, qdd)
         solver.load_at(float(time[0]), q, qd, qdd)
         joints = instant(self.mesh, q, qd, qdd)
@@ -145,22 +144,30 @@ class _March:
         if flat is not None:
             flat.take(solver.state, solver.border.ties)
 
-    def steps(self, history: JointHistory, first: int, last: int) -> None:
-        """March over the steps that end at the samples from ``first`` to before ``last``; keep every so many."""
-        time, steps, every = self.time[first:last], np.arange(first, last), self.every
-        q, qd, qdd = history(time)
-        row = np.where(steps % every == 0, steps // every, -1)
+    def steps(self, history: JointHistory, after: JointHistory, first: int, last: int) -> None:
+        """March over the steps that end at the samples from ``first`` to before ``last``; keep every so many.
+
+        With 0 as the ``first`` the march in a plane begins there, undeformed, with what the joints do ``after`` it.
+        """
+        time, samples, every = self.time[first:last], np.arange(first, last), self.every
+        row = samples if every == 1 else np.where(samples % every == 0, samples // every, -1)
         if self.flat is not None:
-            result = self.flat.march(self.scheme, q, qd, qdd, row, histories(self.out))
+            start = after(time[:1]) if first == 0 else None
+            steps = history(time if start is None else time[1:])
+            result = self.flat.march(self.scheme, start, steps, row, histories(self.out))
         else:
             assert self.solver is not None
-            solver, whole = self.solver, self.out.rows(first, last) if every == 1 else self.out.of_length(len(steps))
+            q, qd, qdd = history(time)
+            solver, whole = self.solver, self.out.rows(first, last) if every == 1 else self.out.of_length(len(samples))
             rel = Joints(*(np.ascontiguousarray(part) for part in relative_motion(self.mesh, q, qd, qdd)))
             table, drives = load_table(self.mesh, time), solver.drives(time)
             result = solver.march(self.scheme, rel, table, drives, solver.given(q, qd, qdd), whole)
             if every > 1:
                 self.out.put(row[row >= 0], whole, row >= 0)
-        self._check(result, "at t = {:g} s (step " + f"{self.scheme.h:g} s)", time)
+        begins = first == 0 and result[1] == 0
+        self._check(
+            result, "at the start, t = {:g} s" if begins else "at t = {:g} s (step " + f"{self.scheme.h:g} s)", time
+        )
 
     def restart(self, history: JointHistory, sample: int) -> None:
         """Solve the accelerations anew where those of the task jump, and record their right-hand limit."""

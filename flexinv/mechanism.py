@@ -345,8 +345,7 @@ class Mechanism:
     @cached_property
     def actuated(self) -> NDArray[np.bool_]:
         """(nv,) which velocity coordinates have an actuator."""
-        flags = [j.actuated for j in self.joints for _ in range(j.nv)]
-        return np.array(flags, dtype=bool)
+        return np.array([j.actuated for j in self.joints for _ in range(j.nv)], dtype=bool)
 
     @cached_property
     def weights(self) -> Array:
@@ -354,9 +353,10 @@ class Mechanism:
         return np.array([j.weight for j in self.joints for _ in range(j.nv)], dtype=float)
 
     @cached_property
-    def rotor_inertias(self) -> Array:
-        """(nv,) rotor inertia of every velocity coordinate [kg m^2], [kg]."""
-        return np.array([j.rotor_inertia for j in self.joints for _ in range(j.nv)], dtype=float)
+    def drive_table(self) -> Array:
+        """(3, nv) rotor inertia [kg m^2], [kg], damping [N m s], [N s/m], dry friction [N m], [N] of velocity coordinates."""
+        rows = [[j.rotor_inertia, j.damping, j.friction] for j in self.joints for _ in range(j.nv)]
+        return np.array(rows, dtype=float).reshape(-1, 3).T
 
     @property
     def is_rigid(self) -> bool:

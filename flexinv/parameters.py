@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import qr, solve_triangular
 
 from flexinv.errors import InputError
-from flexinv.joint import joint_axes
+from flexinv.joint import axes_of_nodes
 from flexinv.mechanism import Array, Joint, Link, Mechanism
-from flexinv.mesh import VELOCITIES, Mesh, build
+from flexinv.mesh import build
 from flexinv.prepared import checked_states
 from flexinv.regress import PARAMETERS, regressor_samples
 from flexinv.rigid import rigid_motion
@@ -126,16 +126,6 @@ def torque_regressor(
         (*units, *(unit for part in own for unit in part[2])),
         np.concatenate([values, *(part[3] for part in own)]),
     )
-
-
-def axes_of_nodes(mesh: Mesh) -> tuple[NDArray[np.int64], Array, Array]:
-    """Return freedoms (nodes,), slide and turn (nodes, 6, 3) [-]: the axes of every node's joint in its own frame."""
-    freedoms = np.zeros(mesh.size, dtype=np.int64)
-    slide, turn = np.zeros((mesh.size, 6, 3)), np.zeros((mesh.size, 6, 3))
-    for n in np.flatnonzero(mesh.v_index >= 0):
-        freedoms[n] = count = VELOCITIES[int(mesh.kind[n])]
-        slide[n, :count], turn[n, :count] = joint_axes(int(mesh.kind[n]), mesh.axis[n])
-    return freedoms, slide, turn
 
 
 def _drive(

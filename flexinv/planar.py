@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexinv.assemble import State
 from flexinv.damped_plane import COEFFICIENTS, RATES
@@ -13,7 +15,7 @@ from flexinv.integrate import ACCELERATIONS, Scheme
 from flexinv.mechanism import Array
 from flexinv.mesh import PRISMATIC, Mesh
 from flexinv.planar_beam import BLOCK, CONSTANTS
-from flexinv.planar_march import Histories, PlanarWork, planar_march, planar_start
+from flexinv.planar_march import Histories, PlanarWork, planar_march
 from flexinv.planar_model import PlanarModel, planar_model
 from flexinv.planar_solve import FOUR, PlanarFactors
 from flexinv.planar_ties import PlanarTies
@@ -24,7 +26,10 @@ from flexinv.solver import Trajectory
 from flexinv.system import Indices
 from flexinv.ties import Ties
 
-_FIRST = np.zeros(1, dtype=np.int64)
+Instants = tuple[Array, Array, Array]
+Moves = NDArray[np.bool_]
+
+_NOWHERE, _MOVES, _STILL = np.zeros((0, 3)), np.ones(1, dtype=bool), np.zeros(1, dtype=bool)
 
 
 @dataclass(frozen=True)
@@ -56,22 +61,24 @@ class PlanarMarch:
         frames = PlanarFrames(*(np.zeros(shape) for shape in shapes))
         return cls(mesh, m, state, frames, _factors(m), work, _ties(m))
 
-    def begin(self, q: Array, qd: Array, qdd: Array, out: Histories) -> tuple[int, int, int, float]:
-        """Begin undeformed at one instant, q (1, nq), qd, qdd (1, nv) [m, rad, s], with the accelerations that belong to it.
+    @classmethod
+    def ready(cls, mesh: Mesh, passive: Collection[str]) -> PlanarMarch:
+        """Return what `of` does, or a march of the same that was `left` behind, for one that begins with `march`."""
+        try:
+            return _left(mesh, frozenset(passive)).pop()
+        except IndexError:
+            return cls.of(mesh, passive)
 
-        The first row of ``out`` is written; all closures act.  Return as `march`.
-        """
-        m = self.model
-        joints = np.zeros((self.mesh.size, 3))
-        joints[m.joints.node] = m.joints.coordinates(q, qd, qdd)[0]
-        planar_start(m.tree, m.elements, self.state, joints, self.frames, self.work)
-        return self.march(ACCELERATIONS, q, qd, qdd, _FIRST, out)
+    def leave(self, passive: Collection[str]) -> None:
+        """Leave the arrays to the next march that begins; one that failed may have left numbers that are none behind."""
+        self.ties.multiplier[:] = 0.0
+        _left(self.mesh, frozenset(passive)).append(self)
 
     def restart(self, q: Array, qd: Array, qdd: Array, row: Indices, out: Histories) -> tuple[int, int, int, float]:
         """Find the accelerations [m/s^2], [rad/s^2] anew where the march stands and they jump; arguments as of `march`."""
         s = self.state
         s.u[:], s.du[:] = s.u0, s.du0
-        return self.march(ACCELERATIONS, q, qd, qdd, row, out)
+        return self.run(ACCELERATIONS, self._given(q, qd, qdd), row, out, moves=_STILL)
 
     def take(self, s: State, ties: Ties) -> None:
         """Begin where the spatial solver stands, with the closures that act there [m, rad, s, N]."""
@@ -121,36 +128,40 @@ class PlanarMarch:
         s.d[:] = 0.0
 
     def march(
-        self, scheme: Scheme, q: Array, qd: Array, qdd: Array, row: Indices, out: Histories
+        self, scheme: Scheme, start: Instants | None, steps: Instants, row: Indices, out: Histories
     ) -> tuple[int, int, int, float]:
-        """March over q (steps, nq), qd, qdd (steps, nv) [m, rad, s]; row : (steps,) of ``out`` to be written, -1 for none.
+        """March over the ends of ``steps``: q (steps, nq), qd, qdd (steps, nv) [m, rad, s].
 
-        Return status, steps done, iterations or element, last relative increment [-].
+        start : the same at one instant at which the march begins undeformed, all closures acting, with the accelerations that
+            belong to it; None where it goes on
+        row : of ``out`` to be written at each instant, that of the start included, -1 for none
+        Return status, instants done, iterations or element, last relative increment [-].
         """
+        given, moves, joint = self._given(*steps), np.ones(len(row), dtype=bool), _NOWHERE
+        if start is not None:
+            given, moves[0] = np.concatenate([self._given(*start), given]), False
+            joint = np.zeros((self.mesh.size, 3))
+            joint[self.model.joints.node] = self.model.joints.coordinates(*start)[0]
+        return self.run(scheme, given, row, out, joint, moves)
+
+    def _given(self, q: Array, qd: Array, qdd: Array) -> Array:
         joints = self.model.joints
         given = joints.coordinates(q, qd, qdd)
-        if not joints.given.all():
-            given = np.ascontiguousarray(given[:, joints.given])
-        return self.run(scheme, given, row, out)
+        return given if joints.given.all() else np.ascontiguousarray(given[:, joints.given])
 
-    def run(self, scheme: Scheme, given: Array, row: Indices, out: Histories) -> tuple[int, int, int, float]:
-        """Do what `march` does with the driven joints' ``given`` (steps, joints, 3) q, q', q'' [m, rad, s]."""
+    def run(
+        self, scheme: Scheme, given: Array, row: Indices, out: Histories, joint: Array = _NOWHERE, moves: Moves = _MOVES
+    ) -> tuple[int, int, int, float]:
+        """Do what `march` does with the driven joints' ``given`` (instants, joints, 3) q, q', q'' [m, rad, s].
+
+        joint, moves : as of `planar_march`; by default one step
+        """
         m = self.model
-        status, step, count, size = planar_march(
-            m.tree,
-            m.elements,
-            self.ties,
-            m.space,
-            scheme,
-            self.state,
-            self.frames,
-            self.factors,
-            self.work,
-            given,
-            row,
-            out,
-        )
-        return int(status), int(step), int(count), float(size)
+        status, instant, count, size = planar_march(
+            m.tree, m.elements, self.ties, m.space, scheme, self.state, self.frames, self.factors, self.work,
+            joint, moves, given, row, out,
+        )  # fmt: skip
+        return int(status), int(instant), int(count), float(size)
 
     def _rotation(self, n: int, angle: float) -> Array:
         space = self.model.space
@@ -161,6 +172,12 @@ class PlanarMarch:
         if self.mesh.kind[n] == PRISMATIC:
             return float(axis @ placed.T @ (s.x[n] - self.mesh.offset[n]))
         return float(axis @ log_so3(placed.T @ s.r[n]))
+
+
+@lru_cache(maxsize=64)
+def _left(mesh: Mesh, passive: frozenset[str]) -> list[PlanarMarch]:
+    """What marches have left: a list that threads may share."""
+    return []
 
 
 def histories(out: Trajectory) -> Histories:

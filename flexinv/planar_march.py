@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from flexinv.assemble import LARGEST_TURN
 from flexinv.compiled import jit, jit_inner
 from flexinv.damped_plane import add_viscous, add_viscous_hessians, dissipated, interpolate_rates
-from flexinv.integrate import ACCELERATION, SQUARED, follow, largest_increment, pseudo_acceleration
+from flexinv.integrate import ACCELERATION, ACCELERATIONS, SQUARED, follow, largest_increment, pseudo_acceleration
 from flexinv.lanes import cos_sin
 from flexinv.march import CONVERGED, MOST_ITERATIONS, NOT_CONVERGED, NOT_FINITE, TURNED_TOO_MUCH
 from flexinv.mechanism import Array
@@ -226,39 +226,46 @@ def advance(t, c, s):
 
 
 @jit
-def planar_march(t, e, k, space, c, s, f, q, w, given, row, out):
-    """March over the steps of one chunk and write the samples that are asked for.
+def planar_march(t, e, k, space, c, s, f, q, w, joint, moves, given, row, out):
+    """March over the instants of one chunk and write the samples that are asked for.
 
-    Where closures act, what is written are the accelerations and multipliers that `planar_ties.settle` finds.  With
-    `integrate.ACCELERATIONS` nothing moves: they are found for the state at hand, and the march goes on from them.
+    An instant is the end of a step; where nothing ``moves``, accelerations are found for the state at hand, and the march goes
+    on from them.  Where closures act, what is written are the accelerations and multipliers that `planar_ties.settle` finds.
 
-    given : (steps, joints, 3) q, q', q'' of the prescribed joints [m, rad, s]; row : (steps,) of the histories, -1 for none
-    Return status, step reached, element or iterations, last relative increment [-].
+    joint : (nodes, 3) q, q', q'' of all joints [m, rad, s] where the march begins, undeformed; (0, 3) where it goes on
+    moves : (instants,); given : (instants, joints, 3) q, q', q'' of the prescribed joints [m, rad, s]
+    row : (instants,) of the histories, -1 for none
+    Return status, instant reached, element or iterations, last relative increment [-].
     """
-    count, size, order, moves = 0, 0.0, 0, c.mode != ACCELERATION
-    vary_independent(t, f, c.cv, c.ca)
-    for step in range(given.shape[0]):
-        if moves:
+    count, size, order = 0, 0.0, 0
+    if joint.shape[0] > 0:
+        begin(t, e, s, joint, f, w)
+    for n in range(given.shape[0]):
+        scheme = c if moves[n] else ACCELERATIONS
+        if n == 0 or moves[n] != moves[n - 1]:
+            vary_independent(t, f, scheme.cv, scheme.ca)
+        if moves[n]:
             start(c, s, order)
         keep(k)
-        status, count, size = newton(t, e, k, c, s, given[step], f, q, w, SLOW, MANY)
-        if status != CONVERGED and moves:  # where something has just let go, the past says little about what comes
+        status, count, size = newton(t, e, k, scheme, s, given[n], f, q, w, SLOW, MANY)
+        if status != CONVERGED and moves[n]:  # where something has just let go, the past says little about what comes
             start(c, s, 0)
             return_to(k)
-            status, count, size = newton(t, e, k, c, s, given[step], f, q, w, 0.0, MOST_ITERATIONS)
+            status, count, size = newton(t, e, k, c, s, given[n], f, q, w, 0.0, MOST_ITERATIONS)
         if status != CONVERGED:
-            return status, step, count, size
-        settles = not moves or (any_acts(k) and row[step] >= 0)
+            return status, n, count, size
+        settles = not moves[n] or (any_acts(k) and row[n] >= 0)
         if settles:
             keep(k)
             settle(t, k, s, f, q, w.residual)
-        if row[step] >= 0:
-            record(row[step], t, e, k, space, f, w, out)
-            out.iterations[row[step]] = count
-        if settles and moves:
+        if row[n] >= 0:
+            record(row[n], t, e, k, space, f, w, out)
+            out.iterations[row[n]] = count
+        if settles and moves[n]:
             return_to(k)
             restore(k, s)
-        if moves:
+        order = 0
+        if moves[n]:
             order = advance(t, c, s)
         else:
             accept(s)
@@ -312,8 +319,8 @@ def _resultants(k, e, space, p, internal):
         internal[g, 0] = n1
 
 
-@jit
-def planar_start(t, e, s, joint, f, w):
+@jit_inner
+def begin(t, e, s, joint, f, w):
     """Begin undeformed: joint (nodes, 3) q, q', q'' of all joints [m, rad, s]; the elements feel nothing, not even rounding."""
     stand(t, s, joint, f)
     accept(s)

@@ -17,6 +17,7 @@ from flexinv.integrate import ACCELERATIONS, Scheme
 from flexinv.loads import Loads, load_table, loads_of
 from flexinv.march import NOT_FINITE, TURNED_TOO_MUCH, Border, collide, march
 from flexinv.mechanism import Array
+from flexinv.memory import together
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
 from flexinv.pulls import pulls
@@ -71,6 +72,17 @@ class Trajectory:
         """Return histories of so many samples [-] for the same mechanism, to be filled."""
         parts = [np.zeros((samples, *part.shape[1:])) for part in self.histories()]
         return Trajectory(NodalMotion(*parts[:6]), *parts[6:], np.zeros(samples, dtype=np.int64))  # type: ignore[call-arg]
+
+    @classmethod
+    def unwritten(cls, samples: int, mesh: Mesh, rows: int = 0) -> Trajectory:
+        """Return what `empty` does where every sample will be written [m, rad, s, N, J]: the large histories hold nothing yet."""
+        vector, points, orders = (samples, mesh.size, 3), mesh.elements.weight.shape, mesh.elements.order
+        shapes = vector, (*vector, 3), vector, vector, vector, vector, (samples, mesh.size, 6), (samples, *points, 6)
+        *motion, wrench, internal = together(*shapes)
+        if (orders < points[1]).any():  # points that some elements do not have
+            internal[:] = 0.0
+        series = np.zeros((samples, 3)), np.zeros((samples, rows)), np.zeros(samples, dtype=np.int64)
+        return cls(NodalMotion(*motion), wrench, internal, *series)
 
     @classmethod
     def empty(cls, samples: int, mesh: Mesh, rows: int = 0) -> Trajectory:

@@ -8,22 +8,29 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.compiled import jit
+from flexinv.compiled import jit, jit_inner
 from flexinv.kinds import CONTINUOUS
 from flexinv.mechanism import Array
 from flexinv.vectors import add, add_to, apply, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
 
 
+@jit_inner
+def own_force(mass, inertia, gravity, rotation, omega, a, alpha):
+    """Return P = M (a - g) [N] and Q = R (J al + w x J w) [N m] of one node at one sample."""
+    w, tensor = vec(omega), mat(inertia)
+    body = add(apply(tensor, vec(alpha)), cross(w, apply(tensor, w)))
+    return scale(mass, sub(vec(a), gravity)), apply(mat(rotation), body)
+
+
 @jit
 def nodal_samples(mass, inertia, g, rotation, omega, a, alpha, force, moment):
-    """Set P = M (a - g) [N] and Q = R (J al + w x J w) [N m] of every node, (samples, nodes, 3)."""
+    """Set P and Q of `own_force` [N], [N m] of every node, (samples, nodes, 3)."""
     gravity = vec(g)
     for s in range(a.shape[0]):
         for n in range(mass.shape[0]):
-            w, tensor = vec(omega[s, n]), mat(inertia[n])
-            body = add(apply(tensor, vec(alpha[s, n])), cross(w, apply(tensor, w)))
-            put(force[s, n], 0, scale(mass[n], sub(vec(a[s, n]), gravity)))
-            put(moment[s, n], 0, apply(mat(rotation[s, n]), body))
+            p, q = own_force(mass[n], inertia[n], gravity, rotation[s, n], omega[s, n], a[s, n], alpha[s, n])
+            put(force[s, n], 0, p)
+            put(moment[s, n], 0, q)
 
 
 @jit
@@ -48,6 +55,21 @@ def in_frame(node, rotation, force, moment, out):
         put(out[s], 3, tapply(turn, vec(moment[s, node])))
 
 
+@jit_inner
+def sum_outboard(parent, x, force, moment, line):
+    """Set ``line`` (nodes, 6) to the force [N] and moment [N m] on and beyond every node at one sample, moments about it."""
+    for n in range(parent.shape[0]):
+        put(line[n], 0, vec(force[n]))
+        put(line[n], 3, vec(moment[n]))
+    for n in range(parent.shape[0] - 1, -1, -1):
+        m = parent[n]
+        if m >= 0:
+            push = vec_at(line[n], 0)
+            arm = sub(vec(x[n]), vec(x[m]))
+            add_to(line[m], 0, push)
+            add_to(line[m], 3, add(vec_at(line[n], 3), cross(arm, push)))
+
+
 @jit
 def sum_in_frames(parent, nodes, x, rotation, force, moment, line, out):
     """Set the sums of `sum_samples` of some ``nodes`` only, in their own frames, (nodes, samples, 6) [N], [N m].
@@ -55,66 +77,11 @@ def sum_in_frames(parent, nodes, x, rotation, force, moment, line, out):
     line : (all nodes, 6) scratch, the sums of one sample
     """
     for s in range(x.shape[0]):
-        for n in range(parent.shape[0]):
-            put(line[n], 0, vec(force[s, n]))
-            put(line[n], 3, vec(moment[s, n]))
-        for n in range(parent.shape[0] - 1, -1, -1):
-            m = parent[n]
-            if m >= 0:
-                push = vec_at(line[n], 0)
-                arm = sub(vec(x[s, n]), vec(x[s, m]))
-                add_to(line[m], 0, push)
-                add_to(line[m], 3, add(vec_at(line[n], 3), cross(arm, push)))
+        sum_outboard(parent, x[s], force[s], moment[s], line)
         for k in range(nodes.shape[0]):
             turn = mat(rotation[s, nodes[k]])
             put(out[k, s], 0, tapply(turn, vec_at(line[nodes[k]], 0)))
             put(out[k, s], 3, tapply(turn, vec_at(line[nodes[k]], 3)))
-
-
-@jit
-def energy_samples(mass, inertia, g, x, rotation, v, omega, force, moment, energy, total):
-    """Set kinetic and potential energy [J] and the power P . v + Q . w [W] of all nodes, (samples, 3), and sum P, Q.
-
-    total : (samples, 6) sum of P [N] and of x x P + Q [N m], about the origin
-    """
-    gravity, none = vec(g), (0.0, 0.0, 0.0)
-    for s in range(x.shape[0]):
-        kinetic, potential, power, push, turn = 0.0, 0.0, 0.0, none, none
-        for n in range(mass.shape[0]):
-            place, speed, w = vec(x[s, n]), vec(v[s, n]), vec(omega[s, n])
-            p, q = vec(force[s, n]), vec(moment[s, n])
-            kinetic += 0.5 * (mass[n] * dot(speed, speed) + dot(w, apply(mat(inertia[n]), w)))
-            potential -= mass[n] * dot(gravity, place)
-            power += dot(p, speed) + dot(q, apply(mat(rotation[s, n]), w))
-            push, turn = add(push, p), add(turn, add(cross(place, p), q))
-        put(energy[s], 0, (kinetic, potential, power))
-        put(total[s], 0, push)
-        put(total[s], 3, turn)
-
-
-@jit
-def power_samples(rotation, v, omega, force, moment, power):
-    """Add P . v + Q . w of all nodes [W] to power (samples,)."""
-    for s in range(v.shape[0]):
-        for n in range(v.shape[1]):
-            turning = apply(mat(rotation[s, n]), vec(omega[s, n]))
-            power[s] += dot(vec(force[s, n]), vec(v[s, n])) + dot(vec(moment[s, n]), turning)
-
-
-@jit
-def root_samples(roots, x, rotation, wrench, total):
-    """Add to ``total`` (samples, 6) [N], [N m] the wrenches on the nodes ``roots``, about the origin.
-
-    wrench : (samples, nodes, 6) force (world) and moment (own frame)
-    """
-    for s in range(x.shape[0]):
-        push, turn = vec_at(total[s], 0), vec_at(total[s], 3)
-        for n in roots:
-            force = vec_at(wrench[s, n], 0)
-            moment = apply(mat(rotation[s, n]), vec_at(wrench[s, n], 3))
-            push, turn = add(push, force), add(turn, add(cross(vec(x[s, n]), force), moment))
-        put(total[s], 0, push)
-        put(total[s], 3, turn)
 
 
 class Drives(NamedTuple):

@@ -84,7 +84,7 @@ def _impact(
     closing = row_forces(two, rows, impulses[None])
     jump = jump_forces(mesh, one, two)
     wrenches = joint_wrenches(mesh, two, NodalForces(jump.force - closing.force, jump.moment - closing.moment))
-    torque = project(mesh, two, wrenches)[0] + mesh.mechanism.rotor_inertias * (after - before)
+    torque = project(mesh, two, wrenches)[0] + mesh.mechanism.drive_table[0] * (after - before)
     work = float(torque @ (before + after)) / 2
     lost = kinetic_energy(mesh, one, before) - kinetic_energy(mesh, two, after) + work
     reaction = {name: values[0] for name, values in closure_reactions(mesh, two, rows, impulses[None]).items()}

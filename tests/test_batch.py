@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from flexible_examples import HALF_TURN, STRIP, arm
+from planar_examples import CLOSED_CASES, PAPER_CASES
 
 import flexinv
 from flexinv.mechanism import Body, Inertia, Mechanism
+from flexinv.planar import PlanarMarch, _left
 
 STEP = 2e-3
 
@@ -63,3 +65,22 @@ def test_unequal_lists_are_refused() -> None:
         flexinv.solve_many([arm()] * 3, [HALF_TURN] * 2, STEP)
     with pytest.raises(flexinv.InputError, match="threads = 0: expected 1 or more"):
         flexinv.solve_many(arm(), HALF_TURN, STEP, threads=0)
+
+
+@pytest.mark.parametrize("name", ["four-bar", "tilted rail", "one link, 1 x order 4", "two links", "one link, damped"])
+def test_what_a_march_leaves_to_the_next_changes_nothing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Arrays that hold the end of another motion give, bit for bit, what new ones give."""
+    mechanism, motion, options = (CLOSED_CASES | PAPER_CASES)[name]()
+    with monkeypatch.context() as new:
+        new.setattr(PlanarMarch, "ready", PlanarMarch.of)
+        fresh = flexinv.solve(mechanism, motion, STEP, **options)
+    flexinv.solve(mechanism, motion, STEP / 3, end=motion.duration / 2, **options)
+    passive = {joint.name for joint in mechanism.joints if joint.nv} - set(motion.joints(mechanism))
+    (left,) = _left(fresh.mesh, frozenset(passive))
+    assert np.abs(left.state.u).max() > 0
+    again = flexinv.solve(mechanism, motion, STEP, **options)
+    for one, two in ((fresh.nodes, again.nodes), (fresh.balance, again.balance)):
+        for field in fields(one):
+            np.testing.assert_array_equal(getattr(one, field.name), getattr(two, field.name))
+    np.testing.assert_array_equal(fresh.torque_all, again.torque_all)
+    np.testing.assert_array_equal(fresh.reaction, again.reaction)
