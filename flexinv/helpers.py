@@ -2,6 +2,10 @@
 
 After its work a helper watches its mail for a while, so that the next call of a loop has it within a microsecond; then it
 sleeps, and waking it takes some ten times as long.  Nobody waits for a helper that has not begun.
+
+Some systems, virtual machines above all, wake a thread on the processor of the one that wakes it, and leave it there for
+milliseconds though others are idle: the two would take turns, and the helper watch while the caller stands still.  So a
+helper goes to another processor by itself.
 """
 
 from __future__ import annotations
@@ -9,6 +13,8 @@ from __future__ import annotations
 import atexit
 import os
 import time
+from collections.abc import Callable
+from ctypes import CDLL
 from queue import SimpleQueue
 from threading import Lock, Thread
 
@@ -32,6 +38,28 @@ def processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def _finder() -> Callable[[], int]:
+    """What tells which processor a thread is on, -1 where the system does not."""
+    try:
+        found: Callable[[], int] = CDLL(None).sched_getcpu
+    except (AttributeError, OSError, TypeError):
+        return lambda: -1
+    return found
+
+
+processor_now = _finder()
+
+
+def leave(processor: int) -> None:
+    """Move this thread from a processor [-] to any other that it may use, if it is there; it may come back later."""
+    if processor < 0 or processor_now() != processor:
+        return
+    allowed = os.sched_getaffinity(0)
+    if len(allowed) > 1:
+        os.sched_setaffinity(0, allowed - {processor})
+        os.sched_setaffinity(0, allowed)
+
+
 def _looking() -> float:
     """Seconds that `_LOOKS` looks take."""
     start = time.perf_counter()
@@ -43,19 +71,21 @@ class _Helper:
     """A thread, its mail and the bell that wakes it."""
 
     def __init__(self, mail: NDArray[np.uint64]) -> None:
-        self.mail, self.bell = mail, SimpleQueue[bool]()
+        self.mail, self.bell, self.caller = mail, SimpleQueue[bool](), processor_now()
         self.thread = Thread(target=self._serve, name="flexinv", daemon=True)
         self.thread.start()
 
     def _serve(self) -> None:
+        leave(self.caller)
         looks = int(_LOOKS * WATCH / min(_looking() for _ in range(_TRIES)))
         attend(self.mail, looks)
         while self.bell.get():
+            leave(self.caller)
             attend(self.mail, looks)
 
     def wake(self) -> None:
         if self.mail[SLEEPS]:
-            self.mail[SLEEPS] = 0
+            self.mail[SLEEPS], self.caller = 0, processor_now()
             self.bell.put(True)
 
     def dismiss(self) -> None:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from rigid_trees import tree
 
 from crosscheck.robots import random_states
 from flexinv.blocks import settle, torque_blocks
-from flexinv.helpers import HELPERS
+from flexinv.helpers import HELPERS, leave, processor_now, processors
 from flexinv.loop_plan import NO_LOOPS
 from flexinv.mechanism import Array
 from flexinv.offers import ANSWER, CELLS, DONE, FREE, OFFERED, OWNER, STATE, TAKEN
@@ -56,13 +57,36 @@ def test_a_helper_takes_part() -> None:
     pytest.fail("no helper ever began")
 
 
+@pytest.mark.skipif(processor_now() < 0 or processors() < 2, reason="needs a system that tells, and two processors")
+def test_a_thread_leaves_the_processor_of_its_caller_and_may_come_back() -> None:
+    def run(other: int) -> None:
+        allowed = os.sched_getaffinity(0)
+        os.sched_setaffinity(0, {other})
+        os.sched_setaffinity(0, allowed)
+        for _ in range(100):  # until the system leaves it where it goes
+            before = processor_now()
+            leave(before)
+            now = processor_now()
+            if now != before:
+                break
+        found.append((before, now, os.sched_getaffinity(0) == allowed))
+
+    found: list[tuple[int, int, bool]] = []
+    for one in sorted(os.sched_getaffinity(0))[:2]:
+        thread = Thread(target=run, args=(one,))
+        thread.start()
+        thread.join()
+    assert all(free for *_, free in found)
+    assert all(now != before for before, now, _ in found)
+
+
 def test_numbers_that_are_not_finite_are_counted_by_all() -> None:
     f, state, _ = function()
     state[0][:] = np.nan
     for _ in range(20):
         with pytest.raises(ValueError, match=r"q\[0, 0\] is nan"):
             f.torques(*state)
-        assert f._own.counter[1] == state[1].size
+        assert f._own.counter[1] == len(state[0])
 
 
 def test_a_helper_that_has_not_begun_is_not_waited_for() -> None:
