@@ -19,7 +19,7 @@ from flexinv.recursion import NUMBERS, TREE, inboard, outboard
 
 # Numbers in a line of the cache.
 _LINE = np.uint64(8)
-# Cells that threads share: the next block; how many numbers are not finite; how many blocks of loops are in doubt, whether their
+# Cells that threads share: the next block; how many samples are not finite; how many blocks of loops are in doubt, whether their
 # motion is; and of every block of loops whether it is.
 CALL_CELLS = 4
 # Every which block the sums are taken that the motion of loops is held against: enough to have nearly the largest.
@@ -67,17 +67,6 @@ def _store(work, columns, lanes, x, start, by_sample, by_column):
 
 
 @jit_lanes
-def _wrong(work, columns, lanes):
-    """How many numbers are not finite."""
-    wrong = 0
-    for j in range(columns.shape[0]):
-        for k in range(lanes):
-            value = work[columns[j] + k]
-            wrong += 0 if value - value == 0.0 else 1
-    return wrong
-
-
-@jit_lanes
 def _closed(plan, fixed, work, lanes, sums):
     """Turn the efforts of the cut tree into those of the drives; return how often a rank is in doubt."""
     if plan[PLANE] > 0:
@@ -92,7 +81,7 @@ def _closed(plan, fixed, work, lanes, sums):
 
 @jit_lanes
 def _blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, samples, work, counter):
-    """Write the efforts of all blocks that are left to take; return how many numbers are not finite."""
+    """Write the efforts of all blocks that are left to take; return how many samples are not finite."""
     nv, wrong = tree[0, 0], 0
     nq = columns.shape[0] - 2 * nv
     for_q, for_qd, for_qdd = columns[:nq], columns[nq : nq + nv], columns[nq + nv :]
@@ -109,7 +98,7 @@ def _blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, sampl
         if loops and not again:
             keep(plan, work, lanes)
         outboard(tree, numbers, work, lanes)
-        inboard(tree, numbers, work, lanes)
+        spoilt = inboard(tree, numbers, work, lanes)
         if loops:
             doubt = not again and _closed(plan, fixed, work, lanes, block % SUMS == 0) > 0
             counter[CALL_CELLS + block] = 1 if doubt or again else 0
@@ -117,7 +106,7 @@ def _blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, sampl
             if doubt:  # once more, without its loops
                 continue
         _store(work, for_qdd, lanes, tau, start, strides[3, 0], strides[3, 1])
-        wrong += _wrong(work, for_qdd, lanes)
+        wrong += spoilt
         block = take(counter)
 
 

@@ -35,17 +35,26 @@ Order = Literal["samples", "coordinates"]
 WORTH_HELP, WORTH_WAKING = 2_000, 16_000
 # Samples whose nodal motion is in memory at once, where springs and given forces act on nodes.
 NODAL_BLOCK = 512
-
+# Numbers in a line of the cache.
+_LINE = 8
 
 _ONE, _ONE_SAMPLE = np.uint64(1), np.ones((4, 2), dtype=np.uint64)
 _NOBODY = np.zeros((0, CELLS), dtype=np.uint64)
+
+
+def _aligned(threads: int, size: int) -> Array:
+    """Zeros whose rows begin with a line of the cache: else every vector of eight numbers meets two of them."""
+    size += -size % _LINE
+    spare = np.zeros(threads * size + _LINE)
+    first = -spare.ctypes.data // spare.itemsize % _LINE
+    return spare[first : first + threads * size].reshape(threads, size)
 
 
 class _Own(local):
     """What every thread has for itself: a work space for itself and for each helper, and a counter of blocks."""
 
     def __init__(self, threads: int, size: int) -> None:
-        self.work, self.counter = np.zeros((threads, size)), np.zeros(CALL_CELLS + 1, dtype=np.uint64)
+        self.work, self.counter = _aligned(threads, size), np.zeros(CALL_CELLS + 1, dtype=np.uint64)
 
     def cells(self, samples: int) -> NDArray[np.uint64]:
         """The counter, with a cell for every block."""

@@ -23,7 +23,7 @@ import math
 
 import numpy as np
 
-from flexinv.compiled import jit_lanes
+from flexinv.compiled import jit_lane, jit_lanes
 from flexinv.kinds import CONTINUOUS, FREE, PRISMATIC, REVOLUTE, SPHERICAL
 from flexinv.lanes import (
     FAR,
@@ -297,6 +297,14 @@ def _resist(rows, lanes, kind, body):
         rows[EFFORT + k] += friction * _sign(rows[RATE + k]) + stiffness * (place - rest)
 
 
+@jit_lane
+def _turn_state(state, k, r, d, w, al, a):
+    """Leave a parent's state, turned, of the place d."""
+    put_vec(state, SPIN, k, into(r, w))
+    put_vec(state, SPIN_RATE, k, into(r, al))
+    put_vec(state, ACCELERATION, k, into(r, _at(w, al, a, d)))
+
+
 @jit_lanes
 def _begin(how, source, state, work, lanes, body, g):
     """The state before the joint: at rest in the world, or the parent's, turned by the constant rotation."""
@@ -310,14 +318,13 @@ def _begin(how, source, state, work, lanes, body, g):
             put_vec(state, SPIN_RATE, k, _NONE)
             put_vec(state, ACCELERATION, k, a)
         return
-    if how == COPIED:
-        for i in range(STATE_ROWS * LANES):
-            state[i] = work[source + i]
+    if how == COPIED:  # a loop of its own: that it reads other rows than it writes is known only here
+        parent = work[source : source + _STATE]
+        for k in range(lanes):
+            _turn_state(state, k, r, d, *_state(parent, k))
+        return
     for k in range(lanes):
-        w, al, a = _state(state, k)
-        put_vec(state, SPIN, k, into(r, w))
-        put_vec(state, SPIN_RATE, k, into(r, al))
-        put_vec(state, ACCELERATION, k, into(r, _at(w, al, a, d)))
+        _turn_state(state, k, r, d, *_state(state, k))
 
 
 @jit_lanes
@@ -342,8 +349,24 @@ def outboard(tree, numbers, work, lanes):
 
 
 @jit_lanes
+def _spoilt(rows, lanes):
+    """In how many lanes a wrench is not finite: 0 x infinity is NaN, and nothing ends one."""
+    count = 0
+    for k in range(lanes):
+        force, moment = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k)
+        total = (force[0] + force[1] + force[2]) + (moment[0] + moment[1] + moment[2])
+        count += 0 if total - total == 0.0 else 1
+    return count
+
+
+@jit_lanes
 def inboard(tree, numbers, work, lanes):
-    """Sum forces [N] and moments [N m] from the leaves to the root; what lies along a joint's axis is its effort."""
+    """Sum forces [N] and moments [N m] from the leaves to the root; what lies along a joint's axis is its effort.
+
+    Returns in how many lanes the world takes a wrench that is not finite, as it does of every coordinate, rate and acceleration
+    that is not.
+    """
+    spoilt = 0
     for back in range(1, tree.shape[0]):
         i = tree.shape[0] - back
         kind, parent, first, how = tree[i, 0], tree[i, 1], tree[i, 2], tree[i, 4]
@@ -358,5 +381,8 @@ def inboard(tree, numbers, work, lanes):
             _turn_inboard(rows, lanes, body)
         else:
             _float_inboard(rows, lanes)
-        if how != FROM_WORLD:
+        if how == FROM_WORLD:
+            spoilt += _spoilt(rows, lanes)
+        else:
             _branch_inboard(rows, above, lanes, body)
+    return spoilt

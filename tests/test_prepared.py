@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from flexible_examples import spatial_tree
 from loop_examples import loaded_tree
-from rigid_trees import KINDS, chain, tree
+from rigid_trees import KINDS, chain, tree, without_drives
 
 import flexinv
 from crosscheck.robots import random_states
@@ -233,3 +233,26 @@ def test_a_million_samples_stream() -> None:
     more, most, given = (int(word) for word in run.stdout.split())
     assert most - given < 300e6
     assert more < 10e6  # work spaces of the threads
+
+
+def _massless(mechanism: Mechanism) -> Mechanism:
+    """The same tree without inertia: nothing but the rules of arithmetic carries a fault to the root."""
+    links = tuple(replace(link, bodies=()) for link in mechanism.links)
+    return without_drives(replace(mechanism, links=links))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize(
+    "mechanism", [tree(), many_branches(), _massless(many_branches())], ids=["tree", "branches", "massless"]
+)
+def test_a_number_that_is_not_finite_is_found_wherever_it_stands(mechanism: Mechanism, value: float) -> None:
+    """Only the wrench at the root is looked at: everything beyond has to reach it, of every joint kind."""
+    function = prepare(mechanism, threads=1)
+    good = states(mechanism, 150, seed=5)
+    function.torques(*good)
+    for which, label in enumerate(("q", "qd", "qdd")):
+        for column in range(good[which].shape[1]):
+            bad = [a.copy() for a in good]
+            bad[which][141, column] = value
+            with pytest.raises(flexinv.InputError, match=rf"{label}\[141, {column}\] is {value}"):
+                function.torques(*bad)
