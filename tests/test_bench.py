@@ -14,7 +14,8 @@ from crosscheck_examples import write_models
 
 from crosscheck import history
 from crosscheck.bench import flexible, latency, marches, parts, rigid, single, targets
-from crosscheck.bench.timing import LONG, Call, Times, busy, in_turns, ratio
+from crosscheck.bench.cores import SHARED, Cores, whole
+from crosscheck.bench.timing import BUSY, HALVES, LONG, Call, Times, disturbed, in_turns, ratio
 from crosscheck.cli import main
 from crosscheck.engines import pinocchio_bench
 from crosscheck.report.html import study_plot
@@ -28,32 +29,53 @@ TINY = {"robots": ["ur5"], "samples": [100, 1000], "seconds": SHORT}
 
 
 def times(wall: list[float], clean: bool, threads: int = 1) -> Times:
-    return Times(np.array(wall), np.array(wall) / 2, np.full(len(wall), clean), threads)
+    return Times(np.array(wall), np.array(wall) / 2, np.full(len(wall), clean), np.full(len(wall), True), threads)
 
 
 def test_repetitions_that_were_interrupted_do_not_count() -> None:
     long, short = np.full(10, 4.0), np.full(10, 2.0)
     long[:5] = 100.0  # interrupted
     clean = np.arange(10) >= 5
-    slow, fast = Times(long, long, clean), Times(short, short, np.full(10, True))
+    all_of_them = np.full(10, True)
+    slow, fast = Times(long, long, clean, all_of_them), Times(short, short, all_of_them, all_of_them)
     assert slow.spread().median == 4.0
     assert ratio(slow, fast).median == 2.0
-    assert ratio(replace(slow, clean=np.full(10, True)), fast).median > 2.0
+    assert ratio(replace(slow, clean=all_of_them), fast).median > 2.0
 
 
 def test_on_a_busy_machine_the_processors_time_counts_and_several_threads_are_not_judged() -> None:
     assert times([3.0] * 9, clean=False).spread().median == 1.5  # the processor's
     assert times([3.0] * 9, clean=True).spread().median == 3.0
-    assert busy(times([3.0] * 9, clean=False, threads=2))
-    assert not busy(times([3.0] * 9, clean=True, threads=2), times([3.0] * 9, clean=False))
+    assert disturbed(times([3.0] * 9, clean=False, threads=2)) == BUSY
+    assert not disturbed(times([3.0] * 9, clean=True, threads=2), times([3.0] * 9, clean=False))
 
 
 def test_threads_that_interrupt_each_other_are_judged_where_others_hardly_use_the_machine() -> None:
     mine = replace(times([3.0] * 9, clean=False, threads=2), others=0.01)
-    assert not busy(mine)
+    assert not disturbed(mine)
     assert mine.spread().median == 3.0
     assert ratio(times([6.0] * 9, clean=True), mine).median == 2.0
-    assert busy(replace(mine, others=0.5))
+    assert disturbed(replace(mine, others=0.5)) == BUSY
+
+
+def test_repetitions_on_halves_of_cores_do_not_count() -> None:
+    """Whichever code suffers from it: only turns in which both had whole cores are compared, and too few are not judged."""
+    slow, fast = times([10.0] * 20, clean=True, threads=2), times([1.0] * 12 + [2.0] * 8, clean=True, threads=2)
+    halves = np.arange(20) >= 12
+    assert ratio(slow, fast).low == 5.0
+    fast = replace(fast, whole=~halves)
+    assert (ratio(slow, fast).low, fast.spread().high) == (10.0, 1.0)
+    assert not disturbed(slow, fast)
+    assert disturbed(slow, replace(fast, whole=np.arange(20) < 3)) == HALVES
+    assert not disturbed(replace(slow, threads=1), replace(fast, whole=np.arange(20) < 3, threads=1))
+
+
+def test_a_core_is_whole_where_a_loop_takes_hardly_longer_than_ever() -> None:
+    with Cores() as cores:
+        found = [cores.loop(threads) for threads in (1, 2, 1)]
+    assert all(0.0 < Cores.least <= seconds < np.inf for seconds in found)
+    loops = Cores.least * np.array([[1.0, 1.0], [1.0, SHARED + 0.1], [SHARED + 0.1, 1.0], [np.inf, 1.0]])
+    assert whole(loops).tolist() == [True, False, False, False]
 
 
 def test_calls_take_turns() -> None:

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from crosscheck.bench.flexible import SAMPLE
-from crosscheck.bench.rigid import BUSY
 from crosscheck.bench.targets import judged, metric
-from crosscheck.bench.timing import Call, Times, busy, in_turns, ratio
+from crosscheck.bench.timing import Call, Times, disturbed, in_turns, ratio
 from flexinv.batch import solve_many
 from flexinv.files.case import load_cases
 from flexinv.files.mechanism_file import load_mechanism
@@ -202,8 +201,8 @@ def _threads(folder: Path, seconds: float) -> list[dict[str, Any]]:
         for n in counts:
             row: dict[str, Any] = {"what": f"solve_many, {SCENARIOS} times {model}", "method": f"{n} threads"}
             row["time"] = 1e3 * times[str(n)].spread().median
-            if n > 1 and busy(times[str(n)]):
-                row |= {"verdict": "skipped", "message": BUSY}
+            if n > 1 and (message := disturbed(times[str(n)])):
+                row |= {"verdict": "skipped", "message": message}
             elif n > 1:
                 found = ratio(times["1"], times[str(n)])
                 one = metric(f"solve_many, {model}: times as fast with two threads", found.median, "-", lower=asked)

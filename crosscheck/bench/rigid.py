@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.bench.targets import faster, judged, metric
-from crosscheck.bench.timing import Call, Spread, Times, busy, in_turns, ratio
+from crosscheck.bench.timing import Call, Spread, Times, disturbed, in_turns, ratio
 from crosscheck.robots import LARGEST_ERROR, random_states, undamped
 from flexinv.files.mechanism_file import load_mechanism
 from flexinv.helpers import processors
@@ -47,7 +47,6 @@ COLUMNS = (
     ("difference", "torques differ by", "of the largest"),
     ("message", "", ""),
 )
-BUSY = "others held the processors: not measured"
 PLOT = {"x": "samples", "y": "time", "group": "curve", "log": True}
 
 
@@ -89,8 +88,8 @@ def rows_of(robot: str, mechanism: Mechanism, samples: int, seconds: float) -> l
         own = times[f"{method} {threads}"]
         row = _row(robot, samples, method, threads, own, per) | {"difference": apart[method, threads]}
         beside = times[f"rneaInParallel {threads}"]
-        if busy(own, beside):
-            row |= {"verdict": "skipped", "message": BUSY}
+        if message := disturbed(own, beside):
+            row |= {"verdict": "skipped", "message": message}
         elif method.startswith("flexinv"):
             row |= _judgement(robot, samples, method, threads, ratio(beside, own))
         rows.append(judged(row))

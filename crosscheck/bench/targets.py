@@ -91,9 +91,14 @@ def text() -> str:
     )
     return (
         f"{here['processor']}, {here['cores']} cores, vectors: {width}. {asked}\n\n"
-        "Calls take turns in one process. Each turn of a call begins with a run that is not timed (unless it takes more than "
-        "50 ms), so that every call finds its data and its threads as in a loop of its own, not as others left the caches. "
-        "Repetitions in which the system interrupted the process are dropped, and where too few are left the processor's "
-        "time is taken. Shown are medians, with the quartiles of what stood side by side. Results are "
+        "Calls take turns in one process. Each turn of a call begins with a run that is not timed (with 12 ms of runs where "
+        "calls have threads, as OpenMP's go on watching for 9 ms; with none where one takes more than 50 ms), so that every "
+        "call finds its data and its threads as in a loop of its own, not as others left the caches. "
+        "Repetitions are dropped in which the system interrupted the process, or the processors were halves of cores: a loop "
+        "of multiplications before or after took a fifth longer than it ever did. Two processors of a virtual machine may be "
+        "one core for seconds; then two threads of flexinv, which keeps the arithmetic units busy, are hardly faster than one, "
+        "while Pinocchio's, which wait for their own results, still are. Where too few are left the "
+        "processor's time is taken, or calls with threads are not judged. Shown are medians, with the quartiles of what stood "
+        "side by side. Results are "
         "compared before anything is timed. Rows without a verdict are measured, and nothing is asked of them."
     )

@@ -1,9 +1,12 @@
 """Time calls in turns, so that whatever else the machine does meets all of them alike.
 
-A repetition begins with a run that is not timed: every call finds its data, its machine code and its threads as in a loop of
-its own, and not as the call before it left the caches; a call of more than 50 ms needs none.
+A repetition begins with a run that is not timed, or with as many as take some milliseconds where calls have threads: every
+call finds its data, its machine code and its threads as in a loop of its own, and not as the call before it left the caches,
+and threads of others that watch for their next call have gone to sleep (those of OpenMP after 9 ms); a call of more than
+50 ms needs none.
 
-A repetition in which the process was interrupted (an involuntary context switch) is dropped.  Where too few are left, as
+A repetition in which the processors did not give all they have is dropped (`cores`), and one in which the process was
+interrupted (an involuntary context switch).  Where too few are left, as
 with long calls on a busy machine, calls of one thread are measured by the processor's time instead, which does not count
 interruptions.  Threads interrupt each other, too: their calls count as they are where others hardly used the machine, and
 where others did, they say nothing.
@@ -16,18 +19,26 @@ import os
 import time as clock
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from crosscheck.bench.cores import Cores, whole
 
 Array = NDArray[np.float64]
 REPETITION = 1e-3  # [s]: well below the some 4 ms after which a busy system changes processes
 LONG = (
     0.05  # [s]: what takes longer is not run before it is timed, as what it finds in the caches is no part of its time
 )
+SETTLED = 0.012  # [s] of runs before one is timed, where calls have threads
 FEWEST = 5  # repetitions, and clean ones, that quartiles are taken of
 MOST = 400  # repetitions; more do not move a median
+PATIENCE = 5  # times as long as asked is measured at most, until there are enough repetitions on whole cores
+ENOUGH = 9  # of them
+BUSY = "others held the processors: not measured"
+HALVES = "the processors shared a core, with each other or with others of the host: not measured"
 OTHERS = 0.05  # processors that others may use while several threads are timed: a fortieth of two
 
 
@@ -50,41 +61,64 @@ class Spread:
 
 @dataclass(frozen=True)
 class Times:
-    """Seconds that one run of a call took, by repetition: on the clock and of the processor; clean: not interrupted.
+    """Seconds that one run of a call took, by repetition: on the clock and of the processor.
 
+    clean : not interrupted; whole : the processors gave all they have
     others : processors that other programs used meanwhile [-], infinite where the system does not tell
     """
 
     wall: Array
     processor: Array
     clean: NDArray[np.bool_]
+    whole: NDArray[np.bool_]
     threads: int = 1
     others: float = np.inf
 
     def usable(self) -> Array:
         """Return the times that count [s]."""
-        if self.clean.sum() >= min(FEWEST, len(self.wall)):
-            return self.wall[self.clean]
-        return self.processor if self.threads == 1 else self.wall
+        own = self._part(self.whole) if _enough(self.whole) else self
+        if _enough(own.clean):
+            return own.wall[own.clean]
+        return own.processor if own.threads == 1 else own.wall
+
+    def _part(self, which: NDArray[np.bool_]) -> Times:
+        return replace(
+            self,
+            wall=self.wall[which],
+            processor=self.processor[which],
+            clean=self.clean[which],
+            whole=self.whole[which],
+        )
 
     def spread(self) -> Spread:
         """Return the quartiles [s]."""
         return _quartiles(self.usable())
 
 
-def busy(*times: Times) -> bool:
-    """Return whether others took the processors too often to say how long several threads take together."""
-    return any(t.threads > 1 and t.clean.sum() < min(FEWEST, len(t.wall)) and t.others > OTHERS for t in times)
+def disturbed(*times: Times) -> str:
+    """Return why these times say nothing about calls with threads, in words for a table; empty where they do."""
+    if any(t.threads > 1 and not _enough(t.whole) for t in times):
+        return HALVES
+    parts = [t._part(t.whole) for t in times if t.threads > 1]
+    return BUSY if any(not _enough(t.clean) and t.others > OTHERS for t in parts) else ""
 
 
 def ratio(slow: Times, fast: Times) -> Spread:
     """Return how many times as long the first takes [-]: quartiles over repetitions that stood side by side."""
+    both = slow.whole & fast.whole
+    if _enough(both):
+        slow, fast = slow._part(both), fast._part(both)
     both = slow.clean & fast.clean
-    if both.sum() >= min(FEWEST, len(both)):
+    if _enough(both):
         return _quartiles(slow.wall[both] / fast.wall[both])
     if slow.threads == fast.threads == 1:
         return _quartiles(slow.processor / fast.processor)
     return _quartiles(slow.wall / fast.wall)
+
+
+def _enough(which: NDArray[np.bool_]) -> bool:
+    """Whether these are repetitions enough for quartiles, or all."""
+    return bool(which.sum() >= min(FEWEST, len(which)))
 
 
 def in_turns(calls: Mapping[str, Call], seconds: float) -> dict[str, Times]:
@@ -93,32 +127,54 @@ def in_turns(calls: Mapping[str, Call], seconds: float) -> dict[str, Times]:
     Short calls are repeated within a repetition; the times are those of one run.
     """
     often = {name: _count(call) for name, call in calls.items()}
-    taken: dict[str, list[tuple[float, float, bool]]] = {name: [] for name in calls}
+    taken: dict[str, list[_Taken]] = {name: [] for name in calls}
+    settled = SETTLED if any(call.threads > 1 for call in calls.values()) else 0.0
     start, before, own = clock.perf_counter(), _machine(), clock.process_time()
-    end = start + seconds
-    with _undisturbed():
+    with _undisturbed(), Cores() as cores:
         for done in range(MOST):
-            if done >= FEWEST and clock.perf_counter() > end:
+            passed = clock.perf_counter() - start
+            if done >= FEWEST and (passed > PATIENCE * seconds or (passed > seconds and _side_by_side(taken))):
                 break
             for name, call in calls.items():
-                taken[name].append(_once(call, *often[name]))
+                taken[name].append(_once(call, *often[name], settled, cores))
     worked = _machine() - before - (clock.process_time() - own)
     others = worked / (clock.perf_counter() - start) if np.isfinite(before) else np.inf
-    columns = {name: list(zip(*rows, strict=True)) for name, rows in taken.items()}
-    return {
-        name: Times(np.array(wall), np.array(own), np.array(clean, dtype=bool), calls[name].threads, others)
-        for name, (wall, own, clean) in columns.items()
-    }
+    return {name: _times(rows, calls[name].threads, others) for name, rows in taken.items()}
 
 
-def _once(call: Call, times: int, long: bool) -> tuple[float, float, bool]:
-    if not long:
+class _Taken(NamedTuple):
+    """One repetition: seconds of a run on the clock and of the processor, whether clean, the loops [s] before and after."""
+
+    wall: float
+    own: float
+    clean: bool
+    loops: tuple[float, float]
+
+
+def _times(rows: list[_Taken], threads: int, others: float) -> Times:
+    wall, own, clean = (np.array(column) for column in list(zip(*rows, strict=True))[:3])
+    return Times(wall, own, clean, whole(np.array([row.loops for row in rows])), threads, others)
+
+
+def _side_by_side(taken: Mapping[str, list[_Taken]]) -> bool:
+    """Whether enough turns had whole cores from their first call to their last."""
+    found = np.all([whole(np.array([row.loops for row in rows])) for rows in taken.values()], axis=0)
+    return bool(found.sum() >= ENOUGH)
+
+
+def _once(call: Call, times: int, long: bool, settled: float, cores: Cores) -> _Taken:
+    loop = cores.loop(call.threads)
+    begun = clock.perf_counter()
+    while not long:
         call.run()
+        if clock.perf_counter() - begun > settled:
+            break
     before, own, start = _interruptions(), clock.process_time(), clock.perf_counter()
     for _ in range(times):
         call.run()
     wall = clock.perf_counter() - start
-    return wall / times, (clock.process_time() - own) / times, _interruptions() == before
+    own, clean = clock.process_time() - own, _interruptions() == before
+    return _Taken(wall / times, own / times, clean, (loop, cores.loop(call.threads)))
 
 
 def _count(call: Call) -> tuple[int, bool]:

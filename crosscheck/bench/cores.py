@@ -1,0 +1,129 @@
+"""Whether processors give all they have: two of them may be halves of one core, or a stranger may use the other half of ours.
+
+Processors of a virtual machine are threads of its host, which moves them as it likes: for seconds on end two of them share a
+core, or one shares it with somebody else's.  Work that keeps the arithmetic units busy then takes up to twice as long, work
+that waits for its own results hardly longer, and no count of interruptions tells.  So a loop of multiplications is timed
+before and after whatever is measured: on one thread, or beside as many others as that uses.  Where it takes clearly longer
+than it ever took alone, the processors did not give all they have.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from queue import SimpleQueue
+from threading import Thread
+from types import TracebackType
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from flexinv.atomics import look, pause, put
+from flexinv.helpers import leave, processor_now
+
+Array = NDArray[np.float64]
+# Times as long as alone at which a core counts as shared: halves of a core take 1.4 to 1.9 times as long, whole cores up to 1.1
+# side by side, as all of them together run at a lower frequency.
+SHARED = 1.2
+_NUMBERS, _LINE, _ROUNDS = 128, 64, 20_000  # in the fastest cache, by lines [bytes], and a tenth of a millisecond
+_HERE, _ENOUGH, _CELLS = 0, 8, 16  # what a companion and its caller tell each other, in lines of the cache of their own
+_PATIENCE = 10_000_000  # looks for a companion: a tenth of a second and more
+_TRIES = 20
+
+
+@njit(nogil=True)
+def _multiply(x: Array, rounds: int) -> None:
+    for _ in range(rounds):
+        for j in range(x.size):
+            x[j] = x[j] * 0.999999 + 1e-9
+
+
+@njit(nogil=True)
+def _accompany(cells: NDArray[np.uint64], x: Array) -> None:
+    put(cells, _HERE, 1)
+    while look(cells, _ENOUGH) == 0:
+        _multiply(x, 10)
+
+
+@njit(nogil=True)
+def _begun(cells: NDArray[np.uint64]) -> bool:
+    for _ in range(_PATIENCE):
+        if look(cells, _HERE) == 1:
+            return True
+        pause()
+    return False
+
+
+def _numbers() -> Array:
+    """Numbers that begin with a line of the cache: else every other access meets two of them, and the time is another."""
+    spare = np.ones(_NUMBERS + _LINE // 8)
+    first = -spare.ctypes.data % _LINE // 8
+    return spare[first : first + _NUMBERS]
+
+
+class _Companion:
+    """A thread that multiplies while its caller does."""
+
+    def __init__(self) -> None:
+        self.bell, self.cells = SimpleQueue[int | None](), np.zeros(_CELLS, dtype=np.uint64)
+        self.thread = Thread(target=self._serve, name="companion", daemon=True)
+        self.thread.start()
+
+    def _serve(self) -> None:
+        x = _numbers()
+        while (caller := self.bell.get()) is not None:
+            leave(caller)
+            _accompany(self.cells, x)
+            self.cells[:] = 0
+
+    def begin(self) -> bool:
+        self.bell.put(processor_now())
+        return bool(_begun(self.cells))
+
+    def end(self) -> None:
+        self.cells[_ENOUGH] = 1
+        while self.cells[_ENOUGH]:
+            clock.sleep(0)
+
+    def dismiss(self) -> None:
+        self.bell.put(None)
+        self.thread.join()
+
+
+class Cores:
+    """The processors while something is measured; a context that ends its threads."""
+
+    least = np.inf  # seconds that the loop took at least in this process, alone
+
+    def __enter__(self) -> Cores:
+        self._x, self._companions = _numbers(), list[_Companion]()
+        for _ in range(_TRIES):
+            self.loop(1)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for one in self._companions:
+            one.dismiss()
+
+    def loop(self, threads: int) -> float:
+        """Return the seconds that the loop takes on this thread while others do the same; infinite where one does not begin."""
+        while len(self._companions) < threads - 1:
+            self._companions.append(_Companion())
+        beside = self._companions[: threads - 1]
+        ready = [one.begin() for one in beside]
+        start = clock.perf_counter()
+        _multiply(self._x, _ROUNDS)
+        taken = clock.perf_counter() - start
+        for one in beside:
+            one.end()
+        if threads == 1:
+            Cores.least = min(Cores.least, taken)
+        return taken if all(ready) else np.inf
+
+
+def whole(loops: Array) -> NDArray[np.bool_]:
+    """Return for loops (repetitions, any) [s] whether the processors gave all they have in a repetition."""
+    found: NDArray[np.bool_] = loops.max(axis=1) <= SHARED * Cores.least
+    return found
