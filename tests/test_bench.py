@@ -73,7 +73,8 @@ def test_repetitions_on_halves_of_cores_do_not_count() -> None:
 def test_a_core_is_whole_where_a_loop_takes_hardly_longer_than_ever() -> None:
     with Cores() as cores:
         found = [cores.loop(threads) for threads in (1, 2, 1)]
-    assert all(0.0 < Cores.least <= seconds < np.inf for seconds in found)
+    assert 0.0 < Cores.least <= min(found[0], found[2])
+    assert max(found) < np.inf
     loops = Cores.least * np.array([[1.0, 1.0], [1.0, SHARED + 0.1], [SHARED + 0.1, 1.0], [np.inf, 1.0]])
     assert whole(loops).tolist() == [True, False, False, False]
 

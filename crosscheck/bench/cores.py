@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 SHARED = 1.2
 _NUMBERS, _LINE, _ROUNDS = 128, 64, 20_000  # in the fastest cache, by lines [bytes], and a tenth of a millisecond
 _HERE, _ENOUGH, _CELLS = 0, 8, 16  # what a companion and its caller tell each other, in lines of the cache of their own
-_PATIENCE = 10_000_000  # looks for a companion: a tenth of a second and more
+_PATIENCE = 100_000_000  # looks for a companion: a second and more
 _TRIES = 20
 
 
