@@ -6,11 +6,10 @@ for bit, what `solve` gives alone.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import repeat
+from itertools import count, repeat
 from threading import Lock
 from typing import Any
 
@@ -18,6 +17,7 @@ from flexinv.errors import InputError
 from flexinv.kinematics import Progress
 from flexinv.mechanism import Mechanism
 from flexinv.motion import Motion
+from flexinv.processors import go_to, processor_now, processors
 from flexinv.scheme import solve
 from flexinv.solution import Solution
 
@@ -74,17 +74,13 @@ def solve_many(
                 with lock:
                     progress(1)
 
-    with ThreadPoolExecutor(threads or _processors()) as pool:
+    most, numbers, here = min(threads or processors(), len(scenarios) or 1), count(), processor_now()
+    with ThreadPoolExecutor(most, initializer=lambda: go_to(next(numbers), here) if most > 1 else None) as pool:
         results = list(pool.map(run, scenarios))
     return Batch(
         solutions=tuple(result if isinstance(result, Solution) else None for result in results),
         errors={k: result for k, result in enumerate(results) if isinstance(result, Exception)},
     )
-
-
-def _processors() -> int:
-    """Processors that this process may use, where the system tells."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _scenarios(
@@ -97,10 +93,10 @@ def _scenarios(
     if len(set(lengths.values())) > 1:
         found = ", ".join(f"{name} has {count}" for name, count in lengths.items())
         raise InputError(f"solve_many: {found}: expected lists of equal length, one entry for each scenario")
-    count = next(iter(lengths.values()), 1)
+    length = next(iter(lengths.values()), 1)
     columns = (
-        repeat(mechanisms, count) if isinstance(mechanisms, Mechanism) else mechanisms,
-        repeat(motions, count) if isinstance(motions, Motion) else motions,
-        repeat({}, count) if each is None else each,
+        repeat(mechanisms, length) if isinstance(mechanisms, Mechanism) else mechanisms,
+        repeat(motions, length) if isinstance(motions, Motion) else motions,
+        repeat({}, length) if each is None else each,
     )
     return list(zip(*columns, strict=True))
