@@ -6,18 +6,18 @@ for bit, what `solve` gives alone.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import count, repeat
-from threading import Lock
+from itertools import repeat
+from threading import Lock, Thread
 from typing import Any
 
 from flexinv.errors import InputError
+from flexinv.helpers import processors
 from flexinv.kinematics import Progress
 from flexinv.mechanism import Mechanism
+from flexinv.memory import shared_pieces
 from flexinv.motion import Motion
-from flexinv.processors import go_to, processor_now, processors
 from flexinv.scheme import solve
 from flexinv.solution import Solution
 
@@ -61,26 +61,48 @@ def solve_many(
     scenarios = _scenarios(mechanisms, motions, each)
     if threads is not None and threads < 1:
         raise InputError(f"threads = {threads}: expected 1 or more, or None for one per processor")
-    lock = Lock()
+    lock, results = Lock(), list[Solution | Exception | None](repeat(None, len(scenarios)))
+    ahead = iter(
+        range(len(scenarios))
+    )  # taking the next is one operation of the interpreter: no two threads get the same
 
-    def run(scenario: tuple[Mechanism, Motion, Mapping[str, Any]]) -> Solution | Exception:
-        mechanism, motion, own = scenario
-        try:
-            return solve(mechanism, motion, **{"step": step, **options, **own})
-        except Exception as error:  # whatever stops one scenario is kept as its result
-            return error
-        finally:
-            if progress is not None:
-                with lock:
-                    progress(1)
+    def work() -> None:
+        with shared_pieces():
+            for k in ahead:
+                mechanism, motion, own = scenarios[k]
+                try:
+                    results[k] = solve(mechanism, motion, **{"step": step, **options, **own})
+                except Exception as error:  # whatever stops one scenario is kept as its result
+                    results[k] = error
+                if progress is not None:
+                    with lock:
+                        progress(1)
 
-    most, numbers, here = min(threads or processors(), len(scenarios) or 1), count(), processor_now()
-    with ThreadPoolExecutor(most, initializer=lambda: go_to(next(numbers), here) if most > 1 else None) as pool:
-        results = list(pool.map(run, scenarios))
+    side_by_side(work, min(threads or processors(), len(scenarios)))
     return Batch(
         solutions=tuple(result if isinstance(result, Solution) else None for result in results),
         errors={k: result for k, result in enumerate(results) if isinstance(result, Exception)},
     )
+
+
+def side_by_side(work: Callable[[], None], threads: int) -> None:
+    """Let so many threads [-] do the same work, this one among them; raises what stopped one of them."""
+    stopped: list[BaseException] = []
+
+    def kept() -> None:
+        try:
+            work()
+        except BaseException as error:
+            stopped.append(error)
+
+    others = [Thread(target=kept, name="flexinv") for _ in range(threads - 1)]
+    for one in others:
+        one.start()
+    kept()
+    for one in others:
+        one.join()
+    if stopped:
+        raise stopped[0]
 
 
 def _scenarios(
@@ -93,10 +115,10 @@ def _scenarios(
     if len(set(lengths.values())) > 1:
         found = ", ".join(f"{name} has {count}" for name, count in lengths.items())
         raise InputError(f"solve_many: {found}: expected lists of equal length, one entry for each scenario")
-    length = next(iter(lengths.values()), 1)
+    count = next(iter(lengths.values()), 1)
     columns = (
-        repeat(mechanisms, length) if isinstance(mechanisms, Mechanism) else mechanisms,
-        repeat(motions, length) if isinstance(motions, Motion) else motions,
-        repeat({}, length) if each is None else each,
+        repeat(mechanisms, count) if isinstance(mechanisms, Mechanism) else mechanisms,
+        repeat(motions, count) if isinstance(motions, Motion) else motions,
+        repeat({}, count) if each is None else each,
     )
     return list(zip(*columns, strict=True))

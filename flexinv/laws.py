@@ -102,12 +102,13 @@ def progress(law: Law, s: Array, left: NDArray[np.bool_]) -> Triple:
     s : (samples,) [-]; left : (samples,) True where the limit from the left is wanted instead
     returns u, u', u'' : (samples,) each [-]
     """
-    for mark in {0.0, 1.0, *law.jumps}:
-        s = np.where(np.abs(s - mark) <= SNAP, mark, s)
-    inside = np.clip(s, 0.0, 1.0)
+    inside = np.where(s > SNAP, s, 0.0)
+    inside[s >= 1.0 - SNAP] = 1.0
+    for mark in law.jumps[1:-1]:
+        inside[np.abs(s - mark) <= SNAP] = mark
     u, speed, acceleration = law.function(inside)
     if law.jumps:  # u'' is constant between the jumps, so its limit from the left is its value a little earlier
         before = law.function(np.clip(inside - SNAP, 0.0, 1.0))[2]
-        acceleration = np.where(left & np.isin(s, law.jumps), before, acceleration)
-    moving = np.where(left, (s > 0.0) & (s <= 1.0), (s >= 0.0) & (s < 1.0))
+        acceleration = np.where(left & np.isin(inside, law.jumps), before, acceleration)
+    moving = np.where(left, (s > SNAP) & (s <= 1.0 + SNAP), (s >= -SNAP) & (s < 1.0 - SNAP))
     return u, np.where(moving, speed, 0.0), np.where(moving, acceleration, 0.0)

@@ -11,7 +11,8 @@ Before time 0 and after its end a motion rests.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import pairwise
 from typing import Literal
 
@@ -146,6 +147,40 @@ class Motion:
                 rows, columns = mechanism.q_slices[joint.name], mechanism.v_slices[joint.name]
                 q[:, rows], qd[:, columns], qdd[:, columns] = joint_path(track, joint, track.values[:, part], at, left)
         return q, qd, qdd
+
+    def table(self, mechanism: Mechanism, step: float, samples: int) -> Triple:
+        """Return what `evaluate` does at 0, step, 2 step ... [s], not to be written into.
+
+        Tables that are not large are kept for a while: the scenarios of a batch, and loops over designs, share a motion.
+        """
+        if samples > LARGE:
+            return _evaluated(self, mechanism, step, samples)
+        joints = tuple((joint.name, joint.kind, joint.actuated) for joint in mechanism.joints)
+        return _kept(self, _Layout(joints, bool(mechanism.closures), mechanism), step, samples)
+
+
+LARGE = 100_000  # samples of a table that is not kept
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """What a motion asks of a mechanism: the same for all its payloads and stiffnesses."""
+
+    joints: tuple[tuple[str, str, bool], ...]
+    closed: bool
+    mechanism: Mechanism = field(compare=False)
+
+
+@lru_cache(maxsize=8)
+def _kept(motion: Motion, layout: _Layout, step: float, samples: int) -> Triple:
+    return _evaluated(motion, layout.mechanism, step, samples)
+
+
+def _evaluated(motion: Motion, mechanism: Mechanism, step: float, samples: int) -> Triple:
+    found = motion.evaluate(mechanism, step * np.arange(samples))
+    for part in found:
+        part.flags.writeable = False
+    return found
 
 
 def _row(values: Values, where: str) -> tuple[tuple[str, ...] | None, Array, tuple[int, ...] | None]:

@@ -139,9 +139,10 @@ class PlanarMarch:
         """
         given, moves, joint = self._given(*steps), np.ones(len(row), dtype=bool), _NOWHERE
         if start is not None:
-            given, moves[0] = np.concatenate([self._given(*start), given]), False
+            here, nodes = self.model.joints.coordinates(*start), self.model.joints
+            given, moves[0] = np.concatenate([here[:, nodes.given], given]), False
             joint = np.zeros((self.mesh.size, 3))
-            joint[self.model.joints.node] = self.model.joints.coordinates(*start)[0]
+            joint[nodes.node] = here[0]
         return self.run(scheme, given, row, out, joint, moves)
 
     def _given(self, q: Array, qd: Array, qdd: Array) -> Array:

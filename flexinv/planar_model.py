@@ -63,9 +63,11 @@ class JointNodes:
     def coordinates(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return q, q', q'' of the joints, (samples, joints, 3) [m, rad, s], from q (samples, nq), qd, qdd (samples, nv)."""
         out = np.empty((len(q), len(self.node), 3))
-        out[:, :, 0], out[:, :, 1], out[:, :, 2] = q[:, self.q], qd[:, self.v], qdd[:, self.v]
-        for k in np.flatnonzero(self.turns_on):
-            out[:, k, 0] = np.arctan2(q[:, self.q[k] + 1], q[:, self.q[k]])
+        for k, (place, rate, turns) in enumerate(
+            zip(self.q.tolist(), self.v.tolist(), self.turns_on.tolist(), strict=True)
+        ):
+            out[:, k, 0] = np.arctan2(q[:, place + 1], q[:, place]) if turns else q[:, place]
+            out[:, k, 1], out[:, k, 2] = qd[:, rate], qdd[:, rate]
         return out
 
 

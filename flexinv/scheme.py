@@ -70,7 +70,7 @@ def solve(
         )
     steps = _grid(motion, step, end, every)
     _check_every(mechanism, every, incremental)
-    time = steps[::every]
+    time = steps if every == 1 else steps[::every]
     if incremental:
         check_samples(len(time), step)
     settings: dict[str, float | int | str | bool] = {
@@ -79,7 +79,7 @@ def solve(
     }  # fmt: skip
     given = set(motion.joints(mechanism))
     passive = {joint.name for joint in mechanism.joints if joint.nv and joint.name not in given}
-    history, right = _histories(mechanism, motion, passive, start or {}, start_rate or {})
+    history, right = _histories(mechanism, motion, passive, start or {}, start_rate or {}, float(step), time)
     mesh = build(mechanism)
     scheme = generalized_alpha(float(step), spectral_radius, float(tolerance))
     if every == 1 and not motion.jumps and not (mechanism.closures and mechanism.is_rigid):
@@ -149,12 +149,17 @@ def _histories(
     passive: set[str],
     start: Mapping[str, ArrayLike],
     rate: Mapping[str, ArrayLike],
+    step: float,
+    grid: Array,
 ) -> tuple[JointHistory, JointHistory]:
     """Joint motion with the passive joints at their start: left-hand limits at jumps, and right-hand ones."""
     places, rates = start_coordinates(mechanism, passive, start, rate)
 
     def joint_motion(time: Array, side: str) -> tuple[Array, Array, Array]:
-        q, qd, qdd = motion.evaluate(mechanism, time, side)  # type: ignore[arg-type]
+        if time is grid and side == "right" and grid[1] == step:
+            q, qd, qdd = (part.copy() for part in motion.table(mechanism, step, len(grid)))
+        else:
+            q, qd, qdd = motion.evaluate(mechanism, time, side)  # type: ignore[arg-type]
         for name, value in places.items():
             q[:, mechanism.q_slices[name]] = value
         for name, value in rates.items():
@@ -172,10 +177,10 @@ def _looked_up(time: Array, history: JointHistory) -> JointHistory:
 
     def samples(at: Array) -> tuple[Array, Array, Array]:
         first = int(np.searchsorted(time, at[0]))
-        part = slice(first, first + len(at))
-        if not np.array_equal(time[part], at):
+        last = first + len(at)  # both are parts of one grid where their ends are
+        if last > len(time) or time[first] != at[0] or time[last - 1] != at[-1]:
             return history(at)
-        return table[0][part], table[1][part], table[2][part]
+        return table[0][first:last], table[1][first:last], table[2][first:last]
 
     return samples
 

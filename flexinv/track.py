@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,7 +108,8 @@ def _angles(values: Array, sampled: bool, where: str) -> Array:
     return np.unwrap(values, axis=0) if sampled else values
 
 
-def parts(track: Track, mechanism: Mechanism) -> list[tuple[Joint, slice]]:
+@lru_cache(maxsize=256)
+def parts(track: Track, mechanism: Mechanism) -> tuple[tuple[Joint, slice], ...]:
     """Return which columns of the track are which joint's [-]; a continuous joint has (cos, sin) or one angle.
 
     Raises InputError: unknown or fixed joint, wrong number of coordinates.
@@ -127,7 +129,7 @@ def parts(track: Track, mechanism: Mechanism) -> list[tuple[Joint, slice]]:
     elif width != sum(full):
         full = short
     ends = np.cumsum(full)
-    return [(j, slice(int(b) - n, int(b))) for j, n, b in zip(joints, full, ends, strict=True)]
+    return tuple((j, slice(int(b) - n, int(b))) for j, n, b in zip(joints, full, ends, strict=True))
 
 
 def _named(names: tuple[str, ...] | None, mechanism: Mechanism) -> list[Joint]:

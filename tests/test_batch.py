@@ -10,7 +10,8 @@ from flexible_examples import HALF_TURN, STRIP, arm
 from planar_examples import CLOSED_CASES, PAPER_CASES
 
 import flexinv
-from flexinv.mechanism import Body, Inertia, Mechanism
+from flexinv.mechanism import Body, Inertia, Joint, Link, Mechanism
+from flexinv.memory import shared_pieces, together
 from flexinv.planar import PlanarMarch, _left
 
 STEP = 2e-3
@@ -84,3 +85,40 @@ def test_what_a_march_leaves_to_the_next_changes_nothing(name: str, monkeypatch:
             np.testing.assert_array_equal(getattr(one, field.name), getattr(two, field.name))
     np.testing.assert_array_equal(fresh.torque_all, again.torque_all)
     np.testing.assert_array_equal(fresh.reaction, again.reaction)
+
+
+def test_arrays_of_one_piece_do_not_overlap_and_pieces_are_shared_only_within() -> None:
+    """What is written into one array stays out of the others; alone, every call has a piece of its own."""
+    shapes = (3, 5), (0, 4), (7,), (2, 3, 3)
+    with shared_pieces():
+        first, second = together(*shapes), together(*shapes)
+    alone = together(*shapes)
+    assert [part.shape for part in first] == list(shapes)
+    for k, part in enumerate((*first, *second, *alone)):
+        part[...] = k
+    assert all((part == k).all() for k, part in enumerate((*first, *second, *alone)))
+    assert _piece(first[0]) == _piece(second[0]) != _piece(alone[0])
+
+
+def _piece(part: np.ndarray) -> int:
+    """Address of the memory that an array is a part of."""
+    while isinstance(part.base, np.ndarray):
+        part = part.base
+    return part.ctypes.data
+
+
+def test_a_table_that_is_kept_is_that_of_the_joints() -> None:
+    """Mechanisms of the same joints share it, others do not; nobody can write into it."""
+    motion = flexinv.Motion.point_to_point({"turn": 0.0}, {"turn": 1.0}, 0.5)
+    angle, endless = (
+        Mechanism(kind, (Link("link"),), (Joint("turn", kind, "world", "link"),)) for kind in ("revolute", "continuous")
+    )
+    table = motion.table(angle, 0.01, 51)
+    assert motion.table(replace(angle, name="another"), 0.01, 51)[0] is table[0]
+    for mechanism in (angle, endless):
+        for kept, found in zip(
+            motion.table(mechanism, 0.01, 51), motion.evaluate(mechanism, 0.01 * np.arange(51)), strict=True
+        ):
+            np.testing.assert_array_equal(kept, found)
+    with pytest.raises(ValueError, match="read-only"):
+        table[0][0] = 1.0
