@@ -13,11 +13,11 @@ from threading import Lock, Thread
 from typing import Any
 
 from flexinv.errors import InputError
-from flexinv.helpers import processors
 from flexinv.kinematics import Progress
 from flexinv.mechanism import Mechanism
 from flexinv.memory import shared_pieces
 from flexinv.motion import Motion
+from flexinv.processors import go_to, processor_now, processors
 from flexinv.scheme import solve
 from flexinv.solution import Solution
 
@@ -87,18 +87,20 @@ def solve_many(
 
 def side_by_side(work: Callable[[], None], threads: int) -> None:
     """Let so many threads [-] do the same work, this one among them; raises what stopped one of them."""
-    stopped: list[BaseException] = []
+    stopped, here = list[BaseException](), processor_now()
 
-    def kept() -> None:
+    def kept(number: int) -> None:
         try:
+            if number:
+                go_to(number, here)
             work()
         except BaseException as error:
             stopped.append(error)
 
-    others = [Thread(target=kept, name="flexinv") for _ in range(threads - 1)]
+    others = [Thread(target=kept, args=(number,), name="flexinv") for number in range(1, threads)]
     for one in others:
         one.start()
-    kept()
+    kept(0)
     for one in others:
         one.join()
     if stopped:

@@ -2,10 +2,7 @@
 
 After its work a helper watches its mail for a while, so that the next call of a loop has it within a microsecond; then it
 sleeps, and waking it takes some ten times as long.  Nobody waits for a helper that has not begun.
-
-Some systems, virtual machines above all, wake a thread on the processor of the one that wakes it, and leave it there for
-milliseconds though others are idle: the two would take turns, and the helper watch while the caller stands still.  So a
-helper goes to another processor by itself.
+It leaves the processor of the caller, where it would watch while the caller stands still.
 """
 
 from __future__ import annotations
@@ -13,8 +10,6 @@ from __future__ import annotations
 import atexit
 import os
 import time
-from collections.abc import Callable
-from ctypes import CDLL
 from queue import SimpleQueue
 from threading import Lock, Thread
 
@@ -23,6 +18,7 @@ from numpy.typing import NDArray
 
 from flexinv.blocks import attend
 from flexinv.offers import CELLS, SLEEPS
+from flexinv.processors import leave, processor_now
 
 # How long a helper watches before it sleeps [s]: several times what passes between two calls in a loop.
 WATCH = 3e-4
@@ -31,33 +27,6 @@ _LOOKS, _TRIES = (
     5,
 )  # by which a helper learns at first how long a look takes: the shortest, as the system interrupts
 MOST = 255
-
-
-def processors() -> int:
-    """Return how many processors this process may use [-], where the system tells."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _finder() -> Callable[[], int]:
-    """What tells which processor a thread is on, -1 where the system does not."""
-    try:
-        found: Callable[[], int] = CDLL(None).sched_getcpu
-    except (AttributeError, OSError, TypeError):
-        return lambda: -1
-    return found
-
-
-processor_now = _finder()
-
-
-def leave(processor: int) -> None:
-    """Move this thread from a processor [-] to any other that it may use, if it is there; it may come back later."""
-    if processor < 0 or processor_now() != processor:
-        return
-    allowed = os.sched_getaffinity(0)
-    if len(allowed) > 1:
-        os.sched_setaffinity(0, allowed - {processor})
-        os.sched_setaffinity(0, allowed)
 
 
 def _looking() -> float:

@@ -19,7 +19,7 @@ from flexinv.bodies import Bodies, bodies
 from flexinv.closures import constraint_rows
 from flexinv.errors import InputError
 from flexinv.given import ACCELERATION, OPEN, RATE, GivenLoops
-from flexinv.helpers import HELPERS, processors
+from flexinv.helpers import HELPERS
 from flexinv.inverse import joint_wrenches, project
 from flexinv.lanes import BLOCK
 from flexinv.loop_plan import NO_LOOPS, PLACES, LoopPlan, anywhere, planned
@@ -27,6 +27,7 @@ from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh, build
 from flexinv.nodal_result import NodalResult, nodal_result
 from flexinv.offers import CELLS
+from flexinv.processors import processors
 from flexinv.rigid import rigid_motion
 
 Order = Literal["samples", "coordinates"]

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Thread
 
@@ -15,11 +16,12 @@ from rigid_trees import tree
 
 from crosscheck.robots import random_states
 from flexinv.blocks import settle, torque_blocks
-from flexinv.helpers import HELPERS, leave, processor_now, processors
+from flexinv.helpers import HELPERS
 from flexinv.loop_plan import NO_LOOPS
 from flexinv.mechanism import Array
 from flexinv.offers import ANSWER, CELLS, DONE, FREE, OFFERED, OWNER, STATE, TAKEN
 from flexinv.prepared import TorqueFunction, prepare
+from flexinv.processors import go_to, leave, processor_now, processors
 
 SAMPLES = 2000
 PATIENCE = 120.0  # s: on a busy machine a thread may wait for its turn as long as one call takes, but not for ever
@@ -78,6 +80,24 @@ def test_a_thread_leaves_the_processor_of_its_caller_and_may_come_back() -> None
         thread.join()
     assert all(free for *_, free in found)
     assert all(now != before for before, now, _ in found)
+
+
+@pytest.mark.skipif(processor_now() < 0 or processors() < 2, reason="needs a system that tells, and two processors")
+def test_threads_begin_on_processors_of_their_own() -> None:
+    allowed = sorted(os.sched_getaffinity(0))
+
+    def run(number: int) -> int:
+        for _ in range(100):  # until the system leaves it where it goes
+            go_to(number, allowed[0])
+            now = processor_now()
+            if now == allowed[number % len(allowed)]:
+                break
+        assert os.sched_getaffinity(0) == set(allowed)
+        return now
+
+    with ThreadPoolExecutor(1) as pool:
+        found = list(pool.map(run, range(len(allowed) + 1)))
+    assert found == [*allowed, allowed[0]]
 
 
 def test_numbers_that_are_not_finite_are_counted_by_all() -> None:

@@ -19,7 +19,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from flexinv.atomics import look, pause, put
-from flexinv.helpers import leave, processor_now
+from flexinv.processors import leave, processor_now
 
 Array = NDArray[np.float64]
 # Times as long as alone at which a core counts as shared: halves of a core take 1.4 to 1.9 times as long, whole cores up to 1.1

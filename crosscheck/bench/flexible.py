@@ -40,8 +40,9 @@ LITTLE = 100.0
 TEXT = """The arm (without gravity) makes its motion and vibrates. Time is that of the whole run: for flexinv from the model to
 torques, wrenches and histories of all nodes, for Exudyn its SolveDynamic alone, without sensors and files. Exudyn runs as it
 is fastest: the build without range checks, reduced integration, modified or full Newton, dense or sparse matrices, tolerances
-of 1e-6, whichever of these is fastest here. flexinv's Newton may leave 1e-9 of the length. Both integrate by
-generalized-alpha with a spectral radius of 0.8.
+of 1e-6, whichever of these is fastest here. Its joints get their motion once per step in the plane; in space, where it has no
+parameter for that, by functions in Python that look a list up, some 30 calls a step, which its time contains. flexinv's Newton
+may leave 1e-9 of the length. Both integrate by generalized-alpha with a spectral radius of 0.8.
 
 The error is the largest distance of a tip from where the reference has it, over the arm's length. Faster: how many times as
 long Exudyn takes as the fastest run of flexinv whose error is as small or smaller, up to what the step itself leaves: a coarse

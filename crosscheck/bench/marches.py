@@ -14,10 +14,10 @@ from crosscheck.bench.timing import Call, Times, disturbed, in_turns, ratio
 from flexinv.batch import solve_many
 from flexinv.files.case import load_cases
 from flexinv.files.mechanism_file import load_mechanism
-from flexinv.helpers import processors
 from flexinv.mechanism import Mechanism
 from flexinv.motion import Motion
 from flexinv.prepared import prepare
+from flexinv.processors import processors
 from flexinv.scheme import solve
 from flexinv.solution import Solution
 

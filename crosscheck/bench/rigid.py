@@ -14,9 +14,9 @@ from crosscheck.bench.targets import faster, judged, metric
 from crosscheck.bench.timing import Call, Spread, Times, disturbed, in_turns, ratio
 from crosscheck.robots import LARGEST_ERROR, random_states, undamped
 from flexinv.files.mechanism_file import load_mechanism
-from flexinv.helpers import processors
 from flexinv.mechanism import Mechanism
 from flexinv.prepared import prepare
+from flexinv.processors import processors
 
 Array = NDArray[np.float64]
 Order = Literal["coordinates", "samples"]

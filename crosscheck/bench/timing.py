@@ -35,7 +35,7 @@ LONG = (
 SETTLED = 0.012  # [s] of runs before one is timed, where calls have threads
 FEWEST = 5  # repetitions, and clean ones, that quartiles are taken of
 MOST = 400  # repetitions; more do not move a median
-PATIENCE = 5  # times as long as asked is measured at most, until there are enough repetitions on whole cores
+PATIENCE = 8  # times as long as asked is measured at most, until there are enough repetitions on whole cores
 ENOUGH = 9  # of them
 BUSY = "others held the processors: not measured"
 HALVES = "the processors shared a core, with each other or with others of the host: not measured"
@@ -133,7 +133,7 @@ def in_turns(calls: Mapping[str, Call], seconds: float) -> dict[str, Times]:
     with _undisturbed(), Cores() as cores:
         for done in range(MOST):
             passed = clock.perf_counter() - start
-            if done >= FEWEST and (passed > PATIENCE * seconds or (passed > seconds and _side_by_side(taken))):
+            if done >= FEWEST and (passed > PATIENCE * seconds or (passed > seconds and _side_by_side(taken, calls))):
                 break
             for name, call in calls.items():
                 taken[name].append(_once(call, *often[name], settled, cores))
@@ -156,10 +156,13 @@ def _times(rows: list[_Taken], threads: int, others: float) -> Times:
     return Times(wall, own, clean, whole(np.array([row.loops for row in rows])), threads, others)
 
 
-def _side_by_side(taken: Mapping[str, list[_Taken]]) -> bool:
-    """Whether enough turns had whole cores from their first call to their last."""
-    found = np.all([whole(np.array([row.loops for row in rows])) for rows in taken.values()], axis=0)
-    return bool(found.sum() >= ENOUGH)
+def _side_by_side(taken: Mapping[str, list[_Taken]], calls: Mapping[str, Call]) -> bool:
+    """Whether enough turns had whole cores, in all calls with as many threads, as those are compared."""
+    for threads in {call.threads for call in calls.values()}:
+        own = [np.array([row.loops for row in rows]) for name, rows in taken.items() if calls[name].threads == threads]
+        if np.all([whole(loops) for loops in own], axis=0).sum() < ENOUGH:
+            return False
+    return True
 
 
 def _once(call: Call, times: int, long: bool, settled: float, cores: Cores) -> _Taken:

@@ -1,0 +1,52 @@
+"""Processors and the threads on them.
+
+Some systems, virtual machines above all, let a thread begin on the processor of the one that starts or wakes it, and leave it
+there for milliseconds though others are idle: the two take turns.  So threads go elsewhere by themselves.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from ctypes import CDLL
+
+
+def processors() -> int:
+    """Return how many processors this process may use [-], where the system tells."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _finder() -> Callable[[], int]:
+    """What tells which processor a thread is on, -1 where the system does not."""
+    try:
+        found: Callable[[], int] = CDLL(None).sched_getcpu
+    except (AttributeError, OSError, TypeError):
+        return lambda: -1
+    return found
+
+
+processor_now = _finder()
+
+
+def leave(processor: int) -> None:
+    """Move this thread from a processor [-] to any other that it may use, if it is there; it may come back later."""
+    if processor < 0 or processor_now() != processor:
+        return
+    allowed = os.sched_getaffinity(0)
+    _move(allowed - {processor}, allowed)
+
+
+def go_to(number: int, first: int) -> None:
+    """Move this thread to the processor that is so many after the ``first`` [-] among those that it may use."""
+    if first < 0:
+        return
+    allowed = os.sched_getaffinity(0)
+    order = sorted(allowed)
+    at = order.index(first) if first in allowed else 0
+    _move({order[(at + number) % len(order)]}, allowed)
+
+
+def _move(to: set[int], allowed: set[int]) -> None:
+    if to and len(allowed) > 1:
+        os.sched_setaffinity(0, to)
+        os.sched_setaffinity(0, allowed)
