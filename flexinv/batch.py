@@ -1,17 +1,21 @@
 """solve_many: many payloads, stiffnesses, motions or mechanisms with one call, spread over threads.
 
-Every scenario has arrays of its own and the compiled march holds no lock, so scenarios run side by side and each gives, bit
-for bit, what `solve` gives alone.
+Scenarios that are alike march many in one compiled call (`alike`); of all others each is a `solve` of its own, whose compiled
+march holds no lock.  So they run side by side, and each gives, bit for bit, what `solve` gives alone.
 """
 
 from __future__ import annotations
 
+from _thread import start_new_thread
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import repeat
-from threading import Lock, Thread
+from queue import SimpleQueue
+from threading import Lock
 from typing import Any
 
+from flexinv.alike import alike, prepare_all, solve_alike
 from flexinv.errors import InputError
 from flexinv.kinematics import Progress
 from flexinv.mechanism import Mechanism
@@ -62,13 +66,19 @@ def solve_many(
     if threads is not None and threads < 1:
         raise InputError(f"threads = {threads}: expected 1 or more, or None for one per processor")
     lock, results = Lock(), list[Solution | Exception | None](repeat(None, len(scenarios)))
-    ahead = iter(
-        range(len(scenarios))
-    )  # taking the next is one operation of the interpreter: no two threads get the same
+    prepared = prepare_all(scenarios, {"step": step, **options})
+    runs = [run for run in alike(prepared) if len(run) > 1]
+    together = {k for run in runs for k in run}
+    ahead = deque(k for k in range(len(scenarios)) if k not in together)
+    count = threads or processors()
 
     def work() -> None:
         with shared_pieces():
-            for k in ahead:
+            while ahead:
+                try:
+                    k = ahead.popleft()
+                except IndexError:  # another thread has taken it
+                    return
                 mechanism, motion, own = scenarios[k]
                 try:
                     results[k] = solve(mechanism, motion, **{"step": step, **options, **own})
@@ -78,16 +88,25 @@ def solve_many(
                     with lock:
                         progress(1)
 
-    side_by_side(work, min(threads or processors(), len(scenarios)))
+    for run in runs:
+        found = solve_alike([prepared[k] for k in run], count, side_by_side, progress)
+        for k, result in zip(run, found, strict=True):
+            results[k] = result
+    if len(together) < len(scenarios):
+        side_by_side(work, ahead.clear, min(count, len(scenarios) - len(together)))
     return Batch(
         solutions=tuple(result if isinstance(result, Solution) else None for result in results),
         errors={k: result for k, result in enumerate(results) if isinstance(result, Exception)},
     )
 
 
-def side_by_side(work: Callable[[], None], threads: int) -> None:
-    """Let so many threads [-] do the same work, this one among them; raises what stopped one of them."""
-    stopped, here = list[BaseException](), processor_now()
+def side_by_side(work: Callable[[], None], stop: Callable[[], None], threads: int) -> None:
+    """Let so many threads [-] do the same work, this one among them; what stops one stops all, and is raised.
+
+    Threads are started at the lowest level: `Thread.start` waits until the new one has the interpreter, for as long as a short
+    scenario takes a quarter of.
+    """
+    ended, here = SimpleQueue[BaseException | None](), processor_now()
 
     def kept(number: int) -> None:
         try:
@@ -95,16 +114,17 @@ def side_by_side(work: Callable[[], None], threads: int) -> None:
                 go_to(number, here)
             work()
         except BaseException as error:
-            stopped.append(error)
+            stop()
+            ended.put(error)
+        else:
+            ended.put(None)
 
-    others = [Thread(target=kept, args=(number,), name="flexinv") for number in range(1, threads)]
-    for one in others:
-        one.start()
+    for number in range(1, threads):
+        start_new_thread(kept, (number,))
     kept(0)
-    for one in others:
-        one.join()
-    if stopped:
-        raise stopped[0]
+    for error in [ended.get() for _ in range(threads)]:
+        if error is not None:
+            raise error
 
 
 def _scenarios(

@@ -32,19 +32,31 @@ def evaluate(
 
     applied : springs, given forces and closures; brought : (samples,) energy that impacts bring [J]
     """
-    mechanism = mesh.mechanism
     motion = trajectory.motion
     if settings["incremental"]:
         motion = differenced(motion, float(settings["step"]))
     found = second_step(mesh, motion, trajectory, time, qd, applied, brought)
-    drive = drive_efforts(mechanism, qd, qdd, direction=_direction(mechanism, qd, passive))
+    return solution_of(mesh, trajectory, motion, found, time, q, qd, qdd, passive, settings)
+
+
+def solution_of(
+    mesh: Mesh, trajectory: Trajectory, motion: NodalMotion, found: Found, time: Array, q: Array, qd: Array, qdd: Array,
+    passive: set[str], settings: dict[str, float | int | str | bool],
+) -> Solution:  # fmt: skip
+    """Return what the second step has ``found`` with what the drives take besides [N m], [N], by names."""
+    mechanism = mesh.mechanism
+    tau, reaction = found.tau, found.reaction
+    if mechanism.drive_table.any():
+        drive = drive_efforts(mechanism, qd, qdd, direction=_direction(mechanism, qd, passive))
+        tau, reaction = tau + drive, reaction + drive
     if any(joint.stiffness for joint in mechanism.joints):
-        drive = drive + joint_springs(mechanism, q)
+        springs = joint_springs(mechanism, q)
+        tau, reaction = tau + springs, reaction + springs
     internal, stations = _internal(mesh, trajectory)
     energy = trajectory.energy
     return Solution(
         mechanism=mechanism, mesh=mesh, time=time, q=q, qd=qd, qdd=qdd,
-        torque_all=found.tau + drive, reaction=found.reaction + drive,
+        torque_all=tau, reaction=reaction,
         nodes=motion, forces=NodalForces(found.force, found.moment),
         tip=dict(zip((joint.child for joint in mechanism.joints), found.tip, strict=True)),
         deflection={link.name: own for link, own in zip(mechanism.beams, found.deflection, strict=True)},
@@ -65,13 +77,8 @@ def second_step(
 
     time : (samples,) [s]; qd : (samples, nv) [rad/s], [m/s]; applied, brought : as of `evaluate`
     """
-    k, samples, none = skeleton(mesh), len(time), np.empty((0, 0, 0))
-    nodal, joints, series = (samples, mesh.size, 3), (samples, mesh.mechanism.nv), (samples,)
-    shapes = (
-        nodal, nodal, joints, joints, (len(k.joint), samples, 6), (len(k.tip), samples, 3), (len(k.root), samples, 3),
-        *4 * (series,), (samples, 6), (mesh.size, 6),
-    )  # fmt: skip
-    *out, line = together(*shapes)
+    none = np.empty((0, 0, 0))
+    *out, line = together(*found_shapes(mesh, len(time)), (mesh.size, 6))
     moving = Moving(
         *(plain(part) for part in (motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha))
     )
@@ -79,8 +86,16 @@ def second_step(
     energy, jumps = trajectory.energy, np.empty(0) if brought is None else brought
     found = Found(*out)
     given = Given(plain(trajectory.wrench), plain(energy), *pushed, jumps, plain(qd), plain(time))
-    second_step_samples(k, moving, given, line, found)
+    second_step_samples(skeleton(mesh), moving, given, line, found)
     return found
+
+
+def found_shapes(mesh: Mesh, samples: int) -> list[tuple[int, ...]]:
+    """Return the shapes of the parts of `Found` [-]."""
+    k = skeleton(mesh)
+    nodal, joints = (samples, mesh.size, 3), (samples, mesh.mechanism.nv)
+    named = [(len(k.joint), samples, 6), (len(k.tip), samples, 3), (len(k.root), samples, 3)]
+    return [nodal, nodal, joints, joints, *named, *4 * [(samples,)], (samples, 6)]
 
 
 @lru_cache(maxsize=64)

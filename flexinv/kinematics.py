@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexinv.closures import constraint_rows
+from flexinv.errors import ConvergenceError
 from flexinv.integrate import Scheme
 from flexinv.joint import JointHistory, relative_motion
 from flexinv.loads import load_table
@@ -164,10 +165,8 @@ class _March:
             result = solver.march(self.scheme, rel, table, drives, solver.given(q, qd, qdd), whole)
             if every > 1:
                 self.out.put(row[row >= 0], whole, row >= 0)
-        begins = first == 0 and result[1] == 0
-        self._check(
-            result, "at the start, t = {:g} s" if begins else "at t = {:g} s (step " + f"{self.scheme.h:g} s)", time
-        )
+        if error := failure(self.mesh, result, time, self.scheme.h, begins=first == 0):
+            raise error
 
     def restart(self, history: JointHistory, sample: int) -> None:
         """Solve the accelerations anew where those of the task jump, and record their right-hand limit."""
@@ -197,7 +196,22 @@ class _March:
         if flat is not None:
             flat.take(solver.state, solver.border.ties)
 
-    def _check(self, result: tuple[int, int, int, float], when: str, time: Array | None = None) -> None:
-        status, sample, count, size = result
+    def _check(self, result: tuple[int, int, int, float], when: str) -> None:
+        status, _, count, size = result
         if status != CONVERGED:
-            raise complaint(self.mesh, status, count, size, when if time is None else when.format(time[sample]))
+            raise complaint(self.mesh, status, count, size, when)
+
+
+def failure(
+    mesh: Mesh, result: tuple[int, int, int, float], time: Array, step: float, begins: bool = True
+) -> ConvergenceError | None:
+    """Return the error that a march over ``time`` (instants,) [s] has ended with, None if it has come to the end.
+
+    result : status, instant, iterations or element, last relative increment [-]; begins : whether it begins at the first
+    """
+    status, instant, count, size = result
+    if status == CONVERGED:
+        return None
+    at_start = begins and instant == 0
+    when = f"at the start, t = {time[0]:g} s" if at_start else f"at t = {time[instant]:g} s (step {step:g} s)"
+    return complaint(mesh, status, count, size, when)

@@ -71,7 +71,7 @@ class PlanarMarch:
 
     def leave(self, passive: Collection[str]) -> None:
         """Leave the arrays to the next march that begins; one that failed may have left numbers that are none behind."""
-        self.ties.multiplier[:] = 0.0
+        self.ties.multiplier[:], self.ties.over[:] = 0.0, self.model.constraints.over
         _left(self.mesh, frozenset(passive)).append(self)
 
     def restart(self, q: Array, qd: Array, qdd: Array, row: Indices, out: Histories) -> tuple[int, int, int, float]:
@@ -198,7 +198,7 @@ def _ties(m: PlanarModel) -> PlanarTies:
         place_a=c.place_a.copy(), place_b=c.place_b.copy(), u=c.u.copy(), w=c.w.copy(),
         multiplier=np.zeros(n), value=np.zeros(n), gradient=np.zeros((n, 6)), sides=np.zeros((n, unknowns)),
         moved=np.zeros((n, unknowns)), stiffness=np.zeros((n, n)), open=np.zeros(n), step=np.zeros(n),
-        left=np.zeros(n, dtype=bool), line=np.zeros(unknowns), single=c.single, over=c.over,
+        left=np.zeros(n, dtype=bool), line=np.zeros(unknowns), single=c.single, over=c.over.copy(),
         block=c.block, member=c.member, mass=np.zeros((widest, widest)),
         change=np.zeros((len(m.tree.parent), 3)), kept=np.zeros(n), accelerations=np.zeros(unknowns),
     )  # fmt: skip

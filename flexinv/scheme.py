@@ -68,15 +68,12 @@ def solve(
         raise InputError(
             f"initial = {initial!r}: expected 'consistent' (starts undeformed) or 'static' (in equilibrium)"
         )
-    steps = _grid(motion, step, end, every)
+    steps = time_grid(motion, step, end, every)
     _check_every(mechanism, every, incremental)
     time = steps if every == 1 else steps[::every]
     if incremental:
         check_samples(len(time), step)
-    settings: dict[str, float | int | str | bool] = {
-        "step": float(step), "spectral_radius": float(spectral_radius), "initial": initial, "incremental": incremental,
-        "tolerance": float(tolerance),
-    }  # fmt: skip
+    settings = settings_of(step, spectral_radius, tolerance, initial, incremental)
     given = set(motion.joints(mechanism))
     passive = {joint.name for joint in mechanism.joints if joint.nv and joint.name not in given}
     history, right = _histories(mechanism, motion, passive, start or {}, start_rate or {}, float(step), time)
@@ -124,7 +121,18 @@ def _check_every(mechanism: Mechanism, every: int, incremental: bool) -> None:
         )
 
 
-def _grid(motion: Motion, step: float, end: float | None, every: int) -> Array:
+def settings_of(
+    step: float, spectral_radius: float, tolerance: float, initial: str = "consistent", incremental: bool = False
+) -> dict[str, float | int | str | bool]:
+    """Return what a solution says of how it was found; step [s]."""
+    return {
+        "step": float(step), "spectral_radius": float(spectral_radius), "initial": initial, "incremental": incremental,
+        "tolerance": float(tolerance),
+    }  # fmt: skip
+
+
+def time_grid(motion: Motion, step: float, end: float | None, every: int) -> Array:
+    """Return the times of all steps, the start included (steps + 1,) [s]; raises InputError for a step or end that cannot be."""
     last = motion.duration if end is None else float(end)
     if not (np.isfinite(step) and step > 0.0):
         raise InputError(f"step = {step} s: expected a positive number of seconds, for example step=1e-3")

@@ -1,0 +1,197 @@
+"""Scenarios of `solve_many` that are alike: beams in a plane, one structure, one time grid, whatever else differs.
+
+What they share is prepared once, their series stand in one piece of memory, and a thread marches many of them in one compiled
+call: short marches run side by side as well as long ones.  Each gives, bit for bit, what `solve` gives alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from threading import Lock
+from typing import Any
+
+import numpy as np
+
+from flexinv.alike_march import MORE, NONE, Designs, Tasks, march_alike
+from flexinv.closures import constraint_rows
+from flexinv.errors import FlexinvError
+from flexinv.evaluate import found_shapes, skeleton, solution_of
+from flexinv.integrate import EXACT, Scheme, generalized_alpha
+from flexinv.kinematics import Progress, failure
+from flexinv.mechanism import Array, Mechanism
+from flexinv.memory import together
+from flexinv.mesh import Mesh, build
+from flexinv.motion import Motion
+from flexinv.nodal import NodalMotion
+from flexinv.planar import PlanarMarch, histories
+from flexinv.planar_march import Histories
+from flexinv.planar_model import planar_model
+from flexinv.plane import Plane, find_plane
+from flexinv.scheme import settings_of, time_grid
+from flexinv.second_step import Found
+from flexinv.solution import Solution
+from flexinv.solver import Trajectory
+from flexinv.stacks import stacked
+
+# Options of `solve` that such scenarios may state; all others keep their defaults.
+OPTIONS = {"step", "end", "spectral_radius", "tolerance"}
+# Numbers in the series of the scenarios that stand in one piece of memory, 64 MiB: it lasts as long as any of them.
+RUN = 1 << 23
+# Instants that a thread marches before the interpreter hears of it: half a second, then it may be interrupted.
+AT_ONCE = 1 << 16
+Triple = tuple[Array, Array, Array]
+SideBySide = Callable[[Callable[[], None], Callable[[], None], int], None]
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One of them: its mesh, what its joints do at the samples ``time`` [s] and how it is marched."""
+
+    mesh: Mesh
+    table: Triple
+    time: Array
+    scheme: Scheme
+    settings: dict[str, float | int | str | bool]
+
+
+def prepare_all(
+    scenarios: Sequence[tuple[Mechanism, Motion, Mapping[str, Any]]], options: Mapping[str, Any]
+) -> dict[int, Scenario]:
+    """Return by their numbers [-] the scenarios that may have others that are alike; `options` are those of all."""
+    known: dict[tuple[Mechanism, Motion], Scenario | None] = {}
+    out = {}
+    for k, (mechanism, motion, own) in enumerate(scenarios):
+        pair = mechanism, motion
+        if own or pair not in known:
+            one = scenario_of(mechanism, motion, {**options, **own})
+            known |= {} if own else {pair: one}
+        else:
+            one = known[pair]
+        if one is not None:
+            out[k] = one
+    return out
+
+
+def scenario_of(mechanism: Mechanism, motion: Motion, options: Mapping[str, Any]) -> Scenario | None:
+    """Return the scenario [s] if it may have others that are alike, else None: `solve` does it then, or says what is wrong."""
+    if set(options) - OPTIONS or mechanism.is_rigid or mechanism.closures or motion.jumps:
+        return None
+    try:
+        step, tolerance = float(options["step"]), float(options.get("tolerance", EXACT))
+        radius = float(options.get("spectral_radius", 0.8))
+        if len(motion.joints(mechanism)) < sum(joint.nv > 0 for joint in mechanism.joints):
+            return None
+        mesh, time = build(mechanism), time_grid(motion, step, options.get("end"), 1)
+        if not isinstance(find_plane(mesh), Plane) or len(time) * mesh.size * 50 > RUN:
+            return None
+        scheme, settings = generalized_alpha(step, radius, tolerance), settings_of(step, radius, tolerance)
+        return Scenario(mesh, motion.table(mechanism, step, len(time)), time, scheme, settings)
+    except (FlexinvError, TypeError, ValueError):
+        return None
+
+
+def alike(scenarios: Mapping[int, Scenario]) -> list[list[int]]:
+    """Return the numbers [-] of those that are alike, in runs that stand in one piece of memory."""
+    groups: dict[Any, list[int]] = {}
+    for k, one in scenarios.items():
+        groups.setdefault((_structure(one.mesh), one.scheme, len(one.time)), []).append(k)
+    runs = []
+    for group in groups.values():
+        one = scenarios[group[0]]
+        most = max(1, RUN // (len(one.time) * one.mesh.size * 50))
+        runs += [group[first : first + most] for first in range(0, len(group), most)]
+    return runs
+
+
+@lru_cache(maxsize=64)
+def _structure(mesh: Mesh) -> tuple[Any, ...]:
+    """What two meshes in a plane have in common if they differ in numbers only."""
+    m, k = planar_model(mesh, frozenset()), skeleton(mesh)
+    parts = [np.asarray(part) for record in (m.tree, m.elements, m.space, k, m.place) for part in record]
+    parts += [m.constraints.single, m.constraints.block, m.constraints.member, m.joints.given, m.joints.turns_on]
+    return tuple((part.shape, b"" if part.dtype == float else part.tobytes()) for part in parts)
+
+
+@lru_cache(maxsize=8)
+def _designs(meshes: tuple[Mesh, ...]) -> Designs:
+    models = [planar_model(mesh, frozenset()) for mesh in meshes]
+    tree, elements, space = (stacked([getattr(m, name) for m in models]) for name in ("tree", "elements", "space"))
+    over = np.stack([m.constraints.over for m in models])
+    return Designs(tree, elements, space, stacked([skeleton(mesh) for mesh in meshes]), over)
+
+
+def solve_alike(
+    scenarios: Sequence[Scenario], threads: int, side_by_side: SideBySide, progress: Progress | None
+) -> list[Solution | Exception]:
+    """Return the solution of each scenario [m, rad, s, N] or what stopped it, with so many threads [-] at most."""
+    first = scenarios[0]
+    designs, tasks = _designs(tuple(dict.fromkeys(one.mesh for one in scenarios))), _tasks(scenarios)
+    out, found = _room(first, len(scenarios))
+    ahead, left, lock = np.zeros(8, dtype=np.uint64), np.zeros(len(scenarios)), Lock()
+    ended = np.zeros((len(scenarios), 3), dtype=np.int64)
+    most = 1 if progress is not None else max(1, AT_ONCE // len(first.time))
+
+    def work() -> None:
+        own, status = PlanarMarch.ready(first.mesh, ()), MORE
+        while status != NONE:
+            status = march_alike(
+                ahead, most, designs, tasks, first.scheme, own.state, own.frames, own.factors, own.work, own.ties,
+                np.empty((first.mesh.size, 6)), out, found, ended, left,
+            )  # fmt: skip
+            if status >= 0:  # what has failed may have left numbers that are none
+                own = PlanarMarch.of(first.mesh, ())
+            if progress is not None and status != NONE:
+                with lock:
+                    progress(1)
+        own.leave(())
+
+    side_by_side(work, lambda: ahead.fill(len(scenarios)), min(threads, len(scenarios)))
+    results: list[Solution | Exception] = []
+    for n, one in enumerate(scenarios):
+        status, instant, count = (int(number) for number in ended[n])
+        error = failure(one.mesh, (status, instant, count, float(left[n])), one.time, one.scheme.h)
+        results.append(error or _solution(one, n, out, found))
+    return results
+
+
+def _tasks(scenarios: Sequence[Scenario]) -> Tasks:
+    first, model = scenarios[0], planar_model(scenarios[0].mesh, frozenset())
+    meshes = {mesh: k for k, mesh in enumerate(dict.fromkeys(one.mesh for one in scenarios))}
+    tables = {id(one.table[0]): one.table for one in scenarios}
+    number = {key: k for k, key in enumerate(tables)}
+    given = np.stack([model.joints.coordinates(*table) for table in tables.values()])
+    joint = np.zeros((len(tables), first.mesh.size, 3))
+    joint[:, model.joints.node] = given[:, 0]
+    instants = np.arange(len(first.time))
+    return Tasks(
+        design=np.array([meshes[one.mesh] for one in scenarios]),
+        motion=np.array([number[id(one.table[0])] for one in scenarios]),
+        joint=joint, given=given, qd=np.stack([table[1] for table in tables.values()]),
+        moves=instants > 0, row=instants, time=first.time, none=np.empty((0, 0, 0)), never=np.empty(0),
+    )  # fmt: skip
+
+
+def _room(first: Scenario, scenarios: int) -> tuple[Histories, Found]:
+    """Series of all scenarios, one after the other in memory."""
+    mesh, samples = first.mesh, len(first.time)
+    single = histories(Trajectory.empty(1, mesh, len(constraint_rows(mesh))))
+    shapes = [(scenarios, samples, *part.shape[1:]) for part in single[:-1]]
+    rest = [(scenarios, *shape) for shape in found_shapes(mesh, samples)]
+    parts = together(*shapes, *rest)
+    motion, others = parts[: len(shapes)], parts[len(shapes) :]
+    x, r, v, w, a, al, wrench, internal, energy, multipliers = motion
+    iterations = np.zeros((scenarios, samples), dtype=np.int64)
+    out = Histories(x, r, v, w, a, al, wrench, internal, energy, multipliers, iterations)
+    if (mesh.elements.order < mesh.elements.weight.shape[1]).any():  # points that some elements do not have
+        out.internal[:] = 0.0
+    return out, Found(*others)
+
+
+def _solution(one: Scenario, n: int, out: Histories, found: Found) -> Solution:
+    x, r, v, w, a, al, wrench, internal, energy, multipliers, iterations = (part[n] for part in out)
+    trajectory = Trajectory(NodalMotion(x, r, v, w, a, al), wrench, internal, energy, multipliers, iterations)
+    q, qd, qdd = (part.copy() for part in one.table)
+    own = Found(*(part[n] for part in found))
+    return solution_of(one.mesh, trajectory, trajectory.motion, own, one.time, q, qd, qdd, set(), one.settings)

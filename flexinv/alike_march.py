@@ -1,0 +1,84 @@
+"""Marches of scenarios that are alike, one after the other without the interpreter between them (compiled).
+
+Every thread has a work space and takes the next scenario that nobody has taken.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.atomics import take
+from flexinv.compiled import jit
+from flexinv.march import CONVERGED
+from flexinv.mechanism import Array
+from flexinv.planar_beam import PlanarElements
+from flexinv.planar_march import Embedding, planar_march
+from flexinv.planar_tree import PlanarTree
+from flexinv.second_step import Given, Moving, Skeleton, second_step_samples
+from flexinv.stacks import at
+
+# What `march_alike` returns besides the number of a scenario that has failed: there may be more, there are none.
+MORE, NONE = -1, -2
+
+
+class Designs(NamedTuple):
+    """Mechanisms of one structure, stacked; over : (designs, single, 3) of `planar_ties.PlanarTies`."""
+
+    tree: PlanarTree
+    elements: PlanarElements
+    space: Embedding
+    skeleton: Skeleton
+    over: Array
+
+
+class Tasks(NamedTuple):
+    """What the scenarios do.
+
+    design, motion : (scenarios,) which design does which motion
+    joint : (motions, nodes, 3) q, q', q'' of all joints where they begin [m, rad, s]
+    given : (motions, instants, joints, 3) the same of the prescribed ones at all instants, qd : (motions, instants, nv)
+    moves, row : (instants,) of `planar_march.planar_march`; time : (instants,) [s]
+    none, never : (0, 0, 0), (0,) nothing is applied, nothing brought
+    """
+
+    design: NDArray[np.int64]
+    motion: NDArray[np.int64]
+    joint: Array
+    given: Array
+    qd: Array
+    moves: NDArray[np.bool_]
+    row: NDArray[np.int64]
+    time: Array
+    none: Array
+    never: Array
+
+
+@jit
+def march_alike(ahead, most, designs, tasks, scheme, s, f, q, w, k, line, out, found, ended, left):
+    """March scenarios that nobody has taken yet, at ``most`` so many [-], and do the second step of each.
+
+    ahead : (1,) number of the next; s, f, q, w, k, line : work space of a `planar.PlanarMarch` and (nodes, 6)
+    out : Histories, found : Found of all scenarios, stacked; ended, left : (scenarios, 3), (scenarios,) what the march returns
+    Return MORE, NONE, or the number of a scenario whose march has failed.
+    """
+    for _ in range(most):
+        n = np.int64(take(ahead))
+        if n >= len(tasks.design):
+            return NONE
+        d, m, h = tasks.design[n], tasks.motion[n], at(out, n)
+        for i in range(k.over.shape[0]):
+            for j in range(3):
+                k.over[i, j] = designs.over[d, i, j]
+        ended[n, 0], ended[n, 1], ended[n, 2], left[n] = planar_march(
+            at(designs.tree, d), at(designs.elements, d), k, at(designs.space, d), scheme, s, f, q, w,
+            tasks.joint[m], tasks.moves, tasks.given[m], tasks.row, h,
+        )  # fmt: skip
+        if ended[n, 0] != CONVERGED:
+            return n
+        moving = Moving(h.x, h.r, h.v, h.w, h.a, h.al)
+        given = Given(h.wrench, h.energy, tasks.none, tasks.none, tasks.never, tasks.qd[m], tasks.time)
+        second_step_samples(at(designs.skeleton, d), moving, given, line, at(found, n))
+    return MORE
