@@ -164,7 +164,9 @@ def _histories(
     places, rates = start_coordinates(mechanism, passive, start, rate)
 
     def joint_motion(time: Array, side: str) -> tuple[Array, Array, Array]:
-        if time is grid and side == "right" and grid[1] == step:
+        if (
+            type(motion) is Motion and time is grid and side == "right" and grid[1] == step
+        ):  # others may look at the mechanism
             q, qd, qdd = (part.copy() for part in motion.table(mechanism, step, len(grid)))
         else:
             q, qd, qdd = motion.evaluate(mechanism, time, side)  # type: ignore[arg-type]
