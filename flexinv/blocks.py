@@ -11,9 +11,11 @@ import numpy as np
 from flexinv.atomics import address, fetch, put, reals, reals_table, take, wholes, wholes_table
 from flexinv.compiled import jit_blocks, jit_lanes
 from flexinv.lanes import LANES
-from flexinv.loop_lanes import LIMITS, PLANE, begin, close, keep, move
+from flexinv.loop_lanes import begin, keep
+from flexinv.loop_layout import KEEPS, LIMITS, PLANE, SUMMED
 from flexinv.loop_plane import in_plane
-from flexinv.loop_rows import entries, hold, share, unclear
+from flexinv.loop_rows import share, unclear
+from flexinv.loop_space import in_space
 from flexinv.offers import ANSWER, DONE, OFFERED, SLEEPS, STATE, WORDS, awaited, claimed, settled, write
 from flexinv.recursion import NUMBERS, TREE, inboard, outboard
 
@@ -69,14 +71,12 @@ def _store(work, columns, lanes, x, start, by_sample, by_column):
 @jit_lanes
 def _closed(plan, fixed, work, lanes, sums):
     """Turn the efforts of the cut tree into those of the drives; return how often a rank is in doubt."""
+    doubts = 0
     if plan[PLANE] > 0:
-        in_plane(plan, fixed, work, lanes)
+        in_plane(plan, fixed, work, lanes, sums)
     else:
-        move(plan, fixed, work, lanes)
-        close(plan, fixed, work, lanes)
-        entries(plan, fixed, work, lanes)
-    hold(plan, fixed, work, lanes, sums)
-    return share(plan, fixed, work, lanes)
+        doubts = in_space(plan, fixed, work, lanes, sums)
+    return doubts + share(plan, fixed, work, lanes)
 
 
 @jit_lanes
@@ -96,7 +96,9 @@ def _blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, sampl
         _load(work, for_qd, lanes, qd, start, strides[1, 0], strides[1, 1])
         _load(work, for_qdd, lanes, qdd, start, strides[2, 0], strides[2, 1])
         if loops and not again:
-            keep(plan, work, lanes)
+            keep(plan, work, lanes, KEEPS)
+            if block % SUMS == 0:
+                keep(plan, work, lanes, SUMMED)
         outboard(tree, numbers, work, lanes)
         spoilt = inboard(tree, numbers, work, lanes)
         if loops:
@@ -168,7 +170,7 @@ def torque_blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides,
     counter[:CALL_CELLS] = 0
     if plan[LIMITS] > 0:
         for i in range(1 + mails.shape[0]):
-            begin(plan, fixed, work[i])
+            begin(plan, fixed, work[i], min(samples, LANES))
     for i in range(mails.shape[0]):
         _offer(mails[i], tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, samples, work[i + 1], counter)
     counter[1] += _blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, samples, work[0], counter)

@@ -65,8 +65,11 @@ class Bodies:
     axes: Array
 
 
-def bodies(mesh: Mesh, passive: bool = True) -> Bodies:
-    """Return the bodies [kg, m] of a mesh, its beams undeformed; without ``passive`` no damping, friction or springs."""
+def bodies(mesh: Mesh, passive: bool = True, kept: frozenset[int] = frozenset()) -> Bodies:
+    """Return the bodies [kg, m] of a mesh, its beams undeformed; without ``passive`` no damping, friction or springs.
+
+    kept : moving nodes whose state no child carries on, so that it is there in the end
+    """
     carrier, turn, place = carriers(mesh)
     moving = np.flatnonzero(_moves(mesh))
     node = np.concatenate([[-1], moving]).astype(np.int64)
@@ -74,7 +77,7 @@ def bodies(mesh: Mesh, passive: bool = True) -> Bodies:
     above = [int(mesh.parent[n]) for n in moving]  # the joint hangs on this node, which is fixed on its parent's
     parents = [0, *(number[int(carrier[a])] if a >= 0 else 0 for a in above)]
     kinds = np.array([mesh.mechanism.nv, *mesh.kind[moving]])
-    last = {parent: child for child, parent in enumerate(parents) if child}
+    last = {parent: child for child, parent in enumerate(parents) if child and int(node[parent]) not in kept}
     seats = [(turn[a], place[a]) if a >= 0 else (np.eye(3), np.zeros(3)) for a in above]
     placed = [(r @ mesh.rotation[n], x + r @ mesh.offset[n]) for n, (r, x) in zip(moving, seats, strict=True)]
     axes = [np.eye(3)]
@@ -101,7 +104,7 @@ def _is_on(kinds: NDArray[np.int64], parents: list[int], last: dict[int, int], i
     """Whether body i turns about an axis, is its parent's last child, and the parent's frame may be turned to suit it."""
     parent = parents[i]
     suits = kinds[i] in TURNING and parent > 0 and (kinds[parent] in TURNING or kinds[parent] == PRISMATIC)
-    return bool(suits and last[parent] == i)
+    return bool(suits and last.get(parent) == i)
 
 
 def _place(row: Array, r: Array, p: Array, on: bool) -> None:
@@ -184,7 +187,7 @@ def _layout(kinds: NDArray[np.int64], parents: list[int], last: dict[int, int]) 
     state, slots = [0] * len(kinds), 0
     for i, parent in enumerate(parents):
         how, source = FROM_WORLD, state[parent]
-        if i and parent and last[parent] == i:
+        if i and parent and last.get(parent) == i:
             state[i], how = source, ON if _is_on(kinds, parents, last, i) else TURNED
         elif i:
             how = COPIED if parent else FROM_WORLD

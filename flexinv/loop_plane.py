@@ -16,38 +16,49 @@ import numpy as np
 
 from flexinv.compiled import jit_lane, jit_lanes
 from flexinv.lanes import LANES, put_vec, row
-from flexinv.loop_lanes import (
+from flexinv.loop_layout import (
+    ABOVE,
     ACCELERATION,
     AT,
     AXES,
+    AXES_A,
+    AXES_B,
+    AXIS,
     BODIES,
     BODY_CELLS,
-    BODY_ROWS,
     CLOSURE_CELLS,
     CLOSURES,
     COLUMN_CELLS,
-    COLUMNS,
+    CONSTANTS,
+    COUNT,
     COUPLED,
     DIRECTION,
+    ENTRIES,
+    FIRST,
     GEARED,
+    JOINT,
     KEPT,
+    NUMBERS,
+    OWN,
+    PLANE_ROWS,
     POINT,
     ROOT_TURN,
+    ROWS,
+    SIGNS,
     SLIDE,
     SLIDING,
     SPEED,
     SPIN,
     SPIN_RATE,
     SQUARES,
+    TO,
     VECTOR,
     VECTORS,
-    coupled,
 )
-from flexinv.loop_rows import ENTRIES, clear, geared
+from flexinv.loop_rows import clear, coupled, geared, hold
 from flexinv.recursion import COS, PLACE, RATE, SIN
 
-_BODY, _COLUMN, _ONE, _TWO, _THREE = row(BODY_ROWS), row(4), np.uint64(1), np.uint64(2), np.uint64(3)
-_SPIN, _SPIN_RATE = SPIN + row(2), SPIN_RATE + row(2)
+_BODY, _COLUMN = row(PLANE_ROWS), row(4)
 
 
 @jit_lane
@@ -61,7 +72,7 @@ def _put(own, k, heading, at, v, w, al, a):
     own[AXES + k], own[AXES + LANES + k] = heading
     own[AT + k], own[AT + LANES + k] = at
     own[SPEED + k], own[SPEED + LANES + k] = v
-    own[_SPIN + k], own[_SPIN_RATE + k] = w, al
+    own[SPIN + k], own[SPIN_RATE + k] = w, al
     own[ACCELERATION + k], own[ACCELERATION + LANES + k] = a
 
 
@@ -75,7 +86,7 @@ def _turned(c, s, v):
 def _moved(body, k, arm):
     """Place, velocity and acceleration of a point of a body, its arm in the axes of the body."""
     c, s = _pair(body, AXES, k)
-    (x, y), w, al = _turned(c, s, arm), body[_SPIN + k], body[_SPIN_RATE + k]
+    (x, y), w, al = _turned(c, s, arm), body[SPIN + k], body[SPIN_RATE + k]
     at, v, a = _pair(body, AT, k), _pair(body, SPEED, k), _pair(body, ACCELERATION, k)
     return (
         (at[0] + x, at[1] + y),
@@ -101,7 +112,7 @@ def _turn(own, parent, rows, lanes, c):
         at, v, a = _moved(parent, k, arm)
         cosine, sine = _pair(parent, AXES, k)
         heading = _turned(rows[COS + k], rows[SIN + k], _turned(cosine, sine, zero))
-        _put(own, k, heading, at, v, parent[_SPIN + k] + rows[RATE + k], parent[_SPIN_RATE + k] + own[KEPT + k], a)
+        _put(own, k, heading, at, v, parent[SPIN + k] + rows[RATE + k], parent[SPIN_RATE + k] + own[KEPT + k], a)
 
 
 @jit_lanes
@@ -111,11 +122,11 @@ def _slide(own, parent, rows, lanes, c):
     for k in range(lanes):
         q, rate, second = rows[PLACE + k], rows[RATE + k], own[KEPT + k]
         at, v, a = _moved(parent, k, (px + q * along[0], py + q * along[1]))
-        heading, w = _pair(parent, AXES, k), parent[_SPIN + k]
+        heading, w = _pair(parent, AXES, k), parent[SPIN + k]
         dx, dy = _turned(heading[0], heading[1], along)
         v = v[0] + rate * dx, v[1] + rate * dy
         a = a[0] + second * dx - 2.0 * w * rate * dy, a[1] + second * dy + 2.0 * w * rate * dx
-        _put(own, k, heading, at, v, w, parent[_SPIN_RATE + k], a)
+        _put(own, k, heading, at, v, w, parent[SPIN_RATE + k], a)
         own[DIRECTION + k], own[DIRECTION + LANES + k] = dx, dy
 
 
@@ -152,11 +163,31 @@ def _column_of_slide(to, direction, lanes, sign):
 
 
 @jit_lanes
-def in_plane(plan, fixed, work, lanes):
-    """Set points [m], squares of the closures and G: what `move`, `close` and `entries` do in space [m, rad, s]."""
+def _columns(plan, fixed, work, closure, lanes):
+    """Set the columns of one closure."""
+    own = closure[OWN]
+    for j in range(closure[COUNT]):
+        column = plan[closure[FIRST] + j * COLUMN_CELLS :]
+        axis, place, to, sign = (
+            column[AXIS],
+            column[JOINT],
+            work[column[TO] : column[TO] + _COLUMN],
+            fixed[column[SIGNS]],
+        )
+        if column[0] == GEARED:
+            geared(to, lanes, sign)
+        elif column[0] == SLIDING:
+            _column_of_slide(to, work[axis : axis + VECTOR], lanes, sign)
+        else:
+            _column(to, work[place : place + VECTOR], work[own : own + VECTOR], lanes, sign)
+
+
+@jit_lanes
+def in_plane(plan, fixed, work, lanes, sums):
+    """Set points [m] and G, and hold the squares of the closures."""
     for i in range(plan[BODIES + 1]):
         at = plan[BODIES] + i * BODY_CELLS
-        first, above, rows, c = plan[at + _ONE], plan[at + _TWO], plan[at + _THREE], fixed[plan[at + np.uint64(4)] :]
+        first, above, rows, c = plan[at + OWN], plan[at + ABOVE], plan[at + ROWS], fixed[plan[at + CONSTANTS] :]
         own, parent, rows = work[first : first + _BODY], work[above : above + _BODY], work[rows : rows + _BODY]
         if plan[at] == ROOT_TURN:
             _from_root(own, rows, lanes, c)
@@ -166,20 +197,14 @@ def in_plane(plan, fixed, work, lanes):
             _turn(own, parent, rows, lanes, c)
     for i in range(plan[CLOSURES + 1]):
         at = plan[CLOSURES] + i * CLOSURE_CELLS
-        first, one, other, c = plan[at + _ONE], plan[at + _TWO], plan[at + _THREE], fixed[plan[at + np.uint64(4)] :]
+        first, one, other, c = plan[at + OWN], plan[at + AXES_A], plan[at + AXES_B], fixed[plan[at + NUMBERS] :]
         own = work[first : first + VECTORS]
         if plan[at] == COUPLED:
-            coupled(plan, fixed, work, own, lanes, plan[at + np.uint64(7)], plan[at + np.uint64(8)], c[0])
+            coupled(plan, fixed, work, own, lanes, plan[at : at + CLOSURE_CELLS], c[0])
         else:
             _close(work[one : one + _BODY], work[other : other + _BODY], own, lanes, c)
-    for i in range(plan[COLUMNS + 1]):
-        at = plan[COLUMNS] + i * COLUMN_CELLS
-        axis, place, own, first = plan[at + _ONE], plan[at + _TWO], plan[at + _THREE], plan[at + np.uint64(4)]
-        to, sign = work[first : first + _COLUMN], fixed[plan[at + np.uint64(9)]]
-        if plan[at] == GEARED:
-            geared(to, lanes, sign)
-        elif plan[at] == SLIDING:
-            _column_of_slide(to, work[axis : axis + VECTOR], lanes, sign)
-        else:
-            _column(to, work[place : place + VECTOR], work[own : own + VECTOR], lanes, sign)
+    for i in range(plan[CLOSURES + 1]):
+        at = plan[CLOSURES] + i * CLOSURE_CELLS
+        _columns(plan, fixed, work, plan[at : at + CLOSURE_CELLS], lanes)
+        hold(plan, fixed, work, lanes, plan[at : at + CLOSURE_CELLS], sums)
     clear(plan, work, lanes)

@@ -1,104 +1,83 @@
-"""Closed loops, one sample a lane: the matrix G of their rows, and the efforts of the cut tree shared out to the drives.
+"""Closed loops, one sample a lane: limits of a motion, and the efforts of the cut tree shared out to the drives by the rows G.
 
 With passive coordinates p and drives a,  tau_a + G_a^T lambda = tau_tree,a  and  G_p^T lambda = tau_tree,p.  Rows are combined,
 two and two and always the smaller by the larger, until G_p is upper triangular: then lambda follows coordinate by coordinate,
 and what is left of rows beyond the passive coordinates has entries of drives only.  Such a row B is an effort that drives can
 give against each other: none where there are as many drives as freedoms (the row vanishes, it repeats others); else tau_a is
-that of least tau_a^T W tau_a, from which the parts along the rows B are taken one after the other.
+that of least tau_a^T W tau_a, from which the parts along the rows B are taken one after the other.  Where no rows are left over,
+those of the drives stay as they are: what has been done to rows is undone to their multipliers, backwards.
 
 Which rows are combined in which order is a list of *steps*, the same for every sample (`loop_steps`).  Where a pivot is too small
 next to its column, or a row that should vanish does not, the block is left to `shares`.
+
+Limits: of all rows of a closure together, over their scales, phi^2, phi'^2 and phi''^2.  The sums |G| |qd| and |G| |qdd| that
+they are held against are taken of some samples of a block; where that leaves a doubt, `given` looks at all.
 """
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 
 from flexinv.compiled import jit_lanes
-from flexinv.lanes import LANES, put_vec, row, times, vec_of
-from flexinv.loop_lanes import (
+from flexinv.lanes import LANES, put_vec, row, vec_of
+from flexinv.loop_layout import (
     CHANGED,
-    CLOSURE_CELLS,
-    CLOSURES,
     COLUMN_CELLS,
-    COLUMNS,
+    COUNT,
     COUPLED,
+    DIRECTIONS,
+    ENTRIES,
+    ENTRY,
     FACTOR,
     FILLS,
-    GEARED,
+    FIRST,
+    FIRST_SUM,
+    GAP,
     LAMBDA,
     LARGEST,
     LIMITS,
-    MOVED,
-    POINT,
+    OWN,
+    POSITIONS,
+    QD,
+    QDD,
     SCRATCH,
+    SIGNS,
+    SQUARE,
     SQUARES,
+    STATE_A,
+    STATE_B,
     STEPS,
-    TURNING,
+    STRIDE,
+    SUM_AXIS,
+    SUM_CELLS,
+    SUM_COUNT,
+    SUM_QDD,
+    SUM_RATE,
+    SUM_TURNS,
     VECTOR,
     VECTORS,
-    cross,
-    dot,
-    minus,
+    WHOLE,
 )
+from flexinv.recursion import ACCELERATION, SPIN, SPIN_RATE
 
-# A column: the square of its size, then its entries, row by row.
-ENTRIES = row(1)
-# Steps: a word for what is done, how many pairs of rows follow, and their offsets.
-PAIR, SURE, EMPTY, SOLVE, NORM, INNER, PROJECT = range(7)
+# Steps: a word for what is done, how many pairs of rows follow, three offsets, and those of the pairs.
+PAIR, SURE, EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, UNDO, TOGETHER = range(10)
+# Rows whose other entries stand side by side, so many at most, are combined in one pass: TOGETHER + how many there are - 1.
+MOST_TOGETHER = 5
 # A pivot over its column's size is at least this, so that its errors are 1e-12 at most; else singular values decide.
 LEAST_PIVOT = 1e-4
 # What is left of a row that repeats others, over the size of its column: rounding over the smallest pivot.  Singular values would
 # count it if it were above 1e-10.
 MOST_LEFT = 1e-11
+# Rounding of how the ends of a closure accelerate, with all before it and less gravity, over that: some tens of sums.
+ROUNDED = 1e-14
 # Samples of a block whose sums |G| |qd| are taken.
 SOME = np.uint64(8)
-_ZERO, _ONE, _TWO, _THREE = (np.uint64(i) for i in range(4))
-_COLUMN, _VEC = row(4), np.uint64(0)
-
-
-@jit_lanes
-def _motion(to, axis, at, own, lanes, sign, turns, more):
-    """What a unit rate of a joint moves the point of B by, z x (x_B - x) or z, and its square, to which comes that of turns."""
-    if turns:
-        for k in range(lanes):
-            moved = times(sign, cross(vec_of(axis, _VEC, k), minus(vec_of(own, POINT, k), vec_of(at, _VEC, k))))
-            put_vec(to, ENTRIES, k, moved)
-            to[k] = dot(moved, moved) + more
-    else:
-        for k in range(lanes):
-            moved = times(sign, vec_of(axis, _VEC, k))
-            put_vec(to, ENTRIES, k, moved)
-            to[k] = dot(moved, moved)
-
-
-@jit_lanes
-def _along(to, e, moved, lanes, sign):
-    """Entry sign e . moved of one row."""
-    for k in range(lanes):
-        to[k] = sign * dot(vec_of(e, _VEC, k), vec_of(moved, _VEC, k))
-
-
-@jit_lanes
-def _column(work, scratch, lanes, column, signs):
-    """Set the entries of one column."""
-    kind, axis, place, own, to = column[0], column[1], column[2], column[3], column[4]
-    positions, directions = column[5], column[6]
-    whole, e, turns = positions == _ZERO, work[own + VECTORS :], kind == TURNING
-    z, x = work[axis : axis + VECTOR], work[place : place + VECTOR]
-    moved = work[to : to + _COLUMN] if whole else work[scratch : scratch + _COLUMN]
-    _motion(moved, z, x, work[own : own + VECTOR], lanes, signs[0], turns, 1.0 if directions > _ZERO else 0.0)
-    if not whole:
-        size = work[to : to + LANES]
-        for k in range(lanes):
-            size[k] = moved[k]
-    entry = to + ENTRIES + (VECTOR if whole else _ZERO)
-    for j in range(positions):
-        _along(work[entry : entry + LANES], e[j * VECTOR :], moved[ENTRIES:], lanes, 1.0)
-        entry += LANES
-    for j in range(positions, positions + directions):
-        _along(work[entry : entry + LANES], e[j * VECTOR :], z, lanes, signs[1] if turns else 0.0)
-        entry += LANES
+_ZERO, _ONE, _TWO, _THREE, _FIVE = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(5)
+_COLUMN, _MOST = row(4), row(MOST_TOGETHER + 1)
 
 
 @jit_lanes
@@ -106,6 +85,23 @@ def geared(to, lanes, gear):
     """Set the column of a coupling [-]."""
     for k in range(lanes):
         to[k], to[ENTRIES + k] = gear * gear, gear
+
+
+@jit_lanes
+def coupled(plan, fixed, work, own, lanes, closure, offset):
+    """Set the squares of a coupling, phi = sum gear q - offset [rad], [m]."""
+    for k in range(lanes):
+        put_vec(own, GAP, k, (-offset, 0.0, 0.0))
+    for j in range(closure[COUNT]):
+        column = plan[closure[FIRST] + j * COLUMN_CELLS :]
+        gear, place, rate, kept = fixed[column[SIGNS]], column[1], column[QD], column[QDD]
+        for k in range(lanes):
+            phi, phi1, phi2 = vec_of(own, GAP, k)
+            phi, phi1 = phi + gear * work[place + k], phi1 + gear * work[rate + k]
+            put_vec(own, GAP, k, (phi, phi1, phi2 + gear * work[kept + k]))
+    for k in range(lanes):
+        phi, phi1, phi2 = vec_of(own, GAP, k)
+        put_vec(own, SQUARES, k, (phi * phi, phi1 * phi1, phi2 * phi2))
 
 
 @jit_lanes
@@ -118,76 +114,154 @@ def clear(plan, work, lanes):
 
 
 @jit_lanes
-def entries(plan, fixed, work, lanes):
-    """Set G, column by column: positions over the mechanism's length [1/rad], [1/m], directions [-]."""
-    scratch = plan[SCRATCH] + MOVED
-    for i in range(plan[COLUMNS + 1]):
-        at = plan[COLUMNS] + i * COLUMN_CELLS
-        column = plan[at : at + COLUMN_CELLS]
-        signs = fixed[column[9] : column[9] + _TWO]
-        if column[0] == GEARED:
-            geared(work[column[4] : column[4] + _COLUMN], lanes, signs[0])
+def _sums(plan, work, k, closure, j):
+    """|G| |qd|, |G| |qdd| of one row in one lane."""
+    speed = size = 0.0
+    for i in range(closure[COUNT]):
+        column = plan[closure[FIRST] + i * COLUMN_CELLS :]
+        g = abs(work[column[ENTRY] + j * closure[STRIDE] + k])
+        speed += g * abs(work[column[QD] + k])
+        size += g * abs(work[column[QDD] + k])
+    return speed, size
+
+
+@jit_lanes
+def _sums_of_sizes(plan, work, k, closure, e):
+    """The same of three positions together, or of the direction beside them whose vector stands at e."""
+    speed = size = 0.0
+    about = 1.0 if closure[DIRECTIONS] > _ZERO else 0.0
+    for j in range(closure[SUM_COUNT]):
+        one = plan[closure[FIRST_SUM] + j * SUM_CELLS :]
+        turns, axis = float(one[SUM_TURNS]), one[SUM_AXIS] + k
+        if e == _ZERO:
+            g = math.sqrt(max(work[one[0] + k] - turns * about, 0.0))
         else:
-            _column(work, scratch, lanes, column, signs)
-    clear(plan, work, lanes)
+            v = work[e + k], work[e + LANES + k], work[e + _TWO * LANES + k]
+            g = turns * abs(v[0] * work[axis] + v[1] * work[axis + LANES] + v[2] * work[axis + _TWO * LANES])
+        speed += g * abs(work[one[SUM_RATE] + k])
+        size += g * abs(work[one[SUM_QDD] + k])
+    return speed, size
 
 
 @jit_lanes
-def _sums(plan, work, k, closure, entry):
-    """|G| |qd|, |G| |qdd| + |G qdd| of one row in one lane: phi'' - G qdd is - G qdd of a motion that keeps the closure."""
-    speed = size = turning = 0.0
-    for j in range(closure[8]):
-        at = closure[7] + j * COLUMN_CELLS
-        g = work[plan[at + np.uint64(4)] + entry + k]
-        second = g * work[plan[at + np.uint64(8)] + k]
-        speed += abs(g * work[plan[at + np.uint64(7)] + k])
-        size += abs(second)
-        turning += second
-    return speed, size + abs(turning)
+def _magnitude(work, first, k):
+    x, y, z = work[first + k], work[first + LANES + k], work[first + _TWO * LANES + k]
+    return math.sqrt(x * x + y * y + z * z)
 
 
 @jit_lanes
-def hold(plan, fixed, work, lanes, sums):
+def _acceleration(work, state, k, length):
+    """About how large the accelerations of an end are that the recursion has found, gravity among them."""
+    w = _magnitude(work, state + SPIN, k)
+    return _magnitude(work, state + ACCELERATION, k) + length * (_magnitude(work, state + SPIN_RATE, k) + w * w)
+
+
+@jit_lanes
+def _hold_sums(plan, fixed, work, lanes, closure, limits):
+    """Remember the largest sums of some lanes."""
+    together, of_rows, length = closure[SUM_COUNT] > _ZERO, closure[POSITIONS], fixed[_THREE]
+    if closure[0] == WHOLE:
+        of_rows = _ONE if together else _TWO
+    for some in range(SOME):
+        k = (some * lanes) >> _THREE
+        for j in range(of_rows + closure[DIRECTIONS]):
+            scale = length if j < of_rows and closure[0] != COUPLED else 1.0
+            if together:
+                e = closure[OWN] + VECTORS + (j - _ONE) * VECTOR if j > _ZERO else _ZERO
+                speed, size = _sums_of_sizes(plan, work, k, closure, e)
+            else:
+                speed, size = _sums(plan, work, k, closure, j)
+            limits[LARGEST] = max(limits[LARGEST], scale * speed)
+            limits[LARGEST + _ONE] = max(limits[LARGEST + _ONE], scale * size)
+        if closure[STATE_A] > _ZERO:
+            both = _acceleration(work, closure[STATE_A], k, length) + _acceleration(work, closure[STATE_B], k, length)
+            limits[LARGEST + _TWO] = max(limits[LARGEST + _TWO], both)
+
+
+@jit_lanes
+def hold(plan, fixed, work, lanes, closure, sums):
     """Remember the largest squares of every lane, and where asked for the largest sums of some lanes [any unit]."""
     limits = work[plan[LIMITS] : plan[LIMITS] + _COLUMN]
-    for i in range(plan[CLOSURES + 1]):
-        at = plan[CLOSURES] + i * CLOSURE_CELLS
-        closure = plan[at : at + CLOSURE_CELLS]
-        squares = work[closure[1] + SQUARES : closure[1] + SQUARES + VECTOR]
-        for k in range(lanes):
-            for j in range(3):
-                row_of = np.uint64(j) * LANES + k
-                value = squares[row_of]
-                limits[row_of] = limits[row_of] if value <= limits[row_of] else value  # a NaN is the largest
-        whole = _THREE if closure[5] == _ZERO else closure[5]
-        for j in range(whole + closure[6] if sums else _ZERO):
-            scale = fixed[_THREE] if j < whole and closure[0] != COUPLED else 1.0
-            for some in range(SOME):
-                speed, size = _sums(plan, work, (some * lanes) >> _THREE, closure, ENTRIES + j * LANES)
-                limits[LARGEST] = max(limits[LARGEST], scale * speed)
-                limits[LARGEST + _ONE] = max(limits[LARGEST + _ONE], scale * size)
+    squares = work[closure[OWN] + SQUARES : closure[OWN] + SQUARES + VECTOR]
+    for k in range(lanes):
+        for j in range(3):
+            row_of = np.uint64(j) * LANES + k
+            value = squares[row_of]
+            limits[row_of] = limits[row_of] if value <= limits[row_of] else value  # a NaN is the largest
+    if sums:
+        _hold_sums(plan, fixed, work, lanes, closure, limits)
 
 
 @jit_lanes
-def _pair(scratch, one, other, lanes):
+def _pair(factor, one, other, lanes):
     """The larger of two entries is the pivot: the factor by which the smaller one goes, and whether they change places."""
     for k in range(lanes):
         a, b = one[k], other[k]
         changed = abs(b) > abs(a)
         pivot, rest = (b, a) if changed else (a, b)
         one[k] = pivot
-        scratch[FACTOR + k] = rest / pivot if pivot != 0.0 else 0.0
-        scratch[CHANGED + k] = 1.0 if changed else 0.0
+        factor[FACTOR + k] = rest / pivot if pivot != 0.0 else 0.0
+        factor[CHANGED + k] = 1.0 if changed else 0.0
 
 
 @jit_lanes
-def _combine(scratch, one, other, lanes):
+def _combine(factor, one, other, lanes):
     """The same of two other entries of these rows."""
     for k in range(lanes):
         a, b = one[k], other[k]
-        changed = scratch[CHANGED + k] != 0.0
+        changed = factor[CHANGED + k] != 0.0
         pivot, rest = (b, a) if changed else (a, b)
-        one[k], other[k] = pivot, rest - scratch[FACTOR + k] * pivot
+        one[k], other[k] = pivot, rest - factor[FACTOR + k] * pivot
+
+
+def _pairing(count: int) -> Any:
+    """Both, of so many other entries before those in the pivot's column; loops over a constant are taken apart."""
+    last = row(count)
+
+    @jit_lanes
+    def pair(factor, one, other, lanes):
+        for k in range(lanes):
+            a, b = one[last + k], other[last + k]
+            changed = abs(b) > abs(a)
+            pivot, rest = (b, a) if changed else (a, b)
+            part = rest / pivot if pivot != 0.0 else 0.0
+            one[last + k] = pivot
+            factor[FACTOR + k] = part
+            factor[CHANGED + k] = 1.0 if changed else 0.0
+            for j in range(count):
+                at = np.uint64(j) * LANES + k
+                a, b = one[at], other[at]
+                upper, lower = (b, a) if changed else (a, b)
+                one[at], other[at] = upper, lower - part * upper
+
+    return pair
+
+
+_PAIR_1, _PAIR_2, _PAIR_3, _PAIR_4, _PAIR_5 = (_pairing(count) for count in range(1, MOST_TOGETHER + 1))
+
+
+@jit_lanes
+def _together(kind, factor, one, other, lanes):
+    """Combine two rows in one pass."""
+    if kind == TOGETHER:
+        _PAIR_1(factor, one, other, lanes)
+    elif kind == TOGETHER + 1:
+        _PAIR_2(factor, one, other, lanes)
+    elif kind == TOGETHER + 2:
+        _PAIR_3(factor, one, other, lanes)
+    elif kind == TOGETHER + 3:
+        _PAIR_4(factor, one, other, lanes)
+    else:
+        _PAIR_5(factor, one, other, lanes)
+
+
+@jit_lanes
+def _undo(factor, one, other, lanes):
+    """Multipliers of two rows before they were combined."""
+    for k in range(lanes):
+        a, b = one[k] - factor[FACTOR + k] * other[k], other[k]
+        changed = factor[CHANGED + k] != 0.0
+        one[k], other[k] = (b, a) if changed else (a, b)
 
 
 @jit_lanes
@@ -209,18 +283,18 @@ def _above(entry, size, lanes, part):
 
 
 @jit_lanes
-def _solve(scratch, pivot, effort, lanes):
+def _solve(multiplier, pivot, effort, lanes):
     """One multiplier more; its coordinate has no effort left."""
     for k in range(lanes):
-        scratch[LAMBDA + k] = effort[k] / pivot[k]
+        multiplier[k] = effort[k] / pivot[k]
         effort[k] = 0.0
 
 
 @jit_lanes
-def _take(scratch, entry, effort, lanes):
+def _take(multiplier, entry, effort, lanes):
     """What that multiplier does for another coordinate."""
     for k in range(lanes):
-        effort[k] -= scratch[LAMBDA + k] * entry[k]
+        effort[k] -= multiplier[k] * entry[k]
 
 
 @jit_lanes
@@ -235,22 +309,27 @@ def _multiply(scratch, to, one, other, lanes, weight, first):
 def _project(scratch, lanes):
     """The part along a row: the ratio of two sums."""
     for k in range(lanes):
-        scratch[LAMBDA + k] /= scratch[FACTOR + k]
+        scratch[LAMBDA + k] /= scratch[SQUARE + k]
 
 
 @jit_lanes
-def _begin_step(kind, scratch, one, other, lanes):
+def _begin_step(kind, third, work, first, second, lanes):
     """What a step does before its pairs; return how often a rank is in doubt."""
-    if kind == PAIR:
-        _pair(scratch, one, other, lanes)
+    one, other = work[first : first + LANES], work[second : second + LANES]
+    if kind >= TOGETHER:
+        _together(kind, third[: _TWO * LANES], work[first : first + _MOST], work[second : second + _MOST], lanes)
+    elif kind == PAIR:
+        _pair(third[: _TWO * LANES], one, other, lanes)
     elif kind == SOLVE:
-        _solve(scratch, one, other, lanes)
+        _solve(third[:LANES], one, other, lanes)
+    elif kind == UNDO:
+        _undo(third[: _TWO * LANES], one, other, lanes)
     elif kind == SURE:
         return _below(one, other, lanes, LEAST_PIVOT * LEAST_PIVOT)
     elif kind == EMPTY:
         return _above(one, other, lanes, MOST_LEFT * MOST_LEFT)
     elif kind == PROJECT:
-        _project(scratch, lanes)
+        _project(third, lanes)
     return 0
 
 
@@ -260,32 +339,34 @@ def share(plan, fixed, work, lanes):
     scratch = work[plan[SCRATCH] : plan[SCRATCH] + _COLUMN]
     at, doubts = plan[STEPS], 0
     for _ in range(plan[STEPS + 1]):
-        kind, count, first, second = plan[at], plan[at + _ONE], plan[at + _TWO], plan[at + _THREE]
-        at += np.uint64(4)
-        doubts += _begin_step(kind, scratch, work[first : first + LANES], work[second : second + LANES], lanes)
+        kind, count, first, second, third = plan[at], plan[at + _ONE], plan[at + _TWO], plan[at + _THREE], plan[at + 4]
+        at += _FIVE
+        own = work[third : third + _COLUMN]
+        doubts += _begin_step(kind, own, work, first, second, lanes)
         for i in range(count):
             one, other = plan[at], plan[at + _ONE]
             at += _TWO
             one, other = work[one : one + LANES], work[other : other + LANES]
             if kind == PAIR:
-                _combine(scratch, one, other, lanes)
+                _combine(own[: _TWO * LANES], one, other, lanes)
             elif kind in (NORM, INNER):
-                _multiply(scratch, FACTOR if kind == NORM else LAMBDA, one, other, lanes, fixed[second + i], i == 0)
+                _multiply(scratch, SQUARE if kind == NORM else LAMBDA, one, other, lanes, fixed[second + i], i == 0)
             else:
-                _take(scratch, one, other, lanes)
+                _take(own[:LANES], one, other, lanes)
     return doubts
 
 
 @jit_lanes
 def unclear(plan, fixed, work, lanes):
     """Return whether the squares of a call are not clearly within the limits fixed[:3] [-] of the sums, of all threads."""
-    speed = size = a = b = c = 0.0
+    speed = size = rounding = a = b = c = 0.0
     for i in range(work.shape[0]):
         own = work[i, plan[LIMITS] :]
         for k in range(lanes):
             a, b, c = _more(a, own[k]), _more(b, own[LANES + k]), _more(c, own[_TWO * LANES + k])
         speed, size = max(speed, own[LARGEST]), max(size, own[LARGEST + _ONE])
-    return not (a <= fixed[0] ** 2 and b <= (fixed[1] * speed) ** 2 and c <= (fixed[2] * size) ** 2)
+        rounding = max(rounding, ROUNDED * own[LARGEST + _TWO])
+    return not (a <= fixed[0] ** 2 and b <= (fixed[1] * speed) ** 2 and c <= (fixed[2] * size + rounding) ** 2)
 
 
 @jit_lanes

@@ -11,11 +11,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from flexinv.loop_rows import EMPTY, INNER, NORM, PAIR, PROJECT, SOLVE, SURE
+from flexinv.lanes import BLOCK
+from flexinv.loop_rows import EMPTY, INNER, MOST_TOGETHER, NORM, PAIR, PROJECT, SOLVE, SURE, TAKE, TOGETHER, UNDO
 from flexinv.mechanism import Array
 
 # A pivot of the sample, whose joints stand anywhere, is above this part of the largest entry; without one there is no order.
 PIVOT = 1e-6
+# Passive coordinates from which on rows of drives stay as they are, where that is possible: what is undone costs a pass as well.
+MANY = 3
 
 
 @dataclass
@@ -23,21 +26,32 @@ class Elimination:
     """Rows as they are combined.
 
     rows : for each row, velocity coordinate -> where its entry stands in the work space [-]; numbers : (rows, nv) of a sample
-    sizes : for each coordinate, where the squares of its column stand; take : finds room for one entry more
-    words : of the steps so far; count : how many steps; fills : entries that are zero at first
+    sizes : for each coordinate, where the squares of its column stand; take : finds room for so many rows more
+    scratch : where a block works; words : of the steps so far; count : how many steps; fills : entries that are zero at first
+    combined : pairs of rows and where their factors are kept, if they are
     """
 
     rows: list[dict[int, int]]
     numbers: Array
     sizes: dict[int, list[int]]
-    take: Callable[[], int]
+    take: Callable[[int], int]
+    scratch: int
     words: list[int] = field(default_factory=list)
     count: int = 0
     fills: list[int] = field(default_factory=list)
+    combined: list[tuple[int, int, int]] | None = None
 
-    def step(self, kind: int, first: int = 0, second: int = 0, pairs: Sequence[tuple[int, int]] = ()) -> None:
+    def step(
+        self,
+        kind: int,
+        first: int = 0,
+        second: int = 0,
+        pairs: Sequence[tuple[int, int]] = (),
+        third: int | None = None,
+    ) -> None:
         """Write one step [-]."""
-        self.words += [kind, len(pairs), first, second, *(word for pair in pairs for word in pair)]
+        where = self.scratch if third is None else third
+        self.words += [kind, len(pairs), first, second, where, *(word for pair in pairs for word in pair)]
         self.count += 1
 
     def eliminate(self, column: int, among: list[int]) -> int | None:
@@ -56,15 +70,35 @@ class Elimination:
         one, two, n = self.rows[pivot], self.rows[other], self.numbers
         for missing, there in ((one, two), (two, one)):
             for c in there.keys() - missing.keys():
-                missing[c] = self.take()
+                missing[c] = self.take(1)
                 self.fills.append(missing[c])
+        kept = self.scratch
+        if self.combined is not None:
+            kept = self.take(2)
+            self.combined.append((pivot, other, kept))
         pairs = [(one[c], two[c]) for c in sorted(one) if c != column]
-        self.step(PAIR, one[column], two[column], pairs)
+        if _side_by_side(pairs, (one[column], two[column])):
+            self.step(TOGETHER + len(pairs) - 1, *pairs[0], third=kept)
+        else:
+            self.step(PAIR, one[column], two[column], pairs, kept)
         del two[column]
         if abs(n[other, column]) > abs(n[pivot, column]):
             n[[pivot, other]] = n[[other, pivot]]
         n[other] -= n[other, column] / n[pivot, column] * n[pivot]
         n[other, column] = 0.0
+
+    def undo(self, multiplier: dict[int, int]) -> None:
+        """Write the steps [-] from multipliers of combined rows to those of rows as they were."""
+        assert self.combined is not None
+        for pivot, other, kept in reversed(self.combined):
+            self.step(UNDO, multiplier[pivot], multiplier[other], third=kept)
+
+
+def _side_by_side(pairs: list[tuple[int, int]], last: tuple[int, int]) -> bool:
+    """Whether the entries of two rows stand side by side, those of the pivot's column last."""
+    if not 1 <= len(pairs) <= MOST_TOGETHER:
+        return False
+    return all(pair[k] == last[k] - (len(pairs) - i) * BLOCK for i, pair in enumerate(pairs) for k in (0, 1))
 
 
 def sharing(
@@ -74,16 +108,14 @@ def sharing(
 
     effort : (nv,) where efforts stand; beyond : how many rows drives have against each other; weights : where theirs stand
     """
-    left, order = [r for r, row in enumerate(e.rows) if row], list(passive)
-    solved: list[tuple[int, int]] = []
-    while order:
-        column = min(order, key=lambda c: _cost(e, left, c))
-        pivot = e.eliminate(column, left)
-        if pivot is None:
-            return False
-        order.remove(column)
-        left.remove(pivot)
-        solved.append((column, pivot))
+    left, whole = [r for r, row in enumerate(e.rows) if row], [dict(row) for row in e.rows]
+    apart = len(left) == len(passive) >= MANY and not beyond
+    if apart:
+        e.rows = [{c: at for c, at in row.items() if c in passive} for row in e.rows]
+        e.combined = []
+    solved = _triangle(e, left, passive)
+    if solved is None:
+        return False
     against: list[int] = []
     for _ in range(beyond):
         column = max(drives, key=lambda c: float(np.abs(e.numbers[left, c]).max(initial=0.0)))
@@ -96,11 +128,30 @@ def sharing(
         for c in e.rows[r]:
             for size in e.sizes[c]:
                 e.step(EMPTY, e.rows[r][c], size)
+    multiplier = {pivot: e.take(1) if apart else e.scratch for _, pivot in solved}
     for column, pivot in solved:
         others = [(at, effort[c]) for c, at in sorted(e.rows[pivot].items()) if c != column]
-        e.step(SOLVE, e.rows[pivot][column], effort[column], others)
+        e.step(SOLVE, e.rows[pivot][column], effort[column], others, multiplier[pivot])
+    if apart:
+        e.undo(multiplier)
+        for r, at in multiplier.items():
+            e.step(TAKE, pairs=[(whole[r][c], effort[c]) for c in sorted(whole[r]) if c in drives], third=at)
     _project(e, effort, against, drives, weights)
     return True
+
+
+def _triangle(e: Elimination, left: list[int], passive: list[int]) -> list[tuple[int, int]] | None:
+    """Combine rows until passive coordinates have one each, which leave ``left``; coordinates and rows in order."""
+    order, solved = sorted(passive, reverse=True), list[tuple[int, int]]()
+    while order:
+        column = min(order, key=lambda c: _cost(e, left, c))
+        pivot = e.eliminate(column, left)
+        if pivot is None:
+            return None
+        order.remove(column)
+        left.remove(pivot)
+        solved.append((column, pivot))
+    return solved
 
 
 def _cost(e: Elimination, left: list[int], column: int) -> tuple[int, int]:
@@ -114,7 +165,7 @@ def _project(e: Elimination, effort: Sequence[int], against: list[int], drives: 
     for i, r in enumerate(against):
         for c in drives:
             if c not in e.rows[r]:
-                e.rows[r][c] = e.take()
+                e.rows[r][c] = e.take(1)
                 e.fills.append(e.rows[r][c])
         own = [e.rows[r][c] for c in drives]
         e.step(NORM, 0, weights, [(at, at) for at in own])
@@ -122,7 +173,7 @@ def _project(e: Elimination, effort: Sequence[int], against: list[int], drives: 
         for s in against[i + 1 :]:
             for c in drives:
                 if c not in e.rows[s]:
-                    e.rows[s][c] = e.take()
+                    e.rows[s][c] = e.take(1)
                     e.fills.append(e.rows[s][c])
             targets.append([e.rows[s][c] for c in drives])
         for target in targets:

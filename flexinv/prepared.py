@@ -22,7 +22,8 @@ from flexinv.given import ACCELERATION, OPEN, RATE, GivenLoops
 from flexinv.helpers import HELPERS
 from flexinv.inverse import joint_wrenches, project
 from flexinv.lanes import BLOCK
-from flexinv.loop_plan import NO_LOOPS, PLACES, LoopPlan, anywhere, planned
+from flexinv.loop_plan import NO_LOOPS, PLACES, anywhere, ends, planned
+from flexinv.loop_tables import LoopPlan
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh, build
 from flexinv.nodal_result import NodalResult, nodal_result
@@ -197,21 +198,21 @@ def prepare(mechanism: Mechanism, passive: bool = True, threads: int | None = No
     if threads is not None and threads < 1:
         raise InputError(f"threads = {threads}: expected 1 or more, or None for one per processor")
     mesh = build(mechanism)
-    table = bodies(mesh, passive)
     compile_for_arrays()
     most = threads or processors()
     loops = GivenLoops.of(mesh, constraint_rows(mesh)) if mechanism.closures else None
-    plan = _loop_plan(mesh, table)
+    table, plan = _loop_plan(mesh, passive)
     return TorqueFunction(mechanism, passive, most, mesh, table, _Own(most, max(table.size, plan.size)), plan, loops)
 
 
-def _loop_plan(mesh: Mesh, b: Bodies) -> LoopPlan:
-    """How the kernel shares efforts out; without springs and forces, which come afterwards."""
-    m = mesh.mechanism
+def _loop_plan(mesh: Mesh, passive: bool) -> tuple[Bodies, LoopPlan]:
+    """The bodies, and how the kernel shares efforts out; without springs and forces, which come afterwards."""
+    m, plain = mesh.mechanism, bodies(mesh, passive)
     if not m.closures or m.springs or m.forces:
-        return NO_LOOPS
+        return plain, NO_LOOPS
+    rows = constraint_rows(mesh)
 
-    def run(plan: LoopPlan) -> Array:
+    def run(b: Bodies, plan: LoopPlan) -> Array:
         q, rest, work = anywhere(m, PLACES), np.zeros((3, PLACES * m.nv)), np.zeros((1, plan.size))
         strides, counter = _table(((m.nq, 1), *[(m.nv, 1)] * 3)), np.zeros(CALL_CELLS + 1, dtype=np.uint64)
         motion = q.ravel(), *rest[:3], strides, np.uint64(PLACES)
@@ -219,7 +220,8 @@ def _loop_plan(mesh: Mesh, b: Bodies) -> LoopPlan:
         own: Array = work[0]
         return own
 
-    return planned(mesh, b, constraint_rows(mesh), (OPEN, RATE, ACCELERATION), run) or NO_LOOPS
+    candidates = plain, bodies(mesh, passive, ends(mesh, rows))
+    return planned(mesh, candidates, rows, (OPEN, RATE, ACCELERATION), run) or (plain, NO_LOOPS)
 
 
 def _array(kind: types.Type, dimensions: int, readonly: bool = False) -> types.Array:

@@ -1,0 +1,197 @@
+"""Closed loops: their bodies as kernels read them (`loop_lanes`, `loop_plane`), and the tables while they are made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.bodies import Bodies, carriers
+from flexinv.kinds import FREE, PRISMATIC, SPHERICAL
+from flexinv.lanes import BLOCK
+from flexinv.loop_layout import (
+    AT,
+    BODY_CELLS,
+    BODY_ROWS,
+    COLUMN_CELLS,
+    DIRECTION,
+    FLOAT,
+    PLACED,
+    PLANE_ROWS,
+    ROOT_TURN,
+    SLIDE,
+    SUM_CELLS,
+    TILT,
+    TURN,
+)
+from flexinv.mechanism import Array
+from flexinv.mesh import Mesh
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Where axes, place and direction of a body stand; turned : R of its own axes as the recursion has them [-]."""
+
+    axes: int
+    place: int
+    direction: int
+    turned: Array
+
+
+@dataclass
+class Tables:
+    """The tables while they are made.
+
+    size : of the work space so far [-]; plane : the formulas of the plane; pairs : closure -> two columns that are taken from it
+    shared : (root, body) in several closures; pool : where rows are that one closure needs after the other; used, most : of them
+    """
+
+    mesh: Mesh
+    bodies: Bodies
+    size: int
+    plane: bool
+    pairs: dict[int, tuple[int, int]]
+    shared: frozenset[tuple[int, int]] = frozenset()
+    pool: int = 0
+    used: int = 0
+    most: int = 0
+    fixed: list[float] = field(default_factory=list)
+    frames: dict[tuple[int, int], Frame] = field(default_factory=dict)  # (root, body)
+    world: int = 0  # how the world accelerates, for closures that end there
+    keeps: list[int] = field(default_factory=list)
+    summed: list[int] = field(default_factory=list)
+    roots: list[int] = field(default_factory=list)
+    moved: list[int] = field(default_factory=list)
+    closures: list[int] = field(default_factory=list)
+    columns: list[int] = field(default_factory=list)
+    sums: list[int] = field(default_factory=list)
+    header: dict[int, int] = field(default_factory=dict)
+    matrix: dict[tuple[int, int], int] = field(default_factory=dict)
+    sizes: dict[int, list[int]] = field(default_factory=dict)
+
+    def rows(self, count: int, passing: bool = False) -> int:
+        """Room for so many rows; in space, of what is ``passing``, the next closure uses it again."""
+        if passing and not self.plane:
+            self.used += count * BLOCK
+            self.most = max(self.most, self.used)
+            return self.pool + self.used - count * BLOCK
+        self.size += count * BLOCK
+        return self.size - count * BLOCK
+
+    def numbers(self, *parts: Array | float) -> int:
+        """Where constants stand."""
+        at = len(self.fixed)
+        for part in parts:
+            self.fixed += np.ravel(part).tolist()
+        return at
+
+    def counts(self) -> tuple[int, int, int]:
+        """Bodies, columns and sums so far."""
+        lists = (self.moved, BODY_CELLS), (self.columns, COLUMN_CELLS), (self.sums, SUM_CELLS)
+        bodies, columns, sums = (len(own) // int(cells) for own, cells in lists)
+        return bodies, columns, sums
+
+    def constant_rows(self, count: int, *parts: Array) -> int:
+        """Rows that keep twelve numbers, made once for every call."""
+        at = self.rows(count)
+        self.roots += [at, self.numbers(*parts)]
+        return at
+
+
+def path(parents: NDArray[np.uint64], body: int) -> list[int]:
+    """A body and all before it, the world last."""
+    out = [body]
+    while out[-1]:
+        out.append(int(parents[out[-1]]))
+    return out
+
+
+def seated(mesh: Mesh, b: Bodies, node: int) -> tuple[int, Array, Array]:
+    """The body that carries a node (-1: the world), R_body,node and the node's place in the body's frame [m]."""
+    if node < 0:
+        return 0, np.eye(3), np.zeros(3)
+    carrier, turn, place = carriers(mesh)
+    if carrier[node] < 0:
+        return 0, turn[node], place[node]
+    body = int(np.flatnonzero(b.node == carrier[node])[0])
+    axes = b.axes[body].T
+    return body, axes @ turn[node], axes @ place[node]
+
+
+def _first_axis(b: Bodies, ways: tuple[list[int], ...]) -> Array:
+    """The axis, in the root, of the first joint of a loop that turns; slides before it turn nothing."""
+    axes = []
+    for way in ways:
+        turn = np.eye(3)
+        for body in way[::-1]:
+            turn = turn @ _seat(b, body)[0]
+            axes.append((int(b.tree[body, 0]) == PRISMATIC, turn[:, 2]))
+            if not axes[-1][0]:
+                break
+    axis: Array = min(axes, key=lambda one: one[0])[1]
+    return axis
+
+
+def root_of(t: Tables, root: int, ways: tuple[list[int], ...]) -> None:
+    """The frame of a root, its axes so that z is that of the first joint of the loop that turns."""
+    if (root, root) in t.frames:
+        return
+    z = _first_axis(t.bodies, ways)
+    x = np.eye(3)[int(np.argmin(np.abs(z)))]
+    x = x - (x @ z) * z
+    x /= np.linalg.norm(x)
+    basis = np.stack([x, np.cross(z, x), z])  # rows: the root's axes z and two at right angles
+    rows = t.constant_rows(PLANE_ROWS if t.plane else BODY_ROWS, np.eye(3), np.zeros(3))
+    t.frames[root, root] = Frame(rows, rows + int(AT), 0, basis)
+
+
+def _seat(b: Bodies, i: int) -> tuple[Array, Array]:
+    """R_parent,body at the coordinate's zero but for the turn about z, and p."""
+    n = b.numbers[i]
+    (c, s) = n[27:29]
+    return n[:9].reshape(3, 3) @ np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]), n[9:12]
+
+
+def frame(t: Tables, root: int, body: int) -> Frame:
+    """The frame of a body of a loop, made with those of its parents."""
+    if (root, body) not in t.frames:
+        above, kind = frame(t, root, int(t.bodies.tree[body, 1])), int(t.bodies.tree[body, 0])
+        r, p = (above.turned @ x for x in _seat(t.bodies, body))
+        make = _in_plane if t.plane else _in_space
+        own = t.rows(PLANE_ROWS if t.plane else BODY_ROWS, (root, body) not in t.shared)
+        first = above is t.frames[root, root]
+        t.frames[root, body] = make(t, above, own, first, kind, (r, p), int(t.bodies.tree[body, 2]))
+    return t.frames[root, body]
+
+
+def _in_plane(t: Tables, above: Frame, own: int, first: bool, kind: int, seat: tuple[Array, Array], rows: int) -> Frame:
+    """A body with its motion."""
+    how = SLIDE if kind == PRISMATIC else ROOT_TURN if first else TURN
+    t.moved += [how, own, above.axes, rows, t.numbers(seat[0].T, seat[1]), 0]
+    return Frame(own, own + int(AT), own + int(DIRECTION), seat[0] if kind == PRISMATIC else np.eye(3))
+
+
+def _in_space(t: Tables, above: Frame, own: int, first: bool, kind: int, seat: tuple[Array, Array], rows: int) -> Frame:
+    """A body's axes and place: one that slides has its parent's axes, one that turns where its parent begins the same place."""
+    (r, p), numbers = seat, t.numbers(seat[0].T, seat[1])
+    tilted = not (r[0, 1:].any() or r[1:, 0].any()) and r[0, 0] == 1.0
+    how = {PRISMATIC: SLIDE, SPHERICAL: FLOAT, FREE: FLOAT}.get(kind, ROOT_TURN if first else TILT if tilted else TURN)
+    t.moved += [how, own, above.axes, rows, numbers, above.place]
+    if how == SLIDE:
+        return Frame(above.axes, own + int(AT), own + int(DIRECTION), r)
+    if how in (ROOT_TURN, FLOAT):
+        return Frame(own, own + int(AT), 0, np.eye(3))
+    if not p.any():
+        return Frame(own, above.place, 0, np.eye(3))
+    t.moved += [PLACED, own + int(AT), above.axes, rows, numbers, above.place]
+    return Frame(own, own + int(AT), 0, np.eye(3))
+
+
+def state(t: Tables, body: int) -> int:
+    """Where it stands how a body accelerates; the world does so, less gravity, upwards."""
+    if body:
+        return int(t.bodies.tree[body, 3])
+    if not t.world:
+        t.world = t.constant_rows(12, np.zeros(6), -t.mesh.mechanism.gravity, np.zeros(3))
+    return t.world

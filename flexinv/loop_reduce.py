@@ -1,0 +1,219 @@
+"""Closed loops in space: columns of G, and closures whose force leaves a passive universal joint without effort.
+
+A closure that holds a point exerts a force f there.  The axes of a universal joint that is in no other closure and has no drive
+move the point by c1 and c2, and say what f is but for its part along n = c1 x c2, which does nothing for them:
+
+    f = (tau_1 c2 x n + tau_2 n x c1) / n^2 + lambda u        u = n / |n|
+
+as (c2 x n) . c1 = (n x c1) . c2 = n^2.  The first part is taken from the efforts tau of the other joints at once, c . f; what is
+left is one row of G, u . c, instead of three.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from flexinv.compiled import jit_lane, jit_lanes
+from flexinv.lanes import LANES, into, plus, plus_cross, put_vec, row, times, vec_of
+from flexinv.loop_lanes import axes_of, cross, dot, minus
+from flexinv.loop_layout import (
+    AT,
+    AXIS,
+    BODY_ROWS,
+    COLUMN_CELLS,
+    COUNT,
+    DIRECTIONS,
+    EFFORT,
+    ENTRIES,
+    ENTRY,
+    FIRST,
+    FLOATING,
+    FORCE,
+    GAP_RATE,
+    GEARED,
+    JOINT,
+    OWN,
+    POINT,
+    POSITIONS,
+    QD,
+    REDUCED,
+    SIGNS,
+    SIZE,
+    SIZE_TOO,
+    STRIDE,
+    TO,
+    TURNING,
+    UNIT,
+    VECTOR,
+    VECTORS,
+    WHOLE,
+)
+from flexinv.loop_rows import LEAST_PIVOT, geared
+from flexinv.recursion import EFFORTS, EFFORTS_TURNING, FREE_ROWS, RATES, RATES_TURNING
+
+_BODY, _COLUMN, _CLOSURE, _VEC = row(BODY_ROWS), row(4), VECTORS, np.uint64(0)
+_ZERO, _TWO, _THREE = np.uint64(0), np.uint64(2), np.uint64(3)
+_FREE, _SIZES = row(FREE_ROWS), row(6)
+
+
+@jit_lanes
+def _motion(to, axis, at, own, rates, lanes, signs, turns, more):
+    """What a unit rate of a joint moves the point of B by over the mechanism's length, its square and that of turns; d'."""
+    sign, length = signs[0], signs[2]
+    if turns:
+        for k in range(lanes):
+            c = times(sign, cross(vec_of(axis, _VEC, k), minus(vec_of(own, POINT, k), vec_of(at, _VEC, k))))
+            put_vec(to, ENTRIES, k, c)
+            to[k] = dot(c, c) + more
+            put_vec(own, GAP_RATE, k, plus(vec_of(own, GAP_RATE, k), times(length * rates[k], c)))
+    else:
+        for k in range(lanes):
+            c = times(sign, vec_of(axis, _VEC, k))
+            put_vec(to, ENTRIES, k, c)
+            to[k] = dot(c, c)
+            put_vec(own, GAP_RATE, k, plus(vec_of(own, GAP_RATE, k), times(length * rates[k], c)))
+
+
+@jit_lanes
+def _along(to, e, moved, lanes, sign):
+    """Entry sign e . moved of one row."""
+    for k in range(lanes):
+        to[k] = sign * dot(vec_of(e, _VEC, k), vec_of(moved, _VEC, k))
+
+
+@jit_lanes
+def _spread(to, moved, lanes):
+    """Copy a row."""
+    for k in range(lanes):
+        to[k] = moved[k]
+
+
+@jit_lanes
+def _column(work, closure, column, lanes, signs):
+    """Set the entries of one column, row by row: along the root's axes, or along u of fewer positions; about e."""
+    axis, place, own, to, entry = column[AXIS], column[JOINT], closure[OWN], column[TO], column[ENTRY]
+    positions, directions, turns = closure[POSITIONS], closure[DIRECTIONS], column[0] == TURNING
+    e, z, moved = work[own + VECTORS :], work[axis : axis + VECTOR], work[to : to + _COLUMN]
+    rates, more = work[column[QD] : column[QD] + LANES], 1.0 if directions > _ZERO else 0.0
+    _motion(moved, z, work[place : place + VECTOR], work[own : own + _CLOSURE], rates, lanes, signs, turns, more)
+    for j in range(_THREE if closure[0] == WHOLE else _ZERO):
+        _spread(work[entry : entry + LANES], moved[ENTRIES + j * LANES :], lanes)
+        entry += closure[STRIDE]
+    for j in range(positions):
+        _along(work[entry : entry + LANES], e[j * VECTOR :], moved[ENTRIES:], lanes, 1.0)
+        entry += closure[STRIDE]
+    for j in range(positions, positions + directions):
+        _along(work[entry : entry + LANES], e[j * VECTOR :], z, lanes, signs[1] if turns else 0.0)
+        entry += closure[STRIDE]
+
+
+@jit_lanes
+def _force(own, axis, other, at, rates, rates_too, tau, tau_too, lanes, signs):
+    """u and f of the two axes of a universal joint, and d'; return how often the arm is nearly in the plane of the axes."""
+    doubts, sign, length = 0, signs[0], signs[2]
+    for k in range(lanes):
+        r = times(sign, minus(vec_of(own, POINT, k), vec_of(at, _VEC, k)))
+        c1, c2 = cross(vec_of(axis, _VEC, k), r), cross(vec_of(other, _VEC, k), r)
+        n = cross(c1, c2)
+        square, arm = dot(n, n), dot(r, r)
+        doubts += 0 if square >= LEAST_PIVOT * LEAST_PIVOT * (arm * arm) else 1
+        inverse = 1.0 / square
+        f = plus(times(tau[k], cross(c2, n)), times(tau_too[k], cross(n, c1)))
+        put_vec(own, UNIT, k, times(math.sqrt(inverse), n))
+        put_vec(own, FORCE, k, times(inverse, f))
+        put_vec(own, GAP_RATE, k, times(length, plus(times(rates[k], c1), times(rates_too[k], c2))))
+        own[SIZE + k], own[SIZE_TOO + k] = dot(c1, c1), dot(c2, c2)
+    return doubts
+
+
+@jit_lanes
+def _nothing(effort, lanes):
+    """Nothing is left of an effort."""
+    for k in range(lanes):
+        effort[k] = 0.0
+
+
+@jit_lanes
+def _reduce(work, closure, one, other, lanes, signs):
+    """Take two columns from a closure; return how often that is in doubt."""
+    first, second, place, own = one[AXIS], other[AXIS], one[JOINT], closure[OWN]
+    axes = work[first : first + VECTOR], work[second : second + VECTOR]
+    at, own = work[place : place + VECTOR], work[own : own + VECTORS]
+    first, second = one[QD], other[QD]
+    rates = work[first : first + LANES], work[second : second + LANES]
+    first, second = one[EFFORT], other[EFFORT]
+    efforts = work[first : first + LANES], work[second : second + LANES]
+    doubts = _force(own, axes[0], axes[1], at, rates[0], rates[1], efforts[0], efforts[1], lanes, signs)
+    _nothing(efforts[0], lanes)
+    _nothing(efforts[1], lanes)
+    return doubts
+
+
+@jit_lanes
+def _part(entry, effort, moved, own, lanes):
+    """g = u . c of one column, and what the force does for its joint."""
+    for k in range(lanes):
+        c = vec_of(moved, ENTRIES, k)
+        entry[k] = dot(vec_of(own, UNIT, k), c)
+        effort[k] -= dot(vec_of(own, FORCE, k), c)
+
+
+@jit_lanes
+def _reduced(work, closure, column, lanes, signs):
+    """Set the entry of a column in the row that is left."""
+    axis, place, to, entry, effort = column[AXIS], column[JOINT], column[TO], column[ENTRY], column[EFFORT]
+    own, moved = work[closure[OWN] : closure[OWN] + _CLOSURE], work[to : to + _COLUMN]
+    rates, turns = work[column[QD] : column[QD] + LANES], column[0] == TURNING
+    _motion(moved, work[axis : axis + VECTOR], work[place : place + VECTOR], own, rates, lanes, signs, turns, 0.0)
+    _part(work[entry : entry + LANES], work[effort : effort + LANES], moved, own, lanes)
+
+
+@jit_lane
+def _along_axes(axes, v):
+    """The components of a vector of the root in the axes of a body."""
+    return dot(axes[0], v), dot(axes[1], v), dot(axes[2], v)
+
+
+@jit_lanes
+def _floating(entries, body, own, rows, lanes, signs):
+    """The six columns of a free body: u and the force, with their moments about its origin, in its own axes."""
+    scale, sign = signs[0], signs[1]
+    for k in range(lanes):
+        axes = axes_of(body, k)
+        arm, u, f = minus(vec_of(own, POINT, k), vec_of(body, AT, k)), vec_of(own, UNIT, k), vec_of(own, FORCE, k)
+        r = _along_axes(axes, arm)
+        along, pull = times(scale, _along_axes(axes, u)), times(scale, _along_axes(axes, f))
+        put_vec(entries, _VEC, k, along)
+        put_vec(entries, VECTOR, k, cross(r, along))
+        put_vec(rows, EFFORTS, k, minus(vec_of(rows, EFFORTS, k), pull))
+        put_vec(rows, EFFORTS_TURNING, k, minus(vec_of(rows, EFFORTS_TURNING, k), cross(r, pull)))
+        xx, yy, zz, square = r[0] * r[0], r[1] * r[1], r[2] * r[2], scale * scale
+        put_vec(entries, _SIZES, k, (square, square, square))
+        put_vec(entries, _SIZES + VECTOR, k, times(square, (yy + zz, xx + zz, xx + yy)))
+        moved = into(axes, plus_cross(vec_of(rows, RATES, k), vec_of(rows, RATES_TURNING, k), r))
+        put_vec(own, GAP_RATE, k, plus(vec_of(own, GAP_RATE, k), times(sign, moved)))
+
+
+@jit_lanes
+def columns(plan, fixed, work, closure, lanes):
+    """Set the columns of one closure, positions over the mechanism's length [1/rad], [1/m], directions [-]; return doubts."""
+    doubts, reduced = 0, closure[REDUCED] > _ZERO
+    for j in range(closure[COUNT]):
+        at = closure[FIRST] + j * COLUMN_CELLS
+        column = plan[at : at + COLUMN_CELLS]
+        signs = fixed[column[SIGNS] : column[SIGNS] + _THREE]
+        if column[0] == GEARED:
+            geared(work[column[TO] : column[TO] + _COLUMN], lanes, signs[0])
+        elif not reduced:
+            _column(work, closure, column, lanes, signs)
+        elif j < _TWO:
+            doubts += _reduce(work, closure, column, plan[at + COLUMN_CELLS :], lanes, signs) if j == _ZERO else 0
+        elif column[0] == FLOATING:
+            entry, rows, axes, own = column[ENTRY], column[JOINT], column[AXIS], closure[OWN]
+            entries, body = work[entry : entry + np.uint64(2) * _SIZES], work[axes : axes + _BODY]
+            _floating(entries, body, work[own : own + _CLOSURE], work[rows : rows + _FREE], lanes, signs)
+        else:
+            _reduced(work, closure, column, lanes, signs)
+    return doubts

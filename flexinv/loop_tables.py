@@ -1,0 +1,295 @@
+"""Closed loops as the tables that kernels read: their bodies, closures and columns (`loop_space`, `loop_plane`, `loop_rows`)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.bodies import Bodies
+from flexinv.closures import Rows
+from flexinv.kinds import FREE, PRISMATIC, SPHERICAL
+from flexinv.lanes import BLOCK
+from flexinv.loop_frames import Tables, frame, path, root_of, seated, state
+from flexinv.loop_layout import (
+    AT,
+    AXES,
+    AXIS_Y,
+    AXIS_Z,
+    BODIES,
+    BODY_CELLS,
+    CLOSURE_CELLS,
+    CLOSURE_ROWS,
+    CLOSURES,
+    COLUMN_CELLS,
+    COLUMNS,
+    COUPLED,
+    ENTRIES,
+    FIRST,
+    FIRST_BODY,
+    FIRST_SUM,
+    FLOATING,
+    GEARED,
+    HEADER,
+    KEEPS,
+    KEPT,
+    LIMIT_ROWS,
+    LIMITS,
+    PARTIAL,
+    PLANE,
+    ROOTS,
+    SCRATCH,
+    SCRATCH_ROWS,
+    SIZE,
+    SIZE_TOO,
+    SLIDING,
+    SUM_CELLS,
+    SUMMED,
+    SUMS,
+    TURNING,
+    WHOLE,
+)
+from flexinv.mechanism import Array
+from flexinv.mesh import Mesh
+
+# The limits of `given` over those of a closure's squares; rows of a closure that is open by as much as is allowed differ by less.
+# Axes of the root for those of the closure's own make a factor of sqrt(3) in the sums, |c| |qd| for those of three rows one of 3.
+CLEARLY, IN_PLANE, IN_SPACE = 0.5, np.sqrt(3.0), 3.0
+_AXES = (int(AXES), int(AXIS_Y), int(AXIS_Z))
+
+
+@dataclass(frozen=True, eq=False)
+class LoopPlan:
+    """What kernels read: ``plan`` of whole numbers and ``fixed`` of others [any unit]; ``size`` of the whole work space [-].
+
+    matrix : (rows, nv) where the entries of G stand, 0 where there are none; sizes : velocity coordinate -> of its columns
+    """
+
+    plan: NDArray[np.uint64]
+    fixed: Array
+    size: int
+    matrix: NDArray[np.int64]
+    sizes: dict[int, list[int]]
+
+
+@dataclass(frozen=True)
+class _Column:
+    """How a joint, named by its body, moves the point: axis, place, coordinate; whether it is on B's way; where qdd is kept."""
+
+    how: int
+    axis: int
+    place: int
+    v: int
+    joint: int
+    forward: bool
+    kept: int = 0
+
+
+def tables(
+    mesh: Mesh,
+    b: Bodies,
+    rows: Rows,
+    limits: tuple[float, float, float],
+    kept: NDArray[np.bool_],
+    plane: bool = False,
+    pairs: dict[int, tuple[int, int]] | None = None,
+) -> LoopPlan:
+    """Return the tables [any unit] without steps: with the rows ``kept`` (rows,) only, positions always.
+
+    limits : (3,) of `given` [-], on phi, phi', phi''; plane : by the formulas of the plane
+    pairs : closure -> velocity coordinates of two passive joints that no other closure moves, see `loop_reduce`
+    """
+    t = Tables(mesh, b, b.size, plane, pairs or {}, _shared(mesh, b, rows))
+    _fill(t, rows, limits, kept)
+    if t.most:  # once more, now that it is known how much the closures need that is passing
+        t = Tables(mesh, b, b.size + t.most, plane, t.pairs, t.shared, b.size)
+        _fill(t, rows, limits, kept)
+    matrix = np.zeros((len(rows), mesh.mechanism.nv), dtype=np.int64)
+    for (row, column), at in t.matrix.items():
+        matrix[row, column] = at
+    return LoopPlan(_packed(t), np.array(t.fixed), t.size, matrix, t.sizes)
+
+
+def _fill(t: Tables, rows: Rows, limits: tuple[float, float, float], kept: NDArray[np.bool_]) -> None:
+    """Write all closures."""
+    axes = IN_PLANE if t.plane else IN_SPACE
+    t.numbers(CLEARLY * limits[0], *(CLEARLY / axes * limit for limit in limits[1:]), t.mesh.length)
+    t.header = {LIMITS: t.rows(LIMIT_ROWS), SCRATCH: t.rows(SCRATCH_ROWS), PLANE: int(t.plane)}
+    for closure in np.unique(rows.closure):
+        own = np.flatnonzero(rows.closure == closure)
+        t.used = 0
+        if rows.gear[own].any():
+            _coupling(t, rows, int(own[0]))
+        else:
+            _closure(t, rows, own[kept[own] | ~rows.direction[own]])
+
+
+def _shared(mesh: Mesh, b: Bodies, rows: Rows) -> frozenset[tuple[int, int]]:
+    """The bodies, (root, body), that are in several closures."""
+    several = Counter[tuple[int, int]]()
+    for closure in np.unique(rows.closure[~rows.gear.any(axis=1)]):
+        k = int(np.argmax(rows.closure == closure))
+        root, *ways = _ways(b, seated(mesh, b, int(rows.a[k]))[0], seated(mesh, b, int(rows.b[k]))[0])
+        several.update({(root, body) for way in ways for body in way})
+    return frozenset(key for key, count in several.items() if count > 1)
+
+
+def _ways(b: Bodies, one: int, other: int) -> tuple[int, list[int], list[int]]:
+    """The root of a loop, and its bodies from both ends to there."""
+    way_a, way_b = path(b.tree[:, 1], one), path(b.tree[:, 1], other)
+    root = next(i for i in way_a if i in way_b)
+    return root, way_a[: way_a.index(root)], way_b[: way_b.index(root)]
+
+
+def _packed(t: Tables) -> NDArray[np.uint64]:
+    """A header and the tables behind it: where each begins, and how many records it has."""
+    lists = (
+        (KEEPS, t.keeps, 2),
+        (SUMMED, t.summed, 2),
+        (ROOTS, t.roots, 2),
+        (BODIES, t.moved, int(BODY_CELLS)),
+        (CLOSURES, t.closures, int(CLOSURE_CELLS)),
+        (COLUMNS, t.columns, int(COLUMN_CELLS)),
+        (SUMS, t.sums, int(SUM_CELLS)),
+    )
+    header, words = np.zeros(HEADER, dtype=np.uint64), list[int]()
+    for at, value in t.header.items():
+        header[at] = value
+    for at, own, cells in lists:
+        header[at], header[at + 1] = HEADER + len(words), len(own) // cells
+        words += own
+    plan = np.concatenate([header, np.array(words, dtype=np.uint64)])
+    closures = plan[header[CLOSURES] :][: len(t.closures)].reshape(-1, int(CLOSURE_CELLS))
+    for cell, table, size in (
+        (FIRST, COLUMNS, COLUMN_CELLS),
+        (FIRST_SUM, SUMS, SUM_CELLS),
+        (FIRST_BODY, BODIES, BODY_CELLS),
+    ):
+        closures[:, int(cell)] = header[table] + size * closures[:, int(cell)]  # their number, now where they stand
+    return plan
+
+
+def _closure(t: Tables, rows: Rows, own: NDArray[np.int64]) -> None:
+    """A closure of two ends: the bodies between them, its record, its columns."""
+    k = own[0]
+    (a, ra, xa), (b, rb, xb) = (seated(t.mesh, t.bodies, int(end[k])) for end in (rows.a, rows.b))
+    root, way_a, way_b = _ways(t.bodies, a, b)
+    if not (way_a or way_b):
+        return  # both ends on one body: nothing moves
+    before = t.counts()
+    root_of(t, root, (way_b, way_a))
+    one, other = frame(t, root, a), frame(t, root, b)
+    positions, directions = ([int(r) for r in own if rows.direction[r] == which] for which in (False, True))
+    whole = len(positions) == 3
+    vectors = [] if whole else [one.turned @ ra @ rows.u[r] for r in positions]
+    for r in directions:
+        vectors += [one.turned @ ra @ rows.u[r], other.turned @ rb @ rows.w[r]]
+    scale = 1.0 / t.mesh.length**2 if whole else 1.0 / t.mesh.length
+    arms = xa + ra @ rows.place_a[k], xb + rb @ rows.place_b[k]
+    turned = one.turned.T, other.turned.T
+    fixed = t.numbers(one.turned @ arms[0], other.turned @ arms[1], scale, *arms, *turned, *vectors)
+    first = t.rows(CLOSURE_ROWS + 3 * (len(directions) + (0 if whole else len(positions))), True)
+    columns = [c for way in (way_a, way_b) for body in way for c in _columns_of(t, root, body, way is way_b)]
+    pair = t.pairs.get(int(rows.closure[k]))
+    stride = (_rows_in_plane if t.plane else _rows_in_space)(
+        t, columns, first, pair, whole, rows=[*positions, *directions]
+    )
+    counts = (0 if whole else len(positions), len(directions))
+    bodies, number, sums = (now - then for now, then in zip(t.counts(), before, strict=True))
+    ends = (0, 0, 0, 0) if t.plane else (one.place, other.place, state(t, a), state(t, b))
+    t.closures += [WHOLE if whole else PARTIAL, first, one.axes, other.axes, fixed, *counts, before[1], number, *ends]
+    t.closures += [int(pair is not None), before[2], sums, stride, before[0], bodies]
+
+
+def _columns_of(t: Tables, root: int, body: int, forward: bool) -> list[_Column]:
+    """The columns of one joint; those of a slide, of a turn about z, or of all axes."""
+    kind, frame = int(t.bodies.tree[body, 0]), t.frames[root, body]
+    slides, turns = [(SLIDING, frame.axes + at) for at in _AXES], [(TURNING, frame.axes + at) for at in _AXES]
+    single = {PRISMATIC: [(SLIDING, frame.direction)], SPHERICAL: turns, FREE: slides + turns}.get(kind, turns[2:])
+    v = int(t.mesh.v_index[t.bodies.node[body]])
+    return [_Column(how, axis, frame.place, v + j, body, forward) for j, (how, axis) in enumerate(single)]
+
+
+def _write(t: Tables, c: _Column, to: int, entry: int) -> None:
+    """Write a column's record."""
+    m, sign = t.mesh.mechanism, 1.0 if c.forward else -1.0
+    rate, effort = (int(t.bodies.columns[i + c.v]) for i in (m.nq, m.nq + m.nv))
+    signs = t.numbers(sign / t.mesh.length, sign, t.mesh.length)
+    t.columns += [c.how, c.axis, c.place, to, rate, c.kept, signs, effort, entry]
+
+
+def _rows_in_plane(t: Tables, columns: list[_Column], *_: object, rows: list[int]) -> int:
+    """Columns with their entries behind them."""
+    for c in columns:
+        to = t.rows(4)
+        entry = to + int(ENTRIES)
+        _write(t, replace(c, kept=_kept(t, c.v, c.place - int(AT) + int(KEPT))), to, entry)
+        _enter(t, c.v, to, [(row, entry + i * BLOCK) for i, row in enumerate(rows[:3])])
+    return BLOCK
+
+
+def _rows_in_space(
+    t: Tables, columns: list[_Column], own: int, pair: tuple[int, int] | None, whole: bool, rows: list[int]
+) -> int:
+    """Columns of a closure, less those that are taken, in the rows that are left; return how far rows are apart.
+
+    Those of drives come first: then the entries of passive ones are eliminated from the last on.
+    """
+    m, sums = t.mesh.mechanism, whole
+    columns = [replace(c, kept=_kept(t, c.v, t.rows(1))) for c in columns]
+    for v, at in zip(pair or (), (SIZE, SIZE_TOO), strict=False):
+        _write(t, next(c for c in columns if c.v == v), 0, 0)
+        _sum(t, next(c for c in columns if c.v == v), own + int(at), sums)
+    rows = rows[:1] if pair else rows
+    others = sorted((c for c in columns if c.v not in (pair or ())), key=lambda c: (not m.actuated[c.v], c.v))
+    free = {c.joint for c in others if pair and [d.joint for d in others].count(c.joint) == 6}
+    single = [c for c in others if c.joint not in free]
+    base, stride = t.rows(len(rows) * len(single)), len(single) * BLOCK
+    for i, c in enumerate(single):
+        to, entry = t.rows(4), base + i * BLOCK
+        _write(t, c, to, entry)
+        _sum(t, c, to, sums)
+        _enter(t, c.v, to, [(row, entry + j * stride) for j, row in enumerate(rows)])
+    for joint in sorted(free):
+        six, entry = sorted((c for c in others if c.joint == joint), key=lambda c: c.v), t.rows(12)
+        _write(t, replace(six[0], how=FLOATING, place=int(t.bodies.tree[joint, 2])), entry, entry)
+        for j, c in enumerate(six):
+            _sum(t, c, entry + (6 + j) * BLOCK, sums)
+            _enter(t, c.v, entry + (6 + j) * BLOCK, [(rows[0], entry + j * BLOCK)])
+    return stride
+
+
+def _sum(t: Tables, c: _Column, size: int, whole: bool) -> None:
+    """Write what the sums of three positions, and of directions beside them, take of a column."""
+    if whole:
+        t.sums += [size, int(t.bodies.columns[t.mesh.mechanism.nq + c.v]), c.kept, c.axis, int(c.how == TURNING)]
+
+
+def _kept(t: Tables, v: int, to: int) -> int:
+    """Where a coordinate's acceleration is kept: in the plane for the kernels, in space for the sums."""
+    m = t.mesh.mechanism
+    (t.keeps if t.plane else t.summed).extend((int(t.bodies.columns[m.nq + m.nv + v]), to))
+    return to
+
+
+def _enter(t: Tables, v: int, size: int, entries: list[tuple[int, int]]) -> None:
+    t.sizes.setdefault(v, []).append(size)
+    for row, at in entries:
+        t.matrix[row, v] = at
+
+
+def _coupling(t: Tables, rows: Rows, row: int) -> None:
+    """A coupling: its record, a column for each coordinate."""
+    m, before, first = t.mesh.mechanism, t.counts(), t.rows(CLOSURE_ROWS, True)
+    coupled = np.flatnonzero(rows.gear[row])
+    for v in coupled:
+        place, rate, second = (int(t.bodies.columns[i]) for i in (rows.place[v], m.nq + v, m.nq + m.nv + v))
+        to, kept = t.rows(2), t.rows(1)
+        t.keeps += [second, kept]
+        signs, entry = t.numbers(rows.gear[row, v], 0.0, 0.0), to + int(ENTRIES)
+        t.columns += [GEARED, place, 0, to, rate, kept, signs, second, entry]
+        _enter(t, int(v), to, [(row, entry)])
+    t.closures += [COUPLED, first, 0, 0, t.numbers(rows.offset[row]), 1, 0, before[1], len(coupled), *[0] * 5]
+    t.closures += [before[2], 0, 0, before[0], 0]

@@ -1,0 +1,70 @@
+"""Closed loops in space, in lanes: limits of a motion, and universal joints taken from their closures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from loop_examples import Example, platform, spatial
+from numpy.typing import NDArray
+from test_loop_lanes import MODELS, ROUNDING, doubts, largest, reference, solved
+
+import flexinv
+from flexinv import loop_plan
+from flexinv.files.case import load_cases
+from flexinv.loop_layout import CLOSURE_CELLS, CLOSURES, REDUCED
+from flexinv.prepared import TorqueFunction, prepare
+
+
+@pytest.mark.parametrize("name", ["bricard", "stewart_platform"])
+def test_limits_in_space(name: str) -> None:
+    """A motion at rest, whose accelerations are gravity's alone, is closed; one that opens in any coordinate is named."""
+    mechanism = flexinv.load_mechanism(MODELS / name)
+    _, state = solved((mechanism, next(iter(load_cases(MODELS / name, mechanism).values()))), 150)
+    f = prepare(mechanism, threads=1)
+    still = (state[0], 0 * state[1], 0 * state[2])
+    assert np.abs(f.torques(*still) - reference(f, still)).max() < ROUNDING * largest(f, still)
+    assert not f._own.counter[3]
+    for k, label in enumerate(("q", "qd", "qdd")):
+        for column in range(state[k].shape[1]):
+            wrong = [a.copy() for a in state]
+            wrong[k][100, column] += 0.02 * np.abs(wrong[k]).max()
+            with pytest.raises(flexinv.InputError, match=f"the given {label} does not keep closure .* sample 100"):
+                f.torques(*wrong)
+
+
+@pytest.mark.parametrize("example", [platform, spatial])
+def test_universal_joints_taken_from_a_closure(example: Callable[[], Example], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same efforts with the force that leaves them without effort, and with all rows combined."""
+    mechanism, state = solved(example(), 200)
+    f = prepare(mechanism, threads=1)
+    monkeypatch.setattr(loop_plan, "_pairs", lambda *_: {})
+    g = prepare.__wrapped__(mechanism, threads=1)
+    reduced = [closures(h)[:, int(REDUCED)].astype(int) for h in (f, g)]
+    assert (reduced[0] == 1).all()
+    assert not reduced[1].any()
+    assert np.abs(f.torques(*state) - g.torques(*state)).max() < ROUNDING * largest(f, state)
+
+
+def closures(f: TorqueFunction) -> NDArray[np.uint64]:
+    """The records of the closures."""
+    plan = f.plan.plan
+    first, count = int(plan[CLOSURES]), int(plan[CLOSURES + 1])
+    return plan[first : first + count * int(CLOSURE_CELLS)].reshape(count, -1)
+
+
+def test_a_universal_joint_in_line_is_left_to_singular_values() -> None:
+    """Where the arm to the ball lies along one of its axes, that axis does not move it: the block is in doubt."""
+    mechanism, (q, qd, _) = solved(spatial(), 200)
+    (closure,) = mechanism.closures
+    ends = {"first": closure.second, "second": closure.first}  # the point is the coupler's
+    f = prepare(replace(mechanism, closures=(replace(closure, **ends),)), threads=1)
+    column = mechanism.q_slices["B"].start + 1
+    assert mechanism.joint_of["B"].kind == "universal"
+    q = q.copy()
+    q[130, column] = np.pi / 2  # the second axis carries the coupler, 0.55 m along x, into the first one, z
+    with pytest.raises(flexinv.InputError, match="the given q does not keep closure"):
+        f.torques(q, 0 * qd, 0 * qd)
+    assert doubts(f, 200) == [1]
