@@ -6,18 +6,26 @@ a cell is seen by every thread that then finds the new value by `look` or `swap`
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from llvmlite import binding, ir
-from numba import types
+from numba import config, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
-_instruction: Any = intrinsic  # its own type hides that the arguments are those of the call
+# Whether kernels are compiled at all: with NUMBA_DISABLE_JIT=1 they are the Python that they are written in, to look into.
+COMPILED = not config.DISABLE_JIT  # type: ignore[attr-defined]
+_intrinsic: Any = intrinsic  # its own type hides that the arguments are those of the call
 _LINE = 8  # bytes of a cell, on whose multiples it lies
 # A thread that only looks tells the processor so, which then leaves more to the others.
 _PAUSE = "llvm.x86.sse2.pause" if binding.get_process_triple().startswith(("x86_64", "i386", "i686")) else ""
+
+
+def _instruction(alone: Callable[..., Any] | None = None) -> Callable[[Any], Any]:
+    """An instruction; ``alone`` does it for a single thread, where nothing is compiled."""
+    return lambda typed: _intrinsic(typed) if COMPILED or alone is None else alone
 
 
 def _place(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -26,7 +34,12 @@ def _place(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     return builder.gep(array.data, [arguments[1]])
 
 
-@_instruction
+def _take_alone(cells: Any) -> Any:
+    cells[0] += cells.dtype.type(1)
+    return cells[0] - cells.dtype.type(1)
+
+
+@_instruction(_take_alone)
 def take(typing_context: Any, cells: Any) -> Any:
     """Return cells[0] and raise it by one, undivided by other threads."""
 
@@ -38,7 +51,7 @@ def take(typing_context: Any, cells: Any) -> Any:
     return types.uint64(cells), generate
 
 
-@_instruction
+@_instruction()
 def look(typing_context: Any, cells: Any, at: Any) -> Any:
     """Return cells[at], as other threads have it now."""
 
@@ -48,7 +61,7 @@ def look(typing_context: Any, cells: Any, at: Any) -> Any:
     return types.uint64(cells, at), generate
 
 
-@_instruction
+@_instruction()
 def put(typing_context: Any, cells: Any, at: Any, value: Any) -> Any:
     """Set cells[at], after everything that this thread wrote before."""
 
@@ -60,7 +73,7 @@ def put(typing_context: Any, cells: Any, at: Any, value: Any) -> Any:
     return types.none(cells, at, value), generate
 
 
-@_instruction
+@_instruction()
 def swap(typing_context: Any, cells: Any, at: Any, old: Any, new: Any) -> Any:
     """Set cells[at] to ``new`` if it is ``old``, undivided by other threads; return whether it was."""
 
@@ -73,7 +86,7 @@ def swap(typing_context: Any, cells: Any, at: Any, old: Any, new: Any) -> Any:
     return types.boolean(cells, at, old, new), generate
 
 
-@_instruction
+@_instruction()
 def pause(typing_context: Any) -> Any:
     """Do nothing for some nanoseconds."""
 
@@ -86,7 +99,7 @@ def pause(typing_context: Any) -> Any:
     return types.none(), generate
 
 
-@_instruction
+@_instruction(lambda x, at: None)
 def fetch(typing_context: Any, x: Any, at: Any) -> Any:
     """Tell the processor that x[at] will be read soon; what is behind the end of x does no harm."""
 
@@ -100,7 +113,7 @@ def fetch(typing_context: Any, x: Any, at: Any) -> Any:
     return types.none(x, at), generate
 
 
-@_instruction
+@_instruction(lambda x: x.ctypes.data)
 def address(typing_context: Any, x: Any) -> Any:
     """Return where an array begins in memory."""
 
@@ -124,25 +137,25 @@ def _array(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     return array._getvalue()
 
 
-@_instruction
+@_instruction()
 def reals(typing_context: Any, where: Any, size: Any) -> Any:
     """Return the array (size,) of numbers at an address."""
     return types.Array(types.float64, 1, "C")(where, size), _array
 
 
-@_instruction
+@_instruction()
 def wholes(typing_context: Any, where: Any, size: Any) -> Any:
     """Return the array (size,) of whole numbers at an address."""
     return types.Array(types.uint64, 1, "C")(where, size), _array
 
 
-@_instruction
+@_instruction()
 def reals_table(typing_context: Any, where: Any, rows: Any, columns: Any) -> Any:
     """Return the array (rows, columns) of numbers at an address."""
     return types.Array(types.float64, 2, "C")(where, rows, columns), _array
 
 
-@_instruction
+@_instruction()
 def wholes_table(typing_context: Any, where: Any, rows: Any, columns: Any) -> Any:
     """Return the array (rows, columns) of whole numbers at an address."""
     return types.Array(types.uint64, 2, "C")(where, rows, columns), _array

@@ -22,8 +22,9 @@ from flexinv.recursion import NUMBERS, TREE, inboard, outboard
 # Numbers in a line of the cache.
 _LINE = np.uint64(8)
 # Cells that threads share: the next block; how many samples are not finite; how many blocks of loops are in doubt, whether their
-# motion is; and of every block of loops whether it is.
-CALL_CELLS = 4
+# motion is; whether nothing was done (efforts would be written over what is read); and of every block of loops whether it is.
+OVERLAP, CALL_CELLS = 4, 5
+_BYTES = np.uint64(8)
 # Every which block the sums are taken that the motion of loops is held against: enough to have nearly the largest.
 SUMS = np.uint64(4)
 
@@ -158,16 +159,26 @@ def _judge(plan, fixed, samples, work, counter):
     counter[3] = 1 if unclear(plan, fixed, work, min(samples, LANES)) else 0
 
 
+@jit_lanes
+def _meet(a, b):
+    """Whether two arrays have memory in common."""
+    at, to = address(a), address(b)
+    return at < to + _BYTES * np.uint64(b.size) and to < at + _BYTES * np.uint64(a.size)
+
+
 @jit_blocks
 def torque_blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, samples, work, counter, mails):
     """Write the efforts [N m], [N] of all samples; return whether every helper that began has ended.
 
     tree, numbers, columns : of `bodies.Bodies`; plan, fixed : of `loop_plan.LoopPlan`
     q, qd, qdd, tau : (samples * width,) [rad or m, s], whose ``strides`` (4, 2) of a sample and of a column are (width, 1) or
-    (1, samples)
+    (1, samples); where tau has memory in common with what is read nothing is done, and the counter says so
     work : (1 + helpers, size); counter : (CALL_CELLS + blocks of loops,); mails : (helpers, cells)
     """
     counter[:CALL_CELLS] = 0
+    if _meet(tau, q) or _meet(tau, qd) or _meet(tau, qdd):
+        counter[1] = counter[OVERLAP] = 1
+        return True
     if plan[LIMITS] > 0:
         for i in range(1 + mails.shape[0]):
             begin(plan, fixed, work[i], min(samples, LANES))

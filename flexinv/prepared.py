@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
-from threading import local
+from threading import Lock, local
 from typing import Any, Literal
 
 import numpy as np
@@ -14,7 +14,8 @@ from numba import types
 from numpy.typing import ArrayLike, NDArray
 
 from flexinv.applied import applied_forces, check_constant
-from flexinv.blocks import CALL_CELLS, attend, settle, torque_blocks
+from flexinv.atomics import COMPILED
+from flexinv.blocks import CALL_CELLS, OVERLAP, attend, settle, torque_blocks
 from flexinv.bodies import Bodies, bodies
 from flexinv.closures import constraint_rows
 from flexinv.errors import InputError
@@ -42,6 +43,7 @@ _LINE = 8
 
 _ONE, _ONE_SAMPLE = np.uint64(1), np.ones((4, 2), dtype=np.uint64)
 _NOBODY = np.zeros((0, CELLS), dtype=np.uint64)
+_COMPILING = Lock()
 
 
 def _aligned(threads: int, size: int) -> Array:
@@ -92,7 +94,8 @@ class TorqueFunction:
             sample may be a plain vector.  Arrays in either order of memory are read as they are, without a copy.
             Of a mechanism with closures they are the consistent motion of all joints; its drives share the efforts, of least
             (weighted) squares where they are redundant, and passive joints have none.
-        out : where the efforts go, in the shape of qd, contiguous in either order; returned
+        out : where the efforts go, in the shape of qd, contiguous in either order; returned.  What lies in the same memory is
+            copied before.
         Raises InputError: wrong shape, value that is not finite, a motion that the closures do not allow (see `given`).
         """
         mails = self._mails(getattr(qdd, "size", 0))  # first of all: what follows takes as long as waking somebody
@@ -102,13 +105,22 @@ class TorqueFunction:
         flat, strides = zip(*(_flat(a) for a in rows), strict=True)
         b, own, loops = self.bodies, self._own, (self.plan.plan, self.plan.fixed)
         samples, work, counter = np.uint64(len(rows[0])), own.work, own.cells(len(rows[0]))
-        if not torque_blocks(
-            b.tree, b.numbers, b.columns, *loops, *flat, _table(strides), samples, work, counter, mails
-        ):
-            while not settle(*loops, samples, work, counter, mails):
+        call = samples, work, counter, mails
+        try:
+            ended = torque_blocks(b.tree, b.numbers, b.columns, *loops, *flat, _table(strides), *call)
+            while not ended:
                 time.sleep(0)  # the system holds a helper up
+                ended = settle(*loops, *call)
+        except BaseException:  # Ctrl-C: a helper may still write where memory is about to be given back
+            while len(mails) and not settle(*loops, *call):
+                pass
+            raise
         if counter[1]:
+            if counter[OVERLAP]:
+                q, qd, qdd = (a.copy() for a in given)
+                return self.torques(q, qd, qdd, out, order)
             _check_finite(given)
+            _check_turns(self.mechanism, rows[0])
         self._add_applied(rows[:3], rows[3])
         if self.loops is not None:
             self._share(counter, rows)
@@ -123,6 +135,7 @@ class TorqueFunction:
         """
         given = _checked(self.mechanism, (q, qd, qdd), order)
         _check_finite(given)
+        _check_turns(self.mechanism, _by_sample(given[0], order))
         places, rates, accelerations = (np.ascontiguousarray(_by_sample(a, order)) for a in given)
         return nodal_result(self.mesh, self.loops, self.passive, places, rates, accelerations)
 
@@ -144,12 +157,19 @@ class TorqueFunction:
         except TypeError:  # not contiguous, or not of floats
             return self.torques(q, qd, qdd, out)
         if own.counter[1]:
+            if own.counter[OVERLAP]:
+                return self.torques(q.copy(), qd.copy(), qdd.copy(), out)
             _check_finite((q, qd, qdd))
+            _check_turns(m, q[None])
         if m.springs or m.forces:
             self._add_applied((q[None], qd[None], qdd[None]), out[None])
         if self.loops is not None:
             self._share(own.counter, (q[None], qd[None], qdd[None], out[None]))
         return out
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Prepared anew where it is sent: to another process [-]."""
+        return prepare, (self.mechanism, self.passive, self.threads)
 
     def _share(self, counter: NDArray[np.uint64], rows: Sequence[Array]) -> None:
         """Share out what the kernel has left, and look at a motion that it finds in doubt."""
@@ -165,7 +185,7 @@ class TorqueFunction:
 
     def _mails(self, size: int) -> NDArray[np.uint64]:
         """Mails of those who help with a call of so many efforts."""
-        if self.threads == 1 or size < WORTH_HELP:
+        if self.threads == 1 or size < WORTH_HELP or not COMPILED:
             return _NOBODY
         compile_for_helpers()
         return HELPERS.mails(self.threads - 1, size > WORTH_WAKING)
@@ -232,9 +252,11 @@ _CELLS, _MAILS = _array(types.uint64, 1), _array(types.uint64, 2)
 
 
 def _compile(kernel: Any, *signature: types.Type) -> None:
-    if hasattr(kernel, "compile"):  # not with NUMBA_DISABLE_JIT
-        kernel.compile(signature)
-        kernel.disable_compile()
+    """Compile a kernel for these arguments and no others; threads that come first at the same time wait for each other."""
+    with _COMPILING:
+        if COMPILED and not kernel.signatures:
+            kernel.compile(signature)
+            kernel.disable_compile()
 
 
 @cache
@@ -351,3 +373,15 @@ def _check_finite(arrays: Sequence[Array]) -> None:
         if not np.isfinite(a).all():
             where = tuple(int(i) for i in np.argwhere(~np.isfinite(a))[0])
             raise InputError(f"joint_torques: {label}{list(where)} is {a[where]}, expected a finite number")
+
+
+def _check_turns(mechanism: Mechanism, q: Array) -> None:
+    """Raise InputError at the first quaternion of q (samples, nq) that is zero: it turns nowhere."""
+    for joint in mechanism.joints:
+        if joint.kind in ("spherical", "free"):
+            none = ~q[:, mechanism.q_slices[joint.name]][:, -4:].any(axis=1)
+            if none.any():
+                raise InputError(
+                    f"joint_torques: q of joint '{joint.name}' at sample {int(np.argmax(none))} has the quaternion 0, 0, 0, 0; "
+                    "expected x, y, z, w of norm 1 (neutral: 0, 0, 0, 1)"
+                )
