@@ -16,14 +16,13 @@ import numpy as np
 
 from flexinv.alike_march import MORE, NONE, Designs, Tasks, march_alike
 from flexinv.closures import constraint_rows
-from flexinv.errors import FlexinvError
 from flexinv.evaluate import found_shapes, skeleton, solution_of
 from flexinv.integrate import EXACT, Scheme, generalized_alpha
 from flexinv.kinematics import Progress, failure
 from flexinv.mechanism import Array, Mechanism
 from flexinv.memory import together
 from flexinv.mesh import Mesh, build
-from flexinv.motion import Motion
+from flexinv.motion import Motion, motion_table
 from flexinv.nodal import NodalMotion
 from flexinv.planar import PlanarMarch, histories
 from flexinv.planar_march import Histories
@@ -76,9 +75,9 @@ def prepare_all(
 
 def scenario_of(mechanism: Mechanism, motion: Motion, options: Mapping[str, Any]) -> Scenario | None:
     """Return the scenario [s] if it may have others that are alike, else None: `solve` does it then, or says what is wrong."""
-    if set(options) - OPTIONS or mechanism.is_rigid or mechanism.closures or motion.jumps:
-        return None
     try:
+        if set(options) - OPTIONS or mechanism.is_rigid or mechanism.closures or motion.jumps:
+            return None
         step, tolerance = float(options["step"]), float(options.get("tolerance", EXACT))
         radius = float(options.get("spectral_radius", 0.8))
         if len(motion.joints(mechanism)) < sum(joint.nv > 0 for joint in mechanism.joints):
@@ -87,8 +86,8 @@ def scenario_of(mechanism: Mechanism, motion: Motion, options: Mapping[str, Any]
         if not isinstance(find_plane(mesh), Plane) or len(time) * mesh.size * 50 > RUN:
             return None
         scheme, settings = generalized_alpha(step, radius, tolerance), settings_of(step, radius, tolerance)
-        return Scenario(mesh, motion.table(mechanism, step, len(time)), time, scheme, settings)
-    except (FlexinvError, TypeError, ValueError):
+        return Scenario(mesh, motion_table(motion, mechanism, step, len(time)), time, scheme, settings)
+    except Exception:  # `solve` says of this one what it is
         return None
 
 
@@ -179,7 +178,7 @@ def _room(first: Scenario, scenarios: int) -> tuple[Histories, Found]:
     single = histories(Trajectory.empty(1, mesh, len(constraint_rows(mesh))))
     shapes = [(scenarios, samples, *part.shape[1:]) for part in single[:-1]]
     rest = [(scenarios, *shape) for shape in found_shapes(mesh, samples)]
-    parts = together(*shapes, *rest)
+    parts = [*together(*shapes, *rest[:2]), *(np.empty(shape) for shape in rest[2:])]  # see `evaluate.second_step`
     motion, others = parts[: len(shapes)], parts[len(shapes) :]
     x, r, v, w, a, al, wrench, internal, energy, multipliers = motion
     iterations = np.zeros((scenarios, samples), dtype=np.int64)

@@ -132,6 +132,7 @@ def _scenarios(
     motions: Motion | Sequence[Motion],
     each: Sequence[Mapping[str, Any]] | None,
 ) -> list[tuple[Mechanism, Motion, Mapping[str, Any]]]:
+    _check_lists(mechanisms, motions, each)
     given = {"motions": motions, "mechanisms": mechanisms, "each": each}
     lengths = {name: len(value) for name, value in given.items() if isinstance(value, Sequence)}
     if len(set(lengths.values())) > 1:
@@ -144,3 +145,16 @@ def _scenarios(
         repeat({}, count) if each is None else each,
     )
     return list(zip(*columns, strict=True))
+
+
+def _check_lists(mechanisms: object, motions: object, each: object) -> None:
+    for name, value, kind in (("mechanisms", mechanisms, Mechanism), ("motions", motions, Motion)):
+        if not isinstance(value, (kind, Sequence)):
+            raise InputError(
+                f"solve_many: {name} is a {type(value).__name__}: expected one {kind.__name__} or a list; write list({name})"
+            )
+    if each is not None and not (isinstance(each, Sequence) and all(isinstance(own, Mapping) for own in each)):
+        raise InputError(
+            f"solve_many: each is a {type(each).__name__}: expected a list with a table of options for every scenario, such as "
+            '[{"step": 1e-3}, {}]; options of all scenarios are arguments of solve_many'
+        )

@@ -78,7 +78,9 @@ def second_step(
     time : (samples,) [s]; qd : (samples, nv) [rad/s], [m/s]; applied, brought : as of `evaluate`
     """
     none = np.empty((0, 0, 0))
-    *out, line = together(*found_shapes(mesh, len(time)), (mesh.size, 6))
+    shapes = found_shapes(mesh, len(time))
+    # Series but those of all nodes have memory of their own: who keeps the tips of many solutions keeps nothing else of them.
+    out, line = [*together(*shapes[:2]), *(np.empty(shape) for shape in shapes[2:])], np.empty((mesh.size, 6))
     moving = Moving(
         *(plain(part) for part in (motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha))
     )

@@ -148,18 +148,20 @@ class Motion:
                 q[:, rows], qd[:, columns], qdd[:, columns] = joint_path(track, joint, track.values[:, part], at, left)
         return q, qd, qdd
 
-    def table(self, mechanism: Mechanism, step: float, samples: int) -> Triple:
-        """Return what `evaluate` does at 0, step, 2 step ... [s], not to be written into.
-
-        Tables that are not large are kept for a while: the scenarios of a batch, and loops over designs, share a motion.
-        """
-        if samples > LARGE:
-            return _evaluated(self, mechanism, step, samples)
-        joints = tuple((joint.name, joint.kind, joint.actuated) for joint in mechanism.joints)
-        return _kept(self, _Layout(joints, bool(mechanism.closures), mechanism), step, samples)
-
 
 LARGE = 100_000  # samples of a table that is not kept
+
+
+def motion_table(motion: Motion, mechanism: Mechanism, step: float, samples: int) -> Triple:
+    """Return what ``motion.evaluate`` does at 0, step, 2 step ... [s], not to be written into.
+
+    Tables that are not large are kept for a while: the scenarios of a batch, and loops over designs, share a motion.  Those of
+    other kinds of motions are not, as they may look at the mechanism.
+    """
+    if samples > LARGE or type(motion) is not Motion:
+        return _evaluated(motion, mechanism, step, samples)
+    joints = tuple((joint.name, joint.kind, joint.actuated) for joint in mechanism.joints)
+    return _kept(motion, _Layout(joints, bool(mechanism.closures), mechanism), step, samples)
 
 
 @dataclass(frozen=True)

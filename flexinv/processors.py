@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from ctypes import CDLL
 
 
@@ -47,6 +48,8 @@ def go_to(number: int, first: int) -> None:
 
 
 def _move(to: set[int], allowed: set[int]) -> None:
+    """Go there, where the system lets: sandboxes may not."""
     if to and len(allowed) > 1:
-        os.sched_setaffinity(0, to)
-        os.sched_setaffinity(0, allowed)
+        with suppress(OSError):
+            os.sched_setaffinity(0, to)
+            os.sched_setaffinity(0, allowed)

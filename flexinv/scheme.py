@@ -21,7 +21,7 @@ from flexinv.kinematics import Progress, flexible_motion
 from flexinv.loops import check_branch
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import build
-from flexinv.motion import Motion
+from flexinv.motion import Motion, motion_table
 from flexinv.passive import fill_passive
 from flexinv.rigid import rigid_motion
 from flexinv.solution import Solution
@@ -164,10 +164,8 @@ def _histories(
     places, rates = start_coordinates(mechanism, passive, start, rate)
 
     def joint_motion(time: Array, side: str) -> tuple[Array, Array, Array]:
-        if (
-            type(motion) is Motion and time is grid and side == "right" and grid[1] == step
-        ):  # others may look at the mechanism
-            q, qd, qdd = (part.copy() for part in motion.table(mechanism, step, len(grid)))
+        if time is grid and side == "right" and grid[1] == step:
+            q, qd, qdd = (part.copy() for part in motion_table(motion, mechanism, step, len(grid)))
         else:
             q, qd, qdd = motion.evaluate(mechanism, time, side)  # type: ignore[arg-type]
         for name, value in places.items():
