@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from flexinv.modes import Modes, natural_modes
     from flexinv.motion import Motion
     from flexinv.parameters import BaseParameters, Regressor, base_parameters, torque_regressor
+    from flexinv.parts import solve_in_parts
     from flexinv.path import Path
     from flexinv.prepared import TorqueFunction, prepare
     from flexinv.rest import Load, statics
@@ -59,6 +60,7 @@ _HOME = {
     "prepare": "prepared",
     "simulate": "forward",
     "solve": "scheme",
+    "solve_in_parts": "parts",
     "solve_many": "batch",
     "statics": "rest",
     "steady_modes": "vibration",
@@ -96,6 +98,7 @@ __all__ = [
     "prepare",
     "simulate",
     "solve",
+    "solve_in_parts",
     "solve_many",
     "statics",
     "steady_modes",

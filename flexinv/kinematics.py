@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -41,6 +42,17 @@ Progress = Callable[[int], None]
 
 
 def flexible_motion(
+    mesh: Mesh, before: JointHistory, after: JointHistory, time: Array, *given: Any, **options: Any
+) -> Trajectory:
+    """Return the flexible trajectory over a uniform grid ``time`` (samples,) [s] of prescribed joint motion, in one part.
+
+    before, after, given, options : of `flexible_parts`
+    """
+    (trajectory,) = flexible_parts(mesh, before, after, time, *given, **options)
+    return trajectory
+
+
+def flexible_parts(
     mesh: Mesh,
     before: JointHistory,
     after: JointHistory,
@@ -53,8 +65,9 @@ def flexible_motion(
     switching: Switching | None = None,
     every: int = 1,
     efforts: Efforts | None = None,
-) -> Trajectory:
-    """Return the flexible trajectory over a uniform grid ``time`` (samples,) [s] of prescribed joint motion.
+    part: int | None = None,
+) -> Iterator[Trajectory]:
+    """Yield the flexible trajectory over a uniform grid ``time`` (samples,) [s] of prescribed joint motion, part by part.
 
     before, after : time -> q (samples, nq), qd, qdd (samples, nv) [rad or m, s], the left-hand and the right-hand limit
         where accelerations jump; passive joints start from the first sample
@@ -63,13 +76,16 @@ def flexible_motion(
     switching : the phases, where closures act for a while; it gathers what happens between them
     every : of so many steps one is kept, from the first on [-]: what memory a long march takes (1 with ``switching``)
     efforts : of the drives of passive joints, which their torque moves (`solver.Efforts`) [N m], [N]; none by default
+    part : kept samples [-] by which parts advance: each begins with the last one of that before; one part of all by default
 
     Raises ConvergenceError with the time, the size of the increment and what to try.
     """
     flat = None if efforts is not None else in_plane(mesh, passive or set())
     alone = flat is not None and initial == "consistent" and (switching is None or switching.never)
     solver = None if alone else Solver.of(mesh, passive or set(), efforts)
-    out = Trajectory.unwritten(len(time[::every]), mesh, len(constraint_rows(mesh)))
+    kept = len(time[::every])
+    ends = set() if part is None else {every * row for row in range(part, kept - 1, part)}
+    out = Trajectory.unwritten(min(kept, kept if part is None else part + 1), mesh, len(constraint_rows(mesh)))
     march = _March(mesh, solver, flat, scheme, time, out, every)
     if switching is not None:
         switching.begin(mesh, None if solver is None else solver.border.ties)
@@ -78,7 +94,7 @@ def flexible_motion(
     switches = {} if switching is None else switching.samples
     stops = _jump_samples(time, jumps)
     start, chunk = 0 if alone else 1, CHUNK if flat is None else PLANAR_CHUNK
-    for stop in sorted({*stops, *switches, len(time) - 1}):
+    for stop in sorted({*stops, *switches, *ends, len(time) - 1}):
         for first in range(start, stop + 1, chunk):
             last = min(first + chunk, stop + 1)
             march.steps(before, after, first, last)
@@ -88,10 +104,13 @@ def flexible_motion(
             march.switch(after, switching, stop)
         elif stop in stops:
             march.restart(after, stop)
+        if stop in ends:
+            yield march.out
+            march = march.onward(stop // every, kept)
         start = stop + 1
     if alone and flat is not None:
         flat.leave(passive or set())
-    return out
+    yield march.out
 
 
 def in_plane(mesh: Mesh, passive: set[str]) -> PlanarMarch | None:
@@ -115,6 +134,7 @@ class _March:
     """A march over ``time`` [s] that fills ``out``: in the plane if there is one (``flat``), else in space.
 
     The spatial solver is there where something is found in space: all, a rest position at the start, what a switch does.
+    origin : kept samples before those of ``out`` [-]
     """
 
     mesh: Mesh
@@ -124,6 +144,18 @@ class _March:
     time: Array
     out: Trajectory
     every: int
+    origin: int = 0
+
+    def onward(self, origin: int, kept: int) -> _March:
+        """The same march with the next part of so many ``kept`` samples in all: it begins with the last one of this."""
+        rows = len(self.out.iterations)
+        out = Trajectory.unwritten(min(rows, kept - origin), self.mesh, self.out.multipliers.shape[1])
+        out.put(np.zeros(1, dtype=np.int64), self.out.rows(rows - 1, rows), np.ones(1, dtype=bool))
+        return replace(self, out=out, origin=origin)
+
+    def row(self, sample: int) -> int:
+        """Where a sample is kept, -1 where it is not [-]."""
+        return -1 if sample % self.every else sample // self.every - self.origin
 
     def begin(self, history: JointHistory, initial: str) -> None:
         """Start undeformed or in equilibrium, with the accelerations that belong to it, and record that."""
@@ -151,7 +183,7 @@ class _March:
         With 0 as the ``first`` the march in a plane begins there, undeformed, with what the joints do ``after`` it.
         """
         time, samples, every = self.time[first:last], np.arange(first, last), self.every
-        row = samples if every == 1 else np.where(samples % every == 0, samples // every, -1)
+        row = np.where(samples % every == 0, samples // every - self.origin, -1)
         if self.flat is not None:
             start = after(time[:1]) if first == 0 else None
             steps = history(time if start is None else time[1:])
@@ -159,7 +191,8 @@ class _March:
         else:
             assert self.solver is not None
             q, qd, qdd = history(time)
-            solver, whole = self.solver, self.out.rows(first, last) if every == 1 else self.out.of_length(len(samples))
+            solver, begin = self.solver, first - self.origin
+            whole = self.out.rows(begin, begin + len(samples)) if every == 1 else self.out.of_length(len(samples))
             rel = Joints(*(np.ascontiguousarray(part) for part in relative_motion(self.mesh, q, qd, qdd)))
             table, drives = load_table(self.mesh, time), solver.drives(time)
             result = solver.march(self.scheme, rel, table, drives, solver.given(q, qd, qdd), whole)
@@ -170,7 +203,7 @@ class _March:
 
     def restart(self, history: JointHistory, sample: int) -> None:
         """Solve the accelerations anew where those of the task jump, and record their right-hand limit."""
-        time, row = self.time[sample : sample + 1], sample // self.every if sample % self.every == 0 else -1
+        time, row = self.time[sample : sample + 1], self.row(sample)
         motion, when = history(time), f"at t = {time[0]:g} s"
         if self.flat is not None:
             self._check(self.flat.restart(*motion, np.array([row]), histories(self.out)), when)

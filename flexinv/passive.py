@@ -30,11 +30,15 @@ def _fill(mesh: Mesh, motion: NodalMotion, node: int, q: Array, qd: Array, qdd: 
     if kind == PRISMATIC:
         q[:, nq], qd[:, nv], qdd[:, nv] = p @ axis, dp @ axis, ddp @ axis
     elif kind == SPHERICAL:
-        q[:, nq : nq + 4], qd[:, nv : nv + 3], qdd[:, nv : nv + 3] = _quaternion(turn), rate, acceleration
+        q[:, nq : nq + 4], qd[:, nv : nv + 3], qdd[:, nv : nv + 3] = (
+            _quaternion(turn, q[0, nq : nq + 4]),
+            rate,
+            acceleration,
+        )
     elif kind == FREE:
         v = np.einsum("sji,sj->si", turn, dp)  # (sample, xyz), child's frame
         dv = np.einsum("sji,sj->si", turn, ddp) - np.cross(rate, v)
-        q[:, nq : nq + 7] = np.hstack([p, _quaternion(turn)])
+        q[:, nq : nq + 7] = np.hstack([p, _quaternion(turn, q[0, nq + 3 : nq + 7])])
         qd[:, nv : nv + 6], qdd[:, nv : nv + 6] = np.hstack([v, rate]), np.hstack([dv, acceleration])
     else:
         angle = np.unwrap(log_so3(turn) @ axis)
@@ -67,8 +71,9 @@ def _relative(mesh: Mesh, motion: NodalMotion, node: int) -> tuple[Array, ...]:
     return (p - offset) @ placed, dp @ placed, ddp @ placed, placed.T @ whole, rate, acceleration
 
 
-def _quaternion(turn: Array) -> Array:
-    """Unit quaternions x, y, z, w (samples, 4), without sign jumps along the samples."""
+def _quaternion(turn: Array, first: Array) -> Array:
+    """Unit quaternions x, y, z, w (samples, 4), without sign jumps from the ``first`` on along the samples."""
     out = exp_quaternion(log_so3(turn))
-    same = np.concatenate([[1.0], np.where(np.sum(out[1:] * out[:-1], axis=1) < 0, -1.0, 1.0)])
+    before = np.concatenate([first[None], out[:-1]])
+    same = np.where(np.sum(out * before, axis=1) < 0, -1.0, 1.0)
     return np.asarray(out * np.cumprod(same)[:, None])

@@ -76,7 +76,7 @@ def solve(
     settings = settings_of(step, spectral_radius, tolerance, initial, incremental)
     given = set(motion.joints(mechanism))
     passive = {joint.name for joint in mechanism.joints if joint.nv and joint.name not in given}
-    history, right = _histories(mechanism, motion, passive, start or {}, start_rate or {}, float(step), time)
+    history, right = joint_histories(mechanism, motion, passive, start or {}, start_rate or {}, float(step), time)
     mesh = build(mechanism)
     scheme = generalized_alpha(float(step), spectral_radius, float(tolerance))
     if every == 1 and not motion.jumps and not (mechanism.closures and mechanism.is_rigid):
@@ -151,7 +151,7 @@ def time_grid(motion: Motion, step: float, end: float | None, every: int) -> Arr
     return np.asarray(step * np.arange(count + 1))
 
 
-def _histories(
+def joint_histories(
     mechanism: Mechanism,
     motion: Motion,
     passive: set[str],
@@ -160,7 +160,10 @@ def _histories(
     step: float,
     grid: Array,
 ) -> tuple[JointHistory, JointHistory]:
-    """Joint motion with the passive joints at their start: left-hand limits at jumps, and right-hand ones."""
+    """Return joint motion [rad or m, s] with the passive joints at their start: left-hand limits at jumps, and right-hand ones.
+
+    grid : the times of which a table may be kept, an empty one for none
+    """
     places, rates = start_coordinates(mechanism, passive, start, rate)
 
     def joint_motion(time: Array, side: str) -> tuple[Array, Array, Array]:

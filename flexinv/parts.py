@@ -1,0 +1,87 @@
+"""solve_in_parts: a march of any length in the memory of a part of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexinv.applied import applied_forces
+from flexinv.errors import InputError
+from flexinv.evaluate import evaluate, rigid_trajectory
+from flexinv.integrate import EXACT, generalized_alpha
+from flexinv.kinematics import Progress, flexible_parts
+from flexinv.mechanism import Array, Mechanism
+from flexinv.mesh import build
+from flexinv.motion import Motion
+from flexinv.passive import fill_passive
+from flexinv.rigid import rigid_motion
+from flexinv.scheme import joint_histories, settings_of, time_grid
+from flexinv.solution import Solution
+from flexinv.solver import Trajectory
+
+
+def solve_in_parts(
+    mechanism: Mechanism,
+    motion: Motion,
+    step: float,
+    part: int = 10_000,
+    end: float | None = None,
+    spectral_radius: float = 0.8,
+    initial: str = "consistent",
+    start: Mapping[str, ArrayLike] | None = None,
+    start_rate: Mapping[str, ArrayLike] | None = None,
+    progress: Progress | None = None,
+    every: int = 1,
+    tolerance: float = EXACT,
+) -> Iterator[Solution]:
+    """Yield what `solve` returns part by part, so that a long march can be written to disk while it goes on.
+
+    part : kept samples [-] by which the parts advance; each begins with the sample [s] with which that before ended, and sums
+        its work from there.  All else are arguments of `solve`, and the series are its own, up to rounding
+    A step is marched when its part is asked for: errors come with the part in which they happen.
+
+    Raises InputError as `solve` does, and for closures, which are solved as a whole; ConvergenceError.
+    """
+    if part < 1:
+        raise InputError(f"part = {part}: expected the number of samples of a part, 1 or more")
+    if every < 1:
+        raise InputError(f"every = {every}: expected 1 to keep all steps, or more to keep one of so many")
+    if mechanism.closures:
+        raise InputError(
+            f"solve_in_parts: mechanism '{mechanism.name}' has closures, whose motion is found as a whole; write flexinv.solve"
+        )
+    time, mesh = time_grid(motion, step, end, every), build(mechanism)
+    passive = {joint.name for joint in mechanism.joints if joint.nv} - set(motion.joints(mechanism))
+    before, after = joint_histories(mechanism, motion, passive, start or {}, start_rate or {}, step, np.empty(0))
+    settings = settings_of(step, spectral_radius, tolerance, initial)
+    rigid = mechanism.is_rigid and not passive
+    trajectories = flexible_parts(
+        mesh, before, after, time, generalized_alpha(float(step), spectral_radius, float(tolerance)), passive, motion.jumps,
+        initial, progress, every=every, part=part,
+    )  # fmt: skip
+    kept = time[::every]
+    last: Array | None = None
+    for first in range(0, max(len(kept) - 1, 1), part):
+        own = kept[first : first + part + 1]
+        q, qd, qdd = (a.copy() for a in after(own))
+        if last is not None:
+            _go_on(mechanism, passive, q, last)
+        if rigid:
+            nodes = rigid_motion(mesh, q, qd, qdd)
+            applied = applied_forces(mesh, nodes, own)
+            trajectory: Trajectory = rigid_trajectory(mesh, q, qd, qdd, applied)
+        else:
+            trajectory = next(trajectories)
+            applied = applied_forces(mesh, trajectory.motion, own)
+            fill_passive(mesh, trajectory.motion, passive, q, qd, qdd)
+        yield evaluate(mesh, trajectory, own, q, qd, qdd, passive, settings, applied)
+        last = q[-1]
+
+
+def _go_on(mechanism: Mechanism, passive: set[str], q: Array, last: Array) -> None:
+    """Let passive joints begin where they ended: turns are counted from there."""
+    for joint in mechanism.joints:
+        if joint.name in passive:
+            q[:, mechanism.q_slices[joint.name]] = last[mechanism.q_slices[joint.name]]
