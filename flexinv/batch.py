@@ -119,10 +119,20 @@ def side_by_side(work: Callable[[], None], stop: Callable[[], None], threads: in
         else:
             ended.put(None)
 
-    for number in range(1, threads):
-        start_new_thread(kept, (number,))
+    begun = 1
+    try:
+        for number in range(1, threads):
+            start_new_thread(kept, (number,))
+            begun += 1
+    except RuntimeError:  # no more threads: those that are there have to do
+        pass
     kept(0)
-    for error in [ended.get() for _ in range(threads)]:
+    try:
+        errors = [ended.get() for _ in range(begun)]
+    except KeyboardInterrupt:
+        stop()
+        raise
+    for error in errors:
         if error is not None:
             raise error
 

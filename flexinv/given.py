@@ -26,6 +26,9 @@ from flexinv.tree import Frames, Joints
 # How far a given motion may be from closed: in metres over the mechanism's length or radians, as six digits of coordinates leave
 # it; its rates and accelerations relative to their size, as those of a spline through samples of a few hundred per period.
 OPEN, RATE, ACCELERATION = 1e-6, 1e-4, 1e-3
+# What opens no faster than this stands still [1/s], [1/s^2]: rounding over the step, and over its square, where constant samples
+# were differentiated; a ten-millionth of gravity where a mechanism is a metre long.
+STILL_RATE, STILL_ACCELERATION = 1e-8, 1e-6
 # What neither drives nor closures carry, over the largest effort: beyond this it is an effort that no drive can give.
 LEFT_OVER = 1e-9
 # Samples whose rows G are in memory at once, where only the motion is looked at.
@@ -35,14 +38,17 @@ SAMPLES_AT_ONCE = 4096
 class _Kind(NamedTuple):
     label: str
     most: float
+    floor: float
     breaks: str
     of: str
 
 
 _KINDS = (
-    _Kind("q", OPEN, "open by", "(over the mechanism's length where it is one)"),
-    _Kind("qd", RATE, "opening at a relative rate of", "of what the joints bring"),
-    _Kind("qdd", ACCELERATION, "opening with a relative acceleration of", "of what the joints bring"),
+    _Kind("q", OPEN, 0.0, "open by", "(over the mechanism's length where it is one)"),
+    _Kind("qd", RATE, STILL_RATE, "opening at a relative rate of", "of what the joints bring"),
+    _Kind(
+        "qdd", ACCELERATION, STILL_ACCELERATION, "opening with a relative acceleration of", "of what the joints bring"
+    ),
 )
 
 
@@ -99,7 +105,7 @@ class GivenLoops:
     def _hold(self, worst: Array, at: NDArray[np.int64]) -> None:
         """Raise InputError where the motion is further from closed than is allowed."""
         for found, (sample, row), kind in zip(worst, at, _KINDS, strict=True):
-            if found[0] > kind.most * found[1] or np.isnan(found[0]):
+            if found[0] > kind.most * found[1] + kind.floor or np.isnan(found[0]):
                 name = self.mesh.mechanism.closures[int(self.closure[row])].name
                 raise InputError(
                     f"mechanism '{self.mesh.mechanism.name}': the given {kind.label} does not keep closure '{name}', which at "

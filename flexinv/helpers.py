@@ -66,7 +66,6 @@ class Helpers:
     """The threads, started when first needed; a forked child begins without them, and at the end they are dismissed."""
 
     def __init__(self) -> None:
-        self._starting = Lock()
         self.forget()
         atexit.register(self.dismiss)
         if hasattr(os, "register_at_fork"):

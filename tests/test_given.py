@@ -90,3 +90,18 @@ def test_closures_that_act_for_a_while_need_a_time() -> None:
     held = replace(mechanism, closures=(replace(closure, active=((0.0, 1.0),)),))
     with pytest.raises(flexinv.InputError, match=r"closures that act for a while \(C\).*write flexinv.solve"):
         flexinv.prepare(held)
+
+
+def test_a_mechanism_at_rest_may_have_rates_of_rounding() -> None:
+    """As those of a spline through constant samples; what opens faster is no rest."""
+    mechanism, (q, _, _) = closed()
+    f = flexinv.prepare(mechanism)
+    q = np.repeat(q[:1], 50, axis=0)
+    still = f.torques(q, np.zeros_like(q), np.zeros_like(q))
+    noise = np.random.default_rng(0).normal(size=(2, *q.shape))
+    tau = f.torques(q, 1e-13 * noise[0], 1e-10 * noise[1])
+    assert np.abs(tau - still).max() < 1e-9 * np.abs(still).max()
+    with pytest.raises(flexinv.InputError, match="the given qd does not keep closure"):
+        f.torques(q, 1e-6 * noise[0], np.zeros_like(q))
+    with pytest.raises(flexinv.InputError, match="the given qdd does not keep closure"):
+        f.torques(q, np.zeros_like(q), 1e-4 * noise[1])
