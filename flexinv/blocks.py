@@ -26,7 +26,7 @@ _LINE = np.uint64(8)
 OVERLAP, CALL_CELLS = 4, 5
 _BYTES = np.uint64(8)
 # Every which block the sums are taken that the motion of loops is held against: enough to have nearly the largest.
-SUMS = np.uint64(4)
+SUMS = np.uint64(8)
 
 
 @jit_lanes

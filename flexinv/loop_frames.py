@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from flexinv.bodies import TURNING as TURNS
 from flexinv.bodies import Bodies, carriers
 from flexinv.kinds import FREE, PRISMATIC, SPHERICAL
 from flexinv.lanes import BLOCK
@@ -24,6 +25,7 @@ from flexinv.loop_layout import (
     SUM_CELLS,
     TILT,
     TURN,
+    TWO_TURNS,
 )
 from flexinv.mechanism import Array
 from flexinv.mesh import Mesh
@@ -69,6 +71,8 @@ class Tables:
     header: dict[int, int] = field(default_factory=dict)
     matrix: dict[tuple[int, int], int] = field(default_factory=dict)
     sizes: dict[int, list[int]] = field(default_factory=dict)
+    constants: dict[tuple[float, ...], list[int]] = field(default_factory=dict)
+    known: dict[int, float] = field(default_factory=dict)  # where such squares stand
 
     def rows(self, count: int, passing: bool = False) -> int:
         """Room for so many rows; in space, of what is ``passing``, the next closure uses it again."""
@@ -85,6 +89,14 @@ class Tables:
         for part in parts:
             self.fixed += np.ravel(part).tolist()
         return at
+
+    def constant_size(self, *squares: float) -> list[int]:
+        """Where the squares of the sizes of columns stand that do not change, as long as the closure is closed."""
+        if squares not in self.constants:
+            at = self.constant_rows(12, np.pad(squares, (0, 12 - len(squares))))
+            self.constants[squares] = [at + i * BLOCK for i in range(len(squares))]
+            self.known.update(zip(self.constants[squares], squares, strict=True))
+        return self.constants[squares]
 
     def counts(self) -> tuple[int, int, int]:
         """Bodies, columns and sums so far."""
@@ -159,10 +171,38 @@ def frame(t: Tables, root: int, body: int) -> Frame:
         above, kind = frame(t, root, int(t.bodies.tree[body, 1])), int(t.bodies.tree[body, 0])
         r, p = (above.turned @ x for x in _seat(t.bodies, body))
         make = _in_plane if t.plane else _in_space
+        if not t.plane and _is_universal(t, root, body, (r, p)):
+            return _two_turns(t, root, body, r)
         own = t.rows(PLANE_ROWS if t.plane else BODY_ROWS, (root, body) not in t.shared)
         first = above is t.frames[root, root]
         t.frames[root, body] = make(t, above, own, first, kind, (r, p), int(t.bodies.tree[body, 2]))
     return t.frames[root, body]
+
+
+def _is_universal(t: Tables, root: int, body: int, seat: tuple[Array, Array]) -> bool:
+    """Whether a body turns where its parent, fixed in the root, turns too, and nothing else of several closures does."""
+    parent = int(t.bodies.tree[body, 1])
+    turn = [int(t.bodies.tree[i, 0]) in TURNS for i in (body, parent)]
+    first = parent != root and int(t.bodies.tree[parent, 1]) == root and (root, parent) not in t.shared
+    return all(turn) and first and _is_tilt(seat[0]) and not seat[1].any()
+
+
+def _two_turns(t: Tables, root: int, body: int, r: Array) -> Frame:
+    """Both bodies of a universal joint: the first one's axis and place are constant, and its other axes nobody asks for."""
+    parent = int(t.bodies.tree[body, 1])
+    seat, p = (t.frames[root, root].turned @ x for x in _seat(t.bodies, parent))
+    first = t.constant_rows(BODY_ROWS, seat.T, p)
+    t.frames[root, parent] = Frame(first, first + int(AT), 0, np.eye(3))
+    rows = [int(t.bodies.tree[i, 2]) for i in (parent, body)]
+    own = t.rows(BODY_ROWS, (root, body) not in t.shared)
+    t.moved[-int(BODY_CELLS) :] = [TWO_TURNS, own, *rows, t.numbers(seat.T, p, r[1, 1], r[2, 1]), 0]
+    t.frames[root, body] = Frame(own, first + int(AT), 0, np.eye(3))
+    return t.frames[root, body]
+
+
+def _is_tilt(r: Array) -> bool:
+    """Whether R is a turn about x."""
+    return bool(r[0, 0] == 1.0 and not (r[0, 1:].any() or r[1:, 0].any()))
 
 
 def _in_plane(t: Tables, above: Frame, own: int, first: bool, kind: int, seat: tuple[Array, Array], rows: int) -> Frame:
@@ -175,8 +215,8 @@ def _in_plane(t: Tables, above: Frame, own: int, first: bool, kind: int, seat: t
 def _in_space(t: Tables, above: Frame, own: int, first: bool, kind: int, seat: tuple[Array, Array], rows: int) -> Frame:
     """A body's axes and place: one that slides has its parent's axes, one that turns where its parent begins the same place."""
     (r, p), numbers = seat, t.numbers(seat[0].T, seat[1])
-    tilted = not (r[0, 1:].any() or r[1:, 0].any()) and r[0, 0] == 1.0
-    how = {PRISMATIC: SLIDE, SPHERICAL: FLOAT, FREE: FLOAT}.get(kind, ROOT_TURN if first else TILT if tilted else TURN)
+    turn = ROOT_TURN if first else TILT if _is_tilt(r) else TURN
+    how = {PRISMATIC: SLIDE, SPHERICAL: FLOAT, FREE: FLOAT}.get(kind, turn)
     t.moved += [how, own, above.axes, rows, numbers, above.place]
     if how == SLIDE:
         return Frame(above.axes, own + int(AT), own + int(DIRECTION), r)

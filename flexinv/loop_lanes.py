@@ -37,6 +37,7 @@ from flexinv.loop_layout import (
     SLIDE,
     TILT,
     TURN,
+    TWO_TURNS,
     VECTOR,
 )
 from flexinv.recursion import COS, FREE_ROWS, PLACE, SHIFT, SIN, TURN_OF, TURN_Y, TURN_Z
@@ -119,6 +120,17 @@ def _tilt(own, parent, rows, lanes, c):
 
 
 @jit_lanes
+def _two_turns(own, first, rows, lanes, c):
+    """A body on a universal joint that is fixed in the root."""
+    x, y, z, cosine, sine = constant(c, 0), constant(c, 3), constant(c, 6), c[12], c[13]
+    for k in range(lanes):
+        c1, s1 = first[COS + k], first[SIN + k]
+        x1, y1 = plus(times(c1, x), times(s1, y)), plus(times(c1, y), times(-s1, x))
+        _put_turned(own, k, rows, x1, plus(times(cosine, y1), times(sine, z)))
+        put_vec(own, AXIS_Z, k, plus(times(cosine, z), times(-sine, y1)))
+
+
+@jit_lanes
 def _place(to, above, parent, lanes, p):
     """x = x_parent + R_parent p."""
     for k in range(lanes):
@@ -185,7 +197,9 @@ def move(plan, fixed, work, first_body, count, lanes):
         own, parent, rows = work[first : first + _BODY], work[above : above + _BODY], work[rows : rows + _JOINT]
         place, numbers = plan[at + PLACE_ABOVE], plan[at + CONSTANTS]
         c, origin = fixed[numbers : numbers + _TWELVE], work[place : place + VECTOR]
-        if kind == ROOT_TURN:
+        if kind == TWO_TURNS:
+            _two_turns(own, work[above : above + _JOINT], rows, lanes, fixed[numbers:])
+        elif kind == ROOT_TURN:
             _root_turn(own, rows, lanes, c)
         elif kind == TURN:
             _turn(own, parent, rows, lanes, c)

@@ -31,9 +31,9 @@ LIMITS, SCRATCH, KEEPS, SUMMED, ROOTS, BODIES, CLOSURES, COLUMNS, SUMS, STEPS, F
     0, 1, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 21
 )  # fmt: skip
 BODY_CELLS, CLOSURE_CELLS, COLUMN_CELLS, SUM_CELLS = np.uint64(6), np.uint64(19), np.uint64(9), np.uint64(5)
-ROOT_TURN, TURN, TILT, SLIDE, FLOAT, PLACED = range(6)  # bodies
+ROOT_TURN, TURN, TILT, SLIDE, FLOAT, PLACED, TWO_TURNS = range(7)  # bodies
 WHOLE, PARTIAL, COUPLED = range(3)  # closures
-TURNING, SLIDING, GEARED, FLOATING = range(4)  # columns
+TURNING, SLIDING, GEARED, FLOATING, PUSHING = range(5)  # columns; the last two of a whole joint
 # Cells of a body: kind, own rows, the parent's axes, rows of the recursion, constants, the parent's place.
 OWN, ABOVE, ROWS, CONSTANTS, PLACE_ABOVE = (np.uint64(i) for i in range(1, 6))
 # of a closure: kind, own rows, then

@@ -206,5 +206,5 @@ def in_plane(plan, fixed, work, lanes, sums):
     for i in range(plan[CLOSURES + 1]):
         at = plan[CLOSURES] + i * CLOSURE_CELLS
         _columns(plan, fixed, work, plan[at : at + CLOSURE_CELLS], lanes)
-        hold(plan, fixed, work, lanes, plan[at : at + CLOSURE_CELLS], sums)
+        hold(plan, fixed, work, lanes, plan[at : at + CLOSURE_CELLS], sums, False)
     clear(plan, work, lanes)

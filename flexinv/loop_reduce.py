@@ -1,17 +1,15 @@
 """Closed loops in space: columns of G, and closures whose force leaves a passive universal joint without effort.
 
-A closure that holds a point exerts a force f there.  The axes of a universal joint that is in no other closure and has no drive
-move the point by c1 and c2, and say what f is but for its part along n = c1 x c2, which does nothing for them:
+A closure that holds a point exerts a force f there, at the arm r from a universal joint in no other closure and without a drive.
+Its axes move the point by z1 x r and z2 x r, and say what f is but for its part along r, which does nothing for them:
 
-    f = (tau_1 c2 x n + tau_2 n x c1) / n^2 + lambda u        u = n / |n|
+    f = (tau_2 z1 - tau_1 z2) / s + lambda u        s = (z1 x z2) . r,   u = r / s
 
-as (c2 x n) . c1 = (n x c1) . c2 = n^2.  The first part is taken from the efforts tau of the other joints at once, c . f; what is
-left is one row of G, u . c, instead of three.
+as z2 . (z1 x r) = -s and z1 . (z2 x r) = s.  The first part is taken from the efforts tau of the other joints at once,
+c . f; what is left is one row of G, u . c, instead of three.
 """
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 
@@ -19,7 +17,6 @@ from flexinv.compiled import jit_lane, jit_lanes
 from flexinv.lanes import LANES, into, plus, plus_cross, put_vec, row, times, vec_of
 from flexinv.loop_lanes import axes_of, cross, dot, minus
 from flexinv.loop_layout import (
-    AT,
     AXIS,
     BODY_ROWS,
     COLUMN_CELLS,
@@ -37,6 +34,7 @@ from flexinv.loop_layout import (
     OWN,
     POINT,
     POSITIONS,
+    PUSHING,
     QD,
     REDUCED,
     SIGNS,
@@ -51,11 +49,12 @@ from flexinv.loop_layout import (
     WHOLE,
 )
 from flexinv.loop_rows import LEAST_PIVOT, geared
-from flexinv.recursion import EFFORTS, EFFORTS_TURNING, FREE_ROWS, RATES, RATES_TURNING
+from flexinv.recursion import EFFORT as SLIDE_EFFORT
+from flexinv.recursion import EFFORTS, EFFORTS_TURNING, FREE_ROWS, RATE, RATES, RATES_TURNING, SCALAR_ROWS
 
 _BODY, _COLUMN, _CLOSURE, _VEC = row(BODY_ROWS), row(4), VECTORS, np.uint64(0)
 _ZERO, _TWO, _THREE = np.uint64(0), np.uint64(2), np.uint64(3)
-_FREE, _SIZES = row(FREE_ROWS), row(6)
+_FREE, _SCALAR, _SIX = row(FREE_ROWS), row(SCALAR_ROWS), row(6)
 
 
 @jit_lanes
@@ -114,25 +113,24 @@ def _force(own, axis, other, at, rates, rates_too, tau, tau_too, lanes, signs):
     """u and f of the two axes of a universal joint, and d'; return how often the arm is nearly in the plane of the axes."""
     doubts, sign, length = 0, signs[0], signs[2]
     for k in range(lanes):
+        z1, z2 = vec_of(axis, _VEC, k), vec_of(other, _VEC, k)
         r = times(sign, minus(vec_of(own, POINT, k), vec_of(at, _VEC, k)))
-        c1, c2 = cross(vec_of(axis, _VEC, k), r), cross(vec_of(other, _VEC, k), r)
-        n = cross(c1, c2)
-        square, arm = dot(n, n), dot(r, r)
-        doubts += 0 if square >= LEAST_PIVOT * LEAST_PIVOT * (arm * arm) else 1
-        inverse = 1.0 / square
-        f = plus(times(tau[k], cross(c2, n)), times(tau_too[k], cross(n, c1)))
-        put_vec(own, UNIT, k, times(math.sqrt(inverse), n))
-        put_vec(own, FORCE, k, times(inverse, f))
-        put_vec(own, GAP_RATE, k, times(length, plus(times(rates[k], c1), times(rates_too[k], c2))))
-        own[SIZE + k], own[SIZE_TOO + k] = dot(c1, c1), dot(c2, c2)
+        square, s = dot(r, r), dot(cross(z1, z2), r)
+        doubts += 0 if s * s >= LEAST_PIVOT * LEAST_PIVOT * square else 1
+        w = plus(times(rates[k], z1), times(rates_too[k], z2))
+        along, along_too, inverse = dot(z1, r), dot(z2, r), 1.0 / s
+        put_vec(own, UNIT, k, times(inverse, r))
+        put_vec(own, FORCE, k, times(inverse, minus(times(tau_too[k], z1), times(tau[k], z2))))
+        put_vec(own, GAP_RATE, k, times(length, cross(w, r)))
+        own[SIZE + k], own[SIZE_TOO + k] = square - along * along, square - along_too * along_too
     return doubts
 
 
 @jit_lanes
-def _nothing(effort, lanes):
-    """Nothing is left of an effort."""
+def _nothing(one, other, lanes):
+    """Nothing is left of two efforts."""
     for k in range(lanes):
-        effort[k] = 0.0
+        one[k] = other[k] = 0.0
 
 
 @jit_lanes
@@ -146,8 +144,7 @@ def _reduce(work, closure, one, other, lanes, signs):
     first, second = one[EFFORT], other[EFFORT]
     efforts = work[first : first + LANES], work[second : second + LANES]
     doubts = _force(own, axes[0], axes[1], at, rates[0], rates[1], efforts[0], efforts[1], lanes, signs)
-    _nothing(efforts[0], lanes)
-    _nothing(efforts[1], lanes)
+    _nothing(efforts[0], efforts[1], lanes)
     return doubts
 
 
@@ -161,13 +158,24 @@ def _part(entry, effort, moved, own, lanes):
 
 
 @jit_lanes
-def _reduced(work, closure, column, lanes, signs):
-    """Set the entry of a column in the row that is left."""
+def _single(work, closure, column, lanes, signs):
+    """The column of one coordinate."""
     axis, place, to, entry, effort = column[AXIS], column[JOINT], column[TO], column[ENTRY], column[EFFORT]
     own, moved = work[closure[OWN] : closure[OWN] + _CLOSURE], work[to : to + _COLUMN]
     rates, turns = work[column[QD] : column[QD] + LANES], column[0] == TURNING
     _motion(moved, work[axis : axis + VECTOR], work[place : place + VECTOR], own, rates, lanes, signs, turns, 0.0)
     _part(work[entry : entry + LANES], work[effort : effort + LANES], moved, own, lanes)
+
+
+@jit_lanes
+def _pushing(entry, own, axis, rows, lanes, signs):
+    """The column of a slide, c = d."""
+    scale, sign = signs[0], signs[1]
+    for k in range(lanes):
+        d = vec_of(axis, _VEC, k)
+        entry[k] = scale * dot(vec_of(own, UNIT, k), d)
+        rows[SLIDE_EFFORT + k] -= scale * dot(vec_of(own, FORCE, k), d)
+        put_vec(own, GAP_RATE, k, plus(vec_of(own, GAP_RATE, k), times(sign * rows[RATE + k], d)))
 
 
 @jit_lane
@@ -177,23 +185,36 @@ def _along_axes(axes, v):
 
 
 @jit_lanes
-def _floating(entries, body, own, rows, lanes, signs):
-    """The six columns of a free body: u and the force, with their moments about its origin, in its own axes."""
+def _floating(entries, body, own, rows, lanes, signs, r):
+    """The six columns of a free body that holds the point, r in its axes: u and f with their moments about its origin."""
     scale, sign = signs[0], signs[1]
     for k in range(lanes):
         axes = axes_of(body, k)
-        arm, u, f = minus(vec_of(own, POINT, k), vec_of(body, AT, k)), vec_of(own, UNIT, k), vec_of(own, FORCE, k)
-        r = _along_axes(axes, arm)
-        along, pull = times(scale, _along_axes(axes, u)), times(scale, _along_axes(axes, f))
+        along = times(scale, _along_axes(axes, vec_of(own, UNIT, k)))
+        pull = times(scale, _along_axes(axes, vec_of(own, FORCE, k)))
         put_vec(entries, _VEC, k, along)
         put_vec(entries, VECTOR, k, cross(r, along))
         put_vec(rows, EFFORTS, k, minus(vec_of(rows, EFFORTS, k), pull))
         put_vec(rows, EFFORTS_TURNING, k, minus(vec_of(rows, EFFORTS_TURNING, k), cross(r, pull)))
-        xx, yy, zz, square = r[0] * r[0], r[1] * r[1], r[2] * r[2], scale * scale
-        put_vec(entries, _SIZES, k, (square, square, square))
-        put_vec(entries, _SIZES + VECTOR, k, times(square, (yy + zz, xx + zz, xx + yy)))
         moved = into(axes, plus_cross(vec_of(rows, RATES, k), vec_of(rows, RATES_TURNING, k), r))
         put_vec(own, GAP_RATE, k, plus(vec_of(own, GAP_RATE, k), times(sign, moved)))
+
+
+@jit_lanes
+def _left(fixed, work, closure, column, lanes, signs):
+    """Set the entries of a joint in the row that is left, and what the force does for it."""
+    entry, rows, axes = column[ENTRY], column[JOINT], column[AXIS]
+    own = work[closure[OWN] : closure[OWN] + _CLOSURE]
+    if column[0] == FLOATING:
+        c = fixed[column[TO] :]
+        entries, rows = work[entry : entry + _SIX], work[rows : rows + _FREE]
+        _floating(entries, work[axes : axes + _BODY], own, rows, lanes, signs, (c[0], c[1], c[2]))
+    elif column[0] == PUSHING:
+        _pushing(
+            work[entry : entry + LANES], own, work[axes : axes + VECTOR], work[rows : rows + _SCALAR], lanes, signs
+        )
+    else:
+        _single(work, closure, column, lanes, signs)
 
 
 @jit_lanes
@@ -210,10 +231,6 @@ def columns(plan, fixed, work, closure, lanes):
             _column(work, closure, column, lanes, signs)
         elif j < _TWO:
             doubts += _reduce(work, closure, column, plan[at + COLUMN_CELLS :], lanes, signs) if j == _ZERO else 0
-        elif column[0] == FLOATING:
-            entry, rows, axes, own = column[ENTRY], column[JOINT], column[AXIS], closure[OWN]
-            entries, body = work[entry : entry + np.uint64(2) * _SIZES], work[axes : axes + _BODY]
-            _floating(entries, body, work[own : own + _CLOSURE], work[rows : rows + _FREE], lanes, signs)
         else:
-            _reduced(work, closure, column, lanes, signs)
+            _left(fixed, work, closure, column, lanes, signs)
     return doubts

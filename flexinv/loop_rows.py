@@ -17,7 +17,6 @@ they are held against are taken of some samples of a block; where that leaves a 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -36,6 +35,7 @@ from flexinv.loop_layout import (
     FIRST,
     FIRST_SUM,
     GAP,
+    GAP_RATE,
     LAMBDA,
     LARGEST,
     LIMITS,
@@ -61,12 +61,11 @@ from flexinv.loop_layout import (
     VECTORS,
     WHOLE,
 )
+from flexinv.loop_together import MOST_TOGETHER, SOLVE_TOGETHER, TOGETHER, solve_together, together
 from flexinv.recursion import ACCELERATION, SPIN, SPIN_RATE
 
 # Steps: a word for what is done, how many pairs of rows follow, three offsets, and those of the pairs.
-PAIR, SURE, EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, UNDO, TOGETHER = range(10)
-# Rows whose other entries stand side by side, so many at most, are combined in one pass: TOGETHER + how many there are - 1.
-MOST_TOGETHER = 5
+PAIR, SURE, EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, UNDO = range(9)
 # A pivot over its column's size is at least this, so that its errors are 1e-12 at most; else singular values decide.
 LEAST_PIVOT = 1e-4
 # What is left of a row that repeats others, over the size of its column: rounding over the smallest pivot.  Singular values would
@@ -75,9 +74,15 @@ MOST_LEFT = 1e-11
 # Rounding of how the ends of a closure accelerate, with all before it and less gravity, over that: some tens of sums.
 ROUNDED = 1e-14
 # Samples of a block whose sums |G| |qd| are taken.
-SOME = np.uint64(8)
+SOME = np.uint64(4)
 _ZERO, _ONE, _TWO, _THREE, _FIVE = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(5)
-_COLUMN, _MOST = row(4), row(MOST_TOGETHER + 1)
+_COLUMN, _MOST, _OWN = row(4), row(MOST_TOGETHER + 1), row(9)
+
+
+@jit_lanes
+def _more(a, b):
+    """The larger one, a NaN if there is one."""
+    return a if b <= a else b
 
 
 @jit_lanes
@@ -163,7 +168,7 @@ def _hold_sums(plan, fixed, work, lanes, closure, limits):
     if closure[0] == WHOLE:
         of_rows = _ONE if together else _TWO
     for some in range(SOME):
-        k = (some * lanes) >> _THREE
+        k = (some * lanes) >> _TWO
         for j in range(of_rows + closure[DIRECTIONS]):
             scale = length if j < of_rows and closure[0] != COUPLED else 1.0
             if together:
@@ -179,15 +184,32 @@ def _hold_sums(plan, fixed, work, lanes, closure, limits):
 
 
 @jit_lanes
-def hold(plan, fixed, work, lanes, closure, sums):
-    """Remember the largest squares of every lane, and where asked for the largest sums of some lanes [any unit]."""
-    limits = work[plan[LIMITS] : plan[LIMITS] + _COLUMN]
-    squares = work[closure[OWN] + SQUARES : closure[OWN] + SQUARES + VECTOR]
+def _most(limits, own, lanes):
+    """Remember the largest squares of every lane."""
     for k in range(lanes):
-        for j in range(3):
-            row_of = np.uint64(j) * LANES + k
-            value = squares[row_of]
-            limits[row_of] = limits[row_of] if value <= limits[row_of] else value  # a NaN is the largest
+        a, b, c = vec_of(own, SQUARES, k)
+        x, y, z = vec_of(limits, _ZERO, k)
+        put_vec(limits, _ZERO, k, (_more(x, a), _more(y, b), _more(z, c)))
+
+
+@jit_lanes
+def _most_of_point(limits, own, lanes):
+    """The same of three positions, the square of whose phi' is that of d'."""
+    for k in range(lanes):
+        (a, b, c), d1 = vec_of(own, SQUARES, k), vec_of(own, GAP_RATE, k)
+        x, y, z = vec_of(limits, _ZERO, k)
+        b += d1[0] * d1[0] + d1[1] * d1[1] + d1[2] * d1[2]
+        put_vec(limits, _ZERO, k, (_more(x, a), _more(y, b), _more(z, c)))
+
+
+@jit_lanes
+def hold(plan, fixed, work, lanes, closure, sums, in_space):
+    """Remember the largest squares of every lane, and where asked for the largest sums of some lanes [any unit]."""
+    limits, own = work[plan[LIMITS] : plan[LIMITS] + _COLUMN], work[closure[OWN] : closure[OWN] + _OWN]
+    if in_space and closure[0] == WHOLE:
+        _most_of_point(limits, own, lanes)
+    else:
+        _most(limits, own, lanes)
     if sums:
         _hold_sums(plan, fixed, work, lanes, closure, limits)
 
@@ -212,47 +234,6 @@ def _combine(factor, one, other, lanes):
         changed = factor[CHANGED + k] != 0.0
         pivot, rest = (b, a) if changed else (a, b)
         one[k], other[k] = pivot, rest - factor[FACTOR + k] * pivot
-
-
-def _pairing(count: int) -> Any:
-    """Both, of so many other entries before those in the pivot's column; loops over a constant are taken apart."""
-    last = row(count)
-
-    @jit_lanes
-    def pair(factor, one, other, lanes):
-        for k in range(lanes):
-            a, b = one[last + k], other[last + k]
-            changed = abs(b) > abs(a)
-            pivot, rest = (b, a) if changed else (a, b)
-            part = rest / pivot if pivot != 0.0 else 0.0
-            one[last + k] = pivot
-            factor[FACTOR + k] = part
-            factor[CHANGED + k] = 1.0 if changed else 0.0
-            for j in range(count):
-                at = np.uint64(j) * LANES + k
-                a, b = one[at], other[at]
-                upper, lower = (b, a) if changed else (a, b)
-                one[at], other[at] = upper, lower - part * upper
-
-    return pair
-
-
-_PAIR_1, _PAIR_2, _PAIR_3, _PAIR_4, _PAIR_5 = (_pairing(count) for count in range(1, MOST_TOGETHER + 1))
-
-
-@jit_lanes
-def _together(kind, factor, one, other, lanes):
-    """Combine two rows in one pass."""
-    if kind == TOGETHER:
-        _PAIR_1(factor, one, other, lanes)
-    elif kind == TOGETHER + 1:
-        _PAIR_2(factor, one, other, lanes)
-    elif kind == TOGETHER + 2:
-        _PAIR_3(factor, one, other, lanes)
-    elif kind == TOGETHER + 3:
-        _PAIR_4(factor, one, other, lanes)
-    else:
-        _PAIR_5(factor, one, other, lanes)
 
 
 @jit_lanes
@@ -316,8 +297,10 @@ def _project(scratch, lanes):
 def _begin_step(kind, third, work, first, second, lanes):
     """What a step does before its pairs; return how often a rank is in doubt."""
     one, other = work[first : first + LANES], work[second : second + LANES]
-    if kind >= TOGETHER:
-        _together(kind, third[: _TWO * LANES], work[first : first + _MOST], work[second : second + _MOST], lanes)
+    if kind >= SOLVE_TOGETHER:
+        solve_together(kind, third[:LANES], work[first : first + _MOST], work[second : second + _MOST], lanes)
+    elif kind >= TOGETHER:
+        together(kind, third[: _TWO * LANES], work[first : first + _MOST], work[second : second + _MOST], lanes)
     elif kind == PAIR:
         _pair(third[: _TWO * LANES], one, other, lanes)
     elif kind == SOLVE:
@@ -367,9 +350,3 @@ def unclear(plan, fixed, work, lanes):
         speed, size = max(speed, own[LARGEST]), max(size, own[LARGEST + _ONE])
         rounding = max(rounding, ROUNDED * own[LARGEST + _TWO])
     return not (a <= fixed[0] ** 2 and b <= (fixed[1] * speed) ** 2 and c <= (fixed[2] * size + rounding) ** 2)
-
-
-@jit_lanes
-def _more(a, b):
-    """The larger one, a NaN if there is one."""
-    return a if b <= a else b

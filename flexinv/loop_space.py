@@ -173,14 +173,6 @@ def _position(e, own, lanes, scale):
 
 
 @jit_lanes
-def _rate(own, lanes):
-    """The square of phi' of three positions."""
-    for k in range(lanes):
-        d1 = vec_of(own, GAP_RATE, k)
-        own[SQUARES_TOO + k] += dot(d1, d1)
-
-
-@jit_lanes
 def _ends(work, closure, own, vectors, lanes, c):
     """Points, vectors and squares of one closure, but for what takes d'."""
     one, other, state_a, state_b = closure[AXES_A], closure[AXES_B], closure[STATE_A], closure[STATE_B]
@@ -219,10 +211,8 @@ def in_space(plan, fixed, work, lanes, sums):
         else:
             _ends(work, closure, own, vectors, lanes, c)
         doubts += columns(plan, fixed, work, closure, lanes)
-        if closure[0] == WHOLE:
-            _rate(own, lanes)
         for j in range(closure[POSITIONS] if closure[0] == PARTIAL else np.uint64(0)):
             _position(vectors[j * VECTOR :], own, lanes, c[_SCALE])
-        hold(plan, fixed, work, lanes, closure, sums)
+        hold(plan, fixed, work, lanes, closure, sums, True)
     clear(plan, work, lanes)
     return doubts

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from flexinv.lanes import BLOCK
-from flexinv.loop_rows import EMPTY, INNER, MOST_TOGETHER, NORM, PAIR, PROJECT, SOLVE, SURE, TAKE, TOGETHER, UNDO
+from flexinv.loop_rows import EMPTY, INNER, NORM, PAIR, PROJECT, SOLVE, SURE, TAKE, UNDO
+from flexinv.loop_together import MOST_TOGETHER, SOLVE_TOGETHER, TOGETHER
 from flexinv.mechanism import Array
 
 # A pivot of the sample, whose joints stand anywhere, is above this part of the largest entry; without one there is no order.
@@ -131,7 +132,10 @@ def sharing(
     multiplier = {pivot: e.take(1) if apart else e.scratch for _, pivot in solved}
     for column, pivot in solved:
         others = [(at, effort[c]) for c, at in sorted(e.rows[pivot].items()) if c != column]
-        e.step(SOLVE, e.rows[pivot][column], effort[column], others, multiplier[pivot])
+        if _side_by_side(others, (e.rows[pivot][column], effort[column])):
+            e.step(SOLVE_TOGETHER + len(others) - 1, *others[0], third=multiplier[pivot])
+        else:
+            e.step(SOLVE, e.rows[pivot][column], effort[column], others, multiplier[pivot])
     if apart:
         e.undo(multiplier)
         for r, at in multiplier.items():

@@ -39,6 +39,7 @@ from flexinv.loop_layout import (
     LIMITS,
     PARTIAL,
     PLANE,
+    PUSHING,
     ROOTS,
     SCRATCH,
     SCRATCH_ROWS,
@@ -109,7 +110,7 @@ def tables(
     matrix = np.zeros((len(rows), mesh.mechanism.nv), dtype=np.int64)
     for (row, column), at in t.matrix.items():
         matrix[row, column] = at
-    return LoopPlan(_packed(t), np.array(t.fixed), t.size, matrix, t.sizes)
+    return LoopPlan(_packed(t), np.array(t.fixed), t.size, matrix, {v: _largest(t, own) for v, own in t.sizes.items()})
 
 
 def _fill(t: Tables, rows: Rows, limits: tuple[float, float, float], kept: NDArray[np.bool_]) -> None:
@@ -124,6 +125,12 @@ def _fill(t: Tables, rows: Rows, limits: tuple[float, float, float], kept: NDArr
             _coupling(t, rows, int(own[0]))
         else:
             _closure(t, rows, own[kept[own] | ~rows.direction[own]])
+
+
+def _largest(t: Tables, sizes: list[int]) -> list[int]:
+    """Where sizes of a column stand: of those that are constant the largest is enough."""
+    known = [at for at in sizes if at in t.known]
+    return [at for at in sizes if at not in t.known] + ([max(known, key=lambda at: t.known[at])] if known else [])
 
 
 def _shared(mesh: Mesh, b: Bodies, rows: Rows) -> frozenset[tuple[int, int]]:
@@ -193,9 +200,12 @@ def _closure(t: Tables, rows: Rows, own: NDArray[np.int64]) -> None:
     first = t.rows(CLOSURE_ROWS + 3 * (len(directions) + (0 if whole else len(positions))), True)
     columns = [c for way in (way_a, way_b) for body in way for c in _columns_of(t, root, body, way is way_b)]
     pair = t.pairs.get(int(rows.closure[k]))
-    stride = (_rows_in_plane if t.plane else _rows_in_space)(
-        t, columns, first, pair, whole, rows=[*positions, *directions]
-    )
+    if t.plane:
+        stride = _rows_in_plane(t, columns, positions)
+    elif pair is None:
+        stride = _rows_in_space(t, columns, whole, [*positions, *directions])
+    else:
+        stride = _row_that_is_left(t, columns, first, pair, positions[0], (b, arms[1]))
     counts = (0 if whole else len(positions), len(directions))
     bodies, number, sums = (now - then for now, then in zip(t.counts(), before, strict=True))
     ends = (0, 0, 0, 0) if t.plane else (one.place, other.place, state(t, a), state(t, b))
@@ -220,51 +230,63 @@ def _write(t: Tables, c: _Column, to: int, entry: int) -> None:
     t.columns += [c.how, c.axis, c.place, to, rate, c.kept, signs, effort, entry]
 
 
-def _rows_in_plane(t: Tables, columns: list[_Column], *_: object, rows: list[int]) -> int:
+def _rows_in_plane(t: Tables, columns: list[_Column], rows: list[int]) -> int:
     """Columns with their entries behind them."""
     for c in columns:
         to = t.rows(4)
         entry = to + int(ENTRIES)
         _write(t, replace(c, kept=_kept(t, c.v, c.place - int(AT) + int(KEPT))), to, entry)
-        _enter(t, c.v, to, [(row, entry + i * BLOCK) for i, row in enumerate(rows[:3])])
+        _enter(t, c.v, to, [(row, entry + i * BLOCK) for i, row in enumerate(rows)])
     return BLOCK
 
 
-def _rows_in_space(
-    t: Tables, columns: list[_Column], own: int, pair: tuple[int, int] | None, whole: bool, rows: list[int]
-) -> int:
-    """Columns of a closure, less those that are taken, in the rows that are left; return how far rows are apart.
+def _rows_in_space(t: Tables, columns: list[_Column], whole: bool, rows: list[int]) -> int:
+    """Columns of a closure in all its rows; return how far rows are apart.
 
     Those of drives come first: then the entries of passive ones are eliminated from the last on.
     """
-    m, sums = t.mesh.mechanism, whole
-    columns = [replace(c, kept=_kept(t, c.v, t.rows(1))) for c in columns]
-    for v, at in zip(pair or (), (SIZE, SIZE_TOO), strict=False):
-        _write(t, next(c for c in columns if c.v == v), 0, 0)
-        _sum(t, next(c for c in columns if c.v == v), own + int(at), sums)
-    rows = rows[:1] if pair else rows
-    others = sorted((c for c in columns if c.v not in (pair or ())), key=lambda c: (not m.actuated[c.v], c.v))
-    free = {c.joint for c in others if pair and [d.joint for d in others].count(c.joint) == 6}
-    single = [c for c in others if c.joint not in free]
-    base, stride = t.rows(len(rows) * len(single)), len(single) * BLOCK
-    for i, c in enumerate(single):
-        to, entry = t.rows(4), base + i * BLOCK
+    base, stride = t.rows(len(rows) * len(columns)), len(columns) * BLOCK
+    for i, column in enumerate(sorted(columns, key=lambda c: (not t.mesh.mechanism.actuated[c.v], c.v))):
+        c, to, entry = replace(column, kept=_kept(t, column.v, t.rows(1))), t.rows(4), base + i * BLOCK
         _write(t, c, to, entry)
-        _sum(t, c, to, sums)
+        if whole:
+            _sum(t, c, to)
         _enter(t, c.v, to, [(row, entry + j * stride) for j, row in enumerate(rows)])
-    for joint in sorted(free):
-        six, entry = sorted((c for c in others if c.joint == joint), key=lambda c: c.v), t.rows(12)
-        _write(t, replace(six[0], how=FLOATING, place=int(t.bodies.tree[joint, 2])), entry, entry)
-        for j, c in enumerate(six):
-            _sum(t, c, entry + (6 + j) * BLOCK, sums)
-            _enter(t, c.v, entry + (6 + j) * BLOCK, [(rows[0], entry + j * BLOCK)])
     return stride
 
 
-def _sum(t: Tables, c: _Column, size: int, whole: bool) -> None:
+def _row_that_is_left(
+    t: Tables, columns: list[_Column], own: int, pair: tuple[int, int], row: int, end: tuple[int, Array]
+) -> int:
+    """Columns of a closure from which a universal joint is taken; end : the body of B, and the point in its axes."""
+    scale = 1.0 / t.mesh.length**2
+    columns = [replace(c, kept=_kept(t, c.v, t.rows(1))) for c in columns]
+    for v, at in zip(pair, (SIZE, SIZE_TOO), strict=True):
+        c = next(c for c in columns if c.v == v)
+        _write(t, c, 0, 0)
+        _sum(t, c, own + int(at))
+    others = sorted((c for c in columns if c.v not in pair), key=lambda c: c.v)
+    free = [c for c in others if c.joint == end[0]] if int(t.bodies.tree[end[0], 0]) == FREE else []
+    for c in (c for c in others if c not in free):
+        joint, entry = t.bodies.tree[c.joint], t.rows(1)
+        pushes = int(joint[0]) == PRISMATIC
+        to = t.constant_size(scale)[0] if pushes else t.rows(4)
+        _write(t, replace(c, how=PUSHING, place=int(joint[2])) if pushes else c, to, entry)
+        _sum(t, c, to)
+        _enter(t, c.v, to, [(row, entry)])
+    if free:
+        entry, (x, y, z) = t.rows(6), end[1]
+        sizes = t.constant_size(*(scale * s for s in (1.0, 1.0, 1.0, y * y + z * z, x * x + z * z, x * x + y * y)))
+        _write(t, replace(free[0], how=FLOATING, place=int(t.bodies.tree[end[0], 2])), t.numbers(end[1]), entry)
+        for j, (c, size) in enumerate(zip(free, sizes, strict=True)):
+            _sum(t, c, size)
+            _enter(t, c.v, size, [(row, entry + j * BLOCK)])
+    return 0
+
+
+def _sum(t: Tables, c: _Column, size: int) -> None:
     """Write what the sums of three positions, and of directions beside them, take of a column."""
-    if whole:
-        t.sums += [size, int(t.bodies.columns[t.mesh.mechanism.nq + c.v]), c.kept, c.axis, int(c.how == TURNING)]
+    t.sums += [size, int(t.bodies.columns[t.mesh.mechanism.nq + c.v]), c.kept, c.axis, int(c.how == TURNING)]
 
 
 def _kept(t: Tables, v: int, to: int) -> int:
