@@ -71,6 +71,7 @@ class Tables:
     header: dict[int, int] = field(default_factory=dict)
     matrix: dict[tuple[int, int], int] = field(default_factory=dict)
     sizes: dict[int, list[int]] = field(default_factory=dict)
+    held: dict[int, int] = field(default_factory=dict)  # free body -> room for its next row
     constants: dict[tuple[float, ...], list[int]] = field(default_factory=dict)
     known: dict[int, float] = field(default_factory=dict)  # where such squares stand
 

@@ -96,7 +96,7 @@ def _with_steps(
         return size - count * BLOCK
 
     patterns = [{int(c): int(plan.matrix[r, c]) for c in np.flatnonzero(where[r])} for r in range(len(g[0]))]
-    e = Elimination(patterns, g[0].copy(), plan.sizes, take, int(plan.plan[SCRATCH]))
+    e = Elimination(patterns, g[0].copy(), plan.sizes, take, int(plan.plan[SCRATCH]), constant=plan.constant)
     effort = [int(i) for i in b.columns[m.nq + m.nv :]]
     if not sharing(e, effort, *left, len(plan.fixed)):
         return None

@@ -21,7 +21,7 @@ import math
 import numpy as np
 
 from flexinv.compiled import jit_lanes
-from flexinv.lanes import LANES, put_vec, row, vec_of
+from flexinv.lanes import LANES, put_vec, row, times, vec_of
 from flexinv.loop_layout import (
     CHANGED,
     COLUMN_CELLS,
@@ -61,11 +61,12 @@ from flexinv.loop_layout import (
     VECTORS,
     WHOLE,
 )
-from flexinv.loop_together import MOST_TOGETHER, SOLVE_TOGETHER, TOGETHER, solve_together, together
+from flexinv.loop_six import six_forces
+from flexinv.loop_together import MOST_TOGETHER, TOGETHER, together
 from flexinv.recursion import ACCELERATION, SPIN, SPIN_RATE
 
 # Steps: a word for what is done, how many pairs of rows follow, three offsets, and those of the pairs.
-PAIR, SURE, EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, UNDO = range(9)
+PAIR, SURE, EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, UNDO, ALL_SIX = range(10)
 # A pivot over its column's size is at least this, so that its errors are 1e-12 at most; else singular values decide.
 LEAST_PIVOT = 1e-4
 # What is left of a row that repeats others, over the size of its column: rounding over the smallest pivot.  Singular values would
@@ -77,6 +78,7 @@ ROUNDED = 1e-14
 SOME = np.uint64(4)
 _ZERO, _ONE, _TWO, _THREE, _FIVE = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(5)
 _COLUMN, _MOST, _OWN = row(4), row(MOST_TOGETHER + 1), row(9)
+_SIX, _SIX_ROWS = row(6), row(36)
 
 
 @jit_lanes
@@ -297,9 +299,7 @@ def _project(scratch, lanes):
 def _begin_step(kind, third, work, first, second, lanes):
     """What a step does before its pairs; return how often a rank is in doubt."""
     one, other = work[first : first + LANES], work[second : second + LANES]
-    if kind >= SOLVE_TOGETHER:
-        solve_together(kind, third[:LANES], work[first : first + _MOST], work[second : second + _MOST], lanes)
-    elif kind >= TOGETHER:
+    if kind >= TOGETHER:
         together(kind, third[: _TWO * LANES], work[first : first + _MOST], work[second : second + _MOST], lanes)
     elif kind == PAIR:
         _pair(third[: _TWO * LANES], one, other, lanes)
@@ -317,6 +317,18 @@ def _begin_step(kind, third, work, first, second, lanes):
 
 
 @jit_lanes
+def _all_six(plan, work, at, first, second, third, lanes):
+    """Six forces on a free body; sizes of the columns are constant."""
+    size = (
+        math.sqrt(work[plan[at]]), math.sqrt(work[plan[at + 2]]), math.sqrt(work[plan[at + 4]]),
+        math.sqrt(work[plan[at + 6]]), math.sqrt(work[plan[at + 8]]), math.sqrt(work[plan[at + 10]]),
+    )  # fmt: skip
+    least = times(LEAST_PIVOT, size[:3]) + times(LEAST_PIVOT, size[3:])
+    entries, efforts = work[first : first + _SIX_ROWS], work[second : second + _SIX]
+    return six_forces(work[third : third + _SIX], efforts, entries, lanes, least)
+
+
+@jit_lanes
 def share(plan, fixed, work, lanes):
     """Turn efforts of the cut tree into those of the drives [N m], [N]; return how often a rank is in doubt."""
     scratch = work[plan[SCRATCH] : plan[SCRATCH] + _COLUMN]
@@ -325,6 +337,10 @@ def share(plan, fixed, work, lanes):
         kind, count, first, second, third = plan[at], plan[at + _ONE], plan[at + _TWO], plan[at + _THREE], plan[at + 4]
         at += _FIVE
         own = work[third : third + _COLUMN]
+        if kind == ALL_SIX:
+            doubts += _all_six(plan, work, at, first, second, third, lanes)
+            at += _TWO * count
+            continue
         doubts += _begin_step(kind, own, work, first, second, lanes)
         for i in range(count):
             one, other = plan[at], plan[at + _ONE]

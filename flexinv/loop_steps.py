@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from flexinv.lanes import BLOCK
-from flexinv.loop_rows import EMPTY, INNER, NORM, PAIR, PROJECT, SOLVE, SURE, TAKE, UNDO
-from flexinv.loop_together import MOST_TOGETHER, SOLVE_TOGETHER, TOGETHER
+from flexinv.loop_rows import ALL_SIX, EMPTY, INNER, NORM, PAIR, PROJECT, SOLVE, SURE, TAKE, UNDO
+from flexinv.loop_together import MOST_TOGETHER, TOGETHER
 from flexinv.mechanism import Array
 
 # A pivot of the sample, whose joints stand anywhere, is above this part of the largest entry; without one there is no order.
@@ -29,7 +29,7 @@ class Elimination:
     rows : for each row, velocity coordinate -> where its entry stands in the work space [-]; numbers : (rows, nv) of a sample
     sizes : for each coordinate, where the squares of its column stand; take : finds room for so many rows more
     scratch : where a block works; words : of the steps so far; count : how many steps; fills : entries that are zero at first
-    combined : pairs of rows and where their factors are kept, if they are
+    combined : pairs of rows and where their factors are kept, if they are; constant : sizes that are
     """
 
     rows: list[dict[int, int]]
@@ -41,6 +41,7 @@ class Elimination:
     count: int = 0
     fills: list[int] = field(default_factory=list)
     combined: list[tuple[int, int, int]] | None = None
+    constant: frozenset[int] = frozenset()
 
     def step(
         self,
@@ -111,6 +112,12 @@ def sharing(
     """
     left, whole = [r for r, row in enumerate(e.rows) if row], [dict(row) for row in e.rows]
     apart = len(left) == len(passive) >= MANY and not beyond
+    if apart and _are_six(e, left, passive, effort):
+        at = e.take(6)
+        e.step(ALL_SIX, whole[left[0]][passive[0]], effort[passive[0]], [(e.sizes[c][0], 0) for c in passive], at)
+        for i, r in enumerate(left):
+            e.step(TAKE, pairs=_driven(whole[r], effort, drives), third=at + i * BLOCK)
+        return True
     if apart:
         e.rows = [{c: at for c, at in row.items() if c in passive} for row in e.rows]
         e.combined = []
@@ -132,16 +139,32 @@ def sharing(
     multiplier = {pivot: e.take(1) if apart else e.scratch for _, pivot in solved}
     for column, pivot in solved:
         others = [(at, effort[c]) for c, at in sorted(e.rows[pivot].items()) if c != column]
-        if _side_by_side(others, (e.rows[pivot][column], effort[column])):
-            e.step(SOLVE_TOGETHER + len(others) - 1, *others[0], third=multiplier[pivot])
-        else:
-            e.step(SOLVE, e.rows[pivot][column], effort[column], others, multiplier[pivot])
+        e.step(SOLVE, e.rows[pivot][column], effort[column], others, multiplier[pivot])
     if apart:
         e.undo(multiplier)
         for r, at in multiplier.items():
-            e.step(TAKE, pairs=[(whole[r][c], effort[c]) for c in sorted(whole[r]) if c in drives], third=at)
+            e.step(TAKE, pairs=_driven(whole[r], effort, drives), third=at)
     _project(e, effort, against, drives, weights)
     return True
+
+
+def _driven(row: dict[int, int], effort: Sequence[int], drives: list[int]) -> list[tuple[int, int]]:
+    """The entries of drives in a row, and their efforts."""
+    return [(row[c], effort[c]) for c in sorted(row) if c in drives]
+
+
+def _are_six(e: Elimination, left: list[int], passive: list[int], effort: Sequence[int]) -> bool:
+    """Whether six rows and efforts of six passive coordinates stand side by side, of constant sizes, and are apart."""
+    if len(left) != 6 or any(len(e.sizes[c]) != 1 or e.sizes[c][0] not in e.constant for c in passive):
+        return False
+    first = e.rows[left[0]].get(passive[0], 0)
+    entries = [[e.rows[r].get(c, 0) - first for c in passive] for r in left]
+    efforts = [effort[c] - effort[passive[0]] for c in passive]
+    values = np.linalg.svd(e.numbers[np.ix_(left, passive)], compute_uv=False)
+    side_by_side = entries == (BLOCK * np.arange(36).reshape(6, 6)).tolist() and efforts == [
+        BLOCK * i for i in range(6)
+    ]
+    return side_by_side and bool(values[-1] > PIVOT * values[0])
 
 
 def _triangle(e: Elimination, left: list[int], passive: list[int]) -> list[tuple[int, int]] | None:

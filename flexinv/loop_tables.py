@@ -66,6 +66,7 @@ class LoopPlan:
     """What kernels read: ``plan`` of whole numbers and ``fixed`` of others [any unit]; ``size`` of the whole work space [-].
 
     matrix : (rows, nv) where the entries of G stand, 0 where there are none; sizes : velocity coordinate -> of its columns
+    constant : which of these are
     """
 
     plan: NDArray[np.uint64]
@@ -73,6 +74,7 @@ class LoopPlan:
     size: int
     matrix: NDArray[np.int64]
     sizes: dict[int, list[int]]
+    constant: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -110,7 +112,7 @@ def tables(
     matrix = np.zeros((len(rows), mesh.mechanism.nv), dtype=np.int64)
     for (row, column), at in t.matrix.items():
         matrix[row, column] = at
-    return LoopPlan(_packed(t), np.array(t.fixed), t.size, matrix, {v: _largest(t, own) for v, own in t.sizes.items()})
+    return LoopPlan(_packed(t), np.array(t.fixed), t.size, matrix, _sizes(t), frozenset(t.known))
 
 
 def _fill(t: Tables, rows: Rows, limits: tuple[float, float, float], kept: NDArray[np.bool_]) -> None:
@@ -127,10 +129,13 @@ def _fill(t: Tables, rows: Rows, limits: tuple[float, float, float], kept: NDArr
             _closure(t, rows, own[kept[own] | ~rows.direction[own]])
 
 
-def _largest(t: Tables, sizes: list[int]) -> list[int]:
-    """Where sizes of a column stand: of those that are constant the largest is enough."""
-    known = [at for at in sizes if at in t.known]
-    return [at for at in sizes if at not in t.known] + ([max(known, key=lambda at: t.known[at])] if known else [])
+def _sizes(t: Tables) -> dict[int, list[int]]:
+    """Where sizes of columns stand: of those that are constant the largest is enough."""
+    out = {}
+    for v, sizes in t.sizes.items():
+        known = [at for at in sizes if at in t.known]
+        out[v] = [at for at in sizes if at not in t.known] + ([max(known, key=lambda at: t.known[at])] if known else [])
+    return out
 
 
 def _shared(mesh: Mesh, b: Bodies, rows: Rows) -> frozenset[tuple[int, int]]:
@@ -275,7 +280,10 @@ def _row_that_is_left(
         _sum(t, c, to)
         _enter(t, c.v, to, [(row, entry)])
     if free:
-        entry, (x, y, z) = t.rows(6), end[1]
+        if end[0] not in t.held:
+            t.held[end[0]] = t.rows(6 * len(t.pairs))
+        entry, (x, y, z) = t.held[end[0]], end[1]
+        t.held[end[0]] += 6 * BLOCK
         sizes = t.constant_size(*(scale * s for s in (1.0, 1.0, 1.0, y * y + z * z, x * x + z * z, x * x + y * y)))
         _write(t, replace(free[0], how=FLOATING, place=int(t.bodies.tree[end[0], 2])), t.numbers(end[1]), entry)
         for j, (c, size) in enumerate(zip(free, sizes, strict=True)):

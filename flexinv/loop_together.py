@@ -1,4 +1,4 @@
-"""Closed loops, one sample a lane: rows of G whose entries stand side by side, combined or solved in one pass (`loop_rows`)."""
+"""Closed loops, one sample a lane: rows of G whose entries stand side by side, combined in one pass (`loop_rows`)."""
 
 from __future__ import annotations
 
@@ -10,10 +10,8 @@ from flexinv.compiled import jit_lanes
 from flexinv.lanes import LANES, row
 from flexinv.loop_layout import CHANGED, FACTOR
 
-# Where other entries, or efforts too, stand side by side before the pivot's, so many at most, one pass does it for all: steps
-# TOGETHER, or SOLVE_TOGETHER, + how many there are - 1.
-MOST_TOGETHER, TOGETHER = 5, 9
-SOLVE_TOGETHER = TOGETHER + MOST_TOGETHER
+# Where other entries stand side by side before the pivot's, so many at most: steps TOGETHER + how many there are - 1.
+MOST_TOGETHER, TOGETHER = 4, 10
 
 
 def _pairing(count: int) -> Any:
@@ -39,25 +37,7 @@ def _pairing(count: int) -> Any:
     return pair
 
 
-def _solving(count: int) -> Any:
-    """A multiplier, and what it does for so many coordinates before the pivot's own."""
-    last = row(count)
-
-    @jit_lanes
-    def solve(multiplier, entries, efforts, lanes):
-        for k in range(lanes):
-            own = efforts[last + k] / entries[last + k]
-            multiplier[k] = own
-            efforts[last + k] = 0.0
-            for j in range(count):
-                at = np.uint64(j) * LANES + k
-                efforts[at] -= own * entries[at]
-
-    return solve
-
-
-_PAIR_1, _PAIR_2, _PAIR_3, _PAIR_4, _PAIR_5 = (_pairing(count) for count in range(1, MOST_TOGETHER + 1))
-_SOLVE_1, _SOLVE_2, _SOLVE_3, _SOLVE_4, _SOLVE_5 = (_solving(count) for count in range(1, MOST_TOGETHER + 1))
+_PAIR_1, _PAIR_2, _PAIR_3, _PAIR_4 = (_pairing(count) for count in range(1, MOST_TOGETHER + 1))
 
 
 @jit_lanes
@@ -69,22 +49,5 @@ def together(kind, factor, one, other, lanes):
         _PAIR_2(factor, one, other, lanes)
     elif kind == TOGETHER + 2:
         _PAIR_3(factor, one, other, lanes)
-    elif kind == TOGETHER + 3:
+    else:
         _PAIR_4(factor, one, other, lanes)
-    else:
-        _PAIR_5(factor, one, other, lanes)
-
-
-@jit_lanes
-def solve_together(kind, multiplier, entries, efforts, lanes):
-    """Find one multiplier more and take what it does in one pass [N], [N m]."""
-    if kind == SOLVE_TOGETHER:
-        _SOLVE_1(multiplier, entries, efforts, lanes)
-    elif kind == SOLVE_TOGETHER + 1:
-        _SOLVE_2(multiplier, entries, efforts, lanes)
-    elif kind == SOLVE_TOGETHER + 2:
-        _SOLVE_3(multiplier, entries, efforts, lanes)
-    elif kind == SOLVE_TOGETHER + 3:
-        _SOLVE_4(multiplier, entries, efforts, lanes)
-    else:
-        _SOLVE_5(multiplier, entries, efforts, lanes)

@@ -8,17 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.beam import element_gradient, element_tangent, nodal_forces, relative
-from flexinv.compiled import jit
+from flexinv.compiled import jit, jit_blocks
 from flexinv.damped_beam import damped_gradient, damped_tangent, relative_rates
 from flexinv.eliminate import solve_dense, solve_tree
 from flexinv.integrate import advance, follow, predict
+from flexinv.lanes import LANES
+from flexinv.loop_six import six_forces
 from flexinv.modes import linearise
 from flexinv.rotations import coefficients, inverse_coefficient, inverse_tangent
 from flexinv.vectors import put_block, vec
 
 __all__ = [
     "all_coefficients", "damped_element", "dense", "derivative", "element", "eliminate", "inverse_tangent_one",
-    "linearise", "oscillate",
+    "linearise", "oscillate", "six",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -77,6 +79,13 @@ def inverse_tangent_one(psi, out):
 def all_coefficients(s):
     """A, A', A'', B, B', B'', c, c' at s."""
     return coefficients(s), inverse_coefficient(s)
+
+
+@jit_blocks
+def six(multipliers, efforts, entries, least):
+    """Solve sum lambda_i row_i = efforts for six rows, 128 samples each; return how many are in doubt."""
+    few = (least, least, least, least, least, least)
+    return six_forces(multipliers, efforts, entries, LANES, few)
 
 
 @jit

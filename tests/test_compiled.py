@@ -33,7 +33,7 @@ def test_families() -> None:
     """The rigid kernel, the march, its planar form and the loops that are followed have little in common."""
     rigid, march, loops = (set(family(module, FOLDER)) for module in ("blocks", "march", "branch"))
     planar = {name for name in SOURCES if name.startswith("planar")}
-    loop_lanes = {"loop_lanes", "loop_layout", "loop_plane", "loop_reduce", "loop_rows", "loop_space", "loop_together"}
+    loop_lanes = {name for name in SOURCES if name.startswith("loop_")}
     assert rigid == {"atomics", "blocks", "compiled", "kinds", "lanes", "offers", "recursion"} | loop_lanes
     assert march >= {"assemble", "beam", "compiled", "eliminate", "integrate", "march", "rotations", "tree", "vectors"}
     assert not march & {"blocks", "branch", "lanes", "modes", "recursion", *planar}

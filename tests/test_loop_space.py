@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from kernels import six
 from loop_examples import Example, platform, spatial
 from numpy.typing import NDArray
 from test_loop_lanes import MODELS, ROUNDING, doubts, largest, reference, solved
 
 import flexinv
-from flexinv import loop_plan
+from flexinv import loop_plan, loop_steps
 from flexinv.files.case import load_cases
 from flexinv.loop_layout import CLOSURE_CELLS, CLOSURES, REDUCED
 from flexinv.prepared import TorqueFunction, prepare
@@ -68,3 +69,38 @@ def test_a_universal_joint_in_line_is_left_to_singular_values() -> None:
     with pytest.raises(flexinv.InputError, match="the given q does not keep closure"):
         f.torques(q, 0 * qd, 0 * qd)
     assert doubts(f, 200) == [1]
+
+
+def test_six_forces_are_those_of_linear_equations() -> None:
+    """Rows in any order, zeros where a pivot would be among them; a sample whose rows depend on each other is in doubt, alone."""
+    random = np.random.default_rng(5)
+    g, tau = random.normal(size=(128, 6, 6)), random.normal(size=(128, 6))
+    g[1, :, 5], g[1, 3, 5] = 0.0, 1.0  # one entry in the first column that is taken
+    g[2] = np.eye(6)[random.permutation(6)]
+    entries, efforts, found = g.transpose(1, 2, 0).ravel().copy(), tau.T.ravel().copy(), np.zeros(6 * 128)
+    assert six(found, efforts, entries, 1e-9) == 0
+    exact = np.linalg.solve(g.transpose(0, 2, 1), tau[:, :, None])[:, :, 0]
+    error = np.abs(found.reshape(6, 128).T - exact).max(axis=1) / np.abs(exact).max(axis=1)
+    assert (error < 1e-14 * np.linalg.cond(g)).all()  # some tens of roundings, times the condition
+    assert not efforts.any()
+    g[7, 2] = g[7, 0] - 2.0 * g[7, 5]
+    entries, efforts = g.transpose(1, 2, 0).ravel().copy(), tau.T.ravel().copy()
+    assert six(found, efforts, entries, 1e-9) == 1
+
+
+@pytest.mark.parametrize("name", ["stewart_platform", "platform"])
+def test_six_legs_are_solved_at_once(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same efforts as with rows combined two and two."""
+    if name == "platform":
+        mechanism, state = solved(platform(), 200)
+    else:
+        mechanism = flexinv.load_mechanism(MODELS / name)
+        mechanism, state = solved((mechanism, next(iter(load_cases(MODELS / name, mechanism).values()))), 200)
+    f = prepare(mechanism, threads=1)
+    asked: list[bool] = []
+    monkeypatch.setattr(loop_steps, "_are_six", lambda *_: asked.append(True))
+    g = prepare.__wrapped__(mechanism, threads=1)
+    assert asked
+    assert len(g.plan.plan) > len(f.plan.plan)
+    assert np.abs(f.torques(*state) - g.torques(*state)).max() < ROUNDING * largest(f, state)
+    assert doubts(f, 200) == doubts(g, 200) == []
