@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from flexinv.alike_march import MORE, NONE, Designs, Tasks, march_alike
-from flexinv.closures import constraint_rows
+from flexinv.alike_march import Designs, Tasks, march_alike
 from flexinv.evaluate import found_shapes, skeleton, solution_of
 from flexinv.integrate import EXACT, Scheme, generalized_alpha
 from flexinv.kinematics import Progress, failure
@@ -24,22 +23,22 @@ from flexinv.memory import together
 from flexinv.mesh import Mesh, build
 from flexinv.motion import Motion, motion_table
 from flexinv.nodal import NodalMotion
-from flexinv.planar import PlanarMarch, histories
+from flexinv.planar import PlanarMarch
 from flexinv.planar_march import Histories
 from flexinv.planar_model import planar_model
 from flexinv.plane import Plane, find_plane
 from flexinv.scheme import settings_of, time_grid
 from flexinv.second_step import Found
 from flexinv.solution import Solution
-from flexinv.solver import Trajectory
+from flexinv.solver import Trajectory, has_padding, history_shapes
 from flexinv.stacks import stacked
 
 # Options of `solve` that such scenarios may state; all others keep their defaults.
 OPTIONS = {"step", "end", "spectral_radius", "tolerance"}
 # Numbers in the series of the scenarios that stand in one piece of memory, 64 MiB: it lasts as long as any of them.
 RUN = 1 << 23
-# Instants that a thread marches before the interpreter hears of it: half a second, then it may be interrupted.
-AT_ONCE = 1 << 16
+# Instants that a thread marches before it makes solutions of what it has: some milliseconds, while others march.
+AT_ONCE = 1 << 12
 Triple = tuple[Array, Array, Array]
 SideBySide = Callable[[Callable[[], None], Callable[[], None], int], None]
 
@@ -129,30 +128,36 @@ def solve_alike(
     designs, tasks = _designs(tuple(dict.fromkeys(one.mesh for one in scenarios))), _tasks(scenarios)
     out, found = _room(first, len(scenarios))
     ahead, left, lock = np.zeros(8, dtype=np.uint64), np.zeros(len(scenarios)), Lock()
-    ended = np.zeros((len(scenarios), 3), dtype=np.int64)
-    most = 1 if progress is not None else max(1, AT_ONCE // len(first.time))
+    ended, results = np.zeros((len(scenarios), 3), dtype=np.int64), list[Any](scenarios)
+    most = 1 if progress is not None else min(max(1, AT_ONCE // len(first.time)), -(-len(scenarios) // threads))
 
     def work() -> None:
-        own, status = PlanarMarch.ready(first.mesh, ()), MORE
-        while status != NONE:
-            status = march_alike(
-                ahead, most, designs, tasks, first.scheme, own.state, own.frames, own.factors, own.work, own.ties,
-                np.empty((first.mesh.size, 6)), out, found, ended, left,
+        own, line = PlanarMarch.ready(first.mesh, ()), np.empty((first.mesh.size, 6))
+        mine = np.zeros(most, dtype=np.int64)
+        while ahead[0] < len(scenarios):
+            done = march_alike(
+                ahead, mine, designs, tasks, first.scheme, own.state, own.frames, own.factors, own.work, own.ties, line,
+                out, found, ended, left,
             )  # fmt: skip
-            if status >= 0:  # what has failed may have left numbers that are none
-                own = PlanarMarch.of(first.mesh, ())
-            if progress is not None and status != NONE:
+            for n in mine[:done].tolist():
+                results[n] = _solution(scenarios[n], n, out, found)
+            if done < most and (n := int(mine[done])) < len(scenarios):
+                results[n] = _failure(scenarios[n], ended[n].tolist(), float(left[n]))
+                own = PlanarMarch.of(first.mesh, ())  # what has failed may have left numbers that are none
+            elif done == 0:  # others have taken the rest
+                break
+            if progress is not None:
                 with lock:
                     progress(1)
         own.leave(())
 
     side_by_side(work, lambda: ahead.fill(len(scenarios)), min(threads, len(scenarios)))
-    results: list[Solution | Exception] = []
-    for n, one in enumerate(scenarios):
-        status, instant, count = (int(number) for number in ended[n])
-        error = failure(one.mesh, (status, instant, count, float(left[n])), one.time, one.scheme.h)
-        results.append(error or _solution(one, n, out, found))
     return results
+
+
+def _failure(one: Scenario, ended: list[int], left: float) -> Exception | None:
+    status, instant, count = ended
+    return failure(one.mesh, (status, instant, count, left), one.time, one.scheme.h)
 
 
 def _tasks(scenarios: Sequence[Scenario]) -> Tasks:
@@ -175,17 +180,14 @@ def _tasks(scenarios: Sequence[Scenario]) -> Tasks:
 def _room(first: Scenario, scenarios: int) -> tuple[Histories, Found]:
     """Series of all scenarios, one after the other in memory."""
     mesh, samples = first.mesh, len(first.time)
-    single = histories(Trajectory.empty(1, mesh, len(constraint_rows(mesh))))
-    shapes = [(scenarios, samples, *part.shape[1:]) for part in single[:-1]]
-    rest = [(scenarios, *shape) for shape in found_shapes(mesh, samples)]
-    parts = [*together(*shapes, *rest[:2]), *(np.empty(shape) for shape in rest[2:])]  # see `evaluate.second_step`
-    motion, others = parts[: len(shapes)], parts[len(shapes) :]
-    x, r, v, w, a, al, wrench, internal, energy, multipliers = motion
-    iterations = np.zeros((scenarios, samples), dtype=np.int64)
-    out = Histories(x, r, v, w, a, al, wrench, internal, energy, multipliers, iterations)
-    if (mesh.elements.order < mesh.elements.weight.shape[1]).any():  # points that some elements do not have
-        out.internal[:] = 0.0
-    return out, Found(*others)
+    shapes = [*history_shapes(mesh, samples), (samples, 3), *found_shapes(mesh, samples)]
+    whole, large = [(scenarios, *shape) for shape in shapes], len(shapes) - len(Found._fields) + 2  # two of nodes
+    x, r, v, w, a, al, wrench, internal, energy, *forces = together(*whole[:large])
+    if has_padding(mesh):
+        internal[:] = 0.0
+    none, iterations = np.empty((scenarios, samples, 0)), np.zeros((scenarios, samples), dtype=np.int64)
+    found = Found(*forces, *(np.empty(shape) for shape in whole[large:]))  # see `evaluate.second_step`
+    return Histories(x, r, v, w, a, al, wrench, internal, energy, none, iterations), found
 
 
 def _solution(one: Scenario, n: int, out: Histories, found: Found) -> Solution:

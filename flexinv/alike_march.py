@@ -20,9 +20,6 @@ from flexinv.planar_tree import PlanarTree
 from flexinv.second_step import Given, Moving, Skeleton, second_step_samples
 from flexinv.stacks import at
 
-# What `march_alike` returns besides the number of a scenario that has failed: there may be more, there are none.
-MORE, NONE = -1, -2
-
 
 class Designs(NamedTuple):
     """Mechanisms of one structure, stacked; over : (designs, single, 3) of `planar_ties.PlanarTies`."""
@@ -57,17 +54,18 @@ class Tasks(NamedTuple):
 
 
 @jit
-def march_alike(ahead, most, designs, tasks, scheme, s, f, q, w, k, line, out, found, ended, left):
-    """March scenarios that nobody has taken yet, at ``most`` so many [-], and do the second step of each.
+def march_alike(ahead, mine, designs, tasks, scheme, s, f, q, w, k, line, out, found, ended, left):
+    """March scenarios that nobody has taken yet, and do the second step of each; return how many have come to the end [-].
 
-    ahead : (1,) number of the next; s, f, q, w, k, line : work space of a `planar.PlanarMarch` and (nodes, 6)
+    ahead : (1,) number of the next; mine : (most,) at most so many, gets their numbers, that of one that failed behind the others
+    s, f, q, w, k, line : work space of a `planar.PlanarMarch` and (nodes, 6)
     out : Histories, found : Found of all scenarios, stacked; ended, left : (scenarios, 3), (scenarios,) what the march returns
-    Return MORE, NONE, or the number of a scenario whose march has failed.
     """
-    for _ in range(most):
+    for done in range(len(mine)):
         n = np.int64(take(ahead))
+        mine[done] = n
         if n >= len(tasks.design):
-            return NONE
+            return done
         d, m, h = tasks.design[n], tasks.motion[n], at(out, n)
         for i in range(k.over.shape[0]):
             for j in range(3):
@@ -77,8 +75,8 @@ def march_alike(ahead, most, designs, tasks, scheme, s, f, q, w, k, line, out, f
             tasks.joint[m], tasks.moves, tasks.given[m], tasks.row, h,
         )  # fmt: skip
         if ended[n, 0] != CONVERGED:
-            return n
+            return done
         moving = Moving(h.x, h.r, h.v, h.w, h.a, h.al)
         given = Given(h.wrench, h.energy, tasks.none, tasks.none, tasks.never, tasks.qd[m], tasks.time)
         second_step_samples(at(designs.skeleton, d), moving, given, line, at(found, n))
-    return MORE
+    return len(mine)

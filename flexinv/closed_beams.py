@@ -83,11 +83,13 @@ def evaluated(
     motion, stretches = trajectory.motion, switching.stretches
     closing = closing_forces(motion, stretches, trajectory.multipliers) + applied_forces(mesh, motion, time)
     brought = energy_jumps(time, switching.impacts)
-    solution = evaluate(mesh, trajectory, time, q, qd, qdd, passive, settings, closing, brought)
-    solution = geared(solution, trajectory.multipliers @ stretches[0].rows.gear)
+    none, unknown_condition = np.zeros((len(time), m.nv, 0)), np.full(len(time), np.nan)
     reaction = phased_reactions(mesh, motion, stretches, trajectory.multipliers)
-    none, unknown_condition, left = np.zeros((len(time), m.nv, 0)), np.full(len(time), np.nan), ~m.actuated
-    loops = LoopForces(reaction, none, unknown_condition, solution.torque_all * left, tuple(switching.impacts))
+    solution = evaluate(mesh, trajectory, time, q, qd, qdd, passive, settings, closing, brought)
+    if stretches[0].rows.gear.any():
+        solution = geared(solution, trajectory.multipliers @ stretches[0].rows.gear)
+    left = solution.torque_all * ~m.actuated
+    loops = LoopForces(reaction, none, unknown_condition, left, tuple(switching.impacts))
     return replace(solution, loops=loops)
 
 

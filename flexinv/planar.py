@@ -197,8 +197,8 @@ def _ties(m: PlanarModel) -> PlanarTies:
         row=c.row, direction=c.direction, acting=np.ones(n, dtype=bool), a=c.a, b=c.b,
         place_a=c.place_a.copy(), place_b=c.place_b.copy(), u=c.u.copy(), w=c.w.copy(),
         multiplier=np.zeros(n), value=np.zeros(n), gradient=np.zeros((n, 6)), sides=np.zeros((n, unknowns)),
-        moved=np.zeros((n, unknowns)), stiffness=np.zeros((n, n)), open=np.zeros(n), step=np.zeros(n),
-        left=np.zeros(n, dtype=bool), line=np.zeros(unknowns), single=c.single, over=c.over.copy(),
+        moved=np.zeros((n, unknowns)), stiffness=np.zeros((n, n)), open=np.zeros(n), step=np.zeros(max(n, widest)),
+        left=np.zeros(max(n, widest), dtype=bool), line=np.zeros(unknowns), single=c.single, over=c.over.copy(),
         block=c.block, member=c.member, mass=np.zeros((widest, widest)),
         change=np.zeros((len(m.tree.parent), 3)), kept=np.zeros(n), accelerations=np.zeros(unknowns),
     )  # fmt: skip

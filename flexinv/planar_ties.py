@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.border import REDUNDANT_PIVOT
-from flexinv.compiled import jit_inner
+from flexinv.compiled import jit_inner, jit_shared
 from flexinv.lanes import cos_sin
 from flexinv.mechanism import Array
-from flexinv.planar_solve import invert, solve
+from flexinv.planar_solve import solve
 from flexinv.planar_tree import vary_poses
 from flexinv.settle import MASSLESS
 
@@ -36,8 +36,8 @@ class PlanarTies(NamedTuple):
     place_a, place_b [m], u, w : (rows, 2) in the nodes' frames, seen in the plane where the nodes stand at zero
     multiplier : (rows,) [N], [N m]; value : (rows,) phi or phi''; gradient : (rows, 6) by the poses of a and b
     sides, moved : (rows, unknowns) G and W
-    stiffness : (rows, rows) (G W)^-1; open, step, left : (rows,) -phi - G y, dlambda, scratch; line : (unknowns,) scratch
-    single : nodes that are alone in their block; over : (single, 3) 1/m, 1/m, 1/J, zero where that is infinite
+    stiffness : (rows, rows) (G W)^-1; open : (rows,) -phi - G y; step, left : (rows or columns,) dlambda, scratch
+    line : (unknowns,) scratch; single : nodes alone in their block; over : (single, 3) 1/m, 1/m, 1/J, zero where that is infinite
     block : (blocks,) the other blocks of unknowns
     member : (blocks, most) nodes of each, -1 behind the last; mass, change (nodes, 3) : scratch
     kept : (rows,) multipliers set aside; accelerations : (unknowns,) the integrator's own
@@ -218,29 +218,37 @@ def _along(t, k, r, y):
 
 @jit_inner
 def _stiffen(t, k):
-    """Set (G W)^-1 [N/m], [N m]: the rows that add something, found by the largest pivots; zero for the others."""
+    """Set (G W)^-1 [N/m], [N m]."""
     rows, m = len(k.a), k.stiffness
     for i in range(rows):
         for j in range(rows):
             m[i, j] = _along(t, k, i, k.moved[j])
-    for i in range(rows):  # to a unit diagonal: closures of metres and of radians side by side
-        k.step[i] = 1.0 / np.sqrt(abs(m[i, i])) if m[i, i] != 0.0 else 0.0
-        k.left[i] = True
+    _invert_scaled(m, rows, REDUNDANT_PIVOT, k.step, k.left)
+
+
+@jit_shared
+def _invert_scaled(m, rows, least, over, left):
+    """Replace m[:rows, :rows] by its inverse [any unit]: the rows with a pivot above ``least``, largest first, zero for others.
+
+    Rows are scaled to a unit diagonal first: metres and radians stand side by side.  over, left : scratch
+    """
+    for i in range(rows):
+        over[i], left[i] = 1.0 / np.sqrt(abs(m[i, i])) if m[i, i] != 0.0 else 0.0, True
     for i in range(rows):
         for j in range(rows):
-            m[i, j] *= k.step[i] * k.step[j]
+            m[i, j] *= over[i] * over[j]
     for _ in range(rows):
-        p, largest = 0, REDUNDANT_PIVOT
+        p, largest = 0, least
         for i in range(rows):
-            if k.left[i] and abs(m[i, i]) > largest:
+            if left[i] and abs(m[i, i]) > largest:
                 p, largest = i, abs(m[i, i])
-        if not largest > REDUNDANT_PIVOT:
+        if not largest > least:
             break
-        k.left[p] = False
+        left[p] = False
         _sweep(m, p, rows)
     for i in range(rows):
         for j in range(rows):
-            m[i, j] = 0.0 if k.left[i] or k.left[j] else m[i, j] * k.step[i] * k.step[j]
+            m[i, j] = 0.0 if left[i] or left[j] else m[i, j] * over[i] * over[j]
 
 
 @jit_inner
@@ -284,11 +292,8 @@ def settle(t, k, s, f, q, residual):
     vary_poses(t, f)
     tie_rows(k, f, True)
     tie_sides(t, k, f)
-    for r in range(len(k.a)):
-        for i in range(len(k.line)):
-            k.moved[r, i] = 0.0
     for i in range(len(k.line)):
-        k.accelerations[i], k.line[i] = s.du[i], 0.0
+        k.accelerations[i] = s.du[i]
     for n in range(len(k.single)):
         first, over = t.offset[t.block[k.single[n]]], k.over[n]
         for i in range(3):
@@ -296,7 +301,7 @@ def settle(t, k, s, f, q, residual):
             for r in range(len(k.a)):
                 k.moved[r, first + i] = k.sides[r, first + i] * over[i]
     for b in range(len(k.block)):
-        _accelerate_block(b, t, k, f, q, residual)
+        _accelerate_block(b, t, k, f, residual)
     _stiffen(t, k)
     solve_ties(t, k, k.line)
     for i in range(len(k.line)):
@@ -336,7 +341,7 @@ def _change(t, k, f):
 
 
 @jit_inner
-def _accelerate_block(b, t, k, f, q, residual):
+def _accelerate_block(b, t, k, f, residual):
     """M^-1 G^T and -M^-1 r of one block: its mass matrix from its nodes and the rotors of its passive joints."""
     block, largest = k.block[b], 0.0
     columns, first, m = t.size[block], t.offset[block], k.mass
@@ -358,14 +363,20 @@ def _accelerate_block(b, t, k, f, q, residual):
     for i in range(columns):
         if m[i, i] <= MASSLESS * largest:  # what has no inertia keeps its acceleration
             m[i, i] = largest
-    invert(m, columns, q.line)
+    _invert_scaled(m, columns, 0.0, k.step, k.left)
     for i in range(columns):
-        for j in range(columns):
-            k.line[first + i] -= m[i, j] * residual[first + j]
-    for r in range(len(k.a)):
-        for i in range(columns):
-            for j in range(columns):
-                k.moved[r, first + i] += m[i, j] * k.sides[r, first + j]
+        k.line[first + i] = -_dot_from(m[i], residual, first, columns)
+        for r in range(len(k.a)):
+            k.moved[r, first + i] = _dot_from(m[i], k.sides[r], first, columns)
+
+
+@jit_inner
+def _dot_from(a, b, first, size):
+    """Sum of a_i b_(first + i)."""
+    total = 0.0
+    for i in range(size):
+        total += a[i] * b[first + i]
+    return total
 
 
 @jit_inner

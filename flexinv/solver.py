@@ -76,10 +76,8 @@ class Trajectory:
     @classmethod
     def unwritten(cls, samples: int, mesh: Mesh, rows: int = 0) -> Trajectory:
         """Return what `empty` does where every sample will be written [m, rad, s, N, J]: the large histories hold nothing yet."""
-        vector, points, orders = (samples, mesh.size, 3), mesh.elements.weight.shape, mesh.elements.order
-        shapes = vector, (*vector, 3), vector, vector, vector, vector, (samples, mesh.size, 6), (samples, *points, 6)
-        *motion, wrench, internal = together(*shapes)
-        if (orders < points[1]).any():  # points that some elements do not have
+        *motion, wrench, internal = together(*history_shapes(mesh, samples))
+        if has_padding(mesh):
             internal[:] = 0.0
         series = np.zeros((samples, 3)), np.zeros((samples, rows)), np.zeros(samples, dtype=np.int64)
         return cls(NodalMotion(*motion), wrench, internal, *series)
@@ -92,6 +90,17 @@ class Trajectory:
             NodalMotion.empty(samples, mesh.size), np.zeros((samples, mesh.size, 6)), np.zeros((samples, *points, 6)),
             np.zeros((samples, 3)), np.zeros((samples, rows)), np.zeros(samples, dtype=np.int64),
         )  # fmt: skip
+
+
+def history_shapes(mesh: Mesh, samples: int) -> list[tuple[int, ...]]:
+    """Return the shapes of the nodes' motion, of wrenches and of stress resultants in a `Trajectory` [-]."""
+    vector = (samples, mesh.size, 3)
+    return [vector, (*vector, 3), *4 * [vector], (samples, mesh.size, 6), (samples, *mesh.elements.weight.shape, 6)]
+
+
+def has_padding(mesh: Mesh) -> bool:
+    """Return whether some elements have fewer points than others [-], which no march writes."""
+    return bool((mesh.elements.order < mesh.elements.weight.shape[1]).any())
 
 
 def by_unknown(mesh: Mesh, t: Topology) -> Array:

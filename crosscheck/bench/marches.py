@@ -51,8 +51,9 @@ OTHER_TEXT = """Closed loops: the same mechanism with and without its closure, t
 the plane, and with gravity leaning out of it by a millionth, which makes both spatial. Rigid loops: both are given the
 consistent motion of all joints, by flexinv.solve with all that it returns, and by a prepared function that returns torques
 alone; beside them the closed mechanism that finds its passive joints, of which nothing is asked. One thread.
-Threads: solve_many with some scenarios, each a whole motion, on one thread and on two. Only compiled code runs side by side, and
-Python and memory are shared: scenarios of a few milliseconds, as the second's, gain less, and nothing is asked of them."""
+Threads: solve_many with some scenarios, each a whole motion, on one thread and on two. Only compiled code runs side by side.
+Scenarios that are alike, as the second's, march many in one compiled call; of a few milliseconds each, they are limited by the
+memory that their series take, which threads share, and nothing is asked of them."""
 OTHER_COLUMNS = (
     ("what", "what", ""),
     ("method", "method", ""),
