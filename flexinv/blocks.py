@@ -12,7 +12,7 @@ from flexinv.atomics import address, fetch, put, reals, reals_table, take, whole
 from flexinv.compiled import jit_blocks, jit_lanes
 from flexinv.lanes import LANES
 from flexinv.loop_lanes import begin, keep
-from flexinv.loop_layout import KEEPS, LIMITS, PLANE, SUMMED
+from flexinv.loop_layout import APPLIED, KEEPS, LIMITS, PLANE, SUMMED
 from flexinv.loop_plane import in_plane
 from flexinv.loop_rows import share, unclear
 from flexinv.loop_space import in_space
@@ -52,6 +52,15 @@ def _load(work, columns, lanes, x, start, by_sample, by_column):
             else:
                 for k in range(lanes - tile):
                     work[first + k] = x[of + k * by_sample]
+
+
+@jit_lanes
+def _add(work, columns, lanes, x, start, by_sample, by_column):
+    """Add the columns of a block to rows."""
+    for j in range(columns.shape[0]):
+        first, at = columns[j], start * by_sample + np.uint64(j) * by_column
+        for k in range(lanes):
+            work[first + k] += x[at + k * by_sample]
 
 
 @jit_lanes
@@ -103,6 +112,8 @@ def _blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, sampl
         outboard(tree, numbers, work, lanes)
         spoilt = inboard(tree, numbers, work, lanes)
         if loops:
+            if plan[APPLIED] > 0:  # efforts of springs and given forces stand where the efforts go
+                _add(work, for_qdd, lanes, tau, start, strides[3, 0], strides[3, 1])
             doubt = not again and _closed(plan, fixed, work, lanes, block % SUMS == 0) > 0
             counter[CALL_CELLS + block] = 1 if doubt or again else 0
             again = doubt

@@ -27,8 +27,8 @@ WORST, LARGEST, LIMIT_ROWS = row(0), row(3), 4
 FACTOR, CHANGED = row(0), row(1)
 LAMBDA, SQUARE, MOVED, SCRATCH_ROWS = row(0), row(1), row(2), 6
 # The plan: a header of where its tables begin and how long they are, then the tables.
-LIMITS, SCRATCH, KEEPS, SUMMED, ROOTS, BODIES, CLOSURES, COLUMNS, SUMS, STEPS, FILLS, PLANE, HEADER = (
-    0, 1, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 21
+LIMITS, SCRATCH, KEEPS, SUMMED, ROOTS, BODIES, CLOSURES, COLUMNS, SUMS, STEPS, FILLS, PLANE, APPLIED, HEADER = (
+    0, 1, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 21, 22
 )  # fmt: skip
 BODY_CELLS, CLOSURE_CELLS, COLUMN_CELLS, SUM_CELLS = np.uint64(6), np.uint64(19), np.uint64(9), np.uint64(5)
 ROOT_TURN, TURN, TILT, SLIDE, FLOAT, PLACED, TWO_TURNS = range(7)  # bodies

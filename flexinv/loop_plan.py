@@ -15,6 +15,7 @@ from flexinv.bodies import Bodies, carriers
 from flexinv.closures import Rows, residuals
 from flexinv.lanes import BLOCK
 from flexinv.loop_layout import (
+    APPLIED,
     BODIES,
     BODY_CELLS,
     CLOSURE_CELLS,
@@ -101,6 +102,7 @@ def _with_steps(
     if not sharing(e, effort, *left, len(plan.fixed)):
         return None
     words = plan.plan.copy()
+    words[APPLIED] = 1 if m.springs or m.forces else 0
     words[STEPS], words[STEPS + 1] = len(words), e.count
     words[FILLS], words[FILLS + 1] = len(words) + len(e.words), len(e.fills)
     whole = np.concatenate([words, np.array(e.words + e.fills, dtype=np.uint64)])

@@ -23,6 +23,7 @@ from flexinv.given import ACCELERATION, OPEN, RATE, GivenLoops
 from flexinv.helpers import HELPERS
 from flexinv.inverse import joint_wrenches, project
 from flexinv.lanes import BLOCK
+from flexinv.loop_layout import APPLIED
 from flexinv.loop_plan import NO_LOOPS, PLACES, anywhere, ends, planned
 from flexinv.loop_tables import LoopPlan
 from flexinv.mechanism import Array, Mechanism
@@ -73,7 +74,7 @@ class TorqueFunction:
 
     Calls from several threads do not disturb each other: each has a work space of its own.
     passive : joint springs, damping and dry friction are part of the efforts; threads : most that work on one call [-]
-    loops : of the closures, where there are some
+    loops : of the closures, where there are some; loaded : springs and given forces come first, to be shared out, too
     """
 
     mechanism: Mechanism
@@ -84,6 +85,7 @@ class TorqueFunction:
     _own: _Own = field(repr=False)
     plan: LoopPlan = field(default=NO_LOOPS, repr=False)
     loops: GivenLoops | None = field(default=None, repr=False)
+    loaded: bool = False
 
     def torques(
         self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, out: Array | None = None, order: Order = "samples"
@@ -101,7 +103,14 @@ class TorqueFunction:
         mails = self._mails(getattr(qdd, "size", 0))  # first of all: what follows takes as long as waking somebody
         given = _checked(self.mechanism, (q, qd, qdd), order)
         tau = _output(out, given[1])
+        if self.loaded and any(np.may_share_memory(a, tau) for a in given):
+            given = [a.copy() for a in given]
         rows = [_by_sample(a, order) for a in (*given, tau)]
+        if self.loaded:
+            _check_finite(given)
+            _check_turns(self.mechanism, rows[0])
+            tau.fill(0.0)
+            self._add_applied(rows[:3], rows[3])
         flat, strides = zip(*(_flat(a) for a in rows), strict=True)
         b, own, loops = self.bodies, self._own, (self.plan.plan, self.plan.fixed)
         samples, work, counter = np.uint64(len(rows[0])), own.work, own.cells(len(rows[0]))
@@ -121,7 +130,8 @@ class TorqueFunction:
                 return self.torques(q, qd, qdd, out, order)
             _check_finite(given)
             _check_turns(self.mechanism, rows[0])
-        self._add_applied(rows[:3], rows[3])
+        if not self.loaded:
+            self._add_applied(rows[:3], rows[3])
         if self.loops is not None:
             self._share(counter, rows)
         return tau
@@ -146,6 +156,8 @@ class TorqueFunction:
         Raises InputError as `torques` does.
         """
         b, m, own = self.bodies, self.mechanism, self._own
+        if self.loaded:
+            return self.torques(q, qd, qdd, out)
         if len(q) != m.nq or not len(qd) == len(qdd) == len(out) == m.nv:
             _checked(m, (q, qd, qdd), "samples")
             _output(out, np.asarray(qd))
@@ -222,13 +234,14 @@ def prepare(mechanism: Mechanism, passive: bool = True, threads: int | None = No
     most = threads or processors()
     loops = GivenLoops.of(mesh, constraint_rows(mesh)) if mechanism.closures else None
     table, plan = _loop_plan(mesh, passive)
-    return TorqueFunction(mechanism, passive, most, mesh, table, _Own(most, max(table.size, plan.size)), plan, loops)
+    own, loaded = _Own(most, max(table.size, plan.size)), bool(plan.plan[APPLIED])
+    return TorqueFunction(mechanism, passive, most, mesh, table, own, plan, loops, loaded)
 
 
 def _loop_plan(mesh: Mesh, passive: bool) -> tuple[Bodies, LoopPlan]:
-    """The bodies, and how the kernel shares efforts out; without springs and forces, which come afterwards."""
+    """The bodies, and how the kernel shares efforts out."""
     m, plain = mesh.mechanism, bodies(mesh, passive)
-    if not m.closures or m.springs or m.forces:
+    if not m.closures:
         return plain, NO_LOOPS
     rows = constraint_rows(mesh)
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kernels import six
-from loop_examples import Example, platform, spatial
+from loop_examples import Example, at, loaded, platform, spatial
 from numpy.typing import NDArray
 from test_loop_lanes import MODELS, ROUNDING, doubts, largest, reference, solved
 
@@ -16,6 +16,7 @@ import flexinv
 from flexinv import loop_plan, loop_steps
 from flexinv.files.case import load_cases
 from flexinv.loop_layout import CLOSURE_CELLS, CLOSURES, REDUCED
+from flexinv.mechanism import WORLD, Attachment, Spring
 from flexinv.prepared import TorqueFunction, prepare
 
 
@@ -104,3 +105,42 @@ def test_six_legs_are_solved_at_once(name: str, monkeypatch: pytest.MonkeyPatch)
     assert len(g.plan.plan) > len(f.plan.plan)
     assert np.abs(f.torques(*state) - g.torques(*state)).max() < ROUNDING * largest(f, state)
     assert doubts(f, 200) == doubts(g, 200) == []
+
+
+@pytest.mark.parametrize("name", ["loaded", "spatial", "andrews_squeezer"])
+def test_springs_and_forces_are_shared_out_in_lanes(name: str) -> None:
+    """The same efforts as those of the tree with its springs and forces, shared out one sample after the other."""
+    if name == "andrews_squeezer":
+        mechanism = flexinv.load_mechanism(MODELS / name)
+        example = mechanism, next(iter(load_cases(MODELS / name, mechanism).values()))
+    elif name == "loaded":
+        mechanism, case = loaded()
+        constant = tuple(replace(f, wrench=f.wrench[:1], time=f.time[:1]) for f in mechanism.forces)
+        example = replace(mechanism, forces=constant), case
+    else:
+        mechanism, case = spatial()
+        pull = Spring("s", Attachment(WORLD, at(0.1, -0.3)), Attachment("coupler", at(0.3, 0.05)), 400.0, 0.2, 1.5)
+        example = replace(mechanism, springs=(pull,)), case
+    mechanism, state = solved(example, 300)
+    f = prepare(mechanism, threads=1)
+    bare = prepare(replace(mechanism, springs=(), forces=()), threads=1)
+    assert f.loaded
+    assert not bare.loaded
+    tau, size = f.torques(*state), largest(f, state)
+    assert np.abs(tau - reference(f, state)).max() < ROUNDING * size
+    assert np.abs(tau - bare.torques(*state)).max() > 1e-3 * size  # springs and forces matter
+    assert doubts(f, 300) == []
+    columns = [np.ascontiguousarray(a.T) for a in state]
+    assert np.abs(f.torques(*columns, order="coordinates").T - tau).max() < ROUNDING * size
+    assert np.abs(f.sample(*(a[7].copy() for a in state), np.empty(mechanism.nv)) - tau[7]).max() < ROUNDING * size
+    same = state[2].copy()
+    assert np.array_equal(
+        f.torques(state[0], state[1], same, out=same), tau
+    )  # the efforts go where the accelerations were
+    wrong = [a.copy() for a in state]
+    wrong[1][3, 0] = np.nan
+    with pytest.raises(flexinv.InputError, match=r"qd\[3, 0\] is nan"):
+        f.torques(*wrong)
+    wrong[1][3, 0] = state[1][3, 0] + 0.1 * np.abs(state[1]).max()
+    with pytest.raises(flexinv.InputError, match="the given qd does not keep closure"):
+        f.torques(*wrong)
