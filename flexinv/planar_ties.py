@@ -282,7 +282,7 @@ def solve_ties(t, k, y):
             y[i] += total * k.moved[r, i]
 
 
-@jit_inner
+@jit_shared
 def settle(t, k, s, f, q, residual):
     """Change accelerations, multipliers and wrenches into those that belong to the positions and velocities.
 
