@@ -99,8 +99,8 @@ def solve(
             applied = applied_forces(mesh, trajectory.motion, time)
             fill_passive(mesh, trajectory.motion, passive, q, qd, qdd)
         solution = evaluate(mesh, trajectory, time, q, qd, qdd, passive, settings, applied)
-    if mechanism.closures:
-        check_branch(mechanism, start or {}, right(time[:1])[0][0], solution.q[0])
+    if mechanism.closures and start:
+        check_branch(mechanism, start, right(time[:1])[0][0], solution.q[0])
     if not error:
         return solution
     options = {
