@@ -12,17 +12,16 @@ from numba import types
 from flexinv import recursion
 
 ROWS = types.Array(types.float64, 1, "C")
-NUMBERS = types.Array(types.float64, 1, "C", readonly=True)
 # kernel -> its arguments
 LOOPS: dict[str, tuple[Any, ...]] = {
     "_angles": (ROWS, types.uint64),
-    "_turn_outboard": (ROWS, ROWS, types.uint64, NUMBERS),
-    "_turn_inboard": (ROWS, types.uint64, NUMBERS),
-    "_turn_on_inboard": (ROWS, ROWS, types.uint64, NUMBERS),
-    "_slide_outboard": (ROWS, ROWS, types.uint64, NUMBERS),
-    "_float_outboard": (ROWS, ROWS, types.uint64, NUMBERS),
+    "_turn_outboard": (ROWS, ROWS, types.uint64, ROWS),
+    "_turn_inboard": (ROWS, types.uint64, ROWS),
+    "_turn_on_inboard": (ROWS, ROWS, types.uint64, ROWS),
+    "_slide_outboard": (ROWS, ROWS, types.uint64, ROWS),
+    "_float_outboard": (ROWS, ROWS, types.uint64, ROWS),
     "_float_inboard": (ROWS, types.uint64),
-    "_branch_inboard": (ROWS, ROWS, types.uint64, NUMBERS),
+    "_branch_inboard": (ROWS, ROWS, types.uint64, ROWS),
 }
 
 
@@ -39,8 +38,8 @@ def test_loops_over_lanes_are_vectorised(name: str) -> None:
     """Each loop stands there twice, for whole vectors and for the rest of the lanes: half of it, or more, is packed."""
     kernel = getattr(recursion, name)
     kernel.compile(LOOPS[name])
-    (assembly,) = kernel.inspect_asm().values()
-    assert packed(assembly) > 0.45
+    # of these arguments: whoever compiled the whole pass in this process may have left a copy of the loop for others
+    assert packed(kernel.inspect_asm(LOOPS[name])) > 0.45
 
 
 def test_scalar_code_is_told_apart() -> None:
