@@ -48,7 +48,7 @@ from flexinv.loop_layout import (
     VECTORS,
     WHOLE,
 )
-from flexinv.loop_rows import LEAST_PIVOT, geared
+from flexinv.loop_rows import LEAST_ENTRY, LEAST_PIVOT, geared
 from flexinv.recursion import EFFORT as SLIDE_EFFORT
 from flexinv.recursion import EFFORTS, EFFORTS_TURNING, FREE_ROWS, RATE, RATES, RATES_TURNING, SCALAR_ROWS
 
@@ -110,13 +110,14 @@ def _column(work, closure, column, lanes, signs):
 
 @jit_lanes
 def _force(own, axis, other, at, rates, rates_too, tau, tau_too, lanes, signs):
-    """u and f of the two axes of a universal joint, and d'; return how often the arm is nearly in the plane of the axes."""
+    """u and f of the two axes of a universal joint, and d'; return how often the arm is nearly in their plane, or nearly none."""
     doubts, sign, length = 0, signs[0], signs[2]
+    least = (LEAST_ENTRY * length) ** 2
     for k in range(lanes):
         z1, z2 = vec_of(axis, _VEC, k), vec_of(other, _VEC, k)
         r = times(sign, minus(vec_of(own, POINT, k), vec_of(at, _VEC, k)))
         square, s = dot(r, r), dot(cross(z1, z2), r)
-        doubts += 0 if s * s >= LEAST_PIVOT * LEAST_PIVOT * square else 1
+        doubts += 0 if (s * s >= LEAST_PIVOT * LEAST_PIVOT * square) & (s * s >= least) else 1
         w = plus(times(rates[k], z1), times(rates_too[k], z2))
         along, along_too, inverse = dot(z1, r), dot(z2, r), 1.0 / s
         put_vec(own, UNIT, k, times(inverse, r))

@@ -69,6 +69,9 @@ from flexinv.recursion import ACCELERATION, SPIN, SPIN_RATE
 PAIR, SURE, EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, UNDO, ALL_SIX = range(10)
 # A pivot over its column's size is at least this, so that its errors are 1e-12 at most; else singular values decide.
 LEAST_PIVOT = 1e-4
+# ... and at least this over the mechanism's length: a column that is rounding (an axis through the point that is closed, some
+# 1e-16) may be none, and no size of its own says so; errors of the multiplier are 1e-10 at most.
+LEAST_ENTRY = 1e-6
 # What is left of a row that repeats others, over the size of its column: rounding over the smallest pivot.  Singular values would
 # count it if it were above 1e-10.
 MOST_LEFT = 1e-11
@@ -249,10 +252,11 @@ def _undo(factor, one, other, lanes):
 
 @jit_lanes
 def _below(entry, size, lanes, part):
-    """How many entries are not at least so large a part of their column's size."""
+    """How many entries are not at least so large a part of their column's size, or are next to nothing."""
     count = 0
     for k in range(lanes):
-        count += 0 if entry[k] * entry[k] >= part * size[k] else 1
+        square = entry[k] * entry[k]
+        count += 0 if (square >= part * size[k]) & (square >= LEAST_ENTRY * LEAST_ENTRY) else 1
     return count
 
 
@@ -323,7 +327,11 @@ def _all_six(plan, work, at, first, second, third, lanes):
         math.sqrt(work[plan[at]]), math.sqrt(work[plan[at + 2]]), math.sqrt(work[plan[at + 4]]),
         math.sqrt(work[plan[at + 6]]), math.sqrt(work[plan[at + 8]]), math.sqrt(work[plan[at + 10]]),
     )  # fmt: skip
-    least = times(LEAST_PIVOT, size[:3]) + times(LEAST_PIVOT, size[3:])
+    few = times(LEAST_PIVOT, size[:3]) + times(LEAST_PIVOT, size[3:])
+    least = (
+        max(few[0], LEAST_ENTRY), max(few[1], LEAST_ENTRY), max(few[2], LEAST_ENTRY),
+        max(few[3], LEAST_ENTRY), max(few[4], LEAST_ENTRY), max(few[5], LEAST_ENTRY),
+    )  # fmt: skip
     entries, efforts = work[first : first + _SIX_ROWS], work[second : second + _SIX]
     return six_forces(work[third : third + _SIX], efforts, entries, lanes, least)
 

@@ -86,7 +86,8 @@ class Elimination:
         del two[column]
         if abs(n[other, column]) > abs(n[pivot, column]):
             n[[pivot, other]] = n[[other, pivot]]
-        n[other] -= n[other, column] / n[pivot, column] * n[pivot]
+        if n[pivot, column] != 0.0:
+            n[other] -= n[other, column] / n[pivot, column] * n[pivot]
         n[other, column] = 0.0
 
     def undo(self, multiplier: dict[int, int]) -> None:

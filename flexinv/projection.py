@@ -104,9 +104,9 @@ def _pivot(p, j, columns):
         least = np.inf
         for k in range(LANES):
             part = p.sizes[p.order[c], k] * p.scale[k]
-            if not part >= least:  # a NaN stays
+            if part < least or part != part:  # a NaN stays
                 least = part
-            if not part <= most:
+            if part > most or part != part:
                 most = part
         if least > best:
             best, at = least, c
@@ -127,7 +127,7 @@ def factor(p, columns):
         for k in range(LANES):
             p.scale[k] = max(p.scale[k], p.sizes[c, k])
     for k in range(LANES):
-        p.scale[k] = 1.0 / p.scale[k]
+        p.scale[k] = 1.0 / p.scale[k] if p.scale[k] > 0.0 else 0.0
     for j in range(columns):
         counts = _pivot(p, j, columns)
         if counts < 1:

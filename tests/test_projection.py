@@ -84,3 +84,14 @@ def test_all_in_doubt() -> None:
     )
     assert np.array_equal(ours.multipliers, svd.multipliers)
     assert ours.preload.shape == svd.preload.shape
+
+
+def test_closures_that_tie_nothing_leave_the_efforts_as_they_are() -> None:
+    """No row says anything, in some samples but for rounding: zeros of their neighbours in the block do not become NaN."""
+    rng = np.random.default_rng(4)
+    g, tree = np.zeros((9, 3, 4)), rng.normal(size=(9, 4))
+    g[2, 1], g[8, 1] = 3e-17, 2e-16
+    shares = share_out(g, tree, np.ones(4, dtype=bool))
+    others = np.flatnonzero(~g.any(axis=(1, 2)))
+    assert np.array_equal(shares.tau[others], tree[others])
+    assert np.isfinite(shares.tau).all()
