@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from numbers import Real
 from threading import Lock
 from typing import Any
 
@@ -77,8 +78,10 @@ def scenario_of(mechanism: Mechanism, motion: Motion, options: Mapping[str, Any]
     try:
         if set(options) - OPTIONS or mechanism.is_rigid or mechanism.closures or motion.jumps:
             return None
-        step, tolerance = float(options["step"]), float(options.get("tolerance", EXACT))
-        radius = float(options.get("spectral_radius", 0.8))
+        given = options["step"], options.get("tolerance", EXACT), options.get("spectral_radius", 0.8)
+        if not all(isinstance(number, Real) for number in given):
+            return None
+        step, tolerance, radius = (float(number) for number in given)
         if len(motion.joints(mechanism)) < sum(joint.nv > 0 for joint in mechanism.joints):
             return None
         mesh, time = build(mechanism), time_grid(motion, step, options.get("end"), 1)

@@ -17,7 +17,7 @@ from flexinv.mesh import build
 from flexinv.motion import Motion
 from flexinv.passive import fill_passive
 from flexinv.rigid import rigid_motion
-from flexinv.scheme import joint_histories, settings_of, time_grid
+from flexinv.scheme import check_initial, joint_histories, settings_of, time_grid
 from flexinv.solution import Solution
 from flexinv.solver import Trajectory
 
@@ -44,6 +44,7 @@ def solve_in_parts(
 
     Raises InputError as `solve` does, and for closures, which are solved as a whole; ConvergenceError.
     """
+    check_initial(initial)
     if part < 1:
         raise InputError(f"part = {part}: expected the number of samples of a part, 1 or more")
     if every < 1:

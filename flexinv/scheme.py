@@ -64,10 +64,7 @@ def solve(
 
     Raises InputError for input that cannot be, ConvergenceError (time, increment, advice) if Newton fails.
     """
-    if initial not in ("consistent", "static"):
-        raise InputError(
-            f"initial = {initial!r}: expected 'consistent' (starts undeformed) or 'static' (in equilibrium)"
-        )
+    check_initial(initial)
     steps = time_grid(motion, step, end, every)
     _check_every(mechanism, every, incremental)
     time = steps if every == 1 else steps[::every]
@@ -108,6 +105,14 @@ def solve(
         "tolerance": tolerance,
     }  # fmt: skip
     return _with_error(solution, mechanism, motion, step, incremental, every, progress, options)
+
+
+def check_initial(initial: str) -> None:
+    """Raise InputError for a start [-] that is none of those that there are."""
+    if initial not in ("consistent", "static"):
+        raise InputError(
+            f"initial = {initial!r}: expected 'consistent' (starts undeformed) or 'static' (in equilibrium)"
+        )
 
 
 def _check_every(mechanism: Mechanism, every: int, incremental: bool) -> None:
@@ -167,7 +172,7 @@ def joint_histories(
     places, rates = start_coordinates(mechanism, passive, start, rate)
 
     def joint_motion(time: Array, side: str) -> tuple[Array, Array, Array]:
-        if time is grid and side == "right" and grid[1] == step:
+        if time is grid and side == "right" and len(grid) > 1 and grid[1] == step:
             q, qd, qdd = (part.copy() for part in motion_table(motion, mechanism, step, len(grid)))
         else:
             q, qd, qdd = motion.evaluate(mechanism, time, side)  # type: ignore[arg-type]

@@ -51,6 +51,7 @@ def test_who_is_alike() -> None:
         (plain, HALF_TURN, {}), (stiffer(plain, 2.0), HALF_TURN, {}), (coarse, HALF_TURN, {}), (plain, HALF_TURN, {"end": 0.3}),
         (plain, HALF_TURN, {"tolerance": 1e-9}), (spatial_tree(), TREE_MOTION, {}), (plain, JERKY, {}),
         (plain, HALF_TURN, {"initial": "static"}), (plain, HALF_TURN, {"step": -1.0}), (coarse, HALF_TURN, {"step": STEP}),
+        (plain, HALF_TURN, {"step": "2e-3"}),
     ]  # fmt: skip
     assert alike(prepare_all(scenarios, {"step": STEP})) == [[0, 1], [2, 9], [3], [4]]
 

@@ -56,3 +56,8 @@ def test_every_is_refused_where_steps_are_needed() -> None:
     crank = flexinv.Motion.point_to_point({loop.joints[0].name: 0.0}, {loop.joints[0].name: 0.1}, 0.2)
     with pytest.raises(flexinv.InputError, match="has closures and beams, of which every step is kept; write every=1"):
         flexinv.solve(loop, crank, STEP, every=2)
+
+
+def test_more_steps_than_there_are_keep_the_first() -> None:
+    some = flexinv.solve(arm(), HALF_TURN, STEP, every=10_000)
+    np.testing.assert_array_equal(some.torque, flexinv.solve(arm(), HALF_TURN, STEP).torque[:1])

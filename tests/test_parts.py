@@ -104,3 +104,5 @@ def test_what_cannot_be_is_explained() -> None:
         next(solve_in_parts(arm(), JUMPS, 2e-3, part=0))
     with pytest.raises(InputError, match="every = 0: expected 1"):
         next(solve_in_parts(arm(), JUMPS, 2e-3, every=0))
+    with pytest.raises(InputError, match="initial = 'at rest': expected 'consistent'"):
+        next(solve_in_parts(arm(), JUMPS, 2e-3, initial="at rest"))
