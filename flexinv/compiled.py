@@ -5,58 +5,24 @@ nothing themselves.  So arrays need no reference counting in there (`_nrt`): tha
 Division by zero gives infinity, which Newton's loop finds.  Wrappers for Python are compiled only for `jit`, a third of
 the time of compiling otherwise; a kernel of `jit_inner` called from Python ends the process: call it from a kernel.
 
-Machine code is kept on disk until a source of its family changes (`sources`).
+Machine code is kept on disk until a source of its family changes (`sources`, `kept`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
-
-from numba import njit
-
-from flexinv.sources import source_stamp
-
-
-def forgiving(load: Callable[[], Any]) -> Callable[[], Any]:
-    """Return ``load`` of an index of machine code, empty [-] where it names what older sources had: a class that has moved."""
-
-    def loaded() -> Any:
-        try:
-            return load()
-        except (AttributeError, ImportError):
-            return {}
-
-    return loaded
-
-
-def _compiler(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    def decorate(function: Callable[..., Any]) -> Any:
-        kernel = njit(error_model="numpy", **options)(function)
-        if options.get("cache") and hasattr(kernel, "_cache"):  # with NUMBA_DISABLE_JIT it is the function itself
-            file = kernel._cache._cache_file
-            stamp = source_stamp(Path(__file__).parent, function.__module__.removeprefix("flexinv."))
-            file._source_stamp = (file._source_stamp, stamp)
-            file._load_index = forgiving(file._load_index)
-        return kernel
-
-    return decorate
-
+from flexinv.kept import compiler
 
 # For kernels that Python calls: other threads of Python run beside them.
-jit = _compiler(cache=True, nogil=True, _nrt=False, no_cfunc_wrapper=True)
+jit = compiler(cache=True, nogil=True, _nrt=False, no_cfunc_wrapper=True)
 # For kernels that only other kernels call.  The machine's compiler takes them into their callers (`forceinline`): records of
 # many arrays are not handed over in memory, which makes the march in space 1.4 times as fast and compiling a third longer.
-jit_inner = _compiler(forceinline=True, cache=True, _nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True)
+jit_inner = compiler(forceinline=True, cache=True, _nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True)
 # The same for kernels that are larger than what they are for: one copy that all callers share stays in the cache of instructions.
-jit_shared = _compiler(cache=True, _nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True)
+jit_shared = compiler(cache=True, _nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True)
 # For kernels with a single caller, which takes in their text: no second copy of all that they call is compiled.
-jit_inline = _compiler(_nrt=False, inline="always")
+jit_inline = compiler(_nrt=False, inline="always")
 # The same for loops over lanes, whose products and sums may fuse.
-jit_blocks = _compiler(cache=True, nogil=True, _nrt=False, no_cfunc_wrapper=True, fastmath={"contract"})
-jit_lanes = _compiler(_nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True, fastmath={"contract"})
+jit_blocks = compiler(cache=True, nogil=True, _nrt=False, no_cfunc_wrapper=True, fastmath={"contract"})
+jit_lanes = compiler(_nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True, fastmath={"contract"})
 # What every lane does, where it is too long for the machine's compiler to take it into the loop by itself.
-jit_lane = _compiler(
-    forceinline=True, _nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True, fastmath={"contract"}
-)
+jit_lane = compiler(forceinline=True, _nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True, fastmath={"contract"})

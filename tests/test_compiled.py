@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from flexinv.compiled import forgiving
 from flexinv.sources import SOURCES, family, source_stamp
 
 FOLDER = Path(__file__).resolve().parent.parent / "flexinv"
@@ -49,21 +48,3 @@ def test_kernels_carry_the_stamp() -> None:
 
     assert march._cache._cache_file._source_stamp[1] == source_stamp(FOLDER, "march")
     assert torque_blocks._cache._cache_file._source_stamp[1] == source_stamp(FOLDER, "blocks")
-
-
-def test_machine_code_of_older_sources_is_thrown_away() -> None:
-    """Numba's index holds the types of arguments: one of a class that has moved cannot be read, and must not end the program."""
-
-    def stale() -> object:
-        raise AttributeError("Can't get attribute 'Loads' on module 'flexinv.assemble'")
-
-    def broken() -> object:
-        raise OSError("disk")
-
-    assert forgiving(lambda: {"key": "value"})() == {"key": "value"}
-    assert forgiving(stale)() == {}
-    with pytest.raises(OSError, match="disk"):
-        forgiving(broken)()
-    from flexinv.march import march
-
-    assert "forgiving" in march._cache._cache_file._load_index.__qualname__
