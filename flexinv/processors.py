@@ -6,19 +6,43 @@ there for milliseconds though others are idle: the two take turns.  So threads g
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable
 from contextlib import suppress
 from ctypes import CDLL
+from pathlib import Path
+
+GROUP = Path("/sys/fs/cgroup")
 
 
 def processors() -> int:
     """Return how many processors this process may use [-], where the system tells."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return max(1, math.ceil(min(allowed, granted())))
+
+
+def granted() -> float:
+    """Return how many processors' time a container may take [-], infinite without a limit.
+
+    More threads than that are stopped, all of them, for most of every tenth of a second.  Source: cgroup-v2.rst and
+    sched-bwc.rst of Linux, "cpu.max" and "cpu.cfs_quota_us".
+    """
+    with suppress(OSError, ValueError):
+        quota, period = (GROUP / "cpu.max").read_text(encoding="ascii").split()
+        return math.inf if quota == "max" else int(quota) / int(period)
+    with suppress(OSError, ValueError):
+        quota, period = (
+            (GROUP / "cpu" / f"cpu.cfs_{word}_us").read_text(encoding="ascii") for word in ("quota", "period")
+        )
+        return int(quota) / int(period) if int(quota) > 0 else math.inf
+    return math.inf
 
 
 def _finder() -> Callable[[], int]:
-    """What tells which processor a thread is on, -1 where the system does not."""
+    """What tells which processor a thread is on, -1 where the system does not, or lets no thread move."""
+    if not hasattr(os, "sched_setaffinity"):
+        return lambda: -1
     try:
         found: Callable[[], int] = CDLL(None).sched_getcpu
     except (AttributeError, OSError, TypeError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sys
@@ -21,7 +22,7 @@ from flexinv.loop_plan import NO_LOOPS
 from flexinv.mechanism import Array
 from flexinv.offers import ANSWER, CELLS, DONE, FREE, OFFERED, OWNER, STATE, TAKEN
 from flexinv.prepared import TorqueFunction, prepare
-from flexinv.processors import go_to, leave, processor_now, processors
+from flexinv.processors import _finder, go_to, granted, leave, processor_now, processors
 
 SAMPLES = 2000
 PATIENCE = 120.0  # s: on a busy machine a thread may wait for its turn as long as one call takes, but not for ever
@@ -99,6 +100,37 @@ def test_threads_begin_on_processors_of_their_own() -> None:
     with ThreadPoolExecutor(1) as pool:
         found = list(pool.map(run, range(len(allowed) + 1)))
     assert found == [*allowed, allowed[0]]
+
+
+@pytest.mark.parametrize(
+    ("files", "expected"),
+    [
+        ({"cpu.max": "150000 100000"}, 1.5),
+        ({"cpu.max": "max 100000"}, math.inf),
+        ({"cpu/cpu.cfs_quota_us": "50000", "cpu/cpu.cfs_period_us": "100000"}, 0.5),
+        ({"cpu/cpu.cfs_quota_us": "-1", "cpu/cpu.cfs_period_us": "100000"}, math.inf),
+        ({"cpu.max": "in words"}, math.inf),
+        ({}, math.inf),
+    ],
+)
+def test_a_container_has_the_processors_that_it_is_given(
+    files: dict[str, str], expected: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text + "\n")
+    monkeypatch.setattr("flexinv.processors.GROUP", tmp_path)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(4)), raising=False)
+    assert granted() == expected
+    assert processors() == {1.5: 2, 0.5: 1, math.inf: 4}[expected]
+
+
+def test_where_no_thread_can_be_moved_none_is_asked_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    """macOS, and systems that tell where a thread is without letting Python move it."""
+    monkeypatch.delattr(os, "sched_setaffinity", raising=False)
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+    assert _finder()() == -1
+    assert processors() >= 1
 
 
 def test_numbers_that_are_not_finite_are_counted_by_all() -> None:
