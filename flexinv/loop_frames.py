@@ -18,7 +18,6 @@ from flexinv.loop_layout import (
     COLUMN_CELLS,
     DIRECTION,
     FLOAT,
-    PLACED,
     PLANE_ROWS,
     ROOT_TURN,
     SLIDE,
@@ -46,6 +45,7 @@ class Tables:
     """The tables while they are made.
 
     size : of the work space so far [-]; plane : the formulas of the plane; pairs : closure -> two columns that are taken from it
+    order : of passive coordinates, as they go from rows
     shared : (root, body) in several closures; pool : where rows are that one closure needs after the other; used, most : of them
     """
 
@@ -54,6 +54,7 @@ class Tables:
     size: int
     plane: bool
     pairs: dict[int, tuple[int, int]]
+    order: list[int] = field(default_factory=list)
     shared: frozenset[tuple[int, int]] = frozenset()
     pool: int = 0
     used: int = 0
@@ -214,18 +215,13 @@ def _in_plane(t: Tables, above: Frame, own: int, first: bool, kind: int, seat: t
 
 
 def _in_space(t: Tables, above: Frame, own: int, first: bool, kind: int, seat: tuple[Array, Array], rows: int) -> Frame:
-    """A body's axes and place: one that slides has its parent's axes, one that turns where its parent begins the same place."""
-    (r, p), numbers = seat, t.numbers(seat[0].T, seat[1])
+    """A body's axes and place: one that slides has its parent's axes."""
+    r, numbers = seat[0], t.numbers(seat[0].T, seat[1])
     turn = ROOT_TURN if first else TILT if _is_tilt(r) else TURN
     how = {PRISMATIC: SLIDE, SPHERICAL: FLOAT, FREE: FLOAT}.get(kind, turn)
     t.moved += [how, own, above.axes, rows, numbers, above.place]
     if how == SLIDE:
         return Frame(above.axes, own + int(AT), own + int(DIRECTION), r)
-    if how in (ROOT_TURN, FLOAT):
-        return Frame(own, own + int(AT), 0, np.eye(3))
-    if not p.any():
-        return Frame(own, above.place, 0, np.eye(3))
-    t.moved += [PLACED, own + int(AT), above.axes, rows, numbers, above.place]
     return Frame(own, own + int(AT), 0, np.eye(3))
 
 

@@ -30,17 +30,19 @@ from flexinv.loop_layout import (
     LIMITS,
     OWN,
     PLACE_ABOVE,
-    PLACED,
     ROOT_TURN,
     ROOTS,
     ROWS,
     SLIDE,
+    SQUARES,
+    SQUARES_LAST,
+    SQUARES_TOO,
     TILT,
     TURN,
     TWO_TURNS,
     VECTOR,
 )
-from flexinv.recursion import COS, FREE_ROWS, PLACE, SHIFT, SIN, TURN_OF, TURN_Y, TURN_Z
+from flexinv.recursion import ACCELERATION, COS, FREE_ROWS, PLACE, SHIFT, SIN, SPIN, SPIN_RATE, TURN_OF, TURN_Y, TURN_Z
 
 _NONE, _ONE, _TWO, _THREE = (0.0, 0.0, 0.0), np.uint64(1), np.uint64(2), np.uint64(3)
 _BODY, _JOINT, _TWELVE, _VEC = row(BODY_ROWS), row(FREE_ROWS), np.uint64(12), np.uint64(0)
@@ -77,6 +79,22 @@ def axes_of(body, k):
 
 
 @jit_lane
+def acceleration(state, k, arm):
+    """Return a + al x r + w x (w x r) [m/s^2] of a point of a body, in the axes of the recursion."""
+    w = vec_of(state, SPIN, k)
+    a = plus_cross(vec_of(state, ACCELERATION, k), vec_of(state, SPIN_RATE, k), arm)
+    return plus_cross(a, w, cross(w, arm))
+
+
+@jit_lane
+def square(own, k, phi, rate, second):
+    """Add to the squares of a closure [any unit]."""
+    own[SQUARES + k] += phi * phi
+    own[SQUARES_TOO + k] += rate * rate
+    own[SQUARES_LAST + k] += second * second
+
+
+@jit_lane
 def _put_turned(own, k, rows, x, y):
     """The axes x and y of a body that turns about the third, from those where its coordinate is zero."""
     cosine, sine = rows[COS + k], rows[SIN + k]
@@ -101,22 +119,27 @@ def _root_turn(own, rows, lanes, c):
 
 
 @jit_lanes
-def _turn(own, parent, rows, lanes, c):
+def _turn(own, above, parent, rows, lanes, c):
     """A body that turns about z."""
+    p = constant(c, 9)
     for k in range(lanes):
-        x, y, z = _seat(axes_of(parent, k), c)
+        axes = axes_of(parent, k)
+        x, y, z = _seat(axes, c)
         _put_turned(own, k, rows, x, y)
         put_vec(own, AXIS_Z, k, z)
+        put_vec(own, AT, k, plus(vec_of(above, _VEC, k), into(axes, p)))
 
 
 @jit_lanes
-def _tilt(own, parent, rows, lanes, c):
+def _tilt(own, above, parent, rows, lanes, c):
     """A body that turns about an axis at right angles to x of its parent, R_0 = R_x(tilt)."""
-    cosine, sine = c[4], c[5]
+    cosine, sine, p = c[4], c[5], constant(c, 9)
     for k in range(lanes):
-        x, y, z = axes_of(parent, k)
+        axes = axes_of(parent, k)
+        x, y, z = axes
         _put_turned(own, k, rows, x, plus(times(cosine, y), times(sine, z)))
         put_vec(own, AXIS_Z, k, plus(times(cosine, z), times(-sine, y)))
+        put_vec(own, AT, k, plus(vec_of(above, _VEC, k), into(axes, p)))
 
 
 @jit_lanes
@@ -128,13 +151,6 @@ def _two_turns(own, first, rows, lanes, c):
         x1, y1 = plus(times(c1, x), times(s1, y)), plus(times(c1, y), times(-s1, x))
         _put_turned(own, k, rows, x1, plus(times(cosine, y1), times(sine, z)))
         put_vec(own, AXIS_Z, k, plus(times(cosine, z), times(-sine, y1)))
-
-
-@jit_lanes
-def _place(to, above, parent, lanes, p):
-    """x = x_parent + R_parent p."""
-    for k in range(lanes):
-        put_vec(to, _VEC, k, plus(vec_of(above, _VEC, k), into(axes_of(parent, k), p)))
 
 
 @jit_lanes
@@ -202,11 +218,9 @@ def move(plan, fixed, work, first_body, count, lanes):
         elif kind == ROOT_TURN:
             _root_turn(own, rows, lanes, c)
         elif kind == TURN:
-            _turn(own, parent, rows, lanes, c)
+            _turn(own, origin, parent, rows, lanes, c)
         elif kind == TILT:
-            _tilt(own, parent, rows, lanes, c)
-        elif kind == PLACED:
-            _place(own, origin, parent, lanes, constant(c, 9))
+            _tilt(own, origin, parent, rows, lanes, c)
         elif kind == SLIDE:
             _slide(own, origin, parent, rows, lanes, c)
         elif kind == FLOAT:

@@ -21,6 +21,8 @@ CLOSURE_ROWS = 24
 VECTOR = row(3)
 # A column: the square of its size, then its entries, row by row; first what a unit rate moves the point of B by.
 ENTRIES = row(1)
+# Columns of three positions and directions beside them stand side by side, so many at most, sizes first, then row after row.
+MOST_COLUMNS = 15
 # Of a whole call: the largest squares of every lane; the largest sums, three numbers.
 WORST, LARGEST, LIMIT_ROWS = row(0), row(3), 4
 # Where two rows are combined: a factor and whether they change places.  Where a block works: a multiplier, a square; a column.
@@ -30,8 +32,8 @@ LAMBDA, SQUARE, MOVED, SCRATCH_ROWS = row(0), row(1), row(2), 6
 LIMITS, SCRATCH, KEEPS, SUMMED, ROOTS, BODIES, CLOSURES, COLUMNS, SUMS, STEPS, FILLS, PLANE, APPLIED, HEADER = (
     0, 1, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 21, 22
 )  # fmt: skip
-BODY_CELLS, CLOSURE_CELLS, COLUMN_CELLS, SUM_CELLS = np.uint64(6), np.uint64(19), np.uint64(9), np.uint64(5)
-ROOT_TURN, TURN, TILT, SLIDE, FLOAT, PLACED, TWO_TURNS = range(7)  # bodies
+BODY_CELLS, CLOSURE_CELLS, COLUMN_CELLS, SUM_CELLS = np.uint64(6), np.uint64(20), np.uint64(9), np.uint64(5)
+ROOT_TURN, TURN, TILT, SLIDE, FLOAT, TWO_TURNS = range(6)  # bodies
 WHOLE, PARTIAL, COUPLED = range(3)  # closures
 TURNING, SLIDING, GEARED, FLOATING, PUSHING = range(5)  # columns; the last two of a whole joint
 # Cells of a body: kind, own rows, the parent's axes, rows of the recursion, constants, the parent's place.
@@ -39,7 +41,8 @@ OWN, ABOVE, ROWS, CONSTANTS, PLACE_ABOVE = (np.uint64(i) for i in range(1, 6))
 # of a closure: kind, own rows, then
 AXES_A, AXES_B, NUMBERS, POSITIONS, DIRECTIONS, FIRST, COUNT = (np.uint64(i) for i in range(2, 9))
 PLACE_A, PLACE_B, STATE_A, STATE_B, REDUCED, FIRST_SUM, SUM_COUNT, STRIDE = (np.uint64(i) for i in range(9, 17))
-FIRST_BODY, BODY_COUNT = np.uint64(17), np.uint64(18)
+FIRST_BODY, BODY_COUNT, GROUND = np.uint64(17), np.uint64(18), np.uint64(19)
+NO_GROUND, A_STANDS, B_STANDS = range(3)  # whether an end of the closure stands in the world
 # of a column: kind, then
 AXIS, JOINT, TO, QD, QDD, SIGNS, EFFORT, ENTRY = (np.uint64(i) for i in range(1, 9))
 # of a sum: the column's size, rate, acceleration, axis, and whether it turns.

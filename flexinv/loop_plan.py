@@ -32,7 +32,7 @@ from flexinv.loop_layout import (
     TURN,
     WHOLE,
 )
-from flexinv.loop_steps import Elimination, sharing
+from flexinv.loop_steps import Elimination, order_of, sharing
 from flexinv.loop_tables import CLEARLY, LoopPlan, tables
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh
@@ -77,7 +77,7 @@ def planned(
     plan = tables(mesh, b, rows, limits, kept, plane=True) if not _has_floating(first) else first
     if plan is first or not _is_plane(plan, CLEARLY * limits[0] * mesh.length):
         b, pairs = candidates[1], _pairs(m, rows, g)
-        plan = tables(mesh, b, rows, limits, kept, pairs=pairs)
+        plan = tables(mesh, b, rows, limits, kept, pairs=pairs, order=order_of(g[0][kept], passive))
     taken = {v for pair in pairs.values() for v in pair}
     left = [v for v in passive if v not in taken], drives, min(rank - len(passive), len(drives) - 1)
     found = _with_steps(plan, _matrix(plan, lambda plan: run(b, plan)), b, m, left)
@@ -97,7 +97,9 @@ def _with_steps(
         return size - count * BLOCK
 
     patterns = [{int(c): int(plan.matrix[r, c]) for c in np.flatnonzero(where[r])} for r in range(len(g[0]))]
-    e = Elimination(patterns, g[0].copy(), plan.sizes, take, int(plan.plan[SCRATCH]), constant=plan.constant)
+    e = Elimination(
+        patterns, g[0].copy(), plan.matrix, plan.sizes, take, int(plan.plan[SCRATCH]), constant=plan.constant
+    )
     effort = [int(i) for i in b.columns[m.nq + m.nv :]]
     if not sharing(e, effort, *left, len(plan.fixed)):
         return None

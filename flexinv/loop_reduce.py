@@ -15,6 +15,7 @@ import numpy as np
 
 from flexinv.compiled import jit_lane, jit_lanes
 from flexinv.lanes import LANES, into, plus, plus_cross, put_vec, row, times, vec_of
+from flexinv.loop_columns import whole_column
 from flexinv.loop_lanes import axes_of, cross, dot, minus
 from flexinv.loop_layout import (
     AXIS,
@@ -83,23 +84,13 @@ def _along(to, e, moved, lanes, sign):
 
 
 @jit_lanes
-def _spread(to, moved, lanes):
-    """Copy a row."""
-    for k in range(lanes):
-        to[k] = moved[k]
-
-
-@jit_lanes
 def _column(work, closure, column, lanes, signs):
-    """Set the entries of one column, row by row: along the root's axes, or along u of fewer positions; about e."""
+    """Set the entries of one column, row by row: along u of single positions, about e of directions."""
     axis, place, own, to, entry = column[AXIS], column[JOINT], closure[OWN], column[TO], column[ENTRY]
     positions, directions, turns = closure[POSITIONS], closure[DIRECTIONS], column[0] == TURNING
     e, z, moved = work[own + VECTORS :], work[axis : axis + VECTOR], work[to : to + _COLUMN]
     rates, more = work[column[QD] : column[QD] + LANES], 1.0 if directions > _ZERO else 0.0
     _motion(moved, z, work[place : place + VECTOR], work[own : own + _CLOSURE], rates, lanes, signs, turns, more)
-    for j in range(_THREE if closure[0] == WHOLE else _ZERO):
-        _spread(work[entry : entry + LANES], moved[ENTRIES + j * LANES :], lanes)
-        entry += closure[STRIDE]
     for j in range(positions):
         _along(work[entry : entry + LANES], e[j * VECTOR :], moved[ENTRIES:], lanes, 1.0)
         entry += closure[STRIDE]
@@ -228,6 +219,8 @@ def columns(plan, fixed, work, closure, lanes):
         signs = fixed[column[SIGNS] : column[SIGNS] + _THREE]
         if column[0] == GEARED:
             geared(work[column[TO] : column[TO] + _COLUMN], lanes, signs[0])
+        elif not reduced and closure[0] == WHOLE:
+            whole_column(work, closure, column, lanes, signs)
         elif not reduced:
             _column(work, closure, column, lanes, signs)
         elif j < _TWO:

@@ -1,13 +1,14 @@
 """Closed loops: a free body that six closures hold, one sample a lane, in one pass.
 
 Six forces along u_i at r_i hold the body, sum lambda_i (u_i, r_i x u_i) = tau: rows of G of six entries, side by side.  They are
-combined as in `loop_rows`, two and two and the smaller by the larger; what has been done to rows is undone to the multipliers.
+combined as in `loop_together`, two and two; what has been done to rows is undone to the multipliers.
 """
 
 from __future__ import annotations
 
 from flexinv.compiled import jit_lane, jit_lanes
 from flexinv.lanes import row, vec_of
+from flexinv.loop_together import combined, larger
 
 SIX = 6
 _ROWS = tuple(row(SIX * i) for i in range(SIX))
@@ -22,54 +23,39 @@ def _six(rows, first, k):
 
 
 @jit_lane
-def _factor(a, b):
-    """The larger of two entries, the factor by which the smaller one goes, and whether the rows change places."""
-    changed = abs(b) > abs(a)
-    pivot, rest = (b, a) if changed else (a, b)
-    return pivot, rest / pivot if pivot != 0.0 else 0.0, changed
-
-
-@jit_lane
-def _entry(a, b, factor, changed):
-    """Another entry of both rows."""
-    upper, lower = (b, a) if changed else (a, b)
-    return upper, lower - factor * upper
-
-
-@jit_lane
 def _pair_1(a, b):
-    pivot, f, c = _factor(a[1], b[1])
-    u, x = _entry(a[0], b[0], f, c)
+    pivot, f, c = larger(a[1], b[1])
+    u, x = combined(a[0], b[0], f, c)
     return (u, pivot), (x,), (f, c)
 
 
 @jit_lane
 def _pair_2(a, b):
-    pivot, f, c = _factor(a[2], b[2])
-    (u, x), (v, y) = _entry(a[0], b[0], f, c), _entry(a[1], b[1], f, c)
+    pivot, f, c = larger(a[2], b[2])
+    (u, x), (v, y) = combined(a[0], b[0], f, c), combined(a[1], b[1], f, c)
     return (u, v, pivot), (x, y), (f, c)
 
 
 @jit_lane
 def _pair_3(a, b):
-    pivot, f, c = _factor(a[3], b[3])
-    (u, x), (v, y), (w, z) = _entry(a[0], b[0], f, c), _entry(a[1], b[1], f, c), _entry(a[2], b[2], f, c)
+    pivot, f, c = larger(a[3], b[3])
+    (u, x), (v, y), (w, z) = combined(a[0], b[0], f, c), combined(a[1], b[1], f, c), combined(a[2], b[2], f, c)
     return (u, v, w, pivot), (x, y, z), (f, c)
 
 
 @jit_lane
 def _pair_4(a, b):
-    pivot, f, c = _factor(a[4], b[4])
-    (u, x), (v, y), (w, z) = _entry(a[0], b[0], f, c), _entry(a[1], b[1], f, c), _entry(a[2], b[2], f, c)
-    t, s = _entry(a[3], b[3], f, c)
+    pivot, f, c = larger(a[4], b[4])
+    (u, x), (v, y), (w, z) = combined(a[0], b[0], f, c), combined(a[1], b[1], f, c), combined(a[2], b[2], f, c)
+    t, s = combined(a[3], b[3], f, c)
     return (u, v, w, t, pivot), (x, y, z, s), (f, c)
 
 
 @jit_lane
 def _pair_5(a, b):
-    pivot, f, c = _factor(a[5], b[5])
-    (u, x), (v, y), (w, z) = _entry(a[0], b[0], f, c), _entry(a[1], b[1], f, c), _entry(a[2], b[2], f, c)
-    (t, s), (q, r) = _entry(a[3], b[3], f, c), _entry(a[4], b[4], f, c)
+    pivot, f, c = larger(a[5], b[5])
+    (u, x), (v, y), (w, z) = combined(a[0], b[0], f, c), combined(a[1], b[1], f, c), combined(a[2], b[2], f, c)
+    (t, s), (q, r) = combined(a[3], b[3], f, c), combined(a[4], b[4], f, c)
     return (u, v, w, t, q, pivot), (x, y, z, s, r), (f, c)
 
 

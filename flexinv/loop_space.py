@@ -15,9 +15,11 @@ from __future__ import annotations
 import numpy as np
 
 from flexinv.compiled import jit_lane, jit_lanes
-from flexinv.lanes import into, plus, plus_cross, put_vec, row, times, vec_of
-from flexinv.loop_lanes import axes_of, constant, cross, dot, minus, move
+from flexinv.lanes import into, plus, put_vec, row, times, vec_of
+from flexinv.loop_ground import from_ground
+from flexinv.loop_lanes import acceleration, axes_of, constant, cross, dot, minus, move, square
 from flexinv.loop_layout import (
+    A_STANDS,
     AXES_A,
     AXES_B,
     BODY_COUNT,
@@ -29,6 +31,8 @@ from flexinv.loop_layout import (
     FIRST_BODY,
     GAP,
     GAP_RATE,
+    GROUND,
+    NO_GROUND,
     NUMBERS,
     OWN,
     PARTIAL,
@@ -40,8 +44,6 @@ from flexinv.loop_layout import (
     SPIN_A,
     SPIN_B,
     SQUARES,
-    SQUARES_LAST,
-    SQUARES_TOO,
     STATE_A,
     STATE_B,
     TURNING_RATE,
@@ -51,7 +53,7 @@ from flexinv.loop_layout import (
 )
 from flexinv.loop_reduce import columns
 from flexinv.loop_rows import clear, coupled, hold
-from flexinv.recursion import ACCELERATION, SPIN, SPIN_RATE, STATE_ROWS
+from flexinv.recursion import SPIN, SPIN_RATE, STATE_ROWS
 
 _BODY, _STATE, _VEC, _NONE, _SIX = row(BODY_ROWS), row(STATE_ROWS), np.uint64(0), (0.0, 0.0, 0.0), np.uint64(6)
 # Constants of a closure: places of the ends in axes of the loop, the scale; arms and axes of both in those of the recursion.
@@ -62,14 +64,6 @@ _AT_A, _AT_B, _SCALE, _ARM_A, _ARM_B, _TURNED_A, _TURNED_B, _U = (np.uint64(i) f
 def _turned(c, first):
     """R of a body's axes as the loop takes them and as the recursion does, by columns."""
     return constant(c, first), constant(c, first + np.uint64(3)), constant(c, first + _SIX)
-
-
-@jit_lane
-def _acceleration(state, k, arm):
-    """a + al x r + w x (w x r) in the axes of the recursion."""
-    w = vec_of(state, SPIN, k)
-    a = plus_cross(vec_of(state, ACCELERATION, k), vec_of(state, SPIN_RATE, k), arm)
-    return plus_cross(a, w, cross(w, arm))
 
 
 @jit_lane
@@ -97,7 +91,7 @@ def _whole(a, place_a, state_a, b, place_b, state_b, own, lanes, c):
     for k in range(lanes):
         point = _point(b, place_b, k, at_b)
         d = minus(point, _point(a, place_a, k, at_a))
-        one, other = _acceleration(state_a, k, arm_a), _acceleration(state_b, k, arm_b)
+        one, other = acceleration(state_a, k, arm_a), acceleration(state_b, k, arm_b)
         second = minus(_in_root(b, k, turned_b, other), _in_root(a, k, turned_a, one))
         put_vec(own, POINT, k, point)
         put_vec(own, GAP_RATE, k, _NONE)
@@ -115,7 +109,7 @@ def _partial(a, place_a, state_a, b, place_b, state_b, own, lanes, c):
         arm = minus(point, vec_of(place_a, _VEC, k))
         arm = dot(x, arm), dot(y, arm), dot(z, arm)
         arm = dot(turned_a[0], arm), dot(turned_a[1], arm), dot(turned_a[2], arm)
-        one, other = _acceleration(state_a, k, arm), _acceleration(state_b, k, arm_b)
+        one, other = acceleration(state_a, k, arm), acceleration(state_b, k, arm_b)
         put_vec(own, POINT, k, point)
         put_vec(own, GAP, k, minus(point, _point(a, place_a, k, at_a)))
         put_vec(own, SECOND, k, minus(_in_root(b, k, turned_b, other), _in_root(a, k, turned_a, one)))
@@ -135,14 +129,6 @@ def _spins(a, state_a, b, state_b, own, lanes, c):
         put_vec(own, TURNING_RATE, k, minus(al_b, al_a))
 
 
-@jit_lane
-def _square(own, k, phi, rate, second):
-    """Add to the squares of a closure."""
-    own[SQUARES + k] += phi * phi
-    own[SQUARES_TOO + k] += rate * rate
-    own[SQUARES_LAST + k] += second * second
-
-
 @jit_lanes
 def _direction(e, a, b, own, lanes, u, w):
     """The squares of phi = u . w of one row, and e."""
@@ -152,7 +138,7 @@ def _direction(e, a, b, own, lanes, u, w):
         n, turning = cross(ws, us), minus(wb, wa)
         n1 = plus(cross(cross(wb, ws), us), cross(ws, cross(wa, us)))
         second = dot(n, vec_of(own, TURNING_RATE, k)) + dot(n1, turning)
-        _square(own, k, dot(us, ws), dot(n, turning), second)
+        square(own, k, dot(us, ws), dot(n, turning), second)
         put_vec(e, _VEC, k, n)
 
 
@@ -169,7 +155,7 @@ def _position(e, own, lanes, scale):
     for k in range(lanes):
         u, d1 = vec_of(e, _VEC, k), vec_of(own, GAP_RATE, k)
         second = minus(vec_of(own, SECOND, k), times(2.0, cross(vec_of(own, SPIN_A, k), d1)))
-        _square(own, k, scale * dot(u, vec_of(own, GAP, k)), dot(u, d1), dot(u, second))
+        square(own, k, scale * dot(u, vec_of(own, GAP, k)), dot(u, d1), dot(u, second))
 
 
 @jit_lanes
@@ -180,6 +166,10 @@ def _ends(work, closure, own, vectors, lanes, c):
     at_a, at_b = work[closure[PLACE_A] :], work[closure[PLACE_B] :]
     of_a, of_b = work[state_a : state_a + _STATE], work[state_b : state_b + _STATE]
     positions, directions = closure[POSITIONS], closure[DIRECTIONS]
+    if closure[GROUND] != NO_GROUND:
+        end = (b, at_b[:VECTOR], of_b) if closure[GROUND] == A_STANDS else (a, at_a[:VECTOR], of_a)
+        from_ground(*end, own, vectors, lanes, c, directions)
+        return
     if closure[0] == WHOLE:
         _whole(a, at_a[:VECTOR], of_a, b, at_b[:VECTOR], of_b, own, lanes, c)
     else:

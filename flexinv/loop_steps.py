@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexinv.lanes import BLOCK
 from flexinv.loop_rows import ALL_SIX, EMPTY, INNER, NORM, PAIR, PROJECT, SOLVE, SURE, TAKE, UNDO
@@ -27,6 +28,7 @@ class Elimination:
     """Rows as they are combined.
 
     rows : for each row, velocity coordinate -> where its entry stands in the work space [-]; numbers : (rows, nv) of a sample
+    places : (rows, nv) where entries stand, those among them that are zero; 0 where there are none
     sizes : for each coordinate, where the squares of its column stand; take : finds room for so many rows more
     scratch : where a block works; words : of the steps so far; count : how many steps; fills : entries that are zero at first
     combined : pairs of rows and where their factors are kept, if they are; constant : sizes that are
@@ -34,6 +36,7 @@ class Elimination:
 
     rows: list[dict[int, int]]
     numbers: Array
+    places: NDArray[np.int64]
     sizes: dict[int, list[int]]
     take: Callable[[int], int]
     scratch: int
@@ -70,15 +73,14 @@ class Elimination:
 
     def _pair(self, pivot: int, other: int, column: int) -> None:
         one, two, n = self.rows[pivot], self.rows[other], self.numbers
-        for missing, there in ((one, two), (two, one)):
+        for row, missing, there in ((pivot, one, two), (other, two, one)):
             for c in there.keys() - missing.keys():
-                missing[c] = self.take(1)
-                self.fills.append(missing[c])
+                missing[c] = int(self.places[row, c]) or self._empty()
         kept = self.scratch
         if self.combined is not None:
             kept = self.take(2)
             self.combined.append((pivot, other, kept))
-        pairs = [(one[c], two[c]) for c in sorted(one) if c != column]
+        pairs = [(one[c], two[c]) for c in sorted(one, key=lambda c: one[c]) if c != column]
         if _side_by_side(pairs, (one[column], two[column])):
             self.step(TOGETHER + len(pairs) - 1, *pairs[0], third=kept)
         else:
@@ -89,6 +91,11 @@ class Elimination:
         if n[pivot, column] != 0.0:
             n[other] -= n[other, column] / n[pivot, column] * n[pivot]
         n[other, column] = 0.0
+
+    def _empty(self) -> int:
+        """Room for an entry that is zero at first."""
+        self.fills.append(self.take(1))
+        return self.fills[-1]
 
     def undo(self, multiplier: dict[int, int]) -> None:
         """Write the steps [-] from multipliers of combined rows to those of rows as they were."""
@@ -180,6 +187,14 @@ def _triangle(e: Elimination, left: list[int], passive: list[int]) -> list[tuple
         left.remove(pivot)
         solved.append((column, pivot))
     return solved
+
+
+def order_of(numbers: Array, passive: list[int]) -> list[int]:
+    """Return passive coordinates [-] in the order in which they go from rows (rows, nv) of a sample; none without an order."""
+    places = np.ones(numbers.shape, dtype=np.int64)
+    patterns = [{int(c): 0 for c in np.flatnonzero(row)} for row in numbers]
+    e = Elimination(patterns, numbers.copy(), places, {c: [] for c in passive}, lambda count: 0, 0)
+    return [column for column, _ in _triangle(e, list(range(len(numbers))), passive) or []]
 
 
 def _cost(e: Elimination, left: list[int], column: int) -> tuple[int, int]:

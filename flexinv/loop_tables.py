@@ -12,12 +12,14 @@ from flexinv.bodies import Bodies
 from flexinv.closures import Rows
 from flexinv.kinds import FREE, PRISMATIC, SPHERICAL
 from flexinv.lanes import BLOCK
-from flexinv.loop_frames import Tables, frame, path, root_of, seated, state
+from flexinv.loop_frames import Frame, Tables, frame, path, root_of, seated, state
 from flexinv.loop_layout import (
+    A_STANDS,
     AT,
     AXES,
     AXIS_Y,
     AXIS_Z,
+    B_STANDS,
     BODIES,
     BODY_CELLS,
     CLOSURE_CELLS,
@@ -37,6 +39,8 @@ from flexinv.loop_layout import (
     KEPT,
     LIMIT_ROWS,
     LIMITS,
+    MOST_COLUMNS,
+    NO_GROUND,
     PARTIAL,
     PLANE,
     PUSHING,
@@ -98,16 +102,18 @@ def tables(
     kept: NDArray[np.bool_],
     plane: bool = False,
     pairs: dict[int, tuple[int, int]] | None = None,
+    order: list[int] | None = None,
 ) -> LoopPlan:
     """Return the tables [any unit] without steps: with the rows ``kept`` (rows,) only, positions always.
 
     limits : (3,) of `given` [-], on phi, phi', phi''; plane : by the formulas of the plane
     pairs : closure -> velocity coordinates of two passive joints that no other closure moves, see `loop_reduce`
+    order : of passive coordinates, as they go from rows
     """
-    t = Tables(mesh, b, b.size, plane, pairs or {}, _shared(mesh, b, rows))
+    t = Tables(mesh, b, b.size, plane, pairs or {}, order or [], _shared(mesh, b, rows))
     _fill(t, rows, limits, kept)
     if t.most:  # once more, now that it is known how much the closures need that is passing
-        t = Tables(mesh, b, b.size + t.most, plane, t.pairs, t.shared, b.size)
+        t = Tables(mesh, b, b.size + t.most, plane, t.pairs, t.order, t.shared, b.size)
         _fill(t, rows, limits, kept)
     matrix = np.zeros((len(rows), mesh.mechanism.nv), dtype=np.int64)
     for (row, column), at in t.matrix.items():
@@ -190,11 +196,12 @@ def _closure(t: Tables, rows: Rows, own: NDArray[np.int64]) -> None:
     root, way_a, way_b = _ways(t.bodies, a, b)
     if not (way_a or way_b):
         return  # both ends on one body: nothing moves
-    before = t.counts()
+    before, pair = t.counts(), t.pairs.get(int(rows.closure[k]))
     root_of(t, root, (way_b, way_a))
     one, other = frame(t, root, a), frame(t, root, b)
     positions, directions = ([int(r) for r in own if rows.direction[r] == which] for which in (False, True))
-    whole = len(positions) == 3
+    columns = [c for way in (way_a, way_b) for body in way for c in _columns_of(t, root, body, way is way_b)]
+    whole = len(positions) == 3 and (t.plane or pair is not None or len(columns) <= MOST_COLUMNS)
     vectors = [] if whole else [one.turned @ ra @ rows.u[r] for r in positions]
     for r in directions:
         vectors += [one.turned @ ra @ rows.u[r], other.turned @ rb @ rows.w[r]]
@@ -202,9 +209,10 @@ def _closure(t: Tables, rows: Rows, own: NDArray[np.int64]) -> None:
     arms = xa + ra @ rows.place_a[k], xb + rb @ rows.place_b[k]
     turned = one.turned.T, other.turned.T
     fixed = t.numbers(one.turned @ arms[0], other.turned @ arms[1], scale, *arms, *turned, *vectors)
+    ground = NO_GROUND
+    if whole and not t.plane and 0 in (a, b):
+        ground, fixed = _from_ground(t, root, (a, b), (one, other), arms, vectors, fixed)
     first = t.rows(CLOSURE_ROWS + 3 * (len(directions) + (0 if whole else len(positions))), True)
-    columns = [c for way in (way_a, way_b) for body in way for c in _columns_of(t, root, body, way is way_b)]
-    pair = t.pairs.get(int(rows.closure[k]))
     if t.plane:
         stride = _rows_in_plane(t, columns, positions)
     elif pair is None:
@@ -215,7 +223,28 @@ def _closure(t: Tables, rows: Rows, own: NDArray[np.int64]) -> None:
     bodies, number, sums = (now - then for now, then in zip(t.counts(), before, strict=True))
     ends = (0, 0, 0, 0) if t.plane else (one.place, other.place, state(t, a), state(t, b))
     t.closures += [WHOLE if whole else PARTIAL, first, one.axes, other.axes, fixed, *counts, before[1], number, *ends]
-    t.closures += [int(pair is not None), before[2], sums, stride, before[0], bodies]
+    t.closures += [int(pair is not None), before[2], sums, stride, before[0], bodies, ground]
+
+
+def _from_ground(
+    t: Tables,
+    root: int,
+    bodies: tuple[int, int],
+    ends: tuple[Frame, Frame],
+    arms: tuple[Array, Array],
+    vectors: list[Array],
+    fixed: int,
+) -> tuple[int, int]:
+    """Which end stands in the world, and constants of `loop_ground`; those that are there where the other one slides."""
+    stands = bodies.index(0)
+    moves = 1 - stands
+    if not np.array_equal(ends[moves].turned, np.eye(3)):
+        return NO_GROUND, fixed
+    pairs = [v for i in range(0, len(vectors), 2) for v in (vectors[i + moves], vectors[i + stands])]
+    rest = ends[stands].turned @ -t.mesh.mechanism.gravity
+    there = ends[stands].turned @ arms[stands]
+    at = t.numbers(arms[moves], there, 1.0 / t.mesh.length**2, rest, float(moves), *pairs)
+    return B_STANDS if stands else A_STANDS, at
 
 
 def _columns_of(t: Tables, root: int, body: int, forward: bool) -> list[_Column]:
@@ -248,11 +277,14 @@ def _rows_in_plane(t: Tables, columns: list[_Column], rows: list[int]) -> int:
 def _rows_in_space(t: Tables, columns: list[_Column], whole: bool, rows: list[int]) -> int:
     """Columns of a closure in all its rows; return how far rows are apart.
 
-    Those of drives come first: then the entries of passive ones are eliminated from the last on.
+    Those of drives come first, then passive ones: those that go last, the first of them.
     """
-    base, stride = t.rows(len(rows) * len(columns)), len(columns) * BLOCK
-    for i, column in enumerate(sorted(columns, key=lambda c: (not t.mesh.mechanism.actuated[c.v], c.v))):
-        c, to, entry = replace(column, kept=_kept(t, column.v, t.rows(1))), t.rows(4), base + i * BLOCK
+    m, count = t.mesh.mechanism, MOST_COLUMNS if whole else len(columns)
+    base, stride = t.rows((1 + len(rows)) * count), count * BLOCK
+    turn = {v: -i for i, v in enumerate(t.order)}
+    for i, column in enumerate(sorted(columns, key=lambda c: (not m.actuated[c.v], turn.get(c.v, 1), c.v))):
+        c, first = replace(column, kept=_kept(t, column.v, t.rows(1))), base + i * BLOCK
+        to, entry = first if whole else t.rows(4), first + stride
         _write(t, c, to, entry)
         if whole:
             _sum(t, c, to)
@@ -322,4 +354,4 @@ def _coupling(t: Tables, rows: Rows, row: int) -> None:
         t.columns += [GEARED, place, 0, to, rate, kept, signs, second, entry]
         _enter(t, int(v), to, [(row, entry)])
     t.closures += [COUPLED, first, 0, 0, t.numbers(rows.offset[row]), 1, 0, before[1], len(coupled), *[0] * 5]
-    t.closures += [before[2], 0, 0, before[0], 0]
+    t.closures += [before[2], 0, 0, before[0], 0, NO_GROUND]

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from flexinv.compiled import jit_lanes
+from flexinv.compiled import jit_lane, jit_lanes
 from flexinv.lanes import LANES, row
 from flexinv.loop_layout import CHANGED, FACTOR
 
@@ -14,25 +14,40 @@ from flexinv.loop_layout import CHANGED, FACTOR
 MOST_TOGETHER, TOGETHER = 4, 10
 
 
+@jit_lane
+def larger(a, b):
+    """Return the larger of two entries, the factor [-] by which the smaller one goes, and whether the rows change places."""
+    changed = abs(b) > abs(a)
+    pivot, rest = (b, a) if changed else (a, b)
+    return pivot, rest / pivot if pivot != 0.0 else 0.0, changed
+
+
+@jit_lane
+def combined(a, b, factor, changed):
+    """Return another entry of both rows [any unit]."""
+    upper, lower = (b, a) if changed else (a, b)
+    return upper, lower - factor * upper
+
+
 def _pairing(count: int) -> Any:
     """Both, of so many other entries before those in the pivot's column; loops over a constant are taken apart."""
     last = row(count)
 
+    @jit_lane
+    def lane(factor, one, other, k):
+        one[last + k], part, changed = larger(one[last + k], other[last + k])
+        factor[FACTOR + k], factor[CHANGED + k] = part, 1.0 if changed else 0.0
+        for j in range(count):
+            at = np.uint64(j) * LANES + k
+            upper, other[at] = combined(one[at], other[at], part, changed)
+            one[at] = (
+                upper + 0.0
+            )  # as it is, the compiler writes only lanes that change: that takes several times as long
+
     @jit_lanes
     def pair(factor, one, other, lanes):
         for k in range(lanes):
-            a, b = one[last + k], other[last + k]
-            changed = abs(b) > abs(a)
-            pivot, rest = (b, a) if changed else (a, b)
-            part = rest / pivot if pivot != 0.0 else 0.0
-            one[last + k] = pivot
-            factor[FACTOR + k] = part
-            factor[CHANGED + k] = 1.0 if changed else 0.0
-            for j in range(count):
-                at = np.uint64(j) * LANES + k
-                a, b = one[at], other[at]
-                upper, lower = (b, a) if changed else (a, b)
-                one[at], other[at] = upper, lower - part * upper
+            lane(factor, one, other, k)
 
     return pair
 

@@ -85,7 +85,14 @@ def test_rows_that_have_nothing_in_the_sample_are_combined_without_a_word() -> N
     """An entry may be zero where the joints stand anywhere, and still be one: another row is the pivot."""
     numbers = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [2.0, 1.0, 1.0]])
     places = iter(range(1000, 10_000, 128))
-    e = Elimination([{0: 1, 1: 2}, {0: 3, 2: 4}, {0: 5, 1: 6, 2: 7}], numbers, {0: [8]}, lambda _: next(places), 0)
+    e = Elimination(
+        [{0: 1, 1: 2}, {0: 3, 2: 4}, {0: 5, 1: 6, 2: 7}],
+        numbers,
+        np.zeros((3, 3), dtype=np.int64),
+        {0: [8]},
+        lambda _: next(places),
+        0,
+    )
     with warnings.catch_warnings(action="error"):
         assert e.eliminate(0, [0, 1, 2]) == 0
     assert np.array_equal(e.numbers[0], [2.0, 1.0, 1.0])

@@ -10,12 +10,12 @@ import pytest
 from kernels import six
 from loop_examples import Example, at, loaded, platform, spatial
 from numpy.typing import NDArray
-from test_loop_lanes import MODELS, ROUNDING, doubts, largest, reference, solved
+from test_loop_lanes import MODELS, ROUNDING, closed_tree, doubts, largest, reference, solved
 
 import flexinv
-from flexinv import loop_plan, loop_steps
+from flexinv import loop_plan, loop_steps, loop_tables
 from flexinv.files.case import load_cases
-from flexinv.loop_layout import CLOSURE_CELLS, CLOSURES, REDUCED
+from flexinv.loop_layout import A_STANDS, B_STANDS, CLOSURE_CELLS, CLOSURES, GROUND, LIMITS, NO_GROUND, REDUCED
 from flexinv.mechanism import WORLD, Attachment, Spring
 from flexinv.prepared import TorqueFunction, prepare
 
@@ -48,6 +48,40 @@ def test_universal_joints_taken_from_a_closure(example: Callable[[], Example], m
     assert (reduced[0] == 1).all()
     assert not reduced[1].any()
     assert np.abs(f.torques(*state) - g.torques(*state)).max() < ROUNDING * largest(f, state)
+
+
+@pytest.mark.parametrize("name", ["bricard", "fixed"])
+def test_closures_to_the_ground(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same efforts and squares whichever end stands, and by the formulas of two ends that move."""
+    if name == "bricard":
+        mechanism = flexinv.load_mechanism(MODELS / name)
+        mechanism, state = solved((mechanism, next(iter(load_cases(MODELS / name, mechanism).values()))), 150)
+    else:
+        mechanism, state = closed_tree(name, 1, 0)
+    (closure,) = mechanism.closures
+    swapped = replace(mechanism, closures=(replace(closure, first=closure.second, second=closure.first),))
+    functions = [prepare(m, threads=1) for m in (mechanism, swapped)]
+    assert {int(closures(f)[0, int(GROUND)]) for f in functions} == {A_STANDS, B_STANDS}
+    monkeypatch.setattr(loop_tables, "_from_ground", lambda *given: (NO_GROUND, given[-1]))
+    functions += [prepare.__wrapped__(m, threads=1) for m in (mechanism, swapped)]
+    assert not any(closures(f)[0, int(GROUND)] for f in functions[2:])
+    moved = [state[0] + 1e-8, state[1] * (1.0 + 1e-6 * np.arange(mechanism.nv)), state[2] * (1.0 + 1e-5)]
+    squares = []
+    for f in functions:
+        assert np.abs(f.torques(*state) - reference(f, state)).max() < 10 * ROUNDING * largest(f, state)
+        assert doubts(f, 150) == []
+        f.torques(*moved)
+        at = int(f.plan.plan[LIMITS])
+        squares.append([f._own.work[0][at + 128 * k : at + 128 * (k + 1)].max() for k in range(3)])
+    # roundings of some 1e-16 over a gap of 1e-8, and twice that for its square
+    for found, other in zip(squares[:2], squares[2:], strict=True):
+        assert np.abs(np.array(found) / other - 1.0).max() < 1e-7
+
+
+def test_what_slides_is_turned_as_two_ends_that_move() -> None:
+    """The axes of a body that slides are its parent's, in which the recursion has nothing."""
+    f = prepare(closed_tree("spherical", 2, 0)[0], threads=1)
+    assert closures(f)[0, int(GROUND)] == NO_GROUND
 
 
 def closures(f: TorqueFunction) -> NDArray[np.uint64]:

@@ -216,6 +216,7 @@ state = [np.zeros((1_000_000, n)) for n in (arm.nq, arm.nv, arm.nv)]
 tau = np.zeros((1_000_000, arm.nv))
 for a in (*state, tau):
     a += 0.1  # touched, so that the memory is there
+f.torques(*(a[:4096] for a in state))  # loads the machine code of those who help
 before = peak()
 f.torques(*state, out=tau)
 most = peak()
@@ -232,7 +233,7 @@ def test_a_million_samples_stream() -> None:
         run = subprocess.run([sys.executable, "-c", MEMORY, str(model)], capture_output=True, text=True, check=True)
     more, most, given = (int(word) for word in run.stdout.split())
     assert most - given < 300e6
-    assert more < 10e6  # work spaces of the threads
+    assert more < 1e6  # a cell for every block
 
 
 def _massless(mechanism: Mechanism) -> Mechanism:
