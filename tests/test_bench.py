@@ -97,11 +97,13 @@ def test_a_turn_begins_with_a_run_that_is_not_timed() -> None:
         fresh[name] = False
 
     calls = {
-        "short": Call(lambda: run("short", 10e-3, 1e-3)),
+        "short": Call(lambda: run("short", 40e-3, 1e-3)),
         "long": Call(lambda: run("long", 2 * LONG, 2 * LONG)),
     }
     found = in_turns(calls, SHORT)
-    assert np.median(found["short"].wall) < 5e-3  # 1 ms and what the system adds, not the 10 ms of a turn's first run
+    assert (
+        np.median(found["short"].wall) < 20e-3
+    )  # 1 ms and what a busy system adds, not the 40 ms of a turn's first run
     assert np.median(found["long"].wall) > LONG
 
 
