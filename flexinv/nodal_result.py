@@ -49,7 +49,7 @@ def nodal_result(mesh: Mesh, loops: GivenLoops | None, passive: bool, q: Array, 
     wrenches = own_wrenches(mesh, motion, forces)
     torque = along_joints(mesh, len(q), wrenches) + drive_efforts(m, qd, qdd, passive)
     if passive:
-        torque = torque + joint_springs(m, q)
+        torque = torque + joint_springs(m, q, history=False)
     reaction: dict[str, Array] = {}
     if loops is not None:
         rows, shares = constraint_rows(mesh), loops.shares(q, qd, qdd, torque)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -64,6 +65,7 @@ def solve_in_parts(
     )  # fmt: skip
     kept = time[::every]
     last: Array | None = None
+    wound: dict[str, float] = {}
     for first in range(0, max(len(kept) - 1, 1), part):
         own = kept[first : first + part + 1]
         q, qd, qdd = (a.copy() for a in after(own))
@@ -77,7 +79,7 @@ def solve_in_parts(
             trajectory = next(trajectories)
             applied = applied_forces(mesh, trajectory.motion, own)
             fill_passive(mesh, trajectory.motion, passive, q, qd, qdd)
-        yield evaluate(mesh, trajectory, own, q, qd, qdd, passive, settings, applied)
+        yield _wind_on(evaluate(mesh, trajectory, own, q, qd, qdd, passive, settings, applied), wound)
         last = q[-1]
 
 
@@ -86,3 +88,17 @@ def _go_on(mechanism: Mechanism, passive: set[str], q: Array, last: Array) -> No
     for joint in mechanism.joints:
         if joint.name in passive:
             q[:, mechanism.q_slices[joint.name]] = last[mechanism.q_slices[joint.name]]
+
+
+def _wind_on(solution: Solution, wound: dict[str, float]) -> Solution:
+    """Let springs of joints that turn without end go on from the angles [rad] to which they were wound, and keep these."""
+    mechanism = solution.mechanism
+    more = np.zeros(mechanism.nv)
+    for joint in mechanism.joints:
+        if joint.kind == "continuous" and joint.stiffness:
+            own = solution.q[:, mechanism.q_slices[joint.name]]
+            angle = np.unwrap(np.arctan2(own[:, 1], own[:, 0]))
+            turns = 2 * np.pi * np.round((wound.get(joint.name, angle[0]) - angle[0]) / (2 * np.pi))
+            wound[joint.name] = angle[-1] + turns
+            more[mechanism.v_slices[joint.name].start] = joint.stiffness * turns
+    return replace(solution, torque_all=solution.torque_all + more, reaction=solution.reaction + more)

@@ -42,12 +42,26 @@ def spatial() -> tuple[Mechanism, Motion, dict[str, Any]]:
     )
 
 
+def winding(driven: bool) -> tuple[Mechanism, Motion, dict[str, Any]]:
+    """A wheel on an arm winds a spring up over two turns, by its drive or thrown."""
+    whole = chain("continuous")
+    joints = tuple(
+        replace(j, stiffness=0.5, actuated=driven, friction=0.0) if j.kind == "continuous" else j for j in whole.joints
+    )
+    mechanism, ends = replace(whole, joints=joints), {"arm_joint": 0.3, "body_joint": 13.0}
+    ends = ends if driven else {"arm_joint": 0.3}
+    motion = Motion.point_to_point(dict.fromkeys(ends, 0.0), ends, 0.3)
+    return mechanism, motion, {} if driven else {"start_rate": {"body_joint": 60.0}}
+
+
 CASES: Mapping[str, tuple[Mechanism, Motion, dict[str, Any]]] = {
     "plane": (arm(), JUMPS, {}),
     "one of three": (arm(), JUMPS, {"every": 3}),
     "space": spatial(),
     "rigid": (chain("prismatic"), Motion.point_to_point([0.0, 0.0], [1.0, 0.2], 0.3), {}),
     "falling": falling(),
+    "winding": winding(True),
+    "wound by itself": winding(False),
 }
 
 
@@ -65,7 +79,7 @@ def test_parts_are_those_of_the_whole(name: str, part: int) -> None:
     assert all(len(one.time) <= part + 1 for one in parts)
     for of in (
         lambda s: s.time, lambda s: s.q, lambda s: s.torque, lambda s: s.nodes.x, lambda s: s.balance.power,
-        lambda s: s.reaction, *(lambda s, n=n: s.tip[n] for n in whole.tip),
+        lambda s: s.reaction, lambda s: s.torque_all, *(lambda s, n=n: s.tip[n] for n in whole.tip),
     ):  # fmt: skip
         np.testing.assert_allclose(
             joined(parts, of), of(whole), rtol=0.0, atol=ROUNDING * max(1.0, abs(of(whole)).max())
