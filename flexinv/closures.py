@@ -27,6 +27,9 @@ from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
 from flexinv.rows import RowArrays, end_samples, jacobians, push_samples, residual_samples
 
+# Rounding of entries of G, of some tens of operations, over the mechanism's length or 1.
+ROUNDED = 1e-13
+
 
 @dataclass(frozen=True)
 class Rows:
@@ -217,6 +220,21 @@ def constraint_jacobian(mesh: Mesh, motion: NodalMotion, rows: Rows) -> Array:
         return np.empty((samples, 0, mesh.mechanism.nv))
     g = np.empty((samples, count, mesh.mechanism.nv))
     jacobians(nodes_of(mesh), row_arrays(rows), *_world(motion), g)
+    return without_rounding(mesh, rows.direction, g)
+
+
+def without_rounding(mesh: Mesh, direction: NDArray[np.bool_], g: Array) -> Array:
+    """Return G (samples, rows, nv) [m/rad], [-], set to zero in place where all of a sample is rounding.
+
+    So it is where closures tie nothing: a second bearing of a shaft.  Ranks are told from the largest entry, which then is none.
+    """
+    slides = np.zeros(mesh.mechanism.nv, dtype=bool)
+    for joint in mesh.mechanism.joints:
+        first = mesh.mechanism.v_slices[joint.name].start
+        slides[first : first + {"prismatic": 1, "free": 3}.get(joint.kind, 0)] = True
+    least = ROUNDED * np.where(direction[:, None] | slides, 1.0, mesh.length)
+    if len(g) and (np.abs(g[0]) <= least).all():  # else there is one that ties something
+        g[(np.abs(g) <= least).all(axis=(1, 2))] = 0.0
     return g
 
 

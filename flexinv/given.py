@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.branch import closing
-from flexinv.closures import Rows, nodes_of, row_arrays
+from flexinv.closures import Rows, nodes_of, row_arrays, without_rounding
 from flexinv.coordinates import Nodes
 from flexinv.errors import InputError
 from flexinv.inverse import plain
@@ -100,7 +100,7 @@ class GivenLoops:
         frames = Frames(one[5], turns[1], one[6], one[7], one[8], one[9])
         state = (plain(q), plain(qd), plain(qdd))
         closing(self.nodes, self.rows, self.scale, *state, g, worst, at, joints, frames)
-        return g, worst, at
+        return without_rounding(self.mesh, self.rows.direction, g), worst, at
 
     def _hold(self, worst: Array, at: NDArray[np.int64]) -> None:
         """Raise InputError where the motion is further from closed than is allowed."""

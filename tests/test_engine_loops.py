@@ -284,3 +284,11 @@ def _with_beam() -> tuple[Mechanism, Case]:
     section = flexinv.mechanism.Section(np.zeros(1), np.ones((1, 6)), np.ones(1), np.ones((1, 3)))
     hand = replace(mechanism.links[1], beam=flexinv.mechanism.Beam(0.3, section), bodies=())
     return replace(mechanism, links=(mechanism.links[0], hand), forces=()), case
+
+
+def test_a_jacobian_that_is_rounding_ties_nothing() -> None:
+    """A second bearing of a shaft: no singular value is large enough to show that all are small."""
+    g, tree, one = np.array([[1e-16, 0.0], [2e-17, -1e-16]]), np.array([3.0, -2.0]), np.ones(2)
+    effort = assembly.share_out(g, tree, one > 0, one)
+    np.testing.assert_allclose(effort, tree, rtol=1e-15)
+    assert np.abs(assembly.multipliers(g, tree, effort)).max() == 0.0

@@ -1,4 +1,4 @@
-"""Prepared loops whose joints turn about the point that is closed: their columns of G are rounding, or nothing at all."""
+"""Loops whose joints turn about the point that is closed: their columns of G are rounding, or nothing at all."""
 
 from __future__ import annotations
 
@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 from loop_examples import Y, Z, at, rod
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 from test_loop_lanes import ROUNDING, doubts
 
 import flexinv
 from flexinv.loop_steps import Elimination
-from flexinv.mechanism import WORLD, Attachment, Closure, Joint, Mechanism, Placement
+from flexinv.loops import mobility
+from flexinv.mechanism import WORLD, Attachment, Body, Closure, Inertia, Joint, Link, Mechanism, Placement
+from flexinv.mesh import build
 from flexinv.prepared import prepare
 
 Array = NDArray[np.float64]
@@ -97,3 +100,28 @@ def test_rows_that_have_nothing_in_the_sample_are_combined_without_a_word() -> N
         assert e.eliminate(0, [0, 1, 2]) == 0
     assert np.array_equal(e.numbers[0], [2.0, 1.0, 1.0])
     assert not e.numbers[1:, 0].any()
+
+
+@pytest.mark.parametrize("kind", ["spherical", "revolute", "cylindrical"])
+@pytest.mark.parametrize("carried", [False, True])
+def test_a_second_bearing_of_a_shaft_takes_nothing_from_its_drive(kind: str, carried: bool) -> None:
+    """All of its rows are rounding, which no other row shows to be small."""
+    turn, axis = Rotation.from_euler("xyz", [0.3, -0.5, 0.7]).as_matrix(), np.array([0.6, 0.0, 0.8])
+    first, far = Placement(np.array([0.3, 0.1, 0.2]), turn), 0.7 * axis
+    body = Body("rotor", Inertia(2.0, np.array([0.1, 0.05, 0.2]), np.diag([0.1, 0.2, 0.25])))
+    base = "carrier" if carried else WORLD
+    second = Attachment(base, Placement(first.position + turn @ far, turn)), Attachment("shaft", Placement(far))
+    joints = (
+        *((Joint("C", "revolute", WORLD, "carrier", first, axis=Y),) if carried else ()),
+        Joint("S", "revolute", base, "shaft", first, axis=axis),
+    )
+    links = (*((Link("carrier", (body,)),) if carried else ()), Link("shaft", (body,)))
+    alone = Mechanism("shaft", links, joints, np.array([1.0, 2.0, -9.0]))
+    m = replace(alone, closures=(Closure("bearing", kind, *second, axis=axis),))
+    names = [j.name for j in joints]
+    motion = flexinv.Motion.point_to_point(dict.fromkeys(names, 0.0), dict.fromkeys(names, 2.0), 1.0)
+    free, found = (flexinv.solve(mechanism, motion, 1e-2) for mechanism in (alone, m))
+    largest = np.abs(free.torque).max()
+    assert np.abs(found.torque - free.torque).max() < ROUNDING * largest
+    assert np.abs(prepare(m).torques(free.q, free.qd, free.qdd) - free.torque).max() < ROUNDING * largest
+    assert mobility(build(m), np.zeros(len(names))).freedoms == len(names)

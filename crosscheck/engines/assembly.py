@@ -29,6 +29,9 @@ from flexinv.files.case import Case
 from flexinv.mechanism import Closure, Mechanism
 
 Array = NDArray[np.float64]
+NOTHING = (
+    1e-13  # [m/rad], [-]: where all of a Jacobian is below that, it is rounding, as of a second bearing of a shaft
+)
 REDUNDANT = 1e-9  # part of the largest singular value: redundant constraints leave rounding, 1e-15, singular ones more
 CLOSED = 1e-11  # [m], [-]: what rounding leaves of an equation, coordinates of some metres and ten roundings taken
 STALLED = 1e-13  # [rad], [m]: a Newton step that is rounding
@@ -271,13 +274,14 @@ def share_out(g: Array, tree: Array, driven: NDArray[np.bool_], weight: Array) -
 def null_space(g: Array) -> Array:
     """Return an orthonormal basis (nv, freedoms) [-] of the motions that constraints (rows, nv) allow."""
     _, values, right = np.linalg.svd(g)
-    rank = int((values > REDUNDANT * values.max(initial=0.0)).sum())
+    rank = int((values > max(REDUNDANT * values.max(initial=0.0), NOTHING)).sum())
     return np.asarray(right[rank:].T)
 
 
 def multipliers(g: Array, tree: Array, effort: Array) -> Array:
     """Return lambda (rows,) [N], [N m] with G^T lambda = tau_tree - tau, of least norm."""
-    return np.asarray(np.linalg.lstsq(g.T, tree - effort, rcond=REDUNDANT)[0])
+    told = g if np.abs(g).max(initial=0.0) > NOTHING else np.zeros_like(g)
+    return np.asarray(np.linalg.lstsq(told.T, tree - effort, rcond=REDUNDANT)[0])
 
 
 # ---------------------------------------------------------------------------------------------------- start, reasons
