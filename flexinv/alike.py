@@ -25,8 +25,8 @@ from flexinv.mesh import Mesh, build
 from flexinv.motion import Motion, motion_table
 from flexinv.nodal import NodalMotion
 from flexinv.planar import PlanarMarch
-from flexinv.planar_march import Histories
 from flexinv.planar_model import planar_model
+from flexinv.planar_record import Histories
 from flexinv.plane import Plane, find_plane
 from flexinv.scheme import settings_of, time_grid
 from flexinv.second_step import Found
@@ -176,7 +176,7 @@ def _tasks(scenarios: Sequence[Scenario]) -> Tasks:
         design=np.array([meshes[one.mesh] for one in scenarios]),
         motion=np.array([number[id(one.table[0])] for one in scenarios]),
         joint=joint, given=given, qd=np.stack([table[1] for table in tables.values()]),
-        moves=instants > 0, row=instants, time=first.time, none=np.empty((0, 0, 0)), never=np.empty(0),
+        row=instants, time=first.time, none=np.empty((0, 0, 0)), never=np.empty(0),
     )  # fmt: skip
 
 

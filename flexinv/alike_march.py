@@ -15,7 +15,8 @@ from flexinv.compiled import jit
 from flexinv.march import CONVERGED
 from flexinv.mechanism import Array
 from flexinv.planar_beam import PlanarElements
-from flexinv.planar_march import Embedding, planar_march
+from flexinv.planar_march import planar_march
+from flexinv.planar_record import Embedding
 from flexinv.planar_tree import PlanarTree
 from flexinv.second_step import Given, Moving, Skeleton, second_step_samples
 from flexinv.stacks import at
@@ -37,7 +38,7 @@ class Tasks(NamedTuple):
     design, motion : (scenarios,) which design does which motion
     joint : (motions, nodes, 3) q, q', q'' of all joints where they begin [m, rad, s]
     given : (motions, instants, joints, 3) the same of the prescribed ones at all instants, qd : (motions, instants, nv)
-    moves, row : (instants,) of `planar_march.planar_march`; time : (instants,) [s]
+    row : (instants,) of `planar_march.planar_march`; time : (instants,) [s]
     none, never : (0, 0, 0), (0,) nothing is applied, nothing brought
     """
 
@@ -46,7 +47,6 @@ class Tasks(NamedTuple):
     joint: Array
     given: Array
     qd: Array
-    moves: NDArray[np.bool_]
     row: NDArray[np.int64]
     time: Array
     none: Array
@@ -72,7 +72,7 @@ def march_alike(ahead, mine, designs, tasks, scheme, s, f, q, w, k, line, out, f
                 k.over[i, j] = designs.over[d, i, j]
         ended[n, 0], ended[n, 1], ended[n, 2], left[n] = planar_march(
             at(designs.tree, d), at(designs.elements, d), k, at(designs.space, d), scheme, s, f, q, w,
-            tasks.joint[m], tasks.moves, tasks.given[m], tasks.row, h,
+            tasks.joint[m], True, tasks.given[m], tasks.row, h,
         )  # fmt: skip
         if ended[n, 0] != CONVERGED:
             return done

@@ -29,7 +29,7 @@ from flexinv.march import CONVERGED
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh, build
 from flexinv.planar import PlanarMarch
-from flexinv.planar_march import Histories
+from flexinv.planar_record import Histories
 from flexinv.plane import NotPlanar, find_plane
 from flexinv.prepared import TorqueFunction, prepare
 from flexinv.solver import Solver, Trajectory

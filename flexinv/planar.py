@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.assemble import State
 from flexinv.damped_plane import COEFFICIENTS, RATES
@@ -15,8 +14,9 @@ from flexinv.integrate import ACCELERATIONS, Scheme
 from flexinv.mechanism import Array
 from flexinv.mesh import PRISMATIC, Mesh
 from flexinv.planar_beam import BLOCK, CONSTANTS
-from flexinv.planar_march import Histories, PlanarWork, planar_march
+from flexinv.planar_march import PlanarWork, planar_march
 from flexinv.planar_model import PlanarModel, planar_model
+from flexinv.planar_record import SLOTS, Histories, Shelf
 from flexinv.planar_solve import FOUR, PlanarFactors
 from flexinv.planar_ties import PlanarTies
 from flexinv.planar_tree import PlanarFrames, PlanarState
@@ -27,9 +27,8 @@ from flexinv.system import Indices
 from flexinv.ties import Ties
 
 Instants = tuple[Array, Array, Array]
-Moves = NDArray[np.bool_]
 
-_NOWHERE, _MOVES, _STILL = np.zeros((0, 3)), np.ones(1, dtype=bool), np.zeros(1, dtype=bool)
+_NOWHERE = np.zeros((0, 3))
 
 
 @dataclass(frozen=True)
@@ -57,6 +56,7 @@ class PlanarMarch:
             points=np.zeros(len(m.elements.constants) // int(CONSTANTS) * int(BLOCK)),
             rates=np.zeros(len(m.elements.damping) // int(COEFFICIENTS) * int(RATES)), u=np.zeros((max(count, 1), 3)),
             felt=np.zeros((*mesh.elements.nodes.shape, 3)), residual=np.zeros(unknowns), y=np.zeros(unknowns),
+            shelf=_shelf(mesh.size, unknowns, len(m.constraints.row)),
         )  # fmt: skip
         frames = PlanarFrames(*(np.zeros(shape) for shape in shapes))
         return cls(mesh, m, state, frames, _factors(m), work, _ties(m))
@@ -78,7 +78,7 @@ class PlanarMarch:
         """Find the accelerations [m/s^2], [rad/s^2] anew where the march stands and they jump; arguments as of `march`."""
         s = self.state
         s.u[:], s.du[:] = s.u0, s.du0
-        return self.run(ACCELERATIONS, self._given(q, qd, qdd), row, out, moves=_STILL)
+        return self.run(ACCELERATIONS, self._given(q, qd, qdd), row, out, still=True)
 
     def take(self, s: State, ties: Ties) -> None:
         """Begin where the spatial solver stands, with the closures that act there [m, rad, s, N]."""
@@ -137,13 +137,13 @@ class PlanarMarch:
         row : of ``out`` to be written at each instant, that of the start included, -1 for none
         Return status, instants done, iterations or element, last relative increment [-].
         """
-        given, moves, joint = self._given(*steps), np.ones(len(row), dtype=bool), _NOWHERE
+        given, joint = self._given(*steps), _NOWHERE
         if start is not None:
             here, nodes = self.model.joints.coordinates(*start), self.model.joints
-            given, moves[0] = np.concatenate([here[:, nodes.given], given]), False
+            given = np.concatenate([here[:, nodes.given], given])
             joint = np.zeros((self.mesh.size, 3))
             joint[nodes.node] = here[0]
-        return self.run(scheme, given, row, out, joint, moves)
+        return self.run(scheme, given, row, out, joint, still=start is not None)
 
     def _given(self, q: Array, qd: Array, qdd: Array) -> Array:
         joints = self.model.joints
@@ -151,16 +151,16 @@ class PlanarMarch:
         return given if joints.given.all() else np.ascontiguousarray(given[:, joints.given])
 
     def run(
-        self, scheme: Scheme, given: Array, row: Indices, out: Histories, joint: Array = _NOWHERE, moves: Moves = _MOVES
+        self, scheme: Scheme, given: Array, row: Indices, out: Histories, joint: Array = _NOWHERE, still: bool = False
     ) -> tuple[int, int, int, float]:
         """Do what `march` does with the driven joints' ``given`` (instants, joints, 3) q, q', q'' [m, rad, s].
 
-        joint, moves : as of `planar_march`; by default one step
+        joint, still : as of `planar_march`; by default it goes on
         """
         m = self.model
         status, instant, count, size = planar_march(
             m.tree, m.elements, self.ties, m.space, scheme, self.state, self.frames, self.factors, self.work,
-            joint, moves, given, row, out,
+            joint, still, given, row, out,
         )  # fmt: skip
         return int(status), int(instant), int(count), float(size)
 
@@ -200,8 +200,14 @@ def _ties(m: PlanarModel) -> PlanarTies:
         moved=np.zeros((n, unknowns)), stiffness=np.zeros((n, n)), open=np.zeros(n), step=np.zeros(max(n, widest)),
         left=np.zeros(max(n, widest), dtype=bool), line=np.zeros(unknowns), single=c.single, over=c.over.copy(),
         block=c.block, member=c.member, mass=np.zeros((widest, widest)),
-        change=np.zeros((len(m.tree.parent), 3)), kept=np.zeros(n), accelerations=np.zeros(unknowns),
+        change=np.zeros((len(m.tree.parent), 3)), kept=np.zeros(n),
     )  # fmt: skip
+
+
+def _shelf(nodes: int, unknowns: int, rows: int) -> Shelf:
+    vectors = (SLOTS, nodes, 3)
+    shapes = (*(vectors,) * 4, (SLOTS, nodes, 4), (SLOTS, unknowns), (SLOTS, rows))
+    return Shelf(np.zeros(SLOTS, dtype=np.int64), *(np.zeros(shape) for shape in shapes))
 
 
 def _factors(m: PlanarModel) -> PlanarFactors:

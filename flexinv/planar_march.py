@@ -8,36 +8,29 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.assemble import LARGEST_TURN
-from flexinv.compiled import jit, jit_inner
-from flexinv.damped_plane import add_viscous, add_viscous_hessians, dissipated, interpolate_rates
+from flexinv.compiled import jit, jit_inner, jit_shared
+from flexinv.damped_plane import add_viscous, add_viscous_hessians, interpolate_rates
 from flexinv.integrate import ACCELERATION, ACCELERATIONS, SQUARED, follow, largest_increment, pseudo_acceleration
-from flexinv.lanes import cos_sin
 from flexinv.march import CONVERGED, MOST_ITERATIONS, NOT_CONVERGED, NOT_FINITE, TURNED_TOO_MUCH
 from flexinv.mechanism import Array
 from flexinv.planar_beam import (
-    N1,
-    N2,
-    M,
     add_forces,
-    energy,
     interpolate,
-    point,
     point_gradients,
     point_hessians,
     relax,
 )
+from flexinv.planar_record import SLOTS, Shelf, set_aside, write
 from flexinv.planar_solve import factorise, put_stiffness, solve
 from flexinv.planar_ties import (
+    add_step,
     add_ties,
     any_acts,
     factorise_ties,
     keep,
-    restore,
     return_to,
-    settle,
     solve_ties,
     tie_rows,
 )
@@ -71,7 +64,7 @@ MANY = 12
 class PlanarWork(NamedTuple):
     """Scratch of the march: points of `planar_beam`, u (count, 3), felt (elements, count, 3), residual and y (unknowns,).
 
-    rates : of `damped_plane`, empty where no beam is damped
+    rates : of `damped_plane`, empty where no beam is damped; shelf : steps that are not written yet
     """
 
     points: Array
@@ -80,42 +73,7 @@ class PlanarWork(NamedTuple):
     felt: Array
     residual: Array
     y: Array
-
-
-class Embedding(NamedTuple):
-    """How the plane lies in space.
-
-    axes : (3, 3) columns: the plane's x, y and its normal, in the world; height : of the plane along the normal [m]
-    across, along, normal : (nodes, 3, 3) R_W,node = cos(theta) across + sin(theta) along + normal
-    axle : (nodes, 3) the normal in the nodes' frames; side : (elements, 3) J e_1 in the section frames
-    """
-
-    axes: Array
-    height: float
-    across: Array
-    along: Array
-    normal: Array
-    axle: Array
-    side: Array
-
-
-class Histories(NamedTuple):
-    """Where the samples are written (`solver.Trajectory`).
-
-    x, r, v, w, a, al, wrench, internal, energy, multipliers, iterations
-    """
-
-    x: Array
-    r: Array
-    v: Array
-    w: Array
-    a: Array
-    al: Array
-    wrench: Array
-    internal: Array
-    energy: Array
-    multipliers: Array
-    iterations: NDArray[np.int64]
+    shelf: Shelf
 
 
 @jit_inner
@@ -181,6 +139,7 @@ def newton(t, e, k, c, s, given, f, q, w, slow, most):
         before, size = size, largest_increment(w.y, t.scale)
         if not np.isfinite(size):
             return NOT_FINITE, iteration, size
+        add_step(k, k.multiplier)
         for i in range(len(w.y)):
             s.d[i] += w.y[i]
             s.u[i] += c.cv * w.y[i]
@@ -226,97 +185,73 @@ def advance(t, c, s):
 
 
 @jit
-def planar_march(t, e, k, space, c, s, f, q, w, joint, moves, given, row, out):
+def planar_march(t, e, k, space, c, s, f, q, w, joint, still, given, row, out):
     """March over the instants of one chunk and write the samples that are asked for.
 
-    An instant is the end of a step; where nothing ``moves``, accelerations are found for the state at hand, and the march goes
-    on from them.  Where closures act, what is written are the accelerations and multipliers that `planar_ties.settle` finds.
+    An instant is the end of a step; at the first, where it is to stand ``still``, accelerations are found for the state at hand,
+    and the march goes on from them.  Where closures act, what is written are the accelerations and multipliers of
+    `planar_settle.settle`.
 
     joint : (nodes, 3) q, q', q'' of all joints [m, rad, s] where the march begins, undeformed; (0, 3) where it goes on
-    moves : (instants,); given : (instants, joints, 3) q, q', q'' of the prescribed joints [m, rad, s]
-    row : (instants,) of the histories, -1 for none
+    given : (instants, joints, 3) q, q', q'' of the prescribed joints [m, rad, s]; row : (instants,) of the histories, -1 for none
     Return status, instant reached, element or iterations, last relative increment [-].
     """
-    count, size, order = 0, 0.0, 0
+    count, size, order, n = 0, 0.0, 0, 0
     if joint.shape[0] > 0:
         begin(t, e, s, joint, f, w)
-    for n in range(given.shape[0]):
-        scheme = c if moves[n] else ACCELERATIONS
-        if n == 0 or moves[n] != moves[n - 1]:
-            vary_independent(t, f, scheme.cv, scheme.ca)
-        if moves[n]:
-            start(c, s, order)
-        keep(k)
-        status, count, size = newton(t, e, k, scheme, s, given[n], f, q, w, SLOW, MANY)
-        if status != CONVERGED and moves[n]:  # where something has just let go, the past says little about what comes
-            start(c, s, 0)
-            return_to(k)
-            status, count, size = newton(t, e, k, c, s, given[n], f, q, w, 0.0, MOST_ITERATIONS)
+    if still:
+        status, count, size = stand_still(t, e, k, space, s, given[0], f, q, w, row[0], out)
+        if status != CONVERGED:
+            return status, 0, count, size
+        n = 1
+    settles = any_acts(k)
+    vary_independent(t, f, c.cv, c.ca)
+    while n < given.shape[0]:
+        aside, status = 0, CONVERGED
+        while n < given.shape[0] and aside < SLOTS:
+            status, count, size = step(t, e, k, c, s, given[n], f, q, w, order)
+            if status != CONVERGED:
+                break
+            if row[n] >= 0:
+                set_aside(aside, row[n], e, k, space, f, w, out)
+                out.iterations[row[n]] = count
+                aside += 1
+            order = advance(t, c, s)
+            n += 1
+        write(aside, t, k, space, w.shelf, f.by_pose, settles, out)
         if status != CONVERGED:
             return status, n, count, size
-        settles = not moves[n] or (any_acts(k) and row[n] >= 0)
-        if settles:
-            keep(k)
-            settle(t, k, s, f, q, w.residual)
-        if row[n] >= 0:
-            record(row[n], t, e, k, space, f, w, out)
-            out.iterations[row[n]] = count
-        if settles and moves[n]:
-            return_to(k)
-            restore(k, s)
-        order = 0
-        if moves[n]:
-            order = advance(t, c, s)
-        else:
-            accept(s)
-    return CONVERGED, given.shape[0], count, size
+    return CONVERGED, n, count, size
 
 
 @jit_inner
-def record(sample, t, e, k, space, f, w, out):
-    """Write one instant into the histories, in space [m, rad, s, N, J]."""
-    for n in range(len(t.parent)):
-        _embed(space.axes, f.pose[n], space.height, out.x[sample, n])
-        _embed(space.axes, f.rate[n], 0.0, out.v[sample, n])
-        _embed(space.axes, f.acceleration[n], 0.0, out.a[sample, n])
-        _embed(space.axes, f.wrench[n], 0.0, out.wrench[sample, n])
-        c, s = cos_sin(f.pose[n, 2])
-        for i in range(3):
-            out.w[sample, n, i] = f.rate[n, 2] * space.axle[n, i]
-            out.al[sample, n, i] = f.acceleration[n, 2] * space.axle[n, i]
-            out.wrench[sample, n, 3 + i] = f.wrench[n, 2] * space.axle[n, i]
-            for j in range(3):
-                turned = c * space.across[n, i, j] + s * space.along[n, i, j]
-                out.r[sample, n, i, j] = turned + space.normal[n, i, j]
-    for r in range(len(k.a)):
-        out.multipliers[sample, k.row[r]] = k.multiplier[r]
-    power = 0.0
-    for n in range(len(e.order)):
-        for i in range(e.order[n] + 1):
-            rate, felt = f.rate[e.nodes[n, i]], w.felt[n, i]
-            power += felt[0] * rate[0] + felt[1] * rate[1] + felt[2] * rate[2]
-        _resultants(n, e, space, w.points, out.internal[sample, n])
-    stored, lost = energy(e, w.points), dissipated(e, w.rates)
-    out.energy[sample, 0], out.energy[sample, 1], out.energy[sample, 2] = stored, power, lost
+def step(t, e, k, c, s, given, f, q, w, order):
+    """Solve one step that goes on as ``order`` says (`start`), or as it is where that leads nowhere; return as `newton`."""
+    start(c, s, order)
+    keep(k)
+    status, count, size = newton(t, e, k, c, s, given, f, q, w, SLOW, MANY)
+    if status != CONVERGED:  # where something has just let go, the past says little about what comes
+        start(c, s, 0)
+        return_to(k)
+        status, count, size = newton(t, e, k, c, s, given, f, q, w, 0.0, MOST_ITERATIONS)
+    return status, count, size
 
 
-@jit_inner
-def _embed(axes, v, height, out):
-    """A vector of the plane, and a height above it, in the world."""
-    for i in range(3):
-        out[i] = axes[i, 0] * v[0] + axes[i, 1] * v[1] + axes[i, 2] * height
-
-
-@jit_inner
-def _resultants(k, e, space, p, internal):
-    """Stress resultants of one element in its section frame: n_1 e_1 + n_2 side, m normal."""
-    side, axle = space.side[k], space.axle[e.nodes[k, 0]]
-    for g in range(e.order[k]):
-        at = point(k, g, e.shape.shape[1])
-        n1, n2, m = p[at + N1], p[at + N2], p[at + M]
-        for i in range(3):
-            internal[g, i], internal[g, 3 + i] = n2 * side[i], m * axle[i]
-        internal[g, 0] = n1
+@jit_shared
+def stand_still(t, e, k, space, s, given, f, q, w, row, out):
+    """Find and write the accelerations [m/s^2], [rad/s^2] of the state at hand; the march goes on from them.  Return as `newton`."""
+    vary_independent(t, f, ACCELERATIONS.cv, ACCELERATIONS.ca)
+    status, count, size = newton(t, e, k, ACCELERATIONS, s, given, f, q, w, SLOW, MANY)
+    if status == CONVERGED:
+        set_aside(0, row, e, k, space, f, w, out)
+        write(1, t, k, space, w.shelf, f.by_pose, True, out)
+        add_step(k, k.multiplier)
+        for i in range(len(s.du)):
+            s.du[i] += k.line[i]
+        if row >= 0:
+            out.iterations[row] = count
+        accept(s)
+    return status, count, size
 
 
 @jit_inner

@@ -23,7 +23,7 @@ from flexinv.planar_beam import (
     WEIGHT,
     PlanarElements,
 )
-from flexinv.planar_march import Embedding
+from flexinv.planar_record import Embedding
 from flexinv.planar_tree import PlanarTree
 from flexinv.plane import Plane, find_plane, seen, tied_in
 from flexinv.rotations import log_so3

@@ -8,9 +8,7 @@ and g the gradient of phi by x, y, theta of both nodes.  With K = the tree's lin
 
     K y - G^T dlambda = -r,  G y = -phi:      y = y_0 + W dlambda,  W = K^-1 G^T,      (G W) dlambda = -phi - G y_0
 
-W and (G W)^-1 last as long as the linearisation.  A step ends with closed positions; `settle` finds the accelerations and
-multipliers that belong to them and the velocities (index 1): M (a' - a) = G^T dlambda - r, G a' = -G' u.  Masses are lumped
-in the nodes, so M has one small matrix for each block of unknowns; what Newton has left, r, goes too.
+W and (G W)^-1 last as long as the linearisation.
 """
 
 from __future__ import annotations
@@ -25,8 +23,6 @@ from flexinv.compiled import jit_inner, jit_shared
 from flexinv.lanes import cos_sin
 from flexinv.mechanism import Array
 from flexinv.planar_solve import solve
-from flexinv.planar_tree import vary_poses
-from flexinv.settle import MASSLESS
 
 
 class PlanarTies(NamedTuple):
@@ -40,7 +36,7 @@ class PlanarTies(NamedTuple):
     line : (unknowns,) scratch; single : nodes alone in their block; over : (single, 3) 1/m, 1/m, 1/J, zero where that is infinite
     block : (blocks,) the other blocks of unknowns
     member : (blocks, most) nodes of each, -1 behind the last; mass, change (nodes, 3) : scratch
-    kept : (rows,) multipliers set aside; accelerations : (unknowns,) the integrator's own
+    kept : (rows,) multipliers set aside
     """
 
     row: NDArray[np.int64]
@@ -69,7 +65,6 @@ class PlanarTies(NamedTuple):
     mass: Array
     change: Array
     kept: Array
-    accelerations: Array
 
 
 @jit_inner
@@ -170,22 +165,22 @@ def add_ties(k, wrench):
 
 
 @jit_inner
-def tie_sides(t, k, f):
+def tie_sides(t, k, by_pose):
     """Set G, the gradients by the unknowns [-], [m], from the variations of the nodes."""
     for r in range(len(k.a)):
         for i in range(k.sides.shape[1]):
             k.sides[r, i] = 0.0
-        _add_side(t, k.a[r], f, k.gradient[r], 0, k.sides[r])
-        _add_side(t, k.b[r], f, k.gradient[r], 3, k.sides[r])
+        _add_side(t, k.a[r], by_pose, k.gradient[r], 0, k.sides[r])
+        _add_side(t, k.b[r], by_pose, k.gradient[r], 3, k.sides[r])
 
 
 @jit_inner
-def _add_side(t, n, f, gradient, first, side):
+def _add_side(t, n, by_pose, gradient, first, side):
     if n < 0:
         return
     block = t.block[n]
     for c in range(t.size[block]):
-        x = f.by_pose[n, c]
+        x = by_pose[n, c]
         along = gradient[first] * x[0] + gradient[first + 1] * x[1] + gradient[first + 2] * x[2]
         side[t.offset[block] + c] += along
 
@@ -193,12 +188,12 @@ def _add_side(t, n, f, gradient, first, side):
 @jit_inner
 def factorise_ties(t, e, k, f, q):
     """Find W and (G W)^-1 with a new linearisation [m/N], [rad/N]."""
-    tie_sides(t, k, f)
+    tie_sides(t, k, f.by_pose)
     for r in range(len(k.a)):
         for i in range(len(k.line)):
             k.line[i] = -k.sides[r, i]
         solve(t, e, q, k.line, k.moved[r], True)
-    _stiffen(t, k)
+    stiffen(t, k)
 
 
 @jit_inner
@@ -217,17 +212,17 @@ def _along(t, k, r, y):
 
 
 @jit_inner
-def _stiffen(t, k):
+def stiffen(t, k):
     """Set (G W)^-1 [N/m], [N m]."""
     rows, m = len(k.a), k.stiffness
     for i in range(rows):
         for j in range(rows):
             m[i, j] = _along(t, k, i, k.moved[j])
-    _invert_scaled(m, rows, REDUNDANT_PIVOT, k.step, k.left)
+    invert_scaled(m, rows, REDUNDANT_PIVOT, k.step, k.left)
 
 
 @jit_shared
-def _invert_scaled(m, rows, least, over, left):
+def invert_scaled(m, rows, least, over, left):
     """Replace m[:rows, :rows] by its inverse [any unit]: the rows with a pivot above ``least``, largest first, zero for others.
 
     Rows are scaled to a unit diagonal first: metres and radians stand side by side.  over, left : scratch
@@ -268,7 +263,7 @@ def _sweep(m, p, rows):
 
 @jit_inner
 def solve_ties(t, k, y):
-    """Find dlambda [N], [N m] and add W dlambda to the increments y (unknowns,) of the tree [m], [rad]."""
+    """Find dlambda [N], [N m], which `step` takes, and add W dlambda to the increments y (unknowns,) of the tree [m], [rad]."""
     rows = len(k.a)
     for i in range(rows):
         k.open[i] = -k.value[i] - _along(t, k, i, y)
@@ -277,113 +272,15 @@ def solve_ties(t, k, y):
         for i in range(rows):
             total += k.stiffness[r, i] * k.open[i]
         k.step[r] = total
-        k.multiplier[r] += total
         for i in range(len(y)):
             y[i] += total * k.moved[r, i]
 
 
-@jit_shared
-def settle(t, k, s, f, q, residual):
-    """Change accelerations, multipliers and wrenches into those that belong to the positions and velocities.
-
-    The integrator's own accelerations are kept (`restore`).
-    residual : (unknowns,) what Newton has left [N], [N m]
-    """
-    vary_poses(t, f)
-    tie_rows(k, f, True)
-    tie_sides(t, k, f)
-    for i in range(len(k.line)):
-        k.accelerations[i] = s.du[i]
-    for n in range(len(k.single)):
-        first, over = t.offset[t.block[k.single[n]]], k.over[n]
-        for i in range(3):
-            k.line[first + i] = -residual[first + i] * over[i]
-            for r in range(len(k.a)):
-                k.moved[r, first + i] = k.sides[r, first + i] * over[i]
-    for b in range(len(k.block)):
-        _accelerate_block(b, t, k, f, residual)
-    _stiffen(t, k)
-    solve_ties(t, k, k.line)
-    for i in range(len(k.line)):
-        s.du[i] += k.line[i]
-    _change(t, k, f)
-
-
 @jit_inner
-def _change(t, k, f):
-    """Add to the nodes' accelerations and wrenches what changes of accelerations and multipliers do, both of them linear."""
-    for n in range(len(t.parent)):
-        x, y, turned, first = 0.0, 0.0, 0.0, t.offset[t.block[n]]
-        if t.independent[n]:
-            x, y, turned = k.line[first], k.line[first + 1], k.line[first + 2]
-        else:
-            for i in range(t.size[t.block[n]]):
-                step, by = k.line[first + i], f.by_pose[n, i]
-                x, y, turned = x + by[0] * step, y + by[1] * step, turned + by[2] * step
-        f.acceleration[n, 0] += x
-        f.acceleration[n, 1] += y
-        f.acceleration[n, 2] += turned
-        k.change[n, 0], k.change[n, 1], k.change[n, 2] = t.mass[n] * x, t.mass[n] * y, t.inertia[n] * turned
+def add_step(k, multiplier):
+    """Add dlambda to multipliers [N], [N m]."""
     for r in range(len(k.a)):
-        for i in range(3):
-            if k.a[r] >= 0:
-                k.change[k.a[r], i] -= k.step[r] * k.gradient[r, i]
-            if k.b[r] >= 0:
-                k.change[k.b[r], i] -= k.step[r] * k.gradient[r, 3 + i]
-    for n in range(len(t.parent) - 1, -1, -1):
-        m, own = t.parent[n], k.change[n]
-        for i in range(3):
-            f.wrench[n, i] += own[i]
-            if m >= 0 and not t.independent[n]:
-                k.change[m, i] += own[i]
-        if m >= 0 and not t.independent[n]:
-            k.change[m, 2] += f.arm[n, 0] * own[1] - f.arm[n, 1] * own[0]
-
-
-@jit_inner
-def _accelerate_block(b, t, k, f, residual):
-    """M^-1 G^T and -M^-1 r of one block: its mass matrix from its nodes and the rotors of its passive joints."""
-    block, largest = k.block[b], 0.0
-    columns, first, m = t.size[block], t.offset[block], k.mass
-    for i in range(columns):
-        for j in range(columns):
-            m[i, j] = 0.0
-    for n in k.member[b]:
-        if n < 0:
-            break
-        for i in range(columns):
-            x = f.by_pose[n, i]
-            for j in range(columns):
-                y = f.by_pose[n, j]
-                m[i, j] += t.mass[n] * (x[0] * y[0] + x[1] * y[1]) + t.inertia[n] * x[2] * y[2]
-        if t.column[n] >= 0 and not t.independent[n]:
-            m[t.column[n], t.column[n]] += t.rotor[n]
-    for i in range(columns):
-        largest = max(largest, m[i, i])
-    for i in range(columns):
-        if m[i, i] <= MASSLESS * largest:  # what has no inertia keeps its acceleration
-            m[i, i] = largest
-    _invert_scaled(m, columns, 0.0, k.step, k.left)
-    for i in range(columns):
-        k.line[first + i] = -_dot_from(m[i], residual, first, columns)
-        for r in range(len(k.a)):
-            k.moved[r, first + i] = _dot_from(m[i], k.sides[r], first, columns)
-
-
-@jit_inner
-def _dot_from(a, b, first, size):
-    """Sum of a_i b_(first + i)."""
-    total = 0.0
-    for i in range(size):
-        total += a[i] * b[first + i]
-    return total
-
-
-@jit_inner
-def restore(k, s):
-    """Take the integrator's own accelerations back [m/s^2], [rad/s^2]."""
-    for i in range(len(k.line)):
-        s.du[i] = k.accelerations[i]
+        multiplier[r] += k.step[r]
 
 
 @jit_inner

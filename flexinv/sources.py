@@ -16,8 +16,9 @@ SOURCES = (
     "alike_march", "assemble", "atomics", "beam", "blocks", "border", "branch", "compiled", "coordinates", "damped_beam",
     "damped_plane", "differentiate", "eliminate", "instants", "integrate", "kinds", "lanes", "loads", "loop_lanes",
     "loop_layout", "loop_plane", "loop_reduce", "loop_rows", "loop_six", "loop_space", "loop_together", "march", "modes",
-    "offers", "planar_beam", "planar_march", "planar_solve", "planar_ties", "planar_tree", "projection", "pulls", "recursion",
-    "regress", "rotations", "rows", "second_step", "settle", "stacks", "sums", "system", "ties", "tree", "tridiagonal", "vectors",
+    "offers", "planar_beam", "planar_march", "planar_record", "planar_settle", "planar_solve", "planar_ties", "planar_tree",
+    "projection", "pulls", "recursion", "regress", "rotations", "rows", "second_step", "settle", "stacks", "sums", "system",
+    "ties", "tree", "tridiagonal", "vectors",
 )  # fmt: skip
 _IMPORT = re.compile(r"^from flexinv\.(\w+) import", re.MULTILINE)
 
