@@ -8,18 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.applied import applied_forces, joint_springs
-from flexinv.closures import captured, constraint_jacobian, constraint_rows, row_forces
+from flexinv.closures import captured, constraint_jacobian, constraint_rows
 from flexinv.errors import InputError
 from flexinv.evaluate import evaluate, rigid_trajectory
 from flexinv.impacts import Impact, check_meeting, jump_efforts, kinetic_energy, names_of
-from flexinv.inverse import NodalForces, drive_efforts, joint_wrenches, nodal_forces, project
+from flexinv.inverse import drive_efforts, joint_wrenches, nodal_forces, project
 from flexinv.joint import JointHistory
 from flexinv.loops import Shares, closed_motion, share_out
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
 from flexinv.phases import Stretch, phases
-from flexinv.reactions import closure_reactions
+from flexinv.reactions import closing, phased_closing
 from flexinv.rigid import rigid_motion
 from flexinv.solution import LoopForces, Solution
 
@@ -48,11 +48,11 @@ def closed_solution(
     shares = _phased_shares(mesh, motion, tree, stretches)
     largest = max(np.abs(wrenches.force).max(initial=0.0) * mesh.length, np.abs(tree).max(initial=0.0))
     _check_left(m, shares.left, largest, time)
-    closing = closing_forces(motion, stretches, shares.multipliers) + acting
+    pushed, reaction = phased_closing(mesh, motion, stretches, shares.multipliers)
+    closing = pushed + acting
     trajectory = rigid_trajectory(mesh, q, qd, qdd, closing)
     solution = evaluate(mesh, trajectory, time, q, qd, qdd, set(), settings, closing, energy_jumps(time, impacts))
     solution = geared(solution, shares.multipliers @ stretches[0].rows.gear)
-    reaction = phased_reactions(mesh, motion, stretches, shares.multipliers)
     return replace(solution, loops=LoopForces(reaction, shares.preload, shares.condition, shares.left, tuple(impacts)))
 
 
@@ -117,7 +117,7 @@ def _impact(
     multipliers[:, stretch.pick] = shares.multipliers
     work = float(shares.tau[0] @ (before + after)) / 2
     lost = kinetic_energy(mesh, one, before) - kinetic_energy(mesh, two, after) + work
-    reaction = _only(closure_reactions(mesh, two, stretch.rows, multipliers))
+    reaction = _only(closing(mesh, two, stretch.rows, multipliers)[1])
     return Impact(time, names_of(m, begins), shares.tau[0], reaction, work, lost)
 
 
@@ -157,24 +157,8 @@ def _phased_shares(mesh: Mesh, motion: NodalMotion, tree: Array, stretches: list
     )
 
 
-def closing_forces(motion: NodalMotion, stretches: list[Stretch], multipliers: Array) -> NodalForces:
-    """Return the nodal forces [N], [N m] of all closures' multipliers (samples, rows)."""
-    if len(stretches) == 1:
-        return row_forces(motion, stretches[0].rows, multipliers)
-    parts = [row_forces(motion.samples(s.span), s.rows, multipliers[s.span]) for s in stretches]
-    return NodalForces(np.concatenate([p.force for p in parts]), np.concatenate([p.moment for p in parts]))
-
-
 def geared(solution: Solution, efforts: Array) -> Solution:
     """Return the solution less the efforts (samples, nv) [N m], [N] that couplings give joints in place of their drives."""
     if not efforts.any():
         return solution
     return replace(solution, torque_all=solution.torque_all - efforts, reaction=solution.reaction - efforts)
-
-
-def phased_reactions(mesh: Mesh, motion: NodalMotion, stretches: list[Stretch], multipliers: Array) -> dict[str, Array]:
-    """Return `closure_reactions` [N], [N m] with the frames of each phase, (samples, 6) per closure."""
-    if len(stretches) == 1:
-        return closure_reactions(mesh, motion, stretches[0].rows, multipliers)
-    parts = [closure_reactions(mesh, motion.samples(s.span), s.rows, multipliers[s.span]) for s in stretches]
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.applied import applied_forces
-from flexinv.closed import closing_forces, coordinates, energy_jumps, geared, phased_reactions
+from flexinv.closed import coordinates, energy_jumps, geared
 from flexinv.closures import constraint_rows
 from flexinv.errors import InputError
 from flexinv.evaluate import evaluate
@@ -20,6 +21,7 @@ from flexinv.mechanism import Array
 from flexinv.mesh import Mesh
 from flexinv.passive import fill_passive
 from flexinv.phases import phases
+from flexinv.reactions import phased_closing
 from flexinv.solution import LoopForces, Solution
 from flexinv.solver import Trajectory
 from flexinv.switching import Switching
@@ -48,8 +50,8 @@ def flexible_closed_solution(
     unknown = coordinates(mesh, passive)
     _check_drives(mesh, unknown)
     switching = Switching(phases(m, time))
-    start = constraint_rows(mesh).of(switching.phases[0].active)
-    q0, qd0, qdd0 = (part[None] for part in closed_start(mesh, after, float(time[0]), unknown, start))
+    guess = [part[0].tobytes() for part in after(time[:1])]
+    q0, qd0, qdd0 = _start(mesh, float(time[0]), unknown.tobytes(), switching.phases[0].active.tobytes(), *guess)
 
     def started(at: Array) -> tuple[Array, Array, Array]:
         q, qd, qdd = after(at)
@@ -62,6 +64,19 @@ def flexible_closed_solution(
     q, qd, qdd = (part.copy() for part in after(time))
     q[0] = q0[0]
     return evaluated(mesh, trajectory, time, (q, qd, qdd), passive, settings, switching)
+
+
+@lru_cache(maxsize=64)
+def _start(
+    mesh: Mesh, time: float, unknown: bytes, active: bytes, q: bytes, qd: bytes, qdd: bytes
+) -> tuple[Array, Array, Array]:
+    """The closed state of one sample: other steps, tolerances and motions often begin at the same."""
+    free, rows = np.frombuffer(unknown, dtype=bool), constraint_rows(mesh).of(np.frombuffer(active, dtype=bool))
+    guess = np.frombuffer(q)[None], np.frombuffer(qd)[None], np.frombuffer(qdd)[None]
+    found = closed_start(mesh, lambda _: guess, time, free, rows)
+    for part in found:
+        part.flags.writeable = False
+    return found[0][None], found[1][None], found[2][None]
 
 
 def evaluated(
@@ -81,10 +96,10 @@ def evaluated(
     q, qd, qdd = joint_motion
     fill_passive(mesh, trajectory.motion, passive, q, qd, qdd)
     motion, stretches = trajectory.motion, switching.stretches
-    closing = closing_forces(motion, stretches, trajectory.multipliers) + applied_forces(mesh, motion, time)
+    pushed, reaction = phased_closing(mesh, motion, stretches, trajectory.multipliers)
+    closing = pushed + applied_forces(mesh, motion, time)
     brought = energy_jumps(time, switching.impacts)
     none, unknown_condition = np.zeros((len(time), m.nv, 0)), np.full(len(time), np.nan)
-    reaction = phased_reactions(mesh, motion, stretches, trajectory.multipliers)
     solution = evaluate(mesh, trajectory, time, q, qd, qdd, passive, settings, closing, brought)
     if stretches[0].rows.gear.any():
         solution = geared(solution, trajectory.multipliers @ stretches[0].rows.gear)

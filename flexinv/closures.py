@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 
 from flexinv.coordinates import Nodes
 from flexinv.errors import InputError
-from flexinv.inverse import NodalForces, plain
-from flexinv.mechanism import CLOSURES, COUPLED, WORLD, Array, Attachment, Closure, Mechanism, Placement
+from flexinv.inverse import plain
+from flexinv.mechanism import CLOSURES, COUPLED, WORLD, Array, Attachment, Closure, Mechanism
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
-from flexinv.rows import RowArrays, end_samples, jacobians, push_samples, residual_samples
+from flexinv.rows import RowArrays, jacobians, residual_samples
 
 # Rounding of entries of G, of some tens of operations, over the mechanism's length or 1.
 ROUNDED = 1e-13
@@ -190,27 +190,8 @@ def residuals(motion: NodalMotion, rows: Rows) -> tuple[Array, Array, Array]:
     phi'' = u''.w + 2 u'.w' + u.w''
     """
     phi = np.empty((len(motion.x), len(rows), 3))
-    residual_samples(row_arrays(rows), *_world(motion), phi)
+    residual_samples(row_arrays(rows), *world_of(motion), phi)
     return phi[:, :, 0], phi[:, :, 1], phi[:, :, 2]
-
-
-def row_forces(motion: NodalMotion, rows: Rows, multipliers: Array) -> NodalForces:
-    """Return the nodal forces [N] and moments [N m] (world, about the nodes) of multipliers (samples, rows) [N], [N m]."""
-    force, moment = np.zeros_like(motion.x), np.zeros_like(motion.x)
-    push_samples(row_arrays(rows), *_world(motion), plain(multipliers), force, moment)
-    return NodalForces(force, moment)
-
-
-def end_wrench(motion: NodalMotion, rows: Rows, multipliers: Array, node: int, frame: Placement) -> Array:
-    """Return force [N] and moment [N m] of all rows on their second node, at a frame there and in its axes, (samples, 6).
-
-    node : the second, or the first, on which they act the other way round
-    """
-    wrench = np.zeros((len(motion.x), 6))
-    end_samples(
-        row_arrays(rows), *_world(motion), plain(multipliers), node, frame.position, plain(frame.rotation), wrench
-    )
-    return wrench
 
 
 def constraint_jacobian(mesh: Mesh, motion: NodalMotion, rows: Rows) -> Array:
@@ -219,7 +200,7 @@ def constraint_jacobian(mesh: Mesh, motion: NodalMotion, rows: Rows) -> Array:
     if count == 0:
         return np.empty((samples, 0, mesh.mechanism.nv))
     g = np.empty((samples, count, mesh.mechanism.nv))
-    jacobians(nodes_of(mesh), row_arrays(rows), *_world(motion), g)
+    jacobians(nodes_of(mesh), row_arrays(rows), *world_of(motion), g)
     return without_rounding(mesh, rows.direction, g)
 
 
@@ -238,7 +219,7 @@ def without_rounding(mesh: Mesh, direction: NDArray[np.bool_], g: Array) -> Arra
     return g
 
 
-def _world(motion: NodalMotion) -> tuple[Array, ...]:
+def world_of(motion: NodalMotion) -> tuple[Array, ...]:
     """Motion of the nodes as kernels take it: `tree.Frames` of all samples."""
     return tuple(plain(part) for part in (motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha))
 

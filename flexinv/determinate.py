@@ -20,7 +20,7 @@ from flexinv.mechanism import WORLD, Array, Closure
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
 from flexinv.phases import Phase, phases
-from flexinv.reactions import closure_reactions
+from flexinv.reactions import closing
 
 # Null vectors have unit length in [N], [N m]; what rounding, enlarged by the condition of G, leaves of a component is below.
 NONE = 1e-9
@@ -48,7 +48,7 @@ def determinate(mesh: Mesh, motion: NodalMotion, time: Array) -> dict[str, NDArr
             null[:, acting] = _null(g[:, acting], k)
             unit[:, row] = 1.0
             for sizes, part in ((loose, null), (firm, unit)):
-                for name, wrench in closure_reactions(mesh, some, rows, part).items():
+                for name, wrench in closing(mesh, some, rows, part)[1].items():
                     sizes[name] = np.maximum(sizes[name], np.abs(wrench).max(axis=0))
     return {c.name: (loose[c.name] < NONE) & (firm[c.name] > NONE) for c in m.closures}
 

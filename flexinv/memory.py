@@ -39,6 +39,21 @@ def together(*shapes: tuple[int, ...]) -> list[Array]:
     return [np.ndarray(shape, float, block, place) for shape, place in zip(shapes, places, strict=True)]
 
 
+def cleared(*shape: int) -> Array:
+    """Return zeros [any unit] that begin with a line of the cache: vectors of eight numbers then lie in one line, not in two."""
+    size = math.prod(shape)
+    block = np.zeros(size + LINE)
+    first = -block.ctypes.data % (8 * LINE) // 8
+    return block[first : first + size].reshape(shape)
+
+
+def on_lines(values: Array) -> Array:
+    """Return a copy [any unit] that begins with a line of the cache."""
+    out = cleared(*values.shape)
+    out[...] = values
+    return out
+
+
 @contextmanager
 def shared_pieces() -> Iterator[None]:
     """Let the arrays of all calls that follow in this thread [any unit] stand in large pieces of memory, as far as they fit."""

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexinv.applied import applied_forces, joint_springs
-from flexinv.closures import constraint_rows, row_forces
+from flexinv.closures import constraint_rows
 from flexinv.given import GivenLoops
 from flexinv.inverse import NodalForces, along_joints, drive_efforts, nodal_forces, own_wrenches
 from flexinv.mechanism import Array
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
-from flexinv.reactions import closure_reactions
+from flexinv.reactions import closing
 from flexinv.rigid import rigid_motion
 
 
@@ -53,9 +53,9 @@ def nodal_result(mesh: Mesh, loops: GivenLoops | None, passive: bool, q: Array, 
     reaction: dict[str, Array] = {}
     if loops is not None:
         rows, shares = constraint_rows(mesh), loops.shares(q, qd, qdd, torque)
-        forces = nodal_forces(mesh, motion, row_forces(motion, rows, shares.multipliers) + acting)
+        pushed, reaction = closing(mesh, motion, rows, shares.multipliers)
+        forces = nodal_forces(mesh, motion, pushed + acting)
         wrenches, torque = own_wrenches(mesh, motion, forces), shares.tau
-        reaction = closure_reactions(mesh, motion, rows, shares.multipliers)
     wrench = {name: wrenches[node] for name, node in mesh.joint_node.items()}
     node = {joint.child: mesh.joint_node[joint.name] for joint in m.joints}
     return NodalResult(torque, motion, forces, wrench, reaction, node, dict(mesh.body_node))

@@ -12,6 +12,7 @@ from flexinv.assemble import State
 from flexinv.damped_plane import COEFFICIENTS, RATES
 from flexinv.integrate import ACCELERATIONS, Scheme
 from flexinv.mechanism import Array
+from flexinv.memory import cleared
 from flexinv.mesh import PRISMATIC, Mesh
 from flexinv.planar_beam import BLOCK, CONSTANTS
 from flexinv.planar_march import PlanarWork, planar_march
@@ -49,16 +50,18 @@ class PlanarMarch:
         m = planar_model(mesh, frozenset(passive))
         unknowns, widest = len(m.tree.scale), max(int(m.tree.size.max(initial=0)), 1)
         vectors, variations = (mesh.size, 3), (mesh.size, widest, 3)
-        shapes = (*(vectors,) * 4, (mesh.size, 4), *(variations,) * 3, vectors, variations)
-        state = PlanarState(np.zeros(vectors), *(np.zeros(unknowns) for _ in range(8)))
-        count = mesh.elements.nodes.shape[1]
+        state = PlanarState(cleared(*vectors), *(cleared(unknowns) for _ in range(8)))
+        count, shelf = mesh.elements.nodes.shape[1], _shelf(mesh.size, unknowns, len(m.constraints.row))
         work = PlanarWork(
-            points=np.zeros(len(m.elements.constants) // int(CONSTANTS) * int(BLOCK)),
-            rates=np.zeros(len(m.elements.damping) // int(COEFFICIENTS) * int(RATES)), u=np.zeros((max(count, 1), 3)),
-            felt=np.zeros((*mesh.elements.nodes.shape, 3)), residual=np.zeros(unknowns), y=np.zeros(unknowns),
-            shelf=_shelf(mesh.size, unknowns, len(m.constraints.row)),
+            points=cleared(len(m.elements.constants) // int(CONSTANTS) * int(BLOCK)),
+            rates=cleared(len(m.elements.damping) // int(COEFFICIENTS) * int(RATES)), u=cleared(max(count, 1), 3),
+            felt=cleared(*mesh.elements.nodes.shape, 3), residual=shelf.residual[0], y=cleared(unknowns), shelf=shelf,
         )  # fmt: skip
-        frames = PlanarFrames(*(np.zeros(shape) for shape in shapes))
+        frames = PlanarFrames(
+            pose=shelf.pose[0], rate=shelf.rate[0], acceleration=shelf.acceleration[0], joint=cleared(*vectors),
+            arm=shelf.arm[0], by_pose=cleared(*variations), by_rate=cleared(*variations),
+            by_acceleration=cleared(*variations), wrench=shelf.wrench[0], dwrench=cleared(*variations),
+        )  # fmt: skip
         return cls(mesh, m, state, frames, _factors(m), work, _ties(m))
 
     @classmethod
@@ -196,18 +199,18 @@ def _ties(m: PlanarModel) -> PlanarTies:
     return PlanarTies(
         row=c.row, direction=c.direction, acting=np.ones(n, dtype=bool), a=c.a, b=c.b,
         place_a=c.place_a.copy(), place_b=c.place_b.copy(), u=c.u.copy(), w=c.w.copy(),
-        multiplier=np.zeros(n), value=np.zeros(n), gradient=np.zeros((n, 6)), sides=np.zeros((n, unknowns)),
-        moved=np.zeros((n, unknowns)), stiffness=np.zeros((n, n)), open=np.zeros(n), step=np.zeros(max(n, widest)),
-        left=np.zeros(max(n, widest), dtype=bool), line=np.zeros(unknowns), single=c.single, over=c.over.copy(),
-        block=c.block, member=c.member, mass=np.zeros((widest, widest)),
-        change=np.zeros((len(m.tree.parent), 3)), kept=np.zeros(n),
+        multiplier=cleared(n), value=cleared(n), gradient=cleared(n, 6), sides=cleared(n, unknowns),
+        moved=cleared(n, unknowns), stiffness=cleared(n, n), open=cleared(n), step=np.zeros(max(n, widest)),
+        left=np.zeros(max(n, widest), dtype=bool), line=cleared(unknowns), single=c.single, over=c.over.copy(),
+        block=c.block, member=c.member, mass=cleared(widest, widest),
+        change=cleared(len(m.tree.parent), 3), kept=cleared(n),
     )  # fmt: skip
 
 
 def _shelf(nodes: int, unknowns: int, rows: int) -> Shelf:
     vectors = (SLOTS, nodes, 3)
     shapes = (*(vectors,) * 4, (SLOTS, nodes, 4), (SLOTS, unknowns), (SLOTS, rows))
-    return Shelf(np.zeros(SLOTS, dtype=np.int64), *(np.zeros(shape) for shape in shapes))
+    return Shelf(np.zeros(SLOTS, dtype=np.int64), *(cleared(*shape) for shape in shapes))
 
 
 def _factors(m: PlanarModel) -> PlanarFactors:
@@ -215,8 +218,8 @@ def _factors(m: PlanarModel) -> PlanarFactors:
     elements, widest = len(own), max(int(m.tree.size.max(initial=0)), 1)
     most, columns = (-(-n // FOUR) * FOUR for n in (own.shape[1], widest))
     return PlanarFactors(
-        rows=rows, row=row, own=own, inverse=np.zeros((elements, most, most)), to_root=np.zeros((elements, 3, most)),
-        b=np.zeros((elements, widest, most)), x=np.zeros((elements, widest, most)), root=np.zeros((columns, columns)),
-        diagonal=np.zeros((len(m.tree.size), widest, widest)), line=np.zeros((2, max(most, columns))),
-        found=np.zeros((elements, most)),
+        rows=rows, row=row, own=own, inverse=cleared(elements, most, most), to_root=cleared(elements, 3, most),
+        b=cleared(elements, widest, most), x=cleared(elements, widest, most), root=cleared(columns, columns),
+        diagonal=cleared(len(m.tree.size), widest, widest), line=cleared(2, max(most, columns)),
+        found=cleared(elements, most),
     )  # fmt: skip

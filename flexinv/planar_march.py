@@ -35,6 +35,7 @@ from flexinv.planar_ties import (
     tie_rows,
 )
 from flexinv.planar_tree import (
+    PlanarFrames,
     accept,
     gather,
     gather_variations,
@@ -64,7 +65,7 @@ MANY = 12
 class PlanarWork(NamedTuple):
     """Scratch of the march: points of `planar_beam`, u (count, 3), felt (elements, count, 3), residual and y (unknowns,).
 
-    rates : of `damped_plane`, empty where no beam is damped; shelf : steps that are not written yet
+    rates : of `damped_plane`, empty where no beam is damped; shelf : where steps stay until they are written
     """
 
     points: Array
@@ -209,11 +210,12 @@ def planar_march(t, e, k, space, c, s, f, q, w, joint, still, given, row, out):
     while n < given.shape[0]:
         aside, status = 0, CONVERGED
         while n < given.shape[0] and aside < SLOTS:
-            status, count, size = step(t, e, k, c, s, given[n], f, q, w, order)
+            here, own = in_slot(aside, f, w)
+            status, count, size = take_step(t, e, k, c, s, given[n], here, q, own, order)
             if status != CONVERGED:
                 break
             if row[n] >= 0:
-                set_aside(aside, row[n], e, k, space, f, w, out)
+                set_aside(aside, row[n], e, k, space, here, own, out)
                 out.iterations[row[n]] = count
                 aside += 1
             order = advance(t, c, s)
@@ -225,7 +227,18 @@ def planar_march(t, e, k, space, c, s, f, q, w, joint, still, given, row, out):
 
 
 @jit_inner
-def step(t, e, k, c, s, given, f, q, w, order):
+def in_slot(slot, f, w):
+    """Return the frames and the scratch of the march [m, rad, s, N] in a slot of the shelf, where they can stay for some steps."""
+    b = w.shelf
+    frames = PlanarFrames(
+        b.pose[slot], b.rate[slot], b.acceleration[slot], f.joint, b.arm[slot], f.by_pose, f.by_rate, f.by_acceleration,
+        b.wrench[slot], f.dwrench,
+    )  # fmt: skip
+    return frames, PlanarWork(w.points, w.rates, w.u, w.felt, b.residual[slot], w.y, b)
+
+
+@jit_inner
+def take_step(t, e, k, c, s, given, f, q, w, order):
     """Solve one step that goes on as ``order`` says (`start`), or as it is where that leads nowhere; return as `newton`."""
     start(c, s, order)
     keep(k)
@@ -239,7 +252,7 @@ def step(t, e, k, c, s, given, f, q, w, order):
 
 @jit_shared
 def stand_still(t, e, k, space, s, given, f, q, w, row, out):
-    """Find and write the accelerations [m/s^2], [rad/s^2] of the state at hand; the march goes on from them.  Return as `newton`."""
+    """Find and write the accelerations [m/s^2], [rad/s^2] of the state at hand, to go on from; return as `newton`."""
     vary_independent(t, f, ACCELERATIONS.cv, ACCELERATIONS.ca)
     status, count, size = newton(t, e, k, ACCELERATIONS, s, given, f, q, w, SLOW, MANY)
     if status == CONVERGED:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from flexinv.closures import Rows, constraint_rows
 from flexinv.damped_plane import D_AXIAL, D_BENDING, D_SHEAR
 from flexinv.mechanism import Array
+from flexinv.memory import on_lines
 from flexinv.mesh import CONTINUOUS, PRISMATIC, REVOLUTE, Mesh
 from flexinv.planar_beam import (
     AXIAL,
@@ -173,7 +174,7 @@ def _elements(mesh: Mesh, plane: Plane) -> PlanarElements:
             constants[block, rows, lane] = *stiffness, e.weight[k, g], *strains
             if len(damping):
                 damping[block, [int(r) // LANES for r in (D_AXIAL, D_SHEAR, D_BENDING)], lane] = viscous
-    flat = constants.reshape(-1), damping.reshape(-1)
+    flat = on_lines(constants.reshape(-1)), on_lines(damping.reshape(-1))
     return PlanarElements(e.order, e.nodes, e.shape, e.slope, bend, heading, np.uint64(LANES), *flat)
 
 

@@ -22,7 +22,7 @@ SLOTS = 16  # steps that are written at once
 
 
 class Shelf(NamedTuple):
-    """Where steps are set aside (slots, ...); `stacks.at` takes one of them.
+    """Where steps stand until they are written (slots, ...); `stacks.at` takes one of them.
 
     row : (slots,) of the histories, -1 for none; pose, rate, acceleration, wrench (slots, nodes, 3), arm (slots, nodes, 4) as in
         `planar_tree.PlanarFrames`
@@ -77,19 +77,10 @@ class Histories(NamedTuple):
 
 @jit_inner
 def set_aside(slot, row, e, k, space, f, w, out):
-    """Set a step aside that belongs to a row of the histories, and write there what its elements feel [N], [N m], [J], [W]."""
-    here = w.shelf
-    here.row[slot] = row
-    for n in range(f.pose.shape[0]):
-        for i in range(3):
-            here.pose[slot, n, i], here.rate[slot, n, i] = f.pose[n, i], f.rate[n, i]
-            here.acceleration[slot, n, i], here.wrench[slot, n, i] = f.acceleration[n, i], f.wrench[n, i]
-        for i in range(4):
-            here.arm[slot, n, i] = f.arm[n, i]
-    for i in range(len(w.residual)):
-        here.residual[slot, i] = w.residual[i]
+    """Leave a step in its slot, to be written into a row; write there what its elements feel [N], [N m], [J], [W]."""
+    w.shelf.row[slot] = row
     for r in range(len(k.multiplier)):
-        here.multiplier[slot, r] = k.multiplier[r]
+        w.shelf.multiplier[slot, r] = k.multiplier[r]
     if row < 0:
         return
     power = 0.0

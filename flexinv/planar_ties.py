@@ -218,7 +218,20 @@ def stiffen(t, k):
     for i in range(rows):
         for j in range(rows):
             m[i, j] = _along(t, k, i, k.moved[j])
+    if rows == 2 and _invert_two(m, REDUNDANT_PIVOT):  # one closure in a plane
+        return
     invert_scaled(m, rows, REDUNDANT_PIVOT, k.step, k.left)
+
+
+@jit_inner
+def _invert_two(m, least):
+    """Replace m[:2, :2] by its inverse [any unit]: what `invert_scaled` does if both pivots are above ``least``, else False."""
+    a, b, c, d = m[0, 0], m[0, 1], m[1, 0], m[1, 1]
+    det = a * d - b * c
+    if not abs(det) > least * abs(a * d):
+        return False
+    m[0, 0], m[0, 1], m[1, 0], m[1, 1] = d / det, -b / det, -c / det, a / det
+    return True
 
 
 @jit_shared

@@ -1,28 +1,54 @@
-"""Reactions: what closures exert on the links that they tie, from their multipliers."""
+"""What closures exert, from their multipliers: forces on the nodes that they tie, and the wrench of each on its second link."""
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
-from flexinv.closures import Rows, end_wrench
+from flexinv.closures import Rows, attachment_node, row_arrays, world_of
+from flexinv.inverse import NodalForces, plain
 from flexinv.mechanism import WORLD, Array
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
+from flexinv.phases import Stretch
+from flexinv.rows import Ends, closing_samples
 
 
-def closure_reactions(mesh: Mesh, motion: NodalMotion, rows: Rows, multipliers: Array) -> dict[str, Array]:
-    """Return the wrench of each closure on its second link, at its frame there and in its axes, (samples, 6) [N], [N m].
+def closing(mesh: Mesh, motion: NodalMotion, rows: Rows, multipliers: Array) -> tuple[NodalForces, dict[str, Array]]:
+    """Return the nodal forces [N], [N m] of multipliers, and by closures what each exerts on its second link.
 
-    multipliers : (samples, rows) of the closures, or of their impulses.  A coupling ties no frames: it has no wrench.
+    That is a wrench at its frame there and in its axes, (samples, 6) [N], [N m]; a coupling ties no frames: it has none.
+    multipliers : (samples, rows) of the closures, or of their impulses
     """
-    out = {}
-    for index, closure in enumerate(mesh.mechanism.closures):
-        if closure.kind == "coupling":
-            continue
-        own = rows.closure == index
-        second = closure.second.link != WORLD
-        end = closure.second if second else closure.first
-        part = rows.of(np.arange(len(mesh.mechanism.closures)) == index)
-        node = int(part.b[0] if second else part.a[0])
-        out[closure.name] = end_wrench(motion, part, multipliers[:, own], node, end.placement)
-    return out
+    closures, (force, moment) = mesh.mechanism.closures, np.zeros((2, *motion.x.shape))
+    wrench = np.empty((len(closures), len(motion.x), 6))
+    closing_samples(
+        row_arrays(rows), rows.closure, _ends(mesh), *world_of(motion), plain(multipliers), force, moment, wrench
+    )
+    shown = {c.name: own for c, own in zip(closures, wrench, strict=True) if c.kind != "coupling"}
+    return NodalForces(force, moment), shown
+
+
+def phased_closing(
+    mesh: Mesh, motion: NodalMotion, stretches: list[Stretch], multipliers: Array
+) -> tuple[NodalForces, dict[str, Array]]:
+    """Return what `closing` does [N], [N m], with the frames of each phase."""
+    if len(stretches) == 1:
+        return closing(mesh, motion, stretches[0].rows, multipliers)
+    parts = [closing(mesh, motion.samples(s.span), s.rows, multipliers[s.span]) for s in stretches]
+    force, moment = (np.concatenate([getattr(own, name) for own, _ in parts]) for name in ("force", "moment"))
+    return NodalForces(force, moment), {
+        name: np.concatenate([shown[name] for _, shown in parts]) for name in parts[0][1]
+    }
+
+
+@lru_cache(maxsize=64)
+def _ends(mesh: Mesh) -> Ends:
+    """Where the closures show their wrenches; a coupling nowhere."""
+    closures = mesh.mechanism.closures
+    second = np.array([c.second.link != WORLD for c in closures], dtype=bool)
+    ends = [c.second if of_second else c.first for c, of_second in zip(closures, second, strict=True)]
+    node = [-1 if c.kind == "coupling" else attachment_node(mesh, at) for c, at in zip(closures, ends, strict=True)]
+    place, turn = (np.array([getattr(at.placement, name) for at in ends]) for name in ("position", "rotation"))
+    return Ends(np.array(node, dtype=np.int64), second, place.reshape(-1, 3), turn.reshape(-1, 3, 3))

@@ -11,7 +11,7 @@ from flexinv.compiled import jit, jit_inner
 from flexinv.kinds import FREE, PRISMATIC, SPHERICAL
 from flexinv.mechanism import Array
 from flexinv.tree import Frames
-from flexinv.vectors import add, add_to, apply, cross, dot, mat, mul, put, scale, sub, tapply, vec
+from flexinv.vectors import add, add_to, apply, cross, dot, mat, mul, put, scale, sub, tapply, vec, vec_at
 
 
 class RowArrays(NamedTuple):
@@ -140,11 +140,30 @@ def residual_samples(c, x, r, v, w, a, al, phi):
             put(phi[s, k], 0, residual(k, c, f))
 
 
+class Ends(NamedTuple):
+    """Where closures show their wrenches (closures,): their second frame, or the first where the second is in the world.
+
+    node : that carries it; second : whether it is the second; place (closures, 3) [m], turn (closures, 3, 3) : in the node
+    """
+
+    node: NDArray[np.int64]
+    second: NDArray[np.bool_]
+    place: Array
+    turn: Array
+
+
 @jit
-def push_samples(c, x, r, v, w, a, al, multipliers, force, moment):
-    """Add what multipliers (samples, rows) [N], [N m] do to nodes: forces, moments about them (samples, nodes, 3), world."""
+def closing_samples(c, closure, ends, x, r, v, w, a, al, multipliers, force, moment, wrench):
+    """Add what multipliers (samples, rows) [N], [N m] do to nodes, and set what each closure does to the second of its links.
+
+    closure : (rows,) of each row; force, moment : (samples, nodes, 3) on the nodes, about them (world)
+    wrench : (closures, samples, 6) force and moment at the closures' ends, in the axes there
+    """
     for s in range(x.shape[0]):
         f = Frames(x[s], r[s], v[s], w[s], a[s], al[s])
+        for n in range(wrench.shape[0]):
+            put(wrench[n, s], 0, (0.0, 0.0, 0.0))
+            put(wrench[n, s], 3, (0.0, 0.0, 0.0))
         for k in range(c.a.shape[0]):
             if multipliers[s, k] == 0.0:
                 continue
@@ -155,26 +174,19 @@ def push_samples(c, x, r, v, w, a, al, multipliers, force, moment):
             if c.a[k] >= 0:
                 add_to(force[s, c.a[k]], 0, scale(-1.0, push))
                 add_to(moment[s, c.a[k]], 0, on_a)
+            add_to(wrench[closure[k], s], 0, push)
+            add_to(wrench[closure[k], s], 3, on_b if ends.second[closure[k]] else scale(-1.0, on_a))
+        for n in range(wrench.shape[0]):
+            if ends.node[n] >= 0:
+                _show(wrench[n, s], mat(r[s, ends.node[n]]), vec(ends.place[n]), mat(ends.turn[n]))
 
 
-@jit
-def end_samples(c, x, r, v, w, a, al, multipliers, node, place, turn, wrench):
-    """Set force [N] and moment [N m] of all rows on their second node at a frame there, in its axes, (samples, 6).
-
-    node : the second, or the first, on which they act the other way round; place (3,) [m], turn (3, 3) of the frame in it
-    """
-    at, frame = vec(place), mat(turn)
-    for s in range(x.shape[0]):
-        f = Frames(x[s], r[s], v[s], w[s], a[s], al[s])
-        force, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-        for k in range(c.a.shape[0]):
-            if multipliers[s, k] != 0.0:
-                push, on_a, on_b = _wrenches(k, c, f, multipliers[s, k])
-                force = add(force, push)
-                moment = add(moment, on_b if node == c.b[k] else scale(-1.0, on_a))
-        axes = mul(mat(r[s, node]), frame)
-        put(wrench[s], 0, tapply(axes, force))
-        put(wrench[s], 3, tapply(axes, sub(moment, cross(apply(mat(r[s, node]), at), force))))
+@jit_inner
+def _show(wrench, turned, place, turn):
+    """Bring a wrench on a node (world, moment about it) to a frame at a place in it, and into its axes."""
+    force, moment, axes = vec_at(wrench, 0), vec_at(wrench, 3), mul(turned, turn)
+    put(wrench, 0, tapply(axes, force))
+    put(wrench, 3, tapply(axes, sub(moment, cross(apply(turned, place), force))))
 
 
 @jit_inner

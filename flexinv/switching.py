@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.closures import Rows, captured, constraint_rows, row_forces
+from flexinv.closures import Rows, captured, constraint_rows
 from flexinv.impacts import Impact, check_meeting, jump_forces, kinetic_energy, names_of
 from flexinv.inverse import NodalForces, joint_wrenches, project
 from flexinv.mechanism import Array
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
 from flexinv.phases import Phase, Stretch
-from flexinv.reactions import closure_reactions
+from flexinv.reactions import closing
 from flexinv.solver import Solver, Trajectory, record_instant
 from flexinv.starting import accept, consistent_accelerations
 from flexinv.ties import Ties, set_ties
@@ -81,13 +81,13 @@ def _impact(
     impulses: Array, time: float,
 ) -> Impact:  # fmt: skip
     """The impulses of an impact between two nodal motions of one instant, from the same L T P as torques."""
-    closing = row_forces(two, rows, impulses[None])
+    pushed, shown = closing(mesh, two, rows, impulses[None])
     jump = jump_forces(mesh, one, two)
-    wrenches = joint_wrenches(mesh, two, NodalForces(jump.force - closing.force, jump.moment - closing.moment))
+    wrenches = joint_wrenches(mesh, two, NodalForces(jump.force - pushed.force, jump.moment - pushed.moment))
     torque = project(mesh, two, wrenches)[0] + mesh.mechanism.drive_table[0] * (after - before)
     work = float(torque @ (before + after)) / 2
     lost = kinetic_energy(mesh, one, before) - kinetic_energy(mesh, two, after) + work
-    reaction = {name: values[0] for name, values in closure_reactions(mesh, two, rows, impulses[None]).items()}
+    reaction = {name: values[0] for name, values in shown.items()}
     return Impact(time, names_of(mesh.mechanism, begins), torque, reaction, work, lost)
 
 
