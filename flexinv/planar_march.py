@@ -228,7 +228,7 @@ def planar_march(t, e, k, space, c, s, f, q, w, joint, still, given, row, out):
 
 @jit_inner
 def in_slot(slot, f, w):
-    """Return the frames and the scratch of the march [m, rad, s, N] in a slot of the shelf, where they can stay for some steps."""
+    """Return the frames and the scratch of the march [m, rad, s, N] in a slot of the shelf, where they can stay."""
     b = w.shelf
     frames = PlanarFrames(
         b.pose[slot], b.rate[slot], b.acceleration[slot], f.joint, b.arm[slot], f.by_pose, f.by_rate, f.by_acceleration,
