@@ -220,7 +220,7 @@ def without_rounding(mesh: Mesh, direction: NDArray[np.bool_], g: Array) -> Arra
 
 
 def world_of(motion: NodalMotion) -> tuple[Array, ...]:
-    """Motion of the nodes as kernels take it: `tree.Frames` of all samples."""
+    """Return the motion of the nodes [m, rad, s] as kernels take it: `tree.Frames` of all samples."""
     return tuple(plain(part) for part in (motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha))
 
 

@@ -239,7 +239,7 @@ def in_slot(slot, f, w):
 
 @jit_inner
 def take_step(t, e, k, c, s, given, f, q, w, order):
-    """Solve one step that goes on as ``order`` says (`start`), or as it is where that leads nowhere; return as `newton`."""
+    """Solve one step [m, rad, s] that goes on as ``order`` says (`start`), or, where that fails, as it is; return as `newton`."""
     start(c, s, order)
     keep(k)
     status, count, size = newton(t, e, k, c, s, given, f, q, w, SLOW, MANY)
