@@ -14,11 +14,11 @@ from pathlib import Path
 # The modules whose text or constants are in machine code.
 SOURCES = (
     "alike_march", "assemble", "atomics", "beam", "blocks", "border", "branch", "compiled", "coordinates", "damped_beam",
-    "damped_plane", "differentiate", "eliminate", "instants", "integrate", "kinds", "lanes", "loads", "loop_lanes",
-    "loop_layout", "loop_plane", "loop_reduce", "loop_rows", "loop_six", "loop_space", "loop_together", "march", "modes",
-    "offers", "planar_beam", "planar_march", "planar_record", "planar_settle", "planar_solve", "planar_ties", "planar_tree",
-    "projection", "pulls", "recursion", "regress", "rotations", "rows", "second_step", "settle", "stacks", "sums", "system",
-    "ties", "tree", "tridiagonal", "vectors",
+    "damped_plane", "differentiate", "eliminate", "instants", "integrate", "kinds", "lanes", "loads", "loop_columns",
+    "loop_ground", "loop_lanes", "loop_layout", "loop_plane", "loop_reduce", "loop_rows", "loop_six", "loop_space",
+    "loop_together", "march", "modes", "offers", "planar_beam", "planar_march", "planar_record", "planar_settle",
+    "planar_solve", "planar_ties", "planar_tree", "projection", "pulls", "recursion", "regress", "rotations", "rows",
+    "second_step", "settle", "stacks", "sums", "system", "ties", "tree", "tridiagonal", "vectors",
 )  # fmt: skip
 _IMPORT = re.compile(r"^from flexinv\.(\w+) import", re.MULTILINE)
 
