@@ -91,7 +91,8 @@ def _closed(plan, fixed, work, lanes, sums):
 
 @jit_lanes
 def _blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, samples, work, counter):
-    """Write the efforts of all blocks that are left to take; return how many samples are not finite."""
+    """Write the efforts of all blocks that are left to take; return how many samples are not finite, or a number above 0
+    where cosines and sines are those of no angle."""
     nv, wrong = tree[0, 0], 0
     nq = columns.shape[0] - 2 * nv
     for_q, for_qd, for_qdd = columns[:nq], columns[nq : nq + nv], columns[nq + nv :]
@@ -109,8 +110,8 @@ def _blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, sampl
             keep(plan, work, lanes, KEEPS)
             if block % SUMS == 0:
                 keep(plan, work, lanes, SUMMED)
-        outboard(tree, numbers, work, lanes)
-        spoilt = inboard(tree, numbers, work, lanes)
+        lost = outboard(tree, numbers, work, lanes)
+        spoilt = max(inboard(tree, numbers, work, lanes), min(lost, 1))
         if loops:
             if plan[APPLIED] > 0:  # efforts of springs and given forces stand where the efforts go
                 _add(work, for_qdd, lanes, tau, start, strides[3, 0], strides[3, 1])

@@ -134,3 +134,17 @@ def cos_sin(angle):
     c = sine if odd else cosine
     s = cosine if odd else sine
     return -c if ((quarter + 1) & 2) != 0 else c, -s if (quarter & 2) != 0 else s
+
+
+# How far the squares of a cosine and a sine may be from 1: as those of six digits, or of single precision.
+ASTRAY = 1e-5
+
+
+@jit_lanes
+def astray(rows, first, lanes):
+    """Return in how many lanes two rows [-] are not the cosine and sine of one angle."""
+    count = 0
+    for k in range(lanes):
+        c, s = rows[first + k], rows[first + LANES + k]
+        count += 0 if abs(c * c + s * s - 1.0) <= ASTRAY else 1
+    return count

@@ -21,6 +21,7 @@ from flexinv.closures import constraint_rows
 from flexinv.errors import InputError
 from flexinv.given import ACCELERATION, OPEN, RATE, GivenLoops
 from flexinv.helpers import HELPERS
+from flexinv.inputs import LABELS, check_finite, check_turns
 from flexinv.inverse import joint_wrenches, project
 from flexinv.lanes import BLOCK
 from flexinv.loop_layout import APPLIED
@@ -107,8 +108,8 @@ class TorqueFunction:
             given = [a.copy() for a in given]
         rows = [_by_sample(a, order) for a in (*given, tau)]
         if self.loaded:
-            _check_finite(given)
-            _check_turns(self.mechanism, rows[0])
+            check_finite(given)
+            check_turns(self.mechanism, rows[0])
             tau.fill(0.0)
             self._add_applied(rows[:3], rows[3])
         flat, strides = zip(*(_flat(a) for a in rows), strict=True)
@@ -128,8 +129,8 @@ class TorqueFunction:
             if counter[OVERLAP]:
                 q, qd, qdd = (a.copy() for a in given)
                 return self.torques(q, qd, qdd, out, order)
-            _check_finite(given)
-            _check_turns(self.mechanism, rows[0])
+            check_finite(given)
+            check_turns(self.mechanism, rows[0])
         if not self.loaded:
             self._add_applied(rows[:3], rows[3])
         if self.loops is not None:
@@ -144,8 +145,8 @@ class TorqueFunction:
         Raises InputError as `torques` does.
         """
         given = _checked(self.mechanism, (q, qd, qdd), order)
-        _check_finite(given)
-        _check_turns(self.mechanism, _by_sample(given[0], order))
+        check_finite(given)
+        check_turns(self.mechanism, _by_sample(given[0], order))
         places, rates, accelerations = (np.ascontiguousarray(_by_sample(a, order)) for a in given)
         return nodal_result(self.mesh, self.loops, self.passive, places, rates, accelerations)
 
@@ -171,8 +172,8 @@ class TorqueFunction:
         if own.counter[1]:
             if own.counter[OVERLAP]:
                 return self.torques(q.copy(), qd.copy(), qdd.copy(), out)
-            _check_finite((q, qd, qdd))
-            _check_turns(m, q[None])
+            check_finite((q, qd, qdd))
+            check_turns(m, q[None])
         if m.springs or m.forces:
             self._add_applied((q[None], qd[None], qdd[None]), out[None])
         if self.loops is not None:
@@ -319,8 +320,9 @@ def checked_states(mechanism: Mechanism, q: ArrayLike, qd: ArrayLike, qdd: Array
     """Return q (samples, nq), qd, qdd (samples, nv) [rad], [m], [1/s] of a rigid tree as floats, checked as `torques` does."""
     _check_tree(mechanism)
     given = _checked(mechanism, (q, qd, qdd), "samples")
-    _check_finite(given)
+    check_finite(given)
     places, rates, accelerations = (np.ascontiguousarray(_by_sample(a, "samples")) for a in given)
+    check_turns(mechanism, places)
     return places, rates, accelerations
 
 
@@ -361,7 +363,7 @@ def _checked(mechanism: Mechanism, arrays: Sequence[ArrayLike], order: Order) ->
         raise InputError(f"joint_torques: order = {order!r}, expected 'samples' or 'coordinates'")
     axis = 0 if order == "coordinates" else -1  # of the columns; -1 - axis is that of the samples
     found = []
-    for label, width, given in zip(_LABELS, (mechanism.nq, mechanism.nv, mechanism.nv), arrays, strict=True):
+    for label, width, given in zip(LABELS, (mechanism.nq, mechanism.nv, mechanism.nv), arrays, strict=True):
         a = np.asarray(given, dtype=float)
         if a.ndim not in (1, 2) or a.shape[axis] != width:
             names = mechanism.coordinate_names if label == "q" else mechanism.velocity_names
@@ -375,26 +377,3 @@ def _checked(mechanism: Mechanism, arrays: Sequence[ArrayLike], order: Order) ->
     if len(set(counts)) > 1:
         raise InputError(f"joint_torques: q, qd, qdd have {counts} samples, expected the same number")
     return found
-
-
-_LABELS = ("q", "qd", "qdd")
-
-
-def _check_finite(arrays: Sequence[Array]) -> None:
-    """Raise InputError at the first number that is not finite; efforts that overflow from finite ones are the caller's."""
-    for label, a in zip(_LABELS, arrays, strict=True):
-        if not np.isfinite(a).all():
-            where = tuple(int(i) for i in np.argwhere(~np.isfinite(a))[0])
-            raise InputError(f"joint_torques: {label}{list(where)} is {a[where]}, expected a finite number")
-
-
-def _check_turns(mechanism: Mechanism, q: Array) -> None:
-    """Raise InputError at the first quaternion of q (samples, nq) that is zero: it turns nowhere."""
-    for joint in mechanism.joints:
-        if joint.kind in ("spherical", "free"):
-            none = ~q[:, mechanism.q_slices[joint.name]][:, -4:].any(axis=1)
-            if none.any():
-                raise InputError(
-                    f"joint_torques: q of joint '{joint.name}' at sample {int(np.argmax(none))} has the quaternion 0, 0, 0, 0; "
-                    "expected x, y, z, w of norm 1 (neutral: 0, 0, 0, 1)"
-                )

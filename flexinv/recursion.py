@@ -28,6 +28,7 @@ from flexinv.kinds import CONTINUOUS, FREE, PRISMATIC, REVOLUTE, SPHERICAL
 from flexinv.lanes import (
     FAR,
     LANES,
+    astray,
     cos_sin,
     into,
     plus,
@@ -329,8 +330,11 @@ def _begin(how, source, state, work, lanes, body, g):
 
 @jit_lanes
 def outboard(tree, numbers, work, lanes):
-    """Carry the motion from the root to the leaves; leave in every body the force [N] and moment [N m] that it takes."""
-    g = _vec(numbers[0], 0)
+    """Carry the motion from the root to the leaves; leave in every body the force [N] and moment [N m] that it takes.
+
+    Returns in how many lanes a joint's cosine and sine are those of no angle.
+    """
+    g, lost = _vec(numbers[0], 0), 0
     for i in range(1, tree.shape[0]):
         kind, first, at, how, source = tree[i, 0], tree[i, 2], tree[i, 3], tree[i, 4], tree[i, 5]
         state, rows, body = work[at : at + _STATE], work[first : first + _LARGEST], numbers[i]
@@ -340,12 +344,15 @@ def outboard(tree, numbers, work, lanes):
         elif kind in (REVOLUTE, CONTINUOUS):
             if kind == REVOLUTE:
                 _angles(rows, lanes)
+            else:
+                lost += astray(rows, COS, lanes)
             _turn_outboard(state, rows, lanes, body)
         else:
             _orientations(rows, lanes, kind == FREE)
             _float_outboard(state, rows, lanes, body)
         if kind not in (SPHERICAL, FREE) and (body[24] != 0.0 or body[25] != 0.0):
             _resist(rows, lanes, kind, body)
+    return lost
 
 
 @jit_lanes

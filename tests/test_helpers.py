@@ -182,7 +182,7 @@ from flexinv import prepare
 from rigid_trees import tree
 
 f, alone = prepare(tree(), threads=3), prepare(tree(), threads=1)
-state = [np.ones((3000, n)) for n in (tree().nq, tree().nv, tree().nv)]
+state = [np.tile(tree().neutral, (3000, 1)), *(np.ones((3000, tree().nv)) for _ in range(2))]
 expected = alone.torques(*state)
 for _ in range(20):
     assert np.array_equal(f.torques(*state), expected)

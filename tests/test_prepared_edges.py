@@ -68,7 +68,7 @@ import flexinv
 from rigid_trees import tree
 
 mechanism, ready = tree(), Barrier(8)
-state = [np.full((2000, n), 0.5) for n in (mechanism.nq, mechanism.nv, mechanism.nv)]
+state = [np.tile(mechanism.neutral, (2000, 1)), *(np.full((2000, mechanism.nv), 0.5) for _ in range(2))]
 
 def first(_):
     ready.wait()
@@ -148,4 +148,21 @@ def test_a_quaternion_of_zeros_is_explained(kind: str) -> None:
         with pytest.raises(flexinv.InputError, match=words):
             call(q, qd, qdd)
     with pytest.raises(flexinv.InputError, match="at sample 0 has the quaternion 0, 0, 0, 0"):
+        f.sample(q[2], qd[2], qdd[2], np.empty(f.mechanism.nv))
+
+
+def test_cosine_and_sine_of_no_angle_are_explained() -> None:
+    """A joint that turns without end and a q of zeros; six digits are enough."""
+    f = prepare(chain("continuous"))
+    q, qd, qdd = states(f.mechanism, 5)
+    own = f.mechanism.q_slices["body_joint"]
+    tau = f.torques(q, qd, qdd)
+    assert np.abs(f.torques(np.round(q, 6), qd, qdd) - tau).max() < 1e-5 * np.abs(tau).max()  # as they are rounded
+    q[2, own] = 0.0
+    words = "q of joint 'body_joint' at sample 2 has cosine and sine 0, 0, whose squares sum to 0; expected those of its angle"
+    for call in (f.torques, f.nodal):
+        with pytest.raises(flexinv.InputError, match=words):
+            call(q, qd, qdd)
+    q[2, own] = 0.6, 0.81
+    with pytest.raises(flexinv.InputError, match=r"at sample 0 has cosine and sine 0\.6, 0\.81"):
         f.sample(q[2], qd[2], qdd[2], np.empty(f.mechanism.nv))
