@@ -15,6 +15,8 @@ from flexinv.loop_layout import (
     AT,
     BODY_CELLS,
     BODY_ROWS,
+    CHAIN,
+    CHAINED,
     COLUMN_CELLS,
     DIRECTION,
     FLOAT,
@@ -156,8 +158,13 @@ def root_of(t: Tables, root: int, ways: tuple[list[int], ...]) -> None:
     x = x - (x @ z) * z
     x /= np.linalg.norm(x)
     basis = np.stack([x, np.cross(z, x), z])  # rows: the root's axes z and two at right angles
-    rows = t.constant_rows(PLANE_ROWS if t.plane else BODY_ROWS, np.eye(3), np.zeros(3))
+    rows = t.constant_rows(PLANE_ROWS if t.plane else BODY_ROWS, *_standing(np.eye(3), np.zeros(3)))
     t.frames[root, root] = Frame(rows, rows + int(AT), 0, basis)
+
+
+def _standing(axes: Array, place: Array) -> tuple[Array, Array, Array]:
+    """Axes (rows) and a place in the order of their rows: z, the place, x and y."""
+    return axes[2], place, axes[:2]
 
 
 def _seat(b: Bodies, i: int) -> tuple[Array, Array]:
@@ -175,9 +182,28 @@ def frame(t: Tables, root: int, body: int) -> Frame:
         make = _in_plane if t.plane else _in_space
         if not t.plane and _is_universal(t, root, body, (r, p)):
             return _two_turns(t, root, body, r)
+        if not t.plane and _goes_on(t, root, body, r):
+            return _chain(t, root, body, above, (r, p))
         own = t.rows(PLANE_ROWS if t.plane else BODY_ROWS, (root, body) not in t.shared)
         first = above is t.frames[root, root]
         t.frames[root, body] = make(t, above, own, first, kind, (r, p), int(t.bodies.tree[body, 2]))
+    return t.frames[root, body]
+
+
+def _goes_on(t: Tables, root: int, body: int, r: Array) -> bool:
+    """Whether a body turns on one that turns, both in no other closure: nobody else asks for the axes x and y of that one."""
+    parent = int(t.bodies.tree[body, 1])
+    turn = [int(t.bodies.tree[i, 0]) in TURNS for i in (body, parent)]
+    above, alone = t.frames[root, parent], not {(root, parent), (root, body)} & t.shared
+    return parent != root and all(turn) and alone and _is_tilt(r) and above.place == above.axes + int(AT)
+
+
+def _chain(t: Tables, root: int, body: int, above: Frame, seat: tuple[Array, Array]) -> Frame:
+    """A body whose rows begin in those of its parent, the last ones that were taken."""
+    t.rows(int(CHAINED) // BLOCK, True)
+    own = above.axes + int(CHAINED)
+    t.moved += [CHAIN, own, above.axes, int(t.bodies.tree[body, 2]), t.numbers(seat[0].T, seat[1]), above.place]
+    t.frames[root, body] = Frame(own, own + int(AT), 0, np.eye(3))
     return t.frames[root, body]
 
 
@@ -193,7 +219,7 @@ def _two_turns(t: Tables, root: int, body: int, r: Array) -> Frame:
     """Both bodies of a universal joint: the first one's axis and place are constant, and its other axes nobody asks for."""
     parent = int(t.bodies.tree[body, 1])
     seat, p = (t.frames[root, root].turned @ x for x in _seat(t.bodies, parent))
-    first = t.constant_rows(BODY_ROWS, seat.T, p)
+    first = t.constant_rows(BODY_ROWS, *_standing(seat.T, p))
     t.frames[root, parent] = Frame(first, first + int(AT), 0, np.eye(3))
     rows = [int(t.bodies.tree[i, 2]) for i in (parent, body)]
     own = t.rows(BODY_ROWS, (root, body) not in t.shared)

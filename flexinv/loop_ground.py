@@ -8,49 +8,64 @@ accelerate by -g there.  With m fixed in E and f in the world, which in E's axes
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from flexinv.compiled import jit_lanes
+from flexinv.compiled import jit_lane, jit_lanes
 from flexinv.lanes import into, plus, put_vec, times, vec_of
-from flexinv.loop_lanes import acceleration, axes_of, constant, cross, dot, minus, square
-from flexinv.loop_layout import GAP_RATE, POINT, SQUARES, VECTOR
+from flexinv.loop_lanes import acceleration, axes_of, constant, cross, dot, minus
+from flexinv.loop_layout import GAP_RATE, POINT, SQUARES, VECTOR, VECTORS
 from flexinv.recursion import SPIN, SPIN_RATE
 
-_VEC, _NONE, _SIX = np.uint64(0), (0.0, 0.0, 0.0), np.uint64(6)
+_VEC, _THREE, _SIX, _NONE = np.uint64(0), np.uint64(3), np.uint64(6), (0.0, 0.0, 0.0)
 # Its constants: the point of E, and of the end that stands; the scale; -g; whether E is B; m and f of the directions.
 _AT, _THERE, _SCALE, _REST, _IS_B, _PAIRS = (np.uint64(i) for i in (0, 3, 6, 7, 10, 11))
 
 
-@jit_lanes
-def _positions(axes, place, state, own, lanes, c):
-    """Three positions: the point of B, the squares of phi and phi''."""
-    at, there, scale, rest, is_b = constant(c, _AT), constant(c, _THERE), c[_SCALE], constant(c, _REST), c[_IS_B]
-    for k in range(lanes):
-        frame = axes_of(axes, k)
+def _standing(count: int) -> Any:
+    """Three positions and so many directions: the point of B, e = w x u, the squares of phi, phi' and phi''.
+
+    e is n where E is B, whose vector is w; else it is -n, and what is given is -m.
+    """
+
+    @jit_lane
+    def lane(own, axes, place, state, k, c):
+        frame, at, there, is_b = axes_of(axes, k), constant(c, _AT), constant(c, _THERE), c[_IS_B]
+        (x, y, z), w, al = frame, vec_of(state, SPIN, k), vec_of(state, SPIN_RATE, k)
         d = minus(plus(vec_of(place, _VEC, k), into(frame, at)), there)
-        second = minus(into(frame, acceleration(state, k, at)), rest)
+        second = minus(into(frame, acceleration(state, k, at)), constant(c, _REST))
         put_vec(own, POINT, k, plus(there, times(is_b, d)))
         put_vec(own, GAP_RATE, k, _NONE)
-        put_vec(own, SQUARES, k, (scale * dot(d, d), 0.0, dot(second, second)))
+        squares = c[_SCALE] * dot(d, d), 0.0, dot(second, second)
+        for j in range(count):
+            m, f = constant(c, _PAIRS + _SIX * np.uint64(j)), constant(c, _PAIRS + _SIX * np.uint64(j) + _THREE)
+            f = dot(x, f), dot(y, f), dot(z, f)
+            n, phi = cross(m, f), dot(m, f)
+            phi1, phi2 = dot(w, n), dot(al, n) + dot(w, f) * dot(m, w) - dot(w, w) * phi
+            squares = plus(squares, (phi * phi, phi1 * phi1, phi2 * phi2))
+            put_vec(own, VECTORS + np.uint64(j) * VECTOR, k, into(frame, n))
+        put_vec(own, SQUARES, k, squares)
+
+    @jit_lanes
+    def standing(own, axes, place, state, lanes, c):
+        for k in range(lanes):
+            lane(own, axes, place, state, k, c)
+
+    return standing
+
+
+_STANDING_0, _STANDING_1, _STANDING_2, _STANDING_3 = (_standing(count) for count in range(4))
 
 
 @jit_lanes
-def _direction(e, axes, state, own, lanes, m, f, sign):
-    """The squares of one direction, and e = w x u: n where E is B, whose vector is w, else -n."""
-    for k in range(lanes):
-        x, y, z = axes_of(axes, k)
-        w, turned = vec_of(state, SPIN, k), (dot(x, f), dot(y, f), dot(z, f))
-        n, phi = cross(m, turned), dot(m, turned)
-        second = dot(vec_of(state, SPIN_RATE, k), n) + dot(w, turned) * dot(m, w) - dot(w, w) * phi
-        square(own, k, phi, dot(w, n), second)
-        put_vec(e, _VEC, k, times(sign, into((x, y, z), n)))
-
-
-@jit_lanes
-def from_ground(axes, place, state, own, vectors, lanes, c, directions):
+def from_ground(own, axes, place, state, lanes, c, directions):
     """Set the point of B [m], vectors e and squares of such a closure, but for what takes d'."""
-    _positions(axes, place, state, own, lanes, c)
-    for j in range(directions):
-        pair = c[_PAIRS + _SIX * j :]
-        m, f, sign = constant(pair, 0), constant(pair, 3), 2.0 * c[_IS_B] - 1.0
-        _direction(vectors[j * VECTOR :], axes, state, own, lanes, m, f, sign)
+    if directions == 0:
+        _STANDING_0(own, axes, place, state, lanes, c)
+    elif directions == 1:
+        _STANDING_1(own, axes, place, state, lanes, c)
+    elif directions == 2:
+        _STANDING_2(own, axes, place, state, lanes, c)
+    else:
+        _STANDING_3(own, axes, place, state, lanes, c)

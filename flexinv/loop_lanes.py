@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from flexinv.compiled import jit_lane, jit_lanes
-from flexinv.lanes import into, plus, plus_cross, put_vec, row, times, vec_of
+from flexinv.lanes import LANES, into, plus, plus_cross, put_vec, row, times, vec_of
 from flexinv.loop_layout import (
     ABOVE,
     AT,
@@ -23,6 +23,8 @@ from flexinv.loop_layout import (
     AXIS_Z,
     BODY_CELLS,
     BODY_ROWS,
+    CHAIN,
+    CHAINED,
     CONSTANTS,
     DIRECTION,
     FLOAT,
@@ -95,11 +97,11 @@ def square(own, k, phi, rate, second):
 
 
 @jit_lane
-def _put_turned(own, k, rows, x, y):
+def _put_turned(own, first, k, rows, x, y):
     """The axes x and y of a body that turns about the third, from those where its coordinate is zero."""
     cosine, sine = rows[COS + k], rows[SIN + k]
-    put_vec(own, AXES, k, plus(times(cosine, x), times(sine, y)))
-    put_vec(own, AXIS_Y, k, plus(times(cosine, y), times(-sine, x)))
+    put_vec(own, first + AXES, k, plus(times(cosine, x), times(sine, y)))
+    put_vec(own, first + AXIS_Y, k, plus(times(cosine, y), times(-sine, x)))
 
 
 @jit_lane
@@ -113,7 +115,7 @@ def _root_turn(own, rows, lanes, c):
     """A body that turns, fixed in the root."""
     x, y, z, at = constant(c, 0), constant(c, 3), constant(c, 6), constant(c, 9)
     for k in range(lanes):
-        _put_turned(own, k, rows, x, y)
+        _put_turned(own, _VEC, k, rows, x, y)
         put_vec(own, AXIS_Z, k, z)
         put_vec(own, AT, k, at)
 
@@ -125,21 +127,33 @@ def _turn(own, above, parent, rows, lanes, c):
     for k in range(lanes):
         axes = axes_of(parent, k)
         x, y, z = _seat(axes, c)
-        _put_turned(own, k, rows, x, y)
+        _put_turned(own, _VEC, k, rows, x, y)
         put_vec(own, AXIS_Z, k, z)
         put_vec(own, AT, k, plus(vec_of(above, _VEC, k), into(axes, p)))
+
+
+@jit_lane
+def _tilted(own, first, k, axes, above, rows, c):
+    """The axes and the place of a body after the tilt and the turn."""
+    cosine, sine, (x, y, z) = c[4], c[5], axes
+    place = plus(above, into(axes, constant(c, 9)))
+    put_vec(own, first + AXIS_Z, k, plus(times(cosine, z), times(-sine, y)))
+    put_vec(own, first + AT, k, place)
+    _put_turned(own, first, k, rows, x, plus(times(cosine, y), times(sine, z)))
 
 
 @jit_lanes
 def _tilt(own, above, parent, rows, lanes, c):
     """A body that turns about an axis at right angles to x of its parent, R_0 = R_x(tilt)."""
-    cosine, sine, p = c[4], c[5], constant(c, 9)
     for k in range(lanes):
-        axes = axes_of(parent, k)
-        x, y, z = axes
-        _put_turned(own, k, rows, x, plus(times(cosine, y), times(sine, z)))
-        put_vec(own, AXIS_Z, k, plus(times(cosine, z), times(-sine, y)))
-        put_vec(own, AT, k, plus(vec_of(above, _VEC, k), into(axes, p)))
+        _tilted(own, _VEC, k, axes_of(parent, k), vec_of(above, _VEC, k), rows, c)
+
+
+@jit_lanes
+def _chain(frame, rows, lanes, c):
+    """The same along a chain, where the axes x and y of the parent stand."""
+    for k in range(lanes):
+        _tilted(frame, CHAINED, k, axes_of(frame, k), vec_of(frame, AT, k), rows, c)
 
 
 @jit_lanes
@@ -149,7 +163,7 @@ def _two_turns(own, first, rows, lanes, c):
     for k in range(lanes):
         c1, s1 = first[COS + k], first[SIN + k]
         x1, y1 = plus(times(c1, x), times(s1, y)), plus(times(c1, y), times(-s1, x))
-        _put_turned(own, k, rows, x1, plus(times(cosine, y1), times(sine, z)))
+        _put_turned(own, _VEC, k, rows, x1, plus(times(cosine, y1), times(sine, z)))
         put_vec(own, AXIS_Z, k, plus(times(cosine, z), times(-sine, y1)))
 
 
@@ -195,10 +209,8 @@ def begin(plan, fixed, work, lanes):
         at = plan[ROOTS] + _TWO * i
         own, c = work[plan[at] : plan[at] + _BODY], fixed[plan[at + _ONE] :]
         for k in range(lanes):
-            put_vec(own, AXES, k, constant(c, 0))
-            put_vec(own, AXIS_Y, k, constant(c, 3))
-            put_vec(own, AXIS_Z, k, constant(c, 6))
-            put_vec(own, AT, k, constant(c, 9))
+            for j in range(0, 12, 3):
+                put_vec(own, np.uint64(j) * LANES, k, constant(c, j))
     limits = work[plan[LIMITS] :]
     for k in range(LARGEST + _THREE):
         limits[k] = 0.0
@@ -221,6 +233,8 @@ def move(plan, fixed, work, first_body, count, lanes):
             _turn(own, origin, parent, rows, lanes, c)
         elif kind == TILT:
             _tilt(own, origin, parent, rows, lanes, c)
+        elif kind == CHAIN:
+            _chain(work[above : above + CHAINED + _BODY], rows, lanes, c)
         elif kind == SLIDE:
             _slide(own, origin, parent, rows, lanes, c)
         elif kind == FLOAT:

@@ -7,8 +7,10 @@ import numpy as np
 from flexinv.lanes import row
 
 # Rows of a body of a loop: its axes and its place in those of the root; the direction of one that slides.
-AXES, AXIS_Y, AXIS_Z, AT, DIRECTION = row(0), row(3), row(6), row(9), row(12)
+AXIS_Z, AT, AXES, AXIS_Y, DIRECTION = row(0), row(3), row(6), row(9), row(12)
 BODY_ROWS = 15
+# Along a chain those of a body begin where x of its parent stood, which nobody else asks for: z and places of joints are left.
+CHAINED = row(6)
 # In the plane its motion, and its joint's acceleration, too.
 SPEED, SPIN, SPIN_RATE, ACCELERATION, KEPT = row(15), row(17), row(18), row(19), row(21)
 PLANE_ROWS = 22
@@ -33,7 +35,7 @@ LIMITS, SCRATCH, KEEPS, SUMMED, ROOTS, BODIES, CLOSURES, COLUMNS, SUMS, STEPS, F
     0, 1, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 21, 22
 )  # fmt: skip
 BODY_CELLS, CLOSURE_CELLS, COLUMN_CELLS, SUM_CELLS = np.uint64(6), np.uint64(20), np.uint64(9), np.uint64(5)
-ROOT_TURN, TURN, TILT, SLIDE, FLOAT, TWO_TURNS = range(6)  # bodies
+ROOT_TURN, TURN, TILT, SLIDE, FLOAT, TWO_TURNS, CHAIN = range(7)  # bodies
 WHOLE, PARTIAL, COUPLED = range(3)  # closures
 TURNING, SLIDING, GEARED, FLOATING, PUSHING = range(5)  # columns; the last two of a whole joint
 # Cells of a body: kind, own rows, the parent's axes, rows of the recursion, constants, the parent's place.

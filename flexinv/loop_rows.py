@@ -23,14 +23,12 @@ import numpy as np
 from flexinv.compiled import jit_lanes
 from flexinv.lanes import LANES, put_vec, row, times, vec_of
 from flexinv.loop_layout import (
-    CHANGED,
     COLUMN_CELLS,
     COUNT,
     COUPLED,
     DIRECTIONS,
     ENTRIES,
     ENTRY,
-    FACTOR,
     FILLS,
     FIRST,
     FIRST_SUM,
@@ -62,11 +60,24 @@ from flexinv.loop_layout import (
     WHOLE,
 )
 from flexinv.loop_six import six_forces
-from flexinv.loop_together import MOST_TOGETHER, TOGETHER, together
+from flexinv.loop_together import (
+    BOTH,
+    INVERTED,
+    MOST_TOGETHER,
+    TOGETHER,
+    both,
+    combine,
+    pair,
+    solve,
+    solve_inverted,
+    together,
+    undo,
+)
 from flexinv.recursion import ACCELERATION, SPIN, SPIN_RATE
 
-# Steps: a word for what is done, how many pairs of rows follow, three offsets, and those of the pairs.
-PAIR, SURE, EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, UNDO, ALL_SIX = range(10)
+# Steps: a word for what is done, how many pairs of rows follow, three offsets, and those of the pairs; of SOLVE the first pair is
+# twice the size that the pivot is held against, whose inverse stands there for SOLVE_INVERTED.
+PAIR, SURE, EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, UNDO, ALL_SIX, SOLVE_INVERTED = range(11)
 # A pivot over its column's size is at least this, so that its errors are 1e-12 at most; else singular values decide.
 LEAST_PIVOT = 1e-4
 # ... and at least this over the mechanism's length: a column that is rounding (an axis through the point that is closed, some
@@ -220,37 +231,6 @@ def hold(plan, fixed, work, lanes, closure, sums, in_space):
 
 
 @jit_lanes
-def _pair(factor, one, other, lanes):
-    """The larger of two entries is the pivot: the factor by which the smaller one goes, and whether they change places."""
-    for k in range(lanes):
-        a, b = one[k], other[k]
-        changed = abs(b) > abs(a)
-        pivot, rest = (b, a) if changed else (a, b)
-        one[k] = pivot
-        factor[FACTOR + k] = rest / pivot if pivot != 0.0 else 0.0
-        factor[CHANGED + k] = 1.0 if changed else 0.0
-
-
-@jit_lanes
-def _combine(factor, one, other, lanes):
-    """The same of two other entries of these rows."""
-    for k in range(lanes):
-        a, b = one[k], other[k]
-        changed = factor[CHANGED + k] != 0.0
-        pivot, rest = (b, a) if changed else (a, b)
-        one[k], other[k] = pivot, rest - factor[FACTOR + k] * pivot
-
-
-@jit_lanes
-def _undo(factor, one, other, lanes):
-    """Multipliers of two rows before they were combined."""
-    for k in range(lanes):
-        a, b = one[k] - factor[FACTOR + k] * other[k], other[k]
-        changed = factor[CHANGED + k] != 0.0
-        one[k], other[k] = (b, a) if changed else (a, b)
-
-
-@jit_lanes
 def _below(entry, size, lanes, part):
     """How many entries are not at least so large a part of their column's size, or are next to nothing."""
     count = 0
@@ -267,14 +247,6 @@ def _above(entry, size, lanes, part):
     for k in range(lanes):
         count += 0 if entry[k] * entry[k] <= part * size[k] else 1
     return count
-
-
-@jit_lanes
-def _solve(multiplier, pivot, effort, lanes):
-    """One multiplier more; its coordinate has no effort left."""
-    for k in range(lanes):
-        multiplier[k] = effort[k] / pivot[k]
-        effort[k] = 0.0
 
 
 @jit_lanes
@@ -303,14 +275,21 @@ def _project(scratch, lanes):
 def _begin_step(kind, third, work, first, second, lanes):
     """What a step does before its pairs; return how often a rank is in doubt."""
     one, other = work[first : first + LANES], work[second : second + LANES]
+    inverted = kind >= TOGETHER + INVERTED
     if kind >= TOGETHER:
-        together(kind, third[: _TWO * LANES], work[first : first + _MOST], work[second : second + _MOST], lanes)
+        kind, one, other = (
+            kind - INVERTED if inverted else kind,
+            work[first : first + _MOST],
+            work[second : second + _MOST],
+        )
+        if kind >= BOTH:
+            both(kind, one, other, third, lanes, inverted)
+        else:
+            together(kind, third[: _TWO * LANES], one, other, lanes, inverted)
     elif kind == PAIR:
-        _pair(third[: _TWO * LANES], one, other, lanes)
-    elif kind == SOLVE:
-        _solve(third[:LANES], one, other, lanes)
+        pair(third[: _TWO * LANES], one, other, lanes)
     elif kind == UNDO:
-        _undo(third[: _TWO * LANES], one, other, lanes)
+        undo(third[: _TWO * LANES], one, other, lanes)
     elif kind == SURE:
         return _below(one, other, lanes, LEAST_PIVOT * LEAST_PIVOT)
     elif kind == EMPTY:
@@ -344,18 +323,31 @@ def share(plan, fixed, work, lanes):
     for _ in range(plan[STEPS + 1]):
         kind, count, first, second, third = plan[at], plan[at + _ONE], plan[at + _TWO], plan[at + _THREE], plan[at + 4]
         at += _FIVE
-        own = work[third : third + _COLUMN]
+        own = work[third : third + _MOST]
         if kind == ALL_SIX:
             doubts += _all_six(plan, work, at, first, second, third, lanes)
             at += _TWO * count
             continue
-        doubts += _begin_step(kind, own, work, first, second, lanes)
+        if kind in (SOLVE, SOLVE_INVERTED):
+            pivot, effort, size = (
+                work[first : first + LANES],
+                work[second : second + LANES],
+                work[plan[at] : plan[at] + LANES],
+            )
+            part, least = LEAST_PIVOT * LEAST_PIVOT, LEAST_ENTRY * LEAST_ENTRY
+            if kind == SOLVE:
+                doubts += solve(own[:LANES], pivot, effort, size, lanes, part, least)
+            else:
+                doubts += solve_inverted(own[:LANES], pivot, effort, size, lanes, part, least)
+            at, count = at + _TWO, count - _ONE
+        else:
+            doubts += _begin_step(kind, own, work, first, second, lanes)
         for i in range(count):
             one, other = plan[at], plan[at + _ONE]
             at += _TWO
             one, other = work[one : one + LANES], work[other : other + LANES]
             if kind == PAIR:
-                _combine(own[: _TWO * LANES], one, other, lanes)
+                combine(own[: _TWO * LANES], one, other, lanes)
             elif kind in (NORM, INNER):
                 _multiply(scratch, SQUARE if kind == NORM else LAMBDA, one, other, lanes, fixed[second + i], i == 0)
             else:

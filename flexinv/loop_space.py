@@ -25,6 +25,7 @@ from flexinv.loop_layout import (
     BODY_COUNT,
     BODY_ROWS,
     CLOSURE_CELLS,
+    CLOSURE_ROWS,
     CLOSURES,
     COUPLED,
     DIRECTIONS,
@@ -55,6 +56,7 @@ from flexinv.loop_reduce import columns
 from flexinv.loop_rows import clear, coupled, hold
 from flexinv.recursion import SPIN, SPIN_RATE, STATE_ROWS
 
+_WHOLE = row(CLOSURE_ROWS + 9)
 _BODY, _STATE, _VEC, _NONE, _SIX = row(BODY_ROWS), row(STATE_ROWS), np.uint64(0), (0.0, 0.0, 0.0), np.uint64(6)
 # Constants of a closure: places of the ends in axes of the loop, the scale; arms and axes of both in those of the recursion.
 _AT_A, _AT_B, _SCALE, _ARM_A, _ARM_B, _TURNED_A, _TURNED_B, _U = (np.uint64(i) for i in (0, 3, 6, 7, 10, 13, 22, 31))
@@ -167,8 +169,9 @@ def _ends(work, closure, own, vectors, lanes, c):
     of_a, of_b = work[state_a : state_a + _STATE], work[state_b : state_b + _STATE]
     positions, directions = closure[POSITIONS], closure[DIRECTIONS]
     if closure[GROUND] != NO_GROUND:
+        whole = work[closure[OWN] : closure[OWN] + _WHOLE]
         end = (b, at_b[:VECTOR], of_b) if closure[GROUND] == A_STANDS else (a, at_a[:VECTOR], of_a)
-        from_ground(*end, own, vectors, lanes, c, directions)
+        from_ground(whole, *end, lanes, c, directions)
         return
     if closure[0] == WHOLE:
         _whole(a, at_a[:VECTOR], of_a, b, at_b[:VECTOR], of_b, own, lanes, c)

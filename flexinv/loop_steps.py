@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.lanes import BLOCK
-from flexinv.loop_rows import ALL_SIX, EMPTY, INNER, NORM, PAIR, PROJECT, SOLVE, SURE, TAKE, UNDO
-from flexinv.loop_together import MOST_TOGETHER, TOGETHER
+from flexinv.loop_rows import ALL_SIX, EMPTY, INNER, NORM, PAIR, PROJECT, SOLVE, SOLVE_INVERTED, SURE, TAKE, UNDO
+from flexinv.loop_together import BOTH, INVERTED, MOST_TOGETHER, TOGETHER
 from flexinv.mechanism import Array
 
 # A pivot of the sample, whose joints stand anywhere, is above this part of the largest entry; without one there is no order.
@@ -32,6 +32,7 @@ class Elimination:
     sizes : for each coordinate, where the squares of its column stand; take : finds room for so many rows more
     scratch : where a block works; words : of the steps so far; count : how many steps; fills : entries that are zero at first
     combined : pairs of rows and where their factors are kept, if they are; constant : sizes that are
+    inverted : rows that leave the inverse of their pivot; last : where the last step begins
     """
 
     rows: list[dict[int, int]]
@@ -45,6 +46,8 @@ class Elimination:
     fills: list[int] = field(default_factory=list)
     combined: list[tuple[int, int, int]] | None = None
     constant: frozenset[int] = frozenset()
+    inverted: set[int] = field(default_factory=set)
+    last: int = 0
 
     def step(
         self,
@@ -56,18 +59,22 @@ class Elimination:
     ) -> None:
         """Write one step [-]."""
         where = self.scratch if third is None else third
+        self.last = len(self.words)
         self.words += [kind, len(pairs), first, second, where, *(word for pair in pairs for word in pair)]
         self.count += 1
 
     def eliminate(self, column: int, among: list[int]) -> int | None:
-        """Combine the rows ``among`` that have an entry in a column, until one of them has; return it [-], None without one."""
+        """Combine the rows ``among`` that have an entry in a column, until one of them has; return it [-], None without one.
+
+        It is held against all sizes of the column but the first one, which is left to who solves for it.
+        """
         candidates = sorted((r for r in among if column in self.rows[r]), key=lambda r: len(self.rows[r]))
         if not candidates or not np.abs(self.numbers[candidates, column]).max() > PIVOT * np.abs(self.numbers).max():
             return None
         pivot = candidates[0]
         for other in candidates[1:]:
             self._pair(pivot, other, column)
-        for size in self.sizes[column]:
+        for size in self.sizes[column][1:]:
             self.step(SURE, self.rows[pivot][column], size)
         return pivot
 
@@ -82,7 +89,7 @@ class Elimination:
             self.combined.append((pivot, other, kept))
         pairs = [(one[c], two[c]) for c in sorted(one, key=lambda c: one[c]) if c != column]
         if _side_by_side(pairs, (one[column], two[column])):
-            self.step(TOGETHER + len(pairs) - 1, *pairs[0], third=kept)
+            self._together(len(pairs), *pairs[0], kept)
         else:
             self.step(PAIR, one[column], two[column], pairs, kept)
         del two[column]
@@ -92,10 +99,25 @@ class Elimination:
             n[other] -= n[other, column] / n[pivot, column] * n[pivot]
         n[other, column] = 0.0
 
+    def _together(self, count: int, one: int, other: int, kept: int) -> None:
+        """Write the step of two rows, or of three, where the one before had the same pivot and how is not kept."""
+        before = self.words[-5:-1]
+        if self.combined is None and before[:3] == [TOGETHER + count - 1, 0, one]:
+            self.words[-5:] = [BOTH + count - 1, 0, one, before[3], other]
+        else:
+            self.step(TOGETHER + count - 1, one, other, third=kept)
+
     def _empty(self) -> int:
         """Room for an entry that is zero at first."""
         self.fills.append(self.take(1))
         return self.fills[-1]
+
+    def invert(self, column: int, pivot: int) -> None:
+        """Leave 1 / pivot [any unit] where the last step has combined this row with others side by side."""
+        here = bool(self.words) and self.words[self.last + 2] == min(self.rows[pivot].values())
+        if here and self.words[self.last] >= TOGETHER and len(self.sizes[column]) == 1:
+            self.words[self.last] += INVERTED
+            self.inverted.add(pivot)
 
     def undo(self, multiplier: dict[int, int]) -> None:
         """Write the steps [-] from multipliers of combined rows to those of rows as they were."""
@@ -140,6 +162,7 @@ def sharing(
             return False
         left.remove(pivot)
         against.append(pivot)
+        e.step(SURE, e.rows[pivot][column], e.sizes[column][0])
     for r in left:
         for c in e.rows[r]:
             for size in e.sizes[c]:
@@ -147,7 +170,9 @@ def sharing(
     multiplier = {pivot: e.take(1) if apart else e.scratch for _, pivot in solved}
     for column, pivot in solved:
         others = [(at, effort[c]) for c, at in sorted(e.rows[pivot].items()) if c != column]
-        e.step(SOLVE, e.rows[pivot][column], effort[column], others, multiplier[pivot])
+        size = e.sizes[column][0]
+        kind = SOLVE_INVERTED if pivot in e.inverted else SOLVE
+        e.step(kind, e.rows[pivot][column], effort[column], [(size, size), *others], multiplier[pivot])
     if apart:
         e.undo(multiplier)
         for r, at in multiplier.items():
@@ -183,6 +208,7 @@ def _triangle(e: Elimination, left: list[int], passive: list[int]) -> list[tuple
         pivot = e.eliminate(column, left)
         if pivot is None:
             return None
+        e.invert(column, pivot)
         order.remove(column)
         left.remove(pivot)
         solved.append((column, pivot))

@@ -240,7 +240,8 @@ def _from_ground(
     moves = 1 - stands
     if not np.array_equal(ends[moves].turned, np.eye(3)):
         return NO_GROUND, fixed
-    pairs = [v for i in range(0, len(vectors), 2) for v in (vectors[i + moves], vectors[i + stands])]
+    sign = 1.0 if moves else -1.0
+    pairs = [v for i in range(0, len(vectors), 2) for v in (sign * vectors[i + moves], vectors[i + stands])]
     rest = ends[stands].turned @ -t.mesh.mechanism.gravity
     there = ends[stands].turned @ arms[stands]
     at = t.numbers(arms[moves], there, 1.0 / t.mesh.length**2, rest, float(moves), *pairs)
@@ -282,8 +283,9 @@ def _rows_in_space(t: Tables, columns: list[_Column], whole: bool, rows: list[in
     m, count = t.mesh.mechanism, MOST_COLUMNS if whole else len(columns)
     base, stride = t.rows((1 + len(rows)) * count), count * BLOCK
     turn = {v: -i for i, v in enumerate(t.order)}
-    for i, column in enumerate(sorted(columns, key=lambda c: (not m.actuated[c.v], turn.get(c.v, 1), c.v))):
-        c, first = replace(column, kept=_kept(t, column.v, t.rows(1))), base + i * BLOCK
+    side_by_side = sorted((c.v for c in columns), key=lambda v: (not m.actuated[v], turn.get(v, 1), v))
+    for column in columns:
+        c, first = replace(column, kept=_kept(t, column.v, t.rows(1))), base + side_by_side.index(column.v) * BLOCK
         to, entry = first if whole else t.rows(4), first + stride
         _write(t, c, to, entry)
         if whole:
@@ -317,7 +319,8 @@ def _row_that_is_left(
         entry, (x, y, z) = t.held[end[0]], end[1]
         t.held[end[0]] += 6 * BLOCK
         sizes = t.constant_size(*(scale * s for s in (1.0, 1.0, 1.0, y * y + z * z, x * x + z * z, x * x + y * y)))
-        _write(t, replace(free[0], how=FLOATING, place=int(t.bodies.tree[end[0], 2])), t.numbers(end[1]), entry)
+        axes, own = free[0].axis - int(AXES), int(t.bodies.tree[end[0], 2])
+        _write(t, replace(free[0], how=FLOATING, axis=axes, place=own), t.numbers(end[1]), entry)
         for j, (c, size) in enumerate(zip(free, sizes, strict=True)):
             _sum(t, c, size)
             _enter(t, c.v, size, [(row, entry + j * BLOCK)])

@@ -14,13 +14,14 @@ from flexinv.eliminate import solve_dense, solve_tree
 from flexinv.integrate import advance, follow, predict
 from flexinv.lanes import LANES
 from flexinv.loop_six import six_forces
+from flexinv.loop_together import BOTH, both, solve, solve_inverted
 from flexinv.modes import linearise
 from flexinv.rotations import coefficients, inverse_coefficient, inverse_tangent
 from flexinv.vectors import put_block, vec
 
 __all__ = [
     "all_coefficients", "damped_element", "dense", "derivative", "element", "eliminate", "inverse_tangent_one",
-    "linearise", "oscillate", "six",
+    "joined", "linearise", "oscillate", "six", "solved_by",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -99,3 +100,18 @@ def oscillate(t, c, s, x, squared):
         for k in range(x.shape[1]):
             x[step, k] = x[step - 1, k] + s.d[k]
         advance(t, c, s)
+
+
+@jit_blocks
+def joined(rows, inverted):
+    """Combine the second and the third of three rows of five entries with the first, 128 samples each."""
+    width = np.uint64(5) * LANES
+    both(BOTH + 3, rows[:width], rows[width : 2 * width], rows[2 * width :], LANES, inverted)
+
+
+@jit_blocks
+def solved_by(multiplier, pivot, effort, size, part, least, inverted):
+    """Set multipliers by pivots or their inverses; return how many are too small."""
+    if inverted:
+        return solve_inverted(multiplier, pivot, effort, size, LANES, part, least)
+    return solve(multiplier, pivot, effort, size, LANES, part, least)

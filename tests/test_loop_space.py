@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from kernels import six
+from kernels import joined, six, solved_by
 from loop_examples import Example, at, loaded, platform, spatial
 from numpy.typing import NDArray
 from test_loop_lanes import MODELS, ROUNDING, closed_tree, doubts, largest, reference, solved
@@ -121,6 +121,40 @@ def test_six_forces_are_those_of_linear_equations() -> None:
     g[7, 2] = g[7, 0] - 2.0 * g[7, 5]
     entries, efforts = g.transpose(1, 2, 0).ravel().copy(), tau.T.ravel().copy()
     assert six(found, efforts, entries, 1e-9) == 1
+
+
+def test_three_rows_are_combined_as_by_an_elimination() -> None:
+    """The largest last entry is the pivot, or its inverse; rows without one stay as they are."""
+    random = np.random.default_rng(6)
+    g = random.normal(size=(128, 3, 5))
+    g[1, :, 4] = 0.0
+    for inverted in (False, True):
+        rows = g.transpose(1, 2, 0).ravel().copy()
+        joined(rows, inverted)
+        for one, found in zip(g, rows.reshape(3, 5, 128).transpose(2, 0, 1), strict=True):
+            top = int(np.argmax(np.abs(one[:, 4])))
+            with np.errstate(divide="ignore"):
+                assert found[0, 4] == (1.0 / one[top, 4] if inverted else one[top, 4])
+            factors = one[:, 4] / one[top, 4] if one[top, 4] else 0.0 * one[:, 4]
+            left = np.delete(one - np.outer(factors, one[top]), top, axis=0)[:, :4]
+            assert np.array_equal(found[0, :4], one[top, :4])
+            # in the other order where the second row was the pivot: the first has taken its place, or the third
+            error = min(np.abs(found[1:, :4] - left).max(), np.abs(found[1:, :4] - left[::-1]).max())
+            assert error < 1e-15 * np.abs(g).max()  # some roundings: of an inverse, two products and a difference
+
+
+@pytest.mark.parametrize("inverted", [False, True])
+def test_pivots_that_are_too_small_are_counted(inverted: bool) -> None:
+    """Next to their column, next to nothing, none, or no number."""
+    pivot, size, effort, found = np.ones(128), np.full(128, 4.0), np.full(128, 3.0), np.zeros(128)
+    pivot[:6] = 1.9e-4, -2.1e-4, 1.1e-6, 0.9e-6, 0.0, np.nan
+    size[2:4] = 0.0
+    with np.errstate(divide="ignore"):
+        given = 1.0 / pivot if inverted else pivot
+    assert solved_by(found, given, effort, size, 1e-8, 1e-12, inverted) == 4
+    assert np.abs(found[6:] - 3.0).max() == 0.0
+    assert found[1] == pytest.approx(-3.0 / 2.1e-4, rel=1e-15)
+    assert not effort.any()
 
 
 @pytest.mark.parametrize("name", ["stewart_platform", "platform"])

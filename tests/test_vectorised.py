@@ -12,7 +12,7 @@ from numba import types
 from flexinv import loop_columns, loop_ground, loop_lanes, loop_together, recursion
 
 ROWS = types.Array(types.float64, 1, "C")
-LANES, NUMBER, VECTOR = types.uint64, types.float64, types.UniTuple(types.float64, 3)
+LANES = types.uint64
 # kernel -> its arguments
 LOOPS: dict[str, tuple[Any, ...]] = {
     "_angles": (ROWS, types.uint64),
@@ -27,12 +27,17 @@ LOOPS: dict[str, tuple[Any, ...]] = {
 CLOSED: dict[Any, tuple[Any, ...]] = {
     loop_lanes._turn: (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
     loop_lanes._tilt: (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
+    loop_lanes._chain: (ROWS, ROWS, LANES, ROWS),
     loop_columns._TURNING_0: (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
     loop_columns._TURNING_3: (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
-    loop_ground._positions: (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
-    loop_ground._direction: (ROWS, ROWS, ROWS, ROWS, LANES, VECTOR, VECTOR, NUMBER),
-    loop_together._PAIR_1: (ROWS, ROWS, ROWS, LANES),
-    loop_together._PAIR_4: (ROWS, ROWS, ROWS, LANES),
+    loop_ground._STANDING_0: (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
+    loop_ground._STANDING_2: (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
+    loop_together._PAIR_1: (ROWS, ROWS, ROWS, LANES, types.boolean),
+    loop_together._PAIR_4: (ROWS, ROWS, ROWS, LANES, types.boolean),
+    loop_together._JOIN_1: (ROWS, ROWS, ROWS, LANES, types.boolean),
+    loop_together._JOIN_4: (ROWS, ROWS, ROWS, LANES, types.boolean),
+    loop_together.solve: (ROWS, ROWS, ROWS, ROWS, LANES, types.float64, types.float64),
+    loop_together.solve_inverted: (ROWS, ROWS, ROWS, ROWS, LANES, types.float64, types.float64),
 }
 
 
