@@ -17,7 +17,7 @@ from flexinv.mesh import PRISMATIC, Mesh
 from flexinv.planar_beam import BLOCK, CONSTANTS
 from flexinv.planar_march import PlanarWork, planar_march
 from flexinv.planar_model import PlanarModel, planar_model
-from flexinv.planar_record import SLOTS, Histories, Shelf
+from flexinv.planar_record import Histories
 from flexinv.planar_solve import FOUR, PlanarFactors
 from flexinv.planar_ties import PlanarTies
 from flexinv.planar_tree import PlanarFrames, PlanarState
@@ -50,18 +50,15 @@ class PlanarMarch:
         m = planar_model(mesh, frozenset(passive))
         unknowns, widest = len(m.tree.scale), max(int(m.tree.size.max(initial=0)), 1)
         vectors, variations = (mesh.size, 3), (mesh.size, widest, 3)
+        shapes = (*(vectors,) * 4, (mesh.size, 4), *(variations,) * 3, vectors, variations)
         state = PlanarState(cleared(*vectors), *(cleared(unknowns) for _ in range(8)))
-        count, shelf = mesh.elements.nodes.shape[1], _shelf(mesh.size, unknowns, len(m.constraints.row))
+        count = mesh.elements.nodes.shape[1]
         work = PlanarWork(
             points=cleared(len(m.elements.constants) // int(CONSTANTS) * int(BLOCK)),
             rates=cleared(len(m.elements.damping) // int(COEFFICIENTS) * int(RATES)), u=cleared(max(count, 1), 3),
-            felt=cleared(*mesh.elements.nodes.shape, 3), residual=shelf.residual[0], y=cleared(unknowns), shelf=shelf,
+            felt=cleared(*mesh.elements.nodes.shape, 3), residual=cleared(unknowns), y=cleared(unknowns),
         )  # fmt: skip
-        frames = PlanarFrames(
-            pose=shelf.pose[0], rate=shelf.rate[0], acceleration=shelf.acceleration[0], joint=cleared(*vectors),
-            arm=shelf.arm[0], by_pose=cleared(*variations), by_rate=cleared(*variations),
-            by_acceleration=cleared(*variations), wrench=shelf.wrench[0], dwrench=cleared(*variations),
-        )  # fmt: skip
+        frames = PlanarFrames(*(cleared(*shape) for shape in shapes))
         return cls(mesh, m, state, frames, _factors(m), work, _ties(m))
 
     @classmethod
@@ -205,12 +202,6 @@ def _ties(m: PlanarModel) -> PlanarTies:
         block=c.block, member=c.member, mass=cleared(widest, widest),
         change=cleared(len(m.tree.parent), 3), kept=cleared(n),
     )  # fmt: skip
-
-
-def _shelf(nodes: int, unknowns: int, rows: int) -> Shelf:
-    vectors = (SLOTS, nodes, 3)
-    shapes = (*(vectors,) * 4, (SLOTS, nodes, 4), (SLOTS, unknowns), (SLOTS, rows))
-    return Shelf(np.zeros(SLOTS, dtype=np.int64), *(cleared(*shape) for shape in shapes))
 
 
 def _factors(m: PlanarModel) -> PlanarFactors:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flexinv.assemble import LARGEST_TURN
-from flexinv.compiled import jit, jit_inner, jit_shared
+from flexinv.compiled import jit, jit_inner
 from flexinv.damped_plane import add_viscous, add_viscous_hessians, interpolate_rates
 from flexinv.integrate import ACCELERATION, ACCELERATIONS, SQUARED, follow, largest_increment, pseudo_acceleration
 from flexinv.march import CONVERGED, MOST_ITERATIONS, NOT_CONVERGED, NOT_FINITE, TURNED_TOO_MUCH
@@ -22,7 +22,8 @@ from flexinv.planar_beam import (
     point_hessians,
     relax,
 )
-from flexinv.planar_record import SLOTS, Shelf, set_aside, write
+from flexinv.planar_record import record
+from flexinv.planar_settle import settle
 from flexinv.planar_solve import factorise, put_stiffness, solve
 from flexinv.planar_ties import (
     add_step,
@@ -35,7 +36,6 @@ from flexinv.planar_ties import (
     tie_rows,
 )
 from flexinv.planar_tree import (
-    PlanarFrames,
     accept,
     gather,
     gather_variations,
@@ -65,7 +65,7 @@ MANY = 12
 class PlanarWork(NamedTuple):
     """Scratch of the march: points of `planar_beam`, u (count, 3), felt (elements, count, 3), residual and y (unknowns,).
 
-    rates : of `damped_plane`, empty where no beam is damped; shelf : where steps stay until they are written
+    rates : of `damped_plane`, empty where no beam is damped
     """
 
     points: Array
@@ -74,7 +74,6 @@ class PlanarWork(NamedTuple):
     felt: Array
     residual: Array
     y: Array
-    shelf: Shelf
 
 
 @jit_inner
@@ -140,7 +139,7 @@ def newton(t, e, k, c, s, given, f, q, w, slow, most):
         before, size = size, largest_increment(w.y, t.scale)
         if not np.isfinite(size):
             return NOT_FINITE, iteration, size
-        add_step(k, k.multiplier)
+        add_step(k)
         for i in range(len(w.y)):
             s.d[i] += w.y[i]
             s.u[i] += c.cv * w.y[i]
@@ -197,74 +196,40 @@ def planar_march(t, e, k, space, c, s, f, q, w, joint, still, given, row, out):
     given : (instants, joints, 3) q, q', q'' of the prescribed joints [m, rad, s]; row : (instants,) of the histories, -1 for none
     Return status, instant reached, element or iterations, last relative increment [-].
     """
-    count, size, order, n = 0, 0.0, 0, 0
+    count, size, order, acts = 0, 0.0, 0, any_acts(k)
     if joint.shape[0] > 0:
         begin(t, e, s, joint, f, w)
-    if still:
-        status, count, size = stand_still(t, e, k, space, s, given[0], f, q, w, row[0], out)
-        if status != CONVERGED:
-            return status, 0, count, size
-        n = 1
-    settles = any_acts(k)
-    vary_independent(t, f, c.cv, c.ca)
-    while n < given.shape[0]:
-        aside, status = 0, CONVERGED
-        while n < given.shape[0] and aside < SLOTS:
-            here, own = in_slot(aside, f, w)
-            status, count, size = take_step(t, e, k, c, s, given[n], here, q, own, order)
-            if status != CONVERGED:
-                break
-            if row[n] >= 0:
-                set_aside(aside, row[n], e, k, space, here, own, out)
-                out.iterations[row[n]] = count
-                aside += 1
-            order = advance(t, c, s)
-            n += 1
-        write(aside, t, k, space, w.shelf, f.by_pose, settles, out)
+    for n in range(given.shape[0]):
+        moves = n > 0 or not still
+        scheme = c if moves else ACCELERATIONS
+        if n == 0 or (n == 1 and still):
+            vary_independent(t, f, scheme.cv, scheme.ca)
+        if moves:
+            start(c, s, order)
+        keep(k)
+        status, count, size = newton(t, e, k, scheme, s, given[n], f, q, w, SLOW, MANY)
+        if status != CONVERGED and moves:  # where something has just let go, the past says little about what comes
+            start(c, s, 0)
+            return_to(k)
+            status, count, size = newton(t, e, k, c, s, given[n], f, q, w, 0.0, MOST_ITERATIONS)
         if status != CONVERGED:
             return status, n, count, size
-    return CONVERGED, n, count, size
-
-
-@jit_inner
-def in_slot(slot, f, w):
-    """Return the frames and the scratch of the march [m, rad, s, N] in a slot of the shelf, where they can stay."""
-    b = w.shelf
-    frames = PlanarFrames(
-        b.pose[slot], b.rate[slot], b.acceleration[slot], f.joint, b.arm[slot], f.by_pose, f.by_rate, f.by_acceleration,
-        b.wrench[slot], f.dwrench,
-    )  # fmt: skip
-    return frames, PlanarWork(w.points, w.rates, w.u, w.felt, b.residual[slot], w.y, b)
-
-
-@jit_inner
-def take_step(t, e, k, c, s, given, f, q, w, order):
-    """Solve one step [m, rad, s] that goes on as ``order`` says (`start`), or, where that fails, as it is; return as `newton`."""
-    start(c, s, order)
-    keep(k)
-    status, count, size = newton(t, e, k, c, s, given, f, q, w, SLOW, MANY)
-    if status != CONVERGED:  # where something has just let go, the past says little about what comes
-        start(c, s, 0)
-        return_to(k)
-        status, count, size = newton(t, e, k, c, s, given, f, q, w, 0.0, MOST_ITERATIONS)
-    return status, count, size
-
-
-@jit_shared
-def stand_still(t, e, k, space, s, given, f, q, w, row, out):
-    """Find and write the accelerations [m/s^2], [rad/s^2] of the state at hand, to go on from; return as `newton`."""
-    vary_independent(t, f, ACCELERATIONS.cv, ACCELERATIONS.ca)
-    status, count, size = newton(t, e, k, ACCELERATIONS, s, given, f, q, w, SLOW, MANY)
-    if status == CONVERGED:
-        set_aside(0, row, e, k, space, f, w, out)
-        write(1, t, k, space, w.shelf, f.by_pose, True, out)
-        add_step(k, k.multiplier)
-        for i in range(len(s.du)):
-            s.du[i] += k.line[i]
-        if row >= 0:
-            out.iterations[row] = count
-        accept(s)
-    return status, count, size
+        settles = not moves or (acts and row[n] >= 0)
+        if settles:
+            keep(k)
+            settle(t, k, f, w.residual)
+        if row[n] >= 0:
+            record(row[n], t, e, k, space, f, w, out)
+            out.iterations[row[n]] = count
+        if not moves:  # the march goes on from what has been settled
+            for i in range(len(s.du)):
+                s.du[i] += k.line[i]
+            accept(s)
+            continue
+        if settles:
+            return_to(k)
+        order = advance(t, c, s)
+    return CONVERGED, given.shape[0], count, size
 
 
 @jit_inner

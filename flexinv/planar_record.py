@@ -1,7 +1,4 @@
-"""Samples of the march in a plane: what a step leaves is set aside, settled some steps later and written in space (compiled).
-
-Apart from the march: what is done once in a step is small beside an iteration, but its machine code is not.
-"""
+"""Samples of the march in a plane, written in space: the histories of a trajectory (compiled)."""
 
 from __future__ import annotations
 
@@ -10,33 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.compiled import jit_inner, jit_shared
+from flexinv.compiled import jit_inner
 from flexinv.damped_plane import dissipated
 from flexinv.lanes import cos_sin
 from flexinv.mechanism import Array
 from flexinv.planar_beam import N1, N2, M, energy, point
-from flexinv.planar_settle import settle
-from flexinv.stacks import at
-
-SLOTS = 16  # steps that are written at once
-
-
-class Shelf(NamedTuple):
-    """Where steps stand until they are written (slots, ...); `stacks.at` takes one of them.
-
-    row : (slots,) of the histories, -1 for none; pose, rate, acceleration, wrench (slots, nodes, 3), arm (slots, nodes, 4) as in
-        `planar_tree.PlanarFrames`
-    residual : (slots, unknowns) what Newton has left [N], [N m]; multiplier : (slots, rows) [N], [N m]
-    """
-
-    row: NDArray[np.int64]
-    pose: Array
-    rate: Array
-    acceleration: Array
-    wrench: Array
-    arm: Array
-    residual: Array
-    multiplier: Array
 
 
 class Embedding(NamedTuple):
@@ -76,41 +51,8 @@ class Histories(NamedTuple):
 
 
 @jit_inner
-def set_aside(slot, row, e, k, space, f, w, out):
-    """Leave a step in its slot, to be written into a row; write there what its elements feel [N], [N m], [J], [W]."""
-    w.shelf.row[slot] = row
-    for r in range(len(k.multiplier)):
-        w.shelf.multiplier[slot, r] = k.multiplier[r]
-    if row < 0:
-        return
-    power = 0.0
-    for n in range(len(e.order)):
-        for i in range(e.order[n] + 1):
-            rate, felt = f.rate[e.nodes[n, i]], w.felt[n, i]
-            power += felt[0] * rate[0] + felt[1] * rate[1] + felt[2] * rate[2]
-        _resultants(n, e, space, w.points, out.internal[row, n])
-    stored, lost = energy(e, w.points), dissipated(e, w.rates)
-    out.energy[row, 0], out.energy[row, 1], out.energy[row, 2] = stored, power, lost
-
-
-@jit_shared
-def write(count, t, k, space, shelf, by_pose, settles, out):
-    """Write so many steps that were set aside into their rows [m, rad, s, N], settled first where that is asked for.
-
-    by_pose : scratch of `planar_settle.settle`
-    """
-    for slot in range(count):
-        sample = at(shelf, slot)
-        if settles:
-            settle(t, k, sample, by_pose)
-        if sample.row >= 0:
-            _write(sample, t, k, space, out)
-
-
-@jit_inner
-def _write(f, t, k, space, out):
-    """Write one step into its row, in space [m, rad, s, N]."""
-    sample = f.row
+def record(sample, t, e, k, space, f, w, out):
+    """Write one instant into the histories, in space [m, rad, s, N, J]."""
     for n in range(len(t.parent)):
         _embed(space.axes, f.pose[n], space.height, out.x[sample, n])
         _embed(space.axes, f.rate[n], 0.0, out.v[sample, n])
@@ -125,7 +67,15 @@ def _write(f, t, k, space, out):
                 turned = c * space.across[n, i, j] + s * space.along[n, i, j]
                 out.r[sample, n, i, j] = turned + space.normal[n, i, j]
     for r in range(len(k.a)):
-        out.multipliers[sample, k.row[r]] = f.multiplier[r]
+        out.multipliers[sample, k.row[r]] = k.multiplier[r]
+    power = 0.0
+    for n in range(len(e.order)):
+        for i in range(e.order[n] + 1):
+            rate, felt = f.rate[e.nodes[n, i]], w.felt[n, i]
+            power += felt[0] * rate[0] + felt[1] * rate[1] + felt[2] * rate[2]
+        _resultants(n, e, space, w.points, out.internal[sample, n])
+    stored, lost = energy(e, w.points), dissipated(e, w.rates)
+    out.energy[sample, 0], out.energy[sample, 1], out.energy[sample, 2] = stored, power, lost
 
 
 @jit_inner

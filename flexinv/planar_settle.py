@@ -6,38 +6,38 @@ nodes, so M has one small matrix for each block of unknowns; what Newton has lef
 
 from __future__ import annotations
 
-from flexinv.compiled import jit_inner
+from flexinv.compiled import jit_inner, jit_shared
 from flexinv.planar_ties import add_step, invert_scaled, solve_ties, stiffen, tie_rows, tie_sides
 from flexinv.planar_tree import vary_poses
 from flexinv.settle import MASSLESS
 
 
-@jit_inner
-def settle(t, k, f, by_pose):
-    """Change accelerations, multipliers and wrenches of a sample into those that belong to its positions and velocities.
+@jit_shared
+def settle(t, k, f, residual):
+    """Change multipliers, and the nodes' accelerations and wrenches, into those that belong to the positions and velocities.
 
-    f : one of `planar_record.Shelf`; by_pose : (nodes, columns, 3) scratch of `planar_tree`
     What the accelerations of the unknowns change by stays in k.line [m/s^2], [rad/s^2].
+    residual : (unknowns,) what Newton has left [N], [N m]
     """
-    vary_poses(t, f.arm, by_pose)
+    vary_poses(t, f)
     tie_rows(k, f, True)
-    tie_sides(t, k, by_pose)
+    tie_sides(t, k, f)
     for n in range(len(k.single)):
         first, over = t.offset[t.block[k.single[n]]], k.over[n]
         for i in range(3):
-            k.line[first + i] = -f.residual[first + i] * over[i]
+            k.line[first + i] = -residual[first + i] * over[i]
             for r in range(len(k.a)):
                 k.moved[r, first + i] = k.sides[r, first + i] * over[i]
     for b in range(len(k.block)):
-        _accelerate_block(b, t, k, f.residual, by_pose)
+        _accelerate_block(b, t, k, f, residual)
     stiffen(t, k)
     solve_ties(t, k, k.line)
-    add_step(k, f.multiplier)
-    _change(t, k, f, by_pose)
+    add_step(k)
+    _change(t, k, f)
 
 
 @jit_inner
-def _change(t, k, f, by_pose):
+def _change(t, k, f):
     """Add to the nodes' accelerations and wrenches what changes of accelerations and multipliers do, both of them linear."""
     for n in range(len(t.parent)):
         x, y, turned, first = 0.0, 0.0, 0.0, t.offset[t.block[n]]
@@ -45,7 +45,7 @@ def _change(t, k, f, by_pose):
             x, y, turned = k.line[first], k.line[first + 1], k.line[first + 2]
         else:
             for i in range(t.size[t.block[n]]):
-                step, by = k.line[first + i], by_pose[n, i]
+                step, by = k.line[first + i], f.by_pose[n, i]
                 x, y, turned = x + by[0] * step, y + by[1] * step, turned + by[2] * step
         f.acceleration[n, 0] += x
         f.acceleration[n, 1] += y
@@ -68,7 +68,7 @@ def _change(t, k, f, by_pose):
 
 
 @jit_inner
-def _accelerate_block(b, t, k, residual, by_pose):
+def _accelerate_block(b, t, k, f, residual):
     """M^-1 G^T and -M^-1 r of one block: its mass matrix from its nodes and the rotors of its passive joints."""
     block, largest = k.block[b], 0.0
     columns, first, m = t.size[block], t.offset[block], k.mass
@@ -79,9 +79,9 @@ def _accelerate_block(b, t, k, residual, by_pose):
         if n < 0:
             break
         for i in range(columns):
-            x = by_pose[n, i]
+            x = f.by_pose[n, i]
             for j in range(columns):
-                y = by_pose[n, j]
+                y = f.by_pose[n, j]
                 m[i, j] += t.mass[n] * (x[0] * y[0] + x[1] * y[1]) + t.inertia[n] * x[2] * y[2]
         if t.column[n] >= 0 and not t.independent[n]:
             m[t.column[n], t.column[n]] += t.rotor[n]

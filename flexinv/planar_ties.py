@@ -165,22 +165,22 @@ def add_ties(k, wrench):
 
 
 @jit_inner
-def tie_sides(t, k, by_pose):
+def tie_sides(t, k, f):
     """Set G, the gradients by the unknowns [-], [m], from the variations of the nodes."""
     for r in range(len(k.a)):
         for i in range(k.sides.shape[1]):
             k.sides[r, i] = 0.0
-        _add_side(t, k.a[r], by_pose, k.gradient[r], 0, k.sides[r])
-        _add_side(t, k.b[r], by_pose, k.gradient[r], 3, k.sides[r])
+        _add_side(t, k.a[r], f, k.gradient[r], 0, k.sides[r])
+        _add_side(t, k.b[r], f, k.gradient[r], 3, k.sides[r])
 
 
 @jit_inner
-def _add_side(t, n, by_pose, gradient, first, side):
+def _add_side(t, n, f, gradient, first, side):
     if n < 0:
         return
     block = t.block[n]
     for c in range(t.size[block]):
-        x = by_pose[n, c]
+        x = f.by_pose[n, c]
         along = gradient[first] * x[0] + gradient[first + 1] * x[1] + gradient[first + 2] * x[2]
         side[t.offset[block] + c] += along
 
@@ -188,7 +188,7 @@ def _add_side(t, n, by_pose, gradient, first, side):
 @jit_inner
 def factorise_ties(t, e, k, f, q):
     """Find W and (G W)^-1 with a new linearisation [m/N], [rad/N]."""
-    tie_sides(t, k, f.by_pose)
+    tie_sides(t, k, f)
     for r in range(len(k.a)):
         for i in range(len(k.line)):
             k.line[i] = -k.sides[r, i]
@@ -290,10 +290,10 @@ def solve_ties(t, k, y):
 
 
 @jit_inner
-def add_step(k, multiplier):
-    """Add dlambda to multipliers [N], [N m]."""
+def add_step(k):
+    """Add dlambda to the multipliers [N], [N m]."""
     for r in range(len(k.a)):
-        multiplier[r] += k.step[r]
+        k.multiplier[r] += k.step[r]
 
 
 @jit_inner

@@ -186,15 +186,15 @@ def vary(t, f, cv, ca):
 
 
 @jit_inner
-def vary_poses(t, arm, by_pose):
+def vary_poses(t, f):
     """Set how the poses of dependent nodes move with the unknowns of their blocks [m], [rad]: the first part of `vary`."""
     for n in range(len(t.parent)):
         m = t.parent[n]
         for k in range(0 if t.independent[n] else t.size[t.block[n]]):
-            x, y, turned = _get(by_pose[m, k]) if m >= 0 else (0.0, 0.0, 0.0)
+            x, y, turned = _get(f.by_pose[m, k]) if m >= 0 else (0.0, 0.0, 0.0)
             own = 1.0 if k == t.column[n] else 0.0
-            x, y = x + own * arm[n, 2] - turned * arm[n, 1], y + own * arm[n, 3] + turned * arm[n, 0]
-            _put(by_pose[n, k], x, y, turned + own * t.turn[n])
+            x, y = x + own * f.arm[n, 2] - turned * f.arm[n, 1], y + own * f.arm[n, 3] + turned * f.arm[n, 0]
+            _put(f.by_pose[n, k], x, y, turned + own * t.turn[n])
 
 
 @jit_inner
