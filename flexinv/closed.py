@@ -11,6 +11,7 @@ from flexinv.applied import applied_forces, joint_springs
 from flexinv.closures import captured, constraint_jacobian, constraint_rows
 from flexinv.errors import InputError
 from flexinv.evaluate import evaluate, rigid_trajectory
+from flexinv.given import GivenLoops
 from flexinv.impacts import Impact, check_meeting, jump_efforts, kinetic_energy, names_of
 from flexinv.inverse import drive_efforts, joint_wrenches, nodal_forces, project
 from flexinv.joint import JointHistory
@@ -39,18 +40,18 @@ def closed_solution(
     ConvergenceError at singular configurations and lost branches.
     """
     m = mesh.mechanism
-    motion_of, stretches, impacts = _phased_motion(mesh, history, time, coordinates(mesh, passive))
+    motion_of, stretches, impacts, g = _phased_motion(mesh, history, time, coordinates(mesh, passive))
     q, qd, qdd = motion_of
     motion = rigid_motion(mesh, q, qd, qdd)
     acting = applied_forces(mesh, motion, time)
     wrenches = joint_wrenches(mesh, motion, nodal_forces(mesh, motion, acting))
     tree = project(mesh, motion, wrenches) + drive_efforts(m, qd, qdd) + joint_springs(m, q)
-    shares = _phased_shares(mesh, motion, tree, stretches)
+    shares = _phased_shares(mesh, motion, tree, stretches, g)
     largest = max(np.abs(wrenches.force).max(initial=0.0) * mesh.length, np.abs(tree).max(initial=0.0))
     _check_left(m, shares.left, largest, time)
     pushed, reaction = phased_closing(mesh, motion, stretches, shares.multipliers)
     closing = pushed + acting
-    trajectory = rigid_trajectory(mesh, q, qd, qdd, closing)
+    trajectory = rigid_trajectory(mesh, motion, closing)
     solution = evaluate(mesh, trajectory, time, q, qd, qdd, set(), settings, closing, energy_jumps(time, impacts))
     solution = geared(solution, shares.multipliers @ stretches[0].rows.gear)
     return replace(solution, loops=LoopForces(reaction, shares.preload, shares.condition, shares.left, tuple(impacts)))
@@ -73,12 +74,19 @@ def coordinates(mesh: Mesh, names: set[str]) -> NDArray[np.bool_]:
 
 def _phased_motion(
     mesh: Mesh, history: JointHistory, time: Array, unknown: NDArray[np.bool_]
-) -> tuple[tuple[Array, Array, Array], list[Stretch], list[Impact]]:
-    """Motion phase by phase, each from where the one before has come to; at a switching instant the right-hand limit."""
+) -> tuple[tuple[Array, Array, Array], list[Stretch], list[Impact], Array | None]:
+    """Motion phase by phase, each from where the one before has come to; at a switching instant the right-hand limit.
+
+    Last the constraint Jacobian of all samples, where all closures act and the motion that is given has been held against them.
+    """
     m = mesh.mechanism
     pieces, original = phases(m, time), constraint_rows(mesh)
     if len(pieces) == 1 and pieces[0].active.all():
-        return closed_motion(mesh, history, time, unknown), [Stretch(pieces[0], original)], []
+        only = [Stretch(pieces[0], original)]
+        if unknown.any() or not len(original):
+            return closed_motion(mesh, history, time, unknown), only, [], None
+        given = history(time)
+        return given, only, [], GivenLoops.of(mesh, original).jacobian(*given)
     whole, rows = history(time), original
     stretches: list[Stretch] = []
     impacts: list[Impact] = []
@@ -101,7 +109,7 @@ def _phased_motion(
         before = found[0][-1], found[1][-1]
         for part, values in zip(whole, found, strict=True):
             part[span] = values
-    return whole, stretches, impacts
+    return whole, stretches, impacts, None
 
 
 def _impact(
@@ -136,13 +144,19 @@ def energy_jumps(time: Array, impacts: list[Impact]) -> Array | None:
     return out
 
 
-def _phased_shares(mesh: Mesh, motion: NodalMotion, tree: Array, stretches: list[Stretch]) -> Shares:
+def _phased_shares(
+    mesh: Mesh, motion: NodalMotion, tree: Array, stretches: list[Stretch], jacobian: Array | None
+) -> Shares:
     """Shares of the drives phase by phase; multipliers of closures that do not act are zero."""
     m, parts = mesh.mechanism, []
     for stretch in stretches:
         span, pick = stretch.span, stretch.pick
-        g = constraint_jacobian(mesh, motion.samples(span), stretch.rows.of(stretch.phase.active))
+        g = jacobian
+        if g is None:
+            g = constraint_jacobian(mesh, motion.samples(span), stretch.rows.of(stretch.phase.active))
         part = share_out(g, tree[span], m.actuated, m.weights[m.actuated])
+        if len(stretches) == 1 and pick.all():
+            return part
         multipliers = np.zeros((len(part.tau), len(stretch.rows)))
         multipliers[:, pick] = part.multipliers
         parts.append(replace(part, multipliers=multipliers))

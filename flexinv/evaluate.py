@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -17,7 +16,6 @@ from flexinv.mechanism import Array, Mechanism
 from flexinv.memory import together
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
-from flexinv.rigid import rigid_motion
 from flexinv.second_step import Found, Given, Moving, Skeleton, second_step_samples
 from flexinv.solution import Solution
 from flexinv.solver import Trajectory
@@ -124,13 +122,14 @@ def skeleton(mesh: Mesh) -> Skeleton:
     )  # fmt: skip
 
 
-def rigid_trajectory(mesh: Mesh, q: Array, qd: Array, qdd: Array, applied: NodalForces | None = None) -> Trajectory:
+def rigid_trajectory(mesh: Mesh, motion: NodalMotion, applied: NodalForces | None = None) -> Trajectory:
     """Return the trajectory of a rigid mechanism [m, rad, s, N]: exact kinematics, nothing to march; wrenches are those of P."""
-    motion = rigid_motion(mesh, q, qd, qdd)
     wrenches = joint_wrenches(mesh, motion, nodal_forces(mesh, motion, applied))
     moment = np.einsum("snji,snj->sni", motion.rotation, wrenches.moment)
     wrench = np.concatenate([wrenches.force, moment], axis=2)
-    return replace(Trajectory.empty(len(q), mesh), motion=motion, wrench=wrench)
+    samples, points = len(wrench), mesh.elements.weight.shape
+    internal, energy, multipliers = (np.zeros((samples, *shape)) for shape in ((*points, 6), (3,), (0,)))
+    return Trajectory(motion, wrench, internal, energy, multipliers, np.zeros(samples, dtype=np.int64))
 
 
 def _direction(mechanism: Mechanism, qd: Array, passive: set[str]) -> Array:

@@ -195,7 +195,7 @@ def _check_rest(horizon: Horizon, left: tuple[float, float]) -> None:
 def _rigid(mesh: Mesh, reach: Reach, time: Array, step: float) -> Solution:
     motion = rigid_motion(mesh, reach.q, reach.qd, reach.qdd)
     applied = applied_forces(mesh, motion, time)
-    trajectory = rigid_trajectory(mesh, reach.q, reach.qd, reach.qdd, applied)
+    trajectory = rigid_trajectory(mesh, motion, applied)
     return evaluate(mesh, trajectory, time, reach.q, reach.qd, reach.qdd, set(), _settings(step), applied)
 
 

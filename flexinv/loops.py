@@ -25,7 +25,6 @@ from flexinv.closures import (
     row_arrays,
 )
 from flexinv.errors import ConvergenceError, InputError
-from flexinv.given import GivenLoops
 from flexinv.joint import JointHistory
 from flexinv.manifold import moved
 from flexinv.mechanism import Array, Mechanism
@@ -120,7 +119,7 @@ def closed_motion(
     """Return q (samples, nq), qd, qdd (samples, nv) [rad or m, s] with the unknown coordinates on the closures.
 
     history : time -> q, qd, qdd of the given coordinates (the unknown ones at their initial guess)
-    unknown : (nv,) which velocity coordinates follow from the closures; none where the consistent motion of all is given
+    unknown : (nv,) which velocity coordinates follow from the closures
     rows : constraints of the closures that act, all of them by default; those of a phase may repeat what the motion says
     start : (nq,) where the unknown coordinates stand at first, by default where ``history`` has them
 
@@ -129,9 +128,6 @@ def closed_motion(
     """
     phase, rows = rows is not None, constraint_rows(mesh) if rows is None else rows
     given = history(time)
-    if not phase and not unknown.any() and len(rows):
-        GivenLoops.of(mesh, rows).jacobian(*given)
-        return given
     follower = _Follower(mesh, rows, history, unknown)
     q = np.array(given[0])
     state = follower.start(float(time[0]), given[0][0] if start is None else follower.mixed(given[0][0], start))

@@ -74,7 +74,7 @@ def solve_in_parts(
         if rigid:
             nodes = rigid_motion(mesh, q, qd, qdd)
             applied = applied_forces(mesh, nodes, own)
-            trajectory: Trajectory = rigid_trajectory(mesh, q, qd, qdd, applied)
+            trajectory: Trajectory = rigid_trajectory(mesh, nodes, applied)
         else:
             trajectory = next(trajectories)
             applied = applied_forces(mesh, trajectory.motion, own)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from flexinv.joint import relative_motion
 from flexinv.mechanism import Array
+from flexinv.memory import together
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
 from flexinv.tree import carry_samples
@@ -14,7 +15,8 @@ def rigid_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> NodalMotion:
 
     Each node's pose, velocity and acceleration follow from its parent's by the equations at the head of `tree`.
     """
-    motion = NodalMotion.empty(len(q), mesh.size)
+    vector = (len(q), mesh.size, 3)
+    motion = NodalMotion(*together(vector, (*vector, 3), *4 * [vector]))
     world = (motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha)
     carry_samples(mesh.parent, *world, *relative_motion(mesh, q, qd, qdd))
     return motion

@@ -87,8 +87,9 @@ def solve(
     else:
         q, qd, qdd = (part.copy() for part in right(time))
         if mechanism.is_rigid and not passive:
-            applied = applied_forces(mesh, rigid_motion(mesh, q, qd, qdd), time)
-            trajectory = rigid_trajectory(mesh, q, qd, qdd, applied)
+            nodes = rigid_motion(mesh, q, qd, qdd)
+            applied = applied_forces(mesh, nodes, time)
+            trajectory = rigid_trajectory(mesh, nodes, applied)
         else:
             trajectory = flexible_motion(
                 mesh, history, right, steps, scheme, passive, motion.jumps, initial, progress, every=every
