@@ -107,6 +107,10 @@ class Cores:
         for one in self._companions:
             one.dismiss()
 
+    def look(self, threads: int, often: int) -> float:
+        """Return the mean [s] of so many loops, each as in `loop`."""
+        return float(np.mean([self.loop(threads) for _ in range(often)]))
+
     def loop(self, threads: int) -> float:
         """Return the seconds that the loop takes on this thread while others do the same; infinite where one does not begin."""
         while len(self._companions) < threads - 1:

@@ -39,6 +39,7 @@ PATIENCE = 8  # times as long as asked is measured at most, until there are enou
 ENOUGH = 9  # of them
 BUSY = "others held the processors: not measured"
 HALVES = "the processors shared a core, with each other or with others of the host: not measured"
+LOOKS = 40  # at the processors before and after a long call, which episodes of some milliseconds spoil as well: four of them
 OTHERS = 0.05  # processors that others may use while several threads are timed: a fortieth of two
 
 
@@ -166,7 +167,8 @@ def _side_by_side(taken: Mapping[str, list[_Taken]], calls: Mapping[str, Call]) 
 
 
 def _once(call: Call, times: int, long: bool, settled: float, cores: Cores) -> _Taken:
-    loop = cores.loop(call.threads)
+    looks = LOOKS if long else 1
+    loop = cores.look(call.threads, looks)
     begun = clock.perf_counter()
     while not long:
         call.run()
@@ -177,7 +179,7 @@ def _once(call: Call, times: int, long: bool, settled: float, cores: Cores) -> _
         call.run()
     wall = clock.perf_counter() - start
     own, clean = clock.process_time() - own, _interruptions() == before
-    return _Taken(wall / times, own / times, clean, (loop, cores.loop(call.threads)))
+    return _Taken(wall / times, own / times, clean, (loop, cores.look(call.threads, looks)))
 
 
 def _count(call: Call) -> tuple[int, bool]:
