@@ -50,9 +50,9 @@ def closed_solution(
     largest = max(np.abs(wrenches.force).max(initial=0.0) * mesh.length, np.abs(tree).max(initial=0.0))
     _check_left(m, shares.left, largest, time)
     pushed, reaction = phased_closing(mesh, motion, stretches, shares.multipliers)
-    closing = pushed + acting
-    trajectory = rigid_trajectory(mesh, motion, closing)
-    solution = evaluate(mesh, trajectory, time, q, qd, qdd, set(), settings, closing, energy_jumps(time, impacts))
+    applied = pushed + acting
+    trajectory = rigid_trajectory(mesh, motion, applied)
+    solution = evaluate(mesh, trajectory, time, q, qd, qdd, set(), settings, applied, energy_jumps(time, impacts))
     solution = geared(solution, shares.multipliers @ stretches[0].rows.gear)
     return replace(solution, loops=LoopForces(reaction, shares.preload, shares.condition, shares.left, tuple(impacts)))
 

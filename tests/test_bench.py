@@ -79,6 +79,14 @@ def test_a_core_is_whole_where_a_loop_takes_hardly_longer_than_ever() -> None:
     assert whole(loops).tolist() == [True, False, False, False]
 
 
+def test_a_long_look_sees_episodes_and_what_is_next_to_the_call(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One loop in the middle that is interrupted says nothing; five of forty, the first or the last do."""
+    for slow, seen in ((range(20, 21), 1.0), (range(20, 25), 1.5), (range(1), 1.5), (range(39, 40), 1.5)):
+        taken = iter([1.5 if k in slow else 1.0 for k in range(40)])
+        monkeypatch.setattr(Cores, "loop", lambda self, threads, taken=taken: next(taken))
+        assert Cores().look(2, 40) == seen
+
+
 def test_calls_take_turns() -> None:
     order: list[str] = []
     found = in_turns({name: Call(lambda name=name: order.append(name)) for name in "ab"}, SHORT)  # type: ignore[misc]

@@ -76,13 +76,13 @@ def first(_):
 
 with ThreadPoolExecutor(8) as pool:
     found = list(pool.map(first, range(8)))
-assert all(np.array_equal(one, found[0]) for one in found)
+print(sum(np.array_equal(one, found[0]) for one in found))
 """
 
 
 def test_threads_may_call_first_at_the_same_time() -> None:
     """Each finds the kernel compiled, or waits until another has compiled it."""
-    python(TOGETHER)
+    assert python(TOGETHER).split() == ["8"]
 
 
 def test_ctrl_c_waits_for_a_helper_that_writes(monkeypatch: pytest.MonkeyPatch) -> None:
