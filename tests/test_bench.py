@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,7 @@ from crosscheck_examples import write_models
 from crosscheck import history
 from crosscheck.bench import flexible, latency, marches, parts, rigid, single, targets
 from crosscheck.bench.cores import SHARED, Cores, whole
-from crosscheck.bench.timing import BUSY, HALVES, LONG, Call, Times, disturbed, in_turns, ratio
+from crosscheck.bench.timing import BUSY, HALVES, LONG, Call, Spread, Times, disturbed, in_turns, ratio
 from crosscheck.cli import main
 from crosscheck.engines import pinocchio_bench
 from crosscheck.report.html import study_plot
@@ -68,6 +69,8 @@ def test_repetitions_on_halves_of_cores_do_not_count() -> None:
     assert not disturbed(slow, fast)
     assert disturbed(slow, replace(fast, whole=np.arange(20) < 3)) == HALVES
     assert not disturbed(replace(slow, threads=1), replace(fast, whole=np.arange(20) < 3, threads=1))
+    slow = replace(slow, whole=halves)  # each on whole cores now and then, never both in turn
+    assert ratio(slow, fast) == Spread(10.0, 10.0, 10.0)
 
 
 def test_a_core_is_whole_where_a_loop_takes_hardly_longer_than_ever() -> None:
@@ -85,6 +88,20 @@ def test_a_long_look_sees_episodes_and_what_is_next_to_the_call(monkeypatch: pyt
         taken = iter([1.5 if k in slow else 1.0 for k in range(40)])
         monkeypatch.setattr(Cores, "loop", lambda self, threads, taken=taken: next(taken))
         assert Cores().look(2, 40) == seen
+
+
+def test_a_long_call_that_takes_more_of_the_processor_than_before_had_no_whole_cores() -> None:
+    """Whatever was seen before and after it.  A short one is not judged by this: its first runs may fill caches."""
+    turn = itertools.count()
+
+    def work() -> None:
+        end = time.process_time() + LONG * (1.5 + 0.5 * (next(turn) % 2))
+        while time.process_time() < end:
+            pass
+
+    found = in_turns({"long": Call(work)}, SHORT)["long"]
+    assert not found.whole[found.processor > 1.2 * found.processor.min()].any()
+    assert (found.processor > 1.2 * found.processor.min()).sum() >= 2
 
 
 def test_calls_take_turns() -> None:

@@ -6,8 +6,9 @@ and threads of others that watch for their next call have gone to sleep (those o
 50 ms needs none.
 
 A repetition in which the processors did not give all they have is dropped (`cores`), and one in which the process was
-interrupted (an involuntary context switch).  Where too few are left, as
-with long calls on a busy machine, calls of one thread are measured by the processor's time instead, which does not count
+interrupted (an involuntary context switch).  Looks at the processors before and after a long call miss what happens within it:
+there the processor's time tells, against the least that the same call has taken.  Where too few are left, as with long calls
+on a busy machine, calls of one thread are measured by the processor's time instead, which does not count
 interruptions.  Threads interrupt each other, too: their calls count as they are where others hardly used the machine, and
 where others did, they say nothing.
 """
@@ -40,6 +41,7 @@ ENOUGH = 9  # of them
 BUSY = "others held the processors: not measured"
 HALVES = "the processors shared a core, with each other or with others of the host: not measured"
 LOOKS = 40  # at the processors before and after a long call, which episodes of some milliseconds spoil as well: four of them
+STEADY = 1.1  # times its least of processor time that a long call takes at most on whole cores: it repeats within a twentieth
 OTHERS = 0.05  # processors that others may use while several threads are timed: a fortieth of two
 
 
@@ -105,10 +107,16 @@ def disturbed(*times: Times) -> str:
 
 
 def ratio(slow: Times, fast: Times) -> Spread:
-    """Return how many times as long the first takes [-]: quartiles over repetitions that stood side by side."""
+    """Return how many times as long the first takes [-]: quartiles over repetitions that stood side by side.
+
+    Where the processors gave all they have to either, but hardly ever to both in turn, quartiles are compared instead.
+    """
     both = slow.whole & fast.whole
     if _enough(both):
         slow, fast = slow._part(both), fast._part(both)
+    elif _enough(slow.whole) and _enough(fast.whole):
+        a, b = slow.spread(), fast.spread()
+        return Spread(a.low / b.high, a.median / b.median, a.high / b.low)
     both = slow.clean & fast.clean
     if _enough(both):
         return _quartiles(slow.wall[both] / fast.wall[both])
@@ -150,18 +158,26 @@ class _Taken(NamedTuple):
     own: float
     clean: bool
     loops: tuple[float, float]
+    long: bool
 
 
 def _times(rows: list[_Taken], threads: int, others: float) -> Times:
     wall, own, clean = (np.array(column) for column in list(zip(*rows, strict=True))[:3])
-    return Times(wall, own, clean, whole(np.array([row.loops for row in rows])), threads, others)
+    return Times(wall, own, clean, _whole(rows), threads, others)
+
+
+def _whole(rows: list[_Taken]) -> NDArray[np.bool_]:
+    """Whether the processors gave all they have: before and after a repetition, and within a long one."""
+    own = np.array([row.own for row in rows])
+    steady = own <= STEADY * own.min() if rows[0].long else np.ones(len(rows), dtype=bool)
+    return np.asarray(whole(np.array([row.loops for row in rows])) & steady)
 
 
 def _side_by_side(taken: Mapping[str, list[_Taken]], calls: Mapping[str, Call]) -> bool:
     """Whether enough turns had whole cores, in all calls with as many threads, as those are compared."""
     for threads in {call.threads for call in calls.values()}:
-        own = [np.array([row.loops for row in rows]) for name, rows in taken.items() if calls[name].threads == threads]
-        if np.all([whole(loops) for loops in own], axis=0).sum() < ENOUGH:
+        own = [_whole(rows) for name, rows in taken.items() if calls[name].threads == threads]
+        if np.all(own, axis=0).sum() < ENOUGH:
             return False
     return True
 
@@ -179,7 +195,7 @@ def _once(call: Call, times: int, long: bool, settled: float, cores: Cores) -> _
         call.run()
     wall = clock.perf_counter() - start
     own, clean = clock.process_time() - own, _interruptions() == before
-    return _Taken(wall / times, own / times, clean, (loop, cores.look(call.threads, looks)))
+    return _Taken(wall / times, own / times, clean, (loop, cores.look(call.threads, looks)), long)
 
 
 def _count(call: Call) -> tuple[int, bool]:
