@@ -30,9 +30,10 @@ from flexinv.starting import (
 from flexinv.switching import Switching
 from flexinv.tree import Joints
 
-# Samples handed to the compiled loop at once: short enough for a live progress bar, long enough to cost nothing.
-CHUNK = 256
-# The same of a march in a plane, whose steps are short.
+# Instants of nodes handed to the compiled loop at once: short enough for a live progress bar, some hundredths of a second, long
+# enough to cost nothing, and few enough that what the joints do takes some megabytes.
+AT_ONCE = 1 << 14
+# Samples handed over at once in a plane, whose steps are short.
 PLANAR_CHUNK = 4096
 
 # Times closer than this part of a step are the same instant.
@@ -93,7 +94,7 @@ def flexible_parts(
         march.begin(after, initial)
     switches = {} if switching is None else switching.samples
     stops = _jump_samples(time, jumps)
-    start, chunk = 0 if alone else 1, CHUNK if flat is None else PLANAR_CHUNK
+    start, chunk = 0 if alone else 1, max(1, AT_ONCE // mesh.size) if flat is None else PLANAR_CHUNK
     for stop in sorted({*stops, *switches, *ends, len(time) - 1}):
         for first in range(start, stop + 1, chunk):
             last = min(first + chunk, stop + 1)

@@ -41,7 +41,7 @@ ENOUGH = 9  # of them
 BUSY = "others held the processors: not measured"
 HALVES = "the processors shared a core, with each other or with others of the host: not measured"
 LOOKS = 40  # at the processors before and after a long call, which episodes of some milliseconds spoil as well: four of them
-STEADY = 1.1  # times its least of processor time that a long call takes at most on whole cores: it repeats within a twentieth
+STEADY = 1.06  # times its least of processor time that a long call takes at most on whole cores: it repeats within a twentieth
 OTHERS = 0.05  # processors that others may use while several threads are timed: a fortieth of two
 
 
@@ -109,14 +109,15 @@ def disturbed(*times: Times) -> str:
 def ratio(slow: Times, fast: Times) -> Spread:
     """Return how many times as long the first takes [-]: quartiles over repetitions that stood side by side.
 
-    Where the processors gave all they have to either, but hardly ever to both in turn, quartiles are compared instead.
+    Where the processors gave all they have to either, but hardly ever to both in turn, as on a busy host where one works alone
+    and the other beside others, quartiles are compared instead.
     """
     both = slow.whole & fast.whole
-    if _enough(both):
-        slow, fast = slow._part(both), fast._part(both)
-    elif _enough(slow.whole) and _enough(fast.whole):
+    if _enough(slow.whole) and _enough(fast.whole) and (slow.threads != fast.threads or not _enough(both)):
         a, b = slow.spread(), fast.spread()
         return Spread(a.low / b.high, a.median / b.median, a.high / b.low)
+    if _enough(both):
+        slow, fast = slow._part(both), fast._part(both)
     both = slow.clean & fast.clean
     if _enough(both):
         return _quartiles(slow.wall[both] / fast.wall[both])
