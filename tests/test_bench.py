@@ -197,6 +197,21 @@ def test_flexible_arms_have_error_beside_time(arm: flexible.Arm) -> None:
     assert "no reference" in alone["by"]
 
 
+def test_what_could_not_be_measured_stands_on_top_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is neither reached nor missed: no ratio is shown, and none goes into the history."""
+    monkeypatch.setattr(rigid, "disturbed", lambda *times: HALVES if times[0].threads > 1 else "")
+    rows = rigid.rows_of("ur5", load_mechanism(MODELS / "ur5"), 1000, SHORT)
+    spoilt = [row for row in rows if row["threads"] > 1]
+    assert spoilt
+    assert all("faster" not in row and row["message"] == HALVES for row in spoilt)
+    table = StudyRow("bench rigid", "", columns=rigid.COLUMNS, rows=tuple(rows))
+    assert not any("2 threads" in one.name for one in targets.metrics([table]))
+    left = [row for row in targets.summary([table]).rows if row["what"].endswith("2 threads")]
+    assert [(row["verdict"], row["spread"]) for row in left] == 2 * [("skipped", HALVES)]
+    known = [row["verdict"] == "deviation" or "value" not in row for row in targets.summary([table]).rows]
+    assert known == sorted(known, reverse=True)
+
+
 @pytest.mark.slow
 def test_marches_loops_and_threads_are_measured() -> None:
     rows = marches.others(str(MODELS), SHORT)["rows"]

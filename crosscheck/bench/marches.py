@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.bench.flexible import SAMPLE
-from crosscheck.bench.targets import judged, metric
+from crosscheck.bench.targets import judged, metric, missing
 from crosscheck.bench.timing import Call, Times, disturbed, in_turns, ratio
 from flexinv.batch import solve_many
 from flexinv.files.case import load_cases
@@ -204,12 +204,13 @@ def _threads(folder: Path, seconds: float) -> list[dict[str, Any]]:
         for n in counts:
             row: dict[str, Any] = {"what": f"solve_many, {scenarios} times {model}", "method": f"{n} threads"}
             row["time"] = 1e3 * times[str(n)].spread().median
-            if n > 1 and (message := disturbed(times[str(n)])):
-                row |= {"verdict": "skipped", "message": message}
-            elif n > 1:
-                found = ratio(times["1"], times[str(n)])
-                one = metric(f"solve_many, {model}: times as fast with two threads", found.median, "-", lower=asked)
-                row |= {"ratio": found.median, "asked": asked and f"at least {asked:g}", "metric": one}
+            if n > 1:
+                found, message = ratio(times["1"], times[str(n)]), disturbed(times[str(n)])
+                spread = f"{found.low:.3g} .. {found.high:.3g}"
+                name = f"solve_many, {model}: times as fast with two threads"
+                row |= {"asked": asked and f"at least {asked:g}"}
+                row |= {"ratio": found.median, "metric": metric(name, found.median, "-", lower=asked, spread=spread)}
+                row = missing(row, "ratio", message) if message else row
             rows.append(judged(row))
     return rows
 

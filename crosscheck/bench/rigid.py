@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.bench.targets import faster, judged, metric
+from crosscheck.bench.targets import faster, judged, metric, missing
 from crosscheck.bench.timing import Call, Spread, Times, disturbed, in_turns, ratio
 from crosscheck.robots import LARGEST_ERROR, random_states, undamped
 from flexinv.files.mechanism_file import load_mechanism
@@ -88,10 +88,12 @@ def rows_of(robot: str, mechanism: Mechanism, samples: int, seconds: float) -> l
         own = times[f"{method} {threads}"]
         row = _row(robot, samples, method, threads, own, per) | {"difference": apart[method, threads]}
         beside = times[f"rneaInParallel {threads}"]
-        if message := disturbed(own, beside):
-            row |= {"verdict": "skipped", "message": message}
-        elif method.startswith("flexinv"):
+        message = disturbed(own, beside)
+        if method.startswith("flexinv"):
             row |= _judgement(robot, samples, method, threads, ratio(beside, own))
+            row = missing(row, "faster", message) if message else row
+        elif message:
+            row |= {"verdict": "skipped", "message": message}
         rows.append(judged(row))
     return rows
 

@@ -7,7 +7,7 @@ that somebody waits for (one sample, the first call).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from llvmlite import binding
@@ -44,6 +44,12 @@ def metric(
     return {"name": name, "value": value, "unit": unit, "lower": lower, "upper": upper, "note": spread}
 
 
+def missing(row: Mapping[str, Any], ratio: str, why: str) -> dict[str, Any]:
+    """Return a row whose metric, in the column ``ratio`` [-], says nothing, and why: no verdict, nothing for the history."""
+    kept = {key: value for key, value in row.items() if key not in ("metric", ratio)}
+    return kept | {"verdict": "skipped", "message": why, "missing": {**row["metric"], "note": why}}
+
+
 def judged(row: Mapping[str, Any]) -> dict[str, Any]:
     """Return a row with its verdict: within or a deviation where its metric has a limit, within where it has none."""
     own = row.get("metric")
@@ -57,7 +63,7 @@ def metrics(tables: Iterable[StudyRow]) -> list[Metric]:
     return [Metric(**row["metric"]) for table in tables for row in table.rows if row.get("metric")]
 
 
-def summary(tables: Iterable[StudyRow]) -> StudyRow:
+def summary(tables: Sequence[StudyRow]) -> StudyRow:
     """Return the table of targets: what is asked, what was measured."""
     rows = [
         {
@@ -70,8 +76,18 @@ def summary(tables: Iterable[StudyRow]) -> StudyRow:
         }
         for one in metrics(tables)
     ]
-    rows.sort(key=lambda row: row["verdict"] != "deviation")
+    rows += [
+        {"what": one.name, "limit": _words(one), "unit": one.unit, "spread": one.note, "verdict": "skipped"}
+        for one in _unmeasured(tables)
+    ]
+    rows.sort(key=lambda row: (row["verdict"] != "deviation", "value" in row))
     return StudyRow(NAME, "Speed: what was asked and what was measured", text(), COLUMNS, tuple(rows))
+
+
+def _unmeasured(tables: Sequence[StudyRow]) -> list[Metric]:
+    """What has a limit and could not be measured."""
+    found = [Metric(**row["missing"]) for table in tables for row in table.rows if row.get("missing")]
+    return [one for one in found if one.lower is not None or one.upper is not None]
 
 
 def _words(one: Metric) -> str:

@@ -61,7 +61,7 @@ def command(parts: tuple[str, ...], models: Path, quick: bool, out: Path, url: s
     ratios of medians.  `crosscheck nightly --bench` does the same at the end of a night.
 
     \b
-    Exit codes: 0  every target is reached
+    Exit codes: 0  every target is reached that could be measured (the table says first which could not)
                 1  one is missed
                 2  a part failed, or the report or the history could not be written
     """
@@ -87,9 +87,8 @@ def _show(results: Results) -> None:
     table = Table("", "what", "measured", "asked", "", box=None, header_style="dim")
     for row in results.studies[0].rows:
         sign = f"[{COLOURS[row['verdict']]}]{SIGNS[row['verdict']]}[/]"
-        table.add_row(
-            sign, escape(row["what"]), f"{value(row['value'])} {row['unit'].strip('-')}", row["limit"], row["spread"]
-        )
+        measured = f"{value(row['value'])} {row['unit'].strip('-')}" if "value" in row else ""
+        table.add_row(sign, escape(row["what"]), measured, row["limit"], row["spread"])
     console.print(table)
     for part in results.studies[1:]:
         if part.status != "ok":
