@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexinv.differentiate import Spatial, derivative_samples
 from flexinv.errors import InputError
+from flexinv.inputs import checked_states
 from flexinv.joint import axes_of_nodes
 from flexinv.mechanism import Array, Mechanism
-from flexinv.prepared import TorqueFunction, checked_states, prepare
+from flexinv.prepared import TorqueFunction, prepare
 from flexinv.rigid import rigid_motion
 from flexinv.tree import Frames
 

@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import qr, solve_triangular
 
 from flexinv.errors import InputError
+from flexinv.inputs import checked_states
 from flexinv.joint import axes_of_nodes
 from flexinv.mechanism import Array, Joint, Link, Mechanism
 from flexinv.mesh import build
-from flexinv.prepared import checked_states
 from flexinv.regress import PARAMETERS, regressor_samples
 from flexinv.rigid import rigid_motion
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from threading import Lock, local
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numba import types
@@ -21,7 +21,7 @@ from flexinv.closures import constraint_rows
 from flexinv.errors import InputError
 from flexinv.given import ACCELERATION, OPEN, RATE, GivenLoops
 from flexinv.helpers import HELPERS
-from flexinv.inputs import LABELS, check_finite, check_turns
+from flexinv.inputs import Order, by_sample, check_finite, check_rigid, check_turns, checked_arrays, output_array
 from flexinv.inverse import joint_wrenches, project
 from flexinv.lanes import BLOCK
 from flexinv.loop_layout import APPLIED
@@ -34,7 +34,6 @@ from flexinv.offers import CELLS
 from flexinv.processors import processors
 from flexinv.rigid import rigid_motion
 
-Order = Literal["samples", "coordinates"]
 # Joints times samples that keep one thread busy for so long that help pays, of a helper that watches (which begins within
 # 1 us) and of one that sleeps (within 30 us).
 WORTH_HELP, WORTH_WAKING = 2_000, 16_000
@@ -102,11 +101,11 @@ class TorqueFunction:
         Raises InputError: wrong shape, value that is not finite, a motion that the closures do not allow (see `given`).
         """
         mails = self._mails(getattr(qdd, "size", 0))  # first of all: what follows takes as long as waking somebody
-        given = _checked(self.mechanism, (q, qd, qdd), order)
-        tau = _output(out, given[1])
+        given = checked_arrays(self.mechanism, (q, qd, qdd), order)
+        tau = output_array(out, given[1])
         if self.loaded and any(np.may_share_memory(a, tau) for a in given):
             given = [a.copy() for a in given]
-        rows = [_by_sample(a, order) for a in (*given, tau)]
+        rows = [by_sample(a, order) for a in (*given, tau)]
         if self.loaded:
             check_finite(given)
             check_turns(self.mechanism, rows[0])
@@ -144,10 +143,10 @@ class TorqueFunction:
             every node and sample: many samples are best given in parts.
         Raises InputError as `torques` does.
         """
-        given = _checked(self.mechanism, (q, qd, qdd), order)
+        given = checked_arrays(self.mechanism, (q, qd, qdd), order)
         check_finite(given)
-        check_turns(self.mechanism, _by_sample(given[0], order))
-        places, rates, accelerations = (np.ascontiguousarray(_by_sample(a, order)) for a in given)
+        check_turns(self.mechanism, by_sample(given[0], order))
+        places, rates, accelerations = (np.ascontiguousarray(by_sample(a, order)) for a in given)
         return nodal_result(self.mesh, self.loops, self.passive, places, rates, accelerations)
 
     def sample(self, q: Array, qd: Array, qdd: Array, out: Array) -> Array:
@@ -160,8 +159,8 @@ class TorqueFunction:
         if self.loaded:
             return self.torques(q, qd, qdd, out)
         if len(q) != m.nq or not len(qd) == len(qdd) == len(out) == m.nv:
-            _checked(m, (q, qd, qdd), "samples")
-            _output(out, np.asarray(qd))
+            checked_arrays(m, (q, qd, qdd), "samples")
+            output_array(out, np.asarray(qd))
         try:
             torque_blocks(
                 b.tree, b.numbers, b.columns, self.plan.plan, self.plan.fixed, q, qd, qdd, out, _ONE_SAMPLE, _ONE,
@@ -226,7 +225,7 @@ def prepare(mechanism: Mechanism, passive: bool = True, threads: int | None = No
     A mechanism with closures takes the consistent motion of all its joints.
     Raises InputError for a flexible mechanism, closures that act for a while, a force that depends on time (use `solve`).
     """
-    _check_rigid(mechanism)
+    check_rigid(mechanism)
     check_constant(mechanism)
     if threads is not None and threads < 1:
         raise InputError(f"threads = {threads}: expected 1 or more, or None for one per processor")
@@ -291,46 +290,6 @@ def compile_for_helpers() -> None:
     _compile(settle, _CELLS, _array(types.float64, 1), types.uint64, _array(types.float64, 2), _CELLS, _MAILS)
 
 
-def _check_rigid(mechanism: Mechanism) -> None:
-    if not mechanism.is_rigid:
-        names = ", ".join(link.name for link in mechanism.beams)
-        raise InputError(
-            f"joint_torques: mechanism '{mechanism.name}' has beam links ({names}), whose deformation depends on the "
-            "history of the motion; write flexinv.solve(mechanism, motion, step=...) instead"
-        )
-    switched = [c.name for c in mechanism.closures if c.active or c.capture]
-    if switched:
-        raise InputError(
-            f"joint_torques: mechanism '{mechanism.name}' has closures that act for a while ({', '.join(switched)}), and here no "
-            "time is known; write flexinv.solve(mechanism, motion, step=...) instead"
-        )
-
-
-def _check_tree(mechanism: Mechanism) -> None:
-    _check_rigid(mechanism)
-    if mechanism.closures:
-        names = ", ".join(c.name for c in mechanism.closures)
-        raise InputError(
-            f"mechanism '{mechanism.name}' has closures ({names}), through which its drives share the work; "
-            "write flexinv.solve(mechanism, motion, step=...) instead"
-        )
-
-
-def checked_states(mechanism: Mechanism, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> tuple[Array, Array, Array]:
-    """Return q (samples, nq), qd, qdd (samples, nv) [rad], [m], [1/s] of a rigid tree as floats, checked as `torques` does."""
-    _check_tree(mechanism)
-    given = _checked(mechanism, (q, qd, qdd), "samples")
-    check_finite(given)
-    places, rates, accelerations = (np.ascontiguousarray(_by_sample(a, "samples")) for a in given)
-    check_turns(mechanism, places)
-    return places, rates, accelerations
-
-
-def _by_sample(a: Array, order: Order) -> Array:
-    """A view (samples, columns)."""
-    return a[None] if a.ndim == 1 else a.T if order == "coordinates" else a
-
-
 def _flat(a: Array) -> tuple[Array, tuple[int, int]]:
     """The numbers of (samples, columns) as they stand in memory, and the strides of a sample and of a column in them."""
     flags = a.flags
@@ -342,38 +301,3 @@ def _flat(a: Array) -> tuple[Array, tuple[int, int]]:
 @lru_cache(maxsize=256)
 def _table(strides: tuple[tuple[int, int], ...]) -> NDArray[np.uint64]:
     return np.array(strides, dtype=np.uint64)
-
-
-def _output(out: Array | None, like: Array) -> Array:
-    """Where efforts go: ``out``, or an array in the shape and the memory order of the rates."""
-    if out is None:
-        return np.empty_like(like, subok=False)
-    if not isinstance(out, np.ndarray) or out.shape != like.shape or out.dtype != np.float64:
-        shown = f"an array of {out.dtype}, shape {out.shape}" if isinstance(out, np.ndarray) else repr(out)
-        raise InputError(f"joint_torques: out is {shown}, expected an array of float64, shape {like.shape}")
-    flags = out.flags
-    if not flags.writeable or not (flags.c_contiguous or flags.f_contiguous):
-        raise InputError("joint_torques: out cannot be written to in one piece, expected a contiguous, writeable array")
-    return out
-
-
-def _checked(mechanism: Mechanism, arrays: Sequence[ArrayLike], order: Order) -> list[Array]:
-    """The arrays as floats, their shapes checked."""
-    if order not in ("samples", "coordinates"):
-        raise InputError(f"joint_torques: order = {order!r}, expected 'samples' or 'coordinates'")
-    axis = 0 if order == "coordinates" else -1  # of the columns; -1 - axis is that of the samples
-    found = []
-    for label, width, given in zip(LABELS, (mechanism.nq, mechanism.nv, mechanism.nv), arrays, strict=True):
-        a = np.asarray(given, dtype=float)
-        if a.ndim not in (1, 2) or a.shape[axis] != width:
-            names = mechanism.coordinate_names if label == "q" else mechanism.velocity_names
-            shape = f"({width}, samples)" if order == "coordinates" else f"(samples, {width})"
-            raise InputError(
-                f"joint_torques: {label} has shape {a.shape}, mechanism '{mechanism.name}' needs {shape}: "
-                + ", ".join(names)
-            )
-        found.append(a)
-    counts = [a.shape[-1 - axis] if a.ndim == 2 else 1 for a in found]
-    if len(set(counts)) > 1:
-        raise InputError(f"joint_torques: q, qd, qdd have {counts} samples, expected the same number")
-    return found

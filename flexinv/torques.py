@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
+from flexinv.inputs import Order
 from flexinv.mechanism import Array, Mechanism
-from flexinv.prepared import Order, prepare
+from flexinv.prepared import prepare
 
 
 def joint_torques(
