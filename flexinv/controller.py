@@ -122,9 +122,8 @@ class Controller:
         if self.flexible is None:
             return self.step(*now)
         f = self.flexible
-        start_undeformed(f.solver, *now)
+        joints = start_undeformed(f.solver, *now)
         f.solver.load_at(0.0, *now)
-        joints = instant(f.solver.mesh, *now)
         if initial == "static":
             equilibrium(f.solver, now[0], "at the start")
             move_as_rigid(f.solver, joints, *now[1:])

@@ -164,9 +164,8 @@ class _March:
         assert solver is not None
         when = f"at the start, t = {time[0]:g} s"
         q, qd, qdd = (part[0] for part in history(time))
-        start_undeformed(solver, q, qd, qdd)
+        joints = start_undeformed(solver, q, qd, qdd)
         solver.load_at(float(time[0]), q, qd, qdd)
-        joints = instant(self.mesh, q, qd, qdd)
         if initial == "static":
             settled = solver.efforts is None or settle_held(solver, q, float(time[0]), when)
             if solver.efforts is None:

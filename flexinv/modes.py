@@ -28,7 +28,7 @@ from flexinv.march import CONVERGED, evaluate
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh, build
 from flexinv.solver import Solver
-from flexinv.starting import equilibrium, instant, start_undeformed
+from flexinv.starting import equilibrium, start_undeformed
 from flexinv.tree import Joints
 
 # A singular value of the closures' equations below this part of the largest belongs to a redundant one: rounding is 1e-15.
@@ -154,9 +154,8 @@ def _free(mechanism: Mechanism, free: Collection[str] | None) -> tuple[str, ...]
 def rest(solver: Solver, q: Array) -> Joints:
     """Bring the solver to the rest position [m], [rad]: of a tree with all joints held, of a loop with its free joints free."""
     mesh, nothing = solver.mesh, np.zeros(solver.mesh.mechanism.nv)
-    start_undeformed(solver, q, nothing, nothing)
+    joints = start_undeformed(solver, q, nothing, nothing)
     solver.load_at(0.0, q, nothing, nothing)
-    joints = instant(mesh, q, nothing, nothing)
     if mesh.mechanism.is_rigid:
         _load_ties(solver, joints)
         return joints

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flexinv.joint import relative_motion
+from flexinv.joint import Relative, relative_motion
 from flexinv.mechanism import Array
 from flexinv.memory import together
 from flexinv.mesh import Mesh
@@ -15,8 +15,13 @@ def rigid_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> NodalMotion:
 
     Each node's pose, velocity and acceleration follow from its parent's by the equations at the head of `tree`.
     """
-    vector = (len(q), mesh.size, 3)
+    return carried(mesh, relative_motion(mesh, q, qd, qdd))
+
+
+def carried(mesh: Mesh, relative: Relative) -> NodalMotion:
+    """Return the nodal motion [m, rad, s] of nodes that move so relative to their parents."""
+    vector = (len(relative.p), mesh.size, 3)
     motion = NodalMotion(*together(vector, (*vector, 3), *4 * [vector]))
     world = (motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha)
-    carry_samples(mesh.parent, *world, *relative_motion(mesh, q, qd, qdd))
+    carry_samples(mesh.parent, *world, *relative)
     return motion

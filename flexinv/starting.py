@@ -6,31 +6,36 @@ import numpy as np
 
 from flexinv.assemble import State
 from flexinv.integrate import ACCELERATIONS, STATICS
-from flexinv.joint import relative_motion
+from flexinv.joint import Relative, relative_motion
 from flexinv.march import CONVERGED
 from flexinv.mechanism import Array
 from flexinv.mesh import CONTINUOUS, Mesh
 from flexinv.nodal import NodalMotion
-from flexinv.rigid import rigid_motion
+from flexinv.rigid import carried
 from flexinv.solver import Solver
 from flexinv.tree import Joints, carry_samples
 
 
 def instant(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> Joints:
     """Return the relative motion of all nodes at one instant, q (nq,), qd, qdd (nv,) [m, rad, s]."""
-    rel = relative_motion(mesh, q[None], qd[None], qdd[None])
-    return Joints(*(np.ascontiguousarray(part[0]) for part in rel))
+    return _only(relative_motion(mesh, q[None], qd[None], qdd[None]))
 
 
-def start_undeformed(solver: Solver, q: Array, qd: Array, qdd: Array) -> None:
-    """Set the unknowns to the rigid motion of the stress-free mechanism at one instant [m, rad, s]."""
+def _only(relative: Relative) -> Joints:
+    return Joints(*(np.ascontiguousarray(part[0]) for part in relative))
+
+
+def start_undeformed(solver: Solver, q: Array, qd: Array, qdd: Array) -> Joints:
+    """Set the unknowns to the rigid motion of the stress-free mechanism at one instant [m, rad, s]; return that of its joints."""
     mesh, t = solver.mesh, solver.topology
     for n in np.flatnonzero((t.freedoms == 1) & (mesh.q_index >= 0)):
         i = mesh.q_index[n]
         angle = np.arctan2(q[i + 1], q[i]) if mesh.kind[n] == CONTINUOUS else q[i]
         solver.state.place[t.offset[t.block[n]] + t.column[n]] = angle
-    motion = rigid_motion(mesh, q[None], qd[None], qdd[None])
-    _start(solver, motion, instant(mesh, q, qd, qdd), qd, qdd)
+    relative = relative_motion(mesh, q[None], qd[None], qdd[None])
+    joints = _only(relative)
+    _start(solver, carried(mesh, relative), joints, qd, qdd)
+    return joints
 
 
 def _start(solver: Solver, motion: NodalMotion, joints: Joints, qd: Array, qdd: Array) -> None:
