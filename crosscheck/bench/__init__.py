@@ -2,10 +2,13 @@
 
 Every part is a study (a table of the report made in a process of its own); its rows carry the ratios that have limits.
 
+    cores       whether the processors give all they have
     timing      calls in turns, repetitions in which the process was not interrupted, medians and quartiles
     targets     what flexinv has to reach, on this machine, and what was reached; the ratios for the history
-    rigid       torques of many samples, of one, and of the first call; longer chains
+    rigid       torques of many samples
+    single      torques of one sample, of the first call; longer chains
     latency     cycles of a controller, one call each, as a histogram
     flexible    arms that bend: time beside error
-    loops       closed loops beside trees of the same size; many scenarios over threads
+    marches     finer meshes, closed loops beside trees of the same size, many scenarios over threads
+    parts       all of these as studies, one after the other
 """

@@ -1,0 +1,74 @@
+"""The maps of the packages, `flexinv/README.md` and `crosscheck/README.md`, held against the folders that they describe.
+
+`test_map.py` runs this over both, and over small maps that are wrong.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator, Mapping
+
+import house_rules
+
+_ROW = re.compile(r"^\| \[([\w/]+)\]\(([\w/]+)\.py\) \| (.*) \|$", re.MULTILINE)
+_CALL = re.compile(r"`(\w+(?:/\w+)*)\.(\w+)`")
+
+
+def faults(page: str, package: str, sources: Mapping[str, str]) -> list[str]:
+    """What is wrong with the map of a package: page, name, and sources by dotted name (a package's own under its name).
+
+    Every module stands there once, with its docstring's first line, and below all modules of the package that it imports.
+    """
+    rows = [(_dotted(package, name), _dotted(package, target), text) for name, target, text in _ROW.findall(page)]
+    place = {module: k for k, (module, _, _) in reversed(list(enumerate(rows)))}
+    broken = [
+        f"{module} is missing: write {_line(package, module, sources)}" for module in sources.keys() - place.keys()
+    ]
+    for k, (module, target, text) in enumerate(rows):
+        if module not in sources:
+            broken.append(f"{module} is on the map, and no module")
+        elif place[module] != k:
+            broken.append(f"{module} is on the map twice")
+        elif target != module or text != first_line(sources[module]):
+            broken.append(f"{module} has another line: write {_line(package, module, sources)}")
+        else:
+            below = [lower for lower in _imported(module, sources) if place.get(lower, -1) > k]
+            broken += [f"{module} imports {lower}, which stands below" for lower in below]
+    return sorted(broken)
+
+
+def unknown(page: str, package: str, sources: Mapping[str, str]) -> list[str]:
+    """What a page calls `module.name` beside its rows, and what is neither defined there nor a module."""
+    return [
+        f"{module}.{name}"
+        for module, name in _CALL.findall(_ROW.sub("", page))
+        if f"{module}.{name}" not in sources
+        and not re.search(
+            rf"^(?:def|class) {name}\b|^{name}\b.* = ", sources.get(_dotted(package, module), ""), re.MULTILINE
+        )
+    ]
+
+
+def first_line(source: str) -> str:
+    """The first line of a module's docstring."""
+    return (ast.get_docstring(ast.parse(source)) or "").partition("\n")[0]
+
+
+def _dotted(package: str, name: str) -> str:
+    """files/schema -> flexinv.files.schema, files/__init__ -> flexinv.files, __init__ -> flexinv."""
+    return f"{package}.{name.replace('/', '.')}".removesuffix(".__init__")
+
+
+def _line(package: str, module: str, sources: Mapping[str, str]) -> str:
+    inside = any(other.startswith(f"{module}.") for other in sources) or module == package
+    name = "/".join([*module.split(".")[1:], *(["__init__"] if inside else [])])
+    return f"| [{name}]({name}.py) | {first_line(sources[module])} |"
+
+
+def _imported(module: str, sources: Mapping[str, str]) -> Iterator[str]:
+    """Modules that are imported when this one is."""
+    for _, name, waits in house_rules.imports(sources[module]):
+        found = next((known for known in (name, name.rpartition(".")[0]) if known in sources), module)
+        if found != module and not waits:
+            yield found

@@ -1,0 +1,69 @@
+"""The maps of the packages say what is there, and imports only point up on them; a map that is wrong is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import module_map
+import pytest
+
+PACKAGES = ("flexinv", "crosscheck")
+
+
+def sources(root: Path, package: str) -> dict[str, str]:
+    """Modules of a package by dotted name; files that hold nothing are none."""
+    texts = {path: path.read_text() for path in sorted((root / package).rglob("*.py"))}
+    names = {path: ".".join(path.relative_to(root).with_suffix("").parts).removesuffix(".__init__") for path in texts}
+    return {names[path]: text for path, text in texts.items() if text.strip()}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_map_is_complete_and_imports_point_up(package: str, root: Path) -> None:
+    broken = module_map.faults((root / package / "README.md").read_text(), package, sources(root, package))
+    assert not broken, "\n" + "\n".join(broken)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_what_the_map_calls_is_there(package: str, root: Path) -> None:
+    known = {name: text for each in PACKAGES for name, text in sources(root, each).items()}
+    assert module_map.unknown((root / package / "README.md").read_text(), package, known) == []
+
+
+# --- the map's own rules --------------------------------------------------------------------------------------------
+
+TREE = {
+    "p": '"P."',
+    "p.low": '"Low."',
+    "p.high": '"""High.\n\nMore."""\nfrom p.low import f',
+    "p.sub": '"Sub."',
+    "p.sub.x": '"X."',
+}
+LOW, HIGH, OWN = "| [low](low.py) | Low. |", "| [high](high.py) | High. |", "| [__init__](__init__.py) | P. |"
+SUB = "| [sub/__init__](sub/__init__.py) | Sub. |\n| [sub/x](sub/x.py) | X. |"
+WRONG = {
+    f"p.low is missing: write {LOW}": (HIGH, SUB, OWN),
+    "p.sub.x is missing: write | [sub/x](sub/x.py) | X. |": (LOW, HIGH, SUB.splitlines()[0], OWN),
+    f"p is missing: write {OWN}": (LOW, HIGH, SUB),
+    "p.gone is on the map, and no module": (LOW, HIGH, SUB, OWN, "| [gone](gone.py) | Gone. |"),
+    "p.low is on the map twice": (LOW, HIGH, SUB, OWN, LOW),
+    f"p.low has another line: write {LOW}": (LOW.replace("Low.", "It was low."), HIGH, SUB, OWN),
+    f"p.high has another line: write {HIGH}": (LOW, "| [high](low.py) | High. |", SUB, OWN),
+    "p.high imports p.low, which stands below": (HIGH, LOW, SUB, OWN),
+}
+
+
+def test_a_true_map_is_silent() -> None:
+    assert module_map.faults("\n".join((LOW, HIGH, SUB, OWN)), "p", TREE) == []
+    late = {**TREE, "p.high": '"High."\ndef f():\n    from p.low import f'}
+    assert module_map.faults("\n".join((HIGH, LOW, SUB, OWN)), "p", late) == []
+
+
+@pytest.mark.parametrize("complaint", WRONG)
+def test_a_wrong_map_is_found(complaint: str) -> None:
+    assert module_map.faults("\n".join(WRONG[complaint]), "p", TREE) == [complaint]
+
+
+def test_a_call_of_nothing_is_found() -> None:
+    page = "`low.f` and `sub/x.G`, low.h, `p.low`, `low.g`, `sub/x.H`, `gone.f`, `p.gone`"
+    known = {**TREE, "p.low": "def f():\n    g = 1", "p.sub.x": "G: int = 1\nclass Hat:\n    pass"}
+    assert module_map.unknown(page, "p", known) == ["low.g", "sub/x.H", "gone.f", "p.gone"]
