@@ -1,11 +1,11 @@
-"""What a mechanism is: links, joints, bodies and sections as frozen data, nothing computed.
+"""What a mechanism is: joints that carry links, in a tree, and what ties and pulls them besides, as frozen data.
 
 A mechanism is a tree, which closures may tie into loops.  Every link hangs on one joint; the joint's parent is another
-link or ``"world"``.  The link frame sits at that joint.  A rigid link is a set of bodies; a beam link is a Timoshenko beam whose
-undeformed axis starts at ``beam.placement`` (in the link frame) and runs along local x, plus bodies at its stations.
+link or ``"world"``.  The link frame sits at that joint.
 
 Everything here is *primary data* (lengths, masses, moduli, axes): other engines' models are built from these
-same numbers by their own code.  SI units, radians, right-handed frames.
+same numbers by their own code.  SI units, radians, right-handed frames.  Parts of it stand in `frames`, `links`, `attached` and
+`drive`, and are imported from here.
 """
 
 from __future__ import annotations
@@ -18,11 +18,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.drive import Drive as Drive
+from flexinv.attached import CLOSURES, COUPLED, IMPACTS, Closure, Force, Spring
+from flexinv.drive import Drive
 from flexinv.errors import InputError
+from flexinv.frames import WORLD, Array, Attachment, Placement
+from flexinv.links import Beam, Body, Inertia, Link, Section
 
-Array = NDArray[np.float64]
-WORLD = "world"
+__all__ = [
+    "CLOSURES", "COORDINATES", "COUPLED", "IMPACTS", "WORLD",
+    "Array", "Attachment", "Beam", "Body", "Closure", "Drive", "Force", "Inertia", "Joint", "Limits", "Link", "Mechanism",
+    "Placement", "Section", "Spring",
+]  # fmt: skip
 
 # joint kind -> names of its configuration coordinates (q) and of its velocity coordinates (v).
 # The layout is Pinocchio's: a continuous joint is (cos, sin), a rotation is a quaternion x, y, z, w,
@@ -39,93 +45,6 @@ COORDINATES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         (".vx", ".vy", ".vz", ".wx", ".wy", ".wz"),
     ),
 }
-
-
-@dataclass(frozen=True)
-class Placement:
-    """A frame B in a frame A: ``x_A = position + rotation @ x_B``.
-
-    position : (3,) [m]; rotation : (3, 3) [-], R_AB
-    """
-
-    position: Array = field(default_factory=lambda: np.zeros(3))
-    rotation: Array = field(default_factory=lambda: np.eye(3))
-
-
-@dataclass(frozen=True)
-class Inertia:
-    """Mass, centre of mass and inertia tensor of a rigid body.
-
-    mass : scalar [kg]; com : (3,) [m], in the frame that carries the body
-    tensor : (3, 3) [kg m^2], about the centre of mass, along that frame's axes
-    """
-
-    mass: float
-    com: Array = field(default_factory=lambda: np.zeros(3))
-    tensor: Array = field(default_factory=lambda: np.zeros((3, 3)))
-
-
-@dataclass(frozen=True)
-class Body:
-    """A rigid body carried by a link: the link itself, a payload, a flange, a motor.
-
-    station : None on a rigid link (the frame is the link frame); on a beam the fraction 0..1 of the length
-        whose cross-section frame carries the body (0 the root, 1 the tip)
-    """
-
-    name: str
-    inertia: Inertia
-    station: float | None = None
-
-
-@dataclass(frozen=True)
-class Section:
-    """Stiffness and inertia per length along a beam, linear between the stations (one station: uniform).
-
-    stations : (n,) [-], fraction 0..1 of the length, increasing
-    stiffness : (n, 6): EA [N], GA_y [N], GA_z [N], GJ [N m^2], EI_y [N m^2], EI_z [N m^2]
-        (shear stiffness with the shear factor already in it; EI_z bends the beam in its x-y plane)
-    mass_per_length : (n,) [kg/m]
-    rotary_inertia : (n, 3) [kg m]: rho I about x (polar), y, z
-    damping : (n, 6) [N s], [N m^2 s]: stress by rate of strain, in the order of ``stiffness``; None: none
-    """
-
-    stations: Array
-    stiffness: Array
-    mass_per_length: Array
-    rotary_inertia: Array
-    damping: Array | None = None
-
-
-@dataclass(frozen=True)
-class Beam:
-    """A geometrically exact Timoshenko beam.
-
-    length : scalar [m], arc length; section : Section along it
-    elements : number of finite elements; order : polynomial order of each (1 is the paper's element)
-    curvature : (3,) [1/m], initial twist, curvature about y and about z, constant along the length
-    placement : root cross-section frame in the link frame; the axis leaves along local x
-    """
-
-    length: float
-    section: Section
-    elements: int = 1
-    order: int = 4
-    curvature: Array = field(default_factory=lambda: np.zeros(3))
-    placement: Placement = field(default_factory=Placement)
-
-
-@dataclass(frozen=True)
-class Link:
-    """One member of the mechanism: rigid when ``beam`` is None.
-
-    tip : (3,) [m], the point of a rigid link (link frame) whose motion is reported; a beam reports its end
-    """
-
-    name: str
-    bodies: tuple[Body, ...] = ()
-    beam: Beam | None = None
-    tip: Array = field(default_factory=lambda: np.zeros(3))
 
 
 @dataclass(frozen=True)
@@ -183,92 +102,6 @@ class Joint:
     def nv(self) -> int:
         """Number of velocity coordinates [-]."""
         return len(COORDINATES[self.kind][1])
-
-
-# closure kind -> number of constraints that it puts on the relative motion of its two frames
-CLOSURES: dict[str, int] = {
-    "fixed": 6,
-    "revolute": 5,
-    "prismatic": 5,
-    "cylindrical": 4,
-    "universal": 4,
-    "spherical": 3,
-    "point-on-line": 2,
-    "coupling": 1,
-}
-
-# Joints that a coupling may tie: those whose coordinate is one number that counts whole turns.
-COUPLED = ("revolute", "prismatic")
-
-
-@dataclass(frozen=True)
-class Attachment:
-    """A frame on a link (or on the world): ``placement`` in the link frame, or in a beam's section at ``station``."""
-
-    link: str
-    placement: Placement = field(default_factory=Placement)
-    station: float | None = None
-
-
-@dataclass(frozen=True)
-class Closure:
-    """A joint that closes a loop: it ties the second frame to the first as a joint of its kind would; or a gear between joints.
-
-    kind : a key of ``CLOSURES``; factors, offset : of a coupling, which ties coordinates of revolute and prismatic joints and
-        no frames (both on the world): sum factor q = offset, joint names and factors [-], [rad/m]; offset [rad] or [m]
-    axis : (3,) [-], unit, in both frames: the free axis of a revolute, prismatic or cylindrical closure, the line of
-        point-on-line (in the first frame), the axis of a universal closure that stays with the first frame
-    second_axis : (3,) [-], universal: the axis that stays with the second frame
-    active : intervals (start, end) [s] in which it acts; empty: always
-    capture : it ties the frames where they stand when it begins to act, as a hand that grasps; False: they must have met
-    impact : what happens when it begins to act on frames that move against each other: a key of ``IMPACTS``
-    """
-
-    name: str
-    kind: str
-    first: Attachment
-    second: Attachment
-    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
-    second_axis: Array = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
-    active: tuple[tuple[float, float], ...] = ()
-    capture: bool = False
-    impact: str = "error"
-    factors: tuple[tuple[str, float], ...] = ()
-    offset: float = 0.0
-
-
-# What a closure does that begins to act on frames in relative motion: refuse, or stop it at once (perfectly plastic).
-IMPACTS = ("error", "plastic")
-
-
-@dataclass(frozen=True)
-class Spring:
-    """A spring and damper between two points: it pulls with  stiffness (l - rest) + damping l'  along their line.
-
-    stiffness : [N/m]; rest : [m], length without force; damping : [N s/m]
-    """
-
-    name: str
-    first: Attachment
-    second: Attachment
-    stiffness: float
-    rest: float = 0.0
-    damping: float = 0.0
-
-
-@dataclass(frozen=True)
-class Force:
-    """A force and a moment on a point of a link, constant or linear between the rows of a table.
-
-    wrench : (n, 6) force [N] then moment [N m]; time : (n,) [s], one row and time 0 for a constant one
-    follower : axes of the attachment's frame, which move with the link; else world axes
-    """
-
-    name: str
-    at: Attachment
-    wrench: Array
-    time: Array = field(default_factory=lambda: np.zeros(1))
-    follower: bool = False
 
 
 @dataclass(frozen=True, eq=False)  # identity: a mechanism is the key under which its mesh is kept

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from flexinv.drive import Drive
 from flexinv.errors import InputError
 from flexinv.files.toml_tables import NotNegative, Positive, Table, complaint, key, place
+from flexinv.mechanism import Drive
 
 
 class MotorTable(Table):
