@@ -15,13 +15,14 @@ from flexinv.given import GivenLoops
 from flexinv.impacts import Impact, check_meeting, jump_efforts, kinetic_energy, names_of
 from flexinv.inverse import drive_efforts, joint_wrenches, nodal_forces, project
 from flexinv.joint import JointHistory
-from flexinv.loops import Shares, closed_motion, share_out
+from flexinv.loops import closed_motion
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
 from flexinv.phases import Stretch, phases
 from flexinv.reactions import closing, phased_closing
 from flexinv.rigid import rigid_motion
+from flexinv.shares import Shares, share_out
 from flexinv.solution import LoopForces, Solution
 
 # What neither drives nor closures carry, over the largest force in the mechanism: beyond this (rounding of 1e-16, enlarged

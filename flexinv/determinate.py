@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.closures import constraint_jacobian, constraint_rows
-from flexinv.loops import REDUNDANT
 from flexinv.mechanism import WORLD, Array, Closure
 from flexinv.mesh import Mesh
 from flexinv.nodal import NodalMotion
 from flexinv.phases import Phase, phases
 from flexinv.reactions import closing
+from flexinv.shares import ranks
 
 # Null vectors have unit length in [N], [N m]; what rounding, enlarged by the condition of G, leaves of a component is below.
 NONE = 1e-9
@@ -62,8 +62,7 @@ def _some(motion: NodalMotion, phase: Phase) -> NodalMotion:
 def _null(g: Array, k: int) -> Array:
     """The k-th vector from the end of a basis of the null space of G^T, zero where it has fewer: (samples, rows)."""
     u, values, _ = np.linalg.svd(g)
-    rank = (values > REDUNDANT * values.max(axis=1, initial=0.0)[:, None]).sum(axis=1)
-    return np.asarray(np.where((g.shape[1] - 1 - k >= rank)[:, None], u[:, :, -1 - k], 0.0))
+    return np.asarray(np.where((g.shape[1] - 1 - k >= ranks(values))[:, None], u[:, :, -1 - k], 0.0))
 
 
 def _on_beam(mesh: Mesh, closure: Closure) -> bool:

@@ -31,9 +31,7 @@ from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh
 from flexinv.phases import acting
 from flexinv.rigid import rigid_motion
-from flexinv.shares import REDUNDANT as REDUNDANT
-from flexinv.shares import Shares as Shares
-from flexinv.shares import share_out as share_out
+from flexinv.shares import REDUNDANT, ranks
 from flexinv.tree import Frames, Joints
 
 # A configuration whose passive coordinates are this badly determined is singular: eight digits of the torque are lost.
@@ -102,10 +100,7 @@ def check_branch(mechanism: Mechanism, start: Iterable[str], guess: Array, q: Ar
 
 
 def _rank(matrix: Array) -> int:
-    if not matrix.size:
-        return 0
-    values = np.linalg.svd(matrix, compute_uv=False)
-    return int((values > REDUNDANT * max(values[0], np.finfo(float).tiny)).sum())
+    return int(ranks(np.linalg.svd(matrix, compute_uv=False))) if matrix.size else 0
 
 
 def closed_motion(

@@ -12,6 +12,7 @@ compiled code; samples where it finds a rank in doubt, near singular positions, 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,7 +85,7 @@ def by_singular_values(g: Array, tau_tree: Array, driven: NDArray[np.bool_], roo
     left, values, right = (
         np.linalg.svd(g) if rows and samples else (g, np.zeros((samples, 0)), np.tile(np.eye(nv), (samples, 1, 1)))
     )
-    rank = (values > REDUNDANT * values.max(axis=1, initial=0.0)[:, None]).sum(axis=1)
+    rank = ranks(values)
     tau, multipliers, condition = np.zeros((samples, nv)), np.zeros((samples, rows)), np.ones(samples)
     spaces = np.zeros((samples, len(root), len(root)))  # (sample, drive, preload), what is not used is zero
     width = np.zeros(samples, dtype=np.int64)
@@ -101,6 +102,14 @@ def by_singular_values(g: Array, tau_tree: Array, driven: NDArray[np.bool_], roo
     preload = np.zeros((samples, nv, least))
     preload[:, driven] = (spaces / root[:, None])[:, :, :least]
     return Shares(tau, multipliers, tau_tree - tau - np.einsum("srv,sr->sv", g, multipliers), preload, condition)
+
+
+def ranks(values: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
+    """Return how many of the singular values (..., k) [m/rad], [-] of Jacobians are not those of redundant constraints, (...).
+
+    A Jacobian that is rounding as a whole is zero already (`closures.without_rounding`).
+    """
+    return np.asarray((values > REDUNDANT * values.max(axis=-1, initial=0.0)[..., None]).sum(axis=-1))
 
 
 def _least_efforts(a: Array, asked: Array) -> tuple[Array, Array, Array, NDArray[np.int64]]:

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from loop_examples import case_of
+from scipy.spatial.transform import Rotation
 
 from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.evidence import Evidence
@@ -23,7 +25,8 @@ from crosscheck.record import Record
 from crosscheck.selftest import loosened
 from flexinv.files.case import Case, load_cases
 from flexinv.files.mechanism_file import load_mechanism
-from flexinv.mechanism import Mechanism
+from flexinv.mechanism import WORLD, Attachment, Body, Closure, Inertia, Joint, Link, Mechanism, Placement
+from flexinv.motion import Motion
 
 MODELS = Path(__file__).resolve().parent.parent / "models"
 
@@ -67,6 +70,23 @@ def test_closed_mechanisms_have_the_same_closures(place: str, engine: str) -> No
     found = lines(place, engine)
     assert holds(found), [line for line in found if not line.holds]
     assert {line.what for line in found} >= {"closure residual", "rank of the closures"}
+
+
+@pytest.mark.parametrize("engine", ["pinocchio", "mujoco"])
+@pytest.mark.parametrize("kind", ["spherical", "revolute", "cylindrical"])
+def test_a_second_bearing_of_a_shaft_has_no_rank(kind: str, engine: str) -> None:
+    """Its Jacobian is rounding, of which the largest singular value is as much as of any other."""
+    turn, axis = Rotation.from_euler("xyz", [0.3, -0.5, 0.7]).as_matrix(), np.array([0.6, 0.0, 0.8])
+    place, far = Placement(np.array([0.3, 0.1, 0.2]), turn), 0.7 * axis
+    shaft = Link("shaft", (Body("rotor", Inertia(2.0, np.array([0.1, 0.05, 0.2]), np.diag([0.1, 0.2, 0.25]))),))
+    ends = Attachment(WORLD, Placement(place.position + turn @ far, turn)), Attachment("shaft", Placement(far))
+    joint, bearing = Joint("S", "revolute", WORLD, "shaft", place, axis=axis), Closure("B", kind, *ends, axis=axis)
+    mechanism = Mechanism("shaft", (shaft,), (joint,), closures=(bearing,))
+    case = case_of(mechanism, Motion.point_to_point({"S": 0.0}, {"S": 2.0}, 1.0), {})
+    theirs = says(mechanism, case, engine)
+    assert theirs.rank == 0
+    found = checks("shaft", "turn", engine, theirs, says(mechanism, case, "flexinv"))
+    assert holds(found), [line for line in found if not line.holds]
 
 
 BEAMS = {"total mass", "masses of beams", "first moments of beams", "section stiffness"}

@@ -12,9 +12,10 @@ from loop_examples import Example, loaded, loaded_tree
 from numpy.typing import NDArray
 
 import flexinv
-from flexinv.loops import mobility, share_out
+from flexinv.loops import mobility
 from flexinv.mechanism import Attachment, Body, Closure, Inertia, Joint, Link, Mechanism, Placement
 from flexinv.rotations import exp_so3
+from flexinv.shares import share_out
 
 Array = NDArray[np.float64]
 

@@ -14,11 +14,11 @@ from crosscheck.record import Record, effort_units
 from flexinv.applied import applied_forces, joint_springs
 from flexinv.closures import constraint_jacobian, constraint_rows
 from flexinv.inverse import drive_efforts, joint_wrenches, nodal_forces, project
-from flexinv.loops import REDUNDANT
 from flexinv.mechanism import Mechanism
 from flexinv.mesh import build
 from flexinv.rigid import rigid_motion
 from flexinv.scheme import solve
+from flexinv.shares import REDUNDANT, ranks
 from flexinv.solution import Solution
 
 FEWEST = 100  # samples of a rigid mechanism that a fit looks at, or up to twice as many
@@ -184,8 +184,7 @@ def _all(mechanism: Mechanism, solution: Solution) -> Array:
 def _share(g: Array, driven: np.ndarray) -> Array:
     """Return S pinv(N_driven^T) N^T, (nv, nv) [-], with G N = 0: efforts of least norm."""
     _, values, right = np.linalg.svd(g)
-    rank = int((values > REDUNDANT * values.max(initial=0.0)).sum())
-    motions = right[rank:].T
+    motions = right[ranks(values) :].T
     out = np.zeros((len(driven), len(driven)))
     out[driven] = np.linalg.pinv(motions[driven].T, rcond=REDUNDANT) @ motions.T
     return out

@@ -274,8 +274,17 @@ def share_out(g: Array, tree: Array, driven: NDArray[np.bool_], weight: Array) -
 def null_space(g: Array) -> Array:
     """Return an orthonormal basis (nv, freedoms) [-] of the motions that constraints (rows, nv) allow."""
     _, values, right = np.linalg.svd(g)
-    rank = int((values > max(REDUNDANT * values.max(initial=0.0), NOTHING)).sum())
-    return np.asarray(right[rank:].T)
+    return np.asarray(right[_count(values) :].T)
+
+
+def rank(g: Array) -> int:
+    """Return how many equations of a Jacobian (rows, nv) [m/rad], [-] are independent: none where all of it is rounding."""
+    return _count(np.linalg.svd(g, compute_uv=False))
+
+
+def _count(values: NDArray[np.floating[Any]]) -> int:
+    """Singular values that are neither rounding nor redundant."""
+    return int((values > max(REDUNDANT * values.max(initial=0.0), NOTHING)).sum())
 
 
 def multipliers(g: Array, tree: Array, effort: Array) -> Array:

@@ -10,12 +10,12 @@ from crosscheck.certificate import Certificate
 from crosscheck.engines.probe import Array, about_origin, carried, configurations
 from flexinv.closures import constraint_jacobian, constraint_rows
 from flexinv.files.case import Case
-from flexinv.loops import REDUNDANT
 from flexinv.mechanism import WORLD, Beam, Body, Mechanism, Placement
 from flexinv.mesh import Mesh, build
 from flexinv.nodal import NodalMotion
 from flexinv.rigid import rigid_motion
 from flexinv.scheme import solve
+from flexinv.shares import ranks
 from flexinv.torques import joint_torques
 
 AMONG = 400  # points of the quadrature of a beam's compliance: exact for linear tables to 1e-6
@@ -137,8 +137,7 @@ def _rank(mechanism: Mechanism, case: Case) -> int:
     rows = constraint_rows(mesh)
     acts = np.array([not c.active or c.active[0][0] <= 0.0 for c in mechanism.closures])
     g = constraint_jacobian(mesh, motion, rows)[0][acts[rows.closure]]
-    values = np.linalg.svd(g, compute_uv=False)
-    return int((values > REDUNDANT * values.max(initial=0.0)).sum())
+    return int(ranks(np.linalg.svd(g, compute_uv=False)))
 
 
 def _mass(mechanism: Mechanism) -> float:

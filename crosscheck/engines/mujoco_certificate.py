@@ -106,6 +106,4 @@ def _closures(mechanism: Mechanism, case: Case, built: Built) -> tuple[float | N
     rows = assembly.rows_of(mechanism.closures, tree.pairs(place[0], rate[0]))
     native = not mujoco_loops.without_equality(mechanism)
     g = mujoco_loops.native_rows(tree) if native else rows.g
-    values = np.linalg.svd(g, compute_uv=False)
-    rank = int((values > assembly.REDUNDANT * values.max(initial=0.0)).sum())
-    return float(np.abs(rows.phi).max()) if closes else None, rank
+    return float(np.abs(rows.phi).max()) if closes else None, assembly.rank(g)

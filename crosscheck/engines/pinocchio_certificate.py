@@ -76,6 +76,4 @@ def _closures(mechanism: Mechanism, case: Case, built: Built) -> tuple[float | N
     except assembly.AssemblyError:
         closes = False
     rows = assembly.rows_of(mechanism.closures, tree.pairs(place[0], rate[0]))
-    values = np.linalg.svd(rows.g, compute_uv=False)
-    rank = int((values > assembly.REDUNDANT * values.max(initial=0.0)).sum())
-    return float(np.abs(rows.phi).max()) if closes else None, rank
+    return float(np.abs(rows.phi).max()) if closes else None, assembly.rank(rows.g)

@@ -79,7 +79,10 @@ class Tree:
         if joint == 0:
             none, still = np.zeros((3, model.nv)), np.zeros(3)
             return Moving(place.translation, place.rotation, none, none, still, still, still, still)
-        pose, jacobian = data.oMi[joint] * place, pin.getFrameJacobian(model, data, joint, place, WORLD_AXES)
+        pose = data.oMi[joint] * place
+        jacobian = pin.getFrameJacobian(model, data, joint, place, WORLD_AXES).reshape(
+            6, model.nv
+        )  # of one column a vector
         speed = pin.getFrameVelocity(model, data, joint, place, WORLD_AXES)
         rate = pin.getFrameClassicalAcceleration(model, data, joint, place, WORLD_AXES)
         return Moving(
