@@ -60,17 +60,28 @@ def repair(model: Model, fit: Fit, engine: str, reference: Record, record: Recor
     """Return the largest difference left [-] after the cause is taken out of the engine, or put into the reference."""
     cause, tries = fit.cause, []
     if cause.sized and not cause.linear and cause.plant is None:
-        healed = _run(engine, cause.change(model.base, fit.target, -fit.size))
+        opposite = _changed(fit, model, -fit.size)  # of a factor of 5.7 none: a fraction of -4.7 leaves nothing
+        healed = None if opposite is None else _run(engine, opposite)
         tries.append((None if healed is None else _largest(model, healed, reference), f"taken out of {engine}"))
-    harmed = cause.change(model.base, fit.target, fit.size)
-    if model.base.mechanism.closures and harmed.effort:  # the joints' motion is known to the model only
+    harmed = _changed(fit, model, fit.size)
+    if (
+        harmed is not None and model.base.mechanism.closures and harmed.effort
+    ):  # the joints' motion is known to the model only
         left = model.residual(record, reference) - model.difference(harmed)
         tries.append((float(np.abs(left).max()), "put into the reference"))
-    elif not cause.linear:
+    elif harmed is not None and not cause.linear:
         other = _run("flexinv", harmed)
         tries.append((None if other is None else _largest(model, record, other), "put into the reference"))
     done = [(size, words) for size, words in tries if size is not None]
     return min(done, default=(None, ""), key=lambda one: one[0])
+
+
+def _changed(fit: Fit, model: Model, size: Array) -> Subject | None:
+    """Return the mechanism with the cause of this size [its unit], None where there is no such mechanism."""
+    try:
+        return fit.cause.change(model.base, fit.target, size)
+    except IMPOSSIBLE:
+        return None
 
 
 def _largest(model: Model, a: Record, b: Record) -> float:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import datetime
 import math
+import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -123,25 +124,39 @@ def _number(value: float) -> str:
     return f"{digits}e{int(exponent)}"
 
 
-def write(file: Path, proposals: Iterable[Proposal], source: str) -> None:
-    """Replace the limits below the mark in ``cases.toml``; quantities without a proposal keep theirs.
+def parts(file: Path) -> tuple[str, str]:
+    """Return ``cases.toml`` above the mark and below it; a file without any limit ends above it.
 
-    Raises InputError where there is no mark: limits that somebody stated are not overwritten.
+    Raises InputError where limits are stated and there is no mark: what somebody stated is not overwritten.
     """
     text = file.read_text(encoding="utf-8")
     head, mark, tail = text.partition(MARK)
-    if not mark:
+    if not mark and _stated(text):
         raise InputError(
             f"{file} has no line '{MARK}': its limits were stated by hand; put the line above what may be replaced"
         )
+    return (head, tail) if mark else (f"{text.rstrip()}\n\n", "")
+
+
+def _stated(text: str) -> bool:
+    table = tomllib.loads(text)
+    return bool(table.get("limits")) or any(case.get("limits") for case in table.get("cases", {}).values())
+
+
+def write(file: Path, proposals: Iterable[Proposal], source: str) -> None:
+    """Replace the limits below the mark in ``cases.toml``, or add both; quantities without a proposal keep theirs.
+
+    Raises InputError where there is no mark above stated limits.
+    """
+    head, tail = parts(file)
     made = list(proposals)
     covered = {p.quantity for p in made if p.maximum is not None}
     kept = [
         f"[[limits]]\n{block.strip()}\n" for block in tail.split("[[limits]]")[1:] if _quantity(block) not in covered
     ]
-    parts = [toml(p, source) for p in made] + kept
+    limits = [toml(p, source) for p in made] + kept
     part = file.with_name(file.name + ".part")
-    part.write_text(head + mark + "\n\n" + "\n".join(parts), encoding="utf-8")
+    part.write_text(head + MARK + "\n\n" + "\n".join(limits), encoding="utf-8")
     part.replace(file)
 
 

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from flexinv.controller import Controller
     from flexinv.derivatives import TorqueDerivatives, torque_derivatives
     from flexinv.errors import ConvergenceError, FlexinvError, InputError, ModelWarning
+    from flexinv.files.case import Case, load_cases
     from flexinv.files.mechanism_file import load_mechanism
     from flexinv.files.urdf import from_urdf
     from flexinv.following import Following, follow
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 _HOME = {
     "BaseParameters": "parameters",
     "Batch": "batch",
+    "Case": "files.case",
     "Controller": "controller",
     "ConvergenceError": "errors",
     "FlexinvError": "errors",
@@ -55,6 +57,7 @@ _HOME = {
     "from_urdf": "files.urdf",
     "joint_torques": "torques",
     "linear_model": "linear",
+    "load_cases": "files.case",
     "load_mechanism": "files.mechanism_file",
     "natural_modes": "modes",
     "prepare": "prepared",
@@ -71,6 +74,7 @@ _HOME = {
 __all__ = [
     "BaseParameters",
     "Batch",
+    "Case",
     "Controller",
     "ConvergenceError",
     "FlexinvError",
@@ -93,6 +97,7 @@ __all__ = [
     "from_urdf",
     "joint_torques",
     "linear_model",
+    "load_cases",
     "load_mechanism",
     "natural_modes",
     "prepare",

@@ -12,6 +12,7 @@ import click
 import numpy as np
 import pandas as pd
 
+from flexinv.cli_compiling import telling
 from flexinv.cli_follow import follow_task
 from flexinv.cli_parameters import parameters
 from flexinv.drives import motor_side
@@ -352,7 +353,8 @@ def main(arguments: list[str] | None = None) -> None:
         warnings.showwarning = lambda message, category, *place: (
             _warn(message) if issubclass(category, ModelWarning) else others(message, category, *place)
         )
-        complaint = _run(arguments)
+        with telling():
+            complaint = _run(arguments)
     if complaint:
         click.echo(f"flexinv: {complaint}", err=True)
         sys.exit(2)

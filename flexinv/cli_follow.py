@@ -12,6 +12,7 @@ from flexinv.errors import InputError
 from flexinv.files.mechanism_file import load_mechanism
 from flexinv.files.tasks import Task, load_tasks
 from flexinv.following import follow
+from flexinv.solution import effort_units
 
 
 @click.command("follow")
@@ -39,12 +40,12 @@ def follow_task(model: Path, name: str | None, out: Path | None, step: float | N
     click.echo(
         f"{found.path.text} of {found.path.length:.4g} m in {found.path.duration:g} s, from {found.time[0]:.4g} s on"
     )
-    rows = {}
+    rows, units = {}, dict(zip(mechanism.velocity_names, effort_units(mechanism), strict=True))
     for way, solution in found.feed_forwards.items():
         off = found.distance(found.replay(way))
         peaks = zip(solution.torque_names, np.abs(solution.torque).max(axis=0), strict=True)
         rows[way] = {"tip off by [m]": off.max(), "over the length [-]": off.max() / found.path.length} | {
-            f"peak {joint}": peak for joint, peak in peaks
+            f"peak {joint} [{units[joint]}]": peak for joint, peak in peaks
         }
     click.echo(pd.DataFrame(rows).T.to_string(float_format=lambda x: f"{x:.4g}"))
     if out is not None:

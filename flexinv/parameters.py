@@ -103,6 +103,12 @@ def torque_regressor(
     Raises InputError for a flexible mechanism, closures, wrong shapes, values that are not finite.
     Source of the form: Atkeson, An, Hollerbach, *Estimation of inertial parameters*, IJRR 5(3), 1986.
     """
+    if not mechanism.is_rigid:
+        beams = ", ".join(link.name for link in mechanism.beams)
+        raise InputError(
+            f"mechanism '{mechanism.name}' has links that bend ({beams}), and ten parameters for each link are those of "
+            'rigid ones; write kind = "rigid" for them to see what torques tell of the rigid mechanism'
+        )
     states = checked_states(mechanism, q, qd, qdd)
     mesh = build(mechanism)
     m = rigid_motion(mesh, *states)

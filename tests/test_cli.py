@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from numba import njit
 
 from flexinv.cli import link_mass, main
+from flexinv.cli_compiling import NOTE, telling
 from flexinv.files.case import load_cases
 from flexinv.files.mechanism_file import load_mechanism
 from flexinv.mechanism import Beam, Body, Inertia, Link, Section
@@ -221,3 +223,28 @@ def test_the_module_is_the_command_line(root: Path) -> None:
         [sys.executable, "-m", "flexinv", "--help"], cwd=root, capture_output=True, text=True, check=True
     )
     assert "solve" in done.stdout
+
+
+def test_kernels_that_are_compiled_are_announced_once(capsys: pytest.CaptureFixture[str]) -> None:
+    """With Numba's real compiler: two functions are compiled, one line is written, and none without compiling."""
+
+    @njit
+    def twice(x: float) -> float:
+        return 2 * x
+
+    @njit
+    def thrice(x: float) -> float:
+        return 3 * x
+
+    with telling():
+        assert (twice(1.0), thrice(1.0)) == (2.0, 3.0)
+    assert capsys.readouterr().err == f"{NOTE}\n"
+    with telling():
+        assert (twice(1.0), thrice(1.0)) == (2.0, 3.0)
+    assert capsys.readouterr().err == ""
+
+
+def test_parameters_of_an_arm_that_bends_say_what_to_write(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    line = complaint(["parameters", str(root / "models" / "flex_one_link")], capsys)
+    assert "links that bend (link)" in line
+    assert 'kind = "rigid"' in line

@@ -14,10 +14,12 @@ from crosscheck_examples import example_run, write_models
 
 from crosscheck.baseline import UNBLESSED
 from crosscheck.causes.dictionary import DICTIONARY
+from crosscheck.causes.fit import Fit
+from crosscheck.causes.model import model_of
 from crosscheck.causes.subject import Subject
 from crosscheck.certificate import Check
 from crosscheck.compare import Comparison
-from crosscheck.diagnosis import diagnose
+from crosscheck.diagnosis import diagnose, repair
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.isolation import Children, ask
 from crosscheck.plan import discover
@@ -27,6 +29,7 @@ from crosscheck.report import render
 from crosscheck.report.markdown import escape
 from crosscheck.report.reasons import sheets, uncertified
 from crosscheck.results import CaseRow, Results, RunRow
+from flexinv.errors import InputError
 from flexinv.files.case import load_cases
 from flexinv.files.mechanism_file import load_mechanism
 
@@ -125,3 +128,21 @@ def test_dynamics_without_a_certificate_are_labelled(line: Check, verdict: str, 
     case = CaseRow("m", "c")
     assert [(sheet.verdict, sheet.words) for sheet in sheets(results, case)] == [(verdict, words)]
     assert uncertified(results, case) == ({} if verdict == "within" else {"e": words})
+
+
+def test_a_cause_that_cannot_be_taken_out_is_put_into_the_reference() -> None:
+    """Shear that is 4.7 times stiffer: less by the fraction 4.7 is no beam, and the other way is tried."""
+    folder = MODELS / "flex_one_link"
+    found = load_mechanism(folder)
+    subject = Subject(found, load_cases(folder, found)["cycloid"])
+    cause, size = DICTIONARY["shear factor"], np.array([4.7])
+    with pytest.raises(InputError, match="leaves next to nothing"):
+        cause.change(subject, "link", -size)
+    flexinv = adapter(ENGINES["flexinv"])
+    reference = flexinv.run(found, subject.case, "flexinv", {"error": False})
+    harmed = cause.change(subject, "link", size)
+    record = flexinv.run(harmed.mechanism, harmed.case, "flexinv", {"error": False})
+    fit = Fit(cause, "link", size, 0.0, np.zeros(0))
+    left, where = repair(model_of(subject, reference), fit, "exudyn-ancf", reference, record)
+    assert where == "put into the reference"
+    assert left == 0.0  # the same computation twice

@@ -140,7 +140,7 @@ def test_a_payload_is_identified_from_torques() -> None:
 
 
 def test_what_cannot_be_is_said() -> None:
-    with pytest.raises(InputError, match="beam links"):
+    with pytest.raises(InputError, match="links that bend"):
         torque_regressor(spatial_tree(), *(np.zeros(spatial_tree().nv) for _ in range(3)))
     mechanism, _ = trees.double_pendulum()
     still = replace(mechanism, gravity=np.zeros(3))

@@ -239,6 +239,14 @@ def test_the_first_sentence(results: Results, sentence: str) -> None:
     assert words.sentence(results) == sentence
 
 
+def test_engines_that_say_the_same_of_themselves_share_a_row() -> None:
+    rows = [EngineRow(name, True, "1.0", can) for name, can in (("a", "beams"), ("c", "bodies"), ("b", "beams"))]
+    found = words.engines_alike([*rows, EngineRow("d", False, message="gone")])
+    assert [(names, row.abilities or row.message) for row, names in found] == [
+        (["a", "b"], "beams"), (["c"], "bodies"), (["d"], "gone"),
+    ]  # fmt: skip
+
+
 def test_only_a_good_run_is_called_good() -> None:
     for bad in ("deviation", "error", "unjudged"):
         assert words.sentence(example(row("within"), row(bad))).startswith("1 of 2 comparisons is within its limit; ")

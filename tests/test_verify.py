@@ -164,6 +164,30 @@ def test_written_limits_load_and_stated_ones_stay(tmp_path: Path) -> None:
     assert tomllib.loads(toml(made, "a test"))["limits"][0]["maximum"] == 5e-5
 
 
+def test_limits_are_added_to_a_file_that_has_none(tmp_path: Path) -> None:
+    """What follows from models/README.md alone: a case without limits, and verify proposes them."""
+    folder = from_template(tmp_path, "mine", "arm")
+    file, mechanism = folder / "cases.toml", load_mechanism(folder)
+    file.write_text(file.read_text().partition(MARK)[0].replace('quantities = ["torque", "tip", "wrench"]\n', ""))
+    (case,) = load_cases(folder, mechanism).values()
+    assert (case.limits, case.quantities) == ((), ("torque",))
+    for _ in range(2):  # the second time in place of the first
+        write(file, [Proposal("torque", "flexinv", ("mujoco",), 5e-5, "error bars")], "a test")
+        (case,) = load_cases(folder, mechanism).values()
+        assert [limit.maximum for limit in case.limits] == [5e-5]
+    assert file.read_text().count(MARK) == 1
+
+
+def test_stated_limits_are_heard_before_the_engines_run(tmp_path: Path) -> None:
+    folder = from_template(tmp_path, "mine", "arm")
+    file = folder / "cases.toml"
+    file.write_text(file.read_text().replace(MARK, ""))
+    done = command("verify", "mine", "--write", "--models", str(tmp_path), "--out", str(tmp_path / "out"))
+    assert done.exit_code == 2
+    assert "its limits were stated by hand" in done.output
+    assert not (tmp_path / "out").exists()
+
+
 def command(*words: str) -> Result:
     return CliRunner().invoke(main, list(words))
 

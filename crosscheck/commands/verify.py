@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import shlex
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import click
@@ -15,7 +16,7 @@ from rich.table import Table
 from crosscheck.engines import ENGINES
 from crosscheck.plan import Plan, Task
 from crosscheck.portrait import picture, portrait
-from crosscheck.proposals import propose, toml, write
+from crosscheck.proposals import parts, propose, toml, write
 from crosscheck.report import render
 from crosscheck.report.reasons import sheets
 from crosscheck.report.words import sentence, short
@@ -34,7 +35,12 @@ from flexinv.errors import FlexinvError, InputError
     type=click.Path(file_okay=False, path_type=Path),
     help="Folder of its report; reports/verify/NAME by default.",
 )
-@click.option("--write", "writes", is_flag=True, help="Put the proposed limits into cases.toml, below its mark.")
+@click.option(
+    "--write",
+    "writes",
+    is_flag=True,
+    help="Put the proposed limits into cases.toml: at its end, or in place of those below its mark.",
+)
 @JOBS
 @TIMEOUT
 def command(name: str, models: Path, engines: str, out: Path | None, writes: bool, jobs: int, timeout: float) -> None:
@@ -48,6 +54,9 @@ def command(name: str, models: Path, engines: str, out: Path | None, writes: boo
     plan = plan_of(models, (name,))
     if plan.broken:
         raise Failure(f"{name} cannot be read: {plan.broken[0][1]}")
+    file = plan.tasks[0].folder / "cases.toml"
+    if writes:
+        _or_fail(parts, file)  # said before the engines run
     folder = out or Path("reports") / "verify" / slug(name)
     folder.mkdir(parents=True, exist_ok=True)
     for task in plan.tasks:
@@ -62,16 +71,19 @@ def command(name: str, models: Path, engines: str, out: Path | None, writes: boo
     source = f"crosscheck verify, {today.isoformat()}, {', '.join(_versions(results))}"
     console.print("\n[bold]limits that the error bars suggest[/bold]")
     console.print("\n".join(toml(p, source) for p in proposals), markup=False, highlight=False, soft_wrap=True)
-    file = plan.tasks[0].folder / "cases.toml"
     if writes:
-        try:
-            write(file, proposals, source)
-        except (InputError, OSError) as error:
-            raise Failure(str(error)) from error
+        _or_fail(write, file, proposals, source)
         console.print(f"wrote them into {file}", highlight=False)
     console.print(f"report: {folder / 'index.html'}", highlight=False)
     if any(run_.verdict == "error" for run_ in results.runs):
         sys.exit(2)
+
+
+def _or_fail(work: Callable[..., object], *arguments: object) -> None:
+    try:
+        work(*arguments)
+    except (InputError, OSError) as error:
+        raise Failure(str(error)) from error
 
 
 def _explain(console: Console, task: Task, folder: Path) -> None:

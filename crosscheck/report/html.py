@@ -94,6 +94,7 @@ def index_view(results: Results, trends: bool = False) -> dict[str, Any]:
         "counts": words.counts(results),
         "troubles": [(v, link(where), label(where), what, text) for v, where, what, text in words.troubles(results)],
         "matrix": matrix,
+        "engines": words.engines_alike(results.engines),
         "limits": [(c, line) for c in results.cases for line in c.unused_limits],
         "changed": changes.sentence(results.changes),
         "trends": trends,

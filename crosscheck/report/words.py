@@ -11,7 +11,7 @@ from crosscheck.baseline import UNBLESSED
 from crosscheck.compare import Comparison
 from crosscheck.limits import VERDICTS, Verdict, worst
 from crosscheck.report.reasons import causes, diagnosed, why
-from crosscheck.results import CaseRow, Diagnosis, Results, RunRow, StudyRow
+from crosscheck.results import CaseRow, Diagnosis, EngineRow, Results, RunRow, StudyRow
 
 SIGNS: dict[str, str] = {
     "within": "✓",
@@ -218,6 +218,14 @@ def by_mechanism(cases: Iterable[CaseRow]) -> dict[str, list[CaseRow]]:
     for case in cases:
         groups.setdefault(case.mechanism, []).append(case)
     return groups
+
+
+def engines_alike(rows: Iterable[EngineRow]) -> list[tuple[EngineRow, list[str]]]:
+    """Return one engine of all that say the same of themselves, with the names of these."""
+    groups: dict[EngineRow, list[str]] = {}
+    for engine in rows:
+        groups.setdefault(replace(engine, name=""), []).append(engine.name)
+    return list(groups.items())
 
 
 def _engines(row: Comparison) -> set[tuple[str, str, str]]:

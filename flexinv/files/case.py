@@ -107,11 +107,6 @@ def _case(data: Any, name: str, source: str, shared: list[Limit], mechanism: Mec
     _check_times(table, motion, end, sample, file, path)
     _check_quantities(table, mechanism, file, path)
     limits = (*map(_limit, table.limits), *(limit for limit in shared if limit.quantity in table.quantities))
-    for quantity in table.quantities:
-        if not any(limit.quantity == quantity for limit in limits):
-            expected = f"a limit for {quantity}: without one there is no verdict"
-            write = f'[[{path}.limits]] with quantity = "{quantity}", engines, maximum and reason'
-            raise InputError(complaint(place(file, path, "limits"), "none", expected, write))
     return Case(
         name, table.title, motion, table.step_s, end, sample, tuple(table.quantities), limits,
         table.spectral_radius, table.initial, mesh, start, table.source or source, tuple(table.notes),

@@ -213,7 +213,7 @@ class CaseTable(Table):
     quantities: Annotated[
         list[Literal["torque", "wrench", "reaction", "tip", "deflection", "axial", "internal", "frequency"]],
         Field(min_length=1),
-    ] = key(f"which of {', '.join(QUANTITIES)} are compared", 'quantities = ["torque", "tip"]')
+    ] = key(f"which of {', '.join(QUANTITIES)} are compared", 'quantities = ["torque", "tip"]', default=["torque"])
     limits: list[LimitTable] = key("tables [[cases.NAME.limits]]", "[[cases.NAME.limits]]", default=[])
     motion: MotionTable = key("a table [cases.NAME.motion]", "[cases.NAME.motion]")
 
