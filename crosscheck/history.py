@@ -26,7 +26,6 @@ from crosscheck.limits import Verdict
 from crosscheck.results import Results
 
 PATIENCE = 30.0  # [s] to wait for somebody else's transaction: adding a night takes a second
-DEFAULT_URL = "sqlite:///reports/history.sqlite"
 _meta = sql.MetaData()
 
 

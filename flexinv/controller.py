@@ -13,7 +13,6 @@ carried on like the deformation.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,11 +27,11 @@ from flexinv.loads import load_table
 from flexinv.march import CONVERGED
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh, build
-from flexinv.planar import PlanarMarch
+from flexinv.planar import PlanarMarch, histories
 from flexinv.planar_record import Histories
 from flexinv.plane import NotPlanar, find_plane
 from flexinv.prepared import TorqueFunction, prepare
-from flexinv.solver import Solver, Trajectory
+from flexinv.solver import Solver
 from flexinv.starting import consistent_accelerations, equilibrium, instant, move_as_rigid, start_undeformed
 from flexinv.sums import Drives, instant_torques
 from flexinv.tree import Joints
@@ -200,20 +199,10 @@ def _flexible(mechanism: Mechanism, scheme: Scheme) -> Flexible:
     m = out.motion
     return Flexible(
         solver, flat, scheme, nodes, _drives(mesh), joints, Joints(*(part[None] for part in joints)),
-        np.zeros((1, int((mesh.v_index >= 0).sum()), 3)), np.zeros(1, dtype=np.int64), _written(out),
+        np.zeros((1, int((mesh.v_index >= 0).sum()), 3)), np.zeros(1, dtype=np.int64), histories(out),
         tuple(part[0] for part in (m.x, m.rotation, m.omega, m.a, m.alpha)), np.zeros((mesh.size, 6)),
         (load_table(mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))),
     )  # fmt: skip
-
-
-def _written(out: Trajectory) -> Histories:
-    """The histories of one instant by the names of the planar march."""
-    m = out.motion
-    named: dict[str, Any] = {
-        "x": m.x, "r": m.rotation, "v": m.v, "w": m.omega, "a": m.a, "al": m.alpha, "wrench": out.wrench,
-        "internal": out.internal, "energy": out.energy, "multipliers": out.multipliers, "iterations": out.iterations,
-    }  # fmt: skip
-    return Histories(**{name: named[name] for name in Histories._fields})
 
 
 def _drives(mesh: Mesh) -> Drives:

@@ -6,6 +6,7 @@ import importlib
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -175,6 +176,24 @@ def test_a_closure_of_another_rank_is_found(place: str, engine: str) -> None:
     wrong = [line for line in found if not line.holds]
     assert [line.what for line in wrong] == ["rank of the closures"]
     assert wrong[0].words.endswith("a closure ties less than it should")
+
+
+@pytest.mark.parametrize(
+    ("harm", "what", "words"),
+    [
+        ({"order": ("A", "B")}, "order of the joints", "mapped by name: A, B"),
+        ({"residual": 1e-3}, "closure residual", ""),
+        ({"mass_matrix": np.eye(3)}, "joint-space mass matrix", "of shape (3, 3), expected "),
+    ],
+)
+def test_what_no_cause_does_is_found(harm: dict[str, Any], what: str, words: str) -> None:
+    """A joint that is lost, a loop that stays open, matrices of another size."""
+    mechanism, case = load("four_bar/turn")
+    theirs, ours = says(mechanism, case, "pinocchio"), says(mechanism, case, "flexinv")
+    assert holds(checks("four_bar", "turn", "pinocchio", theirs, ours))
+    wrong = [line for line in checks("four_bar", "turn", "pinocchio", replace(theirs, **harm), ours) if not line.holds]
+    assert [line.what for line in wrong] == [what]
+    assert wrong[0].words.startswith(words)
 
 
 def test_an_engine_without_a_certificate_says_why() -> None:

@@ -89,11 +89,6 @@ def bodies(model: Model) -> list[str]:
     return [name for name, (_, body) in model.base.bodies.items() if body.inertia.mass > 0.0]
 
 
-def rigid_links(model: Model) -> list[str]:
-    """Return the links that are rigid."""
-    return [link.name for link in model.base.mechanism.links if link.beam is None]
-
-
 def beams(model: Model) -> list[str]:
     """Return the links that bend."""
     return [link.name for link in model.base.mechanism.beams]
