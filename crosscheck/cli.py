@@ -50,6 +50,8 @@ def main() -> None:
       crosscheck list                           mechanisms, their cases and what is compared
       crosscheck run rigid_3r                   run one mechanism; open reports/latest/index.html
       crosscheck run --engines flexinv,exudyn*  some engines only
+      crosscheck new my_arm --template arm      a mechanism of your own ...
+      crosscheck verify my_arm --write          ... explained, compared, with limits from its error bars
 
     \b
     Exit codes: 0  everything compared is within its limits (skipped is neither passed nor failed)

@@ -51,7 +51,7 @@ def app() -> None:
     """
 
 
-@app.command()
+@app.command(short_help="Compute the torques for the motion of a case.")
 @MODEL
 @click.option("--case", "name", help="Which motion of cases.toml; may be left out where there is only one.")
 @click.option("--out", type=FILE, help="Write time, joint motion and torques as CSV, units in the header.")
@@ -108,7 +108,7 @@ def solve(model: Path, name: str | None, out: Path | None, plot: Path | None, st
         click.echo(f"drew {plot}")
 
 
-@app.command()
+@app.command(short_help="Show what a mechanism file (or a URDF) is.")
 @MODEL
 def info(model: Path) -> None:
     """Show what a mechanism file (or a URDF) is: coordinates, masses, beams and their meshes, and its cases."""
@@ -143,7 +143,7 @@ def info(model: Path) -> None:
         click.echo(f"\ncases\n{table.to_string(index=False)}")
 
 
-@app.command()
+@app.command(short_help="Show natural frequencies, at rest or in steady rotation.")
 @MODEL
 @click.option("--case", "name", help="Take the configuration at the start of this case; all joints at zero without it.")
 @click.option("--free", multiple=True, help="A joint that moves freely (may be repeated); all others are held.")

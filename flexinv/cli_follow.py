@@ -15,7 +15,7 @@ from flexinv.following import follow
 from flexinv.solution import effort_units
 
 
-@click.command("follow")
+@click.command("follow", short_help="Compute the torques with which a tip follows a path.")
 @click.argument("model", type=click.Path(path_type=Path))
 @click.option("--task", "name", help="Which task of cases.toml; may be left out where there is only one.")
 @click.option(

@@ -11,7 +11,7 @@ from flexinv.files.urdf import from_urdf
 from flexinv.parameters import base_parameters, random_states, torque_regressor
 
 
-@click.command()
+@click.command(short_help="Show the base parameters of a rigid mechanism.")
 @click.argument("model", type=click.Path(path_type=Path))
 @click.option("--drives", is_flag=True, help="With rotor inertia, damping, dry friction and springs of the joints.")
 @click.option("--samples", type=click.IntRange(min=1), default=200, show_default=True, help="Random states to look at.")

@@ -160,3 +160,8 @@ def test_every_help_teaches(invoke: Invoke) -> None:
         assert len(command.help or "") > 40
         assert all(getattr(p, "help", "") for p in command.params if p.param_type_name == "option"), command.name
         assert "Usage" in text
+
+
+def test_no_line_of_the_overview_is_cut_off() -> None:
+    shown = CliRunner().invoke(main, ["--help"], terminal_width=80).output
+    assert "..." not in shown.partition("Commands:")[2]

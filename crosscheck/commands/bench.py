@@ -25,7 +25,7 @@ from crosscheck.terminal import COLOURS, MODELS, TIMEOUT, Failure, progress, ter
 from crosscheck.terminal import out as out_option
 
 
-@click.command("bench")
+@click.command("bench", short_help="Measure how fast flexinv is beside the other engines.")
 @click.argument("parts", nargs=-1)
 @MODELS
 @click.option("--quick", is_flag=True, help="A minute or so, with fewer sizes: to see that all is well, not to quote.")

@@ -16,7 +16,7 @@ from crosscheck.runner import RESULTS
 from crosscheck.terminal import FOLDER, Failure
 
 
-@click.command("bless")
+@click.command("bless", short_help="Bless a run: later ones may not be worse.")
 @click.option(
     "--reason", required=True, help="Why these values are right: a sentence for whoever reads the file's history."
 )

@@ -14,7 +14,7 @@ from crosscheck.isolation import Children, ask
 from crosscheck.runner import DESCRIBE
 
 
-@click.command("engines")
+@click.command("engines", short_help="Show which engines are installed, and what each can do.")
 def command() -> None:
     """Show which engines are installed, their versions and what each can do."""
     table = Table("engine", "version", "what it can do", box=None, header_style="dim")

@@ -15,7 +15,7 @@ from flexinv.errors import InputError
 EXPORTED = [name for name, engine in ENGINES.items() if name != REFERENCE and can_export(engine)]
 
 
-@click.command("export")
+@click.command("export", short_help="Write what an engine was given as files that need only it.")
 @click.argument("name")
 @MODELS
 @click.option("--case", help="Which case; may be left out where there is only one.")

@@ -11,7 +11,7 @@ from crosscheck.terminal import Failure
 from flexinv.errors import InputError
 
 
-@click.command("new")
+@click.command("new", short_help="Write the two files of a mechanism NAME.")
 @click.argument("name")
 @click.option("--template", type=click.Choice(TEMPLATES), default="arm", show_default=True, help="What to start from.")
 @click.option(

@@ -22,7 +22,7 @@ from crosscheck.terminal import FOLDER, Failure, progress, terminated
 from flexinv.errors import InputError
 
 
-@click.command("nightly")
+@click.command("nightly", short_help="Run everything, judge it, and add it to the history.")
 @running
 @click.option("--reports", type=FOLDER, default=Path("reports"), show_default=True, help="Folder of all nights.")
 @click.option("--baseline", type=FOLDER, help="Folder of the blessed night.  [default: baseline in the reports]")

@@ -13,7 +13,7 @@ from crosscheck.runner import RESULTS
 from crosscheck.terminal import Failure, finish
 
 
-@click.command("report")
+@click.command("report", short_help="Render the report in FOLDER again.")
 @click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path), default=Path("reports/latest"))
 def command(folder: Path) -> NoReturn:
     """Render the report in FOLDER again from its results.json and series (exit code as of the run)."""

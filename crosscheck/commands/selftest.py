@@ -25,7 +25,7 @@ from crosscheck.terminal import COLOURS, JOBS, MODELS, Failure, progress, termin
 from crosscheck.terminal import out as out_option
 
 
-@click.command("selftest")
+@click.command("selftest", short_help="Plant every known cause, and demand that it is named.")
 @click.argument("names", nargs=-1)
 @MODELS
 @out_option("reports/selftest")

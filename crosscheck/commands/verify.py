@@ -26,7 +26,7 @@ from crosscheck.terminal import COLOURS, JOBS, MODELS, PATTERNS, TIMEOUT, Failur
 from flexinv.errors import FlexinvError, InputError
 
 
-@click.command("verify")
+@click.command("verify", short_help="Explain mechanism NAME, compare engines, propose limits.")
 @click.argument("name")
 @MODELS
 @PATTERNS
