@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.plan import Task
-from flexinv.cli import link_mass, mobility_line, start_of
 from flexinv.errors import FlexinvError
 from flexinv.mesh import Mesh
 from flexinv.modes import natural_modes
+from flexinv.overview import link_mass, mobility_line, start_of
 from flexinv.scheme import solve
 from flexinv.solution import Solution
 

@@ -20,10 +20,9 @@ from flexinv.errors import FlexinvError, InputError, ModelWarning
 from flexinv.files.case import Case, load_cases
 from flexinv.files.mechanism_file import load_mechanism
 from flexinv.files.urdf import from_urdf
-from flexinv.loops import closed_near, mobility
-from flexinv.mechanism import CLOSURES, Array, Link, Mechanism
 from flexinv.mesh import build
 from flexinv.modes import natural_modes
+from flexinv.overview import beam_table, closure_table, joint_table, link_mass, link_table, mobility_line, start_of
 from flexinv.plane import NotPlanar, find_plane
 from flexinv.scheme import solve as solve_motion
 from flexinv.solution import Solution
@@ -189,20 +188,6 @@ def rate_of(text: str) -> tuple[str, float]:
         raise InputError(f"--rate {text}: expected a joint and its rate in rad/s, for example --rate hub=80") from None
 
 
-def start_of(mechanism: Mechanism, case: Case | None) -> Array:
-    """Return the configuration (nq,) [rad], [m] at which a case starts; zero without one.
-
-    Joints that the motion leaves out are where the case starts them.
-    """
-    q = mechanism.neutral
-    if case is not None:
-        q = case.motion.evaluate(mechanism, [0.0])[0][0]
-        for name, value in case.start.items():
-            angle = mechanism.joint_of[name].kind == "continuous"
-            q[mechanism.q_slices[name]] = [np.cos(value[0]), np.sin(value[0])] if angle else value
-    return q
-
-
 def folder(model: Path) -> Path:
     """Return the folder of a model that is given as a folder or as its mechanism.toml."""
     return model.parent if model.suffix else model
@@ -231,99 +216,6 @@ def motors(solution: Solution) -> str:
     rows = [(name, *(np.abs(part).max() for part in (m.rate, m.torque, m.current))) for name, m in found.items()]
     table = pd.DataFrame(rows, columns=columns)
     return str(table.to_string(index=False, float_format=lambda x: f"{x:.5g}", na_rep="-"))
-
-
-def link_mass(link: Link) -> float:
-    """Return the mass of a link with all that it carries [kg]."""
-    bodies = sum(body.inertia.mass for body in link.bodies)
-    if link.beam is None:
-        return bodies
-    section = link.beam.section
-    stations = np.concatenate([[0.0], section.stations, [1.0]])
-    density = np.interp(stations, section.stations, section.mass_per_length)  # linear between, constant beyond
-    return bodies + link.beam.length * float(np.trapezoid(density, stations))
-
-
-def joint_table(mechanism: Mechanism) -> pd.DataFrame:
-    """Return one row per joint that moves; drives that are not zero in columns with their units, such as [N m]."""
-    moving = [j for j in mechanism.joints if j.nv]
-    rows = [
-        {
-            "joint": j.name,
-            "kind": j.kind,
-            "parent": j.parent if j.station is None else f"{j.parent} at {j.station:g}",
-            "child": j.child,
-            "q": " ".join(mechanism.coordinate_names[mechanism.q_slices[j.name]]),
-            "actuated": "yes" if j.actuated else "no",
-        }
-        for j in moving
-    ]
-    table = pd.DataFrame(rows)
-    for key, unit in (("rotor_inertia", "kg m^2, kg"), ("damping", "N m s, N s/m"), ("friction", "N m, N")):
-        values = [getattr(j, key) for j in moving]
-        if any(values):
-            table[f"{key.replace('_', ' ')} [{unit}]"] = values
-    return table
-
-
-def closure_table(mechanism: Mechanism) -> pd.DataFrame:
-    """Return one row per closure: its kind, what it joins, its constraints [-], and when it acts [s]."""
-    columns = ["closure", "kind", "first", "second", "constraints", "acts [s]"]
-    rows = [
-        (c.name, c.kind, c.first.link, c.second.link, CLOSURES[c.kind],
-         " and ".join(f"{a:g} to {b:g}" for a, b in c.active) or "always")
-        for c in mechanism.closures
-    ]  # fmt: skip
-    return pd.DataFrame(rows, columns=columns)
-
-
-def mobility_line(mechanism: Mechanism, case: Case | None) -> str:
-    """Return a line: freedoms, constraints, redundant constraints and drives [-], where the case starts.
-
-    Without a case the mechanism is closed near its zero.  Raises ConvergenceError where the loops stay open.
-    """
-    mesh = build(mechanism)
-    found = mobility(mesh, closed_near(mesh, start_of(mechanism, case)))
-    drives = int(mechanism.actuated.sum())
-    when = " at the start" if any(c.active for c in mechanism.closures) else ""
-    spare = f" (redundant by {drives - found.freedoms})" if drives > found.freedoms else ""
-    return (
-        f"mobility{when}: {_count(found.freedoms, 'freedom')} = {_count(mechanism.nv, 'joint coordinate')} - "
-        f"{_count(found.constraints - found.redundant, 'independent constraint')}; "
-        f"{_count(found.constraints, 'constraint')}, {found.redundant} redundant; {_count(drives, 'drive')}{spare}"
-    )
-
-
-def _count(number: int, word: str) -> str:
-    return f"{number} {word}" if number == 1 else f"{number} {word}s"
-
-
-def link_table(mechanism: Mechanism) -> pd.DataFrame:
-    """Return one row per link: rigid or beam, its mass [kg], and what it carries."""
-    rows = [
-        {
-            "link": link.name,
-            "kind": "rigid" if link.beam is None else "beam",
-            "mass [kg]": link_mass(link),
-            "bodies": ", ".join(body.name for body in link.bodies) or "-",
-        }
-        for link in mechanism.links
-    ]
-    return pd.DataFrame(rows)
-
-
-def beam_table(mechanism: Mechanism) -> pd.DataFrame:
-    """Return one row per beam: length [m], mesh, and the root's stiffness [N], [N m^2] and mass per length [kg/m]."""
-    rows = []
-    for link in mechanism.beams:
-        beam = link.beam
-        if beam is not None:
-            ea, _, _, gj, ei_y, ei_z = beam.section.stiffness[0]
-            mesh = f"{beam.elements} x order {beam.order}"
-            density = beam.section.mass_per_length[0]
-            rows.append((link.name, beam.length, mesh, ea, gj, ei_y, ei_z, density))
-    columns = ["beam", "length [m]", "mesh", "EA [N]", "GJ [N m^2]", "EI_y [N m^2]", "EI_z [N m^2]", "mass [kg/m]"]
-    return pd.DataFrame(rows, columns=columns)
 
 
 def draw(solution: Solution, title: str) -> Figure:

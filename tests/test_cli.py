@@ -11,11 +11,12 @@ import pandas as pd
 import pytest
 from numba import njit
 
-from flexinv.cli import link_mass, main
+from flexinv.cli import main
 from flexinv.cli_compiling import NOTE, telling
 from flexinv.files.case import load_cases
 from flexinv.files.mechanism_file import load_mechanism
 from flexinv.mechanism import Beam, Body, Inertia, Link, Section
+from flexinv.overview import link_mass
 from flexinv.scheme import solve
 
 MECHANISM = """

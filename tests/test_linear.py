@@ -13,12 +13,12 @@ import scipy.signal
 from flexible_examples import STRIP
 
 import flexinv
-from flexinv.cli import start_of
 from flexinv.derivatives import torque_derivatives
 from flexinv.errors import InputError
 from flexinv.files.case import load_cases
 from flexinv.linear import linear_model
 from flexinv.mechanism import WORLD, Beam, Body, Inertia, Joint, Link, Mechanism
+from flexinv.overview import start_of
 from flexinv.vibration import steady_modes
 
 # Eigenvalues of matrices that were transformed and solved with: some thousand roundings of the largest that are compared.
