@@ -79,7 +79,7 @@ def scenario_of(mechanism: Mechanism, motion: Motion, options: Mapping[str, Any]
         if set(options) - OPTIONS or mechanism.is_rigid or mechanism.closures or motion.jumps:
             return None
         given = options["step"], options.get("tolerance", EXACT), options.get("spectral_radius", 0.8)
-        if not all(isinstance(number, Real) for number in given):
+        if not all(isinstance(number, Real) and not isinstance(number, bool) for number in given):
             return None
         step, tolerance, radius = (float(number) for number in given)
         if len(motion.joints(mechanism)) < sum(joint.nv > 0 for joint in mechanism.joints):

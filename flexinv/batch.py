@@ -10,20 +10,26 @@ from _thread import start_new_thread
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from inspect import signature
 from itertools import repeat
 from queue import SimpleQueue
 from threading import Lock
 from typing import Any
 
 from flexinv.alike import alike, prepare_all, solve_alike
+from flexinv.arguments import function, whole
 from flexinv.errors import InputError
+from flexinv.files.unit_keys import nearest
 from flexinv.kinematics import Progress
 from flexinv.mechanism import Mechanism
 from flexinv.memory import shared_pieces
 from flexinv.motion import Motion
+from flexinv.prepared import THREADS
 from flexinv.processors import go_to, processor_now, processors
 from flexinv.scheme import solve
 from flexinv.solution import Solution
+
+OPTIONS = tuple(signature(solve).parameters)[2:]  # what a scenario may say beside its mechanism and its motion
 
 
 @dataclass(frozen=True)
@@ -63,14 +69,14 @@ def solve_many(
     A scenario that fails does not stop the others: its error is kept.  Raises InputError for lists of unequal length.
     """
     scenarios = _scenarios(mechanisms, motions, each)
-    if threads is not None and threads < 1:
-        raise InputError(f"threads = {threads}: expected 1 or more, or None for one per processor")
+    _check_options(options, "")
+    function("progress", progress, "a function that is called with 1 after every scenario")
+    count = processors() if threads is None else whole("threads", threads, 1, THREADS)
     lock, results = Lock(), list[Solution | Exception | None](repeat(None, len(scenarios)))
     prepared = prepare_all(scenarios, {"step": step, **options})
     runs = [run for run in alike(prepared) if len(run) > 1]
     together = {k for run in runs for k in run}
     ahead = deque(k for k in range(len(scenarios)) if k not in together)
-    count = threads or processors()
 
     def work() -> None:
         with shared_pieces():
@@ -157,9 +163,19 @@ def _scenarios(
     return list(zip(*columns, strict=True))
 
 
+def _check_options(options: Mapping[str, Any], where: str) -> None:
+    for name in options:
+        if name not in OPTIONS:
+            like = nearest(str(name), OPTIONS)
+            raise InputError(
+                f"solve_many: {where}{name!r} is no option of solve: expected some of {', '.join(OPTIONS)}"
+                + (f"; write {like!r}" if like else "")
+            )
+
+
 def _check_lists(mechanisms: object, motions: object, each: object) -> None:
     for name, value, kind in (("mechanisms", mechanisms, Mechanism), ("motions", motions, Motion)):
-        if not isinstance(value, (kind, Sequence)):
+        if isinstance(value, str) or not isinstance(value, (kind, Sequence)):
             raise InputError(
                 f"solve_many: {name} is a {type(value).__name__}: expected one {kind.__name__} or a list; write list({name})"
             )
@@ -168,3 +184,5 @@ def _check_lists(mechanisms: object, motions: object, each: object) -> None:
             f"solve_many: each is a {type(each).__name__}: expected a list with a table of options for every scenario, such as "
             '[{"step": 1e-3}, {}]; options of all scenarios are arguments of solve_many'
         )
+    for k, own in enumerate(each or ()):
+        _check_options(own, f"each[{k}]: ")

@@ -15,9 +15,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numba.core.errors import NumbaError
 from numpy.typing import ArrayLike, NDArray
 
 from flexinv.applied import applied_forces, check_constant
+from flexinv.arguments import choice, floats, number, of_kind
 from flexinv.coordinates import Nodes, fill_given, fill_relative
 from flexinv.errors import InputError
 from flexinv.integrate import Scheme, generalized_alpha
@@ -54,6 +56,9 @@ class Flexible:
     motion: tuple[Array, ...]
     line: Array
     loads: tuple[Array, Array, Array]
+    nq: int
+    nv: int
+    applied: bool
 
 
 @dataclass(eq=False)
@@ -80,6 +85,10 @@ class Controller:
 
         Raises InputError: closures with beams, forces that depend on time, no step for beams.
         """
+        of_kind("mechanism", mechanism, Mechanism)
+        if step is not None:
+            step = number("step", step, "the time between two calls in seconds, for example step=1e-3")
+        radius = number("spectral_radius", spectral_radius, "0 (strong) to 1 (no numerical damping), for example 0.8")
         if mechanism.is_rigid:
             return cls(mechanism, np.zeros(mechanism.nv), prepare(mechanism, threads=1), None)
         check_constant(mechanism)
@@ -93,9 +102,7 @@ class Controller:
                 f"controller: mechanism '{mechanism.name}' has beams, whose deformation is carried on from call to call; "
                 "write step = the time between two calls in seconds, for example step=1e-3"
             )
-        out = cls(
-            mechanism, np.zeros(mechanism.nv), None, _flexible(mechanism, generalized_alpha(step, spectral_radius))
-        )
+        out = cls(mechanism, np.zeros(mechanism.nv), None, _flexible(mechanism, generalized_alpha(step, radius)))
         still = mechanism.neutral, np.zeros(mechanism.nv), np.zeros(mechanism.nv)
         out.start(*still)
         out.step(*still)
@@ -109,14 +116,8 @@ class Controller:
 
         Raises InputError for wrong shapes or ``initial``, ConvergenceError where no equilibrium is found.
         """
-        m, now = self.mechanism, [np.array(part, dtype=float) for part in (q, qd, qdd)]
-        for name, part, size in zip(("q", "qd", "qdd"), now, (m.nq, m.nv, m.nv), strict=True):
-            if part.shape != (size,) or not np.isfinite(part).all():
-                raise InputError(
-                    f"controller: {name} has shape {part.shape}, expected ({size},) finite numbers [rad], [m]"
-                )
-        if initial not in ("consistent", "static"):
-            raise InputError(f"initial = {initial!r}: expected 'consistent' (undeformed) or 'static' (in equilibrium)")
+        now = self._checked(q, qd, qdd)
+        choice("initial", initial, {"consistent": "undeformed", "static": "in equilibrium"})
         self.begun = True
         if self.flexible is None:
             return self.step(*now)
@@ -129,7 +130,7 @@ class Controller:
         consistent_accelerations(f.solver, joints, "at the start")
         if f.flat is not None:
             f.flat.take(f.solver.state, f.solver.border.ties)
-        return self._torques(*now)
+        return self._torques(f, *now)
 
     def step(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return the torques (nv,) [N m], [N] of the next instant, always in the same array; nothing else is allocated.
@@ -147,19 +148,36 @@ class Controller:
             raise InputError(
                 "controller: write controller.start(q, qd, qdd) once, where the motion begins, before step"
             )
+        try:
+            if len(q) != f.nq or not len(qd) == len(qdd) == f.nv:
+                self._checked(q, qd, qdd)
+            if f.flat is not None:
+                fill_given(f.nodes, q, qd, qdd, f.given[0])
+            else:
+                fill_relative(f.nodes, q, qd, qdd, f.joints)
+        except (TypeError, NumbaError):  # no arrays of numbers
+            return self.step(*self._checked(q, qd, qdd))
         if f.flat is not None:
-            fill_given(f.nodes, q, qd, qdd, f.given[0])
             status, _, count, size = f.flat.run(f.scheme, f.given, f.row, f.written)
         else:
-            fill_relative(f.nodes, q, qd, qdd, f.joints)
             status, _, count, size = f.solver.march(f.scheme, f.one, *f.loads, f.solver.instant)
         if status != CONVERGED:
             raise f.solver.complain(status, count, size, "in a step of the controller")
-        return self._torques(q, qd, qdd)
+        return self._torques(f, q, qd, qdd)
 
-    def _torques(self, q: Array, qd: Array, qdd: Array) -> Array:
-        f = self.flexible
-        assert f is not None
+    def _checked(self, *given: ArrayLike) -> list[Array]:
+        """Copies of q, qd, qdd as floats."""
+        m, now = self.mechanism, []
+        for name, part, size in zip(("q", "qd", "qdd"), given, (m.nq, m.nv, m.nv), strict=True):
+            own = np.array(floats(f"controller: {name}", part))
+            if own.shape != (size,) or not np.isfinite(own).all():
+                raise InputError(
+                    f"controller: {name} has shape {own.shape}, expected ({size},) finite numbers [rad], [m]"
+                )
+            now.append(own)
+        return now
+
+    def _torques(self, f: Flexible, q: Array, qd: Array, qdd: Array) -> Array:
         mesh = f.solver.mesh
         instant_torques(
             f.nodes,
@@ -174,7 +192,7 @@ class Controller:
             qdd,
             self.tau,
         )
-        if self.mechanism.springs or self.mechanism.forces:
+        if f.applied:
             self._add_applied(f.solver)
         return self.tau
 
@@ -202,6 +220,7 @@ def _flexible(mechanism: Mechanism, scheme: Scheme) -> Flexible:
         np.zeros((1, int((mesh.v_index >= 0).sum()), 3)), np.zeros(1, dtype=np.int64), histories(out),
         tuple(part[0] for part in (m.x, m.rotation, m.omega, m.a, m.alpha)), np.zeros((mesh.size, 6)),
         (load_table(mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))),
+        mechanism.nq, mechanism.nv, bool(mechanism.springs or mechanism.forces),
     )  # fmt: skip
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexinv.arguments import flag
 from flexinv.differentiate import Spatial, derivative_samples
 from flexinv.errors import InputError
 from flexinv.inputs import checked_states
@@ -45,7 +46,7 @@ def torque_derivatives(
     Raises InputError for a flexible mechanism, closures, springs between points or given forces, wrong shapes.
     Equals Pinocchio's ``computeRNEADerivatives`` to rounding; equations at the head of `differentiate`.
     """
-    states = checked_states(mechanism, q, qd, qdd)
+    states, passive = checked_states(mechanism, q, qd, qdd), flag("passive", passive)
     for what in ("springs", "forces"):
         if getattr(mechanism, what):
             raise InputError(

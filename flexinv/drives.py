@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from flexinv.arguments import of_kind
 from flexinv.errors import InputError
 from flexinv.mechanism import Array, Drive, Joint
 from flexinv.solution import Solution
@@ -61,7 +62,8 @@ def motor_side(solution: Solution) -> dict[str, MotorSide]:
 
     Raises InputError where the link of an elastic drive is moved and its torque has no second derivative.
     """
-    return {j.name: _motor(solution, j, j.drive) for j in solution.mechanism.joints if j.drive is not None}
+    joints = of_kind("solution", solution, Solution).mechanism.joints
+    return {j.name: _motor(solution, j, j.drive) for j in joints if j.drive is not None}
 
 
 def _motor(solution: Solution, joint: Joint, drive: Drive) -> MotorSide:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexinv.applied import applied_forces
+from flexinv.arguments import choice, flag, number, of_kind
 from flexinv.errors import InputError
 from flexinv.evaluate import evaluate, rigid_trajectory
 from flexinv.forward import simulate
@@ -67,10 +68,15 @@ class Following:
 
     def distance(self, solution: Solution) -> Array:
         """Return how far a solution's frame is from where it shall be, (samples,) [m]."""
+        if len(of_kind("solution", solution, Solution).time) != len(self.time):
+            raise InputError(f"solution has {len(solution.time)} samples, expected the {len(self.time)} of this path")
         return np.asarray(np.linalg.norm(self.frame.poses(solution.nodes).x - self.wanted, axis=1))
 
     def replay(self, name: str, spectral_radius: float = 0.8) -> Solution:
         """Return the motion that a feed-forward's torques give the flexible mechanism, by `simulate` [m, rad, s]."""
+        choice(
+            "name", name, {RIGID: "rigid beams", JOINT_SPACE: "beams bend", INVERSION: "the deformed frame on the path"}
+        )
         torque, q = self.feed_forwards[name].torque, self.solution.q[0]
         m = self.solution.mechanism
         places = {j.name: q[m.q_slices[j.name]] for j in m.joints if j.nv}
@@ -102,6 +108,9 @@ def follow(
 
     Raises InputError for a path out of reach or too rough, and for a window too short; ConvergenceError if Newton fails.
     """
+    of_kind("mechanism", mechanism, Mechanism)
+    of_kind("path", path, Path)
+    error, step = flag("error", error), number("step", step, "a positive number of seconds, for example step=1e-3")
     mesh = build(mechanism)
     _check(mechanism, step)
     at = frame_of(mesh, frame)
@@ -140,7 +149,8 @@ def _window(
 ) -> Array:  # fmt: skip
     """Instants (samples,) [s], 0 among them."""
     for name, value in (("before", before), ("after", after)):
-        if value is not None and not (np.isfinite(value) and value >= 0.0):
+        wait = 0.0 if value is None else number(name, value, "a time, 0 or more [s], or None to choose it here")
+        if not (np.isfinite(wait) and wait >= 0.0):
             raise InputError(f"{name} = {value} s: expected a time, 0 or more, or None to choose it here")
     if step > path.duration / 4:
         raise InputError(

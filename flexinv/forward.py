@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexinv.applied import applied_forces
+from flexinv.arguments import choice, floats, function, number, of_kind
 from flexinv.closed import coordinates
 from flexinv.closed_beams import evaluated
 from flexinv.closures import Rows, constraint_rows
@@ -21,6 +22,7 @@ from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh, build
 from flexinv.passive import fill_passive
 from flexinv.phases import acting, phases
+from flexinv.scheme import MOST_SAMPLES
 from flexinv.solution import Solution
 from flexinv.solver import Efforts
 from flexinv.starts import start_coordinates
@@ -54,25 +56,28 @@ def simulate(
     Raises InputError for input that cannot be, a drive of a free joint among it, ConvergenceError (time, increment, advice) if
     Newton fails.
     """
-    if initial not in ("consistent", "static"):
-        raise InputError(
-            f"simulate: initial = {initial!r}, expected 'consistent' (starts undeformed) or 'static' (in equilibrium)"
-        )
+    of_kind("mechanism", mechanism, Mechanism)
+    choice("simulate: initial", initial, {"consistent": "starts undeformed", "static": "in equilibrium"})
+    function("progress", progress, "a function of the number of samples done since its last call")
+    step = number("step", step, "a positive number of seconds, for example step=1e-3")
+    radius = number("spectral_radius", spectral_radius, "0 (strong) to 1 (no numerical damping), for example 0.8")
     table = _table(mechanism, time, torque)
     moves = {j.name for j in mechanism.joints if j.nv}
     count = round((table[0][-1] - table[0][0]) / step) if step > 0 else 0
-    scheme = generalized_alpha(float(step), spectral_radius)
+    scheme = generalized_alpha(step, radius)
     if count < 1:
         raise InputError(
             f"step = {step:g} s is longer than the torque's {table[0][-1] - table[0][0]:g} s: write a smaller step"
         )
+    if count > MOST_SAMPLES:
+        raise InputError(f"step = {step:g} s gives {count} samples, more than {MOST_SAMPLES}: write a larger step")
     grid = table[0][0] + step * np.arange(count + 1)
     settings: dict[str, float | int | str | bool] = {
-        "step": float(step), "spectral_radius": float(spectral_radius), "initial": initial, "incremental": False,
+        "step": step, "spectral_radius": radius, "initial": initial, "incremental": False,
     }  # fmt: skip
     mesh = build(mechanism)
-    history = _start(mesh, start_coordinates(mechanism, moves, start or {}, start_rate or {}), moves, float(grid[0]))
-    efforts = _efforts(mechanism, table, float(step))
+    history = _start(mesh, start_coordinates(mechanism, moves, start, start_rate), moves, float(grid[0]))
+    efforts = _efforts(mechanism, table, step)
     switching = Switching(phases(mechanism, grid)) if mechanism.closures else None
     trajectory = flexible_motion(
         mesh,
@@ -96,7 +101,7 @@ def simulate(
 
 
 def _table(mechanism: Mechanism, time: ArrayLike, torque: ArrayLike) -> tuple[Array, Array]:
-    at, values = np.asarray(time, dtype=float), np.asarray(torque, dtype=float)
+    at, values = floats("simulate: time", time), floats("simulate: torque", torque)
     names = [n for n, driven in zip(mechanism.velocity_names, mechanism.actuated, strict=True) if driven]
     if at.ndim != 1 or len(at) < 2 or not np.isfinite(at).all() or not _in_order(at):
         raise InputError(

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flexinv.arguments import FLOATS, floats, of_kind
 from flexinv.errors import InputError
 from flexinv.lanes import ASTRAY
 from flexinv.mechanism import Array, Mechanism
@@ -21,7 +22,7 @@ LABELS = ("q", "qd", "qdd")
 
 def checked_states(mechanism: Mechanism, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> tuple[Array, Array, Array]:
     """Return q (samples, nq), qd, qdd (samples, nv) [rad], [m], [1/s] of a rigid tree as floats, checked as `torques` does."""
-    _check_tree(mechanism)
+    _check_tree(of_kind("mechanism", mechanism, Mechanism))
     given = checked_arrays(mechanism, (q, qd, qdd), "samples")
     check_finite(given)
     places, rates, accelerations = (np.ascontiguousarray(by_sample(a, "samples")) for a in given)
@@ -67,7 +68,8 @@ def checked_arrays(mechanism: Mechanism, arrays: Sequence[ArrayLike], order: Ord
     axis = 0 if order == "coordinates" else -1  # of the columns; -1 - axis is that of the samples
     found = []
     for label, width, given in zip(LABELS, (mechanism.nq, mechanism.nv, mechanism.nv), arrays, strict=True):
-        a = np.asarray(given, dtype=float)
+        own = type(given) is np.ndarray and given.dtype is FLOATS
+        a: Array = given if own else floats(f"joint_torques: {label}", given)  # type: ignore[assignment]
         if a.ndim not in (1, 2) or a.shape[axis] != width:
             names = mechanism.coordinate_names if label == "q" else mechanism.velocity_names
             shape = f"({width}, samples)" if order == "coordinates" else f"(samples, {width})"

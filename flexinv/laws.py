@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexinv.arguments import shown
 from flexinv.errors import InputError
 from flexinv.files.unit_keys import nearest
 
@@ -90,9 +91,9 @@ LAWS: dict[str, Law] = {
 
 def find_law(name: str) -> Law:
     """Return the law of that name; InputError names the laws [-] that exist."""
-    if name not in LAWS:
-        known, like = ", ".join(LAWS), nearest(name, LAWS)
-        raise InputError(f"law = {name!r}: expected one of {known}" + (f"; write {like!r}" if like else ""))
+    if not isinstance(name, str) or name not in LAWS:
+        known, like = ", ".join(LAWS), nearest(str(name), LAWS)
+        raise InputError(f"law = {shown(name)}: expected one of {known}" + (f"; write {like!r}" if like else ""))
     return LAWS[name]
 
 

@@ -17,6 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve
 
+from flexinv.arguments import names as names_of
+from flexinv.arguments import whole
+from flexinv.asked import check_modes, check_rates
 from flexinv.errors import InputError
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh
@@ -74,11 +77,15 @@ def linear_model(
 
     Raises InputError as `steady_modes`, and for joints that cannot be accelerated.
     """
+    if modes is not None:
+        modes = whole("modes", modes, 0, "0 or more, or None for all")
+    rates, q = check_rates(rates), check_modes(mechanism, q, free, None)
+    names_of("accelerated", accelerated, "joints")
     moving = [j.name for j in mechanism.joints if j.nv and j.name not in set(accelerated)]
     names = (*(moving if free is None else free), *accelerated)
     _check_accelerated(mechanism, accelerated)
     mesh, at, chosen_names = chosen(mechanism, q, names)
-    motion = steady_motion(mesh, at, rates or {}, set(chosen_names))
+    motion = steady_motion(mesh, at, rates, set(chosen_names))
     joints = np.array([mechanism.v_slices[name].start for name in accelerated], dtype=np.int64)
     coordinates = by_unknown(mesh, motion.solver.topology)  # (nv, unknowns)
     basis, given = _basis(motion, coordinates[joints], modes)

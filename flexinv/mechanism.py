@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from flexinv.arguments import whole
 from flexinv.attached import CLOSURES, COUPLED, IMPACTS, Closure, Force, Spring
 from flexinv.drive import Drive
-from flexinv.errors import InputError
 from flexinv.frames import WORLD, Array, Attachment, Placement
 from flexinv.links import Beam, Body, Inertia, Link, Section
 
@@ -215,13 +215,13 @@ class Mechanism:
 
     def refined(self, elements: int = 1, order: int = 0) -> Mechanism:
         """Return the mechanism with ``elements`` times as many elements, each ``order`` higher [-]."""
-        return self._with_beams(lambda b: replace(b, elements=b.elements * elements, order=b.order + order))
+        times, more = whole("elements", elements, 1), whole("order", order, 0)
+        return self._with_beams(lambda b: replace(b, elements=b.elements * times, order=b.order + more))
 
     def with_mesh(self, elements: int, order: int) -> Mechanism:
         """Return the mechanism with every beam meshed by ``elements`` elements of ``order`` [-]."""
-        if elements < 1 or order < 1:
-            raise InputError(f"a mesh needs elements >= 1 and order >= 1, not {elements} and {order}")
-        return self._with_beams(lambda b: replace(b, elements=elements, order=order))
+        count, degree = whole("elements", elements, 1), whole("order", order, 1)
+        return self._with_beams(lambda b: replace(b, elements=count, order=degree))
 
     def _with_beams(self, change: Callable[[Beam], Beam]) -> Mechanism:
         links = tuple(link if link.beam is None else replace(link, beam=change(link.beam)) for link in self.links)

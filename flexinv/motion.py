@@ -19,6 +19,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexinv.arguments import choice, flag, floats, names_or_none, number, of_kind, refuse, whole
 from flexinv.errors import InputError
 from flexinv.laws import SNAP, find_law
 from flexinv.mechanism import Mechanism
@@ -53,6 +54,8 @@ class Motion:
         Rotations and (cos, sin) take the shorter way round; angles go as far as given.  Raises InputError.
         """
         find_law(law)
+        duration = number("duration", duration, "a positive time [s]")
+        hold, delay = number("hold", hold, "a time, 0 or more [s]"), number("delay", delay, "a time, 0 or more [s]")
         if not (np.isfinite(duration) and duration > 0.0):
             raise InputError(f"duration = {duration} s: expected a positive time")
         for name, rest in (("hold", hold), ("delay", delay)):
@@ -87,8 +90,10 @@ class Motion:
         max_gap : longest interval [s] that the spline may cross, default 10 times the median interval
         An angle of a continuous joint may wrap; it is unwrapped.  Raises InputError: unsorted, gap, NaN, too few.
         """
-        sampling = Sampling(_frozen(time, "time"), degree, rest)
-        check_sampling(sampling, max_gap)
+        degree = whole("degree", degree, 0, "5 (smooth jerk) or 3 (continuous acceleration)")
+        sampling = Sampling(_frozen(time, "time"), degree, flag("rest", rest))
+        longest = None if max_gap is None else number("max_gap", max_gap, "the longest interval [s], or None")
+        check_sampling(sampling, longest)
         columns, values, widths = _table(q, names, sampling.time.size)
         track = Track(columns, values, widths, float(sampling.time[-1]), sampling=sampling)
         return Motion((track,), track.move)
@@ -96,6 +101,8 @@ class Motion:
     @staticmethod
     def merge(*motions: Motion) -> Motion:
         """Join motions of different joints; it lasts as long as the longest [s], the others rest at their end."""
+        for motion in motions:
+            of_kind("merge: motion", motion, Motion)
         tracks = tuple(track for motion in motions for track in motion.tracks)
         if not tracks:
             raise InputError("merge: expected at least one motion")
@@ -118,6 +125,7 @@ class Motion:
 
     def joints(self, mechanism: Mechanism) -> tuple[str, ...]:
         """Return the names of the joints [-] that the motion gives; the others are passive.  Raises InputError."""
+        of_kind("mechanism", mechanism, Mechanism)
         given = {joint.name for track in self.tracks for joint, _ in parts(track, mechanism)}
         missing = [j.name for j in mechanism.joints if j.nv and j.actuated and j.name not in given]
         if missing and not mechanism.closures:  # in a loop the closures move the joints that the motion leaves out
@@ -138,6 +146,7 @@ class Motion:
         at = _frozen(time, "time")
         if at.ndim != 1:
             raise InputError(f"time: expected shape (samples,), got {at.shape}")
+        choice("side", side, {"left": "before a jump", "right": "after it"})
         self.joints(mechanism)
         left = np.full(at.shape, side == "left") | (np.abs(at - self.duration) <= SNAP * self.duration)
         q = np.tile(mechanism.neutral, (at.size, 1))
@@ -192,7 +201,9 @@ def _row(values: Values, where: str) -> tuple[tuple[str, ...] | None, Array, tup
         if row.ndim != 1:
             raise InputError(f"{where}: expected shape (nq,), got {row.shape}")
         return None, row, None
-    parts = {str(name): np.atleast_1d(_frozen(values[name], f"{where}, joint {name!r}")) for name in sorted(values)}
+    parts = {
+        str(name): np.atleast_1d(_frozen(values[name], f"{where}, joint {name!r}")) for name in sorted(values, key=str)
+    }
     return tuple(parts), np.concatenate([*parts.values(), np.empty(0)]), tuple(p.size for p in parts.values())
 
 
@@ -201,12 +212,15 @@ def _table(
 ) -> tuple[tuple[str, ...] | None, Array, tuple[int, ...] | None]:
     """Names, (samples, columns) values and widths of samples."""
     if isinstance(values, Mapping):
+        if names is not None:
+            refuse("names", names, "None where q is a table of joints, whose names these are")
         parts = {str(name): _matrix(column, samples, f"joint {name!r}") for name, column in values.items()}
         joined = np.hstack([*parts.values(), np.empty((samples, 0))])
         return tuple(parts), joined, tuple(p.shape[1] for p in parts.values())
-    if names is not None and len(set(names)) != len(names):
-        raise InputError(f"names: {listed(tuple(names))}: expected each joint once")
-    return None if names is None else tuple(names), _matrix(values, samples, "q"), None
+    own = names_or_none("names", names, "joints")
+    if own is not None and len(set(own)) != len(own):
+        raise InputError(f"names: {listed(own)}: expected each joint once")
+    return own, _matrix(values, samples, "q"), None
 
 
 def _matrix(values: ArrayLike, samples: int, where: str) -> Array:
@@ -219,10 +233,7 @@ def _matrix(values: ArrayLike, samples: int, where: str) -> Array:
 
 def _frozen(values: ArrayLike, where: str) -> Array:
     """A read-only copy as floats; InputError where a number is missing, not finite or not a number."""
-    try:
-        copy: Array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{where}: expected numbers, got {values!r}") from None
+    copy: Array = np.array(floats(where, values))
     if not np.all(np.isfinite(copy)):
         index = tuple(int(i) for i in np.argwhere(~np.isfinite(copy))[0])
         place = {0: "", 1: f" at sample {index[0]}" if index else ""}.get(

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import qr, solve_triangular
 
+from flexinv.arguments import flag, of_kind, whole
 from flexinv.errors import InputError
 from flexinv.inputs import checked_states
 from flexinv.joint import axes_of_nodes
@@ -103,13 +104,14 @@ def torque_regressor(
     Raises InputError for a flexible mechanism, closures, wrong shapes, values that are not finite.
     Source of the form: Atkeson, An, Hollerbach, *Estimation of inertial parameters*, IJRR 5(3), 1986.
     """
+    of_kind("mechanism", mechanism, Mechanism)
     if not mechanism.is_rigid:
         beams = ", ".join(link.name for link in mechanism.beams)
         raise InputError(
             f"mechanism '{mechanism.name}' has links that bend ({beams}), and ten parameters for each link are those of "
             'rigid ones; write kind = "rigid" for them to see what torques tell of the rigid mechanism'
         )
-    states = checked_states(mechanism, q, qd, qdd)
+    states, drives = checked_states(mechanism, q, qd, qdd), flag("drives", drives)
     mesh = build(mechanism)
     m = rigid_motion(mesh, *states)
     freedoms, slide, turn = axes_of_nodes(mesh)
@@ -164,7 +166,7 @@ def base_parameters(regressor: Regressor) -> BaseParameters:
     from `random_states` these are the mechanism's base parameters (minimal set); with a measured motion what it identifies.
     Source: Gautier, *Numerical calculation of the base inertial parameters*, J. Robotic Systems 8(4), 1991.
     """
-    y = regressor.stacked()
+    y = of_kind("regressor", regressor, Regressor).stacked()
     size = np.linalg.norm(y, axis=0)
     if not size.any():
         raise InputError("base parameters: the regressor is zero; give a motion that moves the mechanism")
@@ -198,7 +200,8 @@ def _independent(columns: Array) -> NDArray[np.int64]:
 
 def random_states(mechanism: Mechanism, samples: int, seed: int = 0) -> tuple[Array, Array, Array]:
     """Return q (samples, nq), qd, qdd (samples, nv) [rad], [m], [1/s] that move everything, in all directions."""
-    random = np.random.default_rng(seed)
+    of_kind("mechanism", mechanism, Mechanism)
+    samples, random = whole("samples", samples, 0), np.random.default_rng(whole("seed", seed, 0))
     q = random.uniform(-1.0, 1.0, (samples, mechanism.nq))
     for joint in mechanism.joints:
         part = mechanism.q_slices[joint.name]

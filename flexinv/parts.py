@@ -9,16 +9,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexinv.applied import applied_forces
+from flexinv.arguments import whole
 from flexinv.errors import InputError
 from flexinv.evaluate import evaluate, rigid_trajectory
 from flexinv.integrate import EXACT, generalized_alpha
+from flexinv.joint import JointHistory
 from flexinv.kinematics import Progress, flexible_parts
 from flexinv.mechanism import Array, Mechanism
-from flexinv.mesh import build
+from flexinv.mesh import Mesh, build
 from flexinv.motion import Motion
 from flexinv.passive import fill_passive
 from flexinv.rigid import rigid_motion
-from flexinv.scheme import check_initial, joint_histories, settings_of, time_grid
+from flexinv.scheme import check_asked, joint_histories, settings_of, time_grid
 from flexinv.solution import Solution
 from flexinv.solver import Trajectory
 
@@ -37,33 +39,38 @@ def solve_in_parts(
     every: int = 1,
     tolerance: float = EXACT,
 ) -> Iterator[Solution]:
-    """Yield what `solve` returns part by part, so that a long march can be written to disk while it goes on.
+    """Return what `solve` returns part by part, an iterator, so that a long march can be written to disk while it goes on.
 
     part : kept samples [-] by which the parts advance; each begins with the sample [s] with which that before ended, and sums
         its work from there.  All else are arguments of `solve`, and the series are its own, up to rounding
-    A step is marched when its part is asked for: errors come with the part in which they happen.
+    What is given is looked at by the call; a step is marched when its part is asked for, and its errors come with that part.
 
     Raises InputError as `solve` does, and for closures, which are solved as a whole; ConvergenceError.
     """
-    check_initial(initial)
-    if part < 1:
-        raise InputError(f"part = {part}: expected the number of samples of a part, 1 or more")
-    if every < 1:
-        raise InputError(f"every = {every}: expected 1 to keep all steps, or more to keep one of so many")
+    every = check_asked(mechanism, motion, initial, every, progress)
+    part = whole("part", part, 1, "the number of samples of a part, 1 or more")
     if mechanism.closures:
         raise InputError(
             f"solve_in_parts: mechanism '{mechanism.name}' has closures, whose motion is found as a whole; write flexinv.solve"
         )
     time, mesh = time_grid(motion, step, end, every), build(mechanism)
     passive = {joint.name for joint in mechanism.joints if joint.nv} - set(motion.joints(mechanism))
-    before, after = joint_histories(mechanism, motion, passive, start or {}, start_rate or {}, step, np.empty(0))
+    before, after = joint_histories(mechanism, motion, passive, start, start_rate, step, np.empty(0))
     settings = settings_of(step, spectral_radius, tolerance, initial)
+    scheme = generalized_alpha(float(step), spectral_radius, float(tolerance))
     rigid = mechanism.is_rigid and not passive
     trajectories = flexible_parts(
-        mesh, before, after, time, generalized_alpha(float(step), spectral_radius, float(tolerance)), passive, motion.jumps,
-        initial, progress, every=every, part=part,
-    )  # fmt: skip
-    kept = time[::every]
+        mesh, before, after, time, scheme, passive, motion.jumps, initial, progress, every=every, part=part
+    )
+    return _parts(mesh, after, time[::every], part, passive, settings, None if rigid else trajectories)
+
+
+def _parts(
+    mesh: Mesh, after: JointHistory, kept: Array, part: int, passive: set[str], settings: dict[str, float | int | str | bool],
+    trajectories: Iterator[Trajectory] | None,
+) -> Iterator[Solution]:  # fmt: skip
+    """Yield the solutions of the ``kept`` samples; without trajectories that of a rigid mechanism whose joints are all moved."""
+    mechanism = mesh.mechanism
     last: Array | None = None
     wound: dict[str, float] = {}
     for first in range(0, max(len(kept) - 1, 1), part):
@@ -71,7 +78,7 @@ def solve_in_parts(
         q, qd, qdd = (a.copy() for a in after(own))
         if last is not None:
             _go_on(mechanism, passive, q, last)
-        if rigid:
+        if trajectories is None:
             nodes = rigid_motion(mesh, q, qd, qdd)
             applied = applied_forces(mesh, nodes, own)
             trajectory: Trajectory = rigid_trajectory(mesh, nodes, applied)

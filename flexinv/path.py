@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
+from flexinv.arguments import floats, number, shown
 from flexinv.errors import InputError
 from flexinv.laws import LAWS, find_law, progress
 from flexinv.mechanism import Array
@@ -72,6 +73,7 @@ class Path:
         a, c, n = _point(start, "start"), _point(centre, "centre"), _point(axis, "axis")
         if not np.linalg.norm(n) > 0 or not np.linalg.norm(np.cross(n, a - c)) > 0:
             raise InputError("arc: expected an axis that is not zero, and a start that is not on the axis")
+        angle = number("angle", angle, "a finite number of radians")
         if not np.isfinite(angle):
             raise InputError(f"arc: angle = {angle}: expected a finite number of radians")
         return _checked(partial(_arc, a, c, float(angle) * n / np.linalg.norm(n)), duration, law, "arc")
@@ -82,7 +84,7 @@ class Path:
 
         Raises InputError.
         """
-        at = np.asarray(points, dtype=float)
+        at = floats("points", points)
         if at.ndim != 2 or at.shape[1] != 3 or len(at) < 2 or not np.isfinite(at).all():
             raise InputError(f"points have shape {at.shape}, expected two or more finite points (n, 3) [m]")
         chords = np.linalg.norm(np.diff(at, axis=0), axis=1)
@@ -95,7 +97,8 @@ class Path:
 
     def turning(self, start: ArrayLike, end: ArrayLike) -> Path:
         """Return the path with orientations R_W,frame (3, 3) [-] at its start and its end.  Raises InputError."""
-        turn = np.array([start, end], dtype=float)
+        pair = [floats(name, value) for name, value in (("start", start), ("end", end))]
+        turn = np.array(pair) if pair[0].shape == pair[1].shape else np.empty(0)
         if turn.shape != (2, 3, 3) or not np.allclose(turn @ turn.transpose(0, 2, 1), np.eye(3), atol=ORTHOGONAL):
             raise InputError("turning: expected two rotation matrices (3, 3) [-]")
         return replace(self, turn=turn)
@@ -108,7 +111,9 @@ class Path:
 
     def evaluate(self, time: ArrayLike) -> Poses:
         """Return position, velocity and acceleration [m, s], and orientation where it is given, at ``time`` (samples,) [s]."""
-        s = np.asarray(time, dtype=float) / self.duration
+        s = floats("time", time) / self.duration
+        if s.ndim != 1:
+            raise InputError(f"time: expected shape (samples,), got {s.shape}")
         u, speed, rate = progress(find_law(self.law), s, np.zeros(s.shape, dtype=bool))
         u1, u2 = (speed / self.duration)[:, None], (rate / self.duration**2)[:, None]  # (sample, 1)
         c, c1, c2 = self.curve(u)
@@ -127,15 +132,16 @@ def _checked(curve: Curve, duration: float, law: str, text: str) -> Path:
             f"law = {law!r}: its acceleration jumps, and a flexible arm cannot follow a jump with a finite torque; "
             f"write law = 'nonic' (smooth laws: {smooth})"
         )
+    duration = number("duration", duration, "a positive time [s]")
     if not (np.isfinite(duration) and duration > 0.0):
         raise InputError(f"duration = {duration} s: expected a positive time")
-    return Path(curve, float(duration), law, text)
+    return Path(curve, duration, law, text)
 
 
 def _point(value: ArrayLike, name: str) -> Array:
-    point = np.asarray(value, dtype=float)
+    point = floats(name, value)
     if point.shape != (3,) or not np.isfinite(point).all():
-        raise InputError(f"{name} = {value!r}: expected three finite numbers [m]")
+        raise InputError(f"{name} = {shown(value)}: expected three finite numbers [m]")
     return point
 
 

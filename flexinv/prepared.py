@@ -14,11 +14,11 @@ from numba import types
 from numpy.typing import ArrayLike, NDArray
 
 from flexinv.applied import applied_forces, check_constant
+from flexinv.arguments import flag, of_kind, whole
 from flexinv.atomics import COMPILED
 from flexinv.blocks import CALL_CELLS, OVERLAP, attend, settle, torque_blocks
 from flexinv.bodies import Bodies, bodies
 from flexinv.closures import constraint_rows
-from flexinv.errors import InputError
 from flexinv.given import ACCELERATION, OPEN, RATE, GivenLoops
 from flexinv.helpers import HELPERS
 from flexinv.inputs import Order, by_sample, check_finite, check_rigid, check_turns, checked_arrays, output_array
@@ -34,6 +34,7 @@ from flexinv.offers import CELLS
 from flexinv.processors import processors
 from flexinv.rigid import rigid_motion
 
+THREADS = "1 or more, or None for one per processor"
 # Joints times samples that keep one thread busy for so long that help pays, of a helper that watches (which begins within
 # 1 us) and of one that sleeps (within 30 us).
 WORTH_HELP, WORTH_WAKING = 2_000, 16_000
@@ -158,15 +159,15 @@ class TorqueFunction:
         b, m, own = self.bodies, self.mechanism, self._own
         if self.loaded:
             return self.torques(q, qd, qdd, out)
-        if len(q) != m.nq or not len(qd) == len(qdd) == len(out) == m.nv:
-            checked_arrays(m, (q, qd, qdd), "samples")
-            output_array(out, np.asarray(qd))
         try:
+            if len(q) != m.nq or not len(qd) == len(qdd) == len(out) == m.nv:
+                checked_arrays(m, (q, qd, qdd), "samples")
+                output_array(out, np.asarray(qd))
             torque_blocks(
                 b.tree, b.numbers, b.columns, self.plan.plan, self.plan.fixed, q, qd, qdd, out, _ONE_SAMPLE, _ONE,
                 own.work, own.counter, _NOBODY,
             )  # fmt: skip
-        except TypeError:  # not contiguous, or not of floats
+        except TypeError:  # not contiguous, or not of floats, or no arrays
             return self.torques(q, qd, qdd, out)
         if own.counter[1]:
             if own.counter[OVERLAP]:
@@ -215,7 +216,6 @@ class TorqueFunction:
                 tau[part] -= project(self.mesh, nodes, joint_wrenches(self.mesh, nodes, loads))
 
 
-@lru_cache(maxsize=64)
 def prepare(mechanism: Mechanism, passive: bool = True, threads: int | None = None) -> TorqueFunction:
     """Return the efforts of a rigid mechanism [N m], [N] as a function that is ready to be called in a loop.
 
@@ -225,13 +225,27 @@ def prepare(mechanism: Mechanism, passive: bool = True, threads: int | None = No
     A mechanism with closures takes the consistent motion of all its joints.
     Raises InputError for a flexible mechanism, closures that act for a while, a force that depends on time (use `solve`).
     """
+    try:
+        return _prepared(mechanism, passive, threads)
+    except TypeError:  # what cannot be looked up is none of these
+        _check_asked(mechanism, passive, threads)
+        raise
+
+
+def _check_asked(mechanism: Mechanism, passive: bool, threads: int | None) -> int:
+    """The number of threads."""
+    of_kind("mechanism", mechanism, Mechanism)
+    flag("passive", passive)
+    return processors() if threads is None else whole("threads", threads, 1, THREADS)
+
+
+@lru_cache(maxsize=64, typed=True)  # 2.0 is not 2, nor 1 True
+def _prepared(mechanism: Mechanism, passive: bool, threads: int | None) -> TorqueFunction:
+    most = _check_asked(mechanism, passive, threads)
     check_rigid(mechanism)
     check_constant(mechanism)
-    if threads is not None and threads < 1:
-        raise InputError(f"threads = {threads}: expected 1 or more, or None for one per processor")
     mesh = build(mechanism)
     compile_for_arrays()
-    most = threads or processors()
     loops = GivenLoops.of(mesh, constraint_rows(mesh)) if mechanism.closures else None
     table, plan = _loop_plan(mesh, passive)
     own, loaded = _Own(most, max(table.size, plan.size)), bool(plan.plan[APPLIED])

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import make_interp_spline
 
+from flexinv.arguments import refuse
 from flexinv.closures import attachment_node
 from flexinv.errors import InputError
 from flexinv.mechanism import Array, Attachment, Mechanism
@@ -81,6 +82,12 @@ class Reach:
 def frame_of(mesh: Mesh, frame: str | Attachment) -> Frame:
     """Return the frame of an attachment or, by a link's name, at its tip [m].  Raises InputError for what is not there."""
     m = mesh.mechanism
+    if not isinstance(frame, str | Attachment):
+        refuse(
+            "frame",
+            frame,
+            f"the name of a link, whose tip follows, or an Attachment; links of '{m.name}': {', '.join(m.link_of)}",
+        )
     name = frame if isinstance(frame, str) else frame.link
     if name not in m.link_of:
         raise InputError(f"frame on link {name!r}: expected a link of '{m.name}': {', '.join(m.link_of)}")
@@ -121,7 +128,7 @@ def follow_rigid(
     Raises InputError where the path cannot be reached, leads past a limit or through a singular position.
     """
     chain = _Chain.of(mesh, frame, path)
-    first = chain.guess(start or {})
+    first = chain.guess(start)
     knots = np.linspace(0.0, path.duration, KNOTS)
     angles = np.empty((KNOTS, mesh.mechanism.nv))
     for k, at in enumerate(knots):
@@ -151,9 +158,9 @@ class _Chain:
         drives = drive_columns(mesh.mechanism)
         return cls(mesh, frame, path.turn is not None, drives, bounds[drives, 0], bounds[drives, 1])
 
-    def guess(self, start: Mapping[str, ArrayLike]) -> Array:
+    def guess(self, start: Mapping[str, ArrayLike] | None) -> Array:
         m = self.mesh.mechanism
-        places, _ = start_coordinates(m, {j.name for j in m.joints if j.nv}, start, {})
+        places, _ = start_coordinates(m, {j.name for j in m.joints if j.nv}, start)
         out = np.zeros(m.nv)
         for joint in m.joints:
             own = m.v_slices[joint.name]

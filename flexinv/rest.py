@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexinv.applied import applied_forces
+from flexinv.arguments import all_of_kind, flag, floats, number, of_kind, shown
 from flexinv.closed import closed_solution, coordinates
 from flexinv.closed_beams import evaluated
 from flexinv.closures import constraint_rows
@@ -63,12 +64,13 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
 
     Raises InputError for a load that cannot act, ConvergenceError with the part of the load that was reached.
     """
-    at = mechanism.neutral if q is None else np.asarray(q, dtype=float)
+    of_kind("mechanism", mechanism, Mechanism)
+    at = mechanism.neutral if q is None else floats("statics: q", q)
     if at.shape != (mechanism.nq,) or not np.isfinite(at).all():
         raise InputError(
             f"statics: q has shape {at.shape}, expected ({mechanism.nq},) finite numbers: {mechanism.coordinate_names}"
         )
-    checked = [_checked(mechanism, load) for load in loads]
+    checked = [_checked(mechanism, load) for load in all_of_kind("loads", loads, Load)]
     loaded = replace(mechanism, forces=(*mechanism.forces, *(_force(mechanism, load) for load in checked)))
     mesh, now, rest = build(loaded), np.zeros(1), np.zeros((1, mechanism.nv))
     passive = {j.name for j in mechanism.joints if j.nv and not j.actuated} if mechanism.closures else set()
@@ -112,16 +114,18 @@ def _force(mechanism: Mechanism, load: Load) -> Force:
 
 
 def _checked(mechanism: Mechanism, load: Load) -> Load:
-    if load.link not in mechanism.link_of:
+    if not isinstance(load.link, str) or load.link not in mechanism.link_of:
         raise InputError(
-            f"load: no link {load.link!r} in '{mechanism.name}'; its links are {', '.join(mechanism.link_of)}"
+            f"load: no link {shown(load.link)} in '{mechanism.name}'; its links are {', '.join(mechanism.link_of)}"
         )
     vectors = {}
     for name, unit in (("force", "N"), ("moment", "N m"), ("point", "m")):
-        value = np.asarray(getattr(load, name), dtype=float)
+        value = floats(f"load on {load.link!r}: {name}", getattr(load, name))
         if value.shape != (3,) or not np.isfinite(value).all():
             raise InputError(f"load on {load.link!r}: {name} = {value}, expected three finite numbers [{unit}]")
         vectors[name] = value
-    if not 0.0 <= load.station <= 1.0:
+    station = number(f"load on {load.link!r}: station", load.station, "a fraction 0 to 1 of the length")
+    if not 0.0 <= station <= 1.0:
         raise InputError(f"load on {load.link!r}: station = {load.station}, expected a fraction 0 to 1 of the length")
+    flag(f"load on {load.link!r}: follower", load.follower)
     return replace(load, force=vectors["force"], moment=vectors["moment"], point=vectors["point"])

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import maximum_filter1d
 
 from flexinv.applied import applied_forces
+from flexinv.arguments import choice, flag, function, number, of_kind, whole
 from flexinv.closed import closed_solution
 from flexinv.closed_beams import flexible_closed_solution
 from flexinv.differences import check_samples
@@ -64,7 +65,8 @@ def solve(
 
     Raises InputError for input that cannot be, ConvergenceError (time, increment, advice) if Newton fails.
     """
-    check_initial(initial)
+    every = check_asked(mechanism, motion, initial, every, progress)
+    error, incremental = flag("error", error), flag("incremental", incremental)
     steps = time_grid(motion, step, end, every)
     _check_every(mechanism, every, incremental)
     time = steps if every == 1 else steps[::every]
@@ -73,7 +75,7 @@ def solve(
     settings = settings_of(step, spectral_radius, tolerance, initial, incremental)
     given = set(motion.joints(mechanism))
     passive = {joint.name for joint in mechanism.joints if joint.nv and joint.name not in given}
-    history, right = joint_histories(mechanism, motion, passive, start or {}, start_rate or {}, float(step), time)
+    history, right = joint_histories(mechanism, motion, passive, start, start_rate, float(step), time)
     mesh = build(mechanism)
     scheme = generalized_alpha(float(step), spectral_radius, float(tolerance))
     if every == 1 and not motion.jumps and not (mechanism.closures and mechanism.is_rigid):
@@ -108,17 +110,19 @@ def solve(
     return _with_error(solution, mechanism, motion, step, incremental, every, progress, options)
 
 
-def check_initial(initial: str) -> None:
-    """Raise InputError for a start [-] that is none of those that there are."""
-    if initial not in ("consistent", "static"):
-        raise InputError(
-            f"initial = {initial!r}: expected 'consistent' (starts undeformed) or 'static' (in equilibrium)"
-        )
+INITIAL = {"consistent": "starts undeformed", "static": "in equilibrium"}
+
+
+def check_asked(mechanism: Mechanism, motion: Motion, initial: str, every: int, progress: Progress | None) -> int:
+    """Return ``every`` [-]; raises InputError for a mechanism, a motion, a start or a progress that is none."""
+    of_kind("mechanism", mechanism, Mechanism)
+    of_kind("motion", motion, Motion, ("evaluate", "joints", "jumps", "duration"))
+    choice("initial", initial, INITIAL)
+    function("progress", progress, "a function of the number of steps done since its last call")
+    return whole("every", every, 1, "1 to keep all steps, or more to keep one of so many")
 
 
 def _check_every(mechanism: Mechanism, every: int, incremental: bool) -> None:
-    if every < 1:
-        raise InputError(f"every = {every}: expected 1 to keep all steps, or more to keep one of so many")
     if every > 1 and incremental:
         raise InputError(f"every = {every}: the incremental mode takes differences from step to step; write every=1")
     if every > 1 and mechanism.closures and not mechanism.is_rigid:
@@ -131,15 +135,17 @@ def settings_of(
     step: float, spectral_radius: float, tolerance: float, initial: str = "consistent", incremental: bool = False
 ) -> dict[str, float | int | str | bool]:
     """Return what a solution says of how it was found; step [s]."""
+    radius = number("spectral_radius", spectral_radius, "0 (strong) to 1 (no numerical damping), for example 0.8")
+    left = number("tolerance", tolerance, "a part of the mechanism's length, for example 1e-9")
     return {
-        "step": float(step), "spectral_radius": float(spectral_radius), "initial": initial, "incremental": incremental,
-        "tolerance": float(tolerance),
+        "step": float(step), "spectral_radius": radius, "initial": initial, "incremental": incremental, "tolerance": left,
     }  # fmt: skip
 
 
 def time_grid(motion: Motion, step: float, end: float | None, every: int) -> Array:
     """Return the times of all steps, the start included (steps + 1,) [s]; raises InputError for a step or end that cannot be."""
-    last = motion.duration if end is None else float(end)
+    step = number("step", step, "a positive number of seconds, for example step=1e-3")
+    last = motion.duration if end is None else number("end", end, "a positive time, or None for the motion's duration")
     if not (np.isfinite(step) and step > 0.0):
         raise InputError(f"step = {step} s: expected a positive number of seconds, for example step=1e-3")
     if not (np.isfinite(last) and last > 0.0):
@@ -161,8 +167,8 @@ def joint_histories(
     mechanism: Mechanism,
     motion: Motion,
     passive: set[str],
-    start: Mapping[str, ArrayLike],
-    rate: Mapping[str, ArrayLike],
+    start: Mapping[str, ArrayLike] | None,
+    rate: Mapping[str, ArrayLike] | None,
     step: float,
     grid: Array,
 ) -> tuple[JointHistory, JointHistory]:

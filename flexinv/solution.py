@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from flexinv.arguments import index
 from flexinv.balance import Balance
 from flexinv.impacts import Impact
 from flexinv.inverse import Factors, NodalForces, factors
@@ -112,8 +113,11 @@ class Solution:
         return self.balance.momentum
 
     def factors(self, sample: int) -> Factors:
-        """Return L [m], T [-], P [N] of one sample; ``L @ T @ P`` is the torque before rotor inertia, damping, friction."""
-        return factors(self.mesh, self.nodes, self.forces, sample)
+        """Return L [m], T [-], P [N] of one sample; ``L @ T @ P`` is the torque before rotor inertia, damping, friction.
+
+        sample : its number, from 0, or from the end below 0 [-].  Raises InputError where there is none.
+        """
+        return factors(self.mesh, self.nodes, self.forces, index("sample", sample, len(self.time)))
 
     def frame(self) -> pd.DataFrame:
         """Return joint motion and torque over time [s], one column per coordinate with its unit in the header."""

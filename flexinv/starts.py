@@ -7,18 +7,24 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flexinv.arguments import shown, table
 from flexinv.errors import InputError
 from flexinv.mechanism import Array, Joint, Mechanism
 from flexinv.samples import unit_quaternions
 
 
 def start_coordinates(
-    mechanism: Mechanism, passive: set[str], start: Mapping[str, ArrayLike], rate: Mapping[str, ArrayLike]
+    mechanism: Mechanism,
+    passive: set[str],
+    start: Mapping[str, ArrayLike] | None,
+    rate: Mapping[str, ArrayLike] | None = None,
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Return initial coordinates (nq,) [rad], [m] and rates (nv,) [1/s] by joint; of a continuous joint an angle is enough.
 
     Raises InputError for a joint that is not ``passive`` and for numbers that are none or too many.
     """
+    start = table("start", start, "a table of joints and their coordinates", 'start={"joint": 0.1}')
+    rate = table("start_rate", rate, "a table of joints and their rates", 'start_rate={"joint": 0.1}')
     for label, given in (("start", start), ("start_rate", rate)):
         for name in given:
             if name not in passive:
@@ -50,5 +56,7 @@ def _numbers(label: str, name: str, value: ArrayLike, counts: tuple[int, ...]) -
         numbers = np.empty(0)
     if numbers.ndim != 1 or numbers.size not in counts or not np.isfinite(numbers).all():
         wanted = " or ".join(map(str, counts))
-        raise InputError(f"{label}: joint {name!r} takes {wanted} finite number{'s' * (counts != (1,))}, got {value!r}")
+        raise InputError(
+            f"{label}: joint {name!r} takes {wanted} finite number{'s' * (counts != (1,))}, got {shown(value)}"
+        )
     return numbers

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eig, lu_factor, lu_solve
 
+from flexinv.asked import check_modes, check_rates
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh
 from flexinv.modes import allowed_motions, chosen, nodal_shapes
@@ -82,8 +83,9 @@ def steady_modes(
     Raises InputError where the motion cannot be steady (gravity across the axis, an axis on a beam) and as `natural_modes`,
     ConvergenceError where no deformed shape is found.
     """
-    mesh, at, names = chosen(mechanism, q, free)
-    motion = steady_motion(mesh, at, rates or {}, set(names))
+    rates = check_rates(rates)
+    mesh, at, names = chosen(mechanism, check_modes(mechanism, q, free, count), free)
+    motion = steady_motion(mesh, at, rates, set(names))
     n = allowed_motions(motion.solver)
     root, shapes = roots(*(n.T @ part @ n for part in (motion.mass, motion.damping, motion.stiffness)))
     last = len(root) if count is None else count
@@ -91,7 +93,7 @@ def steady_modes(
     moves = _unit(moves, mesh.length)
     frames = motion.solver.frames
     return SteadyModes(
-        mesh, at, dict(rates or {}), names, root[:last], moves[..., :3], moves[..., 3:], frames.x.copy(), frames.r.copy()
+        mesh, at, rates, names, root[:last], moves[..., :3], moves[..., 3:], frames.x.copy(), frames.r.copy()
     )  # fmt: skip
 
 

@@ -24,7 +24,7 @@ from flexinv.loop_layout import PLANE
 from flexinv.loop_rows import LEAST_PIVOT
 from flexinv.mechanism import WORLD, Attachment, Closure, Joint, Mechanism, Placement
 from flexinv.mesh import build
-from flexinv.prepared import TorqueFunction, prepare
+from flexinv.prepared import TorqueFunction, _prepared, prepare
 from flexinv.rigid import rigid_motion
 
 Array = NDArray[np.float64]
@@ -237,7 +237,7 @@ def test_slides_in_the_plane_are_those_of_space(case: str, monkeypatch: pytest.M
     assert np.abs(tau - reference(f, state)).max() < ROUNDING * size
     assert doubts(f, 200) == []
     monkeypatch.setattr(loop_plan, "_is_plane", lambda plan, most: False)
-    g = prepare.__wrapped__(mechanism, threads=1)
+    g = _prepared.__wrapped__(mechanism, True, 1)
     assert not g.plan.plan[PLANE]
     assert np.abs(g.torques(*state) - tau).max() < ROUNDING * size
     assert not f._own.counter[3]

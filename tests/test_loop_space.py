@@ -17,7 +17,7 @@ from flexinv import loop_plan, loop_steps, loop_tables
 from flexinv.files.case import load_cases
 from flexinv.loop_layout import A_STANDS, B_STANDS, CLOSURE_CELLS, CLOSURES, GROUND, LIMITS, NO_GROUND, REDUCED
 from flexinv.mechanism import WORLD, Attachment, Spring
-from flexinv.prepared import TorqueFunction, prepare
+from flexinv.prepared import TorqueFunction, _prepared, prepare
 
 
 @pytest.mark.parametrize("name", ["bricard", "stewart_platform"])
@@ -43,7 +43,7 @@ def test_universal_joints_taken_from_a_closure(example: Callable[[], Example], m
     mechanism, state = solved(example(), 200)
     f = prepare(mechanism, threads=1)
     monkeypatch.setattr(loop_plan, "_pairs", lambda *_: {})
-    g = prepare.__wrapped__(mechanism, threads=1)
+    g = _prepared.__wrapped__(mechanism, True, 1)
     reduced = [closures(h)[:, int(REDUCED)].astype(int) for h in (f, g)]
     assert (reduced[0] == 1).all()
     assert not reduced[1].any()
@@ -63,7 +63,7 @@ def test_closures_to_the_ground(name: str, monkeypatch: pytest.MonkeyPatch) -> N
     functions = [prepare(m, threads=1) for m in (mechanism, swapped)]
     assert {int(closures(f)[0, int(GROUND)]) for f in functions} == {A_STANDS, B_STANDS}
     monkeypatch.setattr(loop_tables, "_from_ground", lambda *given: (NO_GROUND, given[-1]))
-    functions += [prepare.__wrapped__(m, threads=1) for m in (mechanism, swapped)]
+    functions += [_prepared.__wrapped__(m, True, 1) for m in (mechanism, swapped)]
     assert not any(closures(f)[0, int(GROUND)] for f in functions[2:])
     moved = [state[0] + 1e-8, state[1] * (1.0 + 1e-6 * np.arange(mechanism.nv)), state[2] * (1.0 + 1e-5)]
     squares = []
@@ -168,7 +168,7 @@ def test_six_legs_are_solved_at_once(name: str, monkeypatch: pytest.MonkeyPatch)
     f = prepare(mechanism, threads=1)
     asked: list[bool] = []
     monkeypatch.setattr(loop_steps, "_are_six", lambda *_: asked.append(True))
-    g = prepare.__wrapped__(mechanism, threads=1)
+    g = _prepared.__wrapped__(mechanism, True, 1)
     assert asked
     assert len(g.plan.plan) > len(f.plan.plan)
     assert np.abs(f.torques(*state) - g.torques(*state)).max() < ROUNDING * largest(f, state)

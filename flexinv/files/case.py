@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from flexinv import arguments
 from flexinv.errors import InputError
 from flexinv.files.case_motion import read_motion
 from flexinv.files.case_schema import OF_BEAMS, CasesTable, CaseTable, LimitTable, read_cases
@@ -80,6 +81,7 @@ def load_cases(path: str | Path, mechanism: Mechanism) -> dict[str, Case]:
     path : ``models/<name>`` or the TOML file.  The format is described in models/README.md.
     Raises InputError, which names file, table, key, what was given, what is expected and what to write.
     """
+    arguments.of_kind("mechanism", mechanism, Mechanism)
     file, table = read_cases(path)
     check_names(file, cases=table.cases)
     if not table.cases:

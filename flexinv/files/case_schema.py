@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from flexinv import arguments
 from flexinv.files.toml_tables import (
     Name,
     NotNegative,
@@ -232,6 +233,6 @@ def read_cases(path: str | Path) -> tuple[Path, CasesTable]:
 
     Raises InputError, which names file, table, key, what was given, what is expected and what to write.
     """
-    path = Path(path)
+    path = Path(arguments.path("path", path, "a folder that has a cases.toml"))
     file = path if path.suffix == ".toml" else path / "cases.toml"
     return file, validate(CasesTable, read_toml(file), file, "")

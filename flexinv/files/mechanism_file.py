@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from flexinv import arguments
 from flexinv.errors import InputError, ModelWarning
 from flexinv.files.bodies import far_end, read_inertia, read_payloads
 from flexinv.files.closures import read_closure, read_force, read_spring
@@ -57,7 +58,7 @@ def with_drives(mechanism: Mechanism, file: Path) -> Mechanism:
 
 def toml_file(path: str | Path, name: str) -> Path:
     """Return the file that a folder or a file name means [-]: ``models/arm`` -> ``models/arm/mechanism.toml``."""
-    path = Path(path)
+    path = Path(arguments.path("path", path, f"a folder that has a {name}"))
     return path if path.suffix == ".toml" else path / name
 
 

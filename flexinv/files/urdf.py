@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from os import PathLike
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from flexinv.arguments import floats, names, refuse, shown
+from flexinv.arguments import path as path_of
 from flexinv.errors import InputError, ModelWarning
 from flexinv.files.bodies import impossible
 from flexinv.files.joints import rotation_from_rpy, unit_axis
@@ -49,19 +52,24 @@ def from_urdf(
     An inertia that no body can have is kept, with ModelWarning and a note: files of real robots have them, and the
     torque of a rigid robot is defined with them.  Raises InputError.
     """
-    mechanism, warned = read_urdf(Path(path), packages, base, gravity, lock)
+    file = Path(path_of("path", path, "a URDF file"))
+    names("lock", lock, "joints")
+    if isinstance(packages, str | PathLike) or not isinstance(packages, Iterable):
+        refuse("packages", packages, "a list of folders", f"[{shown(packages)}]" * isinstance(packages, str | PathLike))
+    folders = [path_of(f"packages[{k}]", folder, "a folder") for k, folder in enumerate(packages)]
+    mechanism, warned = read_urdf(file, folders, base, gravity, lock)
     for text in warned.values():
         warnings.warn(f"{path}: {text}", ModelWarning, stacklevel=2)
     return mechanism
 
 
 def read_urdf(
-    path: Path, packages: Sequence[str | Path], base: str, gravity: Sequence[float], lock: Sequence[str]
+    path: Path, packages: Sequence[str | PathLike[str]], base: str, gravity: Sequence[float], lock: Sequence[str]
 ) -> tuple[Mechanism, dict[str, str]]:
     """Read as ``from_urdf`` [-]; also return what deserves a warning, by subject ("mimic", "inertia")."""
-    if base not in ("fixed", "free"):
+    if not isinstance(base, str) or base not in ("fixed", "free"):
         raise InputError(f'base = "{base}": expected "fixed" or "free"; write base="fixed"')
-    pull = np.array(gravity, dtype=np.float64)
+    pull = np.array(floats("gravity", gravity))
     if pull.shape != (3,) or not np.all(np.isfinite(pull)):
         raise InputError(
             f"gravity = {gravity}: expected three finite numbers [m/s^2]; write gravity={STANDARD_GRAVITY}"
