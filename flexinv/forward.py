@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexinv.applied import applied_forces
-from flexinv.arguments import choice, floats, function, number, of_kind
+from flexinv.arguments import floats, function, number, of_kind, shown
 from flexinv.closed import coordinates
 from flexinv.closed_beams import evaluated
 from flexinv.closures import Rows, constraint_rows
@@ -57,7 +57,10 @@ def simulate(
     Newton fails.
     """
     of_kind("mechanism", mechanism, Mechanism)
-    choice("simulate: initial", initial, {"consistent": "starts undeformed", "static": "in equilibrium"})
+    if not isinstance(initial, str) or initial not in ("consistent", "static"):
+        raise InputError(
+            f"simulate: initial = {shown(initial)}, expected 'consistent' (starts undeformed) or 'static' (in equilibrium)"
+        )
     function("progress", progress, "a function of the number of samples done since its last call")
     step = number("step", step, "a positive number of seconds, for example step=1e-3")
     radius = number("spectral_radius", spectral_radius, "0 (strong) to 1 (no numerical damping), for example 0.8")

@@ -174,7 +174,7 @@ MODELLED: list[Case] = [
     (lambda: FREE.simulate(BENT, ENDS, NONE, "x"), "step = 'x': expected a positive number of seconds"),
     (lambda: FREE.simulate(BENT, ENDS, NONE, 1e-12), "more than 5000000: write a larger step"),
     (lambda: FREE.simulate(BENT, ENDS, NONE, STEP, "x"), "spectral_radius = 'x': expected 0 (strong) to 1"),
-    (lambda: FREE.simulate(BENT, ENDS, NONE, STEP, initial=3), "simulate: initial = 3: expected 'consistent'"),
+    (lambda: FREE.simulate(BENT, ENDS, NONE, STEP, initial=3), "simulate: initial = 3, expected 'consistent'"),
     (lambda: FREE.simulate(BENT, ENDS, NONE, STEP, start=3), "start = 3: expected a table of joints"),
     (lambda: FREE.simulate(BENT, ENDS, NONE, STEP, progress=3), "progress = 3: expected a function of the number of samples"),
     (lambda: FREE.statics(ANY), "mechanism = an object: expected a Mechanism"),
