@@ -37,7 +37,8 @@ def inverse_dynamics(
     """Return the effort of every joint coordinate, (samples, nv) [N m] or [N], for given nodal motion.
 
     P = M (a - g) - applied, summed outboard to joint wrenches, projected on the joint axes; plus the rotor's inertia, and with
-    ``passive`` what damping and dry friction of the joint take from the actuator.
+    ``passive`` what damping and dry friction of the joint take from the actuator.  The reference for the compiled passes over
+    many samples: `evaluate.second_step` of solutions, `prepared` for rigid mechanisms.
     """
     forces = nodal_forces(mesh, motion, applied)
     wrenches = own_wrenches(mesh, motion, forces)

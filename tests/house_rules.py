@@ -160,6 +160,8 @@ def _misplaced(module: str, name: str, inside_function: bool) -> str:
         return "flexinv stands alone"
     if here[0] == "flexinv" and there[0] in GRAPHICS and not (here[-1] == "cli" and inside_function):
         return "only the command line draws, and loads what draws when it does"
+    if _is_command_line(there) and not (_is_command_line(here) or here[-1] == "__main__"):
+        return "a command line is imported by nobody"
     own = next((engine for engine in ENGINES if _is_adapter(module, engine)), None)
     if there[0] in ENGINES and there[0] != own:
         return f"only crosscheck/engines/{there[0]}*.py may"
@@ -173,6 +175,12 @@ def _misplaced(module: str, name: str, inside_function: bool) -> str:
 
 def _is_adapter(module: str, engine: str) -> bool:
     return module.startswith(f"crosscheck.engines.{engine}")
+
+
+def _is_command_line(parts: list[str]) -> bool:
+    return (
+        parts[0] in ("flexinv", "crosscheck") and len(parts) > 1 and (parts[1] == "cli" or parts[1].startswith("cli_"))
+    )
 
 
 def _module_of(name: str, modules: dict[str, str]) -> str | None:

@@ -104,6 +104,7 @@ MISPLACED = {
     "flexinv stands alone": ("flexinv.files.case", "from crosscheck.record import Record"),
     "only the command line draws": ("flexinv.solution", "import matplotlib.pyplot as plt"),
     "and loads what draws when it does": ("flexinv.cli", "from matplotlib import pyplot"),
+    "a command line is imported by nobody": ("crosscheck.portrait", "from flexinv.cli import main"),
     "only crosscheck/engines/mujoco*.py may": ("crosscheck.runner", "import mujoco"),
     "only crosscheck/engines/exudyn*.py may": ("crosscheck.engines.mujoco", "def f():\n    import exudyn as exu"),
     "only crosscheck/engines/pinocchio*.py may": ("flexinv.rigid", "from pinocchio import rnea"),
@@ -125,6 +126,8 @@ def test_a_misplaced_import_is_found(complaint: str) -> None:
 def test_imports_in_their_place_are_silent() -> None:
     for module, source in (
         ("flexinv.cli", "def plot():\n    import matplotlib"),
+        ("flexinv.cli", "from flexinv.cli_follow import follow_task"),
+        ("crosscheck.__main__", "from crosscheck.cli import main"),
         ("flexinv.cli", "if TYPE_CHECKING:\n    from matplotlib.figure import Figure"),
         ("crosscheck.engines.mujoco_model", "import mujoco\nfrom crosscheck.engines.mujoco import run"),
         (
