@@ -55,7 +55,7 @@ def judge(fraction: float, limit: Limit | None, today: datetime.date, cause: str
     if limit is None and cause:
         return "explained", f"{fraction:.3g} of the range: {cause}"
     if limit is None:
-        return "unjudged", "no limit is stated for this quantity and engine: add one to cases.toml"
+        return "unjudged", "no limit is stated for this quantity and engine: crosscheck verify proposes one"
     if expired(limit, today):
         return "unjudged", f"the limit expired on {limit.expires}: state it anew, or mend the cause"
     if fraction <= limit.maximum:

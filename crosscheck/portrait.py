@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 SHOWN = 4  # frequencies
 FRAMES = 6  # positions in the picture
 FLAT = 1e-6  # of the size: a mechanism that leaves its plane by less is drawn as a plane one
+NARROWEST = 0.3  # of the longest side: there six numbers along an axis of the picture stand apart
 
 
 @dataclass(frozen=True)
@@ -109,10 +110,24 @@ def picture(one: Portrait, file: Path) -> None:
                 line = points[:, list(flat)] if flat else points
                 axes.plot(*line.T, color="#1f5fa8", alpha=shade, linewidth=1.6, marker=".", markersize=3)
         axes.set_title(title, fontsize=10)
-        axes.set_aspect("equal")
         for name, axis in zip("xy" if flat else "xyz", flat or (0, 1, 2), strict=False):
             getattr(axes, f"set_{name}label")(f"{'xyz'[axis]} [m]")
-    figure.savefig(file)
+    if not flat:
+        share(views)
+    for axes in views:
+        axes.set_aspect("equal")
+    figure.savefig(file, bbox_inches="tight")
+
+
+def share(views: list[Any]) -> None:
+    """Give views in space the same limits [m], none so narrow that the numbers along it lie on each other."""
+    limits = np.array([[getattr(axes, f"get_{name}lim")() for name in "xyz"] for axes in views])
+    middle = (limits[..., 0].min(axis=0) + limits[..., 1].max(axis=0)) / 2
+    half = np.abs(limits - middle[:, None]).max(axis=(0, 2))
+    half = np.maximum(half, NARROWEST * half.max())
+    for axes in views:
+        for name, centre, room in zip("xyz", middle, half, strict=True):
+            getattr(axes, f"set_{name}lim")(centre - room, centre + room)
 
 
 def plane_of(x: Array) -> tuple[int, int] | None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from flexinv.cli import main
+from flexinv.files.mechanism_file import load_mechanism
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = ("README.md", "NOTATION.md")
@@ -54,6 +55,8 @@ def test_files_on_the_page_load(
         path = tmp_path / name
         path.parent.mkdir(exist_ok=True)
         path.write_text(content)
+    post = load_mechanism(tmp_path / "models" / "crane").link_of["post"]
+    assert tuple(post.tip) == (0, 0, 1), "the crane's post stands where its boom begins"
     commands = [line for block in blocks(text, "sh") for line in block.split("\n") if line.startswith("flexinv ")]
     assert len(commands) >= 2
     for command in commands:

@@ -56,7 +56,7 @@ def test_a_measurement_is_not_exported() -> None:
 
 
 def test_a_comparison_without_limit_asks_for_one() -> None:
-    words = "no limit is stated for this quantity and engine: add one to cases.toml"
+    words = "no limit is stated for this quantity and engine: crosscheck verify proposes one"
     row = replace(ROW, verdict="unjudged", limit=None, reason="", message=words, error_bar=None, maximum=2.0)
     assert failure(row) == "\n".join(
         [

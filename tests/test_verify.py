@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from matplotlib.figure import Figure
 from rigid_trees import urdf
 
 from crosscheck.cli import main
@@ -19,7 +20,7 @@ from crosscheck.compare import Comparison
 from crosscheck.engines import ENGINES
 from crosscheck.new import TEMPLATES, from_template, from_urdf
 from crosscheck.plan import discover
-from crosscheck.portrait import picture, plane_of, portrait
+from crosscheck.portrait import picture, plane_of, portrait, share
 from crosscheck.proposals import MARK, Proposal, propose, rounded_up, toml, write
 from flexinv.errors import InputError
 from flexinv.files.case import load_cases
@@ -186,6 +187,21 @@ def test_stated_limits_are_heard_before_the_engines_run(tmp_path: Path) -> None:
     assert done.exit_code == 2
     assert "its limits were stated by hand" in done.output
     assert not (tmp_path / "out").exists()
+
+
+def test_views_in_space_have_the_same_limits_and_room_for_numbers() -> None:
+    figure = Figure()
+    views = [figure.add_subplot(1, 2, k + 1, projection="3d") for k in range(2)]
+    for view, depth in zip(views, (0.1, 2.0), strict=True):  # at rest nearly in a plane
+        view.set(xlim=(0, 3), ylim=(0, depth), zlim=(0, 1))
+    share(views)
+    sides = [[np.ptp(getattr(view, f"get_{name}lim")()) for name in "xyz"] for view in views]
+    assert sides[0] == sides[1]
+    assert sides[0] == pytest.approx([3, 2, 1], rel=1e-12)
+    views[1].set_ylim(-1e-3, 1e-3)
+    views[0].set_ylim(-1e-3, 1e-3)
+    share(views)
+    assert np.ptp(views[0].get_ylim()) == pytest.approx(0.3 * sides[0][0], rel=1e-12)
 
 
 def command(*words: str) -> Result:

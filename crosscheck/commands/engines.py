@@ -11,6 +11,8 @@ from rich.table import Table
 
 from crosscheck.engines import ENGINES, missing
 from crosscheck.isolation import Children, ask
+from crosscheck.report.words import engines_alike
+from crosscheck.results import EngineRow
 from crosscheck.runner import DESCRIBE
 
 
@@ -19,15 +21,19 @@ def command() -> None:
     """Show which engines are installed, their versions and what each can do."""
     table = Table("engine", "version", "what it can do", box=None, header_style="dim")
     known: dict[str, tuple[Any, Any]] = {}
+    rows: list[EngineRow] = []
     for engine in ENGINES.values():
         if (reason := missing(engine)) is not None:
-            table.add_row(engine.name, "[red]missing[/red]", escape(reason))
+            rows.append(EngineRow(engine.name, False, "missing", message=reason))
             continue
         if engine.module not in known:
             known[engine.module] = ask({"kind": "describe", "module": engine.module}, DESCRIBE, Children())
         answer, ending = known[engine.module]
         if answer is None:
-            table.add_row(engine.name, "[red]broken[/red]", escape(ending.message))
+            rows.append(EngineRow(engine.name, False, "broken", message=ending.message))
         else:
-            table.add_row(engine.name, escape(answer["version"]), escape(answer["abilities"]))
+            rows.append(EngineRow(engine.name, True, answer["version"], answer["abilities"]))
+    for row, names in engines_alike(rows):
+        version = escape(row.version) if row.present else f"[red]{row.version}[/red]"
+        table.add_row("\n".join(names), version, escape(row.message or row.abilities))
     Console().print(table)
