@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexinv.arguments import FLOATS, floats, of_kind
+from flexinv.arguments import FLOATS, floats, of_kind, shown
 from flexinv.errors import InputError
 from flexinv.lanes import ASTRAY
 from flexinv.mechanism import Array, Mechanism
@@ -63,8 +63,8 @@ def checked_arrays(mechanism: Mechanism, arrays: Sequence[ArrayLike], order: Ord
     order : "samples" for (samples, columns), "coordinates" for (columns, samples); a plain vector is one sample
     Raises InputError: an order that there is not, a wrong number of columns, numbers of samples that differ.
     """
-    if order not in ("samples", "coordinates"):
-        raise InputError(f"joint_torques: order = {order!r}, expected 'samples' or 'coordinates'")
+    if not isinstance(order, str) or order not in ("samples", "coordinates"):
+        raise InputError(f"joint_torques: order = {shown(order)}, expected 'samples' or 'coordinates'")
     axis = 0 if order == "coordinates" else -1  # of the columns; -1 - axis is that of the samples
     found = []
     for label, width, given in zip(LABELS, (mechanism.nq, mechanism.nv, mechanism.nv), arrays, strict=True):
@@ -92,8 +92,8 @@ def output_array(out: Array | None, like: Array) -> Array:
     if out is None:
         return np.empty_like(like, subok=False)
     if not isinstance(out, np.ndarray) or out.shape != like.shape or out.dtype != np.float64:
-        shown = f"an array of {out.dtype}, shape {out.shape}" if isinstance(out, np.ndarray) else repr(out)
-        raise InputError(f"joint_torques: out is {shown}, expected an array of float64, shape {like.shape}")
+        given = f"an array of {out.dtype}, shape {out.shape}" if isinstance(out, np.ndarray) else shown(out)
+        raise InputError(f"joint_torques: out is {given}, expected an array of float64, shape {like.shape}")
     flags = out.flags
     if not flags.writeable or not (flags.c_contiguous or flags.f_contiguous):
         raise InputError("joint_torques: out cannot be written to in one piece, expected a contiguous, writeable array")

@@ -93,6 +93,8 @@ class Motion:
         degree = whole("degree", degree, 0, "5 (smooth jerk) or 3 (continuous acceleration)")
         sampling = Sampling(_frozen(time, "time"), degree, flag("rest", rest))
         longest = None if max_gap is None else number("max_gap", max_gap, "the longest interval [s], or None")
+        if longest is not None and not longest > 0.0:
+            refuse("max_gap", max_gap, "the longest interval [s], above 0, or None")
         check_sampling(sampling, longest)
         columns, values, widths = _table(q, names, sampling.time.size)
         track = Track(columns, values, widths, float(sampling.time[-1]), sampling=sampling)
@@ -204,6 +206,9 @@ def _row(values: Values, where: str) -> tuple[tuple[str, ...] | None, Array, tup
     parts = {
         str(name): np.atleast_1d(_frozen(values[name], f"{where}, joint {name!r}")) for name in sorted(values, key=str)
     }
+    for name, part in parts.items():
+        if part.ndim != 1:
+            raise InputError(f"{where}, joint {name!r}: expected a number or a list of them, got shape {part.shape}")
     return tuple(parts), np.concatenate([*parts.values(), np.empty(0)]), tuple(p.size for p in parts.values())
 
 

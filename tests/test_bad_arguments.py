@@ -15,6 +15,7 @@ from flexinv.arguments import floats, number, whole
 from flexinv.drives import motor_side
 from flexinv.errors import InputError
 from flexinv.files.case import load_cases
+from flexinv.files.tasks import load_tasks
 from flexinv.motion import Motion
 from flexinv.parameters import random_states
 from flexinv.path import Path as Line
@@ -79,6 +80,8 @@ MARCHES: list[Case] = [
     (lambda: many(threads=1.5), "threads = 1.5: expected a whole number: 1 or more, or None for one per processor"),
     (lambda: many(progress=[]), "progress = []: expected a function that is called with 1 after every scenario, or None"),
     (lambda: many(stp=1), "solve_many: 'stp' is no option of solve: expected some of step, error, end"),
+    (lambda: many(mechanisms="ab"), "solve_many: mechanisms is a str: expected one Mechanism or a list"),
+    (lambda: many(each=[{3: 2}]), "solve_many: each[0]: 3 is no option of solve"),
     (lambda: many(each=[{"evry": 2}]), "solve_many: each[0]: 'evry' is no option of solve"),
     (lambda: parts(part=2.5), "part = 2.5: expected a whole number: the number of samples of a part, 1 or more"),
     (lambda: parts(mechanism=LOOP, motion=CRANK), "solve_in_parts: mechanism 'four_bar' has closures"),
@@ -100,6 +103,10 @@ SAMPLES: list[Case] = [
     (lambda: torques(qdd=REST * 1j), "joint_torques: qdd: expected numbers, got complex ones; write their .real"),
     (lambda: torques(q=REST > 0), "joint_torques: q: expected numbers, got True and False; write 1.0 and 0.0"),
     (lambda: torques(q=[[0.0], [0.0, 1.0]]), "write lists of equal length"),
+    (
+        lambda: torques(order=np.array(["samples", "x"])),
+        "joint_torques: order = an array of shape (2,), expected 'samples'",
+    ),
     (lambda: torques(threads=0.5), "threads = 0.5: expected a whole number"),
 ]
 MESHES: list[Case] = [
@@ -116,6 +123,7 @@ FILES: list[Case] = [
     (lambda: FREE.load_mechanism(None), "path = None: expected the path"),
     (lambda: load_cases(ANY, BENT), "path = an object: expected the path of a folder that has a cases.toml"),
     (lambda: load_cases(MODELS / "ur5", ANY), "mechanism = an object: expected a Mechanism"),
+    (lambda: load_tasks(MODELS / "flex_two_link", ANY), "mechanism = an object: expected a Mechanism"),
     (lambda: FREE.from_urdf(3), "path = 3: expected the path of a URDF file"),
     (lambda: FREE.from_urdf("x", packages="a"), "packages = 'a': expected a list of folders; write ['a']"),
     (lambda: FREE.from_urdf("x", packages=3), "packages = 3: expected a list of folders"),
@@ -142,6 +150,8 @@ TASKS: list[Case] = [
     (lambda: M.from_samples(TIME, TIME, degree=5.0), "degree = 5.0: expected a whole number: 5 (smooth jerk) or 3"),
     (lambda: M.from_samples(TIME, TIME, rest="no"), "rest = 'no': expected True or False"),
     (lambda: M.from_samples(TIME, TIME, max_gap="x"), "max_gap = 'x': expected the longest interval [s], or None"),
+    (lambda: M.from_samples(TIME, TIME, max_gap=np.nan), "max_gap = nan: expected the longest interval [s], above 0"),
+    (lambda: M.point_to_point({"a": [[0]]}, {"a": 1}, 1), "start, joint 'a': expected a number or a list of them, got shape"),
     (lambda: M.from_samples(TIME, TIME * 1j), "q: expected numbers, got complex ones"),
     (lambda: M.merge([TURN, TURN]), "merge: motion = [a Motion, a Motion]: expected a Motion"),
     (lambda: TURN.evaluate(ANY, [0.0]), "mechanism = an object: expected a Mechanism"),

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
+from flexinv.arguments import of_kind
 from flexinv.errors import InputError
 from flexinv.files.case_schema import MeshTable, read_cases
 from flexinv.files.case_start import read_places
@@ -131,6 +132,7 @@ def load_tasks(path: str | File, mechanism: Mechanism) -> dict[str, Task]:
     path : ``models/<name>`` or the TOML file.  The format is described in models/README.md.
     Raises InputError, which names file, table, key, what was given, what is expected and what to write.
     """
+    of_kind("mechanism", mechanism, Mechanism)
     file, table = read_cases(path)
     check_names(file, tasks=table.tasks)
     return {name: _task(data, name, mechanism, file) for name, data in table.tasks.items()}
