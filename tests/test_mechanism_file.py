@@ -12,7 +12,7 @@ from flexinv.files.bodies import impossible
 from flexinv.files.joints import TABLES, rotation_from_rpy
 from flexinv.files.mechanism_file import load_mechanism
 from flexinv.files.sections import rectangle_torsion
-from flexinv.files.unit_keys import converted, correction, split_unit
+from flexinv.files.unit_keys import converted, correction, nearest, split_unit
 from flexinv.mechanism import COORDINATES, Array, Mechanism
 
 HEAD = 'source = "test"\ngravity_m_per_s2 = [0, 0, 0]\n'
@@ -247,3 +247,10 @@ def test_conversion_of_units() -> None:
     assert converted("1", "mm", "m") is None
     assert correction("size_mm", [1, 2], ["size_m", "mass_kg"]) == ("size_m", [0.001, 0.002])
     assert correction("colour", 1, ["size_m"]) is None
+
+
+def test_the_beginning_of_a_key_is_enough_to_guess_it() -> None:
+    known = ("motor_inertia_kgm2", "gear_ratio", "coulomb_Nm")
+    assert nearest("gear", known) == "gear_ratio"
+    assert nearest("gaer_ratio", known) == "gear_ratio"
+    assert nearest("wheel", known) is None

@@ -78,6 +78,7 @@ def correction(key: str, value: Any, known: Iterable[str]) -> tuple[str, Any] | 
 
 
 def nearest(word: str, known: Iterable[str]) -> str | None:
-    """Return the known word that ``word`` is most like, None when it is like none of them [-]."""
-    found = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
+    """Return the known word that ``word`` is most like or begins (``gear``: ``gear_ratio``), None when there is none [-]."""
+    words = list(known)
+    found = difflib.get_close_matches(word, words, n=1, cutoff=0.6) or [k for k in words if k.startswith(f"{word}_")]
     return found[0] if found else None
