@@ -132,6 +132,13 @@ def test_a_turn_begins_with_a_run_that_is_not_timed() -> None:
     assert np.median(found["long"].wall) > LONG
 
 
+def test_a_call_that_fills_its_caches_first_is_not_long() -> None:
+    """Its turns begin with runs that are not timed, like those of every short call."""
+    runs = itertools.count()
+    found = in_turns({"filling": Call(lambda: time.sleep(2 * LONG if next(runs) == 0 else 1e-3))}, SHORT)["filling"]
+    assert next(runs) > 2 * len(found.wall)
+
+
 def test_a_ratio_beyond_its_limit_is_a_deviation() -> None:
     def verdict(**limits: float) -> str:
         return str(targets.judged({"metric": targets.metric("x", 3.0, "-", **limits)})["verdict"])

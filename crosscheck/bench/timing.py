@@ -33,6 +33,7 @@ REPETITION = 1e-3  # [s]: well below the some 4 ms after which a busy system cha
 LONG = (
     0.05  # [s]: what takes longer is not run before it is timed, as what it finds in the caches is no part of its time
 )
+AGAIN = 1.0  # [s]: what takes as long at first is not run once more to see what it takes usually
 SETTLED = 0.012  # [s] of runs before one is timed, where calls have threads
 FEWEST = 5  # repetitions, and clean ones, that quartiles are taken of
 MOST = 400  # repetitions; more do not move a median
@@ -200,14 +201,19 @@ def _once(call: Call, times: int, long: bool, settled: float, cores: Cores) -> _
 
 
 def _count(call: Call) -> tuple[int, bool]:
-    """How many runs make a repetition, and whether one is long; the first, which compiles or fills caches, counts if it is."""
-    start = clock.perf_counter()
-    call.run()
-    if clock.perf_counter() - start > LONG:
+    """How many runs make a repetition, and whether one is long; the first, which compiles or fills caches, counts if it must."""
+    taken = _seconds(call)
+    if taken < AGAIN:
+        taken = _seconds(call)
+    if taken > LONG:
         return 1, True
+    return max(1, int(REPETITION / max(taken, 1e-7))), False
+
+
+def _seconds(call: Call) -> float:
     start = clock.perf_counter()
     call.run()
-    return max(1, int(REPETITION / max(clock.perf_counter() - start, 1e-7))), False
+    return clock.perf_counter() - start
 
 
 def _quartiles(values: Array) -> Spread:
