@@ -6,7 +6,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from flexinv.asked import natural_modes
     from flexinv.batch import Batch, solve_many
     from flexinv.controller import Controller
     from flexinv.derivatives import TorqueDerivatives, torque_derivatives
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
     from flexinv.forward import simulate
     from flexinv.linear import LinearModel, linear_model
     from flexinv.mechanism import Mechanism
-    from flexinv.modes import Modes
+    from flexinv.modes import Modes, natural_modes
     from flexinv.motion import Motion
     from flexinv.parameters import BaseParameters, Regressor, base_parameters, torque_regressor
     from flexinv.parts import solve_in_parts
@@ -60,7 +59,7 @@ _HOME = {
     "linear_model": "linear",
     "load_cases": "files.case",
     "load_mechanism": "files.mechanism_file",
-    "natural_modes": "asked",
+    "natural_modes": "modes",
     "prepare": "prepared",
     "simulate": "forward",
     "solve": "scheme",

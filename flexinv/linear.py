@@ -19,10 +19,10 @@ from scipy.linalg import solve
 
 from flexinv.arguments import names as names_of
 from flexinv.arguments import whole
-from flexinv.asked import check_modes, check_rates
 from flexinv.errors import InputError
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh
+from flexinv.mode_inputs import check_modes, check_rates
 from flexinv.modes import SOFT, allowed_motions, chosen, nodal_shapes, undamped
 from flexinv.solver import Solver, by_unknown
 from flexinv.steady import Steady, steady_motion

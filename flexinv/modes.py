@@ -27,6 +27,7 @@ from flexinv.loops import closed_near
 from flexinv.march import CONVERGED, evaluate
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh, build
+from flexinv.mode_inputs import check_modes
 from flexinv.solver import Solver
 from flexinv.starting import equilibrium, start_undeformed
 from flexinv.tree import Joints
@@ -106,7 +107,7 @@ def natural_modes(
 
     Raises InputError for unknown joints and where nothing can move, ConvergenceError where no rest position is found.
     """
-    mesh, at, names = chosen(mechanism, q, free)
+    mesh, at, names = chosen(mechanism, check_modes(mechanism, q, free, count), free)
     solver = Solver.of(mesh, set(names))
     joints = rest(solver, at)
     damping = damping_matrix(solver, joints)

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eig, lu_factor, lu_solve
 
-from flexinv.asked import check_modes, check_rates
 from flexinv.mechanism import Array, Mechanism
 from flexinv.mesh import Mesh
+from flexinv.mode_inputs import check_modes, check_rates
 from flexinv.modes import allowed_motions, chosen, nodal_shapes
 from flexinv.steady import steady_motion
 

@@ -1,4 +1,4 @@
-"""natural_modes for callers, and what it and its like (`steady_modes`, `linear_model`) look at before they begin."""
+"""What `natural_modes`, `steady_modes` and `linear_model` are given, looked at before they begin."""
 
 from __future__ import annotations
 
@@ -6,24 +6,8 @@ from collections.abc import Collection, Mapping
 
 from numpy.typing import ArrayLike
 
-from flexinv import modes
 from flexinv.arguments import floats, names, number, of_kind, table, whole
 from flexinv.mechanism import Array, Mechanism
-from flexinv.modes import Modes
-
-
-def natural_modes(
-    mechanism: Mechanism, q: ArrayLike | None = None, free: Collection[str] | None = None, count: int | None = None
-) -> Modes:
-    """Return natural frequencies [Hz] and mode shapes at rest under gravity, joints clamped at ``q`` but for the free ones.
-
-    q : (nq,) [rad], [m], zero by default; in a loop the guess from which it is closed
-    free : names of joints that move freely about ``q``; by default none in a tree, and in a loop those without a drive
-    count : number of modes, all by default
-
-    Raises InputError for unknown joints and where nothing can move, ConvergenceError where no rest position is found.
-    """
-    return modes.natural_modes(mechanism, check_modes(mechanism, q, free, count), free, count)
 
 
 def check_modes(
