@@ -64,9 +64,8 @@ def repair(model: Model, fit: Fit, engine: str, reference: Record, record: Recor
         healed = None if opposite is None else _run(engine, opposite)
         tries.append((None if healed is None else _largest(model, healed, reference), f"taken out of {engine}"))
     harmed = _changed(fit, model, fit.size)
-    if (
-        harmed is not None and model.base.mechanism.closures and harmed.effort
-    ):  # the joints' motion is known to the model only
+    if harmed is not None and harmed.effort and model.base.mechanism.closures:
+        # The joints' motion is known to the model only.
         left = model.residual(record, reference) - model.difference(harmed)
         tries.append((float(np.abs(left).max()), "put into the reference"))
     elif harmed is not None and not cause.linear:

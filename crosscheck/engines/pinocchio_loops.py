@@ -80,9 +80,8 @@ class Tree:
             none, still = np.zeros((3, model.nv)), np.zeros(3)
             return Moving(place.translation, place.rotation, none, none, still, still, still, still)
         pose = data.oMi[joint] * place
-        jacobian = pin.getFrameJacobian(model, data, joint, place, WORLD_AXES).reshape(
-            6, model.nv
-        )  # of one column a vector
+        jacobian = pin.getFrameJacobian(model, data, joint, place, WORLD_AXES)
+        jacobian = jacobian.reshape(6, model.nv)  # a single column comes as a vector
         speed = pin.getFrameVelocity(model, data, joint, place, WORLD_AXES)
         rate = pin.getFrameClassicalAcceleration(model, data, joint, place, WORLD_AXES)
         return Moving(
