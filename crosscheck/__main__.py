@@ -1,6 +1,6 @@
 """``python -m crosscheck``: the command line where the console script is not on the path."""
 
-from crosscheck.cli import main
+from crosscheck.start import main
 
 if __name__ == "__main__":
     main()

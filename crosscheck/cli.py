@@ -10,7 +10,9 @@ from typing import Any, cast
 import click
 
 from crosscheck import commands
-from crosscheck.terminal import Failure
+from crosscheck.commands.shared.terminal import Console, Failure
+from crosscheck.secrets import without_passwords
+from crosscheck.start import needed
 
 
 class Main(click.Group):
@@ -18,13 +20,16 @@ class Main(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of the commands: those of the files."""
-        return sorted(module.name.replace("_", "-") for module in pkgutil.iter_modules(commands.__path__))
+        return sorted(m.name.replace("_", "-") for m in pkgutil.iter_modules(commands.__path__) if not m.ispkg)
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
         """Import the file of a command and return what it calls ``command``; None where there is no such file."""
         if name not in self.list_commands(ctx):
             return None
-        module = importlib.import_module(f"{commands.__name__}.{name.replace('-', '_')}")
+        try:
+            module = importlib.import_module(f"{commands.__name__}.{name.replace('-', '_')}")
+        except ModuleNotFoundError as error:
+            return _lacking(name, needed(error))
         return cast(click.Command, module.command)
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -35,9 +40,24 @@ class Main(click.Group):
             raise Failure("interrupted") from None
         except (click.ClickException, click.exceptions.Exit):
             raise
+        except BrokenPipeError:  # the reader has seen enough
+            Console().on_broken_pipe()
+        except ModuleNotFoundError as error:
+            raise Failure(needed(error)) from error
         except Exception as error:
-            traceback.print_exc()
+            click.echo(without_passwords(traceback.format_exc()), err=True)
             raise Failure(f"the harness failed: {type(error).__name__}: {error}") from error
+
+
+def _lacking(name: str, words: str) -> click.Command:
+    """Return a command that says what it needs; the others work."""
+
+    def say(**_: object) -> None:
+        raise Failure(words)
+
+    anything = click.Argument(["words"], nargs=-1, type=click.UNPROCESSED)
+    loose = {"ignore_unknown_options": True, "allow_extra_args": True}
+    return click.Command(name, loose, say, [anything], help=words, short_help="Not installed: see --help.")
 
 
 @click.group(cls=Main, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from crosscheck.compare import Comparison
     from crosscheck.engines import Engine
-    from crosscheck.pairs import Shared
-    from crosscheck.plan import Task
+    from crosscheck.run.pair_runner import Shared
+    from crosscheck.verdicts.compare import Comparison
+    from crosscheck.verdicts.plan import Task
 
 FOLDER = pytest.StashKey[str]()
 OWNED = pytest.StashKey[bool]()
@@ -84,11 +84,11 @@ class CasesFile(pytest.File):
 
     def collect(self) -> Iterable[pytest.Item]:
         """Yield one test per comparison that a run would make."""
-        from crosscheck.baseline import BaselineError
         from crosscheck.engines import ENGINES
-        from crosscheck.limits import references
-        from crosscheck.pairs import blessed
-        from crosscheck.plan import discover
+        from crosscheck.measures.limits import references
+        from crosscheck.run.pair_runner import blessed
+        from crosscheck.verdicts.baseline import BaselineError
+        from crosscheck.verdicts.plan import discover
         from flexinv.errors import ModelWarning
 
         folder = self.path.parent
@@ -114,7 +114,7 @@ class CasesFile(pytest.File):
 
 
 def _baseline(config: pytest.Config, models: Path) -> Path | None:
-    from crosscheck.pairs import beside
+    from crosscheck.run.pair_runner import beside
 
     said = config.getoption("--crosscheck-baseline")
     return beside(models) if said is None else Path(said) if said else None
@@ -126,6 +126,8 @@ def _wanted(config: pytest.Config) -> list[str]:
     from crosscheck.engines import ENGINES
 
     patterns = [p.strip() for p in config.getoption("--crosscheck-engines").split(",") if p.strip()]
+    if not patterns:
+        raise pytest.UsageError(f"--crosscheck-engines names no engine; known: {', '.join(ENGINES)}")
     for pattern in patterns:
         if not any(fnmatchcase(name, pattern) for name in ENGINES):
             raise pytest.UsageError(
@@ -143,8 +145,8 @@ class ComparisonItem(pytest.Item):
 
     def runtest(self) -> None:
         """Run both engines unless that was done, compare, and fail with words."""
-        from crosscheck.limits import worst
-        from crosscheck.pairs import cause, compared
+        from crosscheck.measures.limits import worst
+        from crosscheck.run.pair_runner import cause, compared
 
         shared = self._shared()
         pair = compared(shared, self.task, *self.pair)
@@ -165,7 +167,7 @@ class ComparisonItem(pytest.Item):
             raise ComparisonFailed("\n\n".join(failure(row, why) for row in wrong))
 
     def _shared(self) -> Shared:
-        from crosscheck.pairs import Shared
+        from crosscheck.run.pair_runner import Shared
 
         baseline = _baseline(self.config, self.task.folder.parent)
         return Shared(_records(self.config), baseline, float(self.config.getoption("--crosscheck-timeout")))

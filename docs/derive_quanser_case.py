@@ -15,19 +15,9 @@ from crosscheck.measured import arm
 from crosscheck.measured.filters import low_pass, undo_lag
 from crosscheck.measured.fit import Fit, identify
 from crosscheck.measured.recording import read_recording
-from crosscheck.studies.measured_arm import (
-    AGREE,
-    FLEXIBLE,
-    MESH,
-    RECORD,
-    RIGID,
-    SPLITS,
-    Array,
-    parts,
-    together,
-)
-from flexinv.files.mechanism_file import load_mechanism
-from flexinv.mechanism import Mechanism
+from crosscheck.studies.measured_arm import AGREE, FLEXIBLE, MESH, RECORD, RIGID, SPLITS, Array, parts, together
+from flexinv.files.load_mechanism import load_mechanism
+from flexinv.model.mechanism import Mechanism
 
 MODELS = Path(__file__).parents[1] / "models"
 EVERY = 2  # of the record's samples one: 8 ms

@@ -22,8 +22,8 @@ from scipy.interpolate import CubicSpline
 import flexinv
 from crosscheck.studies import feedforward
 from flexinv import Following, Mechanism, Motion, Solution
-from flexinv.files.tasks import load_tasks
-from flexinv.following import INVERSION, JOINT_SPACE, RIGID
+from flexinv.tracking.follow import INVERSION, JOINT_SPACE, RIGID
+from flexinv.tracking.task_file import load_tasks
 
 ROOT = Path(__file__).resolve().parent.parent
 STEP = 5e-4  # [s], at which the paper's one-link case is converged to a thousandth

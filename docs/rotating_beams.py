@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from flexinv.mechanism import WORLD, Beam, Joint, Link, Mechanism, Placement, Section
-from flexinv.vibration import SteadyModes, steady_modes
+from flexinv.linearized.steady_modes import SteadyModes, steady_modes
+from flexinv.model.mechanism import WORLD, Beam, Joint, Link, Mechanism, Placement, Section
 
 Array = NDArray[np.float64]
 INCH, POUND = 0.0254, 4.4482216152605  # [m], [N]

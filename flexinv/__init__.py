@@ -6,69 +6,70 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from flexinv.batch import Batch, solve_many
-    from flexinv.controller import Controller
-    from flexinv.derivatives import TorqueDerivatives, torque_derivatives
+    from flexinv.analysis.controller import Controller
+    from flexinv.analysis.simulate import simulate
+    from flexinv.analysis.solution import Solution
+    from flexinv.analysis.solve import solve
+    from flexinv.analysis.solve_in_parts import solve_in_parts
+    from flexinv.analysis.solve_many import Batch, solve_many
+    from flexinv.analysis.statics import Load, statics
     from flexinv.errors import ConvergenceError, FlexinvError, InputError, ModelWarning
-    from flexinv.files.case import Case, load_cases
-    from flexinv.files.mechanism_file import load_mechanism
-    from flexinv.files.urdf import from_urdf
-    from flexinv.following import Following, follow
-    from flexinv.forward import simulate
-    from flexinv.linear import LinearModel, linear_model
-    from flexinv.mechanism import Mechanism
-    from flexinv.modes import Modes, natural_modes
-    from flexinv.motion import Motion
-    from flexinv.parameters import BaseParameters, Regressor, base_parameters, torque_regressor
-    from flexinv.parts import solve_in_parts
-    from flexinv.path import Path
-    from flexinv.prepared import TorqueFunction, prepare
-    from flexinv.rest import Load, statics
-    from flexinv.scheme import solve
-    from flexinv.solution import Solution
-    from flexinv.torques import joint_torques
-    from flexinv.vibration import SteadyModes, steady_modes
+    from flexinv.files.from_urdf import from_urdf
+    from flexinv.files.load_cases import Case, load_cases
+    from flexinv.files.load_mechanism import load_mechanism
+    from flexinv.linearized.linear_model import LinearModel, linear_model
+    from flexinv.linearized.natural_modes import Modes, natural_modes
+    from flexinv.linearized.steady_modes import SteadyModes, steady_modes
+    from flexinv.model.mechanism import Mechanism
+    from flexinv.model.motion import Motion
+    from flexinv.rigid.joint_torques import joint_torques
+    from flexinv.rigid.prepare import TorqueFunction, prepare
+    from flexinv.rigid.torque_derivatives import TorqueDerivatives, torque_derivatives
+    from flexinv.rigid.torque_regressor import BaseParameters, Regressor, base_parameters, torque_regressor
+    from flexinv.tracking.follow import Following, follow
+    from flexinv.tracking.frame_path import Path
 
 # Where each public name lives; it is imported when first used, so that a program that only reads a mechanism
 # does not wait for the compiler.
 _HOME = {
-    "BaseParameters": "parameters",
-    "Batch": "batch",
-    "Case": "files.case",
-    "Controller": "controller",
+    "BaseParameters": "rigid.torque_regressor",
+    "Batch": "analysis.solve_many",
+    "Case": "files.load_cases",
+    "Controller": "analysis.controller",
     "ConvergenceError": "errors",
     "FlexinvError": "errors",
-    "Following": "following",
+    "Following": "tracking.follow",
     "InputError": "errors",
-    "LinearModel": "linear",
-    "Load": "rest",
-    "Mechanism": "mechanism",
+    "LinearModel": "linearized.linear_model",
+    "Load": "analysis.statics",
+    "Mechanism": "model.mechanism",
     "ModelWarning": "errors",
-    "Modes": "modes",
-    "Motion": "motion",
-    "Regressor": "parameters",
-    "Path": "path",
-    "Solution": "solution",
-    "SteadyModes": "vibration",
-    "TorqueDerivatives": "derivatives",
-    "TorqueFunction": "prepared",
-    "base_parameters": "parameters",
-    "follow": "following",
-    "from_urdf": "files.urdf",
-    "joint_torques": "torques",
-    "linear_model": "linear",
-    "load_cases": "files.case",
-    "load_mechanism": "files.mechanism_file",
-    "natural_modes": "modes",
-    "prepare": "prepared",
-    "simulate": "forward",
-    "solve": "scheme",
-    "solve_in_parts": "parts",
-    "solve_many": "batch",
-    "statics": "rest",
-    "steady_modes": "vibration",
-    "torque_derivatives": "derivatives",
-    "torque_regressor": "parameters",
+    "Modes": "linearized.natural_modes",
+    "Motion": "model.motion",
+    "Regressor": "rigid.torque_regressor",
+    "Path": "tracking.frame_path",
+    "Solution": "analysis.solution",
+    "SteadyModes": "linearized.steady_modes",
+    "TorqueDerivatives": "rigid.torque_derivatives",
+    "TorqueFunction": "rigid.prepare",
+    "base_parameters": "rigid.torque_regressor",
+    "follow": "tracking.follow",
+    "from_urdf": "files.from_urdf",
+    "joint_torques": "rigid.joint_torques",
+    "linear_model": "linearized.linear_model",
+    "load_cases": "files.load_cases",
+    "load_mechanism": "files.load_mechanism",
+    "motor_side": "analysis.motor_side",
+    "natural_modes": "linearized.natural_modes",
+    "prepare": "rigid.prepare",
+    "simulate": "analysis.simulate",
+    "solve": "analysis.solve",
+    "solve_in_parts": "analysis.solve_in_parts",
+    "solve_many": "analysis.solve_many",
+    "statics": "analysis.statics",
+    "steady_modes": "linearized.steady_modes",
+    "torque_derivatives": "rigid.torque_derivatives",
+    "torque_regressor": "rigid.torque_regressor",
 }
 
 __all__ = [
@@ -99,6 +100,7 @@ __all__ = [
     "linear_model",
     "load_cases",
     "load_mechanism",
+    "motor_side",
     "natural_modes",
     "prepare",
     "simulate",

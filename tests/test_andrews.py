@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 import flexinv
-from flexinv.files.case import Case, load_cases
-from flexinv.loops import mobility
-from flexinv.mechanism import Mechanism
+from flexinv.constraints.continuation import mobility
+from flexinv.files.load_cases import Case, load_cases
+from flexinv.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 STEP, END, DRIVE = 1e-4, 0.03, andrews.P["drive"]

@@ -6,12 +6,14 @@ import doctest
 import importlib
 import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from flexinv.cli import main
-from flexinv.files.mechanism_file import load_mechanism
+from flexinv.cli.commands import main
+from flexinv.files.load_mechanism import load_mechanism
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = ("README.md", "NOTATION.md")
@@ -29,15 +31,21 @@ def blocks(text: str, language: str) -> list[str]:
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_python_on_the_page_runs(page: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_python_on_the_page_runs(page: str, tmp_path: Path) -> None:
     """Blocks run one after another, as a reader would type them, from the project's folder; files go elsewhere."""
     (tmp_path / "models").symlink_to(ROOT / "models")
-    monkeypatch.chdir(tmp_path)
     code = blocks((ROOT / page).read_text(), "python")
     assert code, f"{page} shows no Python"
-    names: dict[str, object] = {}
-    for block in code:
-        exec(compile(block, page, "exec"), names)
+    read(code, page, tmp_path)
+
+
+def read(code: list[str], page: str, folder: Path) -> None:
+    """Run blocks in a process of their own, which has imported nothing that the reader has not."""
+    script = folder / "reader.py"
+    lines = "".join(f"exec(compile({block!r}, {page!r}, 'exec'), names)\n" for block in code)
+    script.write_text(f"names = {{'__name__': 'reader'}}\n{lines}")
+    done = subprocess.run([sys.executable, script.name], cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def test_files_on_the_page_load(
@@ -89,5 +97,11 @@ def test_docstring_examples_run(module: str) -> None:
 def test_a_wrong_example_is_found(tmp_path: Path) -> None:
     code = blocks("text\n```python\nassert 1 + 1 == 3\n```\n", "python")
     assert len(code) == 1
-    with pytest.raises(AssertionError):
-        exec(compile(code[0], "page", "exec"), {})
+    with pytest.raises(AssertionError, match="assert 1"):
+        read(code, "page", tmp_path)
+
+
+def test_a_name_that_only_tests_have_imported_is_found(tmp_path: Path) -> None:
+    """This file imports `flexinv.cli.commands`, and all of flexinv with it: a reader has not."""
+    with pytest.raises(AssertionError, match="no attribute 'drives'"):
+        read(["\nimport flexinv\nflexinv.drives\n"], "page", tmp_path)

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 
 import flexinv
+from crosscheck.engines import ENGINES, adapter, missing
 from flexinv.files import case_schema, closures, joints, schema
-from flexinv.files.case import load_cases
-from flexinv.files.mechanism_file import load_mechanism
+from flexinv.files.load_cases import load_cases
+from flexinv.files.load_mechanism import load_mechanism
 from flexinv.files.toml_tables import Table
-from flexinv.mechanism import Array, Mechanism
+from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
 
 MODELS = Path(__file__).resolve().parent.parent / "models"
 NAMES = sorted(path.parent.name for path in MODELS.glob("*/mechanism.toml"))
@@ -56,6 +58,20 @@ def test_model_states_its_sources(name: str) -> None:
         assert case.title
         assert case.source
         assert {limit.quantity for limit in case.limits} == set(case.quantities)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_model_has_a_second_engine(name: str) -> None:
+    """At least one case is compared with an engine of others, or with a machine, in all that it states."""
+    mechanism = load_mechanism(MODELS / name)
+    others = [e for e in ENGINES.values() if e.name != "flexinv" and not e.native and missing(e) is None]
+    found = [
+        engine.name
+        for case in load_cases(MODELS / name, mechanism).values()
+        for engine in others
+        if adapter(engine).unsupported(mechanism, case, engine.name) is None
+    ]
+    assert found
 
 
 def test_readme_has_no_other_models() -> None:

@@ -12,7 +12,7 @@ from flexible_examples import HALF_TURN, arm, observed_order
 from numpy.typing import NDArray
 
 import flexinv
-from flexinv.mechanism import Mechanism
+from flexinv.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 
@@ -88,7 +88,7 @@ def test_example_1_factors_give_the_torque(rods: Mechanism) -> None:
 
 
 def test_example_1_incremental_mode_is_second_order(rods: Mechanism) -> None:
-    """Errors at 10, 20, 50, 100 steps fall as h^2, the order of the central difference (`flexinv.differences`)."""
+    """Errors at 10, 20, 50, 100 steps fall as h^2, the order of the central difference (`finite_differences`)."""
     errors = []
     for steps in (50, 100, 200):
         exact = flexinv.solve(rods, _motion("cycloid"), step=1 / steps)

@@ -6,7 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import house_rules as rules
+import naming_rules as names
 import pytest
+
+from flexinv import _HOME
 
 ROOT = Path(__file__).resolve().parent.parent
 NUMERICAL = sorted((ROOT / "flexinv").rglob("*.py"))
@@ -48,9 +51,34 @@ def test_imports_point_down() -> None:
         assert not broken, "\n".join(broken)
 
 
+def test_folders_are_not_crowded() -> None:
+    folders = {path.parent for path in PACKAGES}
+    counted = {str(f.relative_to(ROOT)): sum(p.name != "__init__.py" for p in f.glob("*.py")) for f in folders}
+    assert names.crowded(counted) == []
+
+
+def test_tests_lie_in_the_folders_of_what_they_test() -> None:
+    for package in ("flexinv", "crosscheck"):
+        inside = {p.parent.relative_to(ROOT / "tests") for p in (ROOT / "tests" / package).rglob("test_*.py")}
+        assert [str(folder) for folder in sorted(inside) if not (ROOT / folder / "__init__.py").is_file()] == []
+
+
+def test_records_have_names() -> None:
+    check(PACKAGES, lambda path: names.letter_records(path.read_text()))
+
+
+def test_docstrings_do_not_ask() -> None:
+    check(PACKAGES, lambda path: names.questions(path.read_text()))
+
+
+def test_public_functions_live_in_modules_of_their_names() -> None:
+    # one page of mathematics: base parameters are combinations of the columns of the regressor
+    assert names.homeless(_HOME, known=("base_parameters",)) == []
+
+
 def test_only_command_lines_print() -> None:
     check(
-        [p for p in PACKAGES if p.name != "cli.py" and p.parent.name != "commands"],
+        [p for p in PACKAGES if p.name != "cli.py" and p.parent.name not in ("cli", "commands")],
         lambda path: rules.prints(path.read_text()),
     )
 
@@ -88,6 +116,12 @@ BAD = {
     "padded tolerance 1.5 * limit": (rules.padded_tolerances, "assert x < 1.5 * limit"),
     "padded tolerance 2 * case.tolerance": (rules.padded_tolerances, "close(x, y, atol=2 * case.tolerance)"),
     "InputError is built but not raised": (rules.forgotten_raise, "def f():\n    InputError('x')"),
+    "f calls a record m (m.mass)": (names.letter_records, "def f(m, x):\n    return m.mass * x.shape[0]"),
+    "'Which way it turns.' asks": (names.questions, 'def f():\n    "Which way it turns."'),
+    "'Return whether it turns.' asks": (
+        names.questions,
+        'class A:\n    def f(self):\n        "Return whether it turns."',
+    ),
     "line 2: " + "/home" + "/somebody": (rules.machine_paths, "x\ny = '" + "/home" + "/somebody/a.toml'"),
 }
 
@@ -101,18 +135,27 @@ def test_a_broken_rule_is_found(complaint: str) -> None:
 
 
 MISPLACED = {
-    "flexinv stands alone": ("flexinv.files.case", "from crosscheck.record import Record"),
-    "only the command line draws": ("flexinv.solution", "import matplotlib.pyplot as plt"),
-    "and loads what draws when it does": ("flexinv.cli", "from matplotlib import pyplot"),
-    "a command line is imported by nobody": ("crosscheck.portrait", "from flexinv.cli import main"),
-    "only crosscheck/engines/mujoco*.py may": ("crosscheck.runner", "import mujoco"),
-    "only crosscheck/engines/exudyn*.py may": ("crosscheck.engines.mujoco", "def f():\n    import exudyn as exu"),
-    "only crosscheck/engines/pinocchio*.py may": ("flexinv.rigid", "from pinocchio import rnea"),
-    "an adapter reads primary data only": ("crosscheck.engines.exudyn_rigid", "from flexinv.rotations import exp_so3"),
-    "reads primary data only (errors": ("crosscheck.engines.pinocchio", "from flexinv import joint_torques"),
-    "an engine does not know another": ("crosscheck.engines.mujoco_model", "from crosscheck.engines.exudyn import run"),
-    "does not know another": ("crosscheck.engines.mujoco", "import crosscheck.engines.flexinv"),
-    "imports are written in full": ("flexinv.files.case", "from .motion import Motion"),
+    "flexinv stands alone": ("flexinv.files.load_cases", "from crosscheck.measures.record import Record"),
+    "only the command line draws": ("flexinv.analysis.solution", "import matplotlib.pyplot as plt"),
+    "and loads what draws when it does": ("flexinv.cli.commands", "from matplotlib import pyplot"),
+    "a command line is imported by nobody": ("crosscheck.workflows.model_summary", "from flexinv.cli import main"),
+    "only crosscheck/engines/mujoco/ may": ("crosscheck.run.runner", "import mujoco"),
+    "only crosscheck/engines/exudyn/ may": (
+        "crosscheck.engines.mujoco.adapter",
+        "def f():\n    import exudyn as exu",
+    ),
+    "only crosscheck/engines/pinocchio/ may": ("flexinv.kinematics.rigid_motion", "from pinocchio import rnea"),
+    "an adapter reads primary data only": (
+        "crosscheck.engines.exudyn.rigid",
+        "from flexinv.kernels.so3 import exp_so3",
+    ),
+    "reads primary data only (errors": ("crosscheck.engines.pinocchio.adapter", "from flexinv import joint_torques"),
+    "an engine does not know another": (
+        "crosscheck.engines.mujoco.model",
+        "from crosscheck.engines.exudyn.adapter import run",
+    ),
+    "does not know another": ("crosscheck.engines.mujoco.adapter", "import crosscheck.engines.flexinv"),
+    "imports are written in full": ("flexinv.files.load_cases", "from .motion import Motion"),
 }
 
 
@@ -125,16 +168,16 @@ def test_a_misplaced_import_is_found(complaint: str) -> None:
 
 def test_imports_in_their_place_are_silent() -> None:
     for module, source in (
-        ("flexinv.cli", "def plot():\n    import matplotlib"),
-        ("flexinv.cli", "from flexinv.cli_follow import follow_task"),
+        ("flexinv.cli.commands", "def plot():\n    import matplotlib"),
+        ("flexinv.cli.commands", "from flexinv.cli.follow import follow_task"),
         ("crosscheck.__main__", "from crosscheck.cli import main"),
-        ("flexinv.cli", "if TYPE_CHECKING:\n    from matplotlib.figure import Figure"),
-        ("crosscheck.engines.mujoco_model", "import mujoco\nfrom crosscheck.engines.mujoco import run"),
+        ("flexinv.cli.commands", "if TYPE_CHECKING:\n    from matplotlib.figure import Figure"),
+        ("crosscheck.engines.mujoco.model", "import mujoco\nfrom crosscheck.engines.mujoco.adapter import run"),
         (
-            "crosscheck.engines.exudyn_ge",
-            "from flexinv.mechanism import Mechanism\nfrom flexinv.files.case import Case",
+            "crosscheck.engines.exudyn.ge",
+            "from flexinv.model.mechanism import Mechanism\nfrom flexinv.files.load_cases import Case",
         ),
-        ("crosscheck.engines.flexinv", "import flexinv\nfrom flexinv.scheme import solve"),
+        ("crosscheck.engines.flexinv.adapter", "import flexinv\nfrom flexinv.analysis.solve import solve"),
         ("crosscheck.report.html", "import plotly"),
     ):
         assert rules.layering(module, source) == []
@@ -167,3 +210,24 @@ def test_units_are_recognised() -> None:
 
 def test_paths_inside_the_project_are_no_machine_paths() -> None:
     assert rules.machine_paths("models/work/mechanism.toml  https://example.org/home/page  ./tmp/x") == []
+
+
+def test_a_crowded_folder_and_a_function_without_a_home_are_found() -> None:
+    assert names.crowded({"a": names.MODULES, "b": names.MODULES + 1}) == [
+        f"b: {names.MODULES + 1} modules, at most {names.MODULES}"
+    ]
+    homes = {"solve": "analysis.solve", "Solution": "analysis.solution", "follow": "tracking.path"}
+    assert names.homeless(homes) == ["follow lives in tracking.path"]
+    assert names.homeless(homes, known=("follow",)) == []
+
+
+def test_a_word_with_two_meanings_is_found() -> None:
+    sources = {"a": "NONE = 0", "b": "def NONE(): pass", "c": "SURE, MANY = 1, 2"}
+    assert names.homonyms(sources, ("NONE", "SURE")) == ["NONE is defined in a, b"]
+
+
+def test_many_parameters_are_found() -> None:
+    nine = ", ".join("abcdefghi")
+    assert names.many_parameters(f"def f({nine}): pass") == ["line 1: f has 9 parameters"]
+    assert names.many_parameters(f"def f({nine[:-3]}, i=0): pass") == []
+    assert names.many_parameters(f"@click.command()\ndef f({nine}): pass") == []

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import flexinv
-from flexinv.files.case import Case, load_cases
-from flexinv.mechanism import Mechanism
+from flexinv.files.load_cases import Case, load_cases
+from flexinv.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 FOLDER = Path(__file__).resolve().parent.parent / "models" / "walker"

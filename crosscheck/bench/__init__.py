@@ -2,9 +2,9 @@
 
 Every part is a study (a table of the report made in a process of its own); its rows carry the ratios that have limits.
 
-    cores       whether the processors give all they have
+    cores       availability of whole cores
     timing      calls in turns, repetitions in which the process was not interrupted, medians and quartiles
-    targets     what flexinv has to reach, on this machine, and what was reached; the ratios for the history
+    targets     speed targets on this machine, and the measured values; the ratios for the history
     rigid       torques of many samples
     single      torques of one sample, of the first call; longer chains
     latency     cycles of a controller, one call each, as a histogram

@@ -1,4 +1,4 @@
-"""Whether processors give all they have: two of them may be halves of one core, or a stranger may use the other half of ours.
+"""Availability of whole cores: two processors may be halves of one core, or a stranger may use the other half.
 
 Processors of a virtual machine are threads of its host, which moves them as it likes: for seconds on end two of them share a
 core, or one shares it with somebody else's.  Work that keeps the arithmetic units busy then takes up to twice as long, work
@@ -18,8 +18,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from flexinv.atomics import look, pause, put
-from flexinv.processors import leave, processor_now
+from flexinv.kernels.affinity import leave, processor_now
+from flexinv.kernels.atomics import look, pause, put
 
 Array = NDArray[np.float64]
 # Times as long as alone at which a core counts as shared: halves of a core take 1.4 to 1.9 times as long, whole cores up to 1.1
@@ -129,6 +129,6 @@ class Cores:
 
 
 def whole(loops: Array) -> NDArray[np.bool_]:
-    """Return for loops (repetitions, any) [s] whether the processors gave all they have in a repetition."""
+    """Return a mask of the repetitions in which the processors gave all they have; loops : (repetitions, any) [s]."""
     found: NDArray[np.bool_] = loops.max(axis=1) <= SHARED * Cores.least
     return found

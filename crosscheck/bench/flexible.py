@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 
 from crosscheck.bench.targets import judged, metric
 from crosscheck.bench.timing import Call, Times, in_turns, ratio
-from flexinv.files.case import load_cases
-from flexinv.files.mechanism_file import load_mechanism
-from flexinv.mechanism import Beam, Mechanism
-from flexinv.motion import Motion
-from flexinv.scheme import solve
+from flexinv.analysis.solve import solve
+from flexinv.files.load_cases import load_cases
+from flexinv.files.load_mechanism import load_mechanism
+from flexinv.model.mechanism import Beam, Mechanism
+from flexinv.model.motion import Motion
 
 Array = NDArray[np.float64]
 ASKED = 10.0  # times as fast as Exudyn in the plane, at an error as small or smaller
@@ -94,7 +94,7 @@ ARMS = (
 
 @dataclass(frozen=True)
 class Grid:
-    """What is run: Exudyn's elements, flexinv's elements of order 1 and of order 4, and their steps [s].
+    """Runs to make: Exudyn's elements, flexinv's elements of order 1 and of order 4, and their steps [s].
 
     finer : steps of flexinv alone, for Exudyn's runs whose error lies between those of two steps
     """
@@ -176,7 +176,7 @@ def slender(beam: Beam) -> Beam:
 
 
 def solved(mechanism: Mechanism, motion: Motion, step: float, end: float) -> dict[str, Array]:
-    """Return where flexinv has the tips of the beams, (samples, 3) [m], every SAMPLE; step, end [s]."""
+    """Return flexinv's positions of the beams' tips, (samples, 3) [m], every SAMPLE; step, end [s]."""
     tip = solve(mechanism, motion, step, end=end, tolerance=TOLERANCE).tip
     return {link.name: tip[link.name][:: round(SAMPLE / step)] for link in mechanism.beams}
 
@@ -197,7 +197,7 @@ def _ours(arm: Arm, mechanism: Mechanism, motion: Motion, grid: Grid) -> Iterato
 
 
 def _theirs(arm: Arm, mechanism: Mechanism, motion: Motion, grid: Grid) -> Iterator[Run]:
-    failed = importlib.import_module("crosscheck.engines.exudyn_solve").ExudynFailure
+    failed = importlib.import_module("crosscheck.engines.exudyn.integration").ExudynFailure
     for elements in grid.exudyn:
         for step in grid.steps:
             with suppress(failed):  # where no setting converges there is no run to compare with
@@ -209,7 +209,7 @@ def best(arm: Arm, mechanism: Mechanism, motion: Motion, elements: int, step: fl
 
     Raises ExudynFailure where none converges.
     """
-    exudyn = importlib.import_module("crosscheck.engines.exudyn_bench")
+    exudyn = importlib.import_module("crosscheck.engines.exudyn.bench")
     march = exudyn.March(mechanism, motion, arm.formulation, elements, step, arm.end)
     found: list[tuple[float, Any, dict[str, Array]]] = []
     trouble = exudyn.ExudynFailure("nothing was tried")

@@ -1,4 +1,4 @@
-"""How long a controller waits for its torques: 100,000 cycles of a rigid and of flexible arms, one call each, as a histogram."""
+"""Latency of a controller's torques: 100,000 cycles of a rigid and of flexible arms, one call each, as a histogram."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.bench.targets import judged, metric
-from crosscheck.robots import undamped
-from flexinv.controller import Controller
-from flexinv.files.mechanism_file import load_mechanism
-from flexinv.mechanism import Mechanism
-from flexinv.motion import Motion
+from crosscheck.studies.robot_sweep import undamped
+from flexinv.analysis.controller import Controller
+from flexinv.files.load_mechanism import load_mechanism
+from flexinv.model.mechanism import Mechanism
+from flexinv.model.motion import Motion
 
 Array = NDArray[np.float64]
 STEPS = 100_000

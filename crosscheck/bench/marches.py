@@ -1,4 +1,4 @@
-"""What flexinv's own marches cost: over elements, over threads, and in closed loops beside trees of the same size."""
+"""Cost of flexinv's time integration: over elements, over threads, and in closed loops beside trees of the same size."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ import numpy as np
 from crosscheck.bench.flexible import SAMPLE
 from crosscheck.bench.targets import judged, metric, missing
 from crosscheck.bench.timing import Call, Times, disturbed, in_turns, ratio
-from flexinv.batch import solve_many
-from flexinv.files.case import load_cases
-from flexinv.files.mechanism_file import load_mechanism
-from flexinv.mechanism import Mechanism
-from flexinv.motion import Motion
-from flexinv.prepared import prepare
-from flexinv.processors import processors
-from flexinv.scheme import solve
-from flexinv.solution import Solution
+from flexinv.analysis.solution import Solution
+from flexinv.analysis.solve import solve
+from flexinv.analysis.solve_many import solve_many
+from flexinv.files.load_cases import load_cases
+from flexinv.files.load_mechanism import load_mechanism
+from flexinv.kernels.affinity import processors
+from flexinv.model.mechanism import Mechanism
+from flexinv.model.motion import Motion
+from flexinv.rigid.prepare import prepare
 
 EXPONENT = 1.05  # of the time over the number of elements
 TWO_THREADS = 1.8  # times as fast as one

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck.bench.targets import summary
-from crosscheck.plan import Plan
-from crosscheck.results import Results
-from crosscheck.runner import Notify, Options, Work, run
+from crosscheck.run.runner import Notify, Options, Work, run
 from crosscheck.studies import Study
+from crosscheck.verdicts.plan import Plan
+from crosscheck.verdicts.results import Results
 
 _QUICK_ARM = {"quick": True, "seconds": 1.0}
 _ARMS = {"one-link": "flex_one_link", "two-link": "flex_two_link", "spatial": "spatial_arm"}

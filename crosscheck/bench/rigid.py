@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from crosscheck.bench.targets import faster, judged, metric, missing
 from crosscheck.bench.timing import Call, Spread, Times, disturbed, in_turns, ratio
-from crosscheck.robots import LARGEST_ERROR, random_states, undamped
-from flexinv.files.mechanism_file import load_mechanism
-from flexinv.mechanism import Mechanism
-from flexinv.prepared import prepare
-from flexinv.processors import processors
+from crosscheck.studies.robot_sweep import LARGEST_ERROR, random_states, undamped
+from flexinv.files.load_mechanism import load_mechanism
+from flexinv.kernels.affinity import processors
+from flexinv.model.mechanism import Mechanism
+from flexinv.rigid.prepare import prepare
 
 Array = NDArray[np.float64]
 Order = Literal["coordinates", "samples"]
@@ -51,7 +51,7 @@ PLOT = {"x": "samples", "y": "time", "group": "curve", "log": True}
 
 
 def asked(samples: int, order: Order) -> float | None:
-    """Return how many times as fast as rneaInParallel flexinv has to be [-], at equal threads; None: nothing is asked."""
+    """Return the demanded ratio of flexinv's speed to rneaInParallel's [-], at equal threads; None: nothing is demanded."""
     if samples >= 32_768:
         return faster(20.0 if order == "coordinates" else 15.0)
     return faster(15.0) if samples >= 4_096 else faster(10.0) if samples >= 1_000 else None
@@ -136,8 +136,8 @@ Method = tuple[Call, Callable[[], Array], int]
 
 def methods(mechanism: Mechanism, state: State) -> Mapping[tuple[str, int], Method]:
     """Return by name and threads: the call, what gives its torques (samples, nv) [N m], and its number of samples."""
-    pinocchio = importlib.import_module("crosscheck.engines.pinocchio_bench")
-    mujoco = importlib.import_module("crosscheck.engines.mujoco_bench")
+    pinocchio = importlib.import_module("crosscheck.engines.pinocchio.bench")
+    mujoco = importlib.import_module("crosscheck.engines.mujoco.bench")
     few: State = (state[0][:IN_A_LOOP], state[1][:IN_A_LOOP], state[2][:IN_A_LOOP])
     found: dict[tuple[str, int], Method] = {}
     counts = sorted({1, min(2, processors())})

@@ -1,4 +1,4 @@
-"""What flexinv has to reach, on which machine, and what was reached: the table on top, and the ratios for the history.
+"""Speed targets of flexinv by machine, and the measured values: the table on top, and the ratios for the history.
 
 A row of a part carries ``metric``: name, value, unit, lower, upper, note.  A limit is a limit like that of a torque: beyond it
 the row is a deviation.  The ratios are those of runs side by side in one process; no time by itself has a limit, except those
@@ -12,9 +12,9 @@ from typing import Any
 
 from llvmlite import binding
 
-from crosscheck.history import Metric
-from crosscheck.limits import Verdict
-from crosscheck.results import StudyRow, machine
+from crosscheck.measures.limits import Verdict
+from crosscheck.verdicts.history import Metric
+from crosscheck.verdicts.results import StudyRow, machine
 
 NAME = "bench"
 COLUMNS = (
@@ -33,14 +33,14 @@ def vector_width() -> str:
 
 
 def faster(times: float) -> float:
-    """Return how many times as fast as others rigid inverse dynamics has to be here [-]: without AVX-512 half of it."""
+    """Return the demanded speed of rigid inverse dynamics as a multiple of others' here [-]: half of it without AVX-512."""
     return times if vector_width() == "avx512" else times / 2.0
 
 
 def metric(
     name: str, value: float, unit: str, lower: float | None = None, upper: float | None = None, spread: str = ""
 ) -> dict[str, Any]:
-    """Return what a row carries for the table of targets and for the history; value, lower and upper in [unit]."""
+    """Return the entry of a row for the table of targets and for the history; value, lower and upper in [unit]."""
     return {"name": name, "value": value, "unit": unit, "lower": lower, "upper": upper, "note": spread}
 
 
@@ -85,7 +85,7 @@ def summary(tables: Sequence[StudyRow]) -> StudyRow:
 
 
 def _unmeasured(tables: Sequence[StudyRow]) -> list[Metric]:
-    """What has a limit and could not be measured."""
+    """Return the metrics that have a limit and could not be measured."""
     found = [Metric(**row["missing"]) for table in tables for row in table.rows if row.get("missing")]
     return [one for one in found if one.lower is not None or one.upper is not None]
 

@@ -100,7 +100,7 @@ class Times:
 
 
 def disturbed(*times: Times) -> str:
-    """Return why these times say nothing about calls with threads, in words for a table; empty where they do."""
+    """Return the reason why these times say nothing about calls with threads, for a table; empty where they do."""
     if any(t.threads > 1 and not _enough(t.whole) for t in times):
         return HALVES
     parts = [t._part(t.whole) for t in times if t.threads > 1]
@@ -108,7 +108,7 @@ def disturbed(*times: Times) -> str:
 
 
 def ratio(slow: Times, fast: Times) -> Spread:
-    """Return how many times as long the first takes [-]: quartiles over repetitions that stood side by side.
+    """Return the time of the first over that of the second [-]: quartiles over repetitions that stood side by side.
 
     Where the processors gave all they have to either, but hardly ever to both in turn, as on a busy host where one works alone
     and the other beside others, quartiles are compared instead.
@@ -128,7 +128,7 @@ def ratio(slow: Times, fast: Times) -> Spread:
 
 
 def _enough(which: NDArray[np.bool_]) -> bool:
-    """Whether these are repetitions enough for quartiles, or all."""
+    """Return True if these are repetitions enough for quartiles, or all."""
     return bool(which.sum() >= min(FEWEST, len(which)))
 
 
@@ -169,14 +169,14 @@ def _times(rows: list[_Taken], threads: int, others: float) -> Times:
 
 
 def _whole(rows: list[_Taken]) -> NDArray[np.bool_]:
-    """Whether the processors gave all they have: before and after a repetition, and within a long one."""
+    """Return a mask of the repetitions with whole processors: before and after, and within long ones."""
     own = np.array([row.own for row in rows])
     steady = own <= STEADY * own.min() if rows[0].long else np.ones(len(rows), dtype=bool)
     return np.asarray(whole(np.array([row.loops for row in rows])) & steady)
 
 
 def _side_by_side(taken: Mapping[str, list[_Taken]], calls: Mapping[str, Call]) -> bool:
-    """Whether enough turns had whole cores, in all calls with as many threads, as those are compared."""
+    """Return True if enough turns had whole cores, in all calls with as many threads, as those are compared."""
     for threads in {call.threads for call in calls.values()}:
         own = [_whole(rows) for name, rows in taken.items() if calls[name].threads == threads]
         if np.all(own, axis=0).sum() < ENOUGH:
@@ -201,7 +201,7 @@ def _once(call: Call, times: int, long: bool, settled: float, cores: Cores) -> _
 
 
 def _count(call: Call) -> tuple[int, bool]:
-    """How many runs make a repetition, and whether one is long; the first, which compiles or fills caches, counts if it must."""
+    """Return the number of runs in a repetition, and True if one is long; the first run counts only if it must."""
     taken = _seconds(call)
     if taken < AGAIN:
         taken = _seconds(call)

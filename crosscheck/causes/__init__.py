@@ -1,9 +1,9 @@
-"""Why two engines differ: a dictionary of causes, fitted to the difference of their torques.
+"""Causes of differences between two engines: a dictionary, fitted to the difference of their torques.
 
-A cause is a change of what an engine was given (`subject.Subject`: mechanism, case, options, and what is done with the
-efforts), with a size.  Its column is what the change does to flexinv's own torques; no formula is written down for it.
+A cause is a change of an engine's input (`subject.Subject`: mechanism, case, options, and changes of the efforts that it
+gives), with a size.  Its column is the change of flexinv's own torques; no formula is written down for it.
 
-To add a cause, add a row `cause.Cause` to one of the tables, `joint_rows`, `body_rows`, `convention_rows`, `beam_rows`:
+To add a cause, add a row `cause.Cause` to one of the tables, `joints`, `bodies`, `conventions`, `beams`:
 
     Cause("payload", "{target} carries {size} more at its tip", _payload, _carriers, 1, mass, "kg", shows=HOLD)
 

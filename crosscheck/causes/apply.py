@@ -1,4 +1,4 @@
-"""What a subject says is done with an engine's efforts, done."""
+"""Application of a subject's output transformations to an engine's efforts."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from crosscheck.causes.subject import States, Subject
 from crosscheck.engines.base import sample_times
-from crosscheck.record import Record
+from crosscheck.measures.record import Record
 
 
 def with_efforts(record: Record, subject: Subject) -> Record:

@@ -1,4 +1,4 @@
-"""What a cause is: a change of a subject with a size, and where it can sit."""
+"""Causes: a change of a subject, its size, and the targets that it can have."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ LEAST = 1e-4
 Change = Callable[[Subject, str, Array], Subject]
 Targets = Callable[[Model], Sequence[str]]
 Scale = Callable[[Model, str], float]
+Guess = Callable[[Model, str, Array], Sequence[Array]]
 
 
 def whole(model: Model) -> list[str]:
@@ -44,6 +45,10 @@ class Cause:
     covers : causes that are special cases of this one; where one of them explains as much, it is named instead
     shows : the motion that shows it best, in words
     plant : how to put it into an engine's model, where that is not ``change`` (a size) or cannot be (None)
+    guess : sizes [unit] that the engine's own efforts (samples, nv) [N m], [N] suggest: what jumps cannot be fitted
+    fraction : the size is a part of what there is: one that no user means is no alternative (`sensible`)
+    unsaid : lines of the certificate and quantities in which it need not show, though its change says so: what stands in
+        the model and is not applied
     """
 
     name: str
@@ -59,10 +64,13 @@ class Cause:
     covers: tuple[str, ...] = ()
     shows: str = ""
     plant: Change | None = None
+    guess: Guess | None = None
+    fraction: bool = False
+    unsaid: tuple[str, ...] = ()
 
     @property
     def sized(self) -> bool:
-        """Return whether it comes in sizes."""
+        """Return True if the cause comes in sizes."""
         return self.parameters > 0
 
 

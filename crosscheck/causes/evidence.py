@@ -2,76 +2,152 @@
 
 The certificate asks what no motion of a case shows: mass, first moment and inertia of all that every joint carries, mass
 matrix and gravity torque at other configurations, axes, stiffness of beams.  A cause that the motion names is out where it
-would change what is right there, or would leave what is wrong.
+would change what is right there, or would leave what is wrong; and where it leaves another quantity than the efforts
+unexplained (`quantities`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from crosscheck.causes.fit import IMPOSSIBLE, SMALL, Fit, effect
+from crosscheck.causes.fit import IMPOSSIBLE, SMALL, Candidate, Fit, effect, fit_from
 from crosscheck.causes.model import Model
+from crosscheck.causes.quantities import Quantities
 from crosscheck.causes.subject import Array
-from crosscheck.certificate import EXACT, PROBED, Certificate
-from crosscheck.engines.flexinv_certificate import certify
+from crosscheck.engines.flexinv.certificate import attached, certify
+from crosscheck.measures.certificate import EACH, EXACT, PROBED, Certificate, checks
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import Mechanism
 
-AGREES = 0.1  # of what the certificates differ by, or of what the cause would change: sizes of fits are as sure as that
+AGREES = 0.1  # of what the certificates differ by, or of what the cause would change: no size is less sure than that
+SURE = 1e-5  # of the same: what a step of differences leaves of a size, however small the bars
+LIMITS = 3.0  # times what is allowed in a line of the certificate where nothing is wrong
 PROBE = 1e-4  # of a size that matters: differences of certificates for their derivatives
 ROUNDS = 4  # of Gauss-Newton: tensors, masses and mass matrices are of second order in any size
 LINES = {
-    "mass": EXACT,
-    "masses": EXACT,
-    "moments": EXACT,
-    "inertias": EXACT,
-    "beam_masses": PROBED,
-    "beam_moments": PROBED,
-    "com": EXACT,
-    "mass_matrix": EXACT,
-    "gravity": EXACT,
-    "axes": EXACT,
-    "stiffness": PROBED,
+    "mass": ("total mass", EXACT),
+    "masses": ("masses by joint", EXACT),
+    "moments": ("first moments by joint", EXACT),
+    "inertias": ("inertias by joint", EXACT),
+    "beam_masses": ("masses of beams", PROBED),
+    "beam_moments": ("first moments of beams", PROBED),
+    "com": ("centre of mass", EXACT),
+    "mass_matrix": ("joint-space mass matrix", EXACT),
+    "gravity": ("gravity torque", EXACT),
+    "axes": ("joint axes", EXACT),
+    "stiffness": ("section stiffness", PROBED),
+    "damping": ("joint damping", EXACT),
+    "friction": ("joint friction", EXACT),
+    "springs": ("springs", EXACT),
+    "closure_points": ("closure points", EXACT),
+    "closure_axes": ("closure axes", EXACT),
 }
+# Of closures: no cause of the dictionary changes them, and where they fail none is enough.
+LISTED = tuple(what for what, _ in LINES.values())
+UNTOUCHED = ("order of the joints", "closure residual", "rank of the closures")
+
+
+@dataclass(frozen=True)
+class Heard:
+    """One cause beside all else that is known: the fit as it agrees best, and what contradicts it."""
+
+    fit: Fit
+    against: tuple[str, ...] = ()
+    beside: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What an engine's own model says of itself, what the reference says of the mechanism, and the difference in motion.
+    """Evidence on an engine: the certificates of its model and of the reference, the differences of efforts and the rest.
 
-    residual : of the motion (samples nv,) over the range [-]
+    residual : of the efforts (samples nv,) over the range [-]; quantities : all else that both gave, or None
     """
 
     model: Model
     residual: Array
     theirs: Certificate
     ours: Certificate
+    quantities: Quantities | None = None
 
-    def hear(self, fit: Fit, enough: float) -> Fit | None:
-        """Return the fit if what it would change in the model is what is wrong in the engine's, else None.
+    @cached_property
+    def failing(self) -> tuple[str, ...]:
+        """Names of the lines of the engine's certificate that do not hold."""
+        return tuple(line.what for line in checks("", "", "", self.theirs, self.ours) if not line.holds)
+
+    def hear(self, fit: Fit, explains: Callable[[Fit], bool], sure: float) -> Heard:
+        """Return the fit with every line of the certificate, and every quantity, that contradicts it.
 
         Sizes of several numbers, of which the motion may not show all, are fitted to the certificates before they are
-        given up.  enough : what an explanation may leave of the motion's difference [-]
+        given up.  explains : whether a fit explains the efforts; sure : part [-] to which they know its size
         """
         try:
-            if self._agrees(fit):
-                return fit if fit.left <= enough else None
-            again = self._fitted(fit) if fit.cause.parameters > 1 else fit
-            return again if again is not fit and again.left <= enough and self._agrees(again) else None
-        except IMPOSSIBLE:
-            return fit if fit.left <= enough else None
+            told = self._against(fit, sure)
+            if told and fit.cause.parameters > 1:
+                again = self._fitted(fit)
+                if explains(again) and not (other := self._against(again, sure)):
+                    fit, told = again, other
+            said = tuple(x for x in told if x not in fit.cause.unsaid)
+            beside = tuple(x for x in told if x in fit.cause.unsaid)
+            if not said and self.quantities is not None:
+                said = self.quantities.against(fit)
+                if said and fit.cause.parameters > 1:
+                    again = self._with_column(self.quantities.fitted(fit))
+                    if explains(again) and not self._against(again, sure) and not self.quantities.against(again):
+                        fit, said = again, ()
+        except (*IMPOSSIBLE, RuntimeError, KeyError):
+            return Heard(fit, ("a mechanism with it, which does not run",))
+        return Heard(fit, said, beside)
 
-    def _agrees(self, fit: Fit) -> bool:
-        said, part = self._predicted(fit, fit.size), AGREES + min(fit.left, AGREES)
-        return all(_line(name, limit, self.theirs, self.ours, said, part) for name, limit in LINES.items())
+    def suggested(self, candidate: Candidate, rounds: int, noise: float) -> Fit | None:
+        """Return the fit of a cause that starts from the size that explains the certificate, None where none does.
+
+        Where sizes are large the motion leads astray; what a model weighs, and how stiff it is, knows them at once.
+        """
+        cause, target = candidate.cause, candidate.target
+        nothing = Fit(cause, target, np.zeros(cause.parameters), 1.0, 0.0 * self.residual)
+        try:
+            size = self._sized(nothing)
+            one = replace(nothing, size=size)
+            if not size.any() or any(x in LISTED for x in self._against(one, AGREES)):
+                return None
+            return fit_from(self.model, self.residual, candidate, size, rounds, noise)
+        except IMPOSSIBLE:
+            return None
+
+    def _against(self, fit: Fit, sure: float) -> tuple[str, ...]:
+        """Return the lines of the certificate in which a cause would not change just what is wrong.
+
+        An engine that misreads the motion may have been asked along the right one or along its own.
+        """
+        lines = self._lines(fit, self._predicted(fit, fit.size), sure)
+        harmed = fit.cause.change(self.model.base, fit.target, fit.size)
+        if lines and harmed.case.motion is not self.model.base.case.motion:
+            lines = min(lines, self._lines(fit, self._said(harmed.mechanism, harmed.case), sure), key=len)
+        return (*lines, *(x for x in self.failing if x in UNTOUCHED))
+
+    def _lines(self, fit: Fit, said: Certificate, sure: float) -> tuple[str, ...]:
+        part = min(AGREES, SURE + max(sure, fit.left))
+        kept = ((what, _line(name, limit, self.theirs, self.ours, said, part)) for name, (what, limit) in LINES.items())
+        return tuple(what for what, holds in kept if not holds)
 
     def _predicted(self, fit: Fit, size: Array) -> Certificate:
-        """Return what the reference would say of a harmed mechanism, of its tree: closures have lines of their own."""
+        """Return the reference's certificate of a harmed mechanism, of its tree: closures have lines of their own."""
         base = self.model.base
         harmed = fit.cause.change(base, fit.target, size).mechanism
-        return self.ours if harmed is base.mechanism else certify(replace(harmed, closures=()), base.case, "flexinv")
+        if harmed is base.mechanism:
+            return self.ours
+        return self._said(harmed, base.case)
+
+    def _said(self, harmed: Mechanism, case: Case) -> Certificate:
+        """Return the reference's certificate of a mechanism's tree, whichever joints have drives, and of its closures."""
+        given = case.motion.joints(self.model.base.mechanism)  # a tree's drives are where its motion is
+        joints = tuple(replace(j, actuated=j.actuated and j.name in given, weight=1.0) for j in harmed.joints)
+        return replace(certify(replace(harmed, closures=(), joints=joints), case, "flexinv"), **attached(harmed))
 
     def _column(self, said: Certificate) -> Array:
         """Return a certificate's numbers that both engines have, over the size of their line, as one column [-]."""
@@ -79,11 +155,16 @@ class Evidence:
         for name in LINES:
             a, b, c = (_parts(getattr(one, name)) for one in (self.theirs, self.ours, said))
             size = max((float(np.abs(one).max(initial=0.0)) for one in b.values()), default=0.0) or 1.0
-            found += [c[key].ravel() / size for key in sorted(b) if key in a and a[key].shape == b[key].shape]
+            known = [key for key in sorted(b) if key in a and a[key].shape == b[key].shape]
+            found += [c.get(key, b[key]).ravel() / size for key in known]  # a bent beam is not probed: it says nothing
         return np.concatenate(found)
 
     def _fitted(self, fit: Fit) -> Fit:
-        """Return the fit with the size that explains the certificates best (Gauss-Newton from the motion's)."""
+        """Return the fit with the size that explains the certificates best."""
+        return self._with_column(replace(fit, size=self._sized(fit)))
+
+    def _sized(self, fit: Fit) -> Array:
+        """Return the size that explains the certificates best (Gauss-Newton from the motion's)."""
         zero, size = self._column(self.ours), fit.size
         measured = self._column(self.theirs) - zero
         units, step = np.eye(len(size)), PROBE * fit.cause.scale(self.model, fit.target)
@@ -92,14 +173,21 @@ class Evidence:
             # Central differences: a turn about an axis of symmetry changes nothing to the accuracy of ``SMALL``.
             ends = [[self._column(self._predicted(fit, size + s * unit)) for s in (step, -step)] for unit in units]
             slope = np.stack([(up - down) / (2 * step) for up, down in ends], axis=1)
-            size = size + np.linalg.lstsq(slope, measured - (here - zero), rcond=SMALL)[0]
-        column = effect(self.model, fit.cause, fit.target, size)
+            step_of = np.linalg.lstsq(slope, measured - (here - zero), rcond=SMALL)[0]
+            size = size + step_of
+            if np.abs(step_of).max() <= SURE * np.abs(size).max():
+                break
+        return np.asarray(size)
+
+    def _with_column(self, fit: Fit) -> Fit:
+        """Return a fit whose size was changed with what it explains then."""
+        column = effect(self.model, fit.cause, fit.target, fit.size)
         left = float(np.linalg.norm(self.residual - column) / np.linalg.norm(self.residual))
-        return replace(fit, size=size, left=left, column=column)
+        return replace(fit, left=left, column=column)
 
 
 def _line(name: str, limit: float, theirs: Certificate, ours: Certificate, said: Certificate, part: float) -> bool:
-    """Whether what a cause would change in one line of the certificate is what is wrong there, to a part of it [-]."""
+    """Return True if a cause would change in one line of the certificate what is wrong there, to a part of it [-]."""
     a, b, c = (_parts(getattr(one, name)) for one in (theirs, ours, said))
     size = max((float(np.abs(b[key]).max(initial=0.0)) for key in b), default=0.0)
     for key in b:
@@ -107,8 +195,8 @@ def _line(name: str, limit: float, theirs: Certificate, ours: Certificate, said:
             continue
         measured, predicted = a[key] - b[key], c[key] - b[key]
         scale = max(float(np.linalg.norm(measured)), float(np.linalg.norm(predicted)))
-        own = float(np.abs(b[key]).max(initial=0.0)) if limit == PROBED else size
-        if scale > limit * own and float(np.linalg.norm(measured - predicted)) > part * scale:
+        own = float(np.abs(b[key]).max(initial=0.0)) if name in EACH else size
+        if float(np.abs(measured - predicted).max(initial=0.0)) > LIMITS * limit * (own or 1.0) + part * scale:
             return False
     return True
 

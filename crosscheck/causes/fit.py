@@ -1,4 +1,4 @@
-"""How much of a difference a cause explains: least squares over its size, by Gauss-Newton where the size is not small.
+"""Fit of causes to a difference: least squares over a cause's size, by Gauss-Newton where the size is not small.
 
 r = tau_engine - tau_reference over the range (all samples, all coordinates)
 minimise |r - d(p)|,   d(p) = tau(subject with the cause at size p) - tau(subject)
@@ -37,7 +37,7 @@ IMPOSSIBLE = (InputError, ConvergenceError, ValueError, ArithmeticError, np.lina
 
 @dataclass(frozen=True)
 class Fit:
-    """What one cause at one target makes of a difference.
+    """Fit of one cause at one target to a difference.
 
     size : (parameters,) [unit of the cause]; left : what it leaves, |r - d| over |r| [-]
     column : (samples nv,) what it explains, over the range [-]
@@ -88,7 +88,7 @@ def _shows(model: Model, cause: Cause, columns: Array) -> bool:
 
 
 def possible(model: Model, one: Fit) -> bool:
-    """Return whether there is a mechanism with the cause in it: a linear look may leave less than no mass."""
+    """Return True if a mechanism with the cause in it exists: a linear fit may leave less than no mass."""
     try:
         one.cause.change(model.base, one.target, one.size)
     except IMPOSSIBLE:
@@ -96,8 +96,48 @@ def possible(model: Model, one: Fit) -> bool:
     return True
 
 
+# Units that are mistaken for each other: a size that is a fraction may be as large as they are.
+UNITS = (
+    *(10.0, 1e2, 1e3, 1e4, 1e6, 1e9),  # powers of ten
+    *(25.4, 0.3048, 12.0, 144.0),  # inches and feet
+    *(0.45359237, 9.80665, 4.4482216, 1.3558179, 0.1129848),  # pounds, and their forces and moments
+    *(57.29577951, 2 * np.pi, 60.0, 9.5492966),  # degrees, turns, minutes
+)
+USUAL = (0.1, 10.0)  # factors that a user may well have meant
+CLOSE = 1e-3  # of a factor: the units above are known better than bars of marches tell a size
+
+
+def sensible(one: Fit) -> bool:
+    """Return True if a user may have meant a size: a factor of 0.1 to 10, or that of a unit."""
+    if not (one.cause.fraction and one.cause.sized):
+        return True
+    factors = np.abs(1.0 + one.size)
+    return all(USUAL[0] <= f <= USUAL[1] or f == 0.0 or _of_units(f) for f in factors)
+
+
+def _of_units(factor: float) -> bool:
+    return any(abs(factor * unit - 1.0) < CLOSE or abs(factor / unit - 1.0) < CLOSE for unit in UNITS)
+
+
+def _guessed(model: Model, residual: Array, candidate: Candidate, total: float) -> Fit:
+    """Return the best of the sizes that the engine's own efforts suggest, or nothing."""
+    cause, target = candidate.cause, candidate.target
+    seen = model.torque + residual.reshape(model.torque.shape) * model.scale
+    sizes = [] if cause.guess is None else cause.guess(model, target, seen)
+    tries = [_at(model, residual, candidate, size / candidate.scale, total) for size in sizes]
+    nothing = _fit(candidate, np.zeros(cause.parameters), 0.0 * residual, residual, total)
+    return min((f for f in (nothing, *tries) if f is not None), key=lambda f: f.left)
+
+
+def amount(size: Array, unit: str) -> str:
+    """Return a size in words, with its unit."""
+    numbers = ", ".join(f"{x:.4g}" for x in size)
+    text = f"({numbers})" if len(size) > 1 else numbers
+    return f"{text} {unit}".strip()
+
+
 def effect(model: Model, cause: Cause, target: str, size: Array) -> Array:
-    """Return what a cause of a size [unit] does to the efforts, over the range, (samples nv,) [-]."""
+    """Return the change of the efforts by a cause of a size [unit], over the range, (samples nv,) [-]."""
     column = model.difference(cause.change(model.base, target, size))
     return column - model.difference(cause.change(model.base, target, 0.0 * size)) if cause.remeshes else column
 
@@ -105,9 +145,22 @@ def effect(model: Model, cause: Cause, target: str, size: Array) -> Array:
 def _columns(model: Model, cause: Cause, target: str, scale: float) -> Array:
     if not cause.sized or cause.linear:
         return effect(model, cause, target, np.ones(1))[:, None]
+    if cause.guess is not None:  # it jumps: there is no derivative
+        return effect(model, cause, target, 0.1 * scale * np.ones(1))[:, None]
     step = PROBE[model.base.mechanism.is_rigid]
     units = np.eye(cause.parameters) * step * scale
-    return np.stack([effect(model, cause, target, unit) / step for unit in units], axis=1)
+    found = [_column(model, cause, target, unit) for unit in units]
+    if all(one is None for one in found):
+        raise InputError(f"no {cause.name} of {target or 'it'} leaves a mechanism that runs")
+    return np.stack([0.0 * model.torque.ravel() if one is None else one / step for one in found], axis=1)
+
+
+def _column(model: Model, cause: Cause, target: str, size: Array) -> Array | None:
+    """Return the effect of a size, None where it leaves no mechanism that runs: out of its plane a loop does not close."""
+    try:
+        return effect(model, cause, target, size)
+    except IMPOSSIBLE:
+        return None
 
 
 def fit(model: Model, residual: Array, candidate: Candidate, rounds: int = 0, noise: float = 0.0) -> Fit:
@@ -119,11 +172,21 @@ def fit(model: Model, residual: Array, candidate: Candidate, rounds: int = 0, no
     cause, columns = candidate.cause, candidate.columns
     if not cause.sized:
         return _fit(candidate, np.ones(1), columns[:, 0], residual, total)
+    if cause.guess is not None:
+        return _guessed(model, residual, candidate, total)
     p = np.asarray(np.linalg.lstsq(columns, residual, rcond=SMALL)[0], dtype=np.float64)
     first = _fit(candidate, p, columns @ p, residual, total)
     if cause.linear or not rounds:
         return first
     return _iterated(model, residual, candidate, np.clip(p, -LARGEST, LARGEST), rounds, noise / 2)
+
+
+def fit_from(model: Model, residual: Array, candidate: Candidate, size: Array, rounds: int, noise: float) -> Fit | None:
+    """Return the best size [unit] near one that something else suggests, None where that leaves no mechanism that runs."""
+    p = size / candidate.scale
+    if _at(model, residual, candidate, p, float(np.linalg.norm(residual))) is None:
+        return None
+    return _iterated(model, residual, candidate, p, rounds, noise / 2)
 
 
 def _iterated(model: Model, residual: Array, candidate: Candidate, p: Array, rounds: int, enough: float) -> Fit:
@@ -154,7 +217,7 @@ def _iterated(model: Model, residual: Array, candidate: Candidate, p: Array, rou
 def scan(model: Model, residual: Array, candidate: Candidate, noise: float) -> Fit:
     """Return the best size near any of some large ones; noise : part of |r| [-] that says nothing."""
     cause, total = candidate.cause, float(np.linalg.norm(residual))
-    if cause.linear or not cause.sized:
+    if cause.linear or not cause.sized or cause.guess is not None:
         return fit(model, residual, candidate)
     places = [sign * size * unit for unit in np.eye(cause.parameters) for size in FAR for sign in (1.0, -1.0)]
     fits = [f for f in (_at(model, residual, candidate, place, total) for place in places) if f is not None]
@@ -184,7 +247,8 @@ def _at(model: Model, residual: Array, candidate: Candidate, p: Array, total: fl
 def _derivative(model: Model, candidate: Candidate, p: Array, here: Array) -> Array:
     step = PROBE[model.base.mechanism.is_rigid]
     moved = [(p + step * unit) * candidate.scale for unit in np.eye(len(p))]
-    return np.stack([(effect(model, candidate.cause, candidate.target, q) - here) / step for q in moved], axis=1)
+    found = [_column(model, candidate.cause, candidate.target, q) for q in moved]
+    return np.stack([0.0 * here if one is None else (one - here) / step for one in found], axis=1)
 
 
 def _fit(candidate: Candidate, p: Array, column: Array, residual: Array, total: float) -> Fit:

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from crosscheck.causes.apply import with_efforts
 from crosscheck.causes.subject import Array, States, Subject
-from crosscheck.compare import signal_range
 from crosscheck.engines.base import sample_times
-from crosscheck.record import Record, effort_units
-from flexinv.applied import applied_forces, joint_springs
-from flexinv.closures import constraint_jacobian, constraint_rows
-from flexinv.inverse import drive_efforts, joint_wrenches, nodal_forces, project
-from flexinv.mechanism import Mechanism
-from flexinv.mesh import build
-from flexinv.rigid import rigid_motion
-from flexinv.scheme import solve
-from flexinv.shares import REDUNDANT, ranks
-from flexinv.solution import Solution
+from crosscheck.engines.flexinv.adapter import solved
+from crosscheck.measures.record import Record, Series, effort_units
+from crosscheck.verdicts.compare import signal_range
+from flexinv.analysis.solution import Solution
+from flexinv.analysis.solve import solve
+from flexinv.constraints.allocation import REDUNDANT, ranks
+from flexinv.constraints.closures import constraint_jacobian, constraint_rows
+from flexinv.inverse.applied_forces import applied_forces, joint_springs
+from flexinv.inverse.inverse_dynamics import drive_efforts, joint_wrenches, nodal_forces, project
+from flexinv.kinematics.mesh import build
+from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.model.mechanism import Mechanism
 
 FEWEST = 100  # samples of a rigid mechanism that a fit looks at, or up to twice as many
 # Of a flexible march, at least.  A thick strip that rings in short waves, 10 % softer in shear: with 1,200 steps the column has
@@ -43,13 +46,18 @@ class Model:
 
     def torques(self, subject: Subject) -> Array:
         """Return the efforts of a changed subject at the same samples, (samples, nv) [N m] or [N]."""
+        if subject.dense and self.base.mechanism.is_rigid:  # of a march every sample is looked at anyway
+            states, effort = self._everywhere(subject)
+            for change in subject.effort:
+                effort = change(subject.mechanism, states, effort)
+            return np.asarray(effort[self.rows])
         effort = _efforts(self, subject)
         for change in subject.effort:
             effort = change(subject.mechanism, self.states, effort)
         return effort
 
     def difference(self, subject: Subject) -> Array:
-        """Return what the change of a subject does to the efforts, over the scale, (samples nv,) [-]."""
+        """Return the change of the efforts by the change of a subject, over the scale, (samples nv,) [-]."""
         return self.weighted(self.torques(subject) - self.torque)
 
     def weighted(self, efforts: Array) -> Array:
@@ -57,10 +65,31 @@ class Model:
         return np.asarray((efforts / self.scale).ravel())
 
     def residual(self, engine: Record, reference: Record) -> Array:
-        """Return what an engine's record lies beside a reference's, over the scale, (samples nv,) [-]."""
+        """Return the difference of an engine's record from a reference's, over the scale, (samples nv,) [-]."""
         names = [f"torque/{name}" for name in self.base.mechanism.velocity_names]
         pairs = [(engine.series[n].values, reference.series[n].values) for n in names]
         return self.weighted(np.array([(a - b)[self.rows] for a, b in pairs]).T)
+
+    def _everywhere(self, subject: Subject) -> tuple[States, Array]:
+        """Return joint motion and efforts (samples, nv) [N m], [N] at all sample times of the case."""
+        same = subject.mechanism is self.base.mechanism and subject.case.motion is self.base.case.motion
+        return self.everywhere if same else _first(subject, sample_times(self.base.case))
+
+    @cached_property
+    def everywhere(self) -> tuple[States, Array]:
+        """Joint motion and efforts (samples, nv) [N m], [N] of the unharmed subject at all sample times of the case."""
+        return _first(self.base, sample_times(self.base.case))
+
+    def series(self, subject: Subject) -> Mapping[str, Series]:
+        """Return all that flexinv gives for a subject at all sample times, [N], [N m], [m], with the step of the columns."""
+        case = subject.case if subject.mechanism.is_rigid else replace(subject.case, step=coarse_step(subject))
+        made = solved(case.meshed(subject.mechanism), case)[1]
+        return with_efforts(Record("flexinv", time=sample_times(case), series=made), subject).series
+
+    @cached_property
+    def unharmed(self) -> Mapping[str, Series]:
+        """All that flexinv gives for the unharmed subject, as ``series`` [N], [N m], [m]."""
+        return self.series(self.base)
 
     @cached_property
     def shares(self) -> Array:
@@ -110,7 +139,7 @@ def open_tree(mechanism: Mechanism, states: States) -> Array:
 
 
 def is_tree(subject: Subject) -> bool:
-    """Return whether the joint motion is all given: a rigid tree without passive joints."""
+    """Return True if all joint motion is prescribed: a rigid tree without passive joints."""
     mechanism = subject.mechanism
     given = subject.case.motion.joints(mechanism)
     return mechanism.is_rigid and not mechanism.closures and all(j.name in given for j in mechanism.joints if j.nv)
@@ -138,10 +167,12 @@ def _efforts(model: Model, subject: Subject) -> Array:
 
 
 def _same_motion(base: Subject, subject: Subject) -> bool:
-    """Whether the closures of a rigid mechanism move it as before: nothing that they depend on was touched."""
+    """Return True if a rigid mechanism's closures move it, and share its efforts, as before: nothing there was touched."""
     a, b = base.mechanism, subject.mechanism
     joints = all(
-        one.placement is two.placement and one.axis is two.axis and one.kind == two.kind
+        one.placement is two.placement
+        and one.axis is two.axis
+        and (one.kind, one.actuated, one.weight) == (two.kind, two.actuated, two.weight)
         for one, two in zip(a.joints, b.joints, strict=True)
     )
     always = not any(c.active for c in a.closures)

@@ -1,43 +1,56 @@
-"""Which cause is named: the one that explains the difference, with all that this motion cannot tell from it.
+"""Naming of causes: the one that explains the difference, with all others that nothing known tells from it.
 
-A cause is named when it leaves at most UNEXPLAINED of the difference (or no more than the error bars of the engines), and of
-the efforts that the engine gave: what explains them predicts them.  An engine that gives next to nothing differs by all of
-the reference, which a mechanism almost without mass would "explain", and would predict none of what the engine did give.
-Every other cause that leaves about as little stands beside it: the motion cannot tell them apart.  Nothing is named
-where nothing explains the difference, and nothing is asked where it is inside the error bars.
+A cause is named when three things are true.  It explains the efforts down to the engines' error bars.  What it changes in the
+mechanism is what is wrong in the engine's own certificate, line by line.  It explains every other quantity that both engines
+gave.  Causes of which only the amplitude is known (a long step) are held against UNEXPLAINED instead of the bars.  Every cause
+of which all that is true stands beside it, at most MOST: of more, none is printed.  Where no cause alone will do, pairs are
+tried (`pairs`).  Otherwise nothing is named, and the words say which lines of the certificate fail.  Nothing is asked where
+the difference is inside the error bars.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from crosscheck.causes.dictionary import DICTIONARY
-from crosscheck.causes.evidence import Evidence
-from crosscheck.causes.fit import Candidate, Fit, candidates, fit, possible, scan
+from crosscheck.causes.evidence import Evidence, Heard
+from crosscheck.causes.fit import Candidate, Fit, candidates, fit, possible, scan, sensible
 from crosscheck.causes.model import Model, is_tree
+from crosscheck.causes.pairs import pairs, parts
 from crosscheck.causes.subject import Array
 
-UNEXPLAINED = 0.1  # of |r|: what a named cause may leave, 1 % of its square
+UNEXPLAINED = 0.1  # of |r|: what a cause may leave of which only the amplitude is fitted, and any other of a march
 SIMILAR = 3.0  # a cause that leaves up to this many times what the best one leaves is as good
-ROUNDED = 1e-5  # of |r|: below this the sizes' own steps, and rounding, decide which one leaves less
+ROUNDED = 1e-7  # of |r|: below this the sizes' own steps, and rounding, decide which one leaves less
 NOISE = 2.0  # times the error bars: what is left within them says nothing
+# Of the largest difference of a march: the columns' long step (`model.STEPS`), and bars that are those of the unharmed mechanism.
+MARCHED = 0.02
+NOTHING = 1e-6  # of |r|: an engine that gives less gives nothing, which no cause explains
+MOST = 3  # names that are printed; what leaves more open is not known
 # Causes whose size is refined after a linear look at all, by whether the mechanism is a rigid tree: closing a loop or
-# marching takes a hundred times as long.
-SHORTLIST = {True: 16, False: 5}
-MANY = 300  # columns, of robots with dozens of bodies: there only what looks likely is refined
-ROUNDS = {True: 6, False: 3}
-ASTRAY = 40  # sizes of several numbers that are fitted to the certificates where the motion led to nothing
+# marching takes a hundred times as long.  Rounds of a refinement, by whether it is rigid: bars of rounding take more of them.
+SHORTLIST = {True: 24, False: 6}
+# Causes whose size is looked for far away, of rigid mechanisms that are no trees and of marches.
+SCANNED = {True: 60, False: 8}
+LOOK, TURNS, DEEP = range(3)  # the best of a linear look; angles, too; whatever may be far away
+DEEPER = {True: 4, False: 2}  # times as many where what explains the efforts is contradicted, or nothing does
+MANY = 600  # columns, of robots with dozens of bodies: there only what looks likely is refined
+ROUNDS = {True: 8, False: 3}
+TOLD = 40  # causes that are held against all else, those that explain most first
 
 
 @dataclass(frozen=True)
 class Naming:
-    """What a difference is due to.
+    """Causes of a difference, and their rivals.
 
     named : the causes that explain it, most special first; next : the best of the rest
-    ruled_out : causes that explain it as well and that what else is known contradicts
+    ruled_out : causes that explain the efforts as well, each with what contradicts it
     size : largest difference over the range [-]; noise : largest error bar over the range [-]
+    failing : lines of the engine's certificate that do not hold
     """
 
     named: tuple[Fit, ...]
@@ -45,7 +58,8 @@ class Naming:
     size: float
     noise: float
     words: str
-    ruled_out: tuple[Fit, ...] = ()
+    ruled_out: tuple[Heard, ...] = ()
+    failing: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -54,8 +68,64 @@ class Naming:
 
     @property
     def found(self) -> bool:
-        """Return whether the difference is larger than the error bars."""
+        """Return True if the difference is larger than the error bars."""
         return self.size > self.noise
+
+
+@dataclass(frozen=True)
+class Question:
+    """A residual (samples nv,) over the range [-], its error bars of the same shape, and what an explanation may leave.
+
+    agreed : largest difference [-] of engines that have the same mechanism, where a limit states one
+    """
+
+    model: Model
+    residual: Array
+    bars: Array
+    agreed: float = 0.0
+
+    @cached_property
+    def total(self) -> float:
+        """|r| [-]."""
+        return float(np.linalg.norm(self.residual))
+
+    @cached_property
+    def part(self) -> float:
+        """Norm of the error bars over that of the difference [-]."""
+        return float(np.linalg.norm(self.bars)) / self.total
+
+    @cached_property
+    def given(self) -> float:
+        """Norm of the efforts that the engine gave over that of the difference [-]."""
+        return float(np.linalg.norm(self.model.weighted(self.model.torque) + self.residual)) / self.total
+
+    @cached_property
+    def most(self) -> float:
+        """Return the largest part of |r| that a named cause may leave [-], and of the efforts that the engine gave.
+
+        What explains them predicts them: an engine that gives next to nothing differs by all of the reference.
+        """
+        return max(UNEXPLAINED * min(1.0, self.given), min(NOISE * self.part, 0.5), ROUNDED)
+
+    @cached_property
+    def enough(self) -> float:
+        """Return the part of |r| [-] up to which the residual of a fit need not be looked at again."""
+        rigid = self.model.base.mechanism.is_rigid
+        return min(self.most, max(NOISE * self.part, ROUNDED if rigid else MARCHED))
+
+    @cached_property
+    def allowed(self) -> Array:
+        """Return the largest residual that an explanation may leave at each sample (samples nv,) [-]."""
+        largest = float(np.abs(self.residual).max())
+        # A fit stops where its steps are rounding: of a rigid mechanism ROUNDED of the difference.
+        part = (ROUNDED if self.model.base.mechanism.is_rigid else MARCHED) * largest
+        return np.maximum(NOISE * self.bars, max(self.agreed, part))
+
+    def explains(self, one: Fit) -> bool:
+        """Return True if a fit explains the efforts."""
+        if one.left > self.most or self.given < NOTHING:
+            return False
+        return one.cause.linear or bool((np.abs(self.residual - one.column) <= self.allowed).all())
 
 
 def name(
@@ -64,97 +134,129 @@ def name(
     noise: Array | float,
     known: list[Candidate] | None = None,
     evidence: Evidence | None = None,
+    agreed: float = 0.0,
 ) -> Naming:
-    """Return what explains a residual (samples nv,) over the range [-]; noise : error bars of the same shape, or one.
+    """Return the naming of a residual (samples nv,) over the range [-]; noise : error bars of the same shape, or one.
 
-    known : the dictionary's columns where they are at hand (``candidates``)
-    evidence : what else is known; where it bears out none of the causes that fit, it is not listened to
+    known : the dictionary's columns where they are at hand (``candidates``); evidence : what else is known
+    agreed : largest difference [-] that a limit allows engines with the same mechanism
     """
     bars = np.broadcast_to(np.asarray(noise, dtype=np.float64), residual.shape)
     size, largest = float(np.abs(residual).max()), float(bars.max())
     if size <= largest:
         return Naming((), None, size, largest, "the difference is inside the error bars")
-    total = float(np.linalg.norm(residual))
-    part = float(np.linalg.norm(bars)) / total
-    enough = allowed(part, float(np.linalg.norm(model.weighted(model.torque) + residual)) / total)
+    asked = Question(model, residual, bars, agreed)
     known = candidates(model, DICTIONARY) if known is None else known
-    fits = ranked(model, residual, known, part, enough)
-    if evidence is not None and contradicted(fits, enough, evidence):
-        fits = ranked(model, residual, known, part, enough, deep=True)
-    return chosen(fits, part, enough, size, largest, evidence)
+    fits: list[Fit] = []
+    heard: tuple[Heard, ...] = ()
+    levels = (LOOK, TURNS, DEEP) if is_tree(model.base) else (LOOK, DEEP)
+    for look in levels if len(known) < MANY else levels[:1]:
+        fits = ranked(asked, known, look)
+        heard = told(asked, fits, evidence)
+        if look == LOOK and not agreeing(heard) and evidence is not None and evidence.failing:
+            heard = (*heard, *told(asked, suggested(asked, known, evidence), evidence))
+        if agreeing(heard):
+            break
+    if not agreeing(heard):
+        both = pairs(model, residual, known, asked.explains, asked.part)
+        heard = (*heard, *told(asked, both, evidence))
+    return chosen(asked, fits, heard, evidence)
 
 
-def contradicted(fits: list[Fit], enough: float, evidence: Evidence) -> bool:
-    """Return whether what else is known contradicts all that explain the difference (leave no more than ``enough`` [-])."""
-    explaining = [f for f in fits if f.left <= enough]
-    return bool(explaining) and all(evidence.hear(f, enough) is None for f in explaining)
+def agreeing(heard: Iterable[Heard]) -> list[Heard]:
+    """Return the causes that nothing contradicts."""
+    return [one for one in heard if not one.against]
 
 
-def ranked(
-    model: Model, residual: Array, known: list[Candidate], noise: float, enough: float, deep: bool = False
-) -> list[Fit]:
-    """Return a fit [-] of every cause that shows, what explains most first; noise : part of |r| that says nothing.
+def told(asked: Question, fits: list[Fit], evidence: Evidence | None) -> tuple[Heard, ...]:
+    """Return the causes that explain the efforts, each with what contradicts it.
 
-    enough : what an explanation may leave of |r| [-]
-    deep : refine the size of all of them, whatever the linear look says
+    Of a cause whose size has several numbers the motion may show some only: it is held against the certificate all the same
+    where it does not explain the efforts yet.
     """
-    quick = is_tree(model.base)
+    explaining = [f for f in fits if asked.explains(f)]
+    if evidence is None:
+        return tuple(map(Heard, explaining))
+    sure = max(NOISE * asked.part, 0.0 if asked.model.base.mechanism.is_rigid else MARCHED)
+    heard = [evidence.hear(f, asked.explains, sure) for f in explaining[:TOLD]]
+    if not agreeing(heard):  # the motion led a size of several numbers astray
+        turned = [f for f in fits if not asked.explains(f) and f.cause.parameters > 1]
+        again = (evidence.hear(f, asked.explains, sure) for f in turned[:TOLD])
+        heard += [one for one in again if asked.explains(one.fit)]
+    return tuple(sorted(heard, key=lambda one: one.fit.left))
+
+
+def suggested(asked: Question, known: list[Candidate], evidence: Evidence) -> list[Fit]:
+    """Return the fits of causes whose size the certificate says, what explains most first."""
+    rounds = ROUNDS[asked.model.base.mechanism.is_rigid]
+    usable = (c for c in known if c.cause.sized and not c.cause.linear and c.cause.guess is None)
+    found = (evidence.suggested(c, rounds, asked.part) for c in usable)
+    return sorted((f for f in found if f is not None), key=_left)
+
+
+def ranked(asked: Question, known: list[Candidate], look: int = LOOK) -> list[Fit]:
+    """Return a fit of every cause that shows, what explains most first; look : how many of them are refined."""
+    model, residual, noise = asked.model, asked.residual, asked.part
+    quick, rounds = is_tree(model.base), ROUNDS[model.base.mechanism.is_rigid]
     first = {k: fit(model, residual, one) for k, one in enumerate(known)}
     order = sorted((k for k in first if known[k].cause.sized), key=lambda k: first[k].left)
-    refined = order if deep and len(known) < MANY else order[: SHORTLIST[quick]]
-    first |= {k: fit(model, residual, known[k], ROUNDS[quick], noise) for k in refined}
-    if min((f.left for f in first.values()), default=0.0) > enough and len(known) < MANY:
-        # Far away, or an angle whose effect begins with its square: a linear look says nothing.
-        turning = [k for k in order if known[k].cause.turns] if quick else []
-        first |= {k: fit(model, residual, known[k], ROUNDS[quick], noise) for k in turning}
-        first |= {k: min(first[k], scan(model, residual, known[k], noise), key=lambda f: f.left) for k in order}
-    return sorted((f for f in first.values() if possible(model, f)), key=lambda f: f.left)
+    refined = order[: SHORTLIST[quick] * (DEEPER[quick] if look == DEEP else 1)]
+    # A linear look that explains all is only a look; of an angle whose effect begins with its square it says nothing.
+    refined += [k for k in order if first[k].left <= asked.enough and k not in refined]
+    refined += [k for k in order if look != LOOK and quick and known[k].cause.turns and k not in refined]
+    first |= {k: fit(model, residual, known[k], rounds, noise) for k in refined}
+    if look == DEEP:  # far away
+        far = order if quick else order[: SCANNED[model.base.mechanism.is_rigid]]
+        first |= {k: min(first[k], scan(model, residual, known[k], noise), key=_left) for k in far}
+    return sorted((f for f in first.values() if possible(model, f)), key=_left)
 
 
-def allowed(noise: float, given: float) -> float:
-    """Return what a named cause may leave of |r| [-].
-
-    noise, given : norms of the error bars and of the engine's efforts over that of the difference [-]
-    """
-    return max(UNEXPLAINED * min(1.0, given), min(NOISE * noise, 0.5), ROUNDED)
+def _left(one: Fit) -> float:
+    return one.left
 
 
-def chosen(
-    fits: list[Fit], noise: float, enough: float, size: float, largest: float, evidence: Evidence | None = None
-) -> Naming:
-    """Return the naming of ranked fits; noise : norm of the error bars over that of the difference [-].
-
-    enough : what an explanation may leave of the difference [-]
-    """
-    if not fits:
-        return Naming((), None, size, largest, "no cause of the dictionary shows in this motion")
-    fits, ruled_out = (fits, []) if evidence is None else heard(fits, enough, evidence)
-    best = fits[0]
-    if best.left > enough:
-        words = f"no single cause explains it; the nearest, {best.cause.name}, leaves {best.left:.0%}"
-        return Naming((), best, size, largest, words)
-    limit = min(max(SIMILAR * best.left, NOISE * noise, ROUNDED), 0.5)
-    alike = [f for f in fits if f.left <= limit]
-    rest = next((f for f in fits if f.left > limit), None)
-    named = tuple(sorted(_special(alike), key=lambda f: (f.cause.parameters, f.left)))
-    out = tuple(f for f in _special(ruled_out) if f.left <= limit)
-    return Naming(named, rest, size, largest, "", out)
+def chosen(asked: Question, fits: list[Fit], heard: tuple[Heard, ...], evidence: Evidence | None) -> Naming:
+    """Return the naming of fits that were held against all that is known."""
+    size, largest = float(np.abs(asked.residual).max()), float(asked.bars.max())
+    failing = () if evidence is None else evidence.failing
+    out = tuple(one for one in heard if one.against)
+    best = fits[0] if fits else None
+    good = alike(asked, [one.fit for one in agreeing(heard)])
+    if (count := len({part for f in good for part in parts(f.cause.name)})) > MOST:
+        words = f"the cause is unknown: {count} explain it, and nothing that the engine gave tells them apart"
+        return Naming((), good[0], size, largest, words, out, failing)
+    if good:
+        rest = next((f for f in fits if f.key not in {g.key for g in good}), None)
+        return Naming(good, rest, size, largest, "", out, failing)
+    return Naming((), best, size, largest, unknown(asked, best, out), out, failing)
 
 
-def heard(fits: list[Fit], enough: float, evidence: Evidence) -> tuple[list[Fit], list[Fit]]:
-    """Return the fits without those that evidence contradicts, and those; enough : what an explanation may leave [-].
+def alike(asked: Question, fits: list[Fit]) -> tuple[Fit, ...]:
+    """Return the fits that leave about as little as the best: without those that no user means beside ones that one does,
+    and without causes of which a special case is among them."""
+    usual = [f for f in fits if sensible(f)]
+    known = [f for f in fits if f in usual] if usual else []
+    least = min((f.left for f in known), default=0.0)
+    limit = min(max(SIMILAR * least, NOISE * asked.part, ROUNDED), 0.5)
+    found = _special([f for f in known if f.left <= limit])
+    return tuple(sorted(found, key=lambda f: (f.cause.parameters, f.left)))
 
-    Where all that explain it are contradicted, the evidence is not of this difference: none is left out.
-    """
-    explaining = [f for f in fits if f.left <= enough]
-    borne = [again for f in explaining if (again := evidence.hear(f, enough)) is not None]
-    if explaining and not borne:  # the motion led a size of several numbers astray
-        turned = [f for f in fits if f.left > enough and f.cause.parameters > 1]
-        borne = [again for f in turned[:ASTRAY] if (again := evidence.hear(f, enough)) is not None]
-    keys = {f.key for f in borne}
-    out = [f for f in explaining if f.key not in keys]
-    kept = sorted((*borne, *(f for f in fits if f.left > enough and f.key not in keys)), key=lambda f: f.left)
-    return (kept, out) if borne else (fits, [])
+
+def unknown(asked: Question, best: Fit | None, out: tuple[Heard, ...]) -> str:
+    """Return the reason for naming nothing, in words."""
+    if best is None:
+        return "no cause of the dictionary shows in this motion"
+    if out:
+        first = min(out, key=lambda one: (len(one.against), one.fit.left))
+        return (
+            f"the cause is unknown: {first.fit.cause.name} would explain the efforts, but is contradicted by "
+            f"{', '.join(first.against)}"
+        )
+    return f"no single cause explains it, and no two; the nearest, {best.cause.name}, leaves {_share(best.left)}"
+
+
+def _share(left: float) -> str:
+    return f"{left:.0%}" if left >= 0.01 else f"{left:.1e} of it, more than the error bars"
 
 
 def _special(fits: list[Fit]) -> list[Fit]:

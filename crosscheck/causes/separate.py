@@ -1,4 +1,4 @@
-"""Which motion would tell causes apart that this one cannot: trial motions of the same joints, by flexinv's own columns.
+"""Trial motions that would tell causes apart where this motion cannot, of the same joints, by flexinv's own columns.
 
 Of every trial the columns of the causes are compared: two of them are apart where the sine of the angle between them is
 not small.  For rigid trees; elsewhere the causes' own words have to do.
@@ -14,7 +14,7 @@ import numpy as np
 from crosscheck.causes.fit import IMPOSSIBLE, Fit, effect
 from crosscheck.causes.model import Model, is_tree, open_tree, scales
 from crosscheck.causes.subject import Array, States
-from flexinv.mechanism import Mechanism
+from flexinv.model.mechanism import Mechanism
 
 APART = 0.1  # sine of the angle between two columns: a fit then leaves a tenth of one to the other
 SAMPLES = 41
@@ -31,7 +31,7 @@ def separating(model: Model, fits: Sequence[Fit]) -> str:
 
 
 def _tells(model: Model, fits: Sequence[Fit]) -> bool:
-    """Whether no two of the causes have parallel columns; one that does not show is told by its absence."""
+    """Return True if no two of the causes have parallel columns; one that does not show is told by its absence."""
     try:
         columns = [effect(model, f.cause, f.target, f.size) for f in fits]
     except IMPOSSIBLE:

@@ -1,4 +1,4 @@
-"""What an engine is given and what is done with its answer: the thing that a cause changes."""
+"""Subjects: the input of an engine and the treatment of its answer, which a cause changes."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexinv.files.case import Case
-from flexinv.mechanism import Beam, Body, Joint, Link, Mechanism
-from flexinv.motion import Motion
+from flexinv.errors import InputError
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import Beam, Body, Closure, Joint, Link, Mechanism
+from flexinv.model.motion import Motion
 
 Array = NDArray[np.float64]
 
@@ -37,12 +38,14 @@ class Subject:
 
     options : of the engine's adapter
     effort : one after the other, of the mechanism, the joint motion and the efforts (samples, nv) [N m] or [N]
+    dense : one of them needs every sample of the case (what was done to a signal), not some of them
     """
 
     mechanism: Mechanism
     case: Case
     options: Mapping[str, Any] = field(default_factory=dict)
     effort: tuple[EffortChange, ...] = ()
+    dense: bool = False
 
     def with_mechanism(self, **changes: Any) -> Subject:
         """Return the subject with another mechanism; it is no longer what a URDF file says."""
@@ -51,6 +54,10 @@ class Subject:
     def with_joint(self, name: str, change: Callable[[Joint], Joint]) -> Subject:
         """Return the subject with one joint changed."""
         return self.with_mechanism(joints=tuple(change(j) if j.name == name else j for j in self.mechanism.joints))
+
+    def with_closures(self, change: Callable[[Closure], Closure]) -> Subject:
+        """Return the subject with every closure changed."""
+        return self.with_mechanism(closures=tuple(map(change, self.mechanism.closures)))
 
     def with_joints(self, change: Callable[[Joint], Joint]) -> Subject:
         """Return the subject with every joint changed."""
@@ -68,7 +75,7 @@ class Subject:
 
     def with_body(self, target: str, change: Callable[[Body], Body]) -> Subject:
         """Return the subject with one body changed; target : see ``bodies``."""
-        link, body = self.bodies[target]
+        link, body = self.body_of(target)
         return self.with_link(
             link, lambda one: replace(one, bodies=tuple(change(b) if b is body else b for b in one.bodies))
         )
@@ -87,13 +94,22 @@ class Subject:
         motion = ChangedMotion(self.case.motion.tracks, self.case.motion.duration, self.case.motion, change)
         return replace(self, case=replace(self.case, motion=motion))
 
-    def with_effort(self, change: EffortChange) -> Subject:
-        """Return the subject whose efforts are changed after the engine gave them."""
-        return replace(self, effort=(*self.effort, change))
+    def with_effort(self, change: EffortChange, dense: bool = False) -> Subject:
+        """Return the subject whose efforts are changed after the engine gave them; dense : it needs every sample."""
+        return replace(self, effort=(*self.effort, change), dense=self.dense or dense)
 
     def with_options(self, **options: Any) -> Subject:
         """Return the subject whose engine is told something else."""
         return replace(self, options={**self.options, **options})
+
+    def body_of(self, target: str) -> tuple[str, Body]:
+        """Return link and body by name; of a link that was given another body, its first.  Raises InputError."""
+        if target in self.bodies:
+            return self.bodies[target]
+        link = self.mechanism.link_of.get(target)
+        if link is None or not link.bodies:
+            raise InputError(f"no body is called {target!r} (any more); known: {', '.join(self.bodies)}")
+        return target, link.bodies[0]
 
     @cached_property
     def bodies(self) -> dict[str, tuple[str, Body]]:

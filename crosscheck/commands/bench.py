@@ -1,28 +1,29 @@
-"""``crosscheck bench``: how fast flexinv is beside other engines, on this machine."""
+"""``crosscheck bench``: the speed of flexinv beside other engines, on this machine."""
 
 from __future__ import annotations
 
-import shlex
 import sys
 from pathlib import Path
 from typing import NoReturn
 
 import click
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from crosscheck import history
-from crosscheck import results as store
+from crosscheck import output_folder as owned
 from crosscheck.bench import parts as known
 from crosscheck.bench.targets import metrics, text
+from crosscheck.commands.shared.terminal import COLOURS, MODELS, TIMEOUT, Console, Failure, progress, terminated
+from crosscheck.commands.shared.terminal import out as out_option
 from crosscheck.report import render
 from crosscheck.report.html import value
 from crosscheck.report.words import SIGNS
-from crosscheck.results import Results
-from crosscheck.runner import RESULTS
-from crosscheck.terminal import COLOURS, MODELS, TIMEOUT, Failure, progress, terminated
-from crosscheck.terminal import out as out_option
+from crosscheck.run.runner import RESULTS
+from crosscheck.secrets import command_line
+from crosscheck.verdicts import history
+from crosscheck.verdicts import results as store
+from crosscheck.verdicts.results import Results
+from flexinv.errors import InputError
 
 
 @click.command("bench", short_help="Measure how fast flexinv is beside the other engines.")
@@ -67,11 +68,15 @@ def command(parts: tuple[str, ...], models: Path, quick: bool, out: Path, url: s
     """
     if unknown := [name for name in parts if name not in known.PARTS]:
         raise Failure(f"no part is called {unknown[0]!r}; known: {', '.join(known.PARTS)}")
-    with terminated(), progress(Console(stderr=True)) as notify:
-        line = shlex.join(["crosscheck", *sys.argv[1:]])
-        results = known.measure(known.studies(models, parts, quick), timeout, out, notify, line)
-    store.write(results, out / RESULTS)
-    render(results, out)
+    try:
+        with owned.report(out):
+            with terminated(), progress(Console(stderr=True)) as notify:
+                line = command_line(sys.argv[1:])
+                results = known.measure(known.studies(models, parts, quick), timeout, out, notify, line)
+            store.write(results, out / RESULTS)
+            render(results, out)
+    except (InputError, OSError) as error:
+        raise Failure(str(error)) from error
     _show(results)
     if url is not None:
         _remember(results, url)

@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import NoReturn
 
 import click
-from rich.console import Console
 from rich.markup import escape
 
-from crosscheck import baseline as blessed
-from crosscheck import results as store
-from crosscheck.runner import RESULTS
-from crosscheck.terminal import FOLDER, Failure
+from crosscheck.commands.shared.terminal import FOLDER, Console, Failure
+from crosscheck.run.runner import RESULTS
+from crosscheck.verdicts import baseline as blessed
+from crosscheck.verdicts import results as store
 
 
 @click.command("bless", short_help="Bless a run: later ones may not be worse.")
@@ -54,8 +53,11 @@ def command(reason: str, folder: Path, baseline: Path) -> NoReturn:
     if not results.finished:
         raise Failure(f"the run in {folder} has not finished ({results.message or 'no message'}): bless a complete one")
     good, bad = blessed.blessed(results)
-    blessed.write(baseline, results, good, reason.strip())
-    after = blessed.read(baseline).fractions
+    try:
+        blessed.write(baseline, results, good, reason.strip())
+        after = blessed.read(baseline).fractions
+    except (OSError, ValueError) as error:
+        raise Failure(f"the baseline in {baseline} could not be written: {error}") from error
     console = Console()
     moved = [k for k in after if k in before and after[k] != before[k]]
     new, gone = after.keys() - before.keys(), before.keys() - after.keys()

@@ -1,19 +1,19 @@
-"""``crosscheck engines``: what is installed."""
+"""``crosscheck engines``: the engines, and the versions that are installed."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import click
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from crosscheck.commands.shared.terminal import Console
 from crosscheck.engines import ENGINES, missing
-from crosscheck.isolation import Children, ask
 from crosscheck.report.words import engines_alike
-from crosscheck.results import EngineRow
-from crosscheck.runner import DESCRIBE
+from crosscheck.run.isolation import Children, ask
+from crosscheck.run.runner import DESCRIBE
+from crosscheck.verdicts.results import EngineRow
 
 
 @click.command("engines", short_help="Show which engines are installed, and what each can do.")

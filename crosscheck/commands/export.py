@@ -6,10 +6,10 @@ from pathlib import Path
 
 import click
 
+from crosscheck.commands.shared.terminal import MODELS, TIMEOUT, Failure, plan_of
 from crosscheck.engines import ENGINES, missing
-from crosscheck.plan import Task
-from crosscheck.reproduce import REFERENCE, can_export, reproduce
-from crosscheck.terminal import MODELS, TIMEOUT, Failure, plan_of
+from crosscheck.run.reproduce import REFERENCE, can_export, reproduce
+from crosscheck.verdicts.plan import Task
 from flexinv.errors import InputError
 
 EXPORTED = [name for name, engine in ENGINES.items() if name != REFERENCE and can_export(engine)]

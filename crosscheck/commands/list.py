@@ -1,4 +1,4 @@
-"""``crosscheck list``: what there is to run."""
+"""``crosscheck list``: mechanisms, their cases and compared quantities."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ import sys
 from pathlib import Path
 
 import click
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from crosscheck.terminal import MODELS, plan_of
+from crosscheck.commands.shared.terminal import MODELS, Console, plan_of
 
 
 @click.command("list")

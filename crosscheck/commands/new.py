@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from crosscheck.new import TEMPLATES, from_template, from_urdf
-from crosscheck.terminal import Failure
+from crosscheck.commands.shared.terminal import Failure
+from crosscheck.workflows.scaffold import TEMPLATES, from_template, from_urdf
 from flexinv.errors import InputError
 
 
@@ -17,7 +17,7 @@ from flexinv.errors import InputError
 @click.option(
     "--from-urdf",
     "urdf",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    type=click.Path(path_type=Path),
     help="Start from a URDF instead.",
 )
 @click.option("--free-base", is_flag=True, help="The URDF's root moves freely (it has no drive).")

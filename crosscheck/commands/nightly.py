@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from pathlib import Path
 from typing import NoReturn
 
 import click
-from rich.console import Console
 from rich.markup import escape
 
-from crosscheck import fresh
-from crosscheck.asked import Asked, running
-from crosscheck.baseline import BaselineError
 from crosscheck.bench.parts import studies as bench_studies
+from crosscheck.commands.shared.options import Asked, running
+from crosscheck.commands.shared.terminal import FOLDER, Console, Failure, progress, terminated, unread
 from crosscheck.engines import ENGINES
-from crosscheck.night import Nightly, NightRunning, nightly
+from crosscheck.measures.record import RecordError
 from crosscheck.report.words import sentence
-from crosscheck.terminal import FOLDER, Failure, progress, terminated
+from crosscheck.secrets import command_line
+from crosscheck.verdicts.baseline import BaselineError
+from crosscheck.verdicts.history import HistoryError
+from crosscheck.workflows import latest_engines as fresh
+from crosscheck.workflows.night import Nightly, NightRunning, nightly
 from flexinv.errors import InputError
 
 
@@ -79,7 +80,7 @@ def command(
         url=history or f"sqlite:///{reports / 'history.sqlite'}",
         against=against,
         label=label,
-        command=shlex.join(["crosscheck", *sys.argv[1:]]),
+        command=command_line(sys.argv[1:]),
         whole=not asked.names and len(work.engines) == len(ENGINES),
         bench=bench_studies(asked.models) if bench else (),
     )
@@ -88,8 +89,9 @@ def command(
             results, folder = nightly(night, notify, say)
     except (NightRunning, BaselineError, InputError) as error:
         raise Failure(str(error)) from error
-    except OSError as error:
+    except (OSError, HistoryError, RecordError) as error:
         raise Failure(f"the night could not be kept: {error}") from error
+    unread(console, results)
     console.print(f"[bold]{escape(sentence(results))}[/bold]")
     also = "" if label else f", also {reports / 'latest' / 'index.html'}"
     console.print(f"report: {folder / 'index.html'}{also}", highlight=False)

@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import NoReturn
 
 import click
-from rich.console import Console
 
-from crosscheck import results as store
-from crosscheck.runner import RESULTS
-from crosscheck.terminal import Failure, finish
+from crosscheck import output_folder as owned
+from crosscheck.commands.shared.terminal import Console, Failure, finish
+from crosscheck.run.runner import RESULTS
+from crosscheck.verdicts import results as store
+from flexinv.errors import InputError
 
 
 @click.command("report", short_help="Render the report in FOLDER again.")
@@ -21,4 +22,8 @@ def command(folder: Path) -> NoReturn:
         results = store.read(folder / RESULTS)
     except (OSError, ValueError) as error:
         raise Failure(f"cannot read {folder / RESULTS}: {error}") from error
-    finish(Console(stderr=True), results, folder)
+    try:
+        with owned.alone(folder):
+            finish(Console(stderr=True), results, folder)
+    except InputError as error:
+        raise Failure(str(error)) from error

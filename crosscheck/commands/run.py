@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
 import click
-from rich.console import Console
 
-from crosscheck import baseline as blessed
-from crosscheck.asked import Asked, running
+from crosscheck import output_folder as owned
+from crosscheck.commands.shared.options import Asked, running
+from crosscheck.commands.shared.terminal import FOLDER, Console, Failure, finish, progress, terminated
+from crosscheck.commands.shared.terminal import out as out_option
 from crosscheck.engines import ENGINES
-from crosscheck.runner import run
-from crosscheck.terminal import FOLDER, Failure, finish, progress, terminated
-from crosscheck.terminal import out as out_option
+from crosscheck.run.runner import run
+from crosscheck.secrets import command_line
+from crosscheck.verdicts import baseline as blessed
 from flexinv.errors import InputError
 
 
@@ -32,7 +32,8 @@ def command(asked: Asked, out: Path, baseline: Path | None) -> NoReturn:
     """Run mechanisms in all engines, compare, and write a report.
 
     NAMES are mechanisms, patterns, or single cases ("flex_one_link", "flex_*", "flex_one_link/cycloid"); without
-    names everything runs, and the studies too.  Every engine runs in a process of its own: one that crashes, hangs
+    names everything runs, and the studies that belong to the models (studies.toml there).
+    Every engine runs in a process of its own: one that crashes, hangs
     or returns NaN is a row of the report, and the others go on.  Ctrl-C stops all and still writes the report.
 
     \b
@@ -48,8 +49,9 @@ def command(asked: Asked, out: Path, baseline: Path | None) -> NoReturn:
     try:
         known = blessed.find(baseline) if baseline is not None else None
         work = replace(work, options=replace(work.options, baseline=known, whole=whole))
-        with terminated(), progress(console) as notify:
-            results = run(work, out, notify, shlex.join(["crosscheck", *sys.argv[1:]]))
+        with owned.report(out):
+            with terminated(), progress(console) as notify:
+                results = run(work, out, notify, command_line(sys.argv[1:]))
+            finish(console, results, out)
     except (blessed.BaselineError, InputError) as error:
         raise Failure(str(error)) from error
-    finish(console, results, out)

@@ -2,71 +2,154 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
-from collections.abc import Mapping, Sequence
+import sysconfig
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
 
 import click
-from rich.console import Console
 from rich.table import Table
 
-from crosscheck import results as store
-from crosscheck.benches import BENCHES
-from crosscheck.plan import Plan
+from crosscheck import output_folder as owned
+from crosscheck.beyond import campaign as beyond
+from crosscheck.beyond.judge import BAD
+from crosscheck.beyond.shown import line as beyond_line
+from crosscheck.beyond.shown import sums_table
+from crosscheck.beyond.shown import text as beyond_text
+from crosscheck.beyond.shown import verdict as beyond_verdict
+from crosscheck.causes.fault_benches import BENCHES
+from crosscheck.commands.shared.terminal import COLOURS, JOBS, Console, Failure, Seconds, progress, terminated
+from crosscheck.commands.shared.terminal import out as out_option
 from crosscheck.report import render
 from crosscheck.report.words import SIGNS
-from crosscheck.results import StudyRow
-from crosscheck.runner import RESULTS, Options, Work, run
+from crosscheck.run.runner import RESULTS, Event, Options, Work, run
+from crosscheck.secrets import command_line
 from crosscheck.studies.selftest import ALONE, studies, summary, targets
-from crosscheck.terminal import COLOURS, JOBS, MODELS, Failure, progress, terminated
-from crosscheck.terminal import out as out_option
+from crosscheck.verdicts import results as store
+from crosscheck.verdicts.plan import Plan
+from crosscheck.verdicts.results import StudyRow
+from flexinv.errors import InputError
+
+INSTALLED = Path(sysconfig.get_path("data")) / "share" / "flexinv" / "models"  # see pyproject.toml
 
 
 @click.command("selftest", short_help="Plant every known cause, and demand that it is named.")
 @click.argument("names", nargs=-1)
-@MODELS
+@click.option(
+    "--models",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Folder of the mechanisms of the benches.  [default: models here, else those that were installed]",
+)
 @out_option("reports/selftest")
 @JOBS
 @click.option(
     "--timeout",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=Seconds(),
     default=3600.0,
     show_default=True,
     help="Seconds that one bench may take: some hundred runs of an engine.",
 )
-def command(names: tuple[str, ...], models: Path, out: Path, jobs: int, timeout: float) -> NoReturn:
+@click.option("--beyond", "outside", is_flag=True, help="Plant mistakes of users that no cause was written for.")
+@click.option(
+    "--campaign",
+    type=click.Choice(list(beyond.CAMPAIGNS)),
+    default="first",
+    show_default=True,
+    help="With --beyond: which mechanisms and seed.",
+)
+@click.option("--seed", type=click.IntRange(min=0), help="With --beyond: another seed than the campaign's own.")
+@click.option("--count", type=click.IntRange(min=1), help="With --beyond: another number of faults.")
+@click.option("--mechanisms", default="", help="With --beyond: names, separated by commas, to be left with; '': all.")
+@click.option("--only", default="", help="With --beyond: numbers of faults, separated by commas, to be left with.")
+def command(
+    names: tuple[str, ...], models: Path | None, out: Path, jobs: int, timeout: float, outside: bool, **asked: Any
+) -> NoReturn:
     """Plant every known cause in an engine's model and demand that it is named.
 
     NAMES are mechanisms of the benches; without names all of them.  The unharmed mechanisms demand silence.  The
     matrix planted x named is printed and stands in the report, with a table of every fault per bench.
 
+    With --beyond mistakes that users make with real engines are planted instead, drawn from a seed: beyond.json and
+    beyond.txt in the folder of the report say what became of each.
+
     \b
     Exit codes: 0  95 % of the faults that matter are named, and nothing on the unharmed mechanisms; without NAMES, every
                    cause is named alone somewhere
+                   with --beyond: nothing is named wrongly or accepted above the bars, half of the rest is named
                 1  not so
                 2  an engine, a model or the harness failed
     """
+    if outside:
+        _beyond(names, models, out, jobs, asked)
     known = [bench.mechanism for bench in BENCHES]
     if unknown := [n for n in names if n not in known]:
         raise Failure(f"no bench is called {unknown[0]!r}; known: {', '.join(dict.fromkeys(known))}")
-    asked = dict.fromkeys(name for name in known if not names or name in names)
-    if absent := [name for name in asked if not (models / name / "mechanism.toml").is_file()]:
-        raise Failure(f"{models} has no mechanism {', '.join(absent)}: write --models with this project's own models")
-    with terminated(), progress(Console(stderr=True)) as notify:
-        line = shlex.join(["crosscheck", *sys.argv[1:]])
-        results = run(Work(Plan(()), {}, studies(models, names), Options(timeout, jobs)), out, notify, line)
-    whole = summary(results.studies, whole=not names)
-    results = replace(results, studies=(whole, *results.studies))
-    store.write(results, out / RESULTS)
-    render(results, out)
+    wanted = dict.fromkeys(name for name in known if not names or name in names)
+    folder = with_all(wanted, models)
+    try:
+        with owned.report(out):
+            with terminated(), progress(Console(stderr=True)) as notify:
+                line = command_line(sys.argv[1:])
+                results = run(Work(Plan(()), {}, studies(folder, names), Options(timeout, jobs)), out, notify, line)
+            whole = summary(results.studies, whole=not names)
+            results = replace(results, studies=(whole, *results.studies))
+            store.write(results, out / RESULTS)
+            render(results, out)
+    except (InputError, OSError) as error:
+        raise Failure(str(error)) from error
     met = targets(results.studies[1:], whole=not names)
     _show(whole, met)
     Console(stderr=True).print(f"report: {out / 'index.html'}", highlight=False)
     failed = not results.finished or any(table.status != "ok" for table in results.studies)
     sys.exit(2 if failed else int(any(line["verdict"] != "within" for line in met)))
+
+
+def with_all(names: Iterable[str], said: Path | None) -> Path:
+    """Return the folder that has all these mechanisms: the one that was said, else models here, else those installed.
+
+    Raises Failure where none has.
+    """
+    names, places = list(names), [said] if said is not None else [Path("models"), INSTALLED]
+    absent = [[n for n in names if not (place / n / "mechanism.toml").is_file()] for place in places]
+    if [] in absent:
+        return places[absent.index([])]
+    lacks = "; ".join(f"{place} has no {', '.join(few)}" for place, few in zip(places, absent, strict=True))
+    raise Failure(f"the benches need flexinv's own models: {lacks}; write --models with the folder of them")
+
+
+def _beyond(names: tuple[str, ...], said: Path | None, out: Path, jobs: int, asked: Mapping[str, Any]) -> NoReturn:
+    """Run a campaign of faults beyond the dictionary, print its sums, and leave with its exit code."""
+    chosen = beyond.CAMPAIGNS[asked["campaign"]]
+    chosen = replace(chosen, seed=asked["seed"] if asked["seed"] is not None else chosen.seed)
+    chosen = replace(chosen, count=asked["count"] or chosen.count)
+    mechanisms = (*names, *(word.strip() for word in asked["mechanisms"].split(",") if word.strip()))
+    known = dict.fromkeys(bench.mechanism for bench in chosen.benches)
+    if unknown := [name for name in mechanisms if name not in known]:
+        raise Failure(f"campaign {chosen.name} has no mechanism {unknown[0]!r}; it has: {', '.join(known)}")
+    models = with_all((bench.mechanism for bench in chosen.benches if not bench.own), said)
+    try:
+        only = tuple(int(word) for word in asked["only"].split(",") if word.strip())
+    except ValueError:
+        raise Failure(f"--only {asked['only']!r}: expected numbers of faults, such as --only 3,17") from None
+    console = Console(stderr=True)
+    with terminated(), progress(console) as notify:
+
+        def told(done: int, total: int, row: Mapping[str, Any]) -> None:
+            verdict = "deviation" if row["outcome"] in BAD else "within"
+            notify(Event(beyond_line(row), verdict, "", done, total))
+
+        try:
+            results = beyond.run(beyond.Wanted(chosen, models, out, jobs, mechanisms, only), told)
+        except RuntimeError as error:
+            raise Failure(str(error)) from error
+    (out / "beyond.txt").write_text("\n".join(beyond_text(results)) + "\n", encoding="utf-8")
+    for key in ("by topic", "by mechanism", "by engine", "by newness"):
+        Console().print(sums_table(results, key))
+    console.print(beyond_verdict(results), highlight=False)
+    console.print(f"every fault: {out / 'beyond.json'}, {out / 'beyond.txt'}", highlight=False)
+    sys.exit(int(not results["met"]))
 
 
 def _show(whole: StudyRow, met: Sequence[Mapping[str, Any]]) -> None:

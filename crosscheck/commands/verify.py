@@ -1,28 +1,40 @@
-"""``crosscheck verify``: what a mechanism is, how the engines see it, and which limits its error bars suggest."""
+"""``crosscheck verify``: a summary of a mechanism, the engines' results, and limits that its error bars suggest."""
 
 from __future__ import annotations
 
 import datetime
-import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import click
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from crosscheck import output_folder as owned
+from crosscheck.commands.shared.terminal import (
+    COLOURS,
+    JOBS,
+    MODELS,
+    PATTERNS,
+    TIMEOUT,
+    Console,
+    Failure,
+    compared,
+    plan_of,
+    progress,
+    terminated,
+)
 from crosscheck.engines import ENGINES
-from crosscheck.plan import Plan, Task
-from crosscheck.portrait import picture, portrait
-from crosscheck.proposals import parts, propose, toml, write
 from crosscheck.report import render
-from crosscheck.report.reasons import sheets
+from crosscheck.report.explanations import sheets
 from crosscheck.report.words import sentence, short
-from crosscheck.results import Results, slug
-from crosscheck.runner import Options, Work, run
-from crosscheck.terminal import COLOURS, JOBS, MODELS, PATTERNS, TIMEOUT, Failure, chosen, plan_of, progress, terminated
+from crosscheck.run.runner import Options, Work, run
+from crosscheck.secrets import command_line
+from crosscheck.verdicts.plan import Plan, Task
+from crosscheck.verdicts.results import Results, slug
+from crosscheck.workflows.model_summary import Portrait, picture, portrait
+from crosscheck.workflows.proposals import parts, propose, toml, write
 from flexinv.errors import FlexinvError, InputError
 
 
@@ -39,7 +51,7 @@ from flexinv.errors import FlexinvError, InputError
     "--write",
     "writes",
     is_flag=True,
-    help="Put the proposed limits into cases.toml: at its end, or in place of those below its mark.",
+    help="Put the proposed limits into cases.toml: at its end, or in place of those proposed before below its mark.",
 )
 @JOBS
 @TIMEOUT
@@ -50,7 +62,7 @@ def command(name: str, models: Path, engines: str, out: Path | None, writes: boo
     at rest and in motion; then every engine that can, and limits from their error bars, each with its reason.
     """
     console = Console()
-    wanted = chosen(ENGINES, engines, "engine")
+    wanted = compared(ENGINES, engines)
     plan = plan_of(models, (name,))
     if plan.broken:
         raise Failure(f"{name} cannot be read: {plan.broken[0][1]}")
@@ -58,10 +70,14 @@ def command(name: str, models: Path, engines: str, out: Path | None, writes: boo
     if writes:
         _or_fail(parts, file)  # said before the engines run
     folder = out or Path("reports") / "verify" / slug(name)
-    folder.mkdir(parents=True, exist_ok=True)
-    for task in plan.tasks:
-        _explain(console, task, folder)
-    results = _compare(plan, wanted, folder, Options(timeout, jobs))
+    try:
+        with owned.report(folder):
+            seen = [_explain(console, task, folder) for task in plan.tasks]
+            results = _compare(plan, wanted, folder, Options(timeout, jobs))
+            for solved, drawing in seen:
+                picture(solved, owned.claim(drawing))
+    except (InputError, OSError) as error:
+        raise Failure(str(error)) from error
     _certify(console, results)
     _show(console, results)
     for found in results.diagnoses:
@@ -86,22 +102,23 @@ def _or_fail(work: Callable[..., object], *arguments: object) -> None:
         raise Failure(str(error)) from error
 
 
-def _explain(console: Console, task: Task, folder: Path) -> None:
+def _explain(console: Console, task: Task, folder: Path) -> tuple[Portrait, Path]:
+    """Print what a case is, and return it with the file in which its picture will be."""
     try:
         seen = portrait(task)
     except FlexinvError as error:
         raise Failure(f"{task.folder.name}/{task.case.name}: {error}") from error
     file = folder / f"picture-{slug(task.case.name)}.svg"
-    picture(seen, file)
     console.print(f"\n[bold]{escape(f'{task.folder.name}/{task.case.name}')}[/bold]  {escape(task.case.title)}")
     for what, words in (*seen.lines, ("picture", str(file))):
         console.print(f"  {what:<15} {words}", markup=False, highlight=False, soft_wrap=True)
+    return seen, file
 
 
 def _compare(plan: Plan, wanted: dict, folder: Path, options: Options) -> Results:  # type: ignore[type-arg]
     quiet = Console(stderr=True)
     with terminated(), progress(quiet) as notify:
-        results = run(Work(plan, wanted, (), options), folder, notify, shlex.join(["crosscheck", *sys.argv[1:]]))
+        results = run(Work(plan, wanted, (), options), folder, notify, command_line(sys.argv[1:]))
     render(results, folder)
     return results
 

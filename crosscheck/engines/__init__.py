@@ -1,4 +1,4 @@
-"""Which engines there are: a name, the adapter module behind it, and how to install what it drives.
+"""Registry of engines: a name, the adapter module behind it, and the installation of the package that it drives.
 
 An adapter is imported by name and late: a machine without an engine still runs the others.
 """
@@ -35,22 +35,22 @@ def _engine(name: str, module: str, requires: str, package: str, native: bool = 
 ENGINES: dict[str, Engine] = {
     e.name: e
     for e in (
-        _engine("flexinv", "flexinv", "flexinv", "."),
-        _engine("pinocchio", "pinocchio", "pinocchio", "pin"),
-        _engine("mujoco", "mujoco", "mujoco", "mujoco"),
-        _engine("mujoco-equality", "mujoco", "mujoco", "mujoco", native=True),
-        _engine("mujoco-flex", "mujoco_flex", "mujoco", "mujoco"),
-        _engine("exudyn", "exudyn", "exudyn", "exudyn"),
-        _engine("exudyn-dae", "exudyn", "exudyn", "exudyn"),
-        _engine("exudyn-ancf", "exudyn", "exudyn", "exudyn"),
-        _engine("exudyn-ge", "exudyn", "exudyn", "exudyn"),
-        _engine("measured", "measured", "numpy", "."),
+        _engine("flexinv", "flexinv.adapter", "flexinv", "."),
+        _engine("pinocchio", "pinocchio.adapter", "pinocchio", "pin"),
+        _engine("mujoco", "mujoco.adapter", "mujoco", "mujoco"),
+        _engine("mujoco-equality", "mujoco.adapter", "mujoco", "mujoco", native=True),
+        _engine("mujoco-flex", "mujoco.flex", "mujoco", "mujoco"),
+        _engine("exudyn", "exudyn.adapter", "exudyn", "exudyn"),
+        _engine("exudyn-dae", "exudyn.adapter", "exudyn", "exudyn"),
+        _engine("exudyn-ancf", "exudyn.adapter", "exudyn", "exudyn"),
+        _engine("exudyn-ge", "exudyn.adapter", "exudyn", "exudyn"),
+        _engine("measured", "measured.adapter", "numpy", "."),
     )
 }
 
 
 def missing(engine: Engine) -> str | None:
-    """Return how to install what ``engine`` needs, or None when it is there (nothing is imported)."""
+    """Return the advice to install the package that ``engine`` needs, or None when it is there (nothing is imported)."""
     if importlib.util.find_spec(engine.requires) is not None:
         return None
     return f"{engine.requires} is not installed; to install it: {engine.install}"

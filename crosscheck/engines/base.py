@@ -1,4 +1,4 @@
-"""What an adapter module is: four functions.  One module may offer several engines (formulations)."""
+"""Protocol of an adapter module: four functions.  One module may offer several engines (formulations)."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.record import Record
-from flexinv.files.case import Case
-from flexinv.mechanism import Mechanism
+from crosscheck.measures.record import Record
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import Mechanism
 
 Options = Mapping[str, Any]
 
@@ -30,7 +30,7 @@ class Adapter(Protocol):
         """Return one sentence: what the engine can do here."""
 
     def unsupported(self, mechanism: Mechanism, case: Case, engine: str) -> str | None:
-        """Return why the engine cannot do this case, or None when it can."""
+        """Return the reason why the engine cannot do this case, or None when it can."""
 
     def run(self, mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
         """Return series on ``sample_times(case)``.  Forces [N], moments [N m], lengths [m]."""
@@ -42,3 +42,12 @@ def sample_times(case: Case) -> NDArray[np.float64]:
     returns : (samples,) [s]
     """
     return np.arange(0.0, case.end + case.sample / 2, case.sample, dtype=np.float64)
+
+
+def companion(adapter: str, part: str) -> str:
+    """Return the dotted name of the module with a ``part`` of an adapter's work [-], which lies beside the adapter.
+
+    ``pinocchio.adapter`` has ``pinocchio.export``; ``mujoco.flex``, the second adapter of its folder, ``mujoco.flex_export``.
+    """
+    folder, _, name = adapter.rpartition(".")
+    return f"{folder}.{part}" if name == "adapter" else f"{adapter}_{part}"

@@ -1,4 +1,4 @@
-"""The measured arm: what its sensors should have read, from the measured motion of its two motors.
+"""The measured arm: expected readings of its sensors, from the measured motion of its two motors.
 
 Torque of a drive, at the joint:  current * K = rotor qdd + viscous qd + coulomb tanh(qd / STILL) + offset + tau(mechanism),
 K = torque constant * gear * efficiency.  A gauge at the root of a beam reads  gain * M L / (3 EI) + zero + slope q1, the
@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from crosscheck.measured.filters import lag, low_pass
 from crosscheck.measured.fit import Parameter
 from crosscheck.measured.recording import Recording
-from flexinv.mechanism import Joint, Mechanism
-from flexinv.motion import Motion
-from flexinv.scheme import solve
+from flexinv.analysis.solve import solve
+from flexinv.model.mechanism import Joint, Mechanism
+from flexinv.model.motion import Motion
 
 Array = NDArray[np.float64]
 COLUMNS = ("shoulder_deg", "elbow_deg", "gauge1_deg", "gauge2_deg", "current1_A", "current2_A")
@@ -82,7 +82,7 @@ def sense(part: Recording, mechanism: Mechanism, bandwidth: float = BANDWIDTH) -
 
 
 def mechanical(flexible: bool) -> tuple[Parameter, ...]:
-    """Return what the sheet leaves open in the mechanism; only the flexible one has clamps that yield."""
+    """Return the parameters of the mechanism that the sheet leaves open; only the flexible one has clamps that yield."""
     reach = Parameter("reach 2", "m", 0.02, 0.02, 0.0)  # from the elbow's axis to the root of the second beam
     if not flexible:
         return (reach,)
@@ -96,7 +96,7 @@ def mechanical(flexible: bool) -> tuple[Parameter, ...]:
 
 
 def of_sensors() -> tuple[Parameter, ...]:
-    """Return what the sheet leaves open in drives and gauges: units by name, the values of the sheet to begin with."""
+    """Return the parameters of drives and gauges that the sheet leaves open: units by name, begun with its values."""
     sheet = {1: (0.0635, 4.0, 1.0), 2: (0.0030, 1.5, 0.1)}  # J11, B11; J21, B21
     drives = [
         p
@@ -144,7 +144,7 @@ def with_values(mechanism: Mechanism, value: Mapping[str, float]) -> Mechanism:
 
 @dataclass(frozen=True)
 class Response:
-    """What the mechanism alone gives under the measured motion.
+    """Response of the mechanism alone to the measured motion.
 
     torque : (samples, 2) of the drives [N m]; moment : (samples, 2) at the roots of the links [N m], as it bends them
         towards positive deflection
@@ -171,7 +171,7 @@ def flexibilities(arm: Mechanism) -> Array:
 
 
 def readings(response: Response, sensed: Sensed, flexibility: Array, value: Mapping[str, float]) -> Array:
-    """Return what the sensors should have read, (samples, 4): torques [N m], gauges [rad] filtered as on the rig."""
+    """Return the expected readings of the sensors, (samples, 4): torques [N m], gauges [rad] filtered as on the rig."""
     columns = []
     for k in range(TORQUES):
         rotor, viscous, coulomb, offset = (value[f"{n} {k + 1}"] for n in ("rotor", "viscous", "coulomb", "offset"))

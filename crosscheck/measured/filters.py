@@ -45,7 +45,7 @@ def _sampled(spacing: float, frequency: float, damping: float) -> tuple[Array, A
 
 
 def undo_lag(values: Array, spacing: float, frequency: float, damping: float) -> Array:
-    """Return what the sensor saw, from what its second-order low-pass gave: ``x = y + 2 damping y' / w + y'' / w^2``.
+    """Return the sensor's input, from the output of its second-order low-pass: ``x = y + 2 damping y' / w + y'' / w^2``.
 
     The values have to be smooth: differences of second order are taken, one-sided at the ends.
 

@@ -32,7 +32,7 @@ ROUNDS = 2
 
 @dataclass(frozen=True)
 class Parameter:
-    """What is identified: where to begin, and how large it may be by its nature [unit of the parameter]."""
+    """Parameter to identify: start value, typical size and lower bound by its nature [unit of the parameter]."""
 
     name: str
     unit: str

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from crosscheck import output_folder as owned
 from crosscheck.report import html, junit, markdown
-from crosscheck.results import Results
+from crosscheck.verdicts.results import Results
 
 
 def render(results: Results, out: Path) -> None:
     """Write ``index.html`` and its pages, ``summary.md`` and ``junit.xml`` into ``out``."""
-    (out / "summary.md").write_text(markdown.render(results), encoding="utf-8")
-    (out / "junit.xml").write_bytes(junit.render(results))
+    owned.adopt(out)
+    owned.write(out / "summary.md", markdown.render(results))
+    owned.write(out / "junit.xml", junit.render(results))
     html.render(results, out)

@@ -1,4 +1,4 @@
-"""The moving picture of a case: where every link is, as the engines' records say, in a small script of its own.
+"""The moving picture of a case: the places of all links, from the engines' records, in a small script of its own.
 
 The deformed shape is that of flexinv's nodes; of the other engines the tips are known, which the page draws over it.
 """
@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.record import XYZ, Record
+from crosscheck import output_folder as owned
+from crosscheck.measures.record import XYZ, Record
 from crosscheck.report.encoding import encode
-from crosscheck.results import CaseRow
+from crosscheck.verdicts.results import CaseRow
 
 Array = NDArray[np.float64]
 FRAMES = 150  # some five seconds of 30 frames; the page draws positions between them
@@ -28,7 +29,7 @@ def write(case: CaseRow, records: Mapping[str, Record], folder: Path) -> bool:
     if data is None:
         return False
     text = f"crosscheckData({json.dumps(case.slug + '/animation')}, {json.dumps(data, allow_nan=False)});\n"
-    (folder / "animation.js").write_text(text, encoding="utf-8")
+    owned.write(folder / "animation.js", text)
     return True
 
 

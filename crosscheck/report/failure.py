@@ -1,10 +1,10 @@
-"""What a comparison that failed says in a test run: what differs, by how much, where, how sure that is, and what to do."""
+"""Message of a comparison that failed in a test run: what differs, by how much, where, how sure that is, and what to do."""
 
 from __future__ import annotations
 
-from crosscheck.baseline import HOW, UNBLESSED, noise
-from crosscheck.compare import Comparison
 from crosscheck.report.words import short
+from crosscheck.verdicts.baseline import HOW, UNBLESSED, noise
+from crosscheck.verdicts.compare import Comparison
 
 HEADS = {
     "deviation": "differs from {reference} by more than its limit",
@@ -62,6 +62,8 @@ def _measured(row: Comparison) -> dict[str, str]:
         share = row.error_bar / row.maximum if row.maximum else float("inf")
         part = "all" if share >= 1 else f"at most {100 * share:.2g} %" if share > 1e-3 else "less than 0.1 %"
         lines["error bars"] = f"{short(row.error_bar)}{unit} of both engines together: {part} of the difference"
+        if row.unordered:
+            lines["error bars"] += f"; no bar of {row.unordered}, whose runs show no order"
     return lines
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 from collections.abc import Iterable, Mapping
 from importlib import resources
 from pathlib import Path
@@ -16,12 +15,13 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from crosscheck import changes
-from crosscheck.compare import Comparison
-from crosscheck.limits import Verdict, worst
-from crosscheck.report import reasons, words
+from crosscheck import output_folder as owned
+from crosscheck.measures.limits import Verdict, worst
+from crosscheck.report import changed, words
+from crosscheck.report import explanations as reasons
 from crosscheck.report.plots import write_case
-from crosscheck.results import CaseRow, Results, StudyRow, slug
+from crosscheck.verdicts.compare import Comparison
+from crosscheck.verdicts.results import CaseRow, Results, StudyRow, slug
 
 ASSETS = ("report.css", "theme.js", "plots.js", "trends.js", "animation.js")
 
@@ -65,7 +65,7 @@ def environment() -> jinja2.Environment:
 
 def write_page(env: jinja2.Environment, template: str, file: Path, **view: Any) -> None:
     """Render one page."""
-    file.write_text(env.get_template(template).render(**view), encoding="utf-8")
+    owned.write(file, env.get_template(template).render(**view))
 
 
 def assets(out: Path) -> None:
@@ -73,15 +73,13 @@ def assets(out: Path) -> None:
     folder = out / "assets"
     folder.mkdir(exist_ok=True)
     for name in ASSETS:
-        text = resources.files("crosscheck.report").joinpath("assets", name).read_text(encoding="utf-8")
-        (folder / name).write_text(text, encoding="utf-8")
+        owned.write(folder / name, resources.files("crosscheck.report").joinpath("assets", name).read_bytes())
     library = resources.files("plotly").joinpath("package_data", "plotly.min.js")
-    with resources.as_file(library) as source:
-        shutil.copyfile(source, folder / "plotly.min.js")
+    owned.write(folder / "plotly.min.js", library.read_bytes())
 
 
 def index_view(results: Results, trends: bool = False) -> dict[str, Any]:
-    """Return what the first page shows."""
+    """Return the contents of the first page."""
     groups = words.by_mechanism(results.cases)
     matrix = {
         mechanism: [(case, [words.cell(results, case, e.name) for e in results.engines]) for case in cases]
@@ -96,13 +94,13 @@ def index_view(results: Results, trends: bool = False) -> dict[str, Any]:
         "matrix": matrix,
         "engines": words.engines_alike(results.engines),
         "limits": [(c, line) for c in results.cases for line in c.unused_limits],
-        "changed": changes.sentence(results.changes),
+        "changed": changed.sentence(results.changes),
         "trends": trends,
     }
 
 
 def case_view(results: Results, case: CaseRow, out: Path) -> dict[str, Any]:
-    """Return what the page of a case shows; its data files are written on the way."""
+    """Return the contents of the page of a case; its data files are written on the way."""
     cells = [words.cell(results, case, e.name) for e in results.engines]
     return {
         "results": results,
@@ -127,12 +125,12 @@ def standing(cells: Iterable[words.Cell]) -> Verdict:
 
 
 def skipped_last(row: Comparison) -> bool:
-    """Return whether there is nothing to read in a comparison (a key to sort by)."""
+    """Return True if there is nothing to read in a comparison (a key to sort by)."""
     return row.verdict == "skipped"
 
 
 def study_view(results: Results, study: StudyRow) -> dict[str, Any]:
-    """Return what the page of a study shows."""
+    """Return the contents of the page of a study."""
     plot = study_plot(study) if study.plot is not None and study.rows else None
     judged = {"title": study.title, "columns": study.columns, "rows": study.rows, "judged": True}
     tables = [
@@ -175,7 +173,7 @@ def link(where: CaseRow | StudyRow) -> str:
 
 
 def label(where: CaseRow | StudyRow) -> str:
-    """Return what a case or a study is called."""
+    """Return the name of a case or a study."""
     if isinstance(where, StudyRow):
         return where.title
     return f"{where.mechanism} / {where.case}" if where.case else where.mechanism

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from xml.etree import ElementTree as ET
 
-from crosscheck.compare import Comparison
 from crosscheck.report.words import cause_of, short
-from crosscheck.results import CaseRow, Results, RunRow, StudyRow
+from crosscheck.verdicts.compare import Comparison
+from crosscheck.verdicts.results import CaseRow, Results, RunRow, StudyRow
 
 # XML 1.0 has no way to write these characters (https://www.w3.org/TR/xml/#charsets).
 FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")

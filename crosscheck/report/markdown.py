@@ -5,11 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
-from crosscheck import changes
-from crosscheck.report import words
-from crosscheck.report.reasons import causes, why
+from crosscheck.report import changed, words
+from crosscheck.report.explanations import causes, why
 from crosscheck.report.words import SIGNS, cell, duration, sentence, short, study_line, troubles
-from crosscheck.results import Results
+from crosscheck.verdicts.results import Results
 
 SPECIAL = re.compile(r"([\\`*_\[\]|~<>&$@])")
 
@@ -18,7 +17,7 @@ def render(results: Results) -> str:
     """Return the summary as GitHub-flavoured Markdown."""
     parts = [f"# {sentence(results)}", "", f"{escape(results.started)}, {duration(results.elapsed)}", ""]
     if results.changes:
-        parts += ["## Changes", "", escape(changes.sentence(results.changes)), ""]
+        parts += ["## Changes", "", escape(changed.sentence(results.changes)), ""]
         moved = [
             (v["what"], v["before_verdict"], short(v["before"]), v["after_verdict"], short(v["after"]))
             for v in results.changes["values"]

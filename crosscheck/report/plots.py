@@ -14,12 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.limits import DEFAULT_REFERENCE
-from crosscheck.record import Record, load
+from crosscheck import output_folder as owned
+from crosscheck.measures.limits import DEFAULT_REFERENCE
+from crosscheck.measures.record import Record, load
+from crosscheck.measures.spectrum import RINGING, ringing
 from crosscheck.report import animation
 from crosscheck.report.encoding import encode
-from crosscheck.results import CaseRow, Results, slug
-from crosscheck.spectrum import RINGING, ringing
+from crosscheck.verdicts.results import CaseRow, Results, slug
 
 VISIBLE = 1e-3  # of the range: on a plot 360 pixels high a narrower error bar is inside its line
 HIGHEST = 4.0  # the spectrum is drawn up to this many times the highest marked peak
@@ -36,7 +37,7 @@ def write_case(results: Results, case: CaseRow, out: Path) -> dict[str, Any]:
         data = quantity_data(results, case, records, quantity)
         names[quantity] = list(data["series"])
         text = f"crosscheckData({json.dumps(key)}, {json.dumps(data, allow_nan=False)});\n"
-        (folder / f"{slug(quantity)}.js").write_text(text, encoding="utf-8")
+        owned.write(folder / f"{slug(quantity)}.js", text)
     return {
         "slug": case.slug,
         "engines": list(records),
@@ -57,7 +58,7 @@ def read_records(results: Results, case: CaseRow, out: Path) -> dict[str, Record
 
 
 def quantities(case: CaseRow, records: Mapping[str, Record]) -> list[str]:
-    """Return what is drawn: the quantities that the case compares, and the torque in any case."""
+    """Return the quantities to draw: those that the case compares, and the torque in any case."""
     given = {s.quantity for record in records.values() for s in record.series.values()}
     return [q for q in dict.fromkeys([*case.quantities, "torque"]) if q in given]
 

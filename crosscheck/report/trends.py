@@ -12,9 +12,10 @@ from typing import Any
 
 import sqlalchemy as sql
 
-from crosscheck.history import COMPARISON, METRIC, TIMING, VERSION, Night, ask, nights
+from crosscheck import output_folder as owned
 from crosscheck.report import html
-from crosscheck.results import slug
+from crosscheck.verdicts.history import COMPARISON, METRIC, TIMING, VERSION, Night, ask, nights
+from crosscheck.verdicts.results import slug
 
 MOST = 400  # nights that are drawn, the newest ones: more than a year
 Row = Mapping[str, Any]
@@ -26,6 +27,7 @@ def write(database: sql.Engine, out: Path) -> None:
     shown = nights(database)[-MOST:]
     order = {night.id: k for k, night in enumerate(shown)}
     pages = html.environment()
+    owned.adopt(out)
     folder = out / "trends"
     folder.mkdir(parents=True, exist_ok=True)
     values = _by_case(_kept(database, COMPARISON, order))
@@ -60,7 +62,7 @@ def write(database: sql.Engine, out: Path) -> None:
 def chart(
     title: str, unit: str, curves: Mapping[str, Sequence[Any]], log: bool = False, **limits: Any
 ) -> dict[str, Any]:
-    """Return what a page needs to draw one chart; curves: name -> [[number of the night, value in unit], ...]."""
+    """Return the data of one chart of a page; curves: name -> [[number of the night, value in unit], ...]."""
     return {"title": title, "unit": unit, "curves": dict(curves), "log": log, **limits}
 
 
@@ -75,7 +77,7 @@ def lines(rows: Iterable[Row], order: Mapping[int, int], name: Any, what: str) -
 
 
 def value_name(row: Row) -> str:
-    """Return what a comparison is called in a legend."""
+    """Return the name of a comparison in a legend."""
     against = "" if row["reference"] == "flexinv" else f" against {row['reference']}"
     return f"{row['engine']}{against} {row['quantity']}" + (f" [{row['unit']}]" if row["unit"] else "")
 
@@ -91,7 +93,7 @@ def metric_charts(rows: Sequence[Row], order: Mapping[int, int]) -> list[dict[st
 
 
 def version_marks(shown: Sequence[Night], rows: Iterable[Row]) -> list[dict[str, Any]]:
-    """Return where a version changed from one night to the next: {"night": number, "text": "mujoco 4.0.0 to 4.1.0"}."""
+    """Return the changes of versions from night to night: {"night": number, "text": "mujoco 4.0.0 to 4.1.0"}."""
     known: dict[int, dict[str, str]] = {}
     for row in rows:
         known.setdefault(row["night"], {})[row["package"]] = row["version"]

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from crosscheck.baseline import UNBLESSED
-from crosscheck.compare import Comparison
-from crosscheck.limits import VERDICTS, Verdict, worst
-from crosscheck.report.reasons import causes, diagnosed, why
-from crosscheck.results import CaseRow, Diagnosis, EngineRow, Results, RunRow, StudyRow
+from crosscheck.measures.limits import VERDICTS, Verdict, worst
+from crosscheck.report.explanations import causes, diagnosed, failing, sheets, why
+from crosscheck.verdicts.baseline import UNBLESSED
+from crosscheck.verdicts.compare import Comparison
+from crosscheck.verdicts.results import CaseRow, Diagnosis, EngineRow, Results, RunRow, StudyRow, fails
 
 SIGNS: dict[str, str] = {
     "within": "✓",
@@ -23,19 +23,21 @@ SIGNS: dict[str, str] = {
 }
 MEANINGS: dict[str, str] = {
     "within": "compared, and within the stated limit",
-    "deviation": "compared, and farther apart than the limit allows",
+    "deviation": "compared, and farther apart than the limit allows, or of another mechanism (its certificate does not hold)",
     "error": "an engine or the harness failed: nothing is shown",
-    "explained": "differs for a known cause, which the row names",
+    "explained": "differs for a known cause, or by what both engines' error bars cover: the row says which",
     "unjudged": "compared, but no limit is stated (or it expired), or nothing is blessed yet",
     "skipped": "the engine cannot do this; nothing is claimed",
 }
+
+NAMED = 3  # models that a sentence names; the list below it has all, with the reasons
 
 
 @dataclass(frozen=True)
 class Cell:
     """One field of the matrix: what an engine is worth on one case; leading: the comparison nearest its limit.
 
-    diagnosis : why its efforts deviate, where that was asked
+    diagnosis : why its efforts deviate, where that was asked; certificate : what of its certificate does not hold
     """
 
     case: CaseRow
@@ -45,6 +47,7 @@ class Cell:
     run: RunRow | None
     comparisons: tuple[Comparison, ...]
     diagnosis: Diagnosis | None = None
+    certificate: str = ""
 
     @property
     def cause(self) -> str:
@@ -78,6 +81,8 @@ class Cell:
         messages = [c.message for c in self.comparisons if c.verdict == self.verdict and c.message]
         if self.run is not None and self.run.message:
             messages.insert(0, self.run.message)
+        if self.certificate and self.certificate not in "; ".join(messages):
+            messages.append(f"certificate: {self.certificate}")
         if self.diagnosis is not None:
             messages.append(why(self.diagnosis))
         if self.verdict is None:
@@ -93,42 +98,49 @@ def cell(results: Results, case: CaseRow, engine: str) -> Cell:
     if run is None:
         return Cell(case, engine, None, None, None, rows)
     verdict = run.verdict if run.status != "ok" or not rows else worst(c.verdict for c in rows)
+    certificate = failing(results, *here)
+    if certificate and verdict in ("within", "explained", "skipped"):
+        verdict = "deviation"
     measured = [c for c in rows if c.fraction is not None]
     leading = max(measured, key=nearness, default=None)
-    return Cell(case, engine, verdict, leading, run, rows, diagnosed(results, *here))
+    return Cell(case, engine, verdict, leading, run, rows, diagnosed(results, *here), certificate)
 
 
 def nearness(row: Comparison) -> tuple[int, float]:
-    """Return how near a comparison is to its limit, graver verdicts first (a key to sort by)."""
+    """Return a key to sort comparisons by: graver verdicts first, then the part of the limit that is used."""
     share = row.fraction or 0.0
     return VERDICTS.index(row.verdict), share / row.limit if row.limit else share
 
 
 def counts(results: Results) -> dict[Verdict, int]:
-    """Return how many comparisons have each verdict."""
+    """Return the number of comparisons by verdict."""
     return {v: sum(c.verdict == v for c in results.comparisons) for v in reversed(VERDICTS)}
 
 
 def sentence(results: Results) -> str:
-    """Return what a reader has to know first."""
+    """Return the summary of a run that a reader has to know first."""
     tally = counts(results)
     judged = sum(tally.values()) - tally["skipped"] - tally["explained"]
     failed = sum(r.verdict == "error" for r in results.runs)
     broken = {(r.mechanism, r.case, r.engine) for r in results.runs if r.verdict == "error"}
     alone = [c for c in results.comparisons if c.verdict == "error" and not _engines(c) & broken]
     bare = [c for c in results.comparisons if c.verdict == "unjudged" and UNBLESSED not in c.message]
+    others = {(line.mechanism, line.case, line.engine) for line in results.certificates if fails(line)}
     parts = [
         _count(tally["deviation"], "comparison deviates", "comparisons deviate"),
         _count(len(bare), "comparison has no limit", "comparisons have no limit"),
         _count(tally["unjudged"] - len(bare), "comparison is not blessed yet", "comparisons are not blessed yet"),
         _count(len(alone), "comparison is impossible", "comparisons are impossible"),
+        _count(len(others), "certificate does not hold", "certificates do not hold"),
         _count(failed, "run failed", "runs failed"),
-        _count(sum(bool(c.problem) for c in results.cases), "model cannot be read", "models cannot be read"),
+        _unread([c.mechanism for c in results.cases if c.problem]),
         _count(sum(s.verdict not in ("within", "skipped") for s in results.studies), "study is off", "studies are off"),
         _count(len(results.baseline.get("gone", ())), "blessed comparison is gone", "blessed comparisons are gone"),
         results.message,
     ]
     wrong = [part for part in parts if part]
+    if not wrong and results.finished and results.cases and not results.compared:
+        return "Nothing was compared."
     if not wrong and results.exit_code == 0:
         named = _count(tally["explained"], "more differs for a named cause", "more differ for a named cause")
         if judged:
@@ -143,6 +155,12 @@ def sentence(results: Results) -> str:
     return _some_within(tally["within"], judged, *_COMPARISONS) + "; " + ", ".join(wrong) + "."
 
 
+def _unread(names: Sequence[str]) -> str:
+    """Return the number of models that cannot be read, the first ones by name, in words; "" for none."""
+    shown = ", ".join(names[:NAMED]) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
+    return f"{_count(len(names), 'model cannot be read', 'models cannot be read')} ({shown})" if names else ""
+
+
 def troubles(results: Results) -> list[tuple[Verdict, CaseRow | StudyRow, str, str]]:
     """Return everything that is not as it should be: verdict, case or study, what, message; the gravest first."""
     rows: list[tuple[Verdict, CaseRow | StudyRow, str, str]] = []
@@ -153,8 +171,11 @@ def troubles(results: Results) -> list[tuple[Verdict, CaseRow | StudyRow, str, s
         runs = [r for r in results.runs if (r.mechanism, r.case) == here and r.verdict == "error"]
         rows += [("error", case, r.engine, f"{r.status}: {r.message}") for r in runs]
         failed = {r.engine for r in runs}
+        torn = [sheet for sheet in sheets(results, case) if sheet.verdict == "deviation"]
+        rows += [("deviation", case, f"{sheet.engine} certificate", sheet.words) for sheet in torn]
         for c in results.comparisons:
-            known = c.verdict in ("within", "skipped", "explained") or {c.engine, c.reference} & failed
+            known = c.verdict in ("within", "skipped", "explained") or bool({c.engine, c.reference} & failed)
+            known = known or (c.verdict == "deviation" and c.message == c.uncertified)  # said by the row above
             if (c.mechanism, c.case) == here and not known:
                 text = "; ".join(filter(None, [c.message, cause_of(results, c)]))
                 rows.append((c.verdict, case, f"{c.engine} {c.quantity}", text))
@@ -163,7 +184,7 @@ def troubles(results: Results) -> list[tuple[Verdict, CaseRow | StudyRow, str, s
 
 
 def cause_of(results: Results, row: Comparison) -> str:
-    """Return what a comparison of efforts deviates for, where a cause is named; "" else."""
+    """Return the named cause of a comparison of efforts that deviates; "" where none is named."""
     one = diagnosed(results, row.mechanism, row.case, row.engine) if row.quantity == "torque" else None
     return f"cause: {why(one)}" if one is not None and one.named and one.reference == row.reference else ""
 

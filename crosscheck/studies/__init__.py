@@ -2,7 +2,7 @@
 
 A study's function returns a dict: ``text``, ``columns`` [(key, title, unit)], ``rows`` [{key: value, "verdict": ...}]
 and perhaps ``plot`` {"x": key, "y": key, "group": key, "log": bool}: one curve for every value of the group's column;
-``figures`` and ``tables`` beside the one that is judged (``crosscheck.results.StudyRow`` says how they look).
+``figures`` and ``tables`` beside the one that is judged (``crosscheck.verdicts.results.StudyRow`` says how they look).
 Where it does not apply it returns {"status": "skipped", "message": why}.
 """
 

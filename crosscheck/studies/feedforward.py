@@ -1,4 +1,4 @@
-"""Feed-forward: torques that flexinv finds for the path of a tip drive the free arm of another engine; how far is its tip off?"""
+"""Feed-forward: torques that flexinv finds for the path of a tip drive the free arm of another engine; error of its tip."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.engines import ENGINES, missing
-from crosscheck.engines.replay import Drive
+from crosscheck.engines.shared.replay import Drive
 from flexinv.errors import InputError
-from flexinv.files.mechanism_file import load_mechanism
-from flexinv.files.tasks import Task, load_tasks
-from flexinv.following import INVERSION, RIGID, Following, follow
-from flexinv.mechanism import Mechanism
+from flexinv.files.load_mechanism import load_mechanism
+from flexinv.model.mechanism import Mechanism
+from flexinv.tracking.follow import INVERSION, RIGID, Following, follow
+from flexinv.tracking.task_file import Task, load_tasks
 
 Array = NDArray[np.float64]
 # What stable inversion has to reach in an engine that bends: of the path's length, and against the other two.
@@ -69,7 +69,7 @@ def task_rows(mechanism: Mechanism, task: Task) -> Iterator[dict[str, Any]]:
 
 
 def followed(mechanism: Mechanism, task: Task) -> Following:
-    """Return what follows the path of a task [m, rad, s, N m]; the mechanism has the task's mesh already."""
+    """Return the solution that follows the path of a task [m, rad, s, N m]; the mechanism has the task's mesh already."""
     return follow(mechanism, task.path, task.frame, task.step, task.before, task.after, task.start)
 
 
@@ -103,7 +103,7 @@ Replayed = Callable[[Mechanism, Following, str], dict[str, Array]]
 
 
 def replays(flexible: bool) -> dict[str, Replayed]:
-    """Return what replays a feed-forward, by engine, flexinv itself first: tips by link (samples, 3) [m]."""
+    """Return the replays of a feed-forward, by engine, flexinv itself first: tips by link (samples, 3) [m]."""
     out: dict[str, Replayed] = {"flexinv": lambda m, found, name: found.replay(name).tip}
     for engine in ("exudyn-ge",) if flexible else ("pinocchio", "mujoco"):
         if missing(ENGINES[engine]) is None:
@@ -117,19 +117,19 @@ def _drive(found: Following, name: str) -> Drive:
 
 
 def _exudyn(m: Mechanism, found: Following, name: str) -> dict[str, Array]:
-    from crosscheck.engines.exudyn_replay import replay
+    from crosscheck.engines.exudyn.replay import replay
 
     drive = _drive(found, name)
     return replay(m, drive, elements=8, step=drive.spacing / 2)
 
 
 def _pinocchio(m: Mechanism, found: Following, name: str) -> dict[str, Array]:
-    from crosscheck.engines.pinocchio_replay import replay
+    from crosscheck.engines.pinocchio.replay import replay
 
     return replay(m, _drive(found, name))
 
 
 def _mujoco(m: Mechanism, found: Following, name: str) -> dict[str, Array]:
-    from crosscheck.engines.mujoco_replay import replay
+    from crosscheck.engines.mujoco.replay import replay
 
     return replay(m, _drive(found, name))

@@ -1,4 +1,4 @@
-"""The paper's incremental mode on its first example: how the torque error falls with the number of steps."""
+"""The paper's incremental mode on its first example: the torque error over the number of steps."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from flexinv.differences import ORDER
-from flexinv.files.case import Case, load_cases
-from flexinv.files.mechanism_file import load_mechanism
-from flexinv.mechanism import Mechanism
-from flexinv.scheme import solve
-from flexinv.torques import joint_torques
+from flexinv.analysis.solve import solve
+from flexinv.files.load_cases import Case, load_cases
+from flexinv.files.load_mechanism import load_mechanism
+from flexinv.kinematics.finite_differences import ORDER
+from flexinv.model.mechanism import Mechanism
+from flexinv.rigid.joint_torques import joint_torques
 
 STEPS = (10, 20, 50, 100, 200, 400)  # the paper's, and two more in which the leading term of the error stands alone
 MODEL = "rigid_3r"

@@ -1,4 +1,4 @@
-"""A measured arm: how much of its drives' torque and of its gauges a rigid and a flexible model explain, unseen."""
+"""A measured arm: the share of unseen drive torques and gauge readings that a rigid and a flexible model explain."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from crosscheck.measured import arm
 from crosscheck.measured.arm import Sensed
 from crosscheck.measured.fit import Fit, bar_of_parameters, deviation_of_explained, explained, identify, rms
 from crosscheck.measured.recording import Recording, read_recording
-from flexinv.files.mechanism_file import load_mechanism
-from flexinv.mechanism import Mechanism
+from flexinv.files.load_mechanism import load_mechanism
+from flexinv.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 FLEXIBLE, RIGID, RECORD = "quanser_2dsfl", "quanser_2dsfl_rigid", "record.csv"
@@ -33,7 +33,7 @@ THIN = 5  # of so many samples the figures draw one
 
 @dataclass(frozen=True)
 class Split:
-    """Which parts of the record are seen and which are not.
+    """Split of the record into seen and unseen parts.
 
     sign : of the seen half replayed as a prediction [-]
     floors : (4,) what the flexible model has to explain of the unseen half [-], torques while their joint slides: what was

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from crosscheck.limits import Verdict
-from crosscheck.robots import LARGEST_ERROR, RobotRow, robot_table
+from crosscheck.measures.limits import Verdict
+from crosscheck.studies.robot_sweep import LARGEST_ERROR, RobotRow, robot_table
 
 TEXT = f"""Joint torques at random states, flexinv against Pinocchio and against MuJoCo: the largest difference over the
 largest torque of that robot. At most {LARGEST_ERROR:g} is within. Damping and dry friction are left out everywhere;
@@ -58,7 +58,7 @@ def table_row(row: RobotRow) -> dict[str, Any]:
 
 
 def verdict(row: RobotRow) -> Verdict:
-    """Return what a robot's row is worth.
+    """Return the verdict on a robot's row.
 
     A difference from MuJoCo whose cause is known, and that is gone once the cause is repaired, is within; a robot that
     flexinv or Pinocchio cannot read is an error.

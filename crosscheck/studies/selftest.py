@@ -7,12 +7,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from crosscheck.benches import BENCHES
 from crosscheck.causes.dictionary import DICTIONARY
-from crosscheck.limits import Verdict
-from crosscheck.results import StudyRow
-from crosscheck.selftest import CLEAN, FOUND, MATTERS, RANK, SIZES, run_bench
+from crosscheck.causes.fault_benches import BENCHES
+from crosscheck.causes.selftest import CLEAN, FOUND, MATTERS, RANK, SIZES, run_bench
+from crosscheck.measures.limits import Verdict
 from crosscheck.studies import Study
+from crosscheck.verdicts.results import StudyRow
 
 ENOUGH = 0.95  # of the faults that matter have to be named
 FEWEST = 25  # causes
@@ -63,7 +63,7 @@ def studies(models: Path, names: Sequence[str]) -> tuple[Study, ...]:
 
 
 def verdict(row: Mapping[str, Any]) -> Verdict:
-    """Return what a planted fault is worth: found, missed, or too small to have to be found."""
+    """Return the verdict on a planted fault: found, missed, or too small to have to be found."""
     if row["outcome"] in FOUND:
         return "within"
     return "deviation" if row["change"] >= MATTERS or row["cause"] == CLEAN else "skipped"
@@ -132,12 +132,12 @@ def faults_of(tables: Iterable[StudyRow]) -> list[dict[str, Any]]:
 
 
 def targets(tables: Iterable[StudyRow], whole: bool = True) -> list[dict[str, Any]]:
-    """Return what is demanded of the benches, what was reached, and the verdict, one line each."""
+    """Return the demands on the benches, the values reached, and the verdict, one line each."""
     return _targets(faults_of(tables), whole)
 
 
 def _targets(rows: Sequence[Mapping[str, Any]], whole: bool) -> list[dict[str, Any]]:
-    """Return what is demanded, what was reached, and the verdict, one line each."""
+    """Return the demands, the values reached, and the verdict, one line each."""
     counts = figures(rows)
     alone = {r["cause"] for r in rows if r["outcome"] == "alone"}
     missing = [cause for cause in ALL if cause not in alone]

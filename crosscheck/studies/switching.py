@@ -15,19 +15,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import null_space, qr
 
-from crosscheck.engines import ENGINES, adapter, missing, phases
+from crosscheck.engines import ENGINES, adapter, missing
 from crosscheck.engines.base import sample_times
-from crosscheck.record import Record
-from flexinv.closures import constraint_jacobian, constraint_rows
+from crosscheck.engines.shared import phases
+from crosscheck.measures.record import Record
+from flexinv.analysis.solution import Solution
+from flexinv.analysis.solve import solve
+from flexinv.constraints.closures import constraint_jacobian, constraint_rows
 from flexinv.errors import InputError
-from flexinv.files.case import Case, load_cases
-from flexinv.files.mechanism_file import load_mechanism
-from flexinv.mechanism import WORLD, Mechanism
-from flexinv.mesh import build
-from flexinv.motion import Motion, Triple
-from flexinv.rigid import rigid_motion
-from flexinv.scheme import solve
-from flexinv.solution import Solution
+from flexinv.files.load_cases import Case, load_cases
+from flexinv.files.load_mechanism import load_mechanism
+from flexinv.kinematics.mesh import build
+from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.model.mechanism import WORLD, Mechanism
+from flexinv.model.motion import Motion
+from flexinv.typing import Triple
 
 Array = NDArray[np.float64]
 # Largest difference over the range of the torque.  Engines of closed formulas: what is asked for of rigid phases.  In
@@ -155,7 +157,7 @@ def difference(whole: Record, own: Record, part: Separate) -> float:
 
 
 def describe(part: Separate) -> str:
-    """Return what the separate mechanism is, in words."""
+    """Return the separate mechanism in words."""
     given = part.case.motion.joints(part.mechanism)
     if not part.mechanism.closures:
         return "open tree"
@@ -173,16 +175,20 @@ def separate(mechanism: Mechanism, case: Case) -> list[Separate]:
     return [_separate(s, case, first, last) for first, last in pairwise(bounds)]
 
 
-def _separate(s: Solution, case: Case, first: int, last: int) -> Separate:
+def _separate(solution: Solution, case: Case, first: int, last: int) -> Separate:
     time = sample_times(case)
-    now = _left_alone(phases.acting(s.mechanism, float(time[first])), case)
-    names = _given(s, now, case, (first + last) // 2)
+    now = _left_alone(phases.acting(solution.mechanism, float(time[first])), case)
+    names = _given(solution, now, case, (first + last) // 2)
     motion = Excerpt(case.motion.tracks, case.motion.duration, float(time[first]), frozenset(names))
-    start = {j.name: s.q[first, s.mechanism.q_slices[j.name]] for j in now.joints if j.nv and j.name not in names}
+    start = {
+        j.name: solution.q[first, solution.mechanism.q_slices[j.name]]
+        for j in now.joints
+        if j.nv and j.name not in names
+    }
     end = (last - 1 - first) * case.sample
     own = replace(case, motion=motion, start=start, end=end)
-    still = not (np.abs(s.qd[first]).max() > 1e-6 or np.abs(s.qdd[first]).max() > 1e-3)
-    acting = tuple(c.name for c in phases.acting(s.mechanism, float(time[first])).closures)
+    still = not (np.abs(solution.qd[first]).max() > 1e-6 or np.abs(solution.qdd[first]).max() > 1e-3)
+    acting = tuple(c.name for c in phases.acting(solution.mechanism, float(time[first])).closures)
     return Separate(now, own, slice(first, last), acting, still)
 
 
@@ -207,12 +213,12 @@ def _left_alone(mechanism: Mechanism, case: Case) -> Mechanism:
     )
 
 
-def _given(s: Solution, now: Mechanism, case: Case, sample: int) -> set[str]:
+def _given(solution: Solution, now: Mechanism, case: Case, sample: int) -> set[str]:
     """As many joints of the motion as the closed mechanism has freedoms, those that tell them apart best."""
     names = [j.name for j in now.joints if j.name in case.motion.joints(now)]
     if not now.closures:
         return set(names)
-    mesh, q = build(now), np.concatenate([s.q[sample, s.mechanism.q_slices[j.name]] for j in now.joints])
+    mesh, q = build(now), np.concatenate([solution.q[sample, solution.mechanism.q_slices[j.name]] for j in now.joints])
     rest = np.zeros((1, now.nv))
     motions = null_space(
         constraint_jacobian(mesh, rigid_motion(mesh, q[None], rest, rest), constraint_rows(mesh))[0], rcond=1e-9

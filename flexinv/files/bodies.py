@@ -9,7 +9,8 @@ import numpy as np
 from flexinv.errors import InputError
 from flexinv.files.schema import BodyTable, CylinderTable, PayloadTable, RodTable
 from flexinv.files.toml_tables import complaint, place
-from flexinv.mechanism import Array, Body, Inertia
+from flexinv.model.mechanism import Body, Inertia
+from flexinv.typing import Array
 
 # Relative to the largest moment: files carry about seven digits, so a thin plate's xx + yy = zz is met to 1e-6.
 DIGITS = 1e-6
@@ -17,7 +18,7 @@ SHAPES = ("inertia_kgm2", "rod", "box", "cylinder", "sphere")
 
 
 def impossible(tensor: Array) -> str:
-    """Say why no body has this inertia tensor (3, 3) [kg m^2]; ``""`` when one has.
+    """Return the reason why no body has this inertia tensor (3, 3) [kg m^2]; ``""`` when one has.
 
     A body's tensor is symmetric, its principal moments are p >= 0 and p_i + p_j >= p_k.
     """
@@ -55,7 +56,7 @@ def shape_inertia(table: BodyTable, mass: float) -> tuple[Array, Array | None]:
 
 
 def far_end(table: RodTable | CylinderTable) -> Array:
-    """Return where a rod or cylinder ends, (3,) [m]; it begins at the frame's origin."""
+    """Return the end point of a rod or cylinder, (3,) [m]; it begins at the frame's origin."""
     end = np.zeros(3)
     end["xyz".index(table.along)] = table.length_m
     return end

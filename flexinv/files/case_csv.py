@@ -17,8 +17,10 @@ import numpy as np
 
 from flexinv.errors import InputError
 from flexinv.files.toml_tables import complaint
-from flexinv.files.unit_keys import UNITS, nearest
-from flexinv.mechanism import COORDINATES, Array, Joint, Mechanism
+from flexinv.files.unit_keys import UNITS
+from flexinv.model.mechanism import COORDINATES, Joint, Mechanism
+from flexinv.typing import Array
+from flexinv.validation import nearest
 
 LARGEST_FILE = 64 << 20  # [byte]: a million samples of a robot
 GAP = 3.0  # an interval this many times the median one is samples lost, not a change of pace

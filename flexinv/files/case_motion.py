@@ -21,9 +21,10 @@ from flexinv.files.case_schema import (
     TwoAnglesTable,
 )
 from flexinv.files.toml_tables import complaint, place, validate
-from flexinv.files.unit_keys import nearest
-from flexinv.mechanism import Array, Joint, Mechanism
-from flexinv.motion import Motion
+from flexinv.model.mechanism import Joint, Mechanism
+from flexinv.model.motion import Motion
+from flexinv.typing import Array
+from flexinv.validation import nearest
 
 Reader = Callable[[Any], Array]
 Timing = tuple[str, float, float, float]  # law, duration, hold, delay [s]

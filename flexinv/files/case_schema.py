@@ -8,19 +8,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from flexinv import arguments
-from flexinv.files.toml_tables import (
-    Name,
-    NotNegative,
-    Number,
-    Positive,
-    Table,
-    Text,
-    Vector,
-    key,
-    read_toml,
-    validate,
-)
+from flexinv import validation as arguments
+from flexinv.files.toml_tables import Name, NotNegative, Number, Positive, Table, Text, Vector, key, read_toml, validate
 
 QUANTITIES = ("torque", "wrench", "reaction", "tip", "deflection", "axial", "internal", "frequency")
 # Comparisons with a release, separated by commas, as in requirements of packages (PEP 440).
@@ -33,7 +22,7 @@ Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
 
 
 class MoveTable(Table):
-    """How one joint moves; law and times are those of the motion where the joint does not say."""
+    """Move of one joint; law and times default to those of the motion."""
 
     law: Law | None = key(f"one of {LAWS}", 'law = "cycloid"', default=None)
     duration_s: Positive | None = key("how long the move takes, > 0 [s]", "duration_s = 1.0", default=None)
@@ -97,34 +86,34 @@ class PoseTable(RotationTable):
 
 
 class AngleStartTable(Table):
-    """Where a revolute or continuous joint starts."""
+    """Start angle of a revolute or continuous joint."""
 
     deg: Number | None = key("the angle [deg]", "deg = 30", default=None)
     rad: Number | None = key("the angle [rad]", "rad = 0.5", default=None)
 
 
 class PositionStartTable(Table):
-    """Where a prismatic joint starts."""
+    """Start position of a prismatic joint."""
 
     m: Number | None = key("the position [m]", "m = 0.1", default=None)
 
 
 class TwoAnglesStartTable(Table):
-    """Where a universal joint starts."""
+    """Start angles of a universal joint."""
 
     deg: Pair | None = key("two angles [deg]", "deg = [10, -5]", default=None)
     rad: Pair | None = key("two angles [rad]", "rad = [0.2, -0.1]", default=None)
 
 
 class RotationStartTable(Table):
-    """Where a spherical joint starts."""
+    """Start orientation of a spherical joint."""
 
     quaternion: Quaternion | None = key("x, y, z, w [-]", "quaternion = [0, 0, 0, 1]", default=None)
     rpy_deg: Vector | None = key("roll, pitch, yaw [deg]", "rpy_deg = [0, 0, 90]", default=None)
 
 
 class PoseStartTable(RotationStartTable):
-    """Where a free joint starts."""
+    """Start pose of a free joint."""
 
     xyz_m: Vector | None = key("the position [m]", "xyz_m = [0, 0, 1]", default=None)
 
@@ -152,7 +141,7 @@ class MotionTable(Table):
 
 
 class LimitTable(Table):
-    """How far an engine may be from the reference, and why that is right."""
+    """Largest allowed difference of an engine from the reference, and the reason for it."""
 
     quantity: Literal["torque", "wrench", "reaction", "tip", "deflection", "axial", "internal", "frequency"] = key(
         f"one of {', '.join(QUANTITIES)}", 'quantity = "torque"'

@@ -1,4 +1,4 @@
-"""Where a case starts: positions of the joints that its motion leaves out; in a loop, the guess that picks the branch."""
+"""Start of a case: positions of the joints that its motion leaves out; in a loop, the guess that selects the branch."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ from flexinv.files.case_schema import (
     TwoAnglesStartTable,
 )
 from flexinv.files.toml_tables import Table, complaint, place, validate
-from flexinv.files.unit_keys import nearest
-from flexinv.mechanism import Array, Mechanism
-from flexinv.motion import Motion
+from flexinv.model.mechanism import Mechanism
+from flexinv.model.motion import Motion
+from flexinv.typing import Array
+from flexinv.validation import nearest
 
 # kind -> its table, the parts of its coordinates (each by the key that states it), an example to write
 STARTS: dict[str, tuple[type[Table], tuple[dict[str, Reader], ...], str]] = {

@@ -1,4 +1,4 @@
-"""What ties and pulls links of a mechanism file beside its joints: closures of loops, springs between points, forces."""
+"""Closures of loops, springs between points and applied forces: tables of a mechanism file beside links and joints."""
 
 from __future__ import annotations
 
@@ -28,8 +28,9 @@ from flexinv.files.toml_tables import (
     toml_text,
     validate,
 )
-from flexinv.files.unit_keys import nearest
-from flexinv.mechanism import CLOSURES, COUPLED, IMPACTS, WORLD, Array, Attachment, Closure, Force, Joint, Link, Spring
+from flexinv.model.mechanism import CLOSURES, COUPLED, IMPACTS, WORLD, Attachment, Closure, Force, Joint, Link, Spring
+from flexinv.typing import Array
+from flexinv.validation import nearest
 
 KINDS = '"revolute", "prismatic", "cylindrical", "universal", "spherical", "point-on-line", "fixed" or "coupling"'
 IMPACT = '"error" (the default) or "plastic", which stops them at once'

@@ -8,7 +8,7 @@ from pathlib import Path
 from flexinv.errors import InputError
 from flexinv.files.schema import DampingTable
 from flexinv.files.toml_tables import complaint, place
-from flexinv.mechanism import Mechanism
+from flexinv.model.mechanism import Mechanism
 
 # So many modes are named in the note that says what a ratio at one of them makes of the others.
 NAMED = 4
@@ -18,7 +18,7 @@ def damped(mechanism: Mechanism, table: DampingTable | None, file: Path) -> Mech
     """Return the mechanism with the damping of its file [s], [-], and a note of what follows from a ratio."""
     if table is None:
         return mechanism
-    from flexinv.retardation import with_ratio, with_retardation
+    from flexinv.linearized.damping_ratio import with_ratio, with_retardation
 
     where = place(file, "damping", "ratio")
     if (table.retardation_s is None) == (table.ratio is None):

@@ -7,7 +7,7 @@ from typing import Literal
 
 from flexinv.errors import InputError
 from flexinv.files.toml_tables import NotNegative, Positive, Table, complaint, key, place
-from flexinv.mechanism import Drive
+from flexinv.model.mechanism import Drive
 
 
 class MotorTable(Table):

@@ -26,8 +26,9 @@ from flexinv.files.toml_tables import (
     toml_text,
     validate,
 )
-from flexinv.files.unit_keys import nearest
-from flexinv.mechanism import COORDINATES, Array, Joint, Limits, Placement
+from flexinv.model.mechanism import COORDINATES, Joint, Limits, Placement
+from flexinv.typing import Array
+from flexinv.validation import nearest
 
 KINDS = '"revolute", "continuous", "prismatic", "spherical", "universal", "fixed" or "free"'
 AXIS = "the axis in the joint frame, three numbers [-]"
@@ -36,7 +37,7 @@ UNIT = 1e-6
 
 
 class LimitsTable(Table):
-    """What a rotary drive can give; a continuous joint has no position limits."""
+    """Limits of a rotary drive; a continuous joint has no position limits."""
 
     effort_Nm: Positive | None = key("the largest torque, > 0 [N m]", "effort_Nm = 150", default=None)
     velocity_rad_per_s: Positive | None = key(
@@ -45,14 +46,14 @@ class LimitsTable(Table):
 
 
 class RotaryLimitsTable(LimitsTable):
-    """What a rotary drive can give and where it may go."""
+    """Limits of a rotary drive, position limits included."""
 
     lower_rad: Number | None = key("the lowest angle [rad]", "lower_rad = -3.14", default=None)
     upper_rad: Number | None = key("the highest angle [rad]", "upper_rad = 3.14", default=None)
 
 
 class LinearLimitsTable(Table):
-    """What a linear drive can give and where it may go."""
+    """Limits of a linear drive, position limits included."""
 
     effort_N: Positive | None = key("the largest force, > 0 [N]", "effort_N = 500", default=None)
     velocity_m_per_s: Positive | None = key("the largest speed, > 0 [m/s]", "velocity_m_per_s = 0.5", default=None)
@@ -104,7 +105,7 @@ class LinearDrive(Table):
 
 
 class JointTable(Table):
-    """What every joint states: what it joins and where."""
+    """Keys of every joint: the links that it connects and its placement."""
 
     kind: str = key(f"one of {KINDS}", 'kind = "revolute"')
     parent: Name = key('the link it hangs on, or "world"', 'parent = "world"')
@@ -223,7 +224,7 @@ def read_joint(data: Any, file: Path, name: str) -> Joint:
 
 
 def drive(table: Table, file: Path, path: str) -> dict[str, Any]:
-    """Return what a drive or joint table states about rotor [kg m^2 or kg], damping, friction, spring and actuation."""
+    """Return rotor [kg m^2 or kg], damping, friction, spring and actuation as a drive or joint table states them."""
     names = {
         "rotor_inertia": ("rotor_inertia_kgm2", "rotor_inertia_kg"),
         "damping": ("damping_Nms_per_rad", "damping_Ns_per_m"),
@@ -239,7 +240,7 @@ def drive(table: Table, file: Path, path: str) -> dict[str, Any]:
 
 
 def _rest(table: Table, stiffness: float, file: Path, path: str) -> float:
-    """Where the joint's spring has no effort [rad] or [m]."""
+    """Return the position at which the joint's spring has no effort [rad] or [m]."""
     named = [k for k in ("rest_rad", "rest_deg", "rest_m") if k in table.model_fields_set]
     if len(named) > 1:
         raise InputError(

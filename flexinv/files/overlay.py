@@ -1,4 +1,4 @@
-"""What a mechanism file lays over its URDF: payloads, drives, and links that become beams."""
+"""Overlay of a mechanism file on its URDF: payloads, drives, and links that become beams."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ from flexinv.files.joints import DRIVES, drive
 from flexinv.files.schema import OverlayBeamTable, OverlayLinkTable, OverlayTable
 from flexinv.files.sections import CrossSection, section_along
 from flexinv.files.toml_tables import complaint, place, validate
-from flexinv.files.unit_keys import nearest
-from flexinv.mechanism import Array, Beam, Body, Inertia, Joint, Link, Mechanism, Placement
+from flexinv.model.mechanism import Beam, Body, Inertia, Joint, Link, Mechanism, Placement
+from flexinv.typing import Array
+from flexinv.validation import nearest
 
 
 def overlaid(mechanism: Mechanism, table: OverlayTable, sections: Mapping[str, CrossSection], file: Path) -> Mechanism:

@@ -185,7 +185,7 @@ class RigidLinkTable(BodyTable):
 
 
 class StationTable(Table):
-    """Which section a beam has at a fraction of its length."""
+    """Section of a beam at a fraction of its length."""
 
     at: Fraction = key("the fraction 0..1 of the length [-]", "at = 0.5")
     section: Name = key("the name of a table [sections.NAME]", 'section = "tube"')
@@ -200,7 +200,7 @@ class CurvatureTable(Table):
 
 
 class MeshTable(Table):
-    """How a beam is divided and which section it has: what native and overlaid beams share."""
+    """Mesh and section of a beam: the keys that native and overlaid beams share."""
 
     section: Any = key(
         'the name of a [sections.NAME], or stations [{ at = 0, section = "A" }, ...]', 'section = "tube"'
@@ -255,7 +255,7 @@ class StiffnessSectionTable(Table):
 
 
 class MaterialTable(Table):
-    """What sections by geometry share: the material."""
+    """Material: the keys that all sections given by their geometry share."""
 
     E_Pa: Positive = key("Young's modulus, a number > 0 [Pa]", "E_Pa = 70e9")
     nu: Annotated[Number, Field(gt=-1, le=0.5)] | None = key(
@@ -328,7 +328,7 @@ class OverlayBeamTable(MeshTable):
 
 
 class OverlayLinkTable(Table):
-    """What is laid over a link of the URDF."""
+    """Overlay of one link of the URDF."""
 
     beam: OverlayBeamTable | None = key("a table [overlay.links.NAME.beam]", "[overlay.links.NAME.beam]", default=None)
     payload: list[PayloadTable] = key(
@@ -341,7 +341,7 @@ class OverlayLinkTable(Table):
 
 
 class OverlayTable(Table):
-    """What is laid over the URDF."""
+    """Overlay of the URDF: its links and joints."""
 
     links: dict[str, Any] = key("tables [overlay.links.NAME]", "[overlay.links.NAME]", default={})
     joints: dict[str, Any] = key("tables [overlay.joints.NAME]", "[overlay.joints.NAME]", default={})

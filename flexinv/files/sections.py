@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,9 @@ from flexinv.files.schema import (
     TubeTable,
 )
 from flexinv.files.toml_tables import complaint, place, toml_text, validate
-from flexinv.files.unit_keys import nearest
-from flexinv.mechanism import Array, Section
+from flexinv.model.mechanism import Section
+from flexinv.typing import Array
+from flexinv.validation import nearest
 
 SHAPES: dict[str, type[RectangleTable] | type[CircleTable] | type[TubeTable]] = {
     "rectangle": RectangleTable,
@@ -29,17 +31,32 @@ SHAPES: dict[str, type[RectangleTable] | type[CircleTable] | type[TubeTable]] = 
 }
 
 
+ShapeTable = RectangleTable | CircleTable | TubeTable
+# What is not a dimension of a shape, or is made one of its moduli.
+MATERIAL = ("E_Pa", "rho_kg_per_m3")
+# A taper is stated at so many stations that what is linear between them is off by this part of it at most: EI goes with the
+# fourth power of dimensions, and 1e-5 is far below what anybody knows of a section.
+TAPER = 1e-5
+MOST_HALVINGS = 16
+
+
 @dataclass(frozen=True)
 class CrossSection:
     """One cross-section: stiffness (6,) [N, N, N, N m^2, N m^2, N m^2], mass [kg/m], rotary inertia (3,) [kg m].
 
-    retardation : (6,) [s], damping over stiffness
+    retardation : (6,) [s], damping over stiffness; table : the shape and material that it follows from, None of numbers
     """
 
     stiffness: tuple[float, ...]
     mass_per_length: float
     rotary_inertia: tuple[float, float, float]
     retardation: tuple[float, ...]
+    table: ShapeTable | None = None
+
+    @property
+    def numbers(self) -> Array:
+        """All of them in one row [N, N m^2, kg/m, kg m, s]."""
+        return np.array([*self.stiffness, self.mass_per_length, *self.rotary_inertia, *self.retardation])
 
 
 def read_section(data: Any, file: Path, name: str) -> CrossSection:
@@ -73,7 +90,7 @@ def _from_numbers(table: StiffnessSectionTable) -> CrossSection:
     return CrossSection(stiffness, table.mass_per_length_kg_per_m, table.rho_I_kgm, table.retardation_s)
 
 
-def _from_geometry(table: RectangleTable | CircleTable | TubeTable) -> CrossSection:
+def _from_geometry(table: ShapeTable) -> CrossSection:
     """EA, k_y GA, k_z GA, G J, E I_y, E I_z; rho A; rho (I_y + I_z), rho I_y, rho I_z."""
     young, shear, poisson = _moduli(table)
     area, torsion, second_y, second_z = _areas(table)
@@ -84,7 +101,7 @@ def _from_geometry(table: RectangleTable | CircleTable | TubeTable) -> CrossSect
     )  # fmt: skip
     rho = table.rho_kg_per_m3
     rotary = (rho * (second_y + second_z), rho * second_y, rho * second_z)
-    return CrossSection(stiffness, rho * area, rotary, table.retardation_s)
+    return CrossSection(stiffness, rho * area, rotary, table.retardation_s, table)
 
 
 def _moduli(table: MaterialTable) -> tuple[float, float, float]:
@@ -95,7 +112,7 @@ def _moduli(table: MaterialTable) -> tuple[float, float, float]:
     return table.E_Pa, table.E_Pa / (2 * (1 + table.nu)), table.nu
 
 
-def _areas(table: RectangleTable | CircleTable | TubeTable) -> tuple[float, float, float, float]:
+def _areas(table: ShapeTable) -> tuple[float, float, float, float]:
     """A [m^2], J, I_y = int z^2 dA, I_z = int y^2 dA [m^4]."""
     if isinstance(table, RectangleTable):
         y, z = table.size_y_m, table.size_z_m
@@ -135,9 +152,10 @@ def shear_factors(table: MaterialTable, nu: float) -> tuple[float, float]:
 
 
 def section_along(value: Any, sections: Mapping[str, CrossSection], file: Path, path: str) -> Section:
-    """Assemble a beam's section from one name or from stations [-]; linear between stations.
+    """Assemble a beam's section from one name or from stations [-].
 
-    Stations begin at 0, end at 1 and increase; one name is a uniform beam.
+    Stations begin at 0, end at 1 and increase; one name is a uniform beam.  Between two sections of one shape dimensions and
+    material are linear (more stations say so), between others stiffness and mass are.
     """
     uniform = isinstance(value, str)
     rows = [{"at": 0.0, "section": value}] if uniform else value
@@ -150,11 +168,56 @@ def section_along(value: Any, sections: Mapping[str, CrossSection], file: Path, 
     at = np.array([table.at for table in tables])
     if not uniform and (at[0] != 0.0 or at[-1] != 1.0 or np.any(np.diff(at) <= 0)):
         raise InputError(complaint(where, f"at = {at.tolist()}", "at increasing from 0 to 1 [-]", advice))
-    parts = [_named(table.section, sections, where) for table in tables]
+    at, parts = _tapered(at, [_named(table.section, sections, where) for table in tables])
     stiffness, retardation = _rows([p.stiffness for p in parts]), _rows([p.retardation for p in parts])
     damping = retardation * stiffness if retardation.any() else None
     mass, rotary = _rows([p.mass_per_length for p in parts]), _rows([p.rotary_inertia for p in parts])
     return Section(at, stiffness, mass, rotary, damping)
+
+
+def _tapered(at: Array, parts: list[CrossSection]) -> tuple[Array, list[CrossSection]]:
+    """The stations with more between those of one shape, wherever what is linear between them would not be the taper."""
+    out: list[tuple[float, CrossSection]] = [(float(at[0]), parts[0])]
+    for (start, first), (end, last) in pairwise(zip(at.tolist(), parts, strict=True)):
+        if first.table is not None and type(first.table) is type(last.table):
+            out += _between(first, last, start, end)
+        out.append((end, last))
+    return np.array([s for s, _ in out]), [part for _, part in out]
+
+
+def _between(first: CrossSection, last: CrossSection, start: float, end: float) -> list[tuple[float, CrossSection]]:
+    """Stations between two of one shape, halved until linear is near enough; stacked instead of nested."""
+    out: list[tuple[float, CrossSection]] = []
+    todo = [(0.0, first, 1.0, last, 0)]
+    while todo:
+        a, one, b, two, depth = todo.pop()
+        middle = _mixed(first, last, (a + b) / 2)
+        exact, chord = middle.numbers, (one.numbers + two.numbers) / 2
+        if depth < MOST_HALVINGS and (np.abs(chord - exact) > TAPER * np.abs(exact)).any():
+            todo += [((a + b) / 2, middle, b, two, depth + 1), (a, one, (a + b) / 2, middle, depth + 1)]
+        elif b < 1.0:
+            out.append((start + b * (end - start), two))
+    return out
+
+
+def _mixed(first: CrossSection, last: CrossSection, part: float) -> CrossSection:
+    """The section at a part of the way from one to another of the same shape: dimensions, E, G, density linear."""
+    a, b = first.table, last.table
+    assert a is not None
+    assert b is not None
+    sizes = [key for key in type(a).model_fields if key.endswith("_m")]
+    change: dict[str, Any] = {key: (1 - part) * getattr(a, key) + part * getattr(b, key) for key in (*sizes, *MATERIAL)}
+    shear = [_moduli(one)[1] for one in (a, b)]
+    change |= {"nu": None, "G_Pa": (1 - part) * shear[0] + part * shear[1]}
+    change["retardation_s"] = _mean(a.retardation_s, b.retardation_s, part)
+    if a.shear_factor or b.shear_factor:
+        first_factor, last_factor = (one.shear_factor or shear_factors(one, _moduli(one)[2]) for one in (a, b))
+        change["shear_factor"] = _mean(first_factor, last_factor, part)
+    return _from_geometry(a.model_copy(update=change))
+
+
+def _mean(first: Sequence[float], last: Sequence[float], part: float) -> tuple[float, ...]:
+    return tuple((1 - part) * x + part * y for x, y in zip(first, last, strict=True))
 
 
 def _named(name: str, sections: Mapping[str, CrossSection], where: str) -> CrossSection:

@@ -12,7 +12,8 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from pydantic.fields import FieldInfo
 
 from flexinv.errors import InputError
-from flexinv.files.unit_keys import correction, nearest
+from flexinv.files.unit_keys import correction
+from flexinv.validation import nearest
 
 LARGEST_FILE = 1 << 20  # [byte]: the largest hand-written mechanism is a thousand times smaller
 LARGEST = 1e30  # no length, mass or stiffness in SI is larger; powers of larger numbers overflow

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Sequence
 
 from flexinv.errors import InputError
 from flexinv.files.toml_tables import complaint
-from flexinv.files.unit_keys import nearest
-from flexinv.mechanism import WORLD, Joint
+from flexinv.model.mechanism import WORLD, Joint
+from flexinv.validation import nearest
 
 # ("joint" or "link", its name, the key) -> the words that name the place in the file
 Where = Callable[[str, str, str], str]

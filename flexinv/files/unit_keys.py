@@ -1,8 +1,7 @@
-"""Keys that end in their unit (``length_m``), and what a key in another unit should have been."""
+"""Keys that end in their unit (``length_m``), and the right key for one in another unit."""
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
 from typing import Any
 
@@ -75,10 +74,3 @@ def correction(key: str, value: Any, known: Iterable[str]) -> tuple[str, Any] | 
         if number is not None:
             return name, number
     return (same[0], value if not unit and len(same) == 1 else None) if same else None
-
-
-def nearest(word: str, known: Iterable[str]) -> str | None:
-    """Return the known word that ``word`` is most like or begins (``gear``: ``gear_ratio``), None when there is none [-]."""
-    words = list(known)
-    found = difflib.get_close_matches(word, words, n=1, cutoff=0.6) or [k for k in words if k.startswith(f"{word}_")]
-    return found[0] if found else None

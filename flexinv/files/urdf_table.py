@@ -1,4 +1,4 @@
-"""Where a mechanism file's URDF lies: inside the models folder, or in an installed package of robots."""
+"""Location of a mechanism file's URDF: inside the models folder, or in an installed package of robots."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from flexinv.errors import InputError
 from flexinv.files.schema import UrdfTable
 from flexinv.files.toml_tables import complaint, place
-from flexinv.files.unit_keys import nearest
+from flexinv.validation import nearest
 
 ROBOTS = "cmeel.prefix/share/example-robot-data/robots"  # where the wheel of example-robot-data puts its robots
 

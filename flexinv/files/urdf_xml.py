@@ -12,8 +12,8 @@ from defusedxml.ElementTree import fromstring
 
 from flexinv.errors import InputError
 from flexinv.files.toml_tables import LARGEST, LONGEST_NAME, complaint
-from flexinv.files.unit_keys import nearest
-from flexinv.mechanism import Array
+from flexinv.typing import Array
+from flexinv.validation import nearest
 
 LARGEST_FILE = 16 << 20  # [byte]: the largest URDF of example-robot-data has 0.2 MB
 

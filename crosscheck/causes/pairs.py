@@ -1,0 +1,153 @@
+"""Two causes at once: pairs whose effects together explain a difference that no cause explains alone.
+
+Of all pairs the linear look comes from their columns' Gram matrices; the best of them are refined together, one change put
+upon the other.  A pair is a cause like any other: its size is that of both, so it is held against all that is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from crosscheck.causes.cause import Cause
+from crosscheck.causes.fit import SMALL, Candidate, Fit, amount, candidates, fit
+from crosscheck.causes.model import Model, is_tree
+from crosscheck.causes.subject import Array, Subject
+
+AND = " + "
+NUMBERS = 4  # of a pair's sizes together: with more of them, anything can be explained
+TRIED = {True: 32, False: 4}  # pairs that are refined, by whether the mechanism is a rigid tree
+ROUNDS = {True: 8, False: 3}  # of a refinement, by whether it is rigid
+FIRST, NEXT = 4, 8  # causes without a size that are taken off first, and sized ones that are tried beside each of them
+LINEAR = 0.5  # of |r|: a pair that leaves more in the linear look is none
+DEPENDENT = 1e-6  # of a column: what another one leaves of it is rounding
+
+
+def pairs(
+    model: Model, residual: Array, known: list[Candidate], explains: Callable[[Fit], bool], noise: float
+) -> list[Fit]:
+    """Return the pairs that explain a residual (samples nv,) [-], what explains most first; noise : part of |r| [-]."""
+    usable = [c for c in known if not c.cause.linear and c.cause.guess is None]
+    quick = is_tree(model.base)
+    found = []
+    likely = _likely(usable, residual)[: TRIED[quick]]
+    for a, b in (*likely, *(_after(model, residual, usable) if quick else [])):
+        one = fit(model, residual, together(a, b), ROUNDS[model.base.mechanism.is_rigid], noise)
+        if explains(one):
+            found.append(_worded(one, a, b))
+    return sorted(found, key=lambda f: f.left)
+
+
+def together(first: Candidate, second: Candidate) -> Candidate:
+    """Return two causes at once as one; its size is that of both, each over the size that matters [-]."""
+    first, second = sorted((first, second), key=lambda c: (c.cause.name, c.target))
+    count = first.cause.parameters
+
+    def change(subject: Subject, target: str, size: Array) -> Subject:
+        once = first.cause.change(subject, first.target, _own(first, size[:count]))
+        return second.cause.change(once, second.target, _own(second, size[count:]))
+
+    covered = [f"{x}{AND}{second.cause.name}" for x in first.cause.covers] + [
+        f"{first.cause.name}{AND}{x}" for x in second.cause.covers
+    ]
+    cause = Cause(
+        f"{first.cause.name}{AND}{second.cause.name}",
+        "",
+        change,
+        parameters=count + second.cause.parameters,
+        covers=tuple(AND.join(sorted(one.split(AND))) for one in covered),
+        shows="; and ".join(dict.fromkeys((first.cause.shows, second.cause.shows))),
+        unsaid=(*first.cause.unsaid, *second.cause.unsaid),
+    )
+    return Candidate(
+        cause,
+        AND.join((first.target, second.target)),
+        1.0,
+        np.hstack([c.columns for c in (first, second) if c.cause.sized]),
+    )
+
+
+def _own(one: Candidate, size: Array) -> Array:
+    """Return the size [its unit] of one of two causes; of one without sizes that it is there."""
+    return size * one.scale if one.cause.sized else np.ones(1)
+
+
+def _worded(one: Fit, first: Candidate, second: Candidate) -> Fit:
+    """Return the fit of a pair whose cause says both sizes in their units."""
+    first, second = sorted((first, second), key=lambda c: (c.cause.name, c.target))
+    count = first.cause.parameters
+    words = [
+        c.cause.words.format(target=c.target or "all", size=amount(_own(c, size), c.cause.unit))
+        for c, size in ((first, one.size[:count]), (second, one.size[count:]))
+    ]
+    made = Cause(**{**vars(one.cause), "words": "two at once: " + "; and ".join(words)})
+    return Fit(made, one.target, one.size, one.left, one.column)
+
+
+def _likely(usable: list[Candidate], residual: Array) -> list[tuple[Candidate, Candidate]]:
+    """Return the pairs that leave least in the linear look, least first."""
+    sized = [c for c in usable if c.cause.sized]
+    bases = [_orthonormal(c.columns) for c in sized]
+    total = float(residual @ residual)
+    found: list[tuple[float, int, Candidate, Candidate]] = []
+    for i, (a, q) in enumerate(zip(sized[:-1], bases[:-1], strict=True)):
+        rest, others = residual - q @ (q.T @ residual), np.hstack(bases[i + 1 :])
+        found += _beside(a, sized[i + 1 :], others - q @ (q.T @ others), rest, len(found))
+    return [(a, b) for left, _, a, b in sorted(found, key=lambda one: one[:2]) if left <= LINEAR**2 * total]
+
+
+def _after(model: Model, residual: Array, usable: list[Candidate]) -> list[tuple[Candidate, Candidate]]:
+    """Return pairs of a cause that is there or not and a sized one, by the columns of the subject with the first one in it."""
+    there = [(float(np.linalg.norm(residual - c.columns[:, 0])), k) for k, c in enumerate(usable) if not c.cause.sized]
+    total, found = float(np.linalg.norm(residual)), []
+    for left, k in sorted(there)[:FIRST]:
+        if left > LINEAR * total:
+            break
+        one = usable[k]
+        base = one.cause.change(model.base, one.target, np.ones(1))
+        harmed = replace(model, base=base, torque=model.torques(base))
+        causes = {c.cause.name: c.cause for c in usable if c.cause.sized}
+        others = [
+            (fit(harmed, residual - one.columns[:, 0], c).left, n, c) for n, c in enumerate(candidates(harmed, causes))
+        ]
+        found += [(one, c) for _, _, c in sorted(others, key=lambda x: x[:2])[:NEXT]]
+    return found
+
+
+def _beside(
+    one: Candidate, others: list[Candidate], columns: Array, rest: Array, before: int
+) -> list[tuple[float, int, Candidate, Candidate]]:
+    """Return the residual of every other cause beside one, |rest|^2 less its gain [-], with its number and the pair."""
+    have, at = float(rest @ rest), 0
+    found: list[tuple[float, int, Candidate, Candidate]] = []
+    for b in others:
+        width = _rank(b)
+        block, at = columns[:, at : at + width], at + width
+        if one.cause.parameters + b.cause.parameters <= NUMBERS:
+            found.append((have - _gain(block, rest), before + len(found), one, b))
+    return found
+
+
+def _rank(one: Candidate) -> int:
+    return int(_orthonormal(one.columns).shape[1])
+
+
+def _gain(block: Array, rest: Array) -> float:
+    """Return the amount of |rest|^2 that a block of columns explains [-]."""
+    seen = block.T @ rest
+    if block.shape[1] == 1:
+        size = float(block[:, 0] @ block[:, 0])
+        return float(seen[0]) ** 2 / size if size > DEPENDENT**2 else 0.0
+    return float(seen @ np.linalg.pinv(block.T @ block, rcond=DEPENDENT, hermitian=True) @ seen)
+
+
+def _orthonormal(columns: Array) -> Array:
+    left, values, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(left[:, values > SMALL * values.max(initial=0.0)])
+
+
+def parts(name: str) -> Iterator[str]:
+    """Yield the names of the causes in a name: two of a pair, else one."""
+    yield from name.split(AND)

@@ -1,0 +1,108 @@
+"""All that an engine gave as evidence: a cause has to explain joint forces, tips, deflections and axial forces, too.
+
+Of every quantity that both engines give, what a cause does to flexinv's own is taken off the difference.  What is left has to
+be as small as the two engines agree where nothing is wrong: their error bars, the limit that is stated, or rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from crosscheck.causes.fit import IMPOSSIBLE, PROBE, SMALL, Fit
+from crosscheck.causes.model import Model
+from crosscheck.causes.subject import Array
+from crosscheck.measures.limits import find
+from crosscheck.measures.record import Record, Series
+from crosscheck.verdicts.compare import error_bar, group, scale_of
+
+# Exact engines: rounding of some thousand operations, times the condition of loops, of the range.
+ROUNDING = 1e-9
+# Times the level at which engines agree: bars are estimates, of the unharmed mechanism, and sizes are as sure as they are.
+SURE = 3.0
+# Of the largest difference of a quantity, of marches: what the long step of the columns leaves (`model.STEPS`).
+MARCHED = 0.05
+ROUNDS = {True: 3, False: 1}  # of Gauss-Newton on all quantities, by whether the mechanism is rigid
+COMPARED = ("torque", "wrench", "reaction", "tip", "deflection", "axial", "internal")
+
+
+@dataclass(frozen=True)
+class Quantities:
+    """Series of an engine beside those of a reference, of one case.
+
+    agreed : by series [unit]: how far the engines are apart where nothing is wrong; series without one say nothing
+    """
+
+    model: Model
+    engine: Mapping[str, Series]
+    reference: Mapping[str, Series]
+    agreed: Mapping[str, float]
+
+    def against(self, fit: Fit) -> tuple[str, ...]:
+        """Return the quantities that a cause leaves unexplained, or would change where they are right; raises like a run."""
+        if fit.cause.linear:
+            return ()  # only the amplitude of its effect on the efforts is known
+        harmed = self.model.series(fit.cause.change(self.model.base, fit.target, fit.size))
+        found = dict.fromkeys(
+            name.split("/", 1)[0] for name in self._known(harmed) if not self._holds(name, harmed[name].values, fit)
+        )
+        return tuple(q for q in found if q not in fit.cause.unsaid)
+
+    def fitted(self, fit: Fit) -> Fit:
+        """Return the fit with the size that explains all quantities best (Gauss-Newton from that of the efforts)."""
+        cause, size, base = fit.cause, fit.size, self.model.base
+        step = PROBE[base.mechanism.is_rigid] * cause.scale(self.model, fit.target)
+        for _ in range(ROUNDS[base.mechanism.is_rigid]):
+            here = self.model.series(cause.change(base, fit.target, size))
+            names = self._known(here)
+            left = self._column(names, self.engine, self.reference) - self._column(names, here, self.model.unharmed)
+            moved = [self._moved(fit, size + step * u) or here for u in np.eye(len(size))]
+            slope = np.stack([self._column(names, one, here) / step for one in moved], axis=1)
+            size = size + np.linalg.lstsq(slope, left, rcond=SMALL)[0]
+        return replace(fit, size=size)
+
+    def _moved(self, fit: Fit, size: Array) -> Mapping[str, Series] | None:
+        """Return all that flexinv gives with another size, None where it leaves no mechanism that runs."""
+        try:
+            return self.model.series(fit.cause.change(self.model.base, fit.target, size))
+        except IMPOSSIBLE:
+            return None
+
+    def _column(self, names: list[str], a: Mapping[str, Series], b: Mapping[str, Series]) -> Array:
+        """Return the differences of series, over how far the engines may be apart, as one column [-]."""
+        parts = [(a[n].values - b[n].values) / self.agreed[n] for n in names if self.agreed[n]]
+        return np.concatenate(parts) if parts else np.zeros(0)
+
+    def _known(self, harmed: Mapping[str, Series]) -> list[str]:
+        names = (n for n, s in self.engine.items() if s.quantity in COMPARED and n in self.agreed)
+        return [n for n in names if n in harmed and n in self.model.unharmed]
+
+    def _holds(self, name: str, harmed: Array, fit: Fit) -> bool:
+        seen = self.engine[name].values - self.reference[name].values
+        told = harmed - self.model.unharmed[name].values
+        allowed = SURE * self.agreed[name] + self._uncertain(name, told, fit)
+        return bool(np.abs(seen - told).max() <= allowed)
+
+    def _uncertain(self, name: str, told: Array, fit: Fit) -> float:
+        """Return the uncertainty of a quantity by the size of a fit and the long step of columns [unit]."""
+        part = min(MARCHED, fit.left) if self.model.base.mechanism.is_rigid else MARCHED
+        return part * float(np.abs(told).max())
+
+
+def quantities(model: Model, engine: Record, reference: Record) -> Quantities:
+    """Return all that two records have in common, with the bars, limits [of the range] and rounding that they agree to."""
+    agreed: dict[str, float] = {}
+    limits, rigid = model.base.case.limits, model.base.mechanism.is_rigid
+    for quantity in COMPARED:
+        limit = find(limits, quantity, engine.engine, reference.engine, engine.version)
+        for names in group(reference.series, quantity).values():
+            scale = scale_of(reference, quantity, [reference.series[n].values for n in names])
+            stated = 0.0 if limit is None else limit.maximum * scale
+            for name in (n for n in names if n in engine.series):
+                bar = error_bar(engine.series[name], reference.series[name])
+                known = max(bar or 0.0, stated, ROUNDING * scale if rigid else 0.0)
+                if known or scale == 0.0:
+                    agreed[name] = known
+    return Quantities(model, engine.series, reference.series, agreed)

@@ -1,0 +1,1 @@
+"""The dictionary of causes, a table for each topic: a row is a cause."""

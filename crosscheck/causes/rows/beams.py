@@ -1,0 +1,249 @@
+"""Causes in beams: sections, their orientation, the distribution of mass, and settings of the time integration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from crosscheck.causes.cause import Cause, Change, Targets, beams, flexible, more_than_nothing
+from crosscheck.causes.model import Model
+from crosscheck.causes.subject import Array, Subject
+from flexinv.model.mechanism import Beam, Body, Inertia, Link
+
+RING = "a stop and a rest long enough to ring: stiffness moves the frequency, mass moves the torque before it, too"
+FINER = "the same run with another mesh and another step"
+STIFFNESS = {"EA": (0,), "GJ": (3,), "EI_y": (4,), "EI_z": (5,)}
+SHEAR = (1, 2)
+BUSHELS = 4  # lumps per beam: as many as the mesh of low order that a user would take
+AT = ": "
+
+
+def _section(change: Callable[[Beam, float], Beam]) -> Change:
+    def changed(subject: Subject, target: str, size: Array) -> Subject:
+        return subject.with_beam(target, lambda beam: change(beam, more_than_nothing(size)))
+
+    return changed
+
+
+def _stiffer(subject: Subject, target: str, size: Array) -> Subject:
+    link, component = target.split(AT)
+    return subject.with_beam(link, lambda beam: _scaled(beam, STIFFNESS[component], more_than_nothing(size)))
+
+
+def _scaled(beam: Beam, columns: tuple[int, ...], size: float) -> Beam:
+    stiffness = beam.section.stiffness.copy()
+    stiffness[:, list(columns)] *= 1.0 + size
+    return replace(beam, section=replace(beam.section, stiffness=stiffness))
+
+
+def _heavier(beam: Beam, size: float) -> Beam:
+    section = beam.section
+    return replace(beam, section=replace(section, mass_per_length=section.mass_per_length * (1.0 + size)))
+
+
+def _thinner(beam: Beam, size: float) -> Beam:
+    section = beam.section
+    return replace(beam, section=replace(section, rotary_inertia=section.rotary_inertia * (1.0 - size)))
+
+
+def _retarded(beam: Beam, size: float) -> Beam:
+    """Add size [s] times each stiffness to the damping: stress by the rate of strain (Kelvin-Voigt)."""
+    section = beam.section
+    before = 0.0 * section.stiffness if section.damping is None else section.damping
+    return replace(beam, section=replace(section, damping=before + size * section.stiffness))
+
+
+def _undamped(beam: Beam, size: float) -> Beam:
+    return replace(beam, section=replace(beam.section, damping=None))
+
+
+def _damps(beam: Beam) -> bool:
+    return beam.section.damping is not None and bool(beam.section.damping.any())
+
+
+def _moment(model: Model, target: str) -> float:
+    """Return a hundredth of the case's time [s]: what rings a few times in it is damped well by that."""
+    return model.base.case.end / 100.0
+
+
+def _turned(beam: Beam, size: float) -> Beam:
+    """Exchange the section's y and z."""
+    section, swap = beam.section, [0, 2, 1, 3, 5, 4]
+    return replace(
+        beam,
+        section=replace(
+            section, stiffness=section.stiffness[:, swap], rotary_inertia=section.rotary_inertia[:, [0, 2, 1]]
+        ),
+    )
+
+
+def _straight(beam: Beam, size: float) -> Beam:
+    return replace(beam, curvature=beam.curvature * (1.0 - size))
+
+
+def _longer(beam: Beam, size: float) -> Beam:
+    return replace(beam, length=beam.length * (1.0 + size))
+
+
+def _lumped(subject: Subject, target: str, size: Array) -> Subject:
+    """Move a fraction of a beam's mass and rotary inertia to points, half a lump at either end."""
+    part = float(size[0])
+
+    def change(link: Link) -> Link:
+        beam = link.beam
+        assert beam is not None
+        section = beam.section
+        stations = np.linspace(0.0, 1.0, BUSHELS + 1)
+        weights = np.array([0.5, *[1.0] * (BUSHELS - 1), 0.5]) / BUSHELS * beam.length * part
+        mass = np.interp(stations, section.stations, section.mass_per_length)
+        rotary = [np.interp(stations, section.stations, section.rotary_inertia[:, k]) for k in range(3)]
+        lumps = tuple(
+            Body(f"lump {k}", Inertia(float(w * m), np.zeros(3), np.diag([w * r[k] for r in rotary])), float(s))
+            for k, (s, w, m) in enumerate(zip(stations, weights, mass, strict=True))
+        )
+        light = replace(
+            section,
+            mass_per_length=section.mass_per_length * (1.0 - part),
+            rotary_inertia=section.rotary_inertia * (1.0 - part),
+        )
+        return replace(link, bodies=(*link.bodies, *lumps), beam=replace(beam, section=light))
+
+    return subject.with_link(target, change)
+
+
+def _components(model: Model) -> list[str]:
+    return [f"{name}{AT}{component}" for name in beams(model) for component in STIFFNESS]
+
+
+def _where(test: Callable[[Beam], bool]) -> Targets:
+    return lambda model: [link.name for link in model.base.mechanism.beams if link.beam is not None and test(link.beam)]
+
+
+def _uneven(beam: Beam) -> bool:
+    s = beam.section.stiffness
+    return not (np.allclose(s[:, 1], s[:, 2]) and np.allclose(s[:, 4], s[:, 5]))
+
+
+def _half(model: Model, target: str) -> float:
+    return 5.0  # so that a tenth of it is half of the mass
+
+
+def _long(subject: Subject) -> float:
+    """Return a step [s] that is too long: two per sample, or one where the case itself takes hardly more."""
+    case = subject.case
+    return case.sample / 2 if case.step <= case.sample / 4 else case.sample
+
+
+def _coarser(subject: Subject, target: str, size: Array) -> Subject:
+    """Take a long step of little numerical damping: waves come late, and hardly smaller."""
+    return subject.with_options(spectral_radius=0.9, step=_long(subject))
+
+
+def _damped(subject: Subject, target: str, size: Array) -> Subject:
+    """Take a spectral radius of 0.3, more damping than anybody's default, at a long step: short waves die."""
+    return subject.with_options(spectral_radius=0.3, step=_long(subject))
+
+
+def _exudyn_step(subject: Subject, target: str, size: Array) -> Subject:
+    """Give Exudyn the same long step, in the integrator that it takes anyway."""
+    return subject.with_options(step=_long(subject))
+
+
+ROWS = (
+    Cause(
+        "section stiffness",
+        "{target} is larger by the fraction {size}",
+        _stiffer,
+        _components,
+        fraction=True,
+        shows=RING,
+    ),
+    Cause(
+        "shear factor",
+        "the shear stiffness of {target} is larger by the fraction {size}",
+        _section(lambda beam, size: _scaled(beam, SHEAR, size)),
+        beams,
+        fraction=True,
+        shows="a short, thick beam, or quick motion: shear matters where bending waves are short",
+    ),
+    Cause(
+        "beam mass",
+        "the mass per length of {target} is larger by the fraction {size}",
+        _section(_heavier),
+        beams,
+        fraction=True,
+        shows=RING,
+    ),
+    Cause(
+        "rotary inertia of the section",
+        "the rotary inertia (rho I) of {target} is smaller by the fraction {size}",
+        _section(_thinner),
+        beams,
+        fraction=True,
+        shows="quick motion: rotary inertia matters where bending waves are short",
+    ),
+    Cause(
+        "beam damping",
+        "the damping of {target} is larger by {size} times its stiffness (Kelvin-Voigt)",
+        _section(_retarded),
+        beams,
+        scale=_moment,
+        unit="s",
+        covers=("beam damping dropped",),
+        shows="a stroke and a rest long enough to ring: damping takes the short waves first, and goes with no step",
+    ),
+    Cause(
+        "beam damping dropped",
+        "the damping of {target} stands in the model but is not applied",
+        _section(_undamped),
+        _where(_damps),
+        0,
+        shows="a stroke and a rest long enough to ring",
+    ),
+    Cause(
+        "beam length", "{target} is longer by the fraction {size}", _section(_longer), beams, fraction=True, shows=RING
+    ),
+    Cause(
+        "section turned",
+        "y and z of the section of {target} are exchanged",
+        _section(_turned),
+        _where(_uneven),
+        0,
+        shows=RING,
+    ),
+    Cause(
+        "curvature dropped",
+        "the initial curvature of {target} is dropped by the fraction {size}",
+        _section(_straight),
+        _where(lambda beam: bool(beam.curvature.any())),
+        shows="holding still at several places",
+    ),
+    Cause(
+        "lumped mass",
+        f"the fraction {{size}} of the mass of {{target}} stands in {BUSHELS} lumps",
+        _lumped,
+        beams,
+        scale=_half,
+        remeshes=True,
+        shows=FINER,
+    ),
+    Cause(
+        "time step",
+        "the step is too long: {size} times what two steps per sample do (an error that falls with its square)",
+        _coarser,
+        flexible,
+        linear=True,
+        shows=FINER,
+        plant=_exudyn_step,
+    ),
+    Cause(
+        "numerical damping",
+        "the integrator damps: {size} times what a spectral radius of 0.3 does at two steps per sample",
+        _damped,
+        flexible,
+        linear=True,
+        shows="a jump of the acceleration and a long rest: numerical damping takes the short waves first",
+    ),
+)

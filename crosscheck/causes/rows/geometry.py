@@ -1,0 +1,218 @@
+"""Causes in geometry: lengths of links, frames of joints, where closures hold, gear ratios, where beams are clamped."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from scipy.spatial.transform import Rotation
+
+from crosscheck.causes.cause import Cause, Change, beams, joints, more_than_nothing, reach
+from crosscheck.causes.model import Model
+from crosscheck.causes.subject import Array, Subject
+from flexinv.errors import InputError
+from flexinv.model.mechanism import Attachment, Beam, Body, Closure, Joint, Placement
+
+TOGETHER = "the joints before and beyond this one moved together"
+AROUND = "the loop moved around once"
+ENDS = ("first", "second")
+
+
+def _turned(place: Placement, size: Array) -> Placement:
+    return replace(place, rotation=place.rotation @ Rotation.from_rotvec(size).as_matrix())
+
+
+def _shifted(place: Placement, size: Array) -> Placement:
+    return replace(place, position=place.position + size)
+
+
+def _of_joint(change: Callable[[Joint, Array], Joint]) -> Change:
+    def changed(subject: Subject, target: str, size: Array) -> Subject:
+        return subject.with_joint(target, lambda j: change(j, size))
+
+    return changed
+
+
+def _longer(joint: Joint, size: Array) -> Joint:
+    factor = 1.0 + more_than_nothing(size)
+    return replace(joint, placement=replace(joint.placement, position=joint.placement.position * factor))
+
+
+def _away(model: Model) -> list[str]:
+    """Return the joints, fixed ones too, that stand away from their parent's origin on a rigid link."""
+    found = [j for j in model.base.mechanism.joints if j.station is None and j.parent != "world"]
+    return [j.name for j in found if j.placement.position.any()]
+
+
+def _closures(model: Model) -> list[str]:
+    closures = [c for c in model.base.mechanism.closures if c.kind != "coupling"]
+    return [f"{c.name}: {end}" for c in closures for end in ENDS]
+
+
+def _at(change: Callable[[Placement, Array], Placement]) -> Change:
+    """Return the change of where a closure holds one of its links."""
+
+    def changed(subject: Subject, target: str, size: Array) -> Subject:
+        name, end = target.rsplit(": ", 1)
+
+        def one(closure: Closure) -> Closure:
+            here: Attachment = getattr(closure, end)
+            moved: dict[str, Any] = {end: replace(here, placement=change(here.placement, size))}
+            return replace(closure, **moved) if closure.name == name else closure
+
+        return subject.with_closures(one)
+
+    return changed
+
+
+def _couplings(model: Model) -> list[str]:
+    return [c.name for c in model.base.mechanism.closures if c.kind == "coupling"]
+
+
+def _geared(change: Callable[[Closure, Array], Closure]) -> Change:
+    def changed(subject: Subject, target: str, size: Array) -> Subject:
+        return subject.with_closures(lambda c: change(c, size) if c.name == target else c)
+
+    return changed
+
+
+def _ratio(closure: Closure, size: Array) -> Closure:
+    (first, factor), *rest = closure.factors
+    return replace(closure, factors=((first, factor * (1.0 + more_than_nothing(size))), *rest))
+
+
+def _offset(closure: Closure, size: Array) -> Closure:
+    return replace(closure, offset=closure.offset + float(size[0]))
+
+
+def _clamp(change: Callable[[Placement, Array], Placement]) -> Change:
+    def changed(subject: Subject, target: str, size: Array) -> Subject:
+        return subject.with_beam(target, lambda beam: replace(beam, placement=change(beam.placement, size)))
+
+    return changed
+
+
+def _bent(beam: Beam, size: Array) -> Beam:
+    return replace(beam, curvature=beam.curvature + size)
+
+
+def _curved(subject: Subject, target: str, size: Array) -> Subject:
+    return subject.with_beam(target, lambda beam: _bent(beam, size))
+
+
+def _per_length(model: Model, target: str) -> float:
+    beam = model.base.mechanism.link_of[target].beam
+    assert beam is not None
+    return 1.0 / beam.length
+
+
+def _along(model: Model) -> list[str]:
+    """Return the bodies that sit along a beam, not at its root."""
+    links = model.base.mechanism.beams
+    return [f"{link.name}/{b.name}" for link in links for b in link.bodies if b.station]
+
+
+def _slid(subject: Subject, target: str, size: Array) -> Subject:
+    def change(body: Body) -> Body:
+        station = (body.station or 0.0) + float(size[0])
+        if not 0.0 <= station <= 1.0:
+            raise InputError(f"a body at {station:g} of the length: expected 0 to 1")
+        return replace(body, station=station)
+
+    return subject.with_body(target, change)
+
+
+ROWS = (
+    Cause(
+        "link length",
+        "{target} is farther from the origin of its parent, by the fraction {size} (a length of the link)",
+        _of_joint(_longer),
+        _away,
+        shows=TOGETHER,
+        fraction=True,
+    ),
+    Cause(
+        "joint frame turned",
+        "the frame of {target} is turned by {size} on its parent",
+        _of_joint(lambda joint, size: replace(joint, placement=_turned(joint.placement, size))),
+        joints,
+        3,
+        unit="rad",
+        turns=True,
+        covers=("zero offset", "axis tilted"),
+        shows=TOGETHER,
+    ),
+    Cause(
+        "closure point misplaced",
+        "the closure {target} holds its link elsewhere, by {size}",
+        _at(_shifted),
+        _closures,
+        3,
+        reach,
+        "m",
+        shows=AROUND,
+    ),
+    Cause(
+        "closure frame turned",
+        "the frame of the closure {target} is turned by {size}",
+        _at(_turned),
+        _closures,
+        3,
+        unit="rad",
+        shows=AROUND,
+    ),
+    Cause(
+        "coupling ratio",
+        "the ratio of the gear {target} differs by the fraction {size}",
+        _geared(_ratio),
+        _couplings,
+        shows=AROUND,
+        fraction=True,
+    ),
+    Cause(
+        "coupling offset",
+        "the gear {target} is off by {size}",
+        _geared(_offset),
+        _couplings,
+        unit="rad or m",
+        shows=AROUND,
+    ),
+    Cause(
+        "clamp misplaced",
+        "the clamp of {target} is off by {size}",
+        _clamp(_shifted),
+        beams,
+        3,
+        reach,
+        "m",
+        shows="holding still at several places, and turning quickly",
+    ),
+    Cause(
+        "clamp turned",
+        "the clamp of {target} is turned by {size}",
+        _clamp(_turned),
+        beams,
+        3,
+        unit="rad",
+        shows="holding still at several places",
+    ),
+    Cause(
+        "initial curvature",
+        "{target} is bent by {size} more where nothing pulls it",
+        _curved,
+        beams,
+        3,
+        _per_length,
+        "1/m",
+        covers=("curvature dropped",),
+        shows="holding still at several places",
+    ),
+    Cause(
+        "body along the beam",
+        "{target} sits farther along its beam, by {size} of the length",
+        _slid,
+        _along,
+        shows="a stop and a rest long enough to ring",
+    ),
+)

@@ -1,0 +1,191 @@
+"""Causes in mix-ups of bodies and tensors: what stands at another body, with another sign, or along another axis."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations, pairwise
+
+import numpy as np
+
+from crosscheck.causes.cause import Cause, bodies, more_than_nothing
+from crosscheck.causes.model import Model
+from crosscheck.causes.subject import Array, Subject
+from flexinv.model.mechanism import Inertia
+
+TURN = "all joints moved quickly, each at a rhythm of its own, so that the body turns about all its axes"
+MANY = 8  # bodies up to which every pair is tried; beyond, neighbours only
+ARROW, AXES = " <-> ", "xyz"
+ROWS_FIRST = ("xx", "xy", "xz", "yy", "yz", "zz")  # URDF
+DIAGONAL_FIRST = ("xx", "yy", "zz", "xy", "xz", "yz")  # MJCF
+LOWER = ("xx", "xy", "yy", "xz", "yz", "zz")  # Pinocchio
+TURNED = ("xx", "yy", "zz", "yz", "xz", "xy")  # Voigt
+ORDERS = {
+    "rows for the diagonal first": (ROWS_FIRST, DIAGONAL_FIRST),
+    "the diagonal first for rows": (DIAGONAL_FIRST, ROWS_FIRST),
+    "rows for the lower triangle": (ROWS_FIRST, LOWER),
+    "the lower triangle for rows": (LOWER, ROWS_FIRST),
+    "the diagonal first for the lower triangle": (DIAGONAL_FIRST, LOWER),
+    "the lower triangle for the diagonal first": (LOWER, DIAGONAL_FIRST),
+    "Voigt's order for the diagonal first": (TURNED, DIAGONAL_FIRST),
+}
+ALIKE = 1e-6  # of the larger one: moments of inertia that differ by less are the same
+
+
+def _pairs(model: Model) -> list[str]:
+    names = bodies(model)
+    pairs = combinations(names, 2) if len(names) <= MANY else pairwise(names)
+    return [f"{a}{ARROW}{b}" for a, b in pairs]
+
+
+def _exchanged(subject: Subject, target: str, size: Array) -> Subject:
+    a, b = target.split(ARROW)
+    first, second = subject.body_of(a)[1].inertia, subject.body_of(b)[1].inertia
+    once = subject.with_body(a, lambda one: replace(one, inertia=second))
+    return once.with_body(b, lambda one: replace(one, inertia=first))
+
+
+def _products(model: Model) -> list[str]:
+    """Return the bodies with products of inertia, and "" for all where there are two or more."""
+    names = [n for n in bodies(model) if _has_products(model.base.bodies[n][1].inertia)]
+    return [*names, *([""] if len(names) > 1 else [])]
+
+
+def _has_products(inertia: Inertia) -> bool:
+    off = inertia.tensor - np.diag(np.diag(inertia.tensor))
+    return bool(np.abs(off).max() > ALIKE * np.abs(inertia.tensor).max())
+
+
+def _opposite(inertia: Inertia) -> Inertia:
+    return replace(inertia, tensor=2.0 * np.diag(np.diag(inertia.tensor)) - inertia.tensor)
+
+
+def _signs(subject: Subject, target: str, size: Array) -> Subject:
+    if target:
+        return subject.with_body(target, lambda b: replace(b, inertia=_opposite(b.inertia)))
+    return subject.with_links(
+        lambda link: replace(link, bodies=tuple(replace(b, inertia=_opposite(b.inertia)) for b in link.bodies))
+    )
+
+
+def _axes(model: Model) -> list[str]:
+    """Return "body: xy" for every pair of axes along which a body's moments of inertia differ."""
+    found = []
+    for name in bodies(model):
+        moments = np.diag(model.base.bodies[name][1].inertia.tensor)
+        pairs = combinations(range(3), 2)
+        found += [
+            f"{name}: {AXES[i]}{AXES[j]}" for i, j in pairs if abs(moments[i] - moments[j]) > ALIKE * moments.max()
+        ]
+    return found
+
+
+def _permuted(subject: Subject, target: str, size: Array) -> Subject:
+    name, pair = target.rsplit(": ", 1)
+    order = list(range(3))
+    i, j = (AXES.index(axis) for axis in pair)
+    order[i], order[j] = j, i
+
+    def change(inertia: Inertia) -> Inertia:
+        return replace(inertia, tensor=inertia.tensor[np.ix_(order, order)])
+
+    return subject.with_body(name, lambda b: replace(b, inertia=change(b.inertia)))
+
+
+def _components(model: Model) -> list[str]:
+    tensors = {n: model.base.bodies[n][1].inertia.tensor for n in bodies(model)}
+    return [f"{n}: {AXES[k] * 2}" for n, tensor in tensors.items() for k in range(3) if tensor[k, k] > 0.0]
+
+
+def _component(subject: Subject, target: str, size: Array) -> Subject:
+    name, pair = target.rsplit(": ", 1)
+    k, factor = AXES.index(pair[0]), 1.0 + more_than_nothing(size)
+
+    def change(inertia: Inertia) -> Inertia:
+        tensor = inertia.tensor.copy()
+        tensor[k, k] *= factor
+        return replace(inertia, tensor=tensor)
+
+    return subject.with_body(name, lambda b: replace(b, inertia=change(b.inertia)))
+
+
+def _mirrors(model: Model) -> list[str]:
+    coms = {n: model.base.bodies[n][1].inertia.com for n in bodies(model)}
+    return [f"{n}: {AXES[k]}" for n, com in coms.items() for k in range(3) if com[k]]
+
+
+def _mirrored(subject: Subject, target: str, size: Array) -> Subject:
+    name, axis = target.rsplit(": ", 1)
+    signs = np.where(np.arange(3) == AXES.index(axis), -1.0, 1.0)
+    return subject.with_body(name, lambda b: replace(b, inertia=replace(b.inertia, com=b.inertia.com * signs)))
+
+
+def _orders(model: Model) -> list[str]:
+    tensors = {n: model.base.bodies[n][1].inertia.tensor for n in bodies(model)}
+    return [f"{n}: {way}" for n, tensor in tensors.items() for way in ORDERS if tensor.any()]
+
+
+def _reordered(subject: Subject, target: str, size: Array) -> Subject:
+    name, way = target.rsplit(": ", 1)
+    written, read = ORDERS[way]
+
+    def change(inertia: Inertia) -> Inertia:
+        tensor = np.empty((3, 3))
+        for place, number in zip(read, written, strict=True):
+            value = inertia.tensor[AXES.index(number[0]), AXES.index(number[1])]
+            i, j = (AXES.index(axis) for axis in place)
+            tensor[i, j] = tensor[j, i] = value
+        return replace(inertia, tensor=tensor)
+
+    return subject.with_body(name, lambda b: replace(b, inertia=change(b.inertia)))
+
+
+ROWS = (
+    Cause(
+        "bodies exchanged",
+        "mass, centre of mass and inertia of two bodies are mixed up: {target}",
+        _exchanged,
+        _pairs,
+        0,
+        shows=TURN,
+    ),
+    Cause(
+        "sign of products of inertia",
+        "the products of inertia of {target} have the other sign",
+        _signs,
+        _products,
+        0,
+        shows=TURN,
+    ),
+    Cause(
+        "moments of inertia exchanged",
+        "two axes of the inertia tensor are mixed up: {target}",
+        _permuted,
+        _axes,
+        0,
+        shows=TURN,
+    ),
+    Cause(
+        "order of the inertia's numbers",
+        "the six numbers of an inertia tensor are read in another order: {target}",
+        _reordered,
+        _orders,
+        0,
+        shows=TURN,
+    ),
+    Cause(
+        "moment of inertia",
+        "the moment of inertia {target} differs by the fraction {size}",
+        _component,
+        _components,
+        shows=TURN,
+        fraction=True,
+    ),
+    Cause(
+        "centre of mass mirrored",
+        "a coordinate of the centre of mass has the other sign: {target}",
+        _mirrored,
+        _mirrors,
+        0,
+        shows="holding still at several places (gravity alone)",
+    ),
+)

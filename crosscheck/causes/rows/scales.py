@@ -1,0 +1,285 @@
+"""Causes in units and scales: factors on all efforts, coordinates, times, lengths, masses, inertias, rotors and friction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from crosscheck.causes.cause import Cause, Change, Targets, bodies, more_than_nothing, scalar, whole
+from crosscheck.causes.model import Model, is_tree
+from crosscheck.causes.subject import Array, StateChange, States, Subject
+from crosscheck.measures.record import effort_units
+from flexinv.model.mechanism import Attachment, Closure, Inertia, Joint, Link, Mechanism, Placement
+
+QUICK = "all joints moved quickly, each at a rhythm of its own"
+HOLD = "holding still at several places (gravity alone)"
+STEADY = "the same path at half the speed"
+
+
+def _efforts(subject: Subject, target: str, size: Array) -> Subject:
+    factor = 1.0 + more_than_nothing(size)
+
+    def change(mechanism: Mechanism, states: States, effort: Array) -> Array:
+        concerned = np.array([not target or unit == target for unit in effort_units(mechanism)])
+        return effort * np.where(concerned, factor, 1.0)
+
+    return subject.with_effort(change)
+
+
+def _units(model: Model) -> list[str]:
+    """Return "" for all efforts and, where there are two units, each of them; of one coordinate it is no cause of its own."""
+    units = [
+        u for u, driven in zip(effort_units(model.base.mechanism), model.base.mechanism.actuated, strict=True) if driven
+    ]
+    found = [""] if len(units) > 1 else []
+    return found + ([u for u in dict.fromkeys(units) if units.count(u) > 1] if len(set(units)) > 1 else [])
+
+
+def _moved(change: Callable[[Mechanism, States, str, float], States]) -> Change:
+    """Return the change of the joint motion that the engine is given, by a fraction."""
+
+    def changed(subject: Subject, target: str, size: Array) -> Subject:
+        def moved(mechanism: Mechanism, states: States) -> States:
+            return change(mechanism, states, target, float(size[0]))
+
+        return subject.with_states(moved)
+
+    return changed
+
+
+def _coordinate(mechanism: Mechanism, states: States, target: str, size: float) -> States:
+    q, qd, qdd = states.q.copy(), states.qd.copy(), states.qdd.copy()
+    q[:, mechanism.q_slices[target]] *= 1.0 + size
+    for rate in (qd, qdd):
+        rate[:, mechanism.v_slices[target]] *= 1.0 + size
+    return replace(states, q=q, qd=qd, qdd=qdd)
+
+
+def _speeds(mechanism: Mechanism, states: States, target: str, size: float) -> States:
+    return replace(states, qd=states.qd * (1.0 + size))
+
+
+def _accelerations(mechanism: Mechanism, states: States, target: str, size: float) -> States:
+    return replace(states, qdd=states.qdd * (1.0 + size))
+
+
+def _paced(subject: Subject, target: str, size: Array) -> Subject:
+    inner, pace = subject.case.motion, 1.0 + more_than_nothing(size)
+
+    def moved(mechanism: Mechanism, states: States) -> States:
+        q, qd, qdd = inner.evaluate(mechanism, states.time * pace)
+        return replace(states, q=q, qd=qd * pace, qdd=qdd * pace**2)
+
+    return subject.with_states(moved)
+
+
+def _standing(change: float) -> StateChange:
+    return lambda mechanism, states: replace(states, qdd=states.qdd * change)
+
+
+def _given(model: Model) -> list[str]:
+    """Return the joints with one coordinate, an angle or a travel, that the motion gives and that move."""
+    mechanism, given = model.base.mechanism, model.base.case.motion.joints(model.base.mechanism)
+    names = [n for n in scalar(model) if n in given and mechanism.joint_of[n].nq == 1]
+    return [
+        n
+        for n in names
+        if model.states.qd[:, mechanism.v_slices[n]].any() or model.states.q[:, mechanism.q_slices[n]].any()
+    ]
+
+
+def _fast_tree(model: Model) -> list[str]:
+    return [""] if is_tree(model.base) and model.states.qd.any() else []
+
+
+def _smooth(model: Model) -> list[str]:
+    return [] if model.base.case.motion.jumps or not model.states.qd.any() else [""]
+
+
+def _all_inertias(change: Callable[[Inertia, float], Inertia]) -> Change:
+    """Return the change of the inertia of one body, or with target "" of all."""
+
+    def changed(subject: Subject, target: str, size: Array) -> Subject:
+        factor = 1.0 + more_than_nothing(size)
+        if target:
+            return subject.with_body(target, lambda b: replace(b, inertia=change(b.inertia, factor)))
+
+        def link(one: Link) -> Link:
+            return replace(one, bodies=tuple(replace(b, inertia=change(b.inertia, factor)) for b in one.bodies))
+
+        return subject.with_links(link)
+
+    return changed
+
+
+def _several(test: Callable[[Inertia], bool], single: bool = True) -> Targets:
+    """Return the bodies whose inertia passes a test, and "" for all where there are two or more."""
+
+    def targets(model: Model) -> list[str]:
+        names = [n for n in bodies(model) if test(model.base.bodies[n][1].inertia)]
+        return [*(names if single else []), *([""] if len(names) > 1 else [])]
+
+    return targets
+
+
+def _joints(field: str) -> Change:
+    def changed(subject: Subject, target: str, size: Array) -> Subject:
+        factor = 1.0 + float(size[0])
+        return subject.with_joints(lambda j: replace(j, **{field: getattr(j, field) * factor}))
+
+    return changed
+
+
+def _two(field: str) -> Targets:
+    """Return the one target where two joints or more have a number: of one it is a cause of that joint."""
+    return lambda model: [""] if sum(bool(getattr(j, field)) for j in model.base.mechanism.joints if j.nv) > 1 else []
+
+
+def _long(place: Placement, factor: float) -> Placement:
+    return replace(place, position=place.position * factor)
+
+
+def _lengths(subject: Subject, target: str, size: Array) -> Subject:
+    """Scale every length that the mechanism has: placements, centres of mass, tips, beams, closures, springs, forces."""
+    factor = 1.0 + more_than_nothing(size)
+
+    def joint(one: Joint) -> Joint:
+        return replace(one, placement=_long(one.placement, factor))
+
+    def link(one: Link) -> Link:
+        made = tuple(replace(b, inertia=replace(b.inertia, com=b.inertia.com * factor)) for b in one.bodies)
+        beam = one.beam and replace(
+            one.beam, length=one.beam.length * factor, placement=_long(one.beam.placement, factor)
+        )
+        return replace(one, bodies=made, tip=one.tip * factor, beam=beam)
+
+    def at(one: Attachment) -> Attachment:
+        return replace(one, placement=_long(one.placement, factor))
+
+    def closure(one: Closure) -> Closure:
+        return replace(one, first=at(one.first), second=at(one.second))
+
+    mechanism = subject.mechanism
+    springs = tuple(replace(s, first=at(s.first), second=at(s.second), rest=s.rest * factor) for s in mechanism.springs)
+    forces = tuple(replace(f, at=at(f.at)) for f in mechanism.forces)
+    return (
+        subject.with_links(link)
+        .with_joints(joint)
+        .with_closures(closure)
+        .with_mechanism(springs=springs, forces=forces)
+    )
+
+
+def _without_accelerations(subject: Subject, target: str, size: Array) -> Subject:
+    return subject.with_states(_standing(0.0))
+
+
+ROWS = (
+    Cause(
+        "effort scale of all",
+        "all efforts {target} are larger by the fraction {size} (a unit: ft lb, kgf m, N mm)",
+        _efforts,
+        _units,
+        covers=("effort sign",),
+        shows=QUICK,
+        fraction=True,
+    ),
+    Cause(
+        "coordinate scale",
+        "the motion of {target} is larger by the fraction {size} (degrees, a transmission)",
+        _moved(_coordinate),
+        _given,
+        shows="this joint moved alone to several places",
+        fraction=True,
+    ),
+    Cause(
+        "speed scale",
+        "all speeds are larger by the fraction {size} where the engine gets them",
+        _moved(_speeds),
+        _fast_tree,
+        covers=("velocity terms dropped",),
+        shows=STEADY,
+        fraction=True,
+    ),
+    Cause(
+        "acceleration terms dropped",
+        "the accelerations of the joints are missing: the mechanism is held still along its path",
+        _without_accelerations,
+        _fast_tree,
+        0,
+        shows=QUICK,
+    ),
+    Cause(
+        "acceleration scale",
+        "all accelerations are larger by the fraction {size} where the engine gets them",
+        _moved(_accelerations),
+        _fast_tree,
+        covers=("acceleration terms dropped",),
+        shows=QUICK,
+        fraction=True,
+    ),
+    Cause(
+        "time scale",
+        "the motion is faster by the fraction {size} (another clock)",
+        _paced,
+        _smooth,
+        shows="a long motion: what another clock shifts grows with time",
+        fraction=True,
+    ),
+    Cause(
+        "length scale", "all lengths differ by the fraction {size} (a unit)", _lengths, whole, shows=HOLD, fraction=True
+    ),
+    Cause(
+        "centres of mass scaled",
+        "the centre of mass of {target} is farther out by the fraction {size}",
+        _all_inertias(lambda inertia, factor: replace(inertia, com=inertia.com * factor)),
+        _several(lambda inertia: bool(inertia.com.any())),
+        shows=HOLD,
+        fraction=True,
+    ),
+    Cause(
+        "inertia scale",
+        "all inertia tensors differ by the fraction {size} (a unit)",
+        _all_inertias(lambda inertia, factor: replace(inertia, tensor=inertia.tensor * factor)),
+        _several(lambda inertia: bool(inertia.tensor.any()), single=False),
+        shows=QUICK,
+        fraction=True,
+    ),
+    Cause(
+        "mass without inertia",
+        "the mass of {target} differs by the fraction {size}, its inertia about the centre of mass does not",
+        _all_inertias(lambda inertia, factor: replace(inertia, mass=inertia.mass * factor)),
+        _several(lambda inertia: bool(inertia.tensor.any())),
+        shows=HOLD,
+        fraction=True,
+    ),
+    Cause(
+        "rotor inertia scale",
+        "the rotor inertia (armature) of all joints differs by the fraction {size} (a gear ratio squared)",
+        _joints("rotor_inertia"),
+        _two("rotor_inertia"),
+        covers=("rotor inertia dropped",),
+        shows="a quick motion of the joints with large rotors",
+        fraction=True,
+    ),
+    Cause(
+        "damping scale",
+        "the viscous damping of all joints differs by the fraction {size} (degrees, a unit)",
+        _joints("damping"),
+        _two("damping"),
+        covers=("damping dropped",),
+        shows=STEADY,
+        fraction=True,
+    ),
+    Cause(
+        "friction scale",
+        "the dry friction of all joints differs by the fraction {size} (a unit)",
+        _joints("friction"),
+        _two("friction"),
+        covers=("friction dropped",),
+        shows=STEADY,
+        fraction=True,
+    ),
+)

@@ -1,0 +1,322 @@
+"""Causes in signals: what is done to efforts, or to the motion, between an engine and its file.
+
+Efforts are filtered, delayed, held, rounded, cut off or set to zero at the start, all of them on the samples of the case.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import pairwise, permutations
+
+import numpy as np
+from scipy.signal import butter, filtfilt, lfilter, lfilter_zi
+
+from crosscheck.causes.cause import Cause, Change, driven, effort, whole
+from crosscheck.causes.model import Model, is_tree
+from crosscheck.causes.subject import Array, States, Subject
+from crosscheck.measures.record import effort_units
+from flexinv.errors import InputError
+from flexinv.model.mechanism import Mechanism
+
+SHARP = "a motion with sharp changes: what a filter does goes with frequency"
+ANY = "any motion, sampled finely"
+FIRST, SECOND, BOTH = "first order", "second order", "second order, forwards and backwards"
+START, MEAN = "the first sample", "the mean"
+HELD, JOINED = "held", "joined by lines"
+EVERY = (2, 3, 4, 5, 8, 10, 20)  # samples
+CAUSAL, CENTRED = "before", "around"
+WIDTHS = (3, 5, 7, 9, 11, 15, 21)  # samples
+NEAREST, DOWN = "to the nearest", "towards zero"
+CUT = 0.05  # of the range of efforts: a limit below that leaves nothing to be seen
+GRID = 1e-6  # of a step: what rounding leaves of a multiple
+CENTRAL, BACKWARD = "central differences", "backward differences"
+THREE = "central differences of three neighbours"
+SPEEDS = ", accelerations alone, from speeds"
+MANY, FROM = 8, " <- "  # joints up to which every pair is tried; beyond, neighbours only
+
+
+def _done(change: Callable[[Array, float, str, Array], Array]) -> Change:
+    """Return the change of all efforts (samples, nv) by a size, with the sampling interval [s]."""
+
+    def changed(subject: Subject, target: str, size: Array) -> Subject:
+        def done(mechanism: Mechanism, states: States, effort: Array) -> Array:
+            return change(effort, float(states.time[1] - states.time[0]), target, size)
+
+        return subject.with_effort(done, dense=True)
+
+    return changed
+
+
+def _late(effort: Array, spacing: float, target: str, size: Array) -> Array:
+    time = spacing * np.arange(len(effort))
+    return np.stack([np.interp(time - size[0], time, column) for column in effort.T], axis=1)
+
+
+def _filtered(effort: Array, spacing: float, target: str, size: Array) -> Array:
+    """Take the time constant [s] of a low-pass of first order, or 1 / (2 pi f_c) of Butterworth's of second order."""
+    lag = float(size[0])
+    if lag < 0.0:
+        raise InputError(f"a time constant of {lag:g} s: expected 0 or more")
+    if lag == 0.0:
+        return effort
+    if target == FIRST:
+        part = spacing / (lag + spacing)
+        return np.asarray(lfilter([part], [1.0, part - 1.0], effort, axis=0, zi=(1.0 - part) * effort[:1])[0])
+    corner = 2.0 * spacing / (2.0 * np.pi * lag)  # of half the sampling frequency
+    if not corner < 1.0:
+        raise InputError(f"a time constant of {lag:g} s is too short for samples every {spacing:g} s")
+    b, a = butter(2, corner)
+    if target == BOTH:
+        return np.asarray(filtfilt(b, a, effort, axis=0))
+    return np.asarray(lfilter(b, a, effort, axis=0, zi=lfilter_zi(b, a)[:, None] * effort[:1])[0])
+
+
+def _interval(model: Model, target: str) -> float:
+    return 10.0 * model.base.case.sample
+
+
+def _averages(model: Model) -> list[str]:
+    return [f"{width} {where}" for width in WIDTHS for where in (CAUSAL, CENTRED)]
+
+
+def _averaged(effort: Array, spacing: float, target: str, size: Array) -> Array:
+    width, where = int(target.split()[0]), target.split()[1]
+    behind, ahead = (width - 1, 0) if where == CAUSAL else (width // 2, width // 2)
+    padded = np.concatenate([np.repeat(effort[:1], behind, 0), effort, np.repeat(effort[-1:], ahead, 0)])
+    total = np.cumsum(np.concatenate([np.zeros((1, effort.shape[1])), padded]), axis=0)
+    return np.asarray((total[width:] - total[:-width]) / width)
+
+
+def _rates(model: Model) -> list[str]:
+    return [f"{count} {how}" for count in EVERY for how in (HELD, JOINED)]
+
+
+def _resampled(effort: Array, spacing: float, target: str, size: Array) -> Array:
+    count, how = int(target.split(" ", 1)[0]), target.split(" ", 1)[1]
+    rows = np.arange(len(effort))
+    if how == HELD:
+        return np.asarray(effort[rows // count * count])
+    known = rows[::count]
+    return np.stack([np.interp(rows, known, column[known]) for column in effort.T], axis=1)
+
+
+def _rounded(subject: Subject, target: str, size: Array) -> Subject:
+    step = float(size[0])
+
+    def change(mechanism: Mechanism, states: States, effort: Array) -> Array:
+        if step <= 0.0:
+            return effort
+        cut = np.round(effort / step) if target == NEAREST else np.trunc(effort / step)
+        return np.asarray(cut * step)
+
+    return subject.with_effort(change)
+
+
+def _ways(model: Model) -> list[str]:
+    return [NEAREST, DOWN]
+
+
+def _steps(model: Model, target: str, seen: Array) -> Sequence[Array]:
+    """Return the step of which all efforts (samples, nv) are multiples, if there is one: the smallest between two of them."""
+    values = np.unique(np.abs(seen[np.abs(seen) > 0.0]))
+    if len(values) < 2:
+        return []
+    apart = np.diff(values)
+    apart = apart[apart > GRID * values[-1]]
+    step = float(apart.min()) if apart.size else float(values[-1])
+    whole_numbers = values / step
+    if float(np.abs(whole_numbers - np.round(whole_numbers)).max()) > GRID * max(1.0, float(whole_numbers.max())):
+        return []
+    # All of them together know the step better than two of them.
+    return [np.array([float((values @ np.round(whole_numbers)) / (np.round(whole_numbers) @ np.round(whole_numbers)))])]
+
+
+def _largest(model: Model, target: str) -> float:
+    return float(model.scale.max())
+
+
+def _cut(subject: Subject, target: str, size: Array) -> Subject:
+    most = float(size[0])
+
+    def change(mechanism: Mechanism, states: States, effort: Array) -> Array:
+        if most <= 0.0:
+            return effort
+        out, part = effort.copy(), mechanism.v_slices[target] if target else slice(None)
+        out[:, part] = np.clip(out[:, part], -most, most)
+        return out
+
+    return subject.with_effort(change)
+
+
+def _places(model: Model) -> list[str]:
+    return ["", *driven(model)] if len(driven(model)) > 1 else driven(model)
+
+
+def _limits(model: Model, target: str, seen: Array) -> Sequence[Array]:
+    """Return the largest effort (samples, nv) that an engine gave, if it gave it more than once."""
+    part = model.base.mechanism.v_slices[target] if target else slice(None)
+    values = np.abs(seen[:, part])
+    most = float(values.max(initial=0.0))
+    often = int((values >= most * (1.0 - GRID)).sum())
+    # An engine that gives next to nothing is not cut off: it predicts none of what it does give.
+    return [np.array([most])] if often > 1 and most > CUT * _range(model, target) else []
+
+
+def _range(model: Model, target: str) -> float:
+    return effort(model, target) if target else _largest(model, target)
+
+
+def _tared(effort: Array, spacing: float, target: str, size: Array) -> Array:
+    return np.asarray(effort - (effort[:1] if target == START else effort.mean(axis=0)))
+
+
+def _drifting(subject: Subject, target: str, size: Array) -> Subject:
+    end = subject.case.end
+
+    def change(mechanism: Mechanism, states: States, effort: Array) -> Array:
+        out, part = effort.copy(), mechanism.v_slices[target] if target else slice(None)
+        out[:, part] += float(size[0]) * states.time[:, None] / end
+        return out
+
+    return subject.with_effort(change)
+
+
+def _columns(model: Model) -> list[str]:
+    """Return "a <- b" for joints of one coordinate and one unit whose efforts are not the same."""
+    mechanism = model.base.mechanism
+    units = dict(zip(mechanism.velocity_names, effort_units(mechanism), strict=True))
+    names = [n for n in driven(model) if mechanism.joint_of[n].nv == 1]
+    pairs = permutations(names, 2) if len(names) <= MANY else pairwise(names)
+    return [f"{a}{FROM}{b}" for a, b in pairs if units[a] == units[b]]
+
+
+def _copied(subject: Subject, target: str, size: Array) -> Subject:
+    a, b = target.split(FROM)
+
+    def change(mechanism: Mechanism, states: States, effort: Array) -> Array:
+        out = effort.copy()
+        out[:, mechanism.v_slices[a]] = effort[:, mechanism.v_slices[b]]
+        return out
+
+    return subject.with_effort(change)
+
+
+def _differences(subject: Subject, target: str, size: Array) -> Subject:
+    """Take speeds from places, and accelerations from those, by differences over the samples of the case."""
+    inner, spacing, last = subject.case.motion, subject.case.sample, subject.case.end
+    central = target.startswith(CENTRAL)
+
+    def moved(mechanism: Mechanism, states: States) -> States:
+        def place(time: Array) -> Array:
+            return inner.evaluate(mechanism, time)[0]
+
+        def speed(time: Array) -> Array:
+            return inner.evaluate(mechanism, time)[1] if target.endswith(SPEEDS) else slope(place, time)
+
+        def slope(of: Callable[[Array], Array], time: Array) -> Array:
+            ahead = np.minimum(time + spacing, last) if central else time
+            behind = np.maximum(time - spacing, 0.0)
+            span = np.where(ahead > behind, ahead - behind, 1.0)[:, None]
+            return np.asarray((of(ahead) - of(behind)) / span)
+
+        time = states.time
+        inside = np.clip(time, spacing, last - spacing)
+        second = place(inside + spacing) - 2.0 * place(inside) + place(inside - spacing)
+        qdd = second / spacing**2 if target == THREE else slope(speed, time)
+        return replace(states, qd=speed(time), qdd=qdd)
+
+    return subject.with_states(moved)
+
+
+def _trees(model: Model) -> list[str]:
+    moving = is_tree(model.base) and model.states.qd.any()
+    simple = all(j.nv == j.nq == 1 for j in model.base.mechanism.joints if j.nv)
+    ways = [CENTRAL, BACKWARD, THREE, CENTRAL + SPEEDS, BACKWARD + SPEEDS]
+    return ways if moving and simple else []
+
+
+ROWS = (
+    Cause(
+        "efforts late",
+        "all efforts come late by {size} (a delay of the signal, not of the motion)",
+        _done(_late),
+        whole,
+        scale=_interval,
+        unit="s",
+        shows=SHARP,
+    ),
+    Cause(
+        "low-pass filter",
+        "all efforts passed a low-pass filter ({target}) of the time constant {size}",
+        _done(_filtered),
+        lambda model: [FIRST, SECOND, BOTH],
+        scale=_interval,
+        unit="s",
+        shows=SHARP,
+    ),
+    Cause(
+        "moving average", "all efforts are averages over samples: {target}", _done(_averaged), _averages, 0, shows=SHARP
+    ),
+    Cause(
+        "resampled",
+        "of the efforts only every few samples are kept, the others are filled in: {target}",
+        _done(_resampled),
+        _rates,
+        0,
+        shows=ANY,
+    ),
+    Cause(
+        "quantisation",
+        "all efforts are rounded {target}, to multiples of {size}",
+        _rounded,
+        _ways,
+        scale=_largest,
+        unit="N m or N",
+        shows=ANY,
+        guess=_steps,
+    ),
+    Cause(
+        "saturation",
+        "efforts ({target}) are cut off at {size}",
+        _cut,
+        _places,
+        scale=_range,
+        unit="N m or N",
+        shows="a motion with larger efforts",
+        guess=_limits,
+    ),
+    Cause(
+        "effort offset taken off",
+        "of all efforts {target} is taken off",
+        _done(_tared),
+        lambda model: [START, MEAN],
+        0,
+        shows="a start from another place",
+    ),
+    Cause(
+        "drift",
+        "efforts ({target}) drift, by {size} over the case",
+        _drifting,
+        _places,
+        scale=_range,
+        unit="N m or N",
+        shows="a rest at the end",
+    ),
+    Cause(
+        "column given twice",
+        "the effort of one joint is that of another: {target}",
+        _copied,
+        _columns,
+        0,
+        shows="one joint moved at a time",
+    ),
+    Cause(
+        "differentiated motion",
+        "speeds and accelerations come from places by {target} over the samples",
+        _differences,
+        _trees,
+        0,
+        shows=ANY,
+    ),
+)

@@ -1,0 +1,297 @@
+"""The checker is checked: every cause is planted in an engine's model, and has to be named.
+
+A fault goes into the input of the *engine's adapter* (the mechanism, the motion, its options) or into the treatment of
+the engine's answer; flexinv's reference stays unharmed.  The difference of the two records is all that the naming sees.
+Where the mechanism is unharmed, no cause may be named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+
+from crosscheck.causes.apply import with_efforts
+from crosscheck.causes.dictionary import DICTIONARY
+from crosscheck.causes.evidence import Evidence
+from crosscheck.causes.fault_benches import Bench
+from crosscheck.causes.fit import IMPOSSIBLE, Candidate, candidates
+from crosscheck.causes.model import Model, model_of
+from crosscheck.causes.naming import Naming, name
+from crosscheck.causes.quantities import Quantities, quantities
+from crosscheck.causes.subject import Subject
+from crosscheck.engines import ENGINES, adapter
+from crosscheck.engines.base import companion
+from crosscheck.engines.flexinv.certificate import certify
+from crosscheck.measures.certificate import Certificate, checks
+from crosscheck.measures.record import Record
+from flexinv.files.load_cases import Case, load_cases
+from flexinv.files.load_mechanism import load_mechanism
+from flexinv.model.mechanism import Closure, Mechanism
+
+SIZES = (0.001, 0.01, 0.1)  # of the size that matters
+DIRECTION = np.array([0.78, -0.55, 0.31])  # of sizes with several numbers: no axis of anything
+# Exact engines on the same q, qd, qdd differ by rounding, 1e-12 of the range and, in closed loops whose condition is up to
+# 1e3, by 1e-9: below that nothing is a difference.
+ROUNDING = 1e-9
+SAMPLES = 60  # of a rigid case
+CLEAN = "(nothing)"
+SOFT = "soft constraint"
+RANK = "closure of wrong rank"
+
+
+@dataclass(frozen=True)
+class Planted:
+    """One fault and what was made of it.
+
+    size : [unit of the cause]; change : largest change of the engine's efforts over their range [-]
+    outcome : "alone", "first", "in the set", "another", "none", "unseen"; for the clean mechanism "silent" or "another"
+    """
+
+    bench: str
+    cause: str
+    target: str
+    size: float
+    change: float
+    outcome: str
+    named: tuple[str, ...]
+    words: str = ""
+
+
+FOUND = ("alone", "first", "in the set", "silent")
+MATTERS = 0.01  # of the range: faults that change the torque by as much have to be named
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A bench with all that its faults share: the model of the reference, its record, its columns, the error bars.
+
+    certificate : of the reference; noise : [-] of the range; agreed : by series [unit], how far the unharmed engines may be apart
+    """
+
+    bench: Bench
+    subject: Subject
+    model: Model
+    reference: Record
+    clean: Record
+    certificate: Certificate
+    known: list[Candidate]
+    noise: float
+    agreed: Mapping[str, float]
+
+
+def prepare(bench: Bench, models: Path) -> Setting:
+    """Run reference and engine unharmed, and compute the columns of the dictionary."""
+    folder = models / bench.mechanism
+    mechanism = load_mechanism(folder)
+    case = load_cases(folder, mechanism)[bench.case]
+    mechanism, case = bench.made(mechanism, case)
+    if mechanism.is_rigid:  # exact at every sample: fewer of them do
+        spacing = case.sample * max(1, round(case.end / case.sample / SAMPLES))
+        case = replace(case, sample=spacing, step=spacing)
+    options = dict(bench.options or {})
+    if options:
+        options["step"] = case.sample / bench.steps
+    subject = Subject(mechanism, case, options)
+    bars = not mechanism.is_rigid
+    reference = adapter(ENGINES["flexinv"]).run(mechanism, case, "flexinv", {"error": bars})
+    model = model_of(replace(subject, options={}), reference)
+    clean = ask(bench, subject)
+    noise, agreed = ROUNDING, quantities(model, clean, reference).agreed
+    if bars:
+        finer = ask(bench, subject.with_options(refinement=1))
+        own = max(
+            float(np.max(s.error)) for s in reference.series.values() if s.error is not None and s.quantity == "torque"
+        )
+        # Both of second order: the error of the coarse run is 4/3 of what halving does.
+        noise = own / float(model.scale.min()) + 4 / 3 * float(np.abs(model.residual(clean, finer)).max())
+        agreed = apart(reference, clean, finer)
+    ours = certify(mechanism, case, "flexinv")
+    return Setting(bench, subject, model, reference, clean, ours, candidates(model, DICTIONARY), noise, agreed)
+
+
+def apart(reference: Record, clean: Record, finer: Record) -> dict[str, float]:
+    """Return by series how far an engine and the reference may be apart [unit]: error bars, and what halving its step does."""
+    found = {}
+    for key, one in clean.series.items():
+        error = reference.series[key].error if key in reference.series else None
+        if error is not None and key in finer.series:
+            halved = float(np.abs(one.values - finer.series[key].values).max())
+            # Other formulations measure a beam's end forces elsewhere: what the unharmed engines differ by is no fault.
+            unharmed = float(np.abs(one.values - reference.series[key].values).max())
+            found[key] = max(float(error.max()) + 4 / 3 * halved, unharmed)
+    return found
+
+
+def ask(bench: Bench, subject: Subject) -> Record:
+    """Return the record of the bench's engine for a subject: the engine's own run, then the changes of its efforts."""
+    engine = adapter(ENGINES[bench.engine])
+    record = engine.run(subject.mechanism, subject.case, bench.engine, subject.options)
+    return with_efforts(record, subject) if subject.effort else record
+
+
+def softened(setting: Setting, size: float) -> Record:
+    """Return MuJoCo's efforts with the fraction ``size`` [-] of what its soft equality constraints give."""
+    soft = ask(replace(setting.bench, engine="mujoco-equality"), setting.subject)
+    mixed = {
+        n: replace(s, values=(1 - size) * s.values + size * soft.series[n].values)
+        for n, s in setting.clean.series.items()
+        if s.quantity == "torque"
+    }
+    return replace(setting.clean, series={**setting.clean.series, **mixed})
+
+
+def plant(setting: Setting, candidate: Candidate, size: float) -> Planted | None:
+    """Plant one fault of a size (a fraction of the size that matters [-]); None where the engine cannot take it.
+
+    A fault that makes a plane mechanism spatial gives Exudyn other elements with other errors: it is planted elsewhere.
+    """
+    cause, target = candidate.cause, candidate.target
+    numbers = (
+        np.ones(1)
+        if not cause.sized or cause.linear
+        else size * candidate.scale * DIRECTION[: cause.parameters] / _length(cause.parameters)
+    )
+    subject = setting.subject
+    try:
+        if cause.name == SOFT:
+            harmed = softened(setting, size)
+        else:
+            subject = (cause.plant or cause.change)(setting.subject, target, numbers)
+            engine = adapter(ENGINES[setting.bench.engine])
+            if engine.unsupported(subject.mechanism, subject.case, setting.bench.engine):
+                return None  # it would leave out what was planted
+            if _element(setting, subject) != setting.clean.settings.get("element"):
+                return None
+            harmed = ask(setting.bench, subject)
+        if harmed.status != "ok":
+            return None
+    except (*IMPOSSIBLE, RuntimeError, KeyError):
+        return None
+    naming = named(setting, harmed, subject)
+    change = float(np.abs(setting.model.residual(harmed, setting.clean)).max())
+    told = tuple(f"{f.cause.name}: {f.target}" if f.target else f.cause.name for f in naming.named)
+    found = outcome(naming, cause.name, target)
+    return Planted(
+        setting.bench.label, cause.name, target, float(np.linalg.norm(numbers)), change, found, told, naming.words
+    )
+
+
+def _element(setting: Setting, subject: Subject) -> object:
+    """Return the element that the engine takes for a subject, by a run of two samples; None where nothing bends."""
+    if subject.mechanism.is_rigid:
+        return None
+    short = replace(subject.case, end=2 * subject.case.sample)
+    return ask(setting.bench, replace(subject, case=short, effort=())).settings.get("element")
+
+
+def named(setting: Setting, harmed: Record, subject: Subject) -> Naming:
+    """Return the naming of a harmed engine, from its efforts and the certificate of its model of the harmed mechanism."""
+    residual = setting.model.residual(harmed, setting.reference)
+    if float(np.abs(residual).max()) <= setting.noise:
+        return name(setting.model, residual, setting.noise, setting.known)
+    theirs = _certified(setting.bench.engine, subject.mechanism, setting.subject.case)
+    others = Quantities(setting.model, harmed.series, setting.reference.series, setting.agreed)
+    evidence = Evidence(setting.model, residual, theirs, setting.certificate, others)
+    return name(setting.model, residual, setting.noise, setting.known, evidence)
+
+
+def _certified(engine: str, mechanism: Mechanism, case: Case) -> Certificate:
+    """Return the certificate of an engine's own model; an empty one where it says nothing."""
+    module = companion(ENGINES[engine].module, "certificate")
+    try:
+        found: Certificate = import_module(module).certify(mechanism, case, engine)
+    except (*IMPOSSIBLE, RuntimeError):
+        return Certificate()
+    return found
+
+
+def _length(parameters: int) -> float:
+    return float(np.linalg.norm(DIRECTION[:parameters]))
+
+
+def outcome(naming: Naming, cause: str, target: str) -> str:
+    """Return the grade of a naming when a cause was planted at a target."""
+    if not naming.found:
+        return "unseen"
+    if not naming.named:
+        return "none"
+    if (cause, target) not in [f.key for f in naming.named]:
+        return "another"
+    if naming.names == (cause,):
+        return "alone"
+    return "first" if naming.named[0].key == (cause, target) else "in the set"
+
+
+def loosened(closure: Closure) -> Closure:
+    """Return a closure that lets a point slide across the axis about which it should only turn."""
+    across = np.cross(closure.axis, np.eye(3)[int(np.argmin(np.abs(closure.axis)))])
+    return replace(closure, kind="point-on-line", axis=across / np.linalg.norm(across))
+
+
+def wrong_rank(setting: Setting) -> Planted | None:
+    """Let a closure of the engine's model tie less than it should; only the certificate can say so: there are no efforts."""
+    mechanism, case = setting.subject.mechanism, setting.subject.case
+    if not mechanism.closures:
+        return None
+    loose = (loosened(mechanism.closures[0]), *mechanism.closures[1:])
+    ask_of = {
+        e: import_module(companion(ENGINES[e].module, "certificate")).certify for e in (setting.bench.engine, "flexinv")
+    }
+    theirs = ask_of[setting.bench.engine](replace(mechanism, closures=loose), case, setting.bench.engine)
+    lines = checks(
+        mechanism.name, case.name, setting.bench.engine, theirs, ask_of["flexinv"](mechanism, case, "flexinv")
+    )
+    wrong = tuple(line.what for line in lines if not line.holds)
+    rank = "rank of the closures" in wrong and set(wrong) <= {"rank of the closures", "closure axes"}  # of the line
+    found = "none" if not wrong else "alone" if rank else "another"
+    return Planted(setting.bench.label, RANK, mechanism.closures[0].name, 1.0, 1.0, found, wrong)
+
+
+def unharmed(setting: Setting) -> Planted:
+    """Return the result for the engine as it is: nothing may be named."""
+    naming = named(setting, setting.clean, setting.subject)
+    found = "another" if naming.named else "silent"
+    return Planted(setting.bench.label, CLEAN, "", 0.0, 0.0, found, naming.names, naming.words)
+
+
+def faults(
+    setting: Setting, sizes: Sequence[float], causes: Sequence[str], targets: int
+) -> Iterator[tuple[Candidate, float]]:
+    """Yield what to plant: every cause at its first and last targets that show, in every size [-].
+
+    What a bench has besides (``Bench.more``) is planted once: at the first target, in the last size.
+    """
+    bench, places = setting.bench, dict[str, list[Candidate]]()
+    wanted = causes or bench.planted
+    for one in setting.known:
+        if one.cause.name in wanted:
+            places.setdefault(one.cause.name, []).append(one)
+    for name_of, known in places.items():
+        once = not causes and name_of in bench.more
+        picked = known[:1] if once else _ends(known, targets)
+        for one in picked:
+            fitted = one.cause.sized and not one.cause.linear
+            for size in (sizes[-1:] if once else sizes) if fitted else (1.0,):
+                yield one, size
+
+
+def _ends(known: list[Candidate], count: int) -> list[Candidate]:
+    """Return the first and the last of the places of a cause, count of them [-]."""
+    return known if len(known) <= count else [known[0], *known[len(known) - count + 1 :]][:count]
+
+
+def run_bench(
+    bench: Bench, models: Path, sizes: Sequence[float] = SIZES, causes: Sequence[str] = (), targets: int = 2
+) -> list[Planted]:
+    """Return the rows of one bench: the unharmed mechanism, then every fault; sizes [-] of the sizes that matter."""
+    setting, causes = prepare(bench, models), causes or bench.causes
+    rows = [unharmed(setting)]
+    rows += [
+        row for one, size in faults(setting, sizes, causes, targets) if (row := plant(setting, one, size)) is not None
+    ]
+    ranked = wrong_rank(setting) if not causes or RANK in causes else None
+    return rows if ranked is None else [*rows, ranked]

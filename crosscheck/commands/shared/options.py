@@ -1,0 +1,92 @@
+"""Options that the commands that run engines have in common, and the work that follows from them."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from crosscheck.commands.shared.terminal import JOBS, MODELS, PATTERNS, TIMEOUT, Failure, chosen, compared, plan_of
+from crosscheck.engines import Engine
+from crosscheck.run.runner import Options, Work
+from crosscheck.studies import STUDIES
+from flexinv.errors import InputError
+from flexinv.files.toml_tables import read_toml
+
+DECLARED = "studies.toml"  # in a folder of models: which studies belong to it
+OPTIONS = (
+    click.argument("names", nargs=-1),
+    MODELS,
+    PATTERNS,
+    click.option(
+        "--studies",
+        help="Names or patterns of the studies; '' for none.  [default: those that studies.toml in the models names]",
+    ),
+    click.option(
+        "--scheduler", default="", help="Address of a Dask scheduler, tcp://host:8786: engines run on its workers."
+    ),
+    click.option("--resume", is_flag=True, help="Take over what an interrupted run has left there; run the rest."),
+    JOBS,
+    TIMEOUT,
+)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Selection of mechanisms, engines and studies, in the words of the command line; timeout [s]."""
+
+    names: tuple[str, ...]
+    models: Path
+    engines: str
+    studies: str | None
+    scheduler: str
+    resume: bool
+    jobs: int
+    timeout: float
+
+    def work(self, known: Mapping[str, Engine]) -> Work:
+        """Return the work for the known engines.  Raises Failure where a name or a pattern leads to nothing."""
+        options = Options(self.timeout, self.jobs, scheduler=self.scheduler, resume=self.resume)
+        engines = compared(known, self.engines)
+        # a reader who names mechanisms wants those; the studies belong to the whole
+        wanted = ("" if self.names else declared(self.models)) if self.studies is None else self.studies
+        tables = chosen(STUDIES, wanted, "study")
+        studies = (replace(study, options={"models": str(self.models.resolve())}) for study in tables.values())
+        return Work(plan_of(self.models, self.names), engines, tuple(studies), options)
+
+
+def declared(models: Path) -> str:
+    """Return the patterns of the studies that belong to a folder of models, as its studies.toml says; "" without one.
+
+    Raises Failure where it says something else.
+    """
+    file = models / DECLARED
+    if not file.exists():
+        return ""
+    try:
+        table = read_toml(file)
+    except InputError as error:
+        raise Failure(str(error)) from error
+    names = table.get("studies")
+    if set(table) != {"studies"} or not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise Failure(f'{file}: expected one list of names; write studies = ["{next(iter(STUDIES))}"]')
+    if unknown := [name for name in names if name not in STUDIES]:
+        raise Failure(f"{file}: no study is called {unknown[0]!r}; known: {', '.join(STUDIES)}")
+    return ",".join(names)
+
+
+def running(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command the options of what to run: it is called with them as one ``Asked``, and with its own by name."""
+
+    @functools.wraps(command)
+    def called(**words: Any) -> Any:
+        asked = Asked(**{field.name: words.pop(field.name) for field in fields(Asked)})
+        return command(asked, **words)
+
+    for option in reversed(OPTIONS):
+        called = option(called)
+    return called

@@ -1,0 +1,1 @@
+"""Exudyn: kinematic trees and beams in time, loops, phases, certificate, export, replay."""

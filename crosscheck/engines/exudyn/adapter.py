@@ -1,0 +1,118 @@
+"""Exudyn: rigid mechanisms by its kinematic tree or in time, flexible ones by two beam formulations in time.
+
+    exudyn        rigid trees, every joint kind: KinematicTree66, tau = M qdd + f (exact, no time integration)
+    exudyn-dae    the same mechanisms in redundant coordinates, every joint a prescribed constraint, in time; also loops
+                  that open and close (`exudyn.phases`)
+    exudyn-ancf   absolute nodal coordinates: ANCFCable2D in the plane, ANCFBeam in space
+    exudyn-ge     geometrically exact: BeamGeometricallyExact2D (3 nodes) in the plane, BeamGeometricallyExact in space
+                  (the last three also closed loops, springs and forces: `exudyn.loops`)
+
+Options: ``elements`` (per beam), ``step`` [s], ``refinement`` (each doubles the elements and halves the step),
+``spectral_radius`` (generalized-alpha of index 3, in the place of index 2 where that is the default).
+The modules `exudyn.rigid`, `exudyn.planar` and `exudyn.spatial` give the conventions; what the bodies need is completed here
+to the effort of the actuator: + rotor inertia qdd + damping qd + friction sign(qd).
+"""
+
+from __future__ import annotations
+
+import time as clock
+
+import exudyn as exu
+
+from crosscheck.engines.base import Options, sample_times
+from crosscheck.engines.exudyn import loops as exudyn_loops
+from crosscheck.engines.exudyn import phases as exudyn_phases
+from crosscheck.engines.exudyn import rigid as exudyn_rigid
+from crosscheck.engines.exudyn import switched as exudyn_switched
+from crosscheck.engines.exudyn.integration import quiet
+from crosscheck.engines.exudyn.models import planar as exudyn_planar
+from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
+from crosscheck.engines.exudyn.run_in_time import ANCF, DAE, EXACT, TREE, Made, in_time, layout_of
+from crosscheck.engines.shared.prescribed import beyond_a_tree, missing_motion, passive_effort, rotor_effort
+from crosscheck.measures.record import Record, fingerprint, torque_series, vector_series, wrench_series
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import Mechanism
+
+
+def version() -> str:
+    """Return the version of Exudyn."""
+    return str(exu.__version__)
+
+
+def abilities() -> str:
+    """Return one sentence: what Exudyn can do here."""
+    return (
+        "Rigid inverse dynamics of every joint kind (KinematicTree66, or in time); flexible and mixed trees in time "
+        "with prescribed joints, by ANCF (cable in the plane, beam in space) or geometrically exact beams; closed loops, "
+        "springs and forces in time, rigid (exudyn-dae) or with beams, also where closures act for a while."
+    )
+
+
+def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
+    """Return the reason why Exudyn cannot do this case, or None."""
+    beyond = beyond_a_tree(mechanism)
+    if beyond and engine == DAE and exudyn_phases.switched(mechanism):
+        return exudyn_phases.unsupported(mechanism, case)
+    if beyond and engine != TREE and mechanism.beams and exudyn_phases.switched(mechanism):
+        return exudyn_switched.unsupported(mechanism, case, engine)
+    if beyond and engine != TREE:
+        return exudyn_loops.unsupported(mechanism, case, engine)
+    if (reason := beyond or missing_motion(mechanism, case)) is not None:
+        return f"{reason}; see {DAE if mechanism.is_rigid else f'{ANCF} and {EXACT}'}" if beyond else reason
+    names = ", ".join(link.name for link in mechanism.beams)
+    if engine in (TREE, DAE):
+        if names:
+            return f"{engine} has rigid bodies only; flexible here: {names}"
+        return None if engine == TREE else _unsupported(mechanism, case, engine)
+    return _unsupported(mechanism, case, engine) if names else f"no link is a beam: see {TREE} and {DAE}"
+
+
+def _unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
+    """Return the reason why there is no model in time, or None; the tree of rigid bodies has no such limits."""
+    layout = layout_of(mechanism, case)
+    if not isinstance(exudyn_planar.plane_of(mechanism, layout), str):
+        return None
+    left_out = exudyn_spatial.damping_left_out(mechanism) if engine == EXACT else None
+    return exudyn_spatial.unsupported(mechanism) or left_out
+
+
+def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
+    """Return torque [N m] or [N], wrench [N], [N m], tip, deflection [m] and axial [N] on the sample times."""
+    with quiet():
+        made = _made(mechanism, case, engine, options)
+    return Record(
+        engine=engine,
+        version=version(),
+        settings=made.settings,
+        time=sample_times(case),
+        series=made.series,
+        wall_time=made.wall,
+        model_hash=fingerprint(mechanism),
+        budget=made.budget,
+    )
+
+
+def _made(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Made:
+    if engine == TREE:
+        return _tree(mechanism, case)
+    if mechanism.beams and exudyn_phases.switched(mechanism):
+        return exudyn_switched.in_time(mechanism, case, engine, options)
+    if exudyn_phases.switched(mechanism):
+        return exudyn_phases.in_time(mechanism, case, options)
+    if beyond_a_tree(mechanism):
+        return exudyn_loops.in_time(mechanism, case, engine, options)
+    return in_time(mechanism, case, engine, options)
+
+
+def _tree(mechanism: Mechanism, case: Case) -> Made:
+    q, qd, qdd = case.motion.evaluate(mechanism, sample_times(case))
+    start = clock.perf_counter()
+    result = exudyn_rigid.inverse_dynamics(mechanism, q, qd, qdd, wrench="wrench" in case.quantities)
+    wall = clock.perf_counter() - start
+    drive = rotor_effort(mechanism, qdd) + passive_effort(mechanism, qd)
+    made = torque_series(mechanism, result.torque + drive)
+    for name, tip in result.tip.items():
+        made |= vector_series(f"tip/{name}", "m", tip)
+    for name, wrench in result.wrench.items():
+        made |= wrench_series(name, wrench)
+    return Made(made, {"algorithm": "KinematicTree66, M qdd + f"}, wall)

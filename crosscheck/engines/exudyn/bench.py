@@ -1,0 +1,168 @@
+"""Exudyn's marches of beams as they are run when time matters: the adapters' models with nothing but what the march needs.
+
+No files, no sensors; modified Newton, which keeps its Jacobian while it converges, or full Newton; dense or sparse matrices;
+tolerances of 1e-6, which the defaults of 1e-8 and 1e-10 would turn into failures or hundreds of iterations.  The motion
+is put in once per step where the engine has a parameter for it (in the plane), else by a user function (in space).
+The fast build, without range checks, is what ``sys.exudynFast = True`` before the first import of exudyn gives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import exudyn as exu
+import numpy as np
+from exudyn.itemInterface import SensorNode
+from numpy.typing import NDArray
+
+from crosscheck.engines.exudyn.integration import ExudynFailure, quiet
+from crosscheck.engines.exudyn.models import planar as exudyn_planar
+from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
+from crosscheck.engines.exudyn.models.frames import joint_q, scalar_coordinate
+from crosscheck.engines.exudyn.models.layout import Layout, lay_out
+from flexinv.model.mechanism import Joint, Mechanism
+from flexinv.model.motion import Motion
+
+Array = NDArray[np.float64]
+TOLERANCES = (1e-6, 1e-5)  # the looser one where the stricter stalls on its own rounding (fine meshes)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Settings of Newton's method: modified or full, dense or sparse matrices, tolerance [-]."""
+
+    modified: bool
+    dense: bool
+    tolerance: float = TOLERANCES[0]
+
+    def __str__(self) -> str:
+        kinds = ("modified" if self.modified else "full", "dense" if self.dense else "sparse")
+        return f"{' Newton, '.join(kinds)}, {self.tolerance:.0e}"
+
+
+@dataclass(frozen=True)
+class March:
+    """A model of a mechanism whose joints all move as told, ready to be marched.
+
+    formulation : "ancf" or "ge"; elements : of every beam; step, end : [s]; spectral_radius : of generalized-alpha [-]
+    """
+
+    mechanism: Mechanism
+    motion: Motion
+    formulation: str
+    elements: int
+    step: float
+    end: float
+    spectral_radius: float = 0.8
+
+    def settings(self) -> list[Setting]:
+        """Return the settings worth trying, the stricter tolerance first; dense matrices where there are few unknowns."""
+        kinds = [(True, False), (False, False), *([(True, True)] if self.elements <= 16 else [])]
+        return [Setting(modified, dense, tolerance) for tolerance in TOLERANCES for modified, dense in kinds]
+
+    def runner(self, setting: Setting) -> Callable[[], None]:
+        """Return a function that marches from the start to the end.  Raises ExudynFailure where Newton fails."""
+        mbs, _ = self._built(sensors=False)
+        return self._runner(mbs, setting)
+
+    def tips(self, setting: Setting, every: float) -> dict[str, Array]:
+        """Return the positions of the beams' ends, (samples, 3) [m], every so many seconds [s]."""
+        mbs, sensors = self._built(sensors=True)
+        self._runner(mbs, setting)()
+        rows = slice(None, None, round(every / self.step))
+        return {name: place(np.array(mbs.GetSensorStoredData(s))[rows, 1:4]) for name, (s, place) in sensors.items()}
+
+    def _runner(self, mbs: Any, setting: Setting) -> Callable[[], None]:
+        s = _simulation(self, setting)
+
+        def run() -> None:
+            with quiet():
+                try:
+                    done = mbs.SolveDynamic(s, solverType=exu.DynamicSolverType.GeneralizedAlpha)
+                except Exception as error:
+                    raise ExudynFailure(f"{self.elements} elements, {setting}: {error}") from error
+            if done is False:
+                raise ExudynFailure(f"{self.elements} elements, {setting}: no success")
+
+        return run
+
+    def _built(self, sensors: bool) -> tuple[Any, dict[str, Any]]:
+        steps = round(self.end / self.step)
+        q, qd, _ = self.motion.evaluate(self.mechanism, self.step * np.arange(steps + 2))
+        layout = lay_out(self.mechanism, q[0], qd[0])
+        plane = exudyn_planar.plane_of(self.mechanism, layout)
+        with quiet():
+            if isinstance(plane, str):
+                return _spatial(self, layout, q, sensors)
+            return _planar(self, layout, plane, q, sensors)
+
+
+def _simulation(march: March, setting: Setting) -> Any:
+    s = exu.SimulationSettings()
+    t = s.timeIntegration
+    t.endTime, t.numberOfSteps = march.end, round(march.end / march.step)
+    t.adaptiveStep = False
+    t.generalizedAlpha.spectralRadius = march.spectral_radius
+    t.newton.useModifiedNewton = setting.modified
+    t.newton.relativeTolerance = t.newton.absoluteTolerance = setting.tolerance
+    t.verboseMode = 0
+    s.solution.file.write = False
+    s.solution.sensors.writePeriod = march.step
+    kinds = exu.LinearSolverType
+    s.linearSolver.solverType = kinds.EXUdense if setting.dense else kinds.EigenSparse
+    return s
+
+
+def _planar(march: March, layout: Layout, plane: Array, q: Array, sensors: bool) -> tuple[Any, dict[str, Any]]:
+    """The adapter's model in the plane; once per step the offsets of all motors are set."""
+    d = exudyn_planar.build(march.mechanism, layout, plane, march.formulation == "ancf", march.elements)
+    mbs, motors = d.model.mbs, []
+    for joint in _moving(march.mechanism):
+        axis = layout.start(layout.joint[joint.name]).rotation @ joint.axis
+        angle = float(plane[:, 2] @ axis) * scalar_coordinate(joint, joint_q(march.mechanism, joint, q))
+        motors.append((d.model.joint[joint.name][1], (angle - angle[0]).tolist()))
+    per_step = 1.0 / march.step
+
+    def prescribe(mbs: Any, t: float) -> bool:
+        k = round(t * per_step)
+        for number, offsets in motors:
+            mbs.SetObjectParameter(number, "offset", offsets[k])
+        return True
+
+    mbs.SetPreStepUserFunction(prescribe)
+    return mbs, _watched(d, sensors, lambda name, flat: exudyn_planar.in_world(d, layout.root[name], flat))
+
+
+def _spatial(march: March, layout: Layout, q: Array, sensors: bool) -> tuple[Any, dict[str, Any]]:
+    """The adapter's model in space; every joint has its user function, which looks a list up."""
+    d = exudyn_spatial.build(march.mechanism, layout, march.formulation == "ancf", march.elements)
+    mbs, per_step = d.model.mbs, 1.0 / march.step
+    for joint in _moving(march.mechanism):
+        own = joint_q(march.mechanism, joint, q)
+        for number, rows in zip(d.model.joint[joint.name], exudyn_spatial._offsets(d, joint, own), strict=True):
+            mbs.SetObjectParameter(number, "offsetUserFunction", _looked_up(rows.tolist(), per_step))
+    return mbs, _watched(d, sensors, lambda name, place: place)
+
+
+def _looked_up(rows: list[list[float]], per_step: float) -> Any:
+    return lambda mbs, t, item, parameters: rows[round(t * per_step)]
+
+
+def _moving(mechanism: Mechanism) -> list[Joint]:
+    return [joint for joint in mechanism.joints if joint.nv]
+
+
+def _watched(drawing: Any, sensors: bool, place: Callable[[str, Array], Array]) -> dict[str, Any]:
+    """Sensors of the ends of all beams, and what turns their data into places in the world."""
+    if not sensors:
+        return {}
+    kind = exu.OutputVariableType.Position
+    add = drawing.model.mbs.AddSensor
+    made = {
+        name: add(SensorNode(nodeNumber=nodes[-1], outputVariableType=kind, storeInternal=True))
+        for name, nodes in drawing.model.beam.items()
+    }
+    drawing.model.mbs.Assemble()
+    return {name: (number, lambda data, name=name: place(name, data)) for name, number in made.items()}

@@ -1,0 +1,223 @@
+"""Export of an Exudyn run: a Python script that builds the same system item by item and reads its efforts.
+
+The tree of rigid bodies is written as arrays of ``KinematicTree66``; models in time are recorded while they run
+(`script`).  There the effort along a joint is one component of one reaction (see the heads of `exudyn.planar`,
+`exudyn.spatial`): the moment or force along the connector's x axis, or the force of the coordinate connector.
+
+In rigid loops these stand on the joints that the motion gives; ``shares.npz`` takes them, and what joints take themselves,
+to the drives: our own numbers, from the Jacobian of the closures (`exudyn.chain.shared`).
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crosscheck.engines.base import sample_times
+from crosscheck.engines.exudyn import adapter
+from crosscheck.engines.exudyn import integration as exudyn_solve
+from crosscheck.engines.exudyn import loops as exudyn_loops
+from crosscheck.engines.exudyn import phases as exudyn_phases
+from crosscheck.engines.exudyn import rigid as exudyn_rigid
+from crosscheck.engines.exudyn.integration import Plan, grid
+from crosscheck.engines.exudyn.lead_in import history_of
+from crosscheck.engines.exudyn.models import chain as exudyn_chain
+from crosscheck.engines.exudyn.models.frames import compose, joint_pose, joint_q
+from crosscheck.engines.exudyn.models.layout import Layout
+from crosscheck.engines.exudyn.run_in_time import TREE, choose, layout_of
+from crosscheck.engines.exudyn.script import Recorded, recording, source
+from crosscheck.engines.shared.export_files import Array, Motion, NotExported, check_rigid, write
+from crosscheck.engines.shared.prescribed import beyond_a_tree
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import Mechanism, Placement
+
+HEAD = '''"""The model, item by item, and the solver's settings."""
+
+from __future__ import annotations
+
+import exudyn as exu
+import numpy as np
+from exudyn.itemInterface import *  # noqa: F403
+
+
+def section(massPerLength, inertia, stiffnessMatrix, dampingMatrix):
+    made = exu.BeamSection()
+    made.massPerLength, made.inertia = massPerLength, np.array(inertia)
+    made.stiffnessMatrix, made.dampingMatrix = np.array(stiffnessMatrix), np.array(dampingMatrix)
+    return made
+'''
+PLAIN = {"error": False}  # the runs that the result itself needs
+COORDINATES = ("revolute", "continuous", "prismatic")
+
+
+def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder: Path) -> None:
+    """Write model and script; effort : (samples, nv) [N m] or [N] expected, in mechanism order.
+
+    Raises NotExported in time for drives on joints of several coordinates.
+    """
+    if engine == TREE:
+        check_rigid(mechanism, engine)
+    if (reason := adapter.unsupported(mechanism, case, engine)) is not None:
+        raise NotExported(reason)
+    if mechanism.beams and exudyn_phases.switched(mechanism):
+        raise NotExported(
+            "beams with closures that act for a while: every phase begins with the state of the one before"
+        )
+    time = sample_times(case)
+    motion = Motion(time, *_state(mechanism, case, time), effort, mechanism.coordinate_names, mechanism.velocity_names)
+    settings: dict[str, Any] = {"engine": engine}
+    if engine == TREE:
+        _tree(mechanism, motion, settings | _passive(mechanism, frozenset()), folder)
+    else:
+        _in_time(mechanism, case, engine, motion, settings, folder)
+
+
+def _state(mechanism: Mechanism, case: Case, time: Array) -> tuple[Array, Array, Array]:
+    """Return q (samples, nq), qd, qdd (samples, nv) [rad], [m], ... of all joints, those that rigid loops move, too."""
+    if exudyn_phases.switched(mechanism):
+        parts = [state for _, state in exudyn_phases.follow(mechanism, case)]
+        q, qd, qdd = (np.concatenate([part[k] for part in parts]) for k in range(3))
+        return q, qd, qdd
+    if mechanism.closures and mechanism.is_rigid:
+        return exudyn_chain.closed_motion(mechanism, case, time)
+    return case.motion.evaluate(mechanism, time)
+
+
+def _passive(mechanism: Mechanism, without: frozenset[str]) -> dict[str, Any]:
+    """Return the properties of the joints themselves [kg m^2], [N m s/rad], [N m], ..., zero for joints in ``without``."""
+    own = [(j, 0.0 if j.name in without else 1.0) for j in mechanism.joints for _ in range(j.nv)]
+    made: dict[str, Any] = {
+        key: [factor * float(getattr(j, key)) for j, factor in own] for key in ("rotor_inertia", "damping", "friction")
+    }
+    springs = [j for j in mechanism.joints if j.stiffness and j.name not in without]
+    return made | {
+        "joint_springs": [
+            {"joint": j.name, "stiffness": j.stiffness, "rest": j.rest, "v": mechanism.v_slices[j.name].start}
+            | {"q": list(range(*mechanism.q_slices[j.name].indices(mechanism.nq)))}
+            for j in springs
+        ]
+    }
+
+
+@dataclass(frozen=True)
+class Look:
+    """View of a model in time: its layout, its plane (None in space), joints without a drive of their own."""
+
+    layout: Layout
+    plane: Array | None
+    free: frozenset[str] = frozenset()
+
+
+def _look(mechanism: Mechanism, case: Case, engine: str) -> Look:
+    if exudyn_phases.switched(mechanism):
+        followed = exudyn_phases.Run(mechanism, case, exudyn_phases.follow(mechanism, case))
+        return Look(followed.layout, None, followed.switching.free)
+    if beyond_a_tree(mechanism) is None:
+        return Look(layout_of(mechanism, case), choose(mechanism, case, engine, PLAIN).plane)
+    history = history_of(mechanism, case, exudyn_loops.coarsest(case, PLAIN))
+    model = exudyn_loops.model_of(mechanism, case, engine, history)
+    return Look(model.layout, model.plane, frozenset(model.free))
+
+
+def _tree(mechanism: Mechanism, motion: Motion, settings: dict[str, Any], folder: Path) -> None:
+    tree = exudyn_rigid.build(mechanism, wrench=False)
+    angle, rate, rate2 = exudyn_rigid.elementary(mechanism, tree, motion.q, motion.v, motion.a)
+    moving: dict[str, Any] = {}
+    for name, (first, before, after) in tree.moving.items():
+        joint = mechanism.joint_of[name]
+        places = zip(*joint_pose(joint, joint_q(mechanism, joint, motion.q)), strict=True)
+        frames = [compose(compose(before, Placement(*place)), after) for place in places]
+        moving[f"moving_{first}"] = np.array([exudyn_rigid.transform66(frame) for frame in frames])
+    moving |= {"transforms": np.array(tree.transforms), "inertias": np.array(tree.inertias), "velocity": tree.velocity}
+    moving |= {"angle": angle, "rate": rate, "rate2": rate2}
+    np.savez_compressed(folder / "model.npz", allow_pickle=False, **moving)
+    settings |= {"types": tree.types, "parents": [int(p) for p in tree.parents], "gravity": mechanism.gravity.tolist()}
+    write(folder, motion, "run_exudyn_tree.py.txt", {}, settings)
+
+
+def _in_time(
+    mechanism: Mechanism, case: Case, engine: str, motion: Motion, settings: dict[str, Any], folder: Path
+) -> None:
+    look = _look(mechanism, case, engine)
+    for joint in mechanism.joints:
+        if joint.nv and joint.kind not in COORDINATES and joint.name not in look.free:
+            raise NotExported(
+                f"joint {joint.name!r}: its efforts depend on the position of a {joint.kind} joint; for models in time "
+                f"{', '.join(COORDINATES)} joints are exported"
+            )
+    with recording() as runs:
+        adapter.run(mechanism, case, engine, PLAIN)
+    kept = _last_tries(runs)
+    texts = [source(run).replace("def build(", f"def build_{k}(", 1) for k, run in enumerate(kept)]
+    told = inspect.getsource(exudyn_solve.settings)
+    arrays: dict[str, Array] = {}
+    for k, run in enumerate(kept):
+        for d, driver in enumerate(run.drivers):
+            arrays[f"offset_{k}_{d}"] = _table(run.plan, driver.offset, 0, 0)
+            if driver.rate is not None:
+                arrays[f"rate_{k}_{d}"] = _table(run.plan, driver.rate, 0, 0)
+        for number, load in run.loads.items():
+            arrays[f"load_{k}_{int(number)}"] = _table(run.plan, load, None)
+    np.savez_compressed(folder / "drivers.npz", allow_pickle=False, **arrays)
+    settings["runs"] = [_run(mechanism, look, run) for run in kept]
+    settings["weights"] = [1.0] if len(kept) == 1 else [-1 / 3, 4 / 3]
+    if look.free and not mechanism.is_rigid:
+        settings["moved_by_loops"] = sorted(look.free)  # motion.csv has nothing of them
+    # beside beams, damping and springs of joints without a drive are connectors of the model
+    settings |= _passive(mechanism, frozenset() if mechanism.is_rigid else look.free)
+    if mechanism.closures and mechanism.is_rigid:
+        shares = _shares(mechanism, case, motion.q)
+        np.savez_compressed(folder / "shares.npz", allow_pickle=False, shares=shares)  # (sample, drive, joint)
+    text = "\n\n".join([HEAD, told, *texts])
+    write(folder, motion, "run_exudyn.py.txt", {"model.py": text}, settings)
+
+
+def _shares(mechanism: Mechanism, case: Case, q: Array) -> Array:
+    """Return the drives' efforts per effort of joints that the motion gives, (samples, nv, nv) [-]; q : (samples, nq)."""
+    if exudyn_phases.switched(mechanism):
+        return exudyn_phases.shares(mechanism, exudyn_phases.follow(mechanism, case))
+    units = (np.tile(unit, (len(q), 1)) for unit in np.eye(mechanism.nv))
+    return np.stack([exudyn_chain.shared(mechanism, case, q, unit) for unit in units], axis=2)
+
+
+def _last_tries(runs: list[Recorded]) -> list[Recorded]:
+    """Return the run that held of every model: a stalled one is repeated at once with a looser tolerance."""
+    last = {(run.plan.step, len(run.calls)): run for run in runs}
+    return list(last.values())
+
+
+def _table(plan: Plan, function: Callable[..., Any], *more: Any) -> Array:
+    """Return the values of a user function at every step, (steps + 1, columns)."""
+    return np.array([np.atleast_1d(function(None, float(t), *more)) for t in grid(plan) + plan.lead])
+
+
+TOLD = (
+    *("end", "step", "sample", "steps", "lead", "index2", "spectral_radius", "tolerance", "extrapolate"),
+    "static_start",
+)
+
+
+def _run(mechanism: Mechanism, look: Look, run: Recorded) -> dict[str, Any]:
+    told = {name: getattr(run.plan, name) for name in TOLD}
+    effort: list[list[list[float]]] = []
+    for joint in mechanism.joints:
+        if not joint.nv:
+            continue
+        if joint.name in look.free:
+            effort += [[] for _ in range(joint.nv)]
+        elif look.plane is not None:
+            axis = look.layout.start(look.layout.joint[joint.name]).rotation @ joint.axis
+            effort.append([[int(run.reactions["motor", joint.name]), 0, -float(np.sign(look.plane[:, 2] @ axis))]])
+        elif joint.kind == "prismatic":
+            keys = [key for key in run.reactions if key[:2] == ("force", joint.name)]
+            effort.append([[int(run.reactions[key]), 0, -1.0] for key in keys])
+        else:
+            effort.append([[int(run.reactions["moment", joint.name]), 0, -1.0]])
+    acting = [{"from": start, "objects": list(on)} for start, on in run.acting]
+    made = {"drivers": [int(d.number) for d in run.drivers], "effort": effort}
+    return told | made | {"switched": list(run.switched), "acting": acting}

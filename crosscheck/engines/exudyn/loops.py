@@ -1,0 +1,319 @@
+"""Closed loops, springs and forces in Exudyn, in time: redundant coordinates, drives where the motion gives joints.
+
+Links may be rigid (``exudyn-dae``) or beams too (``exudyn-ancf``, ``exudyn-ge``).
+
+The joints that the motion leaves out are connectors with free axes; Exudyn's integrator moves them.  Its multipliers are
+the efforts of drives on the joints that the motion gives; where actuators stand on other joints, or on more of them,
+the same virtual work is shared out to them with least norm (`exudyn.chain`).  What rotors, damping, dry friction and
+springs in joints take joins in there, on passive joints too.
+
+A start with speed or acceleration would cost some 20 steps of transient: the engine finds its initial accelerations without
+what the motion prescribes, and takes none from outside (1.13.6: SetODE2Coordinates_tt has no effect on either integrator,
+measured).  Loops of rigid links are led into their start from rest (`exudyn.lead_in`).
+
+Beams move the passive joints as they please: there drives stand on the joints that the motion gives, and damping and
+springs of the others are connectors of their own.
+
+Three runs, with 2 h, h and h / 2, beams with n / 2, n and 2 n elements: (4 fine - coarse) / 3 of the last two is the result,
+and its difference from that of the first two is its error bar.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time as clock
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from crosscheck.engines.base import Options, sample_times
+from crosscheck.engines.exudyn import lead_in as exudyn_lead
+from crosscheck.engines.exudyn.integration import NewtonStalled, Plan, grid, step_size
+from crosscheck.engines.exudyn.lead_in import History, delayed, history_of, in_motion
+from crosscheck.engines.exudyn.models import chain as exudyn_chain
+from crosscheck.engines.exudyn.models import connectors as exudyn_closing
+from crosscheck.engines.exudyn.models import planar as exudyn_planar
+from crosscheck.engines.exudyn.models import planar_connectors as exudyn_flat
+from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
+from crosscheck.engines.exudyn.models.frames import Array, effort_axes, joint_q, scalar_coordinate
+from crosscheck.engines.exudyn.models.layout import Layout, lay_out
+from crosscheck.engines.exudyn.models.parts import Outcome
+from crosscheck.engines.exudyn.run_in_time import ANCF, DAE, EXACT, NAMES, Made, link_series
+from crosscheck.engines.shared import loop_closure as assembly
+from crosscheck.engines.shared.prescribed import missing_motion, passive_effort, rotor_effort, spring_effort
+from crosscheck.measures.budget import Family, limit_of, with_bars
+from crosscheck.measures.record import Series, reaction_series, torque_series, wrench_series
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import Mechanism
+
+STEPS = 2000  # of the coarse run: the extrapolated torque of the four-bar is within 1e-8 of the range
+LEAD_POINTS = 21  # at which the loops are followed from t = 0 back to where a lead-in begins
+ELEMENTS = 8  # per beam; the run beyond has twice as many
+NEWTON = (1e-10, 1e-9, 1e-8)  # of increments, relative and absolute: the next one where a run stalls
+# A pair of unit vectors whose product is smaller is perpendicular up to the digits of a file.
+PERPENDICULAR = 1e-9
+
+
+@dataclass(frozen=True)
+class Model:
+    """System to integrate: layout at the closed start, plane (None in space), equations that each closure keeps.
+
+    free : joints that closures move, where they start [rad], [m] (those of one coordinate)
+    """
+
+    history: History
+    engine: str
+    layout: Layout
+    plane: Array | None
+    free: dict[str, float]
+    held: dict[str, list[int]]
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """Return the mechanism."""
+        return self.history.mechanism
+
+    @property
+    def case(self) -> Case:
+        """Return the case."""
+        return self.history.case
+
+    @property
+    def left_out(self) -> list[str]:
+        """Closures whose equations are not all needed (in the plane they are)."""
+        full = {c.name: sum(exudyn_closing.HELD[c.kind]) for c in self.mechanism.closures}
+        return [] if self.plane is not None else [n for n, rows in self.held.items() if sum(rows) < full[n]]
+
+
+def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
+    """Return the reason why Exudyn cannot do this mechanism with closures, springs or forces in time, or None."""
+    if reason := _wrong_engine(mechanism, engine):
+        return reason
+    if not mechanism.closures and (reason := missing_motion(mechanism, case)):
+        return reason
+    if reason := _switched(mechanism):
+        return reason
+    if strange := [c.name for c in mechanism.closures if c.kind not in exudyn_closing.HELD]:
+        return f"closures without a connector of Exudyn between redundant coordinates: {', '.join(strange)}"
+    if not mechanism.beams and (reason := assembly.unsupported(mechanism)):
+        return reason
+    if (
+        reason := exudyn_spatial.unsupported(mechanism)
+        or _lean(mechanism, case)
+        or exudyn_lead.unsupported(mechanism, case)
+    ):
+        return reason
+    return _unsupported_beams(mechanism, case, engine) if mechanism.beams else None
+
+
+def _wrong_engine(mechanism: Mechanism, engine: str) -> str | None:
+    beams = ", ".join(link.name for link in mechanism.beams)
+    if engine == DAE and beams:
+        return f"{engine} has rigid bodies only; flexible here: {beams}"
+    return None if engine == DAE or beams else f"no link is a beam: see {DAE}"
+
+
+def _switched(mechanism: Mechanism) -> str | None:
+    names = [c.name for c in mechanism.closures if c.active]
+    return f"closures act all the time here; switched: {', '.join(names)}" if names else None
+
+
+def _lean(mechanism: Mechanism, case: Case) -> str | None:
+    for joint in mechanism.joints:
+        lean = joint.kind == "universal" and abs(joint.axis @ joint.second_axis) > PERPENDICULAR
+        if lean and joint.name in assembly.left_out(mechanism, case):
+            return f"joint {joint.name}: a connector holds the axes of a universal joint perpendicular; these lean"
+    return None
+
+
+def _unsupported_beams(mechanism: Mechanism, case: Case, engine: str) -> str | None:
+    """Return the reason why beams with closures, springs or forces cannot be done, or None."""
+    free = assembly.left_out(mechanism, case)
+    wrong = [j.name for j in mechanism.joints if j.nv and j.actuated is (j.name in free)]
+    if mechanism.closures and wrong:
+        return f"with beams the drives stand on the very joints that the motion gives; here not so: {', '.join(wrong)}"
+    if reason := exudyn_flat.not_moved(mechanism, frozenset(free)):
+        return reason
+    left_out = exudyn_spatial.damping_left_out(mechanism) if engine == EXACT else None
+    if left_out and _in_space(mechanism, case):
+        return left_out
+    hindered = [j.name for j in mechanism.joints if j.name in free and (j.damping or j.stiffness)]
+    if hindered and _in_space(mechanism, case):
+        return f"joint {hindered[0]}: damping and springs of joints without a drive have a connector in the plane only"
+    return None
+
+
+def _in_space(mechanism: Mechanism, case: Case) -> bool:
+    try:
+        return model_of(mechanism, case).plane is None
+    except assembly.AssemblyError:  # the run itself says that the loops do not close
+        return False
+
+
+def model_of(mechanism: Mechanism, case: Case, engine: str = DAE, history: History | None = None) -> Model:
+    """Return the system to integrate.  Raises AssemblyError where the loops do not close at the start."""
+    history = history or History(mechanism, case)
+    q, qd, _ = _led_into(mechanism, case, history)
+    layout = lay_out(mechanism, q, qd)
+    left_out = assembly.left_out(mechanism, case)
+    joints = [j for j in mechanism.joints if j.name in left_out]
+    free = {
+        j.name: float(scalar_coordinate(j, joint_q(mechanism, j, q[None]))[0]) if j.nv == 1 else 0.0 for j in joints
+    }
+    plane = exudyn_planar.plane_of(mechanism, layout, frozenset(free))
+    if mechanism.beams:  # a beam in a loop leaves no equation to follow from the others
+        held = {c.name: list(exudyn_closing.HELD[c.kind]) for c in mechanism.closures}
+        return Model(history, engine, layout, None if isinstance(plane, str) else plane, free, held)
+    held = exudyn_closing.independent(mechanism, case) if mechanism.closures else {}
+    # in the plane, where some of the equations of its connectors are redundant too, the spatial model leaves them out
+    flat = not isinstance(plane, str) and sum(map(sum, held.values())) == exudyn_flat.equations(mechanism)
+    return Model(history, engine, layout, plane if flat and not isinstance(plane, str) else None, free, held)
+
+
+def _led_into(mechanism: Mechanism, case: Case, history: History) -> tuple[Array, Array, Array]:
+    """Return q (nq,), qd, qdd (nv,) [rad or m, s] where the run starts: closed at 0 and followed back to there."""
+    back = np.linspace(0.0, -history.lead, LEAD_POINTS) if history.lead else np.zeros(1)
+    q, qd, qdd = exudyn_chain.closed_motion(mechanism, case, back, history)
+    return q[-1], qd[-1], qdd[-1]
+
+
+def coarsest(case: Case, options: Options) -> float:
+    """Return the step of the first run [s]."""
+    wanted = float(options.get("step", case.end / STEPS)) / 2 ** int(options.get("refinement", 0))
+    return step_size(case.sample, wanted * (2 if options.get("error", True) else 1))
+
+
+def plans_of(model: Model, options: Options) -> list[Plan]:
+    """Return the runs from coarse to fine, steps in [s]; without "error" those two that the result needs."""
+    case, lead = model.case, model.history.lead
+    jumps = [t for t in case.motion.jumps if t < case.end and (t > 0.0 or not lead)]
+    moving = not lead and bool(in_motion(model.mechanism, case))
+    plan = Plan(
+        end=(len(sample_times(case)) - 1) * case.sample,
+        step=coarsest(case, options),
+        sample=case.sample,
+        index2=model.plane is not None and not jumps and not moving,
+        spectral_radius=0.5,
+        tolerance=NEWTON[0],
+        extrapolate=moving,
+        static_start=bool(model.mechanism.beams) and case.initial == "static",
+        lead=lead,
+    )
+    return [replace(plan, step=plan.step / 2**k) for k in range(3 if options.get("error", True) else 2)]
+
+
+def elements_of(runs: int, options: Options) -> list[int]:
+    """Return the elements per beam [-] of the runs, from coarse to fine."""
+    usual = int(options.get("elements", ELEMENTS)) * 2 ** int(options.get("refinement", 0))
+    return [max(1, usual * 2**k // 2 ** (runs - 2)) for k in range(runs)]
+
+
+def in_time(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Made:
+    """Return torque [N m] or [N], tip [m] and, where unique, wrench [N], [N m], each with its bar.
+
+    Of beams also deflection [m] and axial force [N].
+    """
+    start = clock.perf_counter()
+    model = model_of(mechanism, case, engine, history_of(mechanism, case, coarsest(case, options)))
+    plans = plans_of(model, options)
+    elements = elements_of(len(plans), options)
+    done = [_march(model, n, plan) for n, plan in zip(elements, plans, strict=True)]
+    series_of = flexible_series if mechanism.beams else _rigid_series
+    runs = [series_of(model, outcome) for outcome, _ in done]
+    made, budget = with_bars(limit_of(runs), [Family("mesh and step" if mechanism.beams else "step", runs, "limit")])
+    told = _settings(model, [plan for _, plan in done])
+    if mechanism.beams:
+        told |= {"element": NAMES[engine, model.plane is not None], "elements_per_beam": elements}
+    return Made(made, told, clock.perf_counter() - start, budget)
+
+
+def _march(model: Model, elements: int, plan: Plan) -> tuple[Outcome, Plan]:
+    for tolerance in NEWTON[:-1]:
+        one = replace(plan, tolerance=tolerance)
+        with contextlib.suppress(NewtonStalled):
+            return _integrate(model, elements, one), one
+    last = replace(plan, tolerance=NEWTON[-1])
+    return _integrate(model, elements, last), last
+
+
+def _integrate(model: Model, elements: int, plan: Plan) -> Outcome:
+    m, layout, ancf = delayed(model.mechanism, plan.lead), model.layout, model.engine == ANCF
+    q, qd, _ = model.history(grid(plan))
+    if model.plane is None:
+        drawing = exudyn_spatial.build(m, layout, ancf, elements, frozenset(model.free), model.held)
+        return exudyn_spatial.run(drawing, plan, q)
+    return exudyn_planar.run(exudyn_planar.build(m, layout, model.plane, ancf, elements, model.free), plan, q, qd)
+
+
+def flexible_series(model: Model, outcome: Outcome) -> dict[str, Series]:
+    """Return the series of one run of a mechanism with beams [N m], [N], [m]."""
+    m = model.mechanism
+    q, qd, qdd = model.case.motion.evaluate(m, sample_times(model.case))
+    own = rotor_effort(m, qdd) + passive_effort(m, qd) + spring_effort(m, q)
+    given = np.array([j.name not in model.free for j in m.joints for _ in range(j.nv)], dtype=bool)
+    torque = _drives(model, outcome, q) + np.where(given, own, 0.0)
+    made = torque_series(m, torque) | link_series(m, model.layout, outcome)
+    for name, wrench in outcome.wrench.items():
+        made |= wrench_series(name, wrench)
+    for name, wrench in outcome.closure.items():
+        # what the model has no equation for is no reaction: a pin of the plane and its moments
+        made |= {n: one for n, one in reaction_series(name, wrench).items() if one.values.any()}
+    return made
+
+
+def _drives(model: Model, outcome: Outcome, q: Array) -> Array:
+    """Return the efforts of the drives' connectors, (samples, nv) [N m] or [N]; q : (samples, nq)."""
+    m = model.mechanism
+    torque = np.zeros((len(q), m.nv))
+    for name, wrench in outcome.wrench.items():
+        if name not in model.free:
+            axes = np.concatenate(effort_axes(m.joint_of[name], joint_q(m, m.joint_of[name], q)), axis=2)
+            torque[:, m.v_slices[name]] = np.einsum("svc,sc->sv", axes, wrench)  # (sample, coordinate)
+    return torque
+
+
+def _rigid_series(model: Model, outcome: Outcome) -> dict[str, Series]:
+    m = model.mechanism
+    q, qd, qdd = exudyn_chain.closed_motion(m, model.case, sample_times(model.case))
+    torque = _drives(model, outcome, q) + rotor_effort(m, qdd) + passive_effort(m, qd) + spring_effort(m, q)
+    made: dict[str, Series] = {}
+    for name, wrench in outcome.wrench.items():
+        made |= wrench_series(name, wrench)
+    for name, wrench in outcome.closure.items():
+        made |= reaction_series(name, wrench)
+    if m.closures:
+        torque = exudyn_chain.shared(m, model.case, q, torque)
+    if model.left_out or (m.closures and not _driven(model)):
+        made = {}  # not the reactions that belong to these efforts
+    return torque_series(m, torque) | made | link_series(m, model.layout, outcome)
+
+
+def _driven(model: Model) -> bool:
+    """Return True if drives stand on the very joints that the motion gives, and take nothing on the others."""
+    m = model.mechanism
+    given = all(j.actuated is (j.name not in model.free) for j in m.joints if j.nv)
+    quiet = all(
+        not any((j.rotor_inertia, j.damping, j.friction, j.stiffness)) for j in m.joints if j.name in model.free
+    )
+    return given and quiet
+
+
+def _settings(model: Model, plans: list[Plan]) -> dict[str, Any]:
+    flat = model.plane is not None
+    return {
+        "model": "planar bodies" if flat else "bodies with Euler parameters",
+        "closures": "RevoluteJoint2D; slides and welds GenericJoint" if flat else "GenericJoint",
+        "redundant equations left out of": model.left_out,
+        "step_s": [plan.step for plan in plans],
+        "integrator": plans[0].integrator,
+        "newton_tolerance": [plan.tolerance for plan in plans],
+        "start": _told_start(plans[0]),
+        "extrapolation": "(4 fine - coarse) / 3: the error is of order h^2",
+    }
+
+
+def _told_start(plan: Plan) -> str:
+    if plan.lead:
+        return f"in motion, led into from rest over {plan.lead:.3g} s before"
+    return "in motion: the first some 20 steps are a transient" if plan.extrapolate else "at rest"

@@ -1,0 +1,160 @@
+"""Kinematics of the cut tree for Exudyn's closed loops: the closed start, and allocation to redundant drives.
+
+Exudyn integrates the motion of the joints that the closures move; what it needs is a closed start, and its multipliers
+act on the joints that the motion gives, whichever these are.  Beams stand here as they are without stress: at the start
+they are.  Poses, Jacobians and bias accelerations by recursion
+outward, in the world; J: seat of a joint, C: its child, p, R, w: the joint's own motion.
+
+    x_C = x_J + r,                r = R_J p
+    v_C = v_J + w_J x r + R_J p'
+    a_C = a_J + al_J x r + w_J x (w_J x r) + 2 w_J x R_J p' + R_J p''
+    w_C = w_J + R_C w             al_C = al_J + R_C w' + w_J x R_C w
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from crosscheck.engines.exudyn.models.frames import Array, axis_pose, compose, joint_pose, joint_twist, turn
+from crosscheck.engines.exudyn.models.layout import tip_or
+from crosscheck.engines.shared import loop_closure as assembly
+from crosscheck.engines.shared.loop_closure import Moving, Task
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import WORLD, Attachment, Joint, Mechanism, Placement
+
+Given = Callable[[Array], tuple[Array, Array, Array]]
+
+
+@dataclass(frozen=True)
+class Tree:
+    """The cut tree as `loop_closure` wants it, in the mechanism's own coordinates."""
+
+    mechanism: Mechanism
+    case: Case
+    history: Given | None = None
+
+    def given(self, time: Array) -> tuple[Array, Array, Array]:
+        """Return q, qd, qdd of the motion at times [s], joints that it leaves out at their guess."""
+        q, qd, qdd = self.history(time) if self.history else self.case.motion.evaluate(self.mechanism, time)
+        return assembly.guessed(self.mechanism, self.case, q), qd, qdd
+
+    def moved(self, q: Array, step: Array) -> Array:
+        """Return q after a step (nv,) [rad], [m]."""
+        out = q.copy()
+        for joint in self.mechanism.joints:
+            own = self.mechanism.q_slices[joint.name]
+            out[own] = _moved(joint, q[own], step[self.mechanism.v_slices[joint.name]])
+        return out
+
+    def pairs(self, q: Array, v: Array) -> list[tuple[Moving, Moving]]:
+        """Return the two frames of every closure."""
+        links = walk(self.mechanism, q, v)
+        seen = partial(_seen, self.mechanism, links)
+        return [(seen(c.first), seen(c.second)) for c in self.mechanism.closures]
+
+
+def _moved(joint: Joint, q: Array, step: Array) -> Array:
+    if joint.kind == "continuous":
+        c, s = np.cos(step[0]), np.sin(step[0])
+        return np.array([q[0] * c - q[1] * s, q[1] * c + q[0] * s])
+    if joint.kind not in ("spherical", "free"):
+        return np.asarray(q + step)
+    size = float(np.linalg.norm(step[-3:]))
+    x, y, z = 0.5 * np.sinc(size / (2 * np.pi)) * step[-3:]
+    a, b, c, w = q[-4:]
+    d = np.cos(size / 2)
+    turned = np.array(
+        [w * x + a * d + b * z - c * y, w * y - a * z + b * d + c * x, w * z + a * y - b * x + c * d,
+         w * d - a * x - b * y - c * z]
+    )  # fmt: skip
+    turned /= np.linalg.norm(turned)
+    if joint.kind == "spherical":
+        return turned
+    return np.concatenate([q[:3] + joint_pose(joint, q[None])[1][0] @ step[:3], turned])
+
+
+def walk(mechanism: Mechanism, q: Array, v: Array) -> dict[str, Moving]:
+    """Return every link's frame [m], [rad], [s] at q (nq,), v (nv,), the world included."""
+    none, still = np.zeros((3, mechanism.nv)), np.zeros(3)
+    links = {WORLD: Moving(still, np.eye(3), none, none, still, still, still, still)}
+    for joint in mechanism.joints:
+        own, rates = q[mechanism.q_slices[joint.name]], mechanism.v_slices[joint.name]
+        seat = carried(_section(mechanism, links, joint.parent, joint.station), joint.placement)
+        links[joint.child] = _outward(seat, joint, own, v[rates], rates)
+    return links
+
+
+def carried(frame: Moving, place: Placement) -> Moving:
+    """Return a frame that stands at ``place`` [m] in a moving one."""
+    r = frame.r @ place.position
+    w, turned = frame.w, np.cross(frame.w, r)
+    linear = frame.linear + np.cross(frame.angular, r, axis=0)
+    a = frame.a + np.cross(frame.alpha, r) + np.cross(w, turned)
+    return replace(frame, x=frame.x + r, r=frame.r @ place.rotation, linear=linear, v=frame.v + turned, a=a)
+
+
+def _outward(seat: Moving, joint: Joint, q: Array, qd: Array, rates: slice) -> Moving:
+    p, r = (part[0] for part in joint_pose(joint, q[None]))
+    units = [joint_twist(joint, q, unit) for unit in np.eye(joint.nv)]
+    child = carried(seat, Placement(p, r))
+    # velocities of a free joint are along the child's axes, the slide of a prismatic one along the seat's: the same there
+    linear, angular = child.linear.copy(), child.angular.copy()
+    for column, (slide, spin) in zip(range(rates.start, rates.stop), units, strict=True):
+        linear[:, column], angular[:, column] = child.r @ slide, child.r @ spin
+    slide, spin = (child.r @ part for part in joint_twist(joint, q, qd))
+    swing = 2 * np.cross(seat.w, slide) + np.cross(spin, slide)
+    alpha = child.alpha + np.cross(seat.w, spin) + child.r @ _rate(joint, q, qd)
+    return Moving(
+        child.x, child.r, linear, angular, child.v + slide, child.w + spin, child.a + swing, alpha
+    )  # fmt: skip
+
+
+def _rate(joint: Joint, q: Array, qd: Array) -> Array:
+    """Return w' of a joint at zero accelerations, in the child's frame: only a universal joint's axes move there."""
+    if joint.kind != "universal":
+        return np.zeros(3)
+    first = turn(joint.second_axis, q[1]).T @ joint.axis * qd[0]
+    return np.asarray(-np.cross(joint.second_axis * qd[1], first))
+
+
+def _seen(mechanism: Mechanism, links: dict[str, Moving], at: Attachment) -> Moving:
+    on_beam = at.link != WORLD and mechanism.link_of[at.link].beam is not None
+    seat = _section(mechanism, links, at.link, tip_or(at.station) if on_beam else None)
+    return carried(seat, at.placement)
+
+
+def _section(mechanism: Mechanism, links: dict[str, Moving], name: str, station: float | None) -> Moving:
+    """Return a link's frame, or that of a section of a beam as it is without stress."""
+    beam = None if name == WORLD else mechanism.link_of[name].beam
+    if beam is None or station is None:
+        return links[name]
+    return carried(links[name], compose(beam.placement, axis_pose(beam, station * beam.length)))
+
+
+def closed_motion(
+    mechanism: Mechanism, case: Case, time: Array, history: Given | None = None
+) -> tuple[Array, Array, Array]:
+    """Return q (samples, nq), qd, qdd (samples, nv) [rad or m, s] of all joints, on the closures where there are any.
+
+    history : the motion of the joints that it gives at times [s], where it is another than the case's own
+    """
+    if not mechanism.closures:
+        return case.motion.evaluate(mechanism, time)
+    free = assembly.left_out(mechanism, case)
+    unknown = np.array([j.name in free for j in mechanism.joints for _ in range(j.nv)], dtype=bool)
+    unknown_q = np.array([j.name in free for j in mechanism.joints for _ in range(j.nq)], dtype=bool)
+    return assembly.closed_motion(Task(mechanism, Tree(mechanism, case, history), unknown, unknown_q), time)
+
+
+def shared(mechanism: Mechanism, case: Case, q: Array, effort: Array) -> Array:
+    """Return the drives' efforts (samples, nv) [N m] or [N] of efforts on whichever joints, of least norm."""
+    tree, rest = Tree(mechanism, case), np.zeros(mechanism.nv)
+    made = np.empty_like(effort)
+    for k, position in enumerate(q):
+        g = assembly.rows_of(mechanism.closures, tree.pairs(position, rest)).g
+        made[k] = assembly.share_out(g, effort[k], mechanism.actuated, mechanism.weights)
+    return made

@@ -1,0 +1,209 @@
+"""Layout of Exudyn's bodies: links that are fixed to each other become one group, beams hang on groups.
+
+Every moving joint carries a group (its child and all that is fixed to it); so does every station of a beam to which
+something is fixed or jointed.  A beam's root is fixed to a group.  All poses are taken where the motion starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+
+from crosscheck.engines.exudyn.models.frames import (
+    Array,
+    axis_pose,
+    combine,
+    compose,
+    damping_at,
+    joint_pose,
+    joint_q,
+    joint_twist,
+    section_at,
+)
+from flexinv.model.mechanism import WORLD, Attachment, Beam, Body, Inertia, Joint, Link, Mechanism, Placement
+
+# Fractions of a length that are closer are one cross-section: between them rounding would make an element of no length.
+SAME_STATION = 1e-9
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame that a group carries: ``placement`` in the frame of group ``group``."""
+
+    group: int
+    placement: Placement
+
+
+@dataclass(frozen=True)
+class Group:
+    """Links that move as one rigid body; group 0 is the world.
+
+    joint : the moving joint that carries it; station : or the beam link and the fraction of its length
+    inertia : of all its bodies, in the group's frame; start : pose in the world at the first sample
+    velocity, spin : of its origin [m/s] and its frame [rad/s], world, at the first sample, beams undeformed
+    """
+
+    joint: str | None
+    station: tuple[str, float] | None
+    inertia: Inertia
+    start: Placement
+    velocity: Array = field(default_factory=lambda: np.zeros(3))
+    spin: Array = field(default_factory=lambda: np.zeros(3))
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Groups, and which frame carries what.
+
+    link : frame of every link; root : frame of the root section of every beam; joint : frame of every moving joint
+    on its parent; stations : by beam link, the fractions [-] at which there must be a node, 0 and 1 included
+    section : frame of the cross-section at a beam link's fraction [-], where something is fixed or jointed to it
+    """
+
+    groups: tuple[Group, ...]
+    link: dict[str, Frame]
+    root: dict[str, Frame]
+    joint: dict[str, Frame]
+    stations: dict[str, tuple[float, ...]]
+    section: dict[tuple[str, float], Frame]
+
+    def start(self, frame: Frame) -> Placement:
+        """Return the pose of a frame in the world where the motion starts."""
+        return compose(self.groups[frame.group].start, frame.placement)
+
+
+def lay_out(mechanism: Mechanism, q: Array, qd: Array) -> Layout:
+    """Return the layout of a mechanism that starts at q (nq,) with qd (nv,), beams undeformed."""
+    groups = [Group(None, None, Inertia(0.0), Placement())]
+    bodies: list[list[tuple[Inertia, Placement]]] = [[]]
+    link: dict[str, Frame] = {WORLD: Frame(0, Placement())}
+    root: dict[str, Frame] = {}
+    place: dict[str, Frame] = {}
+    sections: dict[tuple[str, float], int] = {}
+
+    def group_of(name: str, station: float | None) -> Frame:
+        """Return the frame at a joint's seat: the parent link's own, or that of one of its sections."""
+        beam = None if name == WORLD else mechanism.link_of[name].beam
+        if beam is None or station is None or station == 0.0:
+            return link[name] if beam is None or station is None else root[name]
+        if (name, station) not in sections:
+            sections[name, station] = len(groups)
+            groups.append(_section_group(groups, root[name], name, beam, station))
+            bodies.append([])
+        return Frame(sections[name, station], Placement())
+
+    for joint in mechanism.joints:
+        seat = group_of(joint.parent, joint.station)
+        seat = Frame(seat.group, compose(seat.placement, joint.placement))
+        child = mechanism.link_of[joint.child]
+        if joint.nv:
+            place[joint.name] = seat
+            groups.append(_joint_group(groups, seat, mechanism, joint, q, qd))
+            bodies.append([])
+            seat = Frame(len(groups) - 1, Placement())
+        link[joint.child] = seat
+        if child.beam is not None:
+            root[joint.child] = Frame(seat.group, compose(seat.placement, child.beam.placement))
+        for body in child.bodies:
+            at = _body_frame(group_of, child, body, seat)
+            bodies[at.group].append((body.inertia, at.placement))
+    held = {(at.link, tip_or(at.station)) for at in attachments(mechanism) if at.link in root}
+    section = {(name, station): group_of(name, station) for name, station in sorted(held)}
+
+    groups = [replace(g, inertia=combine(parts)) for g, parts in zip(groups, bodies, strict=True)]
+    stations = {
+        b.name: tuple(sorted({0.0, 1.0, *(s for name, s in sections if name == b.name)})) for b in mechanism.beams
+    }
+    return Layout(tuple(groups), link, root, place, stations, section)
+
+
+def attachments(mechanism: Mechanism) -> list[Attachment]:
+    """Return the attachments of closures, springs and forces to links."""
+    ends = [at for closure in mechanism.closures for at in (closure.first, closure.second)]
+    ends += [at for spring in mechanism.springs for at in (spring.first, spring.second)]
+    return [*ends, *(force.at for force in mechanism.forces)]
+
+
+def tip_or(station: float | None) -> float:
+    """Return the fraction of a beam's length [-] that an attachment means: without one it is the tip."""
+    return 1.0 if station is None else station
+
+
+def attached(layout: Layout, at: Attachment) -> Frame:
+    """Return the frame of an attachment."""
+    seat = layout.section.get((at.link, tip_or(at.station)), layout.link[at.link])
+    return Frame(seat.group, compose(seat.placement, at.placement))
+
+
+def _body_frame(group_of: Callable[[str, float], Frame], child: Link, body: Body, seat: Frame) -> Frame:
+    if child.beam is None:
+        return seat
+    return group_of(child.name, 0.0 if body.station is None else body.station)
+
+
+def _section_group(groups: list[Group], root: Frame, name: str, beam: Beam, station: float) -> Group:
+    local = compose(root.placement, axis_pose(beam, station * beam.length))
+    carrier = groups[root.group]
+    velocity, spin = _carried(carrier, local)
+    return Group(None, (name, station), Inertia(0.0), compose(carrier.start, local), velocity, spin)
+
+
+def _joint_group(groups: list[Group], seat: Frame, mechanism: Mechanism, joint: Joint, q: Array, qd: Array) -> Group:
+    own = joint_q(mechanism, joint, q[None])
+    p, r = joint_pose(joint, own)
+    v, w = joint_twist(joint, own[0], qd[mechanism.v_slices[joint.name]])
+    local = compose(seat.placement, Placement(p[0], r[0]))
+    start = compose(groups[seat.group].start, local)
+    velocity, spin = _carried(groups[seat.group], local)
+    return Group(joint.name, None, Inertia(0.0), start, velocity + start.rotation @ v, spin + start.rotation @ w)
+
+
+def _carried(carrier: Group, local: Placement) -> tuple[Array, Array]:
+    """Return velocity [m/s] and spin [rad/s] of a frame that a moving group carries."""
+    arm = carrier.start.rotation @ local.position
+    return carrier.velocity + np.cross(carrier.spin, arm), carrier.spin
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Nodes and elements of one beam.
+
+    fraction : (nodes,) [-], increasing; pose : of every node in the root frame; lengths : (elements,) [m]
+    sections : per element stiffness (6,) [N, N m^2], mass per length [kg/m], rotary inertia (3,) [kg m], at mid element
+    damping : per element (6,) [N s, N m^2 s], at mid element
+    """
+
+    fraction: Array
+    pose: tuple[Placement, ...]
+    lengths: Array
+    sections: tuple[tuple[Array, float, Array], ...]
+    damping: tuple[Array, ...]
+
+    def node(self, station: float) -> int:
+        """Return the node that stands at a station [-]."""
+        return int(np.argmin(np.abs(self.fraction - station)))
+
+
+def mesh(beam: Beam, stations: tuple[float, ...], elements: int, nodes: int = 2) -> Mesh:
+    """Return about ``elements`` elements of ``nodes`` nodes each, so that every station [-] has a node.
+
+    stations : increasing, from 0 to 1; those that are equal up to rounding share a node
+    """
+    ends = [0.0]
+    apart = [s for s in stations if SAME_STATION < s < 1.0 - SAME_STATION]
+    apart = [s for before, s in pairwise([0.0, *apart]) if s - before > SAME_STATION]
+    for a, b in pairwise([0.0, *apart, 1.0]):
+        n = max(1, round(elements * (b - a)))
+        ends += list(a + (b - a) * np.arange(1, n + 1) / n)
+    cells = list(pairwise(ends))
+    fraction = np.array([0.0, *(a + (b - a) * k / (nodes - 1) for a, b in cells for k in range(1, nodes))])
+    return Mesh(
+        fraction=fraction,
+        pose=tuple(axis_pose(beam, f * beam.length) for f in fraction),
+        lengths=np.array([(b - a) * beam.length for a, b in cells]),
+        sections=tuple(section_at(beam, (a + b) / 2) for a, b in cells),
+        damping=tuple(damping_at(beam, (a + b) / 2) for a, b in cells),
+    )

@@ -1,0 +1,302 @@
+"""Closures that act for a while in Exudyn, in one integration: constraints that a user function switches before a step.
+
+Every closure stands in the model once for each phase in which it acts, with the equations that are independent there; of
+the joints that the motion gives, as many have drives in a phase as it has freedoms, the others are connectors with free
+axes for that while (drives on both sides of a bar that two hands hold would contradict each other by rounding, and make the
+matrix singular).  ``activeConnector`` of all these is set before every step (``SetPreStepUserFunction``).
+
+The engine's positions are held at position level in every phase (index 3), so that the step which arrives at a switching
+instant can be made with the constraints of the phase that begins there: its multipliers are those just after the instant.
+What a connector that does not act gives is zero; so joints and closures are the sum of their connectors.
+
+Efforts are shared out phase by phase (`exudyn.chain.shared`); the reactions of closures follow that share,
+
+    G^T dlambda = tau_engine - tau           of least norm
+
+and belong to the determinate components; wrenches of joints are not given.
+
+One integration after the other, each started where the one before has ended, would have a transient of some 20 steps after
+every instant at which anything moves, as the walker's torso does: the engine takes no initial accelerations (`exudyn.lead_in`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time as clock
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.linalg import qr
+
+from crosscheck.engines.base import Options, sample_times
+from crosscheck.engines.exudyn import lead_in as exudyn_lead
+from crosscheck.engines.exudyn import loops as exudyn_loops
+from crosscheck.engines.exudyn import script as exudyn_script
+from crosscheck.engines.exudyn.integration import NewtonStalled, Plan, grid, step_size
+from crosscheck.engines.exudyn.models import chain as exudyn_chain
+from crosscheck.engines.exudyn.models import connectors as exudyn_closing
+from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
+from crosscheck.engines.exudyn.models.frames import Array, effort_axes, joint_q
+from crosscheck.engines.exudyn.models.layout import Layout, lay_out
+from crosscheck.engines.exudyn.models.parts import Outcome
+from crosscheck.engines.exudyn.run_in_time import DAE, Made, link_series
+from crosscheck.engines.shared import loop_closure as assembly
+from crosscheck.engines.shared import phases
+from crosscheck.engines.shared.phases import Phase, State
+from crosscheck.engines.shared.prescribed import passive_effort, rotor_effort, spring_effort
+from crosscheck.engines.shared.wrenches import closing, reactions
+from crosscheck.measures.budget import Family, limit_of, with_bars
+from crosscheck.measures.record import Series, reaction_series, torque_series
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import Attachment, Closure, Joint, Mechanism
+
+LOOSE = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
+
+
+@dataclass(frozen=True)
+class Switching:
+    """Schedule of the connectors: joints and closures that act in each phase.
+
+    mechanism : with a closure for every variant; held : equations that each keeps; free : joints that never have a drive
+    acting : by phase, the names of joints and closures whose connectors act; starts : of the phases [s]
+    """
+
+    mechanism: Mechanism
+    held: dict[str, list[int]]
+    free: frozenset[str]
+    acting: list[frozenset[str]]
+    starts: list[float]
+
+    def at(self, time: float) -> frozenset[str]:
+        """Return the names that act at a time [s]: at an instant, those of the phase that begins there."""
+        now = sum(start <= time + phases.SAME for start in self.starts)
+        return self.acting[max(now - 1, 0)]
+
+
+def follow(mechanism: Mechanism, case: Case) -> list[tuple[Phase, State]]:
+    """Return all phases with q (samples, nq), qd, qdd (samples, nv) [rad or m, s] of all joints."""
+    return phases.follow(mechanism, case, sample_times(case), exudyn_chain.closed_motion)
+
+
+def switching(mechanism: Mechanism, case: Case, followed: list[tuple[Phase, State]]) -> Switching:
+    """Return the variants of closures and which connectors act in which phase."""
+    variants: dict[tuple[str, tuple[int, ...]], Closure] = {}
+    acting, given = [], [j for j in mechanism.joints if j.nv and j.name not in assembly.left_out(mechanism, case)]
+    for phase, (q, _, _) in followed:
+        middle = q[len(q) // 2]
+        driven = drives(phase, given, middle)
+        on = {j.name for j in mechanism.joints if j.nv and (j.name in driven or j not in given)}
+        kept = exudyn_closing.independent_at(phase.mechanism, phase.case, middle)
+        loose = [_loose(j) for j in given if j.name not in driven]
+        for closure, axes in [
+            *((c, tuple(kept[c.name])) for c in phase.mechanism.closures),
+            *((c, exudyn_closing.HELD[c.kind]) for c in loose),
+        ]:
+            name = f"{closure.name}/{''.join(map(str, axes))}"
+            variants[closure.name, axes] = replace(closure, name=name)
+            on.add(name)
+        acting.append(frozenset(on))
+    return Switching(
+        mechanism=replace(mechanism, closures=tuple(variants.values())),
+        held={c.name: list(axes) for (_, axes), c in variants.items()},
+        free=frozenset(assembly.left_out(mechanism, case)),
+        acting=acting,
+        starts=[float(phase.time[0]) for phase, _ in followed],
+    )
+
+
+def drives(phase: Phase, given: list[Joint], q: Array) -> set[str]:
+    """Return the joints with prescribed motion that have drives in a phase: as many as it has degrees of freedom.
+
+    Those whose coordinates the motions that the closures allow tell apart best, at q (nq,) [rad], [m].
+    """
+    m = phase.mechanism
+    tree = exudyn_chain.Tree(m, phase.case)
+    g = assembly.rows_of(m.closures, tree.pairs(q, np.zeros(m.nv))).g
+    motions = assembly.null_space(g)
+    columns = np.array([k for j in given for k in range(m.v_slices[j.name].start, m.v_slices[j.name].stop)])
+    _, _, order = qr(motions[columns].T, pivoting=True, mode="economic")
+    chosen = set(columns[order[: motions.shape[1]]].tolist())
+    names = {j.name for j in given if set(range(m.nv)[m.v_slices[j.name]]) <= chosen}
+    if sum(m.joint_of[name].nv for name in names) != motions.shape[1]:
+        raise assembly.AssemblyError(
+            f"at t = {phase.time[0]:g} s the motion gives parts of joints twice: no choice of drives"
+        )
+    return names
+
+
+def _loose(joint: Joint) -> Closure:
+    """A joint without its drive, as a connector with a free axis."""
+    ends = Attachment(joint.parent, joint.placement), Attachment(joint.child)
+    return Closure(f"{joint.name}/loose", LOOSE[joint.kind], *ends, axis=joint.axis)
+
+
+def switched(mechanism: Mechanism) -> bool:
+    """Return True if closures act only for a while."""
+    return any(c.active for c in mechanism.closures)
+
+
+def unsupported(mechanism: Mechanism, case: Case) -> str | None:
+    """Return the reason why the switching cannot be done, or None."""
+    given = [j for j in mechanism.joints if j.nv and j.name not in assembly.left_out(mechanism, case)]
+    if wrong := [j.name for j in given if j.kind not in LOOSE]:
+        return f"where closures switch, joints with a motion are hinges or slides here; others: {', '.join(wrong)}"
+    if hard := [c.name for c in mechanism.closures if c.impact != "error"]:
+        return f"a jump of velocity rings in index 3; closures with an impact: {', '.join(hard)}"
+    if moving := [j.name for j in exudyn_lead.in_motion(mechanism, case)]:
+        return f"mechanisms that open and close start at rest here; in motion: {', '.join(moving)}"
+    always = tuple(replace(c, active=()) for c in mechanism.closures)
+    return exudyn_loops.unsupported(replace(mechanism, closures=always), case, DAE)
+
+
+def in_time(mechanism: Mechanism, case: Case, options: Options) -> Made:
+    """Return torque [N m] or [N], tip [m] and determinate reactions [N], [N m], each with its bar."""
+    start = clock.perf_counter()
+    run = Run(mechanism, case, follow(mechanism, case))
+    done = [run.march(plan) for plan in plans(mechanism, case, options)]
+    runs = [run.series(outcome) for outcome, _ in done]
+    made, budget = with_bars(limit_of(runs), [Family("step", runs, "limit")])
+    return Made(made, run.settings([plan for _, plan in done]), clock.perf_counter() - start, budget)
+
+
+def plans(mechanism: Mechanism, case: Case, options: Options) -> list[Plan]:
+    """Return the runs from coarse to fine, steps in [s]; without "error" those two that the result needs."""
+    wanted = float(options.get("step", case.end / exudyn_loops.STEPS)) / 2 ** int(options.get("refinement", 0))
+    behind = 1 if options.get("error", True) else 0
+    plan = Plan(
+        end=(len(sample_times(case)) - 1) * case.sample,
+        step=step_size(case.sample, wanted * 2**behind),
+        sample=case.sample,
+        index2=False,
+        spectral_radius=0.5,
+        tolerance=exudyn_loops.NEWTON[0],
+        extrapolate=any(rate.any() for rate in case.motion.evaluate(mechanism, np.zeros(1))[1:]),
+    )
+    return [replace(plan, step=plan.step / 2**k) for k in range(behind + 2)]
+
+
+@dataclass(frozen=True)
+class Run:
+    """A mechanism and its case with the closed motion of all phases."""
+
+    mechanism: Mechanism
+    case: Case
+    followed: list[tuple[Phase, State]]
+
+    @cached_property
+    def switching(self) -> Switching:
+        """Return the schedule of the connectors."""
+        return switching(self.mechanism, self.case, self.followed)
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Bodies where they start."""
+        q, qd, _ = (part[0] for part in self.followed[0][1])
+        return lay_out(self.mechanism, q, qd)
+
+    def march(self, plan: Plan) -> tuple[Outcome, Plan]:
+        """Integrate; the plan comes back with the tolerance that held."""
+        for tolerance in exudyn_loops.NEWTON[:-1]:
+            one = replace(plan, tolerance=tolerance)
+            with contextlib.suppress(NewtonStalled):
+                return self._integrate(one), one
+        last = replace(plan, tolerance=exudyn_loops.NEWTON[-1])
+        return self._integrate(last), last
+
+    def _integrate(self, plan: Plan) -> Outcome:
+        s = self.switching
+        d = exudyn_spatial.build(s.mechanism, self.layout, False, 1, s.free, s.held)
+        connectors = {name: numbers for name, numbers in d.model.joint.items() if name not in s.free}
+        connectors |= {name: (number,) for name, number in d.model.closure.items()}
+        switch(d.model.mbs, connectors, s, plan)
+        return exudyn_spatial.run(d, plan, self.case.motion.evaluate(s.mechanism, grid(plan))[0])
+
+    def series(self, outcome: Outcome) -> dict[str, Series]:
+        """Return the series of one run, efforts and reactions shared out phase by phase."""
+        m = self.mechanism
+        q, qd, qdd = (np.concatenate(parts) for parts in zip(*(state for _, state in self.followed), strict=True))
+        torque = rotor_effort(m, qdd) + passive_effort(m, qd) + spring_effort(m, q)
+        for joint in (m.joint_of[name] for name in outcome.wrench if name not in self.switching.free):
+            axes = np.concatenate(effort_axes(joint, joint_q(m, joint, q)), axis=2)
+            torque[:, m.v_slices[joint.name]] += np.einsum("svc,sc->sv", axes, outcome.wrench[joint.name])
+        made: dict[str, Series] = {}
+        reaction = {c.name: _sum(outcome.closure, c.name, len(q)) for c in m.closures}
+        for phase, _ in self.followed:
+            torque[phase.samples], change = _shared(phase, q[phase.samples], torque[phase.samples])
+            for name, wrench in change.items():
+                reaction[name][phase.samples] += wrench
+        for name, wrench in reaction.items():
+            made |= reaction_series(name, wrench)
+        return torque_series(m, torque) | made | link_series(m, self.layout, outcome)
+
+    def settings(self, plans: list[Plan]) -> dict[str, Any]:
+        """Return the engine's settings, for the reader of the report."""
+        drives = [sorted(on & set(self.mechanism.joint_of) - self.switching.free) for on in self.switching.acting]
+        return {
+            "model": "bodies with Euler parameters",
+            "closures": "GenericJoint, activeConnector switched before the step that arrives at an instant",
+            "drives of the phases": drives,
+            "step_s": [plan.step for plan in plans],
+            "integrator": plans[0].integrator,
+            "newton_tolerance": [plan.tolerance for plan in plans],
+            "extrapolation": "(4 fine - coarse) / 3: the error is of order h^2",
+        }
+
+
+def switch(mbs: Any, connectors: dict[str, tuple[Any, ...]], switching: Switching, plan: Plan) -> None:
+    """Let only those connectors (name -> object numbers) act whose phase it is, from the start and before every step."""
+
+    def turn(on: frozenset[str], before: frozenset[str] | None) -> None:
+        for name, numbers in connectors.items():
+            if before is None or (name in on) != (name in before):
+                for number in numbers:
+                    mbs.SetObjectParameter(number, "activeConnector", name in on)
+
+    numbers = {name: tuple(map(int, own)) for name, own in connectors.items()}
+    acting = (tuple(n for name in numbers if name in on for n in numbers[name]) for on in switching.acting)
+    taken = tuple(n for own in numbers.values() for n in own)
+    exudyn_script.switches(mbs, taken, tuple(zip(switching.starts, acting, strict=True)))
+    state = [switching.at(0.0)]
+    turn(state[0], None)
+
+    def before_step(mbs: Any, t: float) -> bool:
+        on = switching.at(t)
+        if on != state[0]:
+            turn(on, state[0])
+            state[0] = on
+        return True
+
+    mbs.SetPreStepUserFunction(before_step)
+
+
+def _sum(wrenches: dict[str, Array], closure: str, samples: int) -> Array:
+    """Return the sum of the wrenches of all variants of a closure, (samples, 6)."""
+    parts = [wrench for name, wrench in wrenches.items() if name.rsplit("/", 1)[0] == closure]
+    return np.asarray(sum(parts, np.zeros((samples, 6))))
+
+
+def shares(mechanism: Mechanism, followed: list[tuple[Phase, State]]) -> Array:
+    """Return the drives' efforts per effort of the joints that the motion gives, (samples, nv, nv) [-]."""
+    q = np.concatenate([state[0] for _, state in followed])
+    made = np.zeros((len(q), mechanism.nv, mechanism.nv))
+    for phase, _ in followed:
+        own = q[phase.samples]
+        for k, unit in enumerate(np.eye(mechanism.nv)):
+            made[phase.samples, :, k] = _shared(phase, own, np.tile(unit, (len(own), 1)))[0]
+    return made
+
+
+def _shared(phase: Phase, q: Array, torque: Array) -> tuple[Array, dict[str, Array]]:
+    """Efforts (samples, nv) of the drives, and what this share adds to the closures' wrenches (samples, 6)."""
+    m = phase.mechanism
+    tree, rest = exudyn_chain.Tree(m, phase.case), np.zeros(m.nv)
+    made, wrench = np.empty_like(torque), np.empty((len(q), len(m.closures), 6))
+    for k, position in enumerate(q):
+        pairs = tree.pairs(position, rest)
+        rows = assembly.rows_of(m.closures, pairs)
+        made[k] = assembly.share_out(rows.g, torque[k], m.actuated, m.weights)
+        change = assembly.multipliers(rows.g, torque[k], made[k])
+        wrench[k] = reactions(closing(m, pairs, rows, change), pairs)
+    return made, {c.name: wrench[:, k] for k, c in enumerate(m.closures)}

@@ -1,0 +1,129 @@
+"""Record of a run in Exudyn: every item that was added and the solver's settings, while ``recording`` is on.
+
+with recording() as runs:
+    exudyn.run(...)                 -> runs: one Recorded per solve, in order
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from typing import Any
+
+import exudyn as exu
+import numpy as np
+
+ADDED = ("AddNode", "AddObject", "AddMarker", "AddLoad", "AddSensor")
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """One solve: the calls (method, item) that built the system, the plan, the drivers, the sensors by key, what loads that
+    vary are at a time, by number, and which of the connectors that are switched act from which time [s] on.
+    """
+
+    calls: tuple[tuple[str, Any], ...]
+    plan: Any
+    drivers: tuple[Any, ...]
+    motions: dict[Any, Any]
+    reactions: dict[Any, Any]
+    loads: dict[Any, Any]
+    switched: tuple[int, ...] = ()
+    acting: tuple[tuple[float, tuple[int, ...]], ...] = ()
+
+
+RUNS: ContextVar[list[Recorded] | None] = ContextVar("RUNS", default=None)
+
+
+@contextmanager
+def recording() -> Iterator[list[Recorded]]:
+    """Record every solve inside."""
+    runs: list[Recorded] = []
+    token = RUNS.set(runs)
+    try:
+        yield runs
+    finally:
+        RUNS.reset(token)
+
+
+class Listener:
+    """A system that remembers what is added to it and is otherwise the system itself."""
+
+    def __init__(self, mbs: Any) -> None:
+        self.mbs = mbs
+        self.calls: list[tuple[str, Any]] = []
+        self.switched: tuple[int, ...] = ()
+        self.acting: tuple[tuple[float, tuple[int, ...]], ...] = ()
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self.mbs, name)
+        if name not in ADDED:
+            return found
+
+        def add(item: Any) -> Any:
+            self.calls.append((name, item))
+            return found(item)
+
+        return add
+
+
+def listening(mbs: Any) -> Any:
+    """Return the system, or one that listens while recording is on."""
+    return mbs if RUNS.get() is None else Listener(mbs)
+
+
+def solved(
+    mbs: Any,
+    plan: Any,
+    drivers: list[Any],
+    motions: dict[Any, Any],
+    reactions: dict[Any, Any],
+    loads: Mapping[Any, Any],
+) -> None:
+    """Take down a solve, where recording is on."""
+    runs = RUNS.get()
+    if runs is not None and isinstance(mbs, Listener):
+        told = tuple(mbs.calls), plan, tuple(drivers), dict(motions), dict(reactions), dict(loads)
+        runs.append(Recorded(*told, mbs.switched, mbs.acting))
+
+
+def switches(mbs: Any, switched: tuple[int, ...], acting: tuple[tuple[float, tuple[int, ...]], ...]) -> None:
+    """Take down which connectors are switched, and which of them act from which time [s] on, where recording is on."""
+    if isinstance(mbs, Listener):
+        mbs.switched, mbs.acting = switched, acting
+
+
+def source(run: Recorded) -> str:
+    """Return Python that builds the system ``mbs`` again, one line per item, numbers in full."""
+    lines = [f"    mbs.{method}({_item(item)})" for method, item in run.calls]
+    return "def build(mbs):\n" + "\n".join(lines) + "\n"
+
+
+def _item(item: Any) -> str:
+    stated = vars(item)
+    usual = vars(type(item)())
+    # user functions are put in before the run, from tables
+    said = {k: v for k, v in stated.items() if k != "visualization" and not callable(v)}
+    words = [f"{k}={_text(v)}" for k, v in said.items() if _text(v) != _text(usual[k])]
+    return f"{type(item).__name__}({', '.join(words)})"
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, exu.BeamSection):
+        parts = {k: _text(getattr(value, k)) for k in ("massPerLength", "inertia", "stiffnessMatrix", "dampingMatrix")}
+        return f"section({', '.join(f'{k}={v}' for k, v in parts.items())})"
+    if isinstance(value, exu.OutputVariableType):
+        return f"exu.OutputVariableType.{value.name}"
+    if isinstance(value, (np.ndarray, list, tuple)):
+        return "[" + ", ".join(_text(x) for x in value) + "]"
+    if isinstance(value, (bool, np.bool_)):
+        return repr(bool(value))
+    if isinstance(value, (int, np.integer)):
+        return repr(int(value))
+    if isinstance(value, (float, np.floating)):
+        return repr(float(value))
+    if isinstance(value, str) or value is None:
+        return repr(value)
+    return str(int(value))  # Exudyn's indices of nodes, objects, markers

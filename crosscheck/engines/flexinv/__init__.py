@@ -1,0 +1,1 @@
+"""flexinv as one engine among the others."""

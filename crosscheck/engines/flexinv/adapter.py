@@ -1,0 +1,199 @@
+"""flexinv itself, as one engine among the others: ``flexinv.solve`` on the samples of the case.
+
+The error bars of a march come from two refinements of its step and two of its mesh (`crosscheck.measures.budget`); those of
+closed formulas from rounding, as for every engine.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Mapping
+from importlib import metadata
+
+import numpy as np
+
+from crosscheck.engines.base import Options, sample_times
+from crosscheck.measures.budget import Family, with_bars
+from crosscheck.measures.record import (
+    Record,
+    Series,
+    internal_series,
+    reaction_series,
+    series,
+    torque_series,
+    vector_series,
+    wrench_series,
+)
+from flexinv.analysis.solution import Solution
+from flexinv.analysis.solve import solve
+from flexinv.constraints.determinacy import determinate
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import WORLD, Mechanism
+
+# Of the largest torque: closure forces cancel at passive joints up to rounding, which conditions of up to 1e6 enlarge.
+ROUNDING = 1e-9
+
+
+def version() -> str:
+    """Return the version of flexinv."""
+    try:
+        return metadata.version("flexinv")
+    except metadata.PackageNotFoundError:
+        return "source tree"
+
+
+def abilities() -> str:
+    """Return one sentence: what flexinv can do here."""
+    return (
+        "Rigid, flexible and mixed trees with every joint kind: torques, joint wrenches, tips, deflections, internal "
+        "forces, error bars by refinement, power and momentum balance."
+    )
+
+
+def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
+    """Return the reason why flexinv cannot do this case, or None."""
+    return None
+
+
+def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
+    """Return torque and wrench [N], [N m], tip and deflection [m], axial and internal forces on the sample times.
+
+    options : "error" False leaves the error bars of a march away (they take four more runs)
+    """
+    mechanism = case.meshed(mechanism)
+    start = clock.perf_counter()
+    solution, made = solved(mechanism, case)
+    wall = clock.perf_counter() - start
+    budget: dict[str, dict[str, object]] = {}
+    if bool(options.get("error", True)) and marches(mechanism, case):
+        made, budget = with_bars(made, refinements(mechanism, case, made))
+    return Record(
+        engine=engine,
+        version=version(),
+        settings=settings(mechanism, solution),
+        time=sample_times(case),
+        series=made,
+        wall_time=wall,
+        budget=budget,
+    )
+
+
+def solved(mechanism: Mechanism, case: Case, finer: int = 1) -> tuple[Solution, dict[str, Series]]:
+    """Return the solution with ``finer`` steps in one step of the case, and its series [N], [N m], [m] on the samples."""
+    solution = solve(
+        mechanism,
+        case.motion,
+        case.step / finer,
+        end=case.end,
+        spectral_radius=case.spectral_radius,
+        initial=case.initial,
+        start=case.start,
+    )
+    rows = slice(None, None, finer * round(case.sample / case.step))
+    return solution, all_series(mechanism, solution, rows)
+
+
+def marches(mechanism: Mechanism, case: Case) -> bool:
+    """Return True if the case is integrated in time: with beams, or with joints that move freely in a tree."""
+    if mechanism.closures or not mechanism.is_rigid:
+        return not mechanism.is_rigid
+    given = set(case.motion.joints(mechanism))
+    return any(joint.nv and joint.name not in given for joint in mechanism.joints)
+
+
+def refinements(mechanism: Mechanism, case: Case, made: Mapping[str, Series]) -> list[Family]:
+    """Return the runs with half and a quarter of the step [s], and with two finer meshes: more order, or more elements.
+
+    The error of higher orders falls faster than with any power of the mesh width; the differences of such runs shrink
+    all the same by a factor from one to the next, and the first of them is nearly the whole error.
+    """
+    step = Family("step", (made, solved(mechanism, case, 2)[1], solved(mechanism, case, 4)[1]), 0)
+    if mechanism.is_rigid:
+        return [step]
+    linear = max(link.beam.order for link in mechanism.beams if link.beam is not None) == 1
+    meshes = [mechanism.refined(elements=k) if linear else mechanism.refined(order=k) for k in (2, 4)]
+    return [step, Family("mesh", (made, *(solved(mesh, case)[1] for mesh in meshes)), 0)]
+
+
+def settings(mechanism: Mechanism, solution: Solution) -> dict[str, object]:
+    """Return the settings of the run, and the solution's own checks."""
+    meshes = {link.name: f"{b.elements} x order {b.order}" for link in mechanism.links if (b := link.beam) is not None}
+    marched = {"Newton iterations per step": float(solution.iterations.mean())} if meshes else {}
+    closed = {"largest effort left at passive joints [N m], [N]": left_over(solution)} if mechanism.closures else {}
+    elastic = np.abs(solution.torque_all - solution.reaction).max(initial=0.0)
+    return {
+        **solution.settings,
+        **meshes,
+        **marched,
+        **closed,
+        "largest difference of elastic reactions and L T P [N m], [N]": float(elastic),
+        "largest power residual [W]": float(np.abs(solution.power_residual).max()),
+        "largest momentum residual [N], [N m]": float(np.abs(solution.momentum_residual).max()),
+    }
+
+
+def all_series(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, Series]:
+    """Return every series, in units of [N], [N m] and [m]; rows: which samples."""
+    made = torques(mechanism, solution, rows) | shapes(mechanism, solution, rows)
+    for link, tip in solution.tip.items():
+        made |= vector_series(f"tip/{link}", "m", tip[rows])
+    for link, deflection in solution.deflection.items():
+        made |= vector_series(f"deflection/{link}", "m", deflection[rows])
+    for name, wrench in solution.wrench.items():
+        made |= wrench_series(name, wrench[rows])
+    made |= reactions(mechanism, solution, rows)
+    for joint in mechanism.joints:
+        if mechanism.link_of[joint.child].beam is not None:
+            made |= series(f"axial/{joint.child}", "N", solution.wrench[joint.name][rows, 0])
+    for link, stations in solution.internal_stations.items():
+        for k, station in enumerate(stations):
+            made |= internal_series(link, f"{station:.4f}", solution.internal[link][rows, k])
+    return made
+
+
+def reactions(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, Series]:
+    """Return the wrench of every closure on its second frame [N], [N m]: the components that are determinate, no others."""
+    if solution.loops is None:
+        return {}
+    sure = determinate(solution.mesh, solution.nodes, solution.time)
+    made: dict[str, Series] = {}
+    for closure in mechanism.closures:
+        if closure.second.link == WORLD:
+            continue  # there it is said at the first frame; a coupling has none
+        wrench = solution.loops.reaction[closure.name][rows]
+        all_six = reaction_series(closure.name, wrench)
+        made |= {name: one for (name, one), there in zip(all_six.items(), sure[closure.name], strict=True) if there}
+    return made
+
+
+def shapes(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, Series]:
+    """Return "shape/<link>/<place>/x", "y", "z" [m] in the world: the nodes along a beam, the origin of a rigid link.
+
+    They are drawn and not compared; the tip of every link, which is, follows them.
+    """
+    made: dict[str, Series] = {}
+    for joint in mechanism.joints:
+        name, mesh = joint.child, solution.mesh
+        places = {"origin": mesh.joint_node[joint.name]}
+        if name in mesh.section_nodes:
+            at = zip(mesh.section_stations[name], mesh.section_nodes[name], strict=True)
+            places = {f"{station:.4f}": int(node) for station, node in at}
+        for place, node in places.items():
+            made |= vector_series(f"shape/{name}/{place}", "m", solution.nodes.x[rows, node])
+    return made
+
+
+def torques(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, Series]:
+    """Return the effort of every coordinate [N m] or [N].
+
+    Joints without a drive in loops give nothing; what rounding leaves there is not compared but in the settings.
+    """
+    effort = solution.torque_all[rows].copy()
+    if mechanism.closures and left_over(solution) <= ROUNDING * np.abs(effort).max():
+        effort[:, ~mechanism.actuated] = 0.0
+    return torque_series(mechanism, effort)
+
+
+def left_over(solution: Solution) -> float:
+    """Return the largest effort at coordinates without a drive [N m], [N]."""
+    return float(np.abs(solution.unactuated).max(initial=0.0))

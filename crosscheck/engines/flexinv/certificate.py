@@ -1,0 +1,200 @@
+"""The reference certificate: what flexinv computes from the mechanism."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from crosscheck.engines.shared.probe_states import Array, about_origin, carried, configurations
+from crosscheck.measures.certificate import Certificate
+from flexinv.analysis.solve import solve
+from flexinv.constraints.allocation import ranks
+from flexinv.constraints.closures import constraint_jacobian, constraint_rows
+from flexinv.files.load_cases import Case
+from flexinv.kinematics.mesh import Mesh, build
+from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.model.mechanism import WORLD, Beam, Body, Mechanism, Placement
+from flexinv.rigid.joint_torques import joint_torques
+
+SPRING = ("stiffness", "rest", "damping")
+# Ends of closures that have an axis, by the kind: a point on a line has one at its first end only.
+AXES = {(kind, end) for kind in ("revolute", "prismatic", "cylindrical") for end in ("first", "second")}
+AXES |= {("point-on-line", "first"), ("universal", "first")}
+AMONG = 400  # points of the quadrature of a beam's compliance: exact for linear tables to 1e-6
+
+
+def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
+    """Return mass [kg], centre of mass [m], mass matrix, gravity torque, axes, stiffness [N], [N m^2] and closures."""
+    if not mechanism.is_rigid:
+        return replace(_flexible(mechanism), **attached(mechanism))
+    q = configurations(mechanism, case)
+    tree = replace(mechanism, closures=(), springs=(), forces=())
+    mesh = build(tree)
+    rest = np.zeros((len(q), tree.nv))
+    motion = rigid_motion(mesh, q, rest, rest)
+    moving = _moving(tree)
+    weights = np.where([tree.links[k].name in moving for k in mesh.link], mesh.mass, 0.0)
+    rank = _rank(mechanism, case) if mechanism.closures else None
+    lumps = {name: _lump(mesh, motion, name, bodies) for name, bodies in carried(tree).items()}
+    return Certificate(
+        mass=float(weights.sum()),
+        masses={name: sum(b.inertia.mass for _, b in bodies) for name, bodies in carried(tree).items()},
+        moments={name: moment for name, (moment, _) in lumps.items()},
+        inertias={name: tensor for name, (_, tensor) in lumps.items()},
+        com=np.einsum("n,snx->sx", weights, motion.x) / (weights.sum() or 1.0),  # (sample, xyz)
+        mass_matrix=_mass_matrix(tree, q),
+        gravity=joint_torques(tree, q, rest, rest, passive=False),
+        axes=_axes(tree, mesh.joint_node, motion),
+        order=tuple(j.name for j in tree.joints if j.nv),
+        residual=None,
+        rank=rank,
+        **attached(mechanism),
+    )
+
+
+def attached(mechanism: Mechanism) -> dict[str, Any]:
+    """Return damping, friction, springs, closure points and axes of a mechanism: what is stated of them, nothing computed."""
+    ends = [
+        (f"{c.name}: {end}", c, at)
+        for c in mechanism.closures
+        if c.kind != "coupling"
+        for end, at in (("first", c.first), ("second", c.second))
+    ]
+    springs = [(f"{s.name}: {key}", float(getattr(s, key))) for s in mechanism.springs for key in SPRING]
+    springs += [
+        (f"{j.name}: {key}", float(getattr(j, key))) for j in mechanism.joints if j.stiffness for key in SPRING[:2]
+    ]
+    return {
+        "damping": {j.name: float(j.damping) for j in mechanism.joints if j.nv},
+        "friction": {j.name: float(j.friction) for j in mechanism.joints if j.nv},
+        "springs": dict(springs),
+        "closure_points": {name: at.placement.position for name, _, at in ends},
+        "closure_axes": {
+            name: at.placement.rotation @ c.axis for name, c, at in ends if (c.kind, name.rsplit(": ")[-1]) in AXES
+        },
+    }
+
+
+def _flexible(mechanism: Mechanism) -> Certificate:
+    """Mass and stiffness of beams; masses, moments and inertias of what joints, and sections of beams, carry."""
+    seats = placed(mechanism)
+    lumps: dict[str, list[tuple[float, Array, Array]]] = {}
+    for link in mechanism.links:
+        for body in link.bodies:
+            name, place = seats[link.name]
+            if link.beam is not None:
+                at = body.station or 0.0
+                name, place = (f"{link.name} at {at:g}", Placement()) if at else (name, _on(place, link.beam.placement))
+            turned = _on(place, Placement(body.inertia.com, np.eye(3)))
+            tensor = turned.rotation @ body.inertia.tensor @ turned.rotation.T
+            second = about_origin(body.inertia.mass, turned.position, tensor)
+            lumps.setdefault(name, []).append((body.inertia.mass, *second))
+    straight = {x.name: x.beam for x in mechanism.beams if x.beam is not None and not x.beam.curvature.any()}
+    return Certificate(
+        mass=_mass(mechanism),
+        masses={name: sum(part[0] for part in parts) for name, parts in lumps.items()},
+        moments={name: np.sum([part[1] for part in parts], axis=0) for name, parts in lumps.items()},
+        inertias={name: np.sum([part[2] for part in parts], axis=0) for name, parts in lumps.items()},
+        beam_masses={name: _length_mass(beam) for name, beam in straight.items()},
+        beam_moments={name: _length_mass(beam, 1) for name, beam in straight.items()},
+        stiffness=stiffness(mechanism),
+    )
+
+
+def placed(mechanism: Mechanism) -> dict[str, tuple[str, Placement]]:
+    """Return by link the joint, or the place on a beam, that carries it, and its pose in that frame."""
+    seats: dict[str, tuple[str, Placement]] = {WORLD: ("world", Placement())}
+    for joint in mechanism.joints:
+        name, place = seats[joint.parent]
+        beam = None if joint.parent == WORLD else mechanism.link_of[joint.parent].beam
+        if beam is not None and joint.station is not None:
+            at = joint.station
+            name, place = (f"{joint.parent} at {at:g}", Placement()) if at else (name, _on(place, beam.placement))
+        seats[joint.child] = (joint.name, Placement()) if joint.nv else (name, _on(place, joint.placement))
+    return seats
+
+
+def _on(outer: Placement, inner: Placement) -> Placement:
+    return Placement(outer.position + outer.rotation @ inner.position, outer.rotation @ inner.rotation)
+
+
+def _lump(mesh: Mesh, motion: NodalMotion, joint: str, bodies: list[tuple[str, Body]]) -> tuple[Array, Array]:
+    """First moment and tensor of bodies about the origin of a joint's child, along its axes."""
+    at = mesh.joint_node[joint]
+    origin, axes = motion.x[0, at], motion.rotation[0, at]
+    moment, tensor = np.zeros(3), np.zeros((3, 3))
+    for link, body in bodies:
+        node = mesh.body_node[link, body.name]
+        turn = axes.T @ motion.rotation[0, node]
+        m, i = about_origin(
+            body.inertia.mass, axes.T @ (motion.x[0, node] - origin), turn @ body.inertia.tensor @ turn.T
+        )
+        moment, tensor = moment + m, tensor + i
+    return moment, tensor
+
+
+def _mass_matrix(tree: Mechanism, q: Array) -> Array:
+    """Return tau(q, 0, e_j) without gravity, (configurations, nv, nv) [kg m^2], [kg]."""
+    weightless = replace(tree, gravity=np.zeros(3))
+    rest = np.zeros((len(q), tree.nv))
+    columns = [joint_torques(weightless, q, rest, rest + unit, passive=False) for unit in np.eye(tree.nv)]
+    return np.stack(columns, axis=2) if columns else np.zeros((len(q), 0, 0))
+
+
+def _moving(tree: Mechanism) -> set[str]:
+    """Links that are not welded to the world."""
+    still = {WORLD}
+    for joint in tree.joints:
+        if joint.nv == 0 and joint.parent in still:
+            still.add(joint.child)
+    return {link.name for link in tree.links} - still
+
+
+def _axes(tree: Mechanism, nodes: dict[str, int], motion: NodalMotion) -> dict[str, Array]:
+    """Axes of joints with one coordinate: the child's frame turns about it, so that it is the same in both frames."""
+    return {j.name: motion.rotation[:, nodes[j.name]] @ j.axis for j in tree.joints if j.nv == 1}
+
+
+def _rank(mechanism: Mechanism, case: Case) -> int:
+    """Rank of the closures' Jacobian at the start of the case (of those that act then)."""
+    solution = solve(mechanism, case.motion, case.sample, end=case.sample, start=case.start)
+    mesh, first = build(mechanism), slice(0, 1)
+    motion = rigid_motion(mesh, solution.q[first], solution.qd[first], solution.qdd[first])
+    rows = constraint_rows(mesh)
+    acts = np.array([not c.active or c.active[0][0] <= 0.0 for c in mechanism.closures])
+    g = constraint_jacobian(mesh, motion, rows)[0][acts[rows.closure]]
+    return int(ranks(np.linalg.svd(g, compute_uv=False)))
+
+
+def _mass(mechanism: Mechanism) -> float:
+    """Mass of all bodies and beams that move [kg]."""
+    moving = _moving(mechanism)
+    links = [link for link in mechanism.links if link.name in moving]
+    bodies = sum(body.inertia.mass for link in links for body in link.bodies)
+    return bodies + sum(_length_mass(link.beam) for link in links if link.beam is not None)
+
+
+def _length_mass(beam: Beam, power: int = 0) -> float:
+    """Return int rho A s^power ds along a straight beam [kg], [kg m]."""
+    s = beam.section
+    along = np.interp(_points(), s.stations, s.mass_per_length) * (beam.length * _points()) ** power
+    return beam.length * float(along.mean())
+
+
+def stiffness(mechanism: Mechanism) -> dict[str, float]:
+    """Return length over compliance, 1 / mean(1 / stiffness), of every straight beam: EA, GJ, EI_y, EI_z [N], [N m^2]."""
+    found = {}
+    for link in mechanism.beams:
+        assert link.beam is not None
+        section = link.beam.section
+        for name, column in {"EA": 0, "GA_y": 1, "GA_z": 2, "GJ": 3, "EI_y": 4, "EI_z": 5}.items():
+            along = np.interp(_points(), section.stations, section.stiffness[:, column])
+            found[f"{link.name}: {name}"] = float(1.0 / np.mean(1.0 / along))
+    return found
+
+
+def _points() -> Array:
+    return np.asarray((np.arange(AMONG) + 0.5) / AMONG, dtype=np.float64)

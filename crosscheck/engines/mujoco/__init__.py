@@ -1,0 +1,1 @@
+"""MuJoCo: model, inverse dynamics, loops, its flex, certificate, export, replay."""

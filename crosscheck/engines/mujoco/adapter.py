@@ -1,0 +1,387 @@
+"""MuJoCo: mj_inverse on its own model, with armature, damping and dry friction inside the engine.
+
+Conventions, as a map and its dual.  R0, p0: placement of a free joint; R: rotation of its quaternion.
+
+    coordinates   hinge, slide: the number itself.  continuous (cos, sin) -> angle atan2(sin, cos).  Universal: two
+                  hinges of one body, R = exp(a1 q1) exp(a2 q2).  Quaternions x, y, z, w -> w, x, y, z.
+                  Ball: angular velocity in the child's frame, as in the mechanism.
+    free joint    qpos = (p0 + R0 p, R0 R): absolute in the world.  qvel = (linear in the WORLD, angular in the body):
+                      v_mj = R0 R v            w_mj = w
+                      a_mj = R0 R (v' + w x v) al_mj = w'     (v' is the rate of body components: hence the bias w x v)
+                  dual, from equal power:
+                      f    = (R0 R)^T f_mj     m    = m_mj
+    tau           qfrc_inverse = M a + bias - passive - constraint: the actuator's effort as the mechanism means it,
+                  armature, damping, springs and dry friction included.  At exactly zero speed dry friction is a set: MuJoCo
+                  takes the end that the acceleration points to, the mechanism zero; there its friction is taken out.
+    wrench        mj_rnePostConstraint: cfrc_int of a body is the (moment, force) that its parent exerts on it and on
+                  all it carries, at the centre of mass of the whole tree, in world axes; moved to the joint:
+                      F = X^T f_int,  M = X^T (m_int + (c - x) x f_int)      (X, x: pose of the link)
+    loops         "mujoco" by projection, "mujoco-equality" as MuJoCo gives it: `mujoco.loops`.
+
+Source: mujoco 4.0.0, engine_inverse.c, engine_core_smooth.c; the tests compare with closed forms and with Pinocchio.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from crosscheck.engines.base import Options, sample_times
+from crosscheck.engines.mujoco import loops as mujoco_loops
+from crosscheck.engines.mujoco.model import Built, build
+from crosscheck.engines.shared import loop_closure as assembly
+from crosscheck.engines.shared import phases
+from crosscheck.engines.shared.prescribed import beyond_a_tree, missing_motion
+from crosscheck.measures.record import Record, Series, reaction_series, torque_series, vector_series, wrench_series
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import WORLD, Joint, Mechanism
+
+Array = NDArray[np.float64]
+EQUALITY = "mujoco-equality"
+SOFT = (
+    "an equality constraint is soft: where the motion closes the loops exactly its force is zero, however stiff it is, "
+    "and mj_inverse gives the efforts of the open tree, on passive joints too"
+)
+
+
+def version() -> str:
+    """Return the version of MuJoCo."""
+    return str(mujoco.mj_versionString())
+
+
+def abilities() -> str:
+    """Return one sentence: what MuJoCo can do here."""
+    return (
+        "Rigid inverse dynamics by mj_inverse with armature, damping and dry friction in the engine, joint wrenches "
+        "and tips, closed loops by projection (mujoco-equality: by soft equality constraints, as it gives them), springs "
+        "and forces, URDF by its own parser where it accepts the inertias; beams: see mujoco-flex."
+    )
+
+
+def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
+    """Return the reason why MuJoCo cannot do this case, or None."""
+    if not mechanism.is_rigid:
+        names = ", ".join(link.name for link in mechanism.beams)
+        return f"rigid bodies only here, one beam in mujoco-flex; flexible: {names}"
+    for joint in mechanism.joints:
+        if (reason := _free_joint_trouble(joint)) is not None:
+            return reason
+    if engine == EQUALITY:
+        if not mechanism.closures:
+            return "no closed loop: see mujoco"
+        if kinds := mujoco_loops.without_equality(mechanism):
+            return f"no equality constraint of MuJoCo makes up the closures {', '.join(kinds)}: see mujoco"
+    return assembly.unsupported(mechanism) if mechanism.closures else missing_motion(mechanism, case)
+
+
+def _free_joint_trouble(joint: Joint) -> str | None:
+    if joint.kind != "free":
+        return None
+    if joint.parent != WORLD:
+        return f"a free joint of MuJoCo hangs on the world only; {joint.name!r} hangs on {joint.parent!r}"
+    if joint.rotor_inertia or joint.friction:
+        return f"MuJoCo's armature and dry friction act along world axes, those of {joint.name!r} along the body's"
+    return None
+
+
+def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
+    """Return torque [N m] or [N], tip [m], wrench [N], [N m]; "skipped" in MuJoCo's words if it refuses the model."""
+    time = sample_times(case)
+    start = clock.perf_counter()
+    with warnings_caught() as words:
+        try:
+            built = build(mechanism, extend=mujoco_loops.furnish(mechanism) if beyond_a_tree(mechanism) else None)
+        except ValueError as error:
+            return Record(engine=engine, status="skipped", message=f"MuJoCo refuses the model: {_one_line(error)}")
+        result = _dynamics(mechanism, case, built, time, engine)
+    wall = clock.perf_counter() - start
+    algorithm = "mj_inverse, equality off, projected on efc_J" if mechanism.closures else "mj_inverse"
+    return Record(
+        engine=engine,
+        version=version(),
+        message="; ".join(dict.fromkeys([*words, *([SOFT] if engine == EQUALITY else [])])),
+        settings={
+            "algorithm": "mj_inverse, equality on" if engine == EQUALITY else algorithm,
+            "model": "URDF" if mechanism.urdf else "MjSpec",
+            "raised to mjMINVAL": list(built.floored),
+        },
+        time=time,
+        series=_series(mechanism, result),
+        wall_time=wall,
+    )
+
+
+def _one_line(error: BaseException) -> str:
+    return " | ".join(line.strip() for line in str(error).splitlines() if line.strip())
+
+
+@contextmanager
+def warnings_caught() -> Iterator[list[str]]:
+    """Collect MuJoCo's warnings, which it would otherwise write to the console and to ./MUJOCO_LOG.TXT."""
+    words: list[str] = []
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(words.append)
+    try:
+        yield words
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
+# ------------------------------------------------------------------------------------------------- the map, its dual
+
+
+@dataclass(frozen=True)
+class State:
+    """Coordinates of all samples as MuJoCo wants them: q (samples, nq), v and a (samples, nv)."""
+
+    q: Array
+    v: Array
+    a: Array
+
+
+def to_engine(mechanism: Mechanism, built: Built, q: Array, qd: Array, qdd: Array) -> State:
+    """Return MuJoCo's qpos, qvel and qacc of q (samples, nq), qd, qdd (samples, nv) [rad or m, s]."""
+    model = built.model
+    out = State(np.empty((len(q), model.nq)), np.empty((len(q), model.nv)), np.empty((len(q), model.nv)))
+    for joint in mechanism.joints:
+        if joint.nv == 0:
+            continue
+        mine, rates = q[:, mechanism.q_slices[joint.name]], mechanism.v_slices[joint.name]
+        at, v = built.q_at[joint.name], built.v_at[joint.name]
+        position = _position(joint, mine)
+        out.q[:, at : at + position.shape[1]] = position
+        out.v[:, v : v + joint.nv] = qd[:, rates]
+        out.a[:, v : v + joint.nv] = qdd[:, rates]
+        if joint.kind == "free":
+            turn = _absolute(joint, mine)
+            linear, angular = qd[:, rates][:, :3], qd[:, rates][:, 3:]
+            out.v[:, v : v + 3] = turn.apply(linear)
+            out.a[:, v : v + 3] = turn.apply(qdd[:, rates][:, :3] + np.cross(angular, linear))
+    return out
+
+
+def _position(joint: Joint, q: Array) -> Array:
+    if joint.kind == "continuous":
+        return np.unwrap(np.arctan2(q[:, 1], q[:, 0]))[:, None]
+    if joint.kind == "spherical":
+        return np.roll(q, 1, axis=1)
+    if joint.kind == "free":
+        place = joint.placement.position + q[:, :3] @ joint.placement.rotation.T
+        return np.hstack([place, np.roll(_absolute(joint, q).as_quat(), 1, axis=1)])
+    return q
+
+
+def _absolute(joint: Joint, q: Array) -> Rotation:
+    """R0 R of a free joint, all samples."""
+    return Rotation.from_matrix(joint.placement.rotation) * Rotation.from_quat(q[:, 3:])
+
+
+def from_engine(mechanism: Mechanism, built: Built, position: Array) -> Array:
+    """Return the mechanism's q (samples, nq) [rad], [m] of MuJoCo's qpos (samples, nq of the model)."""
+    out = np.empty((len(position), mechanism.nq))
+    for joint in mechanism.joints:
+        if joint.nv == 0:
+            continue
+        at, own = built.q_at[joint.name], mechanism.q_slices[joint.name]
+        theirs = position[:, at : at + (1 if joint.kind == "continuous" else joint.nq)]
+        if joint.kind == "continuous":
+            theirs = np.hstack([np.cos(theirs), np.sin(theirs)])
+        elif joint.kind == "spherical":
+            theirs = np.roll(theirs, -1, axis=1)
+        elif joint.kind == "free":
+            seat = Rotation.from_matrix(joint.placement.rotation).inv()
+            turn = seat * Rotation.from_quat(np.roll(theirs[:, 3:], -1, axis=1))
+            theirs = np.hstack([seat.apply(theirs[:, :3] - joint.placement.position), turn.as_quat()])
+        out[:, own] = theirs
+    return out
+
+
+def effort_from_engine(mechanism: Mechanism, built: Built, q: Array, force: Array) -> Array:
+    """Return the mechanism's efforts (samples, nv) [N m] or [N] of MuJoCo's generalized forces: the dual of the map."""
+    out = np.empty_like(force)
+    for joint in mechanism.joints:
+        if joint.nv == 0:
+            continue
+        v, rates = built.v_at[joint.name], mechanism.v_slices[joint.name]
+        theirs = force[:, v : v + joint.nv].copy()
+        if joint.kind == "free":
+            theirs[:, :3] = _absolute(joint, q[:, mechanism.q_slices[joint.name]]).inv().apply(theirs[:, :3])
+        out[:, rates] = theirs
+    return out
+
+
+# ------------------------------------------------------------------------------------------------------ what it says
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """Results of MuJoCo, in the mechanism's order.
+
+    torque : (samples, nv) [N m] or [N]; wrench : (samples, 6) [N], [N m] by joint; tip : (samples, 3) [m] by link
+    closures : (samples, 6) [N], [N m] on the second frame of every closure
+    """
+
+    torque: Array
+    wrench: dict[str, Array]
+    tip: dict[str, Array]
+    closures: dict[str, Array] = field(default_factory=dict)
+
+
+def inverse_dynamics(mechanism: Mechanism, built: Built, q: Array, qd: Array, qdd: Array) -> Dynamics:
+    """Return mj_inverse of every sample: q (samples, nq), qd, qdd (samples, nv) [rad or m, s], in mechanism order."""
+    state = to_engine(mechanism, built, q, qd, qdd)
+    return _said(mechanism, built, q, _evaluate(built.model, state))
+
+
+def _said(mechanism: Mechanism, built: Built, q: Array, raw: Raw) -> Dynamics:
+    carried = {j.name: built.body[j.child] for j in mechanism.joints if j.child in built.body}
+    return Dynamics(
+        torque=effort_from_engine(mechanism, built, q, raw.effort),
+        wrench={name: wrench_on(built.model, raw, body) for name, body in carried.items()},
+        tip={name: point_of(raw, body, mechanism.link_of[name].tip) for name, body in built.body.items()},
+    )
+
+
+def _dynamics(mechanism: Mechanism, case: Case, built: Built, time: Array, engine: str) -> Dynamics:
+    if not beyond_a_tree(mechanism):
+        return inverse_dynamics(mechanism, built, *case.motion.evaluate(mechanism, time))
+
+    followed = follow(mechanism, case, built, time)
+    part = _soft if engine == EQUALITY else _held
+    parts = [part(_tree(phase.mechanism, phase.case, built), State(*state), phase.time) for phase, state in followed]
+    return Dynamics(
+        torque=np.concatenate([p.torque for p in parts]),
+        wrench=phases.joined(p.wrench for p in parts),
+        tip=phases.joined(p.tip for p in parts),
+        closures={}
+        if engine == EQUALITY
+        else phases.joined(phases.complete(mechanism, p.closures, len(p.torque)) for p in parts),
+    )
+
+
+def follow(mechanism: Mechanism, case: Case, built: Built, time: Array) -> list[tuple[phases.Phase, phases.State]]:
+    """Return every phase with its motion on the closures in MuJoCo's coordinates, (samples, ...) [rad], [m], [s]."""
+
+    def closed(now: Mechanism, here: Case, span: Array) -> phases.State:
+        tree = _tree(now, here, built)
+        return mujoco_loops.closed_state(tree, assembly.left_out(now, here), span) if now.closures else tree.given(span)
+
+    return phases.follow(mechanism, case, time, closed, lambda q: from_engine(mechanism, built, q))
+
+
+def _tree(mechanism: Mechanism, case: Case, built: Built) -> mujoco_loops.Tree:
+    return mujoco_loops.Tree(mechanism, built, mujoco_loops.state_of(built, mechanism), _given(mechanism, case, built))
+
+
+def _held(tree: mujoco_loops.Tree, state: State, time: Array) -> Dynamics:
+    """Return drives' efforts, wrenches and tips of one phase: the tree's efforts shared out to drives and closures."""
+    mechanism, built = tree.mechanism, tree.built
+    driven, weight = np.zeros(built.model.nv, dtype=bool), np.ones(built.model.nv)
+    for joint in (j for j in mechanism.joints if j.nv):
+        own = slice(built.v_at[joint.name], built.v_at[joint.name] + joint.nv)
+        driven[own], weight[own] = joint.actuated, joint.weight
+    raw, wrench = empty(built.model, len(time)), np.empty((len(time), len(mechanism.closures), 6))
+    for k, t in enumerate(time):
+        _set(tree, state, k)
+        shares = mujoco_loops.shared(tree, float(t), driven, weight)
+        mujoco_loops.put_on(tree, shares.acting)
+        keep(built.model, tree.data, raw, k, shares.effort)
+        wrench[k] = shares.closures
+    said = _said(mechanism, built, from_engine(mechanism, built, state.q), raw)
+    return replace(said, closures={c.name: wrench[:, k] for k, c in enumerate(mechanism.closures)})
+
+
+def _given(mechanism: Mechanism, case: Case, built: Built) -> mujoco_loops.Motion:
+    """Return the motion in MuJoCo's coordinates, joints that it leaves out at their guess."""
+
+    def motion(time: Array) -> tuple[Array, Array, Array]:
+        q, qd, qdd = case.motion.evaluate(mechanism, time)
+        state = to_engine(mechanism, built, assembly.guessed(mechanism, case, q), qd, qdd)
+        return state.q, state.v, state.a
+
+    return motion
+
+
+def _set(tree: mujoco_loops.Tree, state: State, k: int) -> None:
+    tree.data.qpos[:], tree.data.qvel[:], tree.data.qacc[:] = state.q[k], state.v[k], state.a[k]
+
+
+def _soft(tree: mujoco_loops.Tree, state: State, time: Array) -> Dynamics:
+    """Return the efforts of mj_inverse with its equality constraints on [N m] or [N], less given forces; nothing else."""
+    out = np.empty_like(state.v)
+    for k, t in enumerate(time):
+        _set(tree, state, k)
+        mujoco.mj_inverse(tree.built.model, tree.data)
+        out[k] = tree.data.qfrc_inverse - mujoco_loops.forces_on(tree, float(t))
+    q = from_engine(tree.mechanism, tree.built, state.q)
+    return Dynamics(effort_from_engine(tree.mechanism, tree.built, q, out), {}, {})
+
+
+@dataclass(frozen=True)
+class Raw:
+    """Arrays that MuJoCo leaves in its data, by sample.
+
+    effort : (samples, nv); cfrc_int : (samples, bodies, 6); subtree_com, xpos : (samples, bodies, 3) [m];
+    xmat : (samples, bodies, 3, 3)
+    """
+
+    effort: Array
+    cfrc_int: Array
+    subtree_com: Array
+    xpos: Array
+    xmat: Array
+
+
+def _evaluate(model: mujoco.MjModel, state: State) -> Raw:
+    data = mujoco.MjData(model)
+    raw = empty(model, len(state.q))
+    for k in range(len(state.q)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = state.q[k], state.v[k], state.a[k]
+        mujoco.mj_inverse(model, data)
+        # friction of a joint at rest: taken out, see the head of the file
+        keep(model, data, raw, k, data.qfrc_inverse + np.where(state.v[k] == 0.0, data.qfrc_constraint, 0.0))
+    return raw
+
+
+def empty(model: mujoco.MjModel, samples: int) -> Raw:
+    """Return room for the data of all samples [N m], [N], [m]."""
+    shapes = [(model.nv,), (model.nbody, 6), (model.nbody, 3), (model.nbody, 3), (model.nbody, 3, 3)]
+    return Raw(*(np.empty((samples, *shape)) for shape in shapes))
+
+
+def keep(model: mujoco.MjModel, data: mujoco.MjData, raw: Raw, k: int, effort: Array) -> None:
+    """Write sample k: effort (nv,) [N m] or [N] as given, everything else from ``data``, whose qacc is set."""
+    mujoco.mj_rnePostConstraint(model, data)
+    raw.effort[k], raw.cfrc_int[k], raw.subtree_com[k] = effort, data.cfrc_int, data.subtree_com
+    raw.xpos[k], raw.xmat[k] = data.xpos, data.xmat.reshape(-1, 3, 3)
+
+
+def wrench_on(model: mujoco.MjModel, raw: Raw, body: int) -> Array:
+    """Return the wrench of the parent on a body, at the body's frame and along its axes, (samples, 6) [N], [N m]."""
+    moment, force = raw.cfrc_int[:, body, :3], raw.cfrc_int[:, body, 3:]
+    arm = raw.subtree_com[:, model.body_rootid[body]] - raw.xpos[:, body]
+    both = np.stack([force, moment + np.cross(arm, force)], axis=1)  # (sample, force or moment, xyz)
+    return np.asarray((both @ raw.xmat[:, body]).reshape(-1, 6))
+
+
+def point_of(raw: Raw, body: int, point: Array) -> Array:
+    """Return the position of a body's point (3,) [m] in the world, (samples, 3) [m]."""
+    return np.asarray(raw.xpos[:, body] + raw.xmat[:, body] @ point)
+
+
+def _series(mechanism: Mechanism, result: Dynamics) -> dict[str, Series]:
+    out = torque_series(mechanism, result.torque)
+    for link, place in result.tip.items():
+        out |= vector_series(f"tip/{link}", "m", place)
+    for joint, wrench in result.wrench.items():
+        out |= wrench_series(joint, wrench)
+    for closure, wrench in result.closures.items():
+        out |= reaction_series(closure, wrench)
+    return out

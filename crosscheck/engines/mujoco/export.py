@@ -1,0 +1,95 @@
+"""Export for MuJoCo: MJCF that its viewer opens, with the motion and the expected effort in its coordinates.
+
+The text is written from the compiled model, every number in full: ``MjSpec.to_xml`` of 4.0.0 rounds to six digits.
+Slim capsules without mass make the bodies visible; inertias are explicit, so they change nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crosscheck.engines.base import sample_times
+from crosscheck.engines.mujoco import adapter
+from crosscheck.engines.mujoco import loops as mujoco_loops
+from crosscheck.engines.mujoco.mjcf import mjcf
+from crosscheck.engines.mujoco.model import Built, build
+from crosscheck.engines.shared.export_files import Array, Motion, NotExported, check_rigid, forces, sharing, write
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import Force, Joint, Mechanism
+
+SUFFIX = {
+    "free": (".vx", ".vy", ".vz", ".wx", ".wy", ".wz"),
+    "spherical": (".wx", ".wy", ".wz"),
+    "universal": (".1", ".2"),
+}
+PLACE = {"free": (".x", ".y", ".z", ".qw", ".qx", ".qy", ".qz"), "spherical": (".qw", ".qx", ".qy", ".qz"),
+         "universal": (".1", ".2")}  # fmt: skip
+
+
+def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder: Path) -> None:
+    """Write ``model.xml`` and what goes with it; effort : (samples, nv) [N m] or [N] expected, in mechanism order.
+
+    Raises NotExported for beams and for closures that none of MuJoCo's equalities makes up.
+    """
+    check_rigid(mechanism, engine)
+    if strange := mujoco_loops.without_equality(mechanism):
+        raise NotExported(f"closures ({', '.join(strange)}) have no equality constraint in MJCF: see pinocchio")
+    if (reason := adapter.unsupported(mechanism, case, engine)) is not None:
+        raise NotExported(reason)
+    time = sample_times(case)
+    built = build(mechanism, extend=_furnished(mechanism))
+    followed = adapter.follow(mechanism, case, built, time)
+    state = adapter.State(*(np.concatenate(part) for part in zip(*(state for _, state in followed), strict=True)))
+    q_names, v_names = [""] * built.model.nq, [""] * built.model.nv
+    order = np.zeros(built.model.nv, dtype=np.intp)
+    for joint in mechanism.joints:
+        if joint.nv:
+            _name(q_names, built.q_at[joint.name], joint, PLACE)
+            _name(v_names, built.v_at[joint.name], joint, SUFFIX)
+            own = mechanism.v_slices[joint.name]
+            order[built.v_at[joint.name] + np.arange(joint.nv)] = np.arange(own.start, own.stop)
+    expected = _to_engine(mechanism, built, adapter.from_engine(mechanism, built, state.q), effort)
+    motion = Motion(time, state.q, state.v, state.a, expected, q_names, v_names)
+    spans = ((phase.samples, [c.name for c in phase.mechanism.closures]) for phase, _ in followed)
+    given = [{"site": _site(f), "follower": f.follower} for f in mechanism.forces]
+    settings = {"engine": engine, "forces": given, **sharing(mechanism, order, spans)}
+    forces(folder, mechanism, time)
+    write(folder, motion, "run_mujoco.py.txt", {"model.xml": mjcf(built.model, mechanism.name)}, settings)
+
+
+def _furnished(mechanism: Mechanism) -> Callable[[Any], None]:
+    """Return a function that adds closures, springs, and a site for every given force, to an MjSpec."""
+    furnish = mujoco_loops.furnish(mechanism)
+
+    def extend(spec: Any) -> None:
+        furnish(spec)
+        for force in mechanism.forces:
+            mujoco_loops.add_site(spec, force.at, _site(force), np.zeros(3))
+
+    return extend
+
+
+def _site(force: Force) -> str:
+    return f"{force.name}/force"
+
+
+def _name(names: list[str], first: int, joint: Joint, suffixes: dict[str, tuple[str, ...]]) -> None:
+    for k, suffix in enumerate(suffixes.get(joint.kind, ("",))):
+        names[first + k] = joint.name + suffix
+
+
+def _to_engine(mechanism: Mechanism, built: Built, q: Array, effort: Array) -> Array:
+    """Return the mechanism's efforts as MuJoCo's generalized forces: the inverse of `mujoco.adapter.effort_from_engine`.
+
+    That map is orthogonal (it turns forces of free joints), so its transpose, column by column, is the inverse.
+    """
+    out = np.zeros_like(effort)
+    for column in range(effort.shape[1]):
+        unit = np.zeros_like(effort)
+        unit[:, column] = 1.0
+        out[:, column] = np.sum(adapter.effort_from_engine(mechanism, built, q, unit) * effort, axis=1)
+    return out

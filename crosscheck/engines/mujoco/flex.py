@@ -1,0 +1,163 @@
+"""MuJoCo's own flexible element, as far as version 4.0.0 carries a beam: in a plane, at the end of the tree.
+
+The joints are prescribed: at every step their places and speeds are the given ones, and the points of the rod
+(`rod`) follow by MuJoCo's semi-implicit Euler, explicit in the elastic forces: the step is set by the fastest
+frequency.  The effort is mj_rne, M a + bias without armature, at the accelerations that MuJoCo finds; elastic forces
+act between points that are carried by the hub and have no part in it.
+
+The error falls with l^2: two meshes give the extrapolated series (4 fine - coarse) / 3; a third, coarser, its bar.
+"""
+
+from __future__ import annotations
+
+import time as clock
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.engines.base import Options, sample_times
+from crosscheck.engines.mujoco.adapter import Raw, empty, keep, point_of, version, warnings_caught, wrench_on
+from crosscheck.engines.mujoco.model import Built
+from crosscheck.engines.mujoco.rod import DRIVE, Rod, bending_axis, flexible, rod_of
+from crosscheck.engines.shared.prescribed import beyond_a_tree, missing_motion, passive_effort, rotor_effort
+from crosscheck.measures.budget import Family, limit_of, with_bars
+from crosscheck.measures.record import Record, Series, series, torque_series, vector_series, wrench_series
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import Link, Mechanism
+
+__all__ = ["abilities", "run", "unsupported", "version"]
+
+Array = NDArray[np.float64]
+ELEMENTS = 32  # of the fine mesh
+STABLE = 0.8  # of the largest stable step 2 / omega of a linear oscillator: bent rods have slightly higher frequencies
+NO_FRAME = "a flex of dimension 1 is points without orientation"
+
+
+def abilities() -> str:
+    """Return one sentence: what MuJoCo's flexible elements can do here."""
+    return (
+        "One uniform, straight beam at the end of a planar tree by MuJoCo's flex of dimension 1 "
+        "(stretch and bending; no shear, twist or rotary inertia; no joint on the beam)."
+    )
+
+
+def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
+    """Return the reason why MuJoCo's flex cannot do this case, or None."""
+    if mechanism.is_rigid:
+        return "no link is a beam: see mujoco"
+    if (reason := beyond_a_tree(mechanism) or missing_motion(mechanism, case)) is not None:
+        return reason
+    for link in mechanism.beams:
+        if (reason := _trouble(mechanism, link)) is not None:
+            return reason
+    if len(mechanism.beams) > 1:
+        return f"one beam only; here: {', '.join(link.name for link in mechanism.beams)}"
+    if case.initial == "static":
+        return "this adapter starts from the undeformed beam; the case starts in static equilibrium"
+    return None
+
+
+def _trouble(mechanism: Mechanism, link: Link) -> str | None:
+    carried = [j.name for j in mechanism.joints if j.parent == link.name]
+    if carried:
+        return f"{NO_FRAME}: no joint can hang on {link.name}; here: {', '.join(carried)}"
+    for body in link.bodies:
+        point = not (body.inertia.com.any() or body.inertia.tensor.any())
+        if body.station not in (None, 0.0) and not (body.station == 1.0 and point):
+            return f"{NO_FRAME}: {link.name} carries a point mass at its end at most, not {body.name!r}"
+    assert link.beam is not None
+    if len(link.beam.section.stations) > 1 or link.beam.curvature.any():
+        return f"a flex of dimension 1 has one section, and is straight here; {link.name} varies or is curved"
+    if link.beam.section.damping is not None and link.beam.section.damping.any():
+        return f"this adapter gives a flex no damping; {link.name} is damped"
+    if bending_axis(mechanism, link) is None:
+        return f"{NO_FRAME}, so no twist: motion and gravity must stay in a plane of the section of {link.name}"
+    return None
+
+
+def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
+    """Return torque, wrench [N m], [N], tip, deflection [m], axial force [N], each with its bar, on the sample times.
+
+    options : "elements", edges of the finest mesh (a multiple of 4); "error" False leaves out the coarsest of three
+    """
+    elements = int(options.get("elements", ELEMENTS))
+    meshes = [elements // 4, elements // 2, elements] if options.get("error", True) else [elements // 2, elements]
+    start = clock.perf_counter()
+    with warnings_caught() as words:
+        runs = [one_mesh(mechanism, case, rod_of(mechanism, n)) for n in meshes]
+    values, budget = with_bars(limit_of(runs), [Family("mesh", runs, "limit")])
+    return Record(
+        engine=engine,
+        version=version(),
+        message="; ".join(dict.fromkeys(words)),
+        settings={
+            "element": "flex of dimension 1, circular section (no shear, no rotary inertia)",
+            "elements": meshes,
+            "step_s": steps_of(case, rod_of(mechanism, elements))[0],
+            "integrator": "semi-implicit Euler",
+            "extrapolation": "(4 fine - coarse) / 3: the error is of order l^2",
+        },
+        time=sample_times(case),
+        series=values,
+        budget=budget,
+        wall_time=clock.perf_counter() - start,
+    )
+
+
+def steps_of(case: Case, rod: Rod) -> tuple[float, int]:
+    """Return the step [s], stable with a margin, and how many of them make one sample."""
+    count = int(np.ceil(case.sample / (STABLE * 2 / rod.fastest)))
+    return case.sample / count, count
+
+
+def one_mesh(mechanism: Mechanism, case: Case, rod: Rod) -> dict[str, Series]:
+    """Return every series of one mesh: [N], [N m], [m]."""
+    step, stride = steps_of(case, rod)
+    built = flexible(mechanism, rod, step)
+    steps = (len(sample_times(case)) - 1) * stride
+    q, qd, qdd = case.motion.evaluate(mechanism, np.arange(steps + 1) * step)
+    raw = _march(mechanism, built, (angles(mechanism, q), qd, qdd), stride)
+    order = [built.v_at[j.name] for j in mechanism.joints if j.nv]
+    torque = raw.effort[:, order] + passive_effort(mechanism, qd[::stride])
+    torque += rotor_effort(mechanism, qdd[::stride])
+    return _series(mechanism, built, rod, raw, torque)
+
+
+def angles(mechanism: Mechanism, q: Array) -> Array:
+    """Return one number per joint [rad], [m]: of a continuous joint the angle instead of its cosine and sine."""
+    columns = [q[:, mechanism.q_slices[j.name]] for j in mechanism.joints if j.nv]
+    return np.column_stack([np.arctan2(c[:, 1], c[:, 0]) if c.shape[1] == 2 else c[:, 0] for c in columns])
+
+
+def _march(mechanism: Mechanism, built: Built, hub: tuple[Array, Array, Array], stride: int) -> Raw:
+    """Integrate the points while the joints move as given; hub: places, speeds, accelerations (steps, joints)."""
+    model, data = built.model, mujoco.MjData(built.model)
+    names = [j.name for j in mechanism.joints if j.nv]
+    at_q, at_v = ([where[name] for name in names] for where in (built.q_at, built.v_at))
+    raw, effort = empty(model, (len(hub[0]) - 1) // stride + 1), np.empty(model.nv)
+    for k, (place, speed, acceleration) in enumerate(zip(*hub, strict=True)):
+        data.qpos[at_q], data.qvel[at_v], data.qfrc_applied[at_v] = place, speed, DRIVE * acceleration
+        mujoco.mj_forward(model, data)
+        if k % stride == 0:
+            mujoco.mj_rne(model, data, 1, effort)
+            keep(model, data, raw, k // stride, effort)
+        mujoco.mj_Euler(model, data)
+    return raw
+
+
+def _series(mechanism: Mechanism, built: Built, rod: Rod, raw: Raw, torque: Array) -> dict[str, Series]:
+    made = torque_series(mechanism, torque)
+    for joint in mechanism.joints:
+        body = built.body[joint.child]
+        wrench = wrench_on(built.model, raw, body)
+        made |= wrench_series(joint.name, wrench)
+        if joint.child == rod.link:
+            made |= series(f"axial/{rod.link}", "N", wrench[:, 0])
+        else:
+            made |= vector_series(f"tip/{joint.child}", "m", point_of(raw, body, mechanism.link_of[joint.child].tip))
+    end = built.model.body(rod.point(rod.elements)).id
+    tip, root = raw.xpos[:, end], point_of(raw, built.body[rod.link], rod.beam.placement.position)
+    seen = np.einsum("sji,sj->si", raw.xmat[:, end], tip - root)  # (sample, xyz of the root section)
+    made |= vector_series(f"tip/{rod.link}", "m", tip)
+    return made | vector_series(f"deflection/{rod.link}", "m", seen - np.array([rod.beam.length, 0.0, 0.0]))

@@ -1,0 +1,45 @@
+"""Export for MuJoCo's flex: MJCF of both meshes, with the joints' motion at every step of its integration."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crosscheck.engines.base import sample_times
+from crosscheck.engines.mujoco import flex as adapter
+from crosscheck.engines.mujoco.mjcf import mjcf
+from crosscheck.engines.mujoco.rod import flexible, rod_of
+from crosscheck.engines.shared.export_files import Array, Motion, NotExported, write
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import Mechanism
+
+
+def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder: Path) -> None:
+    """Write two models and what goes with them; effort : (samples, nv) [N m] or [N] expected, in mechanism order.
+
+    Raises NotExported for what the flex cannot be.
+    """
+    if (reason := adapter.unsupported(mechanism, case, engine)) is not None:
+        raise NotExported(reason)
+    time = sample_times(case)
+    models, runs = {}, []
+    steps: dict[str, Array] = {}
+    for k, elements in enumerate((adapter.ELEMENTS // 2, adapter.ELEMENTS)):
+        rod = rod_of(mechanism, elements)
+        step, stride = adapter.steps_of(case, rod)
+        models[f"model_{k}.xml"] = mjcf(flexible(mechanism, rod, step).model, mechanism.name, rod.section[1])
+        every = np.arange((len(time) - 1) * stride + 1) * step
+        q, qd, qdd = case.motion.evaluate(mechanism, every)
+        steps |= {f"q_{k}": adapter.angles(mechanism, q), f"v_{k}": qd, f"a_{k}": qdd}
+        runs.append({"model": f"model_{k}.xml", "stride": stride})
+    np.savez_compressed(folder / "steps.npz", allow_pickle=False, **steps)
+    state = case.motion.evaluate(mechanism, time)
+    motion = Motion(time, *state, effort, mechanism.coordinate_names, mechanism.velocity_names)
+    settings: dict[str, Any] = {"engine": engine, "runs": runs, "joints": [j.name for j in mechanism.joints if j.nv]}
+    settings |= {
+        key: [float(getattr(j, key)) for j in mechanism.joints for _ in range(j.nv)]
+        for key in ("rotor_inertia", "damping", "friction")
+    }
+    write(folder, motion, "run_mujoco_flex.py.txt", models, settings)

@@ -1,0 +1,53 @@
+"""MuJoCo's compiled model with a mistake in it: masses and switches as users leave them, for faults beyond the dictionary."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+
+from crosscheck.engines.mujoco.model import Built
+from flexinv.typing import Array
+
+
+def settle(built: Built) -> None:
+    """Let MuJoCo work out again what depends on masses."""
+    mujoco.mj_setConst(built.model, mujoco.MjData(built.model))
+
+
+def body_mass(built: Built, body: str, factor: float) -> None:
+    """Change the mass [kg] of a body by a factor [-], its inertia not."""
+    built.model.body(body).mass[:] *= factor
+    settle(built)
+
+
+def body_ipos(built: Built, body: str, by: Array) -> None:
+    """Move the centre of mass of a body by a vector (3,) [m]."""
+    built.model.body(body).ipos[:] += by
+    settle(built)
+
+
+def bound_inertia(built: Built, least: float) -> None:
+    """Raise every principal inertia to a least value [kg m^2], as the compiler's boundinertia does."""
+    built.model.body_inertia[1:] = np.maximum(built.model.body_inertia[1:], least)
+    settle(built)
+
+
+def total_mass(built: Built, wanted: Callable[[float], float]) -> None:
+    """Scale all masses and inertias to another total [kg], as the compiler's settotalmass does."""
+    total = float(built.model.body_mass[1:].sum())
+    built.model.body_mass[1:] *= wanted(total) / total
+    built.model.body_inertia[1:] *= wanted(total) / total
+    settle(built)
+
+
+def discretely(built: Built) -> None:
+    """Switch the inverse of the discrete step on, with damping taken implicitly."""
+    built.model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_INVDISCRETE
+    built.model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+
+
+def without_dampers(built: Built) -> None:
+    """Switch the dampers off; the model still has them."""
+    built.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_DAMPER

@@ -1,0 +1,1 @@
+"""Pinocchio: model, inverse dynamics, loops, certificate, export, replay."""

@@ -1,0 +1,113 @@
+"""Pinocchio: recursive Newton-Euler on its own model, built from primary data or read by its own URDF parser.
+
+Conventions, as a map and its dual.
+
+    coordinates   q, v, a are Pinocchio's own (the mechanism file uses its layout): continuous (cos, sin), quaternions
+                  x, y, z, w, a free joint's velocity linear then angular in the child's frame.  The map is a
+                  permutation of joints (the URDF parser orders siblings by itself), its dual is the same permutation.
+    tau           pin.rnea = M(q) a + C(q, v) v + g(q) with M including the armature; damping and dry friction are data
+                  in its model that rnea does not apply.  Actuator effort is therefore rnea + d v + f sign(v).
+    wrench        data.f[i] is what the parent exerts on everything from joint i outward, at the joint, in the child's
+                  frame: exactly "on the child, in the link's frame".  The armature is not in it.  Fixed joints are no
+                  joints here (their bodies are appended to the joint before), so they have no wrench.
+    universal     JointModelUniversal(a1, a2): R = exp(a1 q1) exp(a2 q2).
+    continuous    Pinocchio's Python has unbounded joints about x, y, z only: about any axis a it is the one about z
+                  between the constant rotations A and A^T with A z = a, A exp(z q) A^T = exp(a q); the link's frame is
+                  then turned by A^T in the joint's frame, its wrench by A.
+    loops         the cut tree, and our own projection on the Jacobians of its frames: `pinocchio.loops`.
+
+Source: pinocchio 4.1.0, rnea.hpp and joint-*.hpp; the tests compare with closed forms and finite differences.
+"""
+
+from __future__ import annotations
+
+import time as clock
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from crosscheck.engines.base import Options, sample_times
+from crosscheck.engines.pinocchio import loops as pinocchio_loops
+from crosscheck.engines.pinocchio import phases as pinocchio_phases
+from crosscheck.engines.pinocchio.model import Built, Dynamics, build, inverse_dynamics
+from crosscheck.engines.shared import loop_closure as assembly
+from crosscheck.engines.shared.prescribed import beyond_a_tree, missing_motion, passive_effort
+from crosscheck.measures.record import Record, Series, reaction_series, torque_series, vector_series, wrench_series
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import Mechanism
+
+__all__ = [
+    "Built",
+    "Dynamics",
+    "abilities",
+    "build",
+    "inverse_dynamics",
+    "passive_effort",
+    "run",
+    "unsupported",
+    "version",
+]
+
+Array = NDArray[np.float64]
+
+
+def version() -> str:
+    """Return the version of Pinocchio."""
+    return str(pin.__version__)
+
+
+def abilities() -> str:
+    """Return one sentence: what Pinocchio can do here."""
+    return (
+        "Rigid inverse dynamics by recursive Newton-Euler (rnea), joint wrenches and tips, every joint kind, closed loops "
+        "by projection, springs and forces, URDF by its own parser; no flexible links."
+    )
+
+
+def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
+    """Return the reason why Pinocchio cannot do this case, or None."""
+    if not mechanism.is_rigid:
+        names = ", ".join(link.name for link in mechanism.beams)
+        return f"Pinocchio has rigid bodies only; flexible here: {names}"
+    return assembly.unsupported(mechanism) if mechanism.closures else missing_motion(mechanism, case)
+
+
+def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
+    """Return torque [N m] or [N], tip [m] and wrench [N], [N m] on the sample times of the case."""
+    time = sample_times(case)
+    start = clock.perf_counter()
+    built = build(mechanism)
+    held = _held(mechanism, case, built, time)
+    wall = clock.perf_counter() - start
+    algorithm = "rnea, projected on the closures' Jacobian" if mechanism.closures else "rnea"
+    return Record(
+        engine=engine,
+        version=version(),
+        settings={"algorithm": algorithm, "model": "URDF" if mechanism.urdf else "Model.addJoint"},
+        time=time,
+        series=_series(mechanism, held),
+        wall_time=wall,
+    )
+
+
+def _held(mechanism: Mechanism, case: Case, built: Built, time: Array) -> pinocchio_loops.Held:
+    """Efforts and wrenches: of loops, phase by phase, or of an open tree."""
+    if mechanism.closures:
+        return pinocchio_phases.held(mechanism, case, built, time)
+    state = pinocchio_loops.motion(mechanism, case, built, time)
+    if beyond_a_tree(mechanism):
+        return pinocchio_loops.held(mechanism, built, time, state)
+    result = inverse_dynamics(built, *state)
+    return pinocchio_loops.Held(result.torque + passive_effort(mechanism, state[1]), result)
+
+
+def _series(mechanism: Mechanism, held: pinocchio_loops.Held) -> dict[str, Series]:
+    out = torque_series(mechanism, held.torque)
+    for link, place in held.dynamics.tip.items():
+        out |= vector_series(f"tip/{link}", "m", place)
+    for joint, wrench in held.dynamics.wrench.items():
+        out |= wrench_series(joint, wrench)
+    for closure, wrench in held.closures.items():
+        out |= reaction_series(closure, wrench)
+    return out

@@ -1,0 +1,103 @@
+"""Certificate of Pinocchio's model: crba, computeGeneralizedGravity, centerOfMass, joint Jacobians."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from crosscheck.engines.pinocchio import loops as pinocchio_loops
+from crosscheck.engines.pinocchio.model import Built, build, to_engine
+from crosscheck.engines.shared import loop_closure as assembly
+from crosscheck.engines.shared.prescribed import passive
+from crosscheck.engines.shared.probe_states import Array, about_origin, configurations
+from crosscheck.measures.certificate import Certificate
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import Mechanism, Placement
+
+TURNING = ("revolute", "prismatic", "cylindrical")  # closures with the same axis at both ends
+
+
+def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
+    """Return mass [kg], centre of mass [m], mass matrix [kg m^2], [kg], gravity torque [N m], [N], axes, closures."""
+    built = build(mechanism)
+    model, data = built.model, built.model.createData()
+    q = configurations(mechanism, case)
+    rest = np.zeros((len(q), mechanism.nv))
+    places = to_engine(built, q, rest, rest)[0]
+    order = built.v_order
+    matrix, gravity, com = np.empty((len(q), model.nv, model.nv)), np.empty((len(q), model.nv)), np.empty((len(q), 3))
+    for k, place in enumerate(places):
+        upper = np.triu(pin.crba(model, data, place))
+        matrix[k] = upper + np.triu(upper, 1).T
+        gravity[k] = pin.computeGeneralizedGravity(model, data, place)
+        com[k] = pin.centerOfMass(model, data, place)
+    residual, rank = _closures(mechanism, case, built)
+    lumps = {name: frame.actInv(model.inertias[index]) for name, (index, frame) in built.joint.items()}
+    second = {name: about_origin(float(i.mass), i.lever, i.inertia) for name, i in lumps.items()}
+    return Certificate(
+        mass=float(pin.computeTotalMass(model)),
+        masses={name: float(model.inertias[index].mass) for name, (index, _) in built.joint.items()},
+        moments={name: moment for name, (moment, _) in second.items()},
+        inertias={name: tensor for name, (_, tensor) in second.items()},
+        com=com,
+        mass_matrix=matrix[:, order][:, :, order],
+        gravity=gravity[:, order],
+        axes=_axes(mechanism, built, places),
+        order=tuple(_known(mechanism, name) for name in list(model.names)[1:]),
+        residual=residual,
+        rank=rank,
+        **passive(mechanism),
+        **_ends(mechanism, case, built),
+    )
+
+
+def _ends(mechanism: Mechanism, case: Case, built: Built) -> dict[str, Any]:
+    """Return points and axes of closures on each link, in its frame: poses of Pinocchio's frames beside those of links."""
+    tree = pinocchio_loops.Tree(mechanism, built, built.model.createData(), case)
+    place, rate, _ = tree.given(np.zeros(1))
+    tree.place(place[0], rate[0])
+    points, axes = {}, {}
+    for closure in (c for c in mechanism.closures if c.kind != "coupling"):
+        for end, at in (("first", closure.first), ("second", closure.second)):
+            own, seen = tree.look(replace(at, placement=Placement())), tree.look(at)
+            points[f"{closure.name}: {end}"] = own.r.T @ (seen.x - own.x)
+            if closure.kind in TURNING or (end == "first" and closure.kind in ("universal", "point-on-line")):
+                axes[f"{closure.name}: {end}"] = own.r.T @ seen.r @ closure.axis
+    return {"closure_points": points, "closure_axes": axes}
+
+
+def _known(mechanism: Mechanism, name: str) -> str:
+    return mechanism.joints[0].name if name == "root_joint" else name
+
+
+def _axes(mechanism: Mechanism, built: Built, places: Array) -> dict[str, Array]:
+    """Columns of the joints' Jacobians in the world: angular of hinges, linear of slides."""
+    model, data = built.model, built.model.createData()
+    found: dict[str, list[Array]] = {j.name: [] for j in mechanism.joints if j.nv == 1}
+    for place in places:
+        pin.computeJointJacobians(model, data, place)
+        for joint in mechanism.joints:
+            if joint.nv == 1:
+                column = np.array(data.J).reshape(6, model.nv)[
+                    :, built.v_order[mechanism.v_slices[joint.name].start]
+                ]  # a copy
+                found[joint.name].append(column[:3] if joint.kind == "prismatic" else column[3:])
+    return {name: np.array(rows) for name, rows in found.items()}
+
+
+def _closures(mechanism: Mechanism, case: Case, built: Built) -> tuple[float | None, int | None]:
+    """Largest residual of the closures' equations and their rank, where the motion starts; as guessed if they do not close."""
+    if not mechanism.closures or any(c.active for c in mechanism.closures):
+        return None, None
+    tree = pinocchio_loops.Tree(mechanism, built, built.model.createData(), case)
+    place, rate, _ = tree.given(np.zeros(1))
+    closes = True
+    try:
+        place, rate, _ = to_engine(built, *pinocchio_loops.motion(mechanism, case, built, np.zeros(1)))
+    except assembly.AssemblyError:
+        closes = False
+    rows = assembly.rows_of(mechanism.closures, tree.pairs(place[0], rate[0]))
+    return float(np.abs(rows.phi).max()) if closes else None, assembly.rank(rows.g)

@@ -1,0 +1,122 @@
+"""Export for Pinocchio: URDF, with the motion and the expected effort in the order of its own parser.
+
+URDF has no loops, springs and forces: closures go along as the vectors of their equations (`loop_closure.equations`), and the
+script does with Pinocchio's Jacobians what `pinocchio.loops` does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from crosscheck.engines.base import sample_times
+from crosscheck.engines.pinocchio import adapter
+from crosscheck.engines.pinocchio import phases as pinocchio_phases
+from crosscheck.engines.shared import loop_closure as assembly
+from crosscheck.engines.shared.export_files import Array, Motion, NotExported, check_rigid, forces, sharing, write
+from crosscheck.engines.shared.urdf_text import urdf
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import COORDINATES, Attachment, Closure, Joint, Mechanism
+
+Indices = NDArray[np.intp]
+
+
+def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder: Path) -> None:
+    """Write ``model.urdf`` and what goes with it; effort : (samples, nv) [N m] or [N] expected, in mechanism order.
+
+    Raises NotExported for beams and for joints that URDF does not have.
+    """
+    check_rigid(mechanism, engine)
+    text = urdf(mechanism)
+    if (reason := adapter.unsupported(mechanism, case, engine)) is not None:
+        raise NotExported(reason)
+    time = sample_times(case)
+    free = mechanism.joints[0].kind == "free"
+    model = pin.buildModelFromXML(text, *([pin.JointModelFreeFlyer()] if free else []))
+    q_order, v_order = _order(mechanism, model)
+    followed = pinocchio_phases.follow(mechanism, case, adapter.build(mechanism), time)
+    q, qd, qdd = (np.concatenate(part) for part in zip(*(state for _, state in followed), strict=True))
+    q_names, v_names = (
+        [names[k] for k in order]
+        for names, order in ((mechanism.coordinate_names, q_order), (mechanism.velocity_names, v_order))
+    )
+    motion = Motion(
+        time, q[:, q_order], qd[:, v_order], qdd[:, v_order], effort[:, v_order], q_names, v_names
+    )  # fmt: skip
+    drives = {
+        key: np.array([getattr(j, key) for j in mechanism.joints for _ in range(j.nv)])[v_order].tolist()
+        for key in ("rotor_inertia", "damping", "friction")
+    }
+    settings = {"engine": engine, "free_base": free, "gravity_m_per_s2": mechanism.gravity.tolist(), **drives}
+    spans = ((phase.samples, [c.name for c in phase.mechanism.closures]) for phase, _ in followed)
+    settings |= sharing(mechanism, v_order, spans) | _beyond(mechanism, np.argsort(q_order), np.argsort(v_order))
+    forces(folder, mechanism, time)
+    write(folder, motion, "run_pinocchio.py.txt", {"model.urdf": text}, settings)
+
+
+def _beyond(mechanism: Mechanism, q_at: Indices, v_at: Indices) -> dict[str, Any]:
+    """Return closures, springs and given forces in words; q_at, v_at : where the mechanism's coordinates stand."""
+
+    def number(name: str) -> dict[str, Any]:
+        q, v = mechanism.q_slices[name], mechanism.v_slices[name]
+        return {"q": q_at[q].tolist(), "v": int(v_at[v.start])}
+
+    return {
+        "closures": [_closure(mechanism, c, number) for c in mechanism.closures],
+        "springs": [
+            {"name": s.name, "first": _seat(s.first), "second": _seat(s.second), "stiffness": s.stiffness}
+            | {"rest": s.rest, "damping": s.damping}
+            for s in mechanism.springs
+        ],
+        "joint_springs": [
+            {"joint": j.name, "stiffness": j.stiffness, "rest": j.rest, **number(j.name)}
+            for j in mechanism.joints
+            if j.stiffness
+        ],
+        "forces": [{"name": f.name, "at": _seat(f.at), "follower": f.follower} for f in mechanism.forces],
+    }
+
+
+def _closure(mechanism: Mechanism, closure: Closure, number: Callable[[str], dict[str, Any]]) -> dict[str, Any]:
+    if closure.kind == "coupling":
+        rows = [{"factor": factor, **number(name)} for name, factor in closure.factors]
+        return {"name": closure.name, "kind": closure.kind, "offset": closure.offset, "coupled": rows}
+    along, pairs = assembly.equations(closure)
+    return {
+        **{"name": closure.name, "kind": closure.kind, "first": _seat(closure.first), "second": _seat(closure.second)},
+        "positions": [u.tolist() for u in along],
+        "directions": [[u.tolist(), w.tolist()] for u, w in pairs],
+    }
+
+
+def _seat(at: Attachment) -> dict[str, Any]:
+    """Return an attachment: link, and its frame there."""
+    return {"link": at.link, "position": at.placement.position.tolist(), "rotation": at.placement.rotation.tolist()}
+
+
+def _order(mechanism: Mechanism, model: pin.Model) -> tuple[Indices, Indices]:
+    """Return the mechanism's coordinate at every index of the model's q and v."""
+    q, v = np.zeros(model.nq, dtype=np.intp), np.zeros(model.nv, dtype=np.intp)
+    for joint in mechanism.joints:
+        first_q, first_v = mechanism.q_slices[joint.name].start, mechanism.v_slices[joint.name].start
+        for name, nq, nv in _parts(mechanism, joint):
+            theirs = model.joints[model.getJointId(name)]
+            q[theirs.idx_q : theirs.idx_q + nq] = first_q + np.arange(nq)
+            v[theirs.idx_v : theirs.idx_v + nv] = first_v + np.arange(nv)
+            first_q, first_v = first_q + nq, first_v + nv
+    return q, v
+
+
+def _parts(mechanism: Mechanism, joint: Joint) -> list[tuple[str, int, int]]:
+    """Return name, nq and nv of the model's joints that make up one of the mechanism."""
+    if joint.kind == "free" and joint is mechanism.joints[0]:
+        return [("root_joint", 7, 6)]
+    if joint.kind == "universal":
+        return [(f"{joint.name}.{k}", 1, 1) for k in (1, 2)]
+    q, v = COORDINATES[joint.kind]
+    return [(joint.name, len(q), len(v))] if v else []

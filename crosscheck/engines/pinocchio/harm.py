@@ -1,0 +1,29 @@
+"""Pinocchio's model with a mistake in it: inertias and armatures as users leave them, for faults beyond the dictionary."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from crosscheck.engines.pinocchio.model import Built
+
+
+def other_order(built: Built, joint: str) -> None:
+    """Give xx, yy, zz, xy, xz, yz [kg m^2] of what a joint carries where xx, xy, yy, xz, yz, zz are wanted."""
+    index, _ = built.joint[joint]
+    old = built.model.inertias[index]
+    t = np.array(old.inertia)
+    xx, yy, zz, xy, xz, yz = t[0, 0], t[1, 1], t[2, 2], t[0, 1], t[0, 2], t[1, 2]
+    built.model.inertias[index] = pin.Inertia(old.mass, old.lever, np.array([[xx, yy, xy], [yy, zz, xz], [xy, xz, yz]]))
+
+
+def longer_lever(built: Built, joint: str, factor: float) -> None:
+    """Put the centre of mass of what a joint carries farther out by a factor [-]."""
+    index, _ = built.joint[joint]
+    old = built.model.inertias[index]
+    built.model.inertias[index] = pin.Inertia(old.mass, old.lever * factor, old.inertia)
+
+
+def without_armature(built: Built) -> None:
+    """Forget all rotors."""
+    built.model.armature[:] = 0.0

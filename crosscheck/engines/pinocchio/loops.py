@@ -1,0 +1,165 @@
+"""Closed loops, springs and forces in Pinocchio: the cut tree, and our own projection on its frames' Jacobians.
+
+    positions     forwardKinematics of the tree, Newton on the closures' equations (`loop_closure`), pin.integrate
+    rates         getFrameJacobian, and getFrameClassicalAcceleration at zero joint accelerations for G' v
+    torques       rnea with external forces (springs, given forces), damping, friction and joint springs added;
+                  S tau + G^T lambda = tau_tree, of least norm over the actuated joints where these are redundant
+    wrenches      rnea again with the closures' multipliers among the external forces
+
+No RigidConstraintModel takes part: its two types (CONTACT_3D and CONTACT_6D, spherical and fixed here) do not make up
+the kinds of closures; the tests show that where they do, its getConstraintsJacobian spans the same rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from crosscheck.engines.pinocchio.model import Built, Dynamics, inverse_dynamics, to_engine
+from crosscheck.engines.shared import loop_closure as assembly
+from crosscheck.engines.shared.loop_closure import Moving, Task
+from crosscheck.engines.shared.prescribed import passive_effort, spring_effort
+from crosscheck.engines.shared.wrenches import Push, closing, pushes, reactions
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import Attachment, Mechanism
+
+Array = NDArray[np.float64]
+WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
+
+@dataclass(frozen=True)
+class Tree:
+    """The cut tree as `loop_closure` wants it; coordinates in the model's order."""
+
+    mechanism: Mechanism
+    built: Built
+    data: Any
+    case: Case | None = None
+
+    def given(self, time: Array) -> tuple[Array, Array, Array]:
+        """Return q, v, a of the motion at times [s], joints that it leaves out at their guess."""
+        assert self.case is not None
+        q, qd, qdd = self.case.motion.evaluate(self.mechanism, time)
+        return to_engine(self.built, assembly.guessed(self.mechanism, self.case, q), qd, qdd)
+
+    def moved(self, q: Array, step: Array) -> Array:
+        """Return q after a step (nv,) [rad], [m]."""
+        return np.asarray(pin.integrate(self.built.model, q, step))
+
+    def pairs(self, q: Array, v: Array) -> list[tuple[Moving, Moving]]:
+        """Return the two frames of every closure."""
+        self.place(q, v)
+        return [
+            assembly.coupled(c, self.number, q, v)
+            if c.kind == "coupling"
+            else (self.look(c.first), self.look(c.second))
+            for c in self.mechanism.closures
+        ]
+
+    def number(self, joint: str) -> tuple[int, int]:
+        """Return the indices of a joint's one number in q and in v [-]."""
+        m, built = self.mechanism, self.built
+        return int(built.q_order[m.q_slices[joint]][0]), int(built.v_order[m.v_slices[joint]][0])
+
+    def place(self, q: Array, v: Array) -> None:
+        """Put the tree where it is, joint accelerations zero [rad], [m], [s]."""
+        model = self.built.model
+        pin.forwardKinematics(model, self.data, q, v, np.zeros(model.nv))
+        pin.computeJointJacobians(model, self.data, q)
+
+    def look(self, at: Attachment) -> Moving:
+        """Return a frame where the tree has been put."""
+        model, data = self.built.model, self.data
+        joint, frame = self.built.link[at.link]
+        place = frame * pin.SE3(at.placement.rotation, at.placement.position)
+        if joint == 0:
+            none, still = np.zeros((3, model.nv)), np.zeros(3)
+            return Moving(place.translation, place.rotation, none, none, still, still, still, still)
+        pose = data.oMi[joint] * place
+        jacobian = pin.getFrameJacobian(model, data, joint, place, WORLD_AXES)
+        jacobian = jacobian.reshape(6, model.nv)  # a single column comes as a vector
+        speed = pin.getFrameVelocity(model, data, joint, place, WORLD_AXES)
+        rate = pin.getFrameClassicalAcceleration(model, data, joint, place, WORLD_AXES)
+        return Moving(
+            pose.translation, pose.rotation, jacobian[:3], jacobian[3:],
+            speed.linear, speed.angular, rate.linear, rate.angular,
+        )  # fmt: skip
+
+
+def motion(mechanism: Mechanism, case: Case, built: Built, time: Array) -> tuple[Array, Array, Array]:
+    """Return q (samples, nq), qd, qdd (samples, nv) [rad or m, s] in the mechanism's order, on its closures."""
+    if not mechanism.closures:
+        return case.motion.evaluate(mechanism, time)
+    unknown, unknown_q = np.zeros(mechanism.nv, dtype=bool), np.zeros(mechanism.nq, dtype=bool)
+    for name in assembly.left_out(mechanism, case):
+        unknown[built.v_order[mechanism.v_slices[name]]] = True
+        unknown_q[built.q_order[mechanism.q_slices[name]]] = True
+    tree = Tree(mechanism, built, built.model.createData(), case)
+    q, v, a = assembly.closed_motion(Task(mechanism, tree, unknown, unknown_q), time)
+    return q[:, built.q_order], v[:, built.v_order], a[:, built.v_order]
+
+
+@dataclass(frozen=True)
+class Held:
+    """Efforts (samples, nv) [N m] or [N], what Pinocchio says with all forces on, closures' wrenches on second frames."""
+
+    torque: Array
+    dynamics: Dynamics
+    closures: dict[str, Array] = field(default_factory=dict)
+
+
+def held(mechanism: Mechanism, built: Built, time: Array, state: tuple[Array, Array, Array]) -> Held:
+    """Return the drives' efforts [N m], [N] and all wrenches under springs, forces and closures."""
+    q, qd, qdd = state
+    tree = Tree(mechanism, built, built.model.createData())
+    outside = _outside(tree, time, state)
+    drives = passive_effort(mechanism, qd) + spring_effort(mechanism, q)
+    torque = inverse_dynamics(built, q, qd, qdd, [_external(tree, *one) for one in outside]).torque + drives
+    wrenches: dict[str, Array] = {}
+    if mechanism.closures:
+        outside, torque, wrenches = _shared(tree, outside, torque)
+    dynamics = inverse_dynamics(built, q, qd, qdd, [_external(tree, *one) for one in outside])
+    return Held(torque, dynamics, wrenches)
+
+
+Outside = list[tuple[Array, Array, list[Push]]]
+
+
+def _outside(tree: Tree, time: Array, state: tuple[Array, Array, Array]) -> Outside:
+    """Return configuration, velocity and what acts from outside, by sample."""
+    out = []
+    for t, q, v in zip(time, *to_engine(tree.built, *state)[:2], strict=True):
+        tree.place(q, v)
+        out.append((q, v, pushes(tree.mechanism, float(t), tree.look)))
+    return out
+
+
+def _external(tree: Tree, q: Array, v: Array, acting: list[Push]) -> Any:
+    """Return the external forces on every joint's body, in its frame, as rnea takes them."""
+    pin.forwardKinematics(tree.built.model, tree.data, q)
+    total = [pin.Force.Zero() for _ in range(tree.built.model.njoints)]
+    for push in acting:
+        joint = tree.built.link[push.link][0]
+        total[joint] += tree.data.oMi[joint].actInv(pin.Force(push.force, push.moment + np.cross(push.x, push.force)))
+    vector = pin.StdVec_Force()
+    vector.extend(total)
+    return vector
+
+
+def _shared(tree: Tree, outside: Outside, torque: Array) -> tuple[Outside, Array, dict[str, Array]]:
+    """Share the tree's efforts (samples, nv) out to drives and closures."""
+    m, out, effort = tree.mechanism, [], np.empty_like(torque)
+    wrench = np.empty((len(torque), len(m.closures), 6))
+    for k, (q, v, acting) in enumerate(outside):
+        pairs = tree.pairs(q, v)
+        rows = assembly.rows_of(m.closures, pairs)
+        g = rows.g[:, tree.built.v_order]
+        effort[k] = assembly.share_out(g, torque[k], m.actuated, m.weights)
+        made = closing(m, pairs, rows, assembly.multipliers(g, torque[k], effort[k]))
+        wrench[k] = reactions(made, pairs)
+        out.append((q, v, acting + made))
+    return out, effort, {c.name: wrench[:, k] for k, c in enumerate(m.closures)}

@@ -1,0 +1,38 @@
+"""Closed loops in Pinocchio over all phases: one mechanism after the other, each from where the one before has come to."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.engines.pinocchio import loops as pinocchio_loops
+from crosscheck.engines.pinocchio.loops import Held
+from crosscheck.engines.pinocchio.model import Built, Dynamics
+from crosscheck.engines.shared import phases
+from crosscheck.engines.shared.phases import Phase
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+
+
+def follow(mechanism: Mechanism, case: Case, built: Built, time: Array) -> list[tuple[Phase, phases.State]]:
+    """Return every phase with its motion on the closures, (samples, ...) [rad], [m], [s] in the mechanism's order."""
+
+    def closed(now: Mechanism, here: Case, span: Array) -> phases.State:
+        return pinocchio_loops.motion(now, here, built, span)
+
+    return phases.follow(mechanism, case, time, closed)
+
+
+def held(mechanism: Mechanism, case: Case, built: Built, time: Array) -> Held:
+    """Return efforts and wrenches [N m], [N] over all phases; closures that do not act have no wrench."""
+    followed = follow(mechanism, case, built, time)
+    parts = [pinocchio_loops.held(phase.mechanism, built, phase.time, state) for phase, state in followed]
+    dynamics = Dynamics(
+        torque=np.concatenate([p.dynamics.torque for p in parts]),
+        wrench=phases.joined(p.dynamics.wrench for p in parts),
+        tip=phases.joined(p.dynamics.tip for p in parts),
+    )
+    wrenches = phases.joined(phases.complete(mechanism, p.closures, len(p.torque)) for p in parts)
+    return Held(np.concatenate([p.torque for p in parts]), dynamics, wrenches)

@@ -1,0 +1,1 @@
+"""Shared parts of the engines' adapters: loop closure, wrenches, phases, exports; no engine is imported here."""

@@ -1,0 +1,48 @@
+"""Probe states for certificates of all engines: configurations and rates from primary data alone."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.engines.shared.loop_closure import guessed
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import WORLD, Body, Mechanism
+
+Array = NDArray[np.float64]
+TURN = 0.35  # [rad], [m] per configuration: joints that the motion leaves out stand at other places each time
+COUNT = 4
+
+
+def configurations(mechanism: Mechanism, case: Case) -> Array:
+    """Return configurations of the cut tree (4, nq) [rad], [m]: along the motion, and joints without one turned about.
+
+    They need not close any loop: masses, gravity and axes of the tree are asked, whatever ties its links.
+    """
+    time = np.linspace(0.0, case.end, COUNT)
+    q = guessed(mechanism, case, case.motion.evaluate(mechanism, time)[0])
+    given = set(case.motion.joints(mechanism))
+    for k, joint in enumerate(j for j in mechanism.joints if j.nv and j.name not in given):
+        if joint.nq == 1:
+            q[:, mechanism.q_slices[joint.name]] += (TURN * np.arange(COUNT) * (1 + k % 3))[:, None]
+    return q
+
+
+def about_origin(mass: float, com: Array, tensor: Array) -> tuple[Array, Array]:
+    """Return first moment m c (3,) [kg m] and tensor about the origin (3, 3) [kg m^2] of a body.
+
+    tensor : about its centre of mass;  I_o = I_c + m (|c|^2 1 - c c^T)
+    """
+    return mass * com, tensor + mass * (float(com @ com) * np.eye(3) - np.outer(com, com))
+
+
+def carried(mechanism: Mechanism) -> dict[str, list[tuple[str, Body]]]:
+    """Return the bodies (with their links) that each moving joint carries up to the next one; of beams, their bodies."""
+    mover: dict[str, str | None] = {WORLD: None}
+    found: dict[str, list[tuple[str, Body]]] = {j.name: [] for j in mechanism.joints if j.nv}
+    for joint in mechanism.joints:
+        mover[joint.child] = joint.name if joint.nv else mover[joint.parent]
+        name = mover[joint.child]
+        if name is not None:
+            found[name] += [(joint.child, body) for body in mechanism.link_of[joint.child].bodies]
+    return found

@@ -1,0 +1,63 @@
+"""The error bars of closed formulas: no step and no mesh, but rounding, which the shape of the problem enlarges.
+
+The same run with every input moved by a few of its last digits: what that changes is what the last digits decide.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.engines.base import Adapter, Options
+from crosscheck.measures.budget import Family, with_bars
+from crosscheck.measures.record import Record
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import Mechanism
+from flexinv.model.motion import Motion
+
+Array = NDArray[np.float64]
+# Of every number that goes in.  A chain of ten links rounds some tens of times on the way; 8 of the last digits at the
+# start of it stand for those (measured: the bars of double_pendulum then cover its distance from Pinocchio).
+SHAKE = 8 * np.finfo(float).eps
+NAME = "rounding"
+
+
+class Shaken:
+    """A motion whose coordinates, rates and accelerations differ by ``SHAKE`` [-], up and down by turns."""
+
+    def __init__(self, motion: Motion) -> None:
+        """Keep the motion itself."""
+        self._motion = motion
+
+    def evaluate(self, mechanism: Mechanism, time: Array, *side: Any) -> tuple[Array, ...]:
+        """Return q, qd, qdd as the motion does [rad], [m], [1/s], [1/s^2]."""
+        return tuple(part * (1.0 + SHAKE * _signs(part)) for part in self._motion.evaluate(mechanism, time, *side))
+
+    def __getattr__(self, name: str) -> Any:
+        """Return everything else from the motion."""
+        return getattr(self._motion, name)
+
+
+def with_rounding(adapter: Adapter, record: Record, mechanism: Mechanism, case: Case, options: Options) -> Record:
+    """Return the record with error bars of rounding [units of its series] where it has none of its own."""
+    if record.status != "ok" or any(one.error is not None for one in record.series.values()):
+        return record
+    other = adapter.run(mechanism, replace(case, motion=cast(Motion, Shaken(case.motion))), record.engine, options)
+    if other.status != "ok" or set(other.series) != set(record.series):
+        return record
+    made, budget = with_bars(record.series, [Family(NAME, (other.series, record.series))])
+    return replace(record, series=made, budget={k: _closed(line) for k, line in budget.items()})
+
+
+def _closed(line: Mapping[str, Any]) -> dict[str, Any]:
+    return {**line, "order": {}, "how": {NAME: "closed formulas: the last digits of the input moved"}}
+
+
+def _signs(values: Array) -> Array:
+    """Return +1 and -1 by turns along the samples, shifted from column to column, in the shape of the values [-]."""
+    rows, columns = np.indices(values.shape)
+    return np.where((rows + columns) % 2 == 0, 1.0, -1.0)

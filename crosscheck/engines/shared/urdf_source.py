@@ -1,0 +1,73 @@
+"""A URDF for engines with a parser of their own: its text reduced to dynamics, and the bodies laid over it.
+
+No engine and none of flexinv's reading of URDF is used here: a shared mistake would agree with itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from xml.etree.ElementTree import Element, tostring
+
+from defusedxml.ElementTree import parse
+
+from flexinv.model.mechanism import WORLD, Body, Mechanism
+
+KEPT = ("link", "joint")
+DROPPED = ("visual", "collision", "mimic", "dynamics", "limit", "safety_controller", "calibration")
+
+
+@dataclass(frozen=True)
+class UrdfSource:
+    """Contents of a mechanism's URDF.
+
+    text : links, inertials and joints only: no geometry, limits, mimic, joint dynamics; link names are the mechanism's
+    named : what the URDF calls each link of the mechanism
+    overlays : (link, body) of every body that the mechanism adds to the URDF
+    """
+
+    text: str
+    named: dict[str, str]
+    overlays: tuple[tuple[str, Body], ...]
+
+
+def read_source(mechanism: Mechanism) -> UrdfSource:
+    """Read the URDF behind a mechanism.
+
+    A moving root that the URDF calls "world" has another name in the mechanism.  A link's first body is the URDF's own
+    where the URDF states a mass or an inertia for it; all others were laid over it.
+    """
+    robot = parse(str(mechanism.urdf)).getroot()
+    stated = {link.get("name", ""): _has_inertia(link) for link in robot.iter("link")}
+    named = {link.name: link.name if link.name in stated else WORLD for link in mechanism.links}
+    overlays = [(k.name, body) for k in mechanism.links for body in k.bodies[1 if stated[named[k.name]] else 0 :]]
+    other = {theirs: ours for ours, theirs in named.items() if ours != theirs}
+    return UrdfSource(_plain(robot, other), named, tuple(overlays))
+
+
+def _has_inertia(link: Element) -> bool:
+    entries = [link.find("inertial/mass"), link.find("inertial/inertia")]
+    return any(float(text) for entry in entries if entry is not None for text in entry.attrib.values())
+
+
+def _plain(robot: Element, other: dict[str, str]) -> str:
+    for part in list(robot):
+        if part.tag not in KEPT:
+            robot.remove(part)
+            continue
+        for detail in [d for d in part if d.tag in DROPPED]:
+            part.remove(detail)
+        for element, key in ((part if part.tag == "link" else None, "name"), (part.find("parent"), "link")):
+            if element is not None and (name := element.get(key)) in other:
+                element.set(key, other[name])
+    return tostring(robot, encoding="unicode")
+
+
+def check_joints(mechanism: Mechanism, engine: str, found: Iterable[str]) -> None:
+    """Raise ValueError unless the engine's parser found the moving joints of the mechanism, the free base excepted."""
+    expected = {j.name for j in mechanism.joints if j.nv and not (j is mechanism.joints[0] and j.kind == "free")}
+    if (other := set(found)) != expected:
+        raise ValueError(
+            f"{engine} reads other joints from {mechanism.urdf} than the mechanism has: "
+            f"only {engine}: {sorted(other - expected)}; only the mechanism: {sorted(expected - other)}"
+        )

@@ -1,0 +1,77 @@
+"""Wrenches that act on links beside their joints, at points: springs, given forces and closures.
+
+For engines that take external forces; an engine with springs of its own uses those.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.engines.shared.loop_closure import Moving, Rows
+from flexinv.model.mechanism import Attachment, Force, Mechanism, Spring
+
+Array = NDArray[np.float64]
+Look = Callable[[Attachment], Moving]
+
+
+@dataclass(frozen=True)
+class Push:
+    """A force (3,) [N] and a moment (3,) [N m] on a link at a point x (3,) [m], all in the world."""
+
+    link: str
+    x: Array
+    force: Array
+    moment: Array
+
+
+def pushes(mechanism: Mechanism, time: float, look: Look) -> list[Push]:
+    """Return the forces of springs and given forces at a time [s]; look: an attachment's frame in the world."""
+    pulls = [push for spring in mechanism.springs for push in _pulls(spring, look)]
+    return pulls + [_given(force, time, look) for force in mechanism.forces]
+
+
+def _pulls(spring: Spring, look: Look) -> Iterator[Push]:
+    """k (l - rest) + d l' at both ends, towards the other one."""
+    first, second = look(spring.first), look(spring.second)
+    gap = second.x - first.x
+    length = float(np.linalg.norm(gap))
+    along = gap / length if length else gap
+    rate = float(along @ (second.v - first.v))
+    pull = (spring.stiffness * (length - spring.rest) + spring.damping * rate) * along
+    yield Push(spring.first.link, first.x, pull, np.zeros(3))
+    yield Push(spring.second.link, second.x, -pull, np.zeros(3))
+
+
+def _given(force: Force, time: float, look: Look) -> Push:
+    at, wrench = look(force.at), wrench_at(force, time)
+    axes = at.r if force.follower else np.eye(3)
+    return Push(force.at.link, at.x, axes @ wrench[:3], axes @ wrench[3:])
+
+
+def wrench_at(force: Force, time: float) -> Array:
+    """Return force [N] and moment [N m] (6,) of its table at a time [s], in the axes in which they are given."""
+    return np.array([np.interp(time, force.time, column) for column in force.wrench.T], dtype=np.float64)
+
+
+def closing(mechanism: Mechanism, pairs: list[tuple[Moving, Moving]], rows: Rows, multipliers: Array) -> list[Push]:
+    """Return the forces of closures: on the second link at its frame, on the first the opposite at the same point.
+
+    multipliers : (rows,) [N], [N m]
+    """
+    made = []
+    for index, (closure, (_, second)) in enumerate(zip(mechanism.closures, pairs, strict=True)):
+        own = np.where(rows.closure == index, multipliers, 0.0)
+        force, moment = own @ rows.force, own @ rows.moment
+        made.append(Push(closure.second.link, second.x, force, moment))
+        made.append(Push(closure.first.link, second.x, -force, -moment))
+    return made
+
+
+def reactions(made: list[Push], pairs: list[tuple[Moving, Moving]]) -> Array:
+    """Return force [N] and moment [N m] on each closure's second frame, there and along its axes, (closures, 6)."""
+    both = [(push, second) for push, (_, second) in zip(made[::2], pairs, strict=True)]
+    return np.array([[*(at.r.T @ push.force), *(at.r.T @ push.moment)] for push, at in both]).reshape(-1, 6)

@@ -1,0 +1,1 @@
+"""Measures: records, metrics, spectra, limits, error bars, certificates."""

@@ -1,0 +1,187 @@
+"""The equivalence certificate: masses, inertia, gravity, axes, stiffness and closures as an engine's own model has them.
+
+Every engine is asked at the same configurations; what it answers is compared with what flexinv computes from the
+mechanism.  Where the certificate holds, the engines have the same mechanism, and dynamics may be compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+# Exact in both: rounding of some thousand operations, and MuJoCo's floor of 2e-15 [kg], [kg m^2] under missing inertia.
+EXACT = 1e-9
+# What Newton leaves of a closure's equations in any engine [m], [-].
+CLOSED = 1e-9
+# A static probe of a beam: a load that bends by some 1e-4 of the length, so that geometry adds 1e-8, on a mesh whose error
+# in statics under end loads is rounding for uniform sections and a part of the taper for others; as is that of its mass.
+PROBED = 1e-3
+
+
+# Lines whose numbers have no size in common: each is measured against its own.
+EACH = ("beam_masses", "beam_moments", "stiffness", "springs")
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Properties of one engine's model; empty where it cannot state them.
+
+    mass : total of what moves [kg]; masses : of all that each moving joint carries up to the next [kg], by joint
+    moments, inertias : of the same, first moment m c (3,) [kg m] and tensor (3, 3) [kg m^2] about the origin of the joint's
+        child, along its axes; of what a beam carries, "link at 1", in the frame of its section
+    beam_masses, beam_moments : of every straight beam alone [kg], about its root along its axis [kg m]
+    com : (configurations, 3) [m], of what moves; mass_matrix : (configurations, nv, nv), rotor inertia included
+    gravity : (configurations, nv) [N m] or [N], effort that holds the tree still
+    axes : by joint with one coordinate, (configurations, 3) [-], in the world
+    order : names of the joints in the engine's own order
+    stiffness : by "link: EI_z" and so on, of the whole beam, length over the compliance of its sections [N], [N m^2]
+    damping, friction : by joint of what moves, viscous [N m s/rad], [N s/m] and dry [N m], [N]
+    springs : by "name: stiffness" [N/m], [N m/rad], "name: rest" [m], [rad], "name: damping" [N s/m], of springs between points
+        and in joints
+    closure_points, closure_axes : by "name: first" and "name: second", where a closure holds each link (3,) [m] and the axis
+        about which it lets it turn (3,) [-], in the frame of the link
+    residual : largest closure equation [m], [-] in the engine's own motion; rank : of the closures' Jacobian
+    """
+
+    mass: float | None = None
+    masses: Mapping[str, float] = field(default_factory=dict)
+    beam_masses: Mapping[str, float] = field(default_factory=dict)
+    beam_moments: Mapping[str, float] = field(default_factory=dict)
+    moments: Mapping[str, Any] = field(default_factory=dict)
+    inertias: Mapping[str, Any] = field(default_factory=dict)
+    com: Any = None
+    mass_matrix: Any = None
+    gravity: Any = None
+    axes: Mapping[str, Any] = field(default_factory=dict)
+    order: tuple[str, ...] = ()
+    stiffness: Mapping[str, float] = field(default_factory=dict)
+    damping: Mapping[str, float] = field(default_factory=dict)
+    friction: Mapping[str, float] = field(default_factory=dict)
+    springs: Mapping[str, float] = field(default_factory=dict)
+    closure_points: Mapping[str, Any] = field(default_factory=dict)
+    closure_axes: Mapping[str, Any] = field(default_factory=dict)
+    residual: float | None = None
+    rank: int | None = None
+
+    @property
+    def plain(self) -> dict[str, Any]:
+        """Return the certificate as JSON values."""
+        return {name: _plain(value) for name, value in asdict(self).items()}
+
+
+def certificate(plain: Mapping[str, Any]) -> Certificate:
+    """Return the certificate of JSON values; unknown keys are left out."""
+    known = {f.name for f in fields(Certificate)}
+    return Certificate(**{name: value for name, value in plain.items() if name in known})
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.floating | np.integer):
+        return value.item()
+    return list(value) if isinstance(value, tuple) else value
+
+
+@dataclass(frozen=True)
+class Check:
+    """One line of a certificate: the largest difference [unit], what it is measured against, and what is allowed [-]."""
+
+    mechanism: str
+    case: str
+    engine: str
+    what: str
+    unit: str
+    holds: bool
+    error: float | None = None
+    scale: float | None = None
+    limit: float | None = None
+    words: str = ""
+
+
+def checks(mechanism: str, case: str, engine: str, theirs: Certificate, ours: Certificate) -> tuple[Check, ...]:
+    """Return every line that both certificates have; words say where the largest difference is [unit of the line]."""
+    here = (mechanism, case, engine)
+    lines = [*_numbers(theirs, ours), *_order(theirs, ours), *_closures(theirs, ours)]
+    return tuple(Check(*here, **line) for line in lines)
+
+
+def holds(lines: tuple[Check, ...]) -> bool:
+    """Return True if there is a certificate and every line of it holds."""
+    return bool(lines) and all(line.holds for line in lines)
+
+
+def _numbers(theirs: Certificate, ours: Certificate) -> Iterator[dict[str, Any]]:
+    for what, unit, name in (
+        ("total mass", "kg", "mass"),
+        ("centre of mass", "m", "com"),
+        ("joint-space mass matrix", "kg m^2, kg", "mass_matrix"),
+        ("gravity torque", "N m, N", "gravity"),
+    ):
+        a, b = getattr(theirs, name), getattr(ours, name)
+        if a is not None and b is not None:
+            yield _line(what, unit, np.asarray(a), np.asarray(b), EXACT)
+    for what, unit, name, limit in (
+        ("masses by joint", "kg", "masses", EXACT),
+        ("first moments by joint", "kg m", "moments", EXACT),
+        ("inertias by joint", "kg m^2", "inertias", EXACT),
+        ("joint axes", "-", "axes", EXACT),
+        ("masses of beams", "kg", "beam_masses", PROBED),
+        ("first moments of beams", "kg m", "beam_moments", PROBED),
+        ("section stiffness", "N, N m^2", "stiffness", PROBED),
+        ("joint damping", "N m s/rad, N s/m", "damping", EXACT),
+        ("joint friction", "N m, N", "friction", EXACT),
+        ("springs", "N/m, m, N s/m", "springs", EXACT),
+        ("closure points", "m", "closure_points", EXACT),
+        ("closure axes", "-", "closure_axes", EXACT),
+    ):
+        a, b = getattr(theirs, name), getattr(ours, name)
+        both = [key for key in b if key in a]
+        if both:
+            yield _worst(what, unit, {k: (np.asarray(a[k]), np.asarray(b[k])) for k in both}, limit, name in EACH)
+
+
+def _line(what: str, unit: str, a: Array, b: Array, limit: float, words: str = "") -> dict[str, Any]:
+    if a.shape != b.shape:
+        return {"what": what, "unit": unit, "holds": False, "words": f"of shape {a.shape}, expected {b.shape}"}
+    error, scale = float(np.abs(a - b).max(initial=0.0)), float(np.abs(b).max(initial=0.0))
+    good = error <= limit * (scale or 1.0)
+    return {"what": what, "unit": unit, "holds": good, "error": error, "scale": scale, "limit": limit, "words": words}
+
+
+def _worst(what: str, unit: str, pairs: Mapping[str, tuple[Array, Array]], limit: float, each: bool) -> dict[str, Any]:
+    """Return the line of the key that is farthest off; each : measured against its own size, else the largest one."""
+    whole = max(float(np.abs(b).max(initial=0.0)) for _, b in pairs.values()) or 1.0
+    lines = {key: _line(what, unit, a, b, limit, key) for key, (a, b) in pairs.items()}
+    key = max(
+        lines, key=lambda k: (lines[k].get("error", np.inf)) / ((lines[k].get("scale") or 1.0) if each else whole)
+    )
+    line = lines[key]
+    if not each and "error" in line:
+        line |= {"scale": whole, "holds": line["error"] <= limit * whole}
+    return line
+
+
+def _order(theirs: Certificate, ours: Certificate) -> Iterator[dict[str, Any]]:
+    if theirs.order and ours.order:
+        same = sorted(theirs.order) == sorted(ours.order)
+        words = "the same" if tuple(theirs.order) == tuple(ours.order) else "mapped by name: " + ", ".join(theirs.order)
+        yield {"what": "order of the joints", "unit": "-", "holds": same, "words": words}
+
+
+def _closures(theirs: Certificate, ours: Certificate) -> Iterator[dict[str, Any]]:
+    if theirs.residual is not None:
+        good = theirs.residual <= CLOSED
+        yield {"what": "closure residual", "unit": "m, -", "holds": good, "error": theirs.residual, "limit": CLOSED}
+    if theirs.rank is not None and ours.rank is not None:
+        words = f"{theirs.rank} independent equations, expected {ours.rank}"
+        if theirs.rank != ours.rank:
+            words += f": a closure ties {'less' if theirs.rank < ours.rank else 'more'} than it should"
+        yield {"what": "rank of the closures", "unit": "-", "holds": theirs.rank == ours.rank, "words": words}

@@ -1,0 +1,254 @@
+"""Record of one engine on one case: named series with units, or the reason why there are none.
+
+A record goes to disk as two files, ``<stem>.json`` (words) and ``<stem>.npz`` (numbers, no pickle).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexinv.model.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+Status = Literal["ok", "error", "timeout", "skipped"]
+XYZ = ("x", "y", "z")
+WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+RESULTANTS = ("axial", "shear_y", "shear_z", "twist", "bending_y", "bending_z")
+
+
+class RecordError(ValueError):
+    """A record that is not what it has to be: wrong shape, NaN, truncated, unreadable."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """One quantity over the sample times of its record.
+
+    name : "torque/<velocity name>", "wrench/<joint>/fx", "reaction/<closure>/fx", "tip/<link>/x", "deflection/<beam link>/y", ...
+    unit : of the values, "N m"
+    values : (samples,) [unit]
+    error : (samples,) [unit], half-width of the engine's own error bar, or None where it has none
+    """
+
+    name: str
+    unit: str
+    values: Array
+    error: Array | None = None
+
+    @property
+    def quantity(self) -> str:
+        """Return the quantity that a limit is stated for: the part before the first slash."""
+        return self.name.split("/", 1)[0]
+
+
+@dataclass(frozen=True)
+class Record:
+    """Results of one engine for one case.
+
+    time : (samples,) [s]; series : by name; wall_time : [s] of the engine's own run
+    settings : what the engine was told (tolerances, mesh, step), JSON values
+    status : "ok", or why there are no series; message : words for the reader of the report
+    budget : where the error bars come from, by series: see ``crosscheck.measures.budget.with_bars``
+    certificate : what the engine's own model says of itself (``crosscheck.measures.certificate``), or {"problem": why not}
+    """
+
+    engine: str
+    status: Status = "ok"
+    message: str = ""
+    version: str = ""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    time: Array = field(default_factory=lambda: np.zeros(0))
+    series: Mapping[str, Series] = field(default_factory=dict)
+    wall_time: float = 0.0
+    model_hash: str = ""
+    budget: Mapping[str, Any] = field(default_factory=dict)
+    certificate: Mapping[str, Any] = field(default_factory=dict)
+
+
+def series(name: str, unit: str, values: ArrayLike, error: ArrayLike | None = None) -> dict[str, Series]:
+    """Return ``{name: Series}`` of one array.
+
+    values, error : (samples,) [unit]
+    """
+    bar = None if error is None else np.asarray(error, dtype=np.float64)
+    return {name: Series(name, unit, np.asarray(values, dtype=np.float64), bar)}
+
+
+def columns(
+    names: Sequence[str], units: Sequence[str], values: ArrayLike, error: ArrayLike | None = None
+) -> dict[str, Series]:
+    """Return one series per column, by name.
+
+    values, error : (samples, columns) [units of the columns]
+    Raises RecordError where names, units and columns differ in number.
+    """
+    table = np.asarray(values, dtype=np.float64)
+    bars = None if error is None else np.asarray(error, dtype=np.float64)
+    if table.ndim != 2 or not len(names) == len(units) == table.shape[1]:
+        raise RecordError(f"{len(names)} names and {len(units)} units for values of shape {table.shape}")
+    if bars is not None and bars.shape != table.shape:
+        raise RecordError(f"error bars of shape {bars.shape} for values of shape {table.shape}")
+    return {
+        n: Series(n, u, table[:, k], None if bars is None else bars[:, k])
+        for k, (n, u) in enumerate(zip(names, units, strict=True))
+    }
+
+
+def torque_series(mechanism: Mechanism, torque: ArrayLike, error: ArrayLike | None = None) -> dict[str, Series]:
+    """Return "torque/<velocity name>" of every velocity coordinate.
+
+    torque, error : (samples, nv) [N m or N], in the order of ``mechanism.velocity_names``
+    """
+    names = [f"torque/{name}" for name in mechanism.velocity_names]
+    return columns(names, effort_units(mechanism), torque, error)
+
+
+def vector_series(prefix: str, unit: str, values: ArrayLike, error: ArrayLike | None = None) -> dict[str, Series]:
+    """Return "<prefix>/x", "/y", "/z", such as ``vector_series("tip/forearm", "m", x)``.
+
+    values, error : (samples, 3) [unit]
+    """
+    return columns([f"{prefix}/{axis}" for axis in XYZ], [unit] * 3, values, error)
+
+
+def wrench_series(joint: str, wrench: ArrayLike) -> dict[str, Series]:
+    """Return "wrench/<joint>/fx" ... "mz": what the joint puts on its child, at the joint, in the child's frame.
+
+    wrench : (samples, 6), force [N] then moment [N m]
+    """
+    return _wrench(f"wrench/{joint}", wrench)
+
+
+def reaction_series(closure: str, wrench: ArrayLike) -> dict[str, Series]:
+    """Return "reaction/<closure>/fx" ... "mz": what a closure puts on its second frame, there and along its axes.
+
+    wrench : (samples, 6), force [N] then moment [N m]; of a closure whose second frame is the world's, on the world
+    """
+    return _wrench(f"reaction/{closure}", wrench)
+
+
+def _wrench(prefix: str, wrench: ArrayLike) -> dict[str, Series]:
+    return columns([f"{prefix}/{c}" for c in WRENCH], ["N"] * 3 + ["N m"] * 3, wrench)
+
+
+def internal_series(beam: str, station: str, resultants: ArrayLike) -> dict[str, Series]:
+    """Return "internal/<beam>/<station>/axial" ... "bending_z" of one section.
+
+    resultants : (samples, 6): axial, shear_y, shear_z [N], twist, bending_y, bending_z [N m]
+    """
+    names = [f"internal/{beam}/{station}/{c}" for c in RESULTANTS]
+    return columns(names, ["N"] * 3 + ["N m"] * 3, resultants)
+
+
+def effort_units(mechanism: Mechanism) -> tuple[str, ...]:
+    """Return the unit of the effort of every velocity coordinate, "N m" or "N"."""
+    kinds = {"prismatic": ("N",), "free": ("N",) * 3 + ("N m",) * 3}
+    return tuple(u for j in mechanism.joints for u in kinds.get(j.kind, ("N m",) * j.nv))
+
+
+def check(record: Record, time: Array) -> None:
+    """Raise RecordError unless an "ok" record is complete and finite on the sample times asked for.
+
+    time : (samples,) [s], the grid of the case
+    """
+    if record.status != "ok":
+        return
+    if not record.series:
+        raise RecordError(f"{record.engine} says ok and gives no series")
+    if record.time.shape != time.shape:
+        raise RecordError(
+            f"{record.engine} gives {record.time.size} of {time.size} samples"
+            + (f" and stops at t = {record.time[-1]:.6g} s of {time[-1]:.6g} s" if record.time.size else "")
+        )
+    # Grids are built from the same end and sample spacing: they differ by the rounding of a few additions.
+    if not np.allclose(record.time, time, rtol=0.0, atol=1e-9 * max(1.0, float(time[-1]))):
+        raise RecordError(f"{record.engine} gives other sample times than those asked for")
+    for one in record.series.values():
+        _check_series(record, one)
+
+
+def _check_series(record: Record, one: Series) -> None:
+    for what, values in (("values", one.values), ("error bars", one.error)):
+        if values is None:
+            continue
+        if values.shape != record.time.shape:
+            raise RecordError(f"{one.name}: {what} of shape {values.shape} for {record.time.size} samples")
+        bad = np.flatnonzero(~np.isfinite(values))
+        if bad.size:
+            raise RecordError(
+                f"{one.name}: {bad.size} of {values.size} {what} are not finite, "
+                f"the first at t = {record.time[bad[0]]:.6g} s"
+            )
+
+
+def save(record: Record, stem: Path) -> None:
+    """Write ``<stem>.npz`` and then ``<stem>.json`` (a reader that finds the second finds both)."""
+    arrays = {"time": record.time}
+    words = []
+    for k, one in enumerate(record.series.values()):
+        arrays[f"s{k}"] = one.values
+        if one.error is not None:
+            arrays[f"e{k}"] = one.error
+        words.append({"name": one.name, "unit": one.unit})
+    plain = {f.name: getattr(record, f.name) for f in dataclasses.fields(record)}
+    plain |= {"series": words, "settings": dict(record.settings), "budget": dict(record.budget)}
+    plain |= {"certificate": dict(record.certificate)}
+    del plain["time"]
+    np.savez_compressed(stem.with_name(stem.name + ".npz"), allow_pickle=False, **arrays)
+    text = json.dumps(plain, indent=1, allow_nan=False)
+    stem.with_name(stem.name + ".json").write_text(text + "\n", encoding="utf-8")
+
+
+def load(stem: Path) -> Record:
+    """Read what ``save`` wrote.  Raises RecordError where a file is missing, cut off or not a record."""
+    try:
+        plain = json.loads(stem.with_name(stem.name + ".json").read_text(encoding="utf-8"))
+        words = plain.pop("series")
+        with (
+            stem.with_name(stem.name + ".npz").open("rb") as stream,
+            np.load(stream, allow_pickle=False) as arrays,
+        ):
+            read = [Series(w["name"], w["unit"], arrays[f"s{k}"], arrays.get(f"e{k}")) for k, w in enumerate(words)]
+            return Record(**plain, time=arrays["time"], series={s.name: s for s in read})
+    except (OSError, ValueError, LookupError, TypeError, EOFError, BadZipFile, zlib.error) as error:
+        raise RecordError(f"no record at {stem}: {error}") from error
+
+
+def fingerprint(*things: object) -> str:
+    """Return a short hash of data: dataclasses, arrays, mappings, sequences, plain values."""
+    digest = hashlib.sha256()
+    for thing in things:
+        _feed(digest.update, thing)
+    return digest.hexdigest()[:16]
+
+
+def _feed(update: Any, thing: object) -> None:
+    update(type(thing).__name__.encode())
+    if dataclasses.is_dataclass(thing) and not isinstance(thing, type):
+        for f in dataclasses.fields(thing):
+            update(f.name.encode())
+            _feed(update, getattr(thing, f.name))
+    elif isinstance(thing, np.ndarray):
+        update(str(thing.shape).encode() + np.ascontiguousarray(thing).tobytes())
+    elif isinstance(thing, Mapping):
+        for key in sorted(thing, key=str):
+            update(str(key).encode())
+            _feed(update, thing[key])
+    elif isinstance(thing, Sequence) and not isinstance(thing, str):
+        for one in thing:
+            _feed(update, one)
+    elif isinstance(thing, Path):
+        update(thing.name.encode())  # the same model in another folder is the same model
+    else:
+        update(repr(thing).encode())

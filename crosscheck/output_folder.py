@@ -1,0 +1,226 @@
+"""Folders that crosscheck writes into: a list there says which files are ours, and no other file is overwritten or removed.
+
+The list is a file ``.crosscheck`` with one relative name per line.  A name is added before its file is written, so that a
+run that is killed leaves nothing that the next one does not know.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+
+import filelock
+
+from flexinv.errors import InputError
+
+LIST, LOCK, HOLDER = ".crosscheck", ".crosscheck.lock", ".crosscheck.running"
+OWN = (LIST, LOCK, HOLDER)
+
+
+class Busy(InputError):
+    """Somebody else writes into the same folder."""
+
+
+def begin(folder: Path, keep: str = "") -> None:
+    """Make the folder of a report, and remove what an older one wrote there; keep: a folder in it that stays.
+
+    Raises InputError where it cannot be made, or holds files and no list: they are not ours.
+    """
+    check(folder)
+    with said(folder):
+        adopt(folder)
+        remove(folder, keep=keep)
+
+
+def check(folder: Path) -> None:
+    """Raise InputError where a folder cannot be a report's: it holds files and no list of ours, or is no folder."""
+    with said(folder):
+        others = [] if (folder / LIST).is_file() or not folder.exists() else foreign(folder)
+    if others:
+        raise InputError(
+            f"{folder} holds {others[0]}, which crosscheck did not write: write --out with a new or an empty folder "
+            "(or, if this is the report of an older version, remove it)"
+        )
+
+
+def adopt(folder: Path) -> None:
+    """Make the folder and its list, unless they are there.  Raises OSError."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / LIST).touch()
+
+
+@contextmanager
+def said(folder: Path) -> Iterator[None]:
+    """Turn what the system says about a folder into an InputError that names it."""
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError(f"{folder} cannot be written to: {reason}; write another folder") from error
+
+
+def claim(file: Path) -> Path:
+    """Note in the list of its folder that a file is ours, and return it; where no folder above has a list, nothing is noted.
+
+    Raises FileExistsError where somebody else's file has that name.
+    """
+    root = next((above for above in file.absolute().parents if (above / LIST).is_file()), None)
+    if root is None:
+        return file
+    name = file.absolute().relative_to(root).as_posix()
+    if not os.path.lexists(file):
+        with (root / LIST).open("a", encoding="utf-8") as text:
+            text.write(name + "\n")
+    elif name not in listed(root):
+        raise FileExistsError(f"{file} is there already, and crosscheck did not write it: move it away")
+    return file
+
+
+def claim_record(stem: Path) -> Path:
+    """Note both files of a record (`crosscheck.measures.record.save`) as ours and return their stem.  Raises FileExistsError."""
+    for ending in (".npz", ".json"):
+        claim(stem.with_name(stem.name + ending))
+    return stem
+
+
+def write(file: Path, data: str | bytes) -> None:
+    """Write a file as ours: whole or not at all, whatever happens meanwhile.  Raises OSError."""
+    replace(claim(file), data)
+
+
+def replace(file: Path, data: str | bytes) -> None:
+    """Write a file whole or not at all, beside it first and under a name that nobody has.  Raises OSError."""
+    raw = data.encode("utf-8") if isinstance(data, str) else data
+    with NamedTemporaryFile(dir=file.parent, prefix=f".{file.name[:100]}.", suffix=".part", delete=False) as part:
+        try:
+            part.write(raw)
+            part.flush()
+            os.chmod(part.name, file.stat().st_mode if file.exists() else 0o666 & ~_umask())
+            os.replace(part.name, file)
+        except BaseException:
+            os.unlink(part.name)
+            raise
+
+
+def _umask() -> int:
+    """Return the permissions that new files do not get (a temporary file has fewer)."""
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def listed(folder: Path) -> set[str]:
+    """Return the names of our files in a folder, relative to it."""
+    try:
+        return set((folder / LIST).read_text(encoding="utf-8").splitlines())
+    except FileNotFoundError:
+        return set()
+
+
+def foreign(folder: Path) -> list[str]:
+    """Return the names of files in a folder, relative to it, that are not ours."""
+    known = listed(folder)
+    inside = (Path(top) / name for top, _, names in os.walk(folder) for name in names)
+    return sorted(
+        name for file in inside if (name := file.relative_to(folder).as_posix()) not in known and name not in OWN
+    )
+
+
+def remove(folder: Path, below: str = "", keep: str = "") -> None:
+    """Remove our files from a folder, and folders that are empty then; below, keep: only those in it, none of those in it."""
+    kept = []
+    for name in sorted(listed(folder)):
+        if (below and not name.startswith(f"{below}/")) or (keep and name.startswith(f"{keep}/")):
+            kept.append(name)
+        elif _inside(folder, folder / name):
+            (folder / name).unlink(missing_ok=True)
+            for above in (folder / name).parents:
+                if above == folder or not above.is_dir() or any(above.iterdir()):
+                    break
+                above.rmdir()
+    replace(folder / LIST, "".join(f"{name}\n" for name in kept))
+
+
+def _inside(folder: Path, file: Path) -> bool:
+    """Return True if a file is one in the folder itself (no link leads out of it, and a list may say anything)."""
+    return file.parent.resolve().is_relative_to(folder.resolve()) and not file.is_dir()
+
+
+def move(source: Path, target: Path, name: str) -> None:
+    """Move our files in the folder ``name`` of a report into another report's.  Raises OSError."""
+    adopt(target)
+    for one in sorted(listed(source)):
+        if one.startswith(f"{name}/") and (source / one).is_file():
+            (target / one).parent.mkdir(parents=True, exist_ok=True)
+            (source / one).rename(claim(target / one))
+    remove(source, below=name)
+
+
+@contextmanager
+def report(folder: Path) -> Iterator[None]:
+    """Be the only one who writes a report into a folder.  Raises InputError where it is not ours, Busy where it is in use."""
+    check(folder)
+    with alone(folder):
+        yield
+
+
+@contextmanager
+def alone(
+    folder: Path, lock: str = LOCK, holder: str = HOLDER, what: str = "another run writes into"
+) -> Iterator[None]:
+    """Hold the lock of a folder (the system drops it when its holder dies).  Raises Busy with what is known of the other.
+
+    Who holds it may take it again.  A folder that does not exist is made.
+    """
+    with said(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        one = filelock.FileLock(folder.resolve() / lock, is_singleton=True)
+        busy = not _acquired(one)
+    if busy:
+        raise Busy(f"{what} {folder}{_holder(folder / holder)}: wait until it has ended")
+    first = one.lock_counter == 1
+    try:
+        if first:
+            words = {
+                "process": os.getpid(),
+                "started": datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
+            }
+            with suppress(OSError):
+                (folder / holder).write_text(json.dumps(words), encoding="utf-8")
+        yield
+    finally:
+        if first:
+            with suppress(OSError):
+                (folder / holder).unlink(missing_ok=True)
+        one.release()
+
+
+def _acquired(lock: filelock.BaseFileLock) -> bool:
+    try:
+        lock.acquire(blocking=False)
+    except filelock.Timeout:
+        return False
+    return True
+
+
+def discard(folder: Path) -> None:
+    """Remove a folder that holds nothing but a list of nothing; another one stays as it is."""
+    if listed(folder) or {file.name for file in folder.glob("*")} - set(OWN):
+        return
+    for name in OWN:
+        (folder / name).unlink(missing_ok=True)
+    with suppress(OSError):
+        folder.rmdir()
+
+
+def _holder(file: Path) -> str:
+    try:
+        holder = json.loads(file.read_text(encoding="utf-8"))
+        return f" since {holder['started']} (process {holder['process']})"
+    except (OSError, ValueError, LookupError, TypeError):
+        return ""

@@ -1,0 +1,80 @@
+"""Certificates and causes as the pages show them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from crosscheck.measures.certificate import Check, holds
+from crosscheck.measures.limits import Verdict
+from crosscheck.verdicts.results import NO_CERTIFICATE, CaseRow, Diagnosis, Results, fails
+
+NONE = NO_CERTIFICATE
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """The certificate of one engine: its lines, what they amount to as a verdict, and in words."""
+
+    engine: str
+    verdict: Verdict
+    words: str
+    lines: tuple[Check, ...]
+
+
+def sheets(results: Results, case: CaseRow) -> list[Sheet]:
+    """Return the certificates of a case, engine by engine."""
+    mine = [line for line in results.certificates if (line.mechanism, line.case) == (case.mechanism, case.case)]
+    return [
+        _sheet(engine, tuple(x for x in mine if x.engine == engine)) for engine in dict.fromkeys(x.engine for x in mine)
+    ]
+
+
+def _sheet(engine: str, lines: tuple[Check, ...]) -> Sheet:
+    if [line.what for line in lines] == [NONE]:
+        return Sheet(engine, "unjudged", NONE, lines)
+    if holds(lines):
+        return Sheet(engine, "within", "holds", lines)
+    return Sheet(engine, "deviation", "another mechanism: " + ", ".join(x.what for x in lines if not x.holds), lines)
+
+
+def failing(results: Results, mechanism: str, case: str, engine: str) -> str:
+    """Return the lines of an engine's certificate that do not hold, "" where all do or there is none."""
+    here = (mechanism, case, engine)
+    return ", ".join(x.what for x in results.certificates if (x.mechanism, x.case, x.engine) == here and fails(x))
+
+
+def uncertified(results: Results, case: CaseRow) -> dict[str, str]:
+    """Return the warning beside the dynamics of engines whose certificate is missing or does not hold."""
+    return {sheet.engine: sheet.words for sheet in sheets(results, case) if sheet.verdict != "within"}
+
+
+def diagnoses(results: Results, case: CaseRow) -> list[Diagnosis]:
+    """Return the diagnoses of engines that deviate in a case."""
+    return [d for d in results.diagnoses if (d.mechanism, d.case) == (case.mechanism, case.case)]
+
+
+def diagnosed(results: Results, mechanism: str, case: str, engine: str) -> Diagnosis | None:
+    """Return the diagnosis of an engine that deviates in a case, where there is one."""
+    here = (mechanism, case, engine)
+    return next((d for d in results.diagnoses if (d.mechanism, d.case, d.engine) == here), None)
+
+
+def causes(diagnosis: Diagnosis | None) -> str:
+    """Return the names of the causes that explain a deviation, in a few words; "" where none does."""
+    if diagnosis is None or not diagnosis.named:
+        return ""
+    names = list(dict.fromkeys(_name(one) for one in diagnosis.named))
+    others = len(names) - 1
+    return names[0] + (f", or {others} other{'s' * (others > 1)}" if others else "")
+
+
+def _name(one: Mapping[str, Any]) -> str:
+    return f"{one['cause']} ({one['target']})" if one.get("target") else str(one["cause"])
+
+
+def why(diagnosis: Diagnosis) -> str:
+    """Return a diagnosis in one line: the cause, what it explains, and where there are several what tells them apart."""
+    apart = f" To tell them apart: {diagnosis.separate}." if diagnosis.separate else ""
+    return diagnosis.words + apart

@@ -1,0 +1,1 @@
+"""Running engines: child processes, caches, clusters, rows of results."""

@@ -1,0 +1,148 @@
+"""The process in which one engine runs: ``python -m crosscheck.run.child job.json``.
+
+The job names the adapter module and what it shall do; the answer goes to files beside the job, so whatever the
+engine prints harms nobody.  The parent (``crosscheck.run.isolation``) judges how the process ended.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import importlib
+import importlib.util
+import json
+import os
+import signal
+import sys
+import traceback
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from crosscheck.engines.base import Adapter, companion
+from crosscheck.engines.shared.export_files import NotExported
+from crosscheck.engines.shared.rounding import with_rounding
+from crosscheck.measures.record import Record, fingerprint, load, save
+from flexinv.errors import InputError
+from flexinv.files.load_cases import Case, load_cases
+from flexinv.files.load_mechanism import load_mechanism
+from flexinv.model.mechanism import Mechanism
+
+LARGEST_FILE = 1 << 28  # [bytes]; one MuJoCo log was seen to grow without end, a record has a few megabytes
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
+
+
+def main(job_file: str) -> None:
+    """Do the job, write the answer, and leave without tearing down an engine that may crash on its way out."""
+    die_with_parent()
+    bound_files()
+    job = json.loads(Path(job_file).read_text(encoding="utf-8"))
+    {"run": run_case, "describe": describe, "study": study, "export": export}[job["kind"]](job)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)
+
+
+def run_case(job: dict[str, Any]) -> None:
+    """Run one engine on one case and save its record."""
+    name = job["engine"]
+    try:
+        record = _run(job, cast(Adapter, importlib.import_module(job["module"])))
+    except Exception as error:
+        traceback.print_exc()
+        record = Record(engine=name, status="error", message=_words(error), certificate=_unrun(job))
+    save(record, Path(job["out"]))
+
+
+def _run(job: dict[str, Any], adapter: Adapter) -> Record:
+    name = job["engine"]
+    mechanism = load_mechanism(job["mechanism"])
+    case = load_cases(job["mechanism"], mechanism)[job["case"]]
+    known = {"engine": name, "version": adapter.version(), "model_hash": fingerprint(mechanism, case.motion)}
+    if (reason := adapter.unsupported(mechanism, case, name)) is not None:
+        return Record(status="skipped", message=reason, **known)
+    record = replace(adapter.run(mechanism, case, name, job["options"]), **known)
+    if record.status == "ok" and job["options"].get("certificate", True):
+        record = replace(record, certificate=certified(job["module"], mechanism, case, name))
+    return (
+        with_rounding(adapter, record, mechanism, case, job["options"]) if job["options"].get("error", True) else record
+    )
+
+
+def _unrun(job: dict[str, Any]) -> dict[str, Any]:
+    """Return the certificate of an engine whose run failed: it may say why."""
+    try:
+        mechanism = load_mechanism(job["mechanism"])
+        case = load_cases(job["mechanism"], mechanism)[job["case"]]
+        return certified(job["module"], mechanism, case, job["engine"])
+    except Exception as error:
+        return {"problem": _words(error)}
+
+
+def certified(module: str, mechanism: Mechanism, case: Case, engine: str) -> dict[str, Any]:
+    """Return the certificate of the engine's own model, by the file beside its adapter, or the reason why there is none."""
+    if importlib.util.find_spec(companion(module, "certificate")) is None:
+        return {"problem": "this formulation has nothing to be asked for"}
+    try:
+        certify = importlib.import_module(companion(module, "certificate")).certify
+        return cast(dict[str, Any], certify(mechanism, case, engine).plain)
+    except InputError as error:
+        return {"problem": str(error)}
+    except Exception as error:
+        traceback.print_exc()
+        return {"problem": _words(error)}
+
+
+def describe(job: dict[str, Any]) -> None:
+    """Write the engine's version and what it can do."""
+    adapter = cast(Adapter, importlib.import_module(job["module"]))
+    _write(job, {"version": adapter.version(), "abilities": adapter.abilities()})
+
+
+def study(job: dict[str, Any]) -> None:
+    """Write the table that the function ``job["function"]`` of the module gives."""
+    function = getattr(importlib.import_module(job["module"]), job["function"])
+    _write(job, function(**job["options"]))
+
+
+def export(job: dict[str, Any]) -> None:
+    """Write what the engine was given into a folder; what cannot be exported is the answer, in words."""
+    module = importlib.import_module(job["module"])
+    mechanism = load_mechanism(job["mechanism"])
+    case = load_cases(job["mechanism"], mechanism)[job["case"]]
+    expected = load(Path(job["expected"])).series
+    effort = np.stack([expected[f"torque/{name}"].values for name in mechanism.velocity_names], axis=1)
+    try:
+        module.export(mechanism, case, job["engine"], effort, Path(job["folder"]))
+    except NotExported as error:
+        _write(job, {"problem": str(error)})
+    else:
+        _write(job, {"problem": ""})
+
+
+def die_with_parent() -> None:
+    """Ask Linux to kill this process when its parent dies, however it dies; elsewhere do nothing."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+def bound_files() -> None:
+    """Bound the size of every file that the engine writes, so that it cannot fill the disk."""
+    with contextlib.suppress(ImportError, ValueError, OSError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_FSIZE, (LARGEST_FILE, LARGEST_FILE))
+
+
+def _write(job: dict[str, Any], answer: object) -> None:
+    Path(job["out"]).write_text(json.dumps(answer, allow_nan=False), encoding="utf-8")
+
+
+def _words(error: BaseException) -> str:
+    return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,0 +1,73 @@
+"""Executors of engines: processes of this machine, or the workers of a Dask cluster (``--scheduler tcp://...``).
+
+A worker gets the files of the mechanism with the job, so it needs no folder in common with this machine, only the same
+packages.  A job of a worker that dies goes to another one (Dask); what several workers died of becomes an error of that job.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
+
+from crosscheck.run.isolation import Children, scratch
+from crosscheck.verdicts.plan import Task
+from flexinv.errors import InputError
+
+INSTALL = "python -m pip install 'flexinv[cluster]'"
+CONNECT = 20.0  # [s] for the scheduler to answer
+LARGEST_MODEL = 50_000_000  # [bytes] of one mechanism's files
+
+
+@contextlib.contextmanager
+def workers(scheduler: str, jobs: int) -> Iterator[Executor]:
+    """Give an executor: ``jobs`` threads that drive local processes, or a cluster.
+
+    Raises InputError where Dask is missing or the scheduler does not answer.
+    """
+    if not scheduler:
+        with ThreadPoolExecutor(max_workers=max(1, jobs)) as pool:
+            yield pool
+        return
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError(f"--scheduler needs Dask; to install it: {INSTALL}") from None
+    try:
+        client = Client(scheduler, timeout=CONNECT, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(f"--scheduler {scheduler}: no scheduler answers there ({error})") from error
+    with client:
+        yield client.get_executor(pure=False)
+
+
+def far(do: Callable[..., Any], job: tuple[str, Any, Any], files: Mapping[str, bytes], options: Any) -> Any:
+    """Do a job on a worker: put the mechanism's files into a folder of its own, and run the engine there."""
+    kind, what, engine = job
+    with scratch() as folder:
+        if files:
+            place = folder / what.folder.name
+            for name, content in files.items():
+                (place / name).parent.mkdir(parents=True, exist_ok=True)
+                (place / name).write_bytes(content)
+            what = replace(what, folder=place)
+        return do((kind, what, engine), options, Children())
+
+
+def luggage(what: Any) -> dict[str, bytes]:
+    """Return the files of a task's mechanism by name; none where they are not all in its folder (a URDF elsewhere).
+
+    Then, as for studies, a worker must see the same folders as this machine.  Raises InputError for a folder too large.
+    """
+    if not isinstance(what, Task):
+        return {}
+    folder, urdf = what.folder.resolve(), what.mechanism.urdf
+    inside = urdf is None or urdf.resolve().is_relative_to(folder) or not urdf.resolve().is_relative_to(folder.parent)
+    files = [f for f in sorted(folder.rglob("*")) if f.is_file()] if inside else []
+    if (size := sum(f.stat().st_size for f in files)) > LARGEST_MODEL:
+        raise InputError(
+            f"{folder} has {size / 1e6:.0f} MB of files; a mechanism of more than 50 MB is not sent to workers"
+        )
+    return {str(f.relative_to(folder)): f.read_bytes() for f in files}

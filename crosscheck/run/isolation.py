@@ -1,0 +1,212 @@
+"""Run a job in a process of its own, with a time limit; whatever happens there becomes words here.
+
+A crash, a hang, a NaN, a truncated series, a missing package: each becomes a record with a status and a message.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time as clock
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.engines import Engine, missing
+from crosscheck.measures.record import Record, RecordError, Status, check, load
+
+ONE_THREAD = ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "NUMBA", "VECLIB_MAXIMUM")
+TAIL = 4000  # [characters] of what the engine printed that a report keeps
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """A record and how it came about: printed (the tail of stdout and stderr), elapsed [s]."""
+
+    record: Record
+    printed: str = ""
+    elapsed: float = 0.0
+
+
+@dataclass(frozen=True)
+class Ending:
+    """End of a child process: status and message, "ok" when it left by its own will with exit code 0."""
+
+    status: Status
+    message: str
+    printed: str
+    elapsed: float
+
+
+@dataclass
+class Children:
+    """The processes under way, so that all of them can be ended at once (Ctrl-C)."""
+
+    running: set[int] = field(default_factory=set)
+    stopped: bool = False
+    lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def start(self, command: list[str], folder: Path, log: int) -> subprocess.Popen[bytes]:
+        """Start ``command`` in ``folder`` as the head of a process group of its own."""
+        with self.lock:
+            if self.stopped:
+                raise InterruptedError("interrupted before it started")
+            process = subprocess.Popen(
+                command,
+                cwd=folder,
+                env=environment(),
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+            self.running.add(process.pid)
+        return process
+
+    def end(self, process: subprocess.Popen[bytes]) -> None:
+        """Kill what is left of the process and of everything it started."""
+        with self.lock:
+            self.running.discard(process.pid)
+        kill_group(process.pid)
+        process.wait()
+
+    def stop(self) -> None:
+        """Kill every child and start no more."""
+        with self.lock:
+            self.stopped = True
+            for leader in self.running:
+                kill_group(leader)
+
+
+def run_engine(
+    engine: Engine, task: Mapping[str, Any], time: NDArray[np.float64], limit: float, children: Children
+) -> Attempt:
+    """Run ``engine`` on ``task`` and return its record, or one that says why there is none.
+
+    task : mechanism (folder), case (name), options; time : (samples,) [s]; limit : [s]
+    """
+    failed = Record(engine=engine.name, status="error")
+    if (reason := missing(engine)) is not None:
+        return Attempt(replace(failed, message=f"not installed: {reason}"))
+    job = {"kind": "run", "module": engine.module, "engine": engine.name, **task}
+    with scratch() as folder:
+        ending = call(job | {"out": str(folder / "record")}, folder, limit, children)
+        record = replace(failed, status=ending.status, message=ending.message)
+        if ending.status == "ok":
+            record = _read(folder / "record", failed, time)
+    return Attempt(record, ending.printed, ending.elapsed)
+
+
+def _read(stem: Path, failed: Record, time: NDArray[np.float64]) -> Record:
+    try:
+        record = load(stem)
+    except RecordError as error:
+        return replace(failed, message=str(error))
+    try:
+        check(record, time)
+    except RecordError as error:
+        return replace(record, status="error", message=str(error), time=np.zeros(0), series={})
+    return record
+
+
+def ask(job: Mapping[str, Any], limit: float, children: Children) -> tuple[Any, Ending]:
+    """Return the JSON answer of a "describe" or "study" job (None where there is none) and how it ended.
+
+    limit : [s]
+    """
+    with scratch() as folder:
+        out = folder / "answer.json"
+        ending = call({**job, "out": str(out)}, folder, limit, children)
+        if ending.status != "ok":
+            return None, ending
+        try:
+            return json.loads(out.read_text(encoding="utf-8")), ending
+        except (OSError, ValueError) as error:
+            return None, replace(ending, status="error", message=f"no answer: {error}")
+
+
+def call(job: Mapping[str, Any], folder: Path, limit: float, children: Children) -> Ending:
+    """Run ``python -m crosscheck.run.child`` on ``job`` inside ``folder`` for at most ``limit`` [s]."""
+    job_file, log_file = folder / "job.json", folder / "printed.txt"
+    job_file.write_text(json.dumps(job), encoding="utf-8")
+    work = folder / "work"
+    work.mkdir()
+    start = clock.monotonic()
+    with log_file.open("wb") as log:
+        try:
+            process = children.start(command(job_file), work, log.fileno())
+        except InterruptedError as error:
+            return Ending("error", str(error), "", 0.0)
+        try:
+            process.wait(limit)
+        except subprocess.TimeoutExpired:
+            late = True
+        else:
+            late = False
+        finally:
+            children.end(process)
+    elapsed = clock.monotonic() - start
+    printed = tail(log_file)
+    if late:
+        return Ending("timeout", f"stopped after the time limit of {limit:g} s", printed, elapsed)
+    if children.stopped:
+        return Ending("error", "interrupted", printed, elapsed)
+    return Ending(*verdict(process.returncode, printed), printed, elapsed)
+
+
+def command(job_file: Path) -> list[str]:
+    """Return the command line of a child."""
+    return [sys.executable, "-X", "faulthandler", "-m", "crosscheck.run.child", str(job_file)]
+
+
+def verdict(code: int, printed: str) -> tuple[Status, str]:
+    """Return status and message of an exit code; what was printed last is part of the message."""
+    if code == 0:
+        return "ok", ""
+    if code > 0:
+        last = printed.strip().rsplit("\n", 1)[-1]
+        return "error", f"left with exit code {code}" + (f": {last}" if last else "")
+    try:
+        name = signal.Signals(-code).name
+    except ValueError:
+        name = "unknown"
+    return "error", f"killed by signal {-code} ({name})"
+
+
+def environment() -> dict[str, str]:
+    """Return the environment of a child: one thread per library, and this very crosscheck on the path."""
+    root = str(Path(__file__).resolve().parents[2])
+    path = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
+    threads = {f"{library}_NUM_THREADS": "1" for library in ONE_THREAD}
+    return os.environ | threads | {"PYTHONPATH": path, "MPLBACKEND": "Agg", "PYTHONUNBUFFERED": "1"}
+
+
+def tail(file: Path) -> str:
+    """Return the end of a text file, whatever bytes are in it."""
+    with file.open("rb") as stream:
+        stream.seek(max(0, file.stat().st_size - TAIL))
+        return stream.read().decode("utf-8", errors="replace").replace("\0", "\N{REPLACEMENT CHARACTER}")
+
+
+def kill_group(leader: int) -> None:
+    """Kill a process group; one that is gone already is no error."""
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(leader, signal.SIGKILL)
+
+
+@contextmanager
+def scratch() -> Iterator[Path]:
+    """Give a temporary folder that is gone afterwards, even where a dying engine still writes into it."""
+    with tempfile.TemporaryDirectory(prefix="crosscheck-", ignore_cleanup_errors=True) as folder:
+        yield Path(folder)

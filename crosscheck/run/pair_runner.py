@@ -1,0 +1,101 @@
+"""One pair of engines on one case, for a test run: run what was not run yet, judge, and ask why.
+
+Every answer is kept in a folder that the tests of a run share, so that however many ask, it is worked out once.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from crosscheck.engines import ENGINES, Engine
+from crosscheck.report.explanations import why
+from crosscheck.run.isolation import Attempt, Children, ask, run_engine
+from crosscheck.run.questions import REFERENCE, asked, certificates, certified, diagnosis, question
+from crosscheck.run.run_cache import Attempts
+from crosscheck.verdicts.baseline import METRICS, Baseline, find, judged
+from crosscheck.verdicts.compare import Comparison, Pair, compare
+from crosscheck.verdicts.plan import Task
+from crosscheck.verdicts.repeatability import doubtful, repeated
+from crosscheck.verdicts.results import Diagnosis
+
+FIRST: Mapping[str, Any] = {}
+AGAIN: Mapping[str, Any] = {
+    "certificate": False
+}  # the same once more: what the engine's model is was said the first time
+
+
+@dataclass(frozen=True)
+class Shared:
+    """Data shared by the tests of a run: folder of attempts, blessed night (None: limits alone), limit [s] of a process."""
+
+    folder: Path
+    baseline: Path | None
+    limit: float
+
+    @property
+    def kept(self) -> Attempts:
+        """The attempts."""
+        return Attempts(self.folder)
+
+
+def compared(shared: Shared, task: Task, engine: Engine, reference: Engine) -> list[Comparison]:
+    """Return every comparison of two engines in one case, judged as a run judges them.
+
+    Raises BaselineError where the blessed night cannot be read.
+    """
+    ours, theirs = (_attempt(shared, task, one).record for one in (engine, reference))
+    rows = compare(Pair(task.folder.name, task.case, ours, theirs, task.rest, datetime.date.today()))
+    if any(map(doubtful, rows)):
+        first = {engine.name: ours, reference.name: theirs}
+        again = {one.name: _attempt(shared, task, one, AGAIN).record for one in (engine, reference)}
+        rows = [repeated(row, first, again) if doubtful(row) else row for row in rows]
+    flexinv = _attempt(shared, task, ENGINES[REFERENCE]).record if reference.name != REFERENCE else theirs
+    records = {REFERENCE: flexinv, reference.name: theirs, engine.name: ours}
+    rows = certified(rows, certificates(task, records))
+    known = blessed(shared.baseline)
+    return rows if known is None else [judged(row, known) for row in rows]
+
+
+def blessed(folder: Path | None) -> Baseline | None:
+    """Return the blessed night in a folder; without a folder None.  Raises BaselineError."""
+    return None if folder is None else find(folder)
+
+
+def beside(models: Path) -> Path | None:
+    """Return the folder of the blessed night beside a folder of models, where there is one."""
+    folder = models.parent / "reports" / "baseline"
+    return folder if (folder / METRICS).is_file() else None
+
+
+def cause(shared: Shared, task: Task, rows: Iterable[Comparison]) -> str:
+    """Return the cause of different efforts among the comparisons of a pair, in a line; "" where they agree."""
+    row = next(filter(asked, rows), None)
+    if row is None:
+        return ""
+    file = shared.kept.stem(task, row.engine).with_suffix(".why")
+    with shared.kept.alone(task, f"why {row.engine}"):
+        if not file.is_file():
+            file.write_text(json.dumps(asdict(_diagnosed(shared, task, row))), encoding="utf-8")
+        return why(Diagnosis(**json.loads(file.read_text(encoding="utf-8"))))
+
+
+def _diagnosed(shared: Shared, task: Task, row: Comparison) -> Diagnosis:
+    stems = (shared.kept.stem(task, name) for name in (row.engine, row.reference))
+    one = question(row, task.folder, *stems)
+    answer, ending = ask(one.job, shared.limit, Children())
+    return diagnosis(one, answer, ending.message)
+
+
+def _attempt(shared: Shared, task: Task, engine: Engine, options: Mapping[str, Any] = FIRST) -> Attempt:
+    what = {"mechanism": str(task.folder.resolve()), "case": task.case.name, "options": dict(options)}
+    with shared.kept.alone(task, engine.name):
+        found = shared.kept.find(task, engine.name, options)
+        if found is None:
+            found = run_engine(engine, what, task.time, shared.limit, Children())
+            shared.kept.keep(task, engine.name, found, options)
+    return found

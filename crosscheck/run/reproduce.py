@@ -1,0 +1,96 @@
+"""A minimal reproduction: one engine's input for one case, in files that need nothing but that engine and numpy."""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+from crosscheck.engines import ENGINES, Engine
+from crosscheck.engines.base import companion
+from crosscheck.measures.record import save
+from crosscheck.run.isolation import Children, ask, run_engine, scratch
+from crosscheck.verdicts.plan import Task
+from flexinv.errors import InputError
+
+REFERENCE = "flexinv"
+README = """# {mechanism}/{case} in {engine}
+
+{title}
+
+Needs {requires} and numpy, nothing else:
+
+    {install}
+    python run.py
+
+prints how far the efforts that {engine} computes are from `expected.csv` (those of {reference}) and writes `computed.csv`.
+
+| file | what it is |
+|---|---|
+{table}
+"""
+
+
+# In this order, of what the export has written.
+FILES = {
+    "model*": "the model, as {engine} was given it",
+    "motion.csv": "the motion: coordinates, velocities and accelerations, in this engine's order and units [rad], [m], [s]",
+    "forces.csv": "given forces [N] and moments [N m], along the axes they are given in",
+    "drivers.npz": "what connectors and loads follow, step by step",
+    "steps.npz": "the joints' motion at every step",
+    "shares.npz": "how efforts of the joints that the motion gives are shared out among the drives, sample by sample",
+    "expected.csv": "efforts of the actuators [N m], [N]",
+    "settings.json": "what the model's format does not carry: drives, closures, springs",
+    "run.py": "computes the efforts and compares",
+}
+
+
+def can_export(engine: Engine) -> bool:
+    """Return True if there is an export for an engine."""
+    return importlib.util.find_spec(companion(engine.module, "export")) is not None
+
+
+def reproduce(task: Task, engine: Engine, folder: Path, limit: float) -> None:
+    """Write the reproduction of ``task`` in ``engine`` into ``folder``; limit : [s] for each of two processes.
+
+    Raises InputError where there is no export for the engine or the mechanism, or where an engine fails.
+    """
+    where = f"{task.folder.name}/{task.case.name} in {engine.name}"
+    if not can_export(engine):
+        raise InputError(f"{where}: there is no export for {engine.name}")
+    given = {"mechanism": str(task.folder.resolve()), "case": task.case.name}
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder} is there already: write --out with a new or an empty folder, or remove it")
+    with scratch() as work:
+        expected = run_engine(ENGINES[REFERENCE], given | {"options": {"error": False}}, task.time, limit, Children())
+        if expected.record.status != "ok":
+            raise InputError(f"{where}: {REFERENCE} gives no expected effort: {expected.record.message}")
+        save(expected.record, work / "expected")
+        (made := work / "made").mkdir()
+        job = {
+            "kind": "export",
+            "module": companion(engine.module, "export"),
+            "engine": engine.name,
+            "folder": str(made),
+        }
+        answer, ending = ask({**job, **given, "expected": str(work / "expected")}, limit, Children())
+        problem = answer["problem"] if answer else ending.message
+        if problem:
+            raise InputError(f"{where}: {problem}")
+        words = {
+            "mechanism": task.folder.name, "case": task.case.name, "title": task.case.title or task.mechanism.title,
+            "engine": engine.name, "requires": engine.requires, "install": engine.install, "reference": REFERENCE,
+            "table": "\n".join(_lines(made, engine)),
+        }  # fmt: skip
+        (made / "README.md").write_text(README.format(**words), encoding="utf-8")
+        try:
+            shutil.copytree(made, folder, dirs_exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{folder} cannot be written: {error}; write --out with another folder") from error
+
+
+def _lines(folder: Path, engine: Engine) -> Iterator[str]:
+    for pattern, words in FILES.items():
+        if names := sorted(f.name for f in folder.glob(pattern)):
+            yield f"| {', '.join(names)} | {words.format(engine=engine.name)} |"

@@ -1,0 +1,82 @@
+"""The rows of a report from what engines and studies gave: comparisons of a case, a run, its error budget, a table."""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+from crosscheck.measures.limits import find, references, unused
+from crosscheck.measures.record import Record
+from crosscheck.measures.spectrum import RINGING, peaks, ringing
+from crosscheck.run.isolation import Attempt
+from crosscheck.studies import Study
+from crosscheck.verdicts.compare import Comparison, Pair, compare, group
+from crosscheck.verdicts.plan import Task
+from crosscheck.verdicts.results import RunRow, StudyRow
+
+
+def compare_all(task: Task, records: Mapping[str, Record]) -> tuple[list[Comparison], tuple[str, ...]]:
+    """Return every comparison of one case, and the limits that none of them asked for."""
+    rows, used = [], []
+    for name, record in records.items():
+        for reference in references(task.case.limits, name):
+            other = records.get(reference) or absent(reference)
+            pair = Pair(task.folder.name, task.case, record, other, task.rest, datetime.date.today())
+            rows += compare(pair)
+            used += [find(task.case.limits, q, name, reference, record.version) for q in task.case.quantities]
+    idle = unused(task.case.limits, [limit for limit in used if limit is not None])
+    named = {n for limit in idle for n in limit.engines}
+    return rows, tuple(f"{i.quantity}, engines {', '.join(i.engines)}, reference {i.reference}" for i in idle if named)
+
+
+def absent(reference: str) -> Record:
+    """Return the record of a reference that is not part of this run."""
+    return Record(engine=reference, status="skipped", message="is not part of this run")
+
+
+def run_row(task: Task, attempt: Attempt) -> RunRow:
+    """Return the row of a report about one run."""
+    record = attempt.record
+    spectra = {
+        s.name: ringing(record.time, s.values, task.rest) for s in record.series.values() if s.quantity in RINGING
+    }
+    return RunRow(
+        mechanism=task.folder.name,
+        case=task.case.name,
+        engine=record.engine,
+        status=record.status,
+        message=record.message,
+        version=record.version,
+        settings=dict(record.settings),
+        wall_time=record.wall_time,
+        elapsed=attempt.elapsed,
+        model_hash=record.model_hash,
+        printed=attempt.printed,
+        peaks={name: peaks(*lines) for name, lines in spectra.items() if lines is not None},
+        budget=tuple(budget_rows(record, task.case.quantities)),
+    )
+
+
+def budget_rows(record: Record, quantities: Iterable[str]) -> Iterator[dict[str, Any]]:
+    """Yield the budget line of the series with the largest error bar [unit], for every quantity compared and unit."""
+    for quantity in quantities:
+        for unit, names in group(record.series, quantity).items():
+            known = [n for n in names if n in record.budget]
+            if known:
+                widest = max(known, key=lambda n: float(record.budget[n]["bar"]))
+                yield {"quantity": quantity, "unit": unit, "series": widest, **record.budget[widest]}
+
+
+def study_row(study: Study, answer: Any, ending: Any) -> StudyRow:
+    """Return the table of a study, or why there is none."""
+    known = {f.name for f in dataclasses.fields(StudyRow)}
+    row = StudyRow(study.name, study.title, printed=ending.printed, elapsed=ending.elapsed)
+    if ending.status != "ok":
+        return replace(row, status=ending.status, message=ending.message)
+    if not isinstance(answer, dict) or not set(answer) <= known or not (answer.get("rows") or answer.get("message")):
+        return replace(row, status="error", message="the study gave no table")
+    table: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in answer.items()}
+    return replace(row, **table)

@@ -1,0 +1,85 @@
+"""Cache of attempts: an engine's results for a case, reused while nothing that matters has changed.
+
+An attempt is known by a key: the mechanism, the case, the engine, its options, the versions of all packages that results
+depend on, and the sources of this project.  Only answers are kept; what failed is tried again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from crosscheck import output_folder as owned
+from crosscheck.measures.record import RecordError, check, fingerprint, load, save
+from crosscheck.run.isolation import Attempt
+from crosscheck.verdicts.plan import Task
+from crosscheck.verdicts.results import versions
+
+KEPT = ("ok", "skipped")
+
+
+@dataclass(frozen=True)
+class Attempts:
+    """A folder of attempts; several processes may use it at once."""
+
+    folder: Path
+
+    def find(self, task: Task, engine: str, options: Mapping[str, Any] | None = None) -> Attempt | None:
+        """Return the attempt that ``engine`` made at the task before, or None."""
+        stem = self.stem(task, engine, options)
+        try:
+            words = json.loads(stem.with_name(stem.name + ".attempt").read_text(encoding="utf-8"))
+            record = load(stem)
+            check(record, task.time)
+            return Attempt(record, words["printed"], words["elapsed"])
+        except (OSError, ValueError, LookupError, RecordError):
+            return None
+
+    def keep(self, task: Task, engine: str, attempt: Attempt, options: Mapping[str, Any] | None = None) -> None:
+        """Write an attempt that came to an answer: the words last, so that who finds them finds everything."""
+        if attempt.record.status not in KEPT:
+            return
+        self.folder.mkdir(parents=True, exist_ok=True)
+        stem = self.stem(task, engine, options)
+        save(attempt.record, owned.claim_record(stem))
+        words = json.dumps({"printed": attempt.printed, "elapsed": attempt.elapsed})
+        owned.write(stem.with_name(stem.name + ".attempt"), words)
+
+    def stem(self, task: Task, engine: str, options: Mapping[str, Any] | None = None) -> Path:
+        """Return the path of an attempt's files without their endings (`crosscheck.measures.record.save`)."""
+        return self.folder / key(task, engine, options or {})
+
+    @contextlib.contextmanager
+    def alone(self, task: Task, engine: str) -> Iterator[None]:
+        """Let one process at a time look for an attempt and make it (where the system has file locks)."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        with (self.folder / f"{key(task, engine, {})}.lock").open("w") as file:
+            with contextlib.suppress(ImportError):
+                import fcntl
+
+                fcntl.flock(file, fcntl.LOCK_EX)
+            yield
+
+
+def key(task: Task, engine: str, options: Mapping[str, Any]) -> str:
+    """Return a name that changes with everything that the attempt depends on."""
+    case = replace(task.case, limits=())  # they judge; nothing that an engine gives depends on them
+    files = (file.read_bytes() if file else b"" for file in (task.mechanism.urdf, case.measured))
+    given = task.folder.name, task.mechanism, *(sha256(data).hexdigest() for data in files), case, dict(options)
+    return fingerprint(*given, engine, surroundings())
+
+
+@cache
+def surroundings() -> str:
+    """Return a digest of the versions of packages and of the sources of flexinv and crosscheck."""
+    root = Path(__file__).resolve().parents[2]
+    digest = sha256(json.dumps(versions(), sort_keys=True).encode())
+    for file in sorted(f for package in ("flexinv", "crosscheck") for f in (root / package).rglob("*.py")):
+        digest.update(str(file.relative_to(root)).encode() + file.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,58 @@
+"""Entry point of ``crosscheck``: a package that is missing is named with its remedy; exit code 2, for 1 means deviations."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import shlex
+import sys
+from importlib import metadata
+
+import click
+
+# Every other package that the commands import is in the extra "report".
+EXTRAS = {
+    "sqlalchemy": "history",
+    "matplotlib": "plot",
+    "distributed": "cluster",
+    "dask": "cluster",
+}
+
+
+def main() -> None:
+    """Run the command line, or say what it needs."""
+    try:
+        command = importlib.import_module("crosscheck.cli").main
+    except ModuleNotFoundError as error:
+        click.echo(f"Error: {needed(error)}", err=True)
+        sys.exit(2)
+    try:
+        command()
+    except OSError as error:  # of the terminal itself: what it was sent to is full
+        click.echo(f"Error: what crosscheck says cannot be written: {error}", err=True)
+        os._exit(2)  # nothing that is left in a buffer could be written either
+
+
+def needed(error: ModuleNotFoundError) -> str:
+    """Return the message with the packages to install for a missing module; raise the error for a module of our own."""
+    name = (error.name or "").partition(".")[0]
+    if name in ("", "crosscheck", "flexinv"):
+        raise error
+    extra = EXTRAS.get(name, "report")
+    return (
+        f"crosscheck needs {name}, which is not installed; to install what it needs (flexinv[{extra}]): "
+        f"python -m pip install {shlex.join(requirements(extra)) or name}"
+    )
+
+
+def requirements(extra: str = "") -> list[str]:
+    """Return the requirements for pip of an extra of this project, of its core without one.
+
+    Nothing where the project itself is not installed.
+    """
+    try:
+        lines = metadata.requires("flexinv") or []
+    except metadata.PackageNotFoundError:
+        return []
+    parts = [[part.strip() for part in line.partition(";")] for line in lines]
+    return [need for need, _, marker in parts if marker.replace("'", '"') == (f'extra == "{extra}"' if extra else "")]

@@ -1,0 +1,1 @@
+"""From records to verdicts: comparisons, results, the blessed baseline, the history of nights."""

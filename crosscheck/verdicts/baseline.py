@@ -1,0 +1,187 @@
+"""The blessed night: the value of every comparison when somebody last looked and found it good.
+
+Two text files that belong into version control: ``metrics.csv``, one line per comparison in a fixed order, and
+``blessed.json``, when, why and with which versions.  A comparison that has become worse than its blessed value by more
+than noise is a deviation, even inside its limit.  ``crosscheck bless`` is the only thing that writes here.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from crosscheck import output_folder as owned
+from crosscheck.verdicts.compare import Comparison
+from crosscheck.verdicts.results import Results
+
+METRICS, BLESSED = "metrics.csv", "blessed.json"
+HEAD = ("mechanism", "case", "engine", "reference", "quantity", "unit", "fraction")
+HOW = 'crosscheck bless --reason "..."'
+UNBLESSED = "there is no blessed value for it yet"
+Key = tuple[str, ...]
+
+# Noise: how much worse a comparison may be on another machine or on another day without anything having changed.
+# Numbers come from the same releases and the same steps, so only last digits differ (other SIMD widths, other BLAS
+# kernels, another libm), and where Newton stops by one iteration more or less.
+# * What discretisation leaves does not care: two per cent of the blessed value cover a Newton iteration more.
+# * A hundredth of the limit is below what anybody who stated the limit could mean, and covers values that are near zero
+#   by accident.
+# * A limit below 1e-8 of the range is a limit of rounding.  There the value itself is a sum of last digits, which
+#   another order of additions multiplies by any small number.  The values of this project are below 1/150 of such limits:
+#   a tenth leaves them a factor of 15, and still tells when digits get lost.
+SHARE_OF_BLESSED = 0.02
+SHARE_OF_LIMIT = 0.01
+ROUNDING_LIMIT = 1e-8
+SHARE_OF_ROUNDING = 0.1
+
+
+class BaselineError(ValueError):
+    """A baseline that is missing or cannot be read; the message says what to do."""
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """Blessed errors over the range of the signal [-] by comparison, and how they came to be blessed."""
+
+    fractions: Mapping[Key, float] = field(default_factory=dict)
+    reason: str = ""
+    date: str = ""
+    versions: Mapping[str, str] = field(default_factory=dict)
+
+
+def key(row: Comparison) -> Key:
+    """Return the key of a comparison."""
+    return row.mechanism, row.case, row.engine, row.reference, row.quantity, row.unit
+
+
+def find(folder: Path) -> Baseline:
+    """Return the baseline in a folder; where there is none, one without values: every comparison says how to bless.
+
+    Raises BaselineError where there is one that cannot be read.
+    """
+    return read(folder) if any((folder / name).exists() for name in (METRICS, BLESSED)) else Baseline()
+
+
+def read(folder: Path) -> Baseline:
+    """Read a baseline.  Raises BaselineError where there is none, or where it is damaged."""
+    try:
+        lines = list(csv.reader(io.StringIO((folder / METRICS).read_text(encoding="utf-8"))))
+        words = json.loads((folder / BLESSED).read_text(encoding="utf-8"))
+        if not lines or tuple(lines[0]) != HEAD:
+            raise ValueError(f"{METRICS} has other columns than {', '.join(HEAD)}")
+        fractions = {tuple(line[:-1]): _fraction(k, line) for k, line in enumerate(lines[1:], 2)}
+        return Baseline(fractions, words["reason"], words["date"], words["versions"])
+    except FileNotFoundError:
+        raise BaselineError(
+            f"there is no blessed night in {folder}: look at the report of a whole run, and if it is good, {HOW}"
+        ) from None
+    except (OSError, ValueError, LookupError, TypeError) as error:
+        raise BaselineError(f"the baseline in {folder} cannot be read: {error}") from error
+
+
+def _fraction(number: int, line: list[str]) -> float:
+    """Return the blessed fraction in a line [-].  Raises ValueError where it is none."""
+    if len(line) != len(HEAD):
+        raise ValueError(f"{METRICS}, line {number} has {len(line)} columns, expected {len(HEAD)}")
+    value = float(line[-1])
+    if not 0.0 <= value < math.inf:
+        raise ValueError(f"{METRICS}, line {number}: {line[-1]!r}, expected a finite part of the range, 0 or more")
+    return value
+
+
+def noise(blessed: float, limit: float | None) -> float:
+    """Return the excess over its blessed value [-] that an error may have without having become worse [-].
+
+    limit : as a fraction of the range [-], None where none is stated
+    """
+    allowed = limit or 0.0
+    share = SHARE_OF_ROUNDING if allowed <= ROUNDING_LIMIT else SHARE_OF_LIMIT
+    return max(SHARE_OF_BLESSED * blessed, share * allowed)
+
+
+def judged(row: Comparison, baseline: Baseline) -> Comparison:
+    """Return a comparison with its blessed value; one that has become worse is a deviation."""
+    share = row.fraction
+    if share is None or row.verdict not in ("within", "explained") or row.limit is None:
+        return row
+    blessed = baseline.fractions.get(key(row))
+    if blessed is None:
+        words = f"{UNBLESSED}: {HOW}"
+        return replace(row, verdict="unjudged", message=_joined(row.message, words))
+    row = replace(row, blessed=blessed)
+    slack = noise(blessed, row.limit)
+    if share <= blessed + slack:
+        return row
+    words = (
+        f"worse than blessed: {share:.3g} of the range, on {baseline.date[:10]} it was {blessed:.3g} (noise {slack:.1g}); "
+        f"mend the cause, or {HOW}"
+    )
+    return replace(row, verdict="deviation", message=_joined(row.message, words))
+
+
+def gone(rows: Iterable[Comparison], baseline: Baseline) -> list[Key]:
+    """Return the blessed comparisons that a run over everything no longer measures."""
+    measured = {key(row) for row in rows if row.fraction is not None}
+    return [k for k in baseline.fractions if k not in measured]
+
+
+def blessed(results: Results) -> tuple[list[Comparison], list[str]]:
+    """Return the comparisons that can be blessed, and why others cannot: what is beyond its limit, or failed."""
+    good, bad = [], []
+    for row in results.comparisons:
+        name = f"{row.mechanism}/{row.case} {row.engine} {row.quantity} [{row.unit}]"
+        if row.verdict in ("skipped",) or (row.verdict == "explained" and row.limit is None):
+            continue
+        if row.fraction is None or row.limit is None or row.uncertified:
+            bad.append(f"{name}: {row.uncertified or row.message}")
+        elif row.fraction <= row.limit or row.verdict == "explained" or "by discretisation" in row.message:
+            good.append(row)
+        else:
+            bad.append(f"{name}: {row.fraction:.3g} of the range is beyond its limit of {row.limit:.3g}")
+    return good, bad
+
+
+def write(folder: Path, results: Results, rows: Iterable[Comparison], reason: str) -> None:
+    """Write the baseline.  Comparisons that the results do not contain keep the value that they have, unless a run over
+    everything missed them: blessing that run is agreeing that they are gone.
+
+    What is blessed are three digits: more would change with every run, and noise is larger.
+    """
+    known = dict(find(folder).fractions)
+    for k in results.baseline.get("gone_keys", ()):
+        known.pop(tuple(k), None)
+    known |= {key(row): float(f"{row.fraction:.3g}") for row in rows if row.fraction is not None}
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(HEAD)
+    table.writerows((*k, repr(value)) for k, value in sorted(known.items()))
+    folder.mkdir(parents=True, exist_ok=True)
+    words: dict[str, Any] = {
+        "reason": reason,
+        "date": results.started,
+        "versions": dict(sorted(results.versions.items())),
+    }
+    owned.replace(folder / METRICS, text.getvalue())
+    owned.replace(folder / BLESSED, json.dumps(words, indent=1) + "\n")
+
+
+def apply(results: Results, baseline: Baseline, whole: bool) -> Results:
+    """Return the results judged against the baseline; whole: everything was run, so what is missing is gone."""
+    rows = tuple(judged(row, baseline) for row in results.comparisons)
+    missing = gone(rows, baseline) if whole else []
+    words = {
+        **{"reason": baseline.reason, "date": baseline.date, "versions": dict(baseline.versions)},
+        **{"gone": tuple(" ".join(k) for k in missing), "gone_keys": tuple(missing)},
+    }
+    return dataclasses.replace(results, comparisons=rows, baseline=words)
+
+
+def _joined(*messages: str) -> str:
+    return "; ".join(filter(None, messages))

@@ -1,0 +1,285 @@
+"""Comparison of two records: errors over the range of the signal, dominant frequencies, verdicts.
+
+Series are compared in groups: all series of one quantity and one unit (all joint torques in N m) share the range
+of the largest of them, so that a joint with hardly any torque is not judged by its own rounding.
+"""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.engines import ENGINES
+from crosscheck.measures.budget import no_order
+from crosscheck.measures.limits import Verdict, discretised, find, judge
+from crosscheck.measures.metrics import sprague_geers
+from crosscheck.measures.record import Record, Series
+from crosscheck.measures.spectrum import dominant_frequency
+from flexinv.files.load_cases import Case, Limit
+
+Array = NDArray[np.float64]
+# A signal that moves by less than this fraction of its own size is a holding torque: its size is its range (a motor of
+# 0.033 N m that varies by 1e-7 would otherwise be judged by that variation, which is interpolation error).
+STILL = 1e-3
+# Moments of 1e-15 N m beside forces of 10 N are no moments but the rounding of those forces times a length of some metres
+# (and the other way round): below this part of a quantity's largest value in any unit a group is zero.
+NOTHING = 1e-13
+# Quantities of which a part is not enough.  Of others an engine may know less (no wrench of a joint that it welded).
+WHOLE = ("torque",)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One engine against one reference in one quantity and unit.
+
+    maximum, rms, scale, error_bar : [unit]; the largest error, the RMS error of the series that has it, the range
+        that both are divided by, and the two engines' own error bars added up (None where neither has one)
+    magnitude, phase, comprehensive : Sprague and Geers' errors of that series [-]
+    limit : largest fraction of the range allowed [-]; series, time [s] : where the largest error is
+    blessed : the fraction that was measured when the night was last blessed [-]
+    unordered : engines of the pair whose refinement has no order there, so that the error bar is none
+    uncertified : what of the engines' certificates does not hold: they have not the same mechanism
+    """
+
+    mechanism: str
+    case: str
+    engine: str
+    reference: str
+    quantity: str
+    unit: str
+    verdict: Verdict
+    message: str = ""
+    maximum: float | None = None
+    rms: float | None = None
+    scale: float | None = None
+    limit: float | None = None
+    reason: str = ""
+    series: str = ""
+    time: float | None = None
+    error_bar: float | None = None
+    magnitude: float | None = None
+    phase: float | None = None
+    comprehensive: float | None = None
+    blessed: float | None = None
+    unordered: str = ""
+    uncertified: str = ""
+
+    @property
+    def fraction(self) -> float | None:
+        """Largest error over the range of the signal [-]."""
+        if self.maximum is None or self.scale is None:
+            return None
+        return fraction(self.maximum, self.scale)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two records of one case to compare; rest [s] is the time at which the prescribed motion has come to rest."""
+
+    mechanism: str
+    case: Case
+    engine: Record
+    reference: Record
+    rest: float
+    today: datetime.date
+
+
+def compare(pair: Pair) -> list[Comparison]:
+    """Return one comparison per quantity of the case and unit."""
+    if (verdict := _hindrance(pair)) is not None:
+        return [_row(pair, q, "", *verdict) for q in pair.case.quantities]
+    return [row for quantity in pair.case.quantities for row in _quantity(pair, quantity)]
+
+
+def _hindrance(pair: Pair) -> tuple[Verdict, str] | None:
+    """Return verdict and message where one of the records has no series."""
+    for record, who in ((pair.engine, ""), (pair.reference, f"reference {pair.reference.engine}: ")):
+        if record.status == "skipped":
+            return "skipped", who + record.message
+        if record.status != "ok":
+            return "error", f"{who}{record.status}: {record.message}"
+    hashes = pair.engine.model_hash, pair.reference.model_hash
+    if hashes[0] != hashes[1]:
+        return "error", f"was given another model than {pair.reference.engine} (the files changed during the run)"
+    return None
+
+
+def _quantity(pair: Pair, quantity: str) -> list[Comparison]:
+    if quantity == "frequency":
+        return [_frequency(pair)]
+    groups = group(pair.reference.series, quantity)
+    rows = [_group(pair, quantity, unit, names) for unit, names in groups.items()]
+    if not rows:
+        return [_row(pair, quantity, "", "skipped", f"{pair.reference.engine} does not give it")]
+    return rows
+
+
+def group(series: Mapping[str, Series], quantity: str) -> dict[str, list[str]]:
+    """Return the names of the series of a quantity by unit."""
+    groups: dict[str, list[str]] = {}
+    for one in series.values():
+        if one.quantity == quantity:
+            groups.setdefault(one.unit, []).append(one.name)
+    return groups
+
+
+def _group(pair: Pair, quantity: str, unit: str, names: Sequence[str]) -> Comparison:
+    ours, theirs = pair.engine.series, pair.reference.series
+    common = [n for n in names if n in ours]
+    if not common:
+        return _row(pair, quantity, unit, "skipped", f"{pair.engine.engine} does not give it")
+    if wrong := [n for n in common if ours[n].unit != unit]:
+        return _row(pair, quantity, unit, "error", f"{wrong[0]} is in {ours[wrong[0]].unit}, not in {unit}")
+    errors = {n: ours[n].values - theirs[n].values for n in common}
+    worst = max(common, key=lambda n: float(np.abs(errors[n]).max()))
+    at = int(np.abs(errors[worst]).argmax())
+    measured = Measured(
+        maximum=float(np.abs(errors[worst][at])),
+        rms=float(np.sqrt(np.mean(errors[worst] ** 2))),
+        scale=scale_of(pair.reference, quantity, [theirs[n].values for n in names]),
+        series=worst,
+        time=float(pair.reference.time[at]),
+        error_bar=error_bar(ours[worst], theirs[worst]),
+        unordered=_unordered(pair, worst),
+        **sprague_geers(ours[worst].values, theirs[worst].values),
+    )
+    sizes = {n: float(np.abs(errors[n]).max()) for n in common}
+    covered = all(sizes[n] <= (error_bar(ours[n], theirs[n]) or 0.0) for n in common)
+    doubts = {n: fraction(sizes[n], measured.scale) for n in common if _unordered(pair, n)}
+    gap = [n for n in names if n not in ours]
+    words = f"{len(common)} of {len(names)} series; {gap[0]} is missing" if gap else ""
+    return _judged(pair, quantity, unit, measured, words, Bars(covered, doubts))
+
+
+def _unordered(pair: Pair, name: str) -> str:
+    """Return the engines whose refinement of a series has no order, in words; "" where none."""
+    found = [r.engine for r in (pair.engine, pair.reference) if no_order(r.budget.get(name, {}))]
+    return " and ".join(found)
+
+
+@dataclass(frozen=True)
+class Bars:
+    """Coverage of every series' error by error bars; doubts: errors [-] of series with a bar that is none (no order)."""
+
+    covered: bool = False
+    doubts: Mapping[str, float] = field(default_factory=dict)
+
+
+NO_BARS = Bars()
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The numbers of one comparison; the fields of ``Comparison`` say what they are."""
+
+    maximum: float
+    rms: float
+    scale: float
+    series: str
+    time: float | None = None
+    error_bar: float | None = None
+    magnitude: float | None = None
+    phase: float | None = None
+    comprehensive: float | None = None
+    unordered: str = ""
+
+
+def _judged(
+    pair: Pair, quantity: str, unit: str, measured: Measured, gap: str = "", bars: Bars = NO_BARS
+) -> Comparison:
+    limit = find(pair.case.limits, quantity, pair.engine.engine, pair.reference.engine, pair.engine.version)
+    share = fraction(measured.maximum, measured.scale)
+    known = pair.engine.engine in ENGINES and ENGINES[pair.engine.engine].native
+    verdict, message = judge(share, limit, pair.today, pair.engine.message if known else "")
+    if verdict == "deviation" and limit is not None and bars.covered and measured.error_bar is not None:
+        doubt = next((_unordered(pair, n) for n, part in bars.doubts.items() if part > limit.maximum), "")
+        verdict, message = discretised(share, fraction(measured.error_bar, measured.scale), message, doubt)
+    if gap:
+        verdict = "error" if quantity in WHOLE else verdict
+        message = "; ".join(filter(None, [message, gap]))
+    return _row(pair, quantity, unit, verdict, message, measured, limit)
+
+
+def _row(
+    pair: Pair,
+    quantity: str,
+    unit: str,
+    verdict: Verdict,
+    message: str,
+    measured: Measured | None = None,
+    limit: Limit | None = None,
+) -> Comparison:
+    filled: dict[str, Any] = {} if measured is None else dict(vars(measured))
+    if limit is not None:
+        filled |= {"limit": limit.maximum, "reason": limit.reason}
+    return Comparison(
+        pair.mechanism,
+        pair.case.name,
+        pair.engine.engine,
+        pair.reference.engine,
+        quantity,
+        unit,
+        verdict,
+        message,
+        **filled,
+    )
+
+
+def fraction(maximum: float, scale: float) -> float:
+    """Return the error over the range [-]; of a signal that is zero throughout any error is infinitely large."""
+    if scale > 0.0:
+        return maximum / scale
+    return 0.0 if maximum == 0.0 else float("inf")
+
+
+def signal_range(signals: Sequence[Array]) -> float:
+    """Return the range of the signal that moves most: its largest less its smallest value.
+
+    signals : each (samples,) [unit]; returns [unit].  Where all stand still (a constant holding torque), the
+    largest magnitude.
+    """
+    spread = max(float(np.ptp(s)) for s in signals)
+    size = max(float(np.abs(s).max()) for s in signals)
+    return spread if spread > STILL * size else size
+
+
+def scale_of(reference: Record, quantity: str, signals: Sequence[Array]) -> float:
+    """Return the divisor of a group's errors: its range, or that of its quantity where the group is zero but for rounding.
+
+    signals : each (samples,) [unit]; returns [unit]
+    """
+    own = signal_range(signals)
+    whole = max(float(np.abs(s.values).max()) for s in reference.series.values() if s.quantity == quantity)
+    return own if own > NOTHING * whole else whole
+
+
+def error_bar(ours: Series, theirs: Series) -> float | None:
+    """Return the sum of both engines' largest error bars [unit], or None where neither has one."""
+    bars = [float(s.error.max()) for s in (ours, theirs) if s.error is not None]
+    return sum(bars) if bars else None
+
+
+def _frequency(pair: Pair) -> Comparison:
+    name = ringing_series(pair.reference)
+    if name is None or name not in pair.engine.series:
+        return _row(pair, "frequency", "Hz", "skipped", "no deflection or torque in common to take it from")
+    ours, theirs = (dominant_frequency(r.time, r.series[name].values, pair.rest) for r in (pair.engine, pair.reference))
+    if ours is None or theirs is None:
+        return _row(pair, "frequency", "Hz", "skipped", f"{name} has no peak in its spectrum")
+    difference = abs(ours - theirs)
+    measured = Measured(maximum=difference, rms=difference, scale=theirs, series=name)
+    return _judged(pair, "frequency", "Hz", measured)
+
+
+def ringing_series(record: Record) -> str | None:
+    """Return the deflection (else the torque) that moves most: the one whose frequency is compared."""
+    for quantity in ("deflection", "torque"):
+        named = [s for s in record.series.values() if s.quantity == quantity]
+        if named:
+            return max(named, key=lambda s: float(np.ptp(s.values))).name
+    return None

@@ -1,0 +1,269 @@
+"""The history of nights: values of every comparison, versions, model, and the time that it took.
+
+SQLite in one file by default; any database that SQLAlchemy knows by its URL for a team.  A night is added in one
+transaction: it is there as a whole or not at all, and adding it twice is adding it once.
+
+Other numbers are kept beside, such as ratios of benchmarks, with limits like those of torques:
+
+    database = connect("sqlite:///reports/history.sqlite")
+    add_metrics(database, [Metric("ur5 samples per second over Pinocchio", 1.3, "-", lower=1.0)], label="bench")
+
+``add_metrics`` makes an entry of its own, stamped with time, machine and versions; the trend pages draw every metric
+by name, and a value outside [lower, upper] is a deviation there.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import sqlalchemy as sql
+
+from crosscheck.measures.limits import Verdict
+from crosscheck.secrets import without, without_passwords
+from crosscheck.verdicts import results as store
+from crosscheck.verdicts.results import Results
+
+PATIENCE = 30.0  # [s] to wait for somebody else's transaction: adding a night takes a second
+_meta = sql.MetaData()
+
+
+def _table(name: str, *columns: tuple[str, type[sql.types.TypeEngine[Any]] | sql.types.TypeEngine[Any]]) -> sql.Table:
+    """Return a table whose rows belong to a night."""
+    night: sql.Column[int] = sql.Column("night", sql.ForeignKey("night.id"), nullable=False, index=True)
+    return sql.Table(name, _meta, night, *(sql.Column(n, kind) for n, kind in columns))
+
+
+# Names may be as long as a folder's; MySQL wants a length for what it indexes only.
+Text, Float = sql.Text, sql.Double
+NIGHT = sql.Table(
+    "night",
+    _meta,
+    sql.Column("id", sql.Integer, primary_key=True),
+    sql.Column("key", sql.String(64), nullable=False, unique=True),
+    sql.Column("started", sql.String(40), nullable=False),
+    sql.Column("label", sql.String(40), nullable=False),
+    *(sql.Column(n, Text) for n in ("folder", "command", "message", "processor")),
+    sql.Column("finished", sql.Boolean),
+    sql.Column("exit_code", sql.Integer),
+    sql.Column("elapsed", Float),
+)
+VERSION = _table("version", ("package", Text), ("version", Text))
+MODEL = _table("model", ("mechanism", Text), ("case_name", Text), ("hash", Text))
+TIMING = _table(
+    *("timing", ("mechanism", Text), ("case_name", Text), ("engine", Text), ("version", Text), ("status", Text)),
+    *(("wall_time", Float), ("elapsed", Float)),
+)
+NUMBERS = (
+    *("maximum", "rms", "scale", "limit", "error_bar", "magnitude", "phase", "comprehensive", "blessed"),
+    "fraction",
+)
+COMPARISON = _table(
+    *("comparison", ("mechanism", Text), ("case_name", Text), ("engine", Text), ("reference", Text)),
+    *(("quantity", Text), ("unit", Text), ("verdict", Text), ("message", Text)),
+    *((n, Float) for n in NUMBERS),
+)
+CAUSE = _table(
+    *("cause", ("mechanism", Text), ("case_name", Text), ("engine", Text), ("reference", Text)),
+    *(("cause", Text), ("target", Text), ("words", Text)),
+)
+METRIC = _table(
+    "metric", ("name", Text), ("value", Float), ("unit", Text), ("lower", Float), ("upper", Float), ("note", Text)
+)
+
+
+class HistoryError(RuntimeError):
+    """The history cannot be read or written; the message says which and why.  Nothing was changed."""
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A number to be kept over nights, value and limits in [unit]; None: no limit on that side."""
+
+    name: str
+    value: float
+    unit: str
+    lower: float | None = None
+    upper: float | None = None
+    note: str = ""
+
+    @property
+    def verdict(self) -> Verdict:
+        """Return the verdict: "within" if the value keeps its limits, "unjudged" without limits."""
+        if self.lower is None and self.upper is None:
+            return "unjudged"
+        above = self.lower is None or self.value >= self.lower
+        return "within" if above and (self.upper is None or self.value <= self.upper) else "deviation"
+
+
+@dataclass(frozen=True)
+class Night:
+    """One entry of the history: elapsed [s]; label: "" of an ordinary night, "latest-engines", "bench"."""
+
+    id: int
+    started: str
+    label: str
+    folder: str
+    finished: bool
+    exit_code: int
+    elapsed: float
+
+
+def connect(url: str) -> sql.Engine:
+    """Open a history, made on the first time.  Raises HistoryError."""
+    try:
+        kind = sql.make_url(url).get_backend_name()
+        waiting = {"timeout": PATIENCE} if kind == "sqlite" else {}
+        database = sql.create_engine(url, connect_args=waiting)
+        _check_tables(database, url)
+        _meta.create_all(database)
+    except (sql.exc.SQLAlchemyError, ImportError, ValueError, OSError) as error:
+        raise HistoryError(f"cannot open the history {_shown(url)}: {_words(error, url)}") from None
+    return database
+
+
+def _check_tables(database: sql.Engine, url: str) -> None:
+    """Raise HistoryError where a table of the database is called as one of ours and is another; nothing is changed there."""
+    inside = sql.inspect(database)
+    for table in _meta.sorted_tables:
+        if inside.has_table(table.name):
+            there = {column["name"] for column in inside.get_columns(table.name)}
+            if lost := [column.name for column in table.columns if column.name not in there]:
+                raise HistoryError(
+                    f"cannot open the history {_shown(url)}: its table {table.name} has no column {lost[0]}, so it is "
+                    "somebody else's or of another version; write --history with another database"
+                )
+
+
+def add_night(
+    database: sql.Engine, results: Results, folder: str = "", label: str = "", metrics: Iterable[Metric] = ()
+) -> int:
+    """Add a night, all of it or nothing, and return its number; one that is there already keeps its number.
+
+    Raises HistoryError.
+    """
+    row = {
+        **{"key": key_of(results), "started": results.started, "label": label, "folder": folder},
+        **{"command": results.command, "message": results.message, "finished": results.finished},
+        **{"exit_code": results.exit_code, "elapsed": results.elapsed},
+        "processor": results.machine.get("processor", ""),
+    }
+    return _added(database, row, {**_rows(results), METRIC: [dict(vars(m)) for m in metrics]})
+
+
+def add_metrics(database: sql.Engine, metrics: Sequence[Metric], label: str = "bench", elapsed: float = 0.0) -> int:
+    """Add numbers that belong to no comparison, in [unit of each], as an entry of their own; elapsed [s].
+
+    Raises HistoryError.
+    """
+    code = 1 if any(m.verdict == "deviation" for m in metrics) else 0
+    stamp = Results(store.now(), label, elapsed, True, machine=store.machine(), versions=store.versions())
+    text = repr((stamp.started, label, [vars(m) for m in metrics], stamp.machine))
+    row = {
+        **{"key": hashlib.sha256(text.encode()).hexdigest()[:32], "started": stamp.started, "label": label},
+        **{"folder": "", "command": label, "message": "", "finished": True, "exit_code": code, "elapsed": elapsed},
+        "processor": stamp.machine.get("processor", ""),
+    }
+    return _added(database, row, {**_rows(stamp), METRIC: [dict(vars(m)) for m in metrics]})
+
+
+def nights(database: sql.Engine, label: str | None = None) -> list[Night]:
+    """Return the entries, the oldest first; label: only those.  Raises HistoryError."""
+    question = sql.select(NIGHT).order_by(NIGHT.c.started, NIGHT.c.id)
+    if label is not None:
+        question = question.where(NIGHT.c.label == label)
+    return [Night(*(row._mapping[name] for name in Night.__dataclass_fields__)) for row in ask(database, question)]
+
+
+def rows_of(database: sql.Engine, table: sql.Table, night: int) -> list[dict[str, Any]]:
+    """Return the rows of one night.  Raises HistoryError."""
+    return [dict(row._mapping) for row in ask(database, sql.select(table).where(table.c.night == night))]
+
+
+def holds(database: sql.Engine, results: Results) -> bool:
+    """Return True if a night is in the history.  Raises HistoryError."""
+    return bool(ask(database, sql.select(NIGHT.c.id).where(NIGHT.c.key == key_of(results))))
+
+
+def ask(database: sql.Engine, question: sql.Select[Any]) -> list[Any]:
+    """Return the rows that a question finds.  Raises HistoryError."""
+    try:
+        with database.connect() as connection:
+            return list(connection.execute(question))
+    except sql.exc.SQLAlchemyError as error:
+        raise HistoryError(f"cannot read the history {_shown(database.url)}: {_words(error, database.url)}") from None
+
+
+def key_of(results: Results) -> str:
+    """Return a key that no two runs share, of their time, command, machine and number of rows."""
+    text = repr((results.started, results.command, sorted(results.machine.items()), len(results.runs)))
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def _rows(results: Results) -> dict[sql.Table, list[dict[str, Any]]]:
+    hashes = {(r.mechanism, r.case): r.model_hash for r in results.runs if r.model_hash}
+    timings = [
+        {"mechanism": r.mechanism, "case_name": r.case, "engine": r.engine, "version": r.version, "status": r.status}
+        | {"wall_time": r.wall_time, "elapsed": r.elapsed}
+        for r in results.runs
+    ]
+    words = ("mechanism", "engine", "reference", "quantity", "unit", "verdict", "message")
+    comparisons = [
+        {n: getattr(c, n) for n in words} | {n: _finite(getattr(c, n)) for n in NUMBERS} | {"case_name": c.case}
+        for c in results.comparisons
+    ]
+    return {
+        VERSION: [{"package": p, "version": v} for p, v in results.versions.items()],
+        MODEL: [{"mechanism": m, "case_name": c, "hash": h} for (m, c), h in hashes.items()],
+        TIMING: timings,
+        COMPARISON: comparisons,
+        CAUSE: [
+            {"mechanism": d.mechanism, "case_name": d.case, "engine": d.engine, "reference": d.reference}
+            | {"cause": one["cause"], "target": one["target"], "words": one["words"]}
+            for d in results.diagnoses
+            for one in d.named
+        ],
+    }
+
+
+def _added(database: sql.Engine, night: dict[str, Any], tables: dict[sql.Table, list[dict[str, Any]]]) -> int:
+    try:
+        with database.begin() as connection:
+            known = connection.execute(sql.select(NIGHT.c.id).where(NIGHT.c.key == night["key"])).scalar()
+            if known is not None:
+                return int(known)
+            number = connection.execute(sql.insert(NIGHT).values(**night)).inserted_primary_key
+            assert number is not None
+            for table, rows in tables.items():
+                if rows:
+                    connection.execute(sql.insert(table), [{**row, "night": number[0]} for row in rows])
+            return int(number[0])
+    except sql.exc.SQLAlchemyError as error:
+        raise HistoryError(
+            f"the night could not be added to the history {_shown(database.url)}: {_words(error, database.url)}; it is as it was "
+            "before, and the next night adds what is missing"
+        ) from None
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and abs(value) < float("inf") else None
+
+
+def _shown(url: str | sql.URL) -> str:
+    """Return an address without its password."""
+    try:
+        return without_passwords(sql.make_url(url).render_as_string(hide_password=True))
+    except (sql.exc.ArgumentError, ValueError):
+        return "(not a URL)"
+
+
+def _words(error: BaseException, url: str | sql.URL) -> str:
+    """Return the message of a database, without SQLAlchemy's hints, the statement and the password."""
+    inner = getattr(error, "orig", None) or error
+    try:
+        password = sql.make_url(url).password
+    except (sql.exc.ArgumentError, ValueError):
+        return "expected such as sqlite:///reports/history.sqlite or postgresql://team@host/nights"
+    return without(str(inner).splitlines()[0], password) if str(inner) else type(inner).__name__

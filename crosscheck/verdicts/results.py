@@ -1,0 +1,287 @@
+"""The results of a run as data, and ``results.json``: the source of truth from which every report is rendered."""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import json
+import os
+import platform
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from hashlib import sha256
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from crosscheck import output_folder as owned
+from crosscheck.measures.certificate import Check
+from crosscheck.measures.limits import Verdict, exit_code, worst
+from crosscheck.measures.spectrum import FEWEST
+from crosscheck.verdicts.compare import Comparison
+
+SCHEMA = 1
+PACKAGES = ("flexinv", "numpy", "scipy", "pin", "mujoco", "exudyn", "example-robot-data", "plotly")
+NO_CERTIFICATE = "no certificate"  # the one line of an engine that cannot be asked
+OF_STATUS: dict[str, Verdict] = {"ok": "within", "skipped": "skipped"}
+
+
+@dataclass(frozen=True)
+class CaseRow:
+    """One case of one mechanism; rest, end, step [s]; files: name and text of the model's files.
+
+    skeleton : what is drawn: every link with its parent, whether it bends, and where its joint is in the world [m] (None
+        on another link)
+    """
+
+    mechanism: str
+    case: str
+    mechanism_title: str = ""
+    title: str = ""
+    source: str = ""
+    mechanism_source: str = ""
+    notes: tuple[str, ...] = ()
+    quantities: tuple[str, ...] = ()
+    end: float = 0.0
+    step: float = 0.0
+    sample: float = 0.0
+    rest: float = 0.0
+    files: Mapping[str, str] = field(default_factory=dict)
+    unused_limits: tuple[str, ...] = ()
+    problem: str = ""
+    skeleton: tuple[Mapping[str, Any], ...] = ()
+
+    @property
+    def slug(self) -> str:
+        """A name for files and links."""
+        return slug(f"{self.mechanism}-{self.case}")
+
+    @property
+    def held(self) -> bool:
+        """Return True if spectra are of the time after the motion (else of the whole signal)."""
+        return self.sample > 0.0 and round((self.end - self.rest) / self.sample) + 1 >= FEWEST
+
+
+@dataclass(frozen=True)
+class RunRow:
+    """One engine on one case; wall_time [s] of the engine, elapsed [s] of the process; series: stem of its files.
+
+    peaks : frequency [Hz] and amplitude [unit of the series] of the spectrum's peaks, by series
+    budget : by quantity and unit, the series with the largest error bar: see ``crosscheck.measures.budget.with_bars``
+    """
+
+    mechanism: str
+    case: str
+    engine: str
+    status: str
+    message: str = ""
+    version: str = ""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    wall_time: float = 0.0
+    elapsed: float = 0.0
+    model_hash: str = ""
+    printed: str = ""
+    series: str = ""
+    peaks: Mapping[str, list[tuple[float, float]]] = field(default_factory=dict)
+    budget: tuple[Mapping[str, Any], ...] = ()
+
+    @property
+    def verdict(self) -> Verdict:
+        """Return the verdict on the run alone."""
+        return OF_STATUS.get(self.status, "error")
+
+
+@dataclass(frozen=True)
+class EngineRow:
+    """An engine: present or not, its version, what it can do, or why it is not there."""
+
+    name: str
+    present: bool
+    version: str = ""
+    abilities: str = ""
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class StudyRow:
+    """A table made by a study of its own: columns (key, title, unit), rows by key, each with a verdict.
+
+    plot : {"x": key, "y": key, "group": key, "log": bool} or None
+    figures : {"title", "x", "y": what the axes say, "curves": {name: {"x": numbers, "y": numbers}}} each
+    tables : {"title", "columns", "rows"} each, beside the one that is judged
+    """
+
+    name: str
+    title: str
+    text: str = ""
+    columns: tuple[tuple[str, str, str], ...] = ()
+    rows: tuple[Mapping[str, Any], ...] = ()
+    plot: Mapping[str, Any] | None = None
+    figures: tuple[Mapping[str, Any], ...] = ()
+    tables: tuple[Mapping[str, Any], ...] = ()
+    status: str = "ok"
+    message: str = ""
+    printed: str = ""
+    elapsed: float = 0.0
+
+    @property
+    def verdict(self) -> Verdict:
+        """The gravest verdict of its rows, "error" where there is no table."""
+        if self.status != "ok":
+            return OF_STATUS.get(self.status, "error")
+        return worst(row.get("verdict", "error") for row in self.rows)
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Diagnosis of one engine's deviating efforts (`crosscheck.causes.diagnosis`).
+
+    words : the sentence for the reader; named : cause, target, words, what it leaves [-], for each that explains it
+    separate : the motion that would tell them apart; difference, noise : largest, over the range [-]
+    repaired : largest difference left after the repair, over the range [-], None where there is none; where : which side
+    """
+
+    mechanism: str
+    case: str
+    engine: str
+    reference: str
+    words: str = ""
+    named: tuple[Mapping[str, Any], ...] = ()
+    separate: str = ""
+    difference: float | None = None
+    noise: float | None = None
+    repaired: float | None = None
+    where: str = ""
+
+
+@dataclass(frozen=True)
+class Results:
+    """Everything that a report says.
+
+    certificates : what the engines' own models say, line by line; diagnoses : why engines deviate
+    baseline : the blessed night that it was judged against: reason, date, versions, what is gone (`crosscheck.verdicts.baseline`)
+    changes : what is different from an earlier night (`crosscheck.verdicts.changes`)
+    """
+
+    started: str
+    command: str = ""
+    elapsed: float = 0.0
+    finished: bool = False
+    message: str = ""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    machine: Mapping[str, str] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
+    engines: tuple[EngineRow, ...] = ()
+    cases: tuple[CaseRow, ...] = ()
+    runs: tuple[RunRow, ...] = ()
+    comparisons: tuple[Comparison, ...] = ()
+    studies: tuple[StudyRow, ...] = ()
+    certificates: tuple[Check, ...] = ()
+    diagnoses: tuple[Diagnosis, ...] = ()
+    baseline: Mapping[str, Any] = field(default_factory=dict)
+    changes: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def compared(self) -> bool:
+        """Return True if anything was compared: two engines in one quantity, or a study."""
+        return any(c.maximum is not None for c in self.comparisons) or any(s.rows for s in self.studies)
+
+    @property
+    def verdicts(self) -> list[Verdict]:
+        """Every verdict that counts for the exit code."""
+        rows: list[Verdict] = ["error"] if self.message or not self.finished or not (self.cases or self.studies) else []
+        rows += ["error" for case in self.cases if case.problem]
+        rows += ["error"] if self.cases and not self.compared else []  # skipped is not passed
+        rows += [run.verdict for run in self.runs]
+        rows += [one.verdict for one in self.comparisons]
+        rows += ["deviation" for line in self.certificates if fails(line)]
+        rows += ["deviation" for _ in self.baseline.get("gone", ())]  # what was compared once and is no more
+        return rows + [study.verdict for study in self.studies]
+
+    @property
+    def exit_code(self) -> int:
+        """0 all within limits, 1 a deviation or a missing limit, 2 an engine or the harness failed."""
+        return exit_code(self.verdicts)
+
+
+def fails(line: Check) -> bool:
+    """Return True if a line of a certificate does not hold; an engine without a certificate has no such line."""
+    return not line.holds and line.what != NO_CERTIFICATE
+
+
+def write(results: Results, file: Path) -> None:
+    """Write ``results.json``: whole or not at all, whatever happens meanwhile."""
+    plain = {"schema": SCHEMA, "exit_code": results.exit_code, **dataclasses.asdict(results)}
+    for row, one in zip(plain["comparisons"], results.comparisons, strict=True):
+        share = one.fraction
+        row["fraction"] = share if share is not None and share < float("inf") else None
+    owned.write(file, json.dumps(plain, indent=1, allow_nan=False) + "\n")
+
+
+def read(file: Path) -> Results:
+    """Read ``results.json``.  Raises ValueError where it is none, or one of another version."""
+    plain = json.loads(file.read_text(encoding="utf-8"))
+    if not isinstance(plain, dict) or plain.get("schema") != SCHEMA:
+        raise ValueError(f"{file} is not a results file of schema {SCHEMA}")
+    values: dict[str, Any] = {f.name: plain[f.name] for f in dataclasses.fields(Results) if f.name in plain}
+    values |= {name: tuple(_row(kind, row) for row in plain.get(name, ())) for name, kind in TABLES.items()}
+    return Results(**values)
+
+
+TABLES: dict[str, type] = {
+    "engines": EngineRow,
+    "cases": CaseRow,
+    "runs": RunRow,
+    "comparisons": Comparison,
+    "studies": StudyRow,
+    "certificates": Check,
+    "diagnoses": Diagnosis,
+}
+
+
+def _row(kind: type, row: Mapping[str, Any]) -> Any:
+    names = {f.name for f in dataclasses.fields(kind)}
+    return kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in row.items() if k in names})
+
+
+def slug(text: str) -> str:
+    """Return a name that is safe in a path and a link; one that had to be changed gets a mark of its own."""
+    safe = re.sub(r"[^A-Za-z0-9_-]+", "_", text)[:80]
+    return safe if safe == text != "" else f"{safe}-{sha256(text.encode()).hexdigest()[:8]}"
+
+
+def now() -> str:
+    """Return date and time with the zone, to the second."""
+    return datetime.datetime.now().astimezone().isoformat(timespec="seconds")
+
+
+def machine() -> dict[str, str]:
+    """Return the properties of this machine that timings depend on."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return {
+        "processor": processor(),
+        "cores": str(cores),
+        "system": f"{platform.system()} {platform.release()} {platform.machine()}",
+        "Python": f"{platform.python_implementation()} {platform.python_version()}",
+    }
+
+
+def processor() -> str:
+    """Return the name of the processor."""
+    try:
+        names = re.findall(r"^model name\s*:\s*(.+)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
+    except OSError:
+        names = []
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def versions() -> dict[str, str]:
+    """Return the installed versions of the packages that results depend on."""
+    found = {}
+    for package in PACKAGES:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            found[package] = "not installed"
+    return found

@@ -1,0 +1,1 @@
+"""Whole jobs: a night, the newest engines, new mechanisms, their summary and proposed limits."""

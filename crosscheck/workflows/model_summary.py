@@ -1,0 +1,149 @@
+"""Summary of a mechanism in words and a picture: freedoms, redundancy, mass, reach, first frequencies, rest and motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.verdicts.plan import Task
+from flexinv.analysis.overview import link_mass, mobility_line, start_of
+from flexinv.analysis.solution import Solution
+from flexinv.analysis.solve import solve
+from flexinv.errors import FlexinvError
+from flexinv.kinematics.mesh import Mesh
+from flexinv.linearized.natural_modes import natural_modes
+
+Array = NDArray[np.float64]
+SHOWN = 4  # frequencies
+FRAMES = 6  # positions in the picture
+FLAT = 1e-6  # of the size: a mechanism that leaves its plane by less is drawn as a plane one
+NARROWEST = 0.3  # of the longest side: there six numbers along an axis of the picture stand apart
+
+
+@dataclass(frozen=True)
+class Portrait:
+    """First part of the output of `crosscheck verify`: lines (what, words), and flexinv's solution of the case."""
+
+    lines: tuple[tuple[str, str], ...]
+    solution: Solution
+
+
+def portrait(task: Task) -> Portrait:
+    """Return flexinv's view of a mechanism and its case.  Raises FlexinvError where the case cannot be solved."""
+    case, mechanism = task.case, task.case.meshed(task.mechanism)
+    solution = solve(
+        mechanism, case.motion, case.step, end=case.end, spectral_radius=case.spectral_radius, initial=case.initial,
+        start=case.start,
+    )  # fmt: skip
+    total = sum(link_mass(link) for link in mechanism.links)
+    beams = [link.name for link in mechanism.beams]
+    tips = np.stack(list(solution.tip.values()))  # (link, sample, xyz)
+    reach = np.linalg.norm(tips - solution.nodes.x[:, 0], axis=2)
+    kinds = f"{len(mechanism.links)} links, " + (f"of which beams: {', '.join(beams)}" if beams else "all rigid")
+    lines = [
+        ("what", kinds),
+        ("freedoms", _freedoms(task)),
+        ("mass", f"{total:.5g} kg"),
+        ("reach", f"{reach.max():.4g} m from the first joint during the motion"),
+        ("frequencies", _frequencies(task)),
+        ("largest effort", _efforts(solution)),
+    ]
+    if mechanism.notes:
+        lines.append(("note", "; ".join(mechanism.notes)))
+    return Portrait(tuple(lines), solution)
+
+
+def _freedoms(task: Task) -> str:
+    mechanism = task.mechanism
+    if mechanism.closures:
+        return mobility_line(mechanism, task.case).partition(": ")[2]
+    drives = int(mechanism.actuated.sum())
+    free = f", {mechanism.nv - drives} without a drive" if drives < mechanism.nv else ""
+    return f"{mechanism.nv} joint coordinates, {drives} drives{free}; an open tree: no constraint, none redundant"
+
+
+def _frequencies(task: Task) -> str:
+    """Words about the first natural frequencies where the case starts, joints held (in a loop: the drives)."""
+    mechanism = task.case.meshed(task.mechanism)
+    if mechanism.is_rigid:
+        return "none: no link bends, and the drives hold every joint"
+    try:
+        found = natural_modes(mechanism, start_of(mechanism, task.case), count=SHOWN)
+    except FlexinvError as error:
+        return f"not computed: {error}"
+    named = [f"{f:.4g} Hz ({link})" for f, link in zip(found.frequency, found.link, strict=True)]
+    return ", ".join(named) + " where the case starts, drives held"
+
+
+def _efforts(solution: Solution) -> str:
+    table = solution.summary()
+    rows = table.loc[list(solution.torque_names)].nlargest(3, "peak effort")
+    return ", ".join(f"{name} {row['peak effort']:.4g} {row['unit']}" for name, row in rows.iterrows())
+
+
+def picture(one: Portrait, file: Path) -> None:
+    """Draw the mechanism at rest and in motion (.svg, .png)."""
+    from matplotlib.figure import Figure
+
+    solution = one.solution
+    flat = plane_of(solution.nodes.x)
+    figure = Figure(figsize=(10, 4.6), layout="constrained")
+    last = len(solution.time) - 1
+    views: list[Any] = []
+    for title, samples in (
+        ("at rest, where the case starts", [0]),
+        (
+            f"in motion, 0 to {solution.time[-1]:g} s (darker is later)",
+            [last * k // (FRAMES - 1) for k in range(FRAMES)],
+        ),
+    ):
+        shared = {"sharex": views[0], "sharey": views[0]} if views and flat else {}
+        axes: Any = figure.add_subplot(1, 2, len(views) + 1, projection=None if flat else "3d", **shared)
+        views.append(axes)
+        for k in samples:
+            shade = 0.2 + 0.8 * k / max(last, 1) if len(samples) > 1 else 1.0
+            for points in strokes(solution.mesh, solution.nodes.x[k], {n: t[k] for n, t in solution.tip.items()}):
+                line = points[:, list(flat)] if flat else points
+                axes.plot(*line.T, color="#1f5fa8", alpha=shade, linewidth=1.6, marker=".", markersize=3)
+        axes.set_title(title, fontsize=10)
+        for name, axis in zip("xy" if flat else "xyz", flat or (0, 1, 2), strict=False):
+            getattr(axes, f"set_{name}label")(f"{'xyz'[axis]} [m]")
+    if not flat:
+        share(views)
+    for axes in views:
+        axes.set_aspect("equal")
+    figure.savefig(file, bbox_inches="tight")
+
+
+def share(views: list[Any]) -> None:
+    """Give views in space the same limits [m], none so narrow that the numbers along it lie on each other."""
+    limits = np.array([[getattr(axes, f"get_{name}lim")() for name in "xyz"] for axes in views])
+    middle = (limits[..., 0].min(axis=0) + limits[..., 1].max(axis=0)) / 2
+    half = np.abs(limits - middle[:, None]).max(axis=(0, 2))
+    half = np.maximum(half, NARROWEST * half.max())
+    for axes in views:
+        for name, centre, room in zip("xyz", middle, half, strict=True):
+            getattr(axes, f"set_{name}lim")(centre - room, centre + room)
+
+
+def plane_of(x: Array) -> tuple[int, int] | None:
+    """Return the two world axes in which all nodes (samples, nodes, 3) [m] move, or None in space."""
+    spread = np.ptp(x.reshape(-1, 3), axis=0)
+    thin = int(np.argmin(spread))
+    if spread[thin] > FLAT * spread.max():
+        return None
+    return tuple(k for k in range(3) if k != thin)  # type: ignore[return-value]
+
+
+def strokes(mesh: Mesh, x: Array, tip: dict[str, Array]) -> list[Array]:
+    """Return the lines to draw of one instant: (2, 3) [m] from every node to its parent, and on to the tips."""
+    lines = [np.stack([x[p], x[n]]) for n, p in enumerate(mesh.parent) if p >= 0]
+    lines += [np.stack([np.zeros(3), x[n]]) for n, p in enumerate(mesh.parent) if p < 0]
+    for joint in mesh.mechanism.joints:
+        if mesh.mechanism.link_of[joint.child].beam is None:
+            lines.append(np.stack([x[mesh.joint_node[joint.name]], tip[joint.child]]))
+    return [line for line in lines if np.ptp(line, axis=0).any()]

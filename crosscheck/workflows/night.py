@@ -1,0 +1,228 @@
+"""A night: everything is run, judged against the blessed night, added to the history, and kept in a folder of its own.
+
+Whatever goes wrong on the way is told and leaves what was there before as it was: one night at a time (a lock that the
+system drops when its holder dies), the history in one transaction, ``latest`` exchanged as a whole.
+"""
+
+from __future__ import annotations
+
+import datetime
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from crosscheck import output_folder as owned
+from crosscheck.bench.parts import measure
+from crosscheck.bench.targets import metrics
+from crosscheck.measures.record import RecordError
+from crosscheck.report import changed, render, trends
+from crosscheck.run.runner import KEPT, RESULTS, Notify, Work, run
+from crosscheck.studies import Study
+from crosscheck.verdicts import baseline, changes, history
+from crosscheck.verdicts import results as store
+from crosscheck.verdicts.results import Results
+from flexinv.errors import InputError
+
+LATEST, LOCK, HOLDER = "latest", "nightly.lock", "nightly.json"
+
+
+class NightRunning(RuntimeError):
+    """Another night is under way in the same folder of reports."""
+
+
+@dataclass(frozen=True)
+class Nightly:
+    """Settings of a night: its work, and the folders in which it is kept.
+
+    reports : folder of all nights; baseline : folder of the blessed one; url : of the history
+    against : "previous", or start or folder of the night to compare with; label : "" for an ordinary night
+    whole : everything is run, so that blessed comparisons that are not measured are missed
+    bench : parts of the speed comparison, run after everything else
+    """
+
+    work: Work
+    reports: Path
+    baseline: Path
+    url: str
+    against: str = "previous"
+    label: str = ""
+    command: str = ""
+    whole: bool = True
+    bench: tuple[Study, ...] = ()
+
+
+def nightly(night: Nightly, notify: Notify, tell: Callable[[str], None]) -> tuple[Results, Path]:
+    """Run a night and return its results and its folder; what went wrong beside the engines is in ``message``.
+
+    tell : is given one line about everything that a reader at the terminal has to know
+    Raises NightRunning where one is under way, BaselineError where the blessed night cannot be read, InputError where no
+    scheduler answers.
+    """
+    night.reports.mkdir(parents=True, exist_ok=True)
+    with only_one(night.reports):
+        known = baseline.find(night.baseline)
+        database, trouble = open_history(night.url, tell)
+        if database is not None:
+            catch_up(database, night.reports, tell)
+        folder = night_folder(night.reports, night.label)
+        if night.work.options.resume:
+            take_over(night.reports, night.label, folder, tell)
+        options = replace(night.work.options, baseline=known, whole=night.whole)
+        with no_trace(folder):
+            results = run(replace(night.work, options=options), folder, notify, night.command)
+        if night.bench and results.finished:
+            results = with_speed(results, night, notify)
+        results = remember(database, night, failed(results, trouble), folder, tell)
+        results = keep(results, folder, None if night.label else night.reports / LATEST, database, tell)
+    return results, folder
+
+
+def with_speed(results: Results, night: Nightly, notify: Notify) -> Results:
+    """Return the results with the tables of the speed comparison: alone on the machine, when all else has been done."""
+    with TemporaryDirectory() as folder:
+        speed = measure(night.bench, night.work.options.timeout, Path(folder), notify)
+    tables = (*results.studies, *speed.studies)
+    whole = replace(results, studies=tables, elapsed=results.elapsed + speed.elapsed)
+    return whole if speed.finished else replace(failed(whole, speed.message), finished=False)
+
+
+@contextmanager
+def only_one(reports: Path) -> Iterator[None]:
+    """Hold the lock of a folder of reports.  Raises NightRunning with what is known of the other night."""
+    try:
+        with owned.alone(reports, LOCK, HOLDER, "a night is under way in"):
+            yield
+    except owned.Busy as error:
+        raise NightRunning(str(error)) from None
+
+
+def night_folder(reports: Path, label: str = "") -> Path:
+    """Return a new folder for a night: its date, and a number from the second on."""
+    date = datetime.date.today().isoformat() + (f"-{label}" if label else "")
+    names = (date if k == 1 else f"{date}-{k}" for k in range(1, 1000))
+    return next(reports / name for name in names if not (reports / name).exists())
+
+
+@contextmanager
+def no_trace(folder: Path) -> Iterator[None]:
+    """Remove the folder where a night cannot even begin (no scheduler answers), unless it holds what is to be resumed."""
+    try:
+        yield
+    except InputError:
+        owned.discard(folder)
+        raise
+
+
+def take_over(reports: Path, label: str, folder: Path, tell: Callable[[str], None]) -> None:
+    """Move what the last night of the same label left that was cut short into the folder of this one; else tell."""
+    left = [f for f in reports.glob(f"[0-9]*/{KEPT}") if _label(f.parent.name) == label]
+    if not left:
+        tell("nothing to resume: no night was cut short")
+        return
+    last = max(left, key=lambda f: f.stat().st_mtime)
+    tell(f"resuming {last.parent.name}")
+    owned.move(last.parent, folder, KEPT)
+
+
+def _label(name: str) -> str:
+    """Return the label in the name of a night's folder: between its date and its number."""
+    return re.sub(r"-\d+$", "", name[len("2026-01-01") :]).removeprefix("-")
+
+
+def open_history(url: str, tell: Callable[[str], None]) -> tuple[Any, str]:
+    """Return the history, or None and why it cannot be opened: that is told, and the night goes on."""
+    try:
+        return history.connect(url), ""
+    except history.HistoryError as error:
+        tell(str(error))
+        return None, str(error)
+
+
+def catch_up(database: Any, reports: Path, tell: Callable[[str], None]) -> None:
+    """Add the nights whose folders are there and that the history does not know (it was locked, or the disk full)."""
+    for file in sorted(reports.glob(f"[0-9]*/{RESULTS}")):
+        try:
+            results = store.read(file)
+            if results.settings.get("night") and not history.holds(database, results):
+                label = str(results.settings["night"]["label"])
+                history.add_night(database, results, file.parent.name, label, metrics(results.studies))
+                tell(f"added {file.parent.name} to the history, which was missing there")
+        except (OSError, ValueError, LookupError, TypeError, history.HistoryError) as error:
+            tell(f"{file.parent.name} could not be added to the history: {error}")
+
+
+def remember(database: Any, night: Nightly, results: Results, folder: Path, tell: Callable[[str], None]) -> Results:
+    """Add the night to the history and return the results with what changed, or with why that is not known."""
+    settings = {**results.settings, "night": {"label": night.label, "folder": folder.name}}
+    results = replace(results, settings=settings)
+    if database is None:
+        return results
+    try:
+        number = history.add_night(database, results, folder.name, night.label, metrics(results.studies))
+        before = changes.previous(database, number, night.against)
+        if before is None:
+            return results
+        results = replace(results, changes=changes.between(database, before, number))
+        tell(changed.sentence(results.changes))
+    except history.HistoryError as error:
+        return failed(results, str(error))
+    except LookupError as error:
+        return failed(results, str(error.args[0]))
+    return results
+
+
+def keep(results: Results, folder: Path, latest: Path | None, database: Any, tell: Callable[[str], None]) -> Results:
+    """Write results, trends and pages, exchange ``latest`` for a copy of the night, and return the results; a full disk is told.
+
+    latest : None of a night that is no ordinary one (the newest engines are not what the project stands for)
+    """
+    try:
+        results = drawn(results, folder, database)
+        store.write(results, folder / RESULTS)
+        render(results, folder)
+        if latest is not None:
+            exchange(folder, latest)
+    except (OSError, RecordError) as error:
+        tell(f"the report could not be written: {error}; {LATEST} is as it was before")
+        raise
+    return results
+
+
+def drawn(results: Results, folder: Path, database: Any) -> Results:
+    """Draw the trends of a history, where there is one, and return the results, with why it cannot be read."""
+    if database is None:
+        return results
+    try:
+        trends.write(database, folder)
+    except history.HistoryError as error:
+        return failed(results, str(error))
+    return results
+
+
+def exchange(folder: Path, latest: Path) -> None:
+    """Make ``latest`` a copy of a folder: it is the old one or the new one, never a part.
+
+    Raises OSError, also where it holds what crosscheck did not write.
+    """
+    if latest.exists() and (others := owned.foreign(latest)):
+        raise FileExistsError(f"{latest} holds {others[0]}, which crosscheck did not write: move it away")
+    with TemporaryDirectory(prefix=f".{latest.name}-", dir=latest.parent, ignore_cleanup_errors=True) as beside:
+        new, old = Path(beside) / "new", Path(beside) / "old"
+        shutil.copytree(folder, new, ignore=shutil.ignore_patterns(owned.LOCK, owned.HOLDER))
+        if latest.exists():
+            latest.rename(old)
+        try:
+            new.rename(latest)
+        except OSError:
+            old.rename(latest)
+            raise
+
+
+def failed(results: Results, words: str) -> Results:
+    """Return the results with a failure of the harness, which makes their exit code 2 (without words, as they are)."""
+    return replace(results, message="; ".join(filter(None, [results.message, words])))

@@ -1,0 +1,1 @@
+"""The public verbs: solve, simulate, statics, batches, controllers, and the solutions that they return."""

@@ -1,0 +1,295 @@
+"""Controller: torques while the motion comes in, one instant a call, for the cycle of a controller.
+
+A rigid mechanism has no memory: every call is `TorqueFunction.sample`.  A flexible one carries its deformation on: every call is
+one step of the march and then tau = L T P, so that the calls are `solve` cut into steps.  The torque that a call returns belongs
+to the instant whose motion it was given; the march needs no later ones.  A controller that must have a torque before its instant
+looks ahead: it gives the motion of an instant to come, as far ahead as its cycle asks, and keeps the torque until then.
+
+Of a joint with an elastic drive whose link is moved the torque is that of its spring; what the motor does follows from its
+derivatives (`motor_side.motor_side`), which no cycle has.  A drive whose motor is moved is a driven joint and a passive one,
+which is carried on like the deformation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba.core.errors import NumbaError
+from numpy.typing import ArrayLike, NDArray
+
+from flexinv.dynamics.generalized_alpha import EARLY, SUBSTEPS, Scheme, generalized_alpha, start_up
+from flexinv.dynamics.initial_state import (
+    begin_step,
+    consistent_accelerations,
+    end_early,
+    equilibrium,
+    instant,
+    move_as_rigid,
+    start_undeformed,
+)
+from flexinv.dynamics.loads import load_table
+from flexinv.dynamics.solver import Solver, complaint
+from flexinv.dynamics.stepper import CONVERGED
+from flexinv.errors import InputError
+from flexinv.inverse.applied_forces import applied_forces, check_constant
+from flexinv.inverse.inverse_dynamics import joint_wrenches, project
+from flexinv.inverse.nodal_sums import Drives, instant_torques
+from flexinv.kinematics.configuration import Nodes, fill_given, fill_relative
+from flexinv.kinematics.configuration_arrays import between
+from flexinv.kinematics.joint_motion import axes_of_nodes
+from flexinv.kinematics.mesh import Mesh, build
+from flexinv.kinematics.tree import Joints
+from flexinv.model.mechanism import Mechanism
+from flexinv.planar.detection import NotPlanar, find_plane
+from flexinv.planar.history import Histories
+from flexinv.planar.solver import PlanarMarch, histories
+from flexinv.rigid.prepare import TorqueFunction, prepare
+from flexinv.typing import Array
+from flexinv.validation import choice, floats, number, of_kind
+
+
+@dataclass(frozen=True, eq=False)
+class Flexible:
+    """State and work space of the time steps of a flexible mechanism, allocated once."""
+
+    solver: Solver
+    flat: PlanarMarch | None
+    scheme: Scheme
+    early: Scheme
+    nodes: Nodes
+    drives: Drives
+    joints: Joints
+    one: Joints
+    given: Array
+    row: NDArray[np.int64]
+    written: Histories
+    motion: tuple[Array, ...]
+    line: Array
+    loads: tuple[Array, Array, Array]
+    nq: int
+    nv: int
+    applied: bool
+    wound: bool
+
+
+@dataclass(eq=False)
+class Controller:
+    """Torques of a mechanism call by call; with beams, joints without drives move as the dynamics have it.
+
+    controller = Controller.of(arm, step=1e-3)      # step: the time between two calls [s]
+    controller.start(q, qd, qdd)                    # once: where the motion begins, undeformed or in equilibrium
+    tau = controller.step(q, qd, qdd)               # every cycle; (nv,) [N m], [N], the same array every time
+
+    early : steps that are still to be made in parts after a sudden start [-]; before : the motion at the last call
+    wound : angles of springs in continuous joints, whole turns included [rad]
+    """
+
+    mechanism: Mechanism
+    tau: Array
+    rigid: TorqueFunction | None
+    flexible: Flexible | None
+    begun: bool = field(default=False)
+    early: int = field(default=0)
+    before: list[Array] = field(default_factory=list)
+    wound: dict[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, mechanism: Mechanism, step: float | None = None, spectral_radius: float = 0.8) -> Controller:
+        """Return the controller of a mechanism, rigid (as `prepare`) or with beams, its kernels compiled.
+
+        step : time between two calls [s], of a mechanism with beams; spectral_radius : as in `solve` [-]
+        With springs between points, given forces or joints without drives beams are marched in space.
+
+        Raises InputError: closures with beams, forces that depend on time, no step for beams.
+        """
+        of_kind("mechanism", mechanism, Mechanism)
+        if step is not None:
+            step = number("step", step, "the time between two calls in seconds, for example step=1e-3")
+        radius = number("spectral_radius", spectral_radius, "0 (strong) to 1 (no numerical damping), for example 0.8")
+        if mechanism.is_rigid:
+            return cls(mechanism, np.zeros(mechanism.nv), prepare(mechanism, threads=1), None)
+        check_constant(mechanism)
+        if mechanism.closures:
+            raise InputError(
+                f"controller: mechanism '{mechanism.name}' has beams and closures, which are not marched step by step; "
+                "write flexinv.solve(mechanism, motion, step=...) instead"
+            )
+        if step is None:
+            raise InputError(
+                f"controller: mechanism '{mechanism.name}' has beams, whose deformation is carried on from call to call; "
+                "write step = the time between two calls in seconds, for example step=1e-3"
+            )
+        out = cls(mechanism, np.zeros(mechanism.nv), None, _flexible(mechanism, generalized_alpha(step, radius)))
+        still = mechanism.neutral, np.zeros(mechanism.nv), np.zeros(mechanism.nv)
+        out.start(*still)
+        out.step(*still)
+        out.begun = False
+        return out
+
+    def start(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, initial: str = "consistent") -> Array:
+        """Begin at a motion and return its torques (nv,) [N m], [N]; beams begin undeformed or ("static") in equilibrium.
+
+        Joints without drives begin (with beams) where q and qd say, or where the equilibrium has them.
+
+        Raises InputError for wrong shapes or ``initial``, ConvergenceError where no equilibrium is found.
+        """
+        now = self._checked(q, qd, qdd)
+        choice("initial", initial, {"consistent": "undeformed", "static": "in equilibrium"})
+        self.begun = True
+        self.wound.clear()
+        if self.flexible is None:
+            return self.step(*now)
+        f = self.flexible
+        joints = start_undeformed(f.solver, *now)
+        f.solver.load_at(0.0, *now)
+        if initial == "static":
+            equilibrium(f.solver, now[0], "at the start")
+            move_as_rigid(f.solver, joints, *now[1:])
+        consistent_accelerations(f.solver, joints, "at the start")
+        torque = self._torques(f, *now)
+        self.early = EARLY if begin_step(f.solver, joints, f.scheme, "at the start") else 0
+        self.before = now
+        if f.flat is not None:
+            f.flat.take(f.solver.state, f.solver.border.ties)
+        return torque
+
+    def step(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """Return the torques (nv,) [N m], [N] of the next instant, always in the same array; nothing else is allocated.
+
+        q : (nq,) [rad], [m]; qd, qdd : (nv,), contiguous arrays of floats; those of joints without drives are not looked at where
+            there are beams, and their efforts are zero
+        (Springs between points and given forces do allocate.)
+
+        Raises ConvergenceError where a step of the march fails, InputError for what is not finite or was not started.
+        """
+        if self.rigid is not None:
+            return self.rigid.sample(q, qd, qdd, self.tau)
+        f = self.flexible
+        if f is None or not self.begun:
+            raise InputError(
+                "controller: write controller.start(q, qd, qdd) once, where the motion begins, before step"
+            )
+        if self.early > 0:
+            return self._in_parts(f, *self._checked(q, qd, qdd))
+        try:
+            if len(q) != f.nq or not len(qd) == len(qdd) == f.nv:
+                self._checked(q, qd, qdd)
+            _march(f, f.scheme, q, qd, qdd)
+        except (TypeError, NumbaError):  # no arrays of numbers
+            return self.step(*self._checked(q, qd, qdd))
+        return self._torques(f, q, qd, qdd)
+
+    def _in_parts(self, flexible: Flexible, q: Array, qd: Array, qdd: Array) -> Array:
+        """A step soon after a sudden start, with the motion between two calls as its values, rates and accelerations have it."""
+        now = [q.copy(), qd.copy(), qdd.copy()]
+        for joint in self.mechanism.joints:
+            if not joint.actuated:  # what is given of it is not looked at
+                own, rates = self.mechanism.q_slices[joint.name], self.mechanism.v_slices[joint.name]
+                now[0][own], now[1][rates], now[2][rates] = self.before[0][own], 0.0, 0.0
+        for part in between(self.mechanism, self.before, now, flexible.scheme.h, SUBSTEPS):
+            _march(flexible, flexible.early, *part)
+        self.early, self.before = self.early - 1, now
+        if self.early == 0 and flexible.flat is not None:
+            flexible.flat.end_early()
+        elif self.early == 0:
+            end_early(flexible.solver.state)
+        return self._torques(flexible, q, qd, qdd)
+
+    def _checked(self, *given: ArrayLike) -> list[Array]:
+        """Copies of q, qd, qdd as floats."""
+        m, now = self.mechanism, []
+        for name, part, size in zip(("q", "qd", "qdd"), given, (m.nq, m.nv, m.nv), strict=True):
+            own = np.array(floats(f"controller: {name}", part))
+            if own.shape != (size,) or not np.isfinite(own).all():
+                raise InputError(
+                    f"controller: {name} has shape {own.shape}, expected ({size},) finite numbers [rad], [m]"
+                )
+            now.append(own)
+        return now
+
+    def _torques(self, flexible: Flexible, q: Array, qd: Array, qdd: Array) -> Array:
+        mesh = flexible.solver.mesh
+        instant_torques(
+            flexible.nodes,
+            flexible.drives,
+            mesh.mass,
+            mesh.inertia,
+            flexible.solver.topology.gravity,
+            *flexible.motion,
+            flexible.line,
+            q,
+            qd,
+            qdd,
+            self.tau,
+        )
+        if flexible.wound:
+            self._wind_on(q)
+        if flexible.applied:
+            self._add_applied(flexible.solver)
+        return self.tau
+
+    def _wind_on(self, q: Array) -> None:
+        """Let springs in joints that turn without end go on over whole turns, as `solve` does."""
+        m = self.mechanism
+        for joint in m.joints:
+            if joint.kind == "continuous" and joint.stiffness and joint.actuated:
+                cos, sin = q[m.q_slices[joint.name]]
+                angle = float(np.arctan2(sin, cos))
+                turns = 2 * np.pi * round((self.wound.get(joint.name, angle) - angle) / (2 * np.pi))
+                self.wound[joint.name] = angle + turns
+                self.tau[m.v_slices[joint.name]] += joint.stiffness * turns
+
+    def _add_applied(self, solver: Solver) -> None:
+        """Subtract what springs between points and given forces do for the driven joints."""
+        mesh, motion = solver.mesh, solver.instant.motion
+        applied = applied_forces(mesh, motion, np.zeros(1))
+        if applied is not None:
+            brought = project(mesh, motion, joint_wrenches(mesh, motion, applied))[0]
+            self.tau -= np.where(self.mechanism.actuated, brought, 0.0)
+
+
+def _march(flexible: Flexible, scheme: Scheme, q: Array, qd: Array, qdd: Array) -> None:
+    """Make one step, or a part of it, to the motion (nq,), (nv,), (nv,) of the joints."""
+    if flexible.flat is not None:
+        fill_given(flexible.nodes, q, qd, qdd, flexible.given[0])
+        status, _, count, size = flexible.flat.run(scheme, flexible.given, flexible.row, flexible.written)
+    else:
+        fill_relative(flexible.nodes, q, qd, qdd, flexible.joints)
+        status, _, count, size = flexible.solver.march(scheme, flexible.one, *flexible.loads, flexible.solver.instant)
+    if status != CONVERGED:
+        turned = (flexible.solver if flexible.flat is None else flexible.flat).turned(count)
+        raise complaint(
+            flexible.solver.mesh, status, count, size, "in a step of the controller", flexible.scheme.h, turned
+        )
+
+
+def _flexible(mechanism: Mechanism, scheme: Scheme) -> Flexible:
+    mesh = build(mechanism)
+    passive = {j.name for j in mechanism.joints if j.nv and not j.actuated}
+    solver, plane = Solver.of(mesh, passive), find_plane(mesh)
+    in_space = isinstance(plane, NotPlanar) or passive or mechanism.springs or mechanism.forces
+    flat = None if in_space else PlanarMarch.of(mesh, set())
+    nodes = Nodes(mesh.parent, mesh.kind, mesh.offset, mesh.rotation, mesh.axis, mesh.q_index, mesh.v_index)
+    joints = Joints(*(part.copy() for part in instant(mesh, mechanism.neutral, *(2 * [np.zeros(mechanism.nv)]))))
+    out = solver.instant
+    m = out.motion
+    return Flexible(
+        solver, flat, scheme, start_up(scheme), nodes, _drives(mesh), joints, Joints(*(part[None] for part in joints)),
+        np.zeros((1, int((mesh.v_index >= 0).sum()), 3)), np.zeros(1, dtype=np.int64), histories(out),
+        tuple(part[0] for part in (m.x, m.rotation, m.omega, m.a, m.alpha)), np.zeros((mesh.size, 6)),
+        (load_table(mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))),
+        mechanism.nq, mechanism.nv, bool(mechanism.springs or mechanism.forces),
+        any(j.kind == "continuous" and j.stiffness and j.actuated for j in mechanism.joints),
+    )  # fmt: skip
+
+
+def _drives(mesh: Mesh) -> Drives:
+    freedoms, slide, turn = axes_of_nodes(mesh)
+    owner = [joint for joint in mesh.mechanism.joints for _ in range(joint.nv)]
+    table = np.zeros((5, mesh.size))
+    for n in np.flatnonzero(mesh.v_index >= 0):
+        j = owner[int(mesh.v_index[n])]
+        table[:, n] = j.rotor_inertia, j.damping, j.friction, j.stiffness, j.rest
+        freedoms[n] *= j.actuated
+    return Drives(freedoms, slide, turn, *table)

@@ -1,0 +1,190 @@
+"""From a trajectory to a Solution: the paper's second step, and everything else that follows from nodal motion."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.analysis.solution import Solution
+from flexinv.dynamics.dofs import FRICTION_RATE
+from flexinv.dynamics.solver import Trajectory
+from flexinv.inverse.applied_forces import joint_springs
+from flexinv.inverse.balance import Balance
+from flexinv.inverse.inverse_dynamics import NodalForces, drive_efforts, joint_wrenches, nodal_forces, plain
+from flexinv.inverse.trajectory_pass import Found, Given, Moving, Skeleton, second_step_samples
+from flexinv.kernels.memory import together
+from flexinv.kinematics.finite_differences import differenced
+from flexinv.kinematics.joint_motion import axes_of_nodes
+from flexinv.kinematics.mesh import Mesh
+from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
+
+
+def evaluate(
+    mesh: Mesh, trajectory: Trajectory, time: Array, q: Array, qd: Array, qdd: Array, passive: set[str],
+    settings: dict[str, float | int | str | bool], applied: NodalForces | None = None, brought: Array | None = None,
+    part: bool = False,
+) -> Solution:  # fmt: skip
+    """The paper's second step [N], [N m], and everything else that follows from the nodal motion.
+
+    applied : springs, given forces and closures; brought : (samples,) energy that impacts bring [J]
+    part : of a longer march, whose energy is looked at as a whole
+    """
+    motion = trajectory.motion
+    if settings["incremental"]:
+        motion = differenced(motion, float(settings["step"]))
+    found = second_step(mesh, motion, trajectory, time, qd, applied, brought)
+    return solution_of(mesh, trajectory, motion, found, time, q, qd, qdd, passive, settings, part)
+
+
+def solution_of(
+    mesh: Mesh, trajectory: Trajectory, motion: NodalMotion, found: Found, time: Array, q: Array, qd: Array, qdd: Array,
+    passive: set[str], settings: dict[str, float | int | str | bool], part: bool = False,
+) -> Solution:  # fmt: skip
+    """Return the Solution of the second step, efforts of rotors, friction and springs included [N m], [N], by names."""
+    mechanism = mesh.mechanism
+    tau, reaction = found.tau, found.reaction
+    if mechanism.drive_table.any():
+        drive = drive_efforts(mechanism, qd, qdd, direction=_direction(mechanism, qd, passive))
+        tau, reaction = tau + drive, reaction + drive
+    if any(joint.stiffness for joint in mechanism.joints):
+        springs = joint_springs(mechanism, q)
+        tau, reaction = tau + springs, reaction + springs
+    internal, stations = _internal(mesh, trajectory)
+    energy = trajectory.energy
+    balance = Balance(
+        found.kinetic, found.potential, energy[:, 0], found.power, found.work, found.momentum, energy[:, 2]
+    )
+    step = float(settings.get("step", 0.0))
+    whole = not settings["incremental"] and time[-1] - time[0] < 1.5 * step * len(
+        time
+    )  # samples left out may hide work
+    if whole:
+        balance.check(mesh, time, qd, passive, step)
+    solution = Solution(
+        mechanism=mechanism, mesh=mesh, time=time, q=q, qd=qd, qdd=qdd,
+        torque_all=tau, reaction=reaction,
+        nodes=motion, forces=NodalForces(found.force, found.moment),
+        tip=dict(zip((joint.child for joint in mechanism.joints), found.tip, strict=True)),
+        deflection={link.name: own for link, own in zip(mechanism.beams, found.deflection, strict=True)},
+        wrench=dict(zip(mesh.joint_node, found.wrench, strict=True)),
+        internal=internal, internal_stations=stations,
+        balance=balance,
+        iterations=trajectory.iterations, settings=settings, notes=mechanism.notes,
+    )  # fmt: skip
+    if whole and not part:
+        solution.check_energy()
+    return solution
+
+
+def second_step(
+    mesh: Mesh, motion: NodalMotion, trajectory: Trajectory, time: Array, qd: Array,
+    applied: NodalForces | None = None, brought: Array | None = None,
+) -> Found:  # fmt: skip
+    """Return the nodal forces of a motion [N], [N m] and what follows from them, beside the elastic side of a trajectory.
+
+    time : (samples,) [s]; qd : (samples, nv) [rad/s], [m/s]; applied, brought : as of `evaluate`
+    """
+    none = np.empty((0, 0, 0))
+    shapes = found_shapes(mesh, len(time))
+    # Series but those of all nodes have memory of their own: who keeps the tips of many solutions keeps nothing else of them.
+    out, line = [*together(*shapes[:2]), *(np.empty(shape) for shape in shapes[2:])], np.empty((mesh.size, 6))
+    moving = Moving(
+        *(plain(part) for part in (motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha))
+    )
+    pushed = (none, none) if applied is None else (plain(applied.force), plain(applied.moment))
+    energy, jumps = trajectory.energy, np.empty(0) if brought is None else brought
+    found = Found(*out)
+    given = Given(plain(trajectory.wrench), plain(energy), *pushed, jumps, plain(qd), plain(time))
+    second_step_samples(skeleton(mesh), moving, given, line, found)
+    return found
+
+
+def found_shapes(mesh: Mesh, samples: int) -> list[tuple[int, ...]]:
+    """Return the shapes of the parts of `Found` [-]."""
+    k = skeleton(mesh)
+    nodal, joints = (samples, mesh.size, 3), (samples, mesh.mechanism.nv)
+    named = [(len(k.joint), samples, 6), (len(k.tip), samples, 3), (len(k.root), samples, 3)]
+    return [nodal, nodal, joints, joints, *named, *4 * [(samples,)], (samples, 6)]
+
+
+@lru_cache(maxsize=64)
+def skeleton(mesh: Mesh) -> Skeleton:
+    """Return the data of a mesh that the second step reads [m], [kg]."""
+    m = mesh.mechanism
+    tips = [(m.link_of[joint.child], mesh.joint_node[joint.name]) for joint in m.joints]
+    end = [(mesh.tip_node.get(link.name, node), np.zeros(3) if link.beam else link.tip) for link, node in tips]
+    straight = np.zeros((len(m.beams), 3))
+    for place, link in zip(straight, m.beams, strict=True):
+        turn = np.eye(3)
+        for node in mesh.section_nodes[link.name][1:]:
+            place += turn @ mesh.offset[node]
+            turn = turn @ mesh.rotation[node]
+    numbers = [list(mesh.joint_node.values()), [n for n, _ in end]]
+    numbers += [[nodes[link.name] for link in m.beams] for nodes in (mesh.root_node, mesh.tip_node)]
+    joint, tip, root, last = (np.array(nodes, dtype=np.int64) for nodes in numbers)
+    points = np.array([point for _, point in end], dtype=float).reshape(-1, 3)
+    freedoms, slide, turns = axes_of_nodes(mesh)
+    gravity = np.array(m.gravity, dtype=float)
+    return Skeleton(
+        mesh.parent, mesh.mass, mesh.inertia, gravity, freedoms, mesh.v_index, slide, turns, joint, tip, points, root, last,
+        straight,
+    )  # fmt: skip
+
+
+def rigid_trajectory(mesh: Mesh, motion: NodalMotion, applied: NodalForces | None = None) -> Trajectory:
+    """Return the trajectory of a rigid mechanism [m, rad, s, N]: exact kinematics, nothing to march; wrenches are those of P."""
+    wrenches = joint_wrenches(mesh, motion, nodal_forces(mesh, motion, applied))
+    moment = np.einsum("snji,snj->sni", motion.rotation, wrenches.moment)
+    wrench = np.concatenate([wrenches.force, moment], axis=2)
+    samples, points = len(wrench), mesh.elements.weight.shape
+    internal, energy, multipliers = (np.zeros((samples, *shape)) for shape in ((*points, 6), (3,), (0,)))
+    return Trajectory(motion, wrench, internal, energy, multipliers, np.zeros(samples, dtype=np.int64))
+
+
+def _direction(mechanism: Mechanism, qd: Array, passive: set[str]) -> Array:
+    """Direction of dry friction: the sign of the rate, smoothed as in the march where the joint is passive.
+
+    There FRICTION_RATE decides how slowly a joint that should stick creeps, and how short the steps have to be: Newton takes
+    changes of the rate of up to some 20 FRICTION_RATE in a step.  A pendulum that friction stops
+    (tests/flexinv/dynamics/test_friction.py):
+
+        FRICTION_RATE   creeps, at 3/4 of what holds   beside sharp friction   Newton converges at steps of
+        1e-2 rad/s      8e-3 rad/s                     1e-3 rad                10, 4, 1 ms
+        1e-3            9e-4                           1e-4                    4, 1 ms
+        1e-4            not to be had                                          none of them
+    """
+    if not any(joint.friction for joint in mechanism.joints):
+        return np.zeros_like(qd)
+    smooth = np.array([j.name in passive for j in mechanism.joints for _ in range(j.nv)], dtype=bool)
+    return np.where(smooth, np.tanh(qd / FRICTION_RATE), np.sign(qd))
+
+
+def _internal(mesh: Mesh, trajectory: Trajectory) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Resultants (samples, points, 6) and stations (points,) by beam; not copied where they stand so in memory."""
+    values, stations = {}, {}
+    for name, own, order, station in _points(mesh):
+        part = trajectory.internal[:, own]
+        whole = bool((order == part.shape[2]).all())
+        values[name] = (
+            part.reshape(len(part), -1, 6)
+            if whole
+            else np.concatenate([part[:, k, :n] for k, n in enumerate(order)], axis=1)
+        )
+        stations[name] = station.copy()
+    return values, stations
+
+
+@lru_cache(maxsize=64)
+def _points(mesh: Mesh) -> list[tuple[str, slice, NDArray[np.int64], Array]]:
+    """Name of each beam, which elements are its own, their orders, and where their points are."""
+    e, out = mesh.elements, []
+    for index, link in enumerate(mesh.mechanism.links):
+        own = np.flatnonzero(e.link == index)
+        if link.beam is not None and len(own):
+            station = np.concatenate([e.station[k, : e.order[k]] for k in own])
+            out.append((link.name, slice(int(own[0]), int(own[-1]) + 1), e.order[own], station))
+    return out

@@ -1,0 +1,129 @@
+"""Drives with a gear and an elastic joint between motor and link: Spong's reduced model.
+
+The rotor's kinetic energy is that of its spin about its own axis alone (M. W. Spong, *Modeling and control of elastic joint
+robots*, J. Dyn. Sys. Meas. Control 109, 1987): with theta the motor's angle, N the gear ratio, q the joint's angle and
+delta = theta / N - q
+
+    link     M(q) q'' + ... = tau,         tau = k delta + d delta'
+    motor    J theta'' + f(theta') + tau / N = tau_m,       current = tau_m / k_t
+    friction f(w) = v w + (c + (s - c) exp(-(w / w_s)^2)) sign(w)          viscous, Coulomb, Stribeck
+
+Either the link is prescribed (`moves = "link"`): the motor's motion then follows from the torque and, without d, from its
+second derivative (flatness: the motion must have four continuous derivatives).  Or the motor (`moves = "motor"`): the drive
+is then a driven joint with the rotor and a passive joint with the spring, and the link swings (`drive_expansion`).  With a
+rigid gear they are the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from flexinv.analysis.solution import Solution
+from flexinv.errors import InputError
+from flexinv.model.mechanism import Drive, Joint
+from flexinv.typing import Array
+from flexinv.validation import of_kind
+
+# A second derivative that changes by more than this when every second sample is left out is none: the motion is not smooth
+# enough, or the samples are too far apart.
+ROUGH = 0.1
+FEWEST = 16  # samples that its quintic splines need
+
+
+@dataclass(frozen=True)
+class MotorSide:
+    """Motion, torque and current of one motor over the samples of a solution.
+
+    angle, rate, acceleration : (samples,) of the motor's shaft [rad], [rad/s], [rad/s^2]
+    torque : (samples,) of the motor [N m]; current : (samples,) [A], nan without a torque constant
+    transmitted : (samples,) torque of the elastic joint on the link [N m]
+    """
+
+    angle: Array
+    rate: Array
+    acceleration: Array
+    torque: Array
+    current: Array
+    transmitted: Array
+
+
+def friction(drive: Drive, rate: Array) -> Array:
+    """Return f, (samples,) [N m] at the motor's shaft, for its rate (samples,) [rad/s]."""
+    bump = np.zeros_like(rate)
+    if drive.static > drive.coulomb:
+        bump = (drive.static - drive.coulomb) * np.exp(-((rate / drive.stribeck) ** 2))
+    return np.asarray(drive.viscous * rate + (drive.coulomb + bump) * np.sign(rate))
+
+
+def motor_side(solution: Solution) -> dict[str, MotorSide]:
+    """Return motion, torque and current of every motor, by joint [rad], [N m], [A]; empty for a mechanism without drives.
+
+    Raises InputError where the link of an elastic drive is moved and its torque has no second derivative.
+    """
+    joints = of_kind("solution", solution, Solution).mechanism.joints
+    return {j.name: _motor(solution, j, j.drive) for j in joints if j.drive is not None}
+
+
+def _motor(solution: Solution, joint: Joint, drive: Drive) -> MotorSide:
+    m, n = solution.mechanism, drive.ratio
+    at = m.v_slices[joint.name].start
+    tau, rate, acceleration = solution.torque_all[:, at], solution.qd[:, at], solution.qdd[:, at]
+    angle = _angle(solution, joint)
+    if not drive.stiffness or drive.moves == "motor":
+        own = n**2 * drive.rotor_inertia * acceleration + n * friction(replace(drive, static=0.0), n * rate)
+        transmitted = tau - own
+    else:
+        transmitted = tau
+        lag = _lag(drive, solution.time, tau, joint.name)
+        angle, rate, acceleration = angle + lag[0], rate + lag[1], acceleration + lag[2]
+    shaft = n * rate
+    torque = n * drive.rotor_inertia * acceleration + friction(drive, shaft) + transmitted / n
+    current = torque / drive.torque_constant if drive.torque_constant else np.full_like(torque, np.nan)
+    return MotorSide(n * angle, shaft, n * acceleration, torque, current, transmitted)
+
+
+def _angle(solution: Solution, joint: Joint) -> Array:
+    own = solution.q[:, solution.mechanism.q_slices[joint.name]]
+    return np.unwrap(np.arctan2(own[:, 1], own[:, 0])) if joint.kind == "continuous" else own[:, 0]
+
+
+def _lag(drive: Drive, time: Array, tau: Array, name: str) -> tuple[Array, Array, Array]:
+    """delta, delta', delta'' (samples,) by which the motor, at the joint, runs ahead of the link: k delta + d delta' = tau."""
+    if len(time) < FEWEST:
+        raise InputError(
+            f"drive of joint {name!r}: {len(time)} samples, expected {FEWEST} or more: take a smaller step"
+        )
+    found, coarse = _second(drive, time, tau), _second(drive, time[::2], tau[::2])
+    change = np.abs(found[2][::2] - coarse[2]).max()
+    if change > ROUGH * np.abs(found[2]).max():
+        raise InputError(
+            f"drive of joint {name!r}: the second derivative of its torque changes by {change / np.abs(found[2]).max():.0%} with "
+            "every second sample, so the link cannot be moved like this through an elastic joint; expected a motion with four "
+            'continuous derivatives (samples joined by splines) and a small step, or write moves = "motor" in its drive'
+        )
+    return found
+
+
+def _second(drive: Drive, time: Array, tau: Array) -> tuple[Array, Array, Array]:
+    spline = make_interp_spline(time, tau, k=5)
+    rate, second = (spline.derivative(k)(time) for k in (1, 2))
+    k, d, step = drive.stiffness, drive.damping, float(time[1] - time[0])
+    if not d:
+        return tau / k, rate / k, second / k
+    # k delta + d delta' = tau and its derivatives, from rest: delta' = 0, d delta'' = tau' at the first sample
+    lag = _filtered(k, d, step, tau, tau[0] / k)
+    return lag, _filtered(k, d, step, rate, 0.0), _filtered(k, d, step, second, rate[0] / d)
+
+
+def _filtered(k: float, d: float, step: float, force: Array, start: float) -> Array:
+    """x of k x + d x' = force (samples,), exact for a force that is linear between samples."""
+    part, delay, found = float(np.exp(-k / d * step)), d / k, np.empty_like(force)
+    found[0] = start
+    slope = np.diff(force) / step
+    for i in range(1, len(force)):
+        trend = slope[i - 1] * delay
+        found[i] = (force[i] - trend) / k + part * (found[i - 1] - (force[i - 1] - trend) / k)
+    return found

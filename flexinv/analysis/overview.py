@@ -1,0 +1,126 @@
+"""Overview of a mechanism as lines and tables of text: the output of ``flexinv info``."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from flexinv.constraints.continuation import closed_near, mobility
+from flexinv.constraints.loop_starts import closed_anywhere, places_near
+from flexinv.files.load_cases import Case
+from flexinv.kinematics.mesh import build
+from flexinv.model.mechanism import CLOSURES, Link, Mechanism
+from flexinv.typing import Array
+
+
+def start_of(mechanism: Mechanism, case: Case | None) -> Array:
+    """Return the configuration (nq,) [rad], [m] at which a case starts; zero without one.
+
+    Joints that the motion leaves out are where the case starts them.
+    """
+    q = mechanism.neutral
+    if case is not None:
+        q = case.motion.evaluate(mechanism, [0.0])[0][0]
+        for name, value in case.start.items():
+            angle = mechanism.joint_of[name].kind == "continuous"
+            q[mechanism.q_slices[name]] = [np.cos(value[0]), np.sin(value[0])] if angle else value
+    return q
+
+
+def link_mass(link: Link) -> float:
+    """Return the mass of a link with all that it carries [kg]."""
+    bodies = sum(body.inertia.mass for body in link.bodies)
+    if link.beam is None:
+        return bodies
+    section = link.beam.section
+    stations = np.concatenate([[0.0], section.stations, [1.0]])
+    density = np.interp(stations, section.stations, section.mass_per_length)  # linear between, constant beyond
+    return bodies + link.beam.length * float(np.trapezoid(density, stations))
+
+
+def mobility_line(mechanism: Mechanism, case: Case | None) -> str:
+    """Return a line: freedoms, constraints, redundant constraints and drives [-], wherever the mechanism can get from its start.
+
+    It starts where the case does, without a case near its zero if it closes there; a singular start the line names.
+    Raises ConvergenceError where the loops stay open.
+    """
+    mesh = build(mechanism)
+    start = start_of(mechanism, case)
+    at = closed_anywhere(mesh, start) if case is None else closed_near(mesh, start)
+    here = mobility(mesh, at)
+    found = min([here, *(mobility(mesh, q) for q in places_near(mesh, at))], key=lambda one: one.freedoms)
+    drives = int(mechanism.actuated.sum())
+    when = " at the start" if any(c.active for c in mechanism.closures) else ""
+    spare = f" (redundant by {drives - found.freedoms})" if drives > found.freedoms else ""
+    where = "where the case starts" if case is not None else "near its zero"
+    singular = f"; singular {where}: {_count(here.freedoms, 'freedom')} there" if here != found else ""
+    return (
+        f"mobility{when}: {_count(found.freedoms, 'freedom')} = {_count(mechanism.nv, 'joint coordinate')} - "
+        f"{_count(found.constraints - found.redundant, 'independent constraint')}; "
+        f"{_count(found.constraints, 'constraint')}, {found.redundant} redundant; {_count(drives, 'drive')}{spare}{singular}"
+    )
+
+
+def _count(number: int, word: str) -> str:
+    return f"{number} {word}" if number == 1 else f"{number} {word}s"
+
+
+def joint_table(mechanism: Mechanism) -> pd.DataFrame:
+    """Return one row per joint that moves; drives that are not zero in columns with their units, such as [N m]."""
+    moving = [j for j in mechanism.joints if j.nv]
+    rows = [
+        {
+            "joint": j.name,
+            "kind": j.kind,
+            "parent": j.parent if j.station is None else f"{j.parent} at {j.station:g}",
+            "child": j.child,
+            "q": " ".join(mechanism.coordinate_names[mechanism.q_slices[j.name]]),
+            "actuated": "yes" if j.actuated else "no",
+        }
+        for j in moving
+    ]
+    table = pd.DataFrame(rows)
+    for key, unit in (("rotor_inertia", "kg m^2, kg"), ("damping", "N m s, N s/m"), ("friction", "N m, N")):
+        values = [getattr(j, key) for j in moving]
+        if any(values):
+            table[f"{key.replace('_', ' ')} [{unit}]"] = values
+    return table
+
+
+def closure_table(mechanism: Mechanism) -> pd.DataFrame:
+    """Return one row per closure: its kind, what it joins, its constraints [-], and when it acts [s]."""
+    columns = ["closure", "kind", "first", "second", "constraints", "acts [s]"]
+    rows = [
+        (c.name, c.kind, c.first.link, c.second.link, CLOSURES[c.kind],
+         " and ".join(f"{a:g} to {b:g}" for a, b in c.active) or "always")
+        for c in mechanism.closures
+    ]  # fmt: skip
+    return pd.DataFrame(rows, columns=columns)
+
+
+def link_table(mechanism: Mechanism) -> pd.DataFrame:
+    """Return one row per link: rigid or beam, its mass [kg], and what it carries."""
+    rows = [
+        {
+            "link": link.name,
+            "kind": "rigid" if link.beam is None else "beam",
+            "mass [kg]": link_mass(link),
+            "bodies": ", ".join(body.name for body in link.bodies) or "-",
+        }
+        for link in mechanism.links
+    ]
+    return pd.DataFrame(rows)
+
+
+def beam_table(mechanism: Mechanism) -> pd.DataFrame:
+    """Return one row per beam: length [m], mesh, and the root's stiffness [N], [N m^2] and mass per length [kg/m]."""
+    rows = []
+    for link in mechanism.beams:
+        beam = link.beam
+        if beam is not None:
+            ea, _, _, gj, ei_y, ei_z = beam.section.stiffness[0]
+            mesh = f"{beam.elements} x order {beam.order}"
+            density = beam.section.mass_per_length[0]
+            rows.append((link.name, beam.length, mesh, ea, gj, ei_y, ei_z, density))
+    columns = ["beam", "length [m]", "mesh", "EA [N]", "GJ [N m^2]", "EI_y [N m^2]", "EI_z [N m^2]", "mass [kg/m]"]
+    return pd.DataFrame(rows, columns=columns)

@@ -1,0 +1,181 @@
+"""Closed loops of rigid links: motion that keeps the closures, then inverse dynamics with their forces among the nodal ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.analysis.evaluation import evaluate, rigid_trajectory
+from flexinv.analysis.solution import LoopForces, Solution
+from flexinv.constraints.allocation import Shares, share_out
+from flexinv.constraints.closures import captured, constraint_jacobian, constraint_rows, row_scales
+from flexinv.constraints.consistency import GivenLoops
+from flexinv.constraints.continuation import closed_motion
+from flexinv.constraints.impacts import Impact, check_meeting, jump_efforts, kinetic_energy, names_of
+from flexinv.constraints.phases import Stretch, phases
+from flexinv.constraints.reactions import closing, phased_closing
+from flexinv.errors import InputError
+from flexinv.inverse.applied_forces import applied_forces, joint_springs
+from flexinv.inverse.inverse_dynamics import drive_efforts, joint_wrenches, nodal_forces, project
+from flexinv.kinematics.joint_motion import JointHistory
+from flexinv.kinematics.mesh import Mesh
+from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
+
+# What neither drives nor closures carry, over the largest force in the mechanism: beyond this (rounding of 1e-16, enlarged
+# by the condition of the closures) it is an effort that no drive can give.
+LEFT_OVER = 1e-9
+
+
+def closed_solution(
+    mesh: Mesh, history: JointHistory, time: Array, passive: set[str], settings: dict[str, float | int | str | bool]
+) -> Solution:
+    """Return the torques [N m], [N] of a rigid mechanism with closures over ``time`` (samples,) [s].
+
+    history : time -> q, qd, qdd of all joints, those in ``passive`` at their initial guess
+    Closures that act for a while divide the time into phases, solved one after the other by the same equations.
+    Raises InputError for closures that meet with unequal velocities and for drives that cannot hold the mechanism,
+    ConvergenceError at singular configurations and lost branches.
+    """
+    m = mesh.mechanism
+    motion_of, stretches, impacts, g = _phased_motion(mesh, history, time, coordinates(mesh, passive))
+    q, qd, qdd = motion_of
+    motion = rigid_motion(mesh, q, qd, qdd)
+    acting = applied_forces(mesh, motion, time)
+    wrenches = joint_wrenches(mesh, motion, nodal_forces(mesh, motion, acting))
+    tree = project(mesh, motion, wrenches) + drive_efforts(m, qd, qdd) + joint_springs(m, q)
+    shares = _phased_shares(mesh, motion, tree, stretches, g)
+    largest = max(np.abs(wrenches.force).max(initial=0.0) * mesh.length, np.abs(tree).max(initial=0.0))
+    _check_left(m, shares.left, largest, time)
+    pushed, reaction = phased_closing(mesh, motion, stretches, shares.multipliers)
+    applied = pushed + acting
+    trajectory = rigid_trajectory(mesh, motion, applied)
+    solution = evaluate(mesh, trajectory, time, q, qd, qdd, set(), settings, applied, energy_jumps(time, impacts))
+    solution = geared(solution, shares.multipliers @ stretches[0].rows.gear)
+    return replace(solution, loops=LoopForces(reaction, shares.preload, shares.condition, shares.left, tuple(impacts)))
+
+
+def _check_left(mechanism: Mechanism, left: Array, largest: float, time: Array) -> None:
+    if np.abs(left).max(initial=0.0) > LEFT_OVER * largest:
+        sample, column = np.unravel_index(int(np.argmax(np.abs(left))), left.shape)
+        raise InputError(
+            f"mechanism '{mechanism.name}', t = {time[sample]:g} s: the actuated joints cannot give this motion "
+            f"({np.abs(left).max():.3g} N m or N is left at '{mechanism.velocity_names[column]}'): "
+            "write actuated = true for as many independent joints as the mechanism has freedoms"
+        )
+
+
+def coordinates(mesh: Mesh, names: set[str]) -> NDArray[np.bool_]:
+    """Return a mask (nv,) [-] of the velocity coordinates that belong to the named joints."""
+    return np.array([j.name in names for j in mesh.mechanism.joints for _ in range(j.nv)], dtype=bool)
+
+
+def _phased_motion(
+    mesh: Mesh, history: JointHistory, time: Array, unknown: NDArray[np.bool_]
+) -> tuple[tuple[Array, Array, Array], list[Stretch], list[Impact], Array | None]:
+    """Motion phase by phase, each from where the one before has come to; at a switching instant the right-hand limit.
+
+    Last the constraint Jacobian of all samples, where all closures act and the motion that is given has been held against them.
+    """
+    m = mesh.mechanism
+    pieces, original = phases(m, time), constraint_rows(mesh)
+    if len(pieces) == 1 and pieces[0].active.all():
+        only = [Stretch(pieces[0], original)]
+        if unknown.any() or not len(original):
+            return closed_motion(mesh, history, time, unknown), only, [], None
+        given = history(time)
+        return given, only, [], GivenLoops.of(mesh, original).jacobian(*given)
+    whole, rows = history(time), original
+    stretches: list[Stretch] = []
+    impacts: list[Impact] = []
+    before: tuple[Array, Array] | None = None
+    for piece in pieces:
+        span = slice(piece.first, min(piece.last + 1, len(time)))  # with the instant at which the next phase begins
+        begins = piece.active & ~stretches[-1].phase.active if stretches else np.zeros(len(m.closures), dtype=bool)
+        at = float(time[piece.first])
+        if before is not None:
+            state = rigid_motion(mesh, before[0][None], before[1][None], np.zeros((1, m.nv)))
+            rows = captured(m, original, rows, state, begins & np.array([c.capture for c in m.closures]))
+            check_meeting(mesh, rows, state, begins, at)
+        stretch = Stretch(piece, rows)
+        found = closed_motion(
+            mesh, history, time[span], unknown, rows.of(piece.active), None if before is None else before[0]
+        )
+        if before is not None and any(m.closures[int(k)].impact == "plastic" for k in np.flatnonzero(begins)):
+            impacts.append(_impact(mesh, stretch, begins, found[0][0], before[1], found[1][0], at))
+        stretches.append(stretch)
+        before = found[0][-1], found[1][-1]
+        for part, values in zip(whole, found, strict=True):
+            part[span] = values
+    return whole, stretches, impacts, None
+
+
+def _impact(
+    mesh: Mesh, stretch: Stretch, begins: NDArray[np.bool_], q: Array, before: Array, after: Array, time: float
+) -> Impact:
+    """Impulses of drives and closures that change the rates (nv,) at a configuration (nq,) at once."""
+    m, rest = mesh.mechanism, np.zeros((1, mesh.mechanism.nv))
+    one, two = (rigid_motion(mesh, q[None], rate[None], rest) for rate in (before, after))
+    tree = jump_efforts(mesh, one, two, after - before)[None]
+    g = constraint_jacobian(mesh, two, stretch.rows)[:, stretch.pick]
+    scale = row_scales(mesh, stretch.rows)[stretch.pick]
+    shares = share_out(g, tree, m.actuated, m.weights[m.actuated], scale)
+    multipliers = np.zeros((1, len(stretch.rows)))
+    multipliers[:, stretch.pick] = shares.multipliers
+    work = float(shares.tau[0] @ (before + after)) / 2
+    lost = kinetic_energy(mesh, one, before) - kinetic_energy(mesh, two, after) + work
+    reaction = _only(closing(mesh, two, stretch.rows, multipliers)[1])
+    return Impact(time, names_of(m, begins), shares.tau[0], reaction, work, lost)
+
+
+def _only(reaction: dict[str, Array]) -> dict[str, Array]:
+    return {name: values[0] for name, values in reaction.items()}
+
+
+def energy_jumps(time: Array, impacts: list[Impact]) -> Array | None:
+    """Return the energy [J] that impacts bring, (samples,) at their instants: drives' work less what is lost; None without."""
+    if not impacts:
+        return None
+    out = np.zeros(len(time))
+    for impact in impacts:
+        sample = int(np.argmin(np.abs(time - impact.time)))
+        out[sample] += impact.work - impact.energy
+    return out
+
+
+def _phased_shares(
+    mesh: Mesh, motion: NodalMotion, tree: Array, stretches: list[Stretch], jacobian: Array | None
+) -> Shares:
+    """Shares of the drives phase by phase; multipliers of closures that do not act are zero."""
+    m, parts = mesh.mechanism, []
+    for stretch in stretches:
+        span, pick = stretch.span, stretch.pick
+        g = jacobian
+        if g is None:
+            g = constraint_jacobian(mesh, motion.samples(span), stretch.rows.of(stretch.phase.active))
+        part = share_out(g, tree[span], m.actuated, m.weights[m.actuated], row_scales(mesh, stretch.rows)[pick])
+        if len(stretches) == 1 and pick.all():
+            return part
+        multipliers = np.zeros((len(part.tau), len(stretch.rows)))
+        multipliers[:, pick] = part.multipliers
+        parts.append(replace(part, multipliers=multipliers))
+    width = max(part.preload.shape[2] for part in parts)
+    preload = [np.pad(part.preload, ((0, 0), (0, 0), (0, width - part.preload.shape[2]))) for part in parts]
+    return Shares(
+        tau=np.concatenate([part.tau for part in parts]),
+        multipliers=np.concatenate([part.multipliers for part in parts]),
+        left=np.concatenate([part.left for part in parts]),
+        preload=np.concatenate(preload),
+        condition=np.concatenate([part.condition for part in parts]),
+    )
+
+
+def geared(solution: Solution, efforts: Array) -> Solution:
+    """Return the solution less the efforts (samples, nv) [N m], [N] that couplings give joints in place of their drives."""
+    if not efforts.any():
+        return solution
+    return replace(solution, torque_all=solution.torque_all - efforts, reaction=solution.reaction - efforts)

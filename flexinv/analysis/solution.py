@@ -1,0 +1,297 @@
+"""Solution: what inverse dynamics gives, as NumPy arrays with names and units, and as pandas frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from flexinv.analysis.resultants import at_roots
+from flexinv.constraints.impacts import Impact
+from flexinv.errors import ConvergenceError
+from flexinv.inverse.balance import Balance
+from flexinv.inverse.inverse_dynamics import Factors, NodalForces, factors
+from flexinv.kinematics.mesh import Mesh
+from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
+from flexinv.validation import index
+
+# What the steps of a march may lose or make of the energy exchanged: torques are off by about as much.  All cases of models/ stay
+# below a thousandth.
+MOST_LOST = 0.01
+# An effort, an impact or what damping takes after it jumps at few samples of a run; where power jumps at more, it is nonsense.
+JUMPS = 16
+# A mechanism that moves by less than this part of its length in the whole run stands still: its energies are rounding.
+STANDING = 1e-5
+# Rigid motion that goes on by itself exchanges nothing: of what it holds, a step may lose or make this much.
+HELD = 1e-4
+
+WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+RESULTANTS = ("axial", "shear_y", "shear_z", "twist", "bending_y", "bending_z")
+
+
+@dataclass(frozen=True)
+class LoopForces:
+    """Reactions of the closures of a mechanism, and the allocation of efforts to its actuators.
+
+    reaction : closure -> (samples, 6) force [N] and moment [N m] on the second link, at the closure, in the second frame (of a
+        closure to the world as its second link: at and in the first frame)
+    preload : (samples, nv, k) efforts that only stress the mechanism [-]: the null space of redundant drives (k = 0 with beams,
+        where redundant drives are refused)
+    condition : (samples,) of the drives' authority over the motions that the closures allow [-]: 1 where drives turn as the
+        mechanism does, large where they hardly move it; with beams not computed (nan)
+    left : (samples, nv) efforts that neither drives nor closures carry [N m], [N]: rounding where the drives suffice
+    impacts : at the instants at which closures with impact = "plastic" begin to act
+    """
+
+    reaction: dict[str, Array]
+    preload: Array
+    condition: Array
+    left: Array
+    impacts: tuple[Impact, ...] = ()
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Joint torques, the motion they belong to, and their balances.
+
+    time : (samples,) [s]; q : (samples, nq), qd, qdd : (samples, nv) [rad or m, s]
+    torque_all : (samples, nv) effort of every velocity coordinate [N m] or [N]
+    reaction : (samples, nv) the same from the elastic side (roots of the beams), an independent check [N m] or [N]
+    nodes : NodalMotion; forces : NodalForces P; mesh : node numbers by joint and link
+    tip : link -> (samples, 3) position in the world [m]
+    deflection : beam -> (samples, 3) tip in the root (hub) frame less its undeformed place [m]
+    wrench : joint -> (samples, 6) force [N] and moment [N m] on the child, at the joint, in the child's link frame
+    internal : beam -> (samples, points, 6) axial, shear_y, shear_z [N], twist, bending_y, bending_z [N m], at the Gauss points,
+        none of which is the root (``root``) or the tip
+    internal_stations : beam -> (points,) where these points are, fraction of the length [-]
+    stable : of statics, whether the equilibrium is one that a structure stays in; None where it was not looked at
+    balance : energies [J], power [W] and momentum [N] residuals
+    torque_error, tip_error : error bars from refinement, None unless asked for; (samples, actuated) [N m]; link -> (samples,) [m]
+    iterations : (samples,) of Newton; settings : what was used
+    loops : forces in closures and the sharing among drives; None without closures
+    """
+
+    mechanism: Mechanism
+    mesh: Mesh
+    time: Array
+    q: Array
+    qd: Array
+    qdd: Array
+    torque_all: Array
+    reaction: Array
+    nodes: NodalMotion
+    forces: NodalForces
+    tip: dict[str, Array]
+    deflection: dict[str, Array]
+    wrench: dict[str, Array]
+    internal: dict[str, Array]
+    internal_stations: dict[str, Array]
+    balance: Balance
+    iterations: NDArray[np.int64]
+    settings: dict[str, float | int | str | bool]
+    torque_error: Array | None = None
+    tip_error: dict[str, Array] | None = None
+    notes: tuple[str, ...] = field(default_factory=tuple)
+    loops: LoopForces | None = None
+    stable: bool | None = None
+
+    @property
+    def torque(self) -> Array:
+        """(samples, actuated) effort of the actuators [N m] or [N], columns as in ``torque_names``."""
+        return self.torque_all[:, self.mechanism.actuated]
+
+    @property
+    def torque_names(self) -> tuple[str, ...]:
+        """Names of the actuated coordinates."""
+        return tuple(n for n, a in zip(self.mechanism.velocity_names, self.mechanism.actuated, strict=True) if a)
+
+    @property
+    def unactuated(self) -> Array:
+        """(samples, nv - actuated) effort [N m], [N] along coordinates without actuator: what a base would have to give."""
+        return self.torque_all[:, ~self.mechanism.actuated]
+
+    @property
+    def unactuated_names(self) -> tuple[str, ...]:
+        """Names of the coordinates without actuator."""
+        return tuple(n for n, a in zip(self.mechanism.velocity_names, self.mechanism.actuated, strict=True) if not a)
+
+    @cached_property
+    def root(self) -> dict[str, Array]:
+        """Beam -> (samples, 6) axial, shear_y, shear_z [N], twist, bending_y, bending_z [N m] at its root section."""
+        return at_roots(self.mesh, self.nodes, self.forces)
+
+    @property
+    def power_residual(self) -> Array:
+        """(samples,) residual of the instantaneous power balance [W]."""
+        return self.balance.power
+
+    @property
+    def momentum_residual(self) -> Array:
+        """(samples, 6) residual of the momentum balance [N], [N m]."""
+        return self.balance.momentum
+
+    @property
+    def marched(self) -> bool:
+        """Return True if the motion was found by time integration, not given as a whole [-]."""
+        return bool(self.iterations.any()) and len(self.time) > 1
+
+    @property
+    def energy_exchanged(self) -> float:
+        """Return the energy that drives and motion have exchanged [J], the scale of `energy_error`.
+
+        The work that efforts put in and that they take out, and the widest change of kinetic, potential or elastic energy.
+        """
+        b, power = self.balance, np.abs(self.torque_all * self.qd).sum(axis=1)
+        return float(np.trapezoid(power, self.time)) + max(
+            float(np.ptp(e)) for e in (b.kinetic, b.potential, b.elastic)
+        )
+
+    @property
+    def energy_error(self) -> float:
+        """Return the defect of the energy balance [J]: the energy that the time integration has lost or made.
+
+        The largest ``balance.work`` less `energy_summed`.  Where nothing was marched (rigid links whose motion is given) the
+        spacing of the samples says nothing of the torques: there it is the integral of what the power balance leaves.
+        """
+        if not self.marched:
+            return float(np.trapezoid(np.abs(self.balance.power), self.time))
+        return max(float(np.abs(self.balance.work).max()) - self.energy_summed, 0.0)
+
+    @property
+    def energy_summed(self) -> float:
+        """Return the error of the trapezoidal sum in ``balance.work`` [J]: where power jumps, at `JUMPS` samples at most."""
+        power = (self.torque_all * self.qd).sum(axis=1) - self.balance.dissipated
+        bends = np.sort(np.abs(np.diff(power, 2)))[-JUMPS:].sum()
+        return float(bends * (self.time[1] - self.time[0]) / 4) if len(self.time) > 1 else 0.0
+
+    def check_energy(self) -> None:
+        """Raise ConvergenceError where the steps lose or make more than `MOST_LOST` of the energy exchanged [J]."""
+        if not self.marched:
+            return
+        duration, mesh = float(self.time[-1] - self.time[0]), self.mesh
+        slow = 0.5 * float(mesh.mass.sum()) * (STANDING * mesh.length / duration) ** 2
+        error, held = self.energy_error, HELD * float(self.balance.kinetic.max())
+        if error <= MOST_LOST * (exchanged := self.energy_exchanged) + slow + held:
+            return
+        step = float(self.settings["step"])
+        first = float(self.time[int(np.argmax(np.abs(self.balance.work) > 0.5 * error))])
+        wanted = step / 2 ** max(1, int(np.ceil(np.log2(error / (MOST_LOST * exchanged)) / 2)))
+        raise ConvergenceError(
+            f"mechanism '{self.mechanism.name}', around t = {first:g} s (step {step:g} s): the steps lose or make {error:.3g} J "
+            f"of the {exchanged:.3g} J that are exchanged, more than {MOST_LOST:.0%}: something moves faster than they see; "
+            f"write step = {wanted:.3g} or smaller, damping (retardation_s of a section), or initial = 'static'"
+        )
+
+    def factors(self, sample: int) -> Factors:
+        """Return L [m], T [-], P [N] of one sample; ``L @ T @ P`` is the torque before rotor inertia, damping, friction.
+
+        sample : its number, from 0, or from the end below 0 [-].  Raises InputError where there is none.
+        """
+        return factors(self.mesh, self.nodes, self.forces, index("sample", sample, len(self.time)))
+
+    def frame(self) -> pd.DataFrame:
+        """Return joint motion and torque over time [s], one column per coordinate with its unit in the header."""
+        m = self.mechanism
+        columns: dict[str, Array] = {}
+        for label, values, derivative in (
+            ("position", self._scalar_q(), 0),
+            ("rate", self.qd, 1),
+            ("acceleration", self.qdd, 2),
+        ):
+            for name, unit, column in zip(m.velocity_names, _motion_units(m, derivative), values.T, strict=True):
+                if np.isfinite(column).all():
+                    columns[f"{label} {name} [{unit}]"] = column
+        for name, unit, column in zip(m.velocity_names, effort_units(m), self.torque_all.T, strict=True):
+            columns[f"{'torque' if unit == 'N m' else 'force'} {name} [{unit}]"] = column
+        return pd.DataFrame(columns, index=pd.Index(self.time, name="time [s]"))
+
+    def _scalar_q(self) -> Array:
+        """(samples, nv) coordinates as angles or lengths; nan where a joint has none (rotations in space)."""
+        out = np.full_like(self.qd, np.nan)
+        for joint in self.mechanism.joints:
+            own, at = self.q[:, self.mechanism.q_slices[joint.name]], self.mechanism.v_slices[joint.name]
+            if joint.kind == "continuous":
+                out[:, at] = np.unwrap(np.arctan2(own[:, 1], own[:, 0]))[:, None]
+            elif joint.nq == joint.nv:
+                out[:, at] = own
+        return out
+
+    def tip_frame(self) -> pd.DataFrame:
+        """Return tip positions [m] and deflections [m] of the links over time [s]."""
+        columns = {f"tip {k} {c} [m]": v[:, i] for k, v in self.tip.items() for i, c in enumerate("xyz")}
+        columns |= {f"deflection {k} {c} [m]": v[:, i] for k, v in self.deflection.items() for i, c in enumerate("xyz")}
+        return pd.DataFrame(columns, index=pd.Index(self.time, name="time [s]"))
+
+    def internal_frame(self) -> pd.DataFrame:
+        """Return the resultants of the beams over time [s], at their roots and Gauss points, by station [N], [N m]."""
+        columns: dict[str, Array] = {}
+        for link, values in self.internal.items():
+            points = [(f"{station:.6f}", values[:, k]) for k, station in enumerate(self.internal_stations[link])]
+            for station, own in [("root", self.root[link]), *points]:
+                for name, unit, column in zip(RESULTANTS, 3 * ("N",) + 3 * ("N m",), own.T, strict=True):
+                    columns[f"{name} {link} at {station} [{unit}]"] = column
+        return pd.DataFrame(columns, index=pd.Index(self.time, name="time [s]"))
+
+    def whole_frame(self) -> pd.DataFrame:
+        """Return `frame` and `tip_frame` over time [s] side by side, and the error bars where there are some [N m], [N], [m]."""
+        units = dict(zip(self.mechanism.velocity_names, effort_units(self.mechanism), strict=True))
+        bars: dict[str, Array] = {}
+        if self.torque_error is not None:
+            for name, column in zip(self.torque_names, self.torque_error.T, strict=True):
+                bars[f"error of {'torque' if units[name] == 'N m' else 'force'} {name} [{units[name]}]"] = column
+        bars |= {f"error of tip {link} [m]": column for link, column in (self.tip_error or {}).items()}
+        errors = pd.DataFrame(bars, index=pd.Index(self.time, name="time [s]"))
+        return pd.concat([self.frame(), self.tip_frame(), errors], axis=1)
+
+    def wrench_frame(self) -> pd.DataFrame:
+        """Return the wrench of every joint over time [s], in the child's link frame [N], [N m]."""
+        columns = {
+            f"{c} {joint} [{'N' if c[0] == 'f' else 'N m'}]": w[:, i]
+            for joint, w in self.wrench.items()
+            for i, c in enumerate(WRENCH)
+        }
+        return pd.DataFrame(columns, index=pd.Index(self.time, name="time [s]"))
+
+    def summary(self) -> pd.DataFrame:
+        """Return peak and RMS torque, speed and power of each coordinate against its limits, a row per coordinate.
+
+        Columns: peak effort, rms effort [N m] or [N], peak speed [rad/s] or [m/s], peak power [W], and the parts of the
+        effort and speed limits that are used [-] (nan where no limit is stated).
+        """
+        m = self.mechanism
+        joints = [j for j in m.joints for _ in range(j.nv)]
+        effort, speed = np.abs(self.torque_all).max(axis=0), np.abs(self.qd).max(axis=0)
+        limit_effort, limit_speed = (np.array([getattr(j.limits, k) for j in joints]) for k in ("effort", "velocity"))
+        rows = {
+            "unit": effort_units(m),
+            "peak effort": effort,
+            "rms effort": np.sqrt((self.torque_all**2).mean(axis=0)),
+            "peak speed": speed,
+            "peak power [W]": np.abs(self.torque_all * self.qd).max(axis=0),
+            "effort / limit [-]": np.where(np.isfinite(limit_effort), effort / limit_effort, np.nan),
+            "speed / limit [-]": np.where(np.isfinite(limit_speed), speed / limit_speed, np.nan),
+        }
+        return pd.DataFrame(rows, index=pd.Index(m.velocity_names, name="coordinate"))
+
+
+def _is_force(mechanism: Mechanism) -> list[bool]:
+    """Return True for each velocity coordinate that is a translation, whose effort is a force."""
+    out = []
+    for joint in mechanism.joints:
+        out += [joint.kind == "prismatic" or (joint.kind == "free" and k < 3) for k in range(joint.nv)]
+    return out
+
+
+def effort_units(mechanism: Mechanism) -> list[str]:
+    """Return "N" or "N m" for every velocity coordinate, the unit of its effort [N], [N m]."""
+    return ["N" if force else "N m" for force in _is_force(mechanism)]
+
+
+def _motion_units(mechanism: Mechanism, derivative: int) -> list[str]:
+    per = ("", "/s", "/s^2")[derivative]
+    return [("m" if force else "rad") + per for force in _is_force(mechanism)]

@@ -1,0 +1,165 @@
+"""Statics: the rest position of a mechanism under gravity and loads, and the torques that hold it."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexinv.analysis.evaluation import evaluate, rigid_trajectory
+from flexinv.analysis.flexible_loops import evaluated
+from flexinv.analysis.rigid_loops import closed_solution, coordinates
+from flexinv.analysis.solution import Solution
+from flexinv.analysis.switching import Switching
+from flexinv.constraints.closures import constraint_rows
+from flexinv.constraints.continuation import closed_start
+from flexinv.constraints.loop_starts import closed_at
+from flexinv.constraints.phases import phases
+from flexinv.dynamics.generalized_alpha import STATICS
+from flexinv.dynamics.initial_state import equilibrium, start_undeformed
+from flexinv.dynamics.solver import Solver, Trajectory, record_instant
+from flexinv.dynamics.stepper import CONVERGED
+from flexinv.errors import InputError, ModelWarning
+from flexinv.inverse.applied_forces import applied_forces
+from flexinv.kinematics.joint_motion import JointHistory
+from flexinv.kinematics.mesh import build
+from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.tree import Joints
+from flexinv.model.mechanism import Attachment, Force, Mechanism, Placement
+from flexinv.typing import Array
+from flexinv.validation import all_of_kind, flag, floats, number, of_kind, shown
+
+SETTINGS: dict[str, float | int | str | bool] = {"statics": True, "incremental": False}
+
+
+def _vector() -> NDArray[np.float64]:
+    return np.zeros(3)
+
+
+@dataclass(frozen=True)
+class Load:
+    """A force and a moment on one link.
+
+    link : name; station : on a beam the fraction 0..1 of the length [-], 1 the tip
+    point : on a rigid link the point of application in the link frame, (3,) [m]
+    force : (3,) [N]; moment : (3,) [N m]; world axes, or with ``follower`` axes that turn with the section (link)
+    """
+
+    link: str
+    force: ArrayLike = field(default_factory=_vector)
+    moment: ArrayLike = field(default_factory=_vector)
+    station: float = 1.0
+    point: ArrayLike = field(default_factory=_vector)
+    follower: bool = False
+
+
+def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | None = None) -> Solution:
+    """Return the equilibrium under gravity and loads with all joints held at ``q``: a Solution of one sample.
+
+    In a loop the drives are held and the passive joints give way; ``q`` is their guess.
+
+    Zero of the residual  f_elastic - m g - loads = 0  on all free nodes; gravity, the mechanism's springs and forces (those of
+    t = 0) and the loads are raised in steps as large as Newton converges.
+    ``torque`` holds the joints; ``tip``, ``deflection``, ``wrench``, ``internal`` are those of the rest position; ``stable`` is
+    False where its tangent stiffness is not positive definite, as of a straight column beyond its buckling load (a ModelWarning
+    says so, too).
+
+    q : (nq,) [rad], [m], all joints at zero by default
+
+    Raises InputError for a load that cannot act, ConvergenceError with the part of the load that was reached.
+    """
+    of_kind("mechanism", mechanism, Mechanism)
+    at = mechanism.neutral if q is None else floats("statics: q", q)
+    if at.shape != (mechanism.nq,) or not np.isfinite(at).all():
+        raise InputError(
+            f"statics: q has shape {at.shape}, expected ({mechanism.nq},) finite numbers: {mechanism.coordinate_names}"
+        )
+    checked = [_checked(mechanism, load) for load in all_of_kind("loads", loads, Load)]
+    loaded = replace(mechanism, forces=(*mechanism.forces, *(_force(mechanism, load) for load in checked)))
+    mesh, now, rest = build(loaded), np.zeros(1), np.zeros((1, mechanism.nv))
+    passive = {j.name for j in mechanism.joints if j.nv and not j.actuated} if mechanism.closures else set()
+    if mechanism.closures and q is not None:
+        at = closed_at(mesh, at)
+    still = _still(at, mechanism.nv)
+    if mechanism.closures and mechanism.is_rigid:
+        return closed_solution(mesh, still, now, passive, dict(SETTINGS))
+    if mechanism.is_rigid:
+        nodes = rigid_motion(mesh, at[None], rest, rest)
+        applied = applied_forces(mesh, nodes, now)
+        trajectory = rigid_trajectory(mesh, nodes, applied)
+        return evaluate(mesh, trajectory, now, at[None], rest, rest, set(), dict(SETTINGS), applied)
+    switching = Switching(phases(loaded, now))
+    solver = Solver.of(mesh, passive)
+    switching.begin(mesh, solver.border.ties)
+    if mechanism.closures:
+        rows = constraint_rows(mesh).of(switching.phases[0].active)
+        at = closed_start(mesh, still, 0.0, coordinates(mesh, passive), rows)[0]
+    solver.load_at(0.0, at, rest[0], rest[0])
+    start_undeformed(solver, at, rest[0], rest[0])
+    joints = equilibrium(solver, at, "statics")
+    status, count, size = solver.newton(STATICS, joints)
+    if status != CONVERGED:
+        raise solver.complain(status, count, size, "statics")
+    out = Trajectory.empty(1, mesh, solver.instant.multipliers.shape[1])
+    record_instant(solver, 0, out)
+    out.iterations[0] = count
+    if mechanism.closures:
+        found = evaluated(mesh, out, now, (at[None].copy(), rest, rest.copy()), passive, dict(SETTINGS), switching)
+    else:
+        pushed = applied_forces(mesh, out.motion, now)
+        found = evaluate(mesh, out, now, at[None], rest, rest, set(), dict(SETTINGS), pushed)
+    return _judged(found, solver, joints)
+
+
+def _judged(found: Solution, solver: Solver, joints: Joints) -> Solution:
+    """The equilibrium with a word on whether a structure stays in it."""
+    from flexinv.linearized.natural_modes import unstable_motions
+
+    unstable = unstable_motions(solver, joints)
+    if not unstable:
+        return replace(found, stable=True)
+    count = f"{unstable} negative eigenvalue{'s' * (unstable > 1)}"
+    note = (
+        f"statics of '{found.mechanism.name}': this equilibrium is unstable, its tangent stiffness has {count}: a structure "
+        "leaves it, as a column does under more than its buckling load; write a smaller load, or let flexinv.solve show where it "
+        "goes, with a load across and damped beams"
+    )
+    warnings.warn(note, ModelWarning, stacklevel=3)
+    return replace(found, stable=False, notes=(*found.notes, note))
+
+
+def _still(q: Array, nv: int) -> JointHistory:
+    """Joint motion that stays at q (nq,)."""
+
+    def history(time: Array) -> tuple[Array, Array, Array]:
+        rest = np.zeros((len(time), nv))
+        return np.tile(q, (len(time), 1)), rest, rest.copy()
+
+    return history
+
+
+def _force(mechanism: Mechanism, load: Load) -> Force:
+    station = None if mechanism.link_of[load.link].beam is None else float(load.station)
+    at = Attachment(load.link, Placement(np.asarray(load.point)), station)
+    return Force("load", at, np.concatenate([load.force, load.moment])[None], follower=load.follower)
+
+
+def _checked(mechanism: Mechanism, load: Load) -> Load:
+    if not isinstance(load.link, str) or load.link not in mechanism.link_of:
+        raise InputError(
+            f"load: no link {shown(load.link)} in '{mechanism.name}'; its links are {', '.join(mechanism.link_of)}"
+        )
+    vectors = {}
+    for name, unit in (("force", "N"), ("moment", "N m"), ("point", "m")):
+        value = floats(f"load on {load.link!r}: {name}", getattr(load, name))
+        if value.shape != (3,) or not np.isfinite(value).all():
+            raise InputError(f"load on {load.link!r}: {name} = {value}, expected three finite numbers [{unit}]")
+        vectors[name] = value
+    station = number(f"load on {load.link!r}: station", load.station, "a fraction 0 to 1 of the length")
+    if not 0.0 <= station <= 1.0:
+        raise InputError(f"load on {load.link!r}: station = {load.station}, expected a fraction 0 to 1 of the length")
+    flag(f"load on {load.link!r}: follower", load.follower)
+    return replace(load, force=vectors["force"], moment=vectors["moment"], point=vectors["point"])

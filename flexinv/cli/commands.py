@@ -1,0 +1,300 @@
+"""The command line: ``flexinv solve``, ``info`` and ``modes``.  Every text of --help is meant to be learned from."""
+
+from __future__ import annotations
+
+import difflib
+import sys
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+import numpy as np
+import pandas as pd
+
+from flexinv.analysis.motor_side import motor_side
+from flexinv.analysis.overview import (
+    beam_table,
+    closure_table,
+    joint_table,
+    link_mass,
+    link_table,
+    mobility_line,
+    start_of,
+)
+from flexinv.analysis.solution import Solution
+from flexinv.analysis.solve import solve as solve_motion
+from flexinv.cli.compiling import telling
+from flexinv.cli.follow import OVERWRITE, check_outputs, follow_task
+from flexinv.cli.output import check_out, every, write
+from flexinv.cli.parameters import parameters
+from flexinv.errors import FlexinvError, InputError, ModelWarning
+from flexinv.files.from_urdf import from_urdf
+from flexinv.files.load_cases import Case, load_cases
+from flexinv.files.load_mechanism import load_mechanism
+from flexinv.kinematics.mesh import build
+from flexinv.linearized.natural_modes import natural_modes
+from flexinv.linearized.steady_modes import steady_modes
+from flexinv.planar.detection import NotPlanar, find_plane
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PLOTS = (".png", ".svg", ".pdf")
+MODEL = click.argument("model", type=click.Path(path_type=Path))
+FILE = click.Path(path_type=Path, dir_okay=False)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(package_name="flexinv")
+def app() -> None:
+    """Joint torques of rigid, flexible and mixed mechanisms from the motion that their joints shall make.
+
+    A mechanism is a folder such as models/flex_one_link with mechanism.toml (links, joints, sections) and cases.toml
+    (motions). Start with:
+
+    \b
+      flexinv info models/flex_one_link
+      flexinv solve models/flex_one_link --case cycloid --plot torque.png
+    """
+
+
+@app.command(short_help="Compute the torques for the motion of a case.")
+@MODEL
+@click.option("--case", "name", help="Which motion of cases.toml; may be left out where there is only one.")
+@click.option(
+    "--out",
+    type=FILE,
+    help="Write time, joint motion, torques, tips, deflections and error bars, units in the header, at the case's sample_s: "
+    ".csv, .parquet, .json or .npz.",
+)
+@click.option("--plot", type=FILE, help="Draw the torques (.png, .svg or .pdf).")
+@OVERWRITE
+@click.option(
+    "--step",
+    type=float,
+    help="Time step [s] in place of the case's. The error falls with its square; --error says how large it is.",
+)
+@click.option(
+    "--error", is_flag=True, help="Solve again on a finer mesh and step, and give error bars. Four times the steps."
+)
+def solve(
+    model: Path,
+    name: str | None,
+    out: Path | None,
+    plot: Path | None,
+    overwrite: bool,
+    step: float | None,
+    error: bool,
+) -> None:
+    """Compute the torque that every actuator must give so that the joints make the motion of a case.
+
+    Rigid links follow exact kinematics; flexible links deform freely while the joints are driven as prescribed. The
+    table shows each joint's peak and RMS torque, speed and power, and how much of its stated limits that takes.
+    """
+    if plot is not None and plot.suffix not in PLOTS:
+        raise InputError(f"--plot {plot}: expected a name that ends in {', '.join(PLOTS)}")
+    check_outputs((out, plot), overwrite)
+    check_out(out)
+    mechanism = load_mechanism(model)
+    case = choose(load_cases(folder(model), mechanism), name, model)
+    size = case.step if step is None else step
+    written = every(case.sample, case.step, size) if out is not None and size > 0.0 else 1
+    # with error bars: once more at half the step, once more on a finer mesh
+    samples = round(case.end / size) * (4 if error else 1)
+    shown = not mechanism.is_rigid and sys.stderr.isatty()
+    with click.progressbar(length=samples, label="marching", file=sys.stderr, hidden=not shown) as bar:
+        solution = solve_motion(
+            case.meshed(mechanism),
+            case.motion,
+            size,
+            error=error,
+            end=case.end,
+            spectral_radius=case.spectral_radius,
+            initial=case.initial,
+            start=case.start,
+            progress=bar.update,
+        )
+    click.echo(f"{mechanism.name}, case {case.name}: {case.title}" if case.title else f"{mechanism.name}, {case.name}")
+    table = solution.summary()
+    if solution.torque_error is not None:
+        table.loc[list(solution.torque_names), "error of effort"] = solution.torque_error.max(axis=0)
+    click.echo(table.to_string(float_format=lambda x: f"{x:.5g}", na_rep="-"))
+    if any(joint.drive for joint in mechanism.joints):
+        click.echo(motors(solution))
+    if out is not None:
+        write(solution.whole_frame().iloc[::written], out)
+        click.echo(f"wrote {out}")
+    if plot is not None:
+        draw(solution, f"{mechanism.name}, {case.name}").savefig(plot, dpi=150)
+        click.echo(f"drew {plot}")
+
+
+@app.command(short_help="Show what a mechanism file (or a URDF) is.")
+@MODEL
+def info(model: Path) -> None:
+    """Show what a mechanism file (or a URDF) is: coordinates, masses, beams and their meshes, and its cases."""
+    mechanism = from_urdf(model) if model.suffix in (".urdf", ".xml") else load_mechanism(model)
+    click.echo(mechanism.name + (f": {mechanism.title}" if mechanism.title else ""))
+    gravity = ", ".join(f"{g:g}" for g in mechanism.gravity)
+    mass = sum(link_mass(link) for link in mechanism.links)
+    click.echo(
+        f"total mass {mass:.6g} kg, gravity ({gravity}) m/s^2, nq = {mechanism.nq}, nv = {mechanism.nv}, "
+        f"{sum(not j.nv for j in mechanism.joints)} of {len(mechanism.joints)} joints fixed"
+    )
+    cases = load_cases(folder(model), mechanism) if (folder(model) / "cases.toml").is_file() else {}
+    if mechanism.closures:
+        click.echo(mobility_line(mechanism, next(iter(cases.values()), None)))
+    for title, table in (
+        ("joints", joint_table(mechanism)),
+        ("closures", closure_table(mechanism)),
+        ("links", link_table(mechanism)),
+        ("beams", beam_table(mechanism)),
+    ):
+        if len(table):
+            click.echo(f"\n{title}\n{table.to_string(index=False, float_format=lambda x: f'{x:.6g}')}")
+    if mechanism.beams:
+        found = find_plane(build(mechanism))
+        where = f"in space: {found.reason}" if isinstance(found, NotPlanar) else "in a plane, three freedoms per node"
+        click.echo(f"\nbeams are solved {where}")
+    for note in mechanism.notes:
+        click.echo(f"\nnote: {note}")
+    if cases:
+        rows = [(c.name, c.motion.duration, c.end, c.step, c.title) for c in cases.values()]
+        table = pd.DataFrame(rows, columns=["case", "moves [s]", "ends [s]", "step [s]", "title"])
+        click.echo(f"\ncases\n{table.to_string(index=False)}")
+
+
+@app.command(short_help="Show natural frequencies, at rest or in steady rotation.")
+@MODEL
+@click.option("--case", "name", help="Take the configuration at the start of this case; all joints at zero without it.")
+@click.option("--free", multiple=True, help="A joint that moves freely (may be repeated); all others are held.")
+@click.option("--count", type=click.IntRange(min=1), default=6, show_default=True, help="How many modes.")
+@click.option("--rate", multiple=True, metavar="JOINT=RAD_PER_S", help="A joint that turns steadily (may be repeated).")
+@click.option("--damped", is_flag=True, help="Damping counts: frequencies and damping ratios of the damped motions.")
+def modes(
+    model: Path, name: str | None, free: tuple[str, ...], count: int, rate: tuple[str, ...], damped: bool
+) -> None:
+    """Show natural frequencies about the rest position: links that bend, joints that are free, loops that swing.
+
+    In a loop the joints without a drive are free, unless --free says which. With --rate the frequencies are those about a
+    steady rotation, stress, centrifugal and gyroscopic terms included.
+    """
+    mechanism, at = load_mechanism(model), None
+    if name is not None:
+        case = choose(load_cases(folder(model), mechanism), name, model)
+        mechanism, at = case.meshed(mechanism), start_of(mechanism, case)
+    if rate or damped:
+        steady = steady_modes(mechanism, at, dict(rate_of(text) for text in rate), free or None, count)
+        columns = zip(range(1, count + 1), steady.frequency, steady.damping_ratio, steady.link, strict=False)
+        table = pd.DataFrame(columns, columns=["mode", "frequency [Hz]", "damping ratio", "moves most"])
+        click.echo(table.to_string(index=False, float_format=lambda x: f"{x:.6g}", na_rep="-"))
+        return
+    found = natural_modes(mechanism, at, free or None, count)
+    rows = zip(range(1, count + 1), found.frequency, np.sqrt(np.abs(found.squared)), found.link, strict=False)
+    table = pd.DataFrame(rows, columns=["mode", "frequency [Hz]", "omega [rad/s]", "moves most"])
+    if found.friction.any():
+        table.insert(3, "damping ratio [-]", found.ratio[: len(table)])
+    click.echo(table.to_string(index=False, float_format=lambda x: f"{x:.6g}", na_rep="unstable"))
+
+
+app.add_command(parameters)
+app.add_command(follow_task)
+
+
+def rate_of(text: str) -> tuple[str, float]:
+    """Return joint and rate [rad/s] of what stands behind --rate."""
+    joint, _, value = text.partition("=")
+    try:
+        return joint, float(value)
+    except ValueError:
+        raise InputError(f"--rate {text}: expected a joint and its rate in rad/s, for example --rate hub=80") from None
+
+
+def folder(model: Path) -> Path:
+    """Return the folder of a model that is given as a folder or as its mechanism.toml."""
+    return model.parent if model.suffix else model
+
+
+def choose(cases: dict[str, Case], name: str | None, model: Path) -> Case:
+    """Return the case of that name, or the only one there is; InputError lists the names."""
+    if name is None and len(cases) == 1:
+        return next(iter(cases.values()))
+    if name is None:
+        raise InputError(f"{model} has {len(cases)} cases: write --case with one of {', '.join(cases)}")
+    if name not in cases:
+        like = difflib.get_close_matches(name, cases, n=1)
+        advice = f"write --case {like[0]}" if like else f"write one of {', '.join(cases)}"
+        raise InputError(f"--case {name}: {model} has no such case; {advice}")
+    return cases[name]
+
+
+def motors(solution: Solution) -> str:
+    """Return a table of every motor's peak values [rad/s], [N m], [A], or the reason why its motion does not follow."""
+    try:
+        found = motor_side(solution)
+    except InputError as error:
+        return f"motors: {_one_line(error)}"
+    columns = ["motor", "peak speed [rad/s]", "peak torque [N m]", "peak current [A]"]
+    rows = [(name, *(np.abs(part).max() for part in (m.rate, m.torque, m.current))) for name, m in found.items()]
+    table = pd.DataFrame(rows, columns=columns)
+    return str(table.to_string(index=False, float_format=lambda x: f"{x:.5g}", na_rep="-"))
+
+
+def draw(solution: Solution, title: str) -> Figure:
+    """Draw the effort of every actuator [N m] or [N] over time [s], with error bars where they were computed."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise InputError("--plot needs matplotlib: write pip install 'flexinv[plot]'") from None
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    axes = figure.add_subplot()
+    for k, label in enumerate(solution.torque_names):
+        (line,) = axes.plot(solution.time, solution.torque[:, k], label=label, linewidth=1.2)
+        if solution.torque_error is not None:
+            low, high = (solution.torque[:, k] + sign * solution.torque_error[:, k] for sign in (-1, 1))
+            axes.fill_between(solution.time, low, high, color=line.get_color(), alpha=0.25)
+    axes.set(title=title, xlabel="time [s]", ylabel="effort of the actuator [N m], [N]")
+    axes.grid(alpha=0.3)
+    axes.legend(ncols=max(1, min(6, len(solution.torque_names))), fontsize="small")
+    return figure
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line: exit code 0, or 2 with one line that says what was wrong and what to write."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", ModelWarning)
+        others = warnings.showwarning
+        warnings.showwarning = lambda message, category, *place: (
+            _warn(message) if issubclass(category, ModelWarning) else others(message, category, *place)
+        )
+        with telling():
+            complaint = _run(arguments)
+    if complaint:
+        click.echo(f"flexinv: {complaint}", err=True)
+        sys.exit(2)
+
+
+def _run(arguments: list[str] | None) -> str:
+    """Run, and return what was wrong in one line."""
+    try:
+        app.main(args=arguments, prog_name="flexinv", standalone_mode=False)
+    except click.exceptions.NoArgsIsHelpError as help_text:
+        click.echo(help_text.format_message())
+    except click.ClickException as error:
+        return f"{_one_line(error.format_message())} (flexinv --help)"
+    except click.Abort:
+        return "interrupted"
+    except FlexinvError as error:
+        return _one_line(error)
+    except OSError as error:
+        return f"{error.filename}: {error.strerror}" if error.filename else _one_line(error)
+    return ""
+
+
+def _warn(message: Warning | str) -> None:
+    click.echo(f"flexinv: warning: {_one_line(message)}", err=True)
+
+
+def _one_line(message: object) -> str:
+    return "; ".join(" ".join(line.split()) for line in str(message).splitlines() if line.strip())

@@ -1,0 +1,1 @@
+"""Closed loops: constraint equations, continuation, impacts, reactions, and allocation of efforts to actuators."""

@@ -1,0 +1,253 @@
+"""Closures: the equations that tie two frames of a mechanism, their rates, and the forces that belong to them.
+
+Every constraint is a product of vectors that two frames A and B carry, in world axes:
+
+    position   phi = u . d        u fixed in A, d = x_B - x_A
+    direction  phi = u . w        u fixed in A, w fixed in B
+
+so that phi' and phi'' follow from the motion of the two nodes alone, and a multiplier lambda is a pair of wrenches on
+them: position u on B and -u on A (with the moments of the lever arms), direction w x u on B and u x w on A.  These go
+through the same sums along the tree as all nodal forces, G^T lambda = (L T) P_lambda: topology is data.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.constraints.equations import RowArrays, jacobians, residual_samples
+from flexinv.errors import InputError
+from flexinv.inverse.inverse_dynamics import plain
+from flexinv.kinematics.configuration import Nodes
+from flexinv.kinematics.configuration_arrays import slides
+from flexinv.kinematics.mesh import Mesh, attachment_node
+from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.model.mechanism import CLOSURES, COUPLED, Closure, Mechanism
+from flexinv.typing import Array
+
+# Rounding of entries of G, of some tens of operations, over the mechanism's length or 1.
+ROUNDED = 1e-13
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Constraints of all closures, one row each.
+
+    closure : (rows,) index into mechanism.closures; direction : (rows,) True for u . w, False for u . d
+    a, b : (rows,) nodes, -1 the world; place_a, place_b : (rows, 3) [m] frame origins in the nodes' frames
+    u, w : (rows, 3) [-] vectors in the nodes' frames
+    gear : (rows, nv) factors of a coupling, whose equation is sum gear q = offset; zero for all others
+    place : (nv,) index into q of the scalar coordinates, -1 for others
+    """
+
+    closure: NDArray[np.int64]
+    direction: NDArray[np.bool_]
+    a: NDArray[np.int64]
+    b: NDArray[np.int64]
+    place_a: Array
+    place_b: Array
+    u: Array
+    w: Array
+    gear: Array
+    offset: Array
+    place: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        """Number of constraints [-]."""
+        return len(self.closure)
+
+    def of(self, active: NDArray[np.bool_]) -> Rows:
+        """Return the rows of the closures that are ``active`` (closures,)."""
+        if active.all():
+            return self
+        k = active[self.closure]
+        parts = {f.name: getattr(self, f.name)[k] for f in fields(self) if f.name != "place"}
+        return replace(self, **parts)
+
+
+@lru_cache(maxsize=64)
+def constraint_rows(mesh: Mesh) -> Rows:
+    """Return the constraints of a mesh's closures [m], [-]."""
+    table: list[tuple[int, bool, int, int, Array, Array, Array, Array]] = []
+    for index, closure in enumerate(mesh.mechanism.closures):
+        a, b = attachment_node(mesh, closure.first), attachment_node(mesh, closure.second)
+        first, second = closure.first.placement, closure.second.placement
+        for direction, u, w in _equations(closure):
+            vectors = (first.position, second.position, first.rotation @ u, second.rotation @ w)
+            table.append((index, direction, a, b, *vectors))
+        if closure.kind == "coupling":
+            table.append((index, True, -1, -1, *np.zeros((4, 3))))
+    columns: list[tuple[Any, ...]] = list(zip(*table, strict=True)) if table else [()] * 8
+    whole = [np.array(c, dtype=np.int64) for c in (columns[0], columns[2], columns[3])]
+    place_a, place_b, u, w = (np.array(c, dtype=float).reshape(-1, 3) for c in columns[4:])
+    directed = np.array(columns[1], dtype=bool)
+    return Rows(whole[0], directed, whole[1], whole[2], place_a, place_b, u, w, *_gears(mesh.mechanism, whole[0]))
+
+
+def _gears(mechanism: Mechanism, closure: NDArray[np.int64]) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Factors and offset of every row's coupling, and where the scalar coordinates stand in q."""
+    gear, offset, place = (
+        np.zeros((len(closure), mechanism.nv)),
+        np.zeros(len(closure)),
+        np.full(mechanism.nv, -1, dtype=np.int64),
+    )
+    for joint in mechanism.joints:
+        if joint.kind in COUPLED:
+            place[mechanism.v_slices[joint.name].start] = mechanism.q_slices[joint.name].start
+    for row, index in enumerate(closure):
+        offset[row] = mechanism.closures[index].offset
+        for name, factor in mechanism.closures[index].factors:
+            check_coupled(mechanism, mechanism.closures[index], name)
+            gear[row, mechanism.v_slices[name].start] = factor
+    return gear, offset, place
+
+
+def check_coupled(mechanism: Mechanism, closure: Closure, name: str) -> None:
+    """Raise InputError unless a coupling can tie the named joint's coordinate [rad], [m]."""
+    if name not in mechanism.joint_of or mechanism.joint_of[name].kind not in COUPLED:
+        known = ", ".join(j.name for j in mechanism.joints if j.kind in COUPLED) or "none"
+        raise InputError(
+            f"closure '{closure.name}': a coupling ties revolute and prismatic joints ({known}), not {name!r}"
+        )
+    if closure.active:
+        raise InputError(f"closure '{closure.name}': a coupling acts all the time; leave its active intervals out")
+
+
+def coupling_residuals(rows: Rows, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
+    """Return sum gear q - offset [rad], [m] and its two rates, (samples, rows) each; zero for rows that are no couplings.
+
+    q : (samples, nq), qd, qdd : (samples, nv)
+    """
+    scalar = np.where(rows.place >= 0, q[:, rows.place], 0.0)
+    return scalar @ rows.gear.T - rows.offset, qd @ rows.gear.T, qdd @ rows.gear.T
+
+
+def captured(mechanism: Mechanism, original: Rows, now: Rows, motion: NodalMotion, which: NDArray[np.bool_]) -> Rows:
+    """Return ``now`` with the second frames of the closures ``which`` (closures,) put where the first ones stand [m], [-].
+
+    original : rows of the mechanism as it is written; motion : one sample.  A universal closure keeps its second axis.
+    """
+    xa, _, _, _, _, ra = (part[0] for part in _at(motion, original.a))
+    xb, _, _, _, _, rb = (part[0] for part in _at(motion, original.b))
+    seen = np.einsum("rji,rj->ri", rb, xa + np.einsum("rij,rj->ri", ra, original.place_a) - xb)  # (row, xyz) from B
+    w = now.w.copy()
+    for k, index in enumerate(original.closure):
+        closure = mechanism.closures[index]
+        if which[index] and original.direction[k] and closure.kind != "universal":
+            aligned = closure.first.placement.rotation @ closure.second.placement.rotation.T
+            w[k] = rb[k].T @ ra[k] @ aligned @ original.w[k]
+    return replace(now, place_b=np.where(which[original.closure][:, None], seen, now.place_b), w=w)
+
+
+def _equations(closure: Closure) -> list[tuple[bool, Array, Array]]:
+    """Rows (direction?, u in frame A, w in frame B) of one closure."""
+    x, y, z = np.eye(3)
+    across, also = _normals(closure.axis)
+    if closure.kind == "coupling":
+        return []
+    position = {
+        "prismatic": (across, also),
+        "cylindrical": (across, also),
+        "point-on-line": (across, also),
+    }.get(closure.kind, (x, y, z))
+    direction = {
+        "fixed": ((x, y), (y, z), (z, x)),
+        "prismatic": ((x, y), (y, z), (z, x)),
+        "revolute": ((across, closure.axis), (also, closure.axis)),
+        "cylindrical": ((across, closure.axis), (also, closure.axis)),
+        "universal": ((closure.axis, closure.second_axis),),
+    }.get(closure.kind, ())
+    rows = [(False, u, np.zeros(3)) for u in position] + [(True, u, w) for u, w in direction]
+    assert len(rows) == CLOSURES[closure.kind]
+    return rows
+
+
+def _normals(axis: Array) -> tuple[Array, Array]:
+    """Two unit vectors that make a right-handed frame with a unit axis."""
+    across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    across /= np.linalg.norm(across)
+    return across, np.cross(axis, across)
+
+
+def _at(motion: NodalMotion, nodes: NDArray[np.int64]) -> tuple[Array, ...]:
+    """Motion of the rows' nodes; the world (-1) stands still."""
+    fixed = (nodes < 0)[:, None]
+    zero = [np.where(fixed, 0.0, part[:, nodes]) for part in (motion.x, motion.v, motion.a, motion.omega, motion.alpha)]
+    rotation = np.where(fixed[..., None], np.eye(3), motion.rotation[:, nodes])
+    return (*zero, rotation)
+
+
+def residuals(motion: NodalMotion, rows: Rows) -> tuple[Array, Array, Array]:
+    """Return phi [m], [-] and its two time derivatives, (samples, rows) each, for given nodal motion.
+
+    phi'' = u''.w + 2 u'.w' + u.w''
+    """
+    phi = np.empty((len(motion.x), len(rows), 3))
+    residual_samples(row_arrays(rows), *world_of(motion), phi)
+    return phi[:, :, 0], phi[:, :, 1], phi[:, :, 2]
+
+
+def constraint_jacobian(mesh: Mesh, motion: NodalMotion, rows: Rows) -> Array:
+    """Return G, (samples, rows, nv) [m/rad], [-], phi' = G qd: each row is the joint efforts of a unit multiplier."""
+    samples, count = len(motion.x), len(rows)
+    if count == 0:
+        return np.empty((samples, 0, mesh.mechanism.nv))
+    g = np.empty((samples, count, mesh.mechanism.nv))
+    jacobians(nodes_of(mesh), row_arrays(rows), *world_of(motion), g)
+    return without_rounding(mesh, rows.direction, g)
+
+
+@lru_cache(maxsize=64)
+def measures(mesh: Mesh) -> Array:
+    """Return the scale of each velocity coordinate, (nv,): the mechanism's length [m] for slides, 1 for all others."""
+    return np.where(slides(mesh.mechanism), mesh.length, 1.0)
+
+
+def row_scales(mesh: Mesh, rows: Rows) -> Array:
+    """Return the scale of each equation, (rows,): the mechanism's length [m] for positions, 1 for directions.
+
+    A coupling is measured against the largest of its terms, for a slide as long as the mechanism or an angle of 1.
+    """
+    geared = (np.abs(rows.gear) * measures(mesh)).max(axis=1, initial=0.0)
+    return np.where(geared > 0.0, geared, np.where(rows.direction, 1.0, mesh.length))
+
+
+def without_rounding(mesh: Mesh, direction: NDArray[np.bool_], g: Array) -> Array:
+    """Return G (samples, rows, nv) [m/rad], [-], set to zero in place where all of a sample is rounding.
+
+    So it is where closures tie nothing: a second bearing of a shaft.  Ranks are told from the largest entry, which then is none.
+    """
+    least = ROUNDED * np.where(direction[:, None] | slides(mesh.mechanism), 1.0, mesh.length)
+    if len(g) and (np.abs(g[0]) <= least).all():  # else there is one that ties something
+        g[(np.abs(g) <= least).all(axis=(1, 2))] = 0.0
+    return g
+
+
+def world_of(motion: NodalMotion) -> tuple[Array, ...]:
+    """Return the motion of the nodes [m, rad, s] as kernels take it: `kinematics.tree.Frames` of all samples."""
+    return tuple(plain(part) for part in (motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha))
+
+
+def nodes_of(mesh: Mesh) -> Nodes:
+    """Return the nodes [m], [-] of a mesh as kernels take them."""
+    return Nodes(mesh.parent, mesh.kind, mesh.offset, mesh.rotation, mesh.axis, mesh.q_index, mesh.v_index)
+
+
+def row_arrays(rows: Rows) -> RowArrays:
+    """Return the rows [m], [-] as kernels take them."""
+    vectors = rows.place_a, rows.place_b, rows.u, rows.w
+    return RowArrays(rows.direction, rows.a, rows.b, *vectors, rows.gear, rows.offset, rows.place)
+
+
+@lru_cache(maxsize=64)
+def sizes_of(mesh: Mesh) -> Array:
+    """Return the scale of each coordinate, (nq,): the mechanism's length [m] for positions, 1 for all others."""
+    sizes = np.ones(mesh.mechanism.nq)
+    for joint in mesh.mechanism.joints:
+        start = mesh.mechanism.q_slices[joint.name].start
+        sizes[start : start + {"prismatic": 1, "free": 3}.get(joint.kind, 0)] = mesh.length
+    return sizes

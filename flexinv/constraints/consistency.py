@@ -1,0 +1,145 @@
+"""Consistency of rigid closed loops whose whole motion is prescribed, and the allocation of their efforts to the drives.
+
+A consistent motion keeps  phi(q) = 0,  phi' = G qd = 0  and  phi'' = G qdd + G' qd = 0.  Rates and accelerations are compared
+with the sums of the joints' contributions, |G| |qd| and |G| |qdd| + |G' qd|, the largest of the whole motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.constraints.allocation import Shares, share_out
+from flexinv.constraints.closures import Rows, nodes_of, row_arrays, row_scales, without_rounding
+from flexinv.constraints.continuation_kernel import closing
+from flexinv.constraints.equations import RowArrays
+from flexinv.errors import InputError
+from flexinv.inverse.inverse_dynamics import plain
+from flexinv.kinematics.configuration import Nodes
+from flexinv.kinematics.mesh import Mesh
+from flexinv.kinematics.tree import Frames, Joints
+from flexinv.typing import Array
+
+# How far a given motion may be from closed: in metres over the mechanism's length or radians, as six digits of coordinates leave
+# it; its rates and accelerations relative to their size, as those of a spline through samples of a few hundred per period.
+OPEN, RATE, ACCELERATION = 1e-6, 1e-4, 1e-3
+# What opens no faster than this stands still [1/s], [1/s^2]: rounding over the step, and over its square, where constant samples
+# were differentiated; a ten-millionth of gravity where a mechanism is a metre long.
+STILL_RATE, STILL_ACCELERATION = 1e-8, 1e-6
+# What neither drives nor closures carry, over the largest effort: beyond this it is an effort that no drive can give.
+LEFT_OVER = 1e-9
+# Samples whose rows G are in memory at once, where only the motion is looked at.
+SAMPLES_AT_ONCE = 4096
+
+
+class _Kind(NamedTuple):
+    label: str
+    most: float
+    floor: float
+    measure: str
+
+
+_KINDS = (
+    _Kind("q", OPEN, 0.0, "|phi| (lengths over the mechanism's length)"),
+    _Kind("qd", RATE, STILL_RATE, "|G qd| / (|G| |qd|)"),
+    _Kind("qdd", ACCELERATION, STILL_ACCELERATION, "|G qdd + G' qd| / (|G| |qdd| + |G' qd|)"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class GivenLoops:
+    """The closures of a mechanism, and what the compiled check works with.
+
+    scale : (rows,) what their equations are measured against [m], [-]
+    """
+
+    mesh: Mesh
+    scale: Array
+    nodes: Nodes
+    rows: RowArrays
+    closure: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, mesh: Mesh, rows: Rows) -> GivenLoops:
+        """Return the loops of a mesh [m] for the constraints that act."""
+        scale = row_scales(mesh, rows)
+        return cls(mesh, scale, nodes_of(mesh), row_arrays(rows), rows.closure)
+
+    def jacobian(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """Return G (samples, rows, nv) [m/rad], [-] of a consistent motion q (samples, nq), qd, qdd (samples, nv) [rad or m, s].
+
+        Raises InputError for a motion that the closures do not allow.
+        """
+        g, worst, at = self._closing(q, qd, qdd)
+        self._hold(worst, at)
+        return g
+
+    def check(self, q: Array, qd: Array, qdd: Array) -> None:
+        """Raise InputError for a motion q (samples, nq), qd, qdd (samples, nv) [rad or m, s] that the closures do not allow."""
+        worst, at = np.zeros((3, 2)), np.zeros((3, 2), dtype=np.int64)
+        for start in range(0, len(q), SAMPLES_AT_ONCE):
+            part = slice(start, start + SAMPLES_AT_ONCE)
+            _, found, where = self._closing(q[part], qd[part], qdd[part])
+            more = ~(found[:, 0] <= worst[:, 0])  # a NaN is the largest
+            worst[more, 0], at[more] = found[more, 0], where[more] + [start, 0]
+            worst[:, 1] = np.maximum(worst[:, 1], found[:, 1])
+        self._hold(worst, at)
+
+    def _closing(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, NDArray[np.int64]]:
+        """G, how far the motion is from closed, and where: see `continuation_kernel.closing`."""
+        count, nodes = len(self.scale), self.mesh.size
+        g, worst, at = np.empty((len(q), count, qd.shape[1])), np.zeros((3, 2)), np.zeros((3, 2), dtype=np.int64)
+        one, turns = np.zeros((10, nodes, 3)), np.zeros((2, nodes, 3, 3))
+        joints = Joints(one[0], one[1], one[2], turns[0], one[3], one[4])
+        frames = Frames(one[5], turns[1], one[6], one[7], one[8], one[9])
+        state = (plain(q), plain(qd), plain(qdd))
+        closing(self.nodes, self.rows, self.scale, *state, g, worst, at, joints, frames)
+        return without_rounding(self.mesh, self.rows.direction, g), worst, at
+
+    def _hold(self, worst: Array, at: NDArray[np.int64]) -> None:
+        """Raise InputError where the motion is further from closed than is allowed."""
+        for found, (sample, row), kind in zip(worst, at, _KINDS, strict=True):
+            if found[0] > kind.most * found[1] + kind.floor or np.isnan(found[0]):
+                name = self.mesh.mechanism.closures[int(self.closure[row])].name
+                raise InputError(
+                    f"mechanism '{self.mesh.mechanism.name}': {kind.label} violates closure '{name}' at sample {sample}: "
+                    f"{kind.measure} = {found[0] / found[1]:.2g}, expected at most {kind.most:g}; give consistent q, qd, qdd "
+                    "of all joints as flexinv.solve returns them, or call flexinv.solve with the independent joints only"
+                )
+
+    def share(self, q: Array, qd: Array, qdd: Array, tau: Array) -> None:
+        """Replace the efforts of the cut tree, ``tau`` (samples, nv) [N m], [N], by those of its drives (`allocation.share_out`).
+
+        q : (samples, nq), qd, qdd : (samples, nv) of all joints; torques of passive joints become zero
+        Raises InputError for a motion that the closures do not allow, or that the drives cannot give.
+        """
+        tau[:] = self.shares(q, qd, qdd, tau).tau
+
+    def shares(self, q: Array, qd: Array, qdd: Array, tau: Array) -> Shares:
+        """Return the efforts that `share` writes [N m], [N], and the multipliers; ``tau`` (samples, nv) is not modified."""
+        return self._shared(self.jacobian(q, qd, qdd), tau, np.arange(len(tau)))
+
+    def share_some(self, which: NDArray[np.bool_], q: Array, qd: Array, qdd: Array, tau: Array) -> None:
+        """Do so for some samples (samples,) of a motion that is known to keep the closures [N m], [N]."""
+        samples = np.flatnonzero(which)
+        g, _, _ = self._closing(q[samples], qd[samples], qdd[samples])
+        tau[samples] = self._shared(g, tau[samples], samples).tau
+
+    def _shared(self, g: Array, tau: Array, samples: NDArray[np.int64]) -> Shares:
+        m = self.mesh.mechanism
+        shares = share_out(g, tau, m.actuated, m.weights[m.actuated], self.scale)
+        left, largest = (
+            np.abs(shares.left),
+            max(np.abs(tau).max(initial=0.0), np.abs(shares.multipliers).max(initial=0.0)),
+        )
+        if left.max(initial=0.0) > LEFT_OVER * largest:
+            sample, column = np.unravel_index(int(np.argmax(left)), left.shape)
+            raise InputError(
+                f"mechanism '{m.name}', sample {samples[sample]}: the actuated joints cannot give this motion "
+                f"({left.max():.3g} N m or N is left at '{m.velocity_names[column]}'): "
+                "write actuated = true for as many independent joints as the mechanism has freedoms"
+            )
+        return shares

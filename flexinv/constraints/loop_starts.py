@@ -1,0 +1,384 @@
+"""Starts of closed loops: values stated of the joints are kept as the loops close, or an error names what contradicts them.
+
+Coordinates are moved onto the closures set by set, from those of which nothing was stated to all; the first set that closes the
+loops and keeps what was stated is taken.  Rates follow in the same order, G qd = 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.constraints.allocation import ranks
+from flexinv.constraints.closures import Rows, constraint_rows, measures
+from flexinv.constraints.consistency import STILL_RATE
+from flexinv.constraints.continuation import Follower, close_rates, closed_start
+from flexinv.constraints.phases import acting
+from flexinv.errors import ConvergenceError, InputError
+from flexinv.kinematics.configuration_arrays import moved, nearest_difference, slides
+from flexinv.kinematics.joint_motion import JointHistory
+from flexinv.kinematics.mesh import Mesh
+from flexinv.model.mechanism import Joint, Mechanism
+from flexinv.typing import Array
+
+Mask = NDArray[np.bool_]
+
+# Where a motion decides where joints are, a start picks the branch.  A joint found further from it than this [rad], a slide than
+# half of this times the mechanism's length, is on another branch, or the start is a slip of the pen.
+FAR = 1.0
+# Closer than this the branch is the one that was meant: branches that lie so close meet in a dead point nearby.
+NEAR = 0.1
+# Where nothing but the start decides it is kept, but for what people round away: two decimals, half a degree.
+ROUNDED = 0.01
+# Rates of passive joints that were found on a deformed mechanism belong to other places than those of the undeformed one, where
+# the loops are closed: they may be off by this part of the largest rate.
+SAGGED = 0.5
+# What rounding leaves where a number is zero [rad or m, s] is not shown.
+NOTHING = 1e-12
+# How far places lie from which freedoms are counted [rad], of the length: far enough for singular values to be no rounding.
+AWAY = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
+# Guesses from which loops are closed where nothing is said of their joints.
+TRIES = 20
+# Damped least squares end after so many steps, or with a step that small [rad], [-]: the result is only where Newton begins.
+MOST_STEPS, SMALL_STEP, LONGEST_STEP = 60, 1e-6, 0.5
+
+
+@dataclass(frozen=True)
+class Stated:
+    """Known values of a start: q (nq,), qd, qdd (nv,) [rad or m, s] with zeros or guesses where nothing is stated.
+
+    places, rates : (nv,) what is stated; passive : (nv,) coordinates of joints without a drive, or that no motion gives
+    place : how far passive joints may be from what is stated [rad], of the length; rate : the same of the largest rate [-]
+    """
+
+    q: Array
+    qd: Array
+    qdd: Array
+    places: Mask
+    rates: Mask
+    passive: Mask
+    place: float = ROUNDED
+    rate: float = ROUNDED
+
+    def missed(self, off: Array) -> tuple[float, float, float]:
+        """Return by how much drives, and all joints, are further off than they may be, and how far they are (nv,) [-]."""
+        drives, all_ = np.where(self.passive, 0.0, off).max(initial=0.0), off.max(initial=0.0)
+        return max(drives / ROUNDED - 1.0, 0.0), max(all_ / self.place - 1.0, 0.0), all_
+
+    def sets(self, stated: Mask) -> list[Mask]:
+        """Return masks (nv,) of the coordinates that may move, in the order in which they are tried [-]."""
+        order = (self.passive & ~stated, ~stated, self.passive, ~stated | self.passive, np.ones_like(stated))
+        return [one for k, one in enumerate(order) if not any((one == other).all() for other in order[:k])]
+
+
+def begin(mesh: Mesh, given: Stated, rows: Rows, time: float) -> tuple[Array, Array, Array]:
+    """Return q (nq,), qd, qdd (nv,) [rad or m, s] on the closures ``rows`` at a time [s], with all that is stated.
+
+    Raises InputError where the closures contradict what is stated, ConvergenceError where the loops do not close.
+    """
+    sets = given.sets(given.places)
+    found = _placed(mesh, given, rows, sets)
+    if found is None:
+        Follower(mesh, rows, _still(given), sets[-1]).start(time, given.q)  # says which closure stays open
+        raise AssertionError("the loops close from the start")
+    q, off = found, off_start(mesh, given.places, given.q, found)
+    if given.missed(off)[:2] != (0.0, 0.0):
+        raise _contradicted(mesh, given, q, off, time)
+    qd, qdd = given.qd.copy(), given.qdd.copy()
+    close_rates(mesh, rows, q, qd, qdd, given.sets(given.rates), orders=(1,))
+    check_rates(mesh, given.rates, given.qd, qd, time, given.rate)
+    close_rates(mesh, rows, q, qd, qdd, given.sets(np.zeros_like(given.rates)), orders=(2,))
+    return q, qd, qdd
+
+
+def check_settled(mesh: Mesh, given: Stated, begun: Array, rate: Array, q: Array, qd: Array, time: float) -> None:
+    """Raise InputError unless what is stated is where the loops were closed unbent, or where beams have come to rest.
+
+    begun (nq,), rate (nv,) : unbent; q (nq,), qd (nv,) : at rest under gravity and loads [rad], [m], [1/s]
+    """
+    off = np.minimum(*(off_start(mesh, given.places, given.q, one) for one in (begun, q)))
+    if off.max(initial=0.0) > ROUNDED:
+        raise _contradicted(mesh, given, q, off, time)
+    nearer = np.where(np.abs(rate - given.qd) < np.abs(qd - given.qd), rate, qd)
+    check_rates(mesh, given.rates, given.qd, nearer, time)
+
+
+def off_start(mesh: Mesh, stated: Mask, guess: Array, q: Array) -> Array:
+    """Return the distance of q from a guess (nq,) where that is stated, else 0, (nv,) [rad], of the mechanism's length."""
+    return np.where(stated, np.abs(nearest_difference(mesh.mechanism, guess, q)) / measures(mesh), 0.0)
+
+
+def _placed(mesh: Mesh, given: Stated, rows: Rows, sets: Sequence[Mask]) -> Array | None:
+    """The closed configuration (nq,) that keeps what is stated, or comes nearest to it.
+
+    Newton sets out from the start, and from where what is not stated has been brought as close to closed as it can be; where that
+    keeps not all, one joint after the other is held alone.
+    """
+    best: tuple[tuple[float, float, float], Array] | None = None
+    for held, free in _attempts(mesh, given, rows, sets):
+        q = Follower(mesh, rows, _still(given), free).solve(held)
+        if q is None:
+            continue
+        q = unwound(mesh.mechanism, given.q, q)
+        missed = given.missed(off_start(mesh, given.places, given.q, q))
+        if best is None or missed < best[0]:
+            best = missed, q
+        if missed[:2] == (0.0, 0.0):
+            break
+    return None if best is None else best[1]
+
+
+def _attempts(mesh: Mesh, given: Stated, rows: Rows, sets: Sequence[Mask]) -> Iterator[tuple[Array, Mask]]:
+    """From where Newton sets out (nq,), and which coordinates (nv,) it moves."""
+    m, every = mesh.mechanism, sets[-1]
+    follower = Follower(mesh, rows, _still(given), every)
+    for k, free in enumerate(sets):
+        yield given.q, free
+        if k == 0:
+            held = _held(replace(follower, unknown=every & ~given.places), given.q)
+        yield held, free
+    for joint in m.joints:
+        own = stated_of(m, {joint.name}) & given.places & given.passive
+        if own.any():
+            moves = (given.passive | ~given.places) & every
+            yield _held(replace(follower, unknown=moves & ~own), given.q), moves
+
+
+def unwound(mechanism: Mechanism, guess: Array, q: Array) -> Array:
+    """Return q (nq,) [rad], [m] with joints that turn within half a turn of a guess (nq,), but for those in couplings."""
+    out, geared = q.copy(), {name for c in mechanism.closures for name, _ in c.factors}
+    for joint in mechanism.joints:
+        if joint.kind in ("revolute", "universal") and joint.name not in geared:
+            own = mechanism.q_slices[joint.name]
+            out[own] -= 2 * np.pi * np.round((q[own] - guess[own]) / (2 * np.pi))
+    return out
+
+
+def _held(follower: Follower, q: Array) -> Array:
+    """Bring the loops as close to closed as the unknown coordinates can: damped least squares from a guess (nq,) [rad], [m]."""
+    m, sizes, damping = follower.mesh.mechanism, measures(follower.mesh), 1e-3
+    free = follower.unknown
+    phi, g = follower.closures(q)
+    for _ in range(MOST_STEPS if free.any() else 0):
+        a, step = g[:, free], np.zeros(m.nv)
+        normal = a.T @ a
+        normal[np.diag_indices_from(normal)] += damping * max(normal.diagonal().max(), np.finfo(float).tiny)
+        step[free] = -np.linalg.solve(normal, a.T @ phi)
+        step *= min(1.0, LONGEST_STEP / max(np.abs(step).max(), SMALL_STEP))
+        tried = moved(m, q, sizes * step)
+        found, gradient = follower.closures(tried)
+        if not found @ found < phi @ phi:
+            damping *= 8.0
+            continue
+        q, phi, g, damping = tried, found, gradient, damping / 8.0
+        if np.abs(step).max() < SMALL_STEP:
+            break
+    return q
+
+
+def picked_start(mesh: Mesh, history: JointHistory, time: float, passive: Mask, stated: Mask) -> Array | None:
+    """Return the closed q (nq,) [rad], [m] on the branch that a start picks, None where Newton finds it from there.
+
+    history : time -> q, qd, qdd of all joints; passive : (nv,) coordinates that no motion gives, at their start if it is stated
+    """
+    rows = constraint_rows(mesh).of(acting(mesh.mechanism, time))
+    q, qd, qdd = (part[0] for part in history(np.array([time])))
+    given = Stated(q, qd, qdd, places=stated & passive, rates=np.zeros_like(stated), passive=passive, place=NEAR)
+    try:
+        plain = closed_start(mesh, history, time, passive, rows)[0]
+    except ConvergenceError:
+        return _placed(mesh, given, rows, [passive])
+    near = unwound(mesh.mechanism, q, plain)
+    if off_start(mesh, given.places, q, plain).max(initial=0.0) <= NEAR:
+        return None if np.allclose(near, plain, rtol=0.0, atol=FAR) else near
+    return _placed(mesh, given, rows, [passive])
+
+
+def closed_at(mesh: Mesh, q: Array, drives_move: bool = False) -> Array:
+    """Return the configuration (nq,) [rad], [m] closed at t = 0 with drives at q (nq,), and of those the nearest to q.
+
+    drives_move : where the joints without drives cannot close the loops (there may be none), drives do, by what is rounded away
+    Raises InputError where drives would have to move further; q as it is where nothing closes and drives stay.
+    """
+    m, rest = mesh.mechanism, np.zeros(mesh.mechanism.nv)
+    passive, every = stated_of(m, {j.name for j in m.joints if not j.actuated}), np.ones(m.nv, dtype=bool)
+    given = Stated(q, rest, rest, places=every, rates=~every, passive=passive, place=NEAR)
+    rows, sets = constraint_rows(mesh).of(acting(m, 0.0)), [passive, every] if drives_move else [passive]
+    found = _placed(mesh, given, rows, sets)
+    if found is None:
+        return Follower(mesh, rows, _still(given), every).start(0.0, q) if drives_move else q
+    off = off_start(mesh, ~passive, q, found)
+    if off.max(initial=0.0) > ROUNDED:
+        raise _contradicted(mesh, replace(given, places=~passive), found, off, 0.0, "q")
+    return found
+
+
+def closed_anywhere(mesh: Mesh, q: Array) -> Array:
+    """Return a configuration (nq,) [rad], [m] closed at t = 0: near q, or where joints stand anywhere.
+
+    Raises ConvergenceError, which names the closure that stays open.
+    """
+    m, random = mesh.mechanism, np.random.default_rng(1)
+    rest, free = np.zeros(m.nv), np.ones(m.nv, dtype=bool)
+    given = Stated(q, rest, rest, places=~free, rates=~free, passive=free)
+    follower = Follower(mesh, constraint_rows(mesh).of(acting(m, 0.0)), _still(given), free)
+    found = follower.solve(q)
+    for _ in range(TRIES):
+        if found is not None:
+            return found
+        found = follower.solve(_held(follower, moved(m, q, measures(mesh) * random.uniform(-1.0, 1.0, m.nv))))
+    return follower.start(0.0, q) if found is None else found
+
+
+def places_near(mesh: Mesh, q: Array) -> list[Array]:
+    """Return closed configurations (nq,) [rad], [m] to which a mechanism can move from a closed one, in no special direction."""
+    m, random = mesh.mechanism, np.random.default_rng(1)
+    rest = np.zeros(m.nv)
+    rows = constraint_rows(mesh).of(acting(m, 0.0))
+    free = np.ones(m.nv, dtype=bool)
+    given = Stated(q, rest, rest, places=~free, rates=~free, passive=free)
+    follower, found = Follower(mesh, rows, _still(given), free), []
+    _, g = follower.closures(q)
+    _, values, right = np.linalg.svd(g)
+    allowed = right[int(ranks(values)) if len(values) else 0 :]
+    for size in AWAY if len(allowed) else ():
+        along = allowed.T @ random.normal(size=len(allowed))
+        step = size * measures(mesh) * along / np.abs(along).max()
+        place = follower.solve(moved(m, q, step))
+        if place is not None:
+            found.append(place)
+    return found
+
+
+def check_branch(mesh: Mesh, names: Collection[str], guess: Array, q: Array) -> None:
+    """Raise ConvergenceError unless the joints ``names``, whose start was stated, are found near their guess (nq,) [rad], [m]."""
+    m = mesh.mechanism
+    off = off_start(mesh, stated_of(m, names), guess, q)
+    most = np.where(slides(m), 0.5 * FAR, FAR)
+    worst = int(np.argmax(off / most)) if off.size else 0
+    if off.size and not off[worst] <= most[worst]:
+        joint = _owner(m, worst)
+        raise ConvergenceError(
+            f"mechanism '{m.name}', t = 0 s: the loops close on another branch: {_apart(joint, m, guess, q)}; "
+            "give starts of the passive joints that belong together, start = {...}; nearest is "
+            + _written(m, [j.name for j in m.joints if j.name in names], m.q_slices, q, True)
+        )
+
+
+def check_rates(mesh: Mesh, stated: Mask, given: Array, qd: Array, time: float, most: float = ROUNDED) -> None:
+    """Raise InputError where rates qd (nv,) [rad or m, s] are not the ``stated`` ones (nv,) of ``given`` (nv,).
+
+    most : how far they may be from them, over the largest [-]
+    """
+    m, unit = mesh.mechanism, measures(mesh)
+    off = np.where(stated, np.abs(qd - given) / unit, 0.0)
+    # a pendulum of the mechanism's length tells slow from fast
+    still = STILL_RATE * max(1.0, float(np.sqrt(np.linalg.norm(m.gravity) / mesh.length)))
+    if off.max(initial=0.0) <= still + most * np.abs(np.where(stated, given, 0.0) / unit).max(initial=0.0):
+        return
+    joint = _owner(m, int(np.argmax(off)))
+    names = [j.name for j in m.joints if stated[m.v_slices[j.name]].any()]
+    own = m.v_slices[joint.name]
+    raise InputError(
+        f"mechanism '{m.name}', t = {time:g} s: start_rate of joint '{joint.name}' is {_shown(given[own])} {_units(joint)[1]}, "
+        f"the closures give {_shown(qd[own])} {_units(joint)[1]}{_others(m, names, joint, m.v_slices, given)}; write "
+        f"start_rate={_written(m, names, m.v_slices, qd)}, or leave out the joints that shall follow"
+    )
+
+
+def stated_of(mechanism: Mechanism, names: Collection[str]) -> Mask:
+    """Return a mask (nv,) [-] of the velocity coordinates of the named joints."""
+    return np.array([j.name in names for j in mechanism.joints for _ in range(j.nv)], dtype=bool)
+
+
+def _still(given: Stated) -> JointHistory:
+    return lambda time: (given.q[None], given.qd[None], given.qdd[None])
+
+
+# ------------------------------------------------------------------------------------------------- what errors say
+
+
+def _owner(mechanism: Mechanism, column: int) -> Joint:
+    return next(
+        j for j in mechanism.joints if mechanism.v_slices[j.name].start <= column < mechanism.v_slices[j.name].stop
+    )
+
+
+def _units(joint: Joint) -> tuple[str, str]:
+    """Units of a joint's coordinates and of its rates."""
+    if joint.kind == "free":
+        return "m and quaternion", "m/s and rad/s"
+    if joint.kind == "spherical":
+        return "(quaternion)", "rad/s"
+    return ("m", "m/s") if joint.kind == "prismatic" else ("rad", "rad/s")
+
+
+def _place(joint: Joint, q: Array) -> Array:
+    """Coordinates as a start states them: of a continuous joint its angle."""
+    return np.arctan2(q[1:], q[:1]) if joint.kind == "continuous" else q
+
+
+def _shown(values: Array) -> str:
+    """Numbers as one writes them; six digits are far more than `ROUNDED` asks for."""
+    numbers = [f"{value if abs(value) > NOTHING else 0.0:.6g}" for value in values]
+    return numbers[0] if len(numbers) == 1 else f"[{', '.join(numbers)}]"
+
+
+def _written(
+    mechanism: Mechanism, names: Collection[str], slices: Mapping[str, slice], values: Array, places: bool = False
+) -> str:
+    parts = [values[slices[n]] for n in names]
+    shown = [
+        _shown(_place(mechanism.joint_of[n], part) if places else part) for n, part in zip(names, parts, strict=True)
+    ]
+    return "{" + ", ".join(f"{n!r}: {part}" for n, part in zip(names, shown, strict=True)) + "}"
+
+
+def _others(
+    mechanism: Mechanism,
+    names: Sequence[str],
+    joint: Joint,
+    slices: Mapping[str, slice],
+    values: Array,
+    places: bool = False,
+) -> str:
+    """Return the values stated of the other joints, in words."""
+    parts = [
+        f"{n} = {_shown(_place(mechanism.joint_of[n], values[slices[n]]) if places else values[slices[n]])} "
+        f"{_units(mechanism.joint_of[n])[0 if places else 1]}"
+        for n in names if n != joint.name
+    ]  # fmt: skip
+    return f" with {', '.join(parts)}" if parts else ""
+
+
+def _contradicted(mesh: Mesh, given: Stated, q: Array, off: Array, time: float, argument: str = "start") -> InputError:
+    m = mesh.mechanism
+    joint = _owner(m, int(np.argmax(off)))
+    at, found = _shown(_place(joint, given.q[m.q_slices[joint.name]])), _shown(_place(joint, q[m.q_slices[joint.name]]))
+    names = [j.name for j in m.joints if given.places[m.v_slices[j.name]].any()]
+    unit = _units(joint)[0]
+    follow = ", or leave out the joints that shall follow" if argument == "start" else " into its places"
+    kept = [n for n in names if off[m.v_slices[n]].max(initial=0.0) <= ROUNDED]
+    return InputError(
+        f"mechanism '{m.name}', t = {time:g} s: {argument} of joint '{joint.name}' is {at} {unit}, "
+        f"the closures give {found} {unit}{_others(m, kept, joint, m.q_slices, given.q, True)}; "
+        f"write {argument}={_written(m, names, m.q_slices, q, True)}{follow}"
+    )
+
+
+def _apart(joint: Joint, mechanism: Mechanism, guess: Array, q: Array) -> str:
+    """Return the position of a joint and its distance from its start, in words."""
+    own, angles = mechanism.q_slices[joint.name], joint.kind in ("revolute", "continuous", "universal")
+    a, b = _place(joint, guess[own]), _place(joint, q[own])
+    d = nearest_difference(mechanism, guess, q)[mechanism.v_slices[joint.name]]
+    if angles:
+        k = int(np.argmax(np.abs(d)))
+        return (
+            f"joint '{joint.name}' at {np.degrees(b[k]):.1f} deg, {abs(np.degrees(d[k])):.0f} deg from its start of "
+            f"{np.degrees(a[k]):.1f} deg"
+        )
+    unit = _units(joint)[0]
+    return f"joint '{joint.name}' at {_shown(b)} {unit}, {_shown(np.abs(d))} from its start of {_shown(a)} {unit}"

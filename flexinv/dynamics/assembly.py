@@ -1,0 +1,333 @@
+"""One instant of the march: place all nodes, sum the wrenches on every block, and linearise both.
+
+Residual of a block = inertia + elastic forces - loads on its independent node and along its passive freedoms; zero in motion.
+The unknowns' increments are dx (world), theta (own frame) of independent nodes and dq of passive joints; velocities and
+accelerations vary with them as the integrator says, dv = cv dx, da = ca dx (`generalized_alpha`).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from flexinv.dynamics.dofs import FRICTION_RATE
+from flexinv.elements.beam import Scratch, element_gradient, element_tangent, nodal_forces, relative
+from flexinv.elements.beam_damping import Rates, damped_gradient, damped_tangent, relative_rates
+from flexinv.kernels.jit import jit_inner
+from flexinv.kernels.so3 import exp, inverse_tangent
+from flexinv.kernels.vec3 import (
+    add,
+    add_scaled,
+    add_to,
+    apply,
+    cross,
+    dot,
+    mat,
+    mscale,
+    mul,
+    put,
+    put_block,
+    scale,
+    sub,
+    tapply,
+    transpose,
+    vec,
+    vec_at,
+)
+from flexinv.kinematics.tree import bring_back, bring_back_variation, carry, carry_variation
+from flexinv.typing import Array
+
+
+class State(NamedTuple):
+    """Unknowns of a step.
+
+    x, r : (nodes, 3), (nodes, 3, 3) pose at the start of the step: of independent nodes in the world, of passive joints
+        in the parent's frame; d, u, du : (unknowns,) increment since then, velocity, acceleration [m, rad, s]
+    pseudo : (unknowns,) the integrator's auxiliary acceleration at the start of the step
+    u0, du0 : (unknowns,) velocity and acceleration at the start of the step; kept : (unknowns,) set aside
+    place : (unknowns,) coordinate of a passive scalar joint at the start of the step, against which its spring pulls [rad], [m]
+    """
+
+    x: Array
+    r: Array
+    d: Array
+    u: Array
+    du: Array
+    pseudo: Array
+    u0: Array
+    du0: Array
+    kept: Array
+    place: Array
+
+
+class Work(NamedTuple):
+    """Wrenches, residual and linearisation, allocated once.
+
+    wrench : (nodes, 6); dwrench : (nodes, columns, 6); residual : (sides, unknowns), the first is it, the others belong to
+        the closures (`dynamics.constraint_rows`); diagonal : (blocks, columns, columns)
+    tangent : (elements, 6 count, 6 count), with damping six columns more (`beam_damping`); internal : (elements, points, 6)
+    energy : (3,) elastic energy [J], power of the internal forces and what of it is dissipated [W]
+    element, rates : scratch of one element; own_x, own_t : (columns, 3), scratch of one passive joint
+    system : (rows, rows + columns + sides), scratch of one elimination; settled : (2, nodes, 6), scratch of `dynamics.index1`
+    solved : (elements, rows, columns + sides) eliminated unknowns by those of the element's first block
+    """
+
+    wrench: Array
+    dwrench: Array
+    residual: Array
+    diagonal: Array
+    tangent: Array
+    internal: Array
+    energy: Array
+    element: Scratch
+    rates: Rates
+    own_x: Array
+    own_t: Array
+    system: Array
+    solved: Array
+    settled: Array
+
+
+# An element that turns more than this between its first and any other node is too coarse (log is singular at pi).
+LARGEST_TURN = 2.5  # [rad]
+NONE = (0.0, 0.0, 0.0)
+UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+@jit_inner
+def place(topology, state, joints, frames, variation, cv, ca, want_tangent):
+    """Set motion f and variation d of all nodes from the unknowns s and the prescribed relative motion j [m, rad, s]."""
+    for n in range(len(topology.parent)):
+        columns = topology.size[topology.block[n]] if want_tangent else 0
+        _clear(n, columns, variation)
+        if topology.independent[n]:
+            _place_section(n, topology.offset[topology.block[n]], columns, state, frames, variation, cv, ca)
+        else:
+            if topology.freedoms[n] > 0:
+                _place_passive(n, topology, state, joints, variation, cv, ca, columns)
+            carry(n, topology.parent[n], frames, joints)
+            carry_variation(n, topology.parent[n], columns, frames, joints, variation)
+
+
+@jit_inner
+def _clear(n, columns, variation):
+    for k in range(columns):
+        for i in range(3):
+            variation.x[n, k, i] = variation.t[n, k, i] = variation.v[n, k, i] = variation.w[n, k, i] = variation.a[
+                n, k, i
+            ] = variation.al[n, k, i] = 0.0
+
+
+@jit_inner
+def _place_section(n, o, columns, state, frames, variation, cv, ca):
+    psi = vec_at(state.d, o + 3)
+    put(frames.x[n], 0, add(vec(state.x[n]), vec_at(state.d, o)))
+    put_block(frames.r[n], 0, 0, mul(mat(state.r[n]), exp(psi)))
+    put(frames.v[n], 0, vec_at(state.u, o))
+    put(frames.w[n], 0, vec_at(state.u, o + 3))
+    put(frames.a[n], 0, vec_at(state.du, o))
+    put(frames.al[n], 0, vec_at(state.du, o + 3))
+    if columns == 0:
+        return
+    for k in range(3):
+        variation.x[n, k, k], variation.v[n, k, k], variation.a[n, k, k] = 1.0, cv, ca
+        variation.t[n, 3 + k, k] = 1.0
+    turned = transpose(inverse_tangent(psi))  # dpsi = H^-1 theta
+    put_block(variation.w[n], 3, 0, mscale(cv, turned))
+    put_block(variation.al[n], 3, 0, mscale(ca, turned))
+
+
+@jit_inner
+def passive_psi(n, topology, state, first):
+    """Return the rotation vector [rad] that a passive joint has turned since the start of the step."""
+    psi = NONE
+    for k in range(topology.freedoms[n]):
+        psi = add_scaled(psi, state.d[first + k], vec(topology.turn[n, k]))
+    return psi
+
+
+@jit_inner
+def _place_passive(n, topology, state, joints, variation, cv, ca, columns):
+    """Relative motion of a passive joint, and with ``columns`` its variation."""
+    first = topology.offset[topology.block[n]] + topology.column[n]
+    psi = passive_psi(n, topology, state, first)
+    inverse = inverse_tangent(psi)
+    p, dp, ddp, w, al = vec(state.x[n]), NONE, NONE, NONE, NONE
+    for k in range(topology.freedoms[n]):
+        slide, turn = vec(topology.slide[n, k]), vec(topology.turn[n, k])
+        p = add_scaled(p, state.d[first + k], slide)
+        dp, w = add_scaled(dp, state.u[first + k], slide), add_scaled(w, state.u[first + k], turn)
+        ddp, al = add_scaled(ddp, state.du[first + k], slide), add_scaled(al, state.du[first + k], turn)
+        if columns > 0:
+            at = topology.column[n] + k
+            rate = apply(inverse, turn) if topology.triple[n] >= 0 else turn
+            _put_variation(
+                n, at, variation, slide, turn, scale(cv, slide), scale(cv, rate), scale(ca, slide), scale(ca, rate)
+            )
+    put(joints.p[n], 0, p)
+    put_block(joints.r[n], 0, 0, mul(mat(state.r[n]), exp(psi)))
+    put(joints.dp[n], 0, dp)
+    put(joints.ddp[n], 0, ddp)
+    put(joints.w[n], 0, w)
+    put(joints.al[n], 0, al)
+
+
+@jit_inner
+def _put_variation(n, k, variation, x, t, v, w, a, al):
+    put(variation.x[n, k], 0, x)
+    put(variation.t[n, k], 0, t)
+    put(variation.v[n, k], 0, v)
+    put(variation.w[n, k], 0, w)
+    put(variation.a[n, k], 0, a)
+    put(variation.al[n, k], 0, al)
+
+
+@jit_inner
+def node_wrenches(topology, frames, variation, level, work, want_tangent):
+    """Set every node's own wrench P = m (a - g), Q = J al + w x J w, and its variation; ``level`` of g acts [N], [N m]."""
+    gravity = scale(level, vec(topology.gravity))
+    for n in range(len(topology.parent)):
+        m, inertia, w = topology.mass[n], mat(topology.inertia[n]), vec(frames.w[n])
+        spin = apply(inertia, w)
+        put(work.wrench[n], 0, scale(m, sub(vec(frames.a[n]), gravity)))
+        put(work.wrench[n], 3, add(apply(inertia, vec(frames.al[n])), cross(w, spin)))
+        for k in range(topology.size[topology.block[n]] if want_tangent else 0):
+            dw = vec(variation.w[n, k])
+            gyro = add(cross(dw, spin), cross(w, apply(inertia, dw)))
+            put(work.dwrench[n, k], 0, scale(m, vec(variation.a[n, k])))
+            put(work.dwrench[n, k], 3, add(apply(inertia, vec(variation.al[n, k])), gyro))
+
+
+@jit_inner
+def add_elements(topology, elements, frames, variation, work, moving, want_tangent):
+    """Add internal forces of all elements to the wrenches; return -1, or the element that turns too much [rad].
+
+    moving : False where velocities do not count, at rest
+    """
+    z, energy, power, lost = work.element, 0.0, 0.0, 0.0
+    damped = moving and len(elements.damping) > 0
+    for k in range(len(elements.order)):
+        count = elements.order[k] + 1
+        nodes = elements.nodes[k]
+        for i in range(count):
+            put(z.x[i], 0, vec(frames.x[nodes[i]]))
+            put_block(z.r[i], 0, 0, mat(frames.r[nodes[i]]))
+        if not relative(count, z) <= LARGEST_TURN:
+            return k
+        if damped:
+            _set_rates(count, nodes, frames, work.rates)
+            relative_rates(count, z, work.rates)
+            stored, gone = damped_gradient(k, count, elements, z, work.rates, work.internal[k], want_tangent)
+            energy, lost = energy + stored, lost + gone
+        else:
+            energy += element_gradient(k, count, elements, z, work.internal[k], want_tangent)
+        nodal_forces(count, z)
+        for i in range(count):
+            n, force, moment = nodes[i], vec(z.forces[i]), vec_at(z.forces[i], 3)
+            add_to(work.wrench[n], 0, force)
+            add_to(work.wrench[n], 3, moment)
+            power += dot(force, vec(frames.v[n])) + dot(moment, vec(frames.w[n]))
+        if want_tangent:
+            if damped:
+                damped_tangent(count, z, work.rates, nodes, variation, work.tangent[k])
+            else:
+                element_tangent(count, z, work.tangent[k])
+                work.tangent[k, :, 6 * elements.nodes.shape[1] :] = 0.0
+            _add_diagonal(topology, variation, nodes, count, work.tangent[k], work.dwrench)
+    work.energy[0], work.energy[1], work.energy[2] = energy, power, lost
+    return -1
+
+
+@jit_inner
+def _set_rates(count, nodes, frames, rates):
+    for i in range(count):
+        put(rates.v[i], 0, vec(frames.v[nodes[i]]))
+        put(rates.w[i], 0, vec(frames.w[nodes[i]]))
+
+
+@jit_inner
+def _add_diagonal(topology, variation, nodes, count, tangent, dwrench):
+    """Add what each node of an element feels of its own motion (and the root of its block's other unknowns)."""
+    root = nodes[0]
+    for k in range(topology.size[topology.block[root]]):
+        for i in range(6):
+            dwrench[root, k, i] += by_root(tangent, i, root, k, variation)
+    for node in range(1, count):
+        for k in range(6):
+            for i in range(6):
+                dwrench[nodes[node], k, i] += tangent[6 * node + i, 6 * node + k]
+
+
+@jit_inner
+def by_root(tangent, row, root, k, variation):
+    """Return the derivative of an element's force by unknown k of its root's block, pose and velocity [N/m], [N], [N m]."""
+    by, last = tangent[row], tangent.shape[1] - 6
+    felt = dot(vec(by), vec(variation.x[root, k])) + dot(vec_at(by, 3), vec(variation.t[root, k]))
+    if tangent.shape[1] > tangent.shape[0]:
+        felt += dot(vec_at(by, last), vec(variation.v[root, k])) + dot(vec_at(by, last + 3), vec(variation.w[root, k]))
+    return felt
+
+
+@jit_inner
+def gather(topology, state, frames, joints, variation, loads, work, cv, ca, want_tangent):
+    """Bring wrenches of dependent nodes back to their blocks: residual (unknowns,) [N], [N m] and diagonal blocks."""
+    for n in range(len(topology.parent) - 1, -1, -1):
+        b, m = topology.block[n], topology.parent[n]
+        columns = topology.size[b] if want_tangent else 0
+        if topology.independent[n]:
+            for i in range(6):
+                work.residual[0, topology.offset[b] + i] = work.wrench[n, i]
+                for k in range(columns):
+                    work.diagonal[b, i, k] = work.dwrench[n, k, i]
+            continue
+        _own_variation(n, topology, columns, work)
+        if topology.freedoms[n] > 0:
+            _passive_rows(n, m, b, columns, topology, state, frames, variation, loads, work, cv, ca)
+        if m >= 0:
+            bring_back(n, m, frames, joints, work.wrench)
+            bring_back_variation(
+                n, m, columns, frames, joints, variation, work.own_x, work.own_t, work.wrench, work.dwrench
+            )
+
+
+@jit_inner
+def _own_variation(n, topology, columns, work):
+    """Variation of a node's pose in its parent by the joint's own freedoms, others zero."""
+    for k in range(columns):
+        i = k - topology.column[n]
+        own = 0 <= i < topology.freedoms[n]
+        put(work.own_x[k], 0, vec(topology.slide[n, i]) if own else NONE)
+        put(work.own_t[k], 0, vec(topology.turn[n, i]) if own else NONE)
+
+
+@jit_inner
+def _passive_rows(n, m, b, columns, topology, state, frames, variation, loads, work, cv, ca):
+    """Residual along passive freedoms: wrench on the axes + rotor, damping, friction and spring of the joint, less its drive."""
+    first, diagonal = topology.offset[b] + topology.column[n], work.diagonal[b]
+    frame = mat(frames.r[m]) if m >= 0 else UNIT
+    force, moment = tapply(frame, vec(work.wrench[n])), vec_at(work.wrench[n], 3)
+    inverse, level = inverse_tangent(passive_psi(n, topology, state, first)), loads.level[0]
+    for i in range(topology.freedoms[n]):
+        row, slide, turn = topology.column[n] + i, vec(topology.slide[n, i]), vec(topology.turn[n, i])
+        rate, soft = state.u[first + i], np.tanh(state.u[first + i] / FRICTION_RATE)
+        own = topology.rotor[n] * state.du[first + i] + topology.damping[n] * rate + topology.friction[n] * soft
+        own -= level * loads.effort[first + i]
+        own += level * topology.spring[n] * (state.place[first + i] + state.d[first + i] - topology.rest[n])
+        work.residual[0, first + i] = dot(slide, force) + dot(turn, moment) + own
+        if columns == 0:
+            continue
+        for k in range(columns):
+            dforce = tapply(frame, vec(work.dwrench[n, k]))
+            if m >= 0:
+                dforce = sub(dforce, cross(vec(variation.t[m, k]), force))
+            diagonal[row, k] = dot(slide, dforce) + dot(turn, vec_at(work.dwrench[n, k], 3))
+        slope = (
+            cv * (topology.damping[n] + topology.friction[n] * (1 - soft * soft) / FRICTION_RATE)
+            + ca * topology.rotor[n]
+        )
+        slope += level * topology.spring[n]
+        if topology.triple[n] >= 0 and i >= topology.triple[n]:  # the turn is unit vector number i - triple
+            add_to(diagonal[row], topology.column[n] + topology.triple[n], scale(slope, tapply(inverse, turn)))
+        else:
+            diagonal[row, row] += slope

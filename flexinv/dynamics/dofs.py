@@ -1,0 +1,196 @@
+"""The unknowns of a flexible mechanism: independent nodes, dependent nodes, and the index of each degree of freedom.
+
+*Independent* nodes are the beam sections beyond each root: six unknowns each.  All other nodes *depend* on one of
+them (or on the world) through rigid offsets and joints; they are eliminated exactly.  A dependent joint without a
+prescribed motion (a passive joint) adds its own freedoms.  An independent node, the nodes that depend on it and the passive
+freedoms among them form one *block* of unknowns; block 0 hangs on the world and has passive freedoms only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.errors import InputError
+from flexinv.kinematics.joint_motion import joint_axes
+from flexinv.kinematics.mesh import FREE, SECTION, SPHERICAL, VELOCITIES, Mesh
+from flexinv.model.mechanism import Joint
+from flexinv.typing import Array
+
+Indices = NDArray[np.int64]
+
+# A passive joint's dry friction is friction tanh(rate / FRICTION_RATE): a slope instead of a jump at rest.  How large it may be,
+# as measured: `evaluation._direction`.
+FRICTION_RATE = 1e-3  # [rad/s] or [m/s]
+
+
+class Topology(NamedTuple):
+    """Nodes, blocks and passive freedoms as the march needs them.
+
+    parent, block : (nodes,); independent : (nodes,) bool
+    size, offset : (blocks,) number of unknowns and first unknown of each block
+    freedoms, column : (nodes,) passive freedoms of the node's joint and their first column in the block
+    triple : (nodes,) first of three freedoms that are a rotation vector, -1 without
+    slide, turn : (nodes, 6, 3) axes of the passive freedoms, in the parent's and in the node's frame [-]
+    rotor, damping, friction, spring, rest : (nodes,) of the passive joint; scale : (unknowns,) length or 1: a unit step
+    mass, inertia, gravity : [kg], [kg m^2], [m/s^2]; length : of the mechanism [m]
+    """
+
+    parent: NDArray[np.int64]
+    block: NDArray[np.int64]
+    independent: NDArray[np.bool_]
+    size: NDArray[np.int64]
+    offset: NDArray[np.int64]
+    freedoms: NDArray[np.int64]
+    column: NDArray[np.int64]
+    triple: NDArray[np.int64]
+    slide: Array
+    turn: Array
+    rotor: Array
+    damping: Array
+    friction: Array
+    spring: Array
+    rest: Array
+    scale: Array
+    mass: Array
+    inertia: Array
+    gravity: Array
+    length: float
+
+
+class ElementArrays(NamedTuple):
+    """`mesh.Elements` as the compiled code takes them (same names, shapes and units); damping is empty where no beam has any."""
+
+    order: NDArray[np.int64]
+    nodes: NDArray[np.int64]
+    shape: Array
+    slope: Array
+    weight: Array
+    stiffness: Array
+    damping: Array
+    gamma0: Array
+    kappa0: Array
+
+
+def topology(mesh: Mesh, passive: Collection[str]) -> Topology:
+    """Return the unknowns of a mesh when the joints named in ``passive`` are free [m], [rad] and all others prescribed.
+
+    Raises InputError for a passive joint that cannot be.
+    """
+    return _topology(mesh, frozenset(passive))
+
+
+@lru_cache(maxsize=64)
+def _topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
+    independent = mesh.kind == SECTION
+    block = np.zeros(mesh.size, dtype=np.int64)
+    block[independent] = 1 + np.arange(independent.sum())
+    for node in range(mesh.size):
+        if not independent[node] and mesh.parent[node] >= 0:
+            block[node] = block[mesh.parent[node]]
+    size = np.full(1 + int(independent.sum()), 6, dtype=np.int64)
+    size[0] = 0
+    table = _Passive.of(mesh.size)
+    for node, joint in _joint_of_node(mesh).items():
+        if joint.name in passive:
+            _check_passive(joint)
+            table.add(mesh, node, joint, size, block)
+    offset = np.concatenate([[0], np.cumsum(size)[:-1]]).astype(np.int64)
+    return Topology(
+        parent=mesh.parent,
+        block=block,
+        independent=independent,
+        size=size,
+        offset=offset,
+        freedoms=table.freedoms,
+        column=table.column,
+        triple=table.triple,
+        slide=table.slide,
+        turn=table.turn,
+        rotor=table.rotor,
+        damping=table.damping,
+        friction=table.friction,
+        spring=table.spring,
+        rest=table.rest,
+        scale=_scale(mesh, size, offset, table, block),
+        mass=mesh.mass,
+        inertia=mesh.inertia,
+        gravity=np.array(mesh.mechanism.gravity, dtype=float),
+        length=mesh.length,
+    )
+
+
+def _check_passive(joint: Joint) -> None:
+    if joint.kind == "free" and joint.rotor_inertia:
+        raise InputError(
+            f"joint {joint.name!r}: rotor_inertia = {joint.rotor_inertia:g} on a free joint without motion, expected 0: "
+            "nothing turns a rotor there; give the mass to the link"
+        )
+
+
+def element_arrays(mesh: Mesh) -> ElementArrays:
+    """Return the elements of a mesh as compiled code takes them [N], [m]."""
+    e = mesh.elements
+    damping = e.damping if e.damping.any() else e.damping[:0]
+    return ElementArrays(e.order, e.nodes, e.shape, e.slope, e.weight, e.stiffness, damping, e.gamma0, e.kappa0)
+
+
+def _joint_of_node(mesh: Mesh) -> dict[int, Joint]:
+    """Joint of every node that has velocity coordinates (both nodes of a universal joint)."""
+    out: dict[int, Joint] = {}
+    for joint in mesh.mechanism.joints:
+        span = mesh.mechanism.v_slices[joint.name]
+        for node in np.flatnonzero((mesh.v_index >= span.start) & (mesh.v_index < span.stop)):
+            out[int(node)] = joint
+    return dict(sorted(out.items()))
+
+
+@dataclass(frozen=True)
+class _Passive:
+    """Per-node tables of the passive freedoms, filled joint by joint (columns of `Topology`)."""
+
+    freedoms: Indices
+    column: Indices
+    triple: Indices
+    slide: Array
+    turn: Array
+    rotor: Array
+    damping: Array
+    friction: Array
+    spring: Array
+    rest: Array
+
+    @classmethod
+    def of(cls, nodes: int) -> _Passive:
+        none = np.zeros(nodes, dtype=np.int64)
+        axes = np.zeros((nodes, 6, 3))
+        return cls(none, none.copy(), none - 1, axes, axes.copy(), *(np.zeros(nodes) for _ in range(5)))
+
+    def add(self, mesh: Mesh, node: int, joint: Joint, size: Indices, block: Indices) -> None:
+        kind = int(mesh.kind[node])
+        count = VELOCITIES[kind]
+        slide, turn = joint_axes(kind, mesh.axis[node])
+        self.freedoms[node], self.column[node] = count, size[block[node]]
+        size[block[node]] += count
+        self.slide[node, :count] = slide @ mesh.rotation[node].T
+        self.turn[node, :count] = turn
+        self.triple[node] = {SPHERICAL: 0, FREE: 3}.get(kind, -1)
+        self.rotor[node], self.damping[node] = joint.rotor_inertia, joint.damping
+        self.friction[node], self.spring[node], self.rest[node] = joint.friction, joint.stiffness, joint.rest
+
+
+def _scale(mesh: Mesh, size: Indices, offset: Indices, table: _Passive, block: Indices) -> Array:
+    """Length of the mechanism for translations, 1 for rotations: convergence is judged on increments over this."""
+    scale = np.ones(int(np.sum(size)))
+    for first in offset[1:]:
+        scale[first : first + 3] = mesh.length
+    for node in np.flatnonzero(table.freedoms):
+        first = offset[block[node]] + table.column[node]
+        sliding = np.abs(table.slide[node, : table.freedoms[node]]).sum(axis=1) > 0
+        scale[first : first + table.freedoms[node]][sliding] = mesh.length
+    return scale

@@ -1,0 +1,294 @@
+"""The arrays of the implicit solve, allocated once, and what it gives: the flexible trajectory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.constraints.closures import constraint_rows, coupling_residuals
+from flexinv.dynamics.assembly import LARGEST_TURN, State, Work
+from flexinv.dynamics.constraint_rows import ties
+from flexinv.dynamics.dofs import ElementArrays, Topology, element_arrays, topology
+from flexinv.dynamics.generalized_alpha import ACCELERATIONS, Scheme
+from flexinv.dynamics.loads import Loads, load_table, loads_of
+from flexinv.dynamics.spring_rows import pulls
+from flexinv.dynamics.stepper import NOT_FINITE, SLIPPED, TURNED_TOO_MUCH, Border, collide, march
+from flexinv.elements.beam import Scratch
+from flexinv.elements.beam_damping import Rates
+from flexinv.errors import ConvergenceError
+from flexinv.kernels.memory import together
+from flexinv.kernels.so3 import log_so3
+from flexinv.kinematics.mesh import Mesh
+from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.kinematics.tree import Frames, Joints, Variation
+from flexinv.typing import Array
+
+# Efforts of the drives of torque-driven joints: time (samples,) [s], and whether the limit before a jump at that time is meant or
+# the one after it -> (samples, nv) [N m], [N].
+Efforts = Callable[[Array, bool], Array]
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """The flexible trajectory and what holds it together.
+
+    motion : NodalMotion of all nodes
+    wrench : (samples, nodes, 6) force [N] (world) and moment [N m] (own frame) on every node of a rigid part from
+        inertia, loads and the elastic reactions of the beams that start there
+    internal : (samples, elements, points, 6) stress resultants in the section frame [N], [N m]
+    energy : (samples, 3) elastic energy [J], power of the internal forces and what of it is dissipated [W]
+    iterations : (samples,) of Newton
+    multipliers : (samples, rows) of the closures [N], [N m]
+    """
+
+    motion: NodalMotion
+    wrench: Array
+    internal: Array
+    energy: Array
+    multipliers: Array
+    iterations: NDArray[np.int64]
+
+    def histories(self) -> tuple[Array, ...]:
+        """Return x, rotation, v, omega, a, alpha, wrench, internal, energy, multipliers [m, rad, s, N, J]."""
+        m = self.motion
+        return m.x, m.rotation, m.v, m.omega, m.a, m.alpha, self.wrench, self.internal, self.energy, self.multipliers
+
+    def rows(self, first: int, last: int) -> Trajectory:
+        """Return the samples from ``first`` to before ``last``, not copied [m, rad, s, N, J]."""
+        parts = [part[first:last] for part in self.histories()]
+        wrench, internal, energy, multipliers = parts[6:]
+        motion = NodalMotion(*parts[:6])
+        return Trajectory(motion, wrench, internal, energy, multipliers, self.iterations[first:last])
+
+    def put(self, rows: NDArray[np.int64], other: Trajectory, kept: NDArray[np.bool_]) -> None:
+        """Write the samples of another trajectory that are ``kept`` into ``rows`` of this one [m, rad, s, N, J]."""
+        for history, values in zip(self.histories(), other.histories(), strict=True):
+            history[rows] = values[kept]
+        self.iterations[rows] = other.iterations[kept]
+
+    def of_length(self, samples: int) -> Trajectory:
+        """Return histories of so many samples [-] for the same mechanism, to be filled."""
+        parts = [np.zeros((samples, *part.shape[1:])) for part in self.histories()]
+        return Trajectory(NodalMotion(*parts[:6]), *parts[6:], np.zeros(samples, dtype=np.int64))  # type: ignore[call-arg]
+
+    @classmethod
+    def unwritten(cls, samples: int, mesh: Mesh, rows: int = 0) -> Trajectory:
+        """Return the arrays of `empty`, large histories uncleared: every sample will be written [m, rad, s, N, J]."""
+        *motion, wrench, internal = together(*history_shapes(mesh, samples))
+        if has_padding(mesh):
+            internal[:] = 0.0
+        series = np.zeros((samples, 3)), np.zeros((samples, rows)), np.zeros(samples, dtype=np.int64)
+        return cls(NodalMotion(*motion), wrench, internal, *series)
+
+    @classmethod
+    def empty(cls, samples: int, mesh: Mesh, rows: int = 0) -> Trajectory:
+        """Return histories to be filled [m, rad, s, N, J]."""
+        points = mesh.elements.weight.shape
+        return cls(
+            NodalMotion.empty(samples, mesh.size), np.zeros((samples, mesh.size, 6)), np.zeros((samples, *points, 6)),
+            np.zeros((samples, 3)), np.zeros((samples, rows)), np.zeros(samples, dtype=np.int64),
+        )  # fmt: skip
+
+
+def history_shapes(mesh: Mesh, samples: int) -> list[tuple[int, ...]]:
+    """Return the shapes of the nodes' motion, of wrenches and of stress resultants in a `Trajectory` [-]."""
+    vector = (samples, mesh.size, 3)
+    return [vector, (*vector, 3), *4 * [vector], (samples, mesh.size, 6), (samples, *mesh.elements.weight.shape, 6)]
+
+
+def has_padding(mesh: Mesh) -> bool:
+    """Return True if some elements have fewer points than others [-]; time integration never writes the padding."""
+    return bool((mesh.elements.order < mesh.elements.weight.shape[1]).any())
+
+
+def by_unknown(mesh: Mesh, topology: Topology) -> Array:
+    """Return (nv, unknowns) [-]: 1 where an unknown of the march is a coordinate of a passive joint."""
+    out = np.zeros((mesh.mechanism.nv, len(topology.scale)))
+    for n in np.flatnonzero(topology.freedoms):
+        first, v = topology.offset[topology.block[n]] + topology.column[n], mesh.v_index[n]
+        for k in range(topology.freedoms[n]):
+            out[v + k, first + k] = 1.0
+    return out
+
+
+@dataclass
+class Solver:
+    """All arrays of the implicit solve of one mesh, allocated once."""
+
+    mesh: Mesh
+    topology: Topology
+    elements: ElementArrays
+    state: State
+    frames: Frames
+    variation: Variation
+    work: Work
+    loads: Loads
+    increment: Array
+    border: Border
+    instant: Trajectory
+    efforts: Efforts | None = None
+
+    @classmethod
+    def of(cls, mesh: Mesh, passive: set[str], efforts: Efforts | None = None) -> Solver:
+        """Return the solver of a mesh with the named joints free, moved by the ``efforts`` of their drives [N m], [N]."""
+        t = topology(mesh, passive)
+        unknowns, widest = len(t.scale), max(int(t.size.max(initial=0)), 1)
+        state = State(
+            np.zeros((mesh.size, 3)), np.tile(np.eye(3), (mesh.size, 1, 1)), *(np.zeros(unknowns) for _ in range(8))
+        )
+        vector = [np.zeros((mesh.size, 3)) for _ in range(5)]
+        frames = Frames(vector[0], np.zeros((mesh.size, 3, 3)), *vector[1:])
+        variation = Variation(*(np.zeros((mesh.size, widest, 3)) for _ in range(6)))
+        loads, rows = loads_of(mesh, unknowns), constraint_rows(mesh)
+        tied = ties(rows, len(mesh.mechanism.springs), by_unknown(mesh, t))
+        border, sides = Border(tied, pulls(mesh, tied)), 1 + len(tied.a)
+        work = _work(mesh, t, unknowns, widest, sides)
+        increment, instant = np.zeros((sides, unknowns)), Trajectory.empty(1, mesh, len(rows))
+        return cls(
+            mesh, t, element_arrays(mesh), state, frames, variation, work, loads, increment, border, instant, efforts
+        )
+
+    def march(
+        self, scheme: Scheme, rel: Joints, table: Array, efforts: Array, given: Array, out: Trajectory
+    ) -> tuple[int, int, int, float]:
+        """Solve the instants of ``rel`` (samples, nodes, ...) one after the other [m, rad, s], filling ``out``.
+
+        table : (samples, loads, 6) [N], [N m] of `loads.load_table`; efforts : (samples, unknowns or 0) of drives
+        given : (samples, rows or 0, 3) of `given`
+        Return status, samples done, iterations or element, last relative increment [-].
+        """
+        status, sample, count, size = march(
+            self.topology, self.elements, self.border, scheme, ACCELERATIONS, self.state, self.frames, self.variation,
+            self.loads, self.work, self.increment, rel, table, efforts, given,
+            Frames(*out.histories()[:6]), out.wrench, out.internal, out.energy, out.multipliers, out.iterations,
+        )  # fmt: skip
+        return int(status), int(sample), int(count), float(size)
+
+    def newton(self, scheme: Scheme, joints: Joints) -> tuple[int, int, float]:
+        """Solve one instant under the present loads; return status, iterations or element, last relative increment [-]."""
+        now = self.loads.wrench[None].copy()
+        same, one = (np.empty((1, 0)), np.empty((1, 0, 3))), Joints(*(part[None] for part in joints))
+        status, _, count, size = self.march(scheme, one, now, *same, self.instant)
+        return status, count, size
+
+    def collide(self, joints: Joints) -> Array:
+        """Stop the velocities that the acting closures do not allow; return their impulses, (rows,) [N s], [N m s]."""
+        collide(
+            self.topology, self.elements, self.border, ACCELERATIONS, self.state, joints, self.frames, self.variation,
+            self.loads, self.work, self.increment,
+        )  # fmt: skip
+        return self.border.ties.step[: self.instant.multipliers.shape[1]].copy()
+
+    def load_at(self, time: float, q: Array, qd: Array, qdd: Array) -> None:
+        """Set the given forces [N], [N m], the drives' efforts and the given part of couplings to what they are at a time [s].
+
+        q (nq,), qd, qdd (nv,) of the joints with a motion [rad], [m], [1/s]
+        """
+        given = self.given(q[None], qd[None], qdd[None])[0]
+        self.border.ties.given[: len(given)] = given
+        now = np.array([time])
+        self.loads.wrench[:] = load_table(self.mesh, now)[0]
+        if self.efforts is not None:
+            self.loads.effort[:] = self.drives(now, before=False)[0]
+
+    def given(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """Return the terms of prescribed joints in the equations of couplings, (samples, rows or 0, 3) [rad], [m] and rates.
+
+        q : (samples, nq), qd, qdd : (samples, nv)
+        """
+        rows = constraint_rows(self.mesh)
+        if not rows.gear.any():
+            return np.empty((len(q), 0, 3))
+        moved = by_unknown(self.mesh, self.topology).any(axis=1)
+        of_given = replace(rows, gear=np.where(moved, 0.0, rows.gear))
+        return np.stack(coupling_residuals(of_given, q, qd, qdd), axis=2)  # (sample, row, rate)
+
+    def drives(self, time: Array, before: bool = True) -> Array:
+        """Return the drives' efforts at ``time`` (samples,) [s] by the unknowns, (samples, unknowns or 0) [N m], [N].
+
+        before : where they jump, the limit that ends a step, or the one from which the next begins
+        """
+        if self.efforts is None:
+            return np.empty((len(time), 0))
+        return np.asarray(self.efforts(time, before) @ by_unknown(self.mesh, self.topology))
+
+    def complain(self, status: int, count: int, size: float, when: str, step: float = 0.0) -> ConvergenceError:
+        """Return the error that says where and how the solve failed, see `complaint`; size [-], step [s]."""
+        return complaint(self.mesh, status, count, size, when, step, self.turned(count))
+
+    def turned(self, element: int) -> float:
+        """Return by how much the sections of an element turn against each other [rad] where the last step has begun."""
+        e, t = self.mesh.elements, self.topology
+        if not 0 <= element < len(e.order):
+            return 0.0
+        nodes = e.nodes[element, : e.order[element] + 1]
+        rotation = [self.state.r[n] if t.independent[n] else self.frames.r[n] for n in nodes]
+        return float(np.linalg.norm(log_so3(np.stack([rotation[0].T @ turn for turn in rotation])), axis=1).max())
+
+
+# An element that has turned by more than this between its sections where a step begins needs more elements, not smaller steps.
+BENT = LARGEST_TURN / 2  # [rad]
+
+
+def complaint(
+    mesh: Mesh, status: int, count: int, size: float, when: str, step: float = 0.0, turned: float = 0.0
+) -> ConvergenceError:
+    """Return the error that says where and how a solve failed (``size`` [-] of the last increment) and what to try.
+
+    step : of the march [s], 0 without; turned : of the element ``count`` where the step has begun, `Solver.turned` [rad]
+    """
+    name = mesh.mechanism.name
+    shorter = f"write step = {step / 4:.3g}, or " if step > 0.0 else ""
+    if status in (TURNED_TOO_MUCH, SLIPPED):
+        link = mesh.mechanism.links[int(mesh.elements.link[count])]
+        where = f"mechanism '{name}', link '{link.name}', {when}: element {count} turns by more than"
+        what = f"{LARGEST_TURN} rad between its nodes" if status == TURNED_TOO_MUCH else "pi in one step at a section"
+        twice = 2 * (link.beam.elements if link.beam is not None else 1)
+        advice = f"it had bent by {turned:.2g} rad before: use more elements (elements = {twice} on this link)"
+        if turned <= BENT:
+            advice = (
+                f"it had bent by {turned:.2g} rad before, so that more elements would not help: "
+                f"{shorter}check that forces, moments and stiffness are what you mean"
+            )
+        return ConvergenceError(f"{where} {what}; {advice}")
+    what = "is not a finite number" if status == NOT_FINITE else f"is still {size:.1e} after {count} iterations"
+    return ConvergenceError(
+        f"mechanism '{name}', {when}: Newton's increment (relative to the mechanism's length) {what}; "
+        f"{shorter}check that forces, moments and stiffness are what you mean"
+    )
+
+
+def _work(mesh: Mesh, topology: Topology, unknowns: int, widest: int, sides: int) -> Work:
+    elements, count = mesh.elements.nodes.shape if mesh.elements.nodes.size else (0, 1)
+    rows = max((_rows(topology, mesh, k) for k in range(elements)), default=0)
+    damped = bool(mesh.elements.damping.any())
+    return Work(
+        wrench=np.zeros((mesh.size, 6)),
+        dwrench=np.zeros((mesh.size, widest, 6)),
+        residual=np.zeros((sides, unknowns)),
+        diagonal=np.zeros((len(topology.size), widest, widest)),
+        tangent=np.zeros((elements, 6 * count, 6 * count + 6 * damped)),
+        internal=np.zeros((elements, max(count - 1, 0), 6)),
+        energy=np.zeros(3),
+        element=Scratch.of(count),
+        rates=Rates.of(count if damped else 0),
+        own_x=np.zeros((widest, 3)),
+        own_t=np.zeros((widest, 3)),
+        system=np.zeros((max(rows, widest), max(rows, widest) + widest + sides)),
+        solved=np.zeros((elements, rows, widest + sides)),
+        settled=np.zeros((2, mesh.size, 6)),
+    )
+
+
+def _rows(topology: Topology, mesh: Mesh, element: int) -> int:
+    nodes = mesh.elements.nodes[element]
+    return int(sum(topology.size[topology.block[n]] for n in nodes[1:] if n >= 0))
+
+
+def record_instant(solver: Solver, sample: int, out: Trajectory) -> None:
+    """Copy the instant that was solved last into the histories [m, rad, s, N]."""
+    for history, value in zip(out.histories(), solver.instant.histories(), strict=True):
+        history[sample] = value[0]

@@ -1,0 +1,178 @@
+"""Springs and dampers between two points in the march: three rows of the border each (compiled).
+
+The unknown of a row is a component of the force f on the second point (world axes), its equation the law of the spring:
+
+    F - f = 0,    F = -(k (l - l0) + c l') n,   n = d / l,   l' = n . d',   d the vector between the points
+
+so that springs between any two nodes, however stiff, leave the tree's elimination as it is.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.constraints.equations import gap
+from flexinv.dynamics.constraint_rows import UNIT, Ties
+from flexinv.kernels.jit import jit_inner
+from flexinv.kernels.vec3 import (
+    add,
+    add_scaled,
+    add_to,
+    cross,
+    dot,
+    madd,
+    mat,
+    mscale,
+    msub,
+    outer,
+    put,
+    put_block,
+    scale,
+    tapply,
+    vec,
+    vec_at,
+)
+from flexinv.kinematics.mesh import Mesh, attachment_node
+from flexinv.typing import Array
+
+TINY = float(np.finfo(float).tiny)
+
+
+class Pulls(NamedTuple):
+    """Springs, one row each.
+
+    row : (springs,) first of its three rows in `dynamics.constraint_rows.Ties`, which hold its nodes and lever arms
+    stiffness [N/m], rest [m], damping [N s/m] : (springs,)
+    slope : (springs, 3, 6) dF/dd and dF/dd' side by side [N/m], [N s/m]
+    """
+
+    row: NDArray[np.int64]
+    stiffness: Array
+    rest: Array
+    damping: Array
+    slope: Array
+
+
+def pulls(mesh: Mesh, constraints: Ties) -> Pulls:
+    """Return the springs of a mechanism [N/m], [m], [N s/m] and write their nodes into the last rows of ``constraints``."""
+    springs = mesh.mechanism.springs
+    first = len(constraints.a) - 3 * len(springs)
+    for k, spring in enumerate(springs):
+        for row in range(first + 3 * k, first + 3 * k + 3):
+            constraints.a[row], constraints.b[row] = (
+                attachment_node(mesh, spring.first),
+                attachment_node(mesh, spring.second),
+            )
+            constraints.place_a[row], constraints.place_b[row] = (
+                spring.first.placement.position,
+                spring.second.placement.position,
+            )
+    values = np.array([(s.stiffness, s.rest, s.damping) for s in springs], dtype=float).reshape(-1, 3)
+    rows = first + 3 * np.arange(len(springs), dtype=np.int64)
+    stiffness, rest, damping = (np.ascontiguousarray(column) for column in values.T)
+    return Pulls(rows, stiffness, rest, damping, np.zeros((len(springs), 3, 6)))
+
+
+@jit_inner
+def pull_rows(springs, constraints, frames, level):
+    """Set value and gradient of the rows of all springs, and the slope of their law; ``level`` of it acts [N], [m]."""
+    for k in range(len(springs.row)):
+        row = springs.row[k]
+        a, b, place_a, place_b = (
+            constraints.a[row],
+            constraints.b[row],
+            vec(constraints.place_a[row]),
+            vec(constraints.place_b[row]),
+        )
+        d, rate, _ = gap(frames, a, b, place_a, place_b)
+        length = max(np.sqrt(dot(d, d)), TINY)
+        n = scale(1.0 / length, d)
+        lengthening = dot(n, rate)
+        stiffness, damping = level * springs.stiffness[k], level * springs.damping[k]
+        # pull / l, finite for a spring of no rest length at l = 0
+        ratio = stiffness - stiffness * springs.rest[k] / length + damping * lengthening / length
+        law = scale(-ratio, d)
+        # d pull = (k n + c (d' - l' n) / l) . dd + c n . dd'
+        by_gap = add_scaled(scale(stiffness - damping * lengthening / length, n), damping / length, rate)
+        across = msub(mscale(ratio, UNIT), mscale(ratio, outer(n, n)))
+        put_block(springs.slope[k], 0, 0, mscale(-1.0, madd(outer(n, by_gap), across)))
+        put_block(springs.slope[k], 0, 3, mscale(-damping, outer(n, n)))
+        ra = mat(frames.r[a]) if a >= 0 else UNIT
+        rb = mat(frames.r[b]) if b >= 0 else UNIT
+        for i in range(3):
+            constraints.value[row + i] = law[i] - constraints.multiplier[row + i]
+            put(constraints.gradient[row + i], 0, scale(-1.0, UNIT[i]))
+            put(constraints.gradient[row + i], 3, scale(-1.0, cross(place_a, tapply(ra, UNIT[i]))))
+            put(constraints.gradient[row + i], 6, UNIT[i])
+            put(constraints.gradient[row + i], 9, cross(place_b, tapply(rb, UNIT[i])))
+
+
+@jit_inner
+def pull_sides(topology, springs, constraints, frames, variation):
+    """Set the equations of all springs by the unknowns [N] per unit, with the rates that go with them."""
+    for k in range(len(springs.row)):
+        for i in range(3):
+            row = springs.row[k] + i
+            for j in range(constraints.across.shape[1]):
+                constraints.across[row, j] = 0.0
+            by_gap, by_rate = vec(springs.slope[k, i]), vec_at(springs.slope[k, i], 3)
+            _add_end(
+                topology,
+                constraints.a[row],
+                -1.0,
+                vec(constraints.place_a[row]),
+                by_gap,
+                by_rate,
+                frames,
+                variation,
+                constraints.across[row],
+            )
+            _add_end(
+                topology,
+                constraints.b[row],
+                1.0,
+                vec(constraints.place_b[row]),
+                by_gap,
+                by_rate,
+                frames,
+                variation,
+                constraints.across[row],
+            )
+
+
+@jit_inner
+def _add_end(topology, n, sign, place, by_gap, by_rate, frames, variation, across):
+    """Subtract sign (by_gap . d(x + R p) + by_rate . d(v + R (w x p))) from the row of one end."""
+    if n < 0:
+        return
+    r, o = mat(frames.r[n]), topology.offset[topology.block[n]]
+    along, rate = tapply(r, by_gap), tapply(r, by_rate)
+    by_turn = add(cross(place, along), cross(cross(vec(frames.w[n]), place), rate))
+    by_spin = cross(place, rate)
+    for k in range(topology.size[topology.block[n]]):
+        moved = dot(by_gap, vec(variation.x[n, k])) + dot(by_turn, vec(variation.t[n, k]))
+        across[o + k] -= sign * (moved + dot(by_rate, vec(variation.v[n, k])) + dot(by_spin, vec(variation.w[n, k])))
+
+
+@jit_inner
+def turn_arms(topology, springs, constraints, frames, variation, dwrench):
+    """Take off dwrench how the moments p x R^T f of the springs' forces turn with their nodes [N m]."""
+    for k in range(len(springs.row)):
+        row = springs.row[k]
+        force = (constraints.multiplier[row], constraints.multiplier[row + 1], constraints.multiplier[row + 2])
+        _turn_arm(
+            topology, constraints.a[row], vec(constraints.place_a[row]), scale(-1.0, force), frames, variation, dwrench
+        )
+        _turn_arm(topology, constraints.b[row], vec(constraints.place_b[row]), force, frames, variation, dwrench)
+
+
+@jit_inner
+def _turn_arm(topology, n, place, force, frames, variation, dwrench):
+    if n < 0:
+        return
+    own = tapply(mat(frames.r[n]), force)
+    for k in range(topology.size[topology.block[n]]):
+        add_to(dwrench[n, k], 3, cross(place, cross(vec(variation.t[n, k]), own)))

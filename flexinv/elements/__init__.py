@@ -1,0 +1,1 @@
+"""The beam element: quadrature, strains, nodal forces and their tangents, in space and in the plane."""

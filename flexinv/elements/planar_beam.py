@@ -1,0 +1,228 @@
+"""The beam element in a plane: the formulas of `beam` where all rotations share one axis, so that three freedoms are left.
+
+A rotation is an angle: R_0^T R_i = exp(psi_i) has psi_i = theta_i - theta_0, H = 1, and what `beam` states becomes
+
+    u_i = x_i - x_0,  phi = phi_0 + psi,  S = (c, -s; s, c)(phi)               interpolated: u', psi, psi'
+    Gamma = S^T u' - Gamma_0    (axial, shear)            kappa = psi' - kappa_0    (bending)
+    E = 1/2 sum_g w (Gamma . C Gamma + B kappa^2)
+    dE/du' = w S n,   dE/dpsi = w (n_1 y_2 - n_2 y_1),   dE/dpsi' = w m      with n = C Gamma, m = B kappa, y = S^T u'
+
+Points of all elements lie in blocks of eight, one quantity beside the other: what is done at a point is vector code.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.kernels.jit import jit_inner
+from flexinv.kernels.simd import cos_sin
+from flexinv.typing import Array
+
+LANES = 8  # points of a block
+_LANES = np.uint64(LANES)
+# Rows of a block.  First what is interpolated, then what follows: S, y, n, m; w times the first derivatives; w times the second.
+(U1, U2, PHI, BEND, COS, SIN, Y1, Y2, N1, N2, M, BY_U1, BY_U2, BY_PSI, BY_BEND, U1_U1, U1_U2, U2_U2, U1_PSI, U2_PSI,
+ PSI_PSI, BEND_BEND) = (np.uint64(LANES * k) for k in range(22))  # fmt: skip
+BLOCK = np.uint64(22 * LANES)
+# Rows of a block of constants.
+AXIAL, SHEAR, BENDING, WEIGHT, STRAIN1, STRAIN2, CURVATURE = (np.uint64(LANES * k) for k in range(7))
+CONSTANTS = np.uint64(7 * LANES)
+
+
+class PlanarElements(NamedTuple):
+    """Elements in a plane.
+
+    order : (elements,); nodes : (elements, count); shape, slope : (elements, points, count) [-], [1/m]
+    bend : (elements, count) angle of each section against the first in the stress-free shape [rad]
+    heading : (elements,) angle of the first section's axis in the plane when its node stands at zero [rad]
+    lanes : of a block, LANES; as a number that the compiler does not know, so that it takes them all at once
+    constants : (blocks * CONSTANTS,) EA, GA [N], EI [N m^2], weights [m], Gamma_0 [-], kappa_0 [1/m] of all points
+    damping : of all points as in `planar_beam_damping`, empty where no beam has any [N s], [N m^2 s]
+    """
+
+    order: NDArray[np.int64]
+    nodes: NDArray[np.int64]
+    shape: Array
+    slope: Array
+    bend: Array
+    heading: Array
+    lanes: np.uint64
+    constants: Array
+    damping: Array
+
+
+# An element that turns more than this between its first and any other node is refused, as in `assembly`.
+TURN = 2.0 * np.pi
+
+
+@jit_inner
+def point(k, g, points):
+    """Return the offset of point g of element k in the first row of its block [-]."""
+    n = np.uint64(k * points + g)
+    return n // _LANES * BLOCK + n % _LANES
+
+
+@jit_inner
+def interpolate(elements, pose, u, p):
+    """Fill u', phi, psi' of all points from the nodes' poses (nodes, 3); return the largest |psi_i| [rad] and its element.
+
+    u : (count, 3) scratch, u_i [m] and psi_i [rad] of one element
+    """
+    largest, worst, points = 0.0, 0, elements.shape.shape[1]
+    for k in range(len(elements.order)):
+        count, first = elements.order[k] + 1, pose[elements.nodes[k, 0]]
+        for i in range(1, count):
+            node = pose[elements.nodes[k, i]]
+            turned = node[2] - first[2] + elements.bend[k, i]
+            u[i, 0], u[i, 1] = node[0] - first[0], node[1] - first[1]
+            u[i, 2] = turned - TURN * np.floor(turned / TURN + 0.5)
+            if not abs(u[i, 2]) <= largest:
+                largest, worst = abs(u[i, 2]), k
+        phi0 = elements.heading[k] + first[2]
+        for g in range(count - 1):
+            u1, u2, psi, bend = 0.0, 0.0, 0.0, 0.0
+            for i in range(1, count):
+                slope = elements.slope[k, g, i]
+                u1 += slope * u[i, 0]
+                u2 += slope * u[i, 1]
+                psi += elements.shape[k, g, i] * u[i, 2]
+                bend += slope * u[i, 2]
+            at = point(k, g, points)
+            p[at + U1], p[at + U2], p[at + PHI], p[at + BEND] = u1, u2, phi0 + psi, bend
+    return largest, worst
+
+
+@jit_inner
+def relax(elements, p):
+    """Leave all points without stress [N], [N m], exactly."""
+    for block in range(np.uint64(len(elements.constants)) // CONSTANTS):
+        at, own = block * BLOCK, block * CONSTANTS
+        for i in range(BLOCK):
+            p[at + i] = 0.0
+        for lane in range(_LANES):
+            p[at + Y1 + lane], p[at + Y2 + lane] = (
+                elements.constants[own + STRAIN1 + lane],
+                elements.constants[own + STRAIN2 + lane],
+            )
+            p[at + BEND + lane] = elements.constants[own + CURVATURE + lane]
+
+
+@jit_inner
+def point_gradients(elements, p):
+    """Fill S, y, n, m and the first derivatives of the energy at all points [N], [N m]."""
+    for block in range(np.uint64(len(elements.constants)) // CONSTANTS):
+        _block_gradients(elements.lanes, block * BLOCK, block * CONSTANTS, elements.constants, p)
+
+
+@jit_inner
+def _block_gradients(lanes, at, own, constants, p):
+    for lane in range(lanes):
+        c, s = cos_sin(p[at + PHI + lane])
+        u1, u2 = p[at + U1 + lane], p[at + U2 + lane]
+        y1, y2 = c * u1 + s * u2, c * u2 - s * u1
+        n1 = constants[own + AXIAL + lane] * (y1 - constants[own + STRAIN1 + lane])
+        n2 = constants[own + SHEAR + lane] * (y2 - constants[own + STRAIN2 + lane])
+        m = constants[own + BENDING + lane] * (p[at + BEND + lane] - constants[own + CURVATURE + lane])
+        w = constants[own + WEIGHT + lane]
+        p[at + COS + lane], p[at + SIN + lane], p[at + Y1 + lane], p[at + Y2 + lane] = c, s, y1, y2
+        p[at + N1 + lane], p[at + N2 + lane], p[at + M + lane] = n1, n2, m
+        p[at + BY_U1 + lane], p[at + BY_U2 + lane] = w * (c * n1 - s * n2), w * (s * n1 + c * n2)
+        p[at + BY_PSI + lane], p[at + BY_BEND + lane] = w * (n1 * y2 - n2 * y1), w * m
+
+
+@jit_inner
+def point_hessians(elements, p):
+    """Fill the second derivatives of the energy at all points [N], [N m].
+
+    d2E/du'du' = S C S^T,  d2E/du'dpsi = S (J n - C J y),  d2E/dpsi2 = J y . C J y - n . y       with J (a, b) = (-b, a)
+    """
+    for block in range(np.uint64(len(elements.constants)) // CONSTANTS):
+        _block_hessians(elements.lanes, block * BLOCK, block * CONSTANTS, elements.constants, p)
+
+
+@jit_inner
+def _block_hessians(lanes, at, own, constants, p):
+    for lane in range(lanes):
+        c, s, y1, y2 = p[at + COS + lane], p[at + SIN + lane], p[at + Y1 + lane], p[at + Y2 + lane]
+        n1, n2, w = p[at + N1 + lane], p[at + N2 + lane], constants[own + WEIGHT + lane]
+        ea, ga = constants[own + AXIAL + lane], constants[own + SHEAR + lane]
+        b1, b2 = ea * y2 - n2, n1 - ga * y1
+        p[at + U1_U1 + lane], p[at + U2_U2 + lane] = w * (ea * c * c + ga * s * s), w * (ea * s * s + ga * c * c)
+        p[at + U1_U2 + lane], p[at + BEND_BEND + lane] = w * (ea - ga) * c * s, w * constants[own + BENDING + lane]
+        p[at + U1_PSI + lane], p[at + U2_PSI + lane] = w * (c * b1 - s * b2), w * (s * b1 + c * b2)
+        p[at + PSI_PSI + lane] = w * (ea * y2 * y2 + ga * y1 * y1 - n1 * y1 - n2 * y2)
+
+
+@jit_inner
+def add_forces(elements, pose, p, wrench, felt):
+    """Add the nodal forces, the gradient of the energy, to wrench (nodes, 3) [N], [N m]; felt (elements, count, 3): by element.
+
+    Those on the first node follow from balance: F_0 = - sum F_i,  M_0 = - sum (M_i + (x_i - x_0) x F_i)
+    """
+    points = elements.shape.shape[1]
+    for k in range(len(elements.order)):
+        count, first = elements.order[k] + 1, elements.nodes[k, 0]
+        fx, fy, moment = 0.0, 0.0, 0.0
+        for i in range(1, count):
+            n, f1, f2, m = elements.nodes[k, i], 0.0, 0.0, 0.0
+            for g in range(count - 1):
+                at, slope = point(k, g, points), elements.slope[k, g, i]
+                f1 += slope * p[at + BY_U1]
+                f2 += slope * p[at + BY_U2]
+                m += elements.shape[k, g, i] * p[at + BY_PSI] + slope * p[at + BY_BEND]
+            felt[k, i, 0], felt[k, i, 1], felt[k, i, 2] = f1, f2, m
+            wrench[n, 0] += f1
+            wrench[n, 1] += f2
+            wrench[n, 2] += m
+            fx -= f1
+            fy -= f2
+            moment -= m + (pose[n, 0] - pose[first, 0]) * f2 - (pose[n, 1] - pose[first, 1]) * f1
+        felt[k, 0, 0], felt[k, 0, 1], felt[k, 0, 2] = fx, fy, moment
+        wrench[first, 0] += fx
+        wrench[first, 1] += fy
+        wrench[first, 2] += moment
+
+
+@jit_inner
+def pair_stiffness(k, i, j, elements, p):
+    """Return the exact stiffness of element k between nodes i and j: force on i by pose of j, (3, 3) [N/m], [N], [N m].
+
+    K_ij = sum_g (A N_i' N_j', b N_i' N_j; b^T N_i N_j', d N_i N_j + w EI N_i' N_j')  with A, b, d of `point_hessians`
+    """
+    a11, a12, a22, b1, b2, c1, c2, d = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for g in range(elements.order[k]):
+        at = point(k, g, elements.shape.shape[1])
+        slope_i, slope_j, shape_i, shape_j = (
+            elements.slope[k, g, i],
+            elements.slope[k, g, j],
+            elements.shape[k, g, i],
+            elements.shape[k, g, j],
+        )
+        slopes = slope_i * slope_j
+        a11 += p[at + U1_U1] * slopes
+        a12 += p[at + U1_U2] * slopes
+        a22 += p[at + U2_U2] * slopes
+        b1 += p[at + U1_PSI] * slope_i * shape_j
+        b2 += p[at + U2_PSI] * slope_i * shape_j
+        c1 += p[at + U1_PSI] * shape_i * slope_j
+        c2 += p[at + U2_PSI] * shape_i * slope_j
+        d += p[at + PSI_PSI] * shape_i * shape_j + p[at + BEND_BEND] * slopes
+    return (a11, a12, b1), (a12, a22, b2), (c1, c2, d)
+
+
+@jit_inner
+def energy(elements, p):
+    """Return the elastic energy of all elements [J]."""
+    total, c = 0.0, elements.constants
+    for block in range(np.uint64(len(c)) // CONSTANTS):
+        at, own = block * BLOCK, block * CONSTANTS
+        for lane in range(_LANES):
+            axial, shear = p[at + Y1 + lane] - c[own + STRAIN1 + lane], p[at + Y2 + lane] - c[own + STRAIN2 + lane]
+            curvature = p[at + BEND + lane] - c[own + CURVATURE + lane]
+            stretched = c[own + AXIAL + lane] * axial * axial + c[own + SHEAR + lane] * shear * shear
+            bent = c[own + BENDING + lane] * curvature * curvature
+            total += 0.5 * c[own + WEIGHT + lane] * (stretched + bent)
+    return total

@@ -1,0 +1,172 @@
+"""Load ``models/<name>/mechanism.toml``: links, joints, sections and payloads, or a URDF with what is laid over it."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexinv import validation as arguments
+from flexinv.errors import InputError, ModelWarning
+from flexinv.files.bodies import far_end, read_inertia, read_payloads
+from flexinv.files.closures import read_closure, read_force, read_spring
+from flexinv.files.damping import damped
+from flexinv.files.from_urdf import STANDARD_GRAVITY, read_urdf
+from flexinv.files.joints import read_joint, read_placement
+from flexinv.files.overlay import overlaid
+from flexinv.files.schema import BeamLinkTable, MechanismTable, RigidLinkTable, UrdfTable
+from flexinv.files.sections import CrossSection, read_section, section_along
+from flexinv.files.toml_tables import check_names, complaint, place, read_toml, toml_text, validate
+from flexinv.files.tree_order import depth_first
+from flexinv.files.urdf_table import find_urdf
+from flexinv.model.drive_expansion import expanded
+from flexinv.model.mechanism import WORLD, Beam, Body, Joint, Link, Mechanism
+from flexinv.typing import Array
+
+LINKS: dict[str, type[RigidLinkTable] | type[BeamLinkTable]] = {"rigid": RigidLinkTable, "beam": BeamLinkTable}
+
+
+def load_mechanism(path: str | Path) -> Mechanism:
+    """Load a mechanism from its folder or its file; every number in the unit [m, kg, s, rad, N] that its key names.
+
+    path : ``models/<name>`` or the TOML file.  The format is described in models/README.md.
+    Raises InputError, which names file, table, key, what was given, what is expected and what to write.
+    Warns (ModelWarning) where the model was changed: an axis normalised, mimic joints made independent.
+    """
+    file = toml_file(path, "mechanism.toml")
+    table = validate(MechanismTable, read_toml(file), file, "")
+    named = ("sections", "links", "joints", "closures", "springs", "forces")
+    check_names(file, **{kind: getattr(table, kind) for kind in named})
+    sections = {name: read_section(data, file, name) for name, data in table.sections.items()}
+    mechanism = _native(table, sections, file) if table.urdf is None else _from_urdf(table, table.urdf, sections, file)
+    mechanism = with_drives(mechanism, file)
+    mechanism = damped(_with_loads(mechanism, table, file), table.damping, file)
+    name = table.name or (file.stem if file.name != "mechanism.toml" else file.resolve().parent.name)
+    return replace(mechanism, name=name, title=table.title, source=table.source, notes=(*table.notes, *mechanism.notes))
+
+
+def with_drives(mechanism: Mechanism, file: Path) -> Mechanism:
+    """Return the mechanism with what its drives add, joints and links; InputError names the file and the joint [-]."""
+    try:
+        return expanded(mechanism)
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from error
+
+
+def toml_file(path: str | Path, name: str) -> Path:
+    """Return the file that a folder or a file name means [-]: ``models/arm`` -> ``models/arm/mechanism.toml``."""
+    path = Path(arguments.path("path", path, f"a folder that has a {name}"))
+    return path if path.suffix == ".toml" else path / name
+
+
+def _native(table: MechanismTable, sections: Mapping[str, CrossSection], file: Path) -> Mechanism:
+    if table.overlay is not None:
+        given, advice = "overlay without [urdf]", "its keys in [links.NAME] and [joints.NAME] themselves"
+        raise InputError(complaint(place(file, "overlay"), given, "an overlay of a URDF", advice))
+    for key, stated, write in (
+        (
+            "gravity_m_per_s2",
+            table.gravity_m_per_s2,
+            "gravity_m_per_s2 = [0, 0, -9.81]   (zeros for a horizontal plane)",
+        ),
+        ("links", table.links, '[links.arm] with kind = "rigid" or "beam"'),
+        ("joints", table.joints, f'[joints.base] with kind, parent = "{WORLD}", child'),
+    ):
+        if not stated:
+            expected = MechanismTable.model_fields[key].description or ""
+            raise InputError(complaint(place(file, "", key), "nothing", expected, write))
+    links = {name: _link(data, name, sections, file) for name, data in table.links.items()}
+    joints = [read_joint(data, file, name) for name, data in table.joints.items()]
+
+    def where(kind: str, name: str, key: str) -> str:
+        return place(file, f"{kind}s.{name}", key)
+
+    ordered = depth_first(joints, links, where)
+    for joint in ordered:
+        _check_station(joint, links, file)
+    gravity = np.array(table.gravity_m_per_s2, dtype=np.float64)
+    return Mechanism("", tuple(links[joint.child] for joint in ordered), ordered, gravity)
+
+
+def _with_loads(mechanism: Mechanism, table: MechanismTable, file: Path) -> Mechanism:
+    """Add what ties and pulls the links beside the joints."""
+    links = mechanism.link_of
+    closures = (read_closure(data, links, mechanism.joint_of, file, name) for name, data in table.closures.items())
+    springs = (read_spring(data, links, file, name) for name, data in table.springs.items())
+    forces = (read_force(data, links, file, name) for name, data in table.forces.items())
+    return replace(mechanism, closures=tuple(closures), springs=tuple(springs), forces=tuple(forces))
+
+
+def _link(data: Any, name: str, sections: Mapping[str, CrossSection], file: Path) -> Link:
+    path = f"links.{name}"
+    if name == WORLD:
+        advice = f'[links.base], and joints that hang on parent = "{WORLD}"'
+        raise InputError(
+            complaint(place(file, path), f'a link named "{WORLD}"', "another name: the world is no link", advice)
+        )
+    kind = data.get("kind", "rigid") if isinstance(data, dict) else "rigid"
+    if not isinstance(kind, str) or kind not in LINKS:
+        given = f"kind = {toml_text(kind)}"
+        raise InputError(complaint(place(file, path, "kind"), given, '"rigid" or "beam"', 'kind = "rigid"'))
+    table = validate(LINKS[kind], data, file, path)
+    if isinstance(table, BeamLinkTable):
+        return _beam_link(table, name, sections, file, path)
+    return _rigid_link(table, name, file, path)
+
+
+def _rigid_link(table: RigidLinkTable, name: str, file: Path, path: str) -> Link:
+    if table.massless and (table.mass_kg is not None or table.inertia_kgm2 is not None):
+        given, expected = "massless = true and a mass or an inertia", "one or the other"
+        raise InputError(complaint(place(file, path, "massless"), given, expected, "massless = false, or no mass"))
+    own = () if table.massless else (Body(name, read_inertia(table, file, path)),)
+    payload = read_payloads(table.payload, False, name, file, path)
+    return Link(name, (*own, *payload), tip=_tip(table))
+
+
+def _tip(table: RigidLinkTable) -> Array:
+    """The stated tip; else the far end of a rod or cylinder, or the origin."""
+    long = table.rod or table.cylinder
+    if table.tip_m is None and long is not None:
+        return far_end(long)
+    return np.array(table.tip_m or [0, 0, 0], dtype=np.float64)
+
+
+def _beam_link(table: BeamLinkTable, name: str, sections: Mapping[str, CrossSection], file: Path, path: str) -> Link:
+    section = section_along(table.section, sections, file, path)
+    bend = table.curvature_per_m
+    curvature = np.array([bend.twist, bend.y, bend.z] if bend else [0, 0, 0], dtype=np.float64)
+    root = read_placement(table.root, file, f"{path}.root")
+    beam = Beam(table.length_m, section, table.elements, table.order, curvature, root)
+    return Link(name, read_payloads(table.payload, True, name, file, path), beam)
+
+
+def _check_station(joint: Joint, links: Mapping[str, Link], file: Path) -> None:
+    on_beam = joint.parent != WORLD and links[joint.parent].beam is not None
+    if on_beam == (joint.station is not None):
+        return
+    where = place(file, f"joints.{joint.name}", "station")
+    if on_beam:
+        expected = f"the fraction 0..1 of the beam {joint.parent} that carries the joint [-]"
+        raise InputError(complaint(where, "nothing", expected, "station = 1.0   (the tip)"))
+    given = f"station = {joint.station}"
+    advice = "placement = { xyz_m = [0.4, 0, 0] }"
+    raise InputError(complaint(where, given, f"no station: {joint.parent} is not a beam", advice))
+
+
+def _from_urdf(table: MechanismTable, urdf: UrdfTable, sections: Mapping[str, CrossSection], file: Path) -> Mechanism:
+    for key in ("links", "joints"):
+        if getattr(table, key):
+            advice = f"[overlay.{key}.NAME] for what is laid over the URDF"
+            raise InputError(complaint(place(file, key), f"[{key}] beside [urdf]", "one or the other", advice))
+    path, packages = find_urdf(urdf, file)
+    gravity = table.gravity_m_per_s2 or STANDARD_GRAVITY
+    mechanism, warned = read_urdf(path, packages, urdf.base, gravity, urdf.lock)
+    for subject, text in warned.items():
+        if subject != "mimic" or urdf.mimic is None:
+            advice = '; write mimic = "independent" in [urdf] if so meant, or lock them' if subject == "mimic" else ""
+            warnings.warn(f"{path}: {text}{advice}", ModelWarning, stacklevel=4)
+    return mechanism if table.overlay is None else overlaid(mechanism, table.overlay, sections, file)

@@ -1,0 +1,189 @@
+"""Inverse dynamics, the paper's second step: nodal accelerations -> nodal forces -> joint torques, tau = L T P.
+
+Stiffness and damping do not appear: they acted in the kinematics, and the trajectory carries the deformation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexinv.inverse.nodal_sums import in_frame, nodal_samples, sum_in_frames, sum_samples
+from flexinv.kinematics.joint_motion import joint_axes, joint_effort
+from flexinv.kinematics.mesh import VELOCITIES, Mesh
+from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
+
+
+@dataclass(frozen=True)
+class NodalForces:
+    """P: what must act on every node so that it moves as it does.
+
+    force : (samples, nodes, 3) [N], moment : (samples, nodes, 3) [N m] about the node; world frame
+    """
+
+    force: Array
+    moment: Array
+
+    def __add__(self, other: NodalForces | None) -> NodalForces:
+        """Sum of two sets of nodal forces; None adds nothing."""
+        return self if other is None else NodalForces(self.force + other.force, self.moment + other.moment)
+
+
+def inverse_dynamics(
+    mesh: Mesh, motion: NodalMotion, qd: Array, qdd: Array, applied: NodalForces | None = None, passive: bool = True
+) -> Array:
+    """Return the effort of every joint coordinate, (samples, nv) [N m] or [N], for given nodal motion.
+
+    P = M (a - g) - applied, summed outboard to joint wrenches, projected on the joint axes; plus the rotor's inertia, and with
+    ``passive`` what damping and dry friction of the joint take from the actuator.  The reference for the compiled passes over
+    many samples: `evaluation.second_step` of solutions, `prepare` for rigid mechanisms.
+    """
+    forces = nodal_forces(mesh, motion, applied)
+    wrenches = own_wrenches(mesh, motion, forces)
+    tau = along_joints(mesh, len(motion.x), wrenches)
+    return tau + drive_efforts(mesh.mechanism, qd, qdd, passive)
+
+
+def nodal_forces(mesh: Mesh, motion: NodalMotion, applied: NodalForces | None = None) -> NodalForces:
+    """Return P = M (a - g) [N] and Q = R (J al + w x J w) [N m] at every node and sample, less applied loads."""
+    force, moment = np.empty(motion.a.shape), np.empty(motion.a.shape)  # (sample, node, xyz)
+    moving = (plain(part) for part in (motion.rotation, motion.omega, motion.a, motion.alpha))
+    nodal_samples(mesh.mass, mesh.inertia, plain(mesh.mechanism.gravity), *moving, force, moment)
+    if applied is not None:
+        return NodalForces(force - applied.force, moment - applied.moment)
+    return NodalForces(force, moment)
+
+
+def joint_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> NodalForces:
+    """Return for every node the sum of all nodal forces on and beyond it, moment about the node (world) [N], [N m].
+
+    F_n = P_n + sum F_c,   M_n = Q_n + sum (M_c + (x_c - x_n) x F_c)   over the children c: suffix sums along the tree.
+    """
+    force, moment = np.array(forces.force, order="C"), np.array(forces.moment, order="C")
+    sum_samples(mesh.parent, plain(motion.x), force, moment)
+    return NodalForces(force, moment)
+
+
+def own_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> dict[int, Array]:
+    """Return the wrenches of `joint_wrenches` of the joints' nodes only, node -> (samples, 6) [N], [N m], in its own frame."""
+    moves = np.flatnonzero(mesh.v_index >= 0)
+    nodes = np.union1d(moves, np.array([*mesh.joint_node.values()], dtype=np.int64))
+    own, line = np.empty((len(nodes), len(motion.x), 6)), np.empty((mesh.size, 6))
+    parts = (plain(part) for part in (motion.x, motion.rotation, forces.force, forces.moment))
+    sum_in_frames(mesh.parent, nodes, *parts, line, own)
+    return dict(zip(nodes.tolist(), own, strict=True))
+
+
+def plain(a: Array) -> Array:
+    """Return an array [any unit] as kernels take it, contiguous and writeable: itself, or a copy if it is not."""
+    return a if a.flags.c_contiguous and a.flags.writeable else np.array(a, order="C")
+
+
+def project(mesh: Mesh, motion: NodalMotion, wrenches: NodalForces) -> Array:
+    """Return the component of each joint's wrench along its coordinates, (samples, nv) [N m] or [N]."""
+    moves = np.flatnonzero(mesh.v_index >= 0).tolist()
+    return along_joints(mesh, len(motion.x), {node: in_node_frame(motion, wrenches, node) for node in moves})
+
+
+def along_joints(mesh: Mesh, samples: int, wrenches: dict[int, Array]) -> Array:
+    """Return the efforts (samples, nv) [N m] or [N] of `project` for wrenches in the nodes' own frames (`own_wrenches`)."""
+    tau = np.zeros((samples, mesh.mechanism.nv))
+    for node in np.flatnonzero(mesh.v_index >= 0).tolist():
+        own, kind, first = wrenches[node], int(mesh.kind[node]), mesh.v_index[node]
+        tau[:, first : first + VELOCITIES[kind]] = joint_effort(kind, mesh.axis[node], own[:, :3], own[:, 3:])
+    return tau
+
+
+def in_node_frame(motion: NodalMotion, wrenches: NodalForces, node: int) -> Array:
+    """Return force [N] and moment [N m] of one node's wrench, (samples, 6), in the node's own frame."""
+    own = np.empty((len(motion.x), 6))
+    in_frame(node, plain(motion.rotation), plain(wrenches.force), plain(wrenches.moment), own)
+    return own
+
+
+def drive_efforts(
+    mechanism: Mechanism, qd: Array, qdd: Array, passive: bool = True, direction: Array | None = None
+) -> Array:
+    """Return rotor_inertia qdd, and with ``passive`` + damping qd + friction direction, (samples, nv) [N m] or [N].
+
+    direction : (samples, nv) [-], sign(qd) unless given
+    """
+    rotor, damping, friction = mechanism.drive_table
+    effort = np.asarray(rotor * qdd)
+    if not passive:
+        return effort
+    if damping.any():
+        effort += damping * qd
+    if friction.any():
+        effort += friction * (np.sign(qd) if direction is None else direction)
+    return effort
+
+
+# --------------------------------------------------------------------------------------------- the paper's factors
+
+
+@dataclass(frozen=True)
+class Factors:
+    """tau = L T P of one sample, the three factors apart.
+
+    P : (6 n,) nodal forces [N] and moments [N m] of all nodes, world frame
+    T : (6 rows, 6 n) [-] block rows for each pair (link step j, node k): diag(R_j^T, R_j^T)
+    L : (nv, 6 rows) [m] and [-] lever arms and directions, row by row in the frame of each step
+    """
+
+    L: Array
+    T: Array
+    P: Array
+
+
+def factors(mesh: Mesh, motion: NodalMotion, forces: NodalForces, sample: int) -> Factors:
+    """Return L, T and P of one sample [m], [-], [N]: ``L @ T @ P`` is the joint effort before drive efforts.
+
+    For joint i and node k on or beyond it, the arm x_k - p_i is the sum of the steps along the path i -> k; each step r_j is
+    taken in the frame of the node j that it starts from, so L holds lengths of members only:
+    row (i; j, k) = [(a_i x r_j)^T, d a_i^T], with d = 1 for the last step (the node itself).  Prismatic: [d a_i^T, 0].
+    Source: the paper, eqs. (2)-(3), in the letters of NOTATION.md.
+    """
+    x, rotation = motion.x[sample], motion.rotation[sample]
+    steps = _steps(mesh)
+    pairs = sorted({(j, k) for path in steps.values() for j, k, _ in path})
+    column = {pair: 6 * n for n, pair in enumerate(pairs)}
+    t = np.zeros((6 * len(pairs), 6 * mesh.size))
+    for (j, k), row in column.items():
+        t[row : row + 3, 6 * k : 6 * k + 3] = rotation[j].T
+        t[row + 3 : row + 6, 6 * k + 3 : 6 * k + 6] = rotation[j].T
+    length = np.zeros((mesh.mechanism.nv, 6 * len(pairs)))
+    for i, path in steps.items():
+        first, kind = mesh.v_index[i], int(mesh.kind[i])
+        sliding, turning = joint_axes(kind, mesh.axis[i])
+        for j, k, following in path:
+            arm = rotation[j].T @ (x[following] - x[j])
+            turn = turning @ rotation[i].T @ rotation[j]  # axes of joint i in frame j (freedom, xyz)
+            slide = sliding @ rotation[i].T @ rotation[j]
+            last = 1.0 if following == k else 0.0
+            block = np.hstack([np.cross(turn, arm) + last * slide, last * turn])
+            rows = slice(first, first + VELOCITIES[kind])
+            length[rows, column[(j, k)] : column[(j, k)] + 6] += block
+    p = np.concatenate([forces.force[sample], forces.moment[sample]], axis=1).ravel()
+    return Factors(length, t, p)
+
+
+def _steps(mesh: Mesh) -> dict[int, list[tuple[int, int, int]]]:
+    """For each joint node i the steps (j, k, next) of the paths from i to every node k on or beyond it."""
+    out: dict[int, list[tuple[int, int, int]]] = {int(i): [] for i in np.flatnonzero(mesh.v_index >= 0)}
+    for k in range(mesh.size):
+        if not (mesh.mass[k] or mesh.inertia[k].any()):
+            continue
+        if k in out:  # the joint node itself carries mass
+            out[k].append((k, k, k))
+        beyond: list[tuple[int, int, int]] = []
+        following, j = k, int(mesh.parent[k])
+        while j >= 0:
+            beyond.append((j, k, following))
+            if j in out:
+                out[j] += beyond
+            following, j = j, int(mesh.parent[j])
+    return out

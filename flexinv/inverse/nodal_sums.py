@@ -1,0 +1,135 @@
+"""Nodal forces, their sums along the tree and over it, sample by sample: each number is read once, at the speed of the memory."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.kernels.jit import jit, jit_inner
+from flexinv.kernels.vec3 import add, add_to, apply, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
+from flexinv.model.joint_kinds import CONTINUOUS
+from flexinv.typing import Array
+
+
+@jit_inner
+def own_force(mass, inertia, gravity, rotation, omega, a, alpha):
+    """Return P = M (a - g) [N] and Q = R (J al + w x J w) [N m] of one node at one sample."""
+    w, tensor = vec(omega), mat(inertia)
+    body = add(apply(tensor, vec(alpha)), cross(w, apply(tensor, w)))
+    return scale(mass, sub(vec(a), gravity)), apply(mat(rotation), body)
+
+
+@jit
+def nodal_samples(mass, inertia, g, rotation, omega, a, alpha, force, moment):
+    """Set P and Q of `own_force` [N], [N m] of every node, (samples, nodes, 3)."""
+    gravity = vec(g)
+    for s in range(a.shape[0]):
+        for n in range(mass.shape[0]):
+            p, q = own_force(mass[n], inertia[n], gravity, rotation[s, n], omega[s, n], a[s, n], alpha[s, n])
+            put(force[s, n], 0, p)
+            put(moment[s, n], 0, q)
+
+
+@jit
+def sum_samples(parent, x, force, moment):
+    """Add to every node's force [N] and moment [N m] those beyond it, the moments about the node, in place."""
+    for s in range(x.shape[0]):
+        for n in range(parent.shape[0] - 1, -1, -1):
+            m = parent[n]
+            if m >= 0:
+                push = vec(force[s, n])
+                arm = sub(vec(x[s, n]), vec(x[s, m]))
+                put(force[s, m], 0, add(vec(force[s, m]), push))
+                put(moment[s, m], 0, add(vec(moment[s, m]), add(vec(moment[s, n]), cross(arm, push))))
+
+
+@jit
+def in_frame(node, rotation, force, moment, out):
+    """Set force [N] and moment [N m] of one node in the node's own frame, (samples, 6)."""
+    for s in range(rotation.shape[0]):
+        turn = mat(rotation[s, node])
+        put(out[s], 0, tapply(turn, vec(force[s, node])))
+        put(out[s], 3, tapply(turn, vec(moment[s, node])))
+
+
+@jit_inner
+def sum_outboard(parent, x, force, moment, line):
+    """Set ``line`` (nodes, 6) to the force [N] and moment [N m] on and beyond every node at one sample, moments about it."""
+    for n in range(parent.shape[0]):
+        put(line[n], 0, vec(force[n]))
+        put(line[n], 3, vec(moment[n]))
+    for n in range(parent.shape[0] - 1, -1, -1):
+        m = parent[n]
+        if m >= 0:
+            push = vec_at(line[n], 0)
+            arm = sub(vec(x[n]), vec(x[m]))
+            add_to(line[m], 0, push)
+            add_to(line[m], 3, add(vec_at(line[n], 3), cross(arm, push)))
+
+
+@jit
+def sum_in_frames(parent, nodes, x, rotation, force, moment, line, out):
+    """Set the sums of `sum_samples` of some ``nodes`` only, in their own frames, (nodes, samples, 6) [N], [N m].
+
+    line : (all nodes, 6) scratch, the sums of one sample
+    """
+    for s in range(x.shape[0]):
+        sum_outboard(parent, x[s], force[s], moment[s], line)
+        for k in range(nodes.shape[0]):
+            turn = mat(rotation[s, nodes[k]])
+            put(out[k, s], 0, tapply(turn, vec_at(line[nodes[k]], 0)))
+            put(out[k, s], 3, tapply(turn, vec_at(line[nodes[k]], 3)))
+
+
+class Drives(NamedTuple):
+    """Joints by node, and what their drives take besides.
+
+    freedoms : (nodes,); slide, turn : (nodes, 6, 3) axes in the node's frame [-]
+    rotor, damping, friction, stiffness, rest : (nodes,) [kg m^2], [N m s], [N m], [N m/rad], [rad] or of a sliding joint
+    """
+
+    freedoms: NDArray[np.int64]
+    slide: Array
+    turn: Array
+    rotor: Array
+    damping: Array
+    friction: Array
+    stiffness: Array
+    rest: Array
+
+
+@jit
+def instant_torques(nodes, drives, mass, inertia, gravity, x, r, w, a, al, line, q, qd, qdd, tau):
+    """Set the effort of every joint coordinate, (nv,) [N m] or [N], from the motion of all nodes at one instant.
+
+    P = M (a - g), summed from the leaves (line : (nodes, 6) scratch), along the axes; plus what the drive takes
+    """
+    g = vec(gravity)
+    for n in range(nodes.parent.shape[0]):
+        spin, tensor = vec(w[n]), mat(inertia[n])
+        body = add(apply(tensor, vec(al[n])), cross(spin, apply(tensor, spin)))
+        put(line[n], 0, scale(mass[n], sub(vec(a[n]), g)))
+        put(line[n], 3, apply(mat(r[n]), body))
+    for n in range(nodes.parent.shape[0] - 1, -1, -1):
+        m, push = nodes.parent[n], vec_at(line[n], 0)
+        if drives.freedoms[n] > 0:
+            turned = mat(r[n])
+            force, moment = tapply(turned, push), tapply(turned, vec_at(line[n], 3))
+            for i in range(drives.freedoms[n]):
+                v = nodes.v_index[n] + i
+                effort = dot(vec(drives.slide[n, i]), force) + dot(vec(drives.turn[n, i]), moment)
+                rate = qd[v]
+                sign = 1.0 if rate > 0.0 else -1.0 if rate < 0.0 else 0.0
+                effort += drives.rotor[n] * qdd[v] + drives.damping[n] * rate + drives.friction[n] * sign
+                if drives.stiffness[n] != 0.0:
+                    at = nodes.q_index[n]
+                    place = math.atan2(q[at + 1], q[at]) if nodes.kind[n] == CONTINUOUS else q[at]
+                    effort += drives.stiffness[n] * (place - drives.rest[n])
+                tau[v] = effort
+        if m >= 0:
+            arm = sub(vec(x[n]), vec(x[m]))
+            add_to(line[m], 0, push)
+            add_to(line[m], 3, add(vec_at(line[n], 3), cross(arm, push)))

@@ -1,0 +1,79 @@
+"""Processors and the threads on them.
+
+Some systems, virtual machines above all, let a thread begin on the processor of the one that starts or wakes it, and leave it
+there for milliseconds though others are idle: the two take turns.  So threads go elsewhere by themselves.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from ctypes import CDLL
+from pathlib import Path
+
+GROUP = Path("/sys/fs/cgroup")
+
+
+def processors() -> int:
+    """Return the number of processors that this process may use [-], a container's limit included."""
+    allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return max(1, math.ceil(min(allowed, granted())))
+
+
+def granted() -> float:
+    """Return the number of processors whose time a container may use [-], infinite without a limit.
+
+    More threads than that are stopped, all of them, for most of every tenth of a second.  Source: cgroup-v2.rst and
+    sched-bwc.rst of Linux, "cpu.max" and "cpu.cfs_quota_us".
+    """
+    with suppress(OSError, ValueError):
+        quota, period = (GROUP / "cpu.max").read_text(encoding="ascii").split()
+        return math.inf if quota == "max" else int(quota) / int(period)
+    with suppress(OSError, ValueError):
+        quota, period = (
+            (GROUP / "cpu" / f"cpu.cfs_{word}_us").read_text(encoding="ascii") for word in ("quota", "period")
+        )
+        return int(quota) / int(period) if int(quota) > 0 else math.inf
+    return math.inf
+
+
+def _finder() -> Callable[[], int]:
+    """Return a function for the processor of the calling thread: -1 if the system does not tell or lets no thread move."""
+    if not hasattr(os, "sched_setaffinity"):
+        return lambda: -1
+    try:
+        found: Callable[[], int] = CDLL(None).sched_getcpu
+    except (AttributeError, OSError, TypeError):
+        return lambda: -1
+    return found
+
+
+processor_now = _finder()
+
+
+def leave(processor: int) -> None:
+    """Move this thread from a processor [-] to any other that it may use, if it is there; it may come back later."""
+    if processor < 0 or processor_now() != processor:
+        return
+    allowed = os.sched_getaffinity(0)
+    _move(allowed - {processor}, allowed)
+
+
+def go_to(number: int, first: int) -> None:
+    """Move this thread to the processor that is so many after the ``first`` [-] among those that it may use."""
+    if first < 0:
+        return
+    allowed = os.sched_getaffinity(0)
+    order = sorted(allowed)
+    at = order.index(first) if first in allowed else 0
+    _move({order[(at + number) % len(order)]}, allowed)
+
+
+def _move(to: set[int], allowed: set[int]) -> None:
+    """Go there, where the system lets: sandboxes may not."""
+    if to and len(allowed) > 1:
+        with suppress(OSError):
+            os.sched_setaffinity(0, to)
+            os.sched_setaffinity(0, allowed)

@@ -1,0 +1,54 @@
+"""Stamp of the sources in the machine code of a kernel, which is discarded when any of them changes.
+
+Numba asks only whether the file of the function itself is the same, but its code holds that of all functions it calls.  The
+family of a module is itself and what it imports; a module that joins the list changes only the families that import it.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+
+# The modules, as they are called in the package, whose text or constants are in machine code.
+SOURCES = (
+    "analysis.batch_kernel", "constraints.allocation_kernel", "constraints.continuation_kernel",
+    "constraints.equations", "dynamics.assembly", "dynamics.bordered_solver", "dynamics.constraint_rows",
+    "dynamics.dofs", "dynamics.generalized_alpha", "dynamics.index1", "dynamics.loads", "dynamics.spring_rows",
+    "dynamics.stepper", "dynamics.tree_solver", "elements.beam", "elements.beam_damping", "elements.planar_beam",
+    "elements.planar_beam_damping", "inverse.nodal_sums", "inverse.trajectory_pass", "kernels.atomics",
+    "kernels.block_tridiagonal", "kernels.jit", "kernels.mailbox", "kernels.record_stack", "kernels.simd",
+    "kernels.so3", "kernels.vec3", "kinematics.configuration", "kinematics.tree", "linearized.natural_modes",
+    "model.joint_kinds", "planar.constraint_rows", "planar.history", "planar.index1", "planar.stepper", "planar.tree",
+    "planar.tree_solver", "rigid.blocks", "rigid.derivative_kernel", "rigid.regressor_kernel", "rnea.loop_allocation",
+    "rnea.loop_bodies", "rnea.loop_ground", "rnea.loop_jacobian", "rnea.loop_layout", "rnea.loop_plane",
+    "rnea.loop_reduce", "rnea.loop_space", "rnea.recursion", "rnea.row_pairs", "rnea.six_rows",
+    "tracking.collocation_kernel",
+)  # fmt: skip
+_IMPORT = re.compile(r"^from flexinv\.([\w.]+) import", re.MULTILINE)
+
+
+def family(module: str, folder: Path) -> tuple[str, ...]:
+    """Return the sources [-] that are in the kernels of a module: itself and what it imports of them, all where it is none."""
+    if module not in SOURCES:
+        return SOURCES
+    found, ahead = {module}, [module]
+    while ahead:
+        names = set(_IMPORT.findall(_file(folder, ahead.pop()).read_text(encoding="utf-8")))
+        ahead += sorted(names.intersection(SOURCES) - found)
+        found.update(ahead)
+    return tuple(sorted(found))
+
+
+@cache
+def source_stamp(folder: Path, module: str) -> str:
+    """Return a digest [-] of the sources in the package's ``folder`` that are in the kernels of a module."""
+    digest = sha256()
+    for name in family(module, folder):
+        digest.update(_file(folder, name).read_bytes())
+    return digest.hexdigest()
+
+
+def _file(folder: Path, module: str) -> Path:
+    return folder.joinpath(*module.split(".")).with_suffix(".py")

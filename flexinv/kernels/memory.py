@@ -1,0 +1,82 @@
+"""Memory for many arrays at once: a fresh page costs more time than the computation that fills it.
+
+Arrays of one piece are one allocation, which the system's allocator keeps for the next call where it would give many small ones
+back.  Within `shared_pieces` the calls of a thread take their pieces of larger ones: they last as long as any of their arrays.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import lru_cache
+from itertools import accumulate
+from threading import local
+
+import numpy as np
+
+from flexinv.typing import Array
+
+# Numbers in a line of the cache: arrays begin at different ones, so that threads do not write into the same.
+LINE = 8
+# Numbers in a shared piece, 16 MiB: large enough for large pages, which NumPy asks for from 4 MiB on.
+PIECE = 1 << 21
+
+
+class _Piece(local):
+    """Unused rest of the present thread's shared piece of memory; None where every call has its own."""
+
+    left: Array | None = None
+
+
+_PIECE = _Piece()
+
+
+def together(*shapes: tuple[int, ...]) -> list[Array]:
+    """Return arrays [any unit] of these shapes that stand one behind the other in memory, to be filled: nothing is in them."""
+    size, places = _places(shapes)
+    block = _taken(size)
+    return [np.ndarray(shape, float, block, place) for shape, place in zip(shapes, places, strict=True)]
+
+
+def cleared(*shape: int) -> Array:
+    """Return zeros [any unit] that begin with a line of the cache: vectors of eight numbers then lie in one line, not in two."""
+    size = math.prod(shape)
+    block = np.zeros(size + LINE)
+    first = -block.ctypes.data % (8 * LINE) // 8
+    return block[first : first + size].reshape(shape)
+
+
+def on_lines(values: Array) -> Array:
+    """Return a copy [any unit] that begins with a line of the cache."""
+    out = cleared(*values.shape)
+    out[...] = values
+    return out
+
+
+@contextmanager
+def shared_pieces() -> Iterator[None]:
+    """Let the arrays of all calls that follow in this thread [any unit] stand in large pieces of memory, as far as they fit."""
+    _PIECE.left = np.empty(0)
+    try:
+        yield
+    finally:
+        _PIECE.left = None
+
+
+def _taken(size: int) -> Array:
+    """So many numbers of memory."""
+    left = _PIECE.left
+    if left is None or size > PIECE // 2:
+        return np.empty(size)
+    if size > len(left):
+        left = np.empty(PIECE)
+    _PIECE.left = left[size:]
+    return left[:size]
+
+
+@lru_cache(maxsize=64)
+def _places(shapes: tuple[tuple[int, ...], ...]) -> tuple[int, list[int]]:
+    """Numbers in all, and the bytes at which each array begins."""
+    ends = list(accumulate(-(-math.prod(shape) // LINE) * LINE for shape in shapes))
+    return ends[-1], [8 * first for first in (0, *ends[:-1])]

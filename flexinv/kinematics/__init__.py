@@ -1,0 +1,1 @@
+"""The mechanism as arrays of nodes, and exact kinematics of joints and rigid links."""

@@ -1,0 +1,134 @@
+"""One configuration in compiled code: from joint coordinates to the motion of all nodes, and a step of the coordinates.
+
+The same formulas as `joint_motion.relative_motion`, `rigid_motion.rigid_motion` and `configuration_arrays.moved`, which
+serve many samples at once.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.kernels.jit import jit, jit_inner
+from flexinv.kernels.so3 import quadratic
+from flexinv.kernels.vec3 import add, apply, cross, dot, mat, mul, put, put_block, scale, vec, vec_at
+from flexinv.kinematics.tree import carry
+from flexinv.model.joint_kinds import CONTINUOUS, FREE, PRISMATIC, REVOLUTE, SPHERICAL
+from flexinv.typing import Array
+
+
+class Nodes(NamedTuple):
+    """The nodes of a mesh: see `mesh.Mesh` [-], [m]."""
+
+    parent: NDArray[np.int64]
+    kind: NDArray[np.int64]
+    offset: Array
+    rotation: Array
+    axis: Array
+    q_index: NDArray[np.int64]
+    v_index: NDArray[np.int64]
+
+
+@jit_inner
+def turn_of(q, first):
+    """Return the rotation matrix [-] of the quaternion x, y, z, w at ``first``, normalised first."""
+    u, w = vec_at(q, first), q[first + 3]
+    size = dot(u, u) + w * w
+    return quadratic(u, 1.0 - 2.0 * dot(u, u) / size, 2.0 * w / size, 2.0 / size)
+
+
+@jit_inner
+def move_joint(n, nodes, q, qd, qdd, joints):
+    """Set the relative motion of node n [m, rad, s] from the coordinates of its joint."""
+    kind, i, k = nodes.kind[n], nodes.q_index[n], nodes.v_index[n]
+    placed, axis, none = mat(nodes.rotation[n]), vec(nodes.axis[n]), (0.0, 0.0, 0.0)
+    p, dp, ddp, turn, w, al = vec(nodes.offset[n]), none, none, placed, none, none
+    if k >= 0:
+        if kind == PRISMATIC:
+            along = apply(placed, axis)
+            p, dp, ddp = add(p, scale(q[i], along)), scale(qd[k], along), scale(qdd[k], along)
+        elif kind == REVOLUTE or kind == CONTINUOUS:  # noqa: SIM109 (compiled)
+            c, s = (math.cos(q[i]), math.sin(q[i])) if kind == REVOLUTE else (q[i], q[i + 1])
+            turn = mul(placed, quadratic(axis, c, s, 1.0 - c))
+            w, al = scale(qd[k], axis), scale(qdd[k], axis)
+        elif kind == SPHERICAL:
+            turn, w, al = mul(placed, turn_of(q, i)), vec_at(qd, k), vec_at(qdd, k)
+        elif kind == FREE:
+            turn, v, w, al = mul(placed, turn_of(q, i + 3)), vec_at(qd, k), vec_at(qd, k + 3), vec_at(qdd, k + 3)
+            p, dp = add(p, apply(placed, vec_at(q, i))), apply(turn, v)
+            ddp = apply(turn, add(vec_at(qdd, k), cross(w, v)))
+    put(joints.p[n], 0, p)
+    put(joints.dp[n], 0, dp)
+    put(joints.ddp[n], 0, ddp)
+    put_block(joints.r[n], 0, 0, turn)
+    put(joints.w[n], 0, w)
+    put(joints.al[n], 0, al)
+
+
+@jit_inner
+def move_nodes(nodes, q, qd, qdd, joints, frames):
+    """Set the motion of all nodes [m, rad, s] from the coordinates."""
+    for n in range(nodes.parent.shape[0]):
+        move_joint(n, nodes, q, qd, qdd, joints)
+        carry(n, nodes.parent[n], frames, joints)
+
+
+@jit_inner
+def _turn(q, first, d):
+    """The quaternion at ``first`` times that of the rotation vector d: R(q) exp(d)."""
+    angle = math.sqrt(dot(d, d))
+    step = scale(0.5 * (math.sin(0.5 * angle) / (0.5 * angle) if angle > 0.0 else 1.0), d)
+    c, own, real = math.cos(0.5 * angle), vec_at(q, first), q[first + 3]
+    vector = add(add(scale(real, step), scale(c, own)), cross(own, step))
+    scalar = real * c - dot(own, step)
+    size = 1.0 / math.sqrt(dot(vector, vector) + scalar * scalar)
+    put(q, first, scale(size, vector))
+    q[first + 3] = size * scalar
+
+
+@jit_inner
+def step_coordinates(nodes, q, d):
+    """Move q [rad], [m] in place along the increment d of the velocity coordinates; joints with none stay as they are."""
+    for n in range(nodes.parent.shape[0]):
+        kind, i, k = nodes.kind[n], nodes.q_index[n], nodes.v_index[n]
+        if k < 0:
+            continue
+        if kind == CONTINUOUS:
+            if d[k] != 0.0:
+                c, s = math.cos(d[k]), math.sin(d[k])
+                x, y = q[i] * c - q[i + 1] * s, q[i] * s + q[i + 1] * c
+                size = 1.0 / math.sqrt(x * x + y * y)
+                q[i], q[i + 1] = size * x, size * y
+        elif kind == SPHERICAL:
+            psi = vec_at(d, k)
+            if dot(psi, psi) > 0.0:
+                _turn(q, i, psi)
+        elif kind == FREE:
+            move, psi = vec_at(d, k), vec_at(d, k + 3)
+            if dot(move, move) + dot(psi, psi) > 0.0:
+                put(q, i, add(vec_at(q, i), apply(turn_of(q, i + 3), move)))
+                _turn(q, i + 3, psi)
+        else:
+            q[i] += d[k]
+
+
+@jit
+def fill_relative(nodes, q, qd, qdd, joints):
+    """Set the relative motion of all nodes [m, rad, s] from the joints' coordinates."""
+    for n in range(nodes.parent.shape[0]):
+        move_joint(n, nodes, q, qd, qdd, joints)
+
+
+@jit
+def fill_given(nodes, q, qd, qdd, given):
+    """Set coordinate, rate and its rate [rad], [m], [1/s] of all joints that turn or slide, (joints, 3) in the order of nodes."""
+    k = 0
+    for n in range(nodes.parent.shape[0]):
+        if nodes.v_index[n] >= 0:
+            i, v = nodes.q_index[n], nodes.v_index[n]
+            given[k, 0] = math.atan2(q[i + 1], q[i]) if nodes.kind[n] == CONTINUOUS else q[i]
+            given[k, 1], given[k, 2] = qd[v], qdd[v]
+            k += 1

@@ -1,0 +1,368 @@
+"""The mechanism as arrays: nodes in tree order, and beam elements on them.
+
+Every point that carries mass, a joint or a beam cross-section is a *node* with a frame.  A node hangs on an earlier
+one, either rigidly (a centre of mass), or through a joint, or as the next cross-section of a beam:
+
+    X_W,node = X_W,parent  .  placement  .  X_joint(q)
+
+A rigid link is a joint node and one node at the centre of mass of each of its bodies; a beam link is a joint node
+(the link frame), a root node, its Gauss-Lobatto nodes, and one node per body carried by a section.  Universal joints are two
+revolute ones with a massless node between, so that every joint has constant axes in the frame of its own node.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.elements.quadrature import reference
+from flexinv.kernels.so3 import exp_so3, log_so3, tangent3
+from flexinv.model.drive_expansion import check_expanded
+from flexinv.model.joint_kinds import CONTINUOUS as CONTINUOUS
+from flexinv.model.joint_kinds import FREE as FREE
+from flexinv.model.joint_kinds import PRISMATIC as PRISMATIC
+from flexinv.model.joint_kinds import REVOLUTE as REVOLUTE
+from flexinv.model.joint_kinds import RIGID as RIGID
+from flexinv.model.joint_kinds import SECTION as SECTION
+from flexinv.model.joint_kinds import SPHERICAL as SPHERICAL
+from flexinv.model.mechanism import WORLD, Attachment, Beam, Body, Joint, Link, Mechanism, Placement
+from flexinv.typing import Array
+
+_PRIMITIVE = {
+    "fixed": RIGID,
+    "revolute": REVOLUTE,
+    "continuous": CONTINUOUS,
+    "prismatic": PRISMATIC,
+    "spherical": SPHERICAL,
+    "free": FREE,
+}
+CONFIGURATIONS = {RIGID: 0, REVOLUTE: 1, CONTINUOUS: 2, PRISMATIC: 1, SPHERICAL: 4, FREE: 7, SECTION: 0}
+VELOCITIES = {RIGID: 0, REVOLUTE: 1, CONTINUOUS: 1, PRISMATIC: 1, SPHERICAL: 3, FREE: 6, SECTION: 0}
+
+# Two stations of one beam closer than this fraction of its length are one cross-section.
+SAME_STATION = 1e-9
+
+
+@dataclass(frozen=True)
+class Elements:
+    """Beam elements, padded to the highest order in use.
+
+    order : (elements,); nodes : (elements, order+1) node numbers, -1 where padded
+    stiffness : (elements, points, 6) EA, GA_y, GA_z [N], GJ, EI_y, EI_z [N m^2] at the Gauss points
+    damping : (elements, points, 6) [N s], [N m^2 s] of the rates of strain; zero where a beam has none
+    gamma0, kappa0 : (elements, points, 3) strains of the stress-free shape [-], [1/m]
+    weight : (elements, points) Gauss weight times ds/dxi [m]
+    shape, slope : (elements, points, order+1) interpolation and its derivative by arc length [-], [1/m]
+    station : (elements, points) fraction of the link's length [-]; link : (elements,) index into mechanism.links
+    """
+
+    order: NDArray[np.int64]
+    nodes: NDArray[np.int64]
+    stiffness: Array
+    damping: Array
+    gamma0: Array
+    kappa0: Array
+    weight: Array
+    shape: Array
+    slope: Array
+    station: Array
+    link: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)  # a mesh is itself only: what is known of it can be kept
+class Mesh:
+    """Nodes of a mechanism in tree order (parents first) and its beam elements.
+
+    parent : (nodes,), -1 the world; kind : (nodes,) RIGID, REVOLUTE, ...
+    offset, rotation : (nodes, 3) [m], (nodes, 3, 3): placement of the joint (or of the node) in the parent's frame,
+        for a SECTION that of the stress-free beam
+    axis : (nodes, 3); q_index, v_index : (nodes,) first coordinate in q and in the velocities, -1 without
+    mass : (nodes,) [kg]; inertia : (nodes, 3, 3) [kg m^2] about the node, in its frame
+    link : (nodes,) index into mechanism.links
+    joint_node : joint name -> node of the child's link frame; tip_node : link name -> node of a beam's end
+    root_node : link name -> node of a beam's root section
+    section_nodes : beam link name -> node numbers along the beam, root first
+    section_stations : beam link name -> their fractions of the length [-]
+    body_node : (link name, body name) -> node at the body's centre of mass
+    """
+
+    mechanism: Mechanism
+    parent: NDArray[np.int64]
+    kind: NDArray[np.int64]
+    offset: Array
+    rotation: Array
+    axis: Array
+    q_index: NDArray[np.int64]
+    v_index: NDArray[np.int64]
+    mass: Array
+    inertia: Array
+    link: NDArray[np.int64]
+    joint_node: dict[str, int]
+    root_node: dict[str, int]
+    tip_node: dict[str, int]
+    section_nodes: dict[str, NDArray[np.int64]]
+    section_stations: dict[str, Array]
+    body_node: dict[tuple[str, str], int]
+    elements: Elements
+
+    @property
+    def size(self) -> int:
+        """Number of nodes [-]."""
+        return len(self.parent)
+
+    @property
+    def length(self) -> float:
+        """Return the length that positions are scaled by [m]: the sum of all offsets, or a metre where there are none."""
+        return float(np.abs(self.offset).sum()) or 1.0
+
+    def section_at(self, link: str, station: float) -> int:
+        """Return the node of a beam's section nearest to ``station`` [-] (the mesh has one wherever something is attached)."""
+        return int(self.section_nodes[link][np.argmin(np.abs(self.section_stations[link] - station))])
+
+
+@dataclass
+class _Builder:
+    """Grows the node and element lists; becomes a Mesh at the end."""
+
+    mechanism: Mechanism
+    rows: list[tuple[int, int, Placement, Array, int, int, int]] = field(default_factory=list)
+    mass: list[float] = field(default_factory=list)
+    inertia: list[Array] = field(default_factory=list)
+    joint_node: dict[str, int] = field(default_factory=dict)
+    root_node: dict[str, int] = field(default_factory=dict)
+    tip_node: dict[str, int] = field(default_factory=dict)
+    section_nodes: dict[str, NDArray[np.int64]] = field(default_factory=dict)
+    stations: dict[str, Array] = field(default_factory=dict)
+    body_node: dict[tuple[str, str], int] = field(default_factory=dict)
+    elements: list[dict[str, NDArray[np.float64]]] = field(default_factory=list)
+
+    def node(
+        self,
+        parent: int,
+        kind: int,
+        placement: Placement,
+        link: int,
+        axis: Array | None = None,
+        q: int = -1,
+        v: int = -1,
+    ) -> int:
+        axis = np.zeros(3) if axis is None else axis
+        self.rows.append((parent, kind, placement, axis, q, v, link))
+        self.mass.append(0.0)
+        self.inertia.append(np.zeros((3, 3)))
+        return len(self.rows) - 1
+
+    def joint(self, joint: Joint, link: int) -> None:
+        parent = self.attachment(joint)
+        q = self.mechanism.q_slices[joint.name].start
+        v = self.mechanism.v_slices[joint.name].start
+        if joint.kind == "universal":
+            parent = self.node(parent, REVOLUTE, joint.placement, link, joint.axis, q, v)
+            node = self.node(parent, REVOLUTE, Placement(), link, joint.second_axis, q + 1, v + 1)
+        else:
+            kind = _PRIMITIVE[joint.kind]
+            node = self.node(parent, kind, joint.placement, link, joint.axis, *((q, v) if joint.nv else (-1, -1)))
+        self.joint_node[joint.name] = node
+        self.link(self.mechanism.links[link], link, node)
+
+    def attachment(self, joint: Joint) -> int:
+        """Return the node that carries a joint: the world, a link frame, or a section of a beam."""
+        if joint.parent == WORLD:
+            return -1
+        if joint.station is None:
+            if joint.parent in self.tip_node:
+                return self.tip_node[joint.parent]
+            return self.joint_node[next(j.name for j in self.mechanism.joints if j.child == joint.parent)]
+        return self.section(joint.parent, joint.station)
+
+    def section(self, link: str, station: float) -> int:
+        nearest = int(np.argmin(np.abs(self.stations[link] - station)))
+        return int(self.section_nodes[link][nearest])
+
+    def link(self, link: Link, index: int, node: int) -> None:
+        if link.beam is not None:
+            self.beam(link, link.beam, index, node)
+        for body in link.bodies:
+            carrier = node if body.station is None or link.beam is None else self.section(link.name, body.station)
+            self.body(body, index, carrier)
+
+    def body(self, body: Body, link: int, carrier: int) -> None:
+        inertia = body.inertia
+        at_centre = self.node(carrier, RIGID, Placement(inertia.com), link) if inertia.com.any() else carrier
+        self.body_node[(self.mechanism.links[link].name, body.name)] = at_centre
+        self.mass[at_centre] += inertia.mass
+        self.inertia[at_centre] = self.inertia[at_centre] + inertia.tensor
+
+    def beam(self, link: Link, beam: Beam, index: int, node: int) -> None:
+        wanted = [j.station for j in self.mechanism.joints if j.parent == link.name and j.station is not None]
+        wanted += [b.station for b in link.bodies if b.station is not None]
+        wanted += [
+            end.station for end in self.mechanism.attachments if end.link == link.name and end.station is not None
+        ]
+        bounds = _element_bounds(beam, wanted)
+        root = self.node(node, RIGID, beam.placement, index)
+        nodes, stations = [root], [0.0]
+        for start, end in pairwise(bounds):
+            self.element(beam, index, start, end, nodes, stations)
+        self.root_node[link.name], self.tip_node[link.name] = root, nodes[-1]
+        self.section_nodes[link.name] = np.array(nodes)
+        self.stations[link.name] = np.array(stations)
+
+    def element(self, beam: Beam, link: int, start: float, end: float, nodes: list[int], stations: list[float]) -> None:
+        """Append one element between two fractions of the length: its nodes, lumped mass, stiffness, shape."""
+        ref = reference(beam.order)
+        jacobian = 0.5 * (end - start) * beam.length  # ds/dxi
+        at_nodes = start + 0.5 * (end - start) * (1 + ref.nodes)
+        at_points = start + 0.5 * (end - start) * (1 + ref.points)
+        own = [nodes[-1]]
+        for previous, here in pairwise(at_nodes):
+            step = _arc(beam, (here - previous) * beam.length)
+            own.append(self.node(own[-1], SECTION, step, link))
+        nodes += own[1:]
+        stations += list(at_nodes[1:])
+        rho_a, rho_i = _interpolate(beam, at_nodes, beam.section.mass_per_length, beam.section.rotary_inertia)
+        for node, w, mass, rotary in zip(own, ref.weights * jacobian, rho_a, rho_i, strict=True):
+            self.mass[node] += float(w * mass)
+            self.inertia[node] = self.inertia[node] + w * np.diag(rotary)
+        gamma0, kappa0 = _stress_free_strains(beam, at_nodes, ref.shape, ref.slope / jacobian)
+        of_rate = np.zeros_like(beam.section.stiffness) if beam.section.damping is None else beam.section.damping
+        stiffness, damping = _interpolate(beam, at_points, beam.section.stiffness, of_rate)
+        self.elements.append(
+            {
+                "order": np.array(beam.order),
+                "nodes": np.array(own, dtype=float),
+                "stiffness": stiffness,
+                "damping": damping,
+                "gamma0": gamma0,
+                "kappa0": kappa0,
+                "weight": ref.point_weights * jacobian,
+                "shape": ref.shape,
+                "slope": ref.slope / jacobian,
+                "station": at_points,
+                "link": np.array(link),
+            }
+        )
+
+
+def _element_bounds(beam: Beam, wanted: list[float]) -> list[float]:
+    """Element ends as fractions of the length: equal parts, cut again where something is attached between nodes.
+
+    One cut at a time: it moves the nodes of the element that it cuts, so that another station may need one too.
+    """
+    fractions = 0.5 * (1 + reference(beam.order).nodes)
+    bounds = np.linspace(0.0, 1.0, beam.elements + 1)
+    while True:
+        nodes = np.concatenate([a + (b - a) * fractions for a, b in pairwise(bounds)])
+        between = [s for s in wanted if np.min(np.abs(nodes - s)) > SAME_STATION]
+        if not between:
+            return [float(bound) for bound in bounds]
+        bounds = np.sort(np.append(bounds, between[0]))
+
+
+def _arc(beam: Beam, length: float) -> Placement:
+    """Section frame after ``length`` of the stress-free beam: R = exp(s kappa), x = H(s kappa)^T s e1."""
+    psi = length * beam.curvature
+    return Placement(tangent3(psi).T @ np.array([length, 0.0, 0.0]), exp_so3(psi))
+
+
+def _interpolate(beam: Beam, at: Array, *tables: Array) -> list[Array]:
+    """Section tables at fractions ``at``, linear between the stations, constant beyond them."""
+    stations = beam.section.stations
+    out = []
+    for table in tables:
+        columns = table.reshape(len(stations), -1)
+        values = [np.interp(at, stations, column) for column in columns.T]
+        out.append(np.stack(values, axis=-1).reshape(len(at), *table.shape[1:]))
+    return out
+
+
+def _stress_free_strains(beam: Beam, at_nodes: Array, shape: Array, slope: Array) -> tuple[Array, Array]:
+    """Strains that the element's own interpolation sees in the undeformed shape: they are subtracted."""
+    places = [_arc(beam, (s - at_nodes[0]) * beam.length) for s in at_nodes]
+    x = np.array([p.position for p in places])
+    psi = log_so3(np.array([p.rotation for p in places]))
+    gamma, kappa = np.empty((len(shape), 3)), np.empty((len(shape), 3))
+    for g, (n, dn) in enumerate(zip(shape, slope, strict=True)):
+        gamma[g] = exp_so3(n @ psi).T @ (dn @ x)
+        kappa[g] = tangent3(n @ psi) @ (dn @ psi)
+    return gamma, kappa
+
+
+def _pad(arrays: list[Array], fill: float = 0.0) -> Array:
+    """Stack arrays of unequal shape, filling up with ``fill``."""
+    shape = np.max([a.shape for a in arrays], axis=0).astype(int)
+    out = np.full((len(arrays), *shape), fill)
+    for k, a in enumerate(arrays):
+        where: tuple[int | slice, ...] = (k, *(slice(n) for n in a.shape))
+        out[where] = a
+    return out
+
+
+def _elements(rows: list[dict[str, Array]]) -> Elements:
+    if not rows:
+        empty = np.empty((0, 0, 3))
+        flat, index = np.empty((0, 0)), np.empty(0, dtype=np.int64)
+        return Elements(
+            index,
+            np.empty((0, 0), np.int64),
+            np.empty((0, 0, 6)),
+            np.empty((0, 0, 6)),
+            empty,
+            empty,
+            flat,
+            empty,
+            empty,
+            flat,
+            index,
+        )
+    columns = {key: _pad([row[key] for row in rows], -1.0 if key == "nodes" else 0.0) for key in rows[0]}
+    whole = {key: columns[key].astype(np.int64) for key in ("order", "nodes", "link")}
+    return Elements(**{**columns, **whole})  # type: ignore[arg-type]
+
+
+@lru_cache(maxsize=64)
+def build(mechanism: Mechanism) -> Mesh:
+    """Return the mesh of a mechanism: nodes with masses [kg] and inertias [kg m^2], elements with stiffnesses [N].
+
+    Lumped mass at the Gauss-Lobatto nodes: m_i = rho A w_i, J_i = rho I w_i (order 1: half and half, as in the paper).
+    Raises InputError for drives that are not part of the mechanism (`drive_expansion.expanded`).
+    """
+    builder = _Builder(mechanism)
+    index = {link.name: k for k, link in enumerate(mechanism.links)}
+    for joint in mechanism.joints:
+        check_expanded(joint)
+        builder.joint(joint, index[joint.child])
+    parent, kind, placement, axis, q, v, link = zip(*builder.rows, strict=True) if builder.rows else ((),) * 7
+    return Mesh(
+        mechanism,
+        np.array(parent, dtype=np.int64),
+        np.array(kind, dtype=np.int64),
+        np.array([p.position for p in placement], dtype=float).reshape(-1, 3),
+        np.array([p.rotation for p in placement], dtype=float).reshape(-1, 3, 3),
+        np.array(axis, dtype=float).reshape(-1, 3),
+        np.array(q, dtype=np.int64),
+        np.array(v, dtype=np.int64),
+        np.array(builder.mass),
+        np.array(builder.inertia).reshape(-1, 3, 3),
+        np.array(link, dtype=np.int64),
+        builder.joint_node,
+        builder.root_node,
+        builder.tip_node,
+        builder.section_nodes,
+        builder.stations,
+        builder.body_node,
+        _elements(builder.elements),
+    )
+
+
+def attachment_node(mesh: Mesh, at: Attachment) -> int:
+    """Return the node that carries an attachment (its frame is constant there, placement in [m]); -1 is the world."""
+    if at.link == WORLD:
+        return -1
+    if at.link in mesh.section_nodes:
+        return mesh.section_at(at.link, 1.0 if at.station is None else at.station)
+    return next(mesh.joint_node[j.name] for j in mesh.mechanism.joints if j.child == at.link)

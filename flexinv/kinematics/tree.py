@@ -1,0 +1,175 @@
+"""Forward and backward pass over the tree, node by node: motion from parent to child, loads from child to parent.
+
+With p, R_j the relative pose (p in the parent's frame A, w_j in the child's frame B), c = R_j^T w_A:
+
+    x_B = x_A + R_A p            R_B = R_A R_j
+    v_B = v_A + R_A y            y = w_A x p + p'
+    w_B = c + w_j
+    a_B = a_A + R_A z            z = al_A x p + w_A x (w_A x p) + 2 w_A x p' + p''
+    al_B = R_j^T al_A + al_j + c x w_j
+
+Forces are dual: a force f (world) and a moment mu (own frame) at B act on A as f and p x R_A^T f + R_j mu.
+Both maps come with their first variation, which the implicit time integration linearises.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from flexinv.kernels.jit import jit, jit_inner
+from flexinv.kernels.vec3 import (
+    add,
+    add_scaled,
+    add_to,
+    apply,
+    cross,
+    mat,
+    mul,
+    put,
+    put_block,
+    sub,
+    sum3,
+    tapply,
+    vec,
+    vec_at,
+)
+from flexinv.typing import Array
+
+
+class Frames(NamedTuple):
+    """Motion of all nodes at one instant: x, v, a [m, s] world; r = R_W,node; w, al [rad, s] own frame."""
+
+    x: Array
+    r: Array
+    v: Array
+    w: Array
+    a: Array
+    al: Array
+
+
+class Joints(NamedTuple):
+    """Relative motion of all nodes at one instant: p, dp, ddp [m, s]; r; w, al [rad, s] (see `joint_motion.Relative`)."""
+
+    p: Array
+    dp: Array
+    ddp: Array
+    r: Array
+    w: Array
+    al: Array
+
+
+class Variation(NamedTuple):
+    """First variation of all nodes by the unknowns of their block, (nodes, columns, 3) each, columns first.
+
+    x [m] world, t rotation increment [rad] own frame, and those of v, w, a, al
+    """
+
+    x: Array
+    t: Array
+    v: Array
+    w: Array
+    a: Array
+    al: Array
+
+
+@jit_inner
+def carry(n, m, frames, joints):
+    """Set the motion of node n from that of its parent m (-1: the fixed world) [m, rad, s]."""
+    p, dp, ddp, rj, wj, alj = (
+        vec(joints.p[n]),
+        vec(joints.dp[n]),
+        vec(joints.ddp[n]),
+        mat(joints.r[n]),
+        vec(joints.w[n]),
+        vec(joints.al[n]),
+    )
+    if m < 0:
+        _put_frame(n, frames, p, rj, dp, wj, ddp, alj)
+        return
+    r, w, al = mat(frames.r[m]), vec(frames.w[m]), vec(frames.al[m])
+    wp = cross(w, p)
+    z = sum3(cross(al, p), cross(w, add_scaled(wp, 2.0, dp)), ddp)
+    c = tapply(rj, w)
+    _put_frame(
+        n,
+        frames,
+        add(vec(frames.x[m]), apply(r, p)),
+        mul(r, rj),
+        add(vec(frames.v[m]), apply(r, add(wp, dp))),
+        add(c, wj),
+        add(vec(frames.a[m]), apply(r, z)),
+        sum3(tapply(rj, al), alj, cross(c, wj)),
+    )
+
+
+@jit_inner
+def _put_frame(n, frames, x, r, v, w, a, al):
+    put(frames.x[n], 0, x)
+    put_block(frames.r[n], 0, 0, r)
+    put(frames.v[n], 0, v)
+    put(frames.w[n], 0, w)
+    put(frames.a[n], 0, a)
+    put(frames.al[n], 0, al)
+
+
+@jit_inner
+def carry_variation(n, m, columns, frames, joints, variation):
+    """Add to the variation of node n what follows from that of its parent m; on entry it holds the joint's own part [m, rad, s].
+
+    Own part on entry, all in the frames of `Joints`: its x = dp, t = theta_j, v = dp', w = dw_j, a = dp'', al = dal_j.
+    """
+    if m < 0:
+        return
+    p, dp, wj, rj = vec(joints.p[n]), vec(joints.dp[n]), vec(joints.w[n]), mat(joints.r[n])
+    r, w, al = mat(frames.r[m]), vec(frames.w[m]), vec(frames.al[m])
+    wp = cross(w, p)
+    y, y2 = add(wp, dp), add_scaled(wp, 2.0, dp)
+    z = sum3(cross(al, p), cross(w, y2), vec(joints.ddp[n]))
+    c, e = tapply(rj, w), tapply(rj, al)
+    for k in range(columns):
+        t, dw, dal = vec(variation.t[m, k]), vec(variation.w[m, k]), vec(variation.al[m, k])
+        own_x, own_t, own_v = vec(variation.x[n, k]), vec(variation.t[n, k]), vec(variation.v[n, k])
+        own_w, own_a, own_al = vec(variation.w[n, k]), vec(variation.a[n, k]), vec(variation.al[n, k])
+        dc = add(tapply(rj, dw), cross(c, own_t))
+        dwp = add(cross(dw, p), cross(w, own_x))
+        dy, dy2 = add(dwp, own_v), add_scaled(dwp, 2.0, own_v)
+        dz = add(sum3(cross(dal, p), cross(al, own_x), cross(dw, y2)), add(cross(w, dy2), own_a))
+        de = add(tapply(rj, dal), cross(e, own_t))
+        put(variation.x[n, k], 0, add(vec(variation.x[m, k]), apply(r, add(cross(t, p), own_x))))
+        put(variation.t[n, k], 0, add(tapply(rj, t), own_t))
+        put(variation.v[n, k], 0, add(vec(variation.v[m, k]), apply(r, add(cross(t, y), dy))))
+        put(variation.w[n, k], 0, add(dc, own_w))
+        put(variation.a[n, k], 0, add(vec(variation.a[m, k]), apply(r, add(cross(t, z), dz))))
+        put(variation.al[n, k], 0, add(sum3(de, own_al, cross(dc, wj)), cross(c, own_w)))
+
+
+@jit_inner
+def bring_back(n, m, frames, joints, wrench):
+    """Add the wrench of node n, [N] world and [N m] own frame, to that of its parent m."""
+    force = vec(wrench[n])
+    arm = cross(vec(joints.p[n]), tapply(mat(frames.r[m]), force))
+    add_to(wrench[m], 0, force)
+    add_to(wrench[m], 3, add(arm, apply(mat(joints.r[n]), vec_at(wrench[n], 3))))
+
+
+@jit_inner
+def bring_back_variation(n, m, columns, frames, joints, variation, own_x, own_t, wrench, dwrench):
+    """Add the variation of node n's wrench [N], [N m] to its parent's; own_x, own_t (columns, 3): that of p, theta_j."""
+    p, rj, r = vec(joints.p[n]), mat(joints.r[n]), mat(frames.r[m])
+    local, mu = tapply(r, vec(wrench[n])), vec_at(wrench[n], 3)
+    for k in range(columns):
+        df, dmu = vec(dwrench[n, k]), vec_at(dwrench[n, k], 3)
+        dlocal = sub(tapply(r, df), cross(vec(variation.t[m, k]), local))
+        arm = add(cross(vec(own_x[k]), local), cross(p, dlocal))
+        add_to(dwrench[m, k], 0, df)
+        add_to(dwrench[m, k], 3, add(arm, apply(rj, add(cross(vec(own_t[k]), mu), dmu))))
+
+
+@jit
+def carry_samples(parent, x, r, v, w, a, al, p, dp, ddp, rj, wj, alj):
+    """Walk the tree for every sample: fill world motion (samples, nodes, ...) from relative motion [m, rad, s]."""
+    for s in range(x.shape[0]):
+        f = Frames(x[s], r[s], v[s], w[s], a[s], al[s])
+        j = Joints(p[s], dp[s], ddp[s], rj[s], wj[s], alj[s])
+        for n in range(len(parent)):
+            carry(n, parent[n], f, j)

@@ -1,0 +1,1 @@
+"""Small motions: natural modes, steady rotation, damping ratios, state space."""

@@ -1,0 +1,192 @@
+"""linear_model: a mechanism near a steady motion as a state space, x' = A x + B u, y = C x + D u, for control design.
+
+The unknowns y of the march (`steady_state`) are split into those p whose acceleration is an input and the rest, which moves by
+
+    y = T (p, eta)        T = [[1, 0], [Psi, Phi]]        Psi = -K_ff^-1 K_fp: static response to p;  Phi: modes with p held
+
+so that M eta'' + C eta' + K eta = Phi^T S tau - (M, C, K of p), with M = 1 for the modes: fewer modes, a smaller model.
+Source of the split: Craig, Bampton, *Coupling of substructures for dynamic analyses*, AIAA J. 6(7), 1968.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import solve
+
+from flexinv.dynamics.solver import Solver, by_unknown
+from flexinv.errors import InputError
+from flexinv.kinematics.mesh import Mesh
+from flexinv.linearized.arguments import check_modes, check_rates
+from flexinv.linearized.eigenvalues import SOFT, undamped
+from flexinv.linearized.natural_modes import allowed_motions, chosen, nodal_shapes
+from flexinv.linearized.steady_state import Steady, steady_motion
+from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
+from flexinv.validation import names as names_of
+from flexinv.validation import whole
+
+AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """x' = A x + B u, y = C x + D u: deviations from a steady motion, small ones.
+
+    states, inputs, outputs : names; state_units, input_units, output_units : their units
+    bias : (inputs,) what the inputs are in the steady motion itself [N m], [N], [rad/s^2]
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    state_units: tuple[str, ...]
+    input_units: tuple[str, ...]
+    output_units: tuple[str, ...]
+    bias: Array
+
+    @property
+    def matrices(self) -> tuple[Array, Array, Array, Array]:
+        """A, B, C, D [any unit], as ``scipy.signal.StateSpace(*m.matrices)`` and ``control.ss(*m.matrices)`` take them."""
+        return self.A, self.B, self.C, self.D
+
+
+def linear_model(
+    mechanism: Mechanism,
+    q: ArrayLike | None = None,
+    rates: Mapping[str, float] | None = None,
+    free: Collection[str] | None = None,
+    accelerated: Collection[str] = (),
+    modes: int | None = None,
+) -> LinearModel:
+    """Return the mechanism near rest, or near a motion with constant ``rates``, as a state space [m, rad, s, N].
+
+    Inputs are the efforts of the drives among the free joints and the accelerations of the ``accelerated`` ones; outputs are
+    coordinates and rates of all of these joints and the displacement of every link's tip, in world axes as they stand at q
+    (turning along where joints have rates).
+
+    q : (nq,) [rad], [m], zero by default; rates : of revolute joints [rad/s]
+    free : joints that move, by default all that are not accelerated; joints that are neither are held
+    accelerated : joints whose acceleration is given, with one velocity coordinate each; not in a loop
+    modes : number of the slowest modes (accelerated joints held) that are kept, all by default
+
+    Raises InputError as `steady_modes`, and for joints that cannot be accelerated.
+    """
+    if modes is not None:
+        modes = whole("modes", modes, 0, "0 or more, or None for all")
+    rates, q = check_rates(rates), check_modes(mechanism, q, free, None)
+    names_of("accelerated", accelerated, "joints")
+    moving = [j.name for j in mechanism.joints if j.nv and j.name not in set(accelerated)]
+    names = (*(moving if free is None else free), *accelerated)
+    _check_accelerated(mechanism, accelerated)
+    mesh, at, chosen_names = chosen(mechanism, q, names)
+    motion = steady_motion(mesh, at, rates, set(chosen_names))
+    joints = np.array([mechanism.v_slices[name].start for name in accelerated], dtype=np.int64)
+    coordinates = by_unknown(mesh, motion.solver.topology)  # (nv, unknowns)
+    basis, given = _basis(motion, coordinates[joints], modes)
+    mass, damping, stiffness = (basis.T @ part @ basis for part in (motion.mass, motion.damping, motion.stiffness))
+    driven = [v for v in np.flatnonzero(mechanism.actuated & coordinates.any(axis=1)) if v not in joints]
+    efforts = basis.T @ coordinates[driven].T
+    a, b = _first_order(mass, damping, stiffness, efforts, given)
+    seen, labels, units = _outputs(motion.solver, mechanism, coordinates, basis)
+    size = basis.shape[1]
+    c = np.block(
+        [[part if rate == 0 else np.zeros_like(part), part if rate else np.zeros_like(part)] for part, rate in seen]
+    )
+    own = [*accelerated, *(f"mode {k + 1}" for k in range(size - given))]
+    unit = ["rad" if mechanism.joint_of[name].kind != "prismatic" else "m" for name in accelerated]
+    unit += (size - given) * ["kg^0.5 m"]
+    turns = [_turns(mechanism, v) for v in range(mechanism.nv)]
+    velocity = mechanism.velocity_names
+    return LinearModel(
+        a, b, c, np.zeros((len(c), b.shape[1])),
+        (*own, *(f"{name} rate" for name in own)),
+        (*(f"{velocity[v]} effort" for v in driven), *(f"{name} acceleration" for name in accelerated)),
+        labels,
+        (*unit, *(f"{u}/s" for u in unit)),
+        (*("N m" if turns[v] else "N" for v in driven), *(f"{u}/s^2" for u in unit[:given])),
+        units,
+        np.concatenate([coordinates[driven] @ motion.residual, np.zeros(given)]),
+    )  # fmt: skip
+
+
+def _check_accelerated(mechanism: Mechanism, accelerated: Collection[str]) -> None:
+    for name in accelerated:
+        if name not in mechanism.joint_of or mechanism.joint_of[name].nv != 1:
+            known = ", ".join(j.name for j in mechanism.joints if j.nv == 1)
+            raise InputError(f"linear model: accelerated joint {name!r}: expected one of {known}")
+    if accelerated and mechanism.closures:
+        raise InputError(
+            f"linear model: mechanism '{mechanism.name}' has closures, where the acceleration of one joint moves others; "
+            "leave accelerated empty: efforts of the drives are the inputs"
+        )
+
+
+def _turns(mechanism: Mechanism, v: int) -> bool:
+    """Return True if a velocity coordinate is angular."""
+    joint = next(j for j in mechanism.joints if j.nv and mechanism.v_slices[j.name].stop > v)
+    return joint.kind != "prismatic" and not (joint.kind == "free" and v - mechanism.v_slices[joint.name].start < 3)
+
+
+def _basis(motion: Steady, accelerated: Array, modes: int | None) -> tuple[Array, int]:
+    """T (unknowns, given + modes), and how many of its columns are given joints."""
+    k, m = motion.stiffness, motion.mass
+    own = accelerated.any(axis=0)
+    if not own.any():
+        _, shapes = undamped(k, m, allowed_motions(motion.solver))
+        return shapes[:, :modes], 0
+    scale = np.diag(motion.solver.topology.scale)
+    rest = scale[:, ~own]
+    held, inertia = (rest.T @ part @ rest for part in (k, m))
+    held, inertia = (held + held.T) / 2, (inertia + inertia.T) / 2
+    # where other joints are free K_ff is singular: any Psi is exact, this one is near the slow one
+    soft = SOFT * np.abs(held).max() / max(np.abs(inertia).max(), np.finfo(float).tiny)
+    across = rest.T @ (k + soft * m) @ accelerated.T
+    follow = accelerated.T - rest @ solve(held + soft * inertia, across)
+    _, shapes = undamped(k, m, rest)
+    return np.hstack([follow, shapes[:, :modes]]), len(accelerated)
+
+
+def _first_order(mass: Array, damping: Array, stiffness: Array, efforts: Array, given: int) -> tuple[Array, Array]:
+    """A and B of (p, eta, p', eta'): the accelerations of the first ``given`` coordinates are inputs, the rest follows."""
+    size, rest = len(mass), slice(given, None)
+    a, b = np.zeros((2 * size, 2 * size)), np.zeros((2 * size, efforts.shape[1] + given))
+    a[:size, size:] = np.eye(size)
+    right = np.hstack([-stiffness, -damping, efforts, -mass[:, :given]])[rest]
+    own = np.linalg.solve(mass[rest, rest], right)
+    a[size + given :], b[size + given :] = own[:, : 2 * size], own[:, 2 * size :]
+    b[size : size + given, efforts.shape[1] :] = np.eye(given)
+    return a, b
+
+
+def _outputs(
+    solver: Solver, mechanism: Mechanism, coordinates: Array, basis: Array
+) -> tuple[list[tuple[Array, int]], tuple[str, ...], tuple[str, ...]]:
+    """Rows of C (by coordinates or by their rates), names and units: joints, their rates, tips."""
+    moved: NDArray[np.int64] = np.flatnonzero(coordinates.any(axis=1))
+    joints = coordinates[moved] @ basis
+    names = [mechanism.velocity_names[v] for v in moved]
+    units = ["rad" if _turns(mechanism, int(v)) else "m" for v in moved]
+    tips = _tips(solver, mechanism, solver.mesh, basis)
+    rows = [(joints, 0), (joints, 1), *((part, 0) for part in tips.values())]
+    labels = [*names, *(f"{name} rate" for name in names), *(f"{link} tip {x}" for link in tips for x in AXES)]
+    return rows, tuple(labels), (*units, *(f"{u}/s" for u in units), *(3 * len(tips) * ["m"]))
+
+
+def _tips(solver: Solver, mechanism: Mechanism, mesh: Mesh, basis: Array) -> dict[str, Array]:
+    """Displacement of every link's tip by the columns of the basis, (3, columns) world."""
+    moves, out = nodal_shapes(solver, basis), {}
+    for joint in mechanism.joints:
+        link = mechanism.link_of[joint.child]
+        node = mesh.tip_node.get(link.name, mesh.joint_node[joint.name])
+        arm = np.zeros(3) if link.beam is not None else link.tip
+        swing = np.cross(moves[:, node, 3:], arm) @ solver.frames.r[node].T
+        out[link.name] = (moves[:, node, :3] + swing).T  # (xyz, column)
+    return out

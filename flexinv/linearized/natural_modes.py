@@ -1,0 +1,364 @@
+"""Natural frequencies and mode shapes at a configuration, from the march's own tangent and lumped masses.
+
+Small motions y of the unknowns about a rest position, B_n the variation of node n by them (`kinematics.tree`):
+
+    M y'' + K y = 0        M = sum_n B_n^T diag(m_n, J_n) B_n  (+ rotors of free joints)        K = tangent of the residual
+
+Dampers and damped beams add D y' (`damping_matrix`); each mode's ratio is what light damping makes of it.
+Prescribed joints are clamped.  Closures leave the motions y = N z with G N = 0.  At a rest position K is symmetric; where an
+outside effort holds a free joint in place, it is taken as constant, and of K the symmetric part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from itertools import permutations
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexinv.constraints.closures import constraint_rows, row_scales
+from flexinv.constraints.continuation import closed_near
+from flexinv.constraints.loop_starts import closed_at
+from flexinv.dynamics.generalized_alpha import DYNAMIC, STATICS, Scheme, advance, correct
+from flexinv.dynamics.initial_state import equilibrium, start_undeformed
+from flexinv.dynamics.solver import Solver
+from flexinv.dynamics.stepper import CONVERGED, evaluate
+from flexinv.errors import InputError
+from flexinv.kernels.jit import jit
+from flexinv.kinematics.mesh import Mesh, build
+from flexinv.kinematics.tree import Joints
+from flexinv.linearized.arguments import check_modes
+from flexinv.linearized.eigenvalues import negative, undamped
+from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
+
+# A singular value of the closures' equations below this part of the largest belongs to a redundant one: rounding is 1e-15.
+REDUNDANT = 1e-10
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Small motions about a rest position, in the order of their frequencies.
+
+    squared : (modes,) omega^2 [1/s^2]; zero for a rigid motion, negative where the rest position is unstable
+    displacement : (modes, nodes, 3) [m] world; rotation : (modes, nodes, 3) [rad] own frame; of modal mass 1 kg m^2:
+        sum of m |displacement|^2 + rotation . J rotation (and of the rotors of free joints)
+    position : (nodes, 3) [m] world, orientation : (nodes, 3, 3), the rest position; free : names of the free joints
+    friction : (modes,) y . D y [1/s], of dampers and damped beams in each mode (no dry friction)
+    """
+
+    mesh: Mesh
+    q: Array
+    free: tuple[str, ...]
+    squared: Array
+    displacement: Array
+    rotation: Array
+    position: Array
+    orientation: Array
+    friction: Array
+
+    @property
+    def frequency(self) -> Array:
+        """(modes,) natural frequencies [Hz]; nan where the rest position is unstable."""
+        return np.sqrt(np.where(self.squared < 0.0, np.nan, self.squared)) / (2 * np.pi)
+
+    @property
+    def ratio(self) -> Array:
+        """(modes,) of critical damping [-]: y . D y / (2 omega); nan without oscillation.
+
+        Exact where D is a multiple of K; else what light damping does, as it then couples modes.
+        """
+        omega = np.sqrt(np.where(self.squared > 0.0, self.squared, np.nan))
+        return np.asarray(self.friction / (2 * omega))
+
+    @property
+    def link(self) -> tuple[str, ...]:
+        """(modes,) which link moves most in each mode [-]."""
+        most = np.linalg.norm(self.displacement, axis=2).argmax(axis=1)
+        return tuple(self.mesh.mechanism.links[int(self.mesh.link[node])].name for node in most)
+
+
+@jit
+def linearise(topology, elements, border, scheme, state, joints, frames, variation, loads, work):
+    """Evaluate the residual [N], [N m] and its linearisation; return -1 or the element that turned too much."""
+    return evaluate(topology, elements, border, scheme, state, joints, frames, variation, loads, work, True)
+
+
+@jit
+def settle(topology, scheme, state, y):
+    """Move the unknowns s by Newton's increments y (unknowns,) [m], [rad], and start from there."""
+    correct(topology, scheme, state, y)
+    advance(topology, scheme, state)
+
+
+def natural_modes(
+    mechanism: Mechanism, q: ArrayLike | None = None, free: Collection[str] | None = None, count: int | None = None
+) -> Modes:
+    """Return natural frequencies [Hz] and mode shapes at rest under gravity, joints clamped at ``q`` but for the free ones.
+
+    q : (nq,) [rad], [m], zero by default; in a loop drives stay there, and for the other joints it is the guess
+    free : names of joints that move freely about ``q``; by default none in a tree, and in a loop those without a drive
+    count : number of modes, all by default
+
+    Raises InputError for unknown joints and where nothing can move, ConvergenceError where no rest position is found.
+    """
+    mesh, at, names = chosen(mechanism, check_modes(mechanism, q, free, count), free)
+    solver = Solver.of(mesh, set(names))
+    joints = rest(solver, at)
+    damping = damping_matrix(solver, joints)
+    squared, shapes = undamped(_stiffness(solver, joints), _mass(solver), allowed_motions(solver))
+    last = len(squared) if count is None else count
+    moves = nodal_shapes(solver, shapes[:, :last])
+    lost = np.einsum("um,uw,wm->m", shapes, damping, shapes)[:last]  # (mode,)
+    place, turn = solver.frames.x.copy(), solver.frames.r.copy()
+    return Modes(mesh, at, names, squared[:last], moves[..., :3], moves[..., 3:], place, turn, lost)
+
+
+def chosen(
+    mechanism: Mechanism, q: ArrayLike | None, free: Collection[str] | None
+) -> tuple[Mesh, Array, tuple[str, ...]]:
+    """Return the mesh, the configuration (nq,) [rad], [m], loops closed, and the names of the free joints that are asked for.
+
+    Raises InputError for unknown joints, a wrong q and where nothing can move.
+    """
+    names = _free(mechanism, free)
+    mesh = build(mechanism)
+    at = mechanism.neutral if q is None else np.array(q, dtype=float)
+    if at.shape != (mechanism.nq,) or not np.isfinite(at).all():
+        raise InputError(f"modes: q has shape {at.shape}, expected ({mechanism.nq},) finite numbers [rad], [m]")
+    if mechanism.closures:
+        at = closed_near(mesh, at) if q is None else closed_at(mesh, at, drives_move=True)
+    if not names and mechanism.is_rigid:
+        raise InputError(
+            f"modes: nothing of '{mechanism.name}' can move: no link is a beam and no joint is free; "
+            f"write free=[...] with names of {', '.join(j.name for j in mechanism.joints if j.nv) or 'joints'}"
+        )
+    return mesh, at, names
+
+
+def _free(mechanism: Mechanism, free: Collection[str] | None) -> tuple[str, ...]:
+    if free is None:
+        return tuple(j.name for j in mechanism.joints if j.nv and not j.actuated) if mechanism.closures else ()
+    for name in free:
+        if name not in mechanism.joint_of or not mechanism.joint_of[name].nv:
+            known = ", ".join(j.name for j in mechanism.joints if j.nv)
+            raise InputError(f"modes: free joint {name!r}: '{mechanism.name}' moves by {known}")
+    return tuple(j.name for j in mechanism.joints if j.name in free)
+
+
+def rest(solver: Solver, q: Array) -> Joints:
+    """Bring the solver to the rest position [m], [rad]: of a tree with all joints held, of a loop with its free joints free."""
+    mesh, nothing = solver.mesh, np.zeros(solver.mesh.mechanism.nv)
+    joints = start_undeformed(solver, q, nothing, nothing)
+    solver.load_at(0.0, q, nothing, nothing)
+    if mesh.mechanism.is_rigid:
+        _load_ties(solver, joints)
+        return joints
+    held = solver if mesh.mechanism.closures else Solver.of(mesh, set())
+    if held is not solver:
+        start_undeformed(held, q, nothing, nothing)
+        held.load_at(0.0, q, nothing, nothing)
+    found = equilibrium(held, q, "rest position for modes")
+    status, iterations, size = held.newton(STATICS, found)
+    if status != CONVERGED:
+        raise held.complain(status, iterations, size, "rest position for modes")
+    sections = solver.topology.independent
+    solver.state.x[sections], solver.state.r[sections] = held.state.x[sections], held.state.r[sections]
+    return joints
+
+
+def _load_ties(solver: Solver, joints: Joints) -> None:
+    """Give the closures of a rigid mechanism the forces G^T lambda = r of least norm that hold it where it stands."""
+    ties, n = solver.border.ties, constraints(solver)
+    load_springs(solver, joints)
+    if n:
+        evaluate_once(solver, joints)
+        ties.multiplier[:n] = closing_forces(solver, solver.work.residual[0])
+
+
+def constraints(solver: Solver) -> int:
+    """Return the number [-] of the border's rows that are constraints; springs follow."""
+    return int(solver.instant.multipliers.shape[1])
+
+
+def load_springs(solver: Solver, joints: Joints) -> None:
+    """Give the springs between points the forces that they have where the mechanism stands [N]."""
+    n = constraints(solver)
+    evaluate_once(solver, joints)
+    solver.border.ties.multiplier[n:] += solver.border.ties.value[n:]
+
+
+def evaluate_once(solver: Solver, joints: Joints, scheme: Scheme = STATICS) -> None:
+    """Evaluate residual [N], [N m] and linearisation of a solver at its present unknowns, as ``scheme`` varies them."""
+    linearise(
+        solver.topology, solver.elements, solver.border, scheme, solver.state, joints, solver.frames, solver.variation,
+        solver.loads, solver.work,
+    )  # fmt: skip
+
+
+# Velocities per displacement [1/s] at which damping is seen: so large that rounding of the stiffness beside it is none, however
+# small and fast the mechanism.
+FAST = 1e30
+
+
+def damping_matrix(solver: Solver, joints: Joints) -> Array:
+    """Return the derivative of the residual by velocities, at rest, (unknowns, unknowns) [N s/m], [N s], [N m s].
+
+    Damped beams, dampers in joints and between points; dry friction, which at rest has no derivative, is left out.
+    """
+    n, found = constraints(solver), []
+    smooth = replace(solver, topology=solver.topology._replace(friction=np.zeros_like(solver.topology.friction)))
+    for cv in (FAST, 0.0):
+        evaluate_once(smooth, joints, STATICS._replace(mode=DYNAMIC, cv=cv))
+        ties = smooth.border.ties
+        found.append(tangent_matrix(smooth) - ties.sides[n:].T @ ties.across[n:])
+    return np.asarray((found[0] - found[1]) / FAST)
+
+
+def _stiffness(solver: Solver, joints: Joints) -> Array:
+    """(unknowns, unknowns); the march's tangent leaves out part of what forces in closures do."""
+    ties, n = solver.border.ties, constraints(solver)
+    load_springs(solver, joints)
+    force = ties.multiplier.copy()
+    tied = stiffness_of_ties(solver, joints)
+    ties.multiplier[:n] = 0.0
+    evaluate_once(solver, joints)
+    ties.multiplier[:] = force
+    sprung = (
+        -ties.sides[n:].T @ ties.across[n:]
+    )  # what a spring's force, which follows the motion, does to the residual
+    return np.asarray(tangent_matrix(solver) + tied + sprung)
+
+
+def unstable_motions(solver: Solver, joints: Joints) -> int:
+    """Return in how many independent motions a mechanism would leave the rest position that the solver has found [-]."""
+    if not len(solver.topology.scale):
+        return 0
+    allowed = allowed_motions(solver)
+    return negative(allowed.T @ _stiffness(solver, joints) @ allowed)
+
+
+def tangent_matrix(solver: Solver) -> Array:
+    """Return the linearisation that was evaluated last as one matrix (unknowns, unknowns) [N/m], [N], [N m].
+
+    Diagonal blocks as the march has them, and what elements couple: B_i^T K_iq B_q of their nodes i, q.
+    """
+    t, work = solver.topology, solver.work
+    k = np.zeros((len(t.scale), len(t.scale)))
+    for block, (first, size) in enumerate(zip(t.offset, t.size, strict=True)):
+        k[first : first + size, first : first + size] = work.diagonal[block, :size, :size]
+    for element, order in enumerate(solver.elements.order):
+        nodes = solver.elements.nodes[element, : order + 1]
+        # what moves node i: its own six unknowns, or for the first node all unknowns of its block
+        moves = [(t.offset[t.block[n]] + np.arange(6), np.eye(6)) for n in nodes]
+        moves[0] = _columns(solver, int(nodes[0])), _variation(solver, int(nodes[0]))
+        for (i, (rows, by_row)), (q, (columns, by_column)) in permutations(enumerate(moves), 2):
+            piece = work.tangent[element, 6 * i : 6 * i + 6, 6 * q : 6 * q + 6]
+            k[np.ix_(rows, columns)] += by_row.T @ piece @ by_column
+        if len(solver.elements.damping):
+            columns, follow = _columns(solver, int(nodes[0])), _root_rates(solver, int(nodes[0]))
+            for i, (rows, by_row) in enumerate(moves[1:], 1):
+                k[np.ix_(rows, columns)] += by_row.T @ work.tangent[element, 6 * i : 6 * i + 6, -6:] @ follow
+    return k
+
+
+def _root_rates(solver: Solver, node: int) -> Array:
+    """Velocity (world) and angular velocity (own frame) of a node by the unknowns of its block, (6, columns)."""
+    size = solver.topology.size[solver.topology.block[node]]
+    return np.vstack([solver.variation.v[node, :size].T, solver.variation.w[node, :size].T])
+
+
+def _mass(solver: Solver) -> Array:
+    t = solver.topology
+    m = np.zeros((len(t.scale), len(t.scale)))
+    for node in range(len(t.parent)):
+        columns, by = _columns(solver, node), _variation(solver, node)
+        inertia = np.zeros((6, 6))
+        inertia[:3, :3], inertia[3:, 3:] = t.mass[node] * np.eye(3), t.inertia[node]
+        m[np.ix_(columns, columns)] += by.T @ inertia @ by
+        own = t.offset[t.block[node]] + t.column[node] + np.arange(t.freedoms[node])
+        m[own, own] += t.rotor[node]
+    return m
+
+
+def _columns(solver: Solver, node: int) -> NDArray[np.int64]:
+    """Unknowns of a node's block."""
+    t = solver.topology
+    block = t.block[node]
+    return np.asarray(t.offset[block] + np.arange(t.size[block]))
+
+
+def _variation(solver: Solver, node: int) -> Array:
+    """B (6, columns): displacement (world) and rotation (own frame) of a node by the unknowns of its block."""
+    size = solver.topology.size[solver.topology.block[node]]
+    return np.vstack([solver.variation.x[node, :size].T, solver.variation.t[node, :size].T])
+
+
+# Central differences of the closures' gradients, fourth order: their derivatives are of the size of one over the mechanism's
+# length, rounding 1e-16 / STEP and truncation STEP^4 / 30 leave 1e-12 of it.
+STEP = 1e-3
+
+
+def stiffness_of_ties(solver: Solver, joints: Joints) -> Array:
+    """Return -d(G^T lambda) / dy [N/m], [N m]: what forces in closures add to the stiffness where something loads them."""
+    n = constraints(solver)
+    size, force = len(solver.topology.scale), solver.border.ties.multiplier[:n].copy()
+    k = np.zeros((size, size))
+    if not np.any(force):
+        return k
+
+    def pull(unknown: int, step: float) -> Array:
+        solver.state.d[unknown] = step * solver.topology.scale[unknown]
+        evaluate_once(solver, joints)
+        solver.state.d[unknown] = 0.0
+        return np.asarray(solver.border.ties.sides[:n].T @ force)
+
+    for unknown in range(size):
+        near, far = pull(unknown, STEP) - pull(unknown, -STEP), pull(unknown, 2 * STEP) - pull(unknown, -2 * STEP)
+        k[:, unknown] = (8 * near - far) / (12 * STEP * solver.topology.scale[unknown])
+    return k
+
+
+def allowed_motions(solver: Solver) -> Array:
+    """Return N (unknowns, freedoms) [m], [rad]: the motions that closures allow, columns of unit length in scaled unknowns."""
+    g, _ = scaled_gradient(solver)
+    if not len(g):
+        return np.diag(solver.topology.scale)
+    _, values, right = np.linalg.svd(g)
+    rank = int((values > REDUNDANT * values.max(initial=0.0)).sum())
+    return np.asarray(solver.topology.scale[:, None] * right[rank:].T)
+
+
+def scaled_gradient(solver: Solver) -> tuple[Array, Array]:
+    """Return G (rows, unknowns) [-] of the acting closures, lengths over the mechanism's, and the rows' scales [m], [-]."""
+    scales = row_scales(solver.mesh, constraint_rows(solver.mesh))
+    return -solver.border.ties.sides[: constraints(solver)] * solver.topology.scale / scales[:, None], scales
+
+
+def closing_forces(solver: Solver, residual: Array) -> Array:
+    """Return the multipliers (rows,) [N], [N m] of least norm that hold a residual (unknowns,), G^T lambda = r."""
+    g, scales = scaled_gradient(solver)
+    return np.linalg.lstsq(g.T, solver.topology.scale * residual, rcond=REDUNDANT)[0] / scales
+
+
+def nodal_shapes(solver: Solver, shapes: NDArray[Any]) -> NDArray[Any]:
+    """Return displacement [m] (world) and rotation [rad] (own frame) of every node, (modes, nodes, 6)."""
+    out = np.zeros((shapes.shape[1], solver.mesh.size, 6), dtype=shapes.dtype)
+    for node in range(solver.mesh.size):
+        out[:, node] = (_variation(solver, node) @ shapes[_columns(solver, node)]).T
+    return out
+
+
+def tip_shapes(found: Modes) -> dict[str, Array]:
+    """Return the displacement of every link's tip in each mode, (modes, 3) [m] world, by link name."""
+    mesh, out = found.mesh, {}
+    for joint in mesh.mechanism.joints:
+        link = mesh.mechanism.link_of[joint.child]
+        node = mesh.tip_node.get(link.name, mesh.joint_node[joint.name])
+        arm = np.zeros(3) if link.beam is not None else link.tip
+        swing = np.cross(found.rotation[:, node], arm) @ found.orientation[node].T
+        out[link.name] = found.displacement[:, node] + swing
+    return out

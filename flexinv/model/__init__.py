@@ -1,0 +1,1 @@
+"""Mechanisms and motions as frozen data: links, joints, drives, attachments, time laws; nothing here is compiled."""

@@ -1,0 +1,235 @@
+"""Mechanisms as frozen data: a tree of links and joints, with closures, springs and forces attached.
+
+A mechanism is a tree, which closures may tie into loops.  Every link hangs on one joint; the joint's parent is another
+link or ``"world"``.  The link frame sits at that joint.
+
+Everything here is *primary data* (lengths, masses, moduli, axes): other engines' models are built from these
+same numbers by their own code.  SI units, radians, right-handed frames.  Parts of it stand in `frames`, `links`,
+`attachments` and `drive`, and are imported from here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.model.attachments import CLOSURES, COUPLED, IMPACTS, Closure, Force, Spring
+from flexinv.model.drive import Drive
+from flexinv.model.frames import WORLD, Attachment, Placement
+from flexinv.model.frozen import Frozen, read_only
+from flexinv.model.links import Beam, Body, Inertia, Link, Section
+from flexinv.typing import Array
+from flexinv.validation import whole
+
+__all__ = [
+    "CLOSURES", "COORDINATES", "COUPLED", "IMPACTS", "WORLD",
+    "Array", "Attachment", "Beam", "Body", "Closure", "Drive", "Force", "Inertia", "Joint", "Limits", "Link", "Mechanism",
+    "Placement", "Section", "Spring",
+]  # fmt: skip
+
+# joint kind -> names of its configuration coordinates (q) and of its velocity coordinates (v).
+# The layout is Pinocchio's: a continuous joint is (cos, sin), a rotation is a quaternion x, y, z, w,
+# a free joint is position then quaternion, and its velocity is linear then angular, in the child's frame.
+COORDINATES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "fixed": ((), ()),
+    "revolute": (("",), ("",)),
+    "prismatic": (("",), ("",)),
+    "continuous": ((".cos", ".sin"), ("",)),
+    "universal": ((".1", ".2"), (".1", ".2")),
+    "spherical": ((".qx", ".qy", ".qz", ".qw"), (".wx", ".wy", ".wz")),
+    "free": (
+        (".x", ".y", ".z", ".qx", ".qy", ".qz", ".qw"),
+        (".vx", ".vy", ".vz", ".wx", ".wy", ".wz"),
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of the drive of a joint; infinite when not stated.
+
+    effort : [N m] or [N]; velocity : [rad/s] or [m/s]; lower, upper : [rad] or [m]
+    """
+
+    effort: float = np.inf
+    velocity: float = np.inf
+    lower: float = -np.inf
+    upper: float = np.inf
+
+
+@dataclass(frozen=True)
+class Joint(Frozen):
+    """The joint that carries ``child``; its frame is ``placement`` in the frame of ``parent``.
+
+    kind : a key of ``COORDINATES``
+    station : on a beam parent the fraction 0..1 of the length whose section frame carries the joint, else None
+    axis : (3,) [-], unit, in the joint frame (first axis of a universal joint); second_axis : (3,), universal
+    rotor_inertia : [kg m^2] or [kg], reflected to the joint; damping : [N m s/rad] or [N s/m];
+    friction : [N m] or [N], dry: one number, the same for every velocity coordinate of the joint
+    stiffness : [N m/rad] or [N/m] of a spring in the joint, without effort at ``rest`` [rad] or [m] (scalar joints)
+    actuated : False leaves the joint to the dynamics, or its effort to ``Solution.unactuated``
+    weight : [-] of the square of its effort where drives are redundant: the minimum of sum weight tau^2 is taken
+    drive : motor, gear and elastic joint (`motor_side`)
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    placement: Placement = field(default_factory=Placement)
+    station: float | None = None
+    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    second_axis: Array = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
+    rotor_inertia: float = 0.0
+    damping: float = 0.0
+    friction: float = 0.0
+    stiffness: float = 0.0
+    rest: float = 0.0
+    actuated: bool = True
+    weight: float = 1.0
+    limits: Limits = field(default_factory=Limits)
+    drive: Drive | None = None
+
+    @property
+    def nq(self) -> int:
+        """Number of configuration coordinates [-]."""
+        return len(COORDINATES[self.kind][0])
+
+    @property
+    def nv(self) -> int:
+        """Number of velocity coordinates [-]."""
+        return len(COORDINATES[self.kind][1])
+
+
+@dataclass(frozen=True, eq=False)  # identity: a mechanism is the key under which its mesh is kept
+class Mechanism(Frozen):
+    """A tree of links and joints under gravity; ``joints`` is ordered depth-first, parents before children.
+
+    closures : what ties links of the tree into loops; springs, forces : what else acts on them
+    gravity : (3,) [m/s^2], world frame
+    urdf : the URDF file the mechanism came from, if any (an engine with a URDF parser of its own reads it again)
+    packages : folders in which ``package://`` paths of that URDF are looked up
+    notes : what a reader of results must know (mimic joints made independent, massless links, ...)
+    """
+
+    name: str
+    links: tuple[Link, ...]
+    joints: tuple[Joint, ...]
+    gravity: Array = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
+    closures: tuple[Closure, ...] = ()
+    springs: tuple[Spring, ...] = ()
+    forces: tuple[Force, ...] = ()
+    title: str = ""
+    source: str = ""
+    urdf: Path | None = None
+    packages: tuple[Path, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @cached_property
+    def link_of(self) -> dict[str, Link]:
+        """Links by name."""
+        return {link.name: link for link in self.links}
+
+    @cached_property
+    def joint_of(self) -> dict[str, Joint]:
+        """Joints by name."""
+        return {joint.name: joint for joint in self.joints}
+
+    @property
+    def attachments(self) -> tuple[Attachment, ...]:
+        """Every frame that a closure, a spring or a force is attached to."""
+        tied = (end for closure in self.closures for end in (closure.first, closure.second))
+        pulled = (end for spring in self.springs for end in (spring.first, spring.second))
+        return (*tied, *pulled, *(force.at for force in self.forces))
+
+    @cached_property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """Names of the configuration coordinates q, in the order of every q array (Pinocchio's layout)."""
+        return tuple(j.name + suffix for j in self.joints for suffix in COORDINATES[j.kind][0])
+
+    @cached_property
+    def velocity_names(self) -> tuple[str, ...]:
+        """Names of the velocity coordinates, in the order of every qd, qdd and torque array."""
+        return tuple(j.name + suffix for j in self.joints for suffix in COORDINATES[j.kind][1])
+
+    @property
+    def nq(self) -> int:
+        """Number of configuration coordinates [-]."""
+        return len(self.coordinate_names)
+
+    @property
+    def nv(self) -> int:
+        """Number of velocity coordinates [-]."""
+        return len(self.velocity_names)
+
+    @cached_property
+    def q_slices(self) -> dict[str, slice]:
+        """Return the slice of each joint's coordinates in a q array."""
+        return _slices([(j.name, j.nq) for j in self.joints])
+
+    @cached_property
+    def v_slices(self) -> dict[str, slice]:
+        """Return the slice of each joint's coordinates in a qd, qdd or torque array."""
+        return _slices([(j.name, j.nv) for j in self.joints])
+
+    @cached_property
+    def actuated(self) -> NDArray[np.bool_]:
+        """(nv,) which velocity coordinates have an actuator."""
+        return read_only(np.array([j.actuated for j in self.joints for _ in range(j.nv)], dtype=np.bool_))
+
+    @cached_property
+    def weights(self) -> Array:
+        """(nv,) weight of the square of each coordinate's effort among redundant drives [-]."""
+        return read_only(np.array([j.weight for j in self.joints for _ in range(j.nv)], dtype=np.float64))
+
+    @cached_property
+    def drive_table(self) -> Array:
+        """(3, nv) rotor inertia [kg m^2], [kg], damping [N m s], [N s/m], dry friction [N m], [N] of velocity coordinates."""
+        rows = [[j.rotor_inertia, j.damping, j.friction] for j in self.joints for _ in range(j.nv)]
+        return read_only(np.array(rows, dtype=np.float64).reshape(-1, 3).T)
+
+    @property
+    def is_rigid(self) -> bool:
+        """True when no link is a beam."""
+        return all(link.beam is None for link in self.links)
+
+    @property
+    def neutral(self) -> Array:
+        """(nq,) configuration [rad], [m] with every joint at zero (identity quaternions, cos = 1)."""
+        q = np.zeros(self.nq)
+        for joint in self.joints:
+            part = self.q_slices[joint.name]
+            if joint.kind in ("spherical", "free"):
+                q[part.stop - 1] = 1.0
+            elif joint.kind == "continuous":
+                q[part.start] = 1.0
+        return q
+
+    @property
+    def beams(self) -> tuple[Link, ...]:
+        """The flexible links, in the order of the mechanism."""
+        return tuple(link for link in self.links if link.beam is not None)
+
+    def refined(self, elements: int = 1, order: int = 0) -> Mechanism:
+        """Return the mechanism with ``elements`` times as many elements, each ``order`` higher [-]."""
+        times, more = whole("elements", elements, 1), whole("order", order, 0)
+        return self._with_beams(lambda b: replace(b, elements=b.elements * times, order=b.order + more))
+
+    def with_mesh(self, elements: int, order: int) -> Mechanism:
+        """Return the mechanism with every beam meshed by ``elements`` elements of ``order`` [-]."""
+        count, degree = whole("elements", elements, 1), whole("order", order, 1)
+        return self._with_beams(lambda b: replace(b, elements=count, order=degree))
+
+    def _with_beams(self, change: Callable[[Beam], Beam]) -> Mechanism:
+        links = tuple(link if link.beam is None else replace(link, beam=change(link.beam)) for link in self.links)
+        return replace(self, links=links)
+
+
+def _slices(sizes: list[tuple[str, int]]) -> dict[str, slice]:
+    ends = np.cumsum([0] + [n for _, n in sizes])
+    return {name: slice(int(a), int(b)) for (name, _), a, b in zip(sizes, ends, ends[1:], strict=False)}

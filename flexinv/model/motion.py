@@ -1,0 +1,252 @@
+"""Motions: what the joints do, as exact functions of time.
+
+A motion is independent of the mechanism until it is evaluated: joints are named, or all are given in the order of
+the mechanism.  ``evaluate`` gives q, qd and qdd in the mechanism's layout (Pinocchio's): a continuous joint is
+(cos, sin) with one angular velocity, a rotation is a quaternion x, y, z, w with the angular velocity in the moving
+frame, a free joint adds the position, and its linear velocity is also expressed in the moving frame:
+    v = R^T p',   v' = R^T p'' - omega x v
+Before time 0 and after its end a motion rests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexinv.errors import InputError
+from flexinv.model.mechanism import Mechanism
+from flexinv.model.splines import Sampling, check_sampling
+from flexinv.model.time_laws import SNAP, find_law
+from flexinv.model.track import Track, joint_path, listed, parts
+from flexinv.typing import Array, Triple
+from flexinv.validation import choice, flag, floats, names_or_none, number, of_kind, refuse, whole
+
+Values = ArrayLike | Mapping[str, ArrayLike]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Prescribed motion of joints; make one with ``point_to_point``, ``from_samples`` or ``merge``.
+
+    duration : [s], with the rests before and after the move
+    """
+
+    tracks: tuple[Track, ...]
+    duration: float
+
+    @staticmethod
+    def point_to_point(
+        start: Values, end: Values, duration: float, hold: float = 0.0, law: str = "cycloid", delay: float = 0.0
+    ) -> Motion:
+        """Move from start to end: q(t) = q_0 + u(s) (q_1 - q_0), rotations R(t) = R_0 exp(u(s) log(R_0^T R_1)).
+
+        start, end : (nq,) [rad], [m] in the order of the mechanism (a continuous joint as cos, sin or as one angle),
+            or joint name -> value (number; 2 of a universal joint; quaternion x, y, z, w; position and quaternion)
+        duration : of the move [s]; hold : rest after it [s]; delay : rest before it [s]
+        law : "cycloid", "quintic", "nonic", "bang-bang" or "trapezoid", see ``flexinv.model.time_laws``
+        Rotations and (cos, sin) take the shorter way round; angles go as far as given.  Raises InputError.
+        """
+        find_law(law)
+        duration = number("duration", duration, "a positive time [s]")
+        hold, delay = number("hold", hold, "a time, 0 or more [s]"), number("delay", delay, "a time, 0 or more [s]")
+        if not (np.isfinite(duration) and duration > 0.0):
+            raise InputError(f"duration = {duration} s: expected a positive time")
+        for name, rest in (("hold", hold), ("delay", delay)):
+            if not (np.isfinite(rest) and rest >= 0.0):
+                raise InputError(f"{name} = {rest} s: expected a time, 0 or more")
+        names, first, widths = _row(start, "start")
+        names_end, last, widths_end = _row(end, "end")
+        if names != names_end:
+            raise InputError(
+                f"start gives {listed(names)}, end gives {listed(names_end)}: expected the same joints in both"
+            )
+        if first.shape != last.shape or widths != widths_end:
+            raise InputError(f"start has {first.size} numbers, end has {last.size}: expected as many in both")
+        track = Track(names, np.stack([first, last]), widths, float(duration), float(delay), law)
+        return Motion((track,), float(delay + duration + hold))
+
+    @staticmethod
+    def from_samples(
+        time: ArrayLike,
+        q: Values,
+        names: tuple[str, ...] | list[str] | None = None,
+        degree: int = 5,
+        rest: bool = False,
+        max_gap: float | None = None,
+    ) -> Motion:
+        """Join samples by a spline; rotations by a normalised spline of quaternions, angular velocity exact to it.
+
+        time : (samples,) [s], from 0; q : (samples, nq) [rad], [m] in the order of the mechanism or of ``names``
+            (joints, each with all its coordinates), or joint name -> (samples,) or (samples, coordinates)
+        degree : 5, with a continuous rate of acceleration, or 3, whose acceleration has a corner at every sample
+        rest : True makes velocity (and with degree 5 acceleration) zero at both ends
+        max_gap : longest interval [s] that the spline may cross, default 10 times the median interval
+        An angle of a continuous joint may wrap; it is unwrapped.  Raises InputError: unsorted, gap, NaN, too few.
+        """
+        degree = whole("degree", degree, 0, "5 (smooth jerk) or 3 (continuous acceleration)")
+        sampling = Sampling(_frozen(time, "time"), degree, flag("rest", rest))
+        longest = None if max_gap is None else number("max_gap", max_gap, "the longest interval [s], or None")
+        if longest is not None and not longest > 0.0:
+            refuse("max_gap", max_gap, "the longest interval [s], above 0, or None")
+        check_sampling(sampling, longest)
+        columns, values, widths = _table(q, names, sampling.time.size)
+        track = Track(columns, values, widths, float(sampling.time[-1]), sampling=sampling)
+        return Motion((track,), track.move)
+
+    @staticmethod
+    def merge(*motions: Motion) -> Motion:
+        """Join motions of different joints; it lasts as long as the longest [s], the others rest at their end."""
+        for motion in motions:
+            of_kind("merge: motion", motion, Motion)
+        tracks = tuple(track for motion in motions for track in motion.tracks)
+        if not tracks:
+            raise InputError("merge: expected at least one motion")
+        seen: set[str] = set()
+        for track in tracks:
+            if track.names is None:
+                raise InputError("merge: a motion of all joints by position; expected motions that name their joints")
+            twice = seen.intersection(track.names)
+            if twice:
+                raise InputError(f"merge: two motions give joint {min(twice)!r}; expected each joint once")
+            seen.update(track.names)
+        return Motion(tracks, max(motion.duration for motion in motions))
+
+    @property
+    def jumps(self) -> tuple[float, ...]:
+        """Times [s] where the acceleration jumps, the start from rest and the stop included."""
+        times = sorted(t for track in self.tracks for t in track.jumps)
+        apart = [True, *(b - a > SNAP * self.duration for a, b in pairwise(times))]
+        return tuple(t for t, new in zip(times, apart, strict=False) if new)
+
+    def joints(self, mechanism: Mechanism) -> tuple[str, ...]:
+        """Return the names of the joints [-] that the motion gives; the others are passive.  Raises InputError."""
+        of_kind("mechanism", mechanism, Mechanism)
+        given = {joint.name for track in self.tracks for joint, _ in parts(track, mechanism)}
+        missing = [j.name for j in mechanism.joints if j.nv and j.actuated and j.name not in given]
+        if missing and not mechanism.closures:  # in a loop the closures move the joints that the motion leaves out
+            raise InputError(
+                f"the motion gives no joint {missing[0]!r}, which has an actuator; give it a motion (start = end holds "
+                f"it) or write actuated = false{_others(missing)}"
+            )
+        return tuple(joint.name for joint in mechanism.joints if joint.name in given)
+
+    def evaluate(self, mechanism: Mechanism, time: ArrayLike, side: Literal["left", "right"] = "right") -> Triple:
+        """Return q, qd and qdd at any times; joints that the motion does not give stay at zero.
+
+        time : (samples,) [s]; side : which limit an acceleration jump gives, "right" (after it) or "left" (before);
+            at the very end of the motion, without a rest there, always the one before
+        returns q (samples, nq) [rad], [m]; qd (samples, nv) [rad/s], [m/s]; qdd (samples, nv) [rad/s^2], [m/s^2]
+        Raises InputError: unknown joint, actuated joint without motion, wrong number of coordinates.
+        """
+        at = _frozen(time, "time")
+        if at.ndim != 1:
+            raise InputError(f"time: expected shape (samples,), got {at.shape}")
+        choice("side", side, {"left": "before a jump", "right": "after it"})
+        self.joints(mechanism)
+        left = np.full(at.shape, side == "left") | (np.abs(at - self.duration) <= SNAP * self.duration)
+        q = np.tile(mechanism.neutral, (at.size, 1))
+        qd, qdd = np.zeros((at.size, mechanism.nv)), np.zeros((at.size, mechanism.nv))
+        for track in self.tracks:
+            for joint, part in parts(track, mechanism):
+                rows, columns = mechanism.q_slices[joint.name], mechanism.v_slices[joint.name]
+                q[:, rows], qd[:, columns], qdd[:, columns] = joint_path(track, joint, track.values[:, part], at, left)
+        return q, qd, qdd
+
+
+LARGE = 100_000  # samples of a table that is not kept
+
+
+def motion_table(motion: Motion, mechanism: Mechanism, step: float, samples: int) -> Triple:
+    """Return the arrays of ``motion.evaluate`` at 0, step, 2 step ... [s], not to be written into.
+
+    Tables that are not large are kept for a while: the scenarios of a batch, and loops over designs, share a motion.  Those of
+    other kinds of motions are not, as they may look at the mechanism.
+    """
+    if samples > LARGE or type(motion) is not Motion:
+        return _evaluated(motion, mechanism, step, samples)
+    joints = tuple((joint.name, joint.kind, joint.actuated) for joint in mechanism.joints)
+    return _kept(motion, _Layout(joints, bool(mechanism.closures), mechanism), step, samples)
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Layout of a mechanism as a motion reads it: the same for all its payloads and stiffnesses."""
+
+    joints: tuple[tuple[str, str, bool], ...]
+    closed: bool
+    mechanism: Mechanism = field(compare=False)
+
+
+@lru_cache(maxsize=8)
+def _kept(motion: Motion, layout: _Layout, step: float, samples: int) -> Triple:
+    return _evaluated(motion, layout.mechanism, step, samples)
+
+
+def _evaluated(motion: Motion, mechanism: Mechanism, step: float, samples: int) -> Triple:
+    found = motion.evaluate(mechanism, step * np.arange(samples))
+    for part in found:
+        part.flags.writeable = False
+    return found
+
+
+def _row(values: Values, where: str) -> tuple[tuple[str, ...] | None, Array, tuple[int, ...] | None]:
+    """Names, (columns,) values and widths of one configuration, joints sorted by name."""
+    if not isinstance(values, Mapping):
+        row = _frozen(values, where)
+        if row.ndim != 1:
+            raise InputError(f"{where}: expected shape (nq,), got {row.shape}")
+        return None, row, None
+    parts = {
+        str(name): np.atleast_1d(_frozen(values[name], f"{where}, joint {name!r}")) for name in sorted(values, key=str)
+    }
+    for name, part in parts.items():
+        if part.ndim != 1:
+            raise InputError(f"{where}, joint {name!r}: expected a number or a list of them, got shape {part.shape}")
+    return tuple(parts), np.concatenate([*parts.values(), np.empty(0)]), tuple(p.size for p in parts.values())
+
+
+def _table(
+    values: Values, names: tuple[str, ...] | list[str] | None, samples: int
+) -> tuple[tuple[str, ...] | None, Array, tuple[int, ...] | None]:
+    """Names, (samples, columns) values and widths of samples."""
+    if isinstance(values, Mapping):
+        if names is not None:
+            refuse("names", names, "None where q is a table of joints, whose names these are")
+        parts = {str(name): _matrix(column, samples, f"joint {name!r}") for name, column in values.items()}
+        joined = np.hstack([*parts.values(), np.empty((samples, 0))])
+        return tuple(parts), joined, tuple(p.shape[1] for p in parts.values())
+    own = names_or_none("names", names, "joints")
+    if own is not None and len(set(own)) != len(own):
+        raise InputError(f"names: {listed(own)}: expected each joint once")
+    return own, _matrix(values, samples, "q"), None
+
+
+def _matrix(values: ArrayLike, samples: int, where: str) -> Array:
+    table = _frozen(values, where)
+    table = table[:, None] if table.ndim == 1 else table
+    if table.ndim != 2 or table.shape[0] != samples:
+        raise InputError(f"{where}: expected {samples} rows, one per time, got shape {table.shape}")
+    return table
+
+
+def _frozen(values: ArrayLike, where: str) -> Array:
+    """A read-only copy as floats; InputError where a number is missing, not finite or not a number."""
+    copy: Array = np.array(floats(where, values))
+    if not np.all(np.isfinite(copy)):
+        index = tuple(int(i) for i in np.argwhere(~np.isfinite(copy))[0])
+        place = {0: "", 1: f" at sample {index[0]}" if index else ""}.get(
+            copy.ndim, f" at sample {index[0]}, column {index[-1]}" if index else ""
+        )
+        raise InputError(f"{where}: {copy[index]}{place}; expected finite numbers")
+    copy.flags.writeable = False
+    return copy
+
+
+def _others(missing: list[str]) -> str:
+    return f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""

@@ -1,0 +1,167 @@
+"""Detection of planar mechanisms, which need three dof per node (`planar.stepper`); for others, the part out of the plane.
+
+A mechanism is planar if mirroring at the plane leaves it unchanged: axes normal to the plane, or slides in it; all nodes in it;
+sections, bodies and stress-free shapes symmetric to it; gravity along it.  Its motion out of the plane, tilting of beams
+included, then stays zero: the spatial equations have the planar solution (and would leave it only where it buckles
+sideways, by rounding errors alone).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.constraints.closures import Rows, constraint_rows
+from flexinv.kinematics.mesh import CONTINUOUS, PRISMATIC, REVOLUTE, RIGID, SECTION, Mesh
+from flexinv.model.mechanism import Closure, Mechanism
+from flexinv.typing import Array
+
+# Components out of the plane below this part of what they are compared with are rounding of the placements' angles.
+ROUNDING = 1e-13
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A plane and the nodes in it, joints at zero and beams stress-free.
+
+    axes : (3, 3) columns: x and y of the plane and its normal, in the world; height : along the normal [m]
+    frames : (nodes, 3, 3) R_plane,node
+    """
+
+    axes: Array
+    height: float
+    frames: Array
+
+
+@dataclass(frozen=True)
+class NotPlanar:
+    """Reason why a mechanism is solved in space."""
+
+    reason: str
+
+
+@lru_cache(maxsize=64)
+def find_plane(mesh: Mesh) -> Plane | NotPlanar:
+    """Return the plane [m] in which a mechanism moves whatever its joints do, or why there is none."""
+    m = mesh.mechanism
+    for what, items in (("springs", m.springs), ("applied forces", m.forces), ("couplings", _couplings(m))):
+        if items:
+            return NotPlanar(f"it has {what}")
+    if any(joint.stiffness for joint in m.joints):
+        return NotPlanar("it has springs in joints")
+    rotation = _at_zero(mesh)
+    found: Plane | NotPlanar = NotPlanar("it has neither revolute joints nor beams")
+    for normal in _candidates(mesh, rotation):
+        found = _check(mesh, rotation, normal)
+        reason = closure_standing_out(mesh, found) if isinstance(found, Plane) else ""
+        found = NotPlanar(reason) if reason else found
+        if isinstance(found, Plane):
+            return found
+    return found
+
+
+def _couplings(mechanism: Mechanism) -> list[Closure]:
+    return [closure for closure in mechanism.closures if closure.kind == "coupling"]
+
+
+def seen(plane: Plane, node: NDArray[np.int64], vectors: Array) -> Array:
+    """Return vectors (rows, 3) [any unit] fixed in nodes (rows,), -1 the world, in the plane's axes where those stand at zero."""
+    frames = np.where((node >= 0)[:, None, None], plane.frames[node], plane.axes.T)
+    return np.asarray(np.einsum("rij,rj->ri", frames, vectors))
+
+
+def tied_in(plane: Plane, rows: Rows) -> NDArray[np.bool_]:
+    """Return a mask (rows,) of the constraints that act in the plane [-]; every planar motion satisfies the others."""
+    inside = ~_upright(seen(plane, rows.a, rows.u))
+    return np.asarray(inside & (~rows.direction | ~_upright(seen(plane, rows.b, rows.w))))
+
+
+def _upright(vectors: Array) -> NDArray[np.bool_]:
+    return np.asarray(np.hypot(vectors[:, 0], vectors[:, 1]) <= ROUNDING)
+
+
+def closure_standing_out(mesh: Mesh, plane: Plane) -> str:
+    """Return a message on a closure with frames outside the plane or more than planar ties; empty if none has [-]."""
+    rows = constraint_rows(mesh)
+    u, w = seen(plane, rows.a, rows.u), seen(plane, rows.b, rows.w)
+    above = [seen(plane, n, p)[:, 2] for n, p in ((rows.a, rows.place_a), (rows.b, rows.place_b))]
+    above = [p - np.where(n < 0, plane.height, 0.0) for n, p in zip((rows.a, rows.b), above, strict=True)]
+    skew = ~_upright(u) & (np.abs(u[:, 2]) > ROUNDING)
+    skew |= rows.direction & ~_upright(w) & (np.abs(w[:, 2]) > ROUNDING)
+    skew |= rows.direction & _upright(u) & _upright(w)
+    skew |= ~rows.direction & (np.abs(above[0] - above[1]) > ROUNDING * mesh.length)
+    if skew.any():
+        name = mesh.mechanism.closures[int(rows.closure[int(np.argmax(skew))])].name
+        return f"the frames of closure '{name}' do not lie in the plane"
+    return ""
+
+
+def _at_zero(mesh: Mesh) -> Array:
+    """Rotations of all nodes in the world, joints at zero, (nodes, 3, 3)."""
+    rotation = np.empty((mesh.size, 3, 3))
+    for n, parent in enumerate(mesh.parent):
+        rotation[n] = mesh.rotation[n] if parent < 0 else rotation[parent] @ mesh.rotation[n]
+    return rotation
+
+
+def _candidates(mesh: Mesh, rotation: Array) -> list[Array]:
+    """Normals that are possible: the first axis of rotation, else y or z of the first beam section."""
+    for n in range(mesh.size):
+        if mesh.kind[n] in (REVOLUTE, CONTINUOUS):
+            return [rotation[n] @ mesh.axis[n]]
+    sections = np.flatnonzero(mesh.kind == SECTION)
+    return [rotation[sections[0]][:, 2], rotation[sections[0]][:, 1]] if len(sections) else []
+
+
+def _check(mesh: Mesh, rotation: Array, normal: Array) -> Plane | NotPlanar:
+    across = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+    across /= np.linalg.norm(across)
+    axes = np.stack([across, np.cross(normal, across), normal], axis=1)
+    frames = axes.T @ rotation
+    heights = np.zeros(mesh.size)
+    for n, parent in enumerate(mesh.parent):
+        frame, start = (axes.T, 0.0) if parent < 0 else (frames[parent], heights[parent])
+        heights[n] = start + (frame @ mesh.offset[n])[2]
+    reason = _standing_out(mesh, frames, heights) or _unsymmetric(mesh, frames)
+    gravity = mesh.mechanism.gravity
+    if not reason and abs(gravity @ normal) > ROUNDING * np.linalg.norm(gravity):
+        reason = "gravity pulls out of the plane"
+    return NotPlanar(reason) if reason else Plane(axes, float(heights[0]) if mesh.size else 0.0, frames)
+
+
+def _standing_out(mesh: Mesh, frames: Array, heights: Array) -> str:
+    """Return a message on the first node whose joint or place leaves the plane; empty if none does."""
+    for n in range(mesh.size):
+        kind, link = int(mesh.kind[n]), mesh.mechanism.links[int(mesh.link[n])].name
+        axis = frames[n] @ mesh.axis[n]
+        if kind not in (RIGID, SECTION, REVOLUTE, CONTINUOUS, PRISMATIC):
+            return f"the joint of link '{link}' turns in space"
+        if kind in (REVOLUTE, CONTINUOUS) and np.hypot(axis[0], axis[1]) > ROUNDING:
+            return f"the axis of link '{link}' is not normal to the plane"
+        if kind == PRISMATIC and abs(axis[2]) > ROUNDING:
+            return f"link '{link}' slides out of the plane"
+        if abs(heights[n] - heights[0]) > ROUNDING * mesh.length:
+            return f"link '{link}' reaches out of the plane"
+    return ""
+
+
+def _unsymmetric(mesh: Mesh, frames: Array) -> str:
+    """Return a message on the first section or body that is not symmetric to the plane; empty if all are."""
+    e = mesh.elements
+    for k, nodes in enumerate(e.nodes):
+        normal = frames[nodes[0]][2]
+        same = [np.abs(frames[n][2] - normal).max() <= ROUNDING for n in nodes[: e.order[k] + 1]]
+        upright = np.sort(np.abs(normal))[1] <= ROUNDING and abs(normal[0]) <= ROUNDING
+        across = np.abs(e.gamma0[k] @ normal).max() <= ROUNDING
+        about = e.kappa0[k] - np.outer(e.kappa0[k] @ normal, normal)
+        if not (all(same) and upright and across and np.abs(about).max() * mesh.length <= ROUNDING):
+            return f"the section or curvature of beam '{mesh.mechanism.links[int(e.link[k])].name}' is not symmetric to the plane"
+    for n in range(mesh.size):
+        normal, inertia = frames[n][2], mesh.inertia[n]
+        turned = inertia @ normal
+        if np.abs(turned - (normal @ turned) * normal).max() > ROUNDING * np.abs(inertia).max():
+            return f"the inertia of link '{mesh.mechanism.links[int(mesh.link[n])].name}' is not symmetric to the plane"
+    return ""

@@ -1,0 +1,97 @@
+"""Samples of the march in a plane, written in space: the histories of a trajectory (compiled)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.elements.planar_beam import N1, N2, M, energy, point
+from flexinv.elements.planar_beam_damping import dissipated
+from flexinv.kernels.jit import jit_inner
+from flexinv.kernels.simd import cos_sin
+from flexinv.typing import Array
+
+
+class Embedding(NamedTuple):
+    """Embedding of the plane in space.
+
+    axes : (3, 3) columns: the plane's x, y and its normal, in the world; height : of the plane along the normal [m]
+    across, along, normal : (nodes, 3, 3) R_W,node = cos(theta) across + sin(theta) along + normal
+    axle : (nodes, 3) the normal in the nodes' frames; side : (elements, 3) J e_1 in the section frames
+    """
+
+    axes: Array
+    height: float
+    across: Array
+    along: Array
+    normal: Array
+    axle: Array
+    side: Array
+
+
+class Histories(NamedTuple):
+    """Histories into which the samples are written (`dynamics.solver.Trajectory`).
+
+    x, r, v, w, a, al, wrench, internal, energy, multipliers, iterations
+    """
+
+    x: Array
+    r: Array
+    v: Array
+    w: Array
+    a: Array
+    al: Array
+    wrench: Array
+    internal: Array
+    energy: Array
+    multipliers: Array
+    iterations: NDArray[np.int64]
+
+
+@jit_inner
+def record(sample, tree, elements, constraints, space, frames, work, out):
+    """Write one instant into the histories, in space [m, rad, s, N, J]."""
+    for n in range(len(tree.parent)):
+        _embed(space.axes, frames.pose[n], space.height, out.x[sample, n])
+        _embed(space.axes, frames.rate[n], 0.0, out.v[sample, n])
+        _embed(space.axes, frames.acceleration[n], 0.0, out.a[sample, n])
+        _embed(space.axes, frames.wrench[n], 0.0, out.wrench[sample, n])
+        c, s = cos_sin(frames.pose[n, 2])
+        for i in range(3):
+            out.w[sample, n, i] = frames.rate[n, 2] * space.axle[n, i]
+            out.al[sample, n, i] = frames.acceleration[n, 2] * space.axle[n, i]
+            out.wrench[sample, n, 3 + i] = frames.wrench[n, 2] * space.axle[n, i]
+            for j in range(3):
+                turned = c * space.across[n, i, j] + s * space.along[n, i, j]
+                out.r[sample, n, i, j] = turned + space.normal[n, i, j]
+    for r in range(len(constraints.a)):
+        out.multipliers[sample, constraints.row[r]] = constraints.multiplier[r]
+    power = 0.0
+    for n in range(len(elements.order)):
+        for i in range(elements.order[n] + 1):
+            rate, felt = frames.rate[elements.nodes[n, i]], work.felt[n, i]
+            power += felt[0] * rate[0] + felt[1] * rate[1] + felt[2] * rate[2]
+        _resultants(n, elements, space, work.points, out.internal[sample, n])
+    stored, lost = energy(elements, work.points), dissipated(elements, work.rates)
+    out.energy[sample, 0], out.energy[sample, 1], out.energy[sample, 2] = stored, power, lost
+
+
+@jit_inner
+def _embed(axes, v, height, out):
+    """A vector of the plane, and a height above it, in the world."""
+    for i in range(3):
+        out[i] = axes[i, 0] * v[0] + axes[i, 1] * v[1] + axes[i, 2] * height
+
+
+@jit_inner
+def _resultants(k, elements, space, p, internal):
+    """Stress resultants of one element in its section frame: n_1 e_1 + n_2 side, m normal."""
+    side, axle = space.side[k], space.axle[elements.nodes[k, 0]]
+    for g in range(elements.order[k]):
+        at = point(k, g, elements.shape.shape[1])
+        n1, n2, m = p[at + N1], p[at + N2], p[at + M]
+        for i in range(3):
+            internal[g, i], internal[g, 3 + i] = n2 * side[i], m * axle[i]
+        internal[g, 0] = n1

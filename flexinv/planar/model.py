@@ -1,0 +1,233 @@
+"""Planar model of a mechanism, made from the mesh: all that stays constant during the time integration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.constraints.closures import Rows, constraint_rows
+from flexinv.dynamics.dofs import Indices, Topology, topology
+from flexinv.elements.planar_beam import (
+    AXIAL,
+    BENDING,
+    CURVATURE,
+    LANES,
+    SHEAR,
+    STRAIN1,
+    STRAIN2,
+    WEIGHT,
+    PlanarElements,
+)
+from flexinv.elements.planar_beam_damping import D_AXIAL, D_BENDING, D_SHEAR
+from flexinv.kernels.memory import on_lines
+from flexinv.kernels.so3 import log_so3
+from flexinv.kinematics.mesh import CONTINUOUS, PRISMATIC, REVOLUTE, Mesh
+from flexinv.planar.detection import Plane, find_plane, seen, tied_in
+from flexinv.planar.history import Embedding
+from flexinv.planar.tree import PlanarTree
+from flexinv.typing import Array
+
+QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # J, a quarter turn about the normal
+
+
+@dataclass(frozen=True)
+class PlanarConstraints:
+    """Constraints of closures that say something in the plane, and the blocks of unknowns, as in `constraint_rows.PlanarTies`."""
+
+    row: Indices
+    direction: NDArray[np.bool_]
+    a: Indices
+    b: Indices
+    place_a: Array
+    place_b: Array
+    u: Array
+    w: Array
+    single: Indices
+    over: Array
+    block: Indices
+    member: Indices
+
+
+@dataclass(frozen=True)
+class JointNodes:
+    """Nodes with a joint, and where their coordinates stand in q and in qd; whether q is (cos, sin); which are prescribed."""
+
+    node: Indices
+    q: Indices
+    v: Indices
+    turns_on: NDArray[np.bool_]
+    given: NDArray[np.bool_]
+
+    def coordinates(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """Return q, q', q'' of the joints, (samples, joints, 3) [m, rad, s], from q (samples, nq), qd, qdd (samples, nv)."""
+        out = np.empty((len(q), len(self.node), 3))
+        for k, (place, rate, turns) in enumerate(
+            zip(self.q.tolist(), self.v.tolist(), self.turns_on.tolist(), strict=True)
+        ):
+            out[:, k, 0] = np.arctan2(q[:, place + 1], q[:, place]) if turns else q[:, place]
+            out[:, k, 1], out[:, k, 2] = qd[:, rate], qdd[:, rate]
+        return out
+
+
+@dataclass(frozen=True)
+class PlanarModel:
+    """Constants of the time integration in a plane, made once for a mesh and its passive joints.
+
+    pick : (planar unknowns, spatial unknowns) components along the plane's axes, turns about its normal
+    place : indices of the elements' own unknowns for `planar.solver`
+    joints : the nodes with a joint
+    """
+
+    plane: Plane
+    topology: Topology
+    tree: PlanarTree
+    elements: PlanarElements
+    space: Embedding
+    pick: Array
+    place: tuple[Indices, Indices, Indices]
+    constraints: PlanarConstraints
+    joints: JointNodes
+
+
+@lru_cache(maxsize=64)
+def planar_model(mesh: Mesh, passive: frozenset[str]) -> PlanarModel:
+    """Return the arrays of a mesh that lies in a plane [m], [rad], with the joints named in ``passive`` free."""
+    plane, t = find_plane(mesh), topology(mesh, passive)
+    assert isinstance(plane, Plane)  # else nobody asks
+    tree, elements, space = _tree(mesh, t, plane), _elements(mesh, plane), _embedding(mesh, plane)
+    pick = _pick(mesh, t, tree, plane, space)
+    tied = _constraints(constraint_rows(mesh), plane, tree)
+    return PlanarModel(plane, t, tree, elements, space, pick, _places(tree, elements), tied, _joints(mesh, tree))
+
+
+def _joints(mesh: Mesh, tree: PlanarTree) -> JointNodes:
+    node = np.flatnonzero(mesh.v_index >= 0)
+    return JointNodes(
+        node, mesh.q_index[node], mesh.v_index[node], mesh.kind[node] == CONTINUOUS, tree.given[node] >= 0
+    )
+
+
+def _pick(mesh: Mesh, topology: Topology, tree: PlanarTree, plane: Plane, space: Embedding) -> Array:
+    pick = np.zeros((len(tree.scale), len(topology.scale)))
+    for n in range(mesh.size):
+        here, there = int(tree.offset[tree.block[n]]), int(topology.offset[topology.block[n]])
+        if tree.independent[n]:
+            pick[here : here + 2, there : there + 3] = plane.axes.T[:2]
+            pick[here + 2, there + 3 : there + 6] = space.axle[n]
+        elif tree.column[n] >= 0:
+            pick[here + tree.column[n], there + topology.column[n]] = 1.0
+    return pick
+
+
+def _tree(mesh: Mesh, topology: Topology, plane: Plane) -> PlanarTree:
+    frames, moves = plane.frames, mesh.v_index >= 0
+    size = np.where(
+        np.arange(len(topology.size)) > 0, topology.size - 3, topology.size
+    )  # three freedoms of a node instead of six
+    passive = topology.freedoms > 0
+    turning = np.isin(mesh.kind, (REVOLUTE, CONTINUOUS))
+    sliding = mesh.kind == PRISMATIC
+    before = [plane.axes.T if m < 0 else frames[m] for m in mesh.parent]
+    offset_p = np.array([frame @ offset for frame, offset in zip(before, mesh.offset, strict=True)]).reshape(-1, 3)
+    axis = np.einsum("nij,nj->ni", frames, mesh.axis)  # (node, xyz), in the plane's axes
+    scale = np.ones(int(size.sum()))
+    offset = np.concatenate([[0], np.cumsum(size)[:-1]]).astype(np.int64)
+    column = np.where(passive, topology.column - 3 * (topology.block > 0), -1)
+    for n in range(mesh.size):
+        first = offset[topology.block[n]]
+        if topology.independent[n]:
+            scale[first : first + 2] = mesh.length
+        elif passive[n] and sliding[n]:
+            scale[first + column[n]] = mesh.length
+    driven = moves & ~passive
+    return PlanarTree(
+        parent=mesh.parent, block=topology.block, independent=topology.independent, size=size, offset=offset, scale=scale,
+        given=np.where(driven, np.cumsum(driven) - 1, -1), column=column,
+        turn=np.where(turning, np.sign(axis[:, 2]), 0.0), slide=np.where(sliding[:, None], axis[:, :2], 0.0),
+        offset_p=np.ascontiguousarray(offset_p[:, :2]), shifted=sliding | offset_p[:, :2].any(axis=1),
+        mass=mesh.mass, inertia=np.einsum("ni,nij,nj->n", frames[:, 2], mesh.inertia, frames[:, 2]),
+        gravity=plane.axes.T[:2] @ mesh.mechanism.gravity, rotor=topology.rotor,
+        damping=topology.damping, friction=topology.friction,
+    )  # fmt: skip
+
+
+def _elements(mesh: Mesh, plane: Plane) -> PlanarElements:
+    e = mesh.elements
+    elements, count = e.nodes.shape
+    points = max(count - 1, 0)
+    bend, heading = np.zeros((elements, count)), np.zeros(elements)
+    blocks = -(-elements * points // LANES)
+    constants, damping = np.zeros((blocks, 7, LANES)), np.zeros((blocks if e.damping.any() else 0, 3, LANES))
+    for k, nodes in enumerate(e.nodes):
+        frames = plane.frames[nodes[: e.order[k] + 1]]
+        heading[k] = np.arctan2(frames[0, 1, 0], frames[0, 0, 0])
+        relative = np.einsum("ji,njk->nik", frames[0], frames)  # (node, 3, 3), R_0^T R_i
+        bend[k, : len(frames)] = log_so3(relative) @ frames[0, 2]
+        axle, side = frames[0, 2], frames[0].T @ QUARTER @ frames[0][:, 0]
+        for g in range(e.order[k]):
+            block, lane = divmod(k * points + g, LANES)
+            stiffness, viscous = (
+                (a[k, g, 0], side**2 @ a[k, g, :3], axle**2 @ a[k, g, 3:]) for a in (e.stiffness, e.damping)
+            )
+            strains = e.gamma0[k, g, 0], side @ e.gamma0[k, g], axle @ e.kappa0[k, g]
+            rows = [int(r) // LANES for r in (AXIAL, SHEAR, BENDING, WEIGHT, STRAIN1, STRAIN2, CURVATURE)]
+            constants[block, rows, lane] = *stiffness, e.weight[k, g], *strains
+            if len(damping):
+                damping[block, [int(r) // LANES for r in (D_AXIAL, D_SHEAR, D_BENDING)], lane] = viscous
+    flat = on_lines(constants.reshape(-1)), on_lines(damping.reshape(-1))
+    return PlanarElements(e.order, e.nodes, e.shape, e.slope, bend, heading, np.uint64(LANES), *flat)
+
+
+def _embedding(mesh: Mesh, plane: Plane) -> Embedding:
+    axes, frames = plane.axes, plane.frames
+    upright = np.diag([0.0, 0.0, 1.0])
+    side = np.zeros((len(mesh.elements.order), 3))
+    for k, nodes in enumerate(mesh.elements.nodes):
+        side[k] = frames[nodes[0]].T @ QUARTER @ frames[nodes[0]][:, 0]
+    across, along, normal = (
+        np.ascontiguousarray(axes @ part @ frames) for part in (np.eye(3) - upright, QUARTER, upright)
+    )
+    return Embedding(axes, plane.height, across, along, normal, np.ascontiguousarray(frames[:, 2]), side)
+
+
+def _places(tree: PlanarTree, element_arrays: PlanarElements) -> tuple[Indices, Indices, Indices]:
+    """Rows, row and own of `PlanarFactors`: where the own unknowns of every element stand."""
+    elements, count = element_arrays.nodes.shape
+    widest = max(int(tree.size.max(initial=0)), 1)
+    row = np.zeros((elements, count, widest), dtype=np.int64)
+    numbers = []
+    for k in range(elements):
+        order, extra, own = int(element_arrays.order[k]), 3 * int(element_arrays.order[k]), {}
+        for i, n in enumerate(element_arrays.nodes[k, 1 : order + 1]):
+            block = tree.block[n]
+            for j in range(tree.size[block]):
+                row[k, i + 1, j] = j * order + i if j < 3 else extra
+                extra += j >= 3
+                own[int(row[k, i + 1, j])] = int(tree.offset[block] + j)
+        numbers.append([own[r] for r in range(extra)])
+    most = max((len(own) for own in numbers), default=0)
+    table = np.array([own + [0] * (most - len(own)) for own in numbers], dtype=np.int64).reshape(elements, most)
+    return np.array([len(own) for own in numbers], dtype=np.int64), row, table
+
+
+def _constraints(rows: Rows, plane: Plane, tree: PlanarTree) -> PlanarConstraints:
+    row = np.flatnonzero(tied_in(plane, rows)).astype(np.int64)
+    a, b, count = rows.a[row], rows.b[row], len(tree.size)
+    members = [np.flatnonzero(tree.block == block) for block in range(count)]
+    alone = [len(members[k]) == 1 and tree.size[k] == 3 for k in range(count)]
+    blocks = [k for k in range(count) if tree.size[k] > 0 and not alone[k]]
+    member = np.full((len(blocks), max((len(members[k]) for k in blocks), default=0)), -1, dtype=np.int64)
+    for own, k in zip(member, blocks, strict=True):
+        own[: len(members[k])] = members[k]
+    single = np.array([members[k][0] for k in range(count) if alone[k]], dtype=np.int64)
+    place_a, place_b, u, w = (
+        np.ascontiguousarray(seen(plane, node, v[row])[:, :2])
+        for node, v in ((a, rows.place_a), (b, rows.place_b), (a, rows.u), (b, rows.w))
+    )
+    inertia = np.stack([tree.mass[single], tree.mass[single], tree.inertia[single]], axis=1)
+    over = np.divide(1.0, inertia, out=np.zeros_like(inertia), where=inertia > 0.0)
+    block = np.array(blocks, dtype=np.int64)
+    return PlanarConstraints(row, rows.direction[row], a, b, place_a, place_b, u, w, single, over, block, member)

@@ -1,0 +1,235 @@
+"""Arrays of the time integration in a plane: it starts from the spatial solver's state and writes its own back there."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from flexinv.dynamics.assembly import State
+from flexinv.dynamics.constraint_rows import Ties
+from flexinv.dynamics.dofs import Indices
+from flexinv.dynamics.generalized_alpha import Scheme
+from flexinv.dynamics.solver import Trajectory
+from flexinv.elements.planar_beam import BLOCK, CONSTANTS
+from flexinv.elements.planar_beam_damping import COEFFICIENTS, RATES
+from flexinv.kernels.memory import cleared
+from flexinv.kernels.so3 import about_axis, log_so3
+from flexinv.kinematics.mesh import PRISMATIC, Mesh
+from flexinv.planar.constraint_rows import PlanarTies
+from flexinv.planar.detection import seen
+from flexinv.planar.history import Histories
+from flexinv.planar.model import PlanarModel, planar_model
+from flexinv.planar.stepper import PlanarWork, planar_march
+from flexinv.planar.tree import PlanarFrames, PlanarState
+from flexinv.planar.tree_solver import FOUR, PlanarFactors
+from flexinv.typing import Array
+
+Instants = tuple[Array, Array, Array]
+
+_NOWHERE = np.zeros((0, 3))
+
+
+@dataclass(frozen=True)
+class PlanarMarch:
+    """A mechanism in a plane, ready to march; what the spatial solver has solved is where it starts."""
+
+    mesh: Mesh
+    model: PlanarModel
+    state: PlanarState
+    frames: PlanarFrames
+    factors: PlanarFactors
+    work: PlanarWork
+    ties: PlanarTies
+
+    @classmethod
+    def of(cls, mesh: Mesh, passive: Collection[str]) -> PlanarMarch:
+        """Return the arrays of a mesh that lies in a plane, whose joints named in ``passive`` are free."""
+        m = planar_model(mesh, frozenset(passive))
+        unknowns, widest = len(m.tree.scale), max(int(m.tree.size.max(initial=0)), 1)
+        vectors, variations = (mesh.size, 3), (mesh.size, widest, 3)
+        shapes = (*(vectors,) * 4, (mesh.size, 4), *(variations,) * 3, vectors, variations)
+        state = PlanarState(cleared(*vectors), *(cleared(unknowns) for _ in range(8)))
+        count = mesh.elements.nodes.shape[1]
+        work = PlanarWork(
+            points=cleared(len(m.elements.constants) // int(CONSTANTS) * int(BLOCK)),
+            rates=cleared(len(m.elements.damping) // int(COEFFICIENTS) * int(RATES)), u=cleared(max(count, 1), 3),
+            felt=cleared(*mesh.elements.nodes.shape, 3), residual=cleared(unknowns), y=cleared(unknowns),
+        )  # fmt: skip
+        frames = PlanarFrames(*(cleared(*shape) for shape in shapes))
+        return cls(mesh, m, state, frames, _factors(m), work, _ties(m))
+
+    @classmethod
+    def ready(cls, mesh: Mesh, passive: Collection[str]) -> PlanarMarch:
+        """Return a march as `of` does, or reuse one of the same that was `left`; for callers that begin with `march`."""
+        try:
+            return _left(mesh, frozenset(passive)).pop()
+        except IndexError:
+            return cls.of(mesh, passive)
+
+    def leave(self, passive: Collection[str]) -> None:
+        """Leave the arrays to the next march that begins; one that failed may have left numbers that are none behind."""
+        self.ties.multiplier[:], self.ties.over[:] = 0.0, self.model.constraints.over
+        _left(self.mesh, frozenset(passive)).append(self)
+
+    def restart(
+        self, scheme: Scheme, q: Array, qd: Array, qdd: Array, row: Indices, out: Histories
+    ) -> tuple[int, int, int, float]:
+        """Find the accelerations [m/s^2], [rad/s^2] anew where the march stands and they jump; arguments as of `march`."""
+        s = self.state
+        s.u[:], s.du[:] = s.u0, s.du0
+        return self.run(scheme, self._given(q, qd, qdd), row, out, still=True)
+
+    def end_early(self) -> None:
+        """Go on with another scheme: `initial_state.end_early` [m/s^2], [rad/s^2]."""
+        s = self.state
+        s.pseudo[:], s.trend[:], s.bend[:] = s.du0, 0.0, 0.0
+
+    def turned(self, element: int) -> float:
+        """Return by how much the sections of an element turn against each other [rad] where the last step has begun."""
+        e, free = self.model.elements, self.model.tree.independent
+        if not 0 <= element < len(e.order):
+            return 0.0
+        nodes = e.nodes[element, : e.order[element] + 1]
+        angle = (
+            np.where(free[nodes], self.state.start[nodes, 2], self.frames.pose[nodes, 2])
+            + e.bend[element, : len(nodes)]
+        )
+        return float(np.abs(np.angle(np.exp(1j * (angle - angle[0])))).max())
+
+    def take(self, s: State, ties: Ties) -> None:
+        """Begin where the spatial solver stands, with the closures that act there [m, rad, s, N]."""
+        own = self.ties
+        own.acting[:], own.multiplier[:] = ties.acting[own.row], ties.multiplier[own.row]
+        if len(own.row):
+            for here, node, vectors in (
+                (own.place_a, own.a, ties.place_a),
+                (own.place_b, own.b, ties.place_b),
+                (own.u, own.a, ties.u),
+                (own.w, own.b, ties.w),
+            ):
+                here[:] = seen(self.model.plane, node, vectors[own.row])[:, :2]
+        self._take(s)
+
+    def _take(self, state: State) -> None:
+        here, m = self.state, self.model
+        free = np.flatnonzero(m.tree.independent)
+        turned = np.einsum("ji,njk,nlk->nil", m.plane.axes, state.r[free], m.plane.frames[free])  # axes^T R frames^T
+        here.start[free, :2] = state.x[free] @ m.plane.axes[:, :2]
+        here.start[free, 2] = np.arctan2(turned[:, 1, 0] - turned[:, 0, 1], turned[:, 0, 0] + turned[:, 1, 1])
+        for n in np.flatnonzero(~m.tree.independent & (m.tree.column >= 0)):
+            here.start[n, 0] = self._coordinate(int(n), state)
+        pick = self.model.pick
+        for name in ("u", "du", "pseudo", "u0", "du0"):
+            getattr(here, name)[:] = pick @ getattr(state, name)
+        here.d[:] = 0.0
+        here.trend[:] = 0.0
+        here.bend[:] = 0.0
+
+    def give(self, state: State, ties: Ties) -> None:
+        """Put the spatial solver where this march has come to [m, rad, s, N]."""
+        ties.multiplier[self.ties.row] = self.ties.multiplier
+        here, axes = self.state, self.model.plane.axes
+        for n in range(self.mesh.size):
+            if self.model.tree.independent[n]:
+                state.x[n] = axes @ np.append(here.start[n, :2], self.model.plane.height)
+                state.r[n] = self._rotation(n, here.start[n, 2])
+            elif self.model.tree.column[n] >= 0:
+                q, placed = here.start[n, 0], self.mesh.rotation[n]
+                turning = self.mesh.kind[n] != PRISMATIC
+                state.x[n] = self.mesh.offset[n] if turning else self.mesh.offset[n] + q * placed @ self.mesh.axis[n]
+                state.r[n] = placed @ about_axis(self.mesh.axis[n], np.array([q]))[0] if turning else placed
+        pick = self.model.pick
+        for name in ("u", "du", "pseudo", "u0", "du0"):
+            getattr(state, name)[:] = pick.T @ getattr(here, name)
+        state.d[:] = 0.0
+
+    def march(
+        self, scheme: Scheme, start: Instants | None, steps: Instants, row: Indices, out: Histories
+    ) -> tuple[int, int, int, float]:
+        """March over the ends of ``steps``: q (steps, nq), qd, qdd (steps, nv) [m, rad, s].
+
+        start : the same at one instant at which the march begins undeformed, all closures acting, with the accelerations that
+            belong to it; None where it goes on
+        row : of ``out`` to be written at each instant, that of the start included, -1 for none
+        Return status, instants done, iterations or element, last relative increment [-].
+        """
+        given, joint = self._given(*steps), _NOWHERE
+        if start is not None:
+            here, nodes = self.model.joints.coordinates(*start), self.model.joints
+            given = np.concatenate([here[:, nodes.given], given])
+            joint = np.zeros((self.mesh.size, 3))
+            joint[nodes.node] = here[0]
+        return self.run(scheme, given, row, out, joint, still=start is not None)
+
+    def _given(self, q: Array, qd: Array, qdd: Array) -> Array:
+        joints = self.model.joints
+        given = joints.coordinates(q, qd, qdd)
+        return given if joints.given.all() else np.ascontiguousarray(given[:, joints.given])
+
+    def run(
+        self, scheme: Scheme, given: Array, row: Indices, out: Histories, joint: Array = _NOWHERE, still: bool = False
+    ) -> tuple[int, int, int, float]:
+        """Do what `march` does with the driven joints' ``given`` (instants, joints, 3) q, q', q'' [m, rad, s].
+
+        joint, still : as of `planar_march`; by default it goes on
+        """
+        m = self.model
+        status, instant, count, size = planar_march(
+            m.tree, m.elements, self.ties, m.space, scheme, self.state, self.frames, self.factors, self.work,
+            joint, still, given, row, out,
+        )  # fmt: skip
+        return int(status), int(instant), int(count), float(size)
+
+    def _rotation(self, n: int, angle: float) -> Array:
+        space = self.model.space
+        return np.asarray(np.cos(angle) * space.across[n] + np.sin(angle) * space.along[n] + space.normal[n])
+
+    def _coordinate(self, n: int, state: State) -> float:
+        placed, axis = self.mesh.rotation[n], self.mesh.axis[n]
+        if self.mesh.kind[n] == PRISMATIC:
+            return float(axis @ placed.T @ (state.x[n] - self.mesh.offset[n]))
+        return float(axis @ log_so3(placed.T @ state.r[n]))
+
+
+@lru_cache(maxsize=64)
+def _left(mesh: Mesh, passive: frozenset[str]) -> list[PlanarMarch]:
+    """Return the list of marches left behind for reuse, which threads may share."""
+    return []
+
+
+def histories(out: Trajectory) -> Histories:
+    """Return the histories of a trajectory [m, rad, s, N, J] by the names of the planar march."""
+    m = out.motion
+    return Histories(
+        m.x, m.rotation, m.v, m.omega, m.a, m.alpha, out.wrench, out.internal, out.energy, out.multipliers, out.iterations
+    )  # fmt: skip
+
+
+def _ties(model: PlanarModel) -> PlanarTies:
+    """The constraints that say something in the plane, all of which act; `PlanarMarch.take` changes that."""
+    c, n, unknowns = model.constraints, len(model.constraints.row), len(model.tree.scale)
+    widest = max(int(model.tree.size.max(initial=0)), 1)
+    return PlanarTies(
+        row=c.row, direction=c.direction, acting=np.ones(n, dtype=bool), a=c.a, b=c.b,
+        place_a=c.place_a.copy(), place_b=c.place_b.copy(), u=c.u.copy(), w=c.w.copy(),
+        multiplier=cleared(n), value=cleared(n), gradient=cleared(n, 6), sides=cleared(n, unknowns),
+        moved=cleared(n, unknowns), stiffness=cleared(n, n), open=cleared(n), step=np.zeros(max(n, widest)),
+        left=np.zeros(max(n, widest), dtype=bool), line=cleared(unknowns), single=c.single, over=c.over.copy(),
+        block=c.block, member=c.member, mass=cleared(widest, widest),
+        change=cleared(len(model.tree.parent), 3), kept=cleared(n),
+    )  # fmt: skip
+
+
+def _factors(model: PlanarModel) -> PlanarFactors:
+    rows, row, own = model.place
+    elements, widest = len(own), max(int(model.tree.size.max(initial=0)), 1)
+    most, columns = (-(-n // FOUR) * FOUR for n in (own.shape[1], widest))
+    return PlanarFactors(
+        rows=rows, row=row, own=own, inverse=cleared(elements, most, most), to_root=cleared(elements, 3, most),
+        b=cleared(elements, widest, most), x=cleared(elements, widest, most), root=cleared(columns, columns),
+        diagonal=cleared(len(model.tree.size), widest, widest), line=cleared(2, max(most, columns)),
+        found=cleared(elements, most),
+    )  # fmt: skip

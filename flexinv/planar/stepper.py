@@ -1,0 +1,327 @@
+"""The march in a plane: time steps of generalized-alpha, one linearisation for all iterations of a step (compiled).
+
+The same scheme, equations and accuracy as `dynamics.stepper`; in the plane positions and angles are a vector space, x_(n+1)
+= x_n + d.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from flexinv.dynamics.assembly import LARGEST_TURN
+from flexinv.dynamics.generalized_alpha import (
+    ACCELERATION,
+    ACCELERATIONS,
+    PASSES,
+    SQUARED,
+    follow,
+    is_sudden,
+    largest_increment,
+    pseudo_acceleration,
+)
+from flexinv.dynamics.generalized_alpha import ROUNDING as STILL
+from flexinv.dynamics.stepper import (
+    CONVERGED,
+    MOST_ITERATIONS,
+    NO_SLIP,
+    NOT_CONVERGED,
+    NOT_FINITE,
+    SLIPPED,
+    SUDDEN_START,
+    TURNED_TOO_MUCH,
+)
+from flexinv.elements.planar_beam import add_forces, interpolate, point_gradients, point_hessians, relax
+from flexinv.elements.planar_beam_damping import add_viscous, add_viscous_hessians, interpolate_rates
+from flexinv.kernels.jit import jit, jit_inner, jit_shared
+from flexinv.planar.constraint_rows import (
+    add_step,
+    add_ties,
+    any_acts,
+    factorise_ties,
+    keep,
+    return_to,
+    solve_ties,
+    tie_rows,
+)
+from flexinv.planar.history import record
+from flexinv.planar.index1 import settle
+from flexinv.planar.tree import (
+    accept,
+    gather,
+    gather_variations,
+    node_wrench_variations,
+    node_wrenches,
+    place,
+    stand,
+    vary,
+    vary_independent,
+)
+from flexinv.planar.tree_solver import factorise, put_stiffness, solve
+from flexinv.typing import Array
+
+# Newton stops when the estimated remaining error is below the tolerance: increment times the observed rate of contraction (at
+# least SURE), or its square after a new linearisation (`generalized_alpha.SQUARED`).  Increments below ROUNDING carry no
+# information.
+SURE = 1e-6
+ROUNDING = 5e-15
+# With damping no linearisation is exact (`planar_beam_damping`), and rates add rounding of their own: an increment below
+# this that shrinks no more is rounding.
+STALLED = 1e-12
+# A linearisation serves all iterations of a step, unless it shrinks an increment by less than SLOW: a new one costs as much as
+# two iterations or three.  (That of the step before, even turned with the mechanism, costs two iterations more: dearer.)
+SLOW = 0.03
+# A step that takes more iterations than this is begun anew, cautiously: there may be another solution where it gets to.
+MANY = 12
+
+
+class PlanarWork(NamedTuple):
+    """Scratch of the march: points of `planar_beam`, u (count, 3), felt (elements, count, 3), residual and y (unknowns,).
+
+    rates : of `planar_beam_damping`, empty where no beam is damped
+    """
+
+    points: Array
+    rates: Array
+    u: Array
+    felt: Array
+    residual: Array
+    y: Array
+
+
+@jit_inner
+def evaluate(tree, elements, constraints, state, given, frames, work, moved):
+    """Evaluate the residual [N], [N m] at the present unknowns; return the largest turn [rad] in an element, and which.
+
+    moved : whether poses or rates have changed since the last evaluation, and with them what the elements feel
+    """
+    place(tree, state, given, frames)
+    tie_rows(constraints, frames, False)
+    largest, worst = 0.0, 0
+    if moved:
+        largest, worst = interpolate(elements, frames.pose, work.u, work.points)
+        point_gradients(elements, work.points)
+        if len(elements.damping) > 0:
+            interpolate_rates(elements, frames.rate, work.rates)
+            add_viscous(elements, work.points, work.rates)
+    add_up(tree, elements, constraints, state, frames, work)
+    return largest, worst
+
+
+@jit_inner
+def add_up(tree, elements, constraints, state, frames, work):
+    """Sum the wrenches of inertia, closures and elements to the residual [N], [N m]."""
+    node_wrenches(tree, frames)
+    add_ties(constraints, frames.wrench)
+    add_forces(elements, frames.pose, work.points, frames.wrench, work.felt)
+    gather(tree, state, frames, work.residual)
+
+
+@jit_inner
+def linearise(tree, elements, constraints, scheme, state, frames, factors, work):
+    """Make and eliminate the linearisation at the state that `evaluate` has seen last [N/m], [N], [N m]."""
+    vary(tree, frames, scheme.cv, scheme.ca)
+    node_wrench_variations(tree, frames)
+    point_hessians(elements, work.points)
+    if len(elements.damping) > 0:
+        add_viscous_hessians(elements, scheme.cv, work.points, work.rates)
+    put_stiffness(tree, elements, work.points, frames, factors)
+    gather_variations(tree, state, frames, factors.diagonal, scheme.cv, scheme.ca)
+    factorise(tree, elements, frames, factors)
+    factorise_ties(tree, elements, constraints, frames, factors)
+
+
+@jit_inner
+def newton(tree, elements, constraints, scheme, state, given, frames, factors, work, slow, most):
+    """Solve one step; return status, iterations (or the bad element), last relative increment [-].
+
+    Where only accelerations are asked for, the state stands still.
+    slow : shrinking of an increment [-] from which on the linearisation is made anew, 0 for every time; most : iterations
+    """
+    size, fresh, last, damped = 0.0, True, scheme.mode == ACCELERATION, len(elements.damping) > 0
+    for iteration in range(most + 1):
+        turned, worst = evaluate(tree, elements, constraints, state, given, frames, work, scheme.mode != ACCELERATION)
+        if not turned <= LARGEST_TURN:
+            return TURNED_TOO_MUCH, worst, size
+        if last or len(work.y) == 0:
+            return CONVERGED, iteration, size
+        if fresh:
+            linearise(tree, elements, constraints, scheme, state, frames, factors, work)
+        solve(tree, elements, factors, work.residual, work.y, False)
+        solve_ties(tree, constraints, work.y)
+        before, size = size, largest_increment(work.y, tree.scale)
+        if not np.isfinite(size):
+            return NOT_FINITE, iteration, size
+        add_step(constraints)
+        for i in range(len(work.y)):
+            state.d[i] += work.y[i]
+            state.u[i] += scheme.cv * work.y[i]
+            state.du[i] += scheme.ca * work.y[i]
+        shrunk = size / before if iteration > 0 else 1.0
+        leaves = SQUARED * size * size if fresh and not damped else size * max(shrunk, SURE)
+        last = size < ROUNDING or leaves < scheme.left
+        last = last or (damped and iteration > 0 and shrunk > 0.5 and size < STALLED)
+        fresh = shrunk > slow if iteration > 0 else slow == 0.0
+    return NOT_CONVERGED, most, size
+
+
+@jit_inner
+def step_of(tree, elements, constraints, scheme, state, given, frames, factors, work, slow, most):
+    """Solve one step by `newton`, and look whether a section has slipped [rad]; return what it returns."""
+    status, count, size = newton(tree, elements, constraints, scheme, state, given, frames, factors, work, slow, most)
+    if status == CONVERGED and scheme.mode != ACCELERATION:
+        slipped = slips(tree, elements, scheme, state, frames)
+        if slipped >= 0:
+            return SLIPPED, slipped, size
+    return status, count, size
+
+
+@jit_inner
+def start(scheme, state, order):
+    """Start a step where the auxiliary accelerations go on as a parabola (2), a line (1) or as they are (0) [m, rad, s]."""
+    for k in range(len(state.d)):
+        change = (state.trend[k] if order > 0 else 0.0) + (state.bend[k] if order > 1 else 0.0)
+        state.d[k] = scheme.h * state.u0[k] + scheme.h * scheme.h * (0.5 * state.pseudo[k] + scheme.beta * change)
+    follow(scheme, state)
+
+
+@jit_shared
+def begin_step(tree, elements, constraints, scheme, state, given, frames, factors, work):
+    """Let the next step start from the accelerations that were found, as far as a step resolves them: `initial_state.begin_step`.
+
+    Return whether that leaves something out [-].
+    """
+    for i in range(len(state.du)):
+        state.pseudo[i] = state.du[i]
+    jump = 0.0
+    for i in range(len(state.du)):
+        jump = max(jump, scheme.h * scheme.h * abs(state.pseudo[i] - state.du0[i]) / tree.scale[i])
+    if jump > STILL:
+        keep(constraints)
+        for i in range(len(state.du)):
+            state.du[i] = state.du0[i]
+        vary_independent(tree, frames, scheme.cv, scheme.ca)
+        for _ in range(PASSES):
+            evaluate(tree, elements, constraints, state, given, frames, work, True)
+            linearise(tree, elements, constraints, scheme, state, frames, factors, work)
+            solve(tree, elements, factors, work.residual, work.y, False)
+            tie_rows(constraints, frames, True)
+            for r in range(len(constraints.value)):
+                constraints.value[r] /= scheme.ca
+            solve_ties(tree, constraints, work.y)
+            add_step(constraints)
+            for i in range(len(work.y)):
+                state.du[i] += scheme.ca * work.y[i]
+        if is_sudden(scheme, tree.scale, state.pseudo, state.du):
+            accept(state)
+            return True
+        return_to(constraints)
+    for i in range(len(state.du)):
+        state.du[i] = state.pseudo[i]
+    accept(state)
+    return False
+
+
+@jit_inner
+def slips(tree, elements, scheme, state, frames):
+    """Return the element of which a section turns by more than pi [rad] beside what carries it, else -1."""
+    for k in range(len(elements.order)):
+        root = elements.nodes[k, 0]
+        for i in range(1, elements.order[k] + 1):
+            turn = state.d[tree.offset[tree.block[elements.nodes[k, i]]] + 2]
+            if not abs(turn) <= NO_SLIP:
+                carried = (
+                    state.d[tree.offset[tree.block[root]] + 2]
+                    if tree.independent[root]
+                    else scheme.h * frames.rate[root, 2]
+                )
+                if not abs(turn - carried) <= np.pi:
+                    return k
+    return -1
+
+
+@jit_inner
+def advance(tree, scheme, state):
+    """Finish a step: its end becomes the start of the next [m, rad, s]; return the order that would have served best."""
+    for n in range(len(tree.parent)):
+        o = tree.offset[tree.block[n]]
+        if tree.independent[n]:
+            for i in range(3):
+                state.start[n, i] += state.d[o + i]
+        elif tree.column[n] >= 0:
+            state.start[n, 0] += state.d[o + tree.column[n]]
+    still, line, parabola = 0.0, 0.0, 0.0
+    for k in range(len(state.d)):
+        pseudo = pseudo_acceleration(scheme, state, k)
+        trend = pseudo - state.pseudo[k]
+        bend = trend - state.trend[k]
+        still, line = still + abs(trend) / tree.scale[k], line + abs(bend) / tree.scale[k]
+        parabola += abs(bend - state.bend[k]) / tree.scale[k]
+        state.trend[k], state.bend[k] = trend, bend
+        state.pseudo[k], state.u0[k], state.du0[k] = pseudo, state.u[k], state.du[k]
+        state.d[k] = 0.0
+    return 0 if still < line else 1 if line < parabola else 2
+
+
+@jit
+def planar_march(tree, elements, constraints, space, c, state, frames, factors, work, joint, still, given, row, out):
+    """March over the instants of one chunk and write the samples that are asked for.
+
+    An instant is the end of a step; at the first, where it is to stand ``still``, accelerations are found for the state at hand,
+    and the march goes on from them, or ends there where such a start is sudden.  Where closures act, what is written are the
+    accelerations and multipliers of `planar.index1.settle`.
+
+    joint : (nodes, 3) q, q', q'' of all joints [m, rad, s] where the march begins, undeformed; (0, 3) where it goes on
+    given : (instants, joints, 3) q, q', q'' of the prescribed joints [m, rad, s]; row : (instants,) of the histories, -1 for none
+    Return status, instant reached, element or iterations, last relative increment [-].
+    """
+    count, size, order, acts = 0, 0.0, 0, any_acts(constraints)
+    if joint.shape[0] > 0:
+        begin(tree, elements, state, joint, frames, work)
+    for n in range(given.shape[0]):
+        moves = n > 0 or not still
+        scheme = c if moves else ACCELERATIONS
+        if n == 0 or (n == 1 and still):
+            vary_independent(tree, frames, scheme.cv, scheme.ca)
+        if moves:
+            start(c, state, order)
+        keep(constraints)
+        status, count, size = step_of(
+            tree, elements, constraints, scheme, state, given[n], frames, factors, work, SLOW, MANY
+        )
+        if status != CONVERGED and moves:  # where something has just let go, the past says little about what comes
+            start(c, state, 0)
+            return_to(constraints)
+            status, count, size = step_of(
+                tree, elements, constraints, c, state, given[n], frames, factors, work, 0.0, MOST_ITERATIONS
+            )
+        if status != CONVERGED:
+            return status, n, count, size
+        settles = not moves or (acts and row[n] >= 0)
+        if settles:
+            keep(constraints)
+            settle(tree, constraints, frames, work.residual)
+        if row[n] >= 0:
+            record(row[n], tree, elements, constraints, space, frames, work, out)
+            out.iterations[row[n]] = count
+        if not moves:  # the march goes on from what has been settled
+            for i in range(len(state.du)):
+                state.du[i] += constraints.line[i]
+            if begin_step(tree, elements, constraints, c, state, given[n], frames, factors, work):
+                return SUDDEN_START, n + 1, count, size
+            continue
+        if settles:
+            return_to(constraints)
+        order = advance(tree, c, state)
+    return CONVERGED, given.shape[0], count, size
+
+
+@jit_inner
+def begin(tree, elements, state, joint, frames, work):
+    """Begin undeformed: joint (nodes, 3) q, q', q'' of all joints [m, rad, s]; the elements feel nothing, not even rounding."""
+    stand(tree, state, joint, frames)
+    accept(state)
+    relax(elements, work.points)
+    for i in range(len(work.rates)):
+        work.rates[i] = 0.0

@@ -1,0 +1,314 @@
+"""Forward and backward pass over the tree in a plane: `kinematics.tree` and `assembly` with two positions and one angle.
+
+With p the place of child B in its parent's frame, S = S(theta_A), J (a, b) = (-b, a), r = S p:
+
+    x_B = x_A + r                                    theta_B = theta_A + q
+    v_B = v_A + w_A J r + S p'                       w_B = w_A + q'
+    a_B = a_A + al_A J r - w_A^2 r + 2 w_A J S p' + S p''
+
+A joint turns by +-q (revolute) or slides, p = p_0 + q d (prismatic).  A wrench (f, mu) at B acts on A as (f, mu + r x f).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.dynamics.dofs import FRICTION_RATE
+from flexinv.kernels.jit import jit_inner
+from flexinv.kernels.simd import cos_sin
+from flexinv.typing import Array
+
+
+class PlanarTree(NamedTuple):
+    """Nodes, blocks and joints of a mechanism in a plane (as `dofs.Topology`).
+
+    parent, block : (nodes,); independent : (nodes,) bool; size, offset : (blocks,); scale : (unknowns,) [m] or 1
+    given : (nodes,) column of the prescribed joint coordinate, -1 without; column : (nodes,) of the passive one in its block
+    turn : (nodes,) +-1 of revolute joints, 0 else; slide : (nodes, 2) direction of prismatic ones in the parent's frame
+    offset_p : (nodes, 2) p_0 [m]; shifted : (nodes,) whether p may differ from zero
+    mass, inertia : (nodes,) [kg], [kg m^2] about the normal; gravity : (2,) [m/s^2]
+    rotor, damping, friction : (nodes,) of the passive joint
+    """
+
+    parent: NDArray[np.int64]
+    block: NDArray[np.int64]
+    independent: NDArray[np.bool_]
+    size: NDArray[np.int64]
+    offset: NDArray[np.int64]
+    scale: Array
+    given: NDArray[np.int64]
+    column: NDArray[np.int64]
+    turn: Array
+    slide: Array
+    offset_p: Array
+    shifted: NDArray[np.bool_]
+    mass: Array
+    inertia: Array
+    gravity: Array
+    rotor: Array
+    damping: Array
+    friction: Array
+
+
+class PlanarState(NamedTuple):
+    """Unknowns of a step as in `assembly.State`; start : (nodes, 3) pose of independent nodes, coordinate of passive joints.
+
+    trend : (unknowns,) change of the auxiliary acceleration in the last step [m/s^2], [rad/s^2]
+    """
+
+    start: Array
+    d: Array
+    u: Array
+    du: Array
+    pseudo: Array
+    trend: Array
+    bend: Array
+    u0: Array
+    du0: Array
+
+
+class PlanarFrames(NamedTuple):
+    """Poses, velocities, accelerations (nodes, 3) of all nodes, x, y, theta [m, rad, s], and their variations.
+
+    joint : (nodes, 3) q, q', q''; arm : (nodes, 4) r and S d of dependent nodes [m], [-]
+    by_pose, by_rate, by_acceleration : (nodes, columns, 3) by the block's unknowns
+    wrench : (nodes, 3) [N], [N m]; dwrench : (nodes, columns, 3)
+    """
+
+    pose: Array
+    rate: Array
+    acceleration: Array
+    joint: Array
+    arm: Array
+    by_pose: Array
+    by_rate: Array
+    by_acceleration: Array
+    wrench: Array
+    dwrench: Array
+
+
+@jit_inner
+def place(tree, state, given, frames):
+    """Set the motion of all nodes from the unknowns and the prescribed coordinates (joints, 3) q, q', q'' [m, rad, s]."""
+    for n in range(len(tree.parent)):
+        o, own = tree.offset[tree.block[n]], tree.column[n]
+        if tree.independent[n]:
+            for i in range(3):
+                frames.pose[n, i] = state.start[n, i] + state.d[o + i]
+                frames.rate[n, i], frames.acceleration[n, i] = state.u[o + i], state.du[o + i]
+            continue
+        if tree.given[n] >= 0:
+            for i in range(3):
+                frames.joint[n, i] = given[tree.given[n], i]
+        elif own >= 0:
+            frames.joint[n, 0], frames.joint[n, 1], frames.joint[n, 2] = (
+                state.start[n, 0] + state.d[o + own],
+                state.u[o + own],
+                state.du[o + own],
+            )
+        _carry(n, tree, frames)
+
+
+@jit_inner
+def _put(a, x, y, turned):
+    a[0], a[1], a[2] = x, y, turned
+
+
+@jit_inner
+def _carry(n, tree, frames):
+    """Motion of a dependent node from its parent's, the equations at the head of the file."""
+    m, turn, d1, d2 = tree.parent[n], tree.turn[n], tree.slide[n, 0], tree.slide[n, 1]
+    q, dq, ddq = frames.joint[n, 0], frames.joint[n, 1], frames.joint[n, 2]
+    p1, p2 = tree.offset_p[n, 0] + q * d1, tree.offset_p[n, 1] + q * d2
+    if m < 0:
+        frames.arm[n, 0], frames.arm[n, 1], frames.arm[n, 2], frames.arm[n, 3] = p1, p2, d1, d2
+        _put(frames.pose[n], p1, p2, turn * q)
+        _put(frames.rate[n], dq * d1, dq * d2, turn * dq)
+        _put(frames.acceleration[n], ddq * d1, ddq * d2, turn * ddq)
+        return
+    r1, r2, e1, e2 = 0.0, 0.0, 0.0, 0.0
+    if tree.shifted[n]:
+        c, s = cos_sin(frames.pose[m, 2])
+        r1, r2, e1, e2 = c * p1 - s * p2, s * p1 + c * p2, c * d1 - s * d2, s * d1 + c * d2
+    frames.arm[n, 0], frames.arm[n, 1], frames.arm[n, 2], frames.arm[n, 3] = r1, r2, e1, e2
+    x, v, a, w, al = (
+        frames.pose[m],
+        frames.rate[m],
+        frames.acceleration[m],
+        frames.rate[m, 2],
+        frames.acceleration[m, 2],
+    )
+    _put(frames.pose[n], x[0] + r1, x[1] + r2, x[2] + turn * q)
+    _put(frames.rate[n], v[0] - w * r2 + dq * e1, v[1] + w * r1 + dq * e2, w + turn * dq)
+    a1 = a[0] - al * r2 - w * w * r1 - 2 * w * dq * e2 + ddq * e1
+    a2 = a[1] + al * r1 - w * w * r2 + 2 * w * dq * e1 + ddq * e2
+    _put(frames.acceleration[n], a1, a2, al + turn * ddq)
+
+
+@jit_inner
+def stand(tree, state, joint, frames):
+    """Set the unknowns to the rigid motion of the stress-free mechanism whose joints (nodes, 3) are at q, q', q'' [m, rad, s]."""
+    for n in range(len(tree.parent)):
+        o, own = tree.offset[tree.block[n]], tree.column[n]
+        for i in range(3):
+            frames.joint[n, i] = joint[n, i]
+        _carry(n, tree, frames)
+        if tree.independent[n]:
+            for i in range(3):
+                state.start[n, i], state.u[o + i], state.du[o + i] = (
+                    frames.pose[n, i],
+                    frames.rate[n, i],
+                    frames.acceleration[n, i],
+                )
+        elif own >= 0:
+            state.start[n, 0], state.u[o + own], state.du[o + own] = joint[n, 0], joint[n, 1], joint[n, 2]
+
+
+@jit_inner
+def accept(state):
+    """Let the next step start from the present velocities [m/s] and accelerations [m/s^2], without a past."""
+    for k in range(len(state.d)):
+        state.u0[k], state.du0[k], state.pseudo[k] = state.u[k], state.du[k], state.du[k]
+        state.d[k], state.trend[k], state.bend[k] = 0.0, 0.0, 0.0
+
+
+@jit_inner
+def vary_independent(tree, frames, cv, ca):
+    """Set how independent nodes move with their own unknowns [m, rad, s], once and for all: dv = cv dx, da = ca dx."""
+    for n in range(len(tree.parent)):
+        if tree.independent[n]:
+            for k in range(tree.size[tree.block[n]]):
+                for i in range(3):
+                    own = 1.0 if k == i else 0.0
+                    frames.by_pose[n, k, i], frames.by_rate[n, k, i], frames.by_acceleration[n, k, i] = (
+                        own,
+                        cv * own,
+                        ca * own,
+                    )
+
+
+@jit_inner
+def vary(tree, frames, cv, ca):
+    """Set how dependent nodes move with the unknowns of their blocks [m, rad, s]."""
+    for n in range(len(tree.parent)):
+        m, columns = tree.parent[n], tree.size[tree.block[n]]
+        for k in range(0 if tree.independent[n] else columns):
+            for i in range(3):
+                frames.by_pose[n, k, i] = frames.by_pose[m, k, i] if m >= 0 else 0.0
+                frames.by_rate[n, k, i] = frames.by_rate[m, k, i] if m >= 0 else 0.0
+                frames.by_acceleration[n, k, i] = frames.by_acceleration[m, k, i] if m >= 0 else 0.0
+            _carry_variation(n, k, tree, frames, cv, ca)
+
+
+@jit_inner
+def vary_poses(tree, frames):
+    """Set how the poses of dependent nodes move with the unknowns of their blocks [m], [rad]: the first part of `vary`."""
+    for n in range(len(tree.parent)):
+        m = tree.parent[n]
+        for k in range(0 if tree.independent[n] else tree.size[tree.block[n]]):
+            x, y, turned = _get(frames.by_pose[m, k]) if m >= 0 else (0.0, 0.0, 0.0)
+            own = 1.0 if k == tree.column[n] else 0.0
+            x, y = (
+                x + own * frames.arm[n, 2] - turned * frames.arm[n, 1],
+                y + own * frames.arm[n, 3] + turned * frames.arm[n, 0],
+            )
+            _put(frames.by_pose[n, k], x, y, turned + own * tree.turn[n])
+
+
+@jit_inner
+def _carry_variation(n, k, tree, frames, cv, ca):
+    """Add to the variation of node n, on entry its parent's, the differential of `_carry` by unknown k."""
+    m, own = tree.parent[n], 1.0 if k == tree.column[n] else 0.0
+    w, al = (frames.rate[m, 2], frames.acceleration[m, 2]) if m >= 0 else (0.0, 0.0)
+    turned, dw, dal = frames.by_pose[n, k, 2], frames.by_rate[n, k, 2], frames.by_acceleration[n, k, 2]
+    r1, r2, e1, e2 = frames.arm[n, 0], frames.arm[n, 1], frames.arm[n, 2], frames.arm[n, 3]
+    dq, ddq = frames.joint[n, 1], frames.joint[n, 2]
+    dr1, dr2 = own * e1 - turned * r2, own * e2 + turned * r1
+    s1, s2 = cv * own * e1 - turned * dq * e2, cv * own * e2 + turned * dq * e1  # d(S p')
+    z1, z2 = ca * own * e1 - turned * ddq * e2, ca * own * e2 + turned * ddq * e1  # d(S p'')
+    x, v, a, turn = frames.by_pose[n, k], frames.by_rate[n, k], frames.by_acceleration[n, k], own * tree.turn[n]
+    _put(x, x[0] + dr1, x[1] + dr2, turned + turn)
+    _put(v, v[0] - dw * r2 - w * dr2 + s1, v[1] + dw * r1 + w * dr1 + s2, dw + cv * turn)
+    spin, dspin = w * w, 2 * w * dw
+    a1 = a[0] - dal * r2 - al * dr2 - dspin * r1 - spin * dr1 - 2 * (dw * dq * e2 + w * s2) + z1
+    a2 = a[1] + dal * r1 + al * dr1 - dspin * r2 - spin * dr2 + 2 * (dw * dq * e1 + w * s1) + z2
+    _put(a, a1, a2, dal + ca * turn)
+
+
+@jit_inner
+def node_wrenches(tree, frames):
+    """Set every node's own wrench P = m (a - g) [N], Q = J al [N m]."""
+    for n in range(len(tree.parent)):
+        m, a = tree.mass[n], frames.acceleration[n]
+        _put(frames.wrench[n], m * (a[0] - tree.gravity[0]), m * (a[1] - tree.gravity[1]), tree.inertia[n] * a[2])
+
+
+@jit_inner
+def node_wrench_variations(tree, frames):
+    """Set how every node's own wrench varies with the unknowns of its block [N], [N m]."""
+    for n in range(len(tree.parent)):
+        m, j = tree.mass[n], tree.inertia[n]
+        for k in range(tree.size[tree.block[n]]):
+            a = frames.by_acceleration[n, k]
+            _put(frames.dwrench[n, k], m * a[0], m * a[1], j * a[2])
+
+
+@jit_inner
+def gather(tree, state, frames, residual):
+    """Bring wrenches of dependent nodes back to their blocks: residual (unknowns,) [N], [N m]."""
+    for n in range(len(tree.parent) - 1, -1, -1):
+        m, o, own = tree.parent[n], tree.offset[tree.block[n]], tree.column[n]
+        f1, f2, mu = _get(frames.wrench[n])
+        if tree.independent[n]:
+            residual[o], residual[o + 1], residual[o + 2] = f1, f2, mu
+            continue
+        if own >= 0:
+            u, du = state.u[o + own], state.du[o + own]
+            drive = tree.rotor[n] * du + tree.damping[n] * u + tree.friction[n] * np.tanh(u / FRICTION_RATE)
+            residual[o + own] = frames.arm[n, 2] * f1 + frames.arm[n, 3] * f2 + tree.turn[n] * mu + drive
+        if m >= 0:
+            frames.wrench[m, 0] += f1
+            frames.wrench[m, 1] += f2
+            frames.wrench[m, 2] += mu + frames.arm[n, 0] * f2 - frames.arm[n, 1] * f1
+
+
+@jit_inner
+def _get(a):
+    return a[0], a[1], a[2]
+
+
+@jit_inner
+def gather_variations(tree, state, frames, diagonal, cv, ca):
+    """Bring variations of wrenches back: diagonal blocks of the linearisation [N/m], [N], [N m].
+
+    diagonal : (blocks, columns, columns); `gather` came before
+    """
+    for n in range(len(tree.parent) - 1, -1, -1):
+        m, b, own, columns = tree.parent[n], tree.block[n], tree.column[n], tree.size[tree.block[n]]
+        f1, f2, _ = _get(frames.wrench[n])
+        r1, r2, e1, e2 = frames.arm[n, 0], frames.arm[n, 1], frames.arm[n, 2], frames.arm[n, 3]
+        for k in range(columns):
+            df1, df2, dmu = _get(frames.dwrench[n, k])
+            if tree.independent[n]:
+                diagonal[b, 0, k], diagonal[b, 1, k], diagonal[b, 2, k] = df1, df2, dmu
+                continue
+            turned = frames.by_pose[m, k, 2] if m >= 0 else 0.0
+            along = 1.0 if k == own else 0.0
+            if own >= 0:
+                slope = e1 * df1 + e2 * df2 + turned * (e1 * f2 - e2 * f1) + tree.turn[n] * dmu
+                diagonal[b, own, k] = slope + along * _drive_slope(n, own, tree, state, cv, ca)
+            if m >= 0:
+                dr1, dr2 = along * e1 - turned * r2, along * e2 + turned * r1
+                frames.dwrench[m, k, 0] += df1
+                frames.dwrench[m, k, 1] += df2
+                frames.dwrench[m, k, 2] += dmu + r1 * df2 - r2 * df1 + dr1 * f2 - dr2 * f1
+
+
+@jit_inner
+def _drive_slope(n, own, tree, state, cv, ca):
+    """Derivative of a passive joint's own rotor, damping and friction efforts by its coordinate."""
+    soft = np.tanh(state.u[tree.offset[tree.block[n]] + own] / FRICTION_RATE)
+    return ca * tree.rotor[n] + cv * (tree.damping[n] + tree.friction[n] * (1.0 - soft * soft) / FRICTION_RATE)

@@ -1,0 +1,326 @@
+"""Linear solve on the tree in a plane, in two parts so that a linearisation can be kept: factors, and solutions with them.
+
+As in `dynamics.tree_solver`, the unknowns of an element's own blocks are condensed onto its first block, leaf elements
+first.  With S the
+own linearisation and B how it varies with the first block's unknowns y_1 (B^T the other way round: the energy is the same),
+
+    own unknowns = -S^-1 (r + B y_1),     D_1 <- D_1 - B^T S^-1 B,     r_1 <- r_1 - B^T S^-1 r
+
+S^-1 is kept, transposed, and so are B and S^-1 B: products run along rows.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.elements.planar_beam import pair_stiffness
+from flexinv.kernels.jit import jit_inner
+from flexinv.kernels.vec3 import (
+    add_to,
+    apply,
+    cross,
+    dot,
+    madd,
+    mat,
+    msub,
+    mul,
+    put,
+    put_block,
+    scale,
+    tapply,
+    transpose,
+    vec_at,
+)
+from flexinv.typing import Array
+
+NONE = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+class PlanarFactors(NamedTuple):
+    """The linearisation of a planar mechanism on its tree, eliminated.
+
+    rows : (elements,) number of own unknowns; row : (elements, count, columns) where those of each node stand among them
+    own : (elements, rows) number of the unknown
+    inverse : (elements, rows, wide) S^-T; to_root : (elements, 3, rows) own rows by the root's pose; b, x : (elements, columns,
+        rows) B^T and (S^-1 B)^T; root : (columns, wide) the same of block 0
+    diagonal : (blocks, columns, columns); line (2, wide), found (elements, wide) : scratch
+    """
+
+    rows: NDArray[np.int64]
+    row: NDArray[np.int64]
+    own: NDArray[np.int64]
+    inverse: Array
+    to_root: Array
+    b: Array
+    x: Array
+    root: Array
+    diagonal: Array
+    line: Array
+    found: Array
+
+
+@jit_inner
+def invert(a, size, line):
+    """Replace a[:size, :size] by its inverse [any unit]: Gauss-Jordan by three rows at a time, what is left by single ones.
+
+    A vanishing pivot leaves infinities, which the caller's test finds.  line : (2, size) scratch
+    """
+    threes = size - size % 3
+    for k in range(0, threes, 3):
+        _sweep_three(a, k, size)
+    for k in range(threes, size):
+        _sweep(a, k, size, line[0], line[1])
+
+
+@jit_inner
+def _sweep_three(a, k, size):
+    """One step of Gauss-Jordan with the pivot rows k, k + 1, k + 2."""
+    one, two, three = a[k], a[k + 1], a[k + 2]
+    p, q, r = transpose(inverse_transposed((vec_at(one, k), vec_at(two, k), vec_at(three, k))))
+    put(one, k, (1.0, 0.0, 0.0))
+    put(two, k, (0.0, 1.0, 0.0))
+    put(three, k, (0.0, 0.0, 1.0))
+    for c in range(size):
+        x, y, z = one[c], two[c], three[c]
+        one[c] = p[0] * x + p[1] * y + p[2] * z
+        two[c] = q[0] * x + q[1] * y + q[2] * z
+        three[c] = r[0] * x + r[1] * y + r[2] * z
+    for i in range(size):
+        if i < k or i > k + 2:
+            factors = vec_at(a[i], k)
+            put(a[i], k, (0.0, 0.0, 0.0))
+            _subtract_three(a[i], factors, one, two, three, size)
+
+
+@jit_inner
+def _subtract_three(row, factors, one, two, three, size):
+    for c in range(size):
+        row[c] -= factors[0] * one[c] + factors[1] * two[c] + factors[2] * three[c]
+
+
+@jit_inner
+def _sweep(a, k, size, row, column):
+    """One step of Gauss-Jordan with the pivot row k; rows of ``a`` are contiguous."""
+    pivot = 1.0 / a[k, k]
+    for i in range(size):
+        column[i] = a[i, k]
+        a[i, k] = 0.0
+    a[k, k], column[k] = 1.0, 0.0
+    for c in range(size):
+        row[c] = pivot * a[k, c]
+        a[k, c] = row[c]
+    for i in range(size):
+        _subtract(a[i], column[i], row, size)
+
+
+@jit_inner
+def _subtract(a, factor, b, size):
+    for c in range(size):
+        a[c] -= factor * b[c]
+
+
+@jit_inner
+def put_stiffness(tree, elements, p, frames, factors):
+    """Put the stiffness of all elements into their own linearisations, and what their roots feel into dwrench [N], [N m]."""
+    for k in range(len(elements.order)):
+        order, root, own = elements.order[k], elements.nodes[k, 0], factors.inverse[k]
+        columns = tree.size[tree.block[root]]
+        for r in range(3 * order, factors.rows[k]):
+            for c in range(factors.rows[k]):
+                own[r, c], own[c, r] = 0.0, 0.0
+        for i in range(order):
+            if columns > 0:
+                _put_root(factors.to_root[k], order, i, pair_stiffness(k, i + 1, 0, elements, p))
+            for j in range(i + 1):
+                _put_pair(own, order, i, j, pair_stiffness(k, i + 1, j + 1, elements, p))
+        of_root = pair_stiffness(k, 0, 0, elements, p) if columns > 0 else NONE
+        for c in range(columns):
+            add_to(frames.dwrench[root, c], 0, apply(of_root, vec_at(frames.by_pose[root, c], 0)))
+
+
+@jit_inner
+def _put_root(to_root, order, i, stiffness):
+    """Write how the forces on node i vary with the root's pose, all x first, then y, then theta."""
+    for a in range(3):
+        put_column(to_root, a * order + i, stiffness[a])
+
+
+@jit_inner
+def put_column(m, c, v):
+    """Write v into column c of m (3, columns) [any unit]."""
+    m[0, c], m[1, c], m[2, c] = v
+
+
+@jit_inner
+def _put_pair(own, order, i, j, stiffness):
+    """Write a pair of nodes into the matrix of an element, all x first, then y, then theta; the energy's is symmetric."""
+    (xx, xy, xt), (yx, yy, yt), (tx, ty, tt) = stiffness
+    y, theta = order, 2 * order
+    own[i, j], own[i, y + j], own[i, theta + j] = xx, xy, xt
+    own[y + i, j], own[y + i, y + j], own[y + i, theta + j] = yx, yy, yt
+    own[theta + i, j], own[theta + i, y + j], own[theta + i, theta + j] = tx, ty, tt
+    own[j, i], own[y + j, i], own[theta + j, i] = xx, xy, xt
+    own[j, y + i], own[y + j, y + i], own[theta + j, y + i] = yx, yy, yt
+    own[j, theta + i], own[y + j, theta + i], own[theta + j, theta + i] = tx, ty, tt
+
+
+@jit_inner
+def factorise(tree, elements, frames, factors):
+    """Eliminate the linearisation, whose diagonal blocks stand in factors.diagonal [N/m], [N], [N m]."""
+    for k in range(len(elements.order) - 1, -1, -1):
+        if _is_small(k, tree, elements, factors):
+            _condense_small(k, tree, elements, frames, factors)
+        else:
+            _condense(k, tree, elements, frames, factors)
+    roots = tree.size[0]
+    for r in range(roots):
+        for c in range(roots):
+            factors.root[c, r] = factors.diagonal[0, r, c]
+    invert(factors.root, roots, factors.line)
+
+
+@jit_inner
+def _is_small(k, tree, elements, factors):
+    """Return True if an element has three own unknowns and hangs on three: matrices that stay in registers."""
+    return factors.rows[k] == 3 and tree.size[tree.block[elements.nodes[k, 0]]] == 3
+
+
+@jit_inner
+def _condense_small(k, tree, elements, frames, factors):
+    """`_condense` of a small element."""
+    root = elements.nodes[k, 0]
+    own, first = factors.diagonal[tree.block[elements.nodes[k, 1]]], factors.diagonal[tree.block[root]]
+    inverse = inverse_transposed(madd(mat(factors.inverse[k]), mat(own)))
+    b = mul(mat(frames.by_pose[root]), mat(factors.to_root[k]))
+    x = mul(b, inverse)
+    put_block(factors.inverse[k], 0, 0, inverse)
+    put_block(factors.b[k], 0, 0, b)
+    put_block(factors.x[k], 0, 0, x)
+    put_block(first, 0, 0, msub(mat(first), mul(b, transpose(x))))
+
+
+@jit_inner
+def inverse_transposed(m):
+    """Return the transposed inverse of a (3, 3) matrix [any unit]: its cofactors over its determinant."""
+    x, y, z = cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])
+    over = 1.0 / dot(m[0], x)
+    return scale(over, x), scale(over, y), scale(over, z)
+
+
+@jit_inner
+def _condense(k, tree, elements, frames, factors):
+    """Condense element k onto its first block."""
+    nodes, rows, inverse, b, x = elements.nodes[k], factors.rows[k], factors.inverse[k], factors.b[k], factors.x[k]
+    root, first = nodes[0], tree.block[nodes[0]]
+    columns = tree.size[first]
+    for i in range(1, elements.order[k] + 1):
+        block, place = tree.block[nodes[i]], factors.row[k, i]
+        for r in range(tree.size[block]):
+            for c in range(tree.size[block]):
+                inverse[place[c], place[r]] += factors.diagonal[block, r, c]
+    invert(inverse, rows, factors.line)
+    for c in range(columns):
+        v1, v2, v3 = frames.by_pose[root, c, 0], frames.by_pose[root, c, 1], frames.by_pose[root, c, 2]
+        for r in range(rows):
+            b[c, r] = factors.to_root[k, 0, r] * v1 + factors.to_root[k, 1, r] * v2 + factors.to_root[k, 2, r] * v3
+        _transposed_product(inverse, b[c], x[c], rows)  # behind its rows b is zero
+    for c in range(columns):
+        for d in range(columns):
+            factors.diagonal[first, d, c] -= _dot(b[d], x[c], rows)
+
+
+# Rows of a matrix that a product takes at a time: sums wait for each other a quarter as often.
+FOUR = 4
+
+
+@jit_inner
+def _transposed_product(a, v, out, size):
+    """out = a^T v; behind ``size`` rows of ``a`` and numbers of v and out are there, up to a multiple of FOUR, v and out zero."""
+    for r in range(size):
+        out[r] = 0.0
+    for c in range(0, size, FOUR):
+        p, q, s, t = v[c], v[c + 1], v[c + 2], v[c + 3]
+        for r in range(size):
+            out[r] += (p * a[c, r] + q * a[c + 1, r]) + (s * a[c + 2, r] + t * a[c + 3, r])
+    for r in range(size, -(-size // FOUR) * FOUR):
+        out[r] = 0.0
+
+
+@jit_inner
+def _few_rows(a, v, out, size):
+    """The same where most of v is zero: closures are felt at their nodes only."""
+    for r in range(-(-size // FOUR) * FOUR):
+        out[r] = 0.0
+    for c in range(size):
+        if v[c] != 0.0:
+            _subtract(out, -v[c], a[c], size)
+
+
+@jit_inner
+def _dot(a, b, size):
+    """a . b, with zeros behind ``size`` up to a multiple of FOUR."""
+    p, q, s, t = 0.0, 0.0, 0.0, 0.0
+    for r in range(0, size, FOUR):
+        p += a[r] * b[r]
+        q += a[r + 1] * b[r + 1]
+        s += a[r + 2] * b[r + 2]
+        t += a[r + 3] * b[r + 3]
+    return (p + q) + (s + t)
+
+
+@jit_inner
+def solve(tree, elements, factors, residual, y, few):
+    """Solve linearisation y = -residual with the factors at hand; y (unknowns,) [m], [rad].  Overwrites residual.
+
+    few : whether most of the residual is zero
+    """
+    for k in range(len(elements.order) - 1, -1, -1):
+        first = tree.offset[tree.block[elements.nodes[k, 0]]]
+        if _is_small(k, tree, elements, factors):
+            own = tapply(mat(factors.inverse[k]), vec_at(residual, factors.own[k, 0]))
+            put(y, factors.own[k, 0], scale(-1.0, own))
+            add_to(residual, first, scale(-1.0, apply(mat(factors.b[k]), own)))
+        else:
+            _solve_own(k, tree, elements, factors, residual, factors.found[k], first, few)
+    _fill(residual, tree.size[0], factors.line[0])
+    _transposed_product(factors.root, factors.line[0], factors.line[1], tree.size[0])
+    for r in range(tree.size[0]):
+        y[r] = -factors.line[1, r]
+    for k in range(len(elements.order)):
+        first = tree.offset[tree.block[elements.nodes[k, 0]]]
+        if _is_small(k, tree, elements, factors):
+            add_to(y, factors.own[k, 0], scale(-1.0, tapply(mat(factors.x[k]), vec_at(y, first))))
+        else:
+            found = factors.found[k]
+            for c in range(tree.size[tree.block[elements.nodes[k, 0]]]):
+                _subtract(found, -y[first + c], factors.x[k, c], factors.rows[k])
+            for r in range(factors.rows[k]):
+                y[factors.own[k, r]] = -found[r]
+
+
+@jit_inner
+def _fill(v, size, line):
+    """Copy ``size`` numbers of v, and zeros behind them up to a multiple of FOUR."""
+    for r in range(size):
+        line[r] = v[r]
+    for r in range(size, -(-size // FOUR) * FOUR):
+        line[r] = 0.0
+
+
+@jit_inner
+def _solve_own(k, tree, elements, factors, residual, found, first, few):
+    """S^-1 r of an element, and what its own unknowns do to the residual of its first block while that stands still."""
+    rows, own, line = factors.rows[k], factors.own[k], factors.line[0]
+    for r in range(rows):
+        line[r] = residual[own[r]]
+    for r in range(rows, -(-rows // FOUR) * FOUR):
+        line[r] = 0.0
+    if few:
+        _few_rows(factors.inverse[k], line, found, rows)
+    else:
+        _transposed_product(factors.inverse[k], line, found, rows)
+    for c in range(tree.size[tree.block[elements.nodes[k, 0]]]):
+        residual[first + c] -= _dot(factors.b[k, c], found, rows)

@@ -1,0 +1,1 @@
+"""Torques of many samples: prepared functions, derivatives, regressors, and the threads that share the work."""

@@ -1,0 +1,136 @@
+"""Arguments of prepared functions: arrays of joint motion and of efforts, their shapes checked before a call.
+
+Numbers are looked at where the kernel has found something wrong in them (`check_finite`, `check_turns`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexinv.errors import InputError
+from flexinv.kernels.simd import ASTRAY
+from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
+from flexinv.validation import FLOATS, floats, of_kind, shown
+
+Order = Literal["samples", "coordinates"]
+LABELS = ("q", "qd", "qdd")
+
+
+def checked_states(mechanism: Mechanism, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> tuple[Array, Array, Array]:
+    """Return q (samples, nq), qd, qdd (samples, nv) [rad], [m], [1/s] of a rigid tree as floats, checked for `joint_torques`."""
+    _check_tree(of_kind("mechanism", mechanism, Mechanism))
+    given = checked_arrays(mechanism, (q, qd, qdd), "samples")
+    check_finite(given)
+    places, rates, accelerations = (np.ascontiguousarray(by_sample(a, "samples")) for a in given)
+    check_turns(mechanism, places)
+    return places, rates, accelerations
+
+
+def check_rigid(mechanism: Mechanism) -> None:
+    """Raise InputError for a mechanism with beams, or with closures that act for a while: no time is known here."""
+    if not mechanism.is_rigid:
+        names = ", ".join(link.name for link in mechanism.beams)
+        raise InputError(
+            f"joint_torques: mechanism '{mechanism.name}' has beam links ({names}), whose deformation depends on the "
+            "history of the motion; write flexinv.solve(mechanism, motion, step=...) instead"
+        )
+    switched = [c.name for c in mechanism.closures if c.active or c.capture]
+    if switched:
+        raise InputError(
+            f"joint_torques: mechanism '{mechanism.name}' has closures that act for a while ({', '.join(switched)}), and here no "
+            "time is known; write flexinv.solve(mechanism, motion, step=...) instead"
+        )
+
+
+def _check_tree(mechanism: Mechanism) -> None:
+    """Raise InputError for what `check_rigid` refuses, and for closed loops."""
+    check_rigid(mechanism)
+    if mechanism.closures:
+        names = ", ".join(c.name for c in mechanism.closures)
+        raise InputError(
+            f"mechanism '{mechanism.name}' has closures ({names}), through which its drives share the work; "
+            "write flexinv.solve(mechanism, motion, step=...) instead"
+        )
+
+
+def checked_arrays(mechanism: Mechanism, arrays: Sequence[ArrayLike], order: Order) -> list[Array]:
+    """Return q, qd and qdd [rad], [m], [1/s] as floats; arrays of floats are themselves.
+
+    order : "samples" for (samples, columns), "coordinates" for (columns, samples); a plain vector is one sample
+    Raises InputError: an order that there is not, a wrong number of columns, numbers of samples that differ.
+    """
+    if not isinstance(order, str) or order not in ("samples", "coordinates"):
+        raise InputError(f"joint_torques: order = {shown(order)}, expected 'samples' or 'coordinates'")
+    axis = 0 if order == "coordinates" else -1  # of the columns; -1 - axis is that of the samples
+    found = []
+    for label, width, given in zip(LABELS, (mechanism.nq, mechanism.nv, mechanism.nv), arrays, strict=True):
+        own = type(given) is np.ndarray and given.dtype is FLOATS
+        a: Array = given if own else floats(f"joint_torques: {label}", given)  # type: ignore[assignment]
+        if a.ndim not in (1, 2) or a.shape[axis] != width:
+            names = mechanism.coordinate_names if label == "q" else mechanism.velocity_names
+            shape = f"({width}, samples)" if order == "coordinates" else f"(samples, {width})"
+            raise InputError(
+                f"joint_torques: {label} has shape {a.shape}, mechanism '{mechanism.name}' needs {shape}: "
+                + ", ".join(names)
+            )
+        found.append(a)
+    counts = [a.shape[-1 - axis] if a.ndim == 2 else 1 for a in found]
+    if len(set(counts)) > 1:
+        raise InputError(f"joint_torques: q, qd, qdd have {counts} samples, expected the same number")
+    return found
+
+
+def output_array(out: Array | None, like: Array) -> Array:
+    """Return the array for efforts [N m], [N]: ``out``, or one in the shape and the memory order of the rates, ``like``.
+
+    Raises InputError: not float64, another shape than ``like``, not contiguous or not writeable.
+    """
+    if out is None:
+        return np.empty_like(like, subok=False)
+    if not isinstance(out, np.ndarray) or out.shape != like.shape or out.dtype != np.float64:
+        given = f"an array of {out.dtype}, shape {out.shape}" if isinstance(out, np.ndarray) else shown(out)
+        raise InputError(f"joint_torques: out is {given}, expected an array of float64, shape {like.shape}")
+    flags = out.flags
+    if not flags.writeable or not (flags.c_contiguous or flags.f_contiguous):
+        raise InputError("joint_torques: out cannot be written to in one piece, expected a contiguous, writeable array")
+    return out
+
+
+def by_sample(a: Array, order: Order) -> Array:
+    """Return a view (samples, columns) of an array [any unit] in either order, or of a plain vector."""
+    return a[None] if a.ndim == 1 else a.T if order == "coordinates" else a
+
+
+def check_finite(arrays: Sequence[Array]) -> None:
+    """Raise InputError at the first number [any unit] that is not finite; efforts that overflow are the caller's."""
+    for label, a in zip(LABELS, arrays, strict=True):
+        if not np.isfinite(a).all():
+            where = tuple(int(i) for i in np.argwhere(~np.isfinite(a))[0])
+            raise InputError(f"joint_torques: {label}{list(where)} is {a[where]}, expected a finite number")
+
+
+def check_turns(mechanism: Mechanism, q: Array) -> None:
+    """Raise InputError at the first quaternion of q (samples, nq) that is zero, or cosine and sine [-] that no angle has."""
+    for joint in mechanism.joints:
+        if joint.kind == "continuous":
+            own = q[:, mechanism.q_slices[joint.name]]
+            off = np.abs((own**2).sum(axis=1) - 1.0) > ASTRAY
+            if off.any():
+                sample = int(np.argmax(off))
+                raise InputError(
+                    f"joint_torques: q of joint '{joint.name}' at sample {sample} has cosine and sine {own[sample, 0]:g}, "
+                    f"{own[sample, 1]:g}, whose squares sum to {(own[sample] ** 2).sum():g}; expected those of its angle "
+                    "(neutral: 1, 0)"
+                )
+        if joint.kind in ("spherical", "free"):
+            none = ~q[:, mechanism.q_slices[joint.name]][:, -4:].any(axis=1)
+            if none.any():
+                raise InputError(
+                    f"joint_torques: q of joint '{joint.name}' at sample {int(np.argmax(none))} has the quaternion 0, 0, 0, 0; "
+                    "expected x, y, z, w of norm 1 (neutral: 0, 0, 0, 1)"
+                )

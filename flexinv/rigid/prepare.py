@@ -1,0 +1,328 @@
+"""A mechanism prepared for inverse dynamics: all that does not depend on the motion is computed once."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cache, lru_cache
+from threading import Lock, local
+from typing import Any
+
+import numpy as np
+from numba import types
+from numpy.typing import ArrayLike, NDArray
+
+from flexinv.constraints.closures import constraint_rows
+from flexinv.constraints.consistency import ACCELERATION, OPEN, RATE, GivenLoops
+from flexinv.inverse.applied_forces import applied_forces, check_constant
+from flexinv.inverse.inverse_dynamics import joint_wrenches, project
+from flexinv.kernels.affinity import processors
+from flexinv.kernels.atomics import COMPILED
+from flexinv.kernels.mailbox import CELLS
+from flexinv.kernels.simd import BLOCK
+from flexinv.kinematics.mesh import Mesh, build
+from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.model.mechanism import Mechanism
+from flexinv.rigid.blocks import CALL_CELLS, OVERLAP, attend, settle, torque_blocks
+from flexinv.rigid.joint_arrays import (
+    Order,
+    by_sample,
+    check_finite,
+    check_rigid,
+    check_turns,
+    checked_arrays,
+    output_array,
+)
+from flexinv.rigid.nodal_result import NodalResult, nodal_result
+from flexinv.rigid.worker_pool import HELPERS
+from flexinv.rnea.body_table import Bodies, bodies
+from flexinv.rnea.loop_layout import APPLIED
+from flexinv.rnea.loop_plan import NO_LOOPS, PLACES, anywhere, ends, planned
+from flexinv.rnea.loop_tables import LoopPlan
+from flexinv.typing import Array
+from flexinv.validation import flag, of_kind, whole
+
+THREADS = "1 or more, or None for one per processor"
+# Joints times samples that keep one thread busy for so long that help pays, of a helper that watches (which begins within
+# 1 us) and of one that sleeps (within 30 us).
+WORTH_HELP, WORTH_WAKING = 2_000, 16_000
+# Samples whose nodal motion is in memory at once, where springs and given forces act on nodes.
+NODAL_BLOCK = 512
+# Numbers in a line of the cache.
+_LINE = 8
+
+_ONE, _ONE_SAMPLE = np.uint64(1), np.ones((4, 2), dtype=np.uint64)
+_NOBODY = np.zeros((0, CELLS), dtype=np.uint64)
+_COMPILING = Lock()
+
+
+def _aligned(threads: int, size: int) -> Array:
+    """Zeros whose rows begin with a line of the cache: else every vector of eight numbers meets two of them."""
+    size += -size % _LINE
+    spare = np.zeros(threads * size + _LINE)
+    first = -spare.ctypes.data // spare.itemsize % _LINE
+    return spare[first : first + threads * size].reshape(threads, size)
+
+
+class _Own(local):
+    """Data of one thread: a work space for itself and for each helper, and a counter of blocks."""
+
+    def __init__(self, threads: int, size: int) -> None:
+        self.work, self.counter = _aligned(threads, size), np.zeros(CALL_CELLS + 1, dtype=np.uint64)
+
+    def cells(self, samples: int) -> NDArray[np.uint64]:
+        """The counter, with a cell for every block."""
+        if len(self.counter) < CALL_CELLS + samples // BLOCK + 1:
+            self.counter = np.zeros(CALL_CELLS + samples // BLOCK + 1, dtype=np.uint64)
+        return self.counter
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueFunction:
+    """The efforts of one rigid mechanism as a function of its motion, tau = L T P; made by `prepare`.
+
+    Calls from several threads do not disturb each other: each has a work space of its own.
+    passive : joint springs, damping and dry friction are part of the efforts; threads : most that work on one call [-]
+    loops : of the closures, where there are some; loaded : springs and given forces come first, to be shared out, too
+    """
+
+    mechanism: Mechanism
+    passive: bool
+    threads: int
+    mesh: Mesh = field(repr=False)
+    bodies: Bodies = field(repr=False)
+    _own: _Own = field(repr=False)
+    plan: LoopPlan = field(default=NO_LOOPS, repr=False)
+    loops: GivenLoops | None = field(default=None, repr=False)
+    loaded: bool = False
+
+    def torques(
+        self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, out: Array | None = None, order: Order = "samples"
+    ) -> Array:
+        """Return the effort of every joint coordinate [N m] or [N], see `joint_torques`.
+
+        q : (samples, nq) [rad], [m]; qd, qdd : (samples, nv); with order = "coordinates" (nq, samples), (nv, samples); one
+            sample may be a plain vector.  Arrays in either order of memory are read as they are, without a copy.
+            Of a mechanism with closures they are the consistent motion of all joints; its drives share the efforts, of least
+            (weighted) squares where they are redundant, and passive joints have none.
+        out : where the efforts go, in the shape of qd, contiguous in either order; returned.  What lies in the same memory is
+            copied before.
+        Raises InputError: wrong shape, value that is not finite, a motion that the closures do not allow (see `consistency`).
+        """
+        mails = self._mails(getattr(qdd, "size", 0))  # first of all: what follows takes as long as waking somebody
+        given = checked_arrays(self.mechanism, (q, qd, qdd), order)
+        tau = output_array(out, given[1])
+        if self.loaded and any(np.may_share_memory(a, tau) for a in given):
+            given = [a.copy() for a in given]
+        rows = [by_sample(a, order) for a in (*given, tau)]
+        if self.loaded:
+            check_finite(given)
+            check_turns(self.mechanism, rows[0])
+            tau.fill(0.0)
+            self._add_applied(rows[:3], rows[3])
+        flat, strides = zip(*(_flat(a) for a in rows), strict=True)
+        b, own, loops = self.bodies, self._own, (self.plan.plan, self.plan.fixed)
+        samples, work, counter = np.uint64(len(rows[0])), own.work, own.cells(len(rows[0]))
+        call = samples, work, counter, mails
+        try:
+            ended = torque_blocks(b.tree, b.numbers, b.columns, *loops, *flat, _table(strides), *call)
+            while not ended:
+                time.sleep(0)  # the system holds a helper up
+                ended = settle(*loops, *call)
+        except BaseException:  # Ctrl-C: a helper may still write where memory is about to be given back
+            while len(mails) and not settle(*loops, *call):
+                pass
+            raise
+        if counter[1]:
+            if counter[OVERLAP]:
+                q, qd, qdd = (a.copy() for a in given)
+                return self.torques(q, qd, qdd, out, order)
+            check_finite(given)
+            check_turns(self.mechanism, rows[0])
+        if not self.loaded:
+            self._add_applied(rows[:3], rows[3])
+        if self.loops is not None:
+            self._share(counter, rows)
+        return tau
+
+    def nodal(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, order: Order = "samples") -> NodalResult:
+        """Return motion [m, rad, s] and forces [N], [N m] of every node, the wrenches of the joints, and the efforts.
+
+        q, qd, qdd, order : as for `torques`, which is many times as fast and needs none of this memory, some 50 numbers for
+            every node and sample: many samples are best given in parts.
+        Raises InputError as `torques` does.
+        """
+        given = checked_arrays(self.mechanism, (q, qd, qdd), order)
+        check_finite(given)
+        check_turns(self.mechanism, by_sample(given[0], order))
+        places, rates, accelerations = (np.ascontiguousarray(by_sample(a, order)) for a in given)
+        return nodal_result(self.mesh, self.loops, self.passive, places, rates, accelerations)
+
+    def sample(self, q: Array, qd: Array, qdd: Array, out: Array) -> Array:
+        """Write the efforts of one sample into ``out`` (nv,) [N m] or [N] and return it: for a controller's cycle.
+
+        q : (nq,) [rad], [m]; qd, qdd : (nv,), contiguous arrays of floats; nothing is allocated.
+        Raises InputError as `torques` does.
+        """
+        b, m, own = self.bodies, self.mechanism, self._own
+        if self.loaded:
+            return self.torques(q, qd, qdd, out)
+        try:
+            if len(q) != m.nq or not len(qd) == len(qdd) == len(out) == m.nv:
+                checked_arrays(m, (q, qd, qdd), "samples")
+                output_array(out, np.asarray(qd))
+            torque_blocks(
+                b.tree, b.numbers, b.columns, self.plan.plan, self.plan.fixed, q, qd, qdd, out, _ONE_SAMPLE, _ONE,
+                own.work, own.counter, _NOBODY,
+            )  # fmt: skip
+        except TypeError:  # not contiguous, or not of floats, or no arrays
+            return self.torques(q, qd, qdd, out)
+        if own.counter[1]:
+            if own.counter[OVERLAP]:
+                return self.torques(q.copy(), qd.copy(), qdd.copy(), out)
+            check_finite((q, qd, qdd))
+            check_turns(m, q[None])
+        if m.springs or m.forces:
+            self._add_applied((q[None], qd[None], qdd[None]), out[None])
+        if self.loops is not None:
+            self._share(own.counter, (q[None], qd[None], qdd[None], out[None]))
+        return out
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Prepared anew where it is sent: to another process [-]."""
+        return prepare, (self.mechanism, self.passive, self.threads)
+
+    def _share(self, counter: NDArray[np.uint64], rows: Sequence[Array]) -> None:
+        """Share out what the kernel has left, and look at a motion that it finds in doubt."""
+        assert self.loops is not None
+        if not len(self.plan.sizes):
+            self.loops.share(*rows)
+            return
+        if counter[3]:
+            self.loops.check(*rows[:3])
+        if counter[2]:
+            blocks = CALL_CELLS + (len(rows[0]) + BLOCK - 1) // BLOCK
+            self.loops.share_some(np.repeat(counter[CALL_CELLS:blocks] > 0, BLOCK)[: len(rows[0])], *rows)
+
+    def _mails(self, size: int) -> NDArray[np.uint64]:
+        """Mails of those who help with a call of so many efforts."""
+        if self.threads == 1 or size < WORTH_HELP or not COMPILED:
+            return _NOBODY
+        compile_for_helpers()
+        return HELPERS.mails(self.threads - 1, size > WORTH_WAKING)
+
+    def _add_applied(self, motion: Sequence[Array], tau: Array) -> None:
+        """Subtract what springs between points and given forces do for the joints."""
+        m = self.mechanism
+        if not (m.springs or m.forces):
+            return
+        for start in range(0, len(tau), NODAL_BLOCK):
+            part = slice(start, start + NODAL_BLOCK)
+            nodes = rigid_motion(self.mesh, *(a[part] for a in motion))
+            loads = applied_forces(self.mesh, nodes, np.zeros(len(nodes.x)))
+            if loads is not None:
+                tau[part] -= project(self.mesh, nodes, joint_wrenches(self.mesh, nodes, loads))
+
+
+def prepare(mechanism: Mechanism, passive: bool = True, threads: int | None = None) -> TorqueFunction:
+    """Return the efforts of a rigid mechanism [N m], [N] as a function that is ready to be called in a loop.
+
+    passive : joint springs, damping and dry friction are part of what the actuator must give (``rnea`` leaves them out)
+    threads : most that work on one call [-], by default one for every processor; small batches are not shared out
+
+    A mechanism with closures takes the consistent motion of all its joints.
+    Raises InputError for a flexible mechanism, closures that act for a while, a force that depends on time (use `solve`).
+    """
+    try:
+        return _prepared(mechanism, passive, threads)
+    except TypeError:  # what cannot be looked up is none of these
+        _check_asked(mechanism, passive, threads)
+        raise
+
+
+def _check_asked(mechanism: Mechanism, passive: bool, threads: int | None) -> int:
+    """The number of threads."""
+    of_kind("mechanism", mechanism, Mechanism)
+    flag("passive", passive)
+    return processors() if threads is None else whole("threads", threads, 1, THREADS)
+
+
+@lru_cache(maxsize=64, typed=True)  # 2.0 is not 2, nor 1 True
+def _prepared(mechanism: Mechanism, passive: bool, threads: int | None) -> TorqueFunction:
+    most = _check_asked(mechanism, passive, threads)
+    check_rigid(mechanism)
+    check_constant(mechanism)
+    mesh = build(mechanism)
+    compile_for_arrays()
+    loops = GivenLoops.of(mesh, constraint_rows(mesh)) if mechanism.closures else None
+    table, plan = _loop_plan(mesh, passive)
+    own, loaded = _Own(most, max(table.size, plan.size)), bool(plan.plan[APPLIED])
+    return TorqueFunction(mechanism, passive, most, mesh, table, own, plan, loops, loaded)
+
+
+def _loop_plan(mesh: Mesh, passive: bool) -> tuple[Bodies, LoopPlan]:
+    """The bodies, and how the kernel shares efforts out."""
+    m, plain = mesh.mechanism, bodies(mesh, passive)
+    if not m.closures:
+        return plain, NO_LOOPS
+    rows = constraint_rows(mesh)
+
+    def run(bodies: Bodies, plan: LoopPlan) -> Array:
+        q, rest, work = anywhere(m, PLACES), np.zeros((3, PLACES * m.nv)), np.zeros((1, plan.size))
+        strides, counter = _table(((m.nq, 1), *[(m.nv, 1)] * 3)), np.zeros(CALL_CELLS + 1, dtype=np.uint64)
+        motion = q.ravel(), *rest[:3], strides, np.uint64(PLACES)
+        torque_blocks(
+            bodies.tree, bodies.numbers, bodies.columns, plan.plan, plan.fixed, *motion, work, counter, _NOBODY
+        )
+        own: Array = work[0]
+        return own
+
+    candidates = plain, bodies(mesh, passive, ends(mesh, rows))
+    return planned(mesh, candidates, rows, (OPEN, RATE, ACCELERATION), run) or (plain, NO_LOOPS)
+
+
+def _array(kind: types.Type, dimensions: int, readonly: bool = False) -> types.Array:
+    return types.Array(kind, dimensions, "C", readonly=readonly)
+
+
+_CELLS, _MAILS = _array(types.uint64, 1), _array(types.uint64, 2)
+
+
+def _compile(kernel: Any, *signature: types.Type) -> None:
+    """Compile a kernel for these arguments and no others; threads that come first at the same time wait for each other."""
+    with _COMPILING:
+        if COMPILED and not kernel.signatures:
+            kernel.compile(signature)
+            kernel.disable_compile()
+
+
+@cache
+def compile_for_arrays() -> None:
+    """Compile the kernel, once: arrays [any unit] are contiguous, and those that it only reads may be read-only."""
+    read, written = _array(types.float64, 1, readonly=True), _array(types.float64, 1)
+    tree, columns, strides = _MAILS, _CELLS, _MAILS
+    body, work = _array(types.float64, 2), _array(types.float64, 2)
+    loops = _CELLS, _array(types.float64, 1)
+    motion = read, read, read, written, strides, types.uint64
+    _compile(torque_blocks, tree, body, columns, *loops, *motion, work, _CELLS, _MAILS)
+
+
+@cache
+def compile_for_helpers() -> None:
+    """Compile what helpers do, once [-]."""
+    _compile(attend, _CELLS, types.int64)
+    _compile(settle, _CELLS, _array(types.float64, 1), types.uint64, _array(types.float64, 2), _CELLS, _MAILS)
+
+
+def _flat(a: Array) -> tuple[Array, tuple[int, int]]:
+    """The numbers of (samples, columns) as they stand in memory, and the strides of a sample and of a column in them."""
+    flags = a.flags
+    if flags.f_contiguous and not flags.c_contiguous:
+        return a.ravel("F"), (1, len(a))
+    return a.ravel(), (a.shape[1], 1)
+
+
+@lru_cache(maxsize=256)
+def _table(strides: tuple[tuple[int, int], ...]) -> NDArray[np.uint64]:
+    return np.array(strides, dtype=np.uint64)

@@ -1,0 +1,73 @@
+"""Torques of a rigid mechanism as a linear function of its inertial parameters, sample by sample (compiled).
+
+Every link has ten parameters about the origin of its frame, along its axes: m, h = m c, and I.  With a' = R^T (a - g),
+
+    F = m a' + al x h + w x (w x h)              M = h x a' + I al + w x (I w)
+
+is what must act on the link at its origin; each parameter's share of it goes down to every joint that carries the link.
+"""
+
+from __future__ import annotations
+
+from flexinv.kernels.jit import jit, jit_inner
+from flexinv.kernels.vec3 import add, apply, cross, dot, mat, sub, tapply, vec
+
+PARAMETERS = 10
+NONE = (0.0, 0.0, 0.0)
+UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+@jit_inner
+def _times_unit(k, v):
+    """E_k v of the inertia's parameter number k: xx, xy, yy, xz, yz, zz."""
+    x, y, z = v
+    if k == 0:
+        return x, 0.0, 0.0
+    if k == 1:
+        return y, x, 0.0
+    if k == 2:
+        return 0.0, y, 0.0
+    if k == 3:
+        return z, 0.0, x
+    if k == 4:
+        return 0.0, z, y
+    return 0.0, 0.0, z
+
+
+@jit_inner
+def _unit_wrench(k, a, w, al):
+    """F and M (own frame) of parameter number k alone, of unit size."""
+    if k == 0:
+        return a, NONE
+    if k <= 3:
+        h = UNIT[k - 1]
+        return add(cross(al, h), cross(w, cross(w, h))), cross(h, a)
+    return NONE, add(_times_unit(k - 4, al), cross(w, _times_unit(k - 4, w)))
+
+
+@jit
+def regressor_samples(parent, v_index, freedoms, slide, turn, link_node, gravity, x, r, w, a, al, out):
+    """Fill out (samples, nv, 10 links), d tau / d parameter [m^2/s^2], [m/s^2], [1/s^2]; of a sliding joint per metre less.
+
+    freedoms : (nodes,) of the node's joint; slide, turn : (nodes, 6, 3) their axes in the node's frame
+    link_node : (links,) node of each link's frame; x, r, w, a, al : nodal motion (samples, nodes, ...)
+    """
+    g = vec(gravity)
+    for s in range(x.shape[0]):
+        for link in range(len(link_node)):
+            n = link_node[link]
+            rn, xn, wn, aln = mat(r[s, n]), vec(x[s, n]), vec(w[s, n]), vec(al[s, n])
+            an = tapply(rn, sub(vec(a[s, n]), g))
+            for k in range(PARAMETERS):
+                own_force, own_moment = _unit_wrench(k, an, wn, aln)
+                force, moment = apply(rn, own_force), apply(rn, own_moment)
+                m = n
+                while m >= 0:
+                    if freedoms[m] > 0:
+                        rm = mat(r[s, m])
+                        here = tapply(rm, force)
+                        turning = tapply(rm, add(moment, cross(sub(xn, vec(x[s, m])), force)))
+                        for i in range(freedoms[m]):
+                            effort = dot(vec(slide[m, i]), here) + dot(vec(turn[m, i]), turning)
+                            out[s, v_index[m] + i, PARAMETERS * link + k] = effort
+                    m = parent[m]

@@ -1,0 +1,94 @@
+"""torque_derivatives: derivatives of the torques by q, qd and qdd (by inertial parameters: `torque_regressor`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexinv.errors import InputError
+from flexinv.kinematics.joint_motion import axes_of_nodes
+from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.tree import Frames
+from flexinv.model.mechanism import Mechanism
+from flexinv.rigid.derivative_kernel import Spatial, derivative_samples
+from flexinv.rigid.joint_arrays import checked_states
+from flexinv.rigid.prepare import TorqueFunction, prepare
+from flexinv.typing import Array
+from flexinv.validation import flag
+
+# Samples whose nodal motion is in memory at once.
+BLOCK = 512
+
+
+@dataclass(frozen=True)
+class TorqueDerivatives:
+    """Derivatives of the torques, (samples, nv, nv) [N m], [N] per unit of the second axis' coordinate.
+
+    q : by the place; where a coordinate is no number (quaternions, free joints) by the motion in its own frame, as qd is
+    qd : by the rate; qdd : by the acceleration: the joint-space mass matrix and rotors
+    """
+
+    q: Array
+    qd: Array
+    qdd: Array
+
+
+def torque_derivatives(
+    mechanism: Mechanism, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, passive: bool = True
+) -> TorqueDerivatives:
+    """Return d tau / dq, d tau / dqd, d tau / dqdd (samples, nv, nv) [N m], [N] per rad, m, and per second, of a rigid tree.
+
+    q : (samples, nq) [rad], [m]; qd, qdd : (samples, nv); one sample may be a plain vector
+    passive : joint springs and damping count (dry friction has no slope but at rest, where it has none at all)
+
+    Raises InputError for a flexible mechanism, closures, springs between points or given forces, wrong shapes.
+    Equals Pinocchio's ``computeRNEADerivatives`` to rounding; equations at the head of `derivative_kernel`.
+    """
+    states, passive = checked_states(mechanism, q, qd, qdd), flag("passive", passive)
+    for what in ("springs", "forces"):
+        if getattr(mechanism, what):
+            raise InputError(
+                f"torque_derivatives: mechanism '{mechanism.name}' has {what} between points or on links, whose derivative is "
+                "not given; take differences of flexinv.joint_torques"
+            )
+    f, samples = prepare(mechanism, passive), len(states[0])
+    out = TorqueDerivatives(*(np.zeros((samples, mechanism.nv, mechanism.nv)) for _ in range(3)))
+    for start in range(0, samples if mechanism.nv else 0, BLOCK):
+        part = slice(start, start + BLOCK)
+        m = rigid_motion(f.mesh, *(state[part] for state in states))
+        motion = Frames(m.x, m.rotation, m.v, m.omega, m.a, m.alpha)
+        derivative_samples(*_bodies(f), motion, _scratch(f), out.q[part], out.qd[part], out.qdd[part])
+    own = np.arange(mechanism.nv)
+    drives = [(j.stiffness, j.damping, j.rotor_inertia) for j in mechanism.joints for _ in range(j.nv)]
+    stiffness, damping, rotor = np.array(drives, dtype=float).reshape(-1, 3).T
+    out.qdd[:, own, own] += rotor
+    if passive:
+        out.q[:, own, own] += stiffness
+        out.qd[:, own, own] += damping
+    return out
+
+
+def _bodies(function: TorqueFunction) -> tuple[NDArray[Any], ...]:
+    """Parent, node, first coordinate, freedoms, axes, masses and gravity of the bodies, as the kernel takes them."""
+    mesh, b = function.mesh, function.bodies
+    freedoms, slide, turn = axes_of_nodes(mesh)
+    inertia, h = np.zeros((len(b.node), 3, 3)), np.zeros((len(b.node), 3))
+    for i, (r, row) in enumerate(zip(b.axes, b.numbers, strict=True)):
+        if i:
+            xx, yy, zz, xy, xz, yz = row[16:22]
+            second = r @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ r.T
+            inertia[i], h[i] = np.trace(second) * np.eye(3) - second, r @ row[13:16]
+    mass = np.where(np.arange(len(b.node)) > 0, b.numbers[:, 12], 0.0)
+    parent, at = b.tree[:, 1].astype(np.int64), np.maximum(b.node, 0)
+    gravity = np.array(mesh.mechanism.gravity, dtype=float)
+    first, count = mesh.v_index[at], freedoms[at]
+    return parent, b.node, first, count, slide[at], turn[at], mass, h, inertia, gravity
+
+
+def _scratch(function: TorqueFunction) -> Spatial:
+    nv, bodies = function.mechanism.nv, len(function.bodies.node)
+    shapes = [*4 * [(nv, 6)], *3 * [(bodies, 6)], (bodies,), (bodies, 3), (bodies, 3, 3), (bodies, 6, 6)]
+    return Spatial._make(np.zeros(shape) for shape in shapes)

@@ -1,0 +1,215 @@
+"""Inertial parameters of rigid mechanisms: the regressor Y with tau = Y pi, and the combinations that torques determine.
+
+The order of pi is: for every link of the mechanism, in the order of ``mechanism.links``, about the origin of its link frame,
+
+    m, h_x, h_y, h_z, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz          (h = m c; Pinocchio's order)
+
+and with ``drives`` for every joint that moves: rotor_inertia, damping, friction, and where its coordinate is one number
+stiffness and stiffness times rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import qr, solve_triangular
+
+from flexinv.errors import InputError
+from flexinv.kinematics.joint_motion import axes_of_nodes
+from flexinv.kinematics.mesh import build
+from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.model.mechanism import Joint, Link, Mechanism
+from flexinv.rigid.joint_arrays import checked_states
+from flexinv.rigid.regressor_kernel import PARAMETERS, regressor_samples
+from flexinv.typing import Array
+from flexinv.validation import flag, of_kind, whole
+
+INERTIAL = ("m", "hx", "hy", "hz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+INERTIAL_UNITS = ("kg", *3 * ("kg m",), *6 * ("kg m^2",))
+# A column that is this part of the others' span short of independence is dependent: rounding leaves 1e-15 of it.
+DEPENDENT = 1e-9
+# Coefficients of dependent parameters below this are rounding, not printed.
+NOTHING = 1e-9
+
+
+@dataclass(frozen=True)
+class Regressor:
+    """tau = matrix @ values of a rigid mechanism.
+
+    matrix : (samples, nv, parameters), torque per unit of each parameter; names, units : (parameters,)
+    values : (parameters,) what they are in the mechanism
+    """
+
+    matrix: Array
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Array
+
+    def stacked(self) -> Array:
+        """Return the matrix (samples nv, parameters) [any unit] for least squares against ``torque.ravel()``."""
+        return self.matrix.reshape(-1, len(self.names))
+
+
+@dataclass(frozen=True)
+class BaseParameters:
+    """The combinations of parameters that a regressor can tell: Y pi = Y[:, columns] @ (combination @ pi).
+
+    columns : (base,) parameters that stand for the combinations; combination : (base, parameters) [any unit]
+    names : (parameters,) of all; values : (base,) of the combinations in the mechanism
+    unseen : names of parameters that no torque shows
+    """
+
+    columns: NDArray[np.int64]
+    combination: Array
+    names: tuple[str, ...]
+    values: Array
+    unseen: tuple[str, ...]
+
+    @property
+    def expressions(self) -> tuple[str, ...]:
+        """(base,) the combinations in words: "arm.Izz + 0.25 hand.m" [-]."""
+        return tuple(self._expression(row) for row in self.combination)
+
+    def _expression(self, row: Array) -> str:
+        terms: list[str] = []
+        for factor, name in zip(row, self.names, strict=True):
+            if abs(factor) > NOTHING:
+                size = "" if abs(abs(factor) - 1) < NOTHING else f"{abs(factor):.6g} "
+                sign = "-" if factor < 0 else "+"
+                terms.append(f"{sign} {size}{name}" if terms else f"{'-' if factor < 0 else ''}{size}{name}")
+        return " ".join(terms)
+
+
+def link_parameters(link: Link) -> Array:
+    """Return m, h, I (10,) of a rigid link and all that it carries [kg], [kg m], [kg m^2], about its frame's origin."""
+    out = np.zeros(PARAMETERS)
+    for body in link.bodies:
+        m, c, tensor = body.inertia.mass, body.inertia.com, body.inertia.tensor
+        about = tensor + m * (c @ c * np.eye(3) - np.outer(c, c))
+        out += np.concatenate([[m], m * c, about[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
+    return out
+
+
+def torque_regressor(
+    mechanism: Mechanism, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, drives: bool = False
+) -> Regressor:
+    """Return Y with tau = Y pi [N m], [N]: torques of a rigid tree as a linear function of its inertial parameters.
+
+    q : (samples, nq) [rad], [m]; qd, qdd : (samples, nv); one sample may be a plain vector
+    drives : with the joints' rotor inertia, damping, dry friction and springs as parameters, so that Y pi is `joint_torques`;
+        without, ``joint_torques(..., passive=False)`` less rotors, which is Pinocchio's ``computeJointTorqueRegressor``
+        (springs between points and given forces are in neither: their torque does not depend on these parameters)
+
+    Raises InputError for a flexible mechanism, closures, wrong shapes, values that are not finite.
+    Source of the form: Atkeson, An, Hollerbach, *Estimation of inertial parameters*, IJRR 5(3), 1986.
+    """
+    of_kind("mechanism", mechanism, Mechanism)
+    if not mechanism.is_rigid:
+        beams = ", ".join(link.name for link in mechanism.beams)
+        raise InputError(
+            f"mechanism '{mechanism.name}' has links that bend ({beams}), and ten parameters for each link are those of "
+            'rigid ones; write kind = "rigid" for them to see what torques tell of the rigid mechanism'
+        )
+    states, drives = checked_states(mechanism, q, qd, qdd), flag("drives", drives)
+    mesh = build(mechanism)
+    m = rigid_motion(mesh, *states)
+    freedoms, slide, turn = axes_of_nodes(mesh)
+    matrix = np.zeros((len(states[0]), mechanism.nv, PARAMETERS * len(mechanism.links)))
+    frame_of = {j.child: mesh.joint_node[j.name] for j in mechanism.joints}
+    nodes = np.array([frame_of[link.name] for link in mechanism.links], dtype=np.int64)
+    gravity = np.array(mechanism.gravity, dtype=float)
+    regressor_samples(
+        mesh.parent, mesh.v_index, freedoms, slide, turn, nodes, gravity, m.x, m.rotation, m.omega, m.a, m.alpha, matrix
+    )
+    names = tuple(f"{link.name}.{p}" for link in mechanism.links for p in INERTIAL)
+    units = INERTIAL_UNITS * len(mechanism.links)
+    values = np.concatenate([link_parameters(link) for link in mechanism.links])
+    if not drives:
+        return Regressor(matrix, names, units, values)
+    own = [_drive(mechanism, joint, *states) for joint in mechanism.joints if joint.nv]
+    return Regressor(
+        np.concatenate([matrix, *(part[0] for part in own)], axis=2),
+        (*names, *(name for part in own for name in part[1])),
+        (*units, *(unit for part in own for unit in part[2])),
+        np.concatenate([values, *(part[3] for part in own)]),
+    )
+
+
+def _drive(
+    mechanism: Mechanism, joint: Joint, q: Array, qd: Array, qdd: Array
+) -> tuple[Array, list[str], list[str], list[float]]:
+    """Columns, names, units and values of what a joint's drive takes."""
+    rows, turns = mechanism.v_slices[joint.name], joint.kind not in ("prismatic",)
+    columns = [qdd[:, rows], qd[:, rows], np.sign(qd[:, rows])]
+    keys = ["rotor_inertia", "damping", "friction"]
+    units = ["kg m^2", "N m s", "N m"] if turns else ["kg", "N s/m", "N"]
+    values = [joint.rotor_inertia, joint.damping, joint.friction]
+    if joint.nv == 1:
+        place = q[:, mechanism.q_slices[joint.name]]
+        if joint.kind == "continuous":
+            place = np.arctan2(place[:, 1:], place[:, :1])
+        columns += [place, -np.ones_like(place)]
+        keys += ["stiffness", "stiffness_rest"]
+        units += ["N m/rad", "N m"] if turns else ["N/m", "N"]
+        values += [joint.stiffness, joint.stiffness * joint.rest]
+    matrix = np.zeros((len(q), mechanism.nv, len(columns)))
+    for k, column in enumerate(columns):
+        matrix[:, rows, k] = column
+    return matrix, [f"{joint.name}.{key}" for key in keys], units, values
+
+
+def base_parameters(regressor: Regressor) -> BaseParameters:
+    """Return the combinations of parameters that the motion of a regressor can tell, by QR [any unit].
+
+    Parameters are taken in their order: one whose column depends on those before it joins their combinations.  With states
+    from `random_states` these are the mechanism's base parameters (minimal set); with a measured motion what it identifies.
+    Source: Gautier, *Numerical calculation of the base inertial parameters*, J. Robotic Systems 8(4), 1991.
+    """
+    y = of_kind("regressor", regressor, Regressor).stacked()
+    size = np.linalg.norm(y, axis=0)
+    if not size.any():
+        raise InputError("base parameters: the regressor is zero; give a motion that moves the mechanism")
+    seen = np.flatnonzero(size > DEPENDENT * size.max())
+    scaled = y[:, seen] / size[seen]
+    own = seen[_independent(scaled)]
+    rest = np.setdiff1d(seen, own)
+    factor, r = qr(y[:, own] / size[own], mode="economic")
+    combination = np.zeros((len(own), len(size)))
+    combination[np.arange(len(own)), own] = 1.0
+    by = solve_triangular(r, factor.T @ (y[:, rest] / size[rest]))
+    combination[:, rest] = by * size[rest] / size[own][:, None]
+    combination[np.abs(combination) < NOTHING] = 0.0
+    unseen = tuple(name for k, name in enumerate(regressor.names) if k not in set(seen.tolist()))
+    return BaseParameters(own, combination, regressor.names, combination @ regressor.values, unseen)
+
+
+def _independent(columns: Array) -> NDArray[np.int64]:
+    """Indices of the columns that do not depend on those before them; columns have unit length."""
+    kept: list[int] = []
+    basis = np.zeros((columns.shape[0], 0))
+    for k, column in enumerate(columns.T):
+        left = column - basis @ (basis.T @ column)
+        left -= basis @ (basis.T @ left)  # once more: orthogonal to rounding
+        length = np.linalg.norm(left)
+        if length > DEPENDENT:
+            kept.append(k)
+            basis = np.column_stack([basis, left / length])
+    return np.array(kept, dtype=np.int64)
+
+
+def random_states(mechanism: Mechanism, samples: int, seed: int = 0) -> tuple[Array, Array, Array]:
+    """Return q (samples, nq), qd, qdd (samples, nv) [rad], [m], [1/s] that move everything, in all directions."""
+    of_kind("mechanism", mechanism, Mechanism)
+    samples, random = whole("samples", samples, 0), np.random.default_rng(whole("seed", seed, 0))
+    q = random.uniform(-1.0, 1.0, (samples, mechanism.nq))
+    for joint in mechanism.joints:
+        part = mechanism.q_slices[joint.name]
+        if joint.kind in ("revolute", "universal"):
+            q[:, part] *= np.pi
+        elif joint.kind in ("spherical", "free", "continuous"):
+            unit = slice(part.stop - (2 if joint.kind == "continuous" else 4), part.stop)
+            turn = random.normal(size=(samples, unit.stop - unit.start))
+            q[:, unit] = turn / np.linalg.norm(turn, axis=1, keepdims=True)
+    return q, random.normal(size=(samples, mechanism.nv)), random.normal(size=(samples, mechanism.nv))

@@ -1,0 +1,223 @@
+"""A rigid mechanism as bodies: everything between two joints that move is one body of ten inertial parameters.
+
+The nodal forces of the paper, P = M (a - g) at every lumped mass, are linear in the second moments of the mass: with the
+acceleration a + S r of a point r of the body, S = skew(al) + skew(w)^2,
+
+    F = sum m_k (a + S r_k) = m a + S h              h = sum m_k r_k
+    N = sum r_k x m_k (a + S r_k) = h x a + axial(S Sigma)    Sigma = sum m_k r_k r_k^T
+
+so that the nodes of a rigid body collapse exactly, whatever their number.
+
+The frame of a body has its joint's axis along z and, where it can, x at right angles to the axis of its last child, too: then
+R_parent,child = Rx(tilt) Rz(zero + q), as Denavit's and Hartenberg's, takes half the operations of a general rotation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.kernels.simd import BLOCK
+from flexinv.kinematics.mesh import CONFIGURATIONS, CONTINUOUS, FREE, PRISMATIC, REVOLUTE, SPHERICAL, VELOCITIES, Mesh
+from flexinv.rnea.recursion import (
+    COPIED,
+    COS,
+    EFFORT,
+    EFFORTS,
+    FREE_ROWS,
+    FROM_WORLD,
+    NUMBERS,
+    ON,
+    PLACE,
+    QUATERNION,
+    RATE,
+    RATES,
+    SCALAR_ROWS,
+    SHIFT,
+    STATE_ROWS,
+    TREE,
+    TURNED,
+)
+from flexinv.typing import Array
+
+TURNING = (REVOLUTE, CONTINUOUS)
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """Bodies as the recursion reads them; body 0 is the world, parents come first.
+
+    tree : (bodies, 6) kind (nv for the world), parent, offset of its rows, of its state, how the state begins, from where
+    numbers : (bodies, 37) R before the joint and p of the joint in the parent's frame [-], [m]; mass [kg], first moments [kg m],
+        second moments xx, yy, zz, xy, xz, yz [kg m^2]; rotor inertia, damping, friction, stiffness, rest; cosine and sine of the
+        tilt, of the zero; p of the last child, p less that of the parent's last child [m]; gravity [m/s^2] first for the world
+    columns : (nq + 2 nv,) offsets of the rows that hold the columns of q, qd, qdd; those of qdd hold the efforts in the end
+    size : of the work space [-]; node : (bodies,) node of the mesh, -1 the world; axes : (bodies, 3, 3) R_node,body
+    """
+
+    tree: NDArray[np.uint64]
+    numbers: Array
+    columns: NDArray[np.uint64]
+    size: int
+    node: NDArray[np.int64]
+    axes: Array
+
+
+def bodies(mesh: Mesh, passive: bool = True, kept: frozenset[int] = frozenset()) -> Bodies:
+    """Return the bodies [kg, m] of a mesh, its beams undeformed; without ``passive`` no damping, friction or springs.
+
+    kept : moving nodes whose state no child carries on, so that it is there in the end
+    """
+    carrier, turn, place = carriers(mesh)
+    moving = np.flatnonzero(_moves(mesh))
+    node = np.concatenate([[-1], moving]).astype(np.int64)
+    number = {int(n): i for i, n in enumerate(node)}
+    above = [int(mesh.parent[n]) for n in moving]  # the joint hangs on this node, which is fixed on its parent's
+    parents = [0, *(number[int(carrier[a])] if a >= 0 else 0 for a in above)]
+    kinds = np.array([mesh.mechanism.nv, *mesh.kind[moving]])
+    last = {parent: child for child, parent in enumerate(parents) if child and int(node[parent]) not in kept}
+    seats = [(turn[a], place[a]) if a >= 0 else (np.eye(3), np.zeros(3)) for a in above]
+    placed = [(r @ mesh.rotation[n], x + r @ mesh.offset[n]) for n, (r, x) in zip(moving, seats, strict=True)]
+    axes = [np.eye(3)]
+    for i, n in enumerate(moving, start=1):
+        child = last.get(i)
+        follows = child is not None and _is_on(kinds, parents, last, child)
+        axes.append(
+            _axes(mesh, int(n), placed[child - 1][0] @ mesh.axis[moving[child - 1]] if child and follows else None)
+        )
+    numbers = np.zeros((len(node), int(NUMBERS)))
+    numbers[0, :3] = mesh.mechanism.gravity
+    for i, (r, x) in enumerate(placed, start=1):
+        _place(numbers[i], axes[parents[i]].T @ r @ axes[i], axes[parents[i]].T @ x, _is_on(kinds, parents, last, i))
+    for parent, child in last.items():
+        numbers[parent, 31:34] = numbers[child, 9:12] if parent else 0.0
+    numbers[1:, 34:37] = numbers[1:, 9:12] - numbers[parents[1:], 31:34]
+    _add_masses(mesh, numbers, [number[int(c)] for c in carrier], axes, turn, place)
+    _add_drives(mesh, numbers, moving, passive)
+    tree, size = _layout(kinds, parents, last)
+    return Bodies(tree, numbers, _columns(mesh, tree, moving), size, node, np.array(axes))
+
+
+def _is_on(kinds: NDArray[np.int64], parents: list[int], last: dict[int, int], i: int) -> bool:
+    """Return True if body i turns about an axis, is its parent's last child, and the parent's frame may be turned to it."""
+    parent = parents[i]
+    suits = kinds[i] in TURNING and parent > 0 and (kinds[parent] in TURNING or kinds[parent] == PRISMATIC)
+    return bool(suits and last.get(parent) == i)
+
+
+def _place(row: Array, r: Array, p: Array, on: bool) -> None:
+    """Write R_parent,body at the coordinate's zero, as R = Rx(tilt) Rz(zero) where the frames lie so, and p."""
+    row[9:12] = p
+    tilt, zero = (r[2, 2], -r[1, 2]), (r[0, 0], -r[0, 1])
+    row[:9] = np.eye(3).ravel() if on else r.ravel()
+    row[27:29] = tilt / np.hypot(*tilt) if on else (1.0, 0.0)
+    row[29:31] = zero / np.hypot(*zero) if on else (1.0, 0.0)
+
+
+def _moves(mesh: Mesh) -> NDArray[np.bool_]:
+    """Return a mask (nodes,) of the nodes that are carried by a joint that moves."""
+    return mesh.v_index >= 0
+
+
+def carriers(mesh: Mesh) -> tuple[NDArray[np.int64], Array, Array]:
+    """Return for each node the moving node (-1: the world) that it is fixed on, and R [-], x [m] in that node's frame."""
+    carrier = np.full(mesh.size, -1, dtype=np.int64)
+    turn, place = np.tile(np.eye(3), (mesh.size, 1, 1)), np.zeros((mesh.size, 3))
+    for n in range(mesh.size):
+        parent = int(mesh.parent[n])
+        if mesh.v_index[n] >= 0:
+            carrier[n] = n
+        elif parent < 0:
+            turn[n], place[n] = mesh.rotation[n], mesh.offset[n]
+        else:
+            carrier[n] = carrier[parent]
+            turn[n] = turn[parent] @ mesh.rotation[n]
+            place[n] = place[parent] + turn[parent] @ mesh.offset[n]
+    return carrier, turn, place
+
+
+def _axes(mesh: Mesh, node: int, other: Array | None) -> Array:
+    """R_node,body with the joint's axis along z and x at right angles to another axis, where there is one.
+
+    Otherwise an axis along x, y or z only renames the axes.
+    """
+    if mesh.kind[node] in (SPHERICAL, FREE):
+        return np.eye(3)
+    z = mesh.axis[node]
+    x = np.zeros(3) if other is None else np.cross(z, other)
+    if not x.any():
+        x = np.eye(3)[(int(np.argmax(np.abs(z))) + 1) % 3]
+    x = x / np.linalg.norm(x)
+    x = x - (x @ z) * z
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def _add_masses(mesh: Mesh, numbers: Array, body: list[int], axes: list[Array], turn: Array, place: Array) -> None:
+    """Collapse the lumped masses: m, h = sum m r and Sigma = sum m r r^T + R (tr(J)/2 - J) R^T in the body's frame."""
+    for n, i in enumerate(body):
+        if i == 0:
+            continue
+        x, r = axes[i].T @ place[n], axes[i].T @ turn[n]
+        own = 0.5 * np.trace(mesh.inertia[n]) * np.eye(3) - mesh.inertia[n]
+        second = mesh.mass[n] * np.outer(x, x) + r @ own @ r.T
+        numbers[i, 12] += mesh.mass[n]
+        numbers[i, 13:16] += mesh.mass[n] * x
+        numbers[i, 16:22] += second[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+
+
+def _add_drives(mesh: Mesh, numbers: Array, moving: NDArray[np.int64], passive: bool) -> None:
+    """Write rotor inertia, and with ``passive`` damping, friction, stiffness and rest of each joint."""
+    m = mesh.mechanism
+    owner = [joint for joint in m.joints for _ in range(joint.nv)]
+    for i, n in enumerate(moving, start=1):
+        joint = owner[int(mesh.v_index[n])]
+        numbers[i, 22] = joint.rotor_inertia
+        if passive:
+            numbers[i, 23:27] = joint.damping, joint.friction, joint.stiffness, joint.rest
+
+
+def _layout(kinds: NDArray[np.int64], parents: list[int], last: dict[int, int]) -> tuple[NDArray[np.uint64], int]:
+    """Offsets of the rows of each body, and of its state: the last child goes on in its parent's, others in a copy."""
+    rows = [0, *(FREE_ROWS if k in (SPHERICAL, FREE) else SCALAR_ROWS for k in kinds[1:])]
+    first = np.concatenate([[0], np.cumsum(rows)])
+    tree = np.zeros((len(kinds), int(TREE)), dtype=np.uint64)
+    state, slots = [0] * len(kinds), 0
+    for i, parent in enumerate(parents):
+        how, source = FROM_WORLD, state[parent]
+        if i and parent and last.get(parent) == i:
+            state[i], how = source, ON if _is_on(kinds, parents, last, i) else TURNED
+        elif i:
+            how = COPIED if parent else FROM_WORLD
+            state[i] = int(first[-1]) + STATE_ROWS * slots
+            slots += 1
+        tree[i] = kinds[i], parent, BLOCK * first[i], BLOCK * state[i], how, BLOCK * source
+    return tree, BLOCK * (int(first[-1]) + STATE_ROWS * slots)
+
+
+def _columns(mesh: Mesh, tree: NDArray[np.uint64], moving: NDArray[np.int64]) -> NDArray[np.uint64]:
+    """Return the offsets of the rows that take the columns of q, qd and qdd: those of the bodies that they move."""
+    m = mesh.mechanism
+    q, qd, qdd = np.zeros(m.nq, np.uint64), np.zeros(m.nv, np.uint64), np.zeros(m.nv, np.uint64)
+    for n, (_, _, first, *_) in zip(moving, tree[1:], strict=True):
+        kind = int(mesh.kind[n])
+        places, rates, efforts = _rows(kind)
+        own_q = slice(mesh.q_index[n], mesh.q_index[n] + CONFIGURATIONS[kind])
+        own_v = slice(mesh.v_index[n], mesh.v_index[n] + VELOCITIES[kind])
+        q[own_q], qd[own_v], qdd[own_v] = first + places, first + rates, first + efforts
+    return np.concatenate([q, qd, qdd])
+
+
+def _rows(kind: int) -> tuple[NDArray[np.uint64], NDArray[np.uint64], NDArray[np.uint64]]:
+    """Offsets, in a body's rows, of the coordinates of its joint, of their rates and of their accelerations."""
+    step = np.uint64(BLOCK)
+    one, three, four, six = (step * np.arange(k, dtype=np.uint64) for k in (1, 3, 4, 6))
+    if kind in (REVOLUTE, PRISMATIC):
+        return PLACE + one, RATE + one, EFFORT + one
+    if kind == CONTINUOUS:
+        return COS + six[:2], RATE + one, EFFORT + one
+    if kind == SPHERICAL:
+        return QUATERNION + four, RATES + six[3:], EFFORTS + six[3:]
+    return np.concatenate([SHIFT + three, QUATERNION + four]), RATES + six, EFFORTS + six

@@ -1,0 +1,368 @@
+"""Closed loops, one sample a lane: limits of a motion, and the allocation of the cut tree's efforts to the drives by G.
+
+With passive coordinates p and drives a,  tau_a + G_a^T lambda = tau_tree,a  and  G_p^T lambda = tau_tree,p.  Gaussian
+elimination with pairwise pivoting (always the smaller row by the larger) brings G_p to upper triangular form; then lambda follows
+coordinate by coordinate.  Rows left over have entries of drives only.  Such a row B is an internal preload of the drives: with as
+many drives as freedoms it vanishes (it repeats other rows); else tau_a minimises tau_a^T W tau_a, and its components along the
+rows B are removed one after the other.  Where no rows are left over, the entries of the drives stay as they are: the row
+operations are then applied in reverse to the multipliers.
+
+The order of the row operations is a list of *steps*, the same for every sample (`elimination_order`).  Where a pivot
+is too small next to its column, or a row that should vanish does not, the block is left to `allocation`.
+
+Limits: phi^2, phi'^2 and phi''^2, over their scales, summed over all rows of a closure.  They are compared with the sums
+|G| |qd| and |G| |qdd| of some samples of a block; where that is inconclusive, `consistency` checks all samples.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from flexinv.kernels.jit import jit_lanes
+from flexinv.kernels.simd import LANES, put_vec, row, times, vec_of
+from flexinv.rnea.loop_layout import (
+    COLUMN_CELLS,
+    COUNT,
+    COUPLED,
+    DIRECTIONS,
+    ENTRIES,
+    ENTRY,
+    FILLS,
+    FIRST,
+    FIRST_SUM,
+    GAP,
+    GAP_RATE,
+    LAMBDA,
+    LARGEST,
+    LIMITS,
+    OWN,
+    POSITIONS,
+    QD,
+    QDD,
+    SCRATCH,
+    SIGNS,
+    SQUARE,
+    SQUARES,
+    STATE_A,
+    STATE_B,
+    STEPS,
+    STRIDE,
+    SUM_AXIS,
+    SUM_CELLS,
+    SUM_COUNT,
+    SUM_QDD,
+    SUM_RATE,
+    SUM_TURNS,
+    VECTOR,
+    VECTORS,
+    WHOLE,
+)
+from flexinv.rnea.recursion import ACCELERATION, SPIN, SPIN_RATE
+from flexinv.rnea.row_pairs import (
+    BOTH,
+    INVERTED,
+    MOST_TOGETHER,
+    TOGETHER,
+    both,
+    combine,
+    pair,
+    solve,
+    solve_inverted,
+    together,
+    undo,
+)
+from flexinv.rnea.six_rows import six_forces
+
+# Steps: a word for what is done, how many pairs of rows follow, three offsets, and those of the pairs; of SOLVE the first pair is
+# twice the size that the pivot is held against, whose inverse stands there for SOLVE_INVERTED.
+PAIR, SURE, EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, UNDO, ALL_SIX, SOLVE_INVERTED = range(11)
+# A pivot over its column's size is at least this, so that its errors are 1e-12 at most; else singular values decide.
+LEAST_PIVOT = 1e-4
+# ... and at least this over the mechanism's length: a column that is rounding (an axis through the point that is closed, some
+# 1e-16) may be none, and no size of its own says so; errors of the multiplier are 1e-10 at most.
+LEAST_ENTRY = 1e-6
+# What is left of a row that repeats others, over the size of its column: rounding over the smallest pivot.  Singular values would
+# count it if it were above 1e-10.
+MOST_LEFT = 1e-11
+# Rounding of how the ends of a closure accelerate, with all before it and less gravity, over that: some tens of sums.
+ROUNDED = 1e-14
+# Samples of a block whose sums |G| |qd| are taken.
+SOME = np.uint64(4)
+_ZERO, _ONE, _TWO, _THREE, _FIVE = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(5)
+_COLUMN, _MOST, _OWN = row(4), row(MOST_TOGETHER + 1), row(9)
+_SIX, _SIX_ROWS = row(6), row(36)
+
+
+@jit_lanes
+def _more(a, b):
+    """The larger one, a NaN if there is one."""
+    return a if b <= a else b
+
+
+@jit_lanes
+def geared(to, lanes, gear):
+    """Set the column of a coupling [-]."""
+    for k in range(lanes):
+        to[k], to[ENTRIES + k] = gear * gear, gear
+
+
+@jit_lanes
+def coupled(plan, fixed, work, own, lanes, closure, offset):
+    """Set the squares of a coupling, phi = sum gear q - offset [rad], [m]."""
+    for k in range(lanes):
+        put_vec(own, GAP, k, (-offset, 0.0, 0.0))
+    for j in range(closure[COUNT]):
+        column = plan[closure[FIRST] + j * COLUMN_CELLS :]
+        gear, place, rate, kept = fixed[column[SIGNS]], column[1], column[QD], column[QDD]
+        for k in range(lanes):
+            phi, phi1, phi2 = vec_of(own, GAP, k)
+            phi, phi1 = phi + gear * work[place + k], phi1 + gear * work[rate + k]
+            put_vec(own, GAP, k, (phi, phi1, phi2 + gear * work[kept + k]))
+    for k in range(lanes):
+        phi, phi1, phi2 = vec_of(own, GAP, k)
+        put_vec(own, SQUARES, k, (phi * phi, phi1 * phi1, phi2 * phi2))
+
+
+@jit_lanes
+def clear(plan, work, lanes):
+    """Set the entries that are zero at first [-]."""
+    for i in range(plan[FILLS + 1]):
+        empty = work[plan[plan[FILLS] + i] :]
+        for k in range(lanes):
+            empty[k] = 0.0
+
+
+@jit_lanes
+def _sums(plan, work, k, closure, j):
+    """|G| |qd|, |G| |qdd| of one row in one lane."""
+    speed = size = 0.0
+    for i in range(closure[COUNT]):
+        column = plan[closure[FIRST] + i * COLUMN_CELLS :]
+        g = abs(work[column[ENTRY] + j * closure[STRIDE] + k])
+        speed += g * abs(work[column[QD] + k])
+        size += g * abs(work[column[QDD] + k])
+    return speed, size
+
+
+@jit_lanes
+def _sums_of_sizes(plan, work, k, closure, e):
+    """The same of three positions together, or of the direction beside them whose vector stands at e."""
+    speed = size = 0.0
+    about = 1.0 if closure[DIRECTIONS] > _ZERO else 0.0
+    for j in range(closure[SUM_COUNT]):
+        one = plan[closure[FIRST_SUM] + j * SUM_CELLS :]
+        turns, axis = float(one[SUM_TURNS]), one[SUM_AXIS] + k
+        if e == _ZERO:
+            g = math.sqrt(max(work[one[0] + k] - turns * about, 0.0))
+        else:
+            v = work[e + k], work[e + LANES + k], work[e + _TWO * LANES + k]
+            g = turns * abs(v[0] * work[axis] + v[1] * work[axis + LANES] + v[2] * work[axis + _TWO * LANES])
+        speed += g * abs(work[one[SUM_RATE] + k])
+        size += g * abs(work[one[SUM_QDD] + k])
+    return speed, size
+
+
+@jit_lanes
+def _magnitude(work, first, k):
+    x, y, z = work[first + k], work[first + LANES + k], work[first + _TWO * LANES + k]
+    return math.sqrt(x * x + y * y + z * z)
+
+
+@jit_lanes
+def _acceleration(work, state, k, length):
+    """About how large the accelerations of an end are that the recursion has found, gravity among them."""
+    w = _magnitude(work, state + SPIN, k)
+    return _magnitude(work, state + ACCELERATION, k) + length * (_magnitude(work, state + SPIN_RATE, k) + w * w)
+
+
+@jit_lanes
+def _hold_sums(plan, fixed, work, lanes, closure, limits):
+    """Remember the largest sums of some lanes."""
+    together, of_rows, length = closure[SUM_COUNT] > _ZERO, closure[POSITIONS], fixed[_THREE]
+    if closure[0] == WHOLE:
+        of_rows = _ONE if together else _TWO
+    for some in range(SOME):
+        k = (some * lanes) >> _TWO
+        for j in range(of_rows + closure[DIRECTIONS]):
+            scale = length if j < of_rows and closure[0] != COUPLED else 1.0
+            if together:
+                e = closure[OWN] + VECTORS + (j - _ONE) * VECTOR if j > _ZERO else _ZERO
+                speed, size = _sums_of_sizes(plan, work, k, closure, e)
+            else:
+                speed, size = _sums(plan, work, k, closure, j)
+            limits[LARGEST] = max(limits[LARGEST], scale * speed)
+            limits[LARGEST + _ONE] = max(limits[LARGEST + _ONE], scale * size)
+        if closure[STATE_A] > _ZERO:
+            both = _acceleration(work, closure[STATE_A], k, length) + _acceleration(work, closure[STATE_B], k, length)
+            limits[LARGEST + _TWO] = max(limits[LARGEST + _TWO], both)
+
+
+@jit_lanes
+def _most(limits, own, lanes):
+    """Remember the largest squares of every lane."""
+    for k in range(lanes):
+        a, b, c = vec_of(own, SQUARES, k)
+        x, y, z = vec_of(limits, _ZERO, k)
+        put_vec(limits, _ZERO, k, (_more(x, a), _more(y, b), _more(z, c)))
+
+
+@jit_lanes
+def _most_of_point(limits, own, lanes):
+    """The same of three positions, the square of whose phi' is that of d'."""
+    for k in range(lanes):
+        (a, b, c), d1 = vec_of(own, SQUARES, k), vec_of(own, GAP_RATE, k)
+        x, y, z = vec_of(limits, _ZERO, k)
+        b += d1[0] * d1[0] + d1[1] * d1[1] + d1[2] * d1[2]
+        put_vec(limits, _ZERO, k, (_more(x, a), _more(y, b), _more(z, c)))
+
+
+@jit_lanes
+def hold(plan, fixed, work, lanes, closure, sums, in_space):
+    """Remember the largest squares of every lane, and where asked for the largest sums of some lanes [any unit]."""
+    limits, own = work[plan[LIMITS] : plan[LIMITS] + _COLUMN], work[closure[OWN] : closure[OWN] + _OWN]
+    if in_space and closure[0] == WHOLE:
+        _most_of_point(limits, own, lanes)
+    else:
+        _most(limits, own, lanes)
+    if sums:
+        _hold_sums(plan, fixed, work, lanes, closure, limits)
+
+
+@jit_lanes
+def _below(entry, size, lanes, part):
+    """Count the entries whose square is below ``part`` of their column's, or next to nothing."""
+    count = 0
+    for k in range(lanes):
+        square = entry[k] * entry[k]
+        count += 0 if (square >= part * size[k]) & (square >= LEAST_ENTRY * LEAST_ENTRY) else 1
+    return count
+
+
+@jit_lanes
+def _above(entry, size, lanes, part):
+    """Count the entries whose square is above ``part`` of their column's."""
+    count = 0
+    for k in range(lanes):
+        count += 0 if entry[k] * entry[k] <= part * size[k] else 1
+    return count
+
+
+@jit_lanes
+def _take(multiplier, entry, effort, lanes):
+    """Subtract the effort that a multiplier has along another coordinate."""
+    for k in range(lanes):
+        effort[k] -= multiplier[k] * entry[k]
+
+
+@jit_lanes
+def _multiply(scratch, to, one, other, lanes, weight, first):
+    """Add weight one other to a sum, or begin it."""
+    keep = 0.0 if first else 1.0
+    for k in range(lanes):
+        scratch[to + k] = keep * scratch[to + k] + weight * one[k] * other[k]
+
+
+@jit_lanes
+def _project(scratch, lanes):
+    """The part along a row: the ratio of two sums."""
+    for k in range(lanes):
+        scratch[LAMBDA + k] /= scratch[SQUARE + k]
+
+
+@jit_lanes
+def _begin_step(kind, third, work, first, second, lanes):
+    """Do the part of a step that comes before its pairs; return the number of samples in which a rank is in doubt."""
+    one, other = work[first : first + LANES], work[second : second + LANES]
+    inverted = kind >= TOGETHER + INVERTED
+    if kind >= TOGETHER:
+        kind, one, other = (
+            kind - INVERTED if inverted else kind,
+            work[first : first + _MOST],
+            work[second : second + _MOST],
+        )
+        if kind >= BOTH:
+            both(kind, one, other, third, lanes, inverted)
+        else:
+            together(kind, third[: _TWO * LANES], one, other, lanes, inverted)
+    elif kind == PAIR:
+        pair(third[: _TWO * LANES], one, other, lanes)
+    elif kind == UNDO:
+        undo(third[: _TWO * LANES], one, other, lanes)
+    elif kind == SURE:
+        return _below(one, other, lanes, LEAST_PIVOT * LEAST_PIVOT)
+    elif kind == EMPTY:
+        return _above(one, other, lanes, MOST_LEFT * MOST_LEFT)
+    elif kind == PROJECT:
+        _project(third, lanes)
+    return 0
+
+
+@jit_lanes
+def _all_six(plan, work, at, first, second, third, lanes):
+    """Six forces on a free body; sizes of the columns are constant."""
+    size = (
+        math.sqrt(work[plan[at]]), math.sqrt(work[plan[at + 2]]), math.sqrt(work[plan[at + 4]]),
+        math.sqrt(work[plan[at + 6]]), math.sqrt(work[plan[at + 8]]), math.sqrt(work[plan[at + 10]]),
+    )  # fmt: skip
+    few = times(LEAST_PIVOT, size[:3]) + times(LEAST_PIVOT, size[3:])
+    least = (
+        max(few[0], LEAST_ENTRY), max(few[1], LEAST_ENTRY), max(few[2], LEAST_ENTRY),
+        max(few[3], LEAST_ENTRY), max(few[4], LEAST_ENTRY), max(few[5], LEAST_ENTRY),
+    )  # fmt: skip
+    entries, efforts = work[first : first + _SIX_ROWS], work[second : second + _SIX]
+    return six_forces(work[third : third + _SIX], efforts, entries, lanes, least)
+
+
+@jit_lanes
+def share(plan, fixed, work, lanes):
+    """Turn efforts of the cut tree into those of the drives [N m], [N]; return how often a rank is in doubt."""
+    scratch = work[plan[SCRATCH] : plan[SCRATCH] + _COLUMN]
+    at, doubts = plan[STEPS], 0
+    for _ in range(plan[STEPS + 1]):
+        kind, count, first, second, third = plan[at], plan[at + _ONE], plan[at + _TWO], plan[at + _THREE], plan[at + 4]
+        at += _FIVE
+        own = work[third : third + _MOST]
+        if kind == ALL_SIX:
+            doubts += _all_six(plan, work, at, first, second, third, lanes)
+            at += _TWO * count
+            continue
+        if kind in (SOLVE, SOLVE_INVERTED):
+            pivot, effort, size = (
+                work[first : first + LANES],
+                work[second : second + LANES],
+                work[plan[at] : plan[at] + LANES],
+            )
+            part, least = LEAST_PIVOT * LEAST_PIVOT, LEAST_ENTRY * LEAST_ENTRY
+            if kind == SOLVE:
+                doubts += solve(own[:LANES], pivot, effort, size, lanes, part, least)
+            else:
+                doubts += solve_inverted(own[:LANES], pivot, effort, size, lanes, part, least)
+            at, count = at + _TWO, count - _ONE
+        else:
+            doubts += _begin_step(kind, own, work, first, second, lanes)
+        for i in range(count):
+            one, other = plan[at], plan[at + _ONE]
+            at += _TWO
+            one, other = work[one : one + LANES], work[other : other + LANES]
+            if kind == PAIR:
+                combine(own[: _TWO * LANES], one, other, lanes)
+            elif kind in (NORM, INNER):
+                _multiply(scratch, SQUARE if kind == NORM else LAMBDA, one, other, lanes, fixed[second + i], i == 0)
+            else:
+                _take(own[:LANES], one, other, lanes)
+    return doubts
+
+
+@jit_lanes
+def unclear(plan, fixed, work, lanes):
+    """Return True if the squares of a call, of all threads, are not clearly within the limits fixed[:3] [-] of the sums."""
+    speed = size = rounding = a = b = c = 0.0
+    for i in range(work.shape[0]):
+        own = work[i, plan[LIMITS] :]
+        for k in range(lanes):
+            a, b, c = _more(a, own[k]), _more(b, own[LANES + k]), _more(c, own[_TWO * LANES + k])
+        speed, size = max(speed, own[LARGEST]), max(size, own[LARGEST + _ONE])
+        rounding = max(rounding, ROUNDED * own[LARGEST + _TWO])
+    return not (a <= fixed[0] ** 2 and b <= (fixed[1] * speed) ** 2 and c <= (fixed[2] * size + rounding) ** 2)

@@ -1,0 +1,253 @@
+"""Closed loops whose motion is given, one sample a lane: the poses of a loop's bodies.
+
+A loop's *root* is the last body that is on both ways from its closure to the ground: what lies before it moves all of the loop
+alike.  In axes fixed in the root, from it to both ends of the closure, with p the joint's place in its parent's frame:
+
+    x = x_parent + R_parent p            turn about z: R = R_parent R_0 R_z(q)
+    slide along d: x = x_parent + R_parent (p + d q), R = R_parent
+
+Rates and accelerations of the ends need no second recursion: see `loop_space`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexinv.kernels.jit import jit_lane, jit_lanes
+from flexinv.kernels.simd import LANES, into, plus, plus_cross, put_vec, row, times, vec_of
+from flexinv.rnea.loop_layout import (
+    ABOVE,
+    AT,
+    AXES,
+    AXIS_Y,
+    AXIS_Z,
+    BODY_CELLS,
+    BODY_ROWS,
+    CHAIN,
+    CHAINED,
+    CONSTANTS,
+    DIRECTION,
+    FLOAT,
+    LARGEST,
+    LIMITS,
+    OWN,
+    PLACE_ABOVE,
+    ROOT_TURN,
+    ROOTS,
+    ROWS,
+    SLIDE,
+    SQUARES,
+    SQUARES_LAST,
+    SQUARES_TOO,
+    TILT,
+    TURN,
+    TWO_TURNS,
+    VECTOR,
+)
+from flexinv.rnea.recursion import (
+    ACCELERATION,
+    COS,
+    FREE_ROWS,
+    PLACE,
+    SHIFT,
+    SIN,
+    SPIN,
+    SPIN_RATE,
+    TURN_OF,
+    TURN_Y,
+    TURN_Z,
+)
+
+_NONE, _ONE, _TWO, _THREE = (0.0, 0.0, 0.0), np.uint64(1), np.uint64(2), np.uint64(3)
+_BODY, _JOINT, _TWELVE, _VEC = row(BODY_ROWS), row(FREE_ROWS), np.uint64(12), np.uint64(0)
+
+
+@jit_lanes
+def cross(a, b):
+    """Return a x b [any unit]."""
+    return plus_cross(_NONE, a, b)
+
+
+@jit_lanes
+def minus(a, b):
+    """Return a - b [any unit]."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@jit_lanes
+def dot(a, b):
+    """Return a . b [any unit]."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@jit_lanes
+def constant(c, first):
+    """Return three constants [any unit]."""
+    return c[first], c[first + 1], c[first + 2]
+
+
+@jit_lane
+def axes_of(body, k):
+    """Return the axes of a body [-], so that `into` gives a vector of its frame in those of the root."""
+    return vec_of(body, AXES, k), vec_of(body, AXIS_Y, k), vec_of(body, AXIS_Z, k)
+
+
+@jit_lane
+def acceleration(state, k, arm):
+    """Return a + al x r + w x (w x r) [m/s^2] of a point of a body, in the axes of the recursion."""
+    w = vec_of(state, SPIN, k)
+    a = plus_cross(vec_of(state, ACCELERATION, k), vec_of(state, SPIN_RATE, k), arm)
+    return plus_cross(a, w, cross(w, arm))
+
+
+@jit_lane
+def square(own, k, phi, rate, second):
+    """Add to the squares of a closure [any unit]."""
+    own[SQUARES + k] += phi * phi
+    own[SQUARES_TOO + k] += rate * rate
+    own[SQUARES_LAST + k] += second * second
+
+
+@jit_lane
+def _put_turned(own, first, k, rows, x, y):
+    """The axes x and y of a body that turns about the third, from those where its coordinate is zero."""
+    cosine, sine = rows[COS + k], rows[SIN + k]
+    put_vec(own, first + AXES, k, plus(times(cosine, x), times(sine, y)))
+    put_vec(own, first + AXIS_Y, k, plus(times(cosine, y), times(-sine, x)))
+
+
+@jit_lane
+def _seat(axes, c):
+    """The axes at a joint's zero, c : R_parent,body by columns."""
+    return into(axes, constant(c, 0)), into(axes, constant(c, 3)), into(axes, constant(c, 6))
+
+
+@jit_lanes
+def _root_turn(own, rows, lanes, c):
+    """A body that turns, fixed in the root."""
+    x, y, z, at = constant(c, 0), constant(c, 3), constant(c, 6), constant(c, 9)
+    for k in range(lanes):
+        _put_turned(own, _VEC, k, rows, x, y)
+        put_vec(own, AXIS_Z, k, z)
+        put_vec(own, AT, k, at)
+
+
+@jit_lanes
+def _turn(own, above, parent, rows, lanes, c):
+    """A body that turns about z."""
+    p = constant(c, 9)
+    for k in range(lanes):
+        axes = axes_of(parent, k)
+        x, y, z = _seat(axes, c)
+        _put_turned(own, _VEC, k, rows, x, y)
+        put_vec(own, AXIS_Z, k, z)
+        put_vec(own, AT, k, plus(vec_of(above, _VEC, k), into(axes, p)))
+
+
+@jit_lane
+def _tilted(own, first, k, axes, above, rows, c):
+    """The axes and the place of a body after the tilt and the turn."""
+    cosine, sine, (x, y, z) = c[4], c[5], axes
+    place = plus(above, into(axes, constant(c, 9)))
+    put_vec(own, first + AXIS_Z, k, plus(times(cosine, z), times(-sine, y)))
+    put_vec(own, first + AT, k, place)
+    _put_turned(own, first, k, rows, x, plus(times(cosine, y), times(sine, z)))
+
+
+@jit_lanes
+def _tilt(own, above, parent, rows, lanes, c):
+    """A body that turns about an axis at right angles to x of its parent, R_0 = R_x(tilt)."""
+    for k in range(lanes):
+        _tilted(own, _VEC, k, axes_of(parent, k), vec_of(above, _VEC, k), rows, c)
+
+
+@jit_lanes
+def _chain(frame, rows, lanes, c):
+    """The same along a chain, where the axes x and y of the parent stand."""
+    for k in range(lanes):
+        _tilted(frame, CHAINED, k, axes_of(frame, k), vec_of(frame, AT, k), rows, c)
+
+
+@jit_lanes
+def _two_turns(own, first, rows, lanes, c):
+    """A body on a universal joint that is fixed in the root."""
+    x, y, z, cosine, sine = constant(c, 0), constant(c, 3), constant(c, 6), c[12], c[13]
+    for k in range(lanes):
+        c1, s1 = first[COS + k], first[SIN + k]
+        x1, y1 = plus(times(c1, x), times(s1, y)), plus(times(c1, y), times(-s1, x))
+        _put_turned(own, _VEC, k, rows, x1, plus(times(cosine, y1), times(sine, z)))
+        put_vec(own, AXIS_Z, k, plus(times(cosine, z), times(-sine, y1)))
+
+
+@jit_lanes
+def _slide(own, above, parent, rows, lanes, c):
+    """A body that slides along d of its parent."""
+    along, p = constant(c, 6), constant(c, 9)
+    for k in range(lanes):
+        axes = axes_of(parent, k)
+        d = into(axes, along)
+        put_vec(own, DIRECTION, k, d)
+        put_vec(own, AT, k, plus(plus(vec_of(above, _VEC, k), into(axes, p)), times(rows[PLACE + k], d)))
+
+
+@jit_lanes
+def _float(own, above, parent, rows, lanes, c):
+    """A body that turns about its origin, which moves too."""
+    for k in range(lanes):
+        axes = axes_of(parent, k)
+        seat = _seat(axes, c)
+        r = vec_of(rows, TURN_OF, k), vec_of(rows, TURN_Y, k), vec_of(rows, TURN_Z, k)
+        put_vec(own, AXES, k, into(seat, (r[0][0], r[1][0], r[2][0])))
+        put_vec(own, AXIS_Y, k, into(seat, (r[0][1], r[1][1], r[2][1])))
+        put_vec(own, AXIS_Z, k, into(seat, (r[0][2], r[1][2], r[2][2])))
+        p = plus(vec_of(above, _VEC, k), into(axes, constant(c, 9)))
+        put_vec(own, AT, k, plus(p, into(seat, vec_of(rows, SHIFT, k))))
+
+
+@jit_lanes
+def keep(plan, work, lanes, which):
+    """Copy the accelerations of joints, whose rows become efforts [any unit]; which : cell of the header."""
+    first = plan[which]
+    for i in range(plan[which + 1]):
+        source, to = plan[first + _TWO * i], plan[first + _TWO * i + _ONE]
+        for k in range(lanes):
+            work[to + k] = work[source + k]
+
+
+@jit_lanes
+def begin(plan, fixed, work, lanes):
+    """Set the rows that are constant: axes [-], places [m]; and no limits."""
+    for i in range(plan[ROOTS + 1]):
+        at = plan[ROOTS] + _TWO * i
+        own, c = work[plan[at] : plan[at] + _BODY], fixed[plan[at + _ONE] :]
+        for k in range(lanes):
+            for j in range(0, 12, 3):
+                put_vec(own, np.uint64(j) * LANES, k, constant(c, j))
+    limits = work[plan[LIMITS] :]
+    for k in range(LARGEST + _THREE):
+        limits[k] = 0.0
+
+
+@jit_lanes
+def move(plan, fixed, work, first_body, count, lanes):
+    """Carry axes [-] and places [m] from the roots to the ends, for so many bodies of the plan."""
+    for i in range(count):
+        at = first_body + i * BODY_CELLS
+        kind, first, above, rows = plan[at], plan[at + OWN], plan[at + ABOVE], plan[at + ROWS]
+        own, parent, rows = work[first : first + _BODY], work[above : above + _BODY], work[rows : rows + _JOINT]
+        place, numbers = plan[at + PLACE_ABOVE], plan[at + CONSTANTS]
+        c, origin = fixed[numbers : numbers + _TWELVE], work[place : place + VECTOR]
+        if kind == TWO_TURNS:
+            _two_turns(own, work[above : above + _JOINT], rows, lanes, fixed[numbers:])
+        elif kind == ROOT_TURN:
+            _root_turn(own, rows, lanes, c)
+        elif kind == TURN:
+            _turn(own, origin, parent, rows, lanes, c)
+        elif kind == TILT:
+            _tilt(own, origin, parent, rows, lanes, c)
+        elif kind == CHAIN:
+            _chain(work[above : above + CHAINED + _BODY], rows, lanes, c)
+        elif kind == SLIDE:
+            _slide(own, origin, parent, rows, lanes, c)
+        elif kind == FLOAT:
+            _float(own, origin, parent, rows, lanes, c)

@@ -1,0 +1,51 @@
+"""Layout of closed loops: offsets of their numbers in rows of the work space, and in the cells of the plan."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexinv.kernels.simd import row
+
+# Rows of a body of a loop: its axes and its place in those of the root; the direction of one that slides.
+AXIS_Z, AT, AXES, AXIS_Y, DIRECTION = row(0), row(3), row(6), row(9), row(12)
+BODY_ROWS = 15
+# Along a chain those of a body begin where x of its parent stood, which nobody else asks for: z and places of joints are left.
+CHAINED = row(6)
+# In the plane its motion, and its joint's acceleration, too.
+SPEED, SPIN, SPIN_RATE, ACCELERATION, KEPT = row(15), row(17), row(18), row(19), row(21)
+PLANE_ROWS = 22
+# Rows of a closure: the point of B; d' of the gap; squares of phi, phi', phi''.
+POINT, GAP_RATE, SQUARES, SQUARES_TOO, SQUARES_LAST = row(0), row(3), row(6), row(7), row(8)
+# of some the gap d and d'', how its ends turn, or of a reduced one u, the force, and two sizes; then vectors e of rows.
+GAP, SECOND, SPIN_A, SPIN_B, TURNING_RATE = row(9), row(12), row(15), row(18), row(21)
+UNIT, FORCE, SIZE, SIZE_TOO, VECTORS = row(9), row(12), row(15), row(16), row(24)
+CLOSURE_ROWS = 24
+VECTOR = row(3)
+# A column: the square of its size, then its entries, row by row; first what a unit rate moves the point of B by.
+ENTRIES = row(1)
+# Columns of three positions and directions beside them stand side by side, so many at most, sizes first, then row after row.
+MOST_COLUMNS = 15
+# Of a whole call: the largest squares of every lane; the largest sums, three numbers.
+WORST, LARGEST, LIMIT_ROWS = row(0), row(3), 4
+# Where two rows are combined: a factor and whether they change places.  Where a block works: a multiplier, a square; a column.
+FACTOR, CHANGED = row(0), row(1)
+LAMBDA, SQUARE, MOVED, SCRATCH_ROWS = row(0), row(1), row(2), 6
+# The plan: a header of where its tables begin and how long they are, then the tables.
+LIMITS, SCRATCH, KEEPS, SUMMED, ROOTS, BODIES, CLOSURES, COLUMNS, SUMS, STEPS, FILLS, PLANE, APPLIED, HEADER = (
+    0, 1, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 21, 22
+)  # fmt: skip
+BODY_CELLS, CLOSURE_CELLS, COLUMN_CELLS, SUM_CELLS = np.uint64(6), np.uint64(20), np.uint64(9), np.uint64(5)
+ROOT_TURN, TURN, TILT, SLIDE, FLOAT, TWO_TURNS, CHAIN = range(7)  # bodies
+WHOLE, PARTIAL, COUPLED = range(3)  # closures
+TURNING, SLIDING, GEARED, FLOATING, PUSHING = range(5)  # columns; the last two of a whole joint
+# Cells of a body: kind, own rows, the parent's axes, rows of the recursion, constants, the parent's place.
+OWN, ABOVE, ROWS, CONSTANTS, PLACE_ABOVE = (np.uint64(i) for i in range(1, 6))
+# of a closure: kind, own rows, then
+AXES_A, AXES_B, NUMBERS, POSITIONS, DIRECTIONS, FIRST, COUNT = (np.uint64(i) for i in range(2, 9))
+PLACE_A, PLACE_B, STATE_A, STATE_B, REDUCED, FIRST_SUM, SUM_COUNT, STRIDE = (np.uint64(i) for i in range(9, 17))
+FIRST_BODY, BODY_COUNT, GROUND = np.uint64(17), np.uint64(18), np.uint64(19)
+NO_GROUND, A_STANDS, B_STANDS = range(3)  # whether an end of the closure stands in the world
+# of a column: kind, then
+AXIS, JOINT, TO, QD, QDD, SIGNS, EFFORT, ENTRY = (np.uint64(i) for i in range(1, 9))
+# of a sum: the column's size, rate, acceleration, axis, and whether it turns.
+SUM_RATE, SUM_QDD, SUM_AXIS, SUM_TURNS = (np.uint64(i) for i in range(1, 5))

@@ -1,0 +1,211 @@
+"""Closed loops in space, one sample a lane: residuals phi, phi', phi'' and rows G of the closures.
+
+Rows are those of `closures`: position u . d, direction u . w, with u fixed in A and w in B, d = x_B - x_A.  A joint between the
+ends moves the point of B, seen from A, by c = z x (x_B - x) or z.  The recursion has already computed the accelerations of both
+ends, each in its own axes (gravity included); at the point x_B they are  a + al x r + w x (w x r).  So
+
+    position    phi = u . d     phi' = u . d'      phi'' = u . (a_B - a_A - 2 w_A x d')              d' = sum c qd,   G = u . c
+    direction   phi = u . w     phi' = e . w_AB    phi'' = e . al_AB + e' . w_AB     e = w x u,      G = e . z
+
+Three positions fix a point: they may be taken along any axes, here the root's, and d' is none.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexinv.kernels.jit import jit_lane, jit_lanes
+from flexinv.kernels.simd import into, plus, put_vec, row, times, vec_of
+from flexinv.rnea.loop_allocation import clear, coupled, hold
+from flexinv.rnea.loop_bodies import acceleration, axes_of, constant, cross, dot, minus, move, square
+from flexinv.rnea.loop_ground import from_ground
+from flexinv.rnea.loop_layout import (
+    A_STANDS,
+    AXES_A,
+    AXES_B,
+    BODY_COUNT,
+    BODY_ROWS,
+    CLOSURE_CELLS,
+    CLOSURE_ROWS,
+    CLOSURES,
+    COUPLED,
+    DIRECTIONS,
+    FIRST_BODY,
+    GAP,
+    GAP_RATE,
+    GROUND,
+    NO_GROUND,
+    NUMBERS,
+    OWN,
+    PARTIAL,
+    PLACE_A,
+    PLACE_B,
+    POINT,
+    POSITIONS,
+    SECOND,
+    SPIN_A,
+    SPIN_B,
+    SQUARES,
+    STATE_A,
+    STATE_B,
+    TURNING_RATE,
+    VECTOR,
+    VECTORS,
+    WHOLE,
+)
+from flexinv.rnea.loop_reduce import columns
+from flexinv.rnea.recursion import SPIN, SPIN_RATE, STATE_ROWS
+
+_WHOLE = row(CLOSURE_ROWS + 9)
+_BODY, _STATE, _VEC, _NONE, _SIX = row(BODY_ROWS), row(STATE_ROWS), np.uint64(0), (0.0, 0.0, 0.0), np.uint64(6)
+# Constants of a closure: places of the ends in axes of the loop, the scale; arms and axes of both in those of the recursion.
+_AT_A, _AT_B, _SCALE, _ARM_A, _ARM_B, _TURNED_A, _TURNED_B, _U = (np.uint64(i) for i in (0, 3, 6, 7, 10, 13, 22, 31))
+
+
+@jit_lanes
+def _turned(c, first):
+    """R of a body's axes as the loop takes them and as the recursion does, by columns."""
+    return constant(c, first), constant(c, first + np.uint64(3)), constant(c, first + _SIX)
+
+
+@jit_lane
+def _point(axes, place, k, seat):
+    """The place of a point of a body."""
+    return plus(vec_of(place, _VEC, k), into(axes_of(axes, k), seat))
+
+
+@jit_lane
+def _in_root(axes, k, turned, v):
+    """A vector of the recursion in the axes of the root."""
+    return into(axes_of(axes, k), into(turned, v))
+
+
+@jit_lanes
+def _whole(a, place_a, state_a, b, place_b, state_b, own, lanes, c):
+    """Three positions: the point of B, the squares of phi and phi''."""
+    at_a, at_b, scale = constant(c, _AT_A), constant(c, _AT_B), c[_SCALE]
+    arm_a, arm_b, turned_a, turned_b = (
+        constant(c, _ARM_A),
+        constant(c, _ARM_B),
+        _turned(c, _TURNED_A),
+        _turned(c, _TURNED_B),
+    )
+    for k in range(lanes):
+        point = _point(b, place_b, k, at_b)
+        d = minus(point, _point(a, place_a, k, at_a))
+        one, other = acceleration(state_a, k, arm_a), acceleration(state_b, k, arm_b)
+        second = minus(_in_root(b, k, turned_b, other), _in_root(a, k, turned_a, one))
+        put_vec(own, POINT, k, point)
+        put_vec(own, GAP_RATE, k, _NONE)
+        put_vec(own, SQUARES, k, (scale * dot(d, d), 0.0, dot(second, second)))
+
+
+@jit_lanes
+def _partial(a, place_a, state_a, b, place_b, state_b, own, lanes, c):
+    """Fewer positions, or none: the gap and its second rate, A's acceleration being that of its body at the point of B."""
+    at_a, at_b, arm_b = constant(c, _AT_A), constant(c, _AT_B), constant(c, _ARM_B)
+    turned_a, turned_b = _turned(c, _TURNED_A), _turned(c, _TURNED_B)
+    for k in range(lanes):
+        point = _point(b, place_b, k, at_b)
+        x, y, z = axes_of(a, k)
+        arm = minus(point, vec_of(place_a, _VEC, k))
+        arm = dot(x, arm), dot(y, arm), dot(z, arm)
+        arm = dot(turned_a[0], arm), dot(turned_a[1], arm), dot(turned_a[2], arm)
+        one, other = acceleration(state_a, k, arm), acceleration(state_b, k, arm_b)
+        put_vec(own, POINT, k, point)
+        put_vec(own, GAP, k, minus(point, _point(a, place_a, k, at_a)))
+        put_vec(own, SECOND, k, minus(_in_root(b, k, turned_b, other), _in_root(a, k, turned_a, one)))
+        put_vec(own, GAP_RATE, k, _NONE)
+        put_vec(own, SQUARES, k, _NONE)
+
+
+@jit_lanes
+def _spins(a, state_a, b, state_b, own, lanes, c):
+    """Write both ends' angular velocities and their relative angular acceleration, in the axes of the root."""
+    turned_a, turned_b = _turned(c, _TURNED_A), _turned(c, _TURNED_B)
+    for k in range(lanes):
+        put_vec(own, SPIN_A, k, _in_root(a, k, turned_a, vec_of(state_a, SPIN, k)))
+        put_vec(own, SPIN_B, k, _in_root(b, k, turned_b, vec_of(state_b, SPIN, k)))
+        al_a = _in_root(a, k, turned_a, vec_of(state_a, SPIN_RATE, k))
+        al_b = _in_root(b, k, turned_b, vec_of(state_b, SPIN_RATE, k))
+        put_vec(own, TURNING_RATE, k, minus(al_b, al_a))
+
+
+@jit_lanes
+def _direction(e, a, b, own, lanes, u, w):
+    """The squares of phi = u . w of one row, and e."""
+    for k in range(lanes):
+        wa, wb = vec_of(own, SPIN_A, k), vec_of(own, SPIN_B, k)
+        us, ws = into(axes_of(a, k), u), into(axes_of(b, k), w)
+        n, turning = cross(ws, us), minus(wb, wa)
+        n1 = plus(cross(cross(wb, ws), us), cross(ws, cross(wa, us)))
+        second = dot(n, vec_of(own, TURNING_RATE, k)) + dot(n1, turning)
+        square(own, k, dot(us, ws), dot(n, turning), second)
+        put_vec(e, _VEC, k, n)
+
+
+@jit_lanes
+def _along(e, a, lanes, u):
+    """The direction e = u of a position."""
+    for k in range(lanes):
+        put_vec(e, _VEC, k, into(axes_of(a, k), u))
+
+
+@jit_lanes
+def _position(e, own, lanes, scale):
+    """The squares of phi = u . d of one row."""
+    for k in range(lanes):
+        u, d1 = vec_of(e, _VEC, k), vec_of(own, GAP_RATE, k)
+        second = minus(vec_of(own, SECOND, k), times(2.0, cross(vec_of(own, SPIN_A, k), d1)))
+        square(own, k, scale * dot(u, vec_of(own, GAP, k)), dot(u, d1), dot(u, second))
+
+
+@jit_lanes
+def _ends(work, closure, own, vectors, lanes, c):
+    """Points, vectors and squares of one closure, but for what takes d'."""
+    one, other, state_a, state_b = closure[AXES_A], closure[AXES_B], closure[STATE_A], closure[STATE_B]
+    a, b = work[one : one + _BODY], work[other : other + _BODY]
+    at_a, at_b = work[closure[PLACE_A] :], work[closure[PLACE_B] :]
+    of_a, of_b = work[state_a : state_a + _STATE], work[state_b : state_b + _STATE]
+    positions, directions = closure[POSITIONS], closure[DIRECTIONS]
+    if closure[GROUND] != NO_GROUND:
+        whole = work[closure[OWN] : closure[OWN] + _WHOLE]
+        end = (b, at_b[:VECTOR], of_b) if closure[GROUND] == A_STANDS else (a, at_a[:VECTOR], of_a)
+        from_ground(whole, *end, lanes, c, directions)
+        return
+    if closure[0] == WHOLE:
+        _whole(a, at_a[:VECTOR], of_a, b, at_b[:VECTOR], of_b, own, lanes, c)
+    else:
+        _partial(a, at_a[:VECTOR], of_a, b, at_b[:VECTOR], of_b, own, lanes, c)
+    if positions + directions > np.uint64(0):
+        _spins(a, of_a, b, of_b, own, lanes, c)
+    for j in range(positions):
+        _along(vectors[j * VECTOR :], a, lanes, constant(c, _U + np.uint64(3) * j))
+    for j in range(directions):
+        u = c[_U + np.uint64(3) * positions + _SIX * j :]
+        _direction(vectors[(positions + j) * VECTOR :], a, b, own, lanes, constant(u, 0), constant(u, 3))
+
+
+@jit_lanes
+def in_space(plan, fixed, work, lanes, sums):
+    """Set points [m] and G, and hold the squares of the closures; return how often reduced closures are in doubt.
+
+    Closure after closure: rows of what is in one loop only are used again by the next.
+    """
+    doubts = 0
+    for i in range(plan[CLOSURES + 1]):
+        at = plan[CLOSURES] + i * CLOSURE_CELLS
+        closure = plan[at : at + CLOSURE_CELLS]
+        c, first = fixed[closure[NUMBERS] :], closure[OWN]
+        own, vectors = work[first : first + VECTORS], work[first + VECTORS :]
+        move(plan, fixed, work, closure[FIRST_BODY], closure[BODY_COUNT], lanes)
+        if closure[0] == COUPLED:
+            coupled(plan, fixed, work, own, lanes, closure, c[0])
+        else:
+            _ends(work, closure, own, vectors, lanes, c)
+        doubts += columns(plan, fixed, work, closure, lanes)
+        for j in range(closure[POSITIONS] if closure[0] == PARTIAL else np.uint64(0)):
+            _position(vectors[j * VECTOR :], own, lanes, c[_SCALE])
+        hold(plan, fixed, work, lanes, closure, sums, True)
+    clear(plan, work, lanes)
+    return doubts

@@ -1,0 +1,396 @@
+"""Inverse dynamics of rigid trees, one sample a lane: motion outboard, wrenches inboard, all in the bodies' own frames.
+
+With R = R_parent,body of the placement and the joint together, p the joint's place in the parent's frame and c = R^T w_parent:
+
+    w = c + w_j               al = R^T al_parent + al_j + c x w_j
+    a = R^T (a_parent + al_parent x p + w_parent x (w_parent x p)) + 2 c x v_j + v_j' + w_j x v_j,     a_world = -g
+    F = m a + S h             N = h x a + axial(S Sigma)                S = skew(al) + skew(w)^2   (see `body_table`)
+
+and from the leaves to the root  F_parent += R F,  N_parent += R N + p x R F.  A joint's effort is the component of F or N
+along its axis, which is z, with what its rotor, damper, friction and spring take.
+
+Along a chain the frames lie so that R = Rx(tilt) Rz(zero + q), as Denavit and Hartenberg's (`body_table`); where a branch
+begins a
+constant rotation stands before that.  The *state* (w, al, a) is carried on in place: what body i leaves is that of the place p
+of its last child's joint, a + S p; other children begin with a copy.
+
+The tree is data: one machine code serves all mechanisms.  Each body has a few rows in the work space; its coordinates come in
+there, its efforts go out of there.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from flexinv.kernels.jit import jit_lane, jit_lanes
+from flexinv.kernels.simd import (
+    FAR,
+    LANES,
+    astray,
+    cos_sin,
+    into,
+    plus,
+    plus_cross,
+    plus_out_of,
+    put_vec,
+    row,
+    tilted,
+    tilted_back,
+    times,
+    turned,
+    turned_back,
+    vec_of,
+)
+from flexinv.model.joint_kinds import CONTINUOUS, FREE, PRISMATIC, REVOLUTE, SPHERICAL
+
+# Columns of the tables of bodies: see `body_table.Bodies`.
+TREE, NUMBERS = np.uint64(6), np.uint64(37)
+# Rows of every body: force and moment that its parent exerts on it, and all beyond it, at its origin.
+FORCE, MOMENT, MOMENT_Z = row(0), row(3), row(5)
+WRENCH_ROWS = 6
+# of a body that turns or slides: coordinate, its cosine and sine, rate; acceleration, which becomes the effort
+PLACE, COS, SIN, RATE, EFFORT = row(6), row(7), row(8), row(9), row(10)
+SCALAR_ROWS = 11
+# of a spherical or free one: R_j (its quaternion, before), position, rates v, w, accelerations, which become the efforts
+TURN_OF, SHIFT, RATES, EFFORTS = row(6), row(15), row(18), row(24)
+TURN_Y, TURN_Z = row(9), row(12)
+QUATERNION, SCALAR_OF_QUATERNION = TURN_OF, row(9)
+RATES_TURNING, EFFORTS_TURNING = row(21), row(27)
+FREE_ROWS = 30
+# Rows of a state.
+SPIN, SPIN_RATE, ACCELERATION = row(0), row(3), row(6)
+STATE_ROWS = 9
+_STATE, _LARGEST = row(STATE_ROWS), row(FREE_ROWS)
+_WRENCH, _NONE = row(WRENCH_ROWS), (0.0, 0.0, 0.0)
+# How a body's state begins: where its parent left it, the same turned by a constant rotation, a turned copy, in the world.
+ON, TURNED, COPIED, FROM_WORLD = range(4)
+
+
+@jit_lanes
+def _vec(numbers, first):
+    return numbers[first], numbers[first + 1], numbers[first + 2]
+
+
+@jit_lanes
+def _placement(body):
+    """R (rows) before tilt and joint, and p of the joint, in the parent's frame."""
+    return (_vec(body, 0), _vec(body, 3), _vec(body, 6)), _vec(body, 9)
+
+
+@jit_lanes
+def _tilt(body):
+    """Cosine and sine of the tilt about x, and of the angle about z at which the coordinate is zero."""
+    return (body[27], body[28]), (body[29], body[30])
+
+
+@jit_lanes
+def _onward(body):
+    """p of the last child's joint in this body's frame."""
+    return _vec(body, 31)
+
+
+@jit_lanes
+def _inertia(body):
+    """m, h and Sigma (xx, yy, zz), (xy, xz, yz)."""
+    return body[12], _vec(body, 13), _vec(body, 16), _vec(body, 19)
+
+
+@jit_lanes
+def _sign(x):
+    return (1.0 if x > 0.0 else 0.0) - (1.0 if x < 0.0 else 0.0)
+
+
+@jit_lanes
+def _state(state, k):
+    return vec_of(state, SPIN, k), vec_of(state, SPIN_RATE, k), vec_of(state, ACCELERATION, k)
+
+
+@jit_lanes
+def _at(w, al, a, arm):
+    """a + al x arm + w x (w x arm): the acceleration of another point of the same body."""
+    return plus_cross(plus_cross(a, al, arm), w, plus_cross(_NONE, w, arm))
+
+
+@jit_lanes
+def _leave(state, rows, k, w, al, a, inertia, onward):
+    """Leave the state of the place ``onward``, and F = m a + S h, N = h x a + axial(S Sigma) in the body's rows."""
+    m, h, (sxx, syy, szz), (sxy, sxz, syz) = inertia
+    xx, yy, zz = w[0] * w[0], w[1] * w[1], w[2] * w[2]
+    x = (-yy - zz, w[0] * w[1] - al[2], w[0] * w[2] + al[1])  # rows of S
+    y = (w[0] * w[1] + al[2], -xx - zz, w[1] * w[2] - al[0])
+    z = (w[0] * w[2] - al[1], w[1] * w[2] + al[0], -xx - yy)
+    force = plus_out_of(times(m, a), (x, y, z), h)
+    n = plus_cross(_NONE, h, a)
+    moment = (  # axial(S Sigma) = (zy - yz, xz - zx, yx - xy) of the product
+        n[0] + z[0] * sxy + z[1] * syy + z[2] * syz - y[0] * sxz - y[1] * syz - y[2] * szz,
+        n[1] + x[0] * sxz + x[1] * syz + x[2] * szz - z[0] * sxx - z[1] * sxy - z[2] * sxz,
+        n[2] + y[0] * sxx + y[1] * sxy + y[2] * sxz - x[0] * sxy - x[1] * syy - x[2] * syz,
+    )
+    put_vec(state, SPIN, k, w)
+    put_vec(state, SPIN_RATE, k, al)
+    put_vec(state, ACCELERATION, k, plus_out_of(a, (x, y, z), onward))
+    put_vec(rows, FORCE, k, force)
+    put_vec(rows, MOMENT, k, moment)
+
+
+@jit_lanes
+def _angles(rows, lanes):
+    """Cosine and sine of the coordinate."""
+    far = 0
+    for k in range(lanes):
+        angle = rows[PLACE + k]
+        rows[COS + k], rows[SIN + k] = cos_sin(angle)
+        far += 1 if abs(angle) > FAR else 0
+    if far:
+        for k in range(lanes):
+            rows[COS + k], rows[SIN + k] = math.cos(rows[PLACE + k]), math.sin(rows[PLACE + k])
+
+
+@jit_lanes
+def _turn_outboard(state, rows, lanes, body):
+    """A body that turns about z."""
+    ((ct, st), (c0, s0)), inertia, onward = _tilt(body), _inertia(body), _onward(body)
+    rotor, damping = body[22], body[23]
+    for k in range(lanes):
+        w, al, a = _state(state, k)
+        rate, acceleration = rows[RATE + k], rows[EFFORT + k]
+        c, s = c0 * rows[COS + k] - s0 * rows[SIN + k], s0 * rows[COS + k] + c0 * rows[SIN + k]
+        rows[COS + k], rows[SIN + k] = c, s
+        w = turned_back(c, s, tilted_back(ct, st, w))
+        al = turned_back(c, s, tilted_back(ct, st, al))
+        a = turned_back(c, s, tilted_back(ct, st, a))
+        al = (al[0] + w[1] * rate, al[1] - w[0] * rate, al[2] + acceleration)  # + c x w_j + al_j, w_j = rate z
+        w = (w[0], w[1], w[2] + rate)
+        _leave(state, rows, k, w, al, a, inertia, onward)
+        rows[EFFORT + k] = rotor * acceleration + damping * rate
+
+
+@jit_lanes
+def _slide_outboard(state, rows, lanes, body):
+    """A body that slides along z."""
+    inertia, onward = _inertia(body), _onward(body)
+    rotor, damping = body[22], body[23]
+    for k in range(lanes):
+        w, al, a = _state(state, k)
+        rate, acceleration = rows[RATE + k], rows[EFFORT + k]
+        a = _at(w, al, a, (0.0, 0.0, rows[PLACE + k]))
+        a = (
+            a[0] + 2.0 * w[1] * rate,
+            a[1] - 2.0 * w[0] * rate,
+            a[2] + acceleration,
+        )  # + 2 c x v_j + v_j', v_j = rate z
+        _leave(state, rows, k, w, al, a, inertia, onward)
+        rows[EFFORT + k] = rotor * acceleration + damping * rate
+
+
+@jit_lanes
+def _orientations(rows, lanes, floats):
+    """R_j of the quaternion, normalised first; a ball joint has no position and no linear rates."""
+    for k in range(lanes):
+        x, y, z = vec_of(rows, QUATERNION, k)
+        w = rows[SCALAR_OF_QUATERNION + k]
+        unit = 1.0 / math.sqrt(x * x + y * y + z * z + w * w)
+        x, y, z, w = unit * x, unit * y, unit * z, unit * w
+        put_vec(rows, TURN_OF, k, (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)))
+        put_vec(rows, TURN_Y, k, (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)))
+        put_vec(rows, TURN_Z, k, (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)))
+    if not floats:
+        for k in range(lanes):
+            put_vec(rows, SHIFT, k, _NONE)
+            put_vec(rows, RATES, k, _NONE)
+            put_vec(rows, EFFORTS, k, _NONE)
+
+
+@jit_lanes
+def _orientation(rows, k):
+    return vec_of(rows, TURN_OF, k), vec_of(rows, TURN_Y, k), vec_of(rows, TURN_Z, k)
+
+
+@jit_lanes
+def _float_outboard(state, rows, lanes, body):
+    """A body that turns about its origin, which moves too; rates and accelerations are in its own frame."""
+    inertia, onward = _inertia(body), _onward(body)
+    for k in range(lanes):
+        rj = _orientation(rows, k)
+        v, wj = vec_of(rows, RATES, k), vec_of(rows, RATES_TURNING, k)
+        dv, alj = vec_of(rows, EFFORTS, k), vec_of(rows, EFFORTS_TURNING, k)
+        w, al, a = _state(state, k)
+        a = _at(w, al, a, vec_of(rows, SHIFT, k))
+        c = into(rj, w)
+        al = plus_cross(plus(into(rj, al), alj), c, wj)
+        a = plus_cross(plus(into(rj, a), dv), plus(times(2.0, c), wj), v)
+        _leave(state, rows, k, plus(c, wj), al, a, inertia, onward)
+    rotor, damping, friction = _vec(body, 22)
+    for j in range(6):
+        rate, effort = RATES + np.uint64(j) * LANES, EFFORTS + np.uint64(j) * LANES
+        for k in range(lanes):
+            v = rows[rate + k]
+            rows[effort + k] = rotor * rows[effort + k] + damping * v + friction * _sign(v)
+
+
+@jit_lanes
+def _add(above, k, p, force, moment):
+    """Add to the parent what a wrench at the place p is at its origin."""
+    put_vec(above, FORCE, k, plus(vec_of(above, FORCE, k), force))
+    put_vec(above, MOMENT, k, plus_cross(plus(vec_of(above, MOMENT, k), moment), p, force))
+
+
+@jit_lanes
+def _turn_inboard(rows, lanes, body):
+    """The effort, and the wrench in the frame before the joint."""
+    (ct, st), _ = _tilt(body)
+    for k in range(lanes):
+        c, s = rows[COS + k], rows[SIN + k]
+        rows[EFFORT + k] += rows[MOMENT_Z + k]
+        put_vec(rows, FORCE, k, tilted(ct, st, turned(c, s, vec_of(rows, FORCE, k))))
+        put_vec(rows, MOMENT, k, tilted(ct, st, turned(c, s, vec_of(rows, MOMENT, k))))
+
+
+@jit_lanes
+def _turn_on_inboard(rows, above, lanes, body):
+    """The effort, and the wrench that the parent takes in its own frame."""
+    ((ct, st), _), (_, p) = _tilt(body), _placement(body)
+    for k in range(lanes):
+        c, s = rows[COS + k], rows[SIN + k]
+        rows[EFFORT + k] += rows[MOMENT_Z + k]
+        force = tilted(ct, st, turned(c, s, vec_of(rows, FORCE, k)))
+        _add(above, k, p, force, tilted(ct, st, turned(c, s, vec_of(rows, MOMENT, k))))
+
+
+@jit_lanes
+def _slide_inboard(rows, lanes):
+    """The effort, and the moment where the slide begins."""
+    for k in range(lanes):
+        force, moment = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k)
+        rows[EFFORT + k] += force[2]
+        put_vec(rows, MOMENT, k, plus_cross(moment, (0.0, 0.0, rows[PLACE + k]), force))
+
+
+@jit_lanes
+def _float_inboard(rows, lanes):
+    """The efforts, and the wrench before the joint."""
+    for k in range(lanes):
+        force, moment, rj = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k), _orientation(rows, k)
+        put_vec(rows, EFFORTS, k, plus(vec_of(rows, EFFORTS, k), force))
+        put_vec(rows, EFFORTS_TURNING, k, plus(vec_of(rows, EFFORTS_TURNING, k), moment))
+        force, moment = plus_out_of(_NONE, rj, force), plus_out_of(_NONE, rj, moment)
+        put_vec(rows, FORCE, k, force)
+        put_vec(rows, MOMENT, k, plus_cross(moment, vec_of(rows, SHIFT, k), force))
+
+
+@jit_lanes
+def _branch_inboard(rows, above, lanes, body):
+    """The wrench before the joint, which the parent takes in its own frame."""
+    r, p = _placement(body)
+    for k in range(lanes):
+        force, moment = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k)
+        _add(above, k, p, plus_out_of(_NONE, r, force), plus_out_of(_NONE, r, moment))
+
+
+@jit_lanes
+def _resist(rows, lanes, kind, body):
+    """Add what the actuator gives against dry friction and a spring in the joint, friction sign(qd) + stiffness (q - rest)."""
+    (_, (c0, s0)), (friction, stiffness, rest) = _tilt(body), _vec(body, 24)
+    for k in range(lanes):
+        c, s = rows[COS + k], rows[SIN + k]  # of zero + q: a joint that turns without end has no other coordinate
+        place = math.atan2(c0 * s - s0 * c, c0 * c + s0 * s) if kind == CONTINUOUS else rows[PLACE + k]
+        rows[EFFORT + k] += friction * _sign(rows[RATE + k]) + stiffness * (place - rest)
+
+
+@jit_lane
+def _turn_state(state, k, r, d, w, al, a):
+    """Leave a parent's state, turned, of the place d."""
+    put_vec(state, SPIN, k, into(r, w))
+    put_vec(state, SPIN_RATE, k, into(r, al))
+    put_vec(state, ACCELERATION, k, into(r, _at(w, al, a, d)))
+
+
+@jit_lanes
+def _begin(how, source, state, work, lanes, body, g):
+    """The state before the joint: at rest in the world, or the parent's, turned by the constant rotation."""
+    if how == ON:
+        return
+    (r, _), d = _placement(body), _vec(body, 34)
+    if how == FROM_WORLD:
+        a = into(r, (-g[0], -g[1], -g[2]))
+        for k in range(lanes):
+            put_vec(state, SPIN, k, _NONE)
+            put_vec(state, SPIN_RATE, k, _NONE)
+            put_vec(state, ACCELERATION, k, a)
+        return
+    if how == COPIED:  # a loop of its own: that it reads other rows than it writes is known only here
+        parent = work[source : source + _STATE]
+        for k in range(lanes):
+            _turn_state(state, k, r, d, *_state(parent, k))
+        return
+    for k in range(lanes):
+        _turn_state(state, k, r, d, *_state(state, k))
+
+
+@jit_lanes
+def outboard(tree, numbers, work, lanes):
+    """Carry the motion from the root to the leaves; leave in every body the force [N] and moment [N m] that it takes.
+
+    Returns in how many lanes a joint's cosine and sine are those of no angle.
+    """
+    g, lost = _vec(numbers[0], 0), 0
+    for i in range(1, tree.shape[0]):
+        kind, first, at, how, source = tree[i, 0], tree[i, 2], tree[i, 3], tree[i, 4], tree[i, 5]
+        state, rows, body = work[at : at + _STATE], work[first : first + _LARGEST], numbers[i]
+        _begin(how, source, state, work, lanes, body, g)
+        if kind == PRISMATIC:
+            _slide_outboard(state, rows, lanes, body)
+        elif kind in (REVOLUTE, CONTINUOUS):
+            if kind == REVOLUTE:
+                _angles(rows, lanes)
+            else:
+                lost += astray(rows, COS, lanes)
+            _turn_outboard(state, rows, lanes, body)
+        else:
+            _orientations(rows, lanes, kind == FREE)
+            _float_outboard(state, rows, lanes, body)
+        if kind not in (SPHERICAL, FREE) and (body[24] != 0.0 or body[25] != 0.0):
+            _resist(rows, lanes, kind, body)
+    return lost
+
+
+@jit_lanes
+def _spoilt(rows, lanes):
+    """In how many lanes a wrench is not finite: 0 x infinity is NaN, and nothing ends one."""
+    count = 0
+    for k in range(lanes):
+        force, moment = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k)
+        total = (force[0] + force[1] + force[2]) + (moment[0] + moment[1] + moment[2])
+        count += 0 if total - total == 0.0 else 1
+    return count
+
+
+@jit_lanes
+def inboard(tree, numbers, work, lanes):
+    """Sum forces [N] and moments [N m] from the leaves to the root; what lies along a joint's axis is its effort.
+
+    Returns in how many lanes the world takes a wrench that is not finite, as it does of every coordinate, rate and acceleration
+    that is not.
+    """
+    spoilt = 0
+    for back in range(1, tree.shape[0]):
+        i = tree.shape[0] - back
+        kind, parent, first, how = tree[i, 0], tree[i, 1], tree[i, 2], tree[i, 4]
+        rows, body = work[first : first + _LARGEST], numbers[i]
+        above = work[tree[parent, 2] : tree[parent, 2] + _WRENCH]
+        if how == ON:
+            _turn_on_inboard(rows, above, lanes, body)
+            continue
+        if kind == PRISMATIC:
+            _slide_inboard(rows, lanes)
+        elif kind in (REVOLUTE, CONTINUOUS):
+            _turn_inboard(rows, lanes, body)
+        else:
+            _float_inboard(rows, lanes)
+        if how == FROM_WORLD:
+            spoilt += _spoilt(rows, lanes)
+        else:
+            _branch_inboard(rows, above, lanes, body)
+    return spoilt

@@ -1,0 +1,1 @@
+"""Frames on paths: inverse kinematics, collocation over a time window, stable inversion."""

@@ -1,0 +1,255 @@
+"""follow: a path of a frame becomes joint torques, so that the deformed mechanism, not only a rigid one, follows it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexinv.analysis.evaluation import evaluate, rigid_trajectory
+from flexinv.analysis.simulate import simulate
+from flexinv.analysis.solution import Solution
+from flexinv.analysis.solve import finer_meshes, scaled_difference, solve
+from flexinv.errors import InputError
+from flexinv.inverse.applied_forces import applied_forces
+from flexinv.kinematics.mesh import Mesh, build
+from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.unactuated import fill_passive
+from flexinv.model.mechanism import Attachment, Mechanism
+from flexinv.model.motion import Motion
+from flexinv.tracking.collocation import Horizon, Layout, Task
+from flexinv.tracking.frame_path import Path
+from flexinv.tracking.inverse_kinematics import Frame, Reach, drive_columns, follow_rigid, frame_of
+from flexinv.tracking.stable_inversion import Inverse, internal_rates, invert, unrest
+from flexinv.typing import Array
+from flexinv.validation import choice, flag, number, of_kind
+
+# Part of the motion inside that is left at the ends of a window that is chosen here, and that is refused in any.
+LEFT, RESTLESS = 1e-6, 1e-2
+# A rate whose real part is a smaller part of it swings: it has no end to wait for.
+SWINGING = 1e-3
+# More instants than this are a mistake in `step` or in the window far more often than a wish: a gigabyte of equations.
+MOST_INSTANTS = 20_000
+RIGID, JOINT_SPACE, INVERSION = "rigid", "joint space", "stable inversion"
+
+
+@dataclass(frozen=True)
+class Following:
+    """A path, and three ways to make a frame follow it.
+
+    solution : stable inversion, the *deformed* frame on the path; its joints move before the path begins and after it ends
+    rigid : as if the beams were rigid; reach : its joint motion
+    wanted : (samples, 3) [m] where the frame shall be; time : (samples,) [s], 0 where the path begins
+    unrest : speed left at the ends of the window over the largest [-]; frame : what follows
+    """
+
+    path: Path
+    frame: Frame
+    time: Array
+    wanted: Array
+    solution: Solution
+    rigid: Solution
+    reach: Reach
+    unrest: tuple[float, float]
+
+    @cached_property
+    def joint_space(self) -> Solution:
+        """The joints on the rigid mechanism's motion, beams bending: the naive answer, by `solve` [m, rad, s, N, N m]."""
+        if self.solution is self.rigid:
+            return self.rigid
+        return _joint_space(self.solution.mechanism, self.reach, self.time, float(self.time[1] - self.time[0]))
+
+    @property
+    def feed_forwards(self) -> dict[str, Solution]:
+        """The three by name, from the simplest on [N m], [N]."""
+        return {RIGID: self.rigid, JOINT_SPACE: self.joint_space, INVERSION: self.solution}
+
+    def distance(self, solution: Solution) -> Array:
+        """Return the distance of a solution's frame from its prescribed position, (samples,) [m]."""
+        if len(of_kind("solution", solution, Solution).time) != len(self.time):
+            raise InputError(f"solution has {len(solution.time)} samples, expected the {len(self.time)} of this path")
+        return np.asarray(np.linalg.norm(self.frame.poses(solution.nodes).x - self.wanted, axis=1))
+
+    def replay(self, name: str, spectral_radius: float = 0.8) -> Solution:
+        """Return the motion that a feed-forward's torques give the flexible mechanism, by `simulate` [m, rad, s]."""
+        choice(
+            "name", name, {RIGID: "rigid beams", JOINT_SPACE: "beams bend", INVERSION: "the deformed frame on the path"}
+        )
+        torque, q = self.feed_forwards[name].torque, self.solution.q[0]
+        m = self.solution.mechanism
+        places = {j.name: q[m.q_slices[j.name]] for j in m.joints if j.nv}
+        step = float(self.time[1] - self.time[0])
+        return simulate(m, self.time, torque, step, spectral_radius, _initial(m), start=places)
+
+
+def follow(
+    mechanism: Mechanism,
+    path: Path,
+    frame: str | Attachment,
+    step: float,
+    before: float | None = None,
+    after: float | None = None,
+    start: Mapping[str, ArrayLike] | None = None,
+    error: bool = False,
+) -> Following:
+    """Return the torques with which a frame of a mechanism, rigid, flexible or mixed, follows a path.
+
+    Stable inversion: r(y_k, u_k, u'_k) - S tau_k = 0 and c(y_k) = 0 at all instants at once, at rest at both ends; of second
+    order in the step. Where drives are more than the frame needs, they keep the self-motion of the rigid mechanism (shortest
+    joint steps); where the frame cannot be moved in a direction (the length of a single arm), it is left there.
+
+    frame : a link, whose tip follows, or an Attachment; step : between instants [s]
+    before, after : rest of the frame before and after the path, in which joints move already [s]; by default as long as what
+        moves inside takes to fade to a millionth
+    start : guess of joint coordinates at the start of the path [rad], [m]
+    error : also with half the step and on a refined mesh: ``solution.torque_error``, ``solution.tip_error``
+
+    Raises InputError for a path out of reach or too rough, and for a window too short; ConvergenceError if Newton fails.
+    """
+    of_kind("mechanism", mechanism, Mechanism)
+    of_kind("path", path, Path)
+    error, step = flag("error", error), number("step", step, "a positive number of seconds, for example step=1e-3")
+    mesh = build(mechanism)
+    _check(mechanism, step)
+    at = frame_of(mesh, frame)
+    time = _window(mesh, at, path, step, before, after, start)
+    reach = follow_rigid(mesh, at, path, time, start)
+    wanted = path.evaluate(time)
+    rigid = _rigid(mesh, reach, time, step)
+    moving = not mechanism.is_rigid or any(j.nv and not j.actuated for j in mechanism.joints)
+    if not moving:
+        return Following(path, at, time, wanted.x, rigid, rigid, reach, (0.0, 0.0))
+    horizon = Horizon(Layout.of(mesh), Task(at, wanted, reach, mesh.length, path.duration), time, step)
+    found = invert(horizon)
+    left = unrest(time, found)
+    _check_rest(horizon, left)
+    out = Following(path, at, time, wanted.x, _solution(horizon, found), rigid, reach, left)
+    if not error:
+        return out
+    return _with_error(out, mechanism, path, frame, step, start)
+
+
+def _check(mechanism: Mechanism, step: float) -> None:
+    drive_columns(mechanism)
+    for what, items in (("closures", mechanism.closures), ("springs between points", mechanism.springs)):
+        if items:
+            raise InputError(
+                f"mechanism '{mechanism.name}' has {what}: a path of a frame is followed by open mechanisms so far; "
+                "give the joints a motion with solve instead"
+            )
+    if not (np.isfinite(step) and step > 0.0):
+        raise InputError(f"step = {step} s: expected a positive number of seconds, for example step=1e-3")
+
+
+def _window(
+    mesh: Mesh, frame: Frame, path: Path, step: float, before: float | None, after: float | None,
+    start: Mapping[str, ArrayLike] | None,
+) -> Array:  # fmt: skip
+    """Instants (samples,) [s], 0 among them."""
+    for name, value in (("before", before), ("after", after)):
+        wait = 0.0 if value is None else number(name, value, "a time, 0 or more [s], or None to choose it here")
+        if not (np.isfinite(wait) and wait >= 0.0):
+            raise InputError(f"{name} = {value} s: expected a time, 0 or more, or None to choose it here")
+    if step > path.duration / 4:
+        raise InputError(
+            f"step = {step:g} s is too long for a path of {path.duration:g} s: write step = {path.duration / 200:g}"
+        )
+    ends = np.array([0.0, path.duration])
+    if before is None or after is None:
+        reach = follow_rigid(mesh, frame, path, ends, start)
+        horizon = Horizon(
+            Layout.of(mesh), Task(frame, path.evaluate(ends), reach, mesh.length, path.duration), ends, step
+        )
+        waits = [_fading(internal_rates(horizon, k)) for k in (0, -1)]
+    first, last = (given if given is not None else waits[k] for k, given in enumerate((before, after)))
+    count = np.ceil(np.array([first, path.duration + last]) / step * (1 - 1e-9))
+    if count.sum() > MOST_INSTANTS:
+        raise InputError(
+            f"step = {step:g} s gives {count.sum():.0f} instants in {first + path.duration + last:.3g} s, "
+            f"more than {MOST_INSTANTS}: write a larger step, or shorter before and after"
+        )
+    return np.asarray(step * np.arange(-max(count[0], 1), max(count[1], 1) + 1))
+
+
+def _fading(rates: NDArray[np.complex128]) -> float:
+    """Time [s] in which the slowest of the rates that fade has faded to LEFT; none where none does."""
+    fading = rates.real[rates.real > SWINGING * np.abs(rates)]
+    return float(-np.log(LEFT) / fading.min()) if len(fading) else 0.0
+
+
+def _check_rest(horizon: Horizon, left: tuple[float, float]) -> None:
+    ends = (-float(horizon.time[0]), float(horizon.time[-1]) - horizon.task.duration)
+    for name, given, sample, rest in zip(("before", "after"), ends, (0, -1), left, strict=True):
+        if rest <= RESTLESS:
+            continue
+        rates = internal_rates(horizon, sample)
+        fades = _fading(rates)
+        swings = rates.imag[(rates.real <= SWINGING * np.abs(rates)) & (rates.imag > 0)]
+        if given < fades:
+            advice = f"write {name} = {fades:.3g}, in which what moves inside fades"
+        elif len(swings):
+            advice = (
+                f"inside something swings without end (slowest at {swings.min() / (2 * np.pi):.3g} Hz): give the path more time, "
+                "law = 'nonic', or the joint without a drive damping"
+            )
+        else:
+            advice = "give the path more time, or law = 'nonic'"
+        raise InputError(
+            f"{name} = {given:.3g} s: at that end of the window the mechanism should rest and moves at {rest:.1%} of its largest "
+            f"speed; {advice}"
+        )
+
+
+def _rigid(mesh: Mesh, reach: Reach, time: Array, step: float) -> Solution:
+    motion = rigid_motion(mesh, reach.q, reach.qd, reach.qdd)
+    applied = applied_forces(mesh, motion, time)
+    trajectory = rigid_trajectory(mesh, motion, applied)
+    return evaluate(mesh, trajectory, time, reach.q, reach.qd, reach.qdd, set(), _settings(step), applied)
+
+
+def _joint_space(mechanism: Mechanism, reach: Reach, time: Array, step: float) -> Solution:
+    driven = [j.name for j in mechanism.joints if j.nv and j.actuated]
+    columns = {name: reach.q[:, mechanism.q_slices[name]] for name in driven}
+    motion = Motion.from_samples(time - time[0], columns, rest=True)
+    rest = {j.name: reach.q[0, mechanism.q_slices[j.name]] for j in mechanism.joints if j.nv and not j.actuated}
+    # the end: rounding of the first time must not lose the last sample
+    found = solve(mechanism, motion, step, end=float(time[-1] - time[0]), initial=_initial(mechanism), start=rest)
+    return replace(found, time=time)
+
+
+def _solution(horizon: Horizon, found: Inverse) -> Solution:
+    mesh = horizon.layout.solver.mesh
+    m = mesh.mechanism
+    q, qd, qdd = horizon.task.reach.q.copy(), np.zeros((len(horizon.time), m.nv)), np.zeros((len(horizon.time), m.nv))
+    moves = {joint.name for joint in m.joints if joint.nv}
+    fill_passive(mesh, found.trajectory.motion, moves, q, qd, qdd)
+    found.trajectory.iterations[:] = found.iterations
+    applied = applied_forces(mesh, found.trajectory.motion, horizon.time)
+    return evaluate(mesh, found.trajectory, horizon.time, q, qd, qdd, moves, _settings(horizon.h), applied)
+
+
+def _initial(mechanism: Mechanism) -> str:
+    return "static" if np.any(mechanism.gravity) or mechanism.forces else "consistent"
+
+
+def _settings(step: float) -> dict[str, float | int | str | bool]:
+    return {"step": float(step), "spectral_radius": 1.0, "initial": "static", "incremental": False}
+
+
+def _with_error(
+    out: Following, mechanism: Mechanism, path: Path, frame: str | Attachment, step: float, start: Mapping[str, ArrayLike] | None
+) -> Following:  # fmt: skip
+    """Error bars as in `solve`: 4/3 |s_h - s_(h/2)| (second order in time) + |s - s on the refined mesh|."""
+    before, after = -float(out.time[0]), float(out.time[-1]) - path.duration
+    half = follow(mechanism, path, frame, step / 2, before, after, start).solution
+    bars = [scaled_difference(out.solution, half, 2, 4 / 3)]
+    if not mechanism.is_rigid:
+        for finer, factor in finer_meshes(mechanism):
+            other = follow(finer, path, frame, step, before, after, start).solution
+            bars.append(scaled_difference(out.solution, other, 1, factor))
+    torque = np.asarray(sum(bar[0] for bar in bars))
+    tip = {name: np.asarray(sum(bar[1][name] for bar in bars)) for name in out.solution.tip}
+    return replace(out, solution=replace(out.solution, torque_error=torque, tip_error=tip))

@@ -1,0 +1,299 @@
+"""Rigid inverse kinematics: the joint motion with which a frame of the undeformed mechanism follows a path.
+
+Damped least squares from sample to sample,  dq = J^T (J J^T + damping^2)^-1 e,  which is the shortest step of redundant joints;
+joints at a limit are held there.  Rates and accelerations follow from the same Jacobian:
+
+    qd = J^+ v + N N^T qd_s,        qdd = J^+ (a - J' qd) + N N^T qdd_s
+
+with N the self-motion of redundant joints and q_s a spline through what the steps found.
+Source: Nakamura, Hanafusa, *Inverse kinematic solutions with singularity robustness*, J. Dyn. Sys. Meas. Control 108, 1986.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import make_interp_spline
+
+from flexinv.errors import InputError
+from flexinv.kernels.so3 import log_so3
+from flexinv.kinematics.mesh import Mesh, attachment_node
+from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.model.initial_values import start_coordinates
+from flexinv.model.mechanism import Attachment, Mechanism
+from flexinv.tracking.frame_path import Path, Poses
+from flexinv.typing import Array
+from flexinv.validation import refuse
+
+SCALAR = ("revolute", "continuous", "prismatic", "universal")
+KNOTS = 65  # places of the path that are found one after the other; all samples are then found at once
+ITERATIONS = 100
+# Of the mechanism's length: what Newton leaves of the distance to the path (it converges quadratically: rounding).
+REACHED = 1e-10
+# Directions in which joints move the frame this much less than in the best one: none below NONE, trouble below SINGULAR.
+NONE, SINGULAR = 1e-9, 1e-3
+DAMPING = 1e-2  # of the largest singular value, while the distance is large
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame on a node of the mesh: ``point`` (3,) [m] and axes ``turn`` (3, 3) in the node's frame; name : of its link."""
+
+    name: str
+    node: int
+    point: Array
+    turn: Array
+
+    def poses(self, motion: NodalMotion) -> Poses:
+        """Return the motion of the frame [m, rad, s]."""
+        r, w, al = motion.rotation[:, self.node], motion.omega[:, self.node], motion.alpha[:, self.node]
+        spin = np.cross(w, self.point)
+        swing = np.cross(al, self.point) + np.cross(w, spin)
+        return Poses(
+            motion.x[:, self.node] + r @ self.point,
+            motion.v[:, self.node] + np.einsum("sij,sj->si", r, spin),
+            motion.a[:, self.node] + np.einsum("sij,sj->si", r, swing),
+            r @ self.turn,
+            w @ self.turn,
+            al @ self.turn,
+        )
+
+
+@dataclass(frozen=True)
+class Reach:
+    """The joint motion of the rigid mechanism on a path.
+
+    q : (samples, nq), qd, qdd : (samples, nv) [rad], [m], [1/s]
+    within : (samples, rows, r) orthonormal directions [-] in which the drives can move the frame (rotations times a length)
+    idle : (samples, drives, drives - r) self-motions of the drives that leave the frame where it is [-]
+    """
+
+    q: Array
+    qd: Array
+    qdd: Array
+    within: Array
+    idle: Array
+
+
+def frame_of(mesh: Mesh, frame: str | Attachment) -> Frame:
+    """Return the frame of an attachment or, by a link's name, at its tip [m].  Raises InputError for what is not there."""
+    m = mesh.mechanism
+    if not isinstance(frame, str | Attachment):
+        refuse(
+            "frame",
+            frame,
+            f"the name of a link, whose tip follows, or an Attachment; links of '{m.name}': {', '.join(m.link_of)}",
+        )
+    name = frame if isinstance(frame, str) else frame.link
+    if name not in m.link_of:
+        raise InputError(f"frame on link {name!r}: expected a link of '{m.name}': {', '.join(m.link_of)}")
+    if isinstance(frame, str):
+        node = mesh.tip_node.get(name)
+        if node is not None:
+            return Frame(name, int(node), np.zeros(3), np.eye(3))
+        return Frame(name, attachment_node(mesh, Attachment(name)), m.link_of[name].tip, np.eye(3))
+    node = attachment_node(mesh, frame)
+    stations = mesh.section_stations.get(name)
+    if stations is not None and frame.station is not None and np.abs(stations - frame.station).min() > NONE:
+        near = ", ".join(f"{s:.4g}" for s in stations)
+        raise InputError(f"frame at station {frame.station:g} of '{name}': the mesh has sections at {near}")
+    return Frame(name, int(node), frame.placement.position, frame.placement.rotation)
+
+
+def drive_columns(mechanism: Mechanism) -> NDArray[np.int64]:
+    """Return the velocity coordinates [-] that have a drive.  Raises InputError for drives of joints that turn in space."""
+    for joint in mechanism.joints:
+        if joint.nv and joint.actuated and joint.kind not in SCALAR:
+            raise InputError(
+                f"joint {joint.name!r} is {joint.kind} and has a drive: a path is followed by drives of one coordinate each "
+                f"({', '.join(SCALAR)}); write actuated = false, or give joints a motion with solve"
+            )
+    if not mechanism.actuated.any():
+        raise InputError(f"mechanism '{mechanism.name}' has no drive that could follow a path")
+    return np.flatnonzero(mechanism.actuated)
+
+
+def follow_rigid(
+    mesh: Mesh, frame: Frame, path: Path, time: Array, start: Mapping[str, ArrayLike] | None = None
+) -> Reach:
+    """Return the joint motion with which the undeformed mechanism follows a path at ``time`` (samples,) [s].
+
+    start : guess of joint coordinates at the start of the path, zero unless given [rad], [m]; joints without a drive stay
+        where it puts them
+
+    Raises InputError where the path cannot be reached, leads past a limit or through a singular position.
+    """
+    chain = _Chain.of(mesh, frame, path)
+    first = chain.guess(start)
+    knots = np.linspace(0.0, path.duration, KNOTS)
+    angles = np.empty((KNOTS, mesh.mechanism.nv))
+    for k, at in enumerate(knots):
+        angles[k] = first = chain.approach(first, path.evaluate(np.array([at])), float(at))
+    spline = make_interp_spline(knots, angles, k=5)
+    inside = np.clip(time, 0.0, path.duration)
+    moving = ((time > 0.0) & (time < path.duration))[:, None]
+    guess = [spline(inside), *(np.where(moving, spline(inside, nu=n), 0.0) for n in (1, 2))]
+    return chain.finish(guess, path.evaluate(time), time)
+
+
+@dataclass(frozen=True)
+class _Chain:
+    """A mechanism as what moves one frame; angles are (samples, nv), a continuous joint's too."""
+
+    mesh: Mesh
+    frame: Frame
+    oriented: bool
+    drives: NDArray[np.int64]
+    lower: Array
+    upper: Array
+
+    @classmethod
+    def of(cls, mesh: Mesh, frame: Frame, path: Path) -> _Chain:
+        limits = [j.limits for j in mesh.mechanism.joints for _ in range(j.nv)]
+        bounds = np.array([(one.lower, one.upper) for one in limits])
+        drives = drive_columns(mesh.mechanism)
+        return cls(mesh, frame, path.turn is not None, drives, bounds[drives, 0], bounds[drives, 1])
+
+    def guess(self, start: Mapping[str, ArrayLike] | None) -> Array:
+        m = self.mesh.mechanism
+        places, _ = start_coordinates(m, {j.name for j in m.joints if j.nv}, start)
+        out = np.zeros(m.nv)
+        for joint in m.joints:
+            own = m.v_slices[joint.name]
+            if joint.name in places and joint.kind in SCALAR:
+                place = places[joint.name]
+                out[own] = np.arctan2(place[1], place[0]) if joint.kind == "continuous" else place
+            elif joint.stiffness:
+                out[own] = joint.rest
+        return out
+
+    def coordinates(self, angles: Array) -> Array:
+        """q (samples, nq) of angles (samples, nv)."""
+        m = self.mesh.mechanism
+        q = np.tile(m.neutral, (len(angles), 1))
+        for joint in m.joints:
+            own = angles[:, m.v_slices[joint.name]]
+            if joint.kind == "continuous":
+                q[:, m.q_slices[joint.name]] = np.hstack([np.cos(own), np.sin(own)])
+            elif joint.kind in SCALAR:
+                q[:, m.q_slices[joint.name]] = own
+        return q
+
+    def poses(self, angles: Array, rates: Array) -> Poses:
+        q = self.coordinates(angles)
+        return self.frame.poses(rigid_motion(self.mesh, q, rates, np.zeros_like(rates)))
+
+    def rows(self, linear: Array, angular: Array | None) -> Array:
+        """(samples, 3 or 6): a vector and, where orientation is asked for, a rotation times the mechanism's length."""
+        if not self.oriented or angular is None:
+            return linear
+        return np.hstack([linear, self.mesh.length * angular])
+
+    def off(self, angles: Array, wanted: Poses) -> Array:
+        """Return the deviation from the path, (samples, rows) [m]."""
+        now = self.poses(angles, np.zeros_like(angles))
+        turn = None
+        if self.oriented and now.rotation is not None and wanted.rotation is not None:
+            turn = log_so3(np.einsum("sji,sjk->sik", now.rotation, wanted.rotation))
+        return self.rows(wanted.x - now.x, turn)
+
+    def jacobian(self, angles: Array) -> Array:
+        """(samples, rows, drives) [m]."""
+        columns = []
+        for drive in self.drives:
+            rates = np.zeros_like(angles)
+            rates[:, drive] = 1.0
+            moving = self.poses(angles, rates)
+            columns.append(self.rows(moving.v, moving.omega))
+        return np.stack(columns, axis=2)  # (sample, row, drive)
+
+    def approach(self, angles: Array, wanted: Poses, at: float) -> Array:
+        """Angles (nv,) at one place of the path, by damped least squares within the limits."""
+        angles, length = angles.copy(), self.mesh.length
+        before = np.inf
+        for _ in range(ITERATIONS):
+            missing = self.off(angles[None], wanted)[0]
+            distance = float(np.linalg.norm(missing))
+            if distance < REACHED * length:
+                break
+            jacobian = self.jacobian(angles[None])[0]
+            # Newton's own step near the path, where the last one halved the distance at least
+            factor = 0.0 if distance < 0.5 * before and distance < DAMPING * length else DAMPING
+            before = distance
+            angles[self.drives] = self.step(angles[self.drives], jacobian, missing, factor)
+        else:
+            self.unreached(angles, distance, at)
+        return angles
+
+    def step(self, now: Array, jacobian: Array, missing: Array, factor: float) -> Array:
+        """Drives (drives,) after one step; those that would pass a limit stop there, and the others do without them."""
+        free = np.ones(len(now), dtype=bool)
+        while True:
+            dq = np.zeros(len(now))
+            u, s, vt = np.linalg.svd(jacobian[:, free], full_matrices=False)
+            use = s > NONE * max(float(s.max(initial=0.0)), np.finfo(float).tiny)
+            gain = s[use] / (s[use] ** 2 + (factor * s.max(initial=0.0)) ** 2)
+            dq[free] = vt[use].T @ (gain * (u[:, use].T @ missing))
+            stopped = free & (((now >= self.upper) & (dq > 0)) | ((now <= self.lower) & (dq < 0)))
+            if not stopped.any():
+                return np.asarray(np.clip(now + dq, self.lower, self.upper))
+            free &= ~stopped
+
+    def unreached(self, angles: Array, distance: float, at: float) -> None:
+        m, own = self.mesh.mechanism, angles[self.drives]
+        held = (own <= self.lower) | (own >= self.upper)
+        if held.any():
+            name = [m.velocity_names[i] for i in self.drives][int(np.argmax(held))]
+            raise InputError(
+                f"mechanism '{m.name}': at t = {at:.4g} s of the path the frame on '{self.frame.name}' is {distance:.3g} m away "
+                f"from it and joint {name!r} at its limit; move the path, or give another start = {{...}} of the joints"
+            )
+        raise InputError(
+            f"mechanism '{m.name}': at t = {at:.4g} s of the path the frame on '{self.frame.name}' comes no nearer than "
+            f"{distance:.3g} m; move the path into reach, or give start = {{...}}, joint coordinates near its start "
+            "(a stretched arm does not find by itself to which side to bend)"
+        )
+
+    def finish(self, guess: list[Array], wanted: Poses, time: Array) -> Reach:
+        """Newton at all samples at once from the spline, and the rates that belong to it."""
+        angles, drives = guess[0], self.drives
+        for _ in range(ITERATIONS):
+            missing = self.off(angles, wanted)
+            if np.abs(missing).max() < REACHED * self.mesh.length:
+                break
+            angles[:, drives] += np.einsum("sdr,sr->sd", np.linalg.pinv(self.jacobian(angles), rcond=NONE), missing)
+        else:
+            worst = int(np.abs(missing).max(axis=1).argmax())
+            self.unreached(angles[worst], float(np.abs(missing[worst]).max()), float(time[worst]))
+        jacobian = self.jacobian(angles)
+        u, s, vt = np.linalg.svd(jacobian)
+        rank = int((s > NONE * s.max()).sum(axis=1).max())
+        self.check_singular(s[:, :rank], time)
+        inverse: Array = np.asarray(np.linalg.pinv(jacobian, rcond=NONE), dtype=np.float64)
+        idle = np.swapaxes(vt[:, rank:], 1, 2)  # (sample, drive, self-motion)
+        rates = [np.zeros_like(angles), np.zeros_like(angles)]
+        stay = idle @ np.swapaxes(idle, 1, 2)  # (sample, drive, drive)
+        self.put(rates[0], inverse, self.rows(wanted.v, wanted.omega), stay, guess[1])
+        bent = self.poses(angles, rates[0])
+        fall = self.rows(wanted.a, wanted.alpha) - self.rows(bent.a, bent.alpha)
+        self.put(rates[1], inverse, fall, stay, guess[2])
+        return Reach(self.coordinates(angles), rates[0], rates[1], u[:, :, :rank], idle)
+
+    def put(self, out: Array, inverse: Array, wanted: Array, stay: Array, guess: Array) -> None:
+        out[:, self.drives] = np.einsum("sdr,sr->sd", inverse, wanted) + np.einsum(
+            "sde,se->sd", stay, guess[:, self.drives]
+        )
+
+    def check_singular(self, values: Array, time: Array) -> None:
+        ratio = values[:, -1] / values[:, 0]
+        if ratio.min() < SINGULAR:
+            at = float(time[ratio.argmin()])
+            raise InputError(
+                f"mechanism '{self.mesh.mechanism.name}': at t = {at:.4g} s the path leads the frame on '{self.frame.name}' "
+                f"through a singular position (joints move it {ratio.min():.1e} times as far in one direction as in another); "
+                "move the path, or give another start = {...} of the joints"
+            )

@@ -1,0 +1,10 @@
+"""Types that all modules share: arrays of floats, and position, velocity and acceleration of something."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+# A quantity and its first two derivatives by time.
+Triple = tuple[Array, Array, Array]

@@ -1,0 +1,208 @@
+"""Validation of arguments: one InputError names the argument, what was given, what was expected, what to write.
+
+Arguments are checked once, where they come in; further conditions on numbers (positive, finite, increasing) are checked by the
+functions that use them.
+"""
+
+from __future__ import annotations
+
+import difflib
+import operator
+from collections.abc import Callable, Collection, Iterable, Mapping
+from contextlib import suppress
+from numbers import Real
+from os import PathLike, fspath
+from reprlib import Repr
+from typing import Any, NoReturn, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.errors import InputError
+
+T = TypeVar("T")
+LARGEST = int(np.iinfo(np.int64).max)
+FLOATS = np.dtype(np.float64)
+_PLAIN = (int, float, complex, str, bytes, type(None), np.generic)
+# What arrays hold instead of real numbers, by NumPy's letters.
+_WRONG = {
+    "c": ("complex ones", "; write their .real if that is meant"),
+    "b": ("True and False", "; write 1.0 and 0.0 if that is meant"),
+}
+# How what is asked for is made.
+_MADE = {
+    "Mechanism": "flexinv.load_mechanism('models/ur5')",
+    "Motion": "flexinv.Motion.point_to_point({'joint': 0.0}, {'joint': 1.0}, duration=1.0)",
+    "Path": "flexinv.Path.line(start, end, duration=1.0)",
+    "Load": "flexinv.Load('link', force=[0, 0, -1])",
+    "Solution": "flexinv.solve(mechanism, motion, step=1e-3)",
+    "Regressor": "flexinv.torque_regressor(mechanism, q, qd, qdd)",
+}
+
+
+class _Words(Repr):
+    """Values in a few words, also those within lists and tables."""
+
+    def repr_instance(self, value: Any, level: int) -> str:
+        """Return a number as it is, and what kind of thing all else is."""
+        if isinstance(value, np.ndarray) and value.ndim:
+            return f"an array of shape {value.shape}"
+        if isinstance(value, type):
+            return f"the class {value.__name__}"
+        if isinstance(value, PathLike):
+            return repr(fspath(value))
+        kind = type(value).__name__
+        return (
+            super().repr_instance(value, level)
+            if isinstance(value, _PLAIN)
+            else f"a{'n' * (kind[0] in 'aeiou')} {kind}"
+        )
+
+
+_WORDS = _Words()
+_WORDS.maxstring = _WORDS.maxother = 80  # paths among them
+shown = _WORDS.repr
+
+
+def refuse(name: str, value: object, expected: str, write: str = "") -> NoReturn:
+    """Raise the InputError of an argument [any unit]."""
+    raise InputError(f"{name} = {shown(value)}: expected {expected}" + (f"; write {write}" if write else ""))
+
+
+def whole(name: str, value: object, least: int, expected: str = "") -> int:
+    """Return a whole number [-], ``least`` or more; of floats none is, whole or not."""
+    found = None
+    if not isinstance(value, bool):
+        with suppress(TypeError):
+            found = operator.index(value)  # type: ignore[arg-type]
+    if found is None or found < least:
+        meant = _number(value, text=True) if found is None else None
+        write = f"{meant:.0f}" if meant is not None and meant >= least and meant.is_integer() else ""
+        kind = "a whole number: " if found is None else ""
+        refuse(name, value, kind + (expected or f"{least} or more"), write)
+    if found > LARGEST:
+        refuse(name, value, f"a whole number of {LARGEST} at most")
+    return found
+
+
+def index(name: str, value: object, count: int) -> int:
+    """Return the number of one of ``count`` [-], counted from the end where it is below 0."""
+    expected = f"a number from 0 to {count - 1}, or from -{count} to -1 counted from the end"
+    found = whole(name, value, -count, expected)
+    if found >= count:
+        refuse(name, value, expected)
+    return found
+
+
+def number(name: str, value: object, expected: str) -> float:
+    """Return a real number [any unit] as a float; neither a text nor a truth is one."""
+    found = _number(value)
+    if found is None:
+        meant = _number(value, text=True)
+        refuse(name, value, expected, "" if meant is None else f"{meant:g}")
+    return found
+
+
+def _number(value: object, text: bool = False) -> float | None:
+    """A number as a float, of a text only if asked for; None where it is none."""
+    with suppress(TypeError, ValueError, OverflowError):
+        if (isinstance(value, Real) and not isinstance(value, bool)) or (text and isinstance(value, str)):
+            return float(value)
+        if hasattr(value, "__array__"):
+            array = np.asarray(value)
+            return float(array) if array.ndim == 0 and array.dtype.kind in "iuf" else None
+    return None
+
+
+def floats(name: str, value: Any) -> NDArray[np.float64]:
+    """Return numbers [any unit] as an array of floats, without a copy where they are one; neither texts nor complex ones."""
+    if type(value) is np.ndarray and value.dtype is FLOATS:
+        return value
+    try:
+        given = np.asarray(value)
+        if given.dtype.kind in "iuf" or (given.dtype == object and _all_real(given)):
+            return np.asarray(given, dtype=float)
+    except (TypeError, ValueError, OverflowError):  # lists of unequal length, among others
+        raise InputError(f"{name}: expected numbers, got {shown(value)}; write lists of equal length") from None
+    what, write = _WRONG.get(given.dtype.kind, (shown(value), ""))
+    raise InputError(f"{name}: expected numbers, got {what}{write}")
+
+
+def _all_real(values: NDArray[Any]) -> bool:
+    return values.ndim > 0 and all(isinstance(one, Real) or np.ndim(one) for one in values.ravel())
+
+
+def of_kind(name: str, value: object, kind: type[T], does: tuple[str, ...] = ()) -> T:
+    """Return a value of a kind [-], or one with all the attributes that ``does`` names; raise InputError for others."""
+    if isinstance(value, kind):
+        return value
+    if does and not isinstance(value, type) and all(hasattr(value, one) for one in does):
+        return cast(T, value)
+    path = kind.__name__ == "Mechanism" and isinstance(value, str | PathLike)
+    write = f"flexinv.load_mechanism({shown(value)})" if path else _MADE.get(kind.__name__, "")
+    refuse(name, value, f"a {kind.__name__}", write)
+
+
+def all_of_kind(name: str, values: Iterable[object], kind: type[T]) -> list[T]:
+    """Return a list [-] of values that are all of a kind; raise InputError for others."""
+    if isinstance(values, kind):
+        refuse(name, values, f"a list, each a {kind.__name__}", f"[{name}]")
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        refuse(name, values, f"a list, each a {kind.__name__}", f"[{_MADE.get(kind.__name__, '')}]")
+    return [of_kind(f"{name}[{k}]", value, kind) for k, value in enumerate(values)]
+
+
+def table(name: str, value: object, expected: str, write: str) -> Mapping[Any, Any]:
+    """Return a mapping [-], an empty one for None."""
+    if value is None:
+        return {}
+    if not isinstance(value, Mapping):
+        refuse(name, value, expected, write)
+    return value
+
+
+def names(name: str, value: object, of: str) -> Collection[str]:
+    """Return a collection of names [-]: a single text is none, which would be read letter by letter."""
+    if isinstance(value, str):
+        refuse(name, value, f"a list of names of {of}", f"[{value!r}]")
+    if not isinstance(value, Collection) or not all(isinstance(one, str) for one in value):
+        refuse(name, value, f"a list of names of {of}")
+    return value
+
+
+def names_or_none(name: str, value: object, of: str) -> tuple[str, ...] | None:
+    """Return names [-] as a tuple, None for None."""
+    return None if value is None else tuple(names(name, value, of))
+
+
+def choice(name: str, value: object, options: Mapping[str, str]) -> None:
+    """Raise InputError unless a text is one of the options [-], each with what it means."""
+    if not isinstance(value, str) or value not in options:
+        refuse(name, value, " or ".join(f"{one!r} ({means})" for one, means in options.items()))
+
+
+def flag(name: str, value: object) -> bool:
+    """Return a truth [-]; a text such as "no" is none."""
+    if not isinstance(value, bool | np.bool_):
+        refuse(name, value, "True or False")
+    return bool(value)
+
+
+def function(name: str, value: object, expected: str) -> None:
+    """Raise InputError unless a value is None or can be called [-]."""
+    if value is not None and not isinstance(value, Callable):  # type: ignore[arg-type]
+        refuse(name, value, f"{expected}, or None")
+
+
+def path(name: str, value: object, example: str) -> str | PathLike[str]:
+    """Return the path of a file or a folder [-]."""
+    if not isinstance(value, str | PathLike):
+        refuse(name, value, f"the path of {example}")
+    return value
+
+
+def nearest(word: str, known: Iterable[str]) -> str | None:
+    """Return the known word that ``word`` is most like or begins (``gear``: ``gear_ratio``), None when there is none [-]."""
+    words = list(known)
+    found = difflib.get_close_matches(word, words, n=1, cutoff=0.6) or [k for k in words if k.startswith(f"{word}_")]
+    return found[0] if found else None

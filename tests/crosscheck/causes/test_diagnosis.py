@@ -1,0 +1,161 @@
+"""Deviations are diagnosed in a process of their own, from records on disk: cause, size, repair, what would separate."""
+
+from __future__ import annotations
+
+import html
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+import rogue_engines as rogue
+from crosscheck_examples import example_run, write_models
+
+from crosscheck.causes.diagnosis import diagnose, repair
+from crosscheck.causes.dictionary import DICTIONARY
+from crosscheck.causes.fit import Fit
+from crosscheck.causes.model import model_of
+from crosscheck.causes.subject import Subject
+from crosscheck.engines import ENGINES, adapter
+from crosscheck.measures.certificate import Check
+from crosscheck.measures.record import Record, save
+from crosscheck.report import render
+from crosscheck.report.explanations import sheets, uncertified
+from crosscheck.report.markdown import escape
+from crosscheck.run.isolation import Children, ask
+from crosscheck.run.questions import Question, diagnosis, questions
+from crosscheck.verdicts.baseline import UNBLESSED
+from crosscheck.verdicts.compare import Comparison
+from crosscheck.verdicts.plan import discover
+from crosscheck.verdicts.results import CaseRow, Results, RunRow
+from flexinv.errors import InputError
+from flexinv.files.load_cases import load_cases
+from flexinv.files.load_mechanism import load_mechanism
+
+MODELS = Path(__file__).resolve().parents[3] / "models"
+
+
+def harmed_question(folder: Path, place: str, cause: str, target: str, size: float) -> Question:
+    """Save what a harmed Pinocchio and flexinv give, and return what is asked of them."""
+    mechanism, case = place.split("/")
+    found = load_mechanism(MODELS / mechanism)
+    subject = Subject(found, load_cases(MODELS / mechanism, found)[case])
+    harmed = DICTIONARY[cause].change(subject, target, np.array([size]))
+    for name, one in (("pinocchio", harmed), ("flexinv", subject)):
+        save(adapter(ENGINES[name]).run(one.mechanism, one.case, name, {"error": False}), folder / name)
+    options = {"folder": str(MODELS / mechanism), "case": case, "engine": "pinocchio"}
+    stems = {"ours": str(folder / "pinocchio"), "theirs": str(folder / "flexinv")}
+    return Question((mechanism, case, "pinocchio", "flexinv"), options | stems)
+
+
+def test_a_cause_is_named_with_its_size_and_taken_out(tmp_path: Path) -> None:
+    asked = harmed_question(tmp_path, "double_pendulum/swing", "viscous damping", "knee", 0.05)
+    answer, ending = ask(asked.job, 120.0, Children())
+    assert ending.status == "ok", ending.printed
+    found = diagnosis(asked, answer, ending.message)
+    assert [one["cause"] for one in found.named] == ["viscous damping"]
+    assert found.words.startswith(
+        "the viscous damping of knee differs by 0.05 N m s/rad or N s/m: explains 99.99% of the"
+    )
+    assert " of the range remains of " in found.words
+    # The size is found to rounding, and so is what remains.
+    assert found.repaired is not None
+    assert found.repaired < 1e-12
+    assert found.separate == ""
+
+
+def test_causes_that_look_alike_come_with_what_tells_them_apart(tmp_path: Path) -> None:
+    asked = harmed_question(tmp_path, "rigid_one_link/cycloid", "mass scale", "", 0.1)
+    answer = diagnose(**asked.options)
+    assert {one["cause"] for one in answer["named"]} == {"mass scale", "body mass"}  # of one body: the same
+    assert "This motion cannot tell it from" in answer["words"]
+    assert answer["separate"]
+
+
+def test_only_deviations_of_the_torque_from_the_reference_are_asked_about(tmp_path: Path) -> None:
+    plan = discover(MODELS, ["double_pendulum/swing"])
+    here = ("double_pendulum", "swing")
+    runs = tuple(
+        RunRow(*here, engine, "ok", series=f"series/{engine}") for engine in ("flexinv", "pinocchio", "mujoco")
+    )
+    row = Comparison(*here, "pinocchio", "flexinv", "torque", "N m", "deviation", maximum=1.0, scale=2.0)
+    rows = (row, replace(row, engine="mujoco", verdict="within"), replace(row, engine="mujoco", quantity="tip"))
+    asked = questions(Results("now", runs=runs, comparisons=rows), plan, tmp_path)
+    assert [q.place for q in asked] == [(*here, "pinocchio", "flexinv")]
+    unblessed = replace(row, verdict="unjudged", message=UNBLESSED)  # the first night would ask of everything
+    assert not questions(Results("now", runs=runs, comparisons=(unblessed,)), plan, tmp_path)
+    assert not questions(Results("now", runs=runs[:1], comparisons=rows), plan, tmp_path)  # its series was not saved
+
+
+def test_the_cause_stands_in_the_matrix_and_in_every_summary(root: Path, tmp_path: Path) -> None:
+    """From a run with an engine that has a damper too many to the cell, the list of troubles, Markdown and JUnit."""
+    write_models(tmp_path / "models", root)
+    engines = {"flexinv": ENGINES["flexinv"], "damped": rogue.engine("damped")}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", str(Path(rogue.__file__).parent))
+        results = example_run(tmp_path / "models", tmp_path / "out", engines)
+    (one,) = results.diagnoses
+    assert one.words.startswith("the viscous damping of knee differs by 0.05 N m s/rad or N s/m: explains 99.99%")
+    index, summary = ((tmp_path / "out" / name).read_text() for name in ("index.html", "summary.md"))
+    assert '<span class="cause">viscous damping (knee)</span>' in index
+    assert f"cause: {one.words}" in html.unescape(index)
+    (row,) = [line for line in summary.splitlines() if line.startswith("| double\\_pendulum/swing | damped | viscous")]
+    assert row == f"| double\\_pendulum/swing | damped | viscous damping (knee) | {escape(one.words)} |"
+    assert "✗ 0.0019: viscous damping (knee) |" in summary
+    failed = ET.parse(tmp_path / "out" / "junit.xml").findall(".//failure")
+    assert sum(f"cause: {one.words}" in str(f.get("message")) for f in failed) == 1
+    clean = replace(results, diagnoses=(replace(one, named=(), words="no single cause explains it."),))
+    render(clean, tmp_path / "out")  # nothing is named where nothing explains it
+    assert 'class="cause"' not in (tmp_path / "out" / "index.html").read_text()
+
+
+def test_a_diagnosis_that_fails_says_so() -> None:
+    found = diagnosis(Question(("m", "c", "e", "flexinv"), {}), None, "stopped after the time limit of 1 s")
+    assert found.words == "not diagnosed: stopped after the time limit of 1 s"
+
+
+@pytest.mark.parametrize(
+    ("line", "verdict", "words"),
+    [
+        (Check("m", "c", "e", "total mass", "kg", True), "within", "holds"),
+        (Check("m", "c", "e", "total mass", "kg", False), "deviation", "another mechanism: total mass"),
+        (Check("m", "c", "e", "no certificate", "-", False, words="why"), "unjudged", "no certificate"),
+    ],
+)
+def test_dynamics_without_a_certificate_are_labelled(line: Check, verdict: str, words: str) -> None:
+    results = Results("now", certificates=(line,))
+    case = CaseRow("m", "c")
+    assert [(sheet.verdict, sheet.words) for sheet in sheets(results, case)] == [(verdict, words)]
+    assert uncertified(results, case) == ({} if verdict == "within" else {"e": words})
+
+
+def test_a_cause_that_cannot_be_taken_out_is_put_into_the_reference() -> None:
+    """Shear that is 4.7 times stiffer: less by the fraction 4.7 is no beam, and the other way is tried."""
+    folder = MODELS / "flex_one_link"
+    found = load_mechanism(folder)
+    subject = Subject(found, load_cases(folder, found)["cycloid"])
+    cause, size = DICTIONARY["shear factor"], np.array([4.7])
+    with pytest.raises(InputError, match="leaves next to nothing"):
+        cause.change(subject, "link", -size)
+    flexinv = adapter(ENGINES["flexinv"])
+    reference = flexinv.run(found, subject.case, "flexinv", {"error": False})
+    harmed = cause.change(subject, "link", size)
+    record = flexinv.run(harmed.mechanism, harmed.case, "flexinv", {"error": False})
+    fit = Fit(cause, "link", size, 0.0, np.zeros(0))
+    left, where = repair(model_of(subject, reference), fit, "exudyn-ancf", reference, record)
+    assert where == "put into the reference"
+    assert left == 0.0  # the same computation twice
+
+
+def test_a_repair_that_gives_no_number_leaves_the_diagnosis_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Taken out of the engine the cause leaves NaN; put into the reference it leaves 0.25 of the range."""
+    left = iter((float("nan"), 0.25))
+    tree = SimpleNamespace(mechanism=SimpleNamespace(closures=()), effort=None)
+    cause = SimpleNamespace(sized=True, linear=False, plant=None, change=lambda *_: tree)
+    fit = SimpleNamespace(cause=cause, target="", size=np.ones(1))
+    monkeypatch.setattr("crosscheck.causes.diagnosis._run", lambda *_: object())
+    monkeypatch.setattr("crosscheck.causes.diagnosis._largest", lambda *_: next(left))
+    model = SimpleNamespace(base=tree)
+    assert repair(model, fit, "e", Record("flexinv"), Record("e")) == (0.25, "put into the reference")  # type: ignore[arg-type]

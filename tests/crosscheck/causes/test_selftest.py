@@ -1,0 +1,169 @@
+"""The checker is checked: planted causes are named, unharmed mechanisms are left alone (the full matrix: crosscheck selftest)."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+import pytest
+
+from crosscheck.causes.dictionary import DICTIONARY
+from crosscheck.causes.fault_benches import BENCHES
+from crosscheck.causes.model import model_of
+from crosscheck.causes.selftest import CLEAN, FOUND, MATTERS, RANK, Planted, run_bench
+from crosscheck.causes.subject import Subject
+from crosscheck.studies.selftest import ALL, figures, summary, targets, verdict
+from crosscheck.verdicts.results import StudyRow
+from flexinv.files.load_cases import load_cases
+from flexinv.files.load_mechanism import load_mechanism
+
+MODELS = Path(__file__).resolve().parents[3] / "models"
+BY_NAME = {bench.mechanism: bench for bench in BENCHES if bench.motion is None and bench.shape is None}
+BY_LABEL = {bench.label: bench for bench in BENCHES}
+RIGID = (
+    "rotor inertia",
+    "viscous damping",
+    "joint misplaced",
+    "gravity sign",
+    "body mass",
+    "order of efforts",
+    "axis tilted",
+)
+CLOSED = ("viscous damping", "gravity off", "soft constraint", "missing body")
+FLEXIBLE = ("dry friction", "section turned", "effort sign", "lumped mass")
+
+
+def check(rows: list[Planted], least: int) -> None:
+    assert rows[0].cause == CLEAN
+    assert rows[0].outcome == "silent"
+    assert len([row for row in rows if row.change >= MATTERS]) >= least
+    missed = [row for row in rows if row.change >= MATTERS and row.outcome not in FOUND]
+    assert not missed, "\n".join(map(str, missed))
+
+
+def test_planted_causes_are_named_on_a_rigid_mechanism() -> None:
+    rows = run_bench(BY_NAME["double_pendulum"], MODELS, (0.1,), RIGID, targets=1)
+    check(rows, least=6)
+    assert {row.cause for row in rows if row.outcome == "alone"} >= {
+        "viscous damping",
+        "gravity sign",
+        "order of efforts",
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(
+    strict=True,
+    reason="a planted soft constraint leaves 1.5e-6 since closures are measured over lengths: cause not found yet",
+)
+def test_planted_causes_are_named_on_a_closed_mechanism() -> None:
+    check(run_bench(BY_NAME["four_bar"], MODELS, (0.1,), CLOSED, targets=1), least=4)
+
+
+@pytest.mark.slow
+def test_planted_causes_are_named_on_a_flexible_mechanism() -> None:
+    check(run_bench(BY_NAME["flex_one_link"], MODELS, (0.1,), FLEXIBLE, targets=1), least=4)
+
+
+@pytest.mark.parametrize("cause", ["inertial frame rotated", "rotary inertia dropped", "fixed joint fused wrongly"])
+def test_inertias_are_told_apart_by_a_quick_motion_and_the_certificate(cause: str) -> None:
+    rows = run_bench(BY_LABEL["panda/quick in exudyn"], MODELS, (0.1,), (cause,))
+    assert rows[0].outcome == "silent"
+    assert {row.outcome for row in rows[1:]} <= {"alone", "unseen"}  # the base's inertia is in no torque
+    assert "alone" in {row.outcome for row in rows}
+
+
+@pytest.mark.slow
+def test_long_steps_and_numerical_damping_are_told_apart_by_short_waves() -> None:
+    rows = run_bench(BY_LABEL["flex_one_link/flick in exudyn-ge"], MODELS, causes=("time step", "numerical damping"))
+    assert [(row.cause, row.outcome) for row in rows] == [
+        (CLEAN, "silent"),
+        ("time step", "alone"),
+        ("numerical damping", "alone"),
+    ]
+    assert all(row.change > 0.005 for row in rows[1:])  # some ten times the error bars
+
+
+def test_a_closure_of_wrong_rank_is_planted_and_found_by_the_certificate() -> None:
+    rows = run_bench(BY_NAME["bricard"], MODELS, causes=(RANK,))
+    assert [(row.cause, row.outcome) for row in rows] == [(CLEAN, "silent"), (RANK, "alone")]
+
+
+ROWS = [
+    Planted("a", CLEAN, "", 0.0, 0.0, "silent", ()),
+    *[Planted("a", "payload", "tip", 0.1, 0.02, "alone", ("payload: tip",))] * 19,
+    Planted("a", "payload", "tip", 0.001, 1e-4, "unseen", ()),
+]
+
+
+@pytest.mark.parametrize(
+    ("more", "enough"),
+    [
+        ([], True),
+        ([Planted("a", "payload", "tip", 0.1, 0.02, "another", ("rotor inertia: hub",))], True),  # 19 of 20
+        ([Planted("a", "payload", "tip", 0.1, 0.02, "none", ())] * 2, False),  # 19 of 21
+        ([Planted("b", CLEAN, "", 0.0, 0.0, "another", ("time step",))], False),  # a false cause
+    ],
+)
+def test_the_targets_can_be_missed(more: list[Planted], enough: bool) -> None:
+    rows = [asdict(row) | {"verdict": verdict(asdict(row))} for row in [*ROWS, *more]]
+    assert figures(rows)["matter"] == 19 + sum(row.change >= MATTERS for row in more)
+    table = StudyRow("one", "one", rows=tuple(rows))
+    some = summary([table], whole=False)
+    assert some.verdict == ("within" if not more else "deviation")
+    met = targets([table], whole=False)
+    assert all(line["verdict"] == "within" for line in met) is enough
+    assert [row["verdict"] for row in some.rows[-len(met) :]] == [line["verdict"] for line in met]
+
+
+def test_every_cause_has_to_be_named_alone_somewhere() -> None:
+    """Of all benches; one that is only in the set, or was never planted, is a target missed, and so are few causes."""
+    rows = [asdict(Planted("a", cause, "x", 0.1, 0.02, "alone", (cause,))) | {"verdict": "within"} for cause in ALL]
+    rows.append(asdict(ROWS[0]) | {"verdict": "within"})
+    complete = StudyRow("one", "one", rows=tuple(rows))
+    assert {line["verdict"] for line in targets([complete])} == {"within"}
+    assert summary([complete]).verdict == "within"
+    assert [row["alone"] for row in summary([complete]).rows if row["cause"] == "beam mass"] == ["a"]
+    together = [*rows[:-2], rows[-1], rows[-2] | {"outcome": "in the set"}]
+    for less, missing in ((together, ALL[-1]), (rows[1:], ALL[0])):
+        found = {line["cause"]: line for line in targets([StudyRow("one", "one", rows=tuple(less))])}
+        line = found["each cause named alone on at least one mechanism"]
+        assert (line["verdict"], line["alone"]) == ("deviation", f"not {missing}")
+        shown = [r for r in summary([StudyRow("one", "one", rows=tuple(less))]).rows if r["cause"] == missing]
+        assert [(r["alone"], r["verdict"]) for r in shown] == [("nowhere", "deviation")]
+    few = targets([StudyRow("one", "one", rows=tuple(rows[:24]))])
+    assert {line["cause"]: line["verdict"] for line in few}["at least 25 causes"] == "deviation"
+
+
+def test_every_cause_can_sit_on_some_bench() -> None:
+    """Without a run of any engine: one that has a place nowhere would be missed by the long run only."""
+    left = dict(DICTIONARY)
+    for bench in BENCHES:
+        folder = MODELS / bench.mechanism
+        mechanism = load_mechanism(folder)
+        mechanism, case = bench.made(mechanism, load_cases(folder, mechanism)[bench.case])
+        model = model_of(Subject(mechanism, case))
+        known = {name: cause for name, cause in left.items() if name in bench.planted}
+        for name, cause in known.items():
+            if any(cause.scale(model, target) for target in cause.targets(model)):
+                del left[name]
+    assert not left
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("label", "cause"),
+    [
+        ("ur5 (geared)/reach in pinocchio", "rotor inertia dropped"),
+        pytest.param(
+            "flex_one_link (stout)/snap in exudyn-ge",
+            "shear factor",
+            marks=pytest.mark.xfail(strict=True, reason="not named since the repairs were merged: cause not found yet"),
+        ),
+        ("flex_one_link_damped/cycloid in exudyn-ge", "beam damping dropped"),
+    ],
+)
+def test_what_only_a_bench_of_its_own_shows_is_named_alone(label: str, cause: str) -> None:
+    rows = run_bench(BY_LABEL[label], MODELS, (0.1,), (cause,))
+    assert [(row.cause, row.outcome) for row in rows] == [(CLEAN, "silent"), (cause, "alone")]
+    assert rows[1].change >= MATTERS

@@ -1,0 +1,198 @@
+"""What sets in or lets go at once: couples on a section, torques, springs, closures; by every entrance that marches.
+
+A section has a rotary inertia of 1e-10 kg m^2, and what acts on it suddenly accelerates it by 1e6 rad/s^2 and more, for a
+microsecond: no step resolves that.  A march that carried it on turned sections by whole turns, in silence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flexible_examples import arm
+from numpy.typing import NDArray
+from sudden_sweep import COUPLES, RIGHT, damped, outcome, pushed, quantities, silent, sweep
+
+import flexinv
+from flexinv.dynamics.initial_state import accept
+from flexinv.dynamics.solver import Solver
+from flexinv.model.mechanism import Attachment, Beam, Closure, Joint, Link, Mechanism, Placement, Section, Spring
+
+Array = NDArray[np.float64]
+HELD = flexinv.Motion.point_to_point([0.0], [0.0], 0.02)
+TIP = Attachment("link", Placement(np.zeros(3)), 1.0)
+
+
+def held_energy(s: flexinv.Solution) -> float:
+    """Largest kinetic and elastic energy [J]."""
+    return float((s.balance.kinetic + s.balance.elastic).max())
+
+
+def furthest_off(coarse: flexinv.Solution, fine: flexinv.Solution, but: str = "") -> float:
+    """Largest difference of two runs at the samples of the first, over the range of the second [-]."""
+    stride, off = round((len(fine.time) - 1) / (len(coarse.time) - 1)), 0.0
+    for name, values in quantities(coarse).items():
+        exact = quantities(fine)[name]
+        if name != but:
+            off = max(off, float(np.abs(values - exact[::stride]).max() / np.ptp(exact, axis=0).max()))
+    return off
+
+
+@pytest.mark.parametrize("axis", [2, 1])
+@pytest.mark.parametrize(("couple", "step"), [(1e-3, 5e-4), (0.017, 5e-4), (0.017, 1e-4), (1.0, 5e-4)])
+def test_couples_on_a_section(couple: float, step: float, axis: int) -> None:
+    """Torque, places and rates from the first sample on, in the plane of the joint and across it."""
+    found = outcome(couple, step, axis)
+    assert found.right, found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("axis", [2, 1])
+def test_the_sweep(axis: int) -> None:
+    """75 pairs of couple and step: at least 60 right, and what is not right is an error."""
+    found = sweep(axis)
+    assert len(found) == 75
+    assert sum(one.right for one in found) >= 60
+    assert not silent(found), silent(found)
+
+
+@pytest.mark.parametrize("couple", COUPLES[4:10:5])
+def test_without_damping_a_step_that_loses_what_rings_is_an_error(couple: float) -> None:
+    """The step damps what it cannot resolve: more than a hundredth of the energy is gone, and a finer one keeps it."""
+    with pytest.raises(flexinv.ConvergenceError, match=r"the steps lose or make .* J that are exchanged, more than 1%"):
+        flexinv.solve(pushed(couple, 2, arm()), HELD, step=5e-4, end=0.02)
+
+
+@pytest.mark.parametrize("step", [1e-3, 1e-4])
+def test_torques_of_simulate(step: float) -> None:
+    """A torque from the start, and one that sets in later: 0.01 N m on the hub, which has next to no inertia."""
+    for time, torque in (([0.0, 0.02], [0.01, 0.01]), ([0.0, 0.01, 0.01, 0.02], [0.0, 0.0, 0.01, 0.01])):
+        coarse, fine = (flexinv.simulate(damped(), time, np.array(torque)[:, None], h) for h in (step, step / 20))
+        assert furthest_off(coarse, fine, but="moment") < 1.5 * RIGHT  # at 1e-3 s the third mode is at 0.01
+        assert held_energy(coarse) == pytest.approx(held_energy(fine), rel=0.01)
+
+
+def gripped(base: Mechanism) -> Mechanism:
+    """The arm, held at its tip too until 0.02 s."""
+    world = Attachment("world", Placement(np.array([0.4, 0.0, 0.0])))
+    return replace(base, closures=(Closure("grip", "fixed", world, TIP, active=((0.0, 0.02),)),))
+
+
+@pytest.mark.parametrize("in_plane", [True, False])
+def test_a_fixed_closure_that_lets_go(in_plane: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its hub bends the arm by 0.02 rad; then the tip is free."""
+    if not in_plane:
+        monkeypatch.setattr("flexinv.analysis.trajectory.in_plane", lambda *_: None)
+    motion = flexinv.Motion.point_to_point([0.0], [0.02], 0.01, hold=0.02)
+    coarse, fine = (flexinv.solve(gripped(damped()), motion, step=step) for step in (5e-4, 2.5e-5))
+    assert furthest_off(coarse, fine) < RIGHT
+    assert held_energy(coarse) == pytest.approx(held_energy(fine), rel=0.01)
+
+
+def test_a_spring_that_is_let_go() -> None:
+    """Stretched to three times its length, on a lever at the tip."""
+    world = Attachment("world", Placement(np.array([0.4, 0.3, 0.0])))
+    spring = Spring("spring", world, replace(TIP, placement=Placement(np.array([0.02, 0.03, 0.0]))), 5.0, 0.1)
+    coarse, fine = (flexinv.solve(replace(damped(), springs=(spring,)), HELD, step=h) for h in (5e-4, 2.5e-5))
+    assert furthest_off(coarse, fine) < RIGHT
+
+
+FALLING = replace(damped(), gravity=np.array([0.0, -9.81, 0.0]))
+TURNING = flexinv.Motion.point_to_point([0.0], [1.0], 0.02, law="bang-bang")
+
+
+@pytest.mark.parametrize("motion", [HELD, TURNING])
+@pytest.mark.parametrize("mechanism", [pushed(0.017, 2), pushed(0.017, 1), FALLING])
+def test_controllers_step_as_solve_does(mechanism: Mechanism, motion: flexinv.Motion) -> None:
+    """The first steps are made in parts there too, between the motions of two calls."""
+    s = flexinv.solve(mechanism, motion, step=5e-4)
+    controller = flexinv.Controller.of(mechanism, step=5e-4)
+    last = len(s.time) // 2  # where the acceleration jumps a controller goes on
+    torque = [controller.start(s.q[0], s.qd[0], s.qdd[0]).copy()]
+    torque += [
+        controller.step(*(np.ascontiguousarray(part[k]) for part in (s.q, s.qd, s.qdd))).copy() for k in range(1, last)
+    ]
+    # two beginnings of one march: rounding, and Newton's 1e-8 squared
+    np.testing.assert_allclose(torque, s.torque_all[:last], rtol=0, atol=1e-9 * np.ptp(s.torque_all))
+
+
+def test_parts_and_batches_begin_as_solve_does() -> None:
+    for mechanism in (pushed(0.017, 2), FALLING):
+        whole = flexinv.solve(mechanism, HELD, step=5e-4)
+        parts = list(flexinv.solve_in_parts(mechanism, HELD, step=5e-4, part=2))
+        joined = np.concatenate([parts[0].torque, *(part.torque[1:] for part in parts[1:])])
+        np.testing.assert_allclose(joined, whole.torque, rtol=0, atol=1e-9 * np.ptp(whole.torque))
+        many = flexinv.solve_many([mechanism] * 2, HELD, step=5e-4).all()
+        np.testing.assert_array_equal(many[1].torque, whole.torque)
+
+
+def test_the_robot_arm_of_simo_and_vu_quoc_at_its_own_step() -> None:
+    """J. C. Simo, L. Vu-Quoc, J. Appl. Mech. 53, 1986, part II: 80 N m for 2.5 s, steps of 0.5 s; no number of it is compared."""
+    section = Section(
+        np.zeros(1), np.array([[1e4, 1e4, 1e4, 1e3, 1e3, 1e3]]), np.ones(1), np.array([[20.0, 10.0, 10.0]])
+    )
+    hub = Joint("hub", "revolute", "world", "link")
+    robot = Mechanism("robot arm", (Link("link", (), Beam(10.0, section, 2, 3)),), (hub,), gravity=np.zeros(3))
+    pulse = [0.0, 2.5, 2.5, 10.0], [[80.0], [80.0], [0.0], [0.0]]
+    coarse, fine = (flexinv.simulate(robot, *pulse, step) for step in (0.5, 0.02))
+    assert held_energy(coarse) == pytest.approx(
+        held_energy(fine), rel=0.2
+    )  # rings on: four samples a period of the first mode
+    assert abs(coarse.nodes.x - fine.nodes.x[::25]).max() < 0.05 * np.ptp(fine.nodes.x, axis=0).max()
+
+
+def test_what_a_step_resolves_starts_with_the_accelerations_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A motion from rest to rest, and a jump that goes through rigid parts only, are marched as they were, bit for bit."""
+
+    def never(*_: object) -> None:
+        raise AssertionError("a start in parts")
+
+    monkeypatch.setattr("flexinv.analysis.trajectory.early_times", never)
+    flexinv.solve(arm(), flexinv.Motion.point_to_point([0.0], [1.0], 0.02, law="bang-bang", delay=1e-3), step=1e-4)
+    flexinv.solve(damped(), flexinv.Motion.point_to_point([0.0], [1.0], 0.02), step=1e-4)
+
+
+# ------------------------------------------------------------------------------------------------- guards
+
+
+def unfiltered(solver: Solver, *_: object) -> bool:
+    """What the march started with: all of the accelerations found."""
+    accept(solver.state)
+    return False
+
+
+@pytest.mark.parametrize("in_plane", [True, False])
+def test_a_section_that_turns_by_whole_turns_is_an_error(in_plane: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The starts of before, which made 4,470 J of 5e-4 J and 6,990 J of 2.4e-4 J without a word."""
+    monkeypatch.setattr("flexinv.analysis.trajectory.begin_step", unfiltered)
+    motion = flexinv.Motion.point_to_point([0.0], [0.05], 0.01, hold=0.02)
+    mechanism, motion = (gripped(arm()), motion) if in_plane else (pushed(0.017, 2, arm()), HELD)
+    with pytest.raises(
+        flexinv.ConvergenceError, match=r"t = .*element 0 turns .*more elements would not help: write step = "
+    ):
+        flexinv.solve(mechanism, motion, step=5e-4)
+
+
+def test_energy_from_nowhere_is_an_error() -> None:
+    s = flexinv.solve(pushed(0.017, 2), HELD, step=5e-4)
+    given = (s.mesh, s.time, s.qd, set[str](), 5e-4)
+    s.balance.check(*given)
+    more = np.where(s.time > 0.01, 20 * held_energy(s), 0.0)
+    wrong = replace(s.balance, kinetic=s.balance.kinetic + more, work=s.balance.work - more)
+    with pytest.raises(flexinv.ConvergenceError, match=r"t = 0.0105 s .*J were put in.*write step = 0.000125"):
+        wrong.check(*given)
+    wrong.check(*given[:2], np.full_like(s.qd, 100.0), *given[3:])  # what a fast motion of the joint would carry
+
+
+def test_advice_follows_from_what_happened() -> None:
+    """More elements where the arm had bent that far before, a smaller step where it had not."""
+    soft = replace(arm().links[0].beam.section, stiffness=np.array([[1.452e6, 4.65e5, 4.65e5, 0.626, 13.7, 0.0046]]))
+    with pytest.raises(
+        flexinv.ConvergenceError, match=r"had bent by [12]\.\d* rad .*use more elements \(elements = 2 on"
+    ):
+        flexinv.solve(pushed(0.1, 2, arm(section=soft)), HELD, step=1e-4)
+    with pytest.raises(
+        flexinv.ConvergenceError, match=r"in 16 parts.*more elements would not help: write step = 0.00025"
+    ):
+        flexinv.solve(pushed(1e4, 2, arm()), HELD, step=1e-3)

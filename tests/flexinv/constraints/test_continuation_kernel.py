@@ -1,0 +1,190 @@
+"""Compiled following of closed loops: the same kinematics, equations and branch as through NumPy, one sample at a time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from loop_examples import Example, five_bar, four_bar, platform, slider_crank, spatial
+from rigid_trees import tree
+
+from crosscheck.studies.robot_sweep import random_states
+from flexinv.analysis.solve import solve
+from flexinv.constraints import continuation as loops
+from flexinv.constraints.closures import constraint_jacobian, nodes_of, residuals, row_arrays
+from flexinv.constraints.continuation_kernel import Problem, condition_bound, factor, solve_factored
+from flexinv.constraints.equations import jacobian, residual
+from flexinv.kernels.jit import jit
+from flexinv.kinematics.configuration import move_nodes, step_coordinates
+from flexinv.kinematics.configuration_arrays import moved
+from flexinv.kinematics.mesh import Mesh, build
+from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.tree import Frames, Joints
+from flexinv.model.mechanism import CLOSURES, Attachment, Closure, Mechanism
+from flexinv.typing import Array
+
+# Rounding of some hundred operations on numbers of the size of one.
+ROUNDING = 1e-13
+
+
+@jit
+def nodes_at(t, q, qd, qdd, j, f):
+    """Motion of all nodes into f."""
+    move_nodes(t, q, qd, qdd, j, f)
+
+
+@jit
+def stepped(t, q, d):
+    """A step of q in place."""
+    step_coordinates(t, q, d)
+
+
+@jit
+def equations(t, c, f, phi, g):
+    """Residuals (rows, 3) and Jacobian (rows, nv)."""
+    for k in range(phi.shape[0]):
+        phi[k, 0], phi[k, 1], phi[k, 2] = residual(k, c, f)
+    jacobian(t, c, f, g)
+
+
+@jit
+def least_squares(p):
+    """Solve p.a x = p.y; whether the rank is full, and the bound of the condition number."""
+    if not factor(p):
+        return False, np.inf
+    solve_factored(p)
+    return True, condition_bound(p)
+
+
+def frames(size: int) -> tuple[Joints, Frames]:
+    a, b = (tuple(np.zeros((size, 3)) for _ in range(5)) for _ in range(2))
+    r, s = np.zeros((2, size, 3, 3))
+    return Joints(a[0], a[1], a[2], r, a[3], a[4]), Frames(b[0], s, b[1], b[2], b[3], b[4])
+
+
+def tied() -> Mechanism:
+    """A tree of every kind of joint with a closure of every kind between links and with the world, far from closed."""
+    ends = (("slider", "wheel"), ("hip", "world"), ("world", "wrist"), ("base", "slider"))
+    random = np.random.default_rng(5)
+    names = list(CLOSURES)
+    closures = []
+    for k, kind in enumerate(names):
+        place = [replace(joint.placement) for joint in tree(seed=k).joints[1:3]]
+        axis, second = np.linalg.qr(random.normal(size=(3, 3)))[0][:2]
+        first, last = (Attachment(link, p) for link, p in zip(ends[k % 4], place, strict=True))
+        closures.append(Closure(kind, kind, first, last, axis=axis, second_axis=second))
+    return replace(tree(), closures=tuple(closures))
+
+
+def one_state(mesh: Mesh) -> tuple[Array, Array, Array]:
+    return random_states(replace(mesh.mechanism, closures=()), 1, np.random.default_rng(0))
+
+
+def test_nodes_move_as_in_rigid_motion() -> None:
+    mesh = build(tree())
+    q, qd, qdd = one_state(mesh)
+    expected, (j, f) = rigid_motion(mesh, q, qd, qdd), frames(mesh.size)
+    nodes_at(nodes_of(mesh), q[0], qd[0], qdd[0], j, f)
+    for found, name in zip(f, ("x", "rotation", "v", "omega", "a", "alpha"), strict=True):
+        values = getattr(expected, name)[0]
+        assert abs(found - values).max() < ROUNDING * max(1.0, abs(values).max()), name
+
+
+def test_steps_are_those_of_the_manifold() -> None:
+    mesh = build(tree())
+    q, d, _ = (a[0] for a in one_state(mesh))
+    for step in (d, 1e-9 * d, 0 * d):
+        found = q.copy()
+        stepped(nodes_of(mesh), found, step)
+        assert abs(found - moved(mesh.mechanism, q, step)).max() < ROUNDING
+    assert np.array_equal(found, q)  # without a step, not even quaternions are normalised again
+
+
+def test_equations_of_every_kind() -> None:
+    """Residuals as through NumPy; and G qd = phi' at a state that is far from closed."""
+    mesh = build(tied())
+    rows = loops.constraint_rows(mesh)
+    q, qd, qdd = one_state(mesh)
+    motion, (j, f) = rigid_motion(mesh, q, qd, qdd), frames(mesh.size)
+    nodes_at(nodes_of(mesh), q[0], qd[0], qdd[0], j, f)
+    phi, g = np.empty((len(rows), 3)), np.empty((len(rows), mesh.mechanism.nv))
+    equations(nodes_of(mesh), row_arrays(rows), f, phi, g)
+    expected = np.stack([part[0] for part in residuals(motion, rows)], axis=1)
+    assert abs(phi - expected).max() < ROUNDING * abs(expected).max()
+    assert abs(g @ qd[0] - phi[:, 1]).max() < ROUNDING * abs(phi[:, 1]).max()
+    assert abs(constraint_jacobian(mesh, motion, rows)[0] - g).max() < ROUNDING * abs(g).max()
+
+
+def problem(a: Array, y: Array) -> Problem:
+    rows, columns = a.shape
+    none, whole = np.zeros(columns), np.zeros(columns, dtype=np.int64)
+    many = [np.zeros(columns) for _ in range(4)]
+    return Problem(
+        whole, np.zeros(1, dtype=bool), np.ones(rows), none, np.zeros((rows, 1)), a.copy(), y.copy(), many[0], many[1],
+        whole.copy(), many[2], none, none, many[3],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(2, 2), (5, 2), (7, 7), (30, 24)])
+def test_least_squares(rows: int, columns: int) -> None:
+    random = np.random.default_rng(rows)
+    a, y = random.normal(size=(rows, columns)), random.normal(size=rows)
+    a[-1] = 2 * a[0] if rows > columns else a[-1]  # a row that repeats another, which nothing contradicts
+    y[-1] = 2 * y[0] if rows > columns else y[-1]
+    p = problem(a, y)
+    full, bound = least_squares(p)
+    assert full
+    assert abs(p.x - np.linalg.lstsq(a, y, rcond=None)[0]).max() < 1e-11  # conditions of some hundreds
+    assert np.linalg.cond(a) <= bound <= columns * np.linalg.cond(a)
+
+
+def test_what_may_lack_rank_is_left_alone() -> None:
+    a = np.random.default_rng(0).normal(size=(5, 3))
+    a[:, 2] = a[:, 0] + 1e-9 * a[:, 1]
+    assert not least_squares(problem(a, np.ones(5)))[0]
+    assert not least_squares(problem(np.zeros((5, 3)), np.ones(5)))[0]
+    assert not least_squares(problem(np.full((5, 3), np.nan), np.ones(5)))[0]
+    assert not least_squares(problem(np.ones((2, 3)), np.ones(3)))[0]
+
+
+LOOPS = {
+    "four-bar": four_bar(),
+    "five-bar": five_bar(2),
+    "slider-crank": slider_crank("pin"),
+    "point on line": slider_crank("point-on-line"),
+    "spatial": spatial(),
+    "platform": platform(),
+}
+
+
+@pytest.mark.parametrize("name", LOOPS)
+def test_the_branch_is_that_of_newton_in_numpy(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the compiled following switched off every sample goes the long way, to the same place; rates alike."""
+    example: Example = LOOPS[name]
+    mechanism, case = example
+    found = solve(mechanism, case.motion, step=case.step, start=case.start)
+    monkeypatch.setattr(loops, "follow", lambda *arguments: arguments[6])
+    monkeypatch.setattr(loops, "rates", lambda *arguments: arguments[6].fill(np.inf))
+    expected = solve(mechanism, case.motion, step=case.step, start=case.start)
+    for part in ("q", "qd", "qdd"):
+        values = getattr(expected, part)
+        assert abs(getattr(found, part) - values).max() < 1e-11 * max(1.0, abs(values).max())  # Newton's last step
+
+
+def test_long_steps_are_halved_by_the_caller(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The kernel refuses a step that surprises; from there it goes on by itself."""
+    mechanism, case = four_bar()
+    reached = []
+    original = loops.follow
+
+    def counted(*arguments: object) -> int:
+        reached.append((arguments[6], original(*arguments)))
+        return int(reached[-1][1])
+
+    monkeypatch.setattr(loops, "follow", counted)
+    coarse = solve(mechanism, case.motion, step=1 / 10, start=case.start)
+    assert len(reached) > 1
+    assert reached[-1][1] == 11
+    fine = solve(mechanism, case.motion, step=1 / 200, start=case.start)
+    assert abs(coarse.q - fine.q[::20]).max() < 1e-12

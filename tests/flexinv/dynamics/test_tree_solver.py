@@ -1,0 +1,78 @@
+"""The elimination along the tree solves the same equations as a dense solver, and those are the derivative of the residual."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from kernels import DIFFERENCE, Array, dense, derivative, eliminate
+from planar_examples import damped
+from scenes import PASSIVE_KINDS, Scene, branching, hanging, scene
+
+from flexinv.linearized.natural_modes import tangent_matrix
+from flexinv.model.mechanism import Mechanism
+
+UNDAMPED = [*(branching(kind) for kind in PASSIVE_KINDS), *(hanging(kind) for kind in PASSIVE_KINDS)]
+DAMPED = [damped(m, 300.0) for m in (branching("free"), branching("prismatic"), hanging("spherical"))]
+MECHANISMS = [*UNDAMPED, *(replace(m, name=f"{m.name}, damped") for m in DAMPED)]
+EPS = np.finfo(float).eps
+
+
+def by_differences(case: Scene) -> Array:
+    """Derivative of the residual by all unknowns."""
+    columns = [derivative(lambda h, e=e: case.at(e, h)[1]) for e in np.eye(len(case.d))]
+    return np.array(columns).T
+
+
+def assembled(case: Scene) -> Array:
+    """The linearisation as one dense matrix, from the blocks and element tangents of the march."""
+    return tangent_matrix(case.solver)
+
+
+@pytest.mark.parametrize("mechanism", MECHANISMS, ids=lambda m: m.name)
+def test_the_linearisation_is_the_derivative_of_the_residual(mechanism: Mechanism) -> None:
+    case = scene(mechanism)
+    slopes = by_differences(case)
+    case.at(np.zeros(len(case.d)), 0.0)
+    exact = assembled(case)
+    assert np.abs(slopes - exact).max() < DIFFERENCE * np.abs(exact).max()
+
+
+@pytest.mark.parametrize("mechanism", MECHANISMS, ids=lambda m: m.name)
+def test_elimination_equals_the_dense_solution(mechanism: Mechanism) -> None:
+    case = scene(mechanism)
+    solver = case.solver
+    residual = case.at(np.zeros(len(case.d)), 0.0)[1]
+    matrix = assembled(case)
+    solution = np.zeros((1, len(case.d)))
+    eliminate(solver.topology, solver.elements, solver.variation, solver.work, solution)
+    y = solution[0]
+    expected = np.linalg.solve(matrix, -residual)
+    # backward stable solvers agree to the condition of the matrix
+    assert np.abs(y - expected).max() < np.linalg.cond(matrix) * EPS * np.abs(expected).max()
+    wrong = matrix.copy()
+    wrong[-1, -1] += 1e-6 * np.abs(matrix).max()
+    assert np.abs(y - np.linalg.solve(wrong, -residual)).max() > np.linalg.cond(matrix) * EPS * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("size", [0, 1, 2, 6, 24])
+def test_dense_solution_equals_lapack(size: int) -> None:
+    rng = np.random.default_rng(size)
+    matrix, right = rng.normal(size=(size, size)), rng.normal(size=(size, 3))
+    if size > 1:
+        matrix[0, 0] = 0.0  # needs a row exchange
+    room = np.hstack([matrix, right, np.ones((size, 2))])
+    room = np.vstack([room, np.ones((2, room.shape[1]))])
+    dense(room, size, size + 3)
+    condition = np.linalg.cond(matrix) if size else 1.0
+    expected = np.linalg.solve(matrix, right)
+    np.testing.assert_allclose(room[:size, size : size + 3], expected, atol=condition * EPS * 10)  # values up to ten
+    assert (room[size:] == 1.0).all()  # what is beyond is not touched
+    assert (room[:, size + 3 :] == 1.0).all()
+
+
+def test_a_singular_matrix_gives_no_finite_solution() -> None:
+    room = np.array([[1.0, 2.0, 1.0], [2.0, 4.0, 1.0]])
+    dense(room, 2, 3)
+    assert not np.isfinite(room[:, 2]).any()

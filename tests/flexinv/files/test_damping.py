@@ -1,0 +1,76 @@
+"""Damping as mechanism files state it: by times, or by the ratio of one mode, which says what the others get."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flexinv.cli.commands import main
+from flexinv.errors import InputError
+from flexinv.files.load_mechanism import load_mechanism
+from flexinv.model.mechanism import Mechanism, Section
+
+MODELS = Path(__file__).resolve().parents[3] / "models"
+DAMPED = (MODELS / "flex_one_link_damped" / "mechanism.toml").read_text(encoding="utf-8")
+BARE = DAMPED[: DAMPED.index("[damping]")]
+
+
+def loaded(folder: Path, text: str) -> Mechanism:
+    (folder / "mechanism.toml").write_text(text, encoding="utf-8")
+    return load_mechanism(folder)
+
+
+def section(mechanism: Mechanism) -> Section:
+    beam = mechanism.links[0].beam
+    assert beam is not None
+    return beam.section
+
+
+def test_a_ratio_becomes_a_time_and_a_note(tmp_path: Path) -> None:
+    """eta = 2 zeta / omega of the linear cantilever: 0.03 at 62.98 rad/s (natural modes, five digits)."""
+    found = loaded(tmp_path, DAMPED)
+    damping = section(found).damping
+    assert damping is not None
+    np.testing.assert_allclose(damping / section(found).stiffness, 0.06 / 62.9812, rtol=1e-5)
+    assert (
+        "retardation time 0.00095267 s from ratio 0.03 at mode 1; ratios of modes: 1 at 10.02 Hz 0.03, 2"
+        in found.notes[0]
+    )
+
+
+def test_times_of_a_section_and_of_all_beams(tmp_path: Path) -> None:
+    one = section(loaded(tmp_path, BARE + "\n[damping]\nretardation_s = 1e-3\n"))
+    other = section(loaded(tmp_path, BARE.replace("GJ_Nm2", "retardation_s = 1e-3\nGJ_Nm2")))
+    assert one.damping is not None
+    assert other.damping is not None
+    np.testing.assert_allclose(one.damping, 1e-3 * one.stiffness, rtol=1e-15)
+    np.testing.assert_array_equal(one.damping, other.damping)
+    parts = "retardation_s = { axial = 1e-3, shear = 2e-3, twist = 3e-3, bending = 4e-3 }\nGJ_Nm2"
+    each = section(loaded(tmp_path, BARE.replace("GJ_Nm2", parts)))
+    assert each.damping is not None
+    np.testing.assert_allclose(each.damping, np.array([[1, 2, 2, 3, 4, 4]]) * 1e-3 * each.stiffness, rtol=1e-15)
+    assert section(loaded(tmp_path, BARE)).damping is None
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (BARE + "[damping]\n", "given:    neither"),
+        (DAMPED + "retardation_s = 1e-3\n", "given:    both"),
+        (DAMPED.replace("mode = 1", "mode = 999"), "mode 999, expected 1 to"),
+        (DAMPED.replace("GJ_Nm2", "retardation_s = 1e-3\nGJ_Nm2"), "beside retardation_s of a section"),
+        (BARE.replace("GJ_Nm2", "retardation_s = -1\nGJ_Nm2"), "should not be negative"),
+        (BARE.replace("GJ_Nm2", "retardation_s = { twist = 1 }\nGJ_Nm2"), "should be { axial"),
+    ],
+)
+def test_what_cannot_be_is_answered(text: str, words: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=words):
+        loaded(tmp_path, text)
+
+
+def test_the_ratios_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["modes", str(MODELS / "flex_one_link_damped"), "--count", "1"])
+    assert "damping ratio [-]" in (shown := capsys.readouterr().out)
+    assert shown.splitlines()[1].split() == ["1", "10.0238", "62.9812", "0.03", "link"]

@@ -1,0 +1,76 @@
+"""Kept machine code never outlives the sources it was made of."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from flexinv.kernels.code_stamp import SOURCES, family, source_stamp
+
+FOLDER = Path(__file__).resolve().parents[3] / "flexinv"
+
+
+def path_of(folder: Path, module: str) -> Path:
+    return folder.joinpath(*module.split(".")).with_suffix(".py")
+
+
+def test_every_module_with_kernels_is_a_source() -> None:
+    files = {path for path in FOLDER.rglob("*.py") if "from flexinv.kernels.jit import" in path.read_text()}
+    using = {".".join(path.relative_to(FOLDER).with_suffix("").parts) for path in files}
+    assert len(using) > 30  # the test looks at something
+    assert using <= set(SOURCES), using - set(SOURCES)
+
+
+@pytest.mark.parametrize("name", SOURCES)
+def test_a_change_of_a_source_changes_the_stamps_of_the_kernels_that_hold_it(name: str, tmp_path: Path) -> None:
+    """And no other: who edits the march does not wait for the rigid kernel, nor the other way round."""
+    for source in SOURCES:
+        copy = path_of(tmp_path, source)
+        copy.parent.mkdir(exist_ok=True)
+        shutil.copy(path_of(FOLDER, source), copy)
+    with path_of(tmp_path, name).open("a") as file:
+        file.write("# changed")
+    changed = {m for m in (*SOURCES, "outside") if source_stamp(tmp_path, m) != source_stamp(FOLDER, m)}
+    assert changed == {m for m in (*SOURCES, "outside") if name in family(m, FOLDER)}
+
+
+def test_families() -> None:
+    """The rigid kernel, the march, its planar form and the loops that are followed have little in common."""
+    rigid, march, loops = (
+        set(family(m, FOLDER)) for m in ("rigid.blocks", "dynamics.stepper", "constraints.continuation_kernel")
+    )
+    planar = {name for name in SOURCES if name.startswith("planar.")}
+    rnea = {name for name in SOURCES if name.startswith("rnea.")}
+    compiler = {"kernels.jit", "kernels.vec3", "kernels.so3"}
+    assert rigid == {
+        "rigid.blocks", "kernels.atomics", "kernels.jit", "model.joint_kinds", "kernels.simd", "kernels.mailbox", *rnea,
+    }  # fmt: skip
+    assert march >= compiler | {
+        "dynamics.assembly", "elements.beam", "dynamics.tree_solver", "dynamics.generalized_alpha", "dynamics.stepper",
+        "kinematics.tree",
+    }  # fmt: skip
+    assert not march & {
+        "rigid.blocks",
+        "constraints.continuation_kernel",
+        "kernels.simd",
+        "linearized.natural_modes",
+        *rnea,
+        *planar,
+    }
+    assert planar | {"kernels.simd", "dynamics.generalized_alpha"} <= set(family("planar.stepper", FOLDER))
+    assert loops == compiler | {
+        "constraints.continuation_kernel", "constraints.equations", "kinematics.configuration", "kinematics.tree",
+        "model.joint_kinds",
+    }  # fmt: skip
+    assert family("outside", FOLDER) == SOURCES  # a kernel outside the project may call any
+
+
+def test_kernels_carry_the_stamp() -> None:
+    """What Numba compares before it takes code from the disk: with the function's own file, the stamp of its family."""
+    from flexinv.dynamics.stepper import march
+    from flexinv.rigid.blocks import torque_blocks
+
+    assert march._cache._cache_file._source_stamp[1] == source_stamp(FOLDER, "dynamics.stepper")
+    assert torque_blocks._cache._cache_file._source_stamp[1] == source_stamp(FOLDER, "rigid.blocks")

@@ -1,0 +1,278 @@
+"""Natural frequencies: exact beams, pendulums, loops, and what gravity and forces in closures do to them."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from flexible_examples import STRIP, spatial_tree
+from kernels import Array, derivative
+from scipy.optimize import brentq
+
+from flexinv.dynamics.solver import Solver
+from flexinv.errors import InputError
+from flexinv.files.load_mechanism import load_mechanism
+from flexinv.kinematics.mesh import build
+from flexinv.linearized import natural_modes as module
+from flexinv.linearized.linear_model import linear_model
+from flexinv.linearized.natural_modes import Modes, natural_modes, tip_shapes
+from flexinv.linearized.steady_modes import steady_modes
+from flexinv.model.mechanism import (
+    WORLD,
+    Attachment,
+    Beam,
+    Body,
+    Closure,
+    Inertia,
+    Joint,
+    Link,
+    Mechanism,
+    Placement,
+    Section,
+)
+
+EPS = np.finfo(float).eps
+# Frequencies of steel cantilevers from the exact Timoshenko frequency determinant (transfer matrix), nine decimals.
+TABLE = Path(__file__).resolve().parents[2] / "data" / "cantilever_frequencies_timoshenko.csv"
+# What two elements of order 8 leave of the fourth frequency of the stockiest beam (measured 1e-7 there, less elsewhere).
+SPECTRAL = 1e-6
+# Roots of two beams: clamped - clamped and clamped - pinned (cos x cosh x = 1, tan x = tanh x).
+CLAMPED, PINNED = 4.730040744862704, 3.926602312047919
+G = 9.81
+
+
+def cantilever(row: dict[str, str], elements: int = 2, order: int = 8) -> Mechanism:
+    length, b, h, e, nu, rho, kappa = (float(row[k]) for k in ("L_m", "b_m", "h_m", "E_Pa", "nu", "rho", "kappa"))
+    area, thin, wide, g = b * h, b * h**3 / 12, h * b**3 / 12, e / (2 * (1 + nu))
+    # bending of the table is that about z; about y and in twist the beam is made much stiffer, so as to come later
+    stiffness = np.array([[e * area, kappa * g * area, kappa * g * area, 1e9, 1e9, e * thin]])
+    section = Section(np.zeros(1), stiffness, np.array([rho * area]), rho * np.array([[thin + wide, wide, thin]]))
+    link = Link("beam", (), Beam(length, section, elements, order))
+    return Mechanism("cantilever", (link,), (Joint("root", "fixed", WORLD, "beam"),), gravity=np.zeros(3))
+
+
+def in_plane(found: Modes) -> list[int]:
+    """Modes that bend the beam in its x-y plane."""
+    size = np.abs(found.displacement).max(axis=1)  # (mode, xyz)
+    turn = np.abs(found.rotation[:, :, 0]).max(axis=1)
+    return [k for k, (x, y, z) in enumerate(size) if y > 1e3 * max(x, z) and y > 1e-3 * turn[k]]
+
+
+with TABLE.open(encoding="utf-8", newline="") as stream:
+    ROWS = list(csv.DictReader(stream))
+
+
+@pytest.mark.parametrize("thickness", sorted({row["h_m"] for row in ROWS}))
+def test_timoshenko_cantilevers(thickness: str) -> None:
+    rows = [row for row in ROWS if row["h_m"] == thickness]
+    found = natural_modes(cantilever(rows[0]))
+    exact = [float(row["f_Timoshenko_Hz"]) for row in rows]
+    assert len(exact) == 4
+    np.testing.assert_allclose(found.frequency[in_plane(found)][:4], exact, rtol=SPECTRAL)
+
+
+def test_bending_without_shear_is_another_table() -> None:
+    """The same check refuses the table's other column, Euler and Bernoulli's."""
+    rows = [row for row in ROWS if row["h_m"] == "0.1"]
+    found = natural_modes(cantilever(rows[0]))
+    exact = np.array([float(row["f_EB_Hz"]) for row in rows])
+    assert (np.abs(found.frequency[in_plane(found)][:4] / exact - 1) > 5e-3).all()
+
+
+def thin(closure: tuple[Closure, ...] = ()) -> Mechanism:
+    """A beam of unit length, mass and bending stiffness, without shear and rotary inertia, clamped at its root."""
+    section = Section(np.zeros(1), np.array([[1e6, 1e9, 1e9, 1e3, 1e3, 1.0]]), np.ones(1), np.zeros((1, 3)))
+    link = Link("beam", (), Beam(1.0, section, 2, 8))
+    return Mechanism("beam", (link,), (Joint("root", "fixed", WORLD, "beam"),), np.zeros(3), closure)
+
+
+@pytest.mark.parametrize(("kind", "root"), [("fixed", CLAMPED), ("revolute", PINNED)])
+def test_a_closure_at_the_tip_holds_the_beam(kind: str, root: float) -> None:
+    end = Attachment(WORLD, Placement(np.array([1.0, 0.0, 0.0])))
+    found = natural_modes(thin((Closure("end", kind, end, Attachment("beam", Placement(), 1.0)),)))
+    # GA = 1e9 of EI / L^2: shear lowers the frequency by 1e-8
+    assert np.sqrt(found.squared[in_plane(found)[0]]) == pytest.approx(root**2, rel=SPECTRAL)
+    assert np.abs(tip_shapes(found)["beam"]).max() < 1e-10 * np.abs(found.displacement).max()
+
+
+def rod(name: str, length: float, mass: float) -> Link:
+    tensor = mass * length**2 / 12 * np.diag([0.0, 1.0, 1.0])
+    body = Body(name, Inertia(mass, np.array([length / 2, 0.0, 0.0]), tensor))
+    return Link(name, (body,), tip=np.array([length, 0.0, 0.0]))
+
+
+def pendulum(count: int) -> Mechanism:
+    links = tuple(rod(f"rod {k}", 0.5, 1.2) for k in range(count))
+    hang = [Joint(f"q{k}", "revolute", WORLD if k == 0 else f"rod {k - 1}", f"rod {k}",
+                  Placement(np.array([0.5 if k else 0.0, 0, 0]))) for k in range(count)]  # fmt: skip
+    return Mechanism("pendulum", links, tuple(hang), gravity=np.array([G, 0.0, 0.0]))
+
+
+def test_a_rod_swings_about_its_end() -> None:
+    found = natural_modes(pendulum(1), free=["q0"])
+    np.testing.assert_allclose(found.squared, 1.5 * G / 0.5, rtol=10 * EPS)
+    assert found.link == ("rod 0",)
+    upright = natural_modes(pendulum(1), q=[np.pi], free=["q0"])
+    np.testing.assert_allclose(
+        upright.squared, -1.5 * G / 0.5, rtol=1e-9
+    )  # the shift that makes K definite takes digits
+    assert np.isnan(upright.frequency).all()
+
+
+def test_a_double_pendulum_has_the_textbook_frequencies() -> None:
+    """M = m l^2 [[4/3, 1/2], [1/2, 1/3]], K = m g l [[3/2, 0], [0, 1/2]] in absolute angles, m l^2 = 0.3."""
+    mass, stiffness = np.array([[4 / 3, 1 / 2], [1 / 2, 1 / 3]]), np.diag([1.5, 0.5])
+    exact = np.sort(np.linalg.eigvals(np.linalg.solve(mass, stiffness))) * G / 0.5
+    np.testing.assert_allclose(natural_modes(pendulum(2), free=["q0", "q1"]).squared, exact, rtol=100 * EPS)
+
+
+R, BAR, M_ROD, M_BAR = 0.4, 0.7, 0.6, 1.5
+
+
+def swing(gap: float = BAR, gravity: float = G) -> Mechanism:
+    """A bar on two equal rods that hang from pivots ``gap`` apart (x is down)."""
+    links = rod("left", R, M_ROD), rod("bar", BAR, M_BAR), rod("right", R, M_ROD)
+    turned = Placement(np.array([R, 0.0, 0.0]), np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
+    joints = (
+        Joint("a", "revolute", WORLD, "left", actuated=False),
+        Joint("b", "revolute", "left", "bar", turned, actuated=False),
+        Joint("c", "revolute", WORLD, "right", Placement(np.array([0.0, gap, 0.0])), actuated=False),
+    )
+    ends = (Attachment(name, Placement(np.array([x, 0.0, 0.0]))) for name, x in (("bar", BAR), ("right", R)))
+    return Mechanism("swing", links, joints, np.array([gravity, 0.0, 0.0]), (Closure("d", "revolute", *ends),))
+
+
+def by_hand(gap: float) -> tuple[float, float]:
+    """omega^2 [1/s^2] of the swing from its energies as functions of the left rod's angle, and that angle at rest."""
+    rest = np.arcsin((gap - BAR) / 2 / R)
+
+    def places(h: float) -> Array:
+        a = rest + h
+        left = R * np.array([np.cos(a), np.sin(a)])
+
+        def far(c: float) -> float:
+            return float(np.hypot(R * np.cos(c) - left[0], gap + R * np.sin(c) - left[1])) - BAR
+
+        c = brentq(far, h - rest - 0.3, h - rest + 0.3, xtol=1e-15)
+        right = np.array([R * np.cos(c), gap + R * np.sin(c)])
+        return np.array([a, c, np.arctan2(*(right - left)[::-1]), *(left + right) / 2])
+
+    rate = derivative(places)
+    mass = M_ROD * R**2 / 3 * (rate[0] ** 2 + rate[1] ** 2) + M_BAR * (BAR**2 / 12 * rate[2] ** 2 + rate[3:] @ rate[3:])
+
+    def weight(h: float) -> Array:
+        a, c, _, x, _ = places(h)
+        return np.array(-G * (M_ROD * R / 2 * (np.cos(a) + np.cos(c)) + M_BAR * x))
+
+    return float(derivative(lambda h: derivative(lambda k: weight(h + k))) / mass), float(rest)
+
+
+@pytest.mark.parametrize("gap", [BAR, 0.5, 1.0])
+def test_a_swing_is_a_loop_that_gravity_stiffens(gap: float) -> None:
+    exact, rest = by_hand(gap)
+    found = natural_modes(swing(gap), q=[rest, -rest, -rest])
+    assert found.free == ("a", "b", "c")
+    # the second difference of an energy of some J known to 1e-16, over steps of 1e-3
+    np.testing.assert_allclose(found.squared, exact, rtol=1e-9)
+
+
+def test_half_of_the_bar_hangs_on_the_closure(monkeypatch: pytest.MonkeyPatch) -> None:
+    exact, rest = by_hand(0.5)
+    monkeypatch.setattr(module, "stiffness_of_ties", lambda solver, joints: 0.0)
+    assert abs(natural_modes(swing(0.5), q=[rest, -rest, -rest]).squared[0] / exact - 1) > 0.04
+    parallel = G * (M_ROD + M_BAR) / (R * (M_ROD * 2 / 3 + M_BAR))  # where the bar does not turn
+    assert by_hand(BAR)[0] == pytest.approx(parallel, rel=1e-9)
+
+
+def test_nothing_holds_a_swing_without_gravity() -> None:
+    assert abs(natural_modes(swing(gravity=0.0)).squared[0]) < 1e-9
+
+
+def hanging(count: int) -> Mechanism:
+    """Rods on ball joints, a metre of 1 kg in all: each spins about itself without stiffness."""
+    length, mass = 1.0 / count, 1.0 / count
+    tensor = mass * length**2 / 12 * np.diag([1e-3, 1.0, 1.0])
+    bodies = (Body("rod", Inertia(mass, np.array([length / 2, 0.0, 0.0]), tensor)),)
+    links = tuple(Link(f"rod {k}", bodies) for k in range(count))
+    joints = tuple(
+        Joint(f"q{k}", "spherical", WORLD if k == 0 else f"rod {k - 1}", f"rod {k}",
+              Placement(np.array([length if k else 0.0, 0, 0]))) for k in range(count)
+    )  # fmt: skip
+    return Mechanism("chain", links, joints, gravity=np.array([G, 0.0, 0.0]))
+
+
+@pytest.mark.parametrize("count", [3, 10, 20, 40])
+def test_a_chain_of_ball_joints_swings_as_about_a_steady_motion(count: int) -> None:
+    """Spins without stiffness, a third of all motions, take nothing from the others; 1e-7 of 40 links are left by both."""
+    chain = hanging(count)
+    free = [joint.name for joint in chain.joints]
+    found, steady = natural_modes(chain, free=free), steady_modes(chain, free=free).frequency
+    assert np.array_equal(found.frequency[:count], np.zeros(count))
+    np.testing.assert_allclose(found.frequency[count:], steady[steady > 0.0], rtol=1e-6)
+    model = linear_model(chain, free=free)
+    roots = np.sort(abs(np.linalg.eigvals(model.A).imag))[2 * count :: 2] / (2 * np.pi)
+    np.testing.assert_allclose(roots, found.frequency[count:], rtol=1e-6)
+
+
+def test_a_rigid_rotation_is_zero_and_no_instability(root: Path) -> None:
+    """Negative by rounding it was nan, which says unstable; a real instability beside it still is."""
+    for name in ("flex_one_link", "flex_two_link"):
+        arm = load_mechanism(root / "models" / name)
+        free = [joint.name for joint in arm.joints]
+        found = natural_modes(arm, free=free)
+        assert np.array_equal(found.frequency[: len(free)], np.zeros(len(free)))
+        assert found.frequency[len(free)] > 10.0
+    arm = load_mechanism(
+        root / "models" / "spatial_arm"
+    )  # its second joint lifts it: it lies, and falls to either side
+    found = natural_modes(arm, free=[joint.name for joint in arm.joints])
+    assert np.isnan(found.frequency).tolist()[:3] == [True, False, False]
+    assert found.frequency[1] == 0.0
+
+
+def test_damping_leaves_what_solvers_share_alone() -> None:
+    """A mechanism's topology is kept for all solvers: friction is no damping here, and stays in it."""
+    dry = pendulum(2)
+    dry = replace(dry, joints=tuple(replace(joint, friction=0.3) for joint in dry.joints))
+    solver = Solver.of(build(dry), {"q0", "q1"})
+    shared = solver.topology.friction
+    shared.flags.writeable = False  # as a second thread would have it
+    joints = module.rest(solver, np.zeros(2))
+    assert abs(module.damping_matrix(solver, joints)).max() == 0.0
+    assert shared.max() == 0.3
+
+
+def test_modes_are_orthonormal_in_the_masses() -> None:
+    found = natural_modes(spatial_tree(), q=[0.2, 0.3, -0.4, 0.01])
+    mesh, rotation = found.mesh, found.rotation
+    kinetic = np.einsum("n,ank,bnk->ab", mesh.mass, found.displacement, found.displacement)  # (mode, mode)
+    kinetic += np.einsum("ani,nij,bnj->ab", rotation, mesh.inertia, rotation)
+    lowest = slice(10)  # the eigensolver is exact for the lowest; the highest, 1e4 times theirs, lose 1e8 roundings
+    np.testing.assert_allclose(kinetic[lowest, lowest], np.eye(10), atol=1e-10)
+    assert (np.diff(found.squared) > 0).all()
+
+
+def test_a_weight_at_the_tip_lowers_the_frequency_as_it_presses() -> None:
+    """A beam upright under a tip mass: the first frequency falls with gravity, about as 1 - load / buckling load."""
+    body = Body("ball", Inertia(0.3), 1.0)
+    joint = Joint("root", "fixed", WORLD, "mast")
+    mast = Mechanism("mast", (Link("mast", (body,), Beam(0.4, STRIP, 2, 6)),), (joint,))
+    lowest = [natural_modes(replace(mast, gravity=np.array([g, 0.0, 0.0]))).squared[0] for g in (0.0, -G, G)]
+    load = (0.3 + 0.37 * 0.4 * 0.056) * G / (np.pi**2 * 0.46 / (4 * 0.4**2))  # beam's own weight: 0.37 of it (Rayleigh)
+    # the slope goes from 2/5 (static shape, no load) to 4 / pi^2 (buckling shape), 1.3 %; as much for the beam's own weight
+    np.testing.assert_allclose(np.array(lowest[1:]) / lowest[0] - 1, [-load, load], rtol=0.026)
+
+
+def test_what_cannot_be_is_said() -> None:
+    with pytest.raises(InputError, match=r"nothing of 'pendulum' can move.*free=\[\.\.\.\] with names of q0, q1"):
+        natural_modes(pendulum(2))
+    with pytest.raises(InputError, match="free joint 'q7': 'pendulum' moves by q0"):
+        natural_modes(pendulum(1), free=["q7"])
+    with pytest.raises(InputError, match=r"expected \(1,\) finite numbers"):
+        natural_modes(pendulum(1), q=[0.0, 1.0])
+    bare = replace(pendulum(1), links=(Link("rod 0", ()),))
+    with pytest.raises(InputError, match="neither inertia nor stiffness"):
+        natural_modes(bare, free=["q0"])

@@ -1,0 +1,90 @@
+"""The loops over lanes are SIMD code: what a change of a line, or of the compiler, can silently undo (five times slower)."""
+
+from __future__ import annotations
+
+import platform
+import re
+from typing import Any
+
+import pytest
+from numba import types
+
+from flexinv.rnea import loop_bodies as loop_lanes
+from flexinv.rnea import loop_ground, recursion
+from flexinv.rnea import loop_jacobian as loop_columns
+from flexinv.rnea import row_pairs as loop_together
+
+ROWS = types.Array(types.float64, 1, "C")
+LANES = types.uint64
+# kernel -> its arguments
+LOOPS: dict[str, tuple[Any, ...]] = {
+    "_angles": (ROWS, types.uint64),
+    "_turn_outboard": (ROWS, ROWS, types.uint64, ROWS),
+    "_turn_inboard": (ROWS, types.uint64, ROWS),
+    "_turn_on_inboard": (ROWS, ROWS, types.uint64, ROWS),
+    "_slide_outboard": (ROWS, ROWS, types.uint64, ROWS),
+    "_float_outboard": (ROWS, ROWS, types.uint64, ROWS),
+    "_float_inboard": (ROWS, types.uint64),
+    "_branch_inboard": (ROWS, ROWS, types.uint64, ROWS),
+}
+CLOSED: dict[Any, tuple[Any, ...]] = {
+    loop_lanes._turn: (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
+    loop_lanes._tilt: (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
+    loop_lanes._chain: (ROWS, ROWS, LANES, ROWS),
+    loop_columns._TURNING_0: (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
+    loop_columns._TURNING_3: (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
+    loop_ground._STANDING_0: (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
+    loop_ground._STANDING_2: (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
+    loop_together._PAIR_1: (ROWS, ROWS, ROWS, LANES, types.boolean),
+    loop_together._PAIR_4: (ROWS, ROWS, ROWS, LANES, types.boolean),
+    loop_together._JOIN_1: (ROWS, ROWS, ROWS, LANES, types.boolean),
+    loop_together._JOIN_4: (ROWS, ROWS, ROWS, LANES, types.boolean),
+    loop_together.solve: (ROWS, ROWS, ROWS, ROWS, LANES, types.float64, types.float64),
+    loop_together.solve_inverted: (ROWS, ROWS, ROWS, ROWS, LANES, types.float64, types.float64),
+}
+
+
+def packed(assembly: str) -> float:
+    """Part of the multiplications and additions of doubles that work on several lanes at once."""
+    found = re.findall(r"^\s+v?f?n?m?(?:add|sub|mul)\w*?([ps])d\s", assembly, re.MULTILINE)
+    return found.count("p") / max(1, len(found))
+
+
+def across(assembly: str) -> list[str]:
+    """Loads of whole vectors that do not begin with a multiple of their lanes, in rows that do."""
+    found = re.findall(r"vmov[ua]pd\s+(-?\d*)\(%\w+,%\w+,8\), %([yz])mm", assembly)
+    return [offset for offset, width in found if int(offset or 0) % (64 if width == "z" else 32)]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="reads the assembly of x86")
+@pytest.mark.parametrize("name", LOOPS)
+def test_loops_over_lanes_are_vectorised(name: str) -> None:
+    """Each loop stands there twice, for whole vectors and for the rest of the lanes: half of it, or more, is packed."""
+    kernel = getattr(recursion, name)
+    kernel.compile(LOOPS[name])
+    # of these arguments: whoever compiled the whole pass in this process may have left a copy of the loop for others
+    assert packed(kernel.inspect_asm(LOOPS[name])) > 0.45
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="reads the assembly of x86")
+@pytest.mark.parametrize("kernel", CLOSED, ids=lambda kernel: f"{kernel.py_func.__module__}.{kernel.py_func.__name__}")
+def test_loops_of_closures_are_vectorised(kernel: Any) -> None:
+    """So are these; none begins with a single lane, after which all vectors would lie across lines of the cache."""
+    kernel.compile(CLOSED[kernel])
+    assembly = kernel.inspect_asm(CLOSED[kernel])
+    assert packed(assembly) > 0.2  # the rest of the lanes stands there up to four times
+    assert not across(assembly)
+    assert not re.search(r"vmovup[ds]\s+%[xyz]mm\d+, .*\{%k\d\}", assembly)  # stores of some lanes of a vector
+
+
+def test_vectors_across_lines_are_told_apart() -> None:
+    assert across("\tvmovupd\t8(%rsi,%r14,8), %zmm5\n")
+    assert not across("\tvmovupd\t1024(%rsi,%r14,8), %zmm5\n\tvmovsd\t8(%rsi,%r14,8), %xmm5\n")
+
+
+def test_scalar_code_is_told_apart() -> None:
+    assert packed("\tvfmadd231sd %xmm0, %xmm1, %xmm2\n\tvmulsd %xmm0, %xmm1, %xmm2\n") == 0.0
+    assert packed("\tvfmadd231pd %zmm0, %zmm1, %zmm2\n\tvaddsd %xmm0, %xmm1, %xmm2\n") == 0.5
+    assert packed("\tmulpd %xmm0, %xmm1\n") == 1.0

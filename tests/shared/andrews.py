@@ -1,0 +1,137 @@
+"""Andrews' squeezer by itself: the explicit planar equations of the IVP test set, integrated by scipy.
+
+    M(q) a + G(q)^T lambda = f(q, v),   g(q) = 0,   q = beta, Theta, gamma, Phi, delta, Omega, epsilon
+
+Source of equations, data and published values: W. M. Lioen, J. J. B. de Swart, Test Set for IVP Solvers, problem "Andrews'
+squeezing mechanism" (after W. Schiehlen, Multibody Systems Handbook, 1990); tests/data/andrews.toml holds the numbers.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+Array = NDArray[np.float64]
+DATA: dict[str, Any] = tomllib.loads((Path(__file__).parents[1] / "data" / "andrews.toml").read_text(encoding="utf-8"))
+P: dict[str, float] = DATA["parameters"]
+NAMES = ("beta", "Theta", "gamma", "Phi", "delta", "Omega", "epsilon")
+
+
+def mass_matrix(q: Array) -> Array:
+    """M(q), (7, 7)."""
+    _, theta, _, phi, _, omega, _ = q
+    m = np.zeros((7, 7))
+    arm, reach = P["e"] - P["ea"], P["zf"] - P["fa"]
+    crossed = P["da"] * P["rr"] * np.cos(theta)
+    m[0, 0] = P["m1"] * P["ra"] ** 2 + P["m2"] * (P["rr"] ** 2 - 2 * crossed + P["da"] ** 2) + P["I1"] + P["I2"]
+    m[0, 1] = m[1, 0] = P["m2"] * (P["da"] ** 2 - crossed) + P["I2"]
+    m[1, 1] = P["m2"] * P["da"] ** 2 + P["I2"]
+    m[2, 2] = P["m3"] * (P["sa"] ** 2 + P["sb"] ** 2) + P["I3"]
+    bent = P["zt"] * arm * np.sin(phi)
+    m[3, 3] = P["m4"] * arm**2 + P["I4"]
+    m[3, 4] = m[4, 3] = P["m4"] * (arm**2 + bent) + P["I4"]
+    m[4, 4] = P["m4"] * (P["zt"] ** 2 + 2 * bent + arm**2) + P["m5"] * (P["ta"] ** 2 + P["tb"] ** 2) + P["I4"] + P["I5"]
+    bent = P["u"] * reach * np.sin(omega)
+    m[5, 5] = P["m6"] * reach**2 + P["I6"]
+    m[5, 6] = m[6, 5] = P["m6"] * (reach**2 - bent) + P["I6"]
+    m[6, 6] = (
+        P["m6"] * (reach**2 - 2 * bent + P["u"] ** 2) + P["m7"] * (P["ua"] ** 2 + P["ub"] ** 2) + P["I6"] + P["I7"]
+    )
+    return m
+
+
+def efforts(q: Array, v: Array) -> Array:
+    """f(q, v), (7,): drive, velocity terms and spring."""
+    _, theta, gamma, phi, _, omega, _ = q
+    b1, t1, _, p1, d1, o1, e1 = v
+    s, c = np.sin(gamma), np.cos(gamma)
+    d = np.array([P["sd"] * c + P["sc"] * s + P["xb"], P["sd"] * s - P["sc"] * c + P["yb"]])
+    gap = d - [P["xc"], P["yc"]]
+    length = np.linalg.norm(gap)
+    pull = -P["c0"] * (length - P["l0"]) / length * gap
+    arm, reach = P["e"] - P["ea"], P["zf"] - P["fa"]
+    return np.array(
+        [
+            P["drive"] - P["m2"] * P["da"] * P["rr"] * t1 * (t1 + 2 * b1) * np.sin(theta),
+            P["m2"] * P["da"] * P["rr"] * b1**2 * np.sin(theta),
+            pull[0] * (P["sc"] * c - P["sd"] * s) + pull[1] * (P["sd"] * c + P["sc"] * s),
+            P["m4"] * P["zt"] * arm * d1**2 * np.cos(phi),
+            -P["m4"] * P["zt"] * arm * p1 * (p1 + 2 * d1) * np.cos(phi),
+            -P["m6"] * P["u"] * reach * e1**2 * np.cos(omega),
+            P["m6"] * P["u"] * reach * o1 * (o1 + 2 * e1) * np.cos(omega),
+        ]
+    )
+
+
+def chains(q: Array) -> list[list[tuple[float, float, tuple[int, ...]]]]:
+    """E of K2, K3, K4, K6 as sums of length (cos, sin) angle: (length, angle, which coordinates turn it)."""
+    b, t, g, p, d, o, e = q
+    right = np.pi / 2
+    return [
+        [(P["rr"], b, (0,)), (-P["d"], b + t, (0, 1))],
+        [(P["ss"], g - right, (2,))],
+        [(P["zt"], d, (4,)), (P["e"], p + d - right, (3, 4))],
+        [(P["u"], e - right, (6,)), (P["zf"], o + e, (5, 6))],
+    ]
+
+
+ROOTS = np.array([[0, 0], [P["xb"], P["yb"]], [P["xa"], P["ya"]], [P["xa"], P["ya"]]])
+
+
+def constraints(q: Array, v: Array) -> tuple[Array, Array, Array]:
+    """g (6,), G (6, 7) and G' v (6,): E of K2 less E of K3, of K4, of K6."""
+    place, slope, bend = ROOTS.astype(float).copy(), np.zeros((4, 2, 7)), np.zeros((4, 2))
+    for k, chain in enumerate(chains(q)):
+        for length, angle, turned in chain:
+            along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+            place[k] += length * along
+            slope[k][:, list(turned)] += length * across[:, None]
+            bend[k] -= length * sum(v[j] for j in turned) ** 2 * along
+    return (
+        (place[0] - place[1:]).ravel(),
+        (slope[0] - slope[1:]).reshape(6, 7),
+        (bend[0] - bend[1:]).ravel(),
+    )
+
+
+def accelerations(q: Array, v: Array) -> tuple[Array, Array]:
+    """a (7,) and lambda (6,)."""
+    _, jacobian, bend = constraints(q, v)
+    system = np.block([[mass_matrix(q), jacobian.T], [jacobian, np.zeros((6, 6))]])
+    both = np.linalg.solve(system, np.concatenate([efforts(q, v), -bend]))
+    return both[:7], both[7:]
+
+
+@dataclass(frozen=True)
+class Series:
+    """time (samples,) [s]; q, v, a (samples, 7); lam (samples, 6) [N]."""
+
+    time: Array
+    q: Array
+    v: Array
+    a: Array
+    lam: Array
+
+
+def series(end: float, samples: int) -> Series:
+    """Integrate from the published start; every sample is an end of the integration, none is interpolated."""
+    time = np.linspace(0, end, samples)
+    state = np.concatenate([np.array(DATA["initial"]["q"]), np.zeros(7)])
+    states = [state]
+
+    def rate(_: float, y: Array) -> Array:
+        return np.concatenate([y[7:], accelerations(y[:7], y[7:])[0]])
+
+    for a, b in pairwise(time):
+        state = solve_ivp(rate, (a, b), state, method="DOP853", rtol=1e-13, atol=1e-13).y[:, -1]
+        states.append(state)
+    y = np.array(states)
+    forces = [accelerations(row[:7], row[7:]) for row in y]
+    return Series(time, y[:, :7], y[:, 7:], np.array([f[0] for f in forces]), np.array([f[1] for f in forces]))

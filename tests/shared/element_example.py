@@ -1,0 +1,52 @@
+"""One beam element far from its stress-free shape, and what it gives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from kernels import Array, element
+
+from flexinv.dynamics.dofs import ElementArrays
+from flexinv.elements.beam import Scratch
+from flexinv.elements.quadrature import reference
+from flexinv.kernels.so3 import exp_so3
+
+EPS = np.finfo(float).eps
+
+
+@dataclass(frozen=True)
+class Example:
+    """One element with a curved, twisted stress-free shape, far from it: stretched, bent and sheared in space."""
+
+    arrays: ElementArrays
+    x: Array
+    r: Array
+
+
+def example(order: int) -> Example:
+    rng, ref, half = np.random.default_rng(order), reference(order), 1.0
+    count = order + 1
+    arrays = ElementArrays(
+        order=np.array([order]),
+        nodes=np.arange(count)[None],
+        shape=ref.shape[None].copy(),
+        slope=ref.slope[None] / half,
+        weight=ref.point_weights[None] * half,
+        stiffness=rng.uniform(1.0, 3.0, size=(1, order, 6)),
+        damping=np.zeros((0, order, 6)),
+        gamma0=np.array([1.0, 0.0, 0.0]) + 0.1 * rng.normal(size=(1, order, 3)),
+        kappa0=0.3 * rng.normal(size=(1, order, 3)),
+    )
+    x = np.outer(ref.nodes + 1, [half, 0.0, 0.0]) + 0.2 * rng.normal(size=(count, 3))
+    turns = np.cumsum(0.3 * rng.normal(size=(count, 3)), axis=0)
+    return Example(arrays, x, exp_so3(np.array([0.4, -0.8, 0.3])) @ exp_so3(turns))
+
+
+def evaluated(case: Example) -> tuple[float, Array, Array]:
+    """Energy, nodal forces (6 count,) and tangent (6 count, 6 count)."""
+    count = len(case.x)
+    scratch, tangent = Scratch.of(count), np.zeros((6 * count, 6 * count))
+    scratch.x[:], scratch.r[:] = case.x, case.r
+    energy = element(0, count, case.arrays, scratch, np.zeros((count - 1, 6)), tangent)
+    return energy, scratch.forces.ravel(), tangent

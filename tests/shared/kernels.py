@@ -1,0 +1,117 @@
+"""Compiled doors to kernels that Python cannot call, and the central difference that tests compare with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.dynamics.generalized_alpha import advance, follow, predict
+from flexinv.dynamics.tree_solver import solve_dense, solve_tree
+from flexinv.elements.beam import element_gradient, element_tangent, nodal_forces, relative
+from flexinv.elements.beam_damping import damped_gradient, damped_tangent, relative_rates
+from flexinv.kernels.jit import jit, jit_blocks
+from flexinv.kernels.simd import LANES
+from flexinv.kernels.so3 import coefficients, inverse_coefficient, inverse_tangent
+from flexinv.kernels.vec3 import put_block, vec
+from flexinv.linearized.natural_modes import linearise
+from flexinv.rnea.row_pairs import BOTH, both, solve, solve_inverted
+from flexinv.rnea.six_rows import six_forces
+
+__all__ = [
+    "all_coefficients", "damped_element", "dense", "derivative", "element", "eliminate", "inverse_tangent_one",
+    "joined", "linearise", "oscillate", "six", "solved_by",
+]  # fmt: skip
+
+Array = NDArray[np.float64]
+STEP = 1e-3
+# Error of `derivative` relative to the size of f and its derivatives: rounding 1.5 eps/STEP is 3e-13 for f known to an
+# eps, a few operations make it ten; truncation STEP^4/30 f^(5) is 3e-14 times a fifth derivative.
+DIFFERENCE = 5e-12
+
+
+def derivative(f: Callable[[float], Array]) -> Array:
+    """f'(0) by the fourth-order central difference."""
+    near, far = f(STEP) - f(-STEP), f(2 * STEP) - f(-2 * STEP)
+    return np.asarray((8 * near - far) / (12 * STEP))
+
+
+@jit
+def element(k, count, e, z, internal, tangent):
+    """Evaluate one element whose poses stand in z; return its energy."""
+    relative(count, z)
+    energy = element_gradient(k, count, e, z, internal, True)
+    nodal_forces(count, z)
+    element_tangent(count, z, tangent)
+    return energy
+
+
+@jit
+def damped_element(k, count, e, z, y, nodes, d, internal, tangent):
+    """Evaluate one damped element whose poses stand in z, velocities in y; return its energy and dissipated power."""
+    relative(count, z)
+    relative_rates(count, z, y)
+    stored, gone = damped_gradient(k, count, e, z, y, internal, True)
+    nodal_forces(count, z)
+    damped_tangent(count, z, y, nodes, d, tangent)
+    return stored, gone
+
+
+@jit
+def eliminate(t, e, d, work, y):
+    """Solve the linearisation on the tree."""
+    solve_tree(t, e, d, work, y)
+
+
+@jit
+def dense(a, size, wide):
+    """Solve the first ``size`` columns for the others in place."""
+    solve_dense(a, size, wide)
+
+
+@jit
+def inverse_tangent_one(psi, out):
+    """H(psi)^-1 into out (3, 3)."""
+    put_block(out, 0, 0, inverse_tangent(vec(psi)))
+
+
+@jit
+def all_coefficients(s):
+    """A, A', A'', B, B', B'', c, c' at s."""
+    return coefficients(s), inverse_coefficient(s)
+
+
+@jit_blocks
+def six(multipliers, efforts, entries, least):
+    """Solve sum lambda_i row_i = efforts for six rows, 128 samples each; return how many are in doubt."""
+    few = (least, least, least, least, least, least)
+    return six_forces(multipliers, efforts, entries, LANES, few)
+
+
+@jit
+def oscillate(t, c, s, x, squared):
+    """Steps of u' = -squared x for every unknown; x (steps + 1, unknowns) holds the start in its first row."""
+    for step in range(1, x.shape[0]):
+        predict(c, s)
+        for k in range(x.shape[1]):
+            s.d[k] -= (s.du[k] + squared * (x[step - 1, k] + s.d[k])) / (c.ca + squared)
+        follow(c, s)
+        for k in range(x.shape[1]):
+            x[step, k] = x[step - 1, k] + s.d[k]
+        advance(t, c, s)
+
+
+@jit_blocks
+def joined(rows, inverted):
+    """Combine the second and the third of three rows of five entries with the first, 128 samples each."""
+    width = np.uint64(5) * LANES
+    both(BOTH + 3, rows[:width], rows[width : 2 * width], rows[2 * width :], LANES, inverted)
+
+
+@jit_blocks
+def solved_by(multiplier, pivot, effort, size, part, least, inverted):
+    """Set multipliers by pivots or their inverses; return how many are too small."""
+    if inverted:
+        return solve_inverted(multiplier, pivot, effort, size, LANES, part, least)
+    return solve(multiplier, pivot, effort, size, LANES, part, least)

@@ -1,0 +1,106 @@
+"""House rules of names and sizes: source text in, broken rules out.  `test_style.py` runs them, and breaks each of them."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterable, Mapping
+
+MODULES = 20  # of a folder: what a reader takes in at once
+PARAMETERS = 8
+# What arrays, numbers and strings have: `a.shape` does not make a record of a.
+_PLAIN = {
+    "T", "shape", "size", "ndim", "dtype", "flags", "copy", "sum", "min", "max", "mean", "any", "all", "ravel", "reshape", "real",
+    "imag", "conj", "tolist", "astype", "fill", "dot", "item", "nbytes", "argmax", "argmin", "std", "is_integer", "join", "split",
+    "strip", "startswith", "endswith", "replace", "lower", "upper", "format", "removeprefix", "removesuffix", "partition",
+    "rpartition", "items", "keys", "values", "get", "append", "update", "index", "count", "name",
+}  # fmt: skip
+_QUESTION = re.compile(r"(return )?(what|where|whether|how|which|when|why)\b", re.IGNORECASE)
+
+
+def crowded(folders: Mapping[str, int]) -> list[str]:
+    """Folders of a package with more modules than a reader takes in at once (folder -> modules)."""
+    return [f"{folder}: {n} modules, at most {MODULES}" for folder, n in folders.items() if n > MODULES]
+
+
+def many_parameters(source: str) -> list[str]:
+    """Functions with more than eight parameters.
+
+    Keywords with defaults of public functions do not count (a caller names those that it wants), nor options of commands.
+    """
+    broken = []
+    for function in _functions(source):
+        a = function.args
+        names = [x.arg for x in (*a.posonlyargs, *a.args) if x.arg not in ("self", "cls")]
+        optional = 0 if function.name.startswith("_") else len(a.defaults)
+        if function.name.startswith("_"):
+            names += [x.arg for x in a.kwonlyargs]
+        if len(names) - optional > PARAMETERS and not _is_command(function):
+            broken.append(f"line {function.lineno}: {function.name} has {len(names) - optional} parameters")
+    return broken
+
+
+def letter_records(source: str) -> list[str]:
+    """Records that are handed over under one letter: parameters of one letter of which an attribute is read."""
+    broken = []
+    for function in _functions(source):
+        letters = {x.arg for x in (*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs)}
+        used = {
+            node.value.id: node.attr
+            for node in ast.walk(function)
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.attr not in _PLAIN
+        }
+        broken += [
+            f"line {function.lineno}: {function.name} calls a record {letter} ({letter}.{used[letter]})"
+            for letter in sorted(letters & used.keys())
+            if len(letter) == 1
+        ]
+    return broken
+
+
+def questions(source: str) -> list[str]:
+    """Docstrings that begin as an indirect question; a function's begins with a verb."""
+    tree = ast.parse(source)
+    nodes = [tree, *(n for n in ast.walk(tree) if isinstance(n, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)))]
+    return [
+        f"line {getattr(node, 'lineno', 1)}: {(ast.get_docstring(node) or '').splitlines()[0]!r} asks"
+        for node in nodes
+        if _QUESTION.match(ast.get_docstring(node) or "")
+    ]
+
+
+def homeless(homes: Mapping[str, str], known: Iterable[str] = ()) -> list[str]:
+    """Public functions that do not live in a module of their own name (name -> dotted module)."""
+    return [
+        f"{name} lives in {module}"
+        for name, module in homes.items()
+        if name[0].islower() and module.rpartition(".")[2] != name and name not in known
+    ]
+
+
+def homonyms(sources: Mapping[str, str], words: Iterable[str]) -> list[str]:
+    """Words that two modules define: each of ``words`` has one meaning (dotted module -> source)."""
+    places: dict[str, list[str]] = {word: [] for word in words}
+    for module, source in sources.items():
+        for name in _defined(source) & places.keys():
+            places[name].append(module)
+    return [f"{word} is defined in {', '.join(found)}" for word, found in places.items() if len(found) > 1]
+
+
+def _defined(source: str) -> set[str]:
+    """Functions and constants of a module."""
+    names = set()
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.FunctionDef):
+            names.add(node.name)
+        elif isinstance(node, ast.Assign):
+            names |= {x.id for target in node.targets for x in ast.walk(target) if isinstance(x, ast.Name)}
+    return names
+
+
+def _functions(source: str) -> list[ast.FunctionDef]:
+    return [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.FunctionDef)]
+
+
+def _is_command(function: ast.FunctionDef) -> bool:
+    return any(re.search(r"\.(command|callback|group)\b|^click\.", ast.unparse(d)) for d in function.decorator_list)
