@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.causes.apply import with_efforts
 from crosscheck.causes.evidence import Evidence
 from crosscheck.causes.fit import IMPOSSIBLE, Fit, amount
-from crosscheck.causes.model import Model, model_of
+from crosscheck.causes.model import Model, answered, model_of
 from crosscheck.causes.naming import MOST, NOISE, Naming, name
 from crosscheck.causes.quantities import quantities
 from crosscheck.causes.separate import separating
@@ -108,7 +107,7 @@ def _run(engine: str, subject: Subject) -> Record | None:
         record = adapter(ENGINES[engine]).run(subject.mechanism, subject.case, engine, {"error": False})
     except (*IMPOSSIBLE, RuntimeError, KeyError):
         return None
-    return with_efforts(record, subject) if record.status == "ok" else None
+    return answered(record, subject) if record.status == "ok" else None
 
 
 def described(fit: Fit) -> dict[str, Any]:

@@ -52,10 +52,6 @@ def test_planted_causes_are_named_on_a_rigid_mechanism() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(
-    strict=True,
-    reason="a planted soft constraint leaves 1.5e-6 since closures are measured over lengths: cause not found yet",
-)
 def test_planted_causes_are_named_on_a_closed_mechanism() -> None:
     check(run_bench(BY_NAME["four_bar"], MODELS, (0.1,), CLOSED, targets=1), least=4)
 
