@@ -26,8 +26,8 @@ from flexinv.model.mechanism import Mechanism
 
 FEWEST = 100  # samples of a rigid mechanism that a fit looks at, or up to twice as many
 # Of a flexible march, at least.  A thick strip that rings in short waves, 10 % softer in shear: with 1,200 steps the column has
-# an error of 13 % (more than a named cause may leave), with 3,000 of 2 %, with 6,000 of 0.4 %.
-STEPS = 2500
+# an error of 13 %, with 2,500 of 1.8 % (at single samples more than a named cause may leave), with 6,000 of 0.4 %.
+STEPS = 4000
 
 
 @dataclass(frozen=True)

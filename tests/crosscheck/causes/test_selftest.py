@@ -151,11 +151,7 @@ def test_every_cause_can_sit_on_some_bench() -> None:
     ("label", "cause"),
     [
         ("ur5 (geared)/reach in pinocchio", "rotor inertia dropped"),
-        pytest.param(
-            "flex_one_link (stout)/snap in exudyn-ge",
-            "shear factor",
-            marks=pytest.mark.xfail(strict=True, reason="not named since the repairs were merged: cause not found yet"),
-        ),
+        ("flex_one_link (stout)/snap in exudyn-ge", "shear factor"),
         ("flex_one_link_damped/cycloid in exudyn-ge", "beam damping dropped"),
     ],
 )
