@@ -105,9 +105,9 @@ def _run(engine: str, subject: Subject) -> Record | None:
     """Return the full run of an engine on a changed subject, None where it cannot do it."""
     try:
         record = adapter(ENGINES[engine]).run(subject.mechanism, subject.case, engine, {"error": False})
+        return answered(record, subject) if record.status == "ok" else None  # no filter looks ahead: it cannot be undone
     except (*IMPOSSIBLE, RuntimeError, KeyError):
         return None
-    return answered(record, subject) if record.status == "ok" else None
 
 
 def described(fit: Fit) -> dict[str, Any]:
