@@ -161,7 +161,8 @@ def test_a_filter_cannot_be_taken_out_and_is_put_into_the_reference() -> None:
     fit = Fit(cause, target, size, 0.0, np.zeros(0))
     left, where = repair(model_of(subject, reference), fit, "pinocchio", reference, harmed)
     assert where == "put into the reference"
-    assert left is not None and left < 1e-12  # rounding of two engines
+    assert left is not None
+    assert left < 1e-12  # rounding of two engines
 
 
 def test_a_repair_that_gives_no_number_leaves_the_diagnosis_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
