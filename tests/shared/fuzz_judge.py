@@ -19,9 +19,8 @@ from fuzz_grammar import Example
 from numpy.typing import NDArray
 
 import flexinv
-from flexinv.inverse.applied_forces import joint_springs
 from flexinv.dynamics.dofs import FRICTION_RATE
-from flexinv.inverse.applied_forces import applied_forces
+from flexinv.inverse.applied_forces import applied_forces, joint_springs
 
 Array = NDArray[np.float64]
 # Rounding over some hundred steps with forces, over the largest term of a sum.
