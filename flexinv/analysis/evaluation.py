@@ -12,11 +12,10 @@ from flexinv.dynamics.dofs import FRICTION_RATE
 from flexinv.dynamics.solver import Trajectory
 from flexinv.inverse.applied_forces import joint_springs
 from flexinv.inverse.balance import Balance
-from flexinv.inverse.inverse_dynamics import NodalForces, drive_efforts, joint_wrenches, nodal_forces, plain
+from flexinv.inverse.inverse_dynamics import NodalForces, drive_efforts, joint_wrenches, nodal_forces
 from flexinv.inverse.trajectory_pass import Found, Given, Moving, Skeleton, second_step_samples
-from flexinv.kernels.memory import together
+from flexinv.kernels.memory import plain, together
 from flexinv.kinematics.finite_differences import differenced
-from flexinv.kinematics.joint_motion import axes_of_nodes
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.mechanism import Mechanism
@@ -127,11 +126,10 @@ def skeleton(mesh: Mesh) -> Skeleton:
     numbers += [[nodes[link.name] for link in m.beams] for nodes in (mesh.root_node, mesh.tip_node)]
     joint, tip, root, last = (np.array(nodes, dtype=np.int64) for nodes in numbers)
     points = np.array([point for _, point in end], dtype=float).reshape(-1, 3)
-    freedoms, slide, turns = axes_of_nodes(mesh)
     gravity = np.array(m.gravity, dtype=float)
     return Skeleton(
-        mesh.parent, mesh.mass, mesh.inertia, gravity, freedoms, mesh.v_index, slide, turns, joint, tip, points, root, last,
-        straight,
+        mesh.parent, mesh.mass, mesh.inertia, gravity, mesh.freedoms, mesh.v_index, mesh.slide, mesh.turn, joint, tip, points,
+        root, last, straight,
     )  # fmt: skip
 
 

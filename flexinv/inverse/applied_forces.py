@@ -6,6 +6,7 @@ import numpy as np
 
 from flexinv.errors import InputError
 from flexinv.inverse.inverse_dynamics import NodalForces
+from flexinv.kinematics.joint_motion import scalar_coordinate
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.mechanism import Attachment, Force, Mechanism, Spring
@@ -78,9 +79,7 @@ def joint_springs(mechanism: Mechanism, q: Array, history: bool = True) -> Array
     for joint in mechanism.joints:
         if joint.stiffness:
             own = q[:, mechanism.q_slices[joint.name]]
-            place = np.arctan2(own[:, 1], own[:, 0]) if joint.kind == "continuous" else own[:, 0]
-            if joint.kind == "continuous" and history:
-                place = np.unwrap(place)
+            place = scalar_coordinate(joint, own, history)
             out[:, mechanism.v_slices[joint.name].start] = joint.stiffness * (place - joint.rest)
     return out
 

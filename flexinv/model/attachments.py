@@ -8,6 +8,7 @@ import numpy as np
 
 from flexinv.model.frames import Attachment
 from flexinv.model.frozen import Frozen
+from flexinv.model.joint_kinds import KINDS
 from flexinv.typing import Array
 
 # closure kind -> number of constraints that it puts on the relative motion of its two frames
@@ -23,7 +24,7 @@ CLOSURES: dict[str, int] = {
 }
 
 # Joints that a coupling may tie: those whose coordinate is one number that counts whole turns.
-COUPLED = ("revolute", "prismatic")
+COUPLED = tuple(name for name, kind in KINDS.items() if kind.counts_turns)
 
 # What a closure does that begins to act on frames in relative motion: refuse, or stop it at once (perfectly plastic).
 IMPACTS = ("error", "plastic")

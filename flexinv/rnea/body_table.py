@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.kernels.simd import BLOCK
-from flexinv.kinematics.mesh import CONFIGURATIONS, CONTINUOUS, FREE, PRISMATIC, REVOLUTE, SPHERICAL, VELOCITIES, Mesh
+from flexinv.kinematics.mesh import Mesh
+from flexinv.model.joint_kinds import CONFIGURATIONS, CONTINUOUS, FREE, PRISMATIC, REVOLUTE, SPHERICAL, VELOCITIES
 from flexinv.rnea.recursion import (
     COPIED,
     COS,
