@@ -285,10 +285,7 @@ def _flexible(mechanism: Mechanism, scheme: Scheme) -> Flexible:
 
 def _drives(mesh: Mesh) -> Drives:
     freedoms = mesh.freedoms.copy()
-    owner = [joint for joint in mesh.mechanism.joints for _ in range(joint.nv)]
-    table = np.zeros((5, mesh.size))
-    for n in np.flatnonzero(mesh.v_index >= 0):
-        j = owner[int(mesh.v_index[n])]
-        table[:, n] = j.rotor_inertia, j.damping, j.friction, j.stiffness, j.rest
-        freedoms[n] *= j.actuated
+    table, moves = np.zeros((5, mesh.size)), mesh.v_index >= 0
+    table[:, moves] = mesh.mechanism.drive_table[:, mesh.v_index[moves]]
+    freedoms[moves] *= mesh.mechanism.actuated[mesh.v_index[moves]]
     return Drives(freedoms, mesh.slide, mesh.turn, *table)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.analysis.solution import Solution
-from flexinv.dynamics.dofs import FRICTION_RATE
 from flexinv.dynamics.solver import Trajectory
+from flexinv.elements.joint_law import smooth_direction
 from flexinv.inverse.applied_forces import joint_springs
 from flexinv.inverse.balance import Balance
 from flexinv.inverse.inverse_dynamics import NodalForces, drive_efforts, joint_wrenches, nodal_forces
@@ -46,7 +46,7 @@ def solution_of(
     """Return the Solution of the second step, efforts of rotors, friction and springs included [N m], [N], by names."""
     mechanism = mesh.mechanism
     tau, reaction = found.tau, found.reaction
-    if mechanism.drive_table.any():
+    if mechanism.drive_table[:3].any():
         drive = drive_efforts(mechanism, qd, qdd, direction=_direction(mechanism, qd, passive))
         tau, reaction = tau + drive, reaction + drive
     if any(joint.stiffness for joint in mechanism.joints):
@@ -158,7 +158,7 @@ def _direction(mechanism: Mechanism, qd: Array, passive: set[str]) -> Array:
     if not any(joint.friction for joint in mechanism.joints):
         return np.zeros_like(qd)
     smooth = np.array([j.name in passive for j in mechanism.joints for _ in range(j.nv)], dtype=bool)
-    return np.where(smooth, np.tanh(qd / FRICTION_RATE), np.sign(qd))
+    return np.where(smooth, smooth_direction(qd), np.sign(qd))
 
 
 def _internal(mesh: Mesh, trajectory: Trajectory) -> tuple[dict[str, Array], dict[str, Array]]:

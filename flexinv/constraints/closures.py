@@ -112,7 +112,7 @@ def check_coupled(mechanism: Mechanism, closure: Closure, name: str) -> None:
     if name not in mechanism.joint_of or mechanism.joint_of[name].kind not in COUPLED:
         known = ", ".join(j.name for j in mechanism.joints if j.kind in COUPLED) or "none"
         raise InputError(
-            f"closure '{closure.name}': a coupling ties revolute and prismatic joints ({known}), not {name!r}"
+            f"closure '{closure.name}': a coupling ties {' and '.join(COUPLED)} joints ({known}), not {name!r}"
         )
     if closure.active:
         raise InputError(f"closure '{closure.name}': a coupling acts all the time; leave its active intervals out")

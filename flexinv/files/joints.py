@@ -31,7 +31,7 @@ from flexinv.model.mechanism import Joint, Limits, Placement
 from flexinv.typing import Array
 from flexinv.validation import nearest
 
-NAMES = ", ".join(f'"{name}"' for name in KINDS)
+NAMES = " or ".join(", ".join(f'"{name}"' for name in part) for part in (list(KINDS)[:-1], list(KINDS)[-1:]))
 AXIS = "the axis in the joint frame, three numbers [-]"
 # The length of an axis may be off by this much before it is worth a warning: seven digits were typed.
 UNIT = 1e-6

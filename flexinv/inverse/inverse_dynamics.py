@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexinv.elements.joint_law import laws_of, moving_effort, resisting_effort
 from flexinv.inverse.nodal_sums import in_frame, nodal_samples, sum_in_frames, sum_samples
 from flexinv.kernels.memory import plain
 from flexinv.kinematics.joint_motion import joint_effort
@@ -107,14 +108,12 @@ def drive_efforts(
 
     direction : (samples, nv) [-], sign(qd) unless given
     """
-    rotor, damping, friction = mechanism.drive_table
-    effort = np.asarray(rotor * qdd)
+    law = laws_of(mechanism)
     if not passive:
-        return effort
-    if damping.any():
-        effort += damping * qd
-    if friction.any():
-        effort += friction * (np.sign(qd) if direction is None else direction)
+        return np.asarray(law.rotor * qdd)
+    effort = np.asarray(moving_effort(law, qd, qdd))
+    if np.any(law.friction):
+        effort += resisting_effort(law._replace(stiffness=0.0), 0.0, np.sign(qd) if direction is None else direction)
     return effort
 
 

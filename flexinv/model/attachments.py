@@ -34,7 +34,7 @@ IMPACTS = ("error", "plastic")
 class Closure(Frozen):
     """A joint that closes a loop: it ties the second frame to the first as a joint of its kind would; or a gear between joints.
 
-    kind : a key of ``CLOSURES``; factors, offset : of a coupling, which ties coordinates of revolute and prismatic joints and
+    kind : a key of ``CLOSURES``; factors, offset : of a coupling, which ties coordinates of joints of the kinds ``COUPLED`` and
         no frames (both on the world): sum factor q = offset, joint names and factors [-], [rad/m]; offset [rad] or [m]
     axis : (3,) [-], unit, in both frames: the free axis of a revolute, prismatic or cylindrical closure, the line of
         point-on-line (in the first frame), the axis of a universal closure that stays with the first frame

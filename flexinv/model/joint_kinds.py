@@ -66,12 +66,12 @@ _QUATERNION, _RATES = (".qx", ".qy", ".qz", ".qw"), (".wx", ".wy", ".wz")
 # The layout is Pinocchio's: a continuous joint is (cos, sin), a rotation is a quaternion x, y, z, w,
 # a free joint is position then quaternion, and its velocity is linear then angular, in the child's frame.
 KINDS: dict[str, JointKind] = {
-    "fixed": JointKind(RIGID, (), (), ()),
     "revolute": JointKind(REVOLUTE, ("",), ("",), ("rad",), repeats=True),
-    "prismatic": JointKind(PRISMATIC, ("",), ("",), ("m",)),
     "continuous": JointKind(CONTINUOUS, (".cos", ".sin"), ("",), ("rad",), CIRCLE, repeats=True),
-    "universal": JointKind(REVOLUTE, (".1", ".2"), (".1", ".2"), ("rad", "rad"), repeats=True),  # two nodes
+    "prismatic": JointKind(PRISMATIC, ("",), ("",), ("m",)),
     "spherical": JointKind(SPHERICAL, _QUATERNION, _RATES, _ANGLES, ROTATION),
+    "universal": JointKind(REVOLUTE, (".1", ".2"), (".1", ".2"), ("rad", "rad"), repeats=True),  # two nodes
+    "fixed": JointKind(RIGID, (), (), ()),
     "free": JointKind(
         FREE, (".x", ".y", ".z", *_QUATERNION), (".vx", ".vy", ".vz", *_RATES), (*_LENGTHS, *_ANGLES), POSE
     ),

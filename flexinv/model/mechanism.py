@@ -186,9 +186,9 @@ class Mechanism(Frozen):
 
     @cached_property
     def drive_table(self) -> Array:
-        """(3, nv) rotor inertia [kg m^2], [kg], damping [N m s], [N s/m], dry friction [N m], [N] of velocity coordinates."""
-        rows = [[j.rotor_inertia, j.damping, j.friction] for j in self.joints for _ in range(j.nv)]
-        return read_only(np.array(rows, dtype=np.float64).reshape(-1, 3).T)
+        """(5, nv) rotor inertia [kg m^2], damping [N m s], dry friction [N m], stiffness [N m/rad], rest [rad] of each drive."""
+        rows = [[j.rotor_inertia, j.damping, j.friction, j.stiffness, j.rest] for j in self.joints for _ in range(j.nv)]
+        return read_only(np.array(rows, dtype=np.float64).reshape(-1, 5).T)
 
     @property
     def is_rigid(self) -> bool:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexinv.elements.joint_law import laws_of
 from flexinv.errors import InputError
 from flexinv.kinematics.rigid_motion import rigid_motion
 from flexinv.kinematics.tree import Frames
@@ -61,12 +62,11 @@ def torque_derivatives(
         motion = Frames(m.x, m.rotation, m.v, m.omega, m.a, m.alpha)
         derivative_samples(*_bodies(f), motion, _scratch(f), out.q[part], out.qd[part], out.qdd[part])
     own = np.arange(mechanism.nv)
-    drives = [(j.stiffness, j.damping, j.rotor_inertia) for j in mechanism.joints for _ in range(j.nv)]
-    stiffness, damping, rotor = np.array(drives, dtype=float).reshape(-1, 3).T
-    out.qdd[:, own, own] += rotor
+    law = laws_of(mechanism)
+    out.qdd[:, own, own] += law.rotor
     if passive:
-        out.q[:, own, own] += stiffness
-        out.qd[:, own, own] += damping
+        out.q[:, own, own] += law.stiffness
+        out.qd[:, own, own] += law.damping
     return out
 
 

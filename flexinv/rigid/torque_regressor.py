@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import qr, solve_triangular
 
+from flexinv.elements.joint_law import law_columns
 from flexinv.errors import InputError
 from flexinv.kinematics.joint_motion import scalar_coordinate
 from flexinv.kinematics.mesh import build
@@ -141,20 +142,18 @@ def _drive(
 ) -> tuple[Array, list[str], list[str], list[float]]:
     """Columns, names, units and values of what a joint's drive takes."""
     rows, turns = mechanism.v_slices[joint.name], KINDS[joint.kind].units != ("m",)
-    columns = [qdd[:, rows], qd[:, rows], np.sign(qd[:, rows])]
-    keys = ["rotor_inertia", "damping", "friction"]
-    units = ["kg m^2", "N m s", "N m"] if turns else ["kg", "N s/m", "N"]
-    values = [joint.rotor_inertia, joint.damping, joint.friction]
+    place = np.zeros_like(qd[:, rows])
     if joint.nv == 1:
-        place = scalar_coordinate(joint, q[:, mechanism.q_slices[joint.name]], history=False)[:, None]
-        columns += [place, -np.ones_like(place)]
-        keys += ["stiffness", "stiffness_rest"]
-        units += ["N m/rad", "N m"] if turns else ["N/m", "N"]
-        values += [joint.stiffness, joint.stiffness * joint.rest]
-    matrix = np.zeros((len(q), mechanism.nv, len(columns)))
-    for k, column in enumerate(columns):
+        place[:, 0] = scalar_coordinate(joint, q[:, mechanism.q_slices[joint.name]], history=False)
+    columns = law_columns(place, qd[:, rows], qdd[:, rows], np.sign(qd[:, rows]))
+    keys = ["rotor_inertia", "damping", "friction", "stiffness", "stiffness_rest"]
+    units = ["kg m^2", "N m s", "N m", "N m/rad", "N m"] if turns else ["kg", "N s/m", "N", "N/m", "N"]
+    values = [joint.rotor_inertia, joint.damping, joint.friction, joint.stiffness, joint.stiffness * joint.rest]
+    count = 5 if joint.nv == 1 else 3  # springs stand in joints of one coordinate
+    matrix = np.zeros((len(q), mechanism.nv, count))
+    for k, column in enumerate(columns[:count]):
         matrix[:, rows, k] = column
-    return matrix, [f"{joint.name}.{key}" for key in keys], units, values
+    return matrix, [f"{joint.name}.{key}" for key in keys[:count]], units[:count], values[:count]
 
 
 def base_parameters(regressor: Regressor) -> BaseParameters:

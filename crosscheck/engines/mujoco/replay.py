@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from crosscheck.engines.mujoco.adapter import to_engine
+from crosscheck.engines.mujoco.joints import to_engine
 from crosscheck.engines.mujoco.model import build
 from crosscheck.engines.shared.prescribed import passive_effort
 from crosscheck.engines.shared.replay import Array, Drive
