@@ -26,14 +26,14 @@ from numpy.typing import NDArray
 
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.mujoco import loops as mujoco_loops
-from crosscheck.engines.mujoco.joints import Built, State, effort_from_engine, from_engine, to_engine
+from crosscheck.engines.mujoco.joints import Built, State, effort_from_engine, from_engine, joint_trouble, to_engine
 from crosscheck.engines.mujoco.model import build
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared import phases
 from crosscheck.engines.shared.prescribed import beyond_a_tree, missing_motion
 from crosscheck.measures.record import Record, Series, reaction_series, torque_series, vector_series, wrench_series
 from flexinv.files.load_cases import Case
-from flexinv.model.mechanism import WORLD, Joint, Mechanism
+from flexinv.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 EQUALITY = "mujoco-equality"
@@ -63,7 +63,7 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
         names = ", ".join(link.name for link in mechanism.beams)
         return f"rigid bodies only here, one beam in mujoco-flex; flexible: {names}"
     for joint in mechanism.joints:
-        if (reason := _free_joint_trouble(joint)) is not None:
+        if (reason := joint_trouble(mechanism, joint)) is not None:
             return reason
     if engine == EQUALITY:
         if not mechanism.closures:
@@ -71,16 +71,6 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
         if kinds := mujoco_loops.without_equality(mechanism):
             return f"no equality constraint of MuJoCo makes up the closures {', '.join(kinds)}: see mujoco"
     return assembly.unsupported(mechanism) if mechanism.closures else missing_motion(mechanism, case)
-
-
-def _free_joint_trouble(joint: Joint) -> str | None:
-    if joint.kind != "free":
-        return None
-    if joint.parent != WORLD:
-        return f"a free joint of MuJoCo hangs on the world only; {joint.name!r} hangs on {joint.parent!r}"
-    if joint.rotor_inertia or joint.friction:
-        return f"MuJoCo's armature and dry friction act along world axes, those of {joint.name!r} along the body's"
-    return None
 
 
 def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:

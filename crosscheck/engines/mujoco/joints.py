@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from flexinv.model.mechanism import Joint, Mechanism
+from flexinv.model.mechanism import WORLD, Joint, Mechanism
 
 Array = NDArray[np.float64]
 HINGE, SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
@@ -59,6 +59,17 @@ class Built:
 def names_of(joint: Joint) -> list[str]:
     """Return the names of the MuJoCo joints that make up one joint: a universal joint is two hinges of one body."""
     return [f"{joint.name}.1", f"{joint.name}.2"] if joint.kind == "universal" else [joint.name]
+
+
+def joint_trouble(mechanism: Mechanism, joint: Joint) -> str | None:
+    """Return the reason why MuJoCo cannot have a joint of a mechanism, or None."""
+    if joint.kind != "free":
+        return None
+    if joint.parent != WORLD:
+        return f"a free joint of MuJoCo hangs on the world only; {joint.name!r} hangs on {joint.parent!r}"
+    if joint.rotor_inertia or joint.friction:
+        return f"MuJoCo's armature and dry friction act along world axes, those of {joint.name!r} along the body's"
+    return None
 
 
 def add_joints(link: Any, joint: Joint) -> None:
