@@ -125,6 +125,16 @@ def joint_twist(joint: Joint, q: Array, qd: Array) -> tuple[Array, Array]:
     return v, w
 
 
+def slides_along(joint: Joint) -> bool:
+    """Return True if a joint with one coordinate slides along its axis."""
+    return bool(joint.nv == 1 and joint_twist(joint, np.zeros(joint.nq), np.ones(1))[0].any())
+
+
+def turns_about(joint: Joint) -> bool:
+    """Return False only if a joint with one coordinate does not turn."""
+    return bool(joint.nv != 1 or joint_twist(joint, np.zeros(joint.nq), np.ones(1))[1].any())
+
+
 def effort_axes(joint: Joint, q: Array) -> tuple[Array, Array]:
     """Return the axes that map the joint's wrench to its efforts: effort_k = force . F_k + moment . M_k.
 
