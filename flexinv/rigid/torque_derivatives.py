@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexinv.elements.joint_law import laws_of
 from flexinv.errors import InputError
-from flexinv.kinematics.joint_motion import axes_of_nodes
 from flexinv.kinematics.rigid_motion import rigid_motion
 from flexinv.kinematics.tree import Frames
 from flexinv.model.mechanism import Mechanism
@@ -62,19 +62,17 @@ def torque_derivatives(
         motion = Frames(m.x, m.rotation, m.v, m.omega, m.a, m.alpha)
         derivative_samples(*_bodies(f), motion, _scratch(f), out.q[part], out.qd[part], out.qdd[part])
     own = np.arange(mechanism.nv)
-    drives = [(j.stiffness, j.damping, j.rotor_inertia) for j in mechanism.joints for _ in range(j.nv)]
-    stiffness, damping, rotor = np.array(drives, dtype=float).reshape(-1, 3).T
-    out.qdd[:, own, own] += rotor
+    law = laws_of(mechanism)
+    out.qdd[:, own, own] += law.rotor
     if passive:
-        out.q[:, own, own] += stiffness
-        out.qd[:, own, own] += damping
+        out.q[:, own, own] += law.stiffness
+        out.qd[:, own, own] += law.damping
     return out
 
 
 def _bodies(function: TorqueFunction) -> tuple[NDArray[Any], ...]:
     """Parent, node, first coordinate, freedoms, axes, masses and gravity of the bodies, as the kernel takes them."""
     mesh, b = function.mesh, function.bodies
-    freedoms, slide, turn = axes_of_nodes(mesh)
     inertia, h = np.zeros((len(b.node), 3, 3)), np.zeros((len(b.node), 3))
     for i, (r, row) in enumerate(zip(b.axes, b.numbers, strict=True)):
         if i:
@@ -84,8 +82,8 @@ def _bodies(function: TorqueFunction) -> tuple[NDArray[Any], ...]:
     mass = np.where(np.arange(len(b.node)) > 0, b.numbers[:, 12], 0.0)
     parent, at = b.tree[:, 1].astype(np.int64), np.maximum(b.node, 0)
     gravity = np.array(mesh.mechanism.gravity, dtype=float)
-    first, count = mesh.v_index[at], freedoms[at]
-    return parent, b.node, first, count, slide[at], turn[at], mass, h, inertia, gravity
+    first, count = mesh.v_index[at], mesh.freedoms[at]
+    return parent, b.node, first, count, mesh.slide[at], mesh.turn[at], mass, h, inertia, gravity
 
 
 def _scratch(function: TorqueFunction) -> Spatial:
