@@ -16,10 +16,11 @@ from typing import Any
 import numpy as np
 
 from flexinv.analysis.batch_kernel import Designs, Tasks, march_alike
-from flexinv.analysis.evaluation import found_shapes, skeleton, solution_of
+from flexinv.analysis.evaluation import FirstStep, found_shapes, skeleton, solution_of
+from flexinv.analysis.settings import Settings, checked
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.solve import settings_of, time_grid
-from flexinv.analysis.trajectory import Progress, Turned, failure
+from flexinv.analysis.task import Progress, time_grid
+from flexinv.analysis.trajectory import Turned, failure
 from flexinv.dynamics.generalized_alpha import (
     EARLY,
     EXACT,
@@ -27,7 +28,6 @@ from flexinv.dynamics.generalized_alpha import (
     Scheme,
     early_rows,
     early_times,
-    generalized_alpha,
     start_up,
 )
 from flexinv.dynamics.solver import Trajectory, has_padding, history_shapes
@@ -63,7 +63,7 @@ class Scenario:
     table: Triple
     time: Array
     scheme: Scheme
-    settings: dict[str, float | int | str | bool]
+    settings: Settings
 
 
 def prepare_all(
@@ -100,8 +100,8 @@ def scenario_of(mechanism: Mechanism, motion: Motion, options: Mapping[str, Any]
         mesh, time = build(mechanism), time_grid(motion, step, options.get("end"), 1)
         if not isinstance(find_plane(mesh), Plane) or len(time) * mesh.size * 50 > RUN:
             return None
-        scheme, settings = generalized_alpha(step, radius, tolerance), settings_of(step, radius, tolerance)
-        return Scenario(mesh, motion, motion_table(motion, mechanism, step, len(time)), time, scheme, settings)
+        settings = checked(step, radius, tolerance)
+        return Scenario(mesh, motion, motion_table(motion, mechanism, step, len(time)), time, settings.scheme, settings)
     except FlexinvError:  # `solve` says of this one what it is
         return None
 
@@ -225,4 +225,4 @@ def _solution(one: Scenario, n: int, out: Histories, found: Found) -> Solution:
     trajectory = Trajectory(NodalMotion(x, r, v, w, a, al), wrench, internal, energy, multipliers, iterations)
     q, qd, qdd = (part.copy() for part in one.table)
     own = Found(*(part[n] for part in found))
-    return solution_of(one.mesh, trajectory, trajectory.motion, own, one.time, q, qd, qdd, set(), one.settings)
+    return solution_of(one.mesh, FirstStep(trajectory, one.time, (q, qd, qdd)), own, one.settings)

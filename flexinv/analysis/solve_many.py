@@ -19,7 +19,7 @@ from typing import Any
 from flexinv.analysis.batch_groups import alike, prepare_all, solve_alike
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
-from flexinv.analysis.trajectory import Progress
+from flexinv.analysis.task import Progress
 from flexinv.errors import InputError
 from flexinv.kernels.affinity import go_to, processor_now, processors
 from flexinv.kernels.memory import shared_pieces
