@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +23,7 @@ from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.kinematics.rigid_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
+from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array, Triple
 
 
@@ -136,7 +136,7 @@ def found_shapes(mesh: Mesh, samples: int) -> list[tuple[int, ...]]:
     return [nodal, nodal, joints, joints, *named, *4 * [(samples,)], (samples, 6)]
 
 
-@lru_cache(maxsize=64)
+@kept_with_owner()
 def skeleton(mesh: Mesh) -> Skeleton:
     """Return the data of a mesh that the second step reads [m], [kg]."""
     m = mesh.mechanism
@@ -210,7 +210,7 @@ def _internal(mesh: Mesh, trajectory: Trajectory) -> tuple[dict[str, Array], dic
     return values, stations
 
 
-@lru_cache(maxsize=64)
+@kept_with_owner()
 def _points(mesh: Mesh) -> list[tuple[str, slice, NDArray[np.int64], Array]]:
     """Name of each beam, which elements are its own, their orders, and where their points are."""
     e, out = mesh.elements, []

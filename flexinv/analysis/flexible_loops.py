@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +20,7 @@ from flexinv.errors import InputError
 from flexinv.inverse.inverse_dynamics import NodalForces
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array, Triple
 
 
@@ -50,7 +50,7 @@ def closed_task(task: Task) -> Task:
     return replace(task, after=started)
 
 
-@lru_cache(maxsize=64)
+@kept_with_owner()
 def _start(
     mesh: Mesh, time: float, unknown: bytes, stated: bytes, active: bytes, q: bytes, qd: bytes, qdd: bytes
 ) -> tuple[Array, Array, Array]:

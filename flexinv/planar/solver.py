@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from flexinv.elements.planar_beam_damping import COEFFICIENTS, RATES
 from flexinv.kernels.memory import cleared
 from flexinv.kernels.so3 import about_axis, log_so3
 from flexinv.kinematics.mesh import PRISMATIC, Mesh
+from flexinv.model.owned_cache import kept_with_owner
 from flexinv.planar.constraint_rows import PlanarTies
 from flexinv.planar.detection import seen
 from flexinv.planar.history import Histories
@@ -200,7 +200,7 @@ class PlanarMarch:
         return float(axis @ log_so3(placed.T @ state.r[n]))
 
 
-@lru_cache(maxsize=64)
+@kept_with_owner()
 def _left(mesh: Mesh, passive: frozenset[str]) -> list[PlanarMarch]:
     """Return the list of marches left behind for reuse, which threads may share."""
     return []

@@ -24,6 +24,7 @@ from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.rigid_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
+from flexinv.model.owned_cache import kept_with_owner
 from flexinv.rigid.blocks import CALL_CELLS, OVERLAP, attend, settle, torque_blocks
 from flexinv.rigid.joint_arrays import (
     Order,
@@ -236,7 +237,7 @@ def prepare(mechanism: Mechanism, passive: bool = True, threads: int | None = No
     """
     try:
         return _prepared(mechanism, passive, threads)
-    except TypeError:  # what cannot be looked up is none of these
+    except (TypeError, AttributeError):  # what cannot be looked up is none of these
         _check_asked(mechanism, passive, threads)
         raise
 
@@ -248,7 +249,7 @@ def _check_asked(mechanism: Mechanism, passive: bool, threads: int | None) -> in
     return processors() if threads is None else whole("threads", threads, 1, THREADS)
 
 
-@lru_cache(maxsize=64, typed=True)  # 2.0 is not 2, nor 1 True
+@kept_with_owner(typed=True)
 def _prepared(mechanism: Mechanism, passive: bool, threads: int | None) -> TorqueFunction:
     most = _check_asked(mechanism, passive, threads)
     check_rigid(mechanism)
