@@ -11,10 +11,22 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.kernels.atomics import address, fetch, put, reals, reals_table, take, wholes, wholes_table
 from flexinv.kernels.jit import jit_blocks, jit_lanes
-from flexinv.kernels.mailbox import ANSWER, DONE, OFFERED, SLEEPS, STATE, WORDS, awaited, claimed, settled, write
 from flexinv.kernels.simd import LANES
+from flexinv.kernels.threads.atomics import address, fetch, put, reals, reals_table, take, wholes, wholes_table
+from flexinv.kernels.threads.mailbox import (
+    ANSWER,
+    DONE,
+    OFFERED,
+    SLEEPS,
+    STATE,
+    WORDS,
+    awaited,
+    claimed,
+    settled,
+    write,
+)
+from flexinv.kernels.threads.worker_pool import Helpers
 from flexinv.rnea.loop_allocation import share, unclear
 from flexinv.rnea.loop_bodies import begin, keep
 from flexinv.rnea.loop_layout import APPLIED, KEEPS, LIMITS, PLANE, SUMMED
@@ -237,3 +249,6 @@ def settle(plan, fixed, samples, work, counter, mails):
     if plan[LIMITS] > 0:
         _judge(plan, fixed, samples, work, counter)
     return True
+
+
+HELPERS = Helpers(attend)

@@ -17,15 +17,15 @@ from flexinv.constraints.closures import constraint_rows
 from flexinv.constraints.consistency import ACCELERATION, OPEN, RATE, GivenLoops
 from flexinv.inverse.applied_forces import applied_forces, check_constant
 from flexinv.inverse.inverse_dynamics import joint_wrenches, project
-from flexinv.kernels.affinity import processors
-from flexinv.kernels.atomics import COMPILED
-from flexinv.kernels.mailbox import CELLS
 from flexinv.kernels.simd import BLOCK
+from flexinv.kernels.threads.affinity import processors
+from flexinv.kernels.threads.atomics import COMPILED
+from flexinv.kernels.threads.mailbox import CELLS
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.rigid_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import kept_with_owner
-from flexinv.rigid.blocks import CALL_CELLS, OVERLAP, attend, settle, torque_blocks
+from flexinv.rigid.blocks import CALL_CELLS, HELPERS, OVERLAP, attend, settle, torque_blocks
 from flexinv.rigid.joint_arrays import (
     Order,
     by_sample,
@@ -36,7 +36,6 @@ from flexinv.rigid.joint_arrays import (
     output_array,
 )
 from flexinv.rigid.nodal_result import NodalResult, nodal_result
-from flexinv.rigid.worker_pool import HELPERS
 from flexinv.rnea.body_table import Bodies, bodies
 from flexinv.rnea.loop_layout import APPLIED
 from flexinv.rnea.loop_plan import NO_LOOPS, PLACES, anywhere, ends, planned
