@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from flexinv.analysis.batch_kernel import Designs, Results, Tasks, WorkSpace, march_alike
+from flexinv.analysis.batch_kernel import Designs, Tasks, march_alike
 from flexinv.analysis.evaluation import FirstStep, found_shapes, skeleton, solution_of
 from flexinv.analysis.settings import Settings, checked
 from flexinv.analysis.solution import Solution
@@ -151,17 +151,18 @@ def solve_alike(
     most = 1 if progress is not None else min(max(1, AT_ONCE // len(first.time)), -(-len(scenarios) // threads))
 
     def work() -> None:
-        own, space = _work_space(PlanarMarch.ready(first.mesh, ()))
+        own, line = PlanarMarch.ready(first.mesh, ()), np.empty((first.mesh.size, 6))
         mine = np.zeros(most, dtype=np.int64)
         while ahead[0] < len(scenarios):
-            done = march_alike(ahead, mine, designs, tasks, schemes, space, Results(out, found, ended, left))
+            done = march_alike(
+                ahead, mine, designs, tasks, *schemes, own.state, own.frames, own.factors, own.work, own.ties, line,
+                out, found, ended, left,
+            )  # fmt: skip
             for n in mine[:done].tolist():
                 results[n] = _solution(scenarios[n], n, out, found)
             if done < most and (n := int(mine[done])) < len(scenarios):
                 results[n] = _failure(scenarios[n], ended[n].tolist(), float(left[n]), own.turned)
-                own, space = _work_space(
-                    PlanarMarch.of(first.mesh, ())
-                )  # what has failed may have left numbers that are none
+                own = PlanarMarch.of(first.mesh, ())  # what has failed may have left numbers that are none
             elif done == 0:  # others have taken the rest
                 break
             if progress is not None:
@@ -171,11 +172,6 @@ def solve_alike(
 
     side_by_side(work, lambda: ahead.fill(len(scenarios)), min(threads, len(scenarios)))
     return results
-
-
-def _work_space(own: PlanarMarch) -> tuple[PlanarMarch, WorkSpace]:
-    line = np.empty((own.mesh.size, 6))
-    return own, WorkSpace(own.state, own.frames, own.factors, own.work, own.ties, line)
 
 
 def _failure(one: Scenario, ended: list[int], left: float, turned: Turned) -> Exception | None:

@@ -28,7 +28,7 @@ from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.rigid_motion import rigid_motion
 from flexinv.kinematics.tree import Frames, Joints
 from flexinv.planar.detection import Plane, find_plane
-from flexinv.tracking.collocation_kernel import Instants, WorkSpace, evaluate_instants, inverse_tangents
+from flexinv.tracking.collocation_kernel import evaluate_instants, inverse_tangents
 from flexinv.tracking.frame_path import Poses
 from flexinv.tracking.inverse_kinematics import Frame, Reach
 from flexinv.typing import Array
@@ -228,10 +228,11 @@ class Horizon:
         reach = np.zeros((count if want else 0, 6, unknowns))
         own = out.trajectory.rows(part.start, part.stop)
         joints = Joints(*(given.copy() for given in self.layout.joints))  # free ones are overwritten
-        space = WorkSpace(s.topology, beams, s.border, s.state, joints, s.frames, s.variation, s.loads, s.work)
-        given, table = (x, r, at.flat[part], u[part], du[part]), load_table(s.mesh, self.time[part])
-        made = Instants(residual, tangent, reach, Frames(*own.histories()[:6]), own.wrench, own.internal, own.energy)
-        instant_, element = evaluate_instants(space, given, table, want, self.task.frame.node, made)
+        instant_, element = evaluate_instants(
+            s.topology, beams, s.border, s.state, joints, s.frames, s.variation, s.loads, s.work,
+            (x, r, at.flat[part], u[part], du[part]), load_table(s.mesh, self.time[part]), want, residual, tangent,
+            self.task.frame.node, reach, Frames(*own.histories()[:6]), own.wrench, own.internal, own.energy,
+        )  # fmt: skip
         if instant_ >= 0:
             raise TurnedTooMuch(f"t = {self.time[part.start + instant_]:g} s, element {element}")
         out.residual[part] = residual @ pick.T

@@ -10,19 +10,15 @@ the factors cv = du/dy and ca = du'/dy of its linearisation, so that (0, 0), (1,
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from flexinv.dynamics.assembly import State, Work, by_root
-from flexinv.dynamics.dofs import ElementArrays, Topology
+from flexinv.dynamics.assembly import by_root
 from flexinv.dynamics.generalized_alpha import DYNAMIC, Scheme
-from flexinv.dynamics.loads import Loads, set_loads
-from flexinv.dynamics.stepper import Border, evaluate, record
+from flexinv.dynamics.loads import set_loads
+from flexinv.dynamics.stepper import evaluate, record
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.so3 import inverse_tangent
 from flexinv.kernels.vec3 import add_scaled, mat, put, put_block, vec, vec_at
-from flexinv.kinematics.tree import Frames, Joints, Variation
 from flexinv.typing import Array
 
 # C [1/s] and M [1/s^2] are read off the tangent with a factor so large that K beside it is no more than rounding of nothing: with
@@ -30,66 +26,36 @@ from flexinv.typing import Array
 LARGE = 1e30
 
 
-class WorkSpace(NamedTuple):
-    """Arrays of a `dynamics.solver.Solver`, and the joint motion of one instant."""
-
-    topology: Topology
-    elements: ElementArrays
-    border: Border
-    state: State
-    joints: Joints
-    frames: Frames
-    variation: Variation
-    loads: Loads
-    work: Work
-
-
-class Instants(NamedTuple):
-    """Results at many instants.
-
-    residual : (samples, unknowns) [N], [N m]; tangent : (3, samples, unknowns, unknowns) K, C, M
-    reach : (samples, 6, unknowns) of the frame's displacement (world), rotation (own frame) [m], [rad] per unknown
-    motion : nodes' motion, wrench, internal, energy : as in `dynamics.stepper.record`
-    """
-
-    residual: Array
-    tangent: Array
-    reach: Array
-    motion: Frames
-    wrench: Array
-    internal: Array
-    energy: Array
-
-
 @jit
-def evaluate_instants(space, given, table, want, frame, out):
+def evaluate_instants(
+    topology, elements, border, state, joints, frames, variation, loads, work,
+    given, table, want, residual, tangent, frame, reach, out, wrench, internal, energy,
+):  # fmt: skip
     """Fill residuals [N], [N m], derivatives if ``want``, and histories; return -1, -1 or the instant and its bad element.
 
-    space : WorkSpace; given : x (samples, nodes, 3), r (samples, nodes, 3, 3), place, u, du (samples, unknowns) as
-    `assembly.State` has them; table : (samples, loads, 6); frame : node whose motion is wanted; out : Instants
+    given : x (samples, nodes, 3), r (samples, nodes, 3, 3), place, u, du (samples, unknowns) as `assembly.State` has them
+    table : (samples, loads, 6); residual : (samples, unknowns); tangent : (3, samples, unknowns, unknowns) K, C, M
+    frame : node whose motion is wanted; reach : (samples, 6, unknowns) of its displacement (world), rotation (own frame)
     """
     x, r, place, u, du = given
     for k in range(x.shape[0]):
-        _take(space.state, x[k], r[k], place[k], u[k], du[k])
-        set_loads(space.loads, table[k], space.state.d[:0])
+        _take(state, x[k], r[k], place[k], u[k], du[k])
+        set_loads(loads, table[k], state.d[:0])
         for which in range(3 if want else 1):
             c = Scheme(
                 DYNAMIC, 0.0, LARGE if which == 1 else 0.0, LARGE if which == 2 else 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             )
-            bad = evaluate(
-                space.topology, space.elements, space.border, c, space.state, space.joints, space.frames, space.variation,
-                space.loads, space.work, want,
-            )  # fmt: skip
+            bad = evaluate(topology, elements, border, c, state, joints, frames, variation, loads, work, want)
             if bad >= 0:
                 return k, bad
             if want:
-                dense_tangent(space.topology, space.elements, space.variation, space.work, out.tangent[which, k])
-        for i in range(len(space.state.d)):
-            out.residual[k, i] = space.work.residual[0, i]
-        record(k, space.frames, space.work, out.motion, out.wrench, out.internal, out.energy)
+                dense_tangent(topology, elements, variation, work, tangent[which, k])
+        for i in range(len(state.d)):
+            residual[k, i] = work.residual[0, i]
+        record(k, frames, work, out, wrench, internal, energy)
         if want:
-            _less(out.tangent, k)
-            _reach(space.topology, space.variation, frame, out.reach[k])
+            _less(tangent, k)
+            _reach(topology, variation, frame, reach[k])
     return -1, -1
 
 
