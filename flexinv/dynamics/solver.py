@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -160,12 +161,19 @@ class Solver:
         given : (samples, rows or 0, 3) of `given`
         Return status, samples done, iterations or element, last relative increment [-].
         """
-        status, sample, count, size = march(
+        arguments = self.arguments(scheme, rel, table, efforts, given, out)
+        status, sample, count, size = march(*arguments)
+        return int(status), int(sample), int(count), float(size)
+
+    def arguments(
+        self, scheme: Scheme, rel: Joints, table: Array, efforts: Array, given: Array, out: Trajectory
+    ) -> tuple[Any, ...]:
+        """Return the arguments [m, rad, s, N] with which `march` calls the compiled loop, for callers that call it themselves."""
+        return (
             self.topology, self.elements, self.border, scheme, ACCELERATIONS, self.state, self.frames, self.variation,
             self.loads, self.work, self.increment, rel, table, efforts, given,
             Frames(*out.histories()[:6]), out.wrench, out.internal, out.energy, out.multipliers, out.iterations,
         )  # fmt: skip
-        return int(status), int(sample), int(count), float(size)
 
     def newton(self, scheme: Scheme, joints: Joints) -> tuple[int, int, float]:
         """Solve one instant under the present loads; return status, iterations or element, last relative increment [-]."""

@@ -6,27 +6,64 @@ so that one that is held up leaves its work to the others.
 
 from __future__ import annotations
 
-import numpy as np
+from typing import NamedTuple
 
-from flexinv.kernels.atomics import address, fetch, put, reals, reals_table, take, wholes, wholes_table
+import numpy as np
+from numpy.typing import NDArray
+
 from flexinv.kernels.jit import jit_blocks, jit_lanes
-from flexinv.kernels.mailbox import ANSWER, DONE, OFFERED, SLEEPS, STATE, WORDS, awaited, claimed, settled, write
 from flexinv.kernels.simd import LANES
-from flexinv.rnea.loop_allocation import share, unclear
-from flexinv.rnea.loop_bodies import begin, keep
+from flexinv.kernels.threads.atomics import address, fetch, put, reals, reals_table, take, wholes, wholes_table
+from flexinv.kernels.threads.mailbox import (
+    ANSWER,
+    DONE,
+    OFFERED,
+    SLEEPS,
+    STATE,
+    WORDS,
+    awaited,
+    claimed,
+    settled,
+    write,
+)
+from flexinv.kernels.threads.worker_pool import Helpers
+from flexinv.rnea.loop_allocation import allocate, unclear
+from flexinv.rnea.loop_bodies import begin, set_aside
 from flexinv.rnea.loop_layout import APPLIED, KEEPS, LIMITS, PLANE, SUMMED
 from flexinv.rnea.loop_plane import in_plane
 from flexinv.rnea.loop_space import in_space
 from flexinv.rnea.recursion import NUMBERS, TREE, inboard, outboard
+from flexinv.typing import Array
 
 # Numbers in a line of the cache.
-_LINE = np.uint64(8)
+LINE = np.uint64(8)
 # Cells that threads share: the next block; how many samples are not finite; how many blocks of loops are in doubt, whether their
 # motion is; whether nothing was done (efforts would be written over what is read); and of every block of loops whether it is.
 OVERLAP, CALL_CELLS = 4, 5
 _BYTES = np.uint64(8)
 # Every which block the sums are taken that the motion of loops is held against: enough to have nearly the largest.
 SUMS = np.uint64(8)
+
+
+class System(NamedTuple):
+    """A mechanism for the recursion: tree, numbers, columns of `body_table.Bodies`; plan, fixed of `loop_plan.LoopPlan`."""
+
+    tree: NDArray[np.uint64]
+    numbers: Array
+    columns: NDArray[np.uint64]
+    plan: NDArray[np.uint64]
+    fixed: Array
+
+
+class Series(NamedTuple):
+    """Motion and efforts of so many samples [rad or m, s], [N m], [N], as of `torque_blocks`."""
+
+    q: Array
+    qd: Array
+    qdd: Array
+    tau: Array
+    strides: NDArray[np.uint64]
+    samples: np.uint64
 
 
 @jit_lanes
@@ -37,17 +74,17 @@ def _load(work, columns, lanes, x, start, by_sample, by_column):
             first, at = columns[j], start + np.uint64(j) * by_column
             for k in range(lanes):
                 work[first + k] = x[at + k]
-            for k in range(LANES, LANES + LANES, _LINE):
+            for k in range(LANES, LANES + LANES, LINE):
                 fetch(x, at + k)
         return
-    for tile in range(np.uint64(0), lanes, _LINE):  # as many samples as make a cache line of every row
+    for tile in range(np.uint64(0), lanes, LINE):  # as many samples as make a cache line of every row
         at = (start + tile) * by_sample
-        for k in range(np.uint64(0), _LINE * by_sample, _LINE):
+        for k in range(np.uint64(0), LINE * by_sample, LINE):
             fetch(x, at + LANES * by_sample + k)
         for j in range(columns.shape[0]):
             first, of = columns[j] + tile, at + np.uint64(j)
-            if lanes - tile >= _LINE:
-                for k in range(_LINE):
+            if lanes - tile >= LINE:
+                for k in range(LINE):
                     work[first + k] = x[of + k * by_sample]
             else:
                 for k in range(lanes - tile):
@@ -86,13 +123,15 @@ def _closed(plan, fixed, work, lanes, sums):
         in_plane(plan, fixed, work, lanes, sums)
     else:
         doubts = in_space(plan, fixed, work, lanes, sums)
-    return doubts + share(plan, fixed, work, lanes)
+    return doubts + allocate(plan, fixed, work, lanes)
 
 
 @jit_lanes
-def _blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, samples, work, counter):
+def _blocks(system, series, work, counter):
     """Write the efforts of all blocks that are left to take; return how many samples are not finite, or a number above 0
     where cosines and sines are those of no angle."""
+    tree, numbers, columns, plan, fixed = system
+    q, qd, qdd, tau, strides, samples = series
     nv, wrong = tree[0, 0], 0
     nq = columns.shape[0] - 2 * nv
     for_q, for_qd, for_qdd = columns[:nq], columns[nq : nq + nv], columns[nq + nv :]
@@ -107,9 +146,9 @@ def _blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, sampl
         _load(work, for_qd, lanes, qd, start, strides[1, 0], strides[1, 1])
         _load(work, for_qdd, lanes, qdd, start, strides[2, 0], strides[2, 1])
         if loops and not again:
-            keep(plan, work, lanes, KEEPS)
+            set_aside(plan, work, lanes, KEEPS)
             if block % SUMS == 0:
-                keep(plan, work, lanes, SUMMED)
+                set_aside(plan, work, lanes, SUMMED)
         lost = outboard(tree, numbers, work, lanes)
         spoilt = max(inboard(tree, numbers, work, lanes), min(lost, 1))
         if loops:
@@ -126,23 +165,23 @@ def _blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, sampl
 
 
 @jit_lanes
-def _offer(mail, tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, samples, work, counter):
+def _offer(mail, system, series, work, counter):
     """Offer a helper to take blocks, too."""
     if not claimed(mail, address(counter)):
         return
-    write(mail, 0, tree)
-    write(mail, 1, numbers)
-    write(mail, 2, columns)
-    write(mail, 3, q)
-    write(mail, 4, qd)
-    write(mail, 5, qdd)
-    write(mail, 6, tau)
-    write(mail, 7, strides)
+    write(mail, 0, system.tree)
+    write(mail, 1, system.numbers)
+    write(mail, 2, system.columns)
+    write(mail, 3, series.q)
+    write(mail, 4, series.qd)
+    write(mail, 5, series.qdd)
+    write(mail, 6, series.tau)
+    write(mail, 7, series.strides)
     write(mail, 8, work)
     write(mail, 9, counter)
-    mail[WORDS + 20] = samples
-    write(mail, 11, plan)
-    write(mail, 12, fixed)
+    mail[WORDS + 20] = series.samples
+    write(mail, 11, system.plan)
+    write(mail, 12, system.fixed)
     put(mail, STATE, OFFERED)
 
 
@@ -158,7 +197,8 @@ def attend(mail, patience):
         tau, strides = reals(word[12], word[13]), wholes_table(word[14], 4, 2)
         work, counter, samples = reals(word[16], word[17]), wholes(word[18], word[19]), word[20]
         plan, fixed = wholes(word[22], word[23]), reals(word[24], word[25])
-        mail[ANSWER] = _blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, samples, work, counter)
+        system, series = System(tree, numbers, columns, plan, fixed), Series(q, qd, qdd, tau, strides, samples)
+        mail[ANSWER] = _blocks(system, series, work, counter)
         put(mail, STATE, DONE)
     put(mail, SLEEPS, 1)
 
@@ -194,17 +234,21 @@ def torque_blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides,
     if plan[LIMITS] > 0:
         for i in range(1 + mails.shape[0]):
             begin(plan, fixed, work[i], min(samples, LANES))
+    system, series = System(tree, numbers, columns, plan, fixed), Series(q, qd, qdd, tau, strides, samples)
     for i in range(mails.shape[0]):
-        _offer(mails[i], tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, samples, work[i + 1], counter)
-    counter[1] += _blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, samples, work[0], counter)
-    return settle(plan, fixed, samples, work[: 1 + mails.shape[0]], counter, mails)
+        _offer(mails[i], system, series, work[i + 1], counter)
+    counter[1] += _blocks(system, series, work[0], counter)
+    return collect(plan, fixed, samples, work[: 1 + mails.shape[0]], counter, mails)
 
 
 @jit_blocks
-def settle(plan, fixed, samples, work, counter, mails):
+def collect(plan, fixed, samples, work, counter, mails):
     """Collect the answers of helpers that `torque_blocks` left at work; return True if all have ended [-], limits judged."""
     if not settled(mails, address(counter), counter[1:]):
         return False
     if plan[LIMITS] > 0:
         _judge(plan, fixed, samples, work, counter)
     return True
+
+
+HELPERS = Helpers(attend)

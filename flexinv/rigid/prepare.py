@@ -17,14 +17,15 @@ from flexinv.constraints.closures import constraint_rows
 from flexinv.constraints.consistency import ACCELERATION, OPEN, RATE, GivenLoops
 from flexinv.inverse.applied_forces import applied_forces, check_constant
 from flexinv.inverse.inverse_dynamics import joint_wrenches, project
-from flexinv.kernels.affinity import processors
-from flexinv.kernels.atomics import COMPILED
-from flexinv.kernels.mailbox import CELLS
 from flexinv.kernels.simd import BLOCK
+from flexinv.kernels.threads.affinity import processors
+from flexinv.kernels.threads.atomics import COMPILED
+from flexinv.kernels.threads.mailbox import CELLS
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.rigid_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
-from flexinv.rigid.blocks import CALL_CELLS, OVERLAP, attend, settle, torque_blocks
+from flexinv.model.owned_cache import kept_with_owner
+from flexinv.rigid.blocks import CALL_CELLS, HELPERS, LINE, OVERLAP, attend, collect, torque_blocks
 from flexinv.rigid.joint_arrays import (
     Order,
     by_sample,
@@ -35,7 +36,6 @@ from flexinv.rigid.joint_arrays import (
     output_array,
 )
 from flexinv.rigid.nodal_result import NodalResult, nodal_result
-from flexinv.rigid.worker_pool import HELPERS
 from flexinv.rnea.body_table import Bodies, bodies
 from flexinv.rnea.loop_layout import APPLIED
 from flexinv.rnea.loop_plan import NO_LOOPS, PLACES, anywhere, ends, planned
@@ -50,7 +50,7 @@ WORTH_HELP, WORTH_WAKING = 2_000, 16_000
 # Samples whose nodal motion is in memory at once, where springs and given forces act on nodes.
 NODAL_BLOCK = 512
 # Numbers in a line of the cache.
-_LINE = 8
+_LINE_OF_CACHE = int(LINE)
 
 _ONE, _ONE_SAMPLE = np.uint64(1), np.ones((4, 2), dtype=np.uint64)
 _NOBODY = np.zeros((0, CELLS), dtype=np.uint64)
@@ -59,9 +59,9 @@ _COMPILING = Lock()
 
 def _aligned(threads: int, size: int) -> Array:
     """Zeros whose rows begin with a line of the cache: else every vector of eight numbers meets two of them."""
-    size += -size % _LINE
-    spare = np.zeros(threads * size + _LINE)
-    first = -spare.ctypes.data // spare.itemsize % _LINE
+    size += -size % _LINE_OF_CACHE
+    spare = np.zeros(threads * size + _LINE_OF_CACHE)
+    first = -spare.ctypes.data // spare.itemsize % _LINE_OF_CACHE
     return spare[first : first + threads * size].reshape(threads, size)
 
 
@@ -129,9 +129,9 @@ class TorqueFunction:
             ended = torque_blocks(b.tree, b.numbers, b.columns, *loops, *flat, _table(strides), *call)
             while not ended:
                 time.sleep(0)  # the system holds a helper up
-                ended = settle(*loops, *call)
+                ended = collect(*loops, *call)
         except BaseException:  # Ctrl-C: a helper may still write where memory is about to be given back
-            while len(mails) and not settle(*loops, *call):
+            while len(mails) and not collect(*loops, *call):
                 pass
             raise
         if counter[1]:
@@ -237,7 +237,7 @@ def prepare(mechanism: Mechanism, passive: bool = True, threads: int | None = No
     """
     try:
         return _prepared(mechanism, passive, threads)
-    except TypeError:  # what cannot be looked up is none of these
+    except (TypeError, AttributeError):  # what cannot be looked up is none of these
         _check_asked(mechanism, passive, threads)
         raise
 
@@ -249,7 +249,7 @@ def _check_asked(mechanism: Mechanism, passive: bool, threads: int | None) -> in
     return processors() if threads is None else whole("threads", threads, 1, THREADS)
 
 
-@lru_cache(maxsize=64, typed=True)  # 2.0 is not 2, nor 1 True
+@kept_with_owner(typed=True)
 def _prepared(mechanism: Mechanism, passive: bool, threads: int | None) -> TorqueFunction:
     most = _check_asked(mechanism, passive, threads)
     check_rigid(mechanism)
@@ -313,7 +313,7 @@ def compile_for_arrays() -> None:
 def compile_for_helpers() -> None:
     """Compile what helpers do, once [-]."""
     _compile(attend, _CELLS, types.int64)
-    _compile(settle, _CELLS, _array(types.float64, 1), types.uint64, _array(types.float64, 2), _CELLS, _MAILS)
+    _compile(collect, _CELLS, _array(types.float64, 1), types.uint64, _array(types.float64, 2), _CELLS, _MAILS)
 
 
 def _flat(a: Array) -> tuple[Array, tuple[int, int]]:

@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flexinv.elements.joint_law import laws_of
 from flexinv.errors import InputError
 from flexinv.kinematics.rigid_motion import rigid_motion
 from flexinv.kinematics.tree import Frames
 from flexinv.model.mechanism import Mechanism
-from flexinv.rigid.derivative_kernel import Spatial, derivative_samples
+from flexinv.rigid.derivative_kernel import CarriedBodies, Spatial, derivative_samples
 from flexinv.rigid.joint_arrays import checked_states
 from flexinv.rigid.prepare import TorqueFunction, prepare
 from flexinv.typing import Array
 from flexinv.validation import flag
 
 # Samples whose nodal motion is in memory at once.
-BLOCK = 512
+AT_ONCE = 512
 
 
 @dataclass(frozen=True)
@@ -56,11 +55,12 @@ def torque_derivatives(
             )
     f, samples = prepare(mechanism, passive), len(states[0])
     out = TorqueDerivatives(*(np.zeros((samples, mechanism.nv, mechanism.nv)) for _ in range(3)))
-    for start in range(0, samples if mechanism.nv else 0, BLOCK):
-        part = slice(start, start + BLOCK)
+    carried, gravity = _bodies(f), np.array(mechanism.gravity, dtype=float)
+    for start in range(0, samples if mechanism.nv else 0, AT_ONCE):
+        part = slice(start, start + AT_ONCE)
         m = rigid_motion(f.mesh, *(state[part] for state in states))
         motion = Frames(m.x, m.rotation, m.v, m.omega, m.a, m.alpha)
-        derivative_samples(*_bodies(f), motion, _scratch(f), out.q[part], out.qd[part], out.qdd[part])
+        derivative_samples(carried, gravity, motion, _scratch(f), out.q[part], out.qd[part], out.qdd[part])
     own = np.arange(mechanism.nv)
     law = laws_of(mechanism)
     out.qdd[:, own, own] += law.rotor
@@ -70,8 +70,7 @@ def torque_derivatives(
     return out
 
 
-def _bodies(function: TorqueFunction) -> tuple[NDArray[Any], ...]:
-    """Parent, node, first coordinate, freedoms, axes, masses and gravity of the bodies, as the kernel takes them."""
+def _bodies(function: TorqueFunction) -> CarriedBodies:
     mesh, b = function.mesh, function.bodies
     inertia, h = np.zeros((len(b.node), 3, 3)), np.zeros((len(b.node), 3))
     for i, (r, row) in enumerate(zip(b.axes, b.numbers, strict=True)):
@@ -81,9 +80,8 @@ def _bodies(function: TorqueFunction) -> tuple[NDArray[Any], ...]:
             inertia[i], h[i] = np.trace(second) * np.eye(3) - second, r @ row[13:16]
     mass = np.where(np.arange(len(b.node)) > 0, b.numbers[:, 12], 0.0)
     parent, at = b.tree[:, 1].astype(np.int64), np.maximum(b.node, 0)
-    gravity = np.array(mesh.mechanism.gravity, dtype=float)
-    first, count = mesh.v_index[at], mesh.freedoms[at]
-    return parent, b.node, first, count, mesh.slide[at], mesh.turn[at], mass, h, inertia, gravity
+    at_axes = mesh.v_index[at], mesh.freedoms[at], mesh.slide[at], mesh.turn[at]
+    return CarriedBodies(parent, b.node, *at_axes, mass, h, inertia)
 
 
 def _scratch(function: TorqueFunction) -> Spatial:

@@ -23,6 +23,10 @@ import numpy as np
 from flexinv.kernels.jit import jit_lanes
 from flexinv.kernels.simd import LANES, put_vec, row, times, vec_of
 from flexinv.rnea.loop_layout import (
+    ALL_SIX,
+    BOTH,
+    CHECK_EMPTY,
+    CHECK_PIVOT,
     COLUMN_CELLS,
     COUNT,
     COUPLED,
@@ -34,15 +38,23 @@ from flexinv.rnea.loop_layout import (
     FIRST_SUM,
     GAP,
     GAP_RATE,
+    INNER,
+    INVERTED,
     LAMBDA,
     LARGEST,
     LIMITS,
+    MOST_TOGETHER,
+    NORM,
     OWN,
+    PAIR,
     POSITIONS,
+    PROJECT,
     QD,
     QDD,
     SCRATCH,
     SIGNS,
+    SOLVE,
+    SOLVE_INVERTED,
     SQUARE,
     SQUARES,
     STATE_A,
@@ -55,29 +67,24 @@ from flexinv.rnea.loop_layout import (
     SUM_QDD,
     SUM_RATE,
     SUM_TURNS,
+    TOGETHER,
+    UNDO,
     VECTOR,
     VECTORS,
     WHOLE,
 )
 from flexinv.rnea.recursion import ACCELERATION, SPIN, SPIN_RATE
 from flexinv.rnea.row_pairs import (
-    BOTH,
-    INVERTED,
-    MOST_TOGETHER,
-    TOGETHER,
     both,
     combine,
     pair,
-    solve,
     solve_inverted,
+    solve_row,
     together,
     undo,
 )
 from flexinv.rnea.six_rows import six_forces
 
-# Steps: a word for what is done, how many pairs of rows follow, three offsets, and those of the pairs; of SOLVE the first pair is
-# twice the size that the pivot is held against, whose inverse stands there for SOLVE_INVERTED.
-PAIR, SURE, EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, UNDO, ALL_SIX, SOLVE_INVERTED = range(11)
 # A pivot over its column's size is at least this, so that its errors are 1e-12 at most; else singular values decide.
 LEAST_PIVOT = 1e-4
 # ... and at least this over the mechanism's length: a column that is rounding (an axis through the point that is closed, some
@@ -290,9 +297,9 @@ def _begin_step(kind, third, work, first, second, lanes):
         pair(third[: _TWO * LANES], one, other, lanes)
     elif kind == UNDO:
         undo(third[: _TWO * LANES], one, other, lanes)
-    elif kind == SURE:
+    elif kind == CHECK_PIVOT:
         return _below(one, other, lanes, LEAST_PIVOT * LEAST_PIVOT)
-    elif kind == EMPTY:
+    elif kind == CHECK_EMPTY:
         return _above(one, other, lanes, MOST_LEFT * MOST_LEFT)
     elif kind == PROJECT:
         _project(third, lanes)
@@ -316,7 +323,7 @@ def _all_six(plan, work, at, first, second, third, lanes):
 
 
 @jit_lanes
-def share(plan, fixed, work, lanes):
+def allocate(plan, fixed, work, lanes):
     """Turn efforts of the cut tree into those of the drives [N m], [N]; return how often a rank is in doubt."""
     scratch = work[plan[SCRATCH] : plan[SCRATCH] + _COLUMN]
     at, doubts = plan[STEPS], 0
@@ -336,7 +343,7 @@ def share(plan, fixed, work, lanes):
             )
             part, least = LEAST_PIVOT * LEAST_PIVOT, LEAST_ENTRY * LEAST_ENTRY
             if kind == SOLVE:
-                doubts += solve(own[:LANES], pivot, effort, size, lanes, part, least)
+                doubts += solve_row(own[:LANES], pivot, effort, size, lanes, part, least)
             else:
                 doubts += solve_inverted(own[:LANES], pivot, effort, size, lanes, part, least)
             at, count = at + _TWO, count - _ONE
