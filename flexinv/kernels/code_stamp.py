@@ -13,7 +13,7 @@ from pathlib import Path
 
 # The modules, as they are called in the package, whose text or constants are in machine code.
 SOURCES = (
-    "analysis.batch_kernel", "constraints.allocation_kernel", "constraints.continuation_kernel",
+    "analysis.batch_kernel", "analysis.energy_guard", "constraints.allocation_kernel", "constraints.continuation_kernel",
     "constraints.equations", "dynamics.assembly", "dynamics.bordered_solver", "dynamics.constraint_rows",
     "dynamics.dofs", "dynamics.generalized_alpha", "dynamics.index1", "dynamics.loads", "dynamics.spring_rows",
     "dynamics.stepper", "dynamics.tree_solver", "elements.beam", "elements.beam_damping", "elements.joint_law",
