@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from crosscheck.bench.targets import judged, metric
 from crosscheck.bench.timing import Call, Times, in_turns, ratio
+from crosscheck.measures.mechanisms import read_mechanism
 from flexinv.analysis.solve import solve
 from flexinv.files.load_cases import load_cases
-from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Beam, Mechanism
 from flexinv.model.motion import Motion
 
@@ -156,7 +156,7 @@ def arm_rows(arm: Arm, models: Path, grid: Grid, seconds: float) -> list[dict[st
 
 def subject(arm: Arm, models: Path) -> tuple[Mechanism, Motion]:
     """Return the mechanism as both codes get it, and its motion."""
-    mechanism = load_mechanism(models / arm.model)
+    mechanism = read_mechanism(models / arm.model)
     motion = load_cases(models / arm.model, mechanism)[arm.case].motion
     if arm.formulation == "ancf":
         mechanism = _with_beams(mechanism, slender)

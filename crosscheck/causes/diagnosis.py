@@ -17,10 +17,9 @@ from crosscheck.causes.subject import Array, Subject
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.measures.certificate import certificate
 from crosscheck.measures.limits import find
+from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.measures.record import Record, load
 from flexinv.files.load_cases import load_cases
-from flexinv.files.load_mechanism import load_mechanism
-from flexinv.linearized.damping_ratio import damped
 
 # Exact engines: rounding of some thousand operations, times the condition of loops, of the range.
 ROUNDING = 1e-9
@@ -28,7 +27,7 @@ ROUNDING = 1e-9
 
 def diagnose(folder: str, case: str, engine: str, ours: str, theirs: str) -> dict[str, Any]:
     """Return the diagnosis of two saved records (stems of their files) of a case [-] as JSON values."""
-    mechanism = damped(load_mechanism(folder))
+    mechanism = read_mechanism(folder)
     subject = Subject(mechanism, load_cases(folder, mechanism)[case])
     record, reference = load(Path(ours)), load(Path(theirs))
     model = model_of(subject, reference)

@@ -24,11 +24,10 @@ import numpy as np
 from crosscheck.engines.base import Adapter, companion
 from crosscheck.engines.shared.export_files import NotExported
 from crosscheck.engines.shared.rounding import with_rounding
+from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.measures.record import Record, fingerprint, load, save
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case, load_cases
-from flexinv.files.load_mechanism import load_mechanism
-from flexinv.linearized.damping_ratio import damped
 from flexinv.model.mechanism import Mechanism
 
 LARGEST_FILE = 1 << 28  # [bytes]; one MuJoCo log was seen to grow without end, a record has a few megabytes
@@ -59,7 +58,7 @@ def run_case(job: dict[str, Any]) -> None:
 
 def _run(job: dict[str, Any], adapter: Adapter) -> Record:
     name = job["engine"]
-    mechanism = damped(load_mechanism(job["mechanism"]))
+    mechanism = read_mechanism(job["mechanism"])
     case = load_cases(job["mechanism"], mechanism)[job["case"]]
     known = {"engine": name, "version": adapter.version(), "model_hash": fingerprint(mechanism, case.motion)}
     if (reason := adapter.unsupported(mechanism, case, name)) is not None:
@@ -75,7 +74,7 @@ def _run(job: dict[str, Any], adapter: Adapter) -> Record:
 def _unrun(job: dict[str, Any]) -> dict[str, Any]:
     """Return the certificate of an engine whose run failed: it may say why."""
     try:
-        mechanism = damped(load_mechanism(job["mechanism"]))
+        mechanism = read_mechanism(job["mechanism"])
         case = load_cases(job["mechanism"], mechanism)[job["case"]]
         return certified(job["module"], mechanism, case, job["engine"])
     except Exception as error:
@@ -121,7 +120,7 @@ def study(job: dict[str, Any]) -> None:
 def export(job: dict[str, Any]) -> None:
     """Write what the engine was given into a folder; what cannot be exported is the answer, in words."""
     module = importlib.import_module(job["module"])
-    mechanism = damped(load_mechanism(job["mechanism"]))
+    mechanism = read_mechanism(job["mechanism"])
     case = load_cases(job["mechanism"], mechanism)[job["case"]]
     expected = load(Path(job["expected"])).series
     effort = np.stack([expected[f"torque/{name}"].values for name in mechanism.velocity_names], axis=1)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from crosscheck.engines import ENGINES, missing
 from crosscheck.engines.shared.replay import Drive
+from crosscheck.measures.mechanisms import read_mechanism
 from flexinv.errors import InputError
-from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Mechanism
 from flexinv.tracking.follow import INVERSION, RIGID, Following, follow
 from flexinv.tracking.task_file import Task, load_tasks
@@ -45,7 +45,7 @@ def study(models: str) -> dict[str, Any]:
     rows: list[dict[str, Any]] = []
     for folder in sorted(file.parent for file in Folder(models).glob("*/mechanism.toml")):
         try:
-            mechanism = load_mechanism(folder)
+            mechanism = read_mechanism(folder)
             tasks = load_tasks(folder, mechanism) if (folder / "cases.toml").is_file() else {}
         except InputError:
             continue  # the matrix of models says so

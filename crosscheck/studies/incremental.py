@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.measures.mechanisms import read_mechanism
 from flexinv.analysis.solve import solve
 from flexinv.files.load_cases import Case, load_cases
-from flexinv.files.load_mechanism import load_mechanism
 from flexinv.kinematics.finite_differences import ORDER
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.joint_torques import joint_torques
@@ -46,7 +46,7 @@ def study(models: str) -> dict[str, Any]:
     folder = Path(models) / MODEL
     if not folder.is_dir():
         return {"status": "skipped", "message": f"there is no {MODEL} among the models"}
-    mechanism = load_mechanism(folder)
+    mechanism = read_mechanism(folder)
     rows = [row for case in load_cases(folder, mechanism).values() for row in case_rows(mechanism, case)]
     return {"text": TEXT, "columns": COLUMNS, "rows": rows, "plot": PLOT}
 

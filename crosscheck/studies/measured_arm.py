@@ -15,7 +15,7 @@ from crosscheck.measured import arm
 from crosscheck.measured.arm import Sensed
 from crosscheck.measured.fit import Fit, bar_of_parameters, deviation_of_explained, explained, identify, rms
 from crosscheck.measured.recording import Recording, read_recording
-from flexinv.files.load_mechanism import load_mechanism
+from crosscheck.measures.mechanisms import read_mechanism
 from flexinv.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]
@@ -104,7 +104,7 @@ def study(models: str) -> dict[str, Any]:
     if not (folder / RECORD).is_file() or not (Path(models) / RIGID).is_dir():
         return {"status": "skipped", "message": f"there is no {FLEXIBLE} with its record and {RIGID} among the models"}
     record = read_recording(folder / RECORD, arm.COLUMNS)
-    mechanisms = {"rigid": load_mechanism(Path(models) / RIGID), "flexible": load_mechanism(folder)}
+    mechanisms = {"rigid": read_mechanism(Path(models) / RIGID), "flexible": read_mechanism(folder)}
     flexibility = arm.flexibilities(mechanisms["flexible"])
     rows: list[dict[str, Any]] = []
     outcomes: dict[str, dict[str, Outcome]] = {}

@@ -18,13 +18,13 @@ from scipy.linalg import null_space, qr
 from crosscheck.engines import ENGINES, adapter, missing
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.shared import phases
+from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.measures.record import Record
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
 from flexinv.constraints.closures import constraint_jacobian, constraint_rows
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case, load_cases
-from flexinv.files.load_mechanism import load_mechanism
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.rigid_motion import rigid_motion
 from flexinv.model.mechanism import WORLD, Mechanism
@@ -98,7 +98,7 @@ def study(models: str) -> dict[str, Any]:
     rows: list[dict[str, Any]] = []
     for folder in sorted(path.parent for path in Path(models).glob("*/mechanism.toml")):
         try:
-            mechanism = load_mechanism(folder)
+            mechanism = read_mechanism(folder)
         except InputError:
             continue  # the matrix of models says so
         if mechanism.is_rigid and any(c.active for c in mechanism.closures):

@@ -21,6 +21,8 @@ import flexinv
 
 ROOT = Path(flexinv.__file__).parent
 Calls = tuple[str, ...]
+# A decorator that keeps results: what it stands before is the call, as with `functools.lru_cache`.
+KEPT = "model/owned_cache.kept"
 
 
 def name_of(frame: FrameType) -> str | None:
@@ -28,7 +30,8 @@ def name_of(frame: FrameType) -> str | None:
     code, file = frame.f_code, frame.f_code.co_filename
     if not file.startswith(str(ROOT)) or code.co_name.startswith("<"):
         return None
-    return f"{Path(file).relative_to(ROOT).with_suffix('').as_posix()}.{code.co_name}"
+    name = f"{Path(file).relative_to(ROOT).with_suffix('').as_posix()}.{code.co_name}"
+    return None if name == KEPT else name
 
 
 def paths(task: Callable[[], object], begin: str) -> set[Calls]:

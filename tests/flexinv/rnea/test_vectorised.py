@@ -39,7 +39,7 @@ CLOSED: dict[Any, tuple[Any, ...]] = {
     loop_together._PAIR_4: (ROWS, ROWS, ROWS, LANES, types.boolean),
     loop_together._JOIN_1: (ROWS, ROWS, ROWS, LANES, types.boolean),
     loop_together._JOIN_4: (ROWS, ROWS, ROWS, LANES, types.boolean),
-    loop_together.solve: (ROWS, ROWS, ROWS, ROWS, LANES, types.float64, types.float64),
+    loop_together.solve_row: (ROWS, ROWS, ROWS, ROWS, LANES, types.float64, types.float64),
     loop_together.solve_inverted: (ROWS, ROWS, ROWS, ROWS, LANES, types.float64, types.float64),
 }
 

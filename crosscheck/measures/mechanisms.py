@@ -1,0 +1,22 @@
+"""Mechanisms as engines get them: read from their files, with what flexinv computes from the data that they state."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from flexinv.files.load_mechanism import load_mechanism
+from flexinv.model.mechanism import Mechanism
+
+
+def read_mechanism(path: str | Path) -> Mechanism:
+    """Return the mechanism of a folder or file; a damping ratio of beams has become their retardation time [s].
+
+    Engines know stresses by rates of strain only, so flexinv computes the time from its own modes, for all of them alike; their
+    certificates say so.  Raises InputError as `load_mechanism` does, and for a mode that the mesh does not have.
+    """
+    mechanism = load_mechanism(path)
+    if mechanism.modal_damping is None:
+        return mechanism
+    from flexinv.linearized.damping_ratio import damped  # loads the compiler
+
+    return damped(mechanism)
