@@ -31,6 +31,7 @@ from flexinv.dynamics.initial_state import (
 from flexinv.dynamics.loads import load_table
 from flexinv.dynamics.solver import Solver, complaint
 from flexinv.dynamics.stepper import CONVERGED
+from flexinv.dynamics.system import Histories, Instants
 from flexinv.errors import InputError
 from flexinv.inverse.applied_forces import applied_forces, check_constant
 from flexinv.inverse.inverse_dynamics import joint_wrenches, project
@@ -42,8 +43,7 @@ from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.tree import Joints
 from flexinv.model.mechanism import Mechanism
 from flexinv.planar.detection import NotPlanar, find_plane
-from flexinv.planar.history import Histories
-from flexinv.planar.solver import PlanarMarch, histories
+from flexinv.planar.solver import PlanarMarch
 from flexinv.rigid.prepare import TorqueFunction, prepare
 from flexinv.typing import Array
 from flexinv.validation import choice, floats, number, of_kind
@@ -256,7 +256,8 @@ def _march(flexible: Flexible, scheme: Scheme, q: Array, qd: Array, qdd: Array) 
         status, _, count, size = flexible.flat.run(scheme, flexible.given, flexible.row, flexible.written)
     else:
         fill_relative(flexible.nodes, q, qd, qdd, flexible.joints)
-        status, _, count, size = flexible.solver.march(scheme, flexible.one, *flexible.loads, flexible.solver.instant)
+        instants = Instants(flexible.one, *flexible.loads)
+        status, _, count, size = flexible.solver.march(scheme, instants, flexible.solver.instant)
     if status != CONVERGED:
         turned = (flexible.solver if flexible.flat is None else flexible.flat).turned(count)
         raise complaint(
@@ -276,7 +277,7 @@ def _flexible(mechanism: Mechanism, scheme: Scheme) -> Flexible:
     m = out.motion
     return Flexible(
         solver, flat, scheme, start_up(scheme), nodes, _drives(mesh), joints, Joints(*(part[None] for part in joints)),
-        np.zeros((1, int((mesh.v_index >= 0).sum()), 3)), np.zeros(1, dtype=np.int64), histories(out),
+        np.zeros((1, int((mesh.v_index >= 0).sum()), 3)), np.zeros(1, dtype=np.int64), out.histories(),
         tuple(part[0] for part in (m.x, m.rotation, m.omega, m.a, m.alpha)), np.zeros((mesh.size, 6)),
         (load_table(mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))),
         mechanism.nq, mechanism.nv, bool(mechanism.springs or mechanism.forces),

@@ -25,12 +25,13 @@ from flexinv.dynamics.initial_state import (
 from flexinv.dynamics.loads import load_table
 from flexinv.dynamics.solver import Efforts, Solver, Trajectory, complaint, record_instant
 from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START
+from flexinv.dynamics.system import Instants
 from flexinv.errors import ConvergenceError
 from flexinv.kinematics.joint_motion import JointHistory, relative_motion
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.tree import Joints
 from flexinv.planar.detection import NotPlanar, find_plane
-from flexinv.planar.solver import PlanarMarch, histories
+from flexinv.planar.solver import PlanarMarch
 from flexinv.typing import Array
 
 # Instants of nodes handed to the compiled loop at once: short enough for a live progress bar, some hundredths of a second, long
@@ -230,14 +231,14 @@ class _March:
         if self.flat is not None:
             start = None if after is None else after(time[:1])
             steps = before(time if start is None else time[1:])
-            return self.flat.march(scheme, start, steps, row, histories(self.out))
+            return self.flat.march(scheme, start, steps, row, self.out.histories())
         assert self.solver is not None
         q, qd, qdd = before(time)
         solver, dense = self.solver, bool((np.diff(row) == 1).all() and row[0] >= 0)
         whole = self.out.rows(int(row[0]), int(row[-1]) + 1) if dense else self.out.of_length(len(row))
         rel = Joints(*(np.ascontiguousarray(part) for part in relative_motion(self.mesh, q, qd, qdd)))
-        table, drives = load_table(self.mesh, time), solver.drives(time)
-        result = solver.march(scheme, rel, table, drives, solver.given(q, qd, qdd), whole)
+        instants = Instants(rel, load_table(self.mesh, time), solver.drives(time), solver.given(q, qd, qdd))
+        result = solver.march(scheme, instants, whole)
         if not dense:
             self.out.put(row[row >= 0], whole, row >= 0)
         return result
@@ -247,7 +248,7 @@ class _March:
         time, row = self.time[sample : sample + 1], self.row(sample)
         motion, when = history(time), f"at t = {time[0]:g} s"
         if self.flat is not None:
-            result = self.flat.restart(self.scheme, *motion, np.array([row]), histories(self.out))
+            result = self.flat.restart(self.scheme, *motion, np.array([row]), self.out.histories())
             self.check(result, time, begins=True)
             self.set_early(result[0] == SUDDEN_START)
             return

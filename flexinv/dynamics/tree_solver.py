@@ -99,7 +99,7 @@ def _condense(topology, elements, variation, work, k, sides):
     for r in range(rows):
         for c in range(columns + sides):
             work.solved[k, r, c] = system[r, rows + c]
-    _add_to_first(topology, nodes, count, columns, tangent, variation, work, k, sides)
+    _add_to_first(topology, elements, variation, work, k, sides)
 
 
 @jit_inner
@@ -110,9 +110,11 @@ def _copy_block(a, row, column, out, at, to):
 
 
 @jit_inner
-def _add_to_first(topology, nodes, count, columns, tangent, variation, work, k, sides):
+def _add_to_first(topology, elements, variation, work, k, sides):
     """Subtract from the first block's linearisation and residuals what the eliminated unknowns do to it."""
+    nodes, count, tangent = elements.nodes[k], elements.order[k] + 1, work.tangent[k]
     first = topology.block[nodes[0]]
+    columns = topology.size[first]
     for i in range(1, count):
         at = _row(topology, nodes, i)
         for q in range(6):

@@ -6,7 +6,7 @@ from flexinv.kernels.memory import together
 from flexinv.kinematics.joint_motion import Relative, relative_motion
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
-from flexinv.kinematics.tree import carry_samples
+from flexinv.kinematics.tree import Frames, Joints, carry_samples
 from flexinv.typing import Array
 
 
@@ -22,6 +22,6 @@ def carried(mesh: Mesh, relative: Relative) -> NodalMotion:
     """Return the nodal motion [m, rad, s] of nodes that move so relative to their parents."""
     vector = (len(relative.p), mesh.size, 3)
     motion = NodalMotion(*together(vector, (*vector, 3), *4 * [vector]))
-    world = (motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha)
-    carry_samples(mesh.parent, *world, *relative)
+    world = Frames(motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha)
+    carry_samples(mesh.parent, world, Joints(*relative))
     return motion

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.dynamics.generalized_alpha import advance, follow, predict
+from flexinv.dynamics.linearization import linearise
 from flexinv.dynamics.tree_solver import solve_dense, solve_tree
 from flexinv.elements.beam import element_gradient, element_tangent, nodal_forces, relative
 from flexinv.elements.beam_damping import damped_gradient, damped_tangent, relative_rates
@@ -15,7 +16,6 @@ from flexinv.kernels.jit import jit, jit_blocks
 from flexinv.kernels.simd import LANES
 from flexinv.kernels.so3 import coefficients, inverse_coefficient, inverse_tangent
 from flexinv.kernels.vec3 import put_block, vec
-from flexinv.linearized.natural_modes import linearise
 from flexinv.rnea.row_pairs import BOTH, both, solve, solve_inverted
 from flexinv.rnea.six_rows import six_forces
 

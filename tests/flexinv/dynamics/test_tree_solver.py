@@ -10,7 +10,7 @@ from kernels import DIFFERENCE, Array, dense, derivative, eliminate
 from planar_examples import damped
 from scenes import PASSIVE_KINDS, Scene, branching, hanging, scene
 
-from flexinv.linearized.natural_modes import tangent_matrix
+from flexinv.dynamics.linearization import tangent_matrix
 from flexinv.model.mechanism import Mechanism
 
 UNDAMPED = [*(branching(kind) for kind in PASSIVE_KINDS), *(hanging(kind) for kind in PASSIVE_KINDS)]
