@@ -15,7 +15,7 @@ from flexinv.dynamics.assembly import node_wrenches, place
 from flexinv.dynamics.bordered_solver import solve_border
 from flexinv.dynamics.constraint_rows import ACCELERATIONS as RATED
 from flexinv.dynamics.constraint_rows import PULL, tie_rows, tie_sides
-from flexinv.dynamics.tree_solver import solve_dense
+from flexinv.kernels.dense import solve_dense
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.vec3 import apply, dot, mat, vec
 from flexinv.kinematics.tree import bring_back

@@ -28,7 +28,7 @@ def solve_dense(a, size, wide):
         eliminate_column(a, k, size, wide)
     for k in range(size - 1, -1, -1):
         for i in range(k + 1, size):
-            _subtract(a[k], a[k, i], a[i], size, wide)
+            subtract(a[k], a[k, i], a[i], size, wide)
         over = 1.0 / a[k, k]
         for c in range(size, wide):
             a[k, c] *= over
@@ -51,11 +51,12 @@ def eliminate_column(a, c, rows, wide):
     for i in range(c + 1, rows):
         factor = a[i, c] * over
         if factor != 0.0:
-            _subtract(a[i], factor, a[c], c + 1, wide)
+            subtract(a[i], factor, a[c], c + 1, wide)
 
 
 @jit_inner
-def _subtract(row, factor, other, first, last):
+def subtract(row, factor, other, first, last):
+    """Subtract a multiple of another row from a row, from entry ``first`` to before ``last`` [any unit]."""
     for c in range(first, last):
         row[c] -= factor * other[c]
 
@@ -65,7 +66,8 @@ def solve_symmetric(m, rows, least, x, work):
     """Solve m[:rows, :rows] x = m[:rows, rows] by complete pivoting, scaled to a unit diagonal [any unit].
 
     Rows and columns of metres and of radians stand side by side, so that pivots mean something only then.  Where none above
-    ``least`` is left, what remains repeats other rows: its unknowns are zero.  work : order (rows,) of integers and scales (rows,), scratch
+    ``least`` is left, what remains repeats other rows: its unknowns are zero.
+    work : order (rows,) of integers and scales (rows,), scratch
     """
     order, over = work
     for k in range(rows):
@@ -87,7 +89,7 @@ def solve_symmetric(m, rows, least, x, work):
             break
         _exchange(m, order, rows, k, p, q)
         for i in range(k + 1, rows):
-            _subtract(m[i], m[i, k] / m[k, k], m[k], k, rows + 1)
+            subtract(m[i], m[i, k] / m[k, k], m[k], k, rows + 1)
     for k in range(rows):
         x[k] = 0.0
     for k in range(rank - 1, -1, -1):
@@ -171,7 +173,7 @@ def _sweep(a, k, size):
         if i != k:
             factor = a[i, k]
             a[i, k] = 0.0
-            _subtract(a[i], factor, a[k], 0, size)
+            subtract(a[i], factor, a[k], 0, size)
 
 
 @jit_shared

@@ -151,11 +151,18 @@ def bring_back(n, m, frames, joints, wrench):
     add_to(wrench[m], 3, add(arm, apply(mat(joints.r[n]), vec_at(wrench[n], 3))))
 
 
+@jit_inner
+def frames_at(frames, sample):
+    """Return one sample of a motion with a leading axis of samples [m, rad, s]."""
+    x, r, v, w = frames.x[sample], frames.r[sample], frames.v[sample], frames.w[sample]
+    return Frames(x, r, v, w, frames.a[sample], frames.al[sample])
+
+
 @jit
 def carry_samples(parent, frames, joints):
     """Walk the tree for every sample: fill ``frames`` from ``joints``, both with a leading axis of samples [m, rad, s]."""
     for s in range(frames.x.shape[0]):
-        f = Frames(frames.x[s], frames.r[s], frames.v[s], frames.w[s], frames.a[s], frames.al[s])
+        f = frames_at(frames, s)
         j = Joints(joints.p[s], joints.dp[s], joints.ddp[s], joints.r[s], joints.w[s], joints.al[s])
         for n in range(len(parent)):
             carry(n, parent[n], f, j)

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from flexinv.dynamics.generalized_alpha import advance, follow, predict
 from flexinv.dynamics.linearization import linearise
-from flexinv.dynamics.tree_solver import solve_dense, solve_tree
+from flexinv.dynamics.tree_solver import solve_tree
 from flexinv.elements.beam import element_gradient, element_tangent, nodal_forces, relative
 from flexinv.elements.beam_damping import damped_gradient, damped_tangent, relative_rates
+from flexinv.kernels.dense import solve_dense
 from flexinv.kernels.jit import jit, jit_blocks
 from flexinv.kernels.simd import LANES
 from flexinv.kernels.so3 import coefficients, inverse_coefficient, inverse_tangent

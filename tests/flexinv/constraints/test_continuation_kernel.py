@@ -15,6 +15,7 @@ from flexinv.constraints import continuation as loops
 from flexinv.constraints.closures import constraint_jacobian, nodes_of, residuals, row_arrays
 from flexinv.constraints.continuation_kernel import Problem, condition_bound, factor, solve_factored
 from flexinv.constraints.equations import jacobian, residual
+from flexinv.kernels.dense import Factor
 from flexinv.kernels.jit import jit
 from flexinv.kinematics.configuration import move_nodes, step_coordinates
 from flexinv.kinematics.configuration_arrays import moved
@@ -118,11 +119,11 @@ def test_equations_of_every_kind() -> None:
 
 def problem(a: Array, y: Array) -> Problem:
     rows, columns = a.shape
-    none, whole = np.zeros(columns), np.zeros(columns, dtype=np.int64)
-    many = [np.zeros(columns) for _ in range(4)]
+    none, whole, qr = np.zeros(columns), np.zeros(columns, dtype=np.int64), Factor.of(columns, rows)
+    qr.a[:, :, 0] = a.T
     return Problem(
-        whole, np.zeros(1, dtype=bool), np.ones(rows), none, np.zeros((rows, 1)), a.copy(), y.copy(), many[0], many[1],
-        whole.copy(), many[2], none, none, many[3],
+        whole, np.zeros(1, dtype=bool), np.ones(rows), none, np.zeros((rows, 1)), qr, y[:, None].copy(), none.copy(), none,
+        none, none,
     )  # fmt: skip
 
 
