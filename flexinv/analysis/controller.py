@@ -35,12 +35,12 @@ from flexinv.dynamics.system import Histories, Instants
 from flexinv.errors import InputError
 from flexinv.inverse.applied_forces import applied_forces, check_constant
 from flexinv.inverse.inverse_dynamics import joint_wrenches, project
-from flexinv.inverse.nodal_sums import Drives, instant_torques
+from flexinv.inverse.nodal_sums import Drives, Masses, instant_torques
 from flexinv.kinematics.configuration import Nodes, fill_given, fill_relative
 from flexinv.kinematics.configuration_arrays import between
 from flexinv.kinematics.joint_motion import axes_of_nodes
 from flexinv.kinematics.mesh import Mesh, build
-from flexinv.kinematics.tree import Joints
+from flexinv.kinematics.tree import Frames, Joints
 from flexinv.model.mechanism import Mechanism
 from flexinv.planar.detection import NotPlanar, find_plane
 from flexinv.planar.solver import PlanarMarch
@@ -64,7 +64,8 @@ class Flexible:
     given: Array
     row: NDArray[np.int64]
     written: Histories
-    motion: tuple[Array, ...]
+    masses: Masses
+    frames: Frames
     line: Array
     loads: tuple[Array, Array, Array]
     nq: int
@@ -209,19 +210,8 @@ class Controller:
         return now
 
     def _torques(self, flexible: Flexible, q: Array, qd: Array, qdd: Array) -> Array:
-        mesh = flexible.solver.mesh
         instant_torques(
-            flexible.nodes,
-            flexible.drives,
-            mesh.mass,
-            mesh.inertia,
-            flexible.solver.topology.gravity,
-            *flexible.motion,
-            flexible.line,
-            q,
-            qd,
-            qdd,
-            self.tau,
+            flexible.nodes, flexible.drives, flexible.masses, flexible.frames, flexible.line, (q, qd, qdd), self.tau
         )
         if flexible.wound:
             self._wind_on(q)
@@ -274,11 +264,11 @@ def _flexible(mechanism: Mechanism, scheme: Scheme) -> Flexible:
     nodes = Nodes(mesh.parent, mesh.kind, mesh.offset, mesh.rotation, mesh.axis, mesh.q_index, mesh.v_index)
     joints = Joints(*(part.copy() for part in instant(mesh, mechanism.neutral, *(2 * [np.zeros(mechanism.nv)]))))
     out = solver.instant
-    m = out.motion
     return Flexible(
         solver, flat, scheme, start_up(scheme), nodes, _drives(mesh), joints, Joints(*(part[None] for part in joints)),
         np.zeros((1, int((mesh.v_index >= 0).sum()), 3)), np.zeros(1, dtype=np.int64), out.histories(),
-        tuple(part[0] for part in (m.x, m.rotation, m.omega, m.a, m.alpha)), np.zeros((mesh.size, 6)),
+        Masses(mesh.mass, mesh.inertia, solver.topology.gravity), Frames(*(part[0] for part in out.histories()[:6])),
+        np.zeros((mesh.size, 6)),
         (load_table(mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))),
         mechanism.nq, mechanism.nv, bool(mechanism.springs or mechanism.forces),
         any(j.kind == "continuous" and j.stiffness and j.actuated for j in mechanism.joints),

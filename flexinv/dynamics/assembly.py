@@ -10,8 +10,15 @@ from __future__ import annotations
 import numpy as np
 
 from flexinv.dynamics.dofs import FRICTION_RATE
-from flexinv.elements.beam import element_gradient, element_tangent, nodal_forces, relative
-from flexinv.elements.beam_damping import damped_gradient, damped_tangent, relative_rates
+from flexinv.elements.beam import relative
+from flexinv.elements.beam_damping import relative_rates
+from flexinv.elements.beam_element import (
+    damped_gradient,
+    damped_tangent,
+    element_gradient,
+    element_tangent,
+    nodal_forces,
+)
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.so3 import exp, inverse_tangent
 from flexinv.kernels.vec3 import (
@@ -166,7 +173,7 @@ def add_elements(topology, elements, frames, variation, work, moving, want_tange
             stored, gone = damped_gradient(k, count, elements, z, work.rates, work.internal[k], want_tangent)
             energy, lost = energy + stored, lost + gone
         else:
-            energy += element_gradient(k, count, elements, z, work.internal[k], want_tangent)
+            energy += element_gradient(k, count, elements, z, work.rates, work.internal[k], want_tangent)
         nodal_forces(count, z)
         for i in range(count):
             n, force, moment = nodes[i], vec(z.forces[i]), vec_at(z.forces[i], 3)
@@ -177,7 +184,7 @@ def add_elements(topology, elements, frames, variation, work, moving, want_tange
             if damped:
                 damped_tangent(count, z, work.rates, nodes, variation, work.tangent[k])
             else:
-                element_tangent(count, z, work.tangent[k])
+                element_tangent(count, z, work.rates, work.tangent[k])
                 work.tangent[k, :, 6 * elements.nodes.shape[1] :] = 0.0
             _add_diagonal(topology, variation, nodes, count, work.tangent[k], work.dwrench)
     work.energy[0], work.energy[1], work.energy[2] = energy, power, lost

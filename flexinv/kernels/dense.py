@@ -173,7 +173,8 @@ def _sweep(a, k, size):
         if i != k:
             factor = a[i, k]
             a[i, k] = 0.0
-            subtract(a[i], factor, a[k], 0, size)
+            for c in range(size):
+                a[i, c] -= factor * a[k, c]
 
 
 @jit_shared

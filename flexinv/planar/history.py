@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from flexinv.elements.planar_beam import N1, N2, M, energy, point
-from flexinv.elements.planar_beam_damping import dissipated
+from flexinv.elements.planar_beam import N1, N2, M, dissipated, energy, point
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.simd import cos_sin
 from flexinv.typing import Array

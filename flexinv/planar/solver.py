@@ -12,8 +12,7 @@ from flexinv.dynamics.constraint_rows import Ties
 from flexinv.dynamics.dofs import Indices
 from flexinv.dynamics.generalized_alpha import Scheme
 from flexinv.dynamics.system import Histories, State
-from flexinv.elements.planar_beam import BLOCK, CONSTANTS
-from flexinv.elements.planar_beam_damping import COEFFICIENTS, RATES
+from flexinv.elements.planar_beam import BLOCK, COEFFICIENTS, CONSTANTS, RATES
 from flexinv.kernels.memory import cleared
 from flexinv.kernels.so3 import about_axis, log_so3
 from flexinv.kinematics.mesh import PRISMATIC, Mesh

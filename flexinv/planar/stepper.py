@@ -32,8 +32,15 @@ from flexinv.dynamics.stepper import (
     SUDDEN_START,
     TURNED_TOO_MUCH,
 )
-from flexinv.elements.planar_beam import PlanarElements, add_forces, interpolate, point_gradients, point_hessians, relax
-from flexinv.elements.planar_beam_damping import add_viscous, add_viscous_hessians, interpolate_rates
+from flexinv.elements.planar_beam import (
+    PlanarElements,
+    add_forces,
+    interpolate,
+    interpolate_rates,
+    point_gradients,
+    point_hessians,
+    relax,
+)
 from flexinv.kernels.jit import jit, jit_inner, jit_shared
 from flexinv.planar.constraint_rows import (
     PlanarTies,
@@ -70,7 +77,7 @@ from flexinv.typing import Array
 # information.
 SURE = 1e-6
 ROUNDING = 5e-15
-# With damping no linearisation is exact (`planar_beam_damping`), and rates add rounding of their own: an increment below
+# With damping no linearisation is exact (`planar_beam`), and rates add rounding of their own: an increment below
 # this that shrinks no more is rounding.
 STALLED = 1e-12
 # A linearisation serves all iterations of a step, unless it shrinks an increment by less than SLOW: a new one costs as much as
@@ -83,7 +90,7 @@ MANY = 12
 class PlanarWork(NamedTuple):
     """Scratch of the march: points of `planar_beam`, u (count, 3), felt (elements, count, 3), residual and y (unknowns,).
 
-    rates : of `planar_beam_damping`, empty where no beam is damped
+    rates : the same of their rates, empty where no beam is damped
     """
 
     points: Array
@@ -118,10 +125,9 @@ def evaluate(system, given, moved):
     tie_rows(system.constraints, frames, False)
     if moved:
         largest, worst = interpolate(elements, frames.pose, work.u, work.points)
-        point_gradients(elements, work.points)
         if len(elements.damping) > 0:
             interpolate_rates(elements, frames.rate, work.rates)
-            add_viscous(elements, work.points, work.rates)
+        point_gradients(elements, work.points, work.rates)
     node_wrenches(system.tree, frames)
     add_ties(system.constraints, frames.wrench)
     add_forces(elements, frames.pose, work.points, frames.wrench, work.felt)
@@ -135,9 +141,7 @@ def linearise(system, scheme):
     tree, elements, frames, work = system.tree, system.elements, system.frames, system.work
     vary(tree, frames, scheme.cv, scheme.ca)
     node_wrench_variations(tree, frames)
-    point_hessians(elements, work.points)
-    if len(elements.damping) > 0:
-        add_viscous_hessians(elements, scheme.cv, work.points, work.rates)
+    point_hessians(elements, scheme.cv, work.points)
     put_stiffness(tree, elements, work.points, frames, system.factors)
     gather_variations(tree, system.state, frames, system.factors.diagonal, scheme.cv, scheme.ca)
     factorise(tree, elements, frames, system.factors)
@@ -151,13 +155,8 @@ def newton(system, scheme, given, slow, most):
     Where only accelerations are asked for, the state stands still.
     slow : shrinking of an increment [-] from which on the linearisation is made anew, 0 for every time; most : iterations
     """
-    tree, elements, constraints, state, work = (
-        system.tree,
-        system.elements,
-        system.constraints,
-        system.state,
-        system.work,
-    )
+    tree, elements, constraints = system.tree, system.elements, system.constraints
+    state, work = system.state, system.work
     size, fresh, last, damped = 0.0, True, scheme.mode == ACCELERATION, len(elements.damping) > 0
     for iteration in range(most + 1):
         turned, worst = evaluate(system, given, scheme.mode != ACCELERATION)
@@ -296,13 +295,8 @@ def planar_march(system, step, start_at, still, given, row, out):
     given : (instants, joints, 3) q, q', q'' of the prescribed joints [m, rad, s]; row : (instants,) of the histories, -1 for none
     Return status, instant reached, element or iterations, last relative increment [-].
     """
-    tree, constraints, state, frames, work = (
-        system.tree,
-        system.constraints,
-        system.state,
-        system.frames,
-        system.work,
-    )
+    tree, constraints, state = system.tree, system.constraints, system.state
+    frames, work = system.frames, system.work
     count, size, order, acts = 0, 0.0, 0, any_acts(constraints)
     if start_at.shape[0] > 0:
         begin(system, start_at)

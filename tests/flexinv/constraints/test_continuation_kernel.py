@@ -165,8 +165,8 @@ def test_the_branch_is_that_of_newton_in_numpy(name: str, monkeypatch: pytest.Mo
     example: Example = LOOPS[name]
     mechanism, case = example
     found = solve(mechanism, case.motion, step=case.step, start=case.start)
-    monkeypatch.setattr(loops, "follow", lambda *arguments: arguments[6])
-    monkeypatch.setattr(loops, "rates", lambda *arguments: arguments[6].fill(np.inf))
+    monkeypatch.setattr(loops, "follow", lambda *arguments: arguments[-1])
+    monkeypatch.setattr(loops, "rates", lambda *arguments: arguments[-1].fill(np.inf))
     expected = solve(mechanism, case.motion, step=case.step, start=case.start)
     for part in ("q", "qd", "qdd"):
         values = getattr(expected, part)
@@ -180,7 +180,7 @@ def test_long_steps_are_halved_by_the_caller(monkeypatch: pytest.MonkeyPatch) ->
     original = loops.follow
 
     def counted(*arguments: object) -> int:
-        reached.append((arguments[6], original(*arguments)))
+        reached.append((arguments[-1], original(*arguments)))
         return int(reached[-1][1])
 
     monkeypatch.setattr(loops, "follow", counted)
