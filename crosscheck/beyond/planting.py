@@ -24,7 +24,7 @@ BUILDERS = {
 }
 RUNS = (
     ("crosscheck.engines.exudyn.run_in_time", "_series"),
-    ("crosscheck.engines.exudyn.loops", "_flexible_series"),
+    ("crosscheck.engines.exudyn.loops", "flexible_series"),
     ("crosscheck.engines.exudyn.loops", "_rigid_series"),
 )
 

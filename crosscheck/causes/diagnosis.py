@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.causes.apply import with_efforts
 from crosscheck.causes.evidence import Evidence
 from crosscheck.causes.fit import IMPOSSIBLE, Fit, amount
-from crosscheck.causes.model import Model, model_of
+from crosscheck.causes.model import Model, answered, model_of
 from crosscheck.causes.naming import MOST, NOISE, Naming, name
 from crosscheck.causes.quantities import quantities
 from crosscheck.causes.separate import separating
@@ -79,11 +78,7 @@ def repair(model: Model, fit: Fit, engine: str, reference: Record, record: Recor
         healed = None if opposite is None else _run(engine, opposite)
         tries.append((None if healed is None else _largest(model, healed, reference), f"taken out of {engine}"))
     harmed = _changed(fit, model, fit.size)
-    if harmed is not None and harmed.effort and model.base.mechanism.closures:
-        # The joints' motion is known to the model only.
-        left = model.residual(record, reference) - model.difference(harmed)
-        tries.append((float(np.abs(left).max()), "put into the reference"))
-    elif harmed is not None and not cause.linear:
+    if harmed is not None and not cause.linear:
         other = _run("flexinv", harmed)
         tries.append((None if other is None else _largest(model, record, other), "put into the reference"))
     done = [(size, words) for size, words in tries if size is not None and np.isfinite(size)]
@@ -106,9 +101,11 @@ def _run(engine: str, subject: Subject) -> Record | None:
     """Return the full run of an engine on a changed subject, None where it cannot do it."""
     try:
         record = adapter(ENGINES[engine]).run(subject.mechanism, subject.case, engine, {"error": False})
+        return (
+            answered(record, subject) if record.status == "ok" else None
+        )  # no filter looks ahead: it cannot be undone
     except (*IMPOSSIBLE, RuntimeError, KeyError):
         return None
-    return with_efforts(record, subject) if record.status == "ok" else None
 
 
 def described(fit: Fit) -> dict[str, Any]:

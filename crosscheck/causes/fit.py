@@ -21,7 +21,9 @@ from flexinv.errors import ConvergenceError, InputError
 PROBE = {True: 1e-5, False: 1e-4}
 # Of the range: a column below this, for a size that matters, is what the probes leave and does not show in this motion.
 NOTHING = {True: 1e-9, False: 1e-5}
-LARGEST = 5.0  # times a size that matters: no fit goes beyond
+LARGEST = 5.0  # times a size that matters: no fit goes beyond by itself
+# Of |r|: what leaves less by its columns at size zero alone is proportional to its size, and may be as large as it likes.
+PROPORTIONAL = 0.01
 HALVINGS = 4
 SMALL = 1e-6  # of the largest singular value: sizes that hardly change anything keep their place
 TINY = 0.1  # times a size that matters: below it the linear fit is a good start
@@ -178,23 +180,26 @@ def fit(model: Model, residual: Array, candidate: Candidate, rounds: int = 0, no
     first = _fit(candidate, p, columns @ p, residual, total)
     if cause.linear or not rounds:
         return first
-    return _iterated(model, residual, candidate, np.clip(p, -LARGEST, LARGEST), rounds, noise / 2)
+    most = np.inf if first.left <= PROPORTIONAL else LARGEST
+    return _iterated(model, residual, candidate, np.clip(p, -most, most), rounds, noise / 2, most)
 
 
 def fit_from(model: Model, residual: Array, candidate: Candidate, size: Array, rounds: int, noise: float) -> Fit | None:
     """Return the best size [unit] near one that something else suggests, None where that leaves no mechanism that runs."""
     p = size / candidate.scale
-    if _at(model, residual, candidate, p, float(np.linalg.norm(residual))) is None:
+    if _at(model, residual, candidate, p, float(np.linalg.norm(residual)), np.inf) is None:
         return None
-    return _iterated(model, residual, candidate, p, rounds, noise / 2)
+    return _iterated(model, residual, candidate, p, rounds, noise / 2, np.inf)
 
 
-def _iterated(model: Model, residual: Array, candidate: Candidate, p: Array, rounds: int, enough: float) -> Fit:
-    """Gauss-Newton on the size from p, with halved steps where a full one does not help."""
+def _iterated(
+    model: Model, residual: Array, candidate: Candidate, p: Array, rounds: int, enough: float, most: float = LARGEST
+) -> Fit:
+    """Gauss-Newton on the size from p up to ``most`` [-], with halved steps where a full one does not help."""
     total = float(np.linalg.norm(residual))
     nothing = _fit(candidate, 0 * p, 0 * residual, residual, total)
     places = [p, *([] if np.abs(p).max() < TINY else [p / 4]), *_aside(candidate)]
-    starts = [f for f in (_at(model, residual, candidate, place, total) for place in places) if f is not None]
+    starts = [f for f in (_at(model, residual, candidate, place, total, most) for place in places) if f is not None]
     best = min([nothing, *starts], key=lambda f: f.left)
     for _ in range(rounds if best.left > enough else 0):
         p = best.size / candidate.scale
@@ -204,7 +209,7 @@ def _iterated(model: Model, residual: Array, candidate: Candidate, p: Array, rou
             ]
         except IMPOSSIBLE:
             break
-        tries = (_at(model, residual, candidate, p + step / 2**k, total) for k in range(HALVINGS))
+        tries = (_at(model, residual, candidate, p + step / 2**k, total, most) for k in range(HALVINGS))
         better = next((f for f in tries if f is not None and f.left < best.left), None)
         if better is None:
             break
@@ -234,8 +239,10 @@ def _aside(candidate: Candidate) -> list[Array]:
     return [sign * size * unit for unit in np.eye(candidate.cause.parameters) for size in ASIDE for sign in (1.0, -1.0)]
 
 
-def _at(model: Model, residual: Array, candidate: Candidate, p: Array, total: float) -> Fit | None:
-    if np.abs(p).max() > LARGEST:
+def _at(
+    model: Model, residual: Array, candidate: Candidate, p: Array, total: float, most: float = LARGEST
+) -> Fit | None:
+    if np.abs(p).max() > most:
         return None
     try:
         column = effect(model, candidate.cause, candidate.target, p * candidate.scale)

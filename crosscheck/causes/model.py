@@ -26,8 +26,8 @@ from flexinv.model.mechanism import Mechanism
 
 FEWEST = 100  # samples of a rigid mechanism that a fit looks at, or up to twice as many
 # Of a flexible march, at least.  A thick strip that rings in short waves, 10 % softer in shear: with 1,200 steps the column has
-# an error of 13 % (more than a named cause may leave), with 3,000 of 2 %, with 6,000 of 0.4 %.
-STEPS = 2500
+# an error of 13 %, with 2,500 of 1.8 % (at single samples more than a named cause may leave), with 6,000 of 0.4 %.
+STEPS = 4000
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Model:
         """Return all that flexinv gives for a subject at all sample times, [N], [N m], [m], with the step of the columns."""
         case = subject.case if subject.mechanism.is_rigid else replace(subject.case, step=coarse_step(subject))
         made = solved(case.meshed(subject.mechanism), case)[1]
-        return with_efforts(Record("flexinv", time=sample_times(case), series=made), subject).series
+        return answered(Record("flexinv", time=sample_times(case), series=made), subject).series
 
     @cached_property
     def unharmed(self) -> Mapping[str, Series]:
@@ -143,6 +143,17 @@ def is_tree(subject: Subject) -> bool:
     mechanism = subject.mechanism
     given = subject.case.motion.joints(mechanism)
     return mechanism.is_rigid and not mechanism.closures and all(j.name in given for j in mechanism.joints if j.nv)
+
+
+def answered(record: Record, subject: Subject) -> Record:
+    """Return an engine's record [N m], [N], [m] with what the subject does to efforts, along the motion of all joints."""
+    if not subject.effort:
+        return record
+    time, (mechanism, motion) = sample_times(subject.case), (subject.mechanism, subject.case.motion)
+    given = motion.joints(mechanism)
+    if all(j.name in given for j in mechanism.joints if j.nv):
+        return with_efforts(record, subject, States(time, *motion.evaluate(mechanism, time)))
+    return with_efforts(record, subject, _first(subject, time)[0])  # what closures move is left out of the motion
 
 
 def _first(subject: Subject, time: Array) -> tuple[States, Array]:

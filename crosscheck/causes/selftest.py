@@ -14,18 +14,18 @@ from pathlib import Path
 
 import numpy as np
 
-from crosscheck.causes.apply import with_efforts
 from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.evidence import Evidence
 from crosscheck.causes.fault_benches import Bench
 from crosscheck.causes.fit import IMPOSSIBLE, Candidate, candidates
-from crosscheck.causes.model import Model, model_of
+from crosscheck.causes.model import Model, answered, model_of
 from crosscheck.causes.naming import Naming, name
 from crosscheck.causes.quantities import Quantities, quantities
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.engines.base import companion
 from crosscheck.engines.flexinv.certificate import certify
+from crosscheck.engines.shared.rounding import with_rounding
 from crosscheck.measures.certificate import Certificate, checks
 from crosscheck.measures.record import Record
 from flexinv.files.load_cases import Case, load_cases
@@ -130,18 +130,35 @@ def ask(bench: Bench, subject: Subject) -> Record:
     """Return the record of the bench's engine for a subject: the engine's own run, then the changes of its efforts."""
     engine = adapter(ENGINES[bench.engine])
     record = engine.run(subject.mechanism, subject.case, bench.engine, subject.options)
-    return with_efforts(record, subject) if subject.effort else record
+    return answered(record, subject)
 
 
 def softened(setting: Setting, size: float) -> Record:
-    """Return MuJoCo's efforts with the fraction ``size`` [-] of what its soft equality constraints give."""
-    soft = ask(replace(setting.bench, engine="mujoco-equality"), setting.subject)
-    mixed = {
-        n: replace(s, values=(1 - size) * s.values + size * soft.series[n].values)
-        for n, s in setting.clean.series.items()
-        if s.quantity == "torque"
-    }
+    """Return MuJoCo's efforts with the fraction ``size`` [-] of what its soft equality constraints give.
+
+    Stiffness multiplies what rounding leaves open of the loops: they carry error bars of rounding, as in `crosscheck run`.
+    """
+    bench = replace(setting.bench, engine="mujoco-equality")
+    mechanism, case = setting.subject.mechanism, setting.subject.case
+    engine = adapter(ENGINES[bench.engine])
+    soft = with_rounding(engine, ask(bench, setting.subject), mechanism, case, setting.subject.options)
+    mixed = {}
+    for key, one in setting.clean.series.items():
+        if one.quantity == "torque":
+            other = soft.series[key]
+            bar = None if other.error is None else size * other.error
+            mixed[key] = replace(one, values=(1 - size) * one.values + size * other.values, error=bar)
     return replace(setting.clean, series={**setting.clean.series, **mixed})
+
+
+def widened(setting: Setting, harmed: Record) -> Setting:
+    """Return the setting with the error bars [unit] that a harmed engine states of its torques beside those of the unharmed."""
+    bars = {
+        n: float(np.max(s.error)) for n, s in harmed.series.items() if s.quantity == "torque" and s.error is not None
+    }
+    noise = max([setting.noise, *(bar / float(setting.model.scale.min()) for bar in bars.values())])
+    agreed = {name: max(known, bars.get(name, 0.0)) for name, known in setting.agreed.items()}
+    return replace(setting, noise=noise, agreed=agreed)
 
 
 def plant(setting: Setting, candidate: Candidate, size: float) -> Planted | None:
@@ -159,6 +176,7 @@ def plant(setting: Setting, candidate: Candidate, size: float) -> Planted | None
     try:
         if cause.name == SOFT:
             harmed = softened(setting, size)
+            setting = widened(setting, harmed)
         else:
             subject = (cause.plant or cause.change)(setting.subject, target, numbers)
             engine = adapter(ENGINES[setting.bench.engine])

@@ -18,6 +18,7 @@ import numpy as np
 from numba.core.errors import NumbaError
 from numpy.typing import ArrayLike, NDArray
 
+from flexinv.analysis.energy_guard import EnergyGuard, instant_energies
 from flexinv.dynamics.generalized_alpha import EARLY, SUBSTEPS, Scheme, generalized_alpha, start_up
 from flexinv.dynamics.initial_state import (
     begin_step,
@@ -66,8 +67,11 @@ class Flexible:
     written: Histories
     masses: Masses
     frames: Frames
+    seen: tuple[Array, ...]
+    driven: Array
     line: Array
     loads: tuple[Array, Array, Array]
+    guard: EnergyGuard
     nq: int
     nv: int
     applied: bool
@@ -149,6 +153,7 @@ class Controller:
             move_as_rigid(f.solver, joints, *now[1:])
         consistent_accelerations(f.solver, joints, "at the start")
         torque = self._torques(f, *now)
+        f.guard.begin(*self._energies(f, now[1]))
         self.early = EARLY if begin_step(f.solver, joints, f.scheme, "at the start") else 0
         self.before = now
         if f.flat is not None:
@@ -179,7 +184,7 @@ class Controller:
             _march(f, f.scheme, q, qd, qdd)
         except (TypeError, NumbaError):  # no arrays of numbers
             return self.step(*self._checked(q, qd, qdd))
-        return self._torques(f, q, qd, qdd)
+        return self._looked_at(f, q, qd, qdd)
 
     def _in_parts(self, flexible: Flexible, q: Array, qd: Array, qdd: Array) -> Array:
         """A step soon after a sudden start, with the motion between two calls as its values, rates and accelerations have it."""
@@ -195,7 +200,28 @@ class Controller:
             flexible.flat.end_early()
         elif self.early == 0:
             end_early(flexible.solver.state)
-        return self._torques(flexible, q, qd, qdd)
+        return self._looked_at(flexible, q, qd, qdd)
+
+    def _looked_at(self, flexible: Flexible, q: Array, qd: Array, qdd: Array) -> Array:
+        """Return the torques (nv,) [N m], [N] of a step whose energy has not come from nowhere."""
+        torque = self._torques(flexible, q, qd, qdd)
+        flexible.guard.look(*self._energies(flexible, qd), qd)
+        return torque
+
+    def _energies(self, flexible: Flexible, qd: Array) -> tuple[float, float, float]:
+        """Return kinetic and elastic energy, potential energy [J], and the power of drives and of given forces [W]."""
+        solver = flexible.solver
+        mesh, gravity = solver.mesh, solver.topology.gravity
+        held, potential, power = instant_energies(
+            mesh.mass, mesh.inertia, gravity, flexible.seen, flexible.driven, self.tau, qd
+        )
+        if flexible.applied:
+            motion = solver.instant.motion
+            applied = applied_forces(mesh, motion, np.zeros(1))
+            if applied is not None:
+                turned = np.einsum("nij,nj->ni", motion.rotation[0], motion.omega[0])
+                power += float((applied.force[0] * motion.v[0]).sum() + (applied.moment[0] * turned).sum())
+        return held, potential, power
 
     def _checked(self, *given: ArrayLike) -> list[Array]:
         """Copies of q, qd, qdd as floats."""
@@ -264,12 +290,14 @@ def _flexible(mechanism: Mechanism, scheme: Scheme) -> Flexible:
     nodes = Nodes(mesh.parent, mesh.kind, mesh.offset, mesh.rotation, mesh.axis, mesh.q_index, mesh.v_index)
     joints = Joints(*(part.copy() for part in instant(mesh, mechanism.neutral, *(2 * [np.zeros(mechanism.nv)]))))
     out = solver.instant
+    m = out.motion
     return Flexible(
         solver, flat, scheme, start_up(scheme), nodes, _drives(mesh), joints, Joints(*(part[None] for part in joints)),
         np.zeros((1, int((mesh.v_index >= 0).sum()), 3)), np.zeros(1, dtype=np.int64), out.histories(),
         Masses(mesh.mass, mesh.inertia, solver.topology.gravity), Frames(*(part[0] for part in out.histories()[:6])),
-        np.zeros((mesh.size, 6)),
+        tuple(part[0] for part in (m.x, m.v, m.omega, out.energy)), mechanism.actuated.astype(float), np.zeros((mesh.size, 6)),
         (load_table(mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))),
+        EnergyGuard(mesh, frozenset(passive), scheme.h),
         mechanism.nq, mechanism.nv, bool(mechanism.springs or mechanism.forces),
         any(j.kind == "continuous" and j.stiffness and j.actuated for j in mechanism.joints),
     )  # fmt: skip

@@ -48,7 +48,7 @@ class Balance:
         worked = np.abs(
             np.diff(self.work + holds + self.potential, prepend=holds[0] + self.potential[0] + self.work[0])
         )
-        most = np.maximum.accumulate(fallen + _carried(mesh, qd, passive)) + holds[0] + np.cumsum(worked)
+        most = np.maximum.accumulate(fallen + carried(mesh, qd, passive)) + holds[0] + np.cumsum(worked)
         stiffness = mesh.elements.stiffness[..., 3:].max() / mesh.length
         beyond = from_nowhere > REASON * most + ROUNDING * stiffness
         if beyond.any():
@@ -61,7 +61,7 @@ class Balance:
             )
 
 
-def _carried(mesh: Mesh, qd: Array, passive: set[str]) -> Array:
+def carried(mesh: Mesh, qd: Array, passive: set[str]) -> Array:
     """Return the kinetic energy of the total mass at the speed of the given joint rates at full length, (samples,) [J]."""
     m, speed = mesh.mechanism, np.zeros(len(qd))
     for joint in m.joints:

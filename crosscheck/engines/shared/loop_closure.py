@@ -227,9 +227,10 @@ def _newton(task: Task, guess: Array) -> Array | None:
         step[task.unknown] = -np.linalg.lstsq(
             rows.g[:, task.unknown] / scale[:, None], rows.phi / scale, rcond=REDUNDANT
         )[0]
-        if np.abs(step).max() < STALLED:
-            return q if np.abs(rows.phi).max() < CLOSED else None
+        # The last step is taken, too: soft constraints multiply what it mends by their stiffness, some 1e8.
         q = task.tree.moved(q, step)
+        if np.abs(step).max() < STALLED:
+            break
     return q if np.abs(rows.phi).max() < CLOSED else None
 
 

@@ -17,7 +17,7 @@ from crosscheck.beyond import judge
 from crosscheck.beyond.campaign import CAMPAIGNS, OWN, Bench, Campaign, Wanted, run, summed
 from crosscheck.beyond.catalogue import RECIPES, draw, made
 from crosscheck.beyond.fault import ALL, Fault, Scene, Truth, both
-from crosscheck.beyond.planting import planted
+from crosscheck.beyond.planting import RUNS, planted
 from crosscheck.beyond.shown import text
 from crosscheck.beyond.trial import size_of
 from crosscheck.commands.selftest import command
@@ -201,6 +201,15 @@ def test_another_engine_is_left_alone_while_a_fault_is_planted() -> None:
     before = run_it()
     with planted(next(f for f in _of("no gravity", here) if f is not None), "pinocchio"):
         assert np.array_equal(before, run_it())
+
+
+@pytest.mark.parametrize(("module", "function"), RUNS)
+def test_noise_of_every_run_goes_where_an_adapter_makes_its_series(module: str, function: str) -> None:
+    home, noise = importlib.import_module(module), Fault("noise", (), raw=dict)
+    own = getattr(home, function)
+    with planted(noise, "exudyn-ancf"):
+        assert getattr(home, function) is not own
+    assert getattr(home, function) is own
 
 
 def _of(name: str, here: Scene) -> Iterator[Fault | None]:

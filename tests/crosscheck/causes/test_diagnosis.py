@@ -16,7 +16,7 @@ from crosscheck_examples import example_run, write_models
 from crosscheck.causes.diagnosis import diagnose, repair
 from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.fit import Fit
-from crosscheck.causes.model import model_of
+from crosscheck.causes.model import answered, model_of
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.measures.certificate import Check
@@ -147,6 +147,22 @@ def test_a_cause_that_cannot_be_taken_out_is_put_into_the_reference() -> None:
     left, where = repair(model_of(subject, reference), fit, "exudyn-ancf", reference, record)
     assert where == "put into the reference"
     assert left == 0.0  # the same computation twice
+
+
+def test_a_filter_cannot_be_taken_out_and_is_put_into_the_reference() -> None:
+    """Minus its time constant is no filter, which the engine's efforts would go through after its run."""
+    folder = MODELS / "double_pendulum"
+    found = load_mechanism(folder)
+    subject = Subject(found, load_cases(folder, found)["swing"])
+    cause, size = DICTIONARY["low-pass filter"], np.array([0.01])
+    target = next(iter(cause.targets(subject)))
+    engine, reference = (adapter(ENGINES[n]).run(found, subject.case, n, {}) for n in ("pinocchio", "flexinv"))
+    harmed = answered(engine, cause.change(subject, target, size))
+    fit = Fit(cause, target, size, 0.0, np.zeros(0))
+    left, where = repair(model_of(subject, reference), fit, "pinocchio", reference, harmed)
+    assert where == "put into the reference"
+    assert left is not None
+    assert left < 1e-12  # rounding of two engines
 
 
 def test_a_repair_that_gives_no_number_leaves_the_diagnosis_without_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -196,3 +196,22 @@ def test_advice_follows_from_what_happened() -> None:
         flexinv.ConvergenceError, match=r"in 16 parts.*more elements would not help: write step = 0.00025"
     ):
         flexinv.solve(pushed(1e4, 2, arm()), HELD, step=1e-3)
+
+
+def test_energy_from_nowhere_is_an_error_of_a_controller() -> None:
+    """The guard sees the energies that `solve` sees, and its own sum of the work that drives and couple do."""
+    mechanism = replace(pushed(0.017, 2, arm()), gravity=np.array([0.0, -9.81, 0.0]))
+    s = flexinv.solve(mechanism, TURNING, step=1e-4)
+    controller = flexinv.Controller.of(mechanism, step=1e-4)
+    controller.start(s.q[0], s.qd[0], s.qdd[0])
+    guard = controller.flexible.guard
+    for k in range(1, 40):
+        controller.step(*(np.ascontiguousarray(part[k]) for part in (s.q, s.qd, s.qdd)))
+    held, potential, power = controller._energies(controller.flexible, s.qd[39])
+    assert held == pytest.approx((s.balance.kinetic + s.balance.elastic)[39], rel=1e-6)
+    assert potential == pytest.approx(s.balance.potential[39], rel=1e-6)
+    # torques ring at the step's own frequency: the sum over steps knows the work to some per cent
+    put_in = held + potential - guard.held - guard.potential
+    assert guard.work == pytest.approx(put_in, rel=0.1)
+    with pytest.raises(flexinv.ConvergenceError, match=r"at call 40 after start .* were put in.*write step = 2.5e-05"):
+        guard.look(held + 1e4, potential, power, s.qd[39])
