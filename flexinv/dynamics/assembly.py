@@ -10,8 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from flexinv.dynamics.dofs import FRICTION_RATE
-from flexinv.elements.beam import relative
-from flexinv.elements.beam_damping import relative_rates
+from flexinv.elements.beam import relative, relative_rates
 from flexinv.elements.beam_element import (
     damped_gradient,
     damped_tangent,

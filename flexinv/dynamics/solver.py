@@ -18,8 +18,7 @@ from flexinv.dynamics.loads import Loads, load_table, loads_of
 from flexinv.dynamics.spring_rows import pulls
 from flexinv.dynamics.stepper import NOT_FINITE, SLIPPED, TURNED_TOO_MUCH, collide, march
 from flexinv.dynamics.system import Border, Histories, Instants, State, System, Work
-from flexinv.elements.beam import Scratch
-from flexinv.elements.beam_damping import Rates
+from flexinv.elements.beam import Rates, Scratch
 from flexinv.errors import ConvergenceError
 from flexinv.kernels.memory import together
 from flexinv.kernels.so3 import log_so3

@@ -11,8 +11,7 @@ from flexinv.dynamics.constraint_rows import Ties
 from flexinv.dynamics.dofs import ElementArrays, Topology
 from flexinv.dynamics.loads import Loads
 from flexinv.dynamics.spring_rows import Pulls
-from flexinv.elements.beam import Scratch
-from flexinv.elements.beam_damping import Rates
+from flexinv.elements.beam import Rates, Scratch
 from flexinv.kinematics.tree import Frames, Joints, Variation
 from flexinv.typing import Array
 
@@ -44,7 +43,7 @@ class Work(NamedTuple):
 
     wrench : (nodes, 6); dwrench : (nodes, columns, 6); residual : (sides, unknowns), the first is it, the others belong to
         the closures (`dynamics.constraint_rows`); diagonal : (blocks, columns, columns)
-    tangent : (elements, 6 count, 6 count), with damping six columns more (`beam_damping`); internal : (elements, points, 6)
+    tangent : (elements, 6 count, 6 count), with damping six columns more (`elements.beam`); internal : (elements, points, 6)
     energy : (3,) elastic energy [J], power of the internal forces and what of it is dissipated [W]
     element, rates : scratch of one element; own_x, own_t : (columns, 3), scratch of one passive joint
     system : (rows, rows + columns + sides), scratch of one elimination; settled : (2, nodes, 6), scratch of `dynamics.index1`

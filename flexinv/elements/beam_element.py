@@ -3,15 +3,14 @@
 Nodal forces are the gradient of E, so power closes in space as in the plane; the tangent is the exact derivative.
 Increments: dx_i in the world frame, theta_i in the node's own frame (R_i <- R_i exp(theta_i)); forces are dual to them.
 What the first node feels, and how it acts on the others, follows from objectivity: a rigid motion strains nothing.
-Without damping the tangent is symmetric, and half of it is enough.  Sources: `beam`, `beam_damping`.
+Without damping the tangent is symmetric, and half of it is enough.  Sources: as `beam`.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from flexinv.elements.beam import inverse_tangent_slope, part, point_hessian, point_of, spread
-from flexinv.elements.beam_damping import rate_of, rates_by_pose
+from flexinv.elements.beam import inverse_tangent_slope, part, point_hessian, point_of, rate_of, rates_by_pose, spread
 from flexinv.kernels.jit import jit_inner, jit_shared
 from flexinv.kernels.vec3 import (
     add,

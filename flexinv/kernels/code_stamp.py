@@ -17,7 +17,7 @@ SOURCES = (
     "constraints.equations", "dynamics.assembly", "dynamics.bordered_solver", "dynamics.constraint_rows",
     "dynamics.dofs", "dynamics.generalized_alpha", "dynamics.index1", "dynamics.linearization", "dynamics.loads",
     "dynamics.spring_rows", "dynamics.stepper", "dynamics.system", "dynamics.tree_solver", "elements.beam",
-    "elements.beam_damping", "elements.beam_element", "elements.planar_beam",
+    "elements.beam_element", "elements.planar_beam",
     "inverse.nodal_sums", "inverse.trajectory_pass", "kernels.atomics", "kernels.block_tridiagonal", "kernels.dense",
     "kernels.jit", "kernels.mailbox", "kernels.record_stack", "kernels.simd", "kernels.so3", "kernels.vec3",
     "kinematics.configuration", "kinematics.tree", "linearized.natural_modes", "model.joint_kinds",

@@ -8,8 +8,7 @@ import numpy as np
 from kernels import Array, element
 
 from flexinv.dynamics.dofs import ElementArrays
-from flexinv.elements.beam import Scratch
-from flexinv.elements.beam_damping import Rates
+from flexinv.elements.beam import Rates, Scratch
 from flexinv.elements.quadrature import reference
 from flexinv.kernels.so3 import exp_so3
 

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from flexinv.dynamics.generalized_alpha import advance, follow, predict
 from flexinv.dynamics.linearization import linearise
 from flexinv.dynamics.tree_solver import solve_tree
-from flexinv.elements.beam import relative
-from flexinv.elements.beam_damping import relative_rates
+from flexinv.elements.beam import relative, relative_rates
 from flexinv.elements.beam_element import (
     damped_gradient,
     damped_tangent,
