@@ -18,8 +18,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from flexinv.kernels.affinity import leave, processor_now
-from flexinv.kernels.atomics import look, pause, put
+from flexinv.kernels.threads.affinity import leave, processor_now
+from flexinv.kernels.threads.atomics import look, pause, put
 
 Array = NDArray[np.float64]
 # Times as long as alone at which a core counts as shared: halves of a core take 1.4 to 1.9 times as long, whole cores up to 1.1

@@ -16,7 +16,7 @@ from flexinv.analysis.solve import solve
 from flexinv.analysis.solve_many import solve_many
 from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism
-from flexinv.kernels.affinity import processors
+from flexinv.kernels.threads.affinity import processors
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
 from flexinv.rigid.prepare import prepare

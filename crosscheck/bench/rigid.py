@@ -14,7 +14,7 @@ from crosscheck.bench.targets import faster, judged, metric, missing
 from crosscheck.bench.timing import Call, Spread, Times, disturbed, in_turns, ratio
 from crosscheck.studies.robot_sweep import LARGEST_ERROR, random_states, undamped
 from flexinv.files.load_mechanism import load_mechanism
-from flexinv.kernels.affinity import processors
+from flexinv.kernels.threads.affinity import processors
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.prepare import prepare
 

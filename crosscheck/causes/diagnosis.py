@@ -20,6 +20,7 @@ from crosscheck.measures.limits import find
 from crosscheck.measures.record import Record, load
 from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism
+from flexinv.linearized.damping_ratio import damped
 
 # Exact engines: rounding of some thousand operations, times the condition of loops, of the range.
 ROUNDING = 1e-9
@@ -27,7 +28,7 @@ ROUNDING = 1e-9
 
 def diagnose(folder: str, case: str, engine: str, ours: str, theirs: str) -> dict[str, Any]:
     """Return the diagnosis of two saved records (stems of their files) of a case [-] as JSON values."""
-    mechanism = load_mechanism(folder)
+    mechanism = damped(load_mechanism(folder))
     subject = Subject(mechanism, load_cases(folder, mechanism)[case])
     record, reference = load(Path(ours)), load(Path(theirs))
     model = model_of(subject, reference)

@@ -30,6 +30,7 @@ from crosscheck.measures.certificate import Certificate, checks
 from crosscheck.measures.record import Record
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
+from flexinv.linearized.damping_ratio import damped
 from flexinv.model.mechanism import Closure, Mechanism
 
 SIZES = (0.001, 0.01, 0.1)  # of the size that matters
@@ -86,7 +87,7 @@ class Setting:
 def prepare(bench: Bench, models: Path) -> Setting:
     """Run reference and engine unharmed, and compute the columns of the dictionary."""
     folder = models / bench.mechanism
-    mechanism = load_mechanism(folder)
+    mechanism = damped(load_mechanism(folder))
     case = load_cases(folder, mechanism)[bench.case]
     mechanism, case = bench.made(mechanism, case)
     if mechanism.is_rigid:  # exact at every sample: fewer of them do

@@ -45,6 +45,7 @@ class Certificate:
         and in joints
     closure_points, closure_axes : by "name: first" and "name: second", where a closure holds each link (3,) [m] and the axis
         about which it lets it turn (3,) [-], in the frame of the link
+    given : what flexinv computed for the engine, in words, by what it is; no check of the engine's own
     residual : largest closure equation [m], [-] in the engine's own motion; rank : of the closures' Jacobian
     """
 
@@ -65,6 +66,7 @@ class Certificate:
     springs: Mapping[str, float] = field(default_factory=dict)
     closure_points: Mapping[str, Any] = field(default_factory=dict)
     closure_axes: Mapping[str, Any] = field(default_factory=dict)
+    given: Mapping[str, str] = field(default_factory=dict)
     residual: float | None = None
     rank: int | None = None
 
@@ -109,8 +111,14 @@ class Check:
 def checks(mechanism: str, case: str, engine: str, theirs: Certificate, ours: Certificate) -> tuple[Check, ...]:
     """Return every line that both certificates have; words say where the largest difference is [unit of the line]."""
     here = (mechanism, case, engine)
-    lines = [*_numbers(theirs, ours), *_order(theirs, ours), *_closures(theirs, ours)]
+    lines = [*_numbers(theirs, ours), *_order(theirs, ours), *_closures(theirs, ours), *_given(theirs)]
     return tuple(Check(*here, **line) for line in lines)
+
+
+def _given(theirs: Certificate) -> Iterator[dict[str, Any]]:
+    """Lines that say who computed what an engine was given."""
+    for what, words in theirs.given.items():
+        yield {"what": what, "unit": "-", "holds": True, "words": words}
 
 
 def holds(lines: tuple[Check, ...]) -> bool:

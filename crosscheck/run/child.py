@@ -28,6 +28,7 @@ from crosscheck.measures.record import Record, fingerprint, load, save
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
+from flexinv.linearized.damping_ratio import damped
 from flexinv.model.mechanism import Mechanism
 
 LARGEST_FILE = 1 << 28  # [bytes]; one MuJoCo log was seen to grow without end, a record has a few megabytes
@@ -58,7 +59,7 @@ def run_case(job: dict[str, Any]) -> None:
 
 def _run(job: dict[str, Any], adapter: Adapter) -> Record:
     name = job["engine"]
-    mechanism = load_mechanism(job["mechanism"])
+    mechanism = damped(load_mechanism(job["mechanism"]))
     case = load_cases(job["mechanism"], mechanism)[job["case"]]
     known = {"engine": name, "version": adapter.version(), "model_hash": fingerprint(mechanism, case.motion)}
     if (reason := adapter.unsupported(mechanism, case, name)) is not None:
@@ -74,7 +75,7 @@ def _run(job: dict[str, Any], adapter: Adapter) -> Record:
 def _unrun(job: dict[str, Any]) -> dict[str, Any]:
     """Return the certificate of an engine whose run failed: it may say why."""
     try:
-        mechanism = load_mechanism(job["mechanism"])
+        mechanism = damped(load_mechanism(job["mechanism"]))
         case = load_cases(job["mechanism"], mechanism)[job["case"]]
         return certified(job["module"], mechanism, case, job["engine"])
     except Exception as error:
@@ -87,12 +88,22 @@ def certified(module: str, mechanism: Mechanism, case: Case, engine: str) -> dic
         return {"problem": "this formulation has nothing to be asked for"}
     try:
         certify = importlib.import_module(companion(module, "certificate")).certify
-        return cast(dict[str, Any], certify(mechanism, case, engine).plain)
+        return cast(dict[str, Any], replace(certify(mechanism, case, engine), given=given(mechanism)).plain)
     except InputError as error:
         return {"problem": str(error)}
     except Exception as error:
         traceback.print_exc()
         return {"problem": _words(error)}
+
+
+def given(mechanism: Mechanism) -> dict[str, str]:
+    """Return what an engine does not find in the mechanism's file but is given by flexinv, by what it is."""
+    stated = mechanism.modal_damping
+    return (
+        {}
+        if stated is None or stated.seconds is None
+        else {"damping of beams": f"{stated}, computed by flexinv and given to every engine"}
+    )
 
 
 def describe(job: dict[str, Any]) -> None:
@@ -110,7 +121,7 @@ def study(job: dict[str, Any]) -> None:
 def export(job: dict[str, Any]) -> None:
     """Write what the engine was given into a folder; what cannot be exported is the answer, in words."""
     module = importlib.import_module(job["module"])
-    mechanism = load_mechanism(job["mechanism"])
+    mechanism = damped(load_mechanism(job["mechanism"]))
     case = load_cases(job["mechanism"], mechanism)[job["case"]]
     expected = load(Path(job["expected"])).series
     effort = np.stack([expected[f"torque/{name}"].values for name in mechanism.velocity_names], axis=1)

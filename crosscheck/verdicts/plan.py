@@ -16,6 +16,7 @@ from crosscheck.verdicts.results import CaseRow
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
+from flexinv.linearized.damping_ratio import damped
 from flexinv.model.mechanism import WORLD, Mechanism
 from flexinv.validation import nearest
 
@@ -66,7 +67,7 @@ def discover(models: Path, names: Sequence[str] = ()) -> Plan:
 
 
 def _tasks(folder: Path, patterns: Iterable[str]) -> list[Task]:
-    mechanism = load_mechanism(folder)
+    mechanism = damped(load_mechanism(folder))
     patterns = list(patterns)
     cases = load_cases(folder, mechanism)
     return [task(folder, mechanism, c) for n, c in cases.items() if any(fnmatchcase(n, p) for p in patterns)]

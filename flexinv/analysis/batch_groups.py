@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from numbers import Real
 from threading import Lock
 from typing import Any
@@ -16,10 +15,11 @@ from typing import Any
 import numpy as np
 
 from flexinv.analysis.batch_kernel import Designs, Results, Schemes, Tasks, march_alike
-from flexinv.analysis.evaluation import found_shapes, skeleton, solution_of
+from flexinv.analysis.evaluation import FirstStep, found_shapes, skeleton, solution_of
+from flexinv.analysis.settings import Settings, checked
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.solve import settings_of, time_grid
-from flexinv.analysis.trajectory import Progress, Turned, failure
+from flexinv.analysis.task import Progress, time_grid
+from flexinv.analysis.trajectory import Turned, failure
 from flexinv.dynamics.generalized_alpha import (
     EARLY,
     EXACT,
@@ -27,7 +27,6 @@ from flexinv.dynamics.generalized_alpha import (
     Scheme,
     early_rows,
     early_times,
-    generalized_alpha,
     start_up,
 )
 from flexinv.dynamics.solver import Trajectory, has_padding, history_shapes
@@ -40,6 +39,7 @@ from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion, motion_table
+from flexinv.model.owned_cache import kept_with_owner
 from flexinv.planar.detection import Plane, find_plane
 from flexinv.planar.model import planar_model
 from flexinv.planar.solver import PlanarMarch
@@ -63,7 +63,7 @@ class Scenario:
     table: Triple
     time: Array
     scheme: Scheme
-    settings: dict[str, float | int | str | bool]
+    settings: Settings
 
 
 def prepare_all(
@@ -100,8 +100,8 @@ def scenario_of(mechanism: Mechanism, motion: Motion, options: Mapping[str, Any]
         mesh, time = build(mechanism), time_grid(motion, step, options.get("end"), 1)
         if not isinstance(find_plane(mesh), Plane) or len(time) * mesh.size * 50 > RUN:
             return None
-        scheme, settings = generalized_alpha(step, radius, tolerance), settings_of(step, radius, tolerance)
-        return Scenario(mesh, motion, motion_table(motion, mechanism, step, len(time)), time, scheme, settings)
+        settings = checked(step, radius, tolerance)
+        return Scenario(mesh, motion, motion_table(motion, mechanism, step, len(time)), time, settings.scheme, settings)
     except FlexinvError:  # `solve` says of this one what it is
         return None
 
@@ -119,7 +119,7 @@ def alike(scenarios: Mapping[int, Scenario]) -> list[list[int]]:
     return runs
 
 
-@lru_cache(maxsize=64)
+@kept_with_owner()
 def _structure(mesh: Mesh) -> tuple[Any, ...]:
     """Return a key (shapes and whole numbers) that two planar meshes share if they differ in their numbers only."""
     m, k = planar_model(mesh, frozenset()), skeleton(mesh)
@@ -128,8 +128,9 @@ def _structure(mesh: Mesh) -> tuple[Any, ...]:
     return tuple((part.shape, b"" if part.dtype == float else part.tobytes()) for part in parts)
 
 
-@lru_cache(maxsize=8)
-def _designs(meshes: tuple[Mesh, ...]) -> Designs:
+@kept_with_owner(most=8)
+def _designs(first: Mesh, meshes: tuple[Mesh, ...]) -> Designs:
+    """The meshes, of which the ``first`` keeps this."""
     models = [planar_model(mesh, frozenset()) for mesh in meshes]
     tree, elements, space = (stacked([getattr(m, name) for m in models]) for name in ("tree", "elements", "space"))
     over = np.stack([m.constraints.over for m in models])
@@ -141,7 +142,8 @@ def solve_alike(
 ) -> list[Solution | Exception]:
     """Return the solution of each scenario [m, rad, s, N] or what stopped it, with so many threads [-] at most."""
     first = scenarios[0]
-    designs, tasks = _designs(tuple(dict.fromkeys(one.mesh for one in scenarios))), _tasks(scenarios)
+    designs = _designs(first.mesh, tuple(dict.fromkeys(one.mesh for one in scenarios)))
+    tasks = _tasks(scenarios)
     out, found = _room(first, len(scenarios))
     ahead, left, lock = np.zeros(8, dtype=np.uint64), np.zeros(len(scenarios)), Lock()
     schemes = Schemes(first.scheme, start_up(first.scheme))
@@ -223,4 +225,4 @@ def _solution(one: Scenario, n: int, out: Histories, found: Found) -> Solution:
     trajectory = Trajectory(NodalMotion(x, r, v, w, a, al), wrench, internal, energy, multipliers, iterations)
     q, qd, qdd = (part.copy() for part in one.table)
     own = Found(*(part[n] for part in found))
-    return solution_of(one.mesh, trajectory, trajectory.motion, own, one.time, q, qd, qdd, set(), one.settings)
+    return solution_of(one.mesh, FirstStep(trajectory, one.time, (q, qd, qdd)), own, one.settings)

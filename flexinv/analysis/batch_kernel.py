@@ -15,9 +15,9 @@ from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START
 from flexinv.dynamics.system import Histories
 from flexinv.elements.planar_beam import PlanarElements
 from flexinv.inverse.trajectory_pass import Found, Given, Moving, Skeleton, second_step_samples
-from flexinv.kernels.atomics import take
 from flexinv.kernels.jit import jit, jit_shared
 from flexinv.kernels.record_stack import at
+from flexinv.kernels.threads.atomics import take
 from flexinv.planar.history import Embedding
 from flexinv.planar.stepper import PlanarSystem, planar_march
 from flexinv.planar.tree import PlanarTree, accept

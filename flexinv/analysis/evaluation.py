@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.analysis.solution import Solution
+from flexinv.analysis.settings import Settings
+from flexinv.analysis.solution import LoopForces, Solution
 from flexinv.dynamics.dofs import FRICTION_RATE
 from flexinv.dynamics.solver import Trajectory
-from flexinv.inverse.applied_forces import joint_springs
+from flexinv.inverse.applied_forces import applied_forces, joint_springs
 from flexinv.inverse.balance import Balance
 from flexinv.inverse.inverse_dynamics import NodalForces, drive_efforts, joint_wrenches, nodal_forces, plain
 from flexinv.inverse.trajectory_pass import Found, Given, Moving, Skeleton, second_step_samples
@@ -19,86 +21,109 @@ from flexinv.kinematics.finite_differences import differenced
 from flexinv.kinematics.joint_motion import axes_of_nodes
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.kinematics.rigid_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
-from flexinv.typing import Array
+from flexinv.model.owned_cache import kept_with_owner
+from flexinv.typing import Array, Triple
 
 
-def evaluate(
-    mesh: Mesh, trajectory: Trajectory, time: Array, q: Array, qd: Array, qdd: Array, passive: set[str],
-    settings: dict[str, float | int | str | bool], applied: NodalForces | None = None, brought: Array | None = None,
-    part: bool = False,
-) -> Solution:  # fmt: skip
-    """The paper's second step [N], [N m], and everything else that follows from the nodal motion.
+@dataclass(frozen=True)
+class FirstStep:
+    """Result of the paper's first step: the motion of nodes and joints, and what acts on the nodes beside.
 
-    applied : springs, given forces and closures; brought : (samples,) energy that impacts bring [J]
-    part : of a longer march, whose energy is looked at as a whole
+    time : (samples,) [s]; joints : q (samples, nq), qd, qdd (samples, nv) [rad or m, s]
+    applied : springs, given forces and closures [N], [N m]; brought : (samples,) energy that impacts bring [J]
+    smooth : joints whose dry friction was smooth in the march
+    loops : forces of closures; geared : (samples, nv) efforts that couplings give in place of drives [N m], [N]
+    ends : whether it is a whole march, not a part of one, so that its energy can be checked
     """
-    motion = trajectory.motion
-    if settings["incremental"]:
-        motion = differenced(motion, float(settings["step"]))
-    found = second_step(mesh, motion, trajectory, time, qd, applied, brought)
-    return solution_of(mesh, trajectory, motion, found, time, q, qd, qdd, passive, settings, part)
+
+    trajectory: Trajectory
+    time: Array
+    joints: Triple
+    applied: NodalForces | None = None
+    brought: Array | None = None
+    smooth: Collection[str] = ()
+    loops: LoopForces | None = None
+    geared: Array | None = None
+    ends: bool = True
+
+    def differenced(self, step: float) -> FirstStep:
+        """Return the motion with velocities and accelerations from differences of nodal positions over ``step`` [s]."""
+        return replace(self, trajectory=replace(self.trajectory, motion=differenced(self.trajectory.motion, step)))
 
 
-def solution_of(
-    mesh: Mesh, trajectory: Trajectory, motion: NodalMotion, found: Found, time: Array, q: Array, qd: Array, qdd: Array,
-    passive: set[str], settings: dict[str, float | int | str | bool], part: bool = False,
-) -> Solution:  # fmt: skip
-    """Return the Solution of the second step, efforts of rotors, friction and springs included [N m], [N], by names."""
-    mechanism = mesh.mechanism
+def evaluate(mesh: Mesh, first: FirstStep, settings: Settings) -> Solution:
+    """Return the Solution of a motion [m, rad, s, N]: the paper's second step, and all else that follows from nodal motion."""
+    return solution_of(mesh, first, second_step(mesh, first), settings)
+
+
+def solution_of(mesh: Mesh, first: FirstStep, found: Found, settings: Settings) -> Solution:
+    """Return the Solution of both steps, efforts of rotors, friction and springs included [N m], [N], by names."""
+    mechanism, (q, qd, qdd), time = mesh.mechanism, first.joints, first.time
     tau, reaction = found.tau, found.reaction
     if mechanism.drive_table.any():
-        drive = drive_efforts(mechanism, qd, qdd, direction=_direction(mechanism, qd, passive))
+        drive = drive_efforts(mechanism, qd, qdd, direction=_direction(mechanism, qd, first.smooth))
         tau, reaction = tau + drive, reaction + drive
     if any(joint.stiffness for joint in mechanism.joints):
         springs = joint_springs(mechanism, q)
         tau, reaction = tau + springs, reaction + springs
-    internal, stations = _internal(mesh, trajectory)
-    energy = trajectory.energy
+    internal, stations = _internal(mesh, first.trajectory)
+    energy = first.trajectory.energy
     balance = Balance(
         found.kinetic, found.potential, energy[:, 0], found.power, found.work, found.momentum, energy[:, 2]
     )
-    step = float(settings.get("step", 0.0))
-    whole = not settings["incremental"] and time[-1] - time[0] < 1.5 * step * len(
-        time
-    )  # samples left out may hide work
+    # samples left out may hide work
+    whole = not settings.incremental and time[-1] - time[0] < 1.5 * settings.step * len(time)
     if whole:
-        balance.check(mesh, time, qd, passive, step)
+        balance.check(mesh, time, qd, set(first.smooth), settings.step)
     solution = Solution(
         mechanism=mechanism, mesh=mesh, time=time, q=q, qd=qd, qdd=qdd,
         torque_all=tau, reaction=reaction,
-        nodes=motion, forces=NodalForces(found.force, found.moment),
+        nodes=first.trajectory.motion, forces=NodalForces(found.force, found.moment),
         tip=dict(zip((joint.child for joint in mechanism.joints), found.tip, strict=True)),
         deflection={link.name: own for link, own in zip(mechanism.beams, found.deflection, strict=True)},
         wrench=dict(zip(mesh.joint_node, found.wrench, strict=True)),
         internal=internal, internal_stations=stations,
         balance=balance,
-        iterations=trajectory.iterations, settings=settings, notes=mechanism.notes,
+        iterations=first.trajectory.iterations, settings=settings.words(), notes=mechanism.notes,
     )  # fmt: skip
-    if whole and not part:
+    if whole and first.ends:
         solution.check_energy()
-    return solution
+    return solution if first.loops is None else _with_loops(solution, first.loops, first.geared)
 
 
-def second_step(
-    mesh: Mesh, motion: NodalMotion, trajectory: Trajectory, time: Array, qd: Array,
-    applied: NodalForces | None = None, brought: Array | None = None,
-) -> Found:  # fmt: skip
-    """Return the nodal forces of a motion [N], [N m] and what follows from them, beside the elastic side of a trajectory.
+def _with_loops(solution: Solution, loops: LoopForces, geared: Array | None) -> Solution:
+    """The solution less the efforts (samples, nv) [N m], [N] that couplings give joints in place of their drives.
 
-    time : (samples,) [s]; qd : (samples, nv) [rad/s], [m/s]; applied, brought : as of `evaluate`
+    What a march leaves at joints without a drive is seen only here; rigid loops have ``left`` from the allocation.
+    """
+    if geared is not None and geared.any():
+        solution = replace(solution, torque_all=solution.torque_all - geared, reaction=solution.reaction - geared)
+    if loops.left.size == 0:
+        loops = replace(loops, left=solution.torque_all * ~solution.mechanism.actuated)
+    return replace(solution, loops=loops)
+
+
+def second_step(mesh: Mesh, first: FirstStep) -> Found:
+    """Return the paper's second step: nodal forces P = M (a - g) [N], [N m], joint efforts tau = L T P, tips, balances.
+
+    One compiled pass reads every sample of the motion once (`trajectory_pass.second_step_samples`); `inverse_dynamics` is the
+    same step by step.
     """
     none = np.empty((0, 0, 0))
-    shapes = found_shapes(mesh, len(time))
+    shapes = found_shapes(mesh, len(first.time))
     # Series but those of all nodes have memory of their own: who keeps the tips of many solutions keeps nothing else of them.
     out, line = [*together(*shapes[:2]), *(np.empty(shape) for shape in shapes[2:])], np.empty((mesh.size, 6))
+    motion, applied = first.trajectory.motion, first.applied
     moving = Moving(
         *(plain(part) for part in (motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha))
     )
     pushed = (none, none) if applied is None else (plain(applied.force), plain(applied.moment))
-    energy, jumps = trajectory.energy, np.empty(0) if brought is None else brought
+    jumps = np.empty(0) if first.brought is None else first.brought
     found = Found(*out)
-    given = Given(plain(trajectory.wrench), plain(energy), *pushed, jumps, plain(qd), plain(time))
+    wrench, energy = plain(first.trajectory.wrench), plain(first.trajectory.energy)
+    given = Given(wrench, energy, *pushed, jumps, plain(first.joints[1]), plain(first.time))
     second_step_samples(skeleton(mesh), moving, given, line, found)
     return found
 
@@ -111,7 +136,7 @@ def found_shapes(mesh: Mesh, samples: int) -> list[tuple[int, ...]]:
     return [nodal, nodal, joints, joints, *named, *4 * [(samples,)], (samples, 6)]
 
 
-@lru_cache(maxsize=64)
+@kept_with_owner()
 def skeleton(mesh: Mesh) -> Skeleton:
     """Return the data of a mesh that the second step reads [m], [kg]."""
     m = mesh.mechanism
@@ -135,6 +160,13 @@ def skeleton(mesh: Mesh) -> Skeleton:
     )  # fmt: skip
 
 
+def rigid_motion_of(mesh: Mesh, time: Array, joints: Triple) -> FirstStep:
+    """Return the first step of a rigid mechanism whose joints all have a motion [m, rad, s, N]: exact kinematics."""
+    motion = rigid_motion(mesh, *joints)
+    applied = applied_forces(mesh, motion, time)
+    return FirstStep(rigid_trajectory(mesh, motion, applied), time, joints, applied)
+
+
 def rigid_trajectory(mesh: Mesh, motion: NodalMotion, applied: NodalForces | None = None) -> Trajectory:
     """Return the trajectory of a rigid mechanism [m, rad, s, N]: exact kinematics, nothing to march; wrenches are those of P."""
     wrenches = joint_wrenches(mesh, motion, nodal_forces(mesh, motion, applied))
@@ -145,7 +177,7 @@ def rigid_trajectory(mesh: Mesh, motion: NodalMotion, applied: NodalForces | Non
     return Trajectory(motion, wrench, internal, energy, multipliers, np.zeros(samples, dtype=np.int64))
 
 
-def _direction(mechanism: Mechanism, qd: Array, passive: set[str]) -> Array:
+def _direction(mechanism: Mechanism, qd: Array, smooth_of: Collection[str]) -> Array:
     """Direction of dry friction: the sign of the rate, smoothed as in the march where the joint is passive.
 
     There FRICTION_RATE decides how slowly a joint that should stick creeps, and how short the steps have to be: Newton takes
@@ -159,7 +191,7 @@ def _direction(mechanism: Mechanism, qd: Array, passive: set[str]) -> Array:
     """
     if not any(joint.friction for joint in mechanism.joints):
         return np.zeros_like(qd)
-    smooth = np.array([j.name in passive for j in mechanism.joints for _ in range(j.nv)], dtype=bool)
+    smooth = np.array([j.name in smooth_of for j in mechanism.joints for _ in range(j.nv)], dtype=bool)
     return np.where(smooth, np.tanh(qd / FRICTION_RATE), np.sign(qd))
 
 
@@ -178,7 +210,7 @@ def _internal(mesh: Mesh, trajectory: Trajectory) -> tuple[dict[str, Array], dic
     return values, stations
 
 
-@lru_cache(maxsize=64)
+@kept_with_owner()
 def _points(mesh: Mesh) -> list[tuple[str, slice, NDArray[np.int64], Array]]:
     """Name of each beam, which elements are its own, their orders, and where their points are."""
     e, out = mesh.elements, []

@@ -2,76 +2,55 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.analysis.evaluation import evaluate
-from flexinv.analysis.rigid_loops import coordinates, energy_jumps, geared
-from flexinv.analysis.solution import LoopForces, Solution
+from flexinv.analysis.evaluation import FirstStep
+from flexinv.analysis.rigid_loops import coordinates, energy_jumps
+from flexinv.analysis.solution import LoopForces
 from flexinv.analysis.switching import Switching
-from flexinv.analysis.trajectory import Progress, flexible_motion
+from flexinv.analysis.task import Task
 from flexinv.constraints.closures import constraint_rows
 from flexinv.constraints.continuation import closed_start
 from flexinv.constraints.phases import phases
 from flexinv.constraints.reactions import phased_closing
-from flexinv.dynamics.generalized_alpha import Scheme
-from flexinv.dynamics.solver import Trajectory
 from flexinv.errors import InputError
-from flexinv.inverse.applied_forces import applied_forces
 from flexinv.inverse.inverse_dynamics import NodalForces
-from flexinv.kinematics.joint_motion import JointHistory
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
-from flexinv.kinematics.unactuated import fill_passive
-from flexinv.typing import Array
+from flexinv.model.owned_cache import kept_with_owner
+from flexinv.typing import Array, Triple
 
 
-def flexible_closed_solution(
-    mesh: Mesh,
-    before: JointHistory,
-    after: JointHistory,
-    time: Array,
-    scheme: Scheme,
-    passive: set[str],
-    settings: dict[str, float | int | str | bool],
-    jumps: tuple[float, ...] = (),
-    progress: Progress | None = None,
-    stated_rates: Collection[str] = (),
-) -> Solution:
-    """Return the torques [N m], [N] of a mechanism with beams and closures over ``time`` (samples,) [s].
+def closed_task(task: Task) -> Task:
+    """Return the task of a mechanism with beams and closures that begins with its loops closed, undeformed [rad or m, s].
 
-    The loops are closed undeformed at the start; from there the march carries closures, passive joints and beams together.
+    From there the march carries closures, passive joints and beams together.
     Drives may be more than the freedoms that rigid links would have: beams yield, and so decide how drives share the work.
-    Multipliers come with accelerations at every step, and act in the inverse dynamics as nodal forces.
-    before, after : as in `trajectory.flexible_motion`; stated_rates : passive joints whose rates at the start are kept
-    Raises InputError unless the motion is that of the drives, else as `closed_solution` and the march do.
+    Raises InputError unless the motion is that of the drives, ConvergenceError where the loops do not close.
     """
-    m = mesh.mechanism
-    unknown = coordinates(mesh, passive)
+    mesh, start = task.mesh, float(task.steps[0])
+    unknown = coordinates(mesh, task.passive)
     _check_drives(mesh, unknown)
-    switching = Switching(phases(m, time))
-    guess = [part[0].tobytes() for part in after(time[:1])]
-    masks = unknown, coordinates(mesh, set(stated_rates)), switching.phases[0].active
-    q0, qd0, qdd0 = _start(mesh, float(time[0]), *(mask.tobytes() for mask in masks), *guess)
+    guess = [part[0].tobytes() for part in task.after(task.steps[:1])]
+    masks = unknown, coordinates(mesh, set(task.stated_rates)), phases(mesh.mechanism, task.steps)[0].active
+    closed = _start(mesh, start, *(mask.tobytes() for mask in masks), *guess)
 
-    def started(at: Array) -> tuple[Array, Array, Array]:
-        q, qd, qdd = after(at)
-        if len(at) == 1 and at[0] == time[0]:
-            return q0, qd0, qdd0
+    def started(at: Array) -> Triple:
+        if len(at) == 1 and at[0] == start:
+            return closed
+        q, qd, qdd = task.after(at)
+        if at[0] == start:
+            q = q.copy()
+            q[0] = closed[0][0]
         return q, qd, qdd
 
-    initial = str(settings["initial"])
-    trajectory = flexible_motion(mesh, before, started, time, scheme, passive, jumps, initial, progress, switching)
-    q, qd, qdd = (part.copy() for part in after(time))
-    q[0] = q0[0]
-    return evaluated(mesh, trajectory, time, (q, qd, qdd), passive, settings, switching)
+    return replace(task, after=started)
 
 
-@lru_cache(maxsize=64)
+@kept_with_owner()
 def _start(
     mesh: Mesh, time: float, unknown: bytes, stated: bytes, active: bytes, q: bytes, qd: bytes, qdd: bytes
 ) -> tuple[Array, Array, Array]:
@@ -85,37 +64,23 @@ def _start(
     return found[0][None], found[1][None], found[2][None]
 
 
-def evaluated(
-    mesh: Mesh,
-    trajectory: Trajectory,
-    time: Array,
-    joint_motion: tuple[Array, Array, Array],
-    passive: set[str],
-    settings: dict[str, float | int | str | bool],
-    switching: Switching,
-) -> Solution:
-    """Return the Solution of a trajectory over ``time`` (samples,) [s] with the closures' multipliers [N], [N m].
+def with_closures(mesh: Mesh, first: FirstStep, switching: Switching) -> FirstStep:
+    """Return a first step with the forces of its closures, from their multipliers [N], [N m], among the applied ones.
 
-    joint_motion : q, qd, qdd, into which the coordinates of the passive joints are written
+    Multipliers come with accelerations at every step, and act in the inverse dynamics as nodal forces.
     """
-    m = mesh.mechanism
-    q, qd, qdd = joint_motion
-    fill_passive(mesh, trajectory.motion, passive, q, qd, qdd)
+    m, time, trajectory = mesh.mechanism, first.time, first.trajectory
     motion, stretches = trajectory.motion, switching.stretches
     pushed, reaction = phased_closing(mesh, motion, stretches, trajectory.multipliers)
-    closing = pushed + applied_forces(mesh, motion, time)
     efforts = trajectory.multipliers @ stretches[0].rows.gear
-    brought = _closing_work(motion, pushed, (efforts * qd).sum(axis=1), time)
+    brought = _closing_work(motion, pushed, (efforts * first.joints[1]).sum(axis=1), time)
     brought += _damped_after(trajectory.energy[:, 2], [stretch.phase.first for stretch in stretches[1:]], time)
     if (jumps := energy_jumps(time, switching.impacts)) is not None:
         brought += jumps
     none, unknown_condition = np.zeros((len(time), m.nv, 0)), np.full(len(time), np.nan)
-    solution = evaluate(mesh, trajectory, time, q, qd, qdd, passive, settings, closing, brought)
-    if stretches[0].rows.gear.any():
-        solution = geared(solution, efforts)
-    left = solution.torque_all * ~m.actuated
-    loops = LoopForces(reaction, none, unknown_condition, left, tuple(switching.impacts))
-    return replace(solution, loops=loops)
+    unseen = np.empty((0, m.nv))  # what is left at joints without a drive, until the second step
+    loops = LoopForces(reaction, none, unknown_condition, unseen, tuple(switching.impacts))
+    return replace(first, applied=pushed + first.applied, brought=brought, loops=loops, geared=efforts)
 
 
 def _closing_work(motion: NodalMotion, pushed: NodalForces, power: Array, time: Array) -> Array:

@@ -7,66 +7,50 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.analysis.evaluation import evaluate, rigid_trajectory
-from flexinv.analysis.solution import LoopForces, Solution
+from flexinv.analysis.evaluation import FirstStep, rigid_trajectory
+from flexinv.analysis.solution import LoopForces
+from flexinv.analysis.task import Task
 from flexinv.constraints.allocation import Shares, share_out
 from flexinv.constraints.closures import captured, constraint_jacobian, constraint_rows, row_scales
-from flexinv.constraints.consistency import GivenLoops
+from flexinv.constraints.consistency import GivenLoops, check_carried
 from flexinv.constraints.continuation import closed_motion
 from flexinv.constraints.impacts import Impact, check_meeting, jump_efforts, kinetic_energy, names_of
 from flexinv.constraints.phases import Stretch, phases
 from flexinv.constraints.reactions import closing, phased_closing
-from flexinv.errors import InputError
 from flexinv.inverse.applied_forces import applied_forces, joint_springs
 from flexinv.inverse.inverse_dynamics import drive_efforts, joint_wrenches, nodal_forces, project
 from flexinv.kinematics.joint_motion import JointHistory
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.kinematics.rigid_motion import rigid_motion
-from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
-# What neither drives nor closures carry, over the largest force in the mechanism: beyond this (rounding of 1e-16, enlarged
-# by the condition of the closures) it is an effort that no drive can give.
-LEFT_OVER = 1e-9
 
+def rigid_loops(task: Task) -> FirstStep:
+    """Return the first step of a rigid mechanism with closures [m, rad, s], their forces [N], [N m] among the applied ones.
 
-def closed_solution(
-    mesh: Mesh, history: JointHistory, time: Array, passive: set[str], settings: dict[str, float | int | str | bool]
-) -> Solution:
-    """Return the torques [N m], [N] of a rigid mechanism with closures over ``time`` (samples,) [s].
-
-    history : time -> q, qd, qdd of all joints, those in ``passive`` at their initial guess
+    Passive joints begin at their initial guess.
     Closures that act for a while divide the time into phases, solved one after the other by the same equations.
     Raises InputError for closures that meet with unequal velocities and for drives that cannot hold the mechanism,
     ConvergenceError at singular configurations and lost branches.
     """
-    m = mesh.mechanism
-    motion_of, stretches, impacts, g = _phased_motion(mesh, history, time, coordinates(mesh, passive))
-    q, qd, qdd = motion_of
+    mesh, time, m = task.mesh, task.time, task.mesh.mechanism
+    joints, stretches, impacts, g = _phased_motion(mesh, task.after, time, coordinates(mesh, task.passive))
+    q, qd, qdd = joints
     motion = rigid_motion(mesh, q, qd, qdd)
     acting = applied_forces(mesh, motion, time)
     wrenches = joint_wrenches(mesh, motion, nodal_forces(mesh, motion, acting))
     tree = project(mesh, motion, wrenches) + drive_efforts(m, qd, qdd) + joint_springs(m, q)
     shares = _phased_shares(mesh, motion, tree, stretches, g)
     largest = max(np.abs(wrenches.force).max(initial=0.0) * mesh.length, np.abs(tree).max(initial=0.0))
-    _check_left(m, shares.left, largest, time)
+    check_carried(m, shares.left, largest, lambda sample: f"t = {time[sample]:g} s")
     pushed, reaction = phased_closing(mesh, motion, stretches, shares.multipliers)
     applied = pushed + acting
-    trajectory = rigid_trajectory(mesh, motion, applied)
-    solution = evaluate(mesh, trajectory, time, q, qd, qdd, set(), settings, applied, energy_jumps(time, impacts))
-    solution = geared(solution, shares.multipliers @ stretches[0].rows.gear)
-    return replace(solution, loops=LoopForces(reaction, shares.preload, shares.condition, shares.left, tuple(impacts)))
-
-
-def _check_left(mechanism: Mechanism, left: Array, largest: float, time: Array) -> None:
-    if np.abs(left).max(initial=0.0) > LEFT_OVER * largest:
-        sample, column = np.unravel_index(int(np.argmax(np.abs(left))), left.shape)
-        raise InputError(
-            f"mechanism '{mechanism.name}', t = {time[sample]:g} s: the actuated joints cannot give this motion "
-            f"({np.abs(left).max():.3g} N m or N is left at '{mechanism.velocity_names[column]}'): "
-            "write actuated = true for as many independent joints as the mechanism has freedoms"
-        )
+    return FirstStep(
+        rigid_trajectory(mesh, motion, applied), time, joints, applied, energy_jumps(time, impacts),
+        loops=LoopForces(reaction, shares.preload, shares.condition, shares.left, tuple(impacts)),
+        geared=shares.multipliers @ stretches[0].rows.gear,
+    )  # fmt: skip
 
 
 def coordinates(mesh: Mesh, names: set[str]) -> NDArray[np.bool_]:
@@ -172,10 +156,3 @@ def _phased_shares(
         preload=np.concatenate(preload),
         condition=np.concatenate([part.condition for part in parts]),
     )
-
-
-def geared(solution: Solution, efforts: Array) -> Solution:
-    """Return the solution less the efforts (samples, nv) [N m], [N] that couplings give joints in place of their drives."""
-    if not efforts.any():
-        return solution
-    return replace(solution, torque_all=solution.torque_all - efforts, reaction=solution.reaction - efforts)

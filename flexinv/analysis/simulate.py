@@ -8,21 +8,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexinv.analysis.evaluation import evaluate
-from flexinv.analysis.flexible_loops import evaluated
+from flexinv.analysis.settings import checked
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.solve import MOST_SAMPLES
-from flexinv.analysis.switching import Switching
-from flexinv.analysis.trajectory import SAME_TIME, Progress, flexible_motion
+from flexinv.analysis.task import MOST_SAMPLES, Progress, Task, still
+from flexinv.analysis.trajectory import SAME_TIME, first_step
 from flexinv.constraints.closures import constraint_rows
 from flexinv.constraints.loop_starts import FAR, SAGGED, Stated, begin, check_settled, stated_of
-from flexinv.constraints.phases import acting, phases
-from flexinv.dynamics.generalized_alpha import generalized_alpha
+from flexinv.constraints.phases import acting
+from flexinv.dynamics.generalized_alpha import EXACT
 from flexinv.dynamics.solver import Efforts
 from flexinv.errors import InputError
-from flexinv.inverse.applied_forces import applied_forces
-from flexinv.kinematics.joint_motion import JointHistory
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.unactuated import fill_passive
 from flexinv.model.initial_values import start_coordinates
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
@@ -63,11 +59,10 @@ def simulate(
         )
     function("progress", progress, "a function of the number of samples done since its last call")
     step = number("step", step, "a positive number of seconds, for example step=1e-3")
-    radius = number("spectral_radius", spectral_radius, "0 (strong) to 1 (no numerical damping), for example 0.8")
     table = _table(mechanism, time, torque)
     moves = {j.name for j in mechanism.joints if j.nv}
     count = round((table[0][-1] - table[0][0]) / step) if step > 0 else 0
-    scheme = generalized_alpha(step, radius)
+    settings = checked(step, spectral_radius, EXACT, initial)
     if count < 1:
         raise InputError(
             f"step = {step:g} s is longer than the torque's {table[0][-1] - table[0][0]:g} s: write a smaller step"
@@ -75,40 +70,19 @@ def simulate(
     if count > MOST_SAMPLES:
         raise InputError(f"step = {step:g} s gives {count} samples, more than {MOST_SAMPLES}: write a larger step")
     grid = table[0][0] + step * np.arange(count + 1)
-    settings: dict[str, float | int | str | bool] = {
-        "step": step, "spectral_radius": radius, "initial": initial, "incremental": False,
-    }  # fmt: skip
     mesh = build(mechanism)
     settles = bool(mechanism.closures) and initial == "static" and not mechanism.is_rigid
     stated = _stated(mechanism, start_coordinates(mechanism, moves, start, start_rate), settles)
     began = stated.q, stated.qd, stated.qdd
     if mechanism.closures:
         began = begin(mesh, stated, constraint_rows(mesh).of(acting(mechanism, float(grid[0]))), float(grid[0]))
-    history = _standing(began)
-    efforts = _efforts(mechanism, table, step)
-    switching = Switching(phases(mechanism, grid)) if mechanism.closures else None
-    trajectory = flexible_motion(
-        mesh,
-        history,
-        history,
-        grid,
-        scheme,
-        moves,
-        tuple(_jumps(table[0])),
-        initial,
-        progress,
-        switching,
-        efforts=efforts,
-    )
-    q, qd, qdd = history(grid)
-    if switching is not None:
-        solution = evaluated(mesh, trajectory, grid, (q, qd, qdd), moves, settings, switching)
-        if settles:
-            check_settled(mesh, stated, *began[:2], solution.q[0], solution.qd[0], float(grid[0]))
-        return solution
-    fill_passive(mesh, trajectory.motion, moves, q, qd, qdd)
-    applied = applied_forces(mesh, trajectory.motion, grid)
-    return evaluate(mesh, trajectory, grid, q, qd, qdd, moves, settings, applied)
+    history, efforts, jumps = still(*began), _efforts(mechanism, table, step), tuple(_jumps(table[0]))
+    task = Task(mesh, grid, history, history, moves, settings, jumps, efforts=efforts, progress=progress)
+    (first,) = first_step(task)
+    solution = evaluate(mesh, first, settings)
+    if settles:
+        check_settled(mesh, stated, *began[:2], solution.q[0], solution.qd[0], float(grid[0]))
+    return solution
 
 
 def _table(mechanism: Mechanism, time: ArrayLike, torque: ArrayLike) -> tuple[Array, Array]:
@@ -174,12 +148,3 @@ def _stated(mechanism: Mechanism, given: tuple[dict[str, Array], dict[str, Array
     passive = stated_of(m, {j.name for j in m.joints if not j.actuated})
     bars = {"place": FAR, "rate": SAGGED} if settles else {}
     return Stated(q, qd, np.zeros(m.nv), stated_of(m, places), stated_of(m, rates), passive, **bars)
-
-
-def _standing(state: tuple[Array, Array, Array]) -> JointHistory:
-    """A state of the joints (q, qd, qdd) at all times."""
-
-    def still(time: Array) -> tuple[Array, Array, Array]:
-        return np.tile(state[0], (len(time), 1)), np.tile(state[1], (len(time), 1)), np.tile(state[2], (len(time), 1))
-
-    return still

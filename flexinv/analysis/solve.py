@@ -2,35 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import maximum_filter1d
 
-from flexinv.analysis.evaluation import evaluate, rigid_trajectory
-from flexinv.analysis.flexible_loops import flexible_closed_solution
-from flexinv.analysis.rigid_loops import closed_solution
+from flexinv.analysis.evaluation import second_step, solution_of
+from flexinv.analysis.settings import Settings, checked
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.trajectory import Progress, flexible_motion
-from flexinv.constraints.loop_starts import ROUNDED, SAGGED, check_branch, check_rates, picked_start, stated_of
-from flexinv.dynamics.generalized_alpha import EXACT, generalized_alpha
+from flexinv.analysis.task import Progress, Task, check_task, joint_histories, looked_up, prescribe, time_grid
+from flexinv.analysis.trajectory import first_step
+from flexinv.constraints.loop_starts import ROUNDED, SAGGED, check_branch, check_rates, stated_of
+from flexinv.dynamics.generalized_alpha import EXACT
 from flexinv.errors import InputError
-from flexinv.inverse.applied_forces import applied_forces
 from flexinv.kinematics.finite_differences import check_samples
-from flexinv.kinematics.joint_motion import JointHistory
-from flexinv.kinematics.mesh import Mesh, build
-from flexinv.kinematics.rigid_motion import rigid_motion
-from flexinv.kinematics.unactuated import fill_passive
 from flexinv.model.initial_values import start_coordinates
 from flexinv.model.mechanism import Mechanism
-from flexinv.model.motion import Motion, motion_table
+from flexinv.model.motion import Motion
 from flexinv.typing import Array
-from flexinv.validation import choice, flag, function, number, of_kind, whole
+from flexinv.validation import flag
 
-# A sampling grid longer than this is a mistake in `step` far more often than a wish.
-MOST_SAMPLES = 5_000_000
+Stated = Mapping[str, ArrayLike] | None
+# Differences near each sample: of torque [N m], [N], and of every link's tip [m].
+Bars = tuple[Array, dict[str, Array]]
 
 
 def solve(
@@ -66,83 +63,39 @@ def solve(
 
     Raises InputError for input that cannot be, ConvergenceError (time, increment, advice) if Newton fails.
     """
-    every = check_asked(mechanism, motion, initial, every, progress)
+    every = check_task(mechanism, motion, initial, every, progress)
     error, incremental = flag("error", error), flag("incremental", incremental)
     steps = time_grid(motion, step, end, every)
     _check_every(mechanism, every, incremental)
-    time = steps if every == 1 else steps[::every]
     if incremental:
-        check_samples(len(time), step)
-    settings = settings_of(step, spectral_radius, tolerance, initial, incremental)
-    given = set(motion.joints(mechanism))
-    passive = {joint.name for joint in mechanism.joints if joint.nv and joint.name not in given}
-    history, right = joint_histories(mechanism, motion, passive, start, start_rate, float(step), time)
-    mesh, told, names = build(mechanism), right(time[:1]), set(start or ())
-    if mechanism.closures and start and passive:
-        start = _on_branch(mesh, right, float(time[0]), passive, start)
-        history, right = joint_histories(mechanism, motion, passive, start, start_rate, float(step), time)
-    scheme = generalized_alpha(float(step), spectral_radius, float(tolerance))
-    if every == 1 and not motion.jumps and not (mechanism.closures and mechanism.is_rigid):
-        history = right = _looked_up(time, right)
-    if mechanism.closures and mechanism.is_rigid:
-        solution = closed_solution(mesh, right, time, passive, settings)
-    elif mechanism.closures:
-        solution = flexible_closed_solution(
-            mesh, history, right, time, scheme, passive, settings, motion.jumps, progress, start_rate or ()
-        )
-    else:
-        q, qd, qdd = (part.copy() for part in right(time))
-        if mechanism.is_rigid and not passive:
-            nodes = rigid_motion(mesh, q, qd, qdd)
-            applied = applied_forces(mesh, nodes, time)
-            trajectory = rigid_trajectory(mesh, nodes, applied)
-        else:
-            trajectory = flexible_motion(
-                mesh, history, right, steps, scheme, passive, motion.jumps, initial, progress, every=every
-            )
-            applied = applied_forces(mesh, trajectory.motion, time)
-            fill_passive(mesh, trajectory.motion, passive, q, qd, qdd)
-        solution = evaluate(mesh, trajectory, time, q, qd, qdd, passive, settings, applied)
+        check_samples(len(steps[::every]), step)
+    settings = replace(checked(step, spectral_radius, tolerance, initial), incremental=incremental, every=every)
+    task = replace(prescribe(mechanism, motion, steps, settings, start, start_rate), progress=progress)
+    (first,) = first_step(looked_up(task))  # the flexible trajectory: M, C and K act
+    if incremental:
+        first = first.differenced(settings.step)
+    second = second_step(task.mesh, first)  # P = M (a - g), tau = L T P
+    solution = solution_of(task.mesh, first, second, settings)
     if mechanism.closures and (start or start_rate):
-        _check_start(mesh, names, set(start_rate or ()), told, solution)
+        _check_start(task, motion, start, start_rate, solution)
     if not error:
         return solution
     options = {
-        "end": end, "spectral_radius": spectral_radius, "initial": initial, "start": start, "start_rate": start_rate,
-        "tolerance": tolerance,
+        "end": end, "spectral_radius": spectral_radius, "initial": initial, "incremental": incremental, "start": start,
+        "start_rate": start_rate, "progress": progress, "tolerance": tolerance,
     }  # fmt: skip
-    return _with_error(solution, mechanism, motion, step, incremental, every, progress, options)
+    return _with_error(solution, motion, settings, options)
 
 
-def _on_branch(
-    mesh: Mesh, history: JointHistory, time: float, passive: set[str], start: Mapping[str, ArrayLike]
-) -> Mapping[str, ArrayLike]:
-    """The start from which the loops close where it says, or nearest to that."""
-    m = mesh.mechanism
-    q = picked_start(mesh, history, time, stated_of(m, passive), stated_of(m, start))
-    return start if q is None else {name: q[m.q_slices[name]] for name in passive}
-
-
-def _check_start(
-    mesh: Mesh, places: set[str], rates: set[str], told: tuple[Array, Array, Array], solution: Solution
-) -> None:
+def _check_start(task: Task, motion: Motion, start: Stated, start_rate: Stated, solution: Solution) -> None:
     """Raise an error where closures contradict what was told of the first instant."""
-    check_branch(mesh, places, told[0][0], solution.q[0])
-    settled = solution.settings["initial"] == "static" and not mesh.mechanism.is_rigid
-    stated = stated_of(mesh.mechanism, rates)
-    check_rates(mesh, stated, told[1][0], solution.qd[0], float(solution.time[0]), SAGGED if settled else ROUNDED)
-
-
-INITIAL = {"consistent": "starts undeformed", "static": "in equilibrium"}
-
-
-def check_asked(mechanism: Mechanism, motion: Motion, initial: str, every: int, progress: Progress | None) -> int:
-    """Return ``every`` [-]; raises InputError for a mechanism, a motion, a start or a progress that is none."""
-    of_kind("mechanism", mechanism, Mechanism)
-    of_kind("motion", motion, Motion, ("evaluate", "joints", "jumps", "duration"))
-    choice("initial", initial, INITIAL)
-    function("progress", progress, "a function of the number of steps done since its last call")
-    return whole("every", every, 1, "1 to keep all steps, or more to keep one of so many")
+    mesh, m = task.mesh, task.mesh.mechanism
+    stated = start_coordinates(m, task.passive, start, start_rate)
+    told = joint_histories(motion, m, stated, task.settings, np.empty(0))[1](task.steps[:1])
+    check_branch(mesh, set(start or ()), told[0][0], solution.q[0])
+    settled = task.settings.initial == "static" and not m.is_rigid
+    rates = stated_of(m, set(start_rate or ()))
+    check_rates(mesh, rates, told[1][0], solution.qd[0], float(solution.time[0]), SAGGED if settled else ROUNDED)
 
 
 def _check_every(mechanism: Mechanism, every: int, incremental: bool) -> None:
@@ -154,108 +107,24 @@ def _check_every(mechanism: Mechanism, every: int, incremental: bool) -> None:
         )
 
 
-def settings_of(
-    step: float, spectral_radius: float, tolerance: float, initial: str = "consistent", incremental: bool = False
-) -> dict[str, float | int | str | bool]:
-    """Return the settings of the solver that a Solution records; step [s]."""
-    radius = number("spectral_radius", spectral_radius, "0 (strong) to 1 (no numerical damping), for example 0.8")
-    left = number("tolerance", tolerance, "a part of the mechanism's length, for example 1e-9")
-    return {
-        "step": float(step), "spectral_radius": radius, "initial": initial, "incremental": incremental, "tolerance": left,
-    }  # fmt: skip
-
-
-def time_grid(motion: Motion, step: float, end: float | None, every: int) -> Array:
-    """Return the times of all steps, the start included (steps + 1,) [s]; raises InputError for a step or end that cannot be."""
-    step = number("step", step, "a positive number of seconds, for example step=1e-3")
-    last = motion.duration if end is None else number("end", end, "a positive time, or None for the motion's duration")
-    if not (np.isfinite(step) and step > 0.0):
-        raise InputError(f"step = {step} s: expected a positive number of seconds, for example step=1e-3")
-    if not (np.isfinite(last) and last > 0.0):
-        raise InputError(f"end = {last} s: expected a positive time, or None for the motion's duration")
-    if step > last:
-        raise InputError(
-            f"step = {step:g} s is longer than the motion ({last:g} s): write a smaller step, say {last / 200:g}"
-        )
-    count = int(np.floor(last / step * (1 + 1e-9)))  # the last sample is the end when step divides it, up to rounding
-    if count >= MOST_SAMPLES * max(every, 1):
-        raise InputError(
-            f"step = {step:g} s gives {count} samples in {last:g} s, more than {MOST_SAMPLES * max(every, 1)}: "
-            "write a larger step, or every=10 to keep one step of ten"
-        )
-    return np.asarray(step * np.arange(count + 1))
-
-
-def joint_histories(
-    mechanism: Mechanism,
-    motion: Motion,
-    passive: set[str],
-    start: Mapping[str, ArrayLike] | None,
-    rate: Mapping[str, ArrayLike] | None,
-    step: float,
-    grid: Array,
-) -> tuple[JointHistory, JointHistory]:
-    """Return joint motion [rad or m, s] with the passive joints at their start: left-hand limits at jumps, and right-hand ones.
-
-    grid : the times of which a table may be kept, an empty one for none
-    """
-    places, rates = start_coordinates(mechanism, passive, start, rate)
-
-    def joint_motion(time: Array, side: str) -> tuple[Array, Array, Array]:
-        if time is grid and side == "right" and len(grid) > 1 and grid[1] == step:
-            q, qd, qdd = (part.copy() for part in motion_table(motion, mechanism, step, len(grid)))
-        else:
-            q, qd, qdd = motion.evaluate(mechanism, time, side)  # type: ignore[arg-type]
-        for name, value in places.items():
-            q[:, mechanism.q_slices[name]] = value
-        for name, value in rates.items():
-            qd[:, mechanism.v_slices[name]] = value
-        return q, qd, qdd
-
-    return (lambda time: joint_motion(time, "left")), (lambda time: joint_motion(time, "right"))
-
-
-def _looked_up(time: Array, history: JointHistory) -> JointHistory:
-    """The same history at samples of a grid, taken from one evaluation."""
-    table = history(time)
-    for part in table:
-        part.flags.writeable = False
-
-    def samples(at: Array) -> tuple[Array, Array, Array]:
-        first = int(np.searchsorted(time, at[0]))
-        last = first + len(at)  # both are parts of one grid where their ends are
-        if last > len(time) or time[first] != at[0] or time[last - 1] != at[-1]:
-            return history(at)
-        return table[0][first:last], table[1][first:last], table[2][first:last]
-
-    return samples
-
-
 # ------------------------------------------------------------------------------------------------- error bars
 
 
-def _with_error(
-    solution: Solution, mechanism: Mechanism, motion: Motion, step: float, incremental: bool, every: int,
-    progress: Progress | None, options: Mapping[str, object],
-) -> Solution:  # fmt: skip
+def _with_error(solution: Solution, motion: Motion, settings: Settings, options: Mapping[str, Any]) -> Solution:
     """Error bars from refinement: 4/3 |s_h - s_(h/2)| (second order in time) + |s - s on the refined mesh|."""
-    twice = (
-        1 if incremental or mechanism.closures else 2
-    )  # of the half steps every second is compared, and all differenced
-    half = solve(
-        mechanism,
-        motion,
-        step / 2,
-        incremental=incremental,
-        progress=progress,
-        every=twice * every,
-        **options,  # type: ignore[arg-type]
-    )
+    mechanism, step, every = solution.mechanism, settings.step, settings.every
+    # of the half steps every second is compared, and all differenced
+    twice = 1 if settings.incremental or mechanism.closures else 2
+    half = solve(mechanism, motion, step / 2, every=twice * every, **options)
     bars = [scaled_difference(solution, half, 2 // twice, 4 / 3)]
     if not mechanism.is_rigid:
         for finer, factor in finer_meshes(mechanism):
-            other = solve(finer, motion, step, incremental=incremental, progress=progress, every=every, **options)  # type: ignore[arg-type]
-            bars.append(scaled_difference(solution, other, 1, factor))
+            bars.append(scaled_difference(solution, solve(finer, motion, step, every=every, **options), 1, factor))
+    return with_bars(solution, bars)
+
+
+def with_bars(solution: Solution, bars: Sequence[Bars]) -> Solution:
+    """Return a solution with the sums of differences of `scaled_difference` as its error bars [N m], [N], [m]."""
     torque = np.asarray(sum(bar[0] for bar in bars))
     tip = {name: np.asarray(sum(bar[1][name] for bar in bars)) for name in solution.tip}
     return replace(solution, torque_error=torque, tip_error=tip)
@@ -271,9 +140,7 @@ def finer_meshes(mechanism: Mechanism) -> list[tuple[Mechanism, float]]:
 WINDOW = 0.02
 
 
-def scaled_difference(
-    solution: Solution, finer: Solution, stride: int, factor: float
-) -> tuple[Array, dict[str, Array]]:
+def scaled_difference(solution: Solution, finer: Solution, stride: int, factor: float) -> Bars:
     """Return ``factor`` times the largest differences near each sample: of torque [N m], [N], and of every link's tip [m]."""
     width = 2 * int(np.ceil(WINDOW * len(solution.time))) + 1
     torque = np.abs(solution.torque - finer.torque[::stride][: len(solution.time)])

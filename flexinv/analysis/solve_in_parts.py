@@ -8,21 +8,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexinv.analysis.evaluation import evaluate, rigid_trajectory
+from flexinv.analysis.evaluation import evaluate
+from flexinv.analysis.settings import checked
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.solve import check_asked, joint_histories, settings_of, time_grid
-from flexinv.analysis.trajectory import Progress, flexible_parts
-from flexinv.dynamics.generalized_alpha import EXACT, generalized_alpha
-from flexinv.dynamics.solver import Trajectory
+from flexinv.analysis.task import Progress, Task, check_task, prescribe, time_grid
+from flexinv.analysis.trajectory import first_step
+from flexinv.dynamics.generalized_alpha import EXACT
 from flexinv.errors import InputError
-from flexinv.inverse.applied_forces import applied_forces
-from flexinv.kinematics.joint_motion import JointHistory
-from flexinv.kinematics.mesh import Mesh, build
-from flexinv.kinematics.rigid_motion import rigid_motion
-from flexinv.kinematics.unactuated import fill_passive
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
-from flexinv.typing import Array
 from flexinv.validation import whole
 
 
@@ -48,54 +42,22 @@ def solve_in_parts(
 
     Raises InputError as `solve` does, and for closures, which are solved as a whole; ConvergenceError.
     """
-    every = check_asked(mechanism, motion, initial, every, progress)
+    every = check_task(mechanism, motion, initial, every, progress)
     part = whole("part", part, 1, "the number of samples of a part, 1 or more")
     if mechanism.closures:
         raise InputError(
             f"solve_in_parts: mechanism '{mechanism.name}' has closures, whose motion is found as a whole; write flexinv.solve"
         )
-    time, mesh = time_grid(motion, step, end, every), build(mechanism)
-    passive = {joint.name for joint in mechanism.joints if joint.nv} - set(motion.joints(mechanism))
-    before, after = joint_histories(mechanism, motion, passive, start, start_rate, step, np.empty(0))
-    settings = settings_of(step, spectral_radius, tolerance, initial)
-    scheme = generalized_alpha(float(step), spectral_radius, float(tolerance))
-    rigid = mechanism.is_rigid and not passive
-    trajectories = flexible_parts(
-        mesh, before, after, time, scheme, passive, motion.jumps, initial, progress, every=every, part=part
-    )
-    return _parts(mesh, after, time[::every], part, passive, settings, None if rigid else trajectories)
+    steps = time_grid(motion, step, end, every)
+    settings = replace(checked(step, spectral_radius, tolerance, initial), every=every)
+    task = prescribe(mechanism, motion, steps, settings, start, start_rate)
+    return _parts(replace(task, progress=progress, part=part))
 
 
-def _parts(
-    mesh: Mesh, after: JointHistory, kept: Array, part: int, passive: set[str], settings: dict[str, float | int | str | bool],
-    trajectories: Iterator[Trajectory] | None,
-) -> Iterator[Solution]:  # fmt: skip
-    """Yield the solutions of the ``kept`` samples; without trajectories that of a rigid mechanism whose joints are all moved."""
-    mechanism = mesh.mechanism
-    last: Array | None = None
+def _parts(task: Task) -> Iterator[Solution]:
     wound: dict[str, float] = {}
-    for first in range(0, max(len(kept) - 1, 1), part):
-        own = kept[first : first + part + 1]
-        q, qd, qdd = (a.copy() for a in after(own))
-        if last is not None:
-            _go_on(mechanism, passive, q, last)
-        if trajectories is None:
-            nodes = rigid_motion(mesh, q, qd, qdd)
-            applied = applied_forces(mesh, nodes, own)
-            trajectory: Trajectory = rigid_trajectory(mesh, nodes, applied)
-        else:
-            trajectory = next(trajectories)
-            applied = applied_forces(mesh, trajectory.motion, own)
-            fill_passive(mesh, trajectory.motion, passive, q, qd, qdd)
-        yield _wind_on(evaluate(mesh, trajectory, own, q, qd, qdd, passive, settings, applied, part=True), wound)
-        last = q[-1]
-
-
-def _go_on(mechanism: Mechanism, passive: set[str], q: Array, last: Array) -> None:
-    """Let passive joints begin where they ended: turns are counted from there."""
-    for joint in mechanism.joints:
-        if joint.name in passive:
-            q[:, mechanism.q_slices[joint.name]] = last[mechanism.q_slices[joint.name]]
+    for first in first_step(task):
+        yield _wind_on(evaluate(task.mesh, first, task.settings), wound)
 
 
 def _wind_on(solution: Solution, wound: dict[str, float]) -> Solution:

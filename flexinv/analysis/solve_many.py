@@ -19,10 +19,10 @@ from typing import Any
 from flexinv.analysis.batch_groups import alike, prepare_all, solve_alike
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
-from flexinv.analysis.trajectory import Progress
+from flexinv.analysis.task import Progress
 from flexinv.errors import InputError
-from flexinv.kernels.affinity import go_to, processor_now, processors
 from flexinv.kernels.memory import shared_pieces
+from flexinv.kernels.threads.affinity import go_to, limit, processor_now, processors
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
 from flexinv.rigid.prepare import THREADS
@@ -70,7 +70,7 @@ def solve_many(
     scenarios = _scenarios(mechanisms, motions, each)
     _check_options(options, "")
     function("progress", progress, "a function that is called with 1 after every scenario")
-    count = processors() if threads is None else whole("threads", threads, 1, THREADS)
+    count = processors() if threads is None else min(whole("threads", threads, 1, THREADS), limit())
     lock, results = Lock(), list[Solution | Exception | None](repeat(None, len(scenarios)))
     prepared = prepare_all(scenarios, {"step": step, **options})
     runs = [run for run in alike(prepared) if len(run) > 1]

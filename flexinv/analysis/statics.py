@@ -9,11 +9,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexinv.analysis.evaluation import evaluate, rigid_trajectory
-from flexinv.analysis.flexible_loops import evaluated
-from flexinv.analysis.rigid_loops import closed_solution, coordinates
+from flexinv.analysis.evaluation import FirstStep, evaluate
+from flexinv.analysis.flexible_loops import with_closures
+from flexinv.analysis.rigid_loops import coordinates
+from flexinv.analysis.settings import Settings
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.switching import Switching
+from flexinv.analysis.task import Task, still
+from flexinv.analysis.trajectory import first_step
 from flexinv.constraints.closures import constraint_rows
 from flexinv.constraints.continuation import closed_start
 from flexinv.constraints.loop_starts import closed_at
@@ -24,15 +27,13 @@ from flexinv.dynamics.solver import Solver, Trajectory, record_instant
 from flexinv.dynamics.stepper import CONVERGED
 from flexinv.errors import InputError, ModelWarning
 from flexinv.inverse.applied_forces import applied_forces
-from flexinv.kinematics.joint_motion import JointHistory
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.rigid_motion import rigid_motion
 from flexinv.kinematics.tree import Joints
+from flexinv.kinematics.unactuated import fill_passive
 from flexinv.model.mechanism import Attachment, Force, Mechanism, Placement
-from flexinv.typing import Array
 from flexinv.validation import all_of_kind, flag, floats, number, of_kind, shown
 
-SETTINGS: dict[str, float | int | str | bool] = {"statics": True, "incremental": False}
+SETTINGS = Settings(statics=True)
 
 
 def _vector() -> NDArray[np.float64]:
@@ -83,20 +84,16 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     passive = {j.name for j in mechanism.joints if j.nv and not j.actuated} if mechanism.closures else set()
     if mechanism.closures and q is not None:
         at = closed_at(mesh, at)
-    still = _still(at, mechanism.nv)
-    if mechanism.closures and mechanism.is_rigid:
-        return closed_solution(mesh, still, now, passive, dict(SETTINGS))
+    held = still(at, rest[0], rest[0])
     if mechanism.is_rigid:
-        nodes = rigid_motion(mesh, at[None], rest, rest)
-        applied = applied_forces(mesh, nodes, now)
-        trajectory = rigid_trajectory(mesh, nodes, applied)
-        return evaluate(mesh, trajectory, now, at[None], rest, rest, set(), dict(SETTINGS), applied)
+        (first,) = first_step(Task(mesh, now, held, held, passive, SETTINGS))
+        return evaluate(mesh, first, SETTINGS)
     switching = Switching(phases(loaded, now))
     solver = Solver.of(mesh, passive)
     switching.begin(mesh, solver.border.ties)
     if mechanism.closures:
         rows = constraint_rows(mesh).of(switching.phases[0].active)
-        at = closed_start(mesh, still, 0.0, coordinates(mesh, passive), rows)[0]
+        at = closed_start(mesh, held, 0.0, coordinates(mesh, passive), rows)[0]
     solver.load_at(0.0, at, rest[0], rest[0])
     start_undeformed(solver, at, rest[0], rest[0])
     joints = equilibrium(solver, at, "statics")
@@ -106,12 +103,12 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     out = Trajectory.empty(1, mesh, solver.instant.multipliers.shape[1])
     record_instant(solver, 0, out)
     out.iterations[0] = count
+    joint_motion = at[None].copy(), rest, rest.copy()
+    fill_passive(mesh, out.motion, passive, *joint_motion)
+    first = FirstStep(out, now, joint_motion, applied_forces(mesh, out.motion, now), smooth=passive)
     if mechanism.closures:
-        found = evaluated(mesh, out, now, (at[None].copy(), rest, rest.copy()), passive, dict(SETTINGS), switching)
-    else:
-        pushed = applied_forces(mesh, out.motion, now)
-        found = evaluate(mesh, out, now, at[None], rest, rest, set(), dict(SETTINGS), pushed)
-    return _judged(found, solver, joints)
+        first = with_closures(mesh, first, switching)
+    return _judged(evaluate(mesh, first, SETTINGS), solver, joints)
 
 
 def _judged(found: Solution, solver: Solver, joints: Joints) -> Solution:
@@ -129,16 +126,6 @@ def _judged(found: Solution, solver: Solver, joints: Joints) -> Solution:
     )
     warnings.warn(note, ModelWarning, stacklevel=3)
     return replace(found, stable=False, notes=(*found.notes, note))
-
-
-def _still(q: Array, nv: int) -> JointHistory:
-    """Joint motion that stays at q (nq,)."""
-
-    def history(time: Array) -> tuple[Array, Array, Array]:
-        rest = np.zeros((len(time), nv))
-        return np.tile(q, (len(time), 1)), rest, rest.copy()
-
-    return history
 
 
 def _force(mechanism: Mechanism, load: Load) -> Force:

@@ -20,6 +20,9 @@ from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.kinematics.tree import Joints
 from flexinv.typing import Array
 
+# Nodal motion and rates (nv,) of the joints on one side of an instant.
+Side = tuple[NodalMotion, Array]
+
 
 @dataclass
 class Switching:
@@ -73,14 +76,15 @@ class Switching:
         record_instant(solver, sample, out)
         if any(m.closures[int(k)].impact == "plastic" for k in np.flatnonzero(begins)):
             two = out.rows(sample, sample + 1).motion
-            self.impacts.append(_impact(mesh, rows, begins, one, two, before, _rates(solver, qd), impulses, time))
+            sides = (one, before), (two, _rates(solver, qd))
+            self.impacts.append(_impact(mesh, rows, begins, sides, impulses, time))
 
 
 def _impact(
-    mesh: Mesh, rows: Rows, begins: NDArray[np.bool_], one: NodalMotion, two: NodalMotion, before: Array, after: Array,
-    impulses: Array, time: float,
-) -> Impact:  # fmt: skip
-    """The impulses of an impact between two nodal motions of one instant, from the same L T P as torques."""
+    mesh: Mesh, rows: Rows, begins: NDArray[np.bool_], sides: tuple[Side, Side], impulses: Array, time: float
+) -> Impact:
+    """The impulses of an impact between two nodal motions, each with its rates, of one instant: the same L T P as torques."""
+    (one, before), (two, after) = sides
     pushed, shown = closing(mesh, two, rows, impulses[None])
     jump = jump_forces(mesh, one, two)
     wrenches = joint_wrenches(mesh, two, NodalForces(jump.force - pushed.force, jump.moment - pushed.moment))

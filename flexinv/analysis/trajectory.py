@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from flexinv.analysis.evaluation import FirstStep, rigid_motion_of
+from flexinv.analysis.flexible_loops import closed_task, with_closures
+from flexinv.analysis.rigid_loops import rigid_loops
 from flexinv.analysis.switching import Switching
+from flexinv.analysis.task import Task
 from flexinv.constraints.closures import constraint_rows
+from flexinv.constraints.phases import Phase, phases
 from flexinv.dynamics.dofs import Indices
 from flexinv.dynamics.generalized_alpha import EARLY, SUBSTEPS, Scheme, early_rows, early_times, start_up
 from flexinv.dynamics.initial_state import (
@@ -23,15 +28,18 @@ from flexinv.dynamics.initial_state import (
     start_undeformed,
 )
 from flexinv.dynamics.loads import load_table
-from flexinv.dynamics.solver import Efforts, Solver, Trajectory, complaint, record_instant
-from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START
+from flexinv.dynamics.solver import Solver, Trajectory, complaint, record_instant
+from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START, march
 from flexinv.dynamics.system import Instants
 from flexinv.errors import ConvergenceError
-from flexinv.kinematics.joint_motion import JointHistory, relative_motion
+from flexinv.inverse.applied_forces import applied_forces
+from flexinv.kinematics.joint_motion import relative_motion
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.tree import Joints
+from flexinv.kinematics.unactuated import fill_passive
 from flexinv.planar.detection import NotPlanar, find_plane
 from flexinv.planar.solver import PlanarMarch
+from flexinv.planar.stepper import planar_march
 from flexinv.typing import Array
 
 # Instants of nodes handed to the compiled loop at once: short enough for a live progress bar, some hundredths of a second, long
@@ -43,78 +51,60 @@ PLANAR_CHUNK = 4096
 # Times closer than this part of a step are the same instant.
 SAME_TIME = 1e-6
 
-Progress = Callable[[int], None]
 Turned = Callable[[int], float]
+Status = tuple[int, int, int, float]
 
 
-def flexible_motion(
-    mesh: Mesh, before: JointHistory, after: JointHistory, time: Array, *given: Any, **options: Any
-) -> Trajectory:
-    """Return the flexible trajectory over a uniform grid ``time`` (samples,) [s] of prescribed joint motion, in one part.
+def first_step(task: Task) -> Iterator[FirstStep]:
+    """Yield the first step [m, rad, s, N] of a task, part by part: here the rigid, the closed and the flexible way part.
 
-    before, after, given, options : of `flexible_parts`
+    Raises InputError for closures that contradict the task, ConvergenceError with the time, the increment and what to try.
     """
-    (trajectory,) = flexible_parts(mesh, before, after, time, *given, **options)
-    return trajectory
+    m, marched = task.mesh.mechanism, bool(task.passive) or task.efforts is not None
+    if m.is_rigid and m.closures and task.efforts is None:
+        return iter((rigid_loops(task),))
+    if m.is_rigid and not m.closures and not marched:
+        return rigid_motions(task)
+    return flexible_motion(closed_task(task) if m.closures and task.efforts is None else task)
 
 
-def flexible_parts(
-    mesh: Mesh,
-    before: JointHistory,
-    after: JointHistory,
-    time: Array,
-    scheme: Scheme,
-    passive: set[str] | None = None,
-    jumps: tuple[float, ...] = (),
-    initial: str = "consistent",
-    progress: Progress | None = None,
-    switching: Switching | None = None,
-    every: int = 1,
-    efforts: Efforts | None = None,
-    part: int | None = None,
-) -> Iterator[Trajectory]:
-    """Yield the flexible trajectory over a uniform grid ``time`` (samples,) [s] of prescribed joint motion, part by part.
+def rigid_motions(task: Task) -> Iterator[FirstStep]:
+    """Yield the motion of a rigid mechanism whose joints are all moved [m, rad, s, N], part by part."""
+    part = task.part or len(task.time)
+    for first in range(0, max(len(task.time) - 1, 1), part):
+        own = task.time if task.part is None else task.time[first : first + part + 1]
+        q, qd, qdd = task.after(own)
+        yield replace(rigid_motion_of(task.mesh, own, (q.copy(), qd.copy(), qdd.copy())), ends=task.part is None)
 
-    before, after : time -> q (samples, nq), qd, qdd (samples, nv) [rad or m, s], the left-hand and the right-hand limit
-        where accelerations jump; passive joints start from the first sample
-    initial : "consistent" (undeformed, accelerations solved for) or "static" (equilibrium under gravity first)
-    jumps : times [s] at which accelerations jump; there the accelerations are solved anew (right-hand limit)
-    switching : the phases, where closures act for a while; it gathers what happens between them
-    every : of so many steps one is kept, from the first on [-]: what memory a long march takes (1 with ``switching``)
-    efforts : of the drives of passive joints, which their torque moves (`dynamics.solver.Efforts`) [N m], [N]; none by default
-    part : kept samples [-] by which parts advance: each begins with the last one of that before; one part of all by default
+
+def flexible_motion(task: Task) -> Iterator[FirstStep]:
+    """Yield the flexible trajectory of a task [m, rad, s, N], part by part, by time integration: M, C and K act.
+
+    Each part begins with the last sample of that before.  The compiled loop over time steps is called for many of them at once,
+    up to instants at which accelerations jump, closures begin or cease to act, or a part ends.
 
     Raises ConvergenceError with the time, the size of the increment and what to try.
     """
-    flat = None if efforts is not None else in_plane(mesh, passive or set())
-    alone = flat is not None and initial == "consistent" and (switching is None or switching.never)
-    solver = None if alone else Solver.of(mesh, passive or set(), efforts)
-    kept = len(time[::every])
-    ends = set() if part is None else {every * row for row in range(part, kept - 1, part)}
-    out = Trajectory.unwritten(min(kept, kept if part is None else part + 1), mesh, len(constraint_rows(mesh)))
-    march = _March(mesh, solver, flat, scheme, time, out, every)
-    if switching is not None:
-        switching.begin(mesh, None if solver is None else solver.border.ties)
-    if not alone:
-        march.begin(after, initial)
-    switches = {} if switching is None else switching.samples
-    stops = _jump_samples(time, jumps)
-    start, chunk = 0 if alone else 1, max(1, AT_ONCE // mesh.size) if flat is None else PLANAR_CHUNK
-    for stop in sorted({*stops, *switches, *ends, len(time) - 1}):
+    march, stops = _March.of(task), _jump_samples(task.steps, task.jumps)
+    kept, last, every = len(task.time), len(task.steps) - 1, task.settings.every
+    ends = set() if task.part is None else {every * row for row in range(task.part, kept - 1, task.part)}
+    start, chunk = march.begin(), march.chunk
+    for stop in sorted({*stops, *march.switches, *ends, last}):
         while start <= stop:
-            first, start = start, march.onwards(before, after, start, min(start + chunk, stop + 1))
-            if progress is not None:
-                progress(start - max(first, 1))
-        if switching is not None and stop in switches:
-            march.switch(after, switching, stop)
+            leg = march.leg(start, min(start + chunk, stop + 1))
+            result = leg.kernel(*leg.arguments)
+            first, start = start, march.arrive(leg, result)
+            if task.progress is not None:
+                task.progress(start - max(first, 1))
+        if stop in march.switches:
+            march.switch(stop)
         elif stop in stops:
-            march.restart(after, stop)
+            march.restart(stop)
         if stop in ends:
-            yield march.out
-            march = march.onward(stop // every, kept)
-    if alone and flat is not None:
-        flat.leave(passive or set())
-    yield march.out
+            yield march.moved(ends=False)
+            march.go_on(stop // every)
+    march.leave()
+    yield march.moved(ends=task.part is None)
 
 
 def in_plane(mesh: Mesh, passive: set[str]) -> PlanarMarch | None:
@@ -133,44 +123,111 @@ def _is_jump(t: float, jumps: tuple[float, ...], step: float) -> bool:
     return any(abs(t - jump) < SAME_TIME * step for jump in jumps)
 
 
+class _Leg(NamedTuple):
+    """One call of a compiled march: kernel and arguments, instants ``time`` [s], first sample that is not done when it ends.
+
+    begins : whether it begins at the first instant; parts : of a step, where they are the instants; row, whole : rows of the
+    histories that are kept, and a trajectory of all instants of which they are taken, None where they are written themselves
+    """
+
+    kernel: Callable[..., Status]
+    arguments: tuple[Any, ...]
+    time: Array
+    last: int
+    begins: bool = False
+    parts: int = 1
+    row: Indices | None = None
+    whole: Trajectory | None = None
+
+
 @dataclass
 class _March:
-    """A march over ``time`` [s] that fills ``out``: in the plane if there is one (``flat``), else in space.
+    """A march that fills ``out``: in the plane if there is one (``flat``), else in space.
 
     The spatial solver is there where something is found in space: all, a rest position at the start, what a switch does.
     origin : kept samples before those of ``out`` [-]; early : steps that are still to be made in parts after a sudden start [-]
+    last : coordinates (nq,) with which the part before has ended, from which turns of passive joints are counted
     """
 
-    mesh: Mesh
+    task: Task
+    scheme: Scheme
     solver: Solver | None
     flat: PlanarMarch | None
-    scheme: Scheme
-    time: Array
+    switching: Switching | None
     out: Trajectory
-    every: int
     origin: int = 0
     early: int = 0
+    last: Array | None = None
 
-    def onward(self, origin: int, kept: int) -> _March:
-        """The same march with the next part of so many ``kept`` samples in all: it begins with the last one of this."""
+    @classmethod
+    def of(cls, task: Task) -> _March:
+        """Return the march of a task, in the plane where the mechanism lies in one and begins undeformed."""
+        mesh, m, settings = task.mesh, task.mesh.mechanism, task.settings
+        switching = Switching(phases(m, task.steps)) if m.closures else None
+        flat = None if task.efforts is not None else in_plane(mesh, task.passive)
+        alone = flat is not None and settings.initial == "consistent" and (switching is None or switching.never)
+        solver = None if alone else Solver.of(mesh, task.passive, task.efforts)
+        kept = len(task.time)
+        rows = min(kept, kept if task.part is None else task.part + 1)
+        out = Trajectory.unwritten(rows, mesh, len(constraint_rows(mesh)))
+        if switching is not None:
+            switching.begin(mesh, None if solver is None else solver.border.ties)
+        return cls(task, settings.scheme, solver, flat, switching, out)
+
+    @property
+    def switches(self) -> dict[int, Phase]:
+        """Phases after the first by the sample at which they begin."""
+        return {} if self.switching is None else self.switching.samples
+
+    @property
+    def chunk(self) -> int:
+        """Return the number of instants [-] that the compiled loop gets at once."""
+        return max(1, AT_ONCE // self.task.mesh.size) if self.flat is None else PLANAR_CHUNK
+
+    def go_on(self, origin: int) -> None:
+        """Begin the next part with the last sample of this one, the kept sample ``origin`` [-]."""
         rows = len(self.out.iterations)
-        out = Trajectory.unwritten(min(rows, kept - origin), self.mesh, self.out.multipliers.shape[1])
+        left = len(self.task.time) - origin
+        out = Trajectory.unwritten(min(rows, left), self.task.mesh, self.out.multipliers.shape[1])
         out.put(np.zeros(1, dtype=np.int64), self.out.rows(rows - 1, rows), np.ones(1, dtype=bool))
-        return replace(self, out=out, origin=origin)
+        self.out, self.origin = out, origin
+
+    def leave(self) -> None:
+        """Leave the arrays of a march that was in the plane alone to the next one."""
+        if self.solver is None and self.flat is not None:
+            self.flat.leave(self.task.passive)
+
+    def moved(self, ends: bool) -> FirstStep:
+        """Return the part that was marched last [m, rad, s, N], with the coordinates of passive joints and what acts on nodes."""
+        task, mesh, trajectory = self.task, self.task.mesh, self.out
+        time = task.time if task.part is None else task.time[self.origin : self.origin + len(trajectory.iterations)]
+        q, qd, qdd = (part.copy() for part in task.after(time))
+        for joint in mesh.mechanism.joints:
+            if self.last is not None and joint.name in task.passive:
+                own = mesh.mechanism.q_slices[joint.name]
+                q[:, own] = self.last[own]
+        fill_passive(mesh, trajectory.motion, task.passive, q, qd, qdd)
+        self.last, applied = q[-1], applied_forces(mesh, trajectory.motion, time)
+        first = FirstStep(trajectory, time, (q, qd, qdd), applied, smooth=task.passive, ends=ends)
+        return first if self.switching is None else with_closures(mesh, first, self.switching)
 
     def row(self, sample: int) -> int:
         """Return the row in which a sample is stored, -1 if it is not stored [-]."""
-        return -1 if sample % self.every else sample // self.every - self.origin
+        return int(self.rows(sample, sample + 1)[0])
 
-    def begin(self, history: JointHistory, initial: str) -> None:
-        """Start undeformed or in equilibrium, with the accelerations that belong to it, and record that."""
-        solver, flat, time = self.solver, self.flat, self.time[:1]
-        assert solver is not None
+    def begin(self) -> int:
+        """Start undeformed or in equilibrium, with the accelerations that belong to it, and record that; return samples done.
+
+        In the plane alone that is left to the first call of the compiled loop.
+        """
+        solver, flat, time = self.solver, self.flat, self.task.steps[:1]
+        if solver is None:
+            return 0
         when = f"at the start, t = {time[0]:g} s"
-        q, qd, qdd = (part[0] for part in history(time))
+        q, qd, qdd = (part[0] for part in self.task.after(time))
         joints = start_undeformed(solver, q, qd, qdd)
         solver.load_at(float(time[0]), q, qd, qdd)
-        if initial == "static":
+        if self.task.settings.initial == "static":
             settled = solver.efforts is None or settle_held(solver, q, float(time[0]), when)
             if solver.efforts is None:
                 equilibrium(solver, q, when)
@@ -181,72 +238,71 @@ class _March:
         self.set_early(begin_step(solver, joints, self.scheme, when))
         if flat is not None:
             flat.take(solver.state, solver.border.ties)
+        return 1
 
     def set_early(self, sudden: bool) -> None:
         """Make the first steps in parts after a start that is ``sudden`` [-]."""
         self.early = EARLY if sudden else 0
 
-    def onwards(self, before: JointHistory, after: JointHistory, first: int, last: int) -> int:
-        """March from the sample ``first`` to before ``last``, or less far [-]; return the first sample that is not done.
+    def leg(self, first: int, last: int) -> _Leg:
+        """Return the call that marches from the sample ``first`` to before ``last``, or less far [-].
 
-        With 0 as the ``first`` the march in a plane begins there, undeformed, with what the joints do ``after`` it.
+        With 0 as the ``first`` the march in a plane begins there, undeformed, with what the joints do after it.
         """
         if self.early == 0:
-            return self.steps(before, after, first, last)
+            return self._leg(self.scheme, self.task.steps[first:last], self.rows(first, last), last, first == 0)
         last = min(last, first + self.early)
-        time, row = early_times(self.time[first - 1 : last]), early_rows(self.rows(first, last))
-        result = self._march(start_up(self.scheme), before, None, time, row)
-        self.check(result, time, begins=False, parts=SUBSTEPS)
-        self.early -= last - first
+        time, row = early_times(self.task.steps[first - 1 : last]), early_rows(self.rows(first, last))
+        return self._leg(start_up(self.scheme), time, row, last)._replace(parts=SUBSTEPS)
+
+    def arrive(self, leg: _Leg, result: Status) -> int:
+        """Take what a call returns; return the first sample that is not done [-].  Raises the error of `failure`."""
+        result = int(result[0]), int(result[1]), int(result[2]), float(result[3])
+        if leg.whole is not None and leg.row is not None:
+            self.out.put(leg.row[leg.row >= 0], leg.whole, leg.row >= 0)
+        self.check(result, leg.time, leg.begins, leg.parts)
+        if leg.parts == 1:
+            self.set_early(result[0] == SUDDEN_START)
+            return leg.last - len(leg.time) + result[1]
+        self.early -= len(leg.time) // leg.parts
         if self.early == 0 and self.flat is not None:
             self.flat.end_early()
         elif self.early == 0 and self.solver is not None:
             end_early(self.solver.state)
-        return last
+        return leg.last
 
-    def steps(self, before: JointHistory, after: JointHistory, first: int, last: int) -> int:
-        """Do what `onwards` does [-], not in parts."""
-        time = self.time[first:last]
-        result = self._march(self.scheme, before, after if first == 0 else None, time, self.rows(first, last))
-        self.check(result, time, begins=first == 0)
-        self.set_early(result[0] == SUDDEN_START)
-        return first + result[1]
-
-    def check(self, result: tuple[int, int, int, float], time: Array, begins: bool, parts: int = 1) -> None:
+    def check(self, result: Status, time: Array, begins: bool, parts: int = 1) -> None:
         """Raise the error [-] of `failure` if there is one."""
         one = self.solver if self.flat is None else self.flat
         turned = None if one is None else one.turned
-        if error := failure(self.mesh, result, time, self.scheme.h, begins, turned, parts):
+        if error := failure(self.task.mesh, result, time, self.scheme.h, begins, turned, parts):
             raise error
 
     def rows(self, first: int, last: int) -> Indices:
         """Return the rows that keep the samples from ``first`` to before ``last``, -1 for samples that are not kept [-]."""
-        samples = np.arange(first, last)
-        return np.where(samples % self.every == 0, samples // self.every - self.origin, -1)
+        samples, every = np.arange(first, last), self.task.settings.every
+        return np.where(samples % every == 0, samples // every - self.origin, -1)
 
-    def _march(
-        self, scheme: Scheme, before: JointHistory, after: JointHistory | None, time: Array, row: Indices
-    ) -> tuple[int, int, int, float]:
-        """March to the instants ``time``, in a plane from the first of them where ``after`` is given; write the kept rows."""
+    def _leg(self, scheme: Scheme, time: Array, row: Indices, last: int, begins: bool = False) -> _Leg:
+        """The call that marches to the instants ``time``, in a plane from the first of them where it ``begins`` there."""
         if self.flat is not None:
-            start = None if after is None else after(time[:1])
-            steps = before(time if start is None else time[1:])
-            return self.flat.march(scheme, start, steps, row, self.out.histories())
+            start = self.task.after(time[:1]) if begins else None
+            steps = self.task.before(time[1:] if begins else time)
+            arguments = self.flat.arguments(scheme, start, steps, row, self.out.histories())
+            return _Leg(planar_march, arguments, time, last, begins)
         assert self.solver is not None
-        q, qd, qdd = before(time)
+        q, qd, qdd = self.task.before(time)
         solver, dense = self.solver, bool((np.diff(row) == 1).all() and row[0] >= 0)
         whole = self.out.rows(int(row[0]), int(row[-1]) + 1) if dense else self.out.of_length(len(row))
-        rel = Joints(*(np.ascontiguousarray(part) for part in relative_motion(self.mesh, q, qd, qdd)))
-        instants = Instants(rel, load_table(self.mesh, time), solver.drives(time), solver.given(q, qd, qdd))
-        result = solver.march(scheme, instants, whole)
-        if not dense:
-            self.out.put(row[row >= 0], whole, row >= 0)
-        return result
+        rel = Joints(*(np.ascontiguousarray(part) for part in relative_motion(self.task.mesh, q, qd, qdd)))
+        table, drives = load_table(self.task.mesh, time), solver.drives(time)
+        arguments = solver.arguments(scheme, Instants(rel, table, drives, solver.given(q, qd, qdd)), whole)
+        return _Leg(march, arguments, time, last, row=row, whole=None if dense else whole)
 
-    def restart(self, history: JointHistory, sample: int) -> None:
+    def restart(self, sample: int) -> None:
         """Solve the accelerations anew where those of the task jump, and record their right-hand limit."""
-        time, row = self.time[sample : sample + 1], self.row(sample)
-        motion, when = history(time), f"at t = {time[0]:g} s"
+        time, row = self.task.steps[sample : sample + 1], self.row(sample)
+        motion, when = self.task.after(time), f"at t = {time[0]:g} s"
         if self.flat is not None:
             result = self.flat.restart(self.scheme, *motion, np.array([row]), self.out.histories())
             self.check(result, time, begins=True)
@@ -257,22 +313,23 @@ class _March:
         s = self.solver.state
         s.u[:], s.du[:] = s.u0, s.du0
         self.solver.load_at(float(time[0]), q, qd, qdd)
-        joints = instant(self.mesh, q, qd, qdd)
+        joints = instant(self.task.mesh, q, qd, qdd)
         consistent_accelerations(self.solver, joints, when)
         if row >= 0:
             record_instant(self.solver, row, self.out)
         self.set_early(begin_step(self.solver, joints, self.scheme, when))
 
-    def switch(self, history: JointHistory, switching: Switching, sample: int) -> None:
+    def switch(self, sample: int) -> None:
         """Go over to the phase that begins at a sample."""
-        solver, flat, time = self.solver, self.flat, float(self.time[sample])
+        solver, flat, time = self.solver, self.flat, float(self.task.steps[sample])
         assert solver is not None
+        assert self.switching is not None
         if flat is not None:
             flat.give(solver.state, solver.border.ties)
-        q, qd, qdd = (part[0] for part in history(self.time[sample : sample + 1]))
+        q, qd, qdd = (part[0] for part in self.task.after(self.task.steps[sample : sample + 1]))
         solver.load_at(time, q, qd, qdd)
-        joints = instant(self.mesh, q, qd, qdd)
-        switching.switch(solver, switching.samples[sample], joints, qd, time, self.out)
+        joints = instant(self.task.mesh, q, qd, qdd)
+        self.switching.switch(solver, self.switches[sample], joints, qd, time, self.out)
         self.set_early(begin_step(solver, joints, self.scheme, f"at t = {time:g} s"))
         if flat is not None:
             flat.take(solver.state, solver.border.ties)
@@ -280,7 +337,7 @@ class _March:
 
 def failure(
     mesh: Mesh,
-    result: tuple[int, int, int, float],
+    result: Status,
     time: Array,
     step: float,
     begins: bool = True,

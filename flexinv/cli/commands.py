@@ -154,7 +154,8 @@ def info(model: Path) -> None:
         if len(table):
             click.echo(f"\n{title}\n{table.to_string(index=False, float_format=lambda x: f'{x:.6g}')}")
     if mechanism.beams:
-        found = find_plane(build(mechanism))
+        mesh = build(mechanism)
+        found, mechanism = find_plane(mesh), mesh.mechanism  # with what follows from a damping ratio
         where = f"in space: {found.reason}" if isinstance(found, NotPlanar) else "in a plane, three freedoms per node"
         click.echo(f"\nbeams are solved {where}")
     for note in mechanism.notes:

@@ -13,7 +13,6 @@ through the same sums along the tree as all nodal forces, G^T lambda = (L T) P_l
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -28,6 +27,7 @@ from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.kinematics.tree import Frames
 from flexinv.model.mechanism import CLOSURES, COUPLED, Closure, Mechanism
+from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
 
 # Rounding of entries of G, of some tens of operations, over the mechanism's length or 1.
@@ -70,7 +70,7 @@ class Rows:
         return replace(self, **parts)
 
 
-@lru_cache(maxsize=64)
+@kept_with_owner()
 def constraint_rows(mesh: Mesh) -> Rows:
     """Return the constraints of a mesh's closures [m], [-]."""
     table: list[tuple[int, bool, int, int, Array, Array, Array, Array]] = []
@@ -202,7 +202,7 @@ def constraint_jacobian(mesh: Mesh, motion: NodalMotion, rows: Rows) -> Array:
     return without_rounding(mesh, rows.direction, g)
 
 
-@lru_cache(maxsize=64)
+@kept_with_owner()
 def measures(mesh: Mesh) -> Array:
     """Return the scale of each velocity coordinate, (nv,): the mechanism's length [m] for slides, 1 for all others."""
     return np.where(slides(mesh.mechanism), mesh.length, 1.0)
@@ -245,7 +245,7 @@ def row_arrays(rows: Rows) -> RowArrays:
     return RowArrays(rows.direction, rows.a, rows.b, *vectors, rows.gear, rows.offset, rows.place)
 
 
-@lru_cache(maxsize=64)
+@kept_with_owner()
 def sizes_of(mesh: Mesh) -> Array:
     """Return the scale of each coordinate, (nq,): the mechanism's length [m] for positions, 1 for all others."""
     sizes = np.ones(mesh.mechanism.nq)

@@ -6,6 +6,7 @@ with the sums of the joints' contributions, |G| |qd| and |G| |qdd| + |G' qd|, th
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,6 +21,7 @@ from flexinv.errors import InputError
 from flexinv.inverse.inverse_dynamics import plain
 from flexinv.kinematics.configuration import Nodes
 from flexinv.kinematics.mesh import Mesh
+from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
 # How far a given motion may be from closed: in metres over the mechanism's length or radians, as six digits of coordinates leave
@@ -28,7 +30,8 @@ OPEN, RATE, ACCELERATION = 1e-6, 1e-4, 1e-3
 # What opens no faster than this stands still [1/s], [1/s^2]: rounding over the step, and over its square, where constant samples
 # were differentiated; a ten-millionth of gravity where a mechanism is a metre long.
 STILL_RATE, STILL_ACCELERATION = 1e-8, 1e-6
-# What neither drives nor closures carry, over the largest effort: beyond this it is an effort that no drive can give.
+# What neither drives nor closures carry, over the largest force or effort in the mechanism: beyond this (rounding of 1e-16,
+# enlarged by the condition of the closures) it is an effort that no drive can give.
 LEFT_OVER = 1e-9
 # Samples whose rows G are in memory at once, where only the motion is looked at.
 SAMPLES_AT_ONCE = 4096
@@ -129,15 +132,20 @@ class GivenLoops:
     def _shared(self, g: Array, tau: Array, samples: NDArray[np.int64]) -> Shares:
         m = self.mesh.mechanism
         shares = share_out(g, tau, m.actuated, m.weights[m.actuated], self.scale)
-        left, largest = (
-            np.abs(shares.left),
-            max(np.abs(tau).max(initial=0.0), np.abs(shares.multipliers).max(initial=0.0)),
-        )
-        if left.max(initial=0.0) > LEFT_OVER * largest:
-            sample, column = np.unravel_index(int(np.argmax(left)), left.shape)
-            raise InputError(
-                f"mechanism '{m.name}', sample {samples[sample]}: the actuated joints cannot give this motion "
-                f"({left.max():.3g} N m or N is left at '{m.velocity_names[column]}'): "
-                "write actuated = true for as many independent joints as the mechanism has freedoms"
-            )
+        largest = max(np.abs(tau).max(initial=0.0), np.abs(shares.multipliers).max(initial=0.0))
+        check_carried(m, shares.left, largest, lambda sample: f"sample {samples[sample]}")
         return shares
+
+
+def check_carried(mechanism: Mechanism, left: Array, largest: float, when: Callable[[int], str]) -> None:
+    """Raise InputError where neither drives nor closures carry an effort (samples, nv) [N m], [N] that is ``left``.
+
+    largest : force or effort in the mechanism, of which rounding leaves LEFT_OVER; when : names a sample by its number
+    """
+    if np.abs(left).max(initial=0.0) > LEFT_OVER * largest:
+        sample, column = np.unravel_index(int(np.argmax(np.abs(left))), left.shape)
+        raise InputError(
+            f"mechanism '{mechanism.name}', {when(int(sample))}: the actuated joints cannot give this motion "
+            f"({np.abs(left).max():.3g} N m or N is left at '{mechanism.velocity_names[column]}'): "
+            "write actuated = true for as many independent joints as the mechanism has freedoms"
+        )

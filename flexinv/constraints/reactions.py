@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
 from flexinv.constraints.closures import Rows, row_arrays, world_of
@@ -13,6 +11,7 @@ from flexinv.inverse.inverse_dynamics import NodalForces, plain
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.mechanism import WORLD
+from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
 
 
@@ -43,7 +42,7 @@ def phased_closing(
     }
 
 
-@lru_cache(maxsize=64)
+@kept_with_owner()
 def _ends(mesh: Mesh) -> Ends:
     """Return the frames in which the closures report their wrenches; couplings have none, node -1."""
     closures = mesh.mechanism.closures

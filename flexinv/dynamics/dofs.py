@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +19,7 @@ from flexinv.errors import InputError
 from flexinv.kinematics.joint_motion import joint_axes
 from flexinv.kinematics.mesh import FREE, SECTION, SPHERICAL, VELOCITIES, Mesh
 from flexinv.model.mechanism import Joint
+from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
 
 Indices = NDArray[np.int64]
@@ -85,7 +85,7 @@ def topology(mesh: Mesh, passive: Collection[str]) -> Topology:
     return _topology(mesh, frozenset(passive))
 
 
-@lru_cache(maxsize=64)
+@kept_with_owner()
 def _topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
     independent = mesh.kind == SECTION
     block = np.zeros(mesh.size, dtype=np.int64)

@@ -172,8 +172,12 @@ class Solver:
 
         Return status, samples done, iterations or element, last relative increment [-].
         """
-        status, sample, count, size = march(self.system, scheme, instants, self.increment, out.histories())
+        status, sample, count, size = march(*self.arguments(scheme, instants, out))
         return int(status), int(sample), int(count), float(size)
+
+    def arguments(self, scheme: Scheme, instants: Instants, out: Trajectory) -> tuple[Any, ...]:
+        """Return the arguments [m, rad, s, N] with which `march` calls the compiled loop, for callers that call it themselves."""
+        return self.system, scheme, instants, self.increment, out.histories()
 
     def newton(self, scheme: Scheme, joints: Joints) -> tuple[int, int, float]:
         """Solve one instant under the present loads; return status, iterations or element, last relative increment [-]."""

@@ -33,19 +33,28 @@ class NodalForces:
         return self if other is None else NodalForces(self.force + other.force, self.moment + other.moment)
 
 
+@dataclass(frozen=True)
+class SecondStep:
+    """Result of the second step: torque (samples, nv) [N m], [N]; P of all nodes; wrenches of joints' nodes (`own_wrenches`)."""
+
+    torque: Array
+    forces: NodalForces
+    wrenches: dict[int, Array]
+
+
 def inverse_dynamics(
     mesh: Mesh, motion: NodalMotion, qd: Array, qdd: Array, applied: NodalForces | None = None, passive: bool = True
-) -> Array:
-    """Return the effort of every joint coordinate, (samples, nv) [N m] or [N], for given nodal motion.
+) -> SecondStep:
+    """Return the effort of every joint coordinate, (samples, nv) [N m] or [N], for given nodal motion, call by call.
 
     P = M (a - g) - applied, summed outboard to joint wrenches, projected on the joint axes; plus the rotor's inertia, and with
-    ``passive`` what damping and dry friction of the joint take from the actuator.  The reference for the compiled passes over
-    many samples: `evaluation.second_step` of solutions, `prepare` for rigid mechanisms.
+    ``passive`` what damping and dry friction of the joint take from the actuator.  `TorqueFunction.nodal` runs this; it is the
+    reference for the compiled passes: `evaluation.second_step` of solutions, `prepare` for rigid mechanisms.
     """
     forces = nodal_forces(mesh, motion, applied)
     wrenches = own_wrenches(mesh, motion, forces)
     tau = along_joints(mesh, len(motion.x), wrenches)
-    return tau + drive_efforts(mesh.mechanism, qd, qdd, passive)
+    return SecondStep(tau + drive_efforts(mesh.mechanism, qd, qdd, passive), forces, wrenches)
 
 
 def nodal_forces(mesh: Mesh, motion: NodalMotion, applied: NodalForces | None = None) -> NodalForces:

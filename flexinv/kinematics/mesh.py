@@ -13,7 +13,6 @@ revolute ones with a massless node between, so that every joint has constant axe
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -30,6 +29,7 @@ from flexinv.model.joint_kinds import RIGID as RIGID
 from flexinv.model.joint_kinds import SECTION as SECTION
 from flexinv.model.joint_kinds import SPHERICAL as SPHERICAL
 from flexinv.model.mechanism import WORLD, Attachment, Beam, Body, Joint, Link, Mechanism, Placement
+from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
 
 _PRIMITIVE = {
@@ -324,13 +324,18 @@ def _elements(rows: list[dict[str, Array]]) -> Elements:
     return Elements(**{**columns, **whole})  # type: ignore[arg-type]
 
 
-@lru_cache(maxsize=64)
+@kept_with_owner()
 def build(mechanism: Mechanism) -> Mesh:
     """Return the mesh of a mechanism: nodes with masses [kg] and inertias [kg m^2], elements with stiffnesses [N].
 
     Lumped mass at the Gauss-Lobatto nodes: m_i = rho A w_i, J_i = rho I w_i (order 1: half and half, as in the paper).
-    Raises InputError for drives that are not part of the mechanism (`drive_expansion.expanded`).
+    A stated damping ratio becomes a retardation time here, by the mechanism's modes; the mesh is that of ``Mesh.mechanism`` then.
+    Raises InputError for drives that are not part of the mechanism (`drive_expansion.expanded`), and for a ratio of no mode.
     """
+    if mechanism.modal_damping is not None and mechanism.modal_damping.seconds is None:
+        from flexinv.linearized.damping_ratio import damped  # its modes need a mesh
+
+        return build(damped(mechanism))
     builder = _Builder(mechanism)
     index = {link.name: k for k, link in enumerate(mechanism.links)}
     for joint in mechanism.joints:

@@ -1,4 +1,4 @@
-"""Damping of beams: by a retardation time, or by the damping ratio of one natural mode.
+"""Damping of beams by the damping ratio of one natural mode.
 
 Kelvin-Voigt damping with one retardation time eta for all strains, D = eta C (`elements.beam`), damps a mode of frequency omega
 with the ratio zeta = eta omega / 2: it grows with frequency, so that one target ratio at one mode fixes it for all others.
@@ -11,33 +11,36 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from flexinv.errors import InputError
 from flexinv.linearized.natural_modes import Modes, natural_modes
-from flexinv.model.mechanism import Link, Mechanism
+from flexinv.model.damping import with_retardation
+from flexinv.model.mechanism import Mechanism
+from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
 
+# So many modes are named in the note that says what a ratio at one of them makes of the others.
+NAMED = 4
 
-def with_retardation(mechanism: Mechanism, seconds: ArrayLike) -> Mechanism:
-    """Return the mechanism with damped beams, D = seconds C [N s], [N m^2 s].
 
-    seconds : retardation time [s], one for all strains or six: axial, shear y, shear z, twist, bending y, bending z
+@kept_with_owner()
+def damped(mechanism: Mechanism) -> Mechanism:
+    """Return the mechanism with the damping that its stated ratio makes of its beams [N s], [N m^2 s], and a note of it.
 
-    Raises InputError for negative times.
+    A mechanism that states none, or for which that was computed before, is returned itself.  Raises InputError as `with_ratio`.
     """
-    times = np.asarray(seconds, dtype=float)
-    if times.shape not in ((), (6,)) or not np.isfinite(times).all() or (times < 0).any():
-        raise InputError(f"retardation times {times.tolist()}: expected one number >= 0 or six [s], for example 1e-3")
-
-    def damped(link: Link) -> Link:
-        if link.beam is None:
-            return link
-        section = replace(link.beam.section, damping=times * link.beam.section.stiffness)
-        return replace(link, beam=replace(link.beam, section=section))
-
-    return replace(mechanism, links=tuple(damped(link) for link in mechanism.links))
+    stated = mechanism.modal_damping
+    if stated is None or stated.seconds is not None:
+        return mechanism
+    made, seconds, found = with_ratio(mechanism, stated.ratio, stated.mode)
+    ratios = ", ".join(
+        f"{k} at {frequency:.4g} Hz {ratio:.3g}"
+        for k, (frequency, ratio) in enumerate(zip(found.frequency[:NAMED], found.ratio[:NAMED], strict=True), 1)
+    )
+    computed = replace(stated, seconds=seconds)
+    note = f"damping of beams: {computed}, computed by flexinv; ratios of modes: {ratios}"
+    return replace(made, modal_damping=computed, notes=(*made.notes, note))
 
 
 def with_ratio(

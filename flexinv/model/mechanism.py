@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.model.attachments import CLOSURES, COUPLED, IMPACTS, Closure, Force, Spring
+from flexinv.model.damping import ModalDamping
 from flexinv.model.drive import Drive
 from flexinv.model.frames import WORLD, Attachment, Placement
 from flexinv.model.frozen import Frozen, read_only
@@ -115,6 +116,7 @@ class Mechanism(Frozen):
     urdf : the URDF file the mechanism came from, if any (an engine with a URDF parser of its own reads it again)
     packages : folders in which ``package://`` paths of that URDF are looked up
     notes : what a reader of results must know (mimic joints made independent, massless links, ...)
+    modal_damping : of all beams by the ratio of one natural mode, data until a mesh is built; None where sections state it
     """
 
     name: str
@@ -129,6 +131,7 @@ class Mechanism(Frozen):
     urdf: Path | None = None
     packages: tuple[Path, ...] = ()
     notes: tuple[str, ...] = ()
+    modal_damping: ModalDamping | None = None
 
     @cached_property
     def link_of(self) -> dict[str, Link]:

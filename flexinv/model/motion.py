@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
 from itertools import pairwise
 from typing import Literal
 
@@ -21,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Mechanism
+from flexinv.model.owned_cache import kept_with_owner
 from flexinv.model.splines import Sampling, check_sampling
 from flexinv.model.time_laws import SNAP, find_law
 from flexinv.model.track import Track, joint_path, listed, parts
@@ -183,7 +183,7 @@ class _Layout:
     mechanism: Mechanism = field(compare=False)
 
 
-@lru_cache(maxsize=8)
+@kept_with_owner(most=8)
 def _kept(motion: Motion, layout: _Layout, step: float, samples: int) -> Triple:
     return _evaluated(motion, layout.mechanism, step, samples)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Joint, Mechanism
+from flexinv.model.owned_cache import kept_with_owner
 from flexinv.model.splines import UNIT_NORM, Sampling, plain_path, rotation_path, unit_quaternions
 from flexinv.model.time_laws import find_law, progress
 from flexinv.typing import Array, Triple
@@ -106,12 +106,16 @@ def _angles(values: Array, sampled: bool, where: str) -> Array:
     return np.unwrap(values, axis=0) if sampled else values
 
 
-@lru_cache(maxsize=256)
 def parts(track: Track, mechanism: Mechanism) -> tuple[tuple[Joint, slice], ...]:
     """Return the columns of the track that belong to each joint [-]; a continuous joint has (cos, sin) or one angle.
 
     Raises InputError: unknown or fixed joint, wrong number of coordinates.
     """
+    return _parts(mechanism, track)
+
+
+@kept_with_owner()
+def _parts(mechanism: Mechanism, track: Track) -> tuple[tuple[Joint, slice], ...]:
     joints = _named(track.names, mechanism)
     full, short = [j.nq for j in joints], [1 if j.kind == "continuous" else j.nq for j in joints]
     width = track.values.shape[1]

@@ -9,7 +9,6 @@ sideways, by rounding errors alone).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from flexinv.constraints.closures import Rows, constraint_rows
 from flexinv.kinematics.mesh import CONTINUOUS, PRISMATIC, REVOLUTE, RIGID, SECTION, Mesh
 from flexinv.model.mechanism import Closure, Mechanism
+from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
 
 # Components out of the plane below this part of what they are compared with are rounding of the placements' angles.
@@ -43,7 +43,7 @@ class NotPlanar:
     reason: str
 
 
-@lru_cache(maxsize=64)
+@kept_with_owner()
 def find_plane(mesh: Mesh) -> Plane | NotPlanar:
     """Return the plane [m] in which a mechanism moves whatever its joints do, or why there is none."""
     m = mesh.mechanism

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +26,7 @@ from flexinv.elements.planar_beam import (
 from flexinv.kernels.memory import on_lines
 from flexinv.kernels.so3 import log_so3
 from flexinv.kinematics.mesh import CONTINUOUS, PRISMATIC, REVOLUTE, Mesh
+from flexinv.model.owned_cache import kept_with_owner
 from flexinv.planar.detection import Plane, find_plane, seen, tied_in
 from flexinv.planar.history import Embedding
 from flexinv.planar.tree import PlanarTree
@@ -94,7 +94,7 @@ class PlanarModel:
     joints: JointNodes
 
 
-@lru_cache(maxsize=64)
+@kept_with_owner()
 def planar_model(mesh: Mesh, passive: frozenset[str]) -> PlanarModel:
     """Return the arrays of a mesh that lies in a plane [m], [rad], with the joints named in ``passive`` free."""
     plane, t = find_plane(mesh), topology(mesh, passive)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from flexinv.elements.planar_beam import BLOCK, COEFFICIENTS, CONSTANTS, RATES
 from flexinv.kernels.memory import cleared
 from flexinv.kernels.so3 import about_axis, log_so3
 from flexinv.kinematics.mesh import PRISMATIC, Mesh
+from flexinv.model.owned_cache import kept_with_owner
 from flexinv.planar.constraint_rows import PlanarTies
 from flexinv.planar.detection import seen
 from flexinv.planar.model import PlanarModel, planar_model
@@ -66,7 +67,7 @@ class PlanarMarch:
 
     @classmethod
     def ready(cls, mesh: Mesh, passive: Collection[str]) -> PlanarMarch:
-        """Return a march as `of` does, or reuse one of the same that was `left`; for callers that begin with `march`."""
+        """Return a march as `of` does, or reuse one of the same that was `left`; for callers that begin anew."""
         try:
             return _left(mesh, frozenset(passive)).pop()
         except IndexError:
@@ -80,7 +81,7 @@ class PlanarMarch:
     def restart(
         self, scheme: Scheme, q: Array, qd: Array, qdd: Array, row: Indices, out: Histories
     ) -> tuple[int, int, int, float]:
-        """Find the accelerations [m/s^2], [rad/s^2] anew where the march stands and they jump; arguments as of `march`."""
+        """Find the accelerations [m/s^2], [rad/s^2] anew where the march stands and they jump; arguments as of `run`."""
         s = self.state
         s.u[:], s.du[:] = s.u0, s.du0
         return self.run(scheme, self._given(q, qd, qdd), row, out, still=True)
@@ -149,15 +150,14 @@ class PlanarMarch:
             getattr(state, name)[:] = pick.T @ getattr(here, name)
         state.d[:] = 0.0
 
-    def march(
+    def arguments(
         self, scheme: Scheme, start: Instants | None, steps: Instants, row: Indices, out: Histories
-    ) -> tuple[int, int, int, float]:
-        """March over the ends of ``steps``: q (steps, nq), qd, qdd (steps, nv) [m, rad, s].
+    ) -> tuple[Any, ...]:
+        """Return the arguments of `planar_march` over the ends of ``steps``: q (steps, nq), qd, qdd (steps, nv) [m, rad, s].
 
         start : the same at one instant at which the march begins undeformed, all closures acting, with the accelerations that
             belong to it; None where it goes on
         row : of ``out`` to be written at each instant, that of the start included, -1 for none
-        Return status, instants done, iterations or element, last relative increment [-].
         """
         given, joint = self._given(*steps), _NOWHERE
         if start is not None:
@@ -165,7 +165,7 @@ class PlanarMarch:
             given = np.concatenate([here[:, nodes.given], given])
             joint = np.zeros((self.mesh.size, 3))
             joint[nodes.node] = here[0]
-        return self.run(scheme, given, row, out, joint, still=start is not None)
+        return self._arguments(scheme, given, row, out, joint, start is not None)
 
     def _given(self, q: Array, qd: Array, qdd: Array) -> Array:
         joints = self.model.joints
@@ -175,12 +175,18 @@ class PlanarMarch:
     def run(
         self, scheme: Scheme, given: Array, row: Indices, out: Histories, joint: Array = _NOWHERE, still: bool = False
     ) -> tuple[int, int, int, float]:
-        """Do what `march` does with the driven joints' ``given`` (instants, joints, 3) q, q', q'' [m, rad, s].
+        """March with the driven joints' ``given`` (instants, joints, 3) q, q', q'' [m, rad, s].
 
         joint, still : as of `planar_march`; by default it goes on
+        Return status, instants done, iterations or element, last relative increment [-].
         """
-        status, instant, count, size = planar_march(self.system, scheme, joint, still, given, row, out)
+        status, instant, count, size = planar_march(*self._arguments(scheme, given, row, out, joint, still))
         return int(status), int(instant), int(count), float(size)
+
+    def _arguments(
+        self, scheme: Scheme, given: Array, row: Indices, out: Histories, joint: Array, still: bool
+    ) -> tuple[Any, ...]:
+        return self.system, scheme, joint, still, given, row, out
 
     def _rotation(self, n: int, angle: float) -> Array:
         space = self.model.space
@@ -193,7 +199,7 @@ class PlanarMarch:
         return float(axis @ log_so3(placed.T @ state.r[n]))
 
 
-@lru_cache(maxsize=64)
+@kept_with_owner()
 def _left(mesh: Mesh, passive: frozenset[str]) -> list[PlanarMarch]:
     """Return the list of marches left behind for reuse, which threads may share."""
     return []

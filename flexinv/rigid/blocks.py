@@ -6,18 +6,34 @@ so that one that is held up leaves its work to the others.
 
 from __future__ import annotations
 
-import numpy as np
+from typing import NamedTuple
 
-from flexinv.kernels.atomics import address, fetch, put, reals, reals_table, take, wholes, wholes_table
+import numpy as np
+from numpy.typing import NDArray
+
 from flexinv.kernels.jit import jit_blocks, jit_lanes
-from flexinv.kernels.mailbox import ANSWER, DONE, OFFERED, SLEEPS, STATE, WORDS, awaited, claimed, settled, write
 from flexinv.kernels.simd import LANES
+from flexinv.kernels.threads.atomics import address, fetch, put, reals, reals_table, take, wholes, wholes_table
+from flexinv.kernels.threads.mailbox import (
+    ANSWER,
+    DONE,
+    OFFERED,
+    SLEEPS,
+    STATE,
+    WORDS,
+    awaited,
+    claimed,
+    settled,
+    write,
+)
+from flexinv.kernels.threads.worker_pool import Helpers
 from flexinv.rnea.loop_allocation import share, unclear
 from flexinv.rnea.loop_bodies import begin, keep
 from flexinv.rnea.loop_layout import APPLIED, KEEPS, LIMITS, PLANE, SUMMED
 from flexinv.rnea.loop_plane import in_plane
 from flexinv.rnea.loop_space import in_space
 from flexinv.rnea.recursion import NUMBERS, TREE, inboard, outboard
+from flexinv.typing import Array
 
 # Numbers in a line of the cache.
 _LINE = np.uint64(8)
@@ -27,6 +43,27 @@ OVERLAP, CALL_CELLS = 4, 5
 _BYTES = np.uint64(8)
 # Every which block the sums are taken that the motion of loops is held against: enough to have nearly the largest.
 SUMS = np.uint64(8)
+
+
+class System(NamedTuple):
+    """A mechanism for the recursion: tree, numbers, columns of `body_table.Bodies`; plan, fixed of `loop_plan.LoopPlan`."""
+
+    tree: NDArray[np.uint64]
+    numbers: Array
+    columns: NDArray[np.uint64]
+    plan: NDArray[np.uint64]
+    fixed: Array
+
+
+class Series(NamedTuple):
+    """Motion and efforts of so many samples [rad or m, s], [N m], [N], as of `torque_blocks`."""
+
+    q: Array
+    qd: Array
+    qdd: Array
+    tau: Array
+    strides: NDArray[np.uint64]
+    samples: np.uint64
 
 
 @jit_lanes
@@ -90,9 +127,11 @@ def _closed(plan, fixed, work, lanes, sums):
 
 
 @jit_lanes
-def _blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, samples, work, counter):
+def _blocks(system, series, work, counter):
     """Write the efforts of all blocks that are left to take; return how many samples are not finite, or a number above 0
     where cosines and sines are those of no angle."""
+    tree, numbers, columns, plan, fixed = system
+    q, qd, qdd, tau, strides, samples = series
     nv, wrong = tree[0, 0], 0
     nq = columns.shape[0] - 2 * nv
     for_q, for_qd, for_qdd = columns[:nq], columns[nq : nq + nv], columns[nq + nv :]
@@ -126,23 +165,23 @@ def _blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, sampl
 
 
 @jit_lanes
-def _offer(mail, tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, samples, work, counter):
+def _offer(mail, system, series, work, counter):
     """Offer a helper to take blocks, too."""
     if not claimed(mail, address(counter)):
         return
-    write(mail, 0, tree)
-    write(mail, 1, numbers)
-    write(mail, 2, columns)
-    write(mail, 3, q)
-    write(mail, 4, qd)
-    write(mail, 5, qdd)
-    write(mail, 6, tau)
-    write(mail, 7, strides)
+    write(mail, 0, system.tree)
+    write(mail, 1, system.numbers)
+    write(mail, 2, system.columns)
+    write(mail, 3, series.q)
+    write(mail, 4, series.qd)
+    write(mail, 5, series.qdd)
+    write(mail, 6, series.tau)
+    write(mail, 7, series.strides)
     write(mail, 8, work)
     write(mail, 9, counter)
-    mail[WORDS + 20] = samples
-    write(mail, 11, plan)
-    write(mail, 12, fixed)
+    mail[WORDS + 20] = series.samples
+    write(mail, 11, system.plan)
+    write(mail, 12, system.fixed)
     put(mail, STATE, OFFERED)
 
 
@@ -158,7 +197,8 @@ def attend(mail, patience):
         tau, strides = reals(word[12], word[13]), wholes_table(word[14], 4, 2)
         work, counter, samples = reals(word[16], word[17]), wholes(word[18], word[19]), word[20]
         plan, fixed = wholes(word[22], word[23]), reals(word[24], word[25])
-        mail[ANSWER] = _blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, samples, work, counter)
+        system, series = System(tree, numbers, columns, plan, fixed), Series(q, qd, qdd, tau, strides, samples)
+        mail[ANSWER] = _blocks(system, series, work, counter)
         put(mail, STATE, DONE)
     put(mail, SLEEPS, 1)
 
@@ -194,9 +234,10 @@ def torque_blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides,
     if plan[LIMITS] > 0:
         for i in range(1 + mails.shape[0]):
             begin(plan, fixed, work[i], min(samples, LANES))
+    system, series = System(tree, numbers, columns, plan, fixed), Series(q, qd, qdd, tau, strides, samples)
     for i in range(mails.shape[0]):
-        _offer(mails[i], tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, samples, work[i + 1], counter)
-    counter[1] += _blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides, samples, work[0], counter)
+        _offer(mails[i], system, series, work[i + 1], counter)
+    counter[1] += _blocks(system, series, work[0], counter)
     return settle(plan, fixed, samples, work[: 1 + mails.shape[0]], counter, mails)
 
 
@@ -208,3 +249,6 @@ def settle(plan, fixed, samples, work, counter, mails):
     if plan[LIMITS] > 0:
         _judge(plan, fixed, samples, work, counter)
     return True
+
+
+HELPERS = Helpers(attend)

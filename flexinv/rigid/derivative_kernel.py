@@ -18,6 +18,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.vec3 import (
     add,
@@ -40,6 +43,25 @@ from flexinv.typing import Array
 
 NONE = (0.0, 0.0, 0.0)
 UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+class CarriedBodies(NamedTuple):
+    """Bodies as this kernel reads them; body 0 is the world.
+
+    parent, node, first, freedoms : (bodies,) carrier, node, first velocity coordinate and freedoms
+    slide, turn : (bodies, 6, 3) axes in the node's frame [-]
+    mass, h, inertia : (bodies, ...) about the node, in its frame [kg], [kg m], [kg m^2]
+    """
+
+    parent: NDArray[np.int64]
+    node: NDArray[np.int64]
+    first: NDArray[np.int64]
+    freedoms: NDArray[np.int64]
+    slide: Array
+    turn: Array
+    mass: Array
+    h: Array
+    inertia: Array
 
 
 class Spatial(NamedTuple):
@@ -142,8 +164,10 @@ def _set_coupling(b, spatial):
 
 
 @jit_inner
-def _set_axes(b, above, first, count, slide, turn, r, arm, spatial):
+def _set_axes(b, carried, r, arm, spatial):
     """S, psi', psi'' and psi' + S' of a body's joint."""
+    above, first, count = carried.parent[b], carried.first[b], carried.freedoms[b]
+    slide, turn = carried.slide[b], carried.turn[b]
     up, up_rate, own = _pair(spatial.velocity[above]), _pair(spatial.acceleration[above]), _pair(spatial.velocity[b])
     for i in range(count):
         t = apply(r, vec(turn[i]))
@@ -184,7 +208,7 @@ def _add_to_parent(b, above, spatial):
 
 
 @jit_inner
-def _fill_columns(b, j, parent, first, count, spatial, by_q, by_qd, by_qdd):
+def _fill_columns(b, j, carried, spatial, by_q, by_qd, by_qdd):
     """All pairs of axis j of body b with the axes of b and of the bodies that carry it."""
     s, rate = _pair(spatial.axis[j]), _pair(spatial.rate[j])
     inertial = _momentum(b, spatial, s)
@@ -194,7 +218,7 @@ def _fill_columns(b, j, parent, first, count, spatial, by_q, by_qd, by_qdd):
     back = _times_coupling(b, spatial, s, True)
     carrier = b
     while carrier > 0:
-        for i in range(first[carrier], first[carrier] + count[carrier]):
+        for i in range(carried.first[carrier], carried.first[carrier] + carried.freedoms[carrier]):
             axis = _pair(spatial.axis[i])
             by_q[i, j] = _along(axis, by_place if carrier == b else turned)
             by_qd[i, j] = _along(axis, by_rate)
@@ -203,36 +227,32 @@ def _fill_columns(b, j, parent, first, count, spatial, by_q, by_qd, by_qdd):
                 by_q[j, i] = _along(_pair(spatial.rate[i]), back) + _along(_pair(spatial.second[i]), inertial)
                 by_qd[j, i] = _along(axis, back) + _along(_pair(spatial.slope[i]), inertial)
                 by_qdd[j, i] = by_qdd[i, j]
-        carrier = parent[carrier]
+        carrier = carried.parent[carrier]
 
 
 @jit
-def derivative_samples(
-    parent, node, first, count, slide, turn, mass, h, inertia, gravity, motion, spatial, by_q, by_qd, by_qdd
-):
+def derivative_samples(carried, gravity, motion, spatial, by_q, by_qd, by_qdd):
     """Fill by_q, by_qd, by_qdd (samples, nv, nv), zero on entry, with d tau_i / d (q, qd, qdd)_j [N m], [N] per unit.
 
-    parent, node, first, count : (bodies,) carrier, node, first velocity coordinate and freedoms; body 0 is the world
-    slide, turn : (bodies, 6, 3) axes in the node's frame; mass, h, inertia : (bodies, ...) about the node, in its frame
-    motion : `kinematics.tree.Frames` with a leading sample axis
+    carried : CarriedBodies; gravity : (3,) [m/s^2]; motion : `kinematics.tree.Frames` with a leading sample axis
     """
     g = vec(gravity)
     for i in range(3):
         spatial.velocity[0, i] = spatial.velocity[0, 3 + i] = spatial.acceleration[0, i] = 0.0
         spatial.acceleration[0, 3 + i] = -gravity[i]
     for s in range(motion.x.shape[0]):
-        c = vec(motion.x[s, node[1]])
-        for b in range(1, len(node)):
-            n = node[b]
+        c = vec(motion.x[s, carried.node[1]])
+        for b in range(1, len(carried.node)):
+            n = carried.node[b]
             r, arm = mat(motion.r[s, n]), sub(vec(motion.x[s, n]), c)
             w, al = apply(r, vec(motion.w[s, n])), apply(r, vec(motion.al[s, n]))
-            _set_inertia(b, spatial, mass[b], vec(h[b]), mat(inertia[b]), r, arm)
+            _set_inertia(b, spatial, carried.mass[b], vec(carried.h[b]), mat(carried.inertia[b]), r, arm)
             _set_motion(b, spatial, w, al, vec(motion.v[s, n]), vec(motion.a[s, n]), arm, g)
             _set_coupling(b, spatial)
-            _set_axes(b, parent[b], first[b], count[b], slide[b], turn[b], r, arm, spatial)
-        for back in range(1, len(node)):
-            b = len(node) - back
-            for j in range(first[b], first[b] + count[b]):
-                _fill_columns(b, j, parent, first, count, spatial, by_q[s], by_qd[s], by_qdd[s])
-            if parent[b] > 0:
-                _add_to_parent(b, parent[b], spatial)
+            _set_axes(b, carried, r, arm, spatial)
+        for back in range(1, len(carried.node)):
+            b = len(carried.node) - back
+            for j in range(carried.first[b], carried.first[b] + carried.freedoms[b]):
+                _fill_columns(b, j, carried, spatial, by_q[s], by_qd[s], by_qdd[s])
+            if carried.parent[b] > 0:
+                _add_to_parent(b, carried.parent[b], spatial)

@@ -10,7 +10,7 @@ from flexinv.constraints.closures import constraint_rows
 from flexinv.constraints.consistency import GivenLoops
 from flexinv.constraints.reactions import closing
 from flexinv.inverse.applied_forces import applied_forces, joint_springs
-from flexinv.inverse.inverse_dynamics import NodalForces, along_joints, drive_efforts, nodal_forces, own_wrenches
+from flexinv.inverse.inverse_dynamics import NodalForces, inverse_dynamics, nodal_forces, own_wrenches
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.kinematics.rigid_motion import rigid_motion
@@ -45,9 +45,8 @@ def nodal_result(mesh: Mesh, loops: GivenLoops | None, passive: bool, q: Array, 
     """
     m, motion = mesh.mechanism, rigid_motion(mesh, q, qd, qdd)
     acting = applied_forces(mesh, motion, np.zeros(len(q)))
-    forces = nodal_forces(mesh, motion, acting)
-    wrenches = own_wrenches(mesh, motion, forces)
-    torque = along_joints(mesh, len(q), wrenches) + drive_efforts(m, qd, qdd, passive)
+    second = inverse_dynamics(mesh, motion, qd, qdd, acting, passive)
+    torque, forces, wrenches = second.torque, second.forces, second.wrenches
     if passive:
         torque = torque + joint_springs(m, q, history=False)
     reaction: dict[str, Array] = {}

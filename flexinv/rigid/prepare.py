@@ -17,14 +17,15 @@ from flexinv.constraints.closures import constraint_rows
 from flexinv.constraints.consistency import ACCELERATION, OPEN, RATE, GivenLoops
 from flexinv.inverse.applied_forces import applied_forces, check_constant
 from flexinv.inverse.inverse_dynamics import joint_wrenches, project
-from flexinv.kernels.affinity import processors
-from flexinv.kernels.atomics import COMPILED
-from flexinv.kernels.mailbox import CELLS
 from flexinv.kernels.simd import BLOCK
+from flexinv.kernels.threads.affinity import processors
+from flexinv.kernels.threads.atomics import COMPILED
+from flexinv.kernels.threads.mailbox import CELLS
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.rigid_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
-from flexinv.rigid.blocks import CALL_CELLS, OVERLAP, attend, settle, torque_blocks
+from flexinv.model.owned_cache import kept_with_owner
+from flexinv.rigid.blocks import CALL_CELLS, HELPERS, OVERLAP, attend, settle, torque_blocks
 from flexinv.rigid.joint_arrays import (
     Order,
     by_sample,
@@ -35,7 +36,6 @@ from flexinv.rigid.joint_arrays import (
     output_array,
 )
 from flexinv.rigid.nodal_result import NodalResult, nodal_result
-from flexinv.rigid.worker_pool import HELPERS
 from flexinv.rnea.body_table import Bodies, bodies
 from flexinv.rnea.loop_layout import APPLIED
 from flexinv.rnea.loop_plan import NO_LOOPS, PLACES, anywhere, ends, planned
@@ -236,7 +236,7 @@ def prepare(mechanism: Mechanism, passive: bool = True, threads: int | None = No
     """
     try:
         return _prepared(mechanism, passive, threads)
-    except TypeError:  # what cannot be looked up is none of these
+    except (TypeError, AttributeError):  # what cannot be looked up is none of these
         _check_asked(mechanism, passive, threads)
         raise
 
@@ -248,7 +248,7 @@ def _check_asked(mechanism: Mechanism, passive: bool, threads: int | None) -> in
     return processors() if threads is None else whole("threads", threads, 1, THREADS)
 
 
-@lru_cache(maxsize=64, typed=True)  # 2.0 is not 2, nor 1 True
+@kept_with_owner(typed=True)
 def _prepared(mechanism: Mechanism, passive: bool, threads: int | None) -> TorqueFunction:
     most = _check_asked(mechanism, passive, threads)
     check_rigid(mechanism)

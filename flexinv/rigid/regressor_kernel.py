@@ -9,12 +9,28 @@ is what must act on the link at its origin; each parameter's share of it goes do
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.vec3 import add, apply, cross, dot, mat, sub, tapply, vec
+from flexinv.typing import Array
 
 PARAMETERS = 10
 NONE = (0.0, 0.0, 0.0)
 UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+class JointAxes(NamedTuple):
+    """Joints of the nodes: parent, v_index, freedoms (nodes,); slide, turn (nodes, 6, 3) their axes in the node's frame [-]."""
+
+    parent: NDArray[np.int64]
+    v_index: NDArray[np.int64]
+    freedoms: NDArray[np.int64]
+    slide: Array
+    turn: Array
 
 
 @jit_inner
@@ -46,28 +62,29 @@ def _unit_wrench(k, a, w, al):
 
 
 @jit
-def regressor_samples(parent, v_index, freedoms, slide, turn, link_node, gravity, x, r, w, a, al, out):
+def regressor_samples(joints, link_node, gravity, motion, out):
     """Fill out (samples, nv, 10 links), d tau / d parameter [m^2/s^2], [m/s^2], [1/s^2]; of a sliding joint per metre less.
 
-    freedoms : (nodes,) of the node's joint; slide, turn : (nodes, 6, 3) their axes in the node's frame
-    link_node : (links,) node of each link's frame; x, r, w, a, al : nodal motion (samples, nodes, ...)
+    joints : JointAxes; link_node : (links,) node of each link's frame; gravity : (3,) [m/s^2]
+    motion : `kinematics.tree.Frames` with a leading sample axis
     """
     g = vec(gravity)
-    for s in range(x.shape[0]):
+    for s in range(motion.x.shape[0]):
         for link in range(len(link_node)):
             n = link_node[link]
-            rn, xn, wn, aln = mat(r[s, n]), vec(x[s, n]), vec(w[s, n]), vec(al[s, n])
-            an = tapply(rn, sub(vec(a[s, n]), g))
+            rn, xn = mat(motion.r[s, n]), vec(motion.x[s, n])
+            wn, aln = vec(motion.w[s, n]), vec(motion.al[s, n])
+            an = tapply(rn, sub(vec(motion.a[s, n]), g))
             for k in range(PARAMETERS):
                 own_force, own_moment = _unit_wrench(k, an, wn, aln)
                 force, moment = apply(rn, own_force), apply(rn, own_moment)
                 m = n
                 while m >= 0:
-                    if freedoms[m] > 0:
-                        rm = mat(r[s, m])
+                    if joints.freedoms[m] > 0:
+                        rm = mat(motion.r[s, m])
                         here = tapply(rm, force)
-                        turning = tapply(rm, add(moment, cross(sub(xn, vec(x[s, m])), force)))
-                        for i in range(freedoms[m]):
-                            effort = dot(vec(slide[m, i]), here) + dot(vec(turn[m, i]), turning)
-                            out[s, v_index[m] + i, PARAMETERS * link + k] = effort
-                    m = parent[m]
+                        turning = tapply(rm, add(moment, cross(sub(xn, vec(motion.x[s, m])), force)))
+                        for i in range(joints.freedoms[m]):
+                            effort = dot(vec(joints.slide[m, i]), here) + dot(vec(joints.turn[m, i]), turning)
+                            out[s, joints.v_index[m] + i, PARAMETERS * link + k] = effort
+                    m = joints.parent[m]

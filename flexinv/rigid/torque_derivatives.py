@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flexinv.errors import InputError
 from flexinv.kinematics.joint_motion import axes_of_nodes
 from flexinv.kinematics.rigid_motion import rigid_motion
 from flexinv.kinematics.tree import Frames
 from flexinv.model.mechanism import Mechanism
-from flexinv.rigid.derivative_kernel import Spatial, derivative_samples
+from flexinv.rigid.derivative_kernel import CarriedBodies, Spatial, derivative_samples
 from flexinv.rigid.joint_arrays import checked_states
 from flexinv.rigid.prepare import TorqueFunction, prepare
 from flexinv.typing import Array
@@ -56,11 +55,12 @@ def torque_derivatives(
             )
     f, samples = prepare(mechanism, passive), len(states[0])
     out = TorqueDerivatives(*(np.zeros((samples, mechanism.nv, mechanism.nv)) for _ in range(3)))
+    carried, gravity = _bodies(f), np.array(mechanism.gravity, dtype=float)
     for start in range(0, samples if mechanism.nv else 0, BLOCK):
         part = slice(start, start + BLOCK)
         m = rigid_motion(f.mesh, *(state[part] for state in states))
         motion = Frames(m.x, m.rotation, m.v, m.omega, m.a, m.alpha)
-        derivative_samples(*_bodies(f), motion, _scratch(f), out.q[part], out.qd[part], out.qdd[part])
+        derivative_samples(carried, gravity, motion, _scratch(f), out.q[part], out.qd[part], out.qdd[part])
     own = np.arange(mechanism.nv)
     drives = [(j.stiffness, j.damping, j.rotor_inertia) for j in mechanism.joints for _ in range(j.nv)]
     stiffness, damping, rotor = np.array(drives, dtype=float).reshape(-1, 3).T
@@ -71,8 +71,7 @@ def torque_derivatives(
     return out
 
 
-def _bodies(function: TorqueFunction) -> tuple[NDArray[Any], ...]:
-    """Parent, node, first coordinate, freedoms, axes, masses and gravity of the bodies, as the kernel takes them."""
+def _bodies(function: TorqueFunction) -> CarriedBodies:
     mesh, b = function.mesh, function.bodies
     freedoms, slide, turn = axes_of_nodes(mesh)
     inertia, h = np.zeros((len(b.node), 3, 3)), np.zeros((len(b.node), 3))
@@ -83,9 +82,7 @@ def _bodies(function: TorqueFunction) -> tuple[NDArray[Any], ...]:
             inertia[i], h[i] = np.trace(second) * np.eye(3) - second, r @ row[13:16]
     mass = np.where(np.arange(len(b.node)) > 0, b.numbers[:, 12], 0.0)
     parent, at = b.tree[:, 1].astype(np.int64), np.maximum(b.node, 0)
-    gravity = np.array(mesh.mechanism.gravity, dtype=float)
-    first, count = mesh.v_index[at], freedoms[at]
-    return parent, b.node, first, count, slide[at], turn[at], mass, h, inertia, gravity
+    return CarriedBodies(parent, b.node, mesh.v_index[at], freedoms[at], slide[at], turn[at], mass, h, inertia)
 
 
 def _scratch(function: TorqueFunction) -> Spatial:

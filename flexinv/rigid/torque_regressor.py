@@ -20,9 +20,10 @@ from flexinv.errors import InputError
 from flexinv.kinematics.joint_motion import axes_of_nodes
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.tree import Frames
 from flexinv.model.mechanism import Joint, Link, Mechanism
 from flexinv.rigid.joint_arrays import checked_states
-from flexinv.rigid.regressor_kernel import PARAMETERS, regressor_samples
+from flexinv.rigid.regressor_kernel import PARAMETERS, JointAxes, regressor_samples
 from flexinv.typing import Array
 from flexinv.validation import flag, of_kind, whole
 
@@ -120,9 +121,8 @@ def torque_regressor(
     frame_of = {j.child: mesh.joint_node[j.name] for j in mechanism.joints}
     nodes = np.array([frame_of[link.name] for link in mechanism.links], dtype=np.int64)
     gravity = np.array(mechanism.gravity, dtype=float)
-    regressor_samples(
-        mesh.parent, mesh.v_index, freedoms, slide, turn, nodes, gravity, m.x, m.rotation, m.omega, m.a, m.alpha, matrix
-    )
+    motion = Frames(m.x, m.rotation, m.v, m.omega, m.a, m.alpha)
+    regressor_samples(JointAxes(mesh.parent, mesh.v_index, freedoms, slide, turn), nodes, gravity, motion, matrix)
     names = tuple(f"{link.name}.{p}" for link in mechanism.links for p in INERTIAL)
     units = INERTIAL_UNITS * len(mechanism.links)
     values = np.concatenate([link_parameters(link) for link in mechanism.links])

@@ -13,10 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.kernels.simd import BLOCK
-from flexinv.rnea.loop_allocation import (
+from flexinv.rnea.loop_layout import (
     ALL_SIX,
+    BOTH,
     EMPTY,
     INNER,
+    INVERTED,
+    MOST_TOGETHER,
     NORM,
     PAIR,
     PROJECT,
@@ -24,9 +27,9 @@ from flexinv.rnea.loop_allocation import (
     SOLVE_INVERTED,
     SURE,
     TAKE,
+    TOGETHER,
     UNDO,
 )
-from flexinv.rnea.row_pairs import BOTH, INVERTED, MOST_TOGETHER, TOGETHER
 from flexinv.typing import Array
 
 # A pivot of the sample, whose joints stand anywhere, is above this part of the largest entry; without one there is no order.

@@ -23,10 +23,13 @@ import numpy as np
 from flexinv.kernels.jit import jit_lanes
 from flexinv.kernels.simd import LANES, put_vec, row, times, vec_of
 from flexinv.rnea.loop_layout import (
+    ALL_SIX,
+    BOTH,
     COLUMN_CELLS,
     COUNT,
     COUPLED,
     DIRECTIONS,
+    EMPTY,
     ENTRIES,
     ENTRY,
     FILLS,
@@ -34,15 +37,23 @@ from flexinv.rnea.loop_layout import (
     FIRST_SUM,
     GAP,
     GAP_RATE,
+    INNER,
+    INVERTED,
     LAMBDA,
     LARGEST,
     LIMITS,
+    MOST_TOGETHER,
+    NORM,
     OWN,
+    PAIR,
     POSITIONS,
+    PROJECT,
     QD,
     QDD,
     SCRATCH,
     SIGNS,
+    SOLVE,
+    SOLVE_INVERTED,
     SQUARE,
     SQUARES,
     STATE_A,
@@ -55,16 +66,15 @@ from flexinv.rnea.loop_layout import (
     SUM_QDD,
     SUM_RATE,
     SUM_TURNS,
+    SURE,
+    TOGETHER,
+    UNDO,
     VECTOR,
     VECTORS,
     WHOLE,
 )
 from flexinv.rnea.recursion import ACCELERATION, SPIN, SPIN_RATE
 from flexinv.rnea.row_pairs import (
-    BOTH,
-    INVERTED,
-    MOST_TOGETHER,
-    TOGETHER,
     both,
     combine,
     pair,
@@ -75,9 +85,6 @@ from flexinv.rnea.row_pairs import (
 )
 from flexinv.rnea.six_rows import six_forces
 
-# Steps: a word for what is done, how many pairs of rows follow, three offsets, and those of the pairs; of SOLVE the first pair is
-# twice the size that the pivot is held against, whose inverse stands there for SOLVE_INVERTED.
-PAIR, SURE, EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, UNDO, ALL_SIX, SOLVE_INVERTED = range(11)
 # A pivot over its column's size is at least this, so that its errors are 1e-12 at most; else singular values decide.
 LEAST_PIVOT = 1e-4
 # ... and at least this over the mechanism's length: a column that is rounding (an axis through the point that is closed, some

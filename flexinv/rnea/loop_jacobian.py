@@ -47,7 +47,8 @@ def _turning(count: int) -> Any:
     """The column of a joint that turns, in so many directions; loops over a constant are taken apart."""
 
     @jit_lane
-    def lane(column, own, axis, at, rates, k, over, sign, length):
+    def lane(column, own, axis, at, rates, k, factors):
+        over, sign, length = factors
         z = vec_of(axis, _VEC, k)
         c = times(over, cross(z, minus(vec_of(own, POINT, k), vec_of(at, _VEC, k))))
         _put(column, own, k, c, 1.0 if count else 0.0, length * rates[k])
@@ -57,9 +58,9 @@ def _turning(count: int) -> Any:
 
     @jit_lanes
     def turning(column, own, axis, at, rates, lanes, signs):
-        over, sign, length = signs[0], signs[1], signs[2]
+        factors = signs[0], signs[1], signs[2]
         for k in range(lanes):
-            lane(column, own, axis, at, rates, k, over, sign, length)
+            lane(column, own, axis, at, rates, k, factors)
 
     return turning
 

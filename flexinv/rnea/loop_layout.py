@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from enum import IntEnum
+
 import numpy as np
 
 from flexinv.kernels.simd import row
@@ -35,9 +37,45 @@ LIMITS, SCRATCH, KEEPS, SUMMED, ROOTS, BODIES, CLOSURES, COLUMNS, SUMS, STEPS, F
     0, 1, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 21, 22
 )  # fmt: skip
 BODY_CELLS, CLOSURE_CELLS, COLUMN_CELLS, SUM_CELLS = np.uint64(6), np.uint64(20), np.uint64(9), np.uint64(5)
-ROOT_TURN, TURN, TILT, SLIDE, FLOAT, TWO_TURNS, CHAIN = range(7)  # bodies
-WHOLE, PARTIAL, COUPLED = range(3)  # closures
-TURNING, SLIDING, GEARED, FLOATING, PUSHING = range(5)  # columns; the last two of a whole joint
+
+
+class BodyKind(IntEnum):
+    """How a body moves beside the one that carries it."""
+
+    ROOT_TURN, TURN, TILT, SLIDE, FLOAT, TWO_TURNS, CHAIN = range(7)
+
+
+class ClosureKind(IntEnum):
+    """How the equations of a closure are taken: three positions, fewer or directions, or a coupling."""
+
+    WHOLE, PARTIAL, COUPLED = range(3)
+
+
+class ColumnKind(IntEnum):
+    """Joint of a column of G; the last two are of a whole joint."""
+
+    TURNING, SLIDING, GEARED, FLOATING, PUSHING = range(5)
+
+
+class Operation(IntEnum):
+    """Operations of the steps of a plan; the kernels take them as plain numbers.
+
+    TOGETHER and BOTH stand for four each: + how many entries stand side by side before the pivot's, less one; + INVERTED more
+    where 1 / pivot is left.
+    """
+
+    PAIR, SURE, EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, UNDO, ALL_SIX, SOLVE_INVERTED, TOGETHER = range(12)
+    BOTH = 15
+
+
+MOST_TOGETHER, INVERTED = 4, 8
+# The same as plain numbers, which compiled code compares fastest.
+ROOT_TURN, TURN, TILT, SLIDE, FLOAT, TWO_TURNS, CHAIN = (int(kind) for kind in BodyKind)
+WHOLE, PARTIAL, COUPLED = (int(kind) for kind in ClosureKind)
+TURNING, SLIDING, GEARED, FLOATING, PUSHING = (int(kind) for kind in ColumnKind)
+PAIR, SURE, EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, UNDO, ALL_SIX, SOLVE_INVERTED, TOGETHER, BOTH = (
+    int(operation) for operation in Operation
+)
 # Cells of a body: kind, own rows, the parent's axes, rows of the recursion, constants, the parent's place.
 OWN, ABOVE, ROWS, CONSTANTS, PLACE_ABOVE = (np.uint64(i) for i in range(1, 6))
 # of a closure: kind, own rows, then

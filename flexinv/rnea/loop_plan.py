@@ -84,7 +84,7 @@ def planned(
     taken = {v for pair in pairs.values() for v in pair}
     left = [v for v in passive if v not in taken], drives, min(rank - len(passive), len(drives) - 1)
     found = _with_steps(plan, _matrix(plan, unit, lambda plan: run(b, plan)), b, m, left)
-    return None if found is None else (b, found)
+    return None if found is None else (b, replace(found, rows=_row_names(m, rows)))
 
 
 def _with_steps(
@@ -111,7 +111,15 @@ def _with_steps(
     words[STEPS], words[STEPS + 1] = len(words), e.count
     words[FILLS], words[FILLS + 1] = len(words) + len(e.words), len(e.fills)
     whole = np.concatenate([words, np.array(e.words + e.fills, dtype=np.uint64)])
-    return replace(plan, plan=whole, fixed=np.array(fixed), size=size)
+    return replace(
+        plan, plan=whole, fixed=np.array(fixed), size=size, effort=tuple(effort), coordinates=mechanism.velocity_names
+    )
+
+
+def _row_names(mechanism: Mechanism, rows: Rows) -> tuple[str, ...]:
+    """Names of the equations: that of the closure, and the number of the equation in it."""
+    first = {int(c): int(np.argmax(rows.closure == c)) for c in np.unique(rows.closure)}
+    return tuple(f"{mechanism.closures[int(c)].name}.{k - first[int(c)]}" for k, c in enumerate(rows.closure))
 
 
 def _pairs(mechanism: Mechanism, rows: Rows, g: Array) -> dict[int, tuple[int, int]]:

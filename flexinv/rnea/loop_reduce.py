@@ -59,9 +59,12 @@ _FREE, _SCALAR, _SIX = row(FREE_ROWS), row(SCALAR_ROWS), row(6)
 
 
 @jit_lanes
-def _motion(to, axis, at, own, rates, lanes, signs, turns, more):
-    """Write the velocity of B's point per unit rate of a joint, over the mechanism's length, and its square; add to d'."""
-    sign, length = signs[0], signs[2]
+def _motion(to, joint, own, rates, lanes, signs, turns, more):
+    """Write the velocity of B's point per unit rate of a joint (axis, place), over the mechanism's length, and its square.
+
+    It is added to d', too.
+    """
+    (axis, at), sign, length = joint, signs[0], signs[2]
     if turns:
         for k in range(lanes):
             c = times(sign, cross(vec_of(axis, _VEC, k), minus(vec_of(own, POINT, k), vec_of(at, _VEC, k))))
@@ -90,7 +93,8 @@ def _column(work, closure, column, lanes, signs):
     positions, directions, turns = closure[POSITIONS], closure[DIRECTIONS], column[0] == TURNING
     e, z, moved = work[own + VECTORS :], work[axis : axis + VECTOR], work[to : to + _COLUMN]
     rates, more = work[column[QD] : column[QD] + LANES], 1.0 if directions > _ZERO else 0.0
-    _motion(moved, z, work[place : place + VECTOR], work[own : own + _CLOSURE], rates, lanes, signs, turns, more)
+    joint = z, work[place : place + VECTOR]
+    _motion(moved, joint, work[own : own + _CLOSURE], rates, lanes, signs, turns, more)
     for j in range(positions):
         _along(work[entry : entry + LANES], e[j * VECTOR :], moved[ENTRIES:], lanes, 1.0)
         entry += closure[STRIDE]
@@ -100,8 +104,9 @@ def _column(work, closure, column, lanes, signs):
 
 
 @jit_lanes
-def _force(own, axis, other, at, rates, rates_too, tau, tau_too, lanes, signs):
+def _force(own, axes, at, both_rates, efforts, lanes, signs):
     """u and f of the two axes of a universal joint, and d'; return how often the arm is nearly in their plane, or nearly none."""
+    (axis, other), (rates, rates_too), (tau, tau_too) = axes, both_rates, efforts
     doubts, sign, length = 0, signs[0], signs[2]
     least = (LEAST_ENTRY * length) ** 2
     for k in range(lanes):
@@ -135,7 +140,7 @@ def _reduce(work, closure, one, other, lanes, signs):
     rates = work[first : first + LANES], work[second : second + LANES]
     first, second = one[EFFORT], other[EFFORT]
     efforts = work[first : first + LANES], work[second : second + LANES]
-    doubts = _force(own, axes[0], axes[1], at, rates[0], rates[1], efforts[0], efforts[1], lanes, signs)
+    doubts = _force(own, axes, at, rates, efforts, lanes, signs)
     _nothing(efforts[0], efforts[1], lanes)
     return doubts
 
@@ -155,7 +160,8 @@ def _single(work, closure, column, lanes, signs):
     axis, place, to, entry, effort = column[AXIS], column[JOINT], column[TO], column[ENTRY], column[EFFORT]
     own, moved = work[closure[OWN] : closure[OWN] + _CLOSURE], work[to : to + _COLUMN]
     rates, turns = work[column[QD] : column[QD] + LANES], column[0] == TURNING
-    _motion(moved, work[axis : axis + VECTOR], work[place : place + VECTOR], own, rates, lanes, signs, turns, 0.0)
+    joint = work[axis : axis + VECTOR], work[place : place + VECTOR]
+    _motion(moved, joint, own, rates, lanes, signs, turns, 0.0)
     _part(work[entry : entry + LANES], work[effort : effort + LANES], moved, own, lanes)
 
 

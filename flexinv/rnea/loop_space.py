@@ -81,8 +81,9 @@ def _in_root(axes, k, turned, v):
 
 
 @jit_lanes
-def _whole(a, place_a, state_a, b, place_b, state_b, own, lanes, c):
+def _whole(end_a, end_b, own, lanes, c):
     """Three positions: the point of B, the squares of phi and phi''."""
+    (a, place_a, state_a), (b, place_b, state_b) = end_a, end_b
     at_a, at_b, scale = constant(c, _AT_A), constant(c, _AT_B), c[_SCALE]
     arm_a, arm_b, turned_a, turned_b = (
         constant(c, _ARM_A),
@@ -101,8 +102,9 @@ def _whole(a, place_a, state_a, b, place_b, state_b, own, lanes, c):
 
 
 @jit_lanes
-def _partial(a, place_a, state_a, b, place_b, state_b, own, lanes, c):
+def _partial(end_a, end_b, own, lanes, c):
     """Fewer positions, or none: the gap and its second rate, A's acceleration being that of its body at the point of B."""
+    (a, place_a, state_a), (b, place_b, state_b) = end_a, end_b
     at_a, at_b, arm_b = constant(c, _AT_A), constant(c, _AT_B), constant(c, _ARM_B)
     turned_a, turned_b = _turned(c, _TURNED_A), _turned(c, _TURNED_B)
     for k in range(lanes):
@@ -168,15 +170,16 @@ def _ends(work, closure, own, vectors, lanes, c):
     at_a, at_b = work[closure[PLACE_A] :], work[closure[PLACE_B] :]
     of_a, of_b = work[state_a : state_a + _STATE], work[state_b : state_b + _STATE]
     positions, directions = closure[POSITIONS], closure[DIRECTIONS]
+    end_a, end_b = (a, at_a[:VECTOR], of_a), (b, at_b[:VECTOR], of_b)
     if closure[GROUND] != NO_GROUND:
         whole = work[closure[OWN] : closure[OWN] + _WHOLE]
-        end = (b, at_b[:VECTOR], of_b) if closure[GROUND] == A_STANDS else (a, at_a[:VECTOR], of_a)
+        end = end_b if closure[GROUND] == A_STANDS else end_a
         from_ground(whole, *end, lanes, c, directions)
         return
     if closure[0] == WHOLE:
-        _whole(a, at_a[:VECTOR], of_a, b, at_b[:VECTOR], of_b, own, lanes, c)
+        _whole(end_a, end_b, own, lanes, c)
     else:
-        _partial(a, at_a[:VECTOR], of_a, b, at_b[:VECTOR], of_b, own, lanes, c)
+        _partial(end_a, end_b, own, lanes, c)
     if positions + directions > np.uint64(0):
         _spins(a, of_a, b, of_b, own, lanes, c)
     for j in range(positions):

@@ -71,7 +71,8 @@ class LoopPlan:
     """Plan of the kernels: ``plan`` of whole numbers, ``fixed`` of others [any unit]; ``size`` of the whole work space [-].
 
     matrix : (rows, nv) where the entries of G stand, 0 where there are none; sizes : velocity coordinate -> of its columns
-    constant : which of these are
+    constant : which of these are; effort : where efforts of the velocity coordinates stand
+    rows, coordinates : names of equations and of velocity coordinates, for a reader
     """
 
     plan: NDArray[np.uint64]
@@ -80,6 +81,15 @@ class LoopPlan:
     matrix: NDArray[np.int64]
     sizes: dict[int, list[int]]
     constant: frozenset[int] = frozenset()
+    effort: tuple[int, ...] = ()
+    rows: tuple[str, ...] = ()
+    coordinates: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        """Return the plan as text, a line for every step (`plan_listing`)."""
+        from flexinv.rnea.plan_listing import listing
+
+        return listing(self)
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,7 @@ import numpy as np
 
 from flexinv.kernels.jit import jit_lane, jit_lanes
 from flexinv.kernels.simd import LANES, row
-from flexinv.rnea.loop_layout import CHANGED, FACTOR
-
-# Where other entries stand side by side before the pivot's, so many at most: steps TOGETHER + how many there are - 1, and BOTH +
-# the same where two rows are combined with a third, and nobody asks how; INVERTED more than that where 1 / pivot is left.
-MOST_TOGETHER, TOGETHER, BOTH, INVERTED = 4, 11, 15, 8
-
+from flexinv.rnea.loop_layout import BOTH, CHANGED, FACTOR, MOST_TOGETHER, TOGETHER
 
 # Added to what may be as it was: else the compiler writes only the lanes that change, which takes several times as long.
 _NOTHING = 0.0

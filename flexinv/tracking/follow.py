@@ -9,14 +9,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexinv.analysis.evaluation import evaluate, rigid_trajectory
+from flexinv.analysis.evaluation import FirstStep, evaluate, rigid_motion_of
+from flexinv.analysis.settings import Settings
 from flexinv.analysis.simulate import simulate
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.solve import finer_meshes, scaled_difference, solve
+from flexinv.analysis.solve import finer_meshes, scaled_difference, solve, with_bars
 from flexinv.errors import InputError
 from flexinv.inverse.applied_forces import applied_forces
 from flexinv.kinematics.mesh import Mesh, build
-from flexinv.kinematics.rigid_motion import rigid_motion
 from flexinv.kinematics.unactuated import fill_passive
 from flexinv.model.mechanism import Attachment, Mechanism
 from flexinv.model.motion import Motion
@@ -118,7 +118,7 @@ def follow(
     time = _window(mesh, at, path, step, before, after, start)
     reach = follow_rigid(mesh, at, path, time, start)
     wanted = path.evaluate(time)
-    rigid = _rigid(mesh, reach, time, step)
+    rigid = evaluate(mesh, rigid_motion_of(mesh, time, (reach.q, reach.qd, reach.qdd)), _settings(step))
     moving = not mechanism.is_rigid or any(j.nv and not j.actuated for j in mechanism.joints)
     if not moving:
         return Following(path, at, time, wanted.x, rigid, rigid, reach, (0.0, 0.0))
@@ -203,13 +203,6 @@ def _check_rest(horizon: Horizon, left: tuple[float, float]) -> None:
         )
 
 
-def _rigid(mesh: Mesh, reach: Reach, time: Array, step: float) -> Solution:
-    motion = rigid_motion(mesh, reach.q, reach.qd, reach.qdd)
-    applied = applied_forces(mesh, motion, time)
-    trajectory = rigid_trajectory(mesh, motion, applied)
-    return evaluate(mesh, trajectory, time, reach.q, reach.qd, reach.qdd, set(), _settings(step), applied)
-
-
 def _joint_space(mechanism: Mechanism, reach: Reach, time: Array, step: float) -> Solution:
     driven = [j.name for j in mechanism.joints if j.nv and j.actuated]
     columns = {name: reach.q[:, mechanism.q_slices[name]] for name in driven}
@@ -228,15 +221,16 @@ def _solution(horizon: Horizon, found: Inverse) -> Solution:
     fill_passive(mesh, found.trajectory.motion, moves, q, qd, qdd)
     found.trajectory.iterations[:] = found.iterations
     applied = applied_forces(mesh, found.trajectory.motion, horizon.time)
-    return evaluate(mesh, found.trajectory, horizon.time, q, qd, qdd, moves, _settings(horizon.h), applied)
+    first = FirstStep(found.trajectory, horizon.time, (q, qd, qdd), applied, smooth=moves)
+    return evaluate(mesh, first, _settings(horizon.h))
 
 
 def _initial(mechanism: Mechanism) -> str:
     return "static" if np.any(mechanism.gravity) or mechanism.forces else "consistent"
 
 
-def _settings(step: float) -> dict[str, float | int | str | bool]:
-    return {"step": float(step), "spectral_radius": 1.0, "initial": "static", "incremental": False}
+def _settings(step: float) -> Settings:
+    return Settings(float(step), spectral_radius=1.0, initial="static", tolerance=None)
 
 
 def _with_error(
@@ -250,6 +244,4 @@ def _with_error(
         for finer, factor in finer_meshes(mechanism):
             other = follow(finer, path, frame, step, before, after, start).solution
             bars.append(scaled_difference(out.solution, other, 1, factor))
-    torque = np.asarray(sum(bar[0] for bar in bars))
-    tip = {name: np.asarray(sum(bar[1][name] for bar in bars)) for name in out.solution.tip}
-    return replace(out, solution=replace(out.solution, torque_error=torque, tip_error=tip))
+    return replace(out, solution=with_bars(out.solution, bars))

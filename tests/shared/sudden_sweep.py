@@ -16,7 +16,7 @@ from flexible_examples import STRIP, arm
 from numpy.typing import NDArray
 
 import flexinv
-from flexinv.linearized.damping_ratio import with_retardation
+from flexinv.model.damping import with_retardation
 from flexinv.model.mechanism import Attachment, Force, Mechanism, Placement
 
 Array = NDArray[np.float64]

@@ -23,10 +23,12 @@ from crosscheck.engines import ENGINES
 from crosscheck.engines.base import companion
 from crosscheck.measures.certificate import Certificate, Check, certificate, checks, holds
 from crosscheck.measures.record import Record
+from crosscheck.run.child import given
 from crosscheck.run.questions import certificates
 from crosscheck.verdicts.plan import task
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
+from flexinv.linearized.damping_ratio import damped
 from flexinv.model.mechanism import WORLD, Attachment, Body, Closure, Inertia, Joint, Link, Mechanism, Placement
 from flexinv.model.motion import Motion
 
@@ -263,3 +265,14 @@ def with_evidence(model: Model, harmed: Subject, asked: Subject | None = None) -
     theirs = says((asked or harmed).mechanism, base.case, "pinocchio")
     evidence = Evidence(model, residual, theirs, says(base.mechanism, base.case, "flexinv"))
     return name(model, residual, 1e-9, evidence=evidence)
+
+
+def test_a_certificate_says_who_computed_what_an_engine_is_given() -> None:
+    """The file states a damping ratio; the time that follows from it comes from flexinv's modes."""
+    folder = MODELS / "flex_one_link_damped"
+    assert given(load_mechanism(folder)) == {}  # nothing is computed yet
+    mechanism = damped(load_mechanism(folder))
+    (line,) = checks("m", "c", "exudyn", Certificate(given=given(mechanism)), Certificate())
+    assert line.holds
+    assert line.words.startswith("retardation time 0.00095267 s from ratio 0.03 at mode 1, computed by flexinv")
+    assert given(load_mechanism(MODELS / "flex_one_link")) == {}

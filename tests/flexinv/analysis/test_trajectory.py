@@ -9,9 +9,10 @@ import pytest
 from flexible_examples import HALF_TURN, LENGTH, STRIP, TREE_MOTION, arm, observed_order, spatial_tree, torque_range
 
 import flexinv
-from flexinv.analysis.evaluation import second_step
+from flexinv.analysis.evaluation import FirstStep, second_step
+from flexinv.analysis.settings import Settings
+from flexinv.analysis.task import Task
 from flexinv.analysis.trajectory import flexible_motion
-from flexinv.dynamics.generalized_alpha import generalized_alpha
 from flexinv.dynamics.solver import Trajectory
 from flexinv.inverse.inverse_dynamics import inverse_dynamics
 from flexinv.kernels.so3 import exp_so3
@@ -45,9 +46,9 @@ def test_rigid_links_through_the_march_give_the_exact_torque_at_every_step(law: 
         return move.evaluate(mechanism, t, "right")
 
     mesh = build(mechanism)
-    trajectory = flexible_motion(mesh, before, after, time, generalized_alpha(1e-3, rho), jumps=move.jumps)
+    (first,) = flexible_motion(Task(mesh, time, before, after, set(), Settings(1e-3, rho), move.jumps))
     q, qd, qdd = after(time)
-    tau = inverse_dynamics(mesh, trajectory.motion, qd, qdd)
+    tau = inverse_dynamics(mesh, first.trajectory.motion, qd, qdd).torque
     exact = flexinv.joint_torques(mechanism, q, qd, qdd)
     assert abs(tau - exact).max() <= 1e-12 * np.ptp(exact)  # rounding of some hundred operations
     assert abs(tau[:5] - exact[:5]).max() <= 1e-12 * np.ptp(exact)
@@ -148,7 +149,8 @@ def test_a_missing_force_breaks_the_balances() -> None:
     own = np.einsum("sji,sj->si", s.nodes.rotation[:, root], turn - np.cross(s.nodes.x[:, root], push))
     elastic.wrench[:, root] = np.hstack([push, own])
     elastic.energy[:, :2] = np.stack([s.balance.elastic, np.gradient(s.balance.elastic, s.time)], axis=1)
-    found = second_step(weightless, s.nodes, elastic, s.time, s.qd)
+    first = FirstStep(replace(elastic, motion=s.nodes), s.time, (s.q, s.qd, s.qdd))
+    found = second_step(weightless, first)
     weight = 9.81 * s.mesh.mass.sum()
     assert abs(found.momentum[:, 2] - weight).max() < 1e-6 * weight  # rounding of EA, as above
     assert abs(found.power).max() > 1e3 * abs(s.power_residual).max()

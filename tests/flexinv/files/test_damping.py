@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,8 @@ import pytest
 from flexinv.cli.commands import main
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
+from flexinv.kinematics.mesh import build
+from flexinv.model.damping import ModalDamping
 from flexinv.model.mechanism import Mechanism, Section
 
 MODELS = Path(__file__).resolve().parents[3] / "models"
@@ -30,13 +34,17 @@ def section(mechanism: Mechanism) -> Section:
 
 def test_a_ratio_becomes_a_time_and_a_note(tmp_path: Path) -> None:
     """eta = 2 zeta / omega of the linear cantilever: 0.03 at 62.98 rad/s (natural modes, five digits)."""
-    found = loaded(tmp_path, DAMPED)
+    stated = loaded(tmp_path, DAMPED)
+    assert section(stated).damping is None
+    assert stated.modal_damping == ModalDamping(0.03, 1)
+    found = build(stated).mechanism
+    assert build(stated) is build(found)  # computed once
     damping = section(found).damping
     assert damping is not None
     np.testing.assert_allclose(damping / section(found).stiffness, 0.06 / 62.9812, rtol=1e-5)
     assert (
-        "retardation time 0.00095267 s from ratio 0.03 at mode 1; ratios of modes: 1 at 10.02 Hz 0.03, 2"
-        in found.notes[0]
+        "retardation time 0.00095267 s from ratio 0.03 at mode 1, computed by flexinv; ratios of modes: "
+        "1 at 10.02 Hz 0.03, 2" in found.notes[0]
     )
 
 
@@ -59,7 +67,6 @@ def test_times_of_a_section_and_of_all_beams(tmp_path: Path) -> None:
     [
         (BARE + "[damping]\n", "given:    neither"),
         (DAMPED + "retardation_s = 1e-3\n", "given:    both"),
-        (DAMPED.replace("mode = 1", "mode = 999"), "mode 999, expected 1 to"),
         (DAMPED.replace("GJ_Nm2", "retardation_s = 1e-3\nGJ_Nm2"), "beside retardation_s of a section"),
         (BARE.replace("GJ_Nm2", "retardation_s = -1\nGJ_Nm2"), "should not be negative"),
         (BARE.replace("GJ_Nm2", "retardation_s = { twist = 1 }\nGJ_Nm2"), "should be { axial"),
@@ -68,6 +75,19 @@ def test_times_of_a_section_and_of_all_beams(tmp_path: Path) -> None:
 def test_what_cannot_be_is_answered(text: str, words: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=words):
         loaded(tmp_path, text)
+
+
+def test_a_mode_that_the_mesh_has_not_is_an_error_of_the_mesh(tmp_path: Path) -> None:
+    mechanism = loaded(tmp_path, DAMPED.replace("mode = 1", "mode = 999"))
+    with pytest.raises(InputError, match="mode 999, expected 1 to"):
+        build(mechanism)
+
+
+def test_reading_a_file_starts_no_solver() -> None:
+    """A process that reads a mechanism with a damping ratio has not even loaded the compiler."""
+    text = f"import sys, flexinv; flexinv.load_mechanism({str(MODELS / 'flex_one_link_damped')!r}); print('numba' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
 
 
 def test_the_ratios_are_printed(capsys: pytest.CaptureFixture[str]) -> None:

@@ -80,7 +80,7 @@ def test_the_tree_sum_equals_the_sum_over_nodes() -> None:
     rng = np.random.default_rng(2)
     q, qd, qdd = rng.normal(size=(3, 1, mesh.mechanism.nv))
     motion = rigid_motion(mesh, q, qd, qdd)
-    tau = inverse_dynamics(mesh, motion, qd, qdd, passive=False)
+    tau = inverse_dynamics(mesh, motion, qd, qdd, passive=False).torque
     base = mesh.joint_node["slew"]
     force = mesh.mass[:, None] * (motion.a[0] - mesh.mechanism.gravity)
     body = np.einsum("nij,nj->ni", mesh.inertia, motion.alpha[0]) + np.cross(

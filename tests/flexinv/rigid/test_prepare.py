@@ -39,7 +39,7 @@ def by_nodes(mechanism: Mechanism, q: Array, qd: Array, qdd: Array, passive: boo
     """tau = L T P with every node on its own."""
     mesh = build(mechanism)
     motion = rigid_motion(mesh, q, qd, qdd)
-    tau = inverse_dynamics(mesh, motion, qd, qdd, applied_forces(mesh, motion, np.zeros(len(q))), passive)
+    tau = inverse_dynamics(mesh, motion, qd, qdd, applied_forces(mesh, motion, np.zeros(len(q))), passive).torque
     return tau + joint_springs(mechanism, q, history=False) if passive else tau
 
 

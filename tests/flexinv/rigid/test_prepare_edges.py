@@ -17,10 +17,10 @@ from rigid_trees import chain, tree
 
 import flexinv
 from crosscheck.studies.robot_sweep import random_states
-from flexinv.kernels.mailbox import CELLS, DONE, FREE, OWNER, STATE, TAKEN
+from flexinv.kernels.threads.mailbox import CELLS, DONE, FREE, OWNER, STATE, TAKEN
 from flexinv.model.mechanism import Mechanism
+from flexinv.rigid.blocks import HELPERS
 from flexinv.rigid.prepare import WORTH_HELP, prepare
-from flexinv.rigid.worker_pool import HELPERS
 from flexinv.typing import Array
 
 TESTS = Path(__file__).resolve().parents[2] / "shared"

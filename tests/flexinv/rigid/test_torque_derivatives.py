@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 import rigid_trees as trees
 from flexible_examples import spatial_tree
 from kernels import Array
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from crosscheck.engines.pinocchio import adapter as pinocchio
@@ -19,6 +17,7 @@ from flexinv import joint_torques
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Attachment, Mechanism, Spring
 from flexinv.rigid import torque_derivatives as module
+from flexinv.rigid.derivative_kernel import CarriedBodies
 from flexinv.rigid.torque_derivatives import torque_derivatives
 from flexinv.rigid.torque_regressor import random_states
 
@@ -116,10 +115,9 @@ def test_a_missing_term_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     state = random_states(mechanism, 1, seed=5)
     bodies = module._bodies
 
-    def shifted(f: module.TorqueFunction) -> tuple[NDArray[Any], ...]:
-        parts = list(bodies(f))
-        parts[7] = parts[7] + 1e-3
-        return tuple(parts)
+    def shifted(f: module.TorqueFunction) -> CarriedBodies:
+        carried = bodies(f)
+        return carried._replace(h=carried.h + 1e-3)
 
     monkeypatch.setattr(module, "_bodies", shifted)
     found = torque_derivatives(mechanism, *state)

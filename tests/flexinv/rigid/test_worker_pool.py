@@ -16,11 +16,10 @@ import pytest
 from rigid_trees import tree
 
 from crosscheck.studies.robot_sweep import random_states
-from flexinv.kernels.affinity import _finder, go_to, granted, leave, processor_now, processors
-from flexinv.kernels.mailbox import ANSWER, CELLS, DONE, FREE, OFFERED, OWNER, STATE, TAKEN
-from flexinv.rigid.blocks import settle, torque_blocks
+from flexinv.kernels.threads.affinity import _finder, go_to, granted, leave, processor_now, processors
+from flexinv.kernels.threads.mailbox import ANSWER, CELLS, DONE, FREE, OFFERED, OWNER, STATE, TAKEN
+from flexinv.rigid.blocks import HELPERS, settle, torque_blocks
 from flexinv.rigid.prepare import TorqueFunction, prepare
-from flexinv.rigid.worker_pool import HELPERS
 from flexinv.rnea.loop_plan import NO_LOOPS
 from flexinv.typing import Array
 
@@ -119,7 +118,7 @@ def test_a_container_has_the_processors_that_it_is_given(
     for name, text in files.items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(text + "\n")
-    monkeypatch.setattr("flexinv.kernels.affinity.GROUP", tmp_path)
+    monkeypatch.setattr("flexinv.kernels.threads.affinity.GROUP", tmp_path)
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(4)), raising=False)
     assert granted() == expected
     assert processors() == {1.5: 2, 0.5: 1, math.inf: 4}[expected]
@@ -207,3 +206,36 @@ def test_helpers_neither_outlive_a_fork_nor_the_program(way: str) -> None:
             [sys.executable, "-c", PROGRAM, way], capture_output=True, text=True, timeout=120, env=paths
         )
         assert done.returncode == 0, done.stderr
+
+
+SWITCHED = """
+import sys, threading
+import numpy as np
+import flexinv
+from rigid_trees import tree
+
+f = flexinv.prepare(tree(), threads=4)
+rng = np.random.default_rng(0)
+q = np.repeat(f.mechanism.neutral[None], 4000, axis=0)
+qd, qdd = rng.normal(size=(2, 4000, f.mechanism.nv))
+tau = [f.torques(q, qd, qdd) for _ in range(3)]
+np.save(sys.argv[1], tau[-1])
+print(sum(t.name == "flexinv" for t in threading.enumerate()))
+"""
+
+
+def switched(root: Path, out: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    variables = {**os.environ, "PYTHONPATH": str(root / "tests" / "shared"), **environment}
+    return subprocess.run([sys.executable, "-c", SWITCHED, str(out)], env=variables, capture_output=True, text=True)
+
+
+def test_the_switch_leaves_no_helper(root: Path, tmp_path: Path) -> None:
+    """FLEXINV_THREADS=1: no thread beside the caller's, and the same torques to the last bit."""
+    on, off = (switched(root, tmp_path / f"{n}.npy", FLEXINV_THREADS=n) for n in ("2", "1"))
+    assert (on.stdout.strip(), off.stdout.strip()) == ("1", "0"), on.stderr + off.stderr
+    np.testing.assert_array_equal(np.load(tmp_path / "1.npy"), np.load(tmp_path / "2.npy"))
+
+
+def test_a_switch_that_is_no_number_is_an_error(root: Path, tmp_path: Path) -> None:
+    found = switched(root, tmp_path / "tau.npy", FLEXINV_THREADS="off")
+    assert "FLEXINV_THREADS = 'off': expected a whole number of threads" in found.stderr

@@ -8,18 +8,33 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from ctypes import CDLL
+from functools import cache
 from pathlib import Path
+
+from flexinv.errors import InputError
 
 GROUP = Path("/sys/fs/cgroup")
 
 
 def processors() -> int:
-    """Return the number of processors that this process may use [-], a container's limit included."""
+    """Return the number of processors that this process may use [-], a container's limit and `limit` included."""
     allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(1, math.ceil(min(allowed, granted())))
+    return max(1, math.ceil(min(allowed, granted(), limit())))
+
+
+@cache
+def limit() -> int:
+    """Return the number of threads [-] that a call may use by ``FLEXINV_THREADS``: 1 for no helpers, no limit without it."""
+    stated = os.environ.get("FLEXINV_THREADS", "").strip()
+    if stated and not (stated.isdecimal() and int(stated) > 0):
+        raise InputError(
+            f"FLEXINV_THREADS = {stated!r}: expected a whole number of threads, 1 or more; write FLEXINV_THREADS=1"
+        )
+    return int(stated) if stated else sys.maxsize
 
 
 def granted() -> float:

@@ -11,8 +11,8 @@ A *mail* is a row of cells (`atomics`).  Its state goes round:
 
 from __future__ import annotations
 
-from flexinv.kernels.atomics import address, look, pause, put, swap
 from flexinv.kernels.jit import jit_lanes
+from flexinv.kernels.threads.atomics import address, look, pause, put, swap
 
 FREE, CLAIMED, OFFERED, TAKEN, DONE = range(5)
 # Cells of a mail, in lines of the cache of eight: the state, what only the caller writes, whether the helper sleeps, the offer.

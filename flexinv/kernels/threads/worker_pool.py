@@ -10,15 +10,15 @@ from __future__ import annotations
 import atexit
 import os
 import time
+from collections.abc import Callable
 from queue import SimpleQueue
 from threading import Lock, Thread
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.kernels.affinity import leave, processor_now
-from flexinv.kernels.mailbox import CELLS, SLEEPS
-from flexinv.rigid.blocks import attend
+from flexinv.kernels.threads.affinity import leave, limit, processor_now
+from flexinv.kernels.threads.mailbox import CELLS, SLEEPS
 
 # How long a helper watches before it sleeps [s]: several times what passes between two calls in a loop.
 WATCH = 3e-4
@@ -27,9 +27,10 @@ _LOOKS, _TRIES = (
     5,
 )  # by which a helper learns at first how long a look takes: the shortest, as the system interrupts
 MOST = 255
+Attend = Callable[[NDArray[np.uint64], int], None]
 
 
-def _looking() -> float:
+def _looking(attend: Attend) -> float:
     """Seconds that `_LOOKS` looks take."""
     start = time.perf_counter()
     attend(np.zeros(CELLS, dtype=np.uint64), _LOOKS)
@@ -39,18 +40,18 @@ def _looking() -> float:
 class _Helper:
     """A thread, its mail and the bell that wakes it."""
 
-    def __init__(self, mail: NDArray[np.uint64]) -> None:
-        self.mail, self.bell, self.caller = mail, SimpleQueue[bool](), processor_now()
+    def __init__(self, attend: Attend, mail: NDArray[np.uint64]) -> None:
+        self.attend, self.mail, self.bell, self.caller = attend, mail, SimpleQueue[bool](), processor_now()
         self.thread = Thread(target=self._serve, name="flexinv", daemon=True)
         self.thread.start()
 
     def _serve(self) -> None:
         leave(self.caller)
-        looks = int(_LOOKS * WATCH / min(_looking() for _ in range(_TRIES)))
-        attend(self.mail, looks)
+        looks = int(_LOOKS * WATCH / min(_looking(self.attend) for _ in range(_TRIES)))
+        self.attend(self.mail, looks)
         while self.bell.get():
             leave(self.caller)
-            attend(self.mail, looks)
+            self.attend(self.mail, looks)
 
     def wake(self) -> None:
         if self.mail[SLEEPS]:
@@ -63,9 +64,13 @@ class _Helper:
 
 
 class Helpers:
-    """The threads, started when first needed; a forked child begins without them, and at the end they are dismissed."""
+    """The threads, started when first needed; a forked child begins without them, and at the end they are dismissed.
 
-    def __init__(self) -> None:
+    attend : what they do: take work from a mail until no offer comes for so many looks
+    """
+
+    def __init__(self, attend: Attend) -> None:
+        self._attend = attend
         self.forget()
         atexit.register(self.dismiss)
         if hasattr(os, "register_at_fork"):
@@ -88,6 +93,7 @@ class Helpers:
 
         Where not ``wake``, those that sleep are woken only if the last call was a moment ago, as in a loop.
         """
+        count = min(count, limit() - 1)
         now = time.perf_counter()
         wake, self._called = wake or now - self._called < WATCH, now
         if wake:
@@ -101,9 +107,6 @@ class Helpers:
         with self._starting:
             try:
                 while len(self._members) < min(count, MOST):
-                    self._members.append(_Helper(self._mails[len(self._members)]))
+                    self._members.append(_Helper(self._attend, self._mails[len(self._members)]))
             except RuntimeError:  # no more threads, or the program is ending: those that are there have to do
                 return
-
-
-HELPERS = Helpers()

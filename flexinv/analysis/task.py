@@ -1,0 +1,174 @@
+"""Task: a mechanism's mesh, the instants, and what its joints do there; the common entrance of the public verbs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexinv.analysis.settings import Settings
+from flexinv.constraints.loop_starts import picked_start, stated_of
+from flexinv.dynamics.solver import Efforts
+from flexinv.errors import InputError
+from flexinv.kinematics.joint_motion import JointHistory
+from flexinv.kinematics.mesh import Mesh, build
+from flexinv.model.initial_values import start_coordinates
+from flexinv.model.mechanism import Mechanism
+from flexinv.model.motion import Motion, motion_table
+from flexinv.typing import Array, Triple
+from flexinv.validation import choice, function, number, of_kind, whole
+
+# A sampling grid longer than this is a mistake in `step` far more often than a wish.
+MOST_SAMPLES = 5_000_000
+INITIAL = {"consistent": "starts undeformed", "static": "in equilibrium"}
+
+Progress = Callable[[int], None]
+
+
+@dataclass(frozen=True)
+class Task:
+    """The prescribed motion of a mechanism, and the settings by which its torques are computed.
+
+    steps : (steps + 1,) all instants from the start on [s]
+    before, after : time -> q (samples, nq), qd, qdd (samples, nv) [rad or m, s], the left-hand and the right-hand limit where
+        accelerations jump; joints named in ``passive`` at their start
+    jumps : times at which accelerations jump [s]; stated_rates : passive joints whose rate at the start is kept in loops
+    efforts : of the drives of passive joints, which their torque moves (`dynamics.solver.Efforts`) [N m], [N]
+    progress : called with the number of steps done since its last call; part : kept samples of a part [-], None for one part
+    """
+
+    mesh: Mesh
+    steps: Array
+    before: JointHistory
+    after: JointHistory
+    passive: set[str]
+    settings: Settings
+    jumps: tuple[float, ...] = ()
+    stated_rates: Collection[str] = ()
+    efforts: Efforts | None = None
+    progress: Progress | None = None
+    part: int | None = None
+
+    @property
+    def time(self) -> Array:
+        """Return the instants that are kept [s]."""
+        return self.steps if self.settings.every == 1 else self.steps[:: self.settings.every]
+
+
+def check_task(mechanism: Mechanism, motion: Motion, initial: str, every: int, progress: Progress | None) -> int:
+    """Return ``every`` [-]; raises InputError for a mechanism, a motion, a start or a progress that is none."""
+    of_kind("mechanism", mechanism, Mechanism)
+    of_kind("motion", motion, Motion, ("evaluate", "joints", "jumps", "duration"))
+    choice("initial", initial, INITIAL)
+    function("progress", progress, "a function of the number of steps done since its last call")
+    return whole("every", every, 1, "1 to keep all steps, or more to keep one of so many")
+
+
+def prescribe(
+    mechanism: Mechanism, motion: Motion, steps: Array, settings: Settings,
+    start: Mapping[str, ArrayLike] | None, start_rate: Mapping[str, ArrayLike] | None,
+) -> Task:  # fmt: skip
+    """Return the task of a motion at the instants ``steps`` [s]: joints that it leaves out are passive and start where stated.
+
+    A motion that is the same seen from both sides is evaluated once; in loops the start is moved onto the branch that it names.
+    """
+    mesh = build(mechanism)
+    passive = {joint.name for joint in mechanism.joints if joint.nv} - set(motion.joints(mechanism))
+    time = steps if settings.every == 1 else steps[:: settings.every]
+    before, after = joint_histories(
+        motion, mechanism, start_coordinates(mechanism, passive, start, start_rate), settings, time
+    )
+    if mechanism.closures and start and passive:
+        start = _on_branch(mesh, after, float(time[0]), passive, start)
+        stated = start_coordinates(mechanism, passive, start, start_rate)
+        before, after = joint_histories(motion, mechanism, stated, settings, time)
+    return Task(mesh, steps, before, after, passive, settings, motion.jumps, start_rate or ())
+
+
+def looked_up(task: Task) -> Task:
+    """Return the task with the joint motion [rad or m, s] at its instants taken from one evaluation, where that is the same."""
+    m = task.mesh.mechanism
+    if task.settings.every > 1 or task.jumps or (m.closures and m.is_rigid):
+        return task
+    history = _looked_up(task.time, task.after)
+    return replace(task, before=history, after=history)
+
+
+def _on_branch(
+    mesh: Mesh, history: JointHistory, time: float, passive: set[str], start: Mapping[str, ArrayLike]
+) -> Mapping[str, ArrayLike]:
+    """The start from which the loops close where it says, or nearest to that."""
+    m = mesh.mechanism
+    q = picked_start(mesh, history, time, stated_of(m, passive), stated_of(m, start))
+    return start if q is None else {name: q[m.q_slices[name]] for name in passive}
+
+
+def time_grid(motion: Motion, step: float, end: float | None, every: int) -> Array:
+    """Return the times of all steps, the start included (steps + 1,) [s]; raises InputError for a step or end that cannot be."""
+    step = number("step", step, "a positive number of seconds, for example step=1e-3")
+    last = motion.duration if end is None else number("end", end, "a positive time, or None for the motion's duration")
+    if not (np.isfinite(step) and step > 0.0):
+        raise InputError(f"step = {step} s: expected a positive number of seconds, for example step=1e-3")
+    if not (np.isfinite(last) and last > 0.0):
+        raise InputError(f"end = {last} s: expected a positive time, or None for the motion's duration")
+    if step > last:
+        raise InputError(
+            f"step = {step:g} s is longer than the motion ({last:g} s): write a smaller step, say {last / 200:g}"
+        )
+    count = int(np.floor(last / step * (1 + 1e-9)))  # the last sample is the end when step divides it, up to rounding
+    if count >= MOST_SAMPLES * max(every, 1):
+        raise InputError(
+            f"step = {step:g} s gives {count} samples in {last:g} s, more than {MOST_SAMPLES * max(every, 1)}: "
+            "write a larger step, or every=10 to keep one step of ten"
+        )
+    return np.asarray(step * np.arange(count + 1))
+
+
+def joint_histories(
+    motion: Motion, mechanism: Mechanism, stated: tuple[dict[str, Array], dict[str, Array]], settings: Settings, grid: Array
+) -> tuple[JointHistory, JointHistory]:  # fmt: skip
+    """Return joint motion [rad or m, s] with the passive joints at their start: left-hand limits at jumps, and right-hand ones.
+
+    stated : start coordinates and rates by joint; grid : the times of which a table may be kept, an empty one for none
+    """
+    places, rates = stated
+
+    def joint_motion(time: Array, side: str) -> Triple:
+        if time is grid and side == "right" and len(grid) > 1 and grid[1] == settings.step:
+            q, qd, qdd = (part.copy() for part in motion_table(motion, mechanism, settings.step, len(grid)))
+        else:
+            q, qd, qdd = motion.evaluate(mechanism, time, side)  # type: ignore[arg-type]
+        for name, value in places.items():
+            q[:, mechanism.q_slices[name]] = value
+        for name, value in rates.items():
+            qd[:, mechanism.v_slices[name]] = value
+        return q, qd, qdd
+
+    return (lambda time: joint_motion(time, "left")), (lambda time: joint_motion(time, "right"))
+
+
+def _looked_up(time: Array, history: JointHistory) -> JointHistory:
+    """The same history at samples of a grid, taken from one evaluation."""
+    table = history(time)
+    for part in table:
+        part.flags.writeable = False
+
+    def samples(at: Array) -> Triple:
+        first = int(np.searchsorted(time, at[0]))
+        last = first + len(at)  # both are parts of one grid where their ends are
+        if last > len(time) or time[first] != at[0] or time[last - 1] != at[-1]:
+            return history(at)
+        return table[0][first:last], table[1][first:last], table[2][first:last]
+
+    return samples
+
+
+def still(q: Array, qd: Array, qdd: Array) -> JointHistory:
+    """Return a joint motion that is at all times the state q (nq,), qd, qdd (nv,) [rad or m, s]."""
+
+    def history(time: Array) -> Triple:
+        return np.tile(q, (len(time), 1)), np.tile(qd, (len(time), 1)), np.tile(qdd, (len(time), 1))
+
+    return history

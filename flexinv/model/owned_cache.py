@@ -1,0 +1,56 @@
+"""Caches that belong to what they were computed from: results stay with a mesh, a mechanism or a motion, and go with it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, Concatenate, ParamSpec, TypeVar
+
+Owner = TypeVar("Owner")
+Key = ParamSpec("Key")
+Result = TypeVar("Result")
+
+# The attribute in which an owner holds its results; the data of a frozen record are its fields, and this is none of them.
+ATTRIBUTE = "_kept_results"
+
+
+class _Results(dict[str, dict[Any, Any]]):
+    """Results by function and key; a copy and a pickle of the owner begin without them."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _Results, ()
+
+    def __copy__(self) -> _Results:
+        return _Results()
+
+
+def kept_with_owner(
+    most: int = 64, typed: bool = False
+) -> Callable[[Callable[Concatenate[Owner, Key], Result]], Callable[Concatenate[Owner, Key], Result]]:
+    """Return a decorator: the first argument of a function keeps its last results, by the other arguments, which are hashable.
+
+    most : results of one function that an owner keeps [-], the oldest goes first; typed : 2.0 is not 2, nor 1 True
+    """
+
+    def decorate(function: Callable[Concatenate[Owner, Key], Result]) -> Callable[Concatenate[Owner, Key], Result]:
+        name = f"{function.__module__}.{function.__qualname__}"
+
+        @wraps(function)
+        def kept(owner: Owner, /, *key: Key.args, **_: Key.kwargs) -> Result:
+            results = owner.__dict__.get(ATTRIBUTE)
+            if results is None:
+                results = owner.__dict__.setdefault(ATTRIBUTE, _Results())
+            own = results.setdefault(name, {})
+            index = (*key, *map(type, key)) if typed else key
+            try:
+                return own[index]  # type: ignore[no-any-return]
+            except KeyError:
+                pass
+            found = own.setdefault(index, function(owner, *key, **_))
+            for old in list(own)[: max(len(own) - most, 0)]:
+                own.pop(old, None)
+            return found  # type: ignore[no-any-return]
+
+        return kept
+
+    return decorate

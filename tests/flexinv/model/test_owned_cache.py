@@ -1,0 +1,58 @@
+"""Results belong to their owner: they are kept with it, go with it, and are not copied with it."""
+
+from __future__ import annotations
+
+import copy
+import gc
+import pickle
+import weakref
+from dataclasses import dataclass
+
+from flexible_examples import arm
+
+from flexinv.kinematics.mesh import build
+from flexinv.model.owned_cache import ATTRIBUTE, kept_with_owner
+from flexinv.planar.detection import find_plane
+
+
+@dataclass(frozen=True, eq=False)
+class Owner:
+    number: float
+
+
+CALLS: list[float] = []
+
+
+@kept_with_owner(most=2)
+def raised(owner: Owner, power: float) -> float:
+    CALLS.append(power)
+    return owner.number**power
+
+
+def test_a_result_is_computed_once_for_each_owner_and_key() -> None:
+    CALLS.clear()
+    one, two = Owner(2.0), Owner(3.0)
+    assert [raised(one, 2.0), raised(one, 2.0), raised(two, 2.0)] == [4.0, 4.0, 9.0]
+    assert CALLS == [2.0, 2.0]
+    for power in (3.0, 4.0, 2.0):  # an owner keeps two: the first went
+        raised(one, power)
+    assert CALLS == [2.0, 2.0, 3.0, 4.0, 2.0]
+
+
+def test_copies_begin_without_results() -> None:
+    one = Owner(2.0)
+    raised(one, 2.0)
+    for other in (copy.deepcopy(one), pickle.loads(pickle.dumps(one))):
+        assert other.number == 2.0
+        assert other.__dict__[ATTRIBUTE] == {}
+
+
+def test_a_mesh_goes_with_its_mechanism() -> None:
+    mechanism = arm()
+    mesh = build(mechanism)
+    assert build(mechanism) is mesh
+    assert find_plane(mesh) is find_plane(mesh)
+    gone = weakref.ref(mesh)
+    del mechanism, mesh
+    gc.collect()
+    assert gone() is None

@@ -1,0 +1,45 @@
+"""Plans of closed loops can be read: their steps are records with names, and a print of them says what happens."""
+
+from __future__ import annotations
+
+import loop_examples
+import pytest
+from four_bar_example import four_bar
+from loop_examples import Example
+
+import flexinv
+from flexinv.rnea.loop_layout import FILLS, STEPS, Operation
+from flexinv.rnea.loop_tables import LoopPlan
+from flexinv.rnea.plan_listing import steps
+
+FOUR_BAR = """\
+plane, work space of 185 rows
+bodies: root turn, turn, root turn
+closures: whole
+  1  pair           G[C.0, D] is the pivot, G[C.1, D] -> 0; so G[C.0, B] by G[C.1, B], G[C.0, A] by G[C.1, A]
+  2  solve          lambda = tau[D] / G[C.0, D], held against size[D]; tau[A] -= lambda G[C.0, A]; tau[B] -= lambda G[C.0, B]
+  3  solve          lambda = tau[B] / G[C.1, B], held against size[B]; tau[A] -= lambda G[C.1, A]"""
+
+
+def plan_of(example: Example) -> LoopPlan:
+    return flexinv.prepare(example[0], threads=1).plan
+
+
+def test_a_plan_prints_as_steps_with_names() -> None:
+    assert str(flexinv.prepare(four_bar(), threads=1).plan) == FOUR_BAR
+
+
+@pytest.mark.parametrize("name", ["four_bar", "spatial", "platform", "rack_and_pinion"])
+def test_the_steps_are_all_words_of_the_plan(name: str) -> None:
+    """Decoded steps fill the words between the tables and the entries that are zero at first, none left over."""
+    plan = plan_of(getattr(loop_examples, name)())
+    found = steps(plan)
+    assert len(found) == int(plan.plan[STEPS + 1]) == len(str(plan).splitlines()) - 3
+    assert sum(5 + 2 * len(step.pairs) for step in found) == int(plan.plan[FILLS]) - int(plan.plan[STEPS])
+    assert {step.operation for step in found} & {Operation.SOLVE, Operation.SOLVE_INVERTED, Operation.ALL_SIX}
+
+
+def test_redundant_drives_are_projected() -> None:
+    """A drive more than needed: norms and inner products with weights, then what drives do against each other goes."""
+    text = str(plan_of(loop_examples.five_bar(3)))
+    assert [word in text for word in ("norm ", "inner ", "project ")] == [True, True, True]
