@@ -14,8 +14,10 @@ from flexinv.constraints.impacts import Impact
 from flexinv.errors import ConvergenceError
 from flexinv.inverse.balance import Balance
 from flexinv.inverse.inverse_dynamics import Factors, NodalForces, factors
+from flexinv.kinematics.joint_motion import scalar_coordinate
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 from flexinv.validation import index
@@ -215,9 +217,9 @@ class Solution:
         out = np.full_like(self.qd, np.nan)
         for joint in self.mechanism.joints:
             own, at = self.q[:, self.mechanism.q_slices[joint.name]], self.mechanism.v_slices[joint.name]
-            if joint.kind == "continuous":
-                out[:, at] = np.unwrap(np.arctan2(own[:, 1], own[:, 0]))[:, None]
-            elif joint.nq == joint.nv:
+            if joint.nv == 1:
+                out[:, at] = scalar_coordinate(joint, own)[:, None]
+            elif KINDS[joint.kind].scalar:
                 out[:, at] = own
         return out
 
@@ -281,10 +283,7 @@ class Solution:
 
 def _is_force(mechanism: Mechanism) -> list[bool]:
     """Return True for each velocity coordinate that is a translation, whose effort is a force."""
-    out = []
-    for joint in mechanism.joints:
-        out += [joint.kind == "prismatic" or (joint.kind == "free" and k < 3) for k in range(joint.nv)]
-    return out
+    return [force for joint in mechanism.joints for force in KINDS[joint.kind].translations]
 
 
 def effort_units(mechanism: Mechanism) -> list[str]:

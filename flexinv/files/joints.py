@@ -26,11 +26,12 @@ from flexinv.files.toml_tables import (
     toml_text,
     validate,
 )
-from flexinv.model.mechanism import COORDINATES, Joint, Limits, Placement
+from flexinv.model.joint_kinds import KINDS
+from flexinv.model.mechanism import Joint, Limits, Placement
 from flexinv.typing import Array
 from flexinv.validation import nearest
 
-KINDS = '"revolute", "continuous", "prismatic", "spherical", "universal", "fixed" or "free"'
+NAMES = " or ".join(", ".join(f'"{name}"' for name in part) for part in (list(KINDS)[:-1], list(KINDS)[-1:]))
 AXIS = "the axis in the joint frame, three numbers [-]"
 # The length of an axis may be off by this much before it is worth a warning: seven digits were typed.
 UNIT = 1e-6
@@ -107,7 +108,7 @@ class LinearDrive(Table):
 class JointTable(Table):
     """Keys of every joint: the links that it connects and its placement."""
 
-    kind: str = key(f"one of {KINDS}", 'kind = "revolute"')
+    kind: str = key(f"one of {NAMES}", 'kind = "revolute"')
     parent: Name = key('the link it hangs on, or "world"', 'parent = "world"')
     child: Name = key("the link that it carries", 'child = "forearm"')
     placement: PlacementTable | None = key(PLACEMENT, "placement = { xyz_m = [0.4, 0, 0] }", default=None)
@@ -202,10 +203,10 @@ def read_joint(data: Any, file: Path, name: str) -> Joint:
     """Read ``[joints.NAME]`` into a joint [m, rad, kg m^2, N m s/rad, N m] of its kind."""
     path = f"joints.{name}"
     kind = data.get("kind") if isinstance(data, dict) else None
-    if kind is not None and (not isinstance(kind, str) or kind not in COORDINATES):
-        near = nearest(str(kind), COORDINATES) or "revolute"
+    if kind is not None and (not isinstance(kind, str) or kind not in KINDS):
+        near = nearest(str(kind), KINDS) or "revolute"
         where = place(file, path, "kind")
-        raise InputError(complaint(where, f"kind = {toml_text(kind)}", f"one of {KINDS}", f'kind = "{near}"'))
+        raise InputError(complaint(where, f"kind = {toml_text(kind)}", f"one of {NAMES}", f'kind = "{near}"'))
     table = validate(TABLES.get(kind or "", RevoluteTable), data, file, path)
     axes: dict[str, Any] = {}
     for axis in ("axis", "second_axis"):

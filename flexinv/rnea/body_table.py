@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.kernels.simd import BLOCK
-from flexinv.kinematics.mesh import CONFIGURATIONS, CONTINUOUS, FREE, PRISMATIC, REVOLUTE, SPHERICAL, VELOCITIES, Mesh
+from flexinv.kinematics.mesh import Mesh
+from flexinv.model.joint_kinds import CONFIGURATIONS, CONTINUOUS, FREE, PRISMATIC, REVOLUTE, SPHERICAL, VELOCITIES
 from flexinv.rnea.recursion import (
     COPIED,
     COS,
@@ -170,13 +171,8 @@ def _add_masses(mesh: Mesh, numbers: Array, body: list[int], axes: list[Array], 
 
 def _add_drives(mesh: Mesh, numbers: Array, moving: NDArray[np.int64], passive: bool) -> None:
     """Write rotor inertia, and with ``passive`` damping, friction, stiffness and rest of each joint."""
-    m = mesh.mechanism
-    owner = [joint for joint in m.joints for _ in range(joint.nv)]
-    for i, n in enumerate(moving, start=1):
-        joint = owner[int(mesh.v_index[n])]
-        numbers[i, 22] = joint.rotor_inertia
-        if passive:
-            numbers[i, 23:27] = joint.damping, joint.friction, joint.stiffness, joint.rest
+    count = 5 if passive else 1
+    numbers[1:, 22 : 22 + count] = mesh.mechanism.drive_table[:count, mesh.v_index[moving]].T
 
 
 def _layout(kinds: NDArray[np.int64], parents: list[int], last: dict[int, int]) -> tuple[NDArray[np.uint64], int]:

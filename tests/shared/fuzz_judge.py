@@ -19,7 +19,7 @@ from fuzz_grammar import Example
 from numpy.typing import NDArray
 
 import flexinv
-from flexinv.dynamics.dofs import FRICTION_RATE
+from flexinv.elements.joint_law import FRICTION_RATE
 from flexinv.inverse.applied_forces import applied_forces
 
 Array = NDArray[np.float64]

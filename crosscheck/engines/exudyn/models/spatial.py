@@ -92,6 +92,8 @@ def unsupported(mechanism: Mechanism) -> str | None:
     for joint in mechanism.joints:
         if joint.kind == "free" and joint.parent != WORLD:
             return f"joint {joint.name}: Exudyn's offset of a held position is along world axes, its parent moves"
+        if not joint.actuated and joint.kind not in exudyn_closing.HELD:
+            return f"joint {joint.name}: no connector of Exudyn is a {joint.kind} joint without a drive"
     for link in mechanism.beams:
         if link.beam is not None and link.beam.curvature.any():
             return f"{link.name} is curved: both of Exudyn's beams in space are straight without stress"
