@@ -162,6 +162,20 @@ class RevoluteTable(SprungDrive, JointTable):
     )
 
 
+class HelicalTable(SprungDrive, JointTable):
+    """A screw: a rotation and a translation along its axis in a fixed ratio."""
+
+    drive: DriveTable | None = MOTOR
+
+    axis: Vector = key(AXIS, "axis = [0, 0, 1]")
+    pitch_m: Number = key(
+        "the way along the axis for a whole turn about it [m]; negative: left-handed", "pitch_m = 0.005"
+    )
+    limits: RotaryLimitsTable | None = key(
+        "a table: effort_Nm, velocity_rad_per_s, lower_rad, upper_rad", "limits = { effort_Nm = 150 }", default=None
+    )
+
+
 class PrismaticTable(LinearDrive, JointTable):
     """A translation."""
 
@@ -186,6 +200,7 @@ TABLES: dict[str, type[JointTable]] = {
     "revolute": RevoluteTable,
     "continuous": ContinuousTable,
     "prismatic": PrismaticTable,
+    "helical": HelicalTable,
     "spherical": SphericalTable,
     "universal": UniversalTable,
     "fixed": FixedTable,
@@ -196,6 +211,7 @@ DRIVES: dict[str, type[Table]] = {
     "continuous": SprungDrive,
     "universal": RotaryDrive,
     "prismatic": LinearDrive,
+    "helical": SprungDrive,
 }
 
 
@@ -220,8 +236,19 @@ def read_joint(data: Any, file: Path, name: str) -> Joint:
     return Joint(
         name, table.kind, table.parent, table.child, read_placement(table.placement, file, f"{path}.placement"),
         table.station, **axes, **drive(table, file, path), limits=_limits(table, file, f"{path}.limits"),
-        drive=read_drive(getattr(table, "drive", None), file, f"{path}.drive"),
+        drive=read_drive(getattr(table, "drive", None), file, f"{path}.drive"), pitch=_pitch(table, file, path),
     )  # fmt: skip
+
+
+def _pitch(table: Table, file: Path, path: str) -> float:
+    """Return the way of a screw for a whole turn [m], 0 of other joints."""
+    pitch = float(getattr(table, "pitch_m", 0.0))
+    if hasattr(table, "pitch_m") and not pitch:
+        where = place(file, path, "pitch_m")
+        raise InputError(
+            complaint(where, "pitch_m = 0", "a pitch other than zero [m]", 'kind = "revolute", no pitch_m')
+        )
+    return pitch
 
 
 def drive(table: Table, file: Path, path: str) -> dict[str, Any]:

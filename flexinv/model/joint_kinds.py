@@ -13,7 +13,7 @@ import numpy as np
 from flexinv.typing import Array
 
 # Kinds of connection between a node and its parent, as numbers for kernels.
-RIGID, REVOLUTE, PRISMATIC, SPHERICAL, FREE, SECTION, CONTINUOUS = range(7)
+RIGID, REVOLUTE, PRISMATIC, SPHERICAL, FREE, SECTION, CONTINUOUS, HELICAL = range(8)
 
 # Layouts of the configuration coordinates: numbers of their own, cosine and sine, a quaternion, a position and a quaternion.
 PLAIN, CIRCLE, ROTATION, POSE = "plain", "circle", "rotation", "pose"
@@ -69,6 +69,7 @@ KINDS: dict[str, JointKind] = {
     "revolute": JointKind(REVOLUTE, ("",), ("",), ("rad",), repeats=True),
     "continuous": JointKind(CONTINUOUS, (".cos", ".sin"), ("",), ("rad",), CIRCLE, repeats=True),
     "prismatic": JointKind(PRISMATIC, ("",), ("",), ("m",)),
+    "helical": JointKind(HELICAL, ("",), ("",), ("rad",)),  # a turn of the screw does not bring the nut back
     "spherical": JointKind(SPHERICAL, _QUATERNION, _RATES, _ANGLES, ROTATION),
     "universal": JointKind(REVOLUTE, (".1", ".2"), (".1", ".2"), ("rad", "rad"), repeats=True),  # two nodes
     "fixed": JointKind(RIGID, (), (), ()),
@@ -81,8 +82,11 @@ CONFIGURATIONS = {RIGID: 0, SECTION: 0} | {k.number: len(k.q) for k in KINDS.val
 VELOCITIES = {RIGID: 0, SECTION: 0} | {k.number: len(k.v) for k in KINDS.values() if k != KINDS["universal"]}
 
 
-def motion_subspace(number: int, axis: Array) -> tuple[Array, Array]:
-    """Return S_v, S_w, (nv, 3) each [-] or [m/rad], of a node's joint about or along ``axis`` (3,) [-], in the child's frame."""
+def motion_subspace(number: int, axis: Array, pitch: float = 0.0) -> tuple[Array, Array]:
+    """Return S_v, S_w, (nv, 3) each [-] or [m/rad], of a node's joint about or along ``axis`` (3,) [-], in the child's frame.
+
+    pitch : of a helical joint [m], its way along the axis for a whole turn about it
+    """
     eye, none = np.eye(3), np.zeros((3, 3))
     if number == PRISMATIC:
         return axis[None], none[:1]
@@ -90,6 +94,8 @@ def motion_subspace(number: int, axis: Array) -> tuple[Array, Array]:
         return none, eye
     if number == FREE:
         return np.vstack([eye, none]), np.vstack([none, eye])
+    if number == HELICAL:
+        return pitch / (2.0 * np.pi) * axis[None], axis[None]
     if number in (REVOLUTE, CONTINUOUS):
         return none[:1], axis[None]
     return none[:0], none[:0]

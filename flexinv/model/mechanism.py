@@ -58,6 +58,7 @@ class Joint(Frozen):
     kind : a key of `joint_kinds.KINDS`
     station : on a beam parent the fraction 0..1 of the length whose section frame carries the joint, else None
     axis : (3,) [-], unit, in the joint frame (first axis of a universal joint); second_axis : (3,), universal
+    pitch : [m], helical: the way of the child along the axis for a whole turn about it (the screw's lead); negative: left-handed
     rotor_inertia : [kg m^2] or [kg], reflected to the joint; damping : [N m s/rad] or [N s/m];
     friction : [N m] or [N], dry: one number, the same for every velocity coordinate of the joint
     stiffness : [N m/rad] or [N/m] of a spring in the joint, without effort at ``rest`` [rad] or [m] (scalar joints)
@@ -83,6 +84,7 @@ class Joint(Frozen):
     weight: float = 1.0
     limits: Limits = field(default_factory=Limits)
     drive: Drive | None = None
+    pitch: float = 0.0
 
     @property
     def nq(self) -> int:
@@ -101,7 +103,7 @@ class Joint(Frozen):
 
     def subspace(self, axis: Array) -> tuple[Array, Array]:
         """Return the motion subspace S_v, S_w (coordinates, 3) [-] of the node with this one of the ``axes``."""
-        return motion_subspace(KINDS[self.kind].number, axis)
+        return motion_subspace(KINDS[self.kind].number, axis, self.pitch)
 
 
 @dataclass(frozen=True, eq=False)  # identity: a mechanism is the key under which its mesh is kept

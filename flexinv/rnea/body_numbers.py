@@ -31,6 +31,12 @@ def onward_place(body):
 
 
 @jit_lanes
+def lead_of(body):
+    """Return the way of a helical joint along its axis per radian about it [m/rad], 0 of other joints."""
+    return body[37]
+
+
+@jit_lanes
 def inertia_of(body):
     """Return m [kg], h [kg m] and Sigma [kg m^2]: (xx, yy, zz), (xy, xz, yz)."""
     return body[12], numbers_at(body, 13), numbers_at(body, 16), numbers_at(body, 19)

@@ -44,11 +44,11 @@ from flexinv.kernels.simd import (
     turned_back,
     vec_of,
 )
-from flexinv.model.joint_kinds import CONTINUOUS, FREE, PRISMATIC, REVOLUTE, SPHERICAL
-from flexinv.rnea.body_numbers import inertia_of, law_of, numbers_at, onward_place, placement, tilt
+from flexinv.model.joint_kinds import CONTINUOUS, FREE, HELICAL, PRISMATIC, REVOLUTE, SPHERICAL
+from flexinv.rnea.body_numbers import inertia_of, law_of, lead_of, numbers_at, onward_place, placement, tilt
 
 # Columns of the tables of bodies: see `body_table.Bodies`.
-TREE, NUMBERS = np.uint64(6), np.uint64(37)
+TREE, NUMBERS = np.uint64(6), np.uint64(38)
 # Rows of every body: force and moment that its parent exerts on it, and all beyond it, at its origin.
 FORCE, MOMENT, MOMENT_Z = row(0), row(3), row(5)
 WRENCH_ROWS = 6
@@ -157,6 +157,18 @@ def _slide_outboard(state, rows, lanes, body):
 
 
 @jit_lanes
+def _advance(state, rows, lanes, body):
+    """The advance of a screw along z, before it turns: the slide h q of a massless body, h = pitch / (2 pi)."""
+    lead = lead_of(body)
+    for k in range(lanes):
+        w, al, a = _state(state, k)
+        a = _at(w, al, a, (0.0, 0.0, lead * rows[PLACE + k]))
+        rate, acceleration = lead * rows[RATE + k], lead * rows[EFFORT + k]
+        a = (a[0] + 2.0 * w[1] * rate, a[1] - 2.0 * w[0] * rate, a[2] + acceleration)
+        put_vec(state, ACCELERATION, k, a)
+
+
+@jit_lanes
 def _orientations(rows, lanes, floats):
     """R_j of the quaternion, normalised first; a ball joint has no position and no linear rates."""
     for k in range(lanes):
@@ -240,6 +252,16 @@ def _slide_inboard(rows, lanes):
 
 
 @jit_lanes
+def _advance_inboard(rows, lanes, body):
+    """Add the force along z to the effort of a screw, and bring the moment to where its advance begins."""
+    lead = lead_of(body)
+    for k in range(lanes):
+        force, moment = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k)
+        rows[EFFORT + k] += lead * force[2]
+        put_vec(rows, MOMENT, k, plus_cross(moment, (0.0, 0.0, lead * rows[PLACE + k]), force))
+
+
+@jit_lanes
 def _float_inboard(rows, lanes):
     """The efforts, and the wrench before the joint."""
     for k in range(lanes):
@@ -313,11 +335,13 @@ def outboard(tree, numbers, work, lanes):
         _begin(how, source, state, work, lanes, body, g)
         if kind == PRISMATIC:
             _slide_outboard(state, rows, lanes, body)
-        elif kind in (REVOLUTE, CONTINUOUS):
-            if kind == REVOLUTE:
-                _angles(rows, lanes)
-            else:
+        elif kind in (REVOLUTE, CONTINUOUS, HELICAL):
+            if kind == CONTINUOUS:
                 lost += astray(rows, COS, lanes)
+            else:
+                _angles(rows, lanes)
+            if kind == HELICAL:
+                _advance(state, rows, lanes, body)
             _turn_outboard(state, rows, lanes, body)
         else:
             _orientations(rows, lanes, kind == FREE)
@@ -356,8 +380,10 @@ def inboard(tree, numbers, work, lanes):
             continue
         if kind == PRISMATIC:
             _slide_inboard(rows, lanes)
-        elif kind in (REVOLUTE, CONTINUOUS):
+        elif kind in (REVOLUTE, CONTINUOUS, HELICAL):
             _turn_inboard(rows, lanes, body)
+            if kind == HELICAL:
+                _advance_inboard(rows, lanes, body)
         else:
             _float_inboard(rows, lanes)
         if how == FROM_WORLD:

@@ -5,6 +5,9 @@ Conventions: R0, p0: placement of a free joint; R: rotation of its quaternion.
     coordinates   hinge, slide: the number itself.  continuous (cos, sin) -> angle atan2(sin, cos).  Universal: two
                   hinges of one body, R = exp(a1 q1) exp(a2 q2).  Quaternions x, y, z, w -> w, x, y, z.
                   Ball: angular velocity in the child's frame, as in the mechanism.
+    helical       a hinge and behind it a slide on the same axis, of one body, in the ratio h = pitch / (2 pi):
+                      qpos = (q, h q), qvel = (v, h v), qacc = (a, h a)        dual: tau = tau_hinge + h f_slide
+                  (a joint equality would tie them by a soft force, which is zero where the motion keeps the ratio)
     free joint    qpos = (p0 + R0 p, R0 R): absolute in the world.  qvel = (linear in the WORLD, angular in the body):
                       v_mj = R0 R v            w_mj = w
                       a_mj = R0 R (v' + w x v) al_mj = w'     (v' is the rate of body components: hence the bias w x v)
@@ -33,6 +36,7 @@ TYPES = {
     "continuous": HINGE,
     "prismatic": SLIDE,
     "universal": HINGE,
+    "helical": HINGE,
     "spherical": mujoco.mjtJoint.mjJNT_BALL,
 }
 # Dry friction is a soft constraint in MuJoCo: force -clip(D (qacc + B qvel), +-frictionloss).  The direct form of
@@ -61,8 +65,15 @@ def names_of(joint: Joint) -> list[str]:
     return [f"{joint.name}.1", f"{joint.name}.2"] if joint.kind == "universal" else [joint.name]
 
 
+def lead(joint: Joint) -> float:
+    """Return the way of a screw along its axis per radian about it [m/rad]."""
+    return float(joint.pitch / (2 * np.pi))
+
+
 def joint_trouble(mechanism: Mechanism, joint: Joint) -> str | None:
     """Return the reason why MuJoCo cannot have a joint of a mechanism, or None."""
+    if joint.kind == "helical" and mechanism.closures:
+        return f"in closed loops MuJoCo has no screw; {joint.name!r} is a hinge and a slide that only the motion keeps in step"
     if joint.kind != "free":
         return None
     if joint.parent != WORLD:
@@ -79,6 +90,8 @@ def add_joints(link: Any, joint: Joint) -> None:
     elif joint.kind != "fixed":
         for name, axis in zip(names_of(joint), (joint.axis, joint.second_axis), strict=False):
             set_passive(link.add_joint(name=name, type=TYPES[joint.kind], axis=axis), joint)
+    if joint.kind == "helical":
+        link.add_joint(name=f"{joint.name}.advance", type=SLIDE, axis=joint.axis)
 
 
 def set_passive(made: Any, joint: Joint) -> None:
@@ -111,6 +124,8 @@ def to_engine(mechanism: Mechanism, built: Built, q: Array, qd: Array, qdd: Arra
         out.q[:, at : at + position.shape[1]] = position
         out.v[:, v : v + joint.nv] = qd[:, rates]
         out.a[:, v : v + joint.nv] = qdd[:, rates]
+        if joint.kind == "helical":
+            out.v[:, v + 1], out.a[:, v + 1] = lead(joint) * out.v[:, v], lead(joint) * out.a[:, v]
         if joint.kind == "free":
             turn = _absolute(joint, mine)
             linear, angular = qd[:, rates][:, :3], qd[:, rates][:, 3:]
@@ -122,6 +137,8 @@ def to_engine(mechanism: Mechanism, built: Built, q: Array, qd: Array, qdd: Arra
 def _position(joint: Joint, q: Array) -> Array:
     if joint.kind == "continuous":
         return np.unwrap(np.arctan2(q[:, 1], q[:, 0]))[:, None]
+    if joint.kind == "helical":
+        return np.hstack([q, lead(joint) * q])
     if joint.kind == "spherical":
         return np.roll(q, 1, axis=1)
     if joint.kind == "free":
@@ -163,6 +180,8 @@ def effort_from_engine(mechanism: Mechanism, built: Built, q: Array, force: Arra
             continue
         v, rates = built.v_at[joint.name], mechanism.v_slices[joint.name]
         theirs = force[:, v : v + joint.nv].copy()
+        if joint.kind == "helical":
+            theirs[:, 0] += lead(joint) * force[:, v + 1]
         if joint.kind == "free":
             theirs[:, :3] = _absolute(joint, q[:, mechanism.q_slices[joint.name]]).inv().apply(theirs[:, :3])
         out[:, rates] = theirs
