@@ -23,6 +23,65 @@ TEXTS = [
 ]
 
 
+# Functions with more than eight parameters: what is still to be given records, and what stays, with its reason.
+FLAT = {
+    "flexinv/rigid/blocks.py: torque_blocks": "a call of one sample takes 2.3 us; records as arguments of the call from Python add 1.4 us",
+}
+OPEN_FOLDERS = ("constraints", "dynamics", "planar", "elements", "linearized", "kernels", "inverse", "kinematics")
+OPEN_FLAT = ("analysis/batch_kernel.py", "tracking/collocation_kernel.py")
+# Words that had several meanings; each has one now, but those that are still open.
+WORDS = (
+    "settle", "place", "follow", "evaluate", "share", "keep", "solve", "NONE", "LANES", "BLOCK", "SURE", "ACCELERATION",
+    "ACCELERATIONS", "_LINE",
+)  # fmt: skip
+OPEN_WORDS = ("settle", "place", "follow", "solve", "NONE", "LANES", "BLOCK", "SURE", "ACCELERATION", "ACCELERATIONS")
+# The march in a plane has the names of the march in space.
+TWINS = (("flexinv.dynamics", "flexinv.planar"),)
+KERNEL = "compiled code apart from the code that calls it: a change of the caller compiles nothing anew"
+COMMAND = "a command a module: what is asked of it is beside what it does"
+EQUATIONS = "equations of their own, at the head of the file"
+DATA = "data of their own, with units, apart from the mechanism that holds them"
+FAULTS = "planted mistakes by subject, in one catalogue"
+DRAWING = "loads what draws, or what the page is written with, when it is asked for"
+# Modules that one other imports and that fit into it, and why they stay apart.
+ALONE = {
+    "flexinv.analysis.batch_kernel": KERNEL,
+    "flexinv.analysis.resultants": EQUATIONS,
+    "flexinv.cli.compiling": "a note that no command knows of",
+    "flexinv.cli.follow": COMMAND,
+    "flexinv.cli.parameters": COMMAND,
+    "flexinv.files.case_csv": "a file format of its own",
+    "flexinv.files.overlay": "changes of a URDF, apart from the reading of mechanism files",
+    "flexinv.kernels.code_cache": "what Numba does with the disk, apart from the decorators that readers look up",
+    "flexinv.kernels.code_stamp": "the list of sources, which is changed with every kernel module",
+    "flexinv.model.attachments": DATA,
+    "flexinv.model.drive": DATA,
+    "flexinv.rigid.derivative_kernel": KERNEL,
+    "flexinv.rigid.nodal_result": "a record that callers get, apart from the function that is prepared",
+    "flexinv.rigid.regressor_kernel": KERNEL,
+    "flexinv.rnea.loop_ground": EQUATIONS,
+    "flexinv.rnea.loop_jacobian": EQUATIONS,
+    "flexinv.tracking.stable_inversion": EQUATIONS,
+    "crosscheck.bench.cores": "pins threads to processors, apart from the clock",
+    "crosscheck.bench.rigid": "a table of the bench, beside others",
+    "crosscheck.beyond.drives": FAULTS,
+    "crosscheck.beyond.inside": FAULTS,
+    "crosscheck.beyond.kinematics": FAULTS,
+    "crosscheck.beyond.loops": FAULTS,
+    "crosscheck.beyond.planting": "how a mistake gets into an engine, apart from what is then looked at",
+    "crosscheck.causes.apply": "changes of an engine's efforts, apart from the model that is fitted",
+    "crosscheck.commands": "the commands, of which the program is made",
+    "crosscheck.engines.exudyn.adapter": "found by its name: an engine's adapter",
+    "crosscheck.engines.exudyn.ends": "questions to an engine's own model, one a module",
+    "crosscheck.engines.exudyn.static_probes": "questions to an engine's own model, one a module",
+    "crosscheck.engines.exudyn.weights": "questions to an engine's own model, one a module",
+    "crosscheck.engines.pinocchio.adapter": "found by its name: an engine's adapter",
+    "crosscheck.measured.filters": "signal processing, which knows nothing of the arm that was measured",
+    "crosscheck.report.animation": DRAWING,
+    "crosscheck.report.plots": DRAWING,
+}
+
+
 def name(path: Path) -> str:
     return ".".join(path.relative_to(ROOT).with_suffix("").parts)
 
@@ -65,6 +124,26 @@ def test_tests_lie_in_the_folders_of_what_they_test() -> None:
 
 def test_records_have_names() -> None:
     check(PACKAGES, lambda path: names.letter_records(path.read_text()))
+
+
+def test_functions_have_few_parameters() -> None:
+    def rule(path: Path) -> list[str]:
+        here = str(path.relative_to(ROOT))
+        if any(here.startswith(f"flexinv/{folder}/") for folder in OPEN_FOLDERS) or here.endswith(OPEN_FLAT):
+            return []
+        return [line for line in names.many_parameters(path.read_text()) if f"{here}: {line.split()[2]}" not in FLAT]
+
+    check(PACKAGES, rule)
+
+
+def test_words_have_one_meaning() -> None:
+    sources = {name(path): path.read_text() for path in NUMERICAL}
+    assert names.homonyms(sources, [word for word in WORDS if word not in OPEN_WORDS], TWINS) == []
+
+
+def test_modules_that_one_other_imports_have_a_reason() -> None:
+    sources = {name(path).removesuffix(".__init__"): path.read_text() for path in PACKAGES}
+    assert names.lonely(sources, rules.importers(sources), ALONE) == []
 
 
 def test_docstrings_do_not_ask() -> None:
@@ -224,6 +303,21 @@ def test_a_crowded_folder_and_a_function_without_a_home_are_found() -> None:
 def test_a_word_with_two_meanings_is_found() -> None:
     sources = {"a": "NONE = 0", "b": "def NONE(): pass", "c": "SURE, MANY = 1, 2"}
     assert names.homonyms(sources, ("NONE", "SURE")) == ["NONE is defined in a, b"]
+    twins = {"p.space.x": "def f(): pass", "p.plane.y": "def f(): pass"}
+    assert names.homonyms(twins, ("f",)) == ["f is defined in p.space.x, p.plane.y"]
+    assert names.homonyms(twins, ("f",), (("p.space", "p.plane"),)) == []
+    assert names.homonyms({**twins, "p.z": "f = 1"}, ("f",), (("p.space", "p.plane"),)) != []
+    assert names.homonyms({"a": "def f(): pass", "b": "@app.command()\ndef f(): pass"}, ("f",)) == []
+
+
+def test_a_module_for_one_other_is_found() -> None:
+    sources = {"p.a": "import p.b\n", "p.b": "x = 1\n", "p.c": "x = 1\n" * names.LINES, "q.d": "x = 1\n"}
+    imports = {"p.b": ["p.a"], "p.c": ["p.a"], "q.d": ["p.a"]}  # one fits, one is too long, one is in another folder
+    assert names.lonely(sources, imports, {}) == ["p.b is imported by p.a alone: merge them"]
+    assert names.lonely(sources, imports, {"p.b": "a reason"}) == []
+    assert names.lonely(sources, {**imports, "p.b": ["p.a", "q.d"]}, {"p.b": "a reason"}) == [
+        "p.b needs no reason to stay apart"
+    ]
 
 
 def test_many_parameters_are_found() -> None:

@@ -97,7 +97,7 @@ def certified(module: str, mechanism: Mechanism, case: Case, engine: str) -> dic
 
 
 def given(mechanism: Mechanism) -> dict[str, str]:
-    """Return what an engine does not find in the mechanism's file but is given by flexinv, by what it is."""
+    """Return in words the data that flexinv computed and gave to an engine, by their names."""
     stated = mechanism.modal_damping
     return (
         {}

@@ -52,7 +52,7 @@ class FirstStep:
         return replace(self, trajectory=replace(self.trajectory, motion=differenced(self.trajectory.motion, step)))
 
 
-def evaluate(mesh: Mesh, first: FirstStep, settings: Settings) -> Solution:
+def solution_after(mesh: Mesh, first: FirstStep, settings: Settings) -> Solution:
     """Return the Solution of a motion [m, rad, s, N]: the paper's second step, and all else that follows from nodal motion."""
     return solution_of(mesh, first, second_step(mesh, first), settings)
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexinv.analysis.evaluation import evaluate
+from flexinv.analysis.evaluation import solution_after
 from flexinv.analysis.settings import checked
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import MOST_SAMPLES, Progress, Task, still
@@ -80,7 +80,7 @@ def simulate(
     history, efforts, jumps = still(*began), _efforts(mechanism, table, step), tuple(_jumps(table[0]))
     task = Task(mesh, grid, history, history, moves, settings, jumps, efforts=efforts, progress=progress)
     (first,) = first_step(task)
-    solution = evaluate(mesh, first, settings)
+    solution = solution_after(mesh, first, settings)
     if settles:
         check_settled(mesh, stated, *began[:2], solution.q[0], solution.qd[0], float(grid[0]))
     return solution

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexinv.analysis.evaluation import evaluate
+from flexinv.analysis.evaluation import solution_after
 from flexinv.analysis.settings import checked
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import Progress, Task, check_task, prescribe, time_grid
@@ -59,7 +59,7 @@ def solve_in_parts(
 def _parts(task: Task) -> Iterator[Solution]:
     wound: dict[str, float] = {}
     for first in first_step(task):
-        yield _wind_on(evaluate(task.mesh, first, task.settings), wound)
+        yield _wind_on(solution_after(task.mesh, first, task.settings), wound)
 
 
 def _wind_on(solution: Solution, wound: dict[str, float]) -> Solution:

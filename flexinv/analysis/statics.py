@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexinv.analysis.evaluation import FirstStep, evaluate
+from flexinv.analysis.evaluation import FirstStep, solution_after
 from flexinv.analysis.flexible_loops import with_closures
 from flexinv.analysis.rigid_loops import coordinates
 from flexinv.analysis.settings import Settings
@@ -87,7 +87,7 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     held = still(at, rest[0], rest[0])
     if mechanism.is_rigid:
         (first,) = first_step(Task(mesh, now, held, held, passive, SETTINGS))
-        return evaluate(mesh, first, SETTINGS)
+        return solution_after(mesh, first, SETTINGS)
     switching = Switching(phases(loaded, now))
     solver = Solver.of(mesh, passive)
     switching.begin(mesh, solver.border.ties)
@@ -108,7 +108,7 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     first = FirstStep(out, now, joint_motion, applied_forces(mesh, out.motion, now), smooth=passive)
     if mechanism.closures:
         first = with_closures(mesh, first, switching)
-    return _judged(evaluate(mesh, first, SETTINGS), solver, joints)
+    return _judged(solution_after(mesh, first, SETTINGS), solver, joints)
 
 
 def _judged(found: Solution, solver: Solver, joints: Joints) -> Solution:

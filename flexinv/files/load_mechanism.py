@@ -14,15 +14,15 @@ from flexinv import validation as arguments
 from flexinv.errors import InputError, ModelWarning
 from flexinv.files.bodies import far_end, read_inertia, read_payloads
 from flexinv.files.closures import read_closure, read_force, read_spring
-from flexinv.files.damping import damped
 from flexinv.files.from_urdf import STANDARD_GRAVITY, read_urdf
 from flexinv.files.joints import read_joint, read_placement
 from flexinv.files.overlay import overlaid
-from flexinv.files.schema import BeamLinkTable, MechanismTable, RigidLinkTable, UrdfTable
+from flexinv.files.schema import BeamLinkTable, DampingTable, MechanismTable, RigidLinkTable, UrdfTable
 from flexinv.files.sections import CrossSection, read_section, section_along
 from flexinv.files.toml_tables import check_names, complaint, place, read_toml, toml_text, validate
 from flexinv.files.tree_order import depth_first
 from flexinv.files.urdf_table import find_urdf
+from flexinv.model.damping import ModalDamping, with_retardation
 from flexinv.model.drive_expansion import expanded
 from flexinv.model.mechanism import WORLD, Beam, Body, Joint, Link, Mechanism
 from flexinv.typing import Array
@@ -44,7 +44,7 @@ def load_mechanism(path: str | Path) -> Mechanism:
     sections = {name: read_section(data, file, name) for name, data in table.sections.items()}
     mechanism = _native(table, sections, file) if table.urdf is None else _from_urdf(table, table.urdf, sections, file)
     mechanism = with_drives(mechanism, file)
-    mechanism = damped(_with_loads(mechanism, table, file), table.damping, file)
+    mechanism = _damped(_with_loads(mechanism, table, file), table.damping, file)
     name = table.name or (file.stem if file.name != "mechanism.toml" else file.resolve().parent.name)
     return replace(mechanism, name=name, title=table.title, source=table.source, notes=(*table.notes, *mechanism.notes))
 
@@ -99,6 +99,25 @@ def _with_loads(mechanism: Mechanism, table: MechanismTable, file: Path) -> Mech
     springs = (read_spring(data, links, file, name) for name, data in table.springs.items())
     forces = (read_force(data, links, file, name) for name, data in table.forces.items())
     return replace(mechanism, closures=tuple(closures), springs=tuple(springs), forces=tuple(forces))
+
+
+def _damped(mechanism: Mechanism, table: DampingTable | None, file: Path) -> Mechanism:
+    """Return the mechanism with the damping of its file [s], [-]; a ratio stays data until a mesh is built."""
+    if table is None:
+        return mechanism
+    where = place(file, "damping", "ratio")
+    if (table.retardation_s is None) == (table.ratio is None):
+        given = "neither" if table.ratio is None else "both"
+        raise InputError(complaint(where, given, "one of ratio [-] and retardation_s [s]", "ratio = 0.01"))
+    if any(link.beam is not None and link.beam.section.damping is not None for link in mechanism.links):
+        given = "[damping] beside retardation_s of a section"
+        raise InputError(complaint(place(file, "damping"), given, "one or the other", "no table [damping]"))
+    if not mechanism.beams:
+        complained = complaint(where, "no link that is a beam", "a beam to damp", "damping of joints in their tables")
+        raise InputError(complained)
+    if table.ratio is None:
+        return with_retardation(mechanism, table.retardation_s or 0.0)
+    return replace(mechanism, modal_damping=ModalDamping(table.ratio, table.mode))
 
 
 def _link(data: Any, name: str, sections: Mapping[str, CrossSection], file: Path) -> Link:

@@ -28,7 +28,7 @@ class ModalDamping:
     seconds: float | None = None
 
     def __str__(self) -> str:
-        """Return what is stated and what follows from it [-], [s]."""
+        """Return the stated ratio, and the time that follows from it [-], [s]."""
         stated = f"ratio {self.ratio:g} at mode {self.mode}"
         return stated if self.seconds is None else f"retardation time {self.seconds:.5g} s from {stated}"
 

@@ -27,8 +27,8 @@ from flexinv.kernels.threads.mailbox import (
     write,
 )
 from flexinv.kernels.threads.worker_pool import Helpers
-from flexinv.rnea.loop_allocation import share, unclear
-from flexinv.rnea.loop_bodies import begin, keep
+from flexinv.rnea.loop_allocation import allocate, unclear
+from flexinv.rnea.loop_bodies import begin, set_aside
 from flexinv.rnea.loop_layout import APPLIED, KEEPS, LIMITS, PLANE, SUMMED
 from flexinv.rnea.loop_plane import in_plane
 from flexinv.rnea.loop_space import in_space
@@ -36,7 +36,7 @@ from flexinv.rnea.recursion import NUMBERS, TREE, inboard, outboard
 from flexinv.typing import Array
 
 # Numbers in a line of the cache.
-_LINE = np.uint64(8)
+LINE = np.uint64(8)
 # Cells that threads share: the next block; how many samples are not finite; how many blocks of loops are in doubt, whether their
 # motion is; whether nothing was done (efforts would be written over what is read); and of every block of loops whether it is.
 OVERLAP, CALL_CELLS = 4, 5
@@ -74,17 +74,17 @@ def _load(work, columns, lanes, x, start, by_sample, by_column):
             first, at = columns[j], start + np.uint64(j) * by_column
             for k in range(lanes):
                 work[first + k] = x[at + k]
-            for k in range(LANES, LANES + LANES, _LINE):
+            for k in range(LANES, LANES + LANES, LINE):
                 fetch(x, at + k)
         return
-    for tile in range(np.uint64(0), lanes, _LINE):  # as many samples as make a cache line of every row
+    for tile in range(np.uint64(0), lanes, LINE):  # as many samples as make a cache line of every row
         at = (start + tile) * by_sample
-        for k in range(np.uint64(0), _LINE * by_sample, _LINE):
+        for k in range(np.uint64(0), LINE * by_sample, LINE):
             fetch(x, at + LANES * by_sample + k)
         for j in range(columns.shape[0]):
             first, of = columns[j] + tile, at + np.uint64(j)
-            if lanes - tile >= _LINE:
-                for k in range(_LINE):
+            if lanes - tile >= LINE:
+                for k in range(LINE):
                     work[first + k] = x[of + k * by_sample]
             else:
                 for k in range(lanes - tile):
@@ -123,7 +123,7 @@ def _closed(plan, fixed, work, lanes, sums):
         in_plane(plan, fixed, work, lanes, sums)
     else:
         doubts = in_space(plan, fixed, work, lanes, sums)
-    return doubts + share(plan, fixed, work, lanes)
+    return doubts + allocate(plan, fixed, work, lanes)
 
 
 @jit_lanes
@@ -146,9 +146,9 @@ def _blocks(system, series, work, counter):
         _load(work, for_qd, lanes, qd, start, strides[1, 0], strides[1, 1])
         _load(work, for_qdd, lanes, qdd, start, strides[2, 0], strides[2, 1])
         if loops and not again:
-            keep(plan, work, lanes, KEEPS)
+            set_aside(plan, work, lanes, KEEPS)
             if block % SUMS == 0:
-                keep(plan, work, lanes, SUMMED)
+                set_aside(plan, work, lanes, SUMMED)
         lost = outboard(tree, numbers, work, lanes)
         spoilt = max(inboard(tree, numbers, work, lanes), min(lost, 1))
         if loops:
@@ -238,11 +238,11 @@ def torque_blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides,
     for i in range(mails.shape[0]):
         _offer(mails[i], system, series, work[i + 1], counter)
     counter[1] += _blocks(system, series, work[0], counter)
-    return settle(plan, fixed, samples, work[: 1 + mails.shape[0]], counter, mails)
+    return collect(plan, fixed, samples, work[: 1 + mails.shape[0]], counter, mails)
 
 
 @jit_blocks
-def settle(plan, fixed, samples, work, counter, mails):
+def collect(plan, fixed, samples, work, counter, mails):
     """Collect the answers of helpers that `torque_blocks` left at work; return True if all have ended [-], limits judged."""
     if not settled(mails, address(counter), counter[1:]):
         return False

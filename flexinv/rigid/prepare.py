@@ -25,7 +25,7 @@ from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.rigid_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import kept_with_owner
-from flexinv.rigid.blocks import CALL_CELLS, HELPERS, OVERLAP, attend, settle, torque_blocks
+from flexinv.rigid.blocks import CALL_CELLS, HELPERS, LINE, OVERLAP, attend, collect, torque_blocks
 from flexinv.rigid.joint_arrays import (
     Order,
     by_sample,
@@ -50,7 +50,7 @@ WORTH_HELP, WORTH_WAKING = 2_000, 16_000
 # Samples whose nodal motion is in memory at once, where springs and given forces act on nodes.
 NODAL_BLOCK = 512
 # Numbers in a line of the cache.
-_LINE = 8
+_LINE_OF_CACHE = int(LINE)
 
 _ONE, _ONE_SAMPLE = np.uint64(1), np.ones((4, 2), dtype=np.uint64)
 _NOBODY = np.zeros((0, CELLS), dtype=np.uint64)
@@ -59,9 +59,9 @@ _COMPILING = Lock()
 
 def _aligned(threads: int, size: int) -> Array:
     """Zeros whose rows begin with a line of the cache: else every vector of eight numbers meets two of them."""
-    size += -size % _LINE
-    spare = np.zeros(threads * size + _LINE)
-    first = -spare.ctypes.data // spare.itemsize % _LINE
+    size += -size % _LINE_OF_CACHE
+    spare = np.zeros(threads * size + _LINE_OF_CACHE)
+    first = -spare.ctypes.data // spare.itemsize % _LINE_OF_CACHE
     return spare[first : first + threads * size].reshape(threads, size)
 
 
@@ -129,9 +129,9 @@ class TorqueFunction:
             ended = torque_blocks(b.tree, b.numbers, b.columns, *loops, *flat, _table(strides), *call)
             while not ended:
                 time.sleep(0)  # the system holds a helper up
-                ended = settle(*loops, *call)
+                ended = collect(*loops, *call)
         except BaseException:  # Ctrl-C: a helper may still write where memory is about to be given back
-            while len(mails) and not settle(*loops, *call):
+            while len(mails) and not collect(*loops, *call):
                 pass
             raise
         if counter[1]:
@@ -313,7 +313,7 @@ def compile_for_arrays() -> None:
 def compile_for_helpers() -> None:
     """Compile what helpers do, once [-]."""
     _compile(attend, _CELLS, types.int64)
-    _compile(settle, _CELLS, _array(types.float64, 1), types.uint64, _array(types.float64, 2), _CELLS, _MAILS)
+    _compile(collect, _CELLS, _array(types.float64, 1), types.uint64, _array(types.float64, 2), _CELLS, _MAILS)
 
 
 def _flat(a: Array) -> tuple[Array, tuple[int, int]]:

@@ -19,7 +19,7 @@ from flexinv.typing import Array
 from flexinv.validation import flag
 
 # Samples whose nodal motion is in memory at once.
-BLOCK = 512
+AT_ONCE = 512
 
 
 @dataclass(frozen=True)
@@ -56,8 +56,8 @@ def torque_derivatives(
     f, samples = prepare(mechanism, passive), len(states[0])
     out = TorqueDerivatives(*(np.zeros((samples, mechanism.nv, mechanism.nv)) for _ in range(3)))
     carried, gravity = _bodies(f), np.array(mechanism.gravity, dtype=float)
-    for start in range(0, samples if mechanism.nv else 0, BLOCK):
-        part = slice(start, start + BLOCK)
+    for start in range(0, samples if mechanism.nv else 0, AT_ONCE):
+        part = slice(start, start + AT_ONCE)
         m = rigid_motion(f.mesh, *(state[part] for state in states))
         motion = Frames(m.x, m.rotation, m.v, m.omega, m.a, m.alpha)
         derivative_samples(carried, gravity, motion, _scratch(f), out.q[part], out.qd[part], out.qdd[part])

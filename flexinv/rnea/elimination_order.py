@@ -16,7 +16,8 @@ from flexinv.kernels.simd import BLOCK
 from flexinv.rnea.loop_layout import (
     ALL_SIX,
     BOTH,
-    EMPTY,
+    CHECK_EMPTY,
+    CHECK_PIVOT,
     INNER,
     INVERTED,
     MOST_TOGETHER,
@@ -25,7 +26,6 @@ from flexinv.rnea.loop_layout import (
     PROJECT,
     SOLVE,
     SOLVE_INVERTED,
-    SURE,
     TAKE,
     TOGETHER,
     UNDO,
@@ -90,7 +90,7 @@ class Elimination:
         for other in candidates[1:]:
             self._pair(pivot, other, column)
         for size in self.sizes[column][1:]:
-            self.step(SURE, self.rows[pivot][column], size)
+            self.step(CHECK_PIVOT, self.rows[pivot][column], size)
         return pivot
 
     def _pair(self, pivot: int, other: int, column: int) -> None:
@@ -179,11 +179,11 @@ def sharing(
             return False
         left.remove(pivot)
         against.append(pivot)
-        elimination.step(SURE, elimination.rows[pivot][column], elimination.sizes[column][0])
+        elimination.step(CHECK_PIVOT, elimination.rows[pivot][column], elimination.sizes[column][0])
     for r in left:
         for c in elimination.rows[r]:
             for size in elimination.sizes[c]:
-                elimination.step(EMPTY, elimination.rows[r][c], size)
+                elimination.step(CHECK_EMPTY, elimination.rows[r][c], size)
     multiplier = {pivot: elimination.take(1) if apart else elimination.scratch for _, pivot in solved}
     for column, pivot in solved:
         others = [(at, effort[c]) for c, at in sorted(elimination.rows[pivot].items()) if c != column]

@@ -25,11 +25,12 @@ from flexinv.kernels.simd import LANES, put_vec, row, times, vec_of
 from flexinv.rnea.loop_layout import (
     ALL_SIX,
     BOTH,
+    CHECK_EMPTY,
+    CHECK_PIVOT,
     COLUMN_CELLS,
     COUNT,
     COUPLED,
     DIRECTIONS,
-    EMPTY,
     ENTRIES,
     ENTRY,
     FILLS,
@@ -66,7 +67,6 @@ from flexinv.rnea.loop_layout import (
     SUM_QDD,
     SUM_RATE,
     SUM_TURNS,
-    SURE,
     TOGETHER,
     UNDO,
     VECTOR,
@@ -78,8 +78,8 @@ from flexinv.rnea.row_pairs import (
     both,
     combine,
     pair,
-    solve,
     solve_inverted,
+    solve_row,
     together,
     undo,
 )
@@ -297,9 +297,9 @@ def _begin_step(kind, third, work, first, second, lanes):
         pair(third[: _TWO * LANES], one, other, lanes)
     elif kind == UNDO:
         undo(third[: _TWO * LANES], one, other, lanes)
-    elif kind == SURE:
+    elif kind == CHECK_PIVOT:
         return _below(one, other, lanes, LEAST_PIVOT * LEAST_PIVOT)
-    elif kind == EMPTY:
+    elif kind == CHECK_EMPTY:
         return _above(one, other, lanes, MOST_LEFT * MOST_LEFT)
     elif kind == PROJECT:
         _project(third, lanes)
@@ -323,7 +323,7 @@ def _all_six(plan, work, at, first, second, third, lanes):
 
 
 @jit_lanes
-def share(plan, fixed, work, lanes):
+def allocate(plan, fixed, work, lanes):
     """Turn efforts of the cut tree into those of the drives [N m], [N]; return how often a rank is in doubt."""
     scratch = work[plan[SCRATCH] : plan[SCRATCH] + _COLUMN]
     at, doubts = plan[STEPS], 0
@@ -343,7 +343,7 @@ def share(plan, fixed, work, lanes):
             )
             part, least = LEAST_PIVOT * LEAST_PIVOT, LEAST_ENTRY * LEAST_ENTRY
             if kind == SOLVE:
-                doubts += solve(own[:LANES], pivot, effort, size, lanes, part, least)
+                doubts += solve_row(own[:LANES], pivot, effort, size, lanes, part, least)
             else:
                 doubts += solve_inverted(own[:LANES], pivot, effort, size, lanes, part, least)
             at, count = at + _TWO, count - _ONE

@@ -205,7 +205,7 @@ def _float(own, above, parent, rows, lanes, c):
 
 
 @jit_lanes
-def keep(plan, work, lanes, which):
+def set_aside(plan, work, lanes, which):
     """Copy the accelerations of joints, whose rows become efforts [any unit]; which : cell of the header."""
     first = plan[which]
     for i in range(plan[which + 1]):

@@ -14,7 +14,7 @@ BODY_ROWS = 15
 # Along a chain those of a body begin where x of its parent stood, which nobody else asks for: z and places of joints are left.
 CHAINED = row(6)
 # In the plane its motion, and its joint's acceleration, too.
-SPEED, SPIN, SPIN_RATE, ACCELERATION, KEPT = row(15), row(17), row(18), row(19), row(21)
+SPEED, SPIN, SPIN_RATE, PLANE_ACCELERATION, KEPT = row(15), row(17), row(18), row(19), row(21)
 PLANE_ROWS = 22
 # Rows of a closure: the point of B; d' of the gap; squares of phi, phi', phi''.
 POINT, GAP_RATE, SQUARES, SQUARES_TOO, SQUARES_LAST = row(0), row(3), row(6), row(7), row(8)
@@ -40,13 +40,13 @@ BODY_CELLS, CLOSURE_CELLS, COLUMN_CELLS, SUM_CELLS = np.uint64(6), np.uint64(20)
 
 
 class BodyKind(IntEnum):
-    """How a body moves beside the one that carries it."""
+    """Kinds of bodies, by their motion beside the one that carries them."""
 
     ROOT_TURN, TURN, TILT, SLIDE, FLOAT, TWO_TURNS, CHAIN = range(7)
 
 
 class ClosureKind(IntEnum):
-    """How the equations of a closure are taken: three positions, fewer or directions, or a coupling."""
+    """Kinds of closures: three positions, fewer or directions, or a coupling."""
 
     WHOLE, PARTIAL, COUPLED = range(3)
 
@@ -64,7 +64,9 @@ class Operation(IntEnum):
     where 1 / pivot is left.
     """
 
-    PAIR, SURE, EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, UNDO, ALL_SIX, SOLVE_INVERTED, TOGETHER = range(12)
+    PAIR, CHECK_PIVOT, CHECK_EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, UNDO, ALL_SIX, SOLVE_INVERTED, TOGETHER = range(
+        12
+    )
     BOTH = 15
 
 
@@ -73,7 +75,7 @@ MOST_TOGETHER, INVERTED = 4, 8
 ROOT_TURN, TURN, TILT, SLIDE, FLOAT, TWO_TURNS, CHAIN = (int(kind) for kind in BodyKind)
 WHOLE, PARTIAL, COUPLED = (int(kind) for kind in ClosureKind)
 TURNING, SLIDING, GEARED, FLOATING, PUSHING = (int(kind) for kind in ColumnKind)
-PAIR, SURE, EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, UNDO, ALL_SIX, SOLVE_INVERTED, TOGETHER, BOTH = (
+PAIR, CHECK_PIVOT, CHECK_EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, UNDO, ALL_SIX, SOLVE_INVERTED, TOGETHER, BOTH = (
     int(operation) for operation in Operation
 )
 # Cells of a body: kind, own rows, the parent's axes, rows of the recursion, constants, the parent's place.

@@ -19,7 +19,6 @@ from flexinv.kernels.simd import LANES, put_vec, row
 from flexinv.rnea.loop_allocation import clear, coupled, geared, hold
 from flexinv.rnea.loop_layout import (
     ABOVE,
-    ACCELERATION,
     AT,
     AXES,
     AXES_A,
@@ -41,6 +40,7 @@ from flexinv.rnea.loop_layout import (
     KEPT,
     NUMBERS,
     OWN,
+    PLANE_ACCELERATION,
     PLANE_ROWS,
     POINT,
     ROOT_TURN,
@@ -73,7 +73,7 @@ def _put(own, k, heading, at, v, w, al, a):
     own[AT + k], own[AT + LANES + k] = at
     own[SPEED + k], own[SPEED + LANES + k] = v
     own[SPIN + k], own[SPIN_RATE + k] = w, al
-    own[ACCELERATION + k], own[ACCELERATION + LANES + k] = a
+    own[PLANE_ACCELERATION + k], own[PLANE_ACCELERATION + LANES + k] = a
 
 
 @jit_lane
@@ -87,7 +87,7 @@ def _moved(body, k, arm):
     """Place, velocity and acceleration of a point of a body, its arm in the axes of the body."""
     c, s = _pair(body, AXES, k)
     (x, y), w, al = _turned(c, s, arm), body[SPIN + k], body[SPIN_RATE + k]
-    at, v, a = _pair(body, AT, k), _pair(body, SPEED, k), _pair(body, ACCELERATION, k)
+    at, v, a = _pair(body, AT, k), _pair(body, SPEED, k), _pair(body, PLANE_ACCELERATION, k)
     return (
         (at[0] + x, at[1] + y),
         (v[0] - w * y, v[1] + w * x),

@@ -112,9 +112,9 @@ class _Names:
                     f"{a} by {b}" for row in entries[1:] for a, b in zip(entries[0], row[:-1], strict=False)
                 )
                 text = f"{entries[0][-1]} is the pivot, {zeros}; so {more}{inverse}"
-            case Operation.SURE:
+            case Operation.CHECK_PIVOT:
                 text = f"{name(step.first)} is no rounding beside {name(step.second)}, else a rank is in doubt"
-            case Operation.EMPTY:
+            case Operation.CHECK_EMPTY:
                 text = f"{name(step.first)} is rounding beside {name(step.second)}, else a rank is in doubt"
             case Operation.SOLVE | Operation.SOLVE_INVERTED:
                 multiplier = f"lambda = {name(step.second)} / {name(step.first)}, held against {name(pairs[0][0])}"

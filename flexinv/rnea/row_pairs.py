@@ -155,7 +155,7 @@ def undo(factor, one, other, lanes):
 
 
 @jit_lanes
-def solve(multiplier, pivot, effort, size, lanes, part, least):
+def solve_row(multiplier, pivot, effort, size, lanes, part, least):
     """Set one multiplier more [N], which leaves its coordinate no effort; return how many pivots are too small.
 
     Their squares are held against so large a ``part`` of their column's size, and against the ``least``.

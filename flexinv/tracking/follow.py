@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexinv.analysis.evaluation import FirstStep, evaluate, rigid_motion_of
+from flexinv.analysis.evaluation import FirstStep, rigid_motion_of, solution_after
 from flexinv.analysis.settings import Settings
 from flexinv.analysis.simulate import simulate
 from flexinv.analysis.solution import Solution
@@ -118,7 +118,7 @@ def follow(
     time = _window(mesh, at, path, step, before, after, start)
     reach = follow_rigid(mesh, at, path, time, start)
     wanted = path.evaluate(time)
-    rigid = evaluate(mesh, rigid_motion_of(mesh, time, (reach.q, reach.qd, reach.qdd)), _settings(step))
+    rigid = solution_after(mesh, rigid_motion_of(mesh, time, (reach.q, reach.qd, reach.qdd)), _settings(step))
     moving = not mechanism.is_rigid or any(j.nv and not j.actuated for j in mechanism.joints)
     if not moving:
         return Following(path, at, time, wanted.x, rigid, rigid, reach, (0.0, 0.0))
@@ -222,7 +222,7 @@ def _solution(horizon: Horizon, found: Inverse) -> Solution:
     found.trajectory.iterations[:] = found.iterations
     applied = applied_forces(mesh, found.trajectory.motion, horizon.time)
     first = FirstStep(found.trajectory, horizon.time, (q, qd, qdd), applied, smooth=moves)
-    return evaluate(mesh, first, _settings(horizon.h))
+    return solution_after(mesh, first, _settings(horizon.h))
 
 
 def _initial(mechanism: Mechanism) -> str:

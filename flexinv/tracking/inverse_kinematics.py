@@ -35,8 +35,8 @@ KNOTS = 65  # places of the path that are found one after the other; all samples
 ITERATIONS = 100
 # Of the mechanism's length: what Newton leaves of the distance to the path (it converges quadratically: rounding).
 REACHED = 1e-10
-# Directions in which joints move the frame this much less than in the best one: none below NONE, trouble below SINGULAR.
-NONE, SINGULAR = 1e-9, 1e-3
+# Directions in which joints move the frame this much less than in the best one: none below NEGLIGIBLE, trouble below SINGULAR.
+NEGLIGIBLE, SINGULAR = 1e-9, 1e-3
 DAMPING = 1e-2  # of the largest singular value, while the distance is large
 
 
@@ -99,7 +99,7 @@ def frame_of(mesh: Mesh, frame: str | Attachment) -> Frame:
         return Frame(name, attachment_node(mesh, Attachment(name)), m.link_of[name].tip, np.eye(3))
     node = attachment_node(mesh, frame)
     stations = mesh.section_stations.get(name)
-    if stations is not None and frame.station is not None and np.abs(stations - frame.station).min() > NONE:
+    if stations is not None and frame.station is not None and np.abs(stations - frame.station).min() > NEGLIGIBLE:
         near = ", ".join(f"{s:.4g}" for s in stations)
         raise InputError(f"frame at station {frame.station:g} of '{name}': the mesh has sections at {near}")
     return Frame(name, int(node), frame.placement.position, frame.placement.rotation)
@@ -236,7 +236,7 @@ class _Chain:
         while True:
             dq = np.zeros(len(now))
             u, s, vt = np.linalg.svd(jacobian[:, free], full_matrices=False)
-            use = s > NONE * max(float(s.max(initial=0.0)), np.finfo(float).tiny)
+            use = s > NEGLIGIBLE * max(float(s.max(initial=0.0)), np.finfo(float).tiny)
             gain = s[use] / (s[use] ** 2 + (factor * s.max(initial=0.0)) ** 2)
             dq[free] = vt[use].T @ (gain * (u[:, use].T @ missing))
             stopped = free & (((now >= self.upper) & (dq > 0)) | ((now <= self.lower) & (dq < 0)))
@@ -266,15 +266,17 @@ class _Chain:
             missing = self.off(angles, wanted)
             if np.abs(missing).max() < REACHED * self.mesh.length:
                 break
-            angles[:, drives] += np.einsum("sdr,sr->sd", np.linalg.pinv(self.jacobian(angles), rcond=NONE), missing)
+            angles[:, drives] += np.einsum(
+                "sdr,sr->sd", np.linalg.pinv(self.jacobian(angles), rcond=NEGLIGIBLE), missing
+            )
         else:
             worst = int(np.abs(missing).max(axis=1).argmax())
             self.unreached(angles[worst], float(np.abs(missing[worst]).max()), float(time[worst]))
         jacobian = self.jacobian(angles)
         u, s, vt = np.linalg.svd(jacobian)
-        rank = int((s > NONE * s.max()).sum(axis=1).max())
+        rank = int((s > NEGLIGIBLE * s.max()).sum(axis=1).max())
         self.check_singular(s[:, :rank], time)
-        inverse: Array = np.asarray(np.linalg.pinv(jacobian, rcond=NONE), dtype=np.float64)
+        inverse: Array = np.asarray(np.linalg.pinv(jacobian, rcond=NEGLIGIBLE), dtype=np.float64)
         idle = np.swapaxes(vt[:, rank:], 1, 2)  # (sample, drive, self-motion)
         rates = [np.zeros_like(angles), np.zeros_like(angles)]
         stay = idle @ np.swapaxes(idle, 1, 2)  # (sample, drive, drive)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 MODULE_LINES = 400
 FUNCTION_LINES = 60  # of code, without the docstring: what a numerical kernel may take
@@ -150,6 +150,17 @@ def imports(source: str) -> Iterator[tuple[int, str, bool]]:
         elif isinstance(node, ast.ImportFrom):
             for alias in node.names:
                 yield node.lineno, f"{'.' * node.level}{node.module or ''}.{alias.name}", id(node) in inner
+
+
+def importers(sources: Mapping[str, str]) -> dict[str, list[str]]:
+    """Modules by which each one is imported, also in functions (dotted module -> source)."""
+    found: dict[str, list[str]] = {}
+    for module, source in sources.items():
+        for _, name, _ in imports(source):
+            known = next((one for one in (name, name.rpartition(".")[0]) if one in sources), module)
+            if known != module:
+                found.setdefault(known, []).append(module)
+    return found
 
 
 def _misplaced(module: str, name: str, inside_function: bool) -> str:

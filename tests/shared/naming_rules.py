@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 
 MODULES = 20  # of a folder: what a reader takes in at once
 PARAMETERS = 8
+LINES = 400  # of a module, as in `house_rules`
 # What arrays, numbers and strings have: `a.shape` does not make a record of a.
 _PLAIN = {
     "T", "shape", "size", "ndim", "dtype", "flags", "copy", "sum", "min", "max", "mean", "any", "all", "ravel", "reshape", "real",
@@ -78,20 +79,50 @@ def homeless(homes: Mapping[str, str], known: Iterable[str] = ()) -> list[str]:
     ]
 
 
-def homonyms(sources: Mapping[str, str], words: Iterable[str]) -> list[str]:
-    """Words that two modules define: each of ``words`` has one meaning (dotted module -> source)."""
+def homonyms(sources: Mapping[str, str], words: Iterable[str], twins: Iterable[tuple[str, str]] = ()) -> list[str]:
+    """Words that two modules define: each of ``words`` has one meaning (dotted module -> source).
+
+    twins : pairs of packages that do the same in two forms, where the same name says so; commands are called as their verbs
+    """
     places: dict[str, list[str]] = {word: [] for word in words}
+    met: set[tuple[str, str]] = set()
+    second = {two: one for one, two in twins}
     for module, source in sources.items():
+        package = module.rpartition(".")[0]
         for name in _defined(source) & places.keys():
+            if package in second or package in second.values():
+                if (name, second.get(package, package)) in met:
+                    continue
+                met.add((name, second.get(package, package)))
             places[name].append(module)
     return [f"{word} is defined in {', '.join(found)}" for word, found in places.items() if len(found) > 1]
+
+
+def lonely(sources: Mapping[str, str], imports: Mapping[str, Iterable[str]], known: Mapping[str, str]) -> list[str]:
+    """Modules that one other imports, of the same folder, and that fit into it: a reason to merge them.
+
+    sources, imports : dotted module -> source, -> importers; those that a package offers itself (``__init__``) are its own
+    known : modules that stay apart -> the reason; one that is not alone any more, or has no reason, is told, too
+    """
+    size = {module: len(source.splitlines()) for module, source in sources.items()}
+    found = {
+        module: importers[0]
+        for module, importers in ((m, sorted(set(imports.get(m, ())))) for m in sources)
+        if len(importers) == 1
+        and importers[0].rpartition(".")[0] == module.rpartition(".")[0]
+        and size[module] + size[importers[0]] <= LINES
+    }
+    broken = [
+        f"{module} is imported by {one} alone: merge them" for module, one in found.items() if not known.get(module)
+    ]
+    return broken + [f"{module} needs no reason to stay apart" for module in known if module not in found]
 
 
 def _defined(source: str) -> set[str]:
     """Functions and constants of a module."""
     names = set()
     for node in ast.parse(source).body:
-        if isinstance(node, ast.FunctionDef):
+        if isinstance(node, ast.FunctionDef) and not _is_command(node):
             names.add(node.name)
         elif isinstance(node, ast.Assign):
             names |= {x.id for target in node.targets for x in ast.walk(target) if isinstance(x, ast.Name)}

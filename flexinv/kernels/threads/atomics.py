@@ -18,7 +18,7 @@ from numba.np.arrayobj import populate_array
 # Whether kernels are compiled at all: with NUMBA_DISABLE_JIT=1 they are the Python that they are written in, to look into.
 COMPILED = not config.DISABLE_JIT  # type: ignore[attr-defined]
 _intrinsic: Any = intrinsic  # its own type hides that the arguments are those of the call
-_LINE = 8  # bytes of a cell, on whose multiples it lies
+_CELL_BYTES = 8  # bytes of a cell, on whose multiples it lies
 # A thread that only looks tells the processor so, which then leaves more to the others.
 _PAUSE = "llvm.x86.sse2.pause" if binding.get_process_triple().startswith(("x86_64", "i386", "i686")) else ""
 
@@ -56,7 +56,7 @@ def look(typing_context: Any, cells: Any, at: Any) -> Any:
     """Return cells[at], as other threads have it now."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.load_atomic(_place(context, builder, signature, arguments), "acquire", _LINE)
+        return builder.load_atomic(_place(context, builder, signature, arguments), "acquire", _CELL_BYTES)
 
     return types.uint64(cells, at), generate
 
@@ -67,7 +67,7 @@ def put(typing_context: Any, cells: Any, at: Any, value: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         value = context.cast(builder, arguments[2], signature.args[2], types.uint64)
-        builder.store_atomic(value, _place(context, builder, signature, arguments), "release", _LINE)
+        builder.store_atomic(value, _place(context, builder, signature, arguments), "release", _CELL_BYTES)
         return context.get_dummy_value()
 
     return types.none(cells, at, value), generate

@@ -18,7 +18,7 @@ from rigid_trees import tree
 from crosscheck.studies.robot_sweep import random_states
 from flexinv.kernels.threads.affinity import _finder, go_to, granted, leave, processor_now, processors
 from flexinv.kernels.threads.mailbox import ANSWER, CELLS, DONE, FREE, OFFERED, OWNER, STATE, TAKEN
-from flexinv.rigid.blocks import HELPERS, settle, torque_blocks
+from flexinv.rigid.blocks import HELPERS, collect, torque_blocks
 from flexinv.rigid.prepare import TorqueFunction, prepare
 from flexinv.rnea.loop_plan import NO_LOOPS
 from flexinv.typing import Array
@@ -166,10 +166,10 @@ def test_a_helper_that_is_held_up_is_asked_again() -> None:
     counter, mails = np.array([0, 2], dtype=np.uint64), np.zeros((1, CELLS), dtype=np.uint64)
     mails[0, STATE], mails[0, OWNER] = TAKEN, counter.ctypes.data
     whole = *NONE, np.uint64(SAMPLES), np.zeros((2, 1)), counter, mails
-    assert not settle(*whole)
+    assert not collect(*whole)
     assert mails[0, STATE] == TAKEN
     mails[0, STATE], mails[0, ANSWER] = DONE, 3
-    assert settle(*whole)
+    assert collect(*whole)
     assert counter[1] == 5
     assert (mails[0, STATE], mails[0, OWNER]) == (FREE, 0)
 
