@@ -27,6 +27,8 @@ from flexinv.validation import index
 MOST_LOST = 0.01
 # An effort, an impact or what damping takes after it jumps at few samples of a run; where power jumps at more, it is nonsense.
 JUMPS = 16
+# Times the median bend of the power, which no jump makes: a motion sampled at ten points of a wave bends by two medians.
+STANDS_OUT = 4.0
 # A mechanism that moves by less than this part of its length in the whole run stands still: its energies are rounding.
 STANDING = 1e-5
 # Rigid motion that goes on by itself exchanges nothing: of what it holds, a step may lose or make this much.
@@ -166,10 +168,17 @@ class Solution:
 
     @property
     def energy_summed(self) -> float:
-        """Return the error of the trapezoidal sum in ``balance.work`` [J]: where power jumps, at `JUMPS` samples at most."""
+        """Return the error of the trapezoidal sum in ``balance.work`` [J]: where power jumps, at `JUMPS` samples at most.
+
+        A jump stands out from the bends of the power at other samples (`STANDS_OUT` times their median): where all are as large,
+        the samples are too far apart for what moves, which is an error of the steps.
+        """
         power = (self.torque_all * self.qd).sum(axis=1) - self.balance.dissipated
-        bends = np.sort(np.abs(np.diff(power, 2)))[-JUMPS:].sum()
-        return float(bends * (self.time[1] - self.time[0]) / 4) if len(self.time) > 1 else 0.0
+        if len(power) < 3:
+            return 0.0
+        bends = np.sort(np.abs(np.diff(power, 2)))
+        jumps = bends[bends > STANDS_OUT * np.median(bends)][-JUMPS:]
+        return float(jumps.sum() * (self.time[1] - self.time[0]) / 4)
 
     def check_energy(self) -> None:
         """Raise ConvergenceError where the steps lose or make more than `MOST_LOST` of the energy exchanged [J]."""
