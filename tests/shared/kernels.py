@@ -22,7 +22,8 @@ from flexinv.kernels.jit import jit, jit_blocks
 from flexinv.kernels.simd import LANES
 from flexinv.kernels.so3 import coefficients, inverse_coefficient, inverse_tangent
 from flexinv.kernels.vec3 import put_block, vec
-from flexinv.rnea.row_pairs import BOTH, both, solve, solve_inverted
+from flexinv.rnea.loop_layout import BOTH
+from flexinv.rnea.row_pairs import both, solve_inverted, solve_row
 from flexinv.rnea.six_rows import six_forces
 
 __all__ = [
@@ -114,4 +115,4 @@ def solved_by(multiplier, pivot, effort, size, part, least, inverted):
     """Set multipliers by pivots or their inverses; return how many are too small."""
     if inverted:
         return solve_inverted(multiplier, pivot, effort, size, LANES, part, least)
-    return solve(multiplier, pivot, effort, size, LANES, part, least)
+    return solve_row(multiplier, pivot, effort, size, LANES, part, least)
