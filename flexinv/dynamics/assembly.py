@@ -265,7 +265,9 @@ def _own_variation(n, topology, columns, work):
 @jit_inner
 def _passive_rows(n, columns, system, cv, ca):
     """Residual along passive freedoms: wrench on the axes + rotor, damping, friction and spring of the joint, less its drive."""
-    topology, state, frames, work, loads = system.topology, system.state, system.frames, system.work, system.loads
+    # Work by itself: where formulas are inlined Numba takes writes into what a tuple of records was unpacked to for dead code.
+    work = system.work
+    topology, state, frames, loads = system.topology, system.state, system.frames, system.loads
     b, m = topology.block[n], topology.parent[n]
     first, diagonal = topology.offset[b] + topology.column[n], work.diagonal[b]
     frame = mat(frames.r[m]) if m >= 0 else UNIT
