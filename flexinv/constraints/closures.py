@@ -26,6 +26,7 @@ from flexinv.kinematics.configuration_arrays import slides
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.kinematics.tree import Frames
+from flexinv.model.attachments import COUPLED_JOINTS
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import CLOSURES, COUPLED, Closure, Mechanism
 from flexinv.model.owned_cache import kept_with_owner
@@ -112,9 +113,7 @@ def check_coupled(mechanism: Mechanism, closure: Closure, name: str) -> None:
     """Raise InputError unless a coupling can tie the named joint's coordinate [rad], [m]."""
     if name not in mechanism.joint_of or mechanism.joint_of[name].kind not in COUPLED:
         known = ", ".join(j.name for j in mechanism.joints if j.kind in COUPLED) or "none"
-        raise InputError(
-            f"closure '{closure.name}': a coupling ties {' and '.join(COUPLED)} joints ({known}), not {name!r}"
-        )
+        raise InputError(f"closure '{closure.name}': a coupling ties {COUPLED_JOINTS} ({known}), not {name!r}")
     if closure.active:
         raise InputError(f"closure '{closure.name}': a coupling acts all the time; leave its active intervals out")
 
