@@ -36,11 +36,11 @@ from flexinv.errors import InputError
 from flexinv.inverse.applied_forces import applied_forces, check_constant
 from flexinv.inverse.inverse_dynamics import joint_wrenches, project
 from flexinv.inverse.nodal_sums import Drives, instant_torques
-from flexinv.kinematics.configuration import Nodes, fill_given, fill_relative
+from flexinv.kinematics.configuration import Nodes, fill_given, fill_relative, nodes_of
 from flexinv.kinematics.configuration_arrays import between
-from flexinv.kinematics.joint_motion import axes_of_nodes
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.tree import Joints
+from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.planar.detection import NotPlanar, find_plane
 from flexinv.planar.history import Histories
@@ -259,7 +259,7 @@ class Controller:
         """Let springs in joints that turn without end go on over whole turns, as `solve` does."""
         m = self.mechanism
         for joint in m.joints:
-            if joint.kind == "continuous" and joint.stiffness and joint.actuated:
+            if KINDS[joint.kind].circle and joint.stiffness and joint.actuated:
                 cos, sin = q[m.q_slices[joint.name]]
                 angle = float(np.arctan2(sin, cos))
                 turns = 2 * np.pi * round((self.wound.get(joint.name, angle) - angle) / (2 * np.pi))
@@ -296,28 +296,24 @@ def _flexible(mechanism: Mechanism, scheme: Scheme) -> Flexible:
     solver, plane = Solver.of(mesh, passive), find_plane(mesh)
     in_space = isinstance(plane, NotPlanar) or passive or mechanism.springs or mechanism.forces
     flat = None if in_space else PlanarMarch.of(mesh, set())
-    nodes = Nodes(mesh.parent, mesh.kind, mesh.offset, mesh.rotation, mesh.axis, mesh.q_index, mesh.v_index)
     joints = Joints(*(part.copy() for part in instant(mesh, mechanism.neutral, *(2 * [np.zeros(mechanism.nv)]))))
     out = solver.instant
     m = out.motion
     return Flexible(
-        solver, flat, scheme, start_up(scheme), nodes, _drives(mesh), joints, Joints(*(part[None] for part in joints)),
+        solver, flat, scheme, start_up(scheme), nodes_of(mesh), _drives(mesh), joints, Joints(*(part[None] for part in joints)),
         np.zeros((1, int((mesh.v_index >= 0).sum()), 3)), np.zeros(1, dtype=np.int64), histories(out),
         tuple(part[0] for part in (m.x, m.rotation, m.omega, m.a, m.alpha)),
         tuple(part[0] for part in (m.x, m.v, m.omega, out.energy)), mechanism.actuated.astype(float), np.zeros((mesh.size, 6)),
         (load_table(mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))),
         EnergyGuard(mesh, frozenset(passive), scheme.h),
         mechanism.nq, mechanism.nv, bool(mechanism.springs or mechanism.forces),
-        any(j.kind == "continuous" and j.stiffness and j.actuated for j in mechanism.joints),
+        any(KINDS[j.kind].circle and j.stiffness and j.actuated for j in mechanism.joints),
     )  # fmt: skip
 
 
 def _drives(mesh: Mesh) -> Drives:
-    freedoms, slide, turn = axes_of_nodes(mesh)
-    owner = [joint for joint in mesh.mechanism.joints for _ in range(joint.nv)]
-    table = np.zeros((5, mesh.size))
-    for n in np.flatnonzero(mesh.v_index >= 0):
-        j = owner[int(mesh.v_index[n])]
-        table[:, n] = j.rotor_inertia, j.damping, j.friction, j.stiffness, j.rest
-        freedoms[n] *= j.actuated
-    return Drives(freedoms, slide, turn, *table)
+    freedoms = mesh.freedoms.copy()
+    table, moves = np.zeros((5, mesh.size)), mesh.v_index >= 0
+    table[:, moves] = mesh.mechanism.drive_table[:, mesh.v_index[moves]]
+    freedoms[moves] *= mesh.mechanism.actuated[mesh.v_index[moves]]
+    return Drives(freedoms, mesh.slide, mesh.turn, *table)

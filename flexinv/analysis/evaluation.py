@@ -10,15 +10,14 @@ from numpy.typing import NDArray
 
 from flexinv.analysis.settings import Settings
 from flexinv.analysis.solution import LoopForces, Solution
-from flexinv.dynamics.dofs import FRICTION_RATE
 from flexinv.dynamics.solver import Trajectory
+from flexinv.elements.joint_law import smooth_direction
 from flexinv.inverse.applied_forces import applied_forces, joint_springs
 from flexinv.inverse.balance import Balance
-from flexinv.inverse.inverse_dynamics import NodalForces, drive_efforts, joint_wrenches, nodal_forces, plain
+from flexinv.inverse.inverse_dynamics import NodalForces, drive_efforts, joint_wrenches, nodal_forces
 from flexinv.inverse.trajectory_pass import Found, Given, Moving, Skeleton, second_step_samples
-from flexinv.kernels.memory import together
+from flexinv.kernels.memory import plain, together
 from flexinv.kinematics.finite_differences import differenced
-from flexinv.kinematics.joint_motion import axes_of_nodes
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.kinematics.rigid_motion import rigid_motion
@@ -62,7 +61,7 @@ def solution_of(mesh: Mesh, first: FirstStep, found: Found, settings: Settings) 
     """Return the Solution of both steps, efforts of rotors, friction and springs included [N m], [N], by names."""
     mechanism, (q, qd, qdd), time = mesh.mechanism, first.joints, first.time
     tau, reaction = found.tau, found.reaction
-    if mechanism.drive_table.any():
+    if mechanism.drive_table[:3].any():
         drive = drive_efforts(mechanism, qd, qdd, direction=_direction(mechanism, qd, first.smooth))
         tau, reaction = tau + drive, reaction + drive
     if any(joint.stiffness for joint in mechanism.joints):
@@ -88,9 +87,11 @@ def solution_of(mesh: Mesh, first: FirstStep, found: Found, settings: Settings) 
         balance=balance,
         iterations=first.trajectory.iterations, settings=settings.words(), notes=mechanism.notes,
     )  # fmt: skip
+    if first.loops is not None:
+        solution = _with_loops(solution, first.loops, first.geared)
     if whole and first.ends:
         solution.check_energy()
-    return solution if first.loops is None else _with_loops(solution, first.loops, first.geared)
+    return solution
 
 
 def _with_loops(solution: Solution, loops: LoopForces, geared: Array | None) -> Solution:
@@ -152,11 +153,10 @@ def skeleton(mesh: Mesh) -> Skeleton:
     numbers += [[nodes[link.name] for link in m.beams] for nodes in (mesh.root_node, mesh.tip_node)]
     joint, tip, root, last = (np.array(nodes, dtype=np.int64) for nodes in numbers)
     points = np.array([point for _, point in end], dtype=float).reshape(-1, 3)
-    freedoms, slide, turns = axes_of_nodes(mesh)
     gravity = np.array(m.gravity, dtype=float)
     return Skeleton(
-        mesh.parent, mesh.mass, mesh.inertia, gravity, freedoms, mesh.v_index, slide, turns, joint, tip, points, root, last,
-        straight,
+        mesh.parent, mesh.mass, mesh.inertia, gravity, mesh.freedoms, mesh.v_index, mesh.slide, mesh.turn, joint, tip, points,
+        root, last, straight,
     )  # fmt: skip
 
 
@@ -192,7 +192,7 @@ def _direction(mechanism: Mechanism, qd: Array, smooth_of: Collection[str]) -> A
     if not any(joint.friction for joint in mechanism.joints):
         return np.zeros_like(qd)
     smooth = np.array([j.name in smooth_of for j in mechanism.joints for _ in range(j.nv)], dtype=bool)
-    return np.where(smooth, np.tanh(qd / FRICTION_RATE), np.sign(qd))
+    return np.where(smooth, smooth_direction(qd), np.sign(qd))
 
 
 def _internal(mesh: Mesh, trajectory: Trajectory) -> tuple[dict[str, Array], dict[str, Array]]:

@@ -23,6 +23,7 @@ from scipy.interpolate import make_interp_spline
 
 from flexinv.analysis.solution import Solution
 from flexinv.errors import InputError
+from flexinv.kinematics.joint_motion import scalar_coordinate
 from flexinv.model.mechanism import Drive, Joint
 from flexinv.typing import Array
 from flexinv.validation import of_kind
@@ -86,8 +87,7 @@ def _motor(solution: Solution, joint: Joint, drive: Drive) -> MotorSide:
 
 
 def _angle(solution: Solution, joint: Joint) -> Array:
-    own = solution.q[:, solution.mechanism.q_slices[joint.name]]
-    return np.unwrap(np.arctan2(own[:, 1], own[:, 0])) if joint.kind == "continuous" else own[:, 0]
+    return scalar_coordinate(joint, solution.q[:, solution.mechanism.q_slices[joint.name]])
 
 
 def _lag(drive: Drive, time: Array, tau: Array, name: str) -> tuple[Array, Array, Array]:

@@ -9,6 +9,7 @@ from flexinv.constraints.continuation import closed_near, mobility
 from flexinv.constraints.loop_starts import closed_anywhere, places_near
 from flexinv.files.load_cases import Case
 from flexinv.kinematics.mesh import build
+from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import CLOSURES, Link, Mechanism
 from flexinv.typing import Array
 
@@ -22,7 +23,7 @@ def start_of(mechanism: Mechanism, case: Case | None) -> Array:
     if case is not None:
         q = case.motion.evaluate(mechanism, [0.0])[0][0]
         for name, value in case.start.items():
-            angle = mechanism.joint_of[name].kind == "continuous"
+            angle = KINDS[mechanism.joint_of[name].kind].circle
             q[mechanism.q_slices[name]] = [np.cos(value[0]), np.sin(value[0])] if angle else value
     return q
 

@@ -20,6 +20,7 @@ from flexinv.dynamics.solver import Efforts
 from flexinv.errors import InputError
 from flexinv.kinematics.mesh import build
 from flexinv.model.initial_values import start_coordinates
+from flexinv.model.joint_kinds import KINDS, POSE
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 from flexinv.validation import floats, function, number, of_kind, shown
@@ -99,7 +100,7 @@ def _table(mechanism: Mechanism, time: ArrayLike, torque: ArrayLike) -> tuple[Ar
             f"and a column for each drive of '{mechanism.name}': {', '.join(names) or 'none'}"
         )
     for joint in mechanism.joints:
-        if joint.kind == "free" and joint.actuated:
+        if KINDS[joint.kind].layout == POSE and joint.actuated:
             raise InputError(
                 f"simulate: free joint '{joint.name}' of '{mechanism.name}' has a drive, whose force would turn with what it "
                 "moves; write actuated=False and a force with follower=True on its link"

@@ -14,8 +14,10 @@ from flexinv.constraints.impacts import Impact
 from flexinv.errors import ConvergenceError
 from flexinv.inverse.balance import Balance
 from flexinv.inverse.inverse_dynamics import Factors, NodalForces, factors
+from flexinv.kinematics.joint_motion import scalar_coordinate
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 from flexinv.validation import index
@@ -25,10 +27,12 @@ from flexinv.validation import index
 MOST_LOST = 0.01
 # An effort, an impact or what damping takes after it jumps at few samples of a run; where power jumps at more, it is nonsense.
 JUMPS = 16
+# Times the median bend of the power, which no jump makes: a motion sampled at ten points of a wave bends by two medians.
+STANDS_OUT = 4.0
 # A mechanism that moves by less than this part of its length in the whole run stands still: its energies are rounding.
 STANDING = 1e-5
 # Rigid motion that goes on by itself exchanges nothing: of what it holds, a step may lose or make this much.
-HELD = 1e-4
+HELD = 1e-5
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 RESULTANTS = ("axial", "shear_y", "shear_z", "twist", "bending_y", "bending_z")
@@ -164,10 +168,17 @@ class Solution:
 
     @property
     def energy_summed(self) -> float:
-        """Return the error of the trapezoidal sum in ``balance.work`` [J]: where power jumps, at `JUMPS` samples at most."""
+        """Return the error of the trapezoidal sum in ``balance.work`` [J]: where power jumps, at `JUMPS` samples at most.
+
+        A jump stands out from the bends of the power at other samples (`STANDS_OUT` times their median): where all are as large,
+        the samples are too far apart for what moves, which is an error of the steps.
+        """
         power = (self.torque_all * self.qd).sum(axis=1) - self.balance.dissipated
-        bends = np.sort(np.abs(np.diff(power, 2)))[-JUMPS:].sum()
-        return float(bends * (self.time[1] - self.time[0]) / 4) if len(self.time) > 1 else 0.0
+        if len(power) < 3:
+            return 0.0
+        bends = np.sort(np.abs(np.diff(power, 2)))
+        jumps = bends[bends > STANDS_OUT * np.median(bends)][-JUMPS:]
+        return float(jumps.sum() * (self.time[1] - self.time[0]) / 4)
 
     def check_energy(self) -> None:
         """Raise ConvergenceError where the steps lose or make more than `MOST_LOST` of the energy exchanged [J]."""
@@ -215,9 +226,9 @@ class Solution:
         out = np.full_like(self.qd, np.nan)
         for joint in self.mechanism.joints:
             own, at = self.q[:, self.mechanism.q_slices[joint.name]], self.mechanism.v_slices[joint.name]
-            if joint.kind == "continuous":
-                out[:, at] = np.unwrap(np.arctan2(own[:, 1], own[:, 0]))[:, None]
-            elif joint.nq == joint.nv:
+            if joint.nv == 1:
+                out[:, at] = scalar_coordinate(joint, own)[:, None]
+            elif KINDS[joint.kind].scalar:
                 out[:, at] = own
         return out
 
@@ -281,10 +292,7 @@ class Solution:
 
 def _is_force(mechanism: Mechanism) -> list[bool]:
     """Return True for each velocity coordinate that is a translation, whose effort is a force."""
-    out = []
-    for joint in mechanism.joints:
-        out += [joint.kind == "prismatic" or (joint.kind == "free" and k < 3) for k in range(joint.nv)]
-    return out
+    return [force for joint in mechanism.joints for force in KINDS[joint.kind].translations]
 
 
 def effort_units(mechanism: Mechanism) -> list[str]:

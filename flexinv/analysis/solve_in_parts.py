@@ -15,6 +15,8 @@ from flexinv.analysis.task import Progress, Task, check_task, prescribe, time_gr
 from flexinv.analysis.trajectory import first_step
 from flexinv.dynamics.generalized_alpha import EXACT
 from flexinv.errors import InputError
+from flexinv.kinematics.joint_motion import scalar_coordinate
+from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
 from flexinv.validation import whole
@@ -65,9 +67,8 @@ def _wind_on(solution: Solution, wound: dict[str, float]) -> Solution:
     mechanism = solution.mechanism
     more = np.zeros(mechanism.nv)
     for joint in mechanism.joints:
-        if joint.kind == "continuous" and joint.stiffness:
-            own = solution.q[:, mechanism.q_slices[joint.name]]
-            angle = np.unwrap(np.arctan2(own[:, 1], own[:, 0]))
+        if KINDS[joint.kind].circle and joint.stiffness:
+            angle = scalar_coordinate(joint, solution.q[:, mechanism.q_slices[joint.name]])
             turns = 2 * np.pi * np.round((wound.get(joint.name, angle[0]) - angle[0]) / (2 * np.pi))
             wound[joint.name] = angle[-1] + turns
             more[mechanism.v_slices[joint.name].start] = joint.stiffness * turns

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.constraints.allocation_kernel import places, share
-from flexinv.inverse.inverse_dynamics import plain
+from flexinv.kernels.memory import plain
 from flexinv.typing import Array
 
 # A singular value below this part of the largest is a redundant constraint: rounding leaves 1e-15 of it.

@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 
 from flexinv.constraints.equations import RowArrays, jacobians, residual_samples
 from flexinv.errors import InputError
-from flexinv.inverse.inverse_dynamics import plain
-from flexinv.kinematics.configuration import Nodes
+from flexinv.kernels.memory import plain
+from flexinv.kinematics.configuration import nodes_of
 from flexinv.kinematics.configuration_arrays import slides
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import CLOSURES, COUPLED, Closure, Mechanism
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
@@ -111,7 +112,7 @@ def check_coupled(mechanism: Mechanism, closure: Closure, name: str) -> None:
     if name not in mechanism.joint_of or mechanism.joint_of[name].kind not in COUPLED:
         known = ", ".join(j.name for j in mechanism.joints if j.kind in COUPLED) or "none"
         raise InputError(
-            f"closure '{closure.name}': a coupling ties revolute and prismatic joints ({known}), not {name!r}"
+            f"closure '{closure.name}': a coupling ties {' and '.join(COUPLED)} joints ({known}), not {name!r}"
         )
     if closure.active:
         raise InputError(f"closure '{closure.name}': a coupling acts all the time; leave its active intervals out")
@@ -232,11 +233,6 @@ def world_of(motion: NodalMotion) -> tuple[Array, ...]:
     return tuple(plain(part) for part in (motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha))
 
 
-def nodes_of(mesh: Mesh) -> Nodes:
-    """Return the nodes [m], [-] of a mesh as kernels take them."""
-    return Nodes(mesh.parent, mesh.kind, mesh.offset, mesh.rotation, mesh.axis, mesh.q_index, mesh.v_index)
-
-
 def row_arrays(rows: Rows) -> RowArrays:
     """Return the rows [m], [-] as kernels take them."""
     vectors = rows.place_a, rows.place_b, rows.u, rows.w
@@ -249,5 +245,5 @@ def sizes_of(mesh: Mesh) -> Array:
     sizes = np.ones(mesh.mechanism.nq)
     for joint in mesh.mechanism.joints:
         start = mesh.mechanism.q_slices[joint.name].start
-        sizes[start : start + {"prismatic": 1, "free": 3}.get(joint.kind, 0)] = mesh.length
+        sizes[start : start + sum(KINDS[joint.kind].translations)] = mesh.length
     return sizes

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.constraints.allocation import Shares, share_out
-from flexinv.constraints.closures import Rows, nodes_of, row_arrays, row_scales, without_rounding
+from flexinv.constraints.closures import Rows, row_arrays, row_scales, without_rounding
 from flexinv.constraints.continuation_kernel import closing
 from flexinv.constraints.equations import RowArrays
 from flexinv.errors import InputError
-from flexinv.inverse.inverse_dynamics import plain
-from flexinv.kinematics.configuration import Nodes
+from flexinv.kernels.memory import plain
+from flexinv.kinematics.configuration import Nodes, nodes_of
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.tree import Frames, Joints
 from flexinv.model.mechanism import Mechanism

@@ -20,7 +20,6 @@ from flexinv.constraints.closures import (
     constraint_rows,
     coupling_residuals,
     measures,
-    nodes_of,
     residuals,
     row_arrays,
     row_scales,
@@ -37,6 +36,7 @@ from flexinv.constraints.continuation_kernel import (
 )
 from flexinv.constraints.phases import acting
 from flexinv.errors import ConvergenceError, InputError
+from flexinv.kinematics.configuration import nodes_of
 from flexinv.kinematics.configuration_arrays import moved
 from flexinv.kinematics.joint_motion import JointHistory
 from flexinv.kinematics.mesh import Mesh

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.vec3 import add, add_to, apply, cross, dot, mat, mul, put, scale, sub, tapply, vec, vec_at
 from flexinv.kinematics.tree import Frames
-from flexinv.model.joint_kinds import FREE, PRISMATIC, SPHERICAL
 from flexinv.typing import Array
 
 
@@ -91,18 +90,11 @@ def _add_path(nodes, frames, node, force, moment, out):
     while n >= 0:
         k = nodes.v_index[n]
         if k >= 0:
-            r, axis = mat(frames.r[n]), vec(nodes.axis[n])
+            r = mat(frames.r[n])
             push = tapply(r, force)
             turn = tapply(r, add(moment, cross(sub(vec(frames.x[node]), vec(frames.x[n])), force)))
-            if nodes.kind[n] == PRISMATIC:
-                out[k] += dot(axis, push)
-            elif nodes.kind[n] == SPHERICAL:
-                add_to(out, k, turn)
-            elif nodes.kind[n] == FREE:
-                add_to(out, k, push)
-                add_to(out, k + 3, turn)
-            else:
-                out[k] += dot(axis, turn)
+            for i in range(nodes.freedoms[n]):
+                out[k + i] += dot(vec(nodes.slide[n, i]), push) + dot(vec(nodes.turn[n, i]), turn)
         n = nodes.parent[n]
 
 

@@ -21,6 +21,7 @@ from flexinv.errors import ConvergenceError, InputError
 from flexinv.kinematics.configuration_arrays import moved, nearest_difference, slides
 from flexinv.kinematics.joint_motion import JointHistory
 from flexinv.kinematics.mesh import Mesh
+from flexinv.model.joint_kinds import KINDS, POSE, ROTATION
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.typing import Array
 
@@ -151,7 +152,8 @@ def unwound(mechanism: Mechanism, guess: Array, q: Array) -> Array:
     """Return q (nq,) [rad], [m] with joints that turn within half a turn of a guess (nq,), but for those in couplings."""
     out, geared = q.copy(), {name for c in mechanism.closures for name, _ in c.factors}
     for joint in mechanism.joints:
-        if joint.kind in ("revolute", "universal") and joint.name not in geared:
+        kind = KINDS[joint.kind]
+        if kind.repeats and not kind.circle and joint.name not in geared:
             own = mechanism.q_slices[joint.name]
             out[own] -= 2 * np.pi * np.round((q[own] - guess[own]) / (2 * np.pi))
     return out
@@ -309,16 +311,17 @@ def _owner(mechanism: Mechanism, column: int) -> Joint:
 
 def _units(joint: Joint) -> tuple[str, str]:
     """Units of a joint's coordinates and of its rates."""
-    if joint.kind == "free":
+    kind = KINDS[joint.kind]
+    if kind.layout == POSE:
         return "m and quaternion", "m/s and rad/s"
-    if joint.kind == "spherical":
+    if kind.layout == ROTATION:
         return "(quaternion)", "rad/s"
-    return ("m", "m/s") if joint.kind == "prismatic" else ("rad", "rad/s")
+    return ("m", "m/s") if any(kind.translations) else ("rad", "rad/s")
 
 
 def _place(joint: Joint, q: Array) -> Array:
     """Coordinates as a start states them: of a continuous joint its angle."""
-    return np.arctan2(q[1:], q[:1]) if joint.kind == "continuous" else q
+    return np.arctan2(q[1:], q[:1]) if KINDS[joint.kind].circle else q
 
 
 def _shown(values: Array) -> str:
@@ -371,7 +374,8 @@ def _contradicted(mesh: Mesh, given: Stated, q: Array, off: Array, time: float, 
 
 def _apart(joint: Joint, mechanism: Mechanism, guess: Array, q: Array) -> str:
     """Return the position of a joint and its distance from its start, in words."""
-    own, angles = mechanism.q_slices[joint.name], joint.kind in ("revolute", "continuous", "universal")
+    own, kind = mechanism.q_slices[joint.name], KINDS[joint.kind]
+    angles = kind.scalar and not any(kind.translations)
     a, b = _place(joint, guess[own]), _place(joint, q[own])
     d = nearest_difference(mechanism, guess, q)[mechanism.v_slices[joint.name]]
     if angles:

@@ -7,7 +7,8 @@ import numpy as np
 from flexinv.constraints.closures import Rows, row_arrays, world_of
 from flexinv.constraints.equations import Ends, closing_samples
 from flexinv.constraints.phases import Stretch
-from flexinv.inverse.inverse_dynamics import NodalForces, plain
+from flexinv.inverse.inverse_dynamics import NodalForces
+from flexinv.kernels.memory import plain
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.mechanism import WORLD

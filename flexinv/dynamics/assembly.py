@@ -9,11 +9,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
-from flexinv.dynamics.dofs import FRICTION_RATE
 from flexinv.elements.beam import Scratch, element_gradient, element_tangent, nodal_forces, relative
 from flexinv.elements.beam_damping import Rates, damped_gradient, damped_tangent, relative_rates
+from flexinv.elements.joint_law import JointLaw, own_effort, own_slope, smooth_direction
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.so3 import exp, inverse_tangent
 from flexinv.kernels.vec3 import (
@@ -308,13 +306,13 @@ def _passive_rows(n, m, b, columns, topology, state, frames, variation, loads, w
     frame = mat(frames.r[m]) if m >= 0 else UNIT
     force, moment = tapply(frame, vec(work.wrench[n])), vec_at(work.wrench[n], 3)
     inverse, level = inverse_tangent(passive_psi(n, topology, state, first)), loads.level[0]
+    stiffness = level * topology.spring[n]
+    law = JointLaw(topology.rotor[n], topology.damping[n], topology.friction[n], stiffness, topology.rest[n])
     for i in range(topology.freedoms[n]):
         row, slide, turn = topology.column[n] + i, vec(topology.slide[n, i]), vec(topology.turn[n, i])
-        rate, soft = state.u[first + i], np.tanh(state.u[first + i] / FRICTION_RATE)
-        own = topology.rotor[n] * state.du[first + i] + topology.damping[n] * rate + topology.friction[n] * soft
-        own -= level * loads.effort[first + i]
-        own += level * topology.spring[n] * (state.place[first + i] + state.d[first + i] - topology.rest[n])
-        work.residual[0, first + i] = dot(slide, force) + dot(turn, moment) + own
+        rate, direction = state.u[first + i], smooth_direction(state.u[first + i])
+        own = own_effort(law, state.place[first + i] + state.d[first + i], rate, state.du[first + i], direction)
+        work.residual[0, first + i] = dot(slide, force) + dot(turn, moment) + own - level * loads.effort[first + i]
         if columns == 0:
             continue
         for k in range(columns):
@@ -322,11 +320,7 @@ def _passive_rows(n, m, b, columns, topology, state, frames, variation, loads, w
             if m >= 0:
                 dforce = sub(dforce, cross(vec(variation.t[m, k]), force))
             diagonal[row, k] = dot(slide, dforce) + dot(turn, vec_at(work.dwrench[n, k], 3))
-        slope = (
-            cv * (topology.damping[n] + topology.friction[n] * (1 - soft * soft) / FRICTION_RATE)
-            + ca * topology.rotor[n]
-        )
-        slope += level * topology.spring[n]
+        slope = own_slope(law, direction, cv, ca)
         if topology.triple[n] >= 0 and i >= topology.triple[n]:  # the turn is unit vector number i - triple
             add_to(diagonal[row], topology.column[n] + topology.triple[n], scale(slope, tapply(inverse, turn)))
         else:

@@ -16,17 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.errors import InputError
-from flexinv.kinematics.joint_motion import joint_axes
-from flexinv.kinematics.mesh import FREE, SECTION, SPHERICAL, VELOCITIES, Mesh
+from flexinv.kinematics.mesh import Mesh
+from flexinv.model.joint_kinds import FREE, SECTION, SPHERICAL
 from flexinv.model.mechanism import Joint
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
 
 Indices = NDArray[np.int64]
-
-# A passive joint's dry friction is friction tanh(rate / FRICTION_RATE): a slope instead of a jump at rest.  How large it may be,
-# as measured: `evaluation._direction`.
-FRICTION_RATE = 1e-3  # [rad/s] or [m/s]
 
 
 class Topology(NamedTuple):
@@ -99,7 +95,7 @@ def _topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
     for node, joint in _joint_of_node(mesh).items():
         if joint.name in passive:
             _check_passive(joint)
-            table.add(mesh, node, joint, size, block)
+            table.add(mesh, node, size, block)
     offset = np.concatenate([[0], np.cumsum(size)[:-1]]).astype(np.int64)
     return Topology(
         parent=mesh.parent,
@@ -171,17 +167,15 @@ class _Passive:
         axes = np.zeros((nodes, 6, 3))
         return cls(none, none.copy(), none - 1, axes, axes.copy(), *(np.zeros(nodes) for _ in range(5)))
 
-    def add(self, mesh: Mesh, node: int, joint: Joint, size: Indices, block: Indices) -> None:
-        kind = int(mesh.kind[node])
-        count = VELOCITIES[kind]
-        slide, turn = joint_axes(kind, mesh.axis[node])
+    def add(self, mesh: Mesh, node: int, size: Indices, block: Indices) -> None:
+        count = int(mesh.freedoms[node])
         self.freedoms[node], self.column[node] = count, size[block[node]]
         size[block[node]] += count
-        self.slide[node, :count] = slide @ mesh.rotation[node].T
-        self.turn[node, :count] = turn
-        self.triple[node] = {SPHERICAL: 0, FREE: 3}.get(kind, -1)
-        self.rotor[node], self.damping[node] = joint.rotor_inertia, joint.damping
-        self.friction[node], self.spring[node], self.rest[node] = joint.friction, joint.stiffness, joint.rest
+        self.slide[node] = mesh.slide[node] @ mesh.rotation[node].T
+        self.turn[node] = mesh.turn[node]
+        self.triple[node] = {SPHERICAL: 0, FREE: 3}.get(int(mesh.kind[node]), -1)
+        law = mesh.mechanism.drive_table[:, mesh.v_index[node]]
+        self.rotor[node], self.damping[node], self.friction[node], self.spring[node], self.rest[node] = law
 
 
 def _scale(mesh: Mesh, size: Indices, offset: Indices, table: _Passive, block: Indices) -> Array:
@@ -191,6 +185,6 @@ def _scale(mesh: Mesh, size: Indices, offset: Indices, table: _Passive, block: I
         scale[first : first + 3] = mesh.length
     for node in np.flatnonzero(table.freedoms):
         first = offset[block[node]] + table.column[node]
-        sliding = np.abs(table.slide[node, : table.freedoms[node]]).sum(axis=1) > 0
+        sliding = ~table.turn[node, : table.freedoms[node]].any(axis=1)
         scale[first : first + table.freedoms[node]][sliding] = mesh.length
     return scale

@@ -8,21 +8,18 @@ from flexinv.dynamics.assembly import State
 from flexinv.dynamics.generalized_alpha import ACCELERATIONS, PASSES, ROUNDING, STATICS, Scheme, filtering, is_sudden
 from flexinv.dynamics.solver import Solver
 from flexinv.dynamics.stepper import CONVERGED
-from flexinv.kinematics.joint_motion import Relative, relative_motion
-from flexinv.kinematics.mesh import CONTINUOUS, Mesh
+from flexinv.kinematics.joint_motion import relative_motion
+from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
-from flexinv.kinematics.rigid_motion import carried
+from flexinv.kinematics.rigid_motion import rigid_motion
 from flexinv.kinematics.tree import Joints, carry_samples
+from flexinv.model.joint_kinds import CONTINUOUS
 from flexinv.typing import Array
 
 
 def instant(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> Joints:
     """Return the relative motion of all nodes at one instant, q (nq,), qd, qdd (nv,) [m, rad, s]."""
-    return _only(relative_motion(mesh, q[None], qd[None], qdd[None]))
-
-
-def _only(relative: Relative) -> Joints:
-    return Joints(*(np.ascontiguousarray(part[0]) for part in relative))
+    return Joints(*(part[0] for part in relative_motion(mesh, q[None], qd[None], qdd[None])))
 
 
 def start_undeformed(solver: Solver, q: Array, qd: Array, qdd: Array) -> Joints:
@@ -32,9 +29,8 @@ def start_undeformed(solver: Solver, q: Array, qd: Array, qdd: Array) -> Joints:
         i = mesh.q_index[n]
         angle = np.arctan2(q[i + 1], q[i]) if mesh.kind[n] == CONTINUOUS else q[i]
         solver.state.place[t.offset[t.block[n]] + t.column[n]] = angle
-    relative = relative_motion(mesh, q[None], qd[None], qdd[None])
-    joints = _only(relative)
-    _start(solver, carried(mesh, relative), joints, qd, qdd)
+    joints = instant(mesh, q, qd, qdd)
+    _start(solver, rigid_motion(mesh, q[None], qd[None], qdd[None]), joints, qd, qdd)
     return joints
 
 

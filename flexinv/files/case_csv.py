@@ -18,7 +18,8 @@ import numpy as np
 from flexinv.errors import InputError
 from flexinv.files.toml_tables import complaint
 from flexinv.files.unit_keys import UNITS
-from flexinv.model.mechanism import COORDINATES, Joint, Mechanism
+from flexinv.model.joint_kinds import KINDS
+from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.typing import Array
 from flexinv.validation import nearest
 
@@ -107,12 +108,13 @@ def _columns(header: list[str], mechanism: Mechanism, path: Path) -> list[Column
 
 def _names(joint: Joint) -> Iterator[tuple[str, Column]]:
     """Names of columns that a joint may have."""
-    suffixes = ("",) if joint.kind == "continuous" else COORDINATES[joint.kind][0]
+    kind = KINDS[joint.kind]
+    suffixes = ("",) if kind.circle else kind.q
     for k, suffix in enumerate(suffixes):
         if suffix.startswith(".q"):
             yield joint.name + suffix, (joint.name, k, 1.0)
             continue
-        for unit in LENGTHS if joint.kind in ("prismatic", "free") else ANGLES:
+        for unit in LENGTHS if any(kind.translations) else ANGLES:
             yield f"{joint.name}{suffix}_{unit}", (joint.name, k, UNITS[unit][unit])
 
 

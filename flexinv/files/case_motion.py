@@ -21,6 +21,7 @@ from flexinv.files.case_schema import (
     TwoAnglesTable,
 )
 from flexinv.files.toml_tables import complaint, place, validate
+from flexinv.model.joint_kinds import KINDS, POSE
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.motion import Motion
 from flexinv.typing import Array
@@ -43,16 +44,19 @@ def _quaternion(rpy_deg: Any) -> Array:
     return np.asarray(Rotation.from_euler("xyz", rpy_deg, degrees=True).as_quat())
 
 
-# kind -> its table, the parts of its coordinates (each by unit of the key: how it is read), an example to write
+# Units of the velocity coordinates of a kind of joint -> its table, the parts of its coordinates (by their keys), an example.
 ANGLE: dict[str, Reader] = {"deg": _radians, "rad": plain}
 TURN: dict[str, Reader] = {"quaternion": plain, "rpy_deg": _quaternion}
-MOVES: dict[str, tuple[type[MoveTable], tuple[dict[str, Reader], ...], str]] = {
-    "revolute": (AngleTable, (ANGLE,), "{ from_deg = 0, to_deg = 90 }"),
-    "continuous": (AngleTable, (ANGLE,), "{ from_deg = 0, to_deg = 90 }"),
-    "prismatic": (PositionTable, ({"m": plain},), "{ from_m = 0, to_m = 0.1 }"),
-    "universal": (TwoAnglesTable, (ANGLE,), "{ from_deg = [0, 0], to_deg = [30, 20] }"),
-    "spherical": (RotationTable, (TURN,), "{ from_rpy_deg = [0, 0, 0], to_rpy_deg = [0, 0, 90] }"),
-    "free": (PoseTable, ({"xyz_m": plain}, TURN), "{ at_xyz_m = [0, 0, 1], at_rpy_deg = [0, 0, 0] }"),
+MOVES: dict[tuple[str, ...], tuple[type[MoveTable], tuple[dict[str, Reader], ...], str]] = {
+    ("rad",): (AngleTable, (ANGLE,), "{ from_deg = 0, to_deg = 90 }"),
+    ("m",): (PositionTable, ({"m": plain},), "{ from_m = 0, to_m = 0.1 }"),
+    2 * ("rad",): (TwoAnglesTable, (ANGLE,), "{ from_deg = [0, 0], to_deg = [30, 20] }"),
+    3 * ("rad",): (RotationTable, (TURN,), "{ from_rpy_deg = [0, 0, 0], to_rpy_deg = [0, 0, 90] }"),
+    (*3 * ("m",), *3 * ("rad",)): (
+        PoseTable,
+        ({"xyz_m": plain}, TURN),
+        "{ at_xyz_m = [0, 0, 1], at_rpy_deg = [0, 0, 0] }",
+    ),
 }
 
 
@@ -69,7 +73,7 @@ def read_motion(table: MotionTable, mechanism: Mechanism, file: Path, path: str)
     groups: dict[Timing, list[tuple[str, Array, Array]]] = {}
     for name, data in table.joints.items():
         joint = _joint(name, mechanism, file, path)
-        model, parts, write = MOVES[joint.kind]
+        model, parts, write = MOVES[KINDS[joint.kind].units]
         move = validate(model, data, file, f"{path}.joints.{name}")
         timing = _timing(move, table, file, path)
         first, last = _ends(move, parts, write, file, f"{path}.joints.{name}")
@@ -166,7 +170,7 @@ def _add_others(
         )
     held = next(iter(groups.values()))
     for joint in mechanism.joints:
-        if joint.nv and joint.name not in table.joints and (joint.actuated or joint.kind == "free"):
+        if joint.nv and joint.name not in table.joints and (joint.actuated or KINDS[joint.kind].layout == POSE):
             zero = mechanism.neutral[mechanism.q_slices[joint.name]]
             held.append((joint.name, zero, zero))
     return None
@@ -176,5 +180,5 @@ def _check_complete(given: set[str], mechanism: Mechanism, file: Path, path: str
     missing = [j for j in mechanism.joints if j.nv and j.actuated and j.name not in given]
     if missing and not mechanism.closures:  # in a loop the closures move the joints that the motion leaves out
         expected = f"a motion for every joint with an actuator; missing: {', '.join(j.name for j in missing[:10])}"
-        write = f'{missing[0].name} = {MOVES[missing[0].kind][2]}, or others = "at_zero"'
+        write = f'{missing[0].name} = {MOVES[KINDS[missing[0].kind].units][2]}, or others = "at_zero"'
         raise InputError(complaint(place(file, f"{path}.joints", missing[0].name), "nothing", expected, write))

@@ -18,19 +18,23 @@ from flexinv.files.case_schema import (
     TwoAnglesStartTable,
 )
 from flexinv.files.toml_tables import Table, complaint, place, validate
+from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
 from flexinv.typing import Array
 from flexinv.validation import nearest
 
-# kind -> its table, the parts of its coordinates (each by the key that states it), an example to write
-STARTS: dict[str, tuple[type[Table], tuple[dict[str, Reader], ...], str]] = {
-    "revolute": (AngleStartTable, (ANGLE,), "{ deg = 30 }"),
-    "continuous": (AngleStartTable, (ANGLE,), "{ deg = 30 }"),
-    "prismatic": (PositionStartTable, ({"m": plain},), "{ m = 0.1 }"),
-    "universal": (TwoAnglesStartTable, (ANGLE,), "{ deg = [10, -5] }"),
-    "spherical": (RotationStartTable, (TURN,), "{ rpy_deg = [0, 0, 90] }"),
-    "free": (PoseStartTable, ({"xyz_m": plain}, TURN), "{ xyz_m = [0, 0, 1], rpy_deg = [0, 0, 0] }"),
+# Units of the velocity coordinates of a kind of joint -> its table, the parts of its coordinates (by their keys), an example.
+STARTS: dict[tuple[str, ...], tuple[type[Table], tuple[dict[str, Reader], ...], str]] = {
+    ("rad",): (AngleStartTable, (ANGLE,), "{ deg = 30 }"),
+    ("m",): (PositionStartTable, ({"m": plain},), "{ m = 0.1 }"),
+    2 * ("rad",): (TwoAnglesStartTable, (ANGLE,), "{ deg = [10, -5] }"),
+    3 * ("rad",): (RotationStartTable, (TURN,), "{ rpy_deg = [0, 0, 90] }"),
+    (*3 * ("m",), *3 * ("rad",)): (
+        PoseStartTable,
+        ({"xyz_m": plain}, TURN),
+        "{ xyz_m = [0, 0, 1], rpy_deg = [0, 0, 0] }",
+    ),
 }
 
 
@@ -57,7 +61,7 @@ def read_places(
             expected = f"a joint of {mechanism.name} that moves: {', '.join(joints[:20]) or 'there is none'}"
             write = f"{near} instead of {name}" if near else f"no start.{name}"
             raise InputError(complaint(place(file, path, name), f"a start for joint {name}", expected, write))
-        model, parts, write = STARTS[mechanism.joint_of[name].kind]
+        model, parts, write = STARTS[KINDS[mechanism.joint_of[name].kind].units]
         where = f"{path}.{name}"
         table = validate(model, data, file, where)
         out[name] = np.concatenate([_part(table, part, write, file, where) for part in parts])

@@ -178,7 +178,7 @@ def _coupling(table: CouplingTable, joints: Mapping[str, Joint], file: Path, pat
     scalar = [j for j, joint in joints.items() if joint.kind in COUPLED]
     for joint in table.factors:
         if joint not in scalar:
-            expected = "revolute and prismatic joints: " + (", ".join(scalar[:20]) or "there are none")
+            expected = f"{' and '.join(COUPLED)} joints: " + (", ".join(scalar[:20]) or "there are none")
             near = nearest(joint, scalar)
             raise InputError(complaint(where, f'"{joint}"', expected, f"{near} = 1" if near else write))
     used = {j: factor for j, factor in table.factors.items() if factor}

@@ -7,6 +7,7 @@ from typing import Literal
 
 from flexinv.errors import InputError
 from flexinv.files.toml_tables import NotNegative, Positive, Table, complaint, key, place
+from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Drive
 
 
@@ -71,9 +72,7 @@ class LinearDriveTable(MotorTable):
 
 # By kind of joint: what its table ``drive`` is.
 MOTORS: dict[str, type[MotorTable]] = {
-    "revolute": DriveTable,
-    "continuous": DriveTable,
-    "prismatic": LinearDriveTable,
+    name: LinearDriveTable if any(kind.translations) else DriveTable for name, kind in KINDS.items() if len(kind.v) == 1
 }
 
 

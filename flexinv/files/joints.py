@@ -26,11 +26,12 @@ from flexinv.files.toml_tables import (
     toml_text,
     validate,
 )
-from flexinv.model.mechanism import COORDINATES, Joint, Limits, Placement
+from flexinv.model.joint_kinds import KINDS
+from flexinv.model.mechanism import Joint, Limits, Placement
 from flexinv.typing import Array
 from flexinv.validation import nearest
 
-KINDS = '"revolute", "continuous", "prismatic", "spherical", "universal", "fixed" or "free"'
+NAMES = " or ".join(", ".join(f'"{name}"' for name in part) for part in (list(KINDS)[:-1], list(KINDS)[-1:]))
 AXIS = "the axis in the joint frame, three numbers [-]"
 # The length of an axis may be off by this much before it is worth a warning: seven digits were typed.
 UNIT = 1e-6
@@ -107,7 +108,7 @@ class LinearDrive(Table):
 class JointTable(Table):
     """Keys of every joint: the links that it connects and its placement."""
 
-    kind: str = key(f"one of {KINDS}", 'kind = "revolute"')
+    kind: str = key(f"one of {NAMES}", 'kind = "revolute"')
     parent: Name = key('the link it hangs on, or "world"', 'parent = "world"')
     child: Name = key("the link that it carries", 'child = "forearm"')
     placement: PlacementTable | None = key(PLACEMENT, "placement = { xyz_m = [0.4, 0, 0] }", default=None)
@@ -161,6 +162,20 @@ class RevoluteTable(SprungDrive, JointTable):
     )
 
 
+class HelicalTable(SprungDrive, JointTable):
+    """A screw: a rotation and a translation along its axis in a fixed ratio."""
+
+    drive: DriveTable | None = MOTOR
+
+    axis: Vector = key(AXIS, "axis = [0, 0, 1]")
+    pitch_m: Number = key(
+        "the way along the axis for a whole turn about it [m]; negative: left-handed", "pitch_m = 0.005"
+    )
+    limits: RotaryLimitsTable | None = key(
+        "a table: effort_Nm, velocity_rad_per_s, lower_rad, upper_rad", "limits = { effort_Nm = 150 }", default=None
+    )
+
+
 class PrismaticTable(LinearDrive, JointTable):
     """A translation."""
 
@@ -185,6 +200,7 @@ TABLES: dict[str, type[JointTable]] = {
     "revolute": RevoluteTable,
     "continuous": ContinuousTable,
     "prismatic": PrismaticTable,
+    "helical": HelicalTable,
     "spherical": SphericalTable,
     "universal": UniversalTable,
     "fixed": FixedTable,
@@ -195,6 +211,7 @@ DRIVES: dict[str, type[Table]] = {
     "continuous": SprungDrive,
     "universal": RotaryDrive,
     "prismatic": LinearDrive,
+    "helical": SprungDrive,
 }
 
 
@@ -202,10 +219,10 @@ def read_joint(data: Any, file: Path, name: str) -> Joint:
     """Read ``[joints.NAME]`` into a joint [m, rad, kg m^2, N m s/rad, N m] of its kind."""
     path = f"joints.{name}"
     kind = data.get("kind") if isinstance(data, dict) else None
-    if kind is not None and (not isinstance(kind, str) or kind not in COORDINATES):
-        near = nearest(str(kind), COORDINATES) or "revolute"
+    if kind is not None and (not isinstance(kind, str) or kind not in KINDS):
+        near = nearest(str(kind), KINDS) or "revolute"
         where = place(file, path, "kind")
-        raise InputError(complaint(where, f"kind = {toml_text(kind)}", f"one of {KINDS}", f'kind = "{near}"'))
+        raise InputError(complaint(where, f"kind = {toml_text(kind)}", f"one of {NAMES}", f'kind = "{near}"'))
     table = validate(TABLES.get(kind or "", RevoluteTable), data, file, path)
     axes: dict[str, Any] = {}
     for axis in ("axis", "second_axis"):
@@ -219,8 +236,19 @@ def read_joint(data: Any, file: Path, name: str) -> Joint:
     return Joint(
         name, table.kind, table.parent, table.child, read_placement(table.placement, file, f"{path}.placement"),
         table.station, **axes, **drive(table, file, path), limits=_limits(table, file, f"{path}.limits"),
-        drive=read_drive(getattr(table, "drive", None), file, f"{path}.drive"),
+        drive=read_drive(getattr(table, "drive", None), file, f"{path}.drive"), pitch=_pitch(table, file, path),
     )  # fmt: skip
+
+
+def _pitch(table: Table, file: Path, path: str) -> float:
+    """Return the way of a screw for a whole turn [m], 0 of other joints."""
+    pitch = float(getattr(table, "pitch_m", 0.0))
+    if hasattr(table, "pitch_m") and not pitch:
+        where = place(file, path, "pitch_m")
+        raise InputError(
+            complaint(where, "pitch_m = 0", "a pitch other than zero [m]", 'kind = "revolute", no pitch_m')
+        )
+    return pitch
 
 
 def drive(table: Table, file: Path, path: str) -> dict[str, Any]:

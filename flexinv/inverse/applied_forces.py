@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from flexinv.elements.joint_law import laws_of, resisting_effort
 from flexinv.errors import InputError
 from flexinv.inverse.inverse_dynamics import NodalForces
+from flexinv.kinematics.joint_motion import scalar_coordinate
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.mechanism import Attachment, Force, Mechanism, Spring
@@ -74,14 +76,12 @@ def joint_springs(mechanism: Mechanism, q: Array, history: bool = True) -> Array
     history : q (samples, nq) is a motion, along which the angle of a continuous joint is followed over whole turns;
         else each sample stands for itself, with its angle in -pi .. pi
     """
-    out = np.zeros((len(q), mechanism.nv))
+    out, laws = np.zeros((len(q), mechanism.nv)), laws_of(mechanism)._replace(friction=0.0)
     for joint in mechanism.joints:
         if joint.stiffness:
             own = q[:, mechanism.q_slices[joint.name]]
-            place = np.arctan2(own[:, 1], own[:, 0]) if joint.kind == "continuous" else own[:, 0]
-            if joint.kind == "continuous" and history:
-                place = np.unwrap(place)
-            out[:, mechanism.v_slices[joint.name].start] = joint.stiffness * (place - joint.rest)
+            place, v = scalar_coordinate(joint, own, history), mechanism.v_slices[joint.name].start
+            out[:, v] = resisting_effort(laws._replace(stiffness=joint.stiffness, rest=joint.rest), place, 0.0)
     return out
 
 

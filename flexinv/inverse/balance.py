@@ -64,10 +64,9 @@ class Balance:
 def carried(mesh: Mesh, qd: Array, passive: set[str]) -> Array:
     """Return the kinetic energy of the total mass at the speed of the given joint rates at full length, (samples,) [J]."""
     m, speed = mesh.mechanism, np.zeros(len(qd))
-    for joint in m.joints:
-        if joint.name in passive:
-            continue
-        for k, rate in enumerate(qd[:, m.v_slices[joint.name]].T):
-            slides = joint.kind == "prismatic" or (joint.kind == "free" and k < 3)
-            speed += np.abs(rate) * (1.0 if slides else mesh.length)
+    driven = np.array([joint.name not in passive for joint in m.joints for _ in range(joint.nv)], dtype=bool)
+    for n in np.flatnonzero(mesh.v_index >= 0):
+        own = slice(mesh.v_index[n], mesh.v_index[n] + mesh.freedoms[n])
+        reach = np.linalg.norm(mesh.slide[n], axis=1) + mesh.length * np.linalg.norm(mesh.turn[n], axis=1)
+        speed += np.abs(qd[:, own]) @ (reach[: mesh.freedoms[n]] * driven[own])
     return np.asarray(0.5 * mesh.mass.sum() * speed**2)

@@ -9,9 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexinv.elements.joint_law import laws_of, moving_effort, resisting_effort
 from flexinv.inverse.nodal_sums import in_frame, nodal_samples, sum_in_frames, sum_samples
-from flexinv.kinematics.joint_motion import joint_axes, joint_effort
-from flexinv.kinematics.mesh import VELOCITIES, Mesh
+from flexinv.kernels.memory import plain
+from flexinv.kinematics.joint_motion import joint_effort
+from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
@@ -86,11 +88,6 @@ def own_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> dict[i
     return dict(zip(nodes.tolist(), own, strict=True))
 
 
-def plain(a: Array) -> Array:
-    """Return an array [any unit] as kernels take it, contiguous and writeable: itself, or a copy if it is not."""
-    return a if a.flags.c_contiguous and a.flags.writeable else np.array(a, order="C")
-
-
 def project(mesh: Mesh, motion: NodalMotion, wrenches: NodalForces) -> Array:
     """Return the component of each joint's wrench along its coordinates, (samples, nv) [N m] or [N]."""
     moves = np.flatnonzero(mesh.v_index >= 0).tolist()
@@ -101,8 +98,8 @@ def along_joints(mesh: Mesh, samples: int, wrenches: dict[int, Array]) -> Array:
     """Return the efforts (samples, nv) [N m] or [N] of `project` for wrenches in the nodes' own frames (`own_wrenches`)."""
     tau = np.zeros((samples, mesh.mechanism.nv))
     for node in np.flatnonzero(mesh.v_index >= 0).tolist():
-        own, kind, first = wrenches[node], int(mesh.kind[node]), mesh.v_index[node]
-        tau[:, first : first + VELOCITIES[kind]] = joint_effort(kind, mesh.axis[node], own[:, :3], own[:, 3:])
+        own, first = wrenches[node], mesh.v_index[node]
+        tau[:, first : first + mesh.freedoms[node]] = joint_effort(mesh, node, own[:, :3], own[:, 3:])
     return tau
 
 
@@ -120,14 +117,12 @@ def drive_efforts(
 
     direction : (samples, nv) [-], sign(qd) unless given
     """
-    rotor, damping, friction = mechanism.drive_table
-    effort = np.asarray(rotor * qdd)
+    law = laws_of(mechanism)
     if not passive:
-        return effort
-    if damping.any():
-        effort += damping * qd
-    if friction.any():
-        effort += friction * (np.sign(qd) if direction is None else direction)
+        return np.asarray(law.rotor * qdd)
+    effort = np.asarray(moving_effort(law, qd, qdd))
+    if np.any(law.friction):
+        effort += resisting_effort(law._replace(stiffness=0.0), 0.0, np.sign(qd) if direction is None else direction)
     return effort
 
 
@@ -166,15 +161,15 @@ def factors(mesh: Mesh, motion: NodalMotion, forces: NodalForces, sample: int) -
         t[row + 3 : row + 6, 6 * k + 3 : 6 * k + 6] = rotation[j].T
     length = np.zeros((mesh.mechanism.nv, 6 * len(pairs)))
     for i, path in steps.items():
-        first, kind = mesh.v_index[i], int(mesh.kind[i])
-        sliding, turning = joint_axes(kind, mesh.axis[i])
+        first, count = mesh.v_index[i], mesh.freedoms[i]
+        sliding, turning = mesh.slide[i, :count], mesh.turn[i, :count]
         for j, k, following in path:
             arm = rotation[j].T @ (x[following] - x[j])
             turn = turning @ rotation[i].T @ rotation[j]  # axes of joint i in frame j (freedom, xyz)
             slide = sliding @ rotation[i].T @ rotation[j]
             last = 1.0 if following == k else 0.0
             block = np.hstack([np.cross(turn, arm) + last * slide, last * turn])
-            rows = slice(first, first + VELOCITIES[kind])
+            rows = slice(first, first + count)
             length[rows, column[(j, k)] : column[(j, k)] + 6] += block
     p = np.concatenate([forces.force[sample], forces.moment[sample]], axis=1).ravel()
     return Factors(length, t, p)

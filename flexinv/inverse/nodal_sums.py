@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexinv.elements.joint_law import JointLaw, own_effort
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.vec3 import add, add_to, apply, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
-from flexinv.model.joint_kinds import CONTINUOUS
+from flexinv.kinematics.configuration import coordinate
 from flexinv.typing import Array
 
 
@@ -121,14 +121,11 @@ def instant_torques(nodes, drives, mass, inertia, gravity, x, r, w, a, al, line,
             for i in range(drives.freedoms[n]):
                 v = nodes.v_index[n] + i
                 effort = dot(vec(drives.slide[n, i]), force) + dot(vec(drives.turn[n, i]), moment)
-                rate = qd[v]
-                sign = 1.0 if rate > 0.0 else -1.0 if rate < 0.0 else 0.0
-                effort += drives.rotor[n] * qdd[v] + drives.damping[n] * rate + drives.friction[n] * sign
-                if drives.stiffness[n] != 0.0:
-                    at = nodes.q_index[n]
-                    place = math.atan2(q[at + 1], q[at]) if nodes.kind[n] == CONTINUOUS else q[at]
-                    effort += drives.stiffness[n] * (place - drives.rest[n])
-                tau[v] = effort
+                place = coordinate(n, nodes, q) if drives.stiffness[n] != 0.0 else drives.rest[n]
+                law = JointLaw(
+                    drives.rotor[n], drives.damping[n], drives.friction[n], drives.stiffness[n], drives.rest[n]
+                )
+                tau[v] = effort + own_effort(law, place, qd[v], qdd[v], np.sign(qd[v]))
         if m >= 0:
             arm = sub(vec(x[n]), vec(x[m]))
             add_to(line[m], 0, push)

@@ -10,7 +10,14 @@ Machine code is kept on disk until a source of its family changes (`code_stamp`,
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TypeVar
+
+from numba.extending import register_jitable
+
 from flexinv.kernels.code_cache import compiler
+
+_Function = TypeVar("_Function", bound=Callable[..., object])
 
 # For kernels that Python calls: other threads of Python run beside them.
 jit = compiler(cache=True, nogil=True, _nrt=False, no_cfunc_wrapper=True)
@@ -26,3 +33,9 @@ jit_blocks = compiler(cache=True, nogil=True, _nrt=False, no_cfunc_wrapper=True,
 jit_lanes = compiler(_nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True, fastmath={"contract"})
 # What every lane does, where it is too long for the machine's compiler to take it into the loop by itself.
 jit_lane = compiler(forceinline=True, _nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True, fastmath={"contract"})
+
+
+def jit_formula(function: _Function) -> _Function:
+    """Return a formula [any unit] as it is, for Python and arrays; kernels that call it take in its text, with their options."""
+    formula: _Function = register_jitable(inline="always")(function)
+    return formula

@@ -54,6 +54,11 @@ def on_lines(values: Array) -> Array:
     return out
 
 
+def plain(a: Array) -> Array:
+    """Return an array [any unit] as kernels take it, contiguous and writeable: itself, or a copy if it is not."""
+    return a if a.flags.c_contiguous and a.flags.writeable else np.array(a, order="C")
+
+
 @contextmanager
 def shared_pieces() -> Iterator[None]:
     """Let the arrays of all calls that follow in this thread [any unit] stand in large pieces of memory, as far as they fit."""

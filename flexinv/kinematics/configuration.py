@@ -1,7 +1,8 @@
-"""One configuration in compiled code: from joint coordinates to the motion of all nodes, and a step of the coordinates.
+"""Joints in compiled code: relative motion of nodes from coordinates, motion of all nodes, and steps of the coordinates.
 
-The same formulas as `joint_motion.relative_motion`, `rigid_motion.rigid_motion` and `configuration_arrays.moved`, which
-serve many samples at once.
+A joint with one coordinate moves its node by its motion subspace (s, t), both constant in the parent's frame and in its own:
+
+    p = p_0 + q R_0 s      R = R_0 exp(q t)      p' = q' R_0 s      w = q' t        (and likewise p'', al)
 """
 
 from __future__ import annotations
@@ -15,8 +16,9 @@ from numpy.typing import NDArray
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.so3 import quadratic
 from flexinv.kernels.vec3 import add, apply, cross, dot, mat, mul, put, put_block, scale, vec, vec_at
-from flexinv.kinematics.tree import carry
-from flexinv.model.joint_kinds import CONTINUOUS, FREE, PRISMATIC, REVOLUTE, SPHERICAL
+from flexinv.kinematics.mesh import Mesh
+from flexinv.kinematics.tree import Frames, Joints, carry
+from flexinv.model.joint_kinds import CONTINUOUS, FREE, SPHERICAL
 from flexinv.typing import Array
 
 
@@ -27,9 +29,17 @@ class Nodes(NamedTuple):
     kind: NDArray[np.int64]
     offset: Array
     rotation: Array
-    axis: Array
+    freedoms: NDArray[np.int64]
+    slide: Array
+    turn: Array
     q_index: NDArray[np.int64]
     v_index: NDArray[np.int64]
+
+
+def nodes_of(mesh: Mesh) -> Nodes:
+    """Return the nodes [m], [-] of a mesh as kernels take them."""
+    subspace = mesh.freedoms, mesh.slide, mesh.turn
+    return Nodes(mesh.parent, mesh.kind, mesh.offset, mesh.rotation, *subspace, mesh.q_index, mesh.v_index)
 
 
 @jit_inner
@@ -44,22 +54,24 @@ def turn_of(q, first):
 def move_joint(n, nodes, q, qd, qdd, joints):
     """Set the relative motion of node n [m, rad, s] from the coordinates of its joint."""
     kind, i, k = nodes.kind[n], nodes.q_index[n], nodes.v_index[n]
-    placed, axis, none = mat(nodes.rotation[n]), vec(nodes.axis[n]), (0.0, 0.0, 0.0)
+    placed, none = mat(nodes.rotation[n]), (0.0, 0.0, 0.0)
     p, dp, ddp, turn, w, al = vec(nodes.offset[n]), none, none, placed, none, none
     if k >= 0:
-        if kind == PRISMATIC:
-            along = apply(placed, axis)
-            p, dp, ddp = add(p, scale(q[i], along)), scale(qd[k], along), scale(qdd[k], along)
-        elif kind == REVOLUTE or kind == CONTINUOUS:  # noqa: SIM109 (compiled)
-            c, s = (math.cos(q[i]), math.sin(q[i])) if kind == REVOLUTE else (q[i], q[i + 1])
-            turn = mul(placed, quadratic(axis, c, s, 1.0 - c))
-            w, al = scale(qd[k], axis), scale(qdd[k], axis)
-        elif kind == SPHERICAL:
+        if kind == SPHERICAL:
             turn, w, al = mul(placed, turn_of(q, i)), vec_at(qd, k), vec_at(qdd, k)
         elif kind == FREE:
             turn, v, w, al = mul(placed, turn_of(q, i + 3)), vec_at(qd, k), vec_at(qd, k + 3), vec_at(qdd, k + 3)
             p, dp = add(p, apply(placed, vec_at(q, i))), apply(turn, v)
             ddp = apply(turn, add(vec_at(qdd, k), cross(w, v)))
+        else:
+            slide, axis = vec(nodes.slide[n, 0]), vec(nodes.turn[n, 0])
+            if dot(slide, slide) > 0.0:
+                along = apply(placed, slide)
+                p, dp, ddp = add(p, scale(q[i], along)), scale(qd[k], along), scale(qdd[k], along)
+            if dot(axis, axis) > 0.0:
+                c, s = (q[i], q[i + 1]) if kind == CONTINUOUS else (math.cos(q[i]), math.sin(q[i]))
+                turn = mul(placed, quadratic(axis, c, s, 1.0 - c))
+                w, al = scale(qd[k], axis), scale(qdd[k], axis)
     put(joints.p[n], 0, p)
     put(joints.dp[n], 0, dp)
     put(joints.ddp[n], 0, ddp)
@@ -116,6 +128,35 @@ def step_coordinates(nodes, q, d):
 
 
 @jit
+def step_array(nodes, q, d):
+    """Move q (nq,) [rad], [m] in place by `step_coordinates`."""
+    step_coordinates(nodes, q, d)
+
+
+@jit
+def relative_samples(nodes, q, qd, qdd, p, dp, ddp, r, w, al):
+    """Set the relative motion of all nodes, (samples, nodes, ...) [m, rad, s], from the joints' coordinates."""
+    for s in range(q.shape[0]):
+        joints = Joints(p[s], dp[s], ddp[s], r[s], w[s], al[s])
+        for n in range(nodes.parent.shape[0]):
+            move_joint(n, nodes, q[s], qd[s], qdd[s], joints)
+
+
+@jit
+def motion_samples(nodes, q, qd, qdd, joints, x, r, v, w, a, al):
+    """Set the motion of all nodes in the world, (samples, nodes, ...) [m, rad, s]; joints : scratch of one sample."""
+    for s in range(q.shape[0]):
+        move_nodes(nodes, q[s], qd[s], qdd[s], joints, Frames(x[s], r[s], v[s], w[s], a[s], al[s]))
+
+
+@jit_inner
+def coordinate(n, nodes, q):
+    """Return the coordinate [rad], [m] of a joint that has one; of a continuous joint the angle in -pi .. pi."""
+    i = nodes.q_index[n]
+    return math.atan2(q[i + 1], q[i]) if nodes.kind[n] == CONTINUOUS else q[i]
+
+
+@jit
 def fill_relative(nodes, q, qd, qdd, joints):
     """Set the relative motion of all nodes [m, rad, s] from the joints' coordinates."""
     for n in range(nodes.parent.shape[0]):
@@ -128,7 +169,6 @@ def fill_given(nodes, q, qd, qdd, given):
     k = 0
     for n in range(nodes.parent.shape[0]):
         if nodes.v_index[n] >= 0:
-            i, v = nodes.q_index[n], nodes.v_index[n]
-            given[k, 0] = math.atan2(q[i + 1], q[i]) if nodes.kind[n] == CONTINUOUS else q[i]
-            given[k, 1], given[k, 2] = qd[v], qdd[v]
+            v = nodes.v_index[n]
+            given[k, 0], given[k, 1], given[k, 2] = coordinate(n, nodes, q), qd[v], qdd[v]
             k += 1

@@ -8,18 +8,19 @@ from math import perm
 import numpy as np
 from numpy.typing import NDArray
 
+from flexinv.kernels.memory import plain
 from flexinv.kernels.so3 import from_quaternion, log_so3
+from flexinv.kinematics.configuration import nodes_of, step_array
+from flexinv.kinematics.mesh import build
+from flexinv.model.joint_kinds import CIRCLE, KINDS, POSE, ROTATION
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.typing import Array
 
 
 def moved(mechanism: Mechanism, q: Array, dv: Array) -> Array:
     """Return q (nq,) [rad], [m] after the increment ``dv`` (nv,) [rad], [m] of its velocity coordinates (body frame)."""
-    out = q.copy()
-    for joint in mechanism.joints:
-        own, d = q[mechanism.q_slices[joint.name]], dv[mechanism.v_slices[joint.name]]
-        if joint.nv and d.any():
-            out[mechanism.q_slices[joint.name]] = _moved_joint(joint, own, d)
+    out = np.array(q, dtype=float)
+    step_array(nodes_of(build(mechanism)), out, plain(dv))
     return out
 
 
@@ -65,7 +66,7 @@ def nearest_difference(mechanism: Mechanism, first: Array, last: Array) -> Array
     """Return the increment (nv,) [rad], [m] as `difference` does, of angles within half a turn."""
     out = difference(mechanism, first, last)
     for joint in mechanism.joints:
-        if joint.kind in ("revolute", "universal"):
+        if KINDS[joint.kind].repeats and not KINDS[joint.kind].circle:
             own = mechanism.v_slices[joint.name]
             out[own] = (out[own] + np.pi) % (2 * np.pi) - np.pi
     return out
@@ -73,11 +74,7 @@ def nearest_difference(mechanism: Mechanism, first: Array, last: Array) -> Array
 
 def slides(mechanism: Mechanism) -> NDArray[np.bool_]:
     """Return a mask (nv,) [-] of the velocity coordinates that are translations, not rotations."""
-    out = np.zeros(mechanism.nv, dtype=bool)
-    for joint in mechanism.joints:
-        first = mechanism.v_slices[joint.name].start
-        out[first : first + {"prismatic": 1, "free": 3}.get(joint.kind, 0)] = True
-    return out
+    return np.array([slide for joint in mechanism.joints for slide in KINDS[joint.kind].translations], dtype=bool)
 
 
 def exp_quaternion(psi: Array) -> Array:
@@ -86,33 +83,13 @@ def exp_quaternion(psi: Array) -> Array:
     return np.concatenate([0.5 * np.sinc(angle / (2 * np.pi)) * psi, np.cos(0.5 * angle)], axis=-1)
 
 
-def _moved_joint(joint: Joint, q: Array, d: Array) -> Array:
-    if joint.kind == "continuous":
-        c, s = np.cos(d[0]), np.sin(d[0])
-        turned = np.array([q[0] * c - q[1] * s, q[0] * s + q[1] * c])
-        return np.asarray(turned / np.hypot(*turned))
-    if joint.kind == "spherical":
-        return _turned(q, d)
-    if joint.kind == "free":
-        return np.concatenate([q[:3] + from_quaternion(q[3:]) @ d[:3], _turned(q[3:], d[3:])])
-    return np.asarray(q + d)
-
-
 def _difference_joint(joint: Joint, q0: Array, q1: Array) -> Array:
-    if joint.kind == "continuous":
+    layout = KINDS[joint.kind].layout
+    if layout == CIRCLE:
         return np.array([np.arctan2(q0[0] * q1[1] - q0[1] * q1[0], q0 @ q1)])
-    if joint.kind == "spherical":
+    if layout == ROTATION:
         return log_so3(from_quaternion(q0).T @ from_quaternion(q1))
-    if joint.kind == "free":
+    if layout == POSE:
         turn = from_quaternion(q0[3:])
         return np.concatenate([turn.T @ (q1[:3] - q0[:3]), log_so3(turn.T @ from_quaternion(q1[3:]))])
     return np.asarray(q1 - q0)
-
-
-def _turned(q: Array, d: Array) -> Array:
-    """Quaternion product q * exp(d/2): the rotation R(q) exp(d)."""
-    step = exp_quaternion(d)
-    vector, scalar, own, real = step[:3], step[3], q[:3], q[3]
-    product = real * vector + scalar * own + np.cross(own, vector)
-    out = np.append(product, real * scalar - own @ vector)
-    return np.asarray(out / np.linalg.norm(out))

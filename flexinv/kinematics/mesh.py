@@ -21,27 +21,12 @@ from numpy.typing import NDArray
 from flexinv.elements.quadrature import reference
 from flexinv.kernels.so3 import exp_so3, log_so3, tangent3
 from flexinv.model.drive_expansion import check_expanded
-from flexinv.model.joint_kinds import CONTINUOUS as CONTINUOUS
-from flexinv.model.joint_kinds import FREE as FREE
-from flexinv.model.joint_kinds import PRISMATIC as PRISMATIC
-from flexinv.model.joint_kinds import REVOLUTE as REVOLUTE
-from flexinv.model.joint_kinds import RIGID as RIGID
-from flexinv.model.joint_kinds import SECTION as SECTION
-from flexinv.model.joint_kinds import SPHERICAL as SPHERICAL
+from flexinv.model.joint_kinds import CONFIGURATIONS, KINDS, RIGID, SECTION, VELOCITIES
 from flexinv.model.mechanism import WORLD, Attachment, Beam, Body, Joint, Link, Mechanism, Placement
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
 
-_PRIMITIVE = {
-    "fixed": RIGID,
-    "revolute": REVOLUTE,
-    "continuous": CONTINUOUS,
-    "prismatic": PRISMATIC,
-    "spherical": SPHERICAL,
-    "free": FREE,
-}
-CONFIGURATIONS = {RIGID: 0, REVOLUTE: 1, CONTINUOUS: 2, PRISMATIC: 1, SPHERICAL: 4, FREE: 7, SECTION: 0}
-VELOCITIES = {RIGID: 0, REVOLUTE: 1, CONTINUOUS: 1, PRISMATIC: 1, SPHERICAL: 3, FREE: 6, SECTION: 0}
+_NO_FREEDOMS = np.zeros((0, 3)), np.zeros((0, 3))
 
 # Two stations of one beam closer than this fraction of its length are one cross-section.
 SAME_STATION = 1e-9
@@ -77,10 +62,12 @@ class Elements:
 class Mesh:
     """Nodes of a mechanism in tree order (parents first) and its beam elements.
 
-    parent : (nodes,), -1 the world; kind : (nodes,) RIGID, REVOLUTE, ...
+    parent : (nodes,), -1 the world; kind : (nodes,) RIGID, REVOLUTE, ... of `joint_kinds`
     offset, rotation : (nodes, 3) [m], (nodes, 3, 3): placement of the joint (or of the node) in the parent's frame,
         for a SECTION that of the stress-free beam
     axis : (nodes, 3); q_index, v_index : (nodes,) first coordinate in q and in the velocities, -1 without
+    freedoms : (nodes,) velocity coordinates of the node's joint; slide, turn : (nodes, 6, 3) its motion subspace, in its own
+        frame: translation and rotation of the node for a unit of each of them [-], zero beyond (`joint_kinds`)
     mass : (nodes,) [kg]; inertia : (nodes, 3, 3) [kg m^2] about the node, in its frame
     link : (nodes,) index into mechanism.links
     joint_node : joint name -> node of the child's link frame; tip_node : link name -> node of a beam's end
@@ -98,6 +85,9 @@ class Mesh:
     axis: Array
     q_index: NDArray[np.int64]
     v_index: NDArray[np.int64]
+    freedoms: NDArray[np.int64]
+    slide: Array
+    turn: Array
     mass: Array
     inertia: Array
     link: NDArray[np.int64]
@@ -130,6 +120,7 @@ class _Builder:
 
     mechanism: Mechanism
     rows: list[tuple[int, int, Placement, Array, int, int, int]] = field(default_factory=list)
+    subspace: list[tuple[Array, Array]] = field(default_factory=list)
     mass: list[float] = field(default_factory=list)
     inertia: list[Array] = field(default_factory=list)
     joint_node: dict[str, int] = field(default_factory=dict)
@@ -152,20 +143,19 @@ class _Builder:
     ) -> int:
         axis = np.zeros(3) if axis is None else axis
         self.rows.append((parent, kind, placement, axis, q, v, link))
+        self.subspace.append(_NO_FREEDOMS)
         self.mass.append(0.0)
         self.inertia.append(np.zeros((3, 3)))
         return len(self.rows) - 1
 
     def joint(self, joint: Joint, link: int) -> None:
-        parent = self.attachment(joint)
+        node, placement, number = self.attachment(joint), joint.placement, KINDS[joint.kind].number
         q = self.mechanism.q_slices[joint.name].start
         v = self.mechanism.v_slices[joint.name].start
-        if joint.kind == "universal":
-            parent = self.node(parent, REVOLUTE, joint.placement, link, joint.axis, q, v)
-            node = self.node(parent, REVOLUTE, Placement(), link, joint.second_axis, q + 1, v + 1)
-        else:
-            kind = _PRIMITIVE[joint.kind]
-            node = self.node(parent, kind, joint.placement, link, joint.axis, *((q, v) if joint.nv else (-1, -1)))
+        for axis in joint.axes:
+            node = self.node(node, number, placement, link, axis, q if joint.nv else -1, v if joint.nv else -1)
+            self.subspace[node] = joint.subspace(axis)
+            placement, q, v = Placement(), q + CONFIGURATIONS[number], v + VELOCITIES[number]
         self.joint_node[joint.name] = node
         self.link(self.mechanism.links[link], link, node)
 
@@ -324,6 +314,14 @@ def _elements(rows: list[dict[str, Array]]) -> Elements:
     return Elements(**{**columns, **whole})  # type: ignore[arg-type]
 
 
+def _subspaces(own: list[tuple[Array, Array]]) -> tuple[NDArray[np.int64], Array, Array]:
+    """Freedoms (nodes,), and S_v, S_w (nodes, 6, 3) of all nodes."""
+    slide, turn = np.zeros((2, len(own), 6, 3))
+    for n, (moved, turned) in enumerate(own):
+        slide[n, : len(moved)], turn[n, : len(turned)] = moved, turned
+    return np.array([len(moved) for moved, _ in own], dtype=np.int64), slide, turn
+
+
 @kept_with_owner()
 def build(mechanism: Mechanism) -> Mesh:
     """Return the mesh of a mechanism: nodes with masses [kg] and inertias [kg m^2], elements with stiffnesses [N].
@@ -341,6 +339,7 @@ def build(mechanism: Mechanism) -> Mesh:
     for joint in mechanism.joints:
         check_expanded(joint)
         builder.joint(joint, index[joint.child])
+    freedoms, slide, turn = _subspaces(builder.subspace)
     parent, kind, placement, axis, q, v, link = zip(*builder.rows, strict=True) if builder.rows else ((),) * 7
     return Mesh(
         mechanism,
@@ -351,6 +350,9 @@ def build(mechanism: Mechanism) -> Mesh:
         np.array(axis, dtype=float).reshape(-1, 3),
         np.array(q, dtype=np.int64),
         np.array(v, dtype=np.int64),
+        freedoms,
+        slide,
+        turn,
         np.array(builder.mass),
         np.array(builder.inertia).reshape(-1, 3, 3),
         np.array(link, dtype=np.int64),

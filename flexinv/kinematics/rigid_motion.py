@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from flexinv.kernels.memory import together
-from flexinv.kinematics.joint_motion import Relative, relative_motion
+from flexinv.kernels.memory import plain, together
+from flexinv.kinematics.configuration import motion_samples, nodes_of
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
-from flexinv.kinematics.tree import carry_samples
+from flexinv.kinematics.tree import Joints
 from flexinv.typing import Array
 
 
@@ -15,13 +15,9 @@ def rigid_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> NodalMotion:
 
     Each node's pose, velocity and acceleration follow from its parent's by the equations at the head of `kinematics.tree`.
     """
-    return carried(mesh, relative_motion(mesh, q, qd, qdd))
-
-
-def carried(mesh: Mesh, relative: Relative) -> NodalMotion:
-    """Return the nodal motion [m, rad, s] of nodes that move so relative to their parents."""
-    vector = (len(relative.p), mesh.size, 3)
+    vector, one = (len(q), mesh.size, 3), (mesh.size, 3)
     motion = NodalMotion(*together(vector, (*vector, 3), *4 * [vector]))
+    joints = Joints(*together(*3 * [one], (*one, 3), *2 * [one]))
     world = (motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha)
-    carry_samples(mesh.parent, *world, *relative)
+    motion_samples(nodes_of(mesh), plain(q), plain(qd), plain(qdd), joints, *world)
     return motion

@@ -6,8 +6,9 @@ import numpy as np
 
 from flexinv.kernels.so3 import log_so3
 from flexinv.kinematics.configuration_arrays import exp_quaternion
-from flexinv.kinematics.mesh import CONTINUOUS, FREE, PRISMATIC, SPHERICAL, Mesh
+from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.model.joint_kinds import CONTINUOUS, FREE, SPHERICAL
 from flexinv.typing import Array
 
 
@@ -27,9 +28,7 @@ def _fill(mesh: Mesh, motion: NodalMotion, node: int, q: Array, qd: Array, qdd: 
     kind, axis = int(mesh.kind[node]), mesh.axis[node]
     nq, nv = mesh.q_index[node], mesh.v_index[node]
     p, dp, ddp, turn, rate, acceleration = _relative(mesh, motion, node)
-    if kind == PRISMATIC:
-        q[:, nq], qd[:, nv], qdd[:, nv] = p @ axis, dp @ axis, ddp @ axis
-    elif kind == SPHERICAL:
+    if kind == SPHERICAL:
         q[:, nq : nq + 4], qd[:, nv : nv + 3], qdd[:, nv : nv + 3] = (
             _quaternion(turn, q[0, nq : nq + 4]),
             rate,
@@ -40,6 +39,8 @@ def _fill(mesh: Mesh, motion: NodalMotion, node: int, q: Array, qd: Array, qdd: 
         dv = np.einsum("sji,sj->si", turn, ddp) - np.cross(rate, v)
         q[:, nq : nq + 7] = np.hstack([p, _quaternion(turn, q[0, nq + 3 : nq + 7])])
         qd[:, nv : nv + 6], qdd[:, nv : nv + 6] = np.hstack([v, rate]), np.hstack([dv, acceleration])
+    elif not mesh.turn[node].any():
+        q[:, nq], qd[:, nv], qdd[:, nv] = p @ axis, dp @ axis, ddp @ axis
     else:
         angle = np.unwrap(log_so3(turn) @ axis)
         if kind == CONTINUOUS:

@@ -19,11 +19,13 @@ from scipy.linalg import solve
 
 from flexinv.dynamics.solver import Solver, by_unknown
 from flexinv.errors import InputError
+from flexinv.kinematics.configuration_arrays import slides
 from flexinv.kinematics.mesh import Mesh
 from flexinv.linearized.arguments import check_modes, check_rates
 from flexinv.linearized.eigenvalues import SOFT, undamped
 from flexinv.linearized.natural_modes import allowed_motions, chosen, nodal_shapes
 from flexinv.linearized.steady_state import Steady, steady_motion
+from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 from flexinv.validation import names as names_of
@@ -101,9 +103,9 @@ def linear_model(
         [[part if rate == 0 else np.zeros_like(part), part if rate else np.zeros_like(part)] for part, rate in seen]
     )
     own = [*accelerated, *(f"mode {k + 1}" for k in range(size - given))]
-    unit = ["rad" if mechanism.joint_of[name].kind != "prismatic" else "m" for name in accelerated]
+    unit = [KINDS[mechanism.joint_of[name].kind].units[0] for name in accelerated]
     unit += (size - given) * ["kg^0.5 m"]
-    turns = [_turns(mechanism, v) for v in range(mechanism.nv)]
+    turns = ~slides(mechanism)
     velocity = mechanism.velocity_names
     return LinearModel(
         a, b, c, np.zeros((len(c), b.shape[1])),
@@ -127,12 +129,6 @@ def _check_accelerated(mechanism: Mechanism, accelerated: Collection[str]) -> No
             f"linear model: mechanism '{mechanism.name}' has closures, where the acceleration of one joint moves others; "
             "leave accelerated empty: efforts of the drives are the inputs"
         )
-
-
-def _turns(mechanism: Mechanism, v: int) -> bool:
-    """Return True if a velocity coordinate is angular."""
-    joint = next(j for j in mechanism.joints if j.nv and mechanism.v_slices[j.name].stop > v)
-    return joint.kind != "prismatic" and not (joint.kind == "free" and v - mechanism.v_slices[joint.name].start < 3)
 
 
 def _basis(motion: Steady, accelerated: Array, modes: int | None) -> tuple[Array, int]:
@@ -171,9 +167,9 @@ def _outputs(
 ) -> tuple[list[tuple[Array, int]], tuple[str, ...], tuple[str, ...]]:
     """Rows of C (by coordinates or by their rates), names and units: joints, their rates, tips."""
     moved: NDArray[np.int64] = np.flatnonzero(coordinates.any(axis=1))
-    joints = coordinates[moved] @ basis
+    joints, translation = coordinates[moved] @ basis, slides(mechanism)
     names = [mechanism.velocity_names[v] for v in moved]
-    units = ["rad" if _turns(mechanism, int(v)) else "m" for v in moved]
+    units = ["m" if translation[v] else "rad" for v in moved]
     tips = _tips(solver, mechanism, solver.mesh, basis)
     rows = [(joints, 0), (joints, 1), *((part, 0) for part in tips.values())]
     labels = [*names, *(f"{name} rate" for name in names), *(f"{link} tip {x}" for link in tips for x in AXES)]

@@ -26,7 +26,7 @@ from flexinv.dynamics.initial_state import instant
 from flexinv.dynamics.solver import Solver
 from flexinv.dynamics.stepper import INCREMENT, MOST_ITERATIONS
 from flexinv.errors import ConvergenceError, InputError
-from flexinv.kinematics.mesh import SECTION, Mesh, attachment_node
+from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.tree import Joints
 from flexinv.linearized.natural_modes import (
     REDUNDANT,
@@ -41,6 +41,7 @@ from flexinv.linearized.natural_modes import (
     stiffness_of_ties,
     tangent_matrix,
 )
+from flexinv.model.joint_kinds import KINDS, SECTION
 from flexinv.model.mechanism import WORLD, Closure, Joint, Mechanism, Spring
 from flexinv.typing import Array
 
@@ -104,8 +105,9 @@ def steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: set[st
 
 def _spinning(mechanism: Mechanism, rates: Mapping[str, float]) -> list[Joint]:
     for name, rate in rates.items():
-        if name not in mechanism.joint_of or mechanism.joint_of[name].kind not in ("revolute", "continuous"):
-            known = ", ".join(j.name for j in mechanism.joints if j.kind in ("revolute", "continuous"))
+        turning = [j.name for j in mechanism.joints if j.nv == 1 and KINDS[j.kind].repeats]
+        if name not in turning:
+            known = ", ".join(turning)
             raise InputError(f"rate of joint {name!r}: '{mechanism.name}' turns by {known or 'no revolute joint'}")
         if not np.isfinite(rate):
             raise InputError(f"rate of joint {name!r} is {rate}, expected a finite number [rad/s]")

@@ -8,6 +8,7 @@ import numpy as np
 
 from flexinv.model.frames import Attachment
 from flexinv.model.frozen import Frozen
+from flexinv.model.joint_kinds import KINDS
 from flexinv.typing import Array
 
 # closure kind -> number of constraints that it puts on the relative motion of its two frames
@@ -23,7 +24,7 @@ CLOSURES: dict[str, int] = {
 }
 
 # Joints that a coupling may tie: those whose coordinate is one number that counts whole turns.
-COUPLED = ("revolute", "prismatic")
+COUPLED = tuple(name for name, kind in KINDS.items() if kind.counts_turns)
 
 # What a closure does that begins to act on frames in relative motion: refuse, or stop it at once (perfectly plastic).
 IMPACTS = ("error", "plastic")
@@ -33,7 +34,7 @@ IMPACTS = ("error", "plastic")
 class Closure(Frozen):
     """A joint that closes a loop: it ties the second frame to the first as a joint of its kind would; or a gear between joints.
 
-    kind : a key of ``CLOSURES``; factors, offset : of a coupling, which ties coordinates of revolute and prismatic joints and
+    kind : a key of ``CLOSURES``; factors, offset : of a coupling, which ties coordinates of joints of the kinds ``COUPLED`` and
         no frames (both on the world): sum factor q = offset, joint names and factors [-], [rad/m]; offset [rad] or [m]
     axis : (3,) [-], unit, in both frames: the free axis of a revolute, prismatic or cylindrical closure, the line of
         point-on-line (in the first frame), the axis of a universal closure that stays with the first frame

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 from flexinv.errors import InputError
-from flexinv.model.mechanism import Joint, Link, Mechanism, Placement
+from flexinv.model.joint_kinds import KINDS
+from flexinv.model.mechanism import Joint, Limits, Link, Mechanism, Placement
 
 # Names of what an elastic drive adds to a mechanism: the gear's output and the spring to the link.
 GEAR, SPRING = ".gear", ".spring"
 # Kinds of joint that a drive may move, and of the spring between motor and link there.
-SPRINGS = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
+SPRINGS = {name: "revolute" if k.circle else name for name, k in KINDS.items() if len(k.v) == 1}
 
 
 def expanded(mechanism: Mechanism) -> Mechanism:
@@ -40,9 +41,9 @@ def expanded(mechanism: Mechanism) -> Mechanism:
             joints.append(own)
             continue
         gear = Link(joint.name + GEAR)
-        spring = Joint(
-            joint.name + SPRING, SPRINGS[joint.kind], gear.name, joint.child, Placement(), axis=joint.axis,
-            stiffness=drive.stiffness, damping=drive.damping, actuated=False,
+        spring = replace(
+            joint, name=joint.name + SPRING, kind=SPRINGS[joint.kind], parent=gear.name, station=None, placement=Placement(),
+            stiffness=drive.stiffness, rest=0.0, damping=drive.damping, actuated=False, weight=1.0, limits=Limits(), drive=None,
         )  # fmt: skip
         gears.append(gear)
         joints += [replace(own, child=gear.name), spring]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexinv.errors import InputError
+from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.splines import unit_quaternions
 from flexinv.typing import Array
@@ -41,11 +42,11 @@ def start_coordinates(
 def _start_place(joint: Joint, value: ArrayLike) -> Array:
     """Coordinates (nq,) at which a passive joint starts; of a continuous joint an angle is enough."""
     where = f"start: joint {joint.name!r}"
-    if joint.kind == "continuous":
+    if KINDS[joint.kind].circle:
         place = _numbers("start", joint.name, value, (1, 2))
         return np.array([np.cos(place[0]), np.sin(place[0])]) if place.size == 1 else place
     place = _numbers("start", joint.name, value, (joint.nq,))
-    if joint.kind in ("spherical", "free"):
+    if KINDS[joint.kind].has_quaternion:
         place[-4:] = unit_quaternions(place[-4:], where)
     return place
 

@@ -23,6 +23,7 @@ from flexinv.model.damping import ModalDamping
 from flexinv.model.drive import Drive
 from flexinv.model.frames import WORLD, Attachment, Placement
 from flexinv.model.frozen import Frozen, read_only
+from flexinv.model.joint_kinds import KINDS, motion_subspace
 from flexinv.model.links import Beam, Body, Inertia, Link, Section
 from flexinv.typing import Array
 from flexinv.validation import whole
@@ -33,21 +34,8 @@ __all__ = [
     "Placement", "Section", "Spring",
 ]  # fmt: skip
 
-# joint kind -> names of its configuration coordinates (q) and of its velocity coordinates (v).
-# The layout is Pinocchio's: a continuous joint is (cos, sin), a rotation is a quaternion x, y, z, w,
-# a free joint is position then quaternion, and its velocity is linear then angular, in the child's frame.
-COORDINATES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "fixed": ((), ()),
-    "revolute": (("",), ("",)),
-    "prismatic": (("",), ("",)),
-    "continuous": ((".cos", ".sin"), ("",)),
-    "universal": ((".1", ".2"), (".1", ".2")),
-    "spherical": ((".qx", ".qy", ".qz", ".qw"), (".wx", ".wy", ".wz")),
-    "free": (
-        (".x", ".y", ".z", ".qx", ".qy", ".qz", ".qw"),
-        (".vx", ".vy", ".vz", ".wx", ".wy", ".wz"),
-    ),
-}
+# joint kind -> suffixes of the names of its configuration coordinates (q) and of its velocity coordinates (v).
+COORDINATES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {name: (k.q, k.v) for name, k in KINDS.items()}
 
 
 @dataclass(frozen=True)
@@ -67,9 +55,10 @@ class Limits:
 class Joint(Frozen):
     """The joint that carries ``child``; its frame is ``placement`` in the frame of ``parent``.
 
-    kind : a key of ``COORDINATES``
+    kind : a key of `joint_kinds.KINDS`
     station : on a beam parent the fraction 0..1 of the length whose section frame carries the joint, else None
     axis : (3,) [-], unit, in the joint frame (first axis of a universal joint); second_axis : (3,), universal
+    pitch : [m], helical: the way of the child along the axis for a whole turn about it (the screw's lead); negative: left-handed
     rotor_inertia : [kg m^2] or [kg], reflected to the joint; damping : [N m s/rad] or [N s/m];
     friction : [N m] or [N], dry: one number, the same for every velocity coordinate of the joint
     stiffness : [N m/rad] or [N/m] of a spring in the joint, without effort at ``rest`` [rad] or [m] (scalar joints)
@@ -95,16 +84,26 @@ class Joint(Frozen):
     weight: float = 1.0
     limits: Limits = field(default_factory=Limits)
     drive: Drive | None = None
+    pitch: float = 0.0
 
     @property
     def nq(self) -> int:
         """Number of configuration coordinates [-]."""
-        return len(COORDINATES[self.kind][0])
+        return len(KINDS[self.kind].q)
 
     @property
     def nv(self) -> int:
         """Number of velocity coordinates [-]."""
-        return len(COORDINATES[self.kind][1])
+        return len(KINDS[self.kind].v)
+
+    @property
+    def axes(self) -> tuple[Array, ...]:
+        """Axes (3,) [-] of the joint's nodes, one after the other: a universal joint is two revolute ones."""
+        return (self.axis, self.second_axis) if self.kind == "universal" else (self.axis,)
+
+    def subspace(self, axis: Array) -> tuple[Array, Array]:
+        """Return the motion subspace S_v, S_w (coordinates, 3) [-] of the node with this one of the ``axes``."""
+        return motion_subspace(KINDS[self.kind].number, axis, self.pitch)
 
 
 @dataclass(frozen=True, eq=False)  # identity: a mechanism is the key under which its mesh is kept
@@ -153,12 +152,12 @@ class Mechanism(Frozen):
     @cached_property
     def coordinate_names(self) -> tuple[str, ...]:
         """Names of the configuration coordinates q, in the order of every q array (Pinocchio's layout)."""
-        return tuple(j.name + suffix for j in self.joints for suffix in COORDINATES[j.kind][0])
+        return tuple(j.name + suffix for j in self.joints for suffix in KINDS[j.kind].q)
 
     @cached_property
     def velocity_names(self) -> tuple[str, ...]:
         """Names of the velocity coordinates, in the order of every qd, qdd and torque array."""
-        return tuple(j.name + suffix for j in self.joints for suffix in COORDINATES[j.kind][1])
+        return tuple(j.name + suffix for j in self.joints for suffix in KINDS[j.kind].v)
 
     @property
     def nq(self) -> int:
@@ -192,9 +191,9 @@ class Mechanism(Frozen):
 
     @cached_property
     def drive_table(self) -> Array:
-        """(3, nv) rotor inertia [kg m^2], [kg], damping [N m s], [N s/m], dry friction [N m], [N] of velocity coordinates."""
-        rows = [[j.rotor_inertia, j.damping, j.friction] for j in self.joints for _ in range(j.nv)]
-        return read_only(np.array(rows, dtype=np.float64).reshape(-1, 3).T)
+        """(5, nv) rotor inertia [kg m^2], damping [N m s], dry friction [N m], stiffness [N m/rad], rest [rad] of each drive."""
+        rows = [[j.rotor_inertia, j.damping, j.friction, j.stiffness, j.rest] for j in self.joints for _ in range(j.nv)]
+        return read_only(np.array(rows, dtype=np.float64).reshape(-1, 5).T)
 
     @property
     def is_rigid(self) -> bool:
@@ -207,9 +206,9 @@ class Mechanism(Frozen):
         q = np.zeros(self.nq)
         for joint in self.joints:
             part = self.q_slices[joint.name]
-            if joint.kind in ("spherical", "free"):
+            if KINDS[joint.kind].has_quaternion:
                 q[part.stop - 1] = 1.0
-            elif joint.kind == "continuous":
+            elif KINDS[joint.kind].circle:
                 q[part.start] = 1.0
         return q
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from flexinv.errors import InputError
+from flexinv.model.joint_kinds import KINDS, POSE, ROTATION
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.model.splines import UNIT_NORM, Sampling, plain_path, rotation_path, unit_quaternions
@@ -52,16 +53,17 @@ def joint_path(track: Track, joint: Joint, values: Array, at: Array, left: NDArr
     returns q (samples, nq) [rad], [m]; qd (samples, nv) [rad/s], [m/s]; qdd (samples, nv) [rad/s^2], [m/s^2]
     """
     where = f"joint {joint.name!r}"
-    if joint.kind == "spherical":
+    kind = KINDS[joint.kind]
+    if kind.layout == ROTATION:
         return _rotation(track, values, at, left, where)
-    if joint.kind == "free":
+    if kind.layout == POSE:
         position, v, a = _plain(track, values[:, :3], at, left, where)
         quaternion, omega, alpha = _rotation(track, values[:, 3:], at, left, where)
         to_body = Rotation.from_quat(quaternion).inv()
         v, a = to_body.apply(v), to_body.apply(a)
         a = a - np.cross(omega, v)
         return np.hstack([position, quaternion]), np.hstack([v, omega]), np.hstack([a, alpha])
-    if joint.kind == "continuous":
+    if kind.circle:
         angle, rate, acceleration = _plain(track, _angles(values, track.sampling is not None, where), at, left, where)
         return np.hstack([np.cos(angle), np.sin(angle)]), rate, acceleration
     return _plain(track, values, at, left, where)
@@ -117,7 +119,7 @@ def parts(track: Track, mechanism: Mechanism) -> tuple[tuple[Joint, slice], ...]
 @kept_with_owner()
 def _parts(mechanism: Mechanism, track: Track) -> tuple[tuple[Joint, slice], ...]:
     joints = _named(track.names, mechanism)
-    full, short = [j.nq for j in joints], [1 if j.kind == "continuous" else j.nq for j in joints]
+    full, short = [j.nq for j in joints], [1 if KINDS[j.kind].circle else j.nq for j in joints]
     width = track.values.shape[1]
     if track.widths is not None:
         _check_widths(track.widths, joints)
@@ -151,10 +153,10 @@ def _named(names: tuple[str, ...] | None, mechanism: Mechanism) -> list[Joint]:
 
 def _check_widths(widths: tuple[int, ...], joints: list[Joint]) -> None:
     for width, joint in zip(widths, joints, strict=True):
-        if width != joint.nq and not (joint.kind == "continuous" and width == 1):
+        circle = KINDS[joint.kind].circle
+        if width != joint.nq and not (circle and width == 1):
             raise InputError(
-                f"joint {joint.name!r} ({joint.kind}) takes {'1 or 2' if joint.kind == 'continuous' else joint.nq} "
-                f"numbers, got {width}"
+                f"joint {joint.name!r} ({joint.kind}) takes {'1 or 2' if circle else joint.nq} numbers, got {width}"
             )
 
 

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.constraints.closures import Rows, constraint_rows
-from flexinv.kinematics.mesh import CONTINUOUS, PRISMATIC, REVOLUTE, RIGID, SECTION, Mesh
+from flexinv.kinematics.mesh import Mesh
+from flexinv.model.joint_kinds import SECTION
 from flexinv.model.mechanism import Closure, Mechanism
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
@@ -110,7 +111,7 @@ def _at_zero(mesh: Mesh) -> Array:
 def _candidates(mesh: Mesh, rotation: Array) -> list[Array]:
     """Normals that are possible: the first axis of rotation, else y or z of the first beam section."""
     for n in range(mesh.size):
-        if mesh.kind[n] in (REVOLUTE, CONTINUOUS):
+        if mesh.freedoms[n] == 1 and mesh.turn[n].any():
             return [rotation[n] @ mesh.axis[n]]
     sections = np.flatnonzero(mesh.kind == SECTION)
     return [rotation[sections[0]][:, 2], rotation[sections[0]][:, 1]] if len(sections) else []
@@ -135,13 +136,13 @@ def _check(mesh: Mesh, rotation: Array, normal: Array) -> Plane | NotPlanar:
 def _standing_out(mesh: Mesh, frames: Array, heights: Array) -> str:
     """Return a message on the first node whose joint or place leaves the plane; empty if none does."""
     for n in range(mesh.size):
-        kind, link = int(mesh.kind[n]), mesh.mechanism.links[int(mesh.link[n])].name
-        axis = frames[n] @ mesh.axis[n]
-        if kind not in (RIGID, SECTION, REVOLUTE, CONTINUOUS, PRISMATIC):
+        link = mesh.mechanism.links[int(mesh.link[n])].name
+        slide, turn = frames[n] @ mesh.slide[n, 0], frames[n] @ mesh.turn[n, 0]
+        if mesh.freedoms[n] > 1:
             return f"the joint of link '{link}' turns in space"
-        if kind in (REVOLUTE, CONTINUOUS) and np.hypot(axis[0], axis[1]) > ROUNDING:
+        if np.hypot(turn[0], turn[1]) > ROUNDING:
             return f"the axis of link '{link}' is not normal to the plane"
-        if kind == PRISMATIC and abs(axis[2]) > ROUNDING:
+        if abs(slide[2]) > ROUNDING:
             return f"link '{link}' slides out of the plane"
         if abs(heights[n] - heights[0]) > ROUNDING * mesh.length:
             return f"link '{link}' reaches out of the plane"

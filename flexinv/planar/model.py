@@ -23,7 +23,8 @@ from flexinv.elements.planar_beam import (
 from flexinv.elements.planar_beam_damping import D_AXIAL, D_BENDING, D_SHEAR
 from flexinv.kernels.memory import on_lines
 from flexinv.kernels.so3 import log_so3
-from flexinv.kinematics.mesh import CONTINUOUS, PRISMATIC, REVOLUTE, Mesh
+from flexinv.kinematics.mesh import Mesh
+from flexinv.model.joint_kinds import CONTINUOUS
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.planar.detection import Plane, find_plane, seen, tied_in
 from flexinv.planar.history import Embedding
@@ -128,8 +129,7 @@ def _tree(mesh: Mesh, topology: Topology, plane: Plane) -> PlanarTree:
         np.arange(len(topology.size)) > 0, topology.size - 3, topology.size
     )  # three freedoms of a node instead of six
     passive = topology.freedoms > 0
-    turning = np.isin(mesh.kind, (REVOLUTE, CONTINUOUS))
-    sliding = mesh.kind == PRISMATIC
+    turning, sliding = np.any(mesh.turn, axis=(1, 2)), np.any(mesh.slide, axis=(1, 2))
     before = [plane.axes.T if m < 0 else frames[m] for m in mesh.parent]
     offset_p = np.array([frame @ offset for frame, offset in zip(before, mesh.offset, strict=True)]).reshape(-1, 3)
     axis = np.einsum("nij,nj->ni", frames, mesh.axis)  # (node, xyz), in the plane's axes

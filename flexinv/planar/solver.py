@@ -17,7 +17,7 @@ from flexinv.elements.planar_beam import BLOCK, CONSTANTS
 from flexinv.elements.planar_beam_damping import COEFFICIENTS, RATES
 from flexinv.kernels.memory import cleared
 from flexinv.kernels.so3 import about_axis, log_so3
-from flexinv.kinematics.mesh import PRISMATIC, Mesh
+from flexinv.kinematics.mesh import Mesh
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.planar.constraint_rows import PlanarTies
 from flexinv.planar.detection import seen
@@ -139,7 +139,7 @@ class PlanarMarch:
                 state.r[n] = self._rotation(n, here.start[n, 2])
             elif self.model.tree.column[n] >= 0:
                 q, placed = here.start[n, 0], self.mesh.rotation[n]
-                turning = self.mesh.kind[n] != PRISMATIC
+                turning = self.mesh.turn[n].any()
                 state.x[n] = self.mesh.offset[n] if turning else self.mesh.offset[n] + q * placed @ self.mesh.axis[n]
                 state.r[n] = placed @ about_axis(self.mesh.axis[n], np.array([q]))[0] if turning else placed
         pick = self.model.pick
@@ -195,7 +195,7 @@ class PlanarMarch:
 
     def _coordinate(self, n: int, state: State) -> float:
         placed, axis = self.mesh.rotation[n], self.mesh.axis[n]
-        if self.mesh.kind[n] == PRISMATIC:
+        if not self.mesh.turn[n].any():
             return float(axis @ placed.T @ (state.x[n] - self.mesh.offset[n]))
         return float(axis @ log_so3(placed.T @ state.r[n]))
 

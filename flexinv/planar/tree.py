@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.dynamics.dofs import FRICTION_RATE
+from flexinv.elements.joint_law import JointLaw, own_effort, own_slope, smooth_direction
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.simd import cos_sin
 from flexinv.typing import Array
@@ -267,7 +267,7 @@ def gather(tree, state, frames, residual):
             continue
         if own >= 0:
             u, du = state.u[o + own], state.du[o + own]
-            drive = tree.rotor[n] * du + tree.damping[n] * u + tree.friction[n] * np.tanh(u / FRICTION_RATE)
+            drive = own_effort(_law(n, tree), 0.0, u, du, smooth_direction(u))
             residual[o + own] = frames.arm[n, 2] * f1 + frames.arm[n, 3] * f2 + tree.turn[n] * mu + drive
         if m >= 0:
             frames.wrench[m, 0] += f1
@@ -310,5 +310,11 @@ def gather_variations(tree, state, frames, diagonal, cv, ca):
 @jit_inner
 def _drive_slope(n, own, tree, state, cv, ca):
     """Derivative of a passive joint's own rotor, damping and friction efforts by its coordinate."""
-    soft = np.tanh(state.u[tree.offset[tree.block[n]] + own] / FRICTION_RATE)
-    return ca * tree.rotor[n] + cv * (tree.damping[n] + tree.friction[n] * (1.0 - soft * soft) / FRICTION_RATE)
+    direction = smooth_direction(state.u[tree.offset[tree.block[n]] + own])
+    return own_slope(_law(n, tree), direction, cv, ca)
+
+
+@jit_inner
+def _law(n, tree):
+    """The law of a passive joint, which has no spring here: mechanisms with springs are integrated in space."""
+    return JointLaw(tree.rotor[n], tree.damping[n], tree.friction[n], 0.0, 0.0)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from flexinv.errors import InputError
 from flexinv.kernels.simd import ASTRAY
+from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 from flexinv.validation import FLOATS, floats, of_kind, shown
@@ -117,7 +118,7 @@ def check_finite(arrays: Sequence[Array]) -> None:
 def check_turns(mechanism: Mechanism, q: Array) -> None:
     """Raise InputError at the first quaternion of q (samples, nq) that is zero, or cosine and sine [-] that no angle has."""
     for joint in mechanism.joints:
-        if joint.kind == "continuous":
+        if KINDS[joint.kind].circle:
             own = q[:, mechanism.q_slices[joint.name]]
             off = np.abs((own**2).sum(axis=1) - 1.0) > ASTRAY
             if off.any():
@@ -127,7 +128,7 @@ def check_turns(mechanism: Mechanism, q: Array) -> None:
                     f"{own[sample, 1]:g}, whose squares sum to {(own[sample] ** 2).sum():g}; expected those of its angle "
                     "(neutral: 1, 0)"
                 )
-        if joint.kind in ("spherical", "free"):
+        if KINDS[joint.kind].has_quaternion:
             none = ~q[:, mechanism.q_slices[joint.name]][:, -4:].any(axis=1)
             if none.any():
                 raise InputError(

@@ -231,7 +231,8 @@ def prepare(mechanism: Mechanism, passive: bool = True, threads: int | None = No
     passive : joint springs, damping and dry friction are part of what the actuator must give (``rnea`` leaves them out)
     threads : most that work on one call [-], by default one for every processor; small batches are not shared out
 
-    A mechanism with closures takes the consistent motion of all its joints.
+    A mechanism with closures takes the consistent motion of all its joints.  Every sample stands for itself: the spring of a
+    continuous joint, whose cosine and sine count no turns, is wound by -pi .. pi; `solve` follows its angle over whole turns.
     Raises InputError for a flexible mechanism, closures that act for a while, a force that depends on time (use `solve`).
     """
     try:

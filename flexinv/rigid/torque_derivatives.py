@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flexinv.elements.joint_law import laws_of
 from flexinv.errors import InputError
-from flexinv.kinematics.joint_motion import axes_of_nodes
 from flexinv.kinematics.rigid_motion import rigid_motion
 from flexinv.kinematics.tree import Frames
 from flexinv.model.mechanism import Mechanism
@@ -62,18 +62,16 @@ def torque_derivatives(
         motion = Frames(m.x, m.rotation, m.v, m.omega, m.a, m.alpha)
         derivative_samples(carried, gravity, motion, _scratch(f), out.q[part], out.qd[part], out.qdd[part])
     own = np.arange(mechanism.nv)
-    drives = [(j.stiffness, j.damping, j.rotor_inertia) for j in mechanism.joints for _ in range(j.nv)]
-    stiffness, damping, rotor = np.array(drives, dtype=float).reshape(-1, 3).T
-    out.qdd[:, own, own] += rotor
+    law = laws_of(mechanism)
+    out.qdd[:, own, own] += law.rotor
     if passive:
-        out.q[:, own, own] += stiffness
-        out.qd[:, own, own] += damping
+        out.q[:, own, own] += law.stiffness
+        out.qd[:, own, own] += law.damping
     return out
 
 
 def _bodies(function: TorqueFunction) -> CarriedBodies:
     mesh, b = function.mesh, function.bodies
-    freedoms, slide, turn = axes_of_nodes(mesh)
     inertia, h = np.zeros((len(b.node), 3, 3)), np.zeros((len(b.node), 3))
     for i, (r, row) in enumerate(zip(b.axes, b.numbers, strict=True)):
         if i:
@@ -82,7 +80,8 @@ def _bodies(function: TorqueFunction) -> CarriedBodies:
             inertia[i], h[i] = np.trace(second) * np.eye(3) - second, r @ row[13:16]
     mass = np.where(np.arange(len(b.node)) > 0, b.numbers[:, 12], 0.0)
     parent, at = b.tree[:, 1].astype(np.int64), np.maximum(b.node, 0)
-    return CarriedBodies(parent, b.node, mesh.v_index[at], freedoms[at], slide[at], turn[at], mass, h, inertia)
+    at_axes = mesh.v_index[at], mesh.freedoms[at], mesh.slide[at], mesh.turn[at]
+    return CarriedBodies(parent, b.node, *at_axes, mass, h, inertia)
 
 
 def _scratch(function: TorqueFunction) -> Spatial:

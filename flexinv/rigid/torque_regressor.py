@@ -16,11 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import qr, solve_triangular
 
+from flexinv.elements.joint_law import law_columns
 from flexinv.errors import InputError
-from flexinv.kinematics.joint_motion import axes_of_nodes
+from flexinv.kinematics.joint_motion import scalar_coordinate
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.rigid_motion import rigid_motion
 from flexinv.kinematics.tree import Frames
+from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Joint, Link, Mechanism
 from flexinv.rigid.joint_arrays import checked_states
 from flexinv.rigid.regressor_kernel import PARAMETERS, JointAxes, regressor_samples
@@ -116,13 +118,13 @@ def torque_regressor(
     states, drives = checked_states(mechanism, q, qd, qdd), flag("drives", drives)
     mesh = build(mechanism)
     m = rigid_motion(mesh, *states)
-    freedoms, slide, turn = axes_of_nodes(mesh)
     matrix = np.zeros((len(states[0]), mechanism.nv, PARAMETERS * len(mechanism.links)))
     frame_of = {j.child: mesh.joint_node[j.name] for j in mechanism.joints}
     nodes = np.array([frame_of[link.name] for link in mechanism.links], dtype=np.int64)
     gravity = np.array(mechanism.gravity, dtype=float)
     motion = Frames(m.x, m.rotation, m.v, m.omega, m.a, m.alpha)
-    regressor_samples(JointAxes(mesh.parent, mesh.v_index, freedoms, slide, turn), nodes, gravity, motion, matrix)
+    axes = JointAxes(mesh.parent, mesh.v_index, mesh.freedoms, mesh.slide, mesh.turn)
+    regressor_samples(axes, nodes, gravity, motion, matrix)
     names = tuple(f"{link.name}.{p}" for link in mechanism.links for p in INERTIAL)
     units = INERTIAL_UNITS * len(mechanism.links)
     values = np.concatenate([link_parameters(link) for link in mechanism.links])
@@ -141,23 +143,19 @@ def _drive(
     mechanism: Mechanism, joint: Joint, q: Array, qd: Array, qdd: Array
 ) -> tuple[Array, list[str], list[str], list[float]]:
     """Columns, names, units and values of what a joint's drive takes."""
-    rows, turns = mechanism.v_slices[joint.name], joint.kind not in ("prismatic",)
-    columns = [qdd[:, rows], qd[:, rows], np.sign(qd[:, rows])]
-    keys = ["rotor_inertia", "damping", "friction"]
-    units = ["kg m^2", "N m s", "N m"] if turns else ["kg", "N s/m", "N"]
-    values = [joint.rotor_inertia, joint.damping, joint.friction]
+    rows, turns = mechanism.v_slices[joint.name], KINDS[joint.kind].units != ("m",)
+    place = np.zeros_like(qd[:, rows])
     if joint.nv == 1:
-        place = q[:, mechanism.q_slices[joint.name]]
-        if joint.kind == "continuous":
-            place = np.arctan2(place[:, 1:], place[:, :1])
-        columns += [place, -np.ones_like(place)]
-        keys += ["stiffness", "stiffness_rest"]
-        units += ["N m/rad", "N m"] if turns else ["N/m", "N"]
-        values += [joint.stiffness, joint.stiffness * joint.rest]
-    matrix = np.zeros((len(q), mechanism.nv, len(columns)))
-    for k, column in enumerate(columns):
+        place[:, 0] = scalar_coordinate(joint, q[:, mechanism.q_slices[joint.name]], history=False)
+    columns = law_columns(place, qd[:, rows], qdd[:, rows], np.sign(qd[:, rows]))
+    keys = ["rotor_inertia", "damping", "friction", "stiffness", "stiffness_rest"]
+    units = ["kg m^2", "N m s", "N m", "N m/rad", "N m"] if turns else ["kg", "N s/m", "N", "N/m", "N"]
+    values = [joint.rotor_inertia, joint.damping, joint.friction, joint.stiffness, joint.stiffness * joint.rest]
+    count = 5 if joint.nv == 1 else 3  # springs stand in joints of one coordinate
+    matrix = np.zeros((len(q), mechanism.nv, count))
+    for k, column in enumerate(columns[:count]):
         matrix[:, rows, k] = column
-    return matrix, [f"{joint.name}.{key}" for key in keys], units, values
+    return matrix, [f"{joint.name}.{key}" for key in keys[:count]], units[:count], values[:count]
 
 
 def base_parameters(regressor: Regressor) -> BaseParameters:
@@ -206,10 +204,11 @@ def random_states(mechanism: Mechanism, samples: int, seed: int = 0) -> tuple[Ar
     q = random.uniform(-1.0, 1.0, (samples, mechanism.nq))
     for joint in mechanism.joints:
         part = mechanism.q_slices[joint.name]
-        if joint.kind in ("revolute", "universal"):
-            q[:, part] *= np.pi
-        elif joint.kind in ("spherical", "free", "continuous"):
-            unit = slice(part.stop - (2 if joint.kind == "continuous" else 4), part.stop)
+        kind = KINDS[joint.kind]
+        if kind.circle or kind.has_quaternion:
+            unit = slice(part.stop - (2 if kind.circle else 4), part.stop)
             turn = random.normal(size=(samples, unit.stop - unit.start))
             q[:, unit] = turn / np.linalg.norm(turn, axis=1, keepdims=True)
+        elif not any(kind.translations):
+            q[:, part] *= np.pi
     return q, random.normal(size=(samples, mechanism.nv)), random.normal(size=(samples, mechanism.nv))

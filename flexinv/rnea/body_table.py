@@ -20,7 +20,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.kernels.simd import BLOCK
-from flexinv.kinematics.mesh import CONFIGURATIONS, CONTINUOUS, FREE, PRISMATIC, REVOLUTE, SPHERICAL, VELOCITIES, Mesh
+from flexinv.kinematics.mesh import Mesh
+from flexinv.model.joint_kinds import (
+    CONFIGURATIONS,
+    CONTINUOUS,
+    FREE,
+    HELICAL,
+    PRISMATIC,
+    REVOLUTE,
+    SPHERICAL,
+    VELOCITIES,
+)
 from flexinv.rnea.recursion import (
     COPIED,
     COS,
@@ -50,9 +60,10 @@ class Bodies:
     """Bodies as the recursion reads them; body 0 is the world, parents come first.
 
     tree : (bodies, 6) kind (nv for the world), parent, offset of its rows, of its state, how the state begins, from where
-    numbers : (bodies, 37) R before the joint and p of the joint in the parent's frame [-], [m]; mass [kg], first moments [kg m],
+    numbers : (bodies, 38) R before the joint and p of the joint in the parent's frame [-], [m]; mass [kg], first moments [kg m],
         second moments xx, yy, zz, xy, xz, yz [kg m^2]; rotor inertia, damping, friction, stiffness, rest; cosine and sine of the
-        tilt, of the zero; p of the last child, p less that of the parent's last child [m]; gravity [m/s^2] first for the world
+        tilt, of the zero; p of the last child, p less that of the parent's last child [m]; way of a screw [m/rad]; of the world
+        gravity [m/s^2] first
     columns : (nq + 2 nv,) offsets of the rows that hold the columns of q, qd, qdd; those of qdd hold the efforts in the end
     size : of the work space [-]; node : (bodies,) node of the mesh, -1 the world; axes : (bodies, 3, 3) R_node,body
     """
@@ -103,7 +114,7 @@ def bodies(mesh: Mesh, passive: bool = True, kept: frozenset[int] = frozenset())
 def _is_on(kinds: NDArray[np.int64], parents: list[int], last: dict[int, int], i: int) -> bool:
     """Return True if body i turns about an axis, is its parent's last child, and the parent's frame may be turned to it."""
     parent = parents[i]
-    suits = kinds[i] in TURNING and parent > 0 and (kinds[parent] in TURNING or kinds[parent] == PRISMATIC)
+    suits = kinds[i] in TURNING and parent > 0 and kinds[parent] in (*TURNING, PRISMATIC, HELICAL)
     return bool(suits and last.get(parent) == i)
 
 
@@ -169,14 +180,10 @@ def _add_masses(mesh: Mesh, numbers: Array, body: list[int], axes: list[Array], 
 
 
 def _add_drives(mesh: Mesh, numbers: Array, moving: NDArray[np.int64], passive: bool) -> None:
-    """Write rotor inertia, and with ``passive`` damping, friction, stiffness and rest of each joint."""
-    m = mesh.mechanism
-    owner = [joint for joint in m.joints for _ in range(joint.nv)]
-    for i, n in enumerate(moving, start=1):
-        joint = owner[int(mesh.v_index[n])]
-        numbers[i, 22] = joint.rotor_inertia
-        if passive:
-            numbers[i, 23:27] = joint.damping, joint.friction, joint.stiffness, joint.rest
+    """Write rotor inertia and the way of a screw, and with ``passive`` damping, friction, stiffness and rest of each joint."""
+    numbers[1:, 37] = [mesh.slide[n, 0] @ mesh.axis[n] if mesh.kind[n] == HELICAL else 0.0 for n in moving]
+    count = 5 if passive else 1
+    numbers[1:, 22 : 22 + count] = mesh.mechanism.drive_table[:count, mesh.v_index[moving]].T
 
 
 def _layout(kinds: NDArray[np.int64], parents: list[int], last: dict[int, int]) -> tuple[NDArray[np.uint64], int]:
@@ -214,7 +221,7 @@ def _rows(kind: int) -> tuple[NDArray[np.uint64], NDArray[np.uint64], NDArray[np
     """Offsets, in a body's rows, of the coordinates of its joint, of their rates and of their accelerations."""
     step = np.uint64(BLOCK)
     one, three, four, six = (step * np.arange(k, dtype=np.uint64) for k in (1, 3, 4, 6))
-    if kind in (REVOLUTE, PRISMATIC):
+    if kind in (REVOLUTE, PRISMATIC, HELICAL):
         return PLACE + one, RATE + one, EFFORT + one
     if kind == CONTINUOUS:
         return COS + six[:2], RATE + one, EFFORT + one

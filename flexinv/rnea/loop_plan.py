@@ -16,6 +16,7 @@ from flexinv.constraints.closures import Rows, measures, residuals, row_scales
 from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.model.joint_kinds import HELICAL
 from flexinv.model.mechanism import Mechanism
 from flexinv.rnea.body_table import Bodies, carriers
 from flexinv.rnea.elimination_order import Elimination, order_of, sharing
@@ -59,12 +60,14 @@ def ends(mesh: Mesh, rows: Rows) -> frozenset[int]:
 def planned(
     mesh: Mesh, candidates: tuple[Bodies, Bodies], rows: Rows, limits: tuple[float, float, float], run: Run
 ) -> tuple[Bodies, LoopPlan] | None:
-    """Return the bodies and the plan [any unit] of a mechanism, None where drives are too few or none can be found.
+    """Return the bodies and the plan [any unit] of a mechanism, None with screws, too few drives or where none can be found.
 
     candidates : bodies for a mechanism in the plane, and those that keep how the `ends` of closures accelerate
     run : the work space of a block with `PLACES` samples, whose joints stand anywhere, after the kernel without steps
     """
     m = mesh.mechanism
+    if (mesh.kind == HELICAL).any():
+        return None  # `loop_bodies` has no screws: the cut tree's efforts are shared out sample by sample
     passive, drives = (np.flatnonzero(which).tolist() for which in (~m.actuated, m.actuated))
     first = tables(mesh, candidates[1], rows, limits, np.ones(len(rows), dtype=bool))
     unit = measures(mesh) / row_scales(mesh, rows)[:, None]  # of lengths over the mechanism's

@@ -24,6 +24,7 @@ import math
 
 import numpy as np
 
+from flexinv.elements.joint_law import moving_effort, resisting_effort
 from flexinv.kernels.jit import jit_lane, jit_lanes
 from flexinv.kernels.simd import (
     FAR,
@@ -43,10 +44,11 @@ from flexinv.kernels.simd import (
     turned_back,
     vec_of,
 )
-from flexinv.model.joint_kinds import CONTINUOUS, FREE, PRISMATIC, REVOLUTE, SPHERICAL
+from flexinv.model.joint_kinds import CONTINUOUS, FREE, HELICAL, PRISMATIC, REVOLUTE, SPHERICAL
+from flexinv.rnea.body_numbers import inertia_of, law_of, lead_of, numbers_at, onward_place, placement, tilt
 
 # Columns of the tables of bodies: see `body_table.Bodies`.
-TREE, NUMBERS = np.uint64(6), np.uint64(37)
+TREE, NUMBERS = np.uint64(6), np.uint64(38)
 # Rows of every body: force and moment that its parent exerts on it, and all beyond it, at its origin.
 FORCE, MOMENT, MOMENT_Z = row(0), row(3), row(5)
 WRENCH_ROWS = 6
@@ -66,35 +68,6 @@ _STATE, _LARGEST = row(STATE_ROWS), row(FREE_ROWS)
 _WRENCH, _NONE = row(WRENCH_ROWS), (0.0, 0.0, 0.0)
 # How a body's state begins: where its parent left it, the same turned by a constant rotation, a turned copy, in the world.
 ON, TURNED, COPIED, FROM_WORLD = range(4)
-
-
-@jit_lanes
-def _vec(numbers, first):
-    return numbers[first], numbers[first + 1], numbers[first + 2]
-
-
-@jit_lanes
-def _placement(body):
-    """R (rows) before tilt and joint, and p of the joint, in the parent's frame."""
-    return (_vec(body, 0), _vec(body, 3), _vec(body, 6)), _vec(body, 9)
-
-
-@jit_lanes
-def _tilt(body):
-    """Cosine and sine of the tilt about x, and of the angle about z at which the coordinate is zero."""
-    return (body[27], body[28]), (body[29], body[30])
-
-
-@jit_lanes
-def _onward(body):
-    """p of the last child's joint in this body's frame."""
-    return _vec(body, 31)
-
-
-@jit_lanes
-def _inertia(body):
-    """m, h and Sigma (xx, yy, zz), (xy, xz, yz)."""
-    return body[12], _vec(body, 13), _vec(body, 16), _vec(body, 19)
 
 
 @jit_lanes
@@ -151,8 +124,7 @@ def _angles(rows, lanes):
 @jit_lanes
 def _turn_outboard(state, rows, lanes, body):
     """A body that turns about z."""
-    ((ct, st), (c0, s0)), inertia, onward = _tilt(body), _inertia(body), _onward(body)
-    rotor, damping = body[22], body[23]
+    ((ct, st), (c0, s0)), inertia, onward, law = tilt(body), inertia_of(body), onward_place(body), law_of(body)
     for k in range(lanes):
         w, al, a = _state(state, k)
         rate, acceleration = rows[RATE + k], rows[EFFORT + k]
@@ -164,14 +136,13 @@ def _turn_outboard(state, rows, lanes, body):
         al = (al[0] + w[1] * rate, al[1] - w[0] * rate, al[2] + acceleration)  # + c x w_j + al_j, w_j = rate z
         w = (w[0], w[1], w[2] + rate)
         _leave(state, rows, k, w, al, a, inertia, onward)
-        rows[EFFORT + k] = rotor * acceleration + damping * rate
+        rows[EFFORT + k] = moving_effort(law, rate, acceleration)
 
 
 @jit_lanes
 def _slide_outboard(state, rows, lanes, body):
     """A body that slides along z."""
-    inertia, onward = _inertia(body), _onward(body)
-    rotor, damping = body[22], body[23]
+    inertia, onward, law = inertia_of(body), onward_place(body), law_of(body)
     for k in range(lanes):
         w, al, a = _state(state, k)
         rate, acceleration = rows[RATE + k], rows[EFFORT + k]
@@ -182,7 +153,19 @@ def _slide_outboard(state, rows, lanes, body):
             a[2] + acceleration,
         )  # + 2 c x v_j + v_j', v_j = rate z
         _leave(state, rows, k, w, al, a, inertia, onward)
-        rows[EFFORT + k] = rotor * acceleration + damping * rate
+        rows[EFFORT + k] = moving_effort(law, rate, acceleration)
+
+
+@jit_lanes
+def _advance(state, rows, lanes, body):
+    """The advance of a screw along z, before it turns: the slide h q of a massless body, h = pitch / (2 pi)."""
+    lead = lead_of(body)
+    for k in range(lanes):
+        w, al, a = _state(state, k)
+        a = _at(w, al, a, (0.0, 0.0, lead * rows[PLACE + k]))
+        rate, acceleration = lead * rows[RATE + k], lead * rows[EFFORT + k]
+        a = (a[0] + 2.0 * w[1] * rate, a[1] - 2.0 * w[0] * rate, a[2] + acceleration)
+        put_vec(state, ACCELERATION, k, a)
 
 
 @jit_lanes
@@ -211,7 +194,7 @@ def _orientation(rows, k):
 @jit_lanes
 def _float_outboard(state, rows, lanes, body):
     """A body that turns about its origin, which moves too; rates and accelerations are in its own frame."""
-    inertia, onward = _inertia(body), _onward(body)
+    inertia, onward = inertia_of(body), onward_place(body)
     for k in range(lanes):
         rj = _orientation(rows, k)
         v, wj = vec_of(rows, RATES, k), vec_of(rows, RATES_TURNING, k)
@@ -222,12 +205,12 @@ def _float_outboard(state, rows, lanes, body):
         al = plus_cross(plus(into(rj, al), alj), c, wj)
         a = plus_cross(plus(into(rj, a), dv), plus(times(2.0, c), wj), v)
         _leave(state, rows, k, plus(c, wj), al, a, inertia, onward)
-    rotor, damping, friction = _vec(body, 22)
+    law = law_of(body)
     for j in range(6):
         rate, effort = RATES + np.uint64(j) * LANES, EFFORTS + np.uint64(j) * LANES
         for k in range(lanes):
             v = rows[rate + k]
-            rows[effort + k] = rotor * rows[effort + k] + damping * v + friction * _sign(v)
+            rows[effort + k] = moving_effort(law, v, rows[effort + k]) + law.friction * _sign(v)
 
 
 @jit_lanes
@@ -240,7 +223,7 @@ def _add(above, k, p, force, moment):
 @jit_lanes
 def _turn_inboard(rows, lanes, body):
     """The effort, and the wrench in the frame before the joint."""
-    (ct, st), _ = _tilt(body)
+    (ct, st), _ = tilt(body)
     for k in range(lanes):
         c, s = rows[COS + k], rows[SIN + k]
         rows[EFFORT + k] += rows[MOMENT_Z + k]
@@ -251,7 +234,7 @@ def _turn_inboard(rows, lanes, body):
 @jit_lanes
 def _turn_on_inboard(rows, above, lanes, body):
     """The effort, and the wrench that the parent takes in its own frame."""
-    ((ct, st), _), (_, p) = _tilt(body), _placement(body)
+    ((ct, st), _), (_, p) = tilt(body), placement(body)
     for k in range(lanes):
         c, s = rows[COS + k], rows[SIN + k]
         rows[EFFORT + k] += rows[MOMENT_Z + k]
@@ -269,6 +252,16 @@ def _slide_inboard(rows, lanes):
 
 
 @jit_lanes
+def _advance_inboard(rows, lanes, body):
+    """Add the force along z to the effort of a screw, and bring the moment to where its advance begins."""
+    lead = lead_of(body)
+    for k in range(lanes):
+        force, moment = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k)
+        rows[EFFORT + k] += lead * force[2]
+        put_vec(rows, MOMENT, k, plus_cross(moment, (0.0, 0.0, lead * rows[PLACE + k]), force))
+
+
+@jit_lanes
 def _float_inboard(rows, lanes):
     """The efforts, and the wrench before the joint."""
     for k in range(lanes):
@@ -283,7 +276,7 @@ def _float_inboard(rows, lanes):
 @jit_lanes
 def _branch_inboard(rows, above, lanes, body):
     """The wrench before the joint, which the parent takes in its own frame."""
-    r, p = _placement(body)
+    r, p = placement(body)
     for k in range(lanes):
         force, moment = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k)
         _add(above, k, p, plus_out_of(_NONE, r, force), plus_out_of(_NONE, r, moment))
@@ -292,11 +285,11 @@ def _branch_inboard(rows, above, lanes, body):
 @jit_lanes
 def _resist(rows, lanes, kind, body):
     """Add what the actuator gives against dry friction and a spring in the joint, friction sign(qd) + stiffness (q - rest)."""
-    (_, (c0, s0)), (friction, stiffness, rest) = _tilt(body), _vec(body, 24)
+    (_, (c0, s0)), law = tilt(body), law_of(body)
     for k in range(lanes):
         c, s = rows[COS + k], rows[SIN + k]  # of zero + q: a joint that turns without end has no other coordinate
         place = math.atan2(c0 * s - s0 * c, c0 * c + s0 * s) if kind == CONTINUOUS else rows[PLACE + k]
-        rows[EFFORT + k] += friction * _sign(rows[RATE + k]) + stiffness * (place - rest)
+        rows[EFFORT + k] += resisting_effort(law, place, _sign(rows[RATE + k]))
 
 
 @jit_lane
@@ -312,7 +305,7 @@ def _begin(how, source, state, work, lanes, body, g):
     """The state before the joint: at rest in the world, or the parent's, turned by the constant rotation."""
     if how == ON:
         return
-    (r, _), d = _placement(body), _vec(body, 34)
+    (r, _), d = placement(body), numbers_at(body, 34)
     if how == FROM_WORLD:
         a = into(r, (-g[0], -g[1], -g[2]))
         for k in range(lanes):
@@ -335,18 +328,20 @@ def outboard(tree, numbers, work, lanes):
 
     Returns in how many lanes a joint's cosine and sine are those of no angle.
     """
-    g, lost = _vec(numbers[0], 0), 0
+    g, lost = numbers_at(numbers[0], 0), 0
     for i in range(1, tree.shape[0]):
         kind, first, at, how, source = tree[i, 0], tree[i, 2], tree[i, 3], tree[i, 4], tree[i, 5]
         state, rows, body = work[at : at + _STATE], work[first : first + _LARGEST], numbers[i]
         _begin(how, source, state, work, lanes, body, g)
         if kind == PRISMATIC:
             _slide_outboard(state, rows, lanes, body)
-        elif kind in (REVOLUTE, CONTINUOUS):
-            if kind == REVOLUTE:
-                _angles(rows, lanes)
-            else:
+        elif kind in (REVOLUTE, CONTINUOUS, HELICAL):
+            if kind == CONTINUOUS:
                 lost += astray(rows, COS, lanes)
+            else:
+                _angles(rows, lanes)
+            if kind == HELICAL:
+                _advance(state, rows, lanes, body)
             _turn_outboard(state, rows, lanes, body)
         else:
             _orientations(rows, lanes, kind == FREE)
@@ -385,8 +380,10 @@ def inboard(tree, numbers, work, lanes):
             continue
         if kind == PRISMATIC:
             _slide_inboard(rows, lanes)
-        elif kind in (REVOLUTE, CONTINUOUS):
+        elif kind in (REVOLUTE, CONTINUOUS, HELICAL):
             _turn_inboard(rows, lanes, body)
+            if kind == HELICAL:
+                _advance_inboard(rows, lanes, body)
         else:
             _float_inboard(rows, lanes)
         if how == FROM_WORLD:

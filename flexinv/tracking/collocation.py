@@ -94,7 +94,7 @@ class Layout:
         for n in np.flatnonzero(t.freedoms):
             own = slice(t.offset[t.block[n]] + t.column[n], t.offset[t.block[n]] + t.column[n] + t.freedoms[n])
             slide, turn = t.slide[n, : t.freedoms[n]], t.turn[n, : t.freedoms[n]]
-            flat[:, own] = (rel.p[:, n] - self.joints.p[n]) @ slide.T
+            flat[:, own] = (rel.p[:, n] - self.joints.p[n]) @ (slide * ~turn.any(axis=1, keepdims=True)).T
             if t.triple[n] < 0:
                 angle = log_so3(self.joints.r[n].T @ rel.rotation[:, n]) @ turn.T  # (sample, freedom)
                 flat[:, own] += np.unwrap(angle, axis=0) if len(q) > 1 else angle

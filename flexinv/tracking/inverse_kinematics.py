@@ -24,12 +24,13 @@ from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.kinematics.rigid_motion import rigid_motion
 from flexinv.model.initial_values import start_coordinates
+from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Attachment, Mechanism
 from flexinv.tracking.frame_path import Path, Poses
 from flexinv.typing import Array
 from flexinv.validation import refuse
 
-SCALAR = ("revolute", "continuous", "prismatic", "universal")
+SCALAR = tuple(name for name, kind in KINDS.items() if kind.scalar)
 KNOTS = 65  # places of the path that are found one after the other; all samples are then found at once
 ITERATIONS = 100
 # Of the mechanism's length: what Newton leaves of the distance to the path (it converges quadratically: rounding).
@@ -166,7 +167,7 @@ class _Chain:
             own = m.v_slices[joint.name]
             if joint.name in places and joint.kind in SCALAR:
                 place = places[joint.name]
-                out[own] = np.arctan2(place[1], place[0]) if joint.kind == "continuous" else place
+                out[own] = np.arctan2(place[1], place[0]) if KINDS[joint.kind].circle else place
             elif joint.stiffness:
                 out[own] = joint.rest
         return out
@@ -177,7 +178,7 @@ class _Chain:
         q = np.tile(m.neutral, (len(angles), 1))
         for joint in m.joints:
             own = angles[:, m.v_slices[joint.name]]
-            if joint.kind == "continuous":
+            if KINDS[joint.kind].circle:
                 q[:, m.q_slices[joint.name]] = np.hstack([np.cos(own), np.sin(own)])
             elif joint.kind in SCALAR:
                 q[:, m.q_slices[joint.name]] = own

@@ -1,7 +1,7 @@
 """Small and large machines: what is exactly similar has exactly similar answers, from a micrometre to a kilometre.
 
 Rounding is relative, so that nothing but a tolerance or a rank in metres, or metres and radians side by side without a scale, can
-tell sizes apart.  Dry friction is left out: its slope is a rate, 1e-3 rad/s, whatever the size (`dofs.FRICTION_RATE`).
+tell sizes apart.  Dry friction is left out: its slope is a rate, 1e-3 rad/s, whatever the size (`joint_law.FRICTION_RATE`).
 """
 
 from __future__ import annotations

@@ -64,6 +64,9 @@ def joint_pose(joint: Joint, q: Array, v: Array, a: Array) -> Pose:
             return Pose(np.outer([q[0], v[0], a[0] / 2], joint.axis), fixed)
         case "revolute":
             return Pose(rest, turning(about(joint.axis, q[0]), v[0] * joint.axis, a[0] / 2 * joint.axis))
+        case "helical":
+            way = joint.pitch / (2 * np.pi) * np.outer([q[0], v[0], a[0] / 2], joint.axis)
+            return Pose(way, turning(about(joint.axis, q[0]), v[0] * joint.axis, a[0] / 2 * joint.axis))
         case "continuous":
             angle = float(np.arctan2(q[1], q[0]))
             return Pose(rest, turning(about(joint.axis, angle), v[0] * joint.axis, a[0] / 2 * joint.axis))

@@ -25,7 +25,7 @@ TREE = (
     ("hip", "spherical", "flange"),
     ("wheel", "continuous", "base"),
 )
-KINDS = ("revolute", "continuous", "prismatic", "spherical", "universal", "free")
+KINDS = ("revolute", "continuous", "prismatic", "spherical", "universal", "helical", "free")
 
 
 def unit(random: np.random.Generator) -> Array:
@@ -57,6 +57,7 @@ def joint(kind: str, parent: str, child: str, random: np.random.Generator) -> Jo
         rotor_inertia=0.3 * drive,
         damping=0.7,
         friction=0.4 * drive,
+        pitch=-2.5 if kind == "helical" else 0.0,
     )
 
 

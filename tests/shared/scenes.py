@@ -28,7 +28,7 @@ from flexinv.model.mechanism import (
 )
 
 MANY = ("spherical", "universal", "free")  # joints without a spring
-PASSIVE_KINDS = ("revolute", "continuous", "prismatic", "spherical", "universal", "free")
+PASSIVE_KINDS = ("revolute", "continuous", "prismatic", "spherical", "universal", "helical", "free")
 # dv = CV dx and da = CA dx: any numbers, the linearisation is to hold for all
 SCHEME = Scheme(DYNAMIC, 1.0, 3.0, 7.0, 0.25, 0.5, 0.0, 0.0)
 SOFT = Section(np.zeros(1), np.array([[9.0, 4.0, 5.0, 3.0, 5.0, 4.0]]), np.array([0.3]), np.array([[0.2, 0.1, 0.1]]))
@@ -56,6 +56,7 @@ def branching(kind: str) -> Mechanism:
         Joint(
             "free", kind, "beam", "passive", placed(0.3, 0.2, 0.1), axis=axis, second_axis=second, rotor_inertia=rotor,
             damping=0.3, friction=0.1, stiffness=0.0 if kind in MANY else 1.3, rest=0.2, actuated=False,
+            pitch=0.9 if kind == "helical" else 0.0,
         ),
         Joint("elbow", "revolute", "beam", "curved", placed(0.1, 0.5, 0.4), axis=np.array([0.0, 1.0, 0.0])),
         Joint("swing", "revolute", "curved", "last", placed(0.0, 0.3, 0.0), damping=0.2, actuated=False),
@@ -84,7 +85,15 @@ def hanging(kind: str) -> Mechanism:
         Link("beam", (), Beam(0.8, SOFT, 1, 2)),
     )
     joints = (
-        Joint("root", kind, "world", "body", axis=np.array([0.6, 0.0, 0.8]), actuated=False),
+        Joint(
+            "root",
+            kind,
+            "world",
+            "body",
+            axis=np.array([0.6, 0.0, 0.8]),
+            actuated=False,
+            pitch=0.9 * (kind == "helical"),
+        ),
         Joint(
             "drive",
             "revolute",

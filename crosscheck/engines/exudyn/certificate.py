@@ -40,7 +40,7 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     ]
     tree = exudyn_rigid.build(mechanism, wrench=False)
     mass = np.array([inertia[3, 3] for inertia in tree.inertias])
-    last = {j.name: tree.velocity[mechanism.v_slices[j.name]][-1] for j in mechanism.joints if j.nv}
+    last = {j.name: tree.link[j.child][0] for j in mechanism.joints if j.nv}
     # T66 of a joint's own frame into that of its child: inertias turn and move with it.
     seats = {j.name: exudyn_rigid.transform66(tree.link[j.child][1]) for j in mechanism.joints if j.nv}
     lumps = {n: np.linalg.inv(seats[n]).T @ tree.inertias[index] @ np.linalg.inv(seats[n]) for n, index in last.items()}

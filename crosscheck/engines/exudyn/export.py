@@ -27,7 +27,7 @@ from crosscheck.engines.exudyn import rigid as exudyn_rigid
 from crosscheck.engines.exudyn.integration import Plan, grid
 from crosscheck.engines.exudyn.lead_in import history_of
 from crosscheck.engines.exudyn.models import chain as exudyn_chain
-from crosscheck.engines.exudyn.models.frames import compose, joint_pose, joint_q
+from crosscheck.engines.exudyn.models.frames import compose
 from crosscheck.engines.exudyn.models.layout import Layout
 from crosscheck.engines.exudyn.run_in_time import TREE, choose, layout_of
 from crosscheck.engines.exudyn.script import Recorded, recording, source
@@ -129,12 +129,11 @@ def _tree(mechanism: Mechanism, motion: Motion, settings: dict[str, Any], folder
     angle, rate, rate2 = exudyn_rigid.elementary(mechanism, tree, motion.q, motion.v, motion.a)
     moving: dict[str, Any] = {}
     for name, (first, before, after) in tree.moving.items():
-        joint = mechanism.joint_of[name]
-        places = zip(*joint_pose(joint, joint_q(mechanism, joint, motion.q)), strict=True)
+        places = zip(*exudyn_rigid.moving_pose(mechanism, mechanism.joint_of[name], motion.q), strict=True)
         frames = [compose(compose(before, Placement(*place)), after) for place in places]
         moving[f"moving_{first}"] = np.array([exudyn_rigid.transform66(frame) for frame in frames])
-    moving |= {"transforms": np.array(tree.transforms), "inertias": np.array(tree.inertias), "velocity": tree.velocity}
-    moving |= {"angle": angle, "rate": rate, "rate2": rate2}
+    moving |= {"transforms": np.array(tree.transforms), "inertias": np.array(tree.inertias)}
+    moving |= {"share": exudyn_rigid.shares(mechanism, tree), "angle": angle, "rate": rate, "rate2": rate2}
     np.savez_compressed(folder / "model.npz", allow_pickle=False, **moving)
     settings |= {"types": tree.types, "parents": [int(p) for p in tree.parents], "gravity": mechanism.gravity.tolist()}
     write(folder, motion, "run_exudyn_tree.py.txt", {}, settings)

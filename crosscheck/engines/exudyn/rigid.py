@@ -21,11 +21,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from exudyn.kinematicTree import JointTransformMotionSubspace66, KinematicTree66, MassCOMinertia2T66
 from exudyn.rigidBodyUtilities import HT2T66Inverse, T66toHT
-from numpy.typing import NDArray
 
 from crosscheck.engines.exudyn.models.frames import (
     Array,
@@ -35,6 +35,7 @@ from crosscheck.engines.exudyn.models.frames import (
     inverse,
     joint_pose,
     joint_q,
+    joint_twist,
     scalar_coordinate,
 )
 from flexinv.model.mechanism import WORLD, Inertia, Joint, Mechanism, Placement
@@ -42,7 +43,6 @@ from flexinv.model.mechanism import WORLD, Inertia, Joint, Mechanism, Placement
 LOCAL = ("Px", "Py", "Pz", "Rx", "Ry", "Rz")
 Z_FIRST = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # columns: e_z, e_x, e_y
 BALL = ("spherical", "free")
-MOVING = ("prismatic", *BALL)
 
 
 @dataclass(frozen=True)
@@ -50,9 +50,9 @@ class Tree:
     """Exudyn's tree of elementary joints and where the mechanism's coordinates are in it.
 
     types, transforms, inertias, parents : what ``KinematicTree66`` takes, one entry per elementary joint
-    velocity : the elementary joint of every velocity coordinate (nv,)
+    share : (nv, elementary joints) motion of each elementary joint per unit of a velocity coordinate [-], [m/rad]
     probe : first of the six coordinates at rest, by joint
-    moving : first elementary joint of prismatic, spherical and free joints, the frame before and after their motion
+    moving : first elementary joint of spherical and free joints and of slides, the frame before and after what moves
     link : elementary joint that carries a link (-1 the world), and the link's frame in that frame
     """
 
@@ -60,7 +60,7 @@ class Tree:
     transforms: list[Array]
     inertias: list[Array]
     parents: list[int]
-    velocity: NDArray[np.intp]
+    share: dict[tuple[int, int], float]
     probe: dict[str, int]
     moving: dict[str, tuple[int, Placement, Placement]]
     link: dict[str, tuple[int, Placement]]
@@ -80,18 +80,18 @@ class RigidResult:
 
 def build(mechanism: Mechanism, wrench: bool) -> Tree:
     """Return Exudyn's tree of a rigid mechanism, with probes for the wrenches of its moving joints if asked."""
-    tree = Tree([], [], [], [], np.zeros(mechanism.nv, dtype=np.intp), {}, {}, {WORLD: (-1, Placement())})
+    tree = Tree([], [], [], [], {}, {}, {}, {WORLD: (-1, Placement())})
     for joint in mechanism.joints:
         carrier, frame = tree.link[joint.parent]
         frame = compose(frame, joint.placement)
         first = mechanism.v_slices[joint.name].start
         elements = list(_elements(joint))
-        if joint.kind in MOVING:
-            tree.moving[joint.name] = (len(tree.types), frame, elements[0][1])
-        for k, (kind, turned) in enumerate(elements):
-            carrier = _append(tree, kind, carrier, compose(frame, turned))
-            frame = inverse(turned)
-            tree.velocity[first + k] = carrier
+        if elements and elements[0].kind != "Rz":
+            tree.moving[joint.name] = (len(tree.types), frame, elements[0].frame)
+        for one in elements:
+            carrier = _append(tree, one.kind, carrier, compose(frame, one.frame))
+            frame = inverse(one.frame)
+            tree.share[first + one.coordinate, carrier] = one.share
         if wrench and joint.nv:
             tree.probe[joint.name] = len(tree.types)
             for kind in LOCAL:
@@ -104,14 +104,28 @@ def build(mechanism: Mechanism, wrench: bool) -> Tree:
     return tree
 
 
-def _elements(joint: Joint) -> Iterator[tuple[str, Placement]]:
-    """Yield the elementary joints and the constant frame in which each acts."""
+class Element(NamedTuple):
+    """An elementary joint: its kind, the constant frame in which it acts, its coordinate of the joint, its share of that."""
+
+    kind: str
+    frame: Placement
+    coordinate: int
+    share: float
+
+
+def _elements(joint: Joint) -> Iterator[Element]:
+    """Yield the elementary joints that make up a joint; one with a single coordinate slides and turns as its twist says."""
     if joint.kind in BALL:
-        yield from ((kind, Placement()) for kind in LOCAL[-joint.nv :])
-    elif joint.kind != "fixed":
-        kind = "Pz" if joint.kind == "prismatic" else "Rz"
-        for axis in (joint.axis, joint.second_axis)[: joint.nv]:
-            yield kind, Placement(np.zeros(3), frame_along(axis) @ Z_FIRST.T)
+        yield from (Element(kind, Placement(), k, 1.0) for k, kind in enumerate(LOCAL[-joint.nv :]))
+    elif joint.kind == "universal":
+        for k, axis in enumerate((joint.axis, joint.second_axis)):
+            yield Element("Rz", Placement(np.zeros(3), frame_along(axis) @ Z_FIRST.T), k, 1.0)
+    elif joint.nv:
+        along = Placement(np.zeros(3), frame_along(joint.axis) @ Z_FIRST.T)
+        twist = joint_twist(joint, np.zeros(joint.nq), np.ones(1))
+        for kind, part in zip(("Pz", "Rz"), twist, strict=True):
+            if part.any():
+                yield Element(kind, along, 0, float(part @ joint.axis))
 
 
 def _append(tree: Tree, kind: str, parent: int, frame: Placement) -> int:
@@ -143,8 +157,9 @@ def inverse_dynamics(mechanism: Mechanism, q: Array, qd: Array, qdd: Array, wren
     tree = build(mechanism, wrench)
     effort = np.zeros((len(q), len(tree.types)))
     tip = {link.name: np.zeros((len(q), 3)) for link in mechanism.links}
-    moved = {n: joint_pose(mechanism.joint_of[n], joint_q(mechanism, mechanism.joint_of[n], q)) for n in tree.moving}
+    moved = {n: moving_pose(mechanism, mechanism.joint_of[n], q) for n in tree.moving}
     angle, rate, rate2 = elementary(mechanism, tree, q, qd, qdd)
+    share = shares(mechanism, tree)
     for s in range(len(q)):
         transforms = list(tree.transforms)
         for name, (first, before, after) in tree.moving.items():
@@ -155,16 +170,33 @@ def inverse_dynamics(mechanism: Mechanism, q: Array, qd: Array, qdd: Array, wren
         effort[s] = mass @ rate2[s] + force
         _tips(mechanism, tree, transforms, angle[s], {name: t[s] for name, t in tip.items()})
     probes = {name: effort[:, k : k + 6] for name, k in tree.probe.items()}
-    return RigidResult(effort[:, tree.velocity], probes, tip)
+    return RigidResult(effort @ share.T, probes, tip)
+
+
+def moving_pose(mechanism: Mechanism, joint: Joint, q: Array) -> tuple[Array, Array]:
+    """Return position (samples, 3) [m] and rotation (samples, 3, 3) of the frame in ``Tree.moving`` for q (samples, nq).
+
+    A ball's is the child's; of a joint that slides only the way is in it, and what turns turns behind it.
+    """
+    p, r = joint_pose(joint, joint_q(mechanism, joint, q))
+    return (p, r) if joint.kind in BALL else (p, np.tile(np.eye(3), (len(q), 1, 1)))
+
+
+def shares(mechanism: Mechanism, tree: Tree) -> Array:
+    """Return ``Tree.share`` as a matrix (nv, elementary joints) [-], [m/rad]."""
+    out = np.zeros((mechanism.nv, len(tree.types)))
+    for (v, element), share in tree.share.items():
+        out[v, element] = share
+    return out
 
 
 def elementary(mechanism: Mechanism, tree: Tree, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
     """Return coordinates, rates and accelerations [rad], [m], [s] of the elementary joints, (samples, elementary)."""
-    angle, rate, rate2 = (np.zeros((len(q), len(tree.types))) for _ in range(3))
-    rate[:, tree.velocity], rate2[:, tree.velocity] = qd, qdd
+    share = shares(mechanism, tree)
+    angle, rate, rate2 = np.zeros((len(q), len(tree.types))), qd @ share, qdd @ share
     for joint in mechanism.joints:
         v = mechanism.v_slices[joint.name]
-        at = tree.velocity[v]
+        at = np.flatnonzero(share[v].any(axis=0))
         part = joint_q(mechanism, joint, q)
         if joint.kind in BALL:
             w = qd[:, v][:, -3:]
@@ -174,8 +206,9 @@ def elementary(mechanism: Mechanism, tree: Tree, q: Array, qd: Array, qdd: Array
                 rate2[:, at[:3]] += np.cross(w, qd[:, v][:, :3])
         elif joint.kind == "universal":
             angle[:, at] = part
-        elif joint.kind in ("revolute", "continuous"):
-            angle[:, at[0]] = scalar_coordinate(joint, part)
+        elif joint.nv:
+            turning = at[[tree.types[element] == "Rz" for element in at]]
+            angle[:, turning] = scalar_coordinate(joint, part)[:, None] * share[v, turning]
     return angle, rate, rate2
 
 

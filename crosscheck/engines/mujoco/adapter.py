@@ -1,15 +1,7 @@
 """MuJoCo: mj_inverse on its own model, with armature, damping and dry friction inside the engine.
 
-Conventions, as a map and its dual.  R0, p0: placement of a free joint; R: rotation of its quaternion.
+Conventions (the coordinates of each joint: `mujoco.joints`).
 
-    coordinates   hinge, slide: the number itself.  continuous (cos, sin) -> angle atan2(sin, cos).  Universal: two
-                  hinges of one body, R = exp(a1 q1) exp(a2 q2).  Quaternions x, y, z, w -> w, x, y, z.
-                  Ball: angular velocity in the child's frame, as in the mechanism.
-    free joint    qpos = (p0 + R0 p, R0 R): absolute in the world.  qvel = (linear in the WORLD, angular in the body):
-                      v_mj = R0 R v            w_mj = w
-                      a_mj = R0 R (v' + w x v) al_mj = w'     (v' is the rate of body components: hence the bias w x v)
-                  dual, from equal power:
-                      f    = (R0 R)^T f_mj     m    = m_mj
     tau           qfrc_inverse = M a + bias - passive - constraint: the actuator's effort as the mechanism means it,
                   armature, damping, springs and dry friction included.  At exactly zero speed dry friction is a set: MuJoCo
                   takes the end that the acceleration points to, the mechanism zero; there its friction is taken out.
@@ -31,17 +23,17 @@ from dataclasses import dataclass, field, replace
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.mujoco import loops as mujoco_loops
-from crosscheck.engines.mujoco.model import Built, build
+from crosscheck.engines.mujoco.joints import Built, State, effort_from_engine, from_engine, joint_trouble, to_engine
+from crosscheck.engines.mujoco.model import build
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared import phases
 from crosscheck.engines.shared.prescribed import beyond_a_tree, missing_motion
 from crosscheck.measures.record import Record, Series, reaction_series, torque_series, vector_series, wrench_series
 from flexinv.files.load_cases import Case
-from flexinv.model.mechanism import WORLD, Joint, Mechanism
+from flexinv.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 EQUALITY = "mujoco-equality"
@@ -71,7 +63,7 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
         names = ", ".join(link.name for link in mechanism.beams)
         return f"rigid bodies only here, one beam in mujoco-flex; flexible: {names}"
     for joint in mechanism.joints:
-        if (reason := _free_joint_trouble(joint)) is not None:
+        if (reason := joint_trouble(mechanism, joint)) is not None:
             return reason
     if engine == EQUALITY:
         if not mechanism.closures:
@@ -79,16 +71,6 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
         if kinds := mujoco_loops.without_equality(mechanism):
             return f"no equality constraint of MuJoCo makes up the closures {', '.join(kinds)}: see mujoco"
     return assembly.unsupported(mechanism) if mechanism.closures else missing_motion(mechanism, case)
-
-
-def _free_joint_trouble(joint: Joint) -> str | None:
-    if joint.kind != "free":
-        return None
-    if joint.parent != WORLD:
-        return f"a free joint of MuJoCo hangs on the world only; {joint.name!r} hangs on {joint.parent!r}"
-    if joint.rotor_inertia or joint.friction:
-        return f"MuJoCo's armature and dry friction act along world axes, those of {joint.name!r} along the body's"
-    return None
 
 
 def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
@@ -132,89 +114,6 @@ def warnings_caught() -> Iterator[list[str]]:
         yield words
     finally:
         mujoco.set_mju_user_warning(before)
-
-
-# ------------------------------------------------------------------------------------------------- the map, its dual
-
-
-@dataclass(frozen=True)
-class State:
-    """Coordinates of all samples as MuJoCo wants them: q (samples, nq), v and a (samples, nv)."""
-
-    q: Array
-    v: Array
-    a: Array
-
-
-def to_engine(mechanism: Mechanism, built: Built, q: Array, qd: Array, qdd: Array) -> State:
-    """Return MuJoCo's qpos, qvel and qacc of q (samples, nq), qd, qdd (samples, nv) [rad or m, s]."""
-    model = built.model
-    out = State(np.empty((len(q), model.nq)), np.empty((len(q), model.nv)), np.empty((len(q), model.nv)))
-    for joint in mechanism.joints:
-        if joint.nv == 0:
-            continue
-        mine, rates = q[:, mechanism.q_slices[joint.name]], mechanism.v_slices[joint.name]
-        at, v = built.q_at[joint.name], built.v_at[joint.name]
-        position = _position(joint, mine)
-        out.q[:, at : at + position.shape[1]] = position
-        out.v[:, v : v + joint.nv] = qd[:, rates]
-        out.a[:, v : v + joint.nv] = qdd[:, rates]
-        if joint.kind == "free":
-            turn = _absolute(joint, mine)
-            linear, angular = qd[:, rates][:, :3], qd[:, rates][:, 3:]
-            out.v[:, v : v + 3] = turn.apply(linear)
-            out.a[:, v : v + 3] = turn.apply(qdd[:, rates][:, :3] + np.cross(angular, linear))
-    return out
-
-
-def _position(joint: Joint, q: Array) -> Array:
-    if joint.kind == "continuous":
-        return np.unwrap(np.arctan2(q[:, 1], q[:, 0]))[:, None]
-    if joint.kind == "spherical":
-        return np.roll(q, 1, axis=1)
-    if joint.kind == "free":
-        place = joint.placement.position + q[:, :3] @ joint.placement.rotation.T
-        return np.hstack([place, np.roll(_absolute(joint, q).as_quat(), 1, axis=1)])
-    return q
-
-
-def _absolute(joint: Joint, q: Array) -> Rotation:
-    """R0 R of a free joint, all samples."""
-    return Rotation.from_matrix(joint.placement.rotation) * Rotation.from_quat(q[:, 3:])
-
-
-def from_engine(mechanism: Mechanism, built: Built, position: Array) -> Array:
-    """Return the mechanism's q (samples, nq) [rad], [m] of MuJoCo's qpos (samples, nq of the model)."""
-    out = np.empty((len(position), mechanism.nq))
-    for joint in mechanism.joints:
-        if joint.nv == 0:
-            continue
-        at, own = built.q_at[joint.name], mechanism.q_slices[joint.name]
-        theirs = position[:, at : at + (1 if joint.kind == "continuous" else joint.nq)]
-        if joint.kind == "continuous":
-            theirs = np.hstack([np.cos(theirs), np.sin(theirs)])
-        elif joint.kind == "spherical":
-            theirs = np.roll(theirs, -1, axis=1)
-        elif joint.kind == "free":
-            seat = Rotation.from_matrix(joint.placement.rotation).inv()
-            turn = seat * Rotation.from_quat(np.roll(theirs[:, 3:], -1, axis=1))
-            theirs = np.hstack([seat.apply(theirs[:, :3] - joint.placement.position), turn.as_quat()])
-        out[:, own] = theirs
-    return out
-
-
-def effort_from_engine(mechanism: Mechanism, built: Built, q: Array, force: Array) -> Array:
-    """Return the mechanism's efforts (samples, nv) [N m] or [N] of MuJoCo's generalized forces: the dual of the map."""
-    out = np.empty_like(force)
-    for joint in mechanism.joints:
-        if joint.nv == 0:
-            continue
-        v, rates = built.v_at[joint.name], mechanism.v_slices[joint.name]
-        theirs = force[:, v : v + joint.nv].copy()
-        if joint.kind == "free":
-            theirs[:, :3] = _absolute(joint, q[:, mechanism.q_slices[joint.name]]).inv().apply(theirs[:, :3])
-        out[:, rates] = theirs
-    return out
 
 
 # ------------------------------------------------------------------------------------------------------ what it says

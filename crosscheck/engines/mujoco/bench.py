@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.engines.mujoco.adapter import effort_from_engine, to_engine
+from crosscheck.engines.mujoco.joints import effort_from_engine, to_engine
 from crosscheck.engines.mujoco.model import build
 from flexinv.model.mechanism import Mechanism
 

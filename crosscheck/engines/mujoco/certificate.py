@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 
 from crosscheck.engines.mujoco import loops as mujoco_loops
-from crosscheck.engines.mujoco.adapter import effort_from_engine, to_engine
-from crosscheck.engines.mujoco.model import Built, build
+from crosscheck.engines.mujoco.joints import Built, effort_from_engine, to_engine
+from crosscheck.engines.mujoco.model import build
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared.prescribed import beyond_a_tree
 from crosscheck.engines.shared.probe_states import Array, about_origin, carried, configurations

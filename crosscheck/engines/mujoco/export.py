@@ -15,8 +15,9 @@ import numpy as np
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.mujoco import adapter
 from crosscheck.engines.mujoco import loops as mujoco_loops
+from crosscheck.engines.mujoco.joints import Built, State, effort_from_engine, from_engine
 from crosscheck.engines.mujoco.mjcf import mjcf
-from crosscheck.engines.mujoco.model import Built, build
+from crosscheck.engines.mujoco.model import build
 from crosscheck.engines.shared.export_files import Array, Motion, NotExported, check_rigid, forces, sharing, write
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Force, Joint, Mechanism
@@ -42,8 +43,12 @@ def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder:
         raise NotExported(reason)
     time = sample_times(case)
     built = build(mechanism, extend=_furnished(mechanism))
+    if built.model.nv != mechanism.nv:
+        raise NotExported(
+            "a joint is made up of several of MuJoCo's that move in a ratio, which MJCF alone does not keep"
+        )
     followed = adapter.follow(mechanism, case, built, time)
-    state = adapter.State(*(np.concatenate(part) for part in zip(*(state for _, state in followed), strict=True)))
+    state = State(*(np.concatenate(part) for part in zip(*(state for _, state in followed), strict=True)))
     q_names, v_names = [""] * built.model.nq, [""] * built.model.nv
     order = np.zeros(built.model.nv, dtype=np.intp)
     for joint in mechanism.joints:
@@ -52,7 +57,7 @@ def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder:
             _name(v_names, built.v_at[joint.name], joint, SUFFIX)
             own = mechanism.v_slices[joint.name]
             order[built.v_at[joint.name] + np.arange(joint.nv)] = np.arange(own.start, own.stop)
-    expected = _to_engine(mechanism, built, adapter.from_engine(mechanism, built, state.q), effort)
+    expected = _to_engine(mechanism, built, from_engine(mechanism, built, state.q), effort)
     motion = Motion(time, state.q, state.v, state.a, expected, q_names, v_names)
     spans = ((phase.samples, [c.name for c in phase.mechanism.closures]) for phase, _ in followed)
     given = [{"site": _site(f), "follower": f.follower} for f in mechanism.forces]
@@ -83,7 +88,7 @@ def _name(names: list[str], first: int, joint: Joint, suffixes: dict[str, tuple[
 
 
 def _to_engine(mechanism: Mechanism, built: Built, q: Array, effort: Array) -> Array:
-    """Return the mechanism's efforts as MuJoCo's generalized forces: the inverse of `mujoco.adapter.effort_from_engine`.
+    """Return the mechanism's efforts as MuJoCo's generalized forces: the inverse of `mujoco.joints.effort_from_engine`.
 
     That map is orthogonal (it turns forces of free joints), so its transpose, column by column, is the inverse.
     """
@@ -91,5 +96,5 @@ def _to_engine(mechanism: Mechanism, built: Built, q: Array, effort: Array) -> A
     for column in range(effort.shape[1]):
         unit = np.zeros_like(effort)
         unit[:, column] = 1.0
-        out[:, column] = np.sum(adapter.effort_from_engine(mechanism, built, q, unit) * effort, axis=1)
+        out[:, column] = np.sum(effort_from_engine(mechanism, built, q, unit) * effort, axis=1)
     return out

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.mujoco.adapter import Raw, empty, keep, point_of, version, warnings_caught, wrench_on
-from crosscheck.engines.mujoco.model import Built
+from crosscheck.engines.mujoco.joints import Built
 from crosscheck.engines.mujoco.rod import DRIVE, Rod, bending_axis, flexible, rod_of
 from crosscheck.engines.shared.prescribed import beyond_a_tree, missing_motion, passive_effort, rotor_effort
 from crosscheck.measures.budget import Family, limit_of, with_bars

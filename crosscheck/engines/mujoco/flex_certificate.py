@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from crosscheck.engines.mujoco.flex import ELEMENTS, steps_of
-from crosscheck.engines.mujoco.model import Built
+from crosscheck.engines.mujoco.joints import Built
 from crosscheck.engines.mujoco.rod import Rod, flexible, rod_of
 from crosscheck.engines.shared.probe_states import Array
 from crosscheck.measures.certificate import Certificate

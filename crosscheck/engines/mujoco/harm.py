@@ -7,7 +7,7 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
-from crosscheck.engines.mujoco.model import Built
+from crosscheck.engines.mujoco.joints import Built
 from flexinv.typing import Array
 
 

@@ -29,7 +29,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.engines.mujoco.model import Built, quaternion
+from crosscheck.engines.mujoco.joints import Built
+from crosscheck.engines.mujoco.model import quaternion
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared.loop_closure import Moving
 from crosscheck.engines.shared.wrenches import Push, closing, pushes, reactions, wrench_at

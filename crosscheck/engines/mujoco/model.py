@@ -16,45 +16,18 @@ Traps, and what is done about them
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from crosscheck.engines.mujoco.joints import Built, add_joints, names_of, set_passive
 from crosscheck.engines.shared.urdf_source import check_joints, read_source
-from flexinv.model.mechanism import WORLD, Body, Joint, Mechanism
+from flexinv.model.mechanism import WORLD, Body, Mechanism
 from flexinv.typing import Array
 
 FLOOR = 2e-15  # [kg], [kg m^2]: twice mjMINVAL, so that rounding cannot bring it below
-HINGE, SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
-TYPES = {
-    "revolute": HINGE,
-    "continuous": HINGE,
-    "prismatic": SLIDE,
-    "universal": HINGE,
-    "spherical": mujoco.mjtJoint.mjJNT_BALL,
-}
-# Dry friction is a soft constraint in MuJoCo: force -clip(D (qacc + B qvel), +-frictionloss).  The direct form of
-# solref, (-stiffness, -damping), with a damping rate B of 1e12 / s makes it sign(qvel) for every speed above about
-# 1e-11 rad/s.
-STIFF_FRICTION = (-1.0, -1e12)
-
-
-@dataclass(frozen=True)
-class Built:
-    """A compiled model and where the mechanism's coordinates stand in it.
-
-    q_at, v_at : first index in qpos and in qvel, by joint name; body : index by link name
-    floored : links whose mass or inertia had to be raised to FLOOR
-    """
-
-    model: Any
-    q_at: dict[str, int]
-    v_at: dict[str, int]
-    body: dict[str, int]
-    floored: tuple[str, ...] = ()
 
 
 def build(mechanism: Mechanism, fuse: bool = False, extend: Callable[[Any], None] | None = None) -> Built:
@@ -68,7 +41,7 @@ def build(mechanism: Mechanism, fuse: bool = False, extend: Callable[[Any], None
     if extend is not None:
         extend(spec)
     model = spec.compile()
-    first = {j.name: model.joint(_names(j)[0]) for j in mechanism.joints if j.nv}
+    first = {j.name: model.joint(names_of(j)[0]) for j in mechanism.joints if j.nv}
     return Built(
         model=model,
         q_at={name: int(joint.qposadr[0]) for name, joint in first.items()},
@@ -76,11 +49,6 @@ def build(mechanism: Mechanism, fuse: bool = False, extend: Callable[[Any], None
         body={} if fuse else {link.name: model.body(link.name).id for link in mechanism.links},
         floored=floored,
     )
-
-
-def _names(joint: Joint) -> list[str]:
-    """Names of the MuJoCo joints that make up one joint: a universal joint is two hinges of one body."""
-    return [f"{joint.name}.1", f"{joint.name}.2"] if joint.kind == "universal" else [joint.name]
 
 
 def _from_data(mechanism: Mechanism) -> tuple[Any, tuple[str, ...]]:
@@ -96,7 +64,7 @@ def _from_data(mechanism: Mechanism) -> tuple[Any, tuple[str, ...]]:
             ipos=np.zeros(3),
             explicitinertial=True,
         )
-        _add_joints(link, joint)
+        add_joints(link, joint)
         carried = mechanism.link_of[joint.child].bodies
         raised = [_weld(link, f"{joint.child}/{body.name}", body) for body in carried]
         massless = joint.nv > 0 and not any(body.inertia.mass > FLOOR for body in carried)
@@ -116,25 +84,10 @@ def _from_urdf(mechanism: Mechanism) -> tuple[Any, tuple[str, ...]]:
         spec.body(root.child).add_freejoint(name=root.name)
     for joint in mechanism.joints:
         if joint.nv:
-            _passive(spec.joint(joint.name), joint)
+            set_passive(spec.joint(joint.name), joint)
     for link, body in source.overlays:
         _weld(spec.body(link), f"{link}/{body.name}", body)
     return spec, ()
-
-
-def _add_joints(link: Any, joint: Joint) -> None:
-    if joint.kind == "free":
-        _passive(link.add_freejoint(name=joint.name), joint)
-    elif joint.kind != "fixed":
-        for name, axis in zip(_names(joint), (joint.axis, joint.second_axis), strict=False):
-            _passive(link.add_joint(name=name, type=TYPES[joint.kind], axis=axis), joint)
-
-
-def _passive(made: Any, joint: Joint) -> None:
-    made.armature, made.frictionloss = joint.rotor_inertia, joint.friction
-    made.damping[0] = joint.damping  # the linear coefficient of a polynomial in the speed
-    made.solref_friction = STIFF_FRICTION
-    made.stiffness[0], made.springref = joint.stiffness, joint.rest
 
 
 def _weld(link: Any, name: str, body: Body) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from crosscheck.engines.mujoco.adapter import to_engine
+from crosscheck.engines.mujoco.joints import to_engine
 from crosscheck.engines.mujoco.model import build
 from crosscheck.engines.shared.prescribed import passive_effort
 from crosscheck.engines.shared.replay import Array, Drive
@@ -16,6 +16,8 @@ def replay(mechanism: Mechanism, drive: Drive) -> dict[str, Array]:
     """Return the paths of the links' tips, by link (samples, 3) [m], at the times of the torque; one step between two."""
     built = build(mechanism)
     model, data = built.model, mujoco.MjData(built.model)
+    if model.nv != mechanism.nv:
+        raise ValueError("replayed in MuJoCo are arms whose joints are joints of MuJoCo, each with as many coordinates")
     model.opt.integrator, model.opt.timestep = mujoco.mjtIntegrator.mjINT_RK4, drive.spacing
     still = np.zeros((1, mechanism.nv))
     if passive_effort(mechanism, still + 1.0).any():

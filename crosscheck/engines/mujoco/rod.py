@@ -24,7 +24,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from crosscheck.engines.mujoco.model import FLOOR, Built, build, quaternion
+from crosscheck.engines.mujoco.joints import Built
+from crosscheck.engines.mujoco.model import FLOOR, build, quaternion
 from flexinv.model.mechanism import WORLD, Beam, Body, Inertia, Link, Mechanism
 
 GHOST = 1e-3  # of an edge: by this fraction the clamp is softer than half an edge

@@ -117,6 +117,8 @@ def _joint_model(joint: Joint) -> Any:
             return pin.JointModelRUBZ()
         case "prismatic":
             return pin.JointModelPrismaticUnaligned(joint.axis)
+        case "helical":  # its pitch is the way per radian, the mechanism's the way per turn
+            return pin.JointModelHelicalUnaligned(joint.axis, joint.pitch / (2 * np.pi))
         case "spherical":
             return pin.JointModelSpherical()
         case "universal":

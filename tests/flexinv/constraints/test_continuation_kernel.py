@@ -12,12 +12,12 @@ from rigid_trees import tree
 from crosscheck.studies.robot_sweep import random_states
 from flexinv.analysis.solve import solve
 from flexinv.constraints import continuation as loops
-from flexinv.constraints.closures import constraint_jacobian, nodes_of, residuals, row_arrays
+from flexinv.constraints.closures import constraint_jacobian, residuals, row_arrays
 from flexinv.constraints.continuation_kernel import Problem, condition_bound, factor, solve_factored
 from flexinv.constraints.equations import jacobian, residual
 from flexinv.kernels.jit import jit
-from flexinv.kinematics.configuration import move_nodes, step_coordinates
-from flexinv.kinematics.configuration_arrays import moved
+from flexinv.kinematics.configuration import move_nodes, nodes_of, step_coordinates
+from flexinv.kinematics.configuration_arrays import difference, moved
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.rigid_motion import rigid_motion
 from flexinv.kinematics.tree import Frames, Joints
@@ -92,12 +92,14 @@ def test_nodes_move_as_in_rigid_motion() -> None:
 
 
 def test_steps_are_those_of_the_manifold() -> None:
+    """Quaternions turn by R exp(psi), cosine and sine by the angle: `difference` finds the step again."""
     mesh = build(tree())
     q, d, _ = (a[0] for a in one_state(mesh))
-    for step in (d, 1e-9 * d, 0 * d):
+    for step in (d / abs(d).max(), 1e-9 * d, 0 * d):  # less than half a turn
         found = q.copy()
         stepped(nodes_of(mesh), found, step)
-        assert abs(found - moved(mesh.mechanism, q, step)).max() < ROUNDING
+        assert abs(difference(mesh.mechanism, q, found) - step).max() < ROUNDING * max(1.0, abs(q).max())
+        assert (found == moved(mesh.mechanism, q, step)).all()
     assert np.array_equal(found, q)  # without a step, not even quaternions are normalised again
 
 

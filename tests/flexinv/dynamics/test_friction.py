@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 import flexinv
-from flexinv.dynamics.dofs import FRICTION_RATE
+from flexinv.elements.joint_law import FRICTION_RATE
 from flexinv.model.mechanism import Body, Inertia, Joint, Link, Mechanism, Placement
 
 MASS, ARM, FRICTION, PULL = 1.0, 0.3, 0.3, 9.81  # [kg], [m], [N m], [m/s^2]

@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from flexinv.analysis.statics import Load, statics
+from flexinv.errors import InputError
 from flexinv.files.bodies import impossible
 from flexinv.files.joints import TABLES, rotation_from_rpy
 from flexinv.files.load_mechanism import load_mechanism
@@ -249,6 +250,7 @@ KINDS = {
     "revolute": "axis = [0, 0, 1]\nlimits = { effort_Nm = 1, velocity_rad_per_s = 2, lower_rad = -3, upper_rad = 4 }",
     "continuous": "axis = [0, 1, 0]\nrotor_inertia_kgm2 = 1\ndamping_Nms_per_rad = 2\nfriction_Nm = 3",
     "prismatic": "axis = [1, 0, 0]\nrotor_inertia_kg = 1\ndamping_Ns_per_m = 2\nfriction_N = 3",
+    "helical": "axis = [0, 0, 1]\npitch_m = -0.005\nrotor_inertia_kgm2 = 1\ndamping_Nms_per_rad = 2\nfriction_Nm = 3",
     "universal": "axis = [1, 0, 0]\nsecond_axis = [0, 1, 0]\nactuated = false",
     "spherical": "damping_Nms_per_rad = 2",
     "fixed": "",
@@ -263,12 +265,20 @@ def test_every_kind_of_joint(tmp_path: Path, kind: str) -> None:
     joint = load(tmp_path, HEAD + link + BASE.replace("fixed", kind) + KINDS[kind]).joints[0]
     assert joint.kind == kind
     assert joint.actuated is (kind not in ("universal", "fixed", "free"))
-    if kind in ("continuous", "prismatic"):
+    assert joint.pitch == (-0.005 if kind == "helical" else 0.0)
+    if kind in ("continuous", "prismatic", "helical"):
         assert (joint.rotor_inertia, joint.damping, joint.friction) == (1, 2, 3)
     if kind == "revolute":
         assert (joint.limits.effort, joint.limits.velocity, joint.limits.lower, joint.limits.upper) == (1, 2, -3, 4)
     if kind == "universal":
         assert np.array_equal(joint.second_axis, [0, 1, 0])
+
+
+def test_a_screw_without_pitch_is_refused(tmp_path: Path) -> None:
+    link = '[links.link]\nkind = "rigid"\nmassless = true\n'
+    text = HEAD + link + BASE.replace("fixed", "helical") + "axis = [0, 0, 1]\npitch_m = 0"
+    with pytest.raises(InputError, match=r"(?s)key pitch_m.*a pitch other than zero \[m\].*kind = \"revolute\""):
+        load(tmp_path, text)
 
 
 def test_roll_pitch_yaw_are_urdfs() -> None:

@@ -45,7 +45,7 @@ def test_families() -> None:
     rnea = {name for name in SOURCES if name.startswith("rnea.")}
     compiler = {"kernels.jit", "kernels.vec3", "kernels.so3"}
     assert rigid == {
-        "rigid.blocks", "kernels.threads.atomics", "kernels.jit", "model.joint_kinds", "kernels.simd",
+        "rigid.blocks", "elements.joint_law", "kernels.threads.atomics", "kernels.jit", "model.joint_kinds", "kernels.simd",
         "kernels.threads.mailbox", *rnea,
     }  # fmt: skip
     assert march >= compiler | {

@@ -78,7 +78,7 @@ def frame_along(x: Array, hint: Array | None = None) -> Array:
 
 
 def scalar_coordinate(joint: Joint, q: Array) -> Array:
-    """Return the coordinate of a revolute, continuous or prismatic joint as one continuous number.
+    """Return the coordinate of a revolute, continuous, prismatic or helical joint as one continuous number.
 
     q : (samples, nq of the joint); returns : (samples,) [rad] or [m]
     """
@@ -98,6 +98,8 @@ def joint_pose(joint: Joint, q: Array) -> tuple[Array, Array]:
         r = turn(joint.axis, scalar_coordinate(joint, q))
     elif joint.kind == "prismatic":
         p = q * joint.axis
+    elif joint.kind == "helical":  # no joint of Exudyn: its motion and its dual are prescribed
+        p, r = joint.pitch / (2 * np.pi) * q * joint.axis, turn(joint.axis, q[:, 0])
     elif joint.kind == "universal":
         r = turn(joint.axis, q[:, 0]) @ turn(joint.second_axis, q[:, 1])
     elif joint.kind in ("spherical", "free"):
@@ -116,6 +118,8 @@ def joint_twist(joint: Joint, q: Array, qd: Array) -> tuple[Array, Array]:
         w = joint.axis * qd[0]
     elif joint.kind == "prismatic":
         v = joint.axis * qd[0]
+    elif joint.kind == "helical":
+        v, w = joint.pitch / (2 * np.pi) * joint.axis * qd[0], joint.axis * qd[0]
     elif joint.kind == "universal":
         w = turn(joint.second_axis, q[1]).T @ joint.axis * qd[0] + joint.second_axis * qd[1]
     elif joint.kind == "spherical":
@@ -123,6 +127,16 @@ def joint_twist(joint: Joint, q: Array, qd: Array) -> tuple[Array, Array]:
     elif joint.kind == "free":
         v, w = qd[:3], qd[3:]
     return v, w
+
+
+def slides_along(joint: Joint) -> bool:
+    """Return True if a joint with one coordinate slides along its axis."""
+    return bool(joint.nv == 1 and joint_twist(joint, np.zeros(joint.nq), np.ones(1))[0].any())
+
+
+def turns_about(joint: Joint) -> bool:
+    """Return False only if a joint with one coordinate does not turn."""
+    return bool(joint.nv != 1 or joint_twist(joint, np.zeros(joint.nq), np.ones(1))[1].any())
 
 
 def effort_axes(joint: Joint, q: Array) -> tuple[Array, Array]:

@@ -54,9 +54,10 @@ from crosscheck.engines.exudyn.models.frames import (
     frame_along,
     joint_pose,
     joint_q,
-    scalar_coordinate,
+    slides_along,
     tait_bryan,
     to_quaternion,
+    turns_about,
 )
 from crosscheck.engines.exudyn.models.layout import Frame, Layout, Mesh, mesh
 from crosscheck.engines.exudyn.models.parts import Model, Outcome, Poses, empty, homogeneous, weigh
@@ -65,6 +66,13 @@ from flexinv.model.mechanism import WORLD, Beam, Closure, Joint, Mechanism, Plac
 OUT = exu.OutputVariableType
 MOMENT_SIGNS = np.array([-1.0, 1.0, 1.0])
 LOCKED = [1, 1, 1, 1, 1, 1]
+# Axes held by the connectors of a joint with a motion, by whether it slides along its axis (x) and turns: a held position is
+# offset along world axes where all three are held by one connector, and else its force is given in axes that turn with an angle.
+CONNECTORS = {
+    (False, True): [LOCKED],
+    (True, False): [[0, 1, 1, 1, 1, 1], [1, 0, 0, 0, 0, 0]],
+    (True, True): [[0, 0, 0, 1, 1, 1], [0, 1, 1, 0, 0, 0], [1, 0, 0, 0, 0, 0]],
+}
 
 
 @dataclass(frozen=True)
@@ -92,6 +100,8 @@ def unsupported(mechanism: Mechanism) -> str | None:
     for joint in mechanism.joints:
         if joint.kind == "free" and joint.parent != WORLD:
             return f"joint {joint.name}: Exudyn's offset of a held position is along world axes, its parent moves"
+        if not joint.actuated and joint.kind not in exudyn_closing.HELD:
+            return f"joint {joint.name}: no connector of Exudyn is a {joint.kind} joint without a drive"
     for link in mechanism.beams:
         if link.beam is not None and link.beam.curvature.any():
             return f"{link.name} is curved: both of Exudyn's beams in space are straight without stress"
@@ -180,11 +190,8 @@ def _add_joint(drawing: Drawing, joint: Joint) -> None:
         _marker(drawing, Frame(seat.group, compose(start, axes))),
         _marker(drawing, Frame(child, axes)),
     ]
-    slides = joint.kind == "prismatic"
-    held = [0, 1, 1, 1, 1, 1] if slides else LOCKED
-    objects = [mbs.AddObject(ObjectJointGeneric(markerNumbers=markers, constrainedAxes=held))]
-    if slides:
-        objects.append(mbs.AddObject(ObjectJointGeneric(markerNumbers=markers, constrainedAxes=[1, 0, 0, 0, 0, 0])))
+    held = CONNECTORS[slides_along(joint), turns_about(joint)]
+    objects = [mbs.AddObject(ObjectJointGeneric(markerNumbers=markers, constrainedAxes=axes)) for axes in held]
     drawing.model.joint[joint.name] = tuple(objects)
 
 
@@ -304,9 +311,10 @@ def _offsets(drawing: Drawing, joint: Joint, q: Array) -> list[Array]:
     p, r = joint_pose(joint, q)
     axes = _axes(joint)
     angles = tait_bryan(axes.T @ r[0].T @ r @ axes)
-    if joint.kind == "prismatic":
-        slide = scalar_coordinate(joint, q)
-        return [np.zeros((len(q), 6)), np.pad((slide - slide[0])[:, None], ((0, 0), (0, 5)))]
+    if slides_along(joint):
+        slide, still = p @ joint.axis, np.zeros((len(q), 6))
+        turned = [np.pad(angles, ((0, 0), (3, 0)))] if turns_about(joint) else []
+        return [*turned, still, np.pad((slide - slide[0])[:, None], ((0, 0), (0, 5)))]
     seat = drawing.layout.start(drawing.layout.joint[joint.name])
     return [np.hstack([(p - p[0]) @ seat.rotation.T, angles])]
 

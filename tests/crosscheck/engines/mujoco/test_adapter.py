@@ -14,7 +14,7 @@ import rigid_trees as trees
 
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.mujoco import adapter as mujoco
-from crosscheck.engines.mujoco import model as mujoco_model
+from crosscheck.engines.mujoco import joints as mujoco_joints
 from crosscheck.engines.mujoco.fuse import losses
 from crosscheck.measures.record import check
 from crosscheck.studies.robot_sweep import random_states
@@ -130,13 +130,13 @@ def quaternion_not_rolled(joint: Joint, q: Any) -> Any:
 
 
 def placement_forgotten(joint: Joint, q: Any) -> Any:
-    return mujoco.Rotation.from_quat(q[:, 3:])
+    return mujoco_joints.Rotation.from_quat(q[:, 3:])
 
 
 def no_bias(mechanism: Mechanism, built: Any, q: Any, qd: Any, qdd: Any) -> Any:
     """a_mj = R0 R v' without w x v."""
     state = ORIGINAL_MAP(mechanism, built, q, qd, qdd)
-    turn = mujoco._absolute(mechanism.joints[0], q[:, :7])
+    turn = mujoco_joints._absolute(mechanism.joints[0], q[:, :7])
     state.a[:, :3] = turn.apply(qdd[:, :3])
     return state
 
@@ -145,7 +145,7 @@ def no_dual(mechanism: Mechanism, built: Any, q: Any, force: Any) -> Any:
     return force
 
 
-ORIGINAL_POSITION, ORIGINAL_MAP = mujoco._position, mujoco.to_engine
+ORIGINAL_POSITION, ORIGINAL_MAP = mujoco_joints._position, mujoco_joints.to_engine
 MAP_FAULTS: dict[str, tuple[str, Callable[..., Any]]] = {
     "quaternion order": ("_position", quaternion_not_rolled),
     "base placement": ("_absolute", placement_forgotten),
@@ -158,7 +158,8 @@ MAP_FAULTS: dict[str, tuple[str, Callable[..., Any]]] = {
 def test_a_fault_in_the_map_is_seen(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
     mechanism = trees.tree()
     state = random_states(mechanism, 5, np.random.default_rng(1))
-    monkeypatch.setattr(mujoco, *MAP_FAULTS[fault])
+    for module in (mujoco, mujoco_joints):
+        monkeypatch.setattr(module, *MAP_FAULTS[fault], raising=False)
     wrong = mujoco.inverse_dynamics(mechanism, mujoco.build(mechanism), *state).torque
     expected = judged(mechanism, state)
     assert np.abs(wrong - expected).max() > 1e-3 * np.abs(expected).max()
@@ -170,7 +171,7 @@ def test_default_friction_would_be_soft(monkeypatch: pytest.MonkeyPatch) -> None
     q, qd, qdd = random_states(mechanism, 5, np.random.default_rng(1))
     qd = 1e-6 * np.sign(qd)
     expected = judged(mechanism, (q, qd, qdd))
-    monkeypatch.setattr(mujoco_model, "STIFF_FRICTION", (0.02, 1.0))
+    monkeypatch.setattr(mujoco_joints, "STIFF_FRICTION", (0.02, 1.0))
     soft = mujoco.inverse_dynamics(mechanism, mujoco.build(mechanism), q, qd, qdd).torque
     assert np.abs(soft - expected).max() > 1e-3 * np.abs(expected).max()
 
