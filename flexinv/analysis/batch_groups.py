@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from flexinv.analysis.batch_kernel import Designs, Tasks, march_alike
+from flexinv.analysis.batch_kernel import Designs, Results, Schemes, Tasks, march_alike
 from flexinv.analysis.evaluation import FirstStep, found_shapes, skeleton, solution_of
 from flexinv.analysis.settings import Settings, checked
 from flexinv.analysis.solution import Solution
@@ -30,6 +30,7 @@ from flexinv.dynamics.generalized_alpha import (
     start_up,
 )
 from flexinv.dynamics.solver import Trajectory, has_padding, history_shapes
+from flexinv.dynamics.system import Histories
 from flexinv.errors import FlexinvError
 from flexinv.inverse.trajectory_pass import Found
 from flexinv.kernels.memory import together
@@ -40,7 +41,6 @@ from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion, motion_table
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.planar.detection import Plane, find_plane
-from flexinv.planar.history import Histories
 from flexinv.planar.model import planar_model
 from flexinv.planar.solver import PlanarMarch
 from flexinv.typing import Array, Triple
@@ -146,18 +146,16 @@ def solve_alike(
     tasks = _tasks(scenarios)
     out, found = _room(first, len(scenarios))
     ahead, left, lock = np.zeros(8, dtype=np.uint64), np.zeros(len(scenarios)), Lock()
-    schemes = first.scheme, start_up(first.scheme)
+    schemes = Schemes(first.scheme, start_up(first.scheme))
     ended, results = np.zeros((len(scenarios), 3), dtype=np.int64), list[Any](scenarios)
+    whole = Results(out, found, ended, left)
     most = 1 if progress is not None else min(max(1, AT_ONCE // len(first.time)), -(-len(scenarios) // threads))
 
     def work() -> None:
         own, line = PlanarMarch.ready(first.mesh, ()), np.empty((first.mesh.size, 6))
         mine = np.zeros(most, dtype=np.int64)
         while ahead[0] < len(scenarios):
-            done = march_alike(
-                ahead, mine, designs, tasks, *schemes, own.state, own.frames, own.factors, own.work, own.ties, line,
-                out, found, ended, left,
-            )  # fmt: skip
+            done = march_alike(ahead, mine, designs, tasks, schemes, own.system, line, whole)
             for n in mine[:done].tolist():
                 results[n] = _solution(scenarios[n], n, out, found)
             if done < most and (n := int(mine[done])) < len(scenarios):

@@ -10,15 +10,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.dynamics.generalized_alpha import SUBSTEPS
+from flexinv.dynamics.generalized_alpha import SUBSTEPS, Scheme
 from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START
+from flexinv.dynamics.system import Histories
 from flexinv.elements.planar_beam import PlanarElements
-from flexinv.inverse.trajectory_pass import Given, Moving, Skeleton, second_step_samples
+from flexinv.inverse.trajectory_pass import Found, Given, Moving, Skeleton, second_step_samples
 from flexinv.kernels.jit import jit, jit_shared
 from flexinv.kernels.record_stack import at
 from flexinv.kernels.threads.atomics import take
 from flexinv.planar.history import Embedding
-from flexinv.planar.stepper import planar_march
+from flexinv.planar.stepper import PlanarSystem, planar_march
 from flexinv.planar.tree import PlanarTree, accept
 from flexinv.typing import Array
 
@@ -57,86 +58,65 @@ class Tasks(NamedTuple):
     never: Array
 
 
+class Schemes(NamedTuple):
+    """Schemes of the steps, and of the parts of the first ones after a sudden start."""
+
+    step: Scheme
+    early: Scheme
+
+
+class Results(NamedTuple):
+    """Results of all scenarios, stacked: histories, second steps, and what the march returns, (scenarios, 3) and (scenarios,)."""
+
+    histories: Histories
+    found: Found
+    ended: NDArray[np.int64]
+    left: Array
+
+
 @jit
-def march_alike(
-    ahead, mine, designs, tasks, scheme, slow, state, frames, factors, work, constraints, line, out, found, ended, left
-):
+def march_alike(ahead, mine, designs, tasks, schemes, room, line, results):
     """March scenarios that nobody has taken yet, and do the second step of each; return how many have come to the end [-].
 
-    scheme, slow : of the steps, and of the parts of the first ones after a sudden start
     ahead : (1,) number of the next; mine : (most,) at most so many, gets their numbers, that of one that failed behind the others
-    state, frames, factors, work, constraints, line : work space of a `planar.solver.PlanarMarch` and (nodes, 6)
-    out : Histories, found : Found of all scenarios, stacked; ended, left : (scenarios, 3), (scenarios,) what the march returns
+    room, line : the work space, `planar.solver.PlanarMarch.system` and (nodes, 6)
     """
     for done in range(len(mine)):
         n = np.int64(take(ahead))
         mine[done] = n
         if n >= len(tasks.design):
             return done
-        d, m, h = tasks.design[n], tasks.motion[n], at(out, n)
-        for i in range(constraints.over.shape[0]):
+        d, m, h = tasks.design[n], tasks.motion[n], at(results.histories, n)
+        for i in range(room.constraints.over.shape[0]):
             for j in range(3):
-                constraints.over[i, j] = designs.over[d, i, j]
-        ended[n, 0], ended[n, 1], ended[n, 2], left[n] = _march_one(
-            at(designs.tree, d), at(designs.elements, d), constraints, at(designs.space, d), scheme, slow,
-            state, frames, factors, work, tasks.joint[m], tasks.given[m], tasks.early[m], tasks.row, tasks.early_row, h,
+                room.constraints.over[i, j] = designs.over[d, i, j]
+        system = PlanarSystem(
+            at(designs.tree, d), at(designs.elements, d), room.constraints, at(designs.space, d),
+            room.state, room.frames, room.factors, room.work,
         )  # fmt: skip
-        if ended[n, 0] != CONVERGED:
+        ended = results.ended[n]
+        ended[0], ended[1], ended[2], results.left[n] = _march_one(system, schemes, tasks, m, h)
+        if ended[0] != CONVERGED:
             return done
         moving = Moving(h.x, h.r, h.v, h.w, h.a, h.al)
         given = Given(h.wrench, h.energy, tasks.none, tasks.none, tasks.never, tasks.qd[m], tasks.time)
-        second_step_samples(at(designs.skeleton, d), moving, given, line, at(found, n))
+        second_step_samples(at(designs.skeleton, d), moving, given, line, at(results.found, n))
     return len(mine)
 
 
 @jit_shared
-def _march_one(
-    tree,
-    elements,
-    constraints,
-    space,
-    scheme,
-    slow,
-    state,
-    frames,
-    factors,
-    work,
-    joint,
-    given,
-    early,
-    row,
-    early_row,
-    out,
-):
+def _march_one(system, schemes, tasks, motion, out):
     """March one scenario, the first steps in parts where its start is sudden; return what `planar.stepper.planar_march` returns.
 
     An instant that is not reached among the parts is counted down from -1.
     """
-    status, instant, count, size = planar_march(
-        tree, elements, constraints, space, scheme, state, frames, factors, work, joint, True, given, row, out
-    )
+    joint, given, early = tasks.joint[motion], tasks.given[motion], tasks.early[motion]
+    status, instant, count, size = planar_march(system, schemes.step, joint, True, given, tasks.row, out)
     if status != SUDDEN_START:
         return status, instant, count, size
     nowhere, first = joint[:0], 1 + early.shape[0] // SUBSTEPS
-    status, instant, count, size = planar_march(
-        tree, elements, constraints, space, slow, state, frames, factors, work, nowhere, False, early, early_row, out
-    )
+    status, instant, count, size = planar_march(system, schemes.early, nowhere, False, early, tasks.early_row, out)
     if status != CONVERGED:
         return status, -1 - instant, count, size
-    accept(state)
-    return planar_march(
-        tree,
-        elements,
-        constraints,
-        space,
-        scheme,
-        state,
-        frames,
-        factors,
-        work,
-        nowhere,
-        False,
-        given[first:],
-        row[first:],
-        out,
-    )
+    accept(system.state)
+    return planar_march(system, schemes.step, nowhere, False, given[first:], tasks.row[first:], out)

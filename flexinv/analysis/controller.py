@@ -32,19 +32,19 @@ from flexinv.dynamics.initial_state import (
 from flexinv.dynamics.loads import load_table
 from flexinv.dynamics.solver import Solver, complaint
 from flexinv.dynamics.stepper import CONVERGED
+from flexinv.dynamics.system import Histories, Instants
 from flexinv.errors import InputError
 from flexinv.inverse.applied_forces import applied_forces, check_constant
 from flexinv.inverse.inverse_dynamics import joint_wrenches, project
-from flexinv.inverse.nodal_sums import Drives, instant_torques
+from flexinv.inverse.nodal_sums import Drives, Masses, instant_torques
 from flexinv.kinematics.configuration import Nodes, fill_given, fill_relative, nodes_of
 from flexinv.kinematics.configuration_arrays import between
 from flexinv.kinematics.mesh import Mesh, build
-from flexinv.kinematics.tree import Joints
+from flexinv.kinematics.tree import Frames, Joints
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.planar.detection import NotPlanar, find_plane
-from flexinv.planar.history import Histories
-from flexinv.planar.solver import PlanarMarch, histories
+from flexinv.planar.solver import PlanarMarch
 from flexinv.rigid.prepare import TorqueFunction, prepare
 from flexinv.typing import Array
 from flexinv.validation import choice, floats, number, of_kind
@@ -65,7 +65,8 @@ class Flexible:
     given: Array
     row: NDArray[np.int64]
     written: Histories
-    motion: tuple[Array, ...]
+    masses: Masses
+    frames: Frames
     seen: tuple[Array, ...]
     driven: Array
     line: Array
@@ -235,19 +236,8 @@ class Controller:
         return now
 
     def _torques(self, flexible: Flexible, q: Array, qd: Array, qdd: Array) -> Array:
-        mesh = flexible.solver.mesh
         instant_torques(
-            flexible.nodes,
-            flexible.drives,
-            mesh.mass,
-            mesh.inertia,
-            flexible.solver.topology.gravity,
-            *flexible.motion,
-            flexible.line,
-            q,
-            qd,
-            qdd,
-            self.tau,
+            flexible.nodes, flexible.drives, flexible.masses, flexible.frames, flexible.line, (q, qd, qdd), self.tau
         )
         if flexible.wound:
             self._wind_on(q)
@@ -282,7 +272,8 @@ def _march(flexible: Flexible, scheme: Scheme, q: Array, qd: Array, qdd: Array) 
         status, _, count, size = flexible.flat.run(scheme, flexible.given, flexible.row, flexible.written)
     else:
         fill_relative(flexible.nodes, q, qd, qdd, flexible.joints)
-        status, _, count, size = flexible.solver.march(scheme, flexible.one, *flexible.loads, flexible.solver.instant)
+        instants = Instants(flexible.one, *flexible.loads)
+        status, _, count, size = flexible.solver.march(scheme, instants, flexible.solver.instant)
     if status != CONVERGED:
         turned = (flexible.solver if flexible.flat is None else flexible.flat).turned(count)
         raise complaint(
@@ -301,8 +292,8 @@ def _flexible(mechanism: Mechanism, scheme: Scheme) -> Flexible:
     m = out.motion
     return Flexible(
         solver, flat, scheme, start_up(scheme), nodes_of(mesh), _drives(mesh), joints, Joints(*(part[None] for part in joints)),
-        np.zeros((1, int((mesh.v_index >= 0).sum()), 3)), np.zeros(1, dtype=np.int64), histories(out),
-        tuple(part[0] for part in (m.x, m.rotation, m.omega, m.a, m.alpha)),
+        np.zeros((1, int((mesh.v_index >= 0).sum()), 3)), np.zeros(1, dtype=np.int64), out.histories(),
+        Masses(mesh.mass, mesh.inertia, solver.topology.gravity), Frames(*(part[0] for part in out.histories()[:6])),
         tuple(part[0] for part in (m.x, m.v, m.omega, out.energy)), mechanism.actuated.astype(float), np.zeros((mesh.size, 6)),
         (load_table(mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))),
         EnergyGuard(mesh, frozenset(passive), scheme.h),

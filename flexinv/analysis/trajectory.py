@@ -30,6 +30,7 @@ from flexinv.dynamics.initial_state import (
 from flexinv.dynamics.loads import load_table
 from flexinv.dynamics.solver import Solver, Trajectory, complaint, record_instant
 from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START, march
+from flexinv.dynamics.system import Instants
 from flexinv.errors import ConvergenceError
 from flexinv.inverse.applied_forces import applied_forces
 from flexinv.kinematics.joint_motion import relative_motion
@@ -37,7 +38,7 @@ from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.tree import Joints
 from flexinv.kinematics.unactuated import fill_passive
 from flexinv.planar.detection import NotPlanar, find_plane
-from flexinv.planar.solver import PlanarMarch, histories
+from flexinv.planar.solver import PlanarMarch
 from flexinv.planar.stepper import planar_march
 from flexinv.typing import Array
 
@@ -287,7 +288,7 @@ class _March:
         if self.flat is not None:
             start = self.task.after(time[:1]) if begins else None
             steps = self.task.before(time[1:] if begins else time)
-            arguments = self.flat.arguments(scheme, start, steps, row, histories(self.out))
+            arguments = self.flat.arguments(scheme, start, steps, row, self.out.histories())
             return _Leg(planar_march, arguments, time, last, begins)
         assert self.solver is not None
         q, qd, qdd = self.task.before(time)
@@ -295,7 +296,7 @@ class _March:
         whole = self.out.rows(int(row[0]), int(row[-1]) + 1) if dense else self.out.of_length(len(row))
         rel = Joints(*(np.ascontiguousarray(part) for part in relative_motion(self.task.mesh, q, qd, qdd)))
         table, drives = load_table(self.task.mesh, time), solver.drives(time)
-        arguments = solver.arguments(scheme, rel, table, drives, solver.given(q, qd, qdd), whole)
+        arguments = solver.arguments(scheme, Instants(rel, table, drives, solver.given(q, qd, qdd)), whole)
         return _Leg(march, arguments, time, last, row=row, whole=None if dense else whole)
 
     def restart(self, sample: int) -> None:
@@ -303,7 +304,7 @@ class _March:
         time, row = self.task.steps[sample : sample + 1], self.row(sample)
         motion, when = self.task.after(time), f"at t = {time[0]:g} s"
         if self.flat is not None:
-            result = self.flat.restart(self.scheme, *motion, np.array([row]), histories(self.out))
+            result = self.flat.restart(self.scheme, *motion, np.array([row]), self.out.histories())
             self.check(result, time, begins=True)
             self.set_early(result[0] == SUDDEN_START)
             return

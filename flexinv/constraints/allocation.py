@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.constraints.allocation_kernel import places, share
+from flexinv.constraints.allocation_kernel import Efforts, places, share
 from flexinv.kernels.memory import plain
 from flexinv.typing import Array
 
@@ -68,8 +68,8 @@ def share_out(
         np.empty(samples),
     )
     width = np.empty(samples, dtype=np.int64)
-    efforts = made.tau, made.multipliers, made.left, made.preload
-    share(places(rows, drives, root, nv), plain(g), plain(tau_tree), *efforts, width, made.condition)
+    efforts = Efforts(made.tau, made.multipliers, made.left, made.preload, made.condition, width)
+    share(places(rows, drives, root, nv), plain(g), plain(tau_tree), efforts)
     doubtful = np.flatnonzero(width < 0)
     if not len(doubtful):
         return replace(made, preload=made.preload[:, :, : int(width.min())])

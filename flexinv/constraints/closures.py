@@ -25,6 +25,8 @@ from flexinv.kinematics.configuration import nodes_of
 from flexinv.kinematics.configuration_arrays import slides
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.kinematics.tree import Frames
+from flexinv.model.attachments import COUPLED_JOINTS
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import CLOSURES, COUPLED, Closure, Mechanism
 from flexinv.model.owned_cache import kept_with_owner
@@ -111,9 +113,7 @@ def check_coupled(mechanism: Mechanism, closure: Closure, name: str) -> None:
     """Raise InputError unless a coupling can tie the named joint's coordinate [rad], [m]."""
     if name not in mechanism.joint_of or mechanism.joint_of[name].kind not in COUPLED:
         known = ", ".join(j.name for j in mechanism.joints if j.kind in COUPLED) or "none"
-        raise InputError(
-            f"closure '{closure.name}': a coupling ties {' and '.join(COUPLED)} joints ({known}), not {name!r}"
-        )
+        raise InputError(f"closure '{closure.name}': a coupling ties {COUPLED_JOINTS} ({known}), not {name!r}")
     if closure.active:
         raise InputError(f"closure '{closure.name}': a coupling acts all the time; leave its active intervals out")
 
@@ -188,7 +188,7 @@ def residuals(motion: NodalMotion, rows: Rows) -> tuple[Array, Array, Array]:
     phi'' = u''.w + 2 u'.w' + u.w''
     """
     phi = np.empty((len(motion.x), len(rows), 3))
-    residual_samples(row_arrays(rows), *world_of(motion), phi)
+    residual_samples(row_arrays(rows), world_of(motion), phi)
     return phi[:, :, 0], phi[:, :, 1], phi[:, :, 2]
 
 
@@ -198,7 +198,7 @@ def constraint_jacobian(mesh: Mesh, motion: NodalMotion, rows: Rows) -> Array:
     if count == 0:
         return np.empty((samples, 0, mesh.mechanism.nv))
     g = np.empty((samples, count, mesh.mechanism.nv))
-    jacobians(nodes_of(mesh), row_arrays(rows), *world_of(motion), g)
+    jacobians(nodes_of(mesh), row_arrays(rows), world_of(motion), g)
     return without_rounding(mesh, rows.direction, g)
 
 
@@ -228,9 +228,10 @@ def without_rounding(mesh: Mesh, direction: NDArray[np.bool_], g: Array) -> Arra
     return g
 
 
-def world_of(motion: NodalMotion) -> tuple[Array, ...]:
-    """Return the motion of the nodes [m, rad, s] as kernels take it: `kinematics.tree.Frames` of all samples."""
-    return tuple(plain(part) for part in (motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha))
+def world_of(motion: NodalMotion) -> Frames:
+    """Return the motion of the nodes [m, rad, s] as kernels take it, all samples."""
+    parts = motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha
+    return Frames(*(plain(part) for part in parts))
 
 
 def row_arrays(rows: Rows) -> RowArrays:

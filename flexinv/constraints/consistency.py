@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 
 from flexinv.constraints.allocation import Shares, share_out
 from flexinv.constraints.closures import Rows, row_arrays, row_scales, without_rounding
-from flexinv.constraints.continuation_kernel import closing
+from flexinv.constraints.continuation_kernel import Chain, closing
 from flexinv.constraints.equations import RowArrays
 from flexinv.errors import InputError
 from flexinv.kernels.memory import plain
 from flexinv.kinematics.configuration import Nodes, nodes_of
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.tree import Frames, Joints
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
@@ -93,13 +92,12 @@ class GivenLoops:
 
     def _closing(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, NDArray[np.int64]]:
         """G, how far the motion is from closed, and where: see `continuation_kernel.closing`."""
-        count, nodes = len(self.scale), self.mesh.size
-        g, worst, at = np.empty((len(q), count, qd.shape[1])), np.zeros((3, 2)), np.zeros((3, 2), dtype=np.int64)
-        one, turns = np.zeros((10, nodes, 3)), np.zeros((2, nodes, 3, 3))
-        joints = Joints(one[0], one[1], one[2], turns[0], one[3], one[4])
-        frames = Frames(one[5], turns[1], one[6], one[7], one[8], one[9])
-        state = (plain(q), plain(qd), plain(qdd))
-        closing(self.nodes, self.rows, self.scale, *state, g, worst, at, joints, frames)
+        g, worst, at = (
+            np.empty((len(q), len(self.scale), qd.shape[1])),
+            np.zeros((3, 2)),
+            np.zeros((3, 2), dtype=np.int64),
+        )
+        closing(Chain.of(self.nodes, self.rows), self.scale, plain(q), plain(qd), plain(qdd), g, worst, at)
         return without_rounding(self.mesh, self.rows.direction, g), worst, at
 
     def _hold(self, worst: Array, at: NDArray[np.int64]) -> None:

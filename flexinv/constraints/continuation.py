@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,18 +30,19 @@ from flexinv.constraints.continuation_kernel import (
     LARGEST_SURPRISE,
     LAST_INCREMENT,
     MOST_ITERATIONS,
+    Chain,
     Problem,
     follow,
     rates,
 )
 from flexinv.constraints.phases import acting
 from flexinv.errors import ConvergenceError, InputError
+from flexinv.kernels.dense import Factor
 from flexinv.kinematics.configuration import nodes_of
 from flexinv.kinematics.configuration_arrays import moved
 from flexinv.kinematics.joint_motion import JointHistory
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.rigid_motion import rigid_motion
-from flexinv.kinematics.tree import Frames, Joints
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
@@ -118,9 +119,9 @@ def closed_motion(
     state = follower.start(float(time[0]), given[0][0] if start is None else follower.mixed(given[0][0], start))
     q[0] = state
     follower.check_freedoms(state, float(time[0]), phase)
-    compiled = _compiled(mesh, rows, unknown)
+    chain, problem = _compiled(mesh, rows, unknown)
     steps, k = (np.array(time), q, np.array(given[1])), 1
-    while (k := follow(*compiled[:3], *steps, k, *compiled[3:])) < len(time):
+    while (k := follow(chain, problem, *steps, k)) < len(time):
         q[k] = follower.advance(q[k - 1], float(time[k - 1]), float(time[k]))
         k += 1
     return q, *_rates(mesh, rows, q, given[1], given[2], unknown, time)
@@ -188,13 +189,13 @@ def least_step(mesh: Mesh, rows: Rows, g: Array, opening: Array, free: NDArray[n
 
 def _close(mesh: Mesh, rows: Rows, unknown: NDArray[np.bool_], q: Array, qd: Array, qdd: Array) -> bool:
     """Close one state in place, compiled; False, and all as it was, where closures leave something open or Newton fails."""
-    nodes, closures, problem, *motion = _compiled(mesh, rows, unknown)
+    chain, problem = _compiled(mesh, rows, unknown)
     anywhere = problem._replace(sizes=np.full(len(q), np.inf))
     both, condition = np.stack([q, q]), np.empty(1)
-    if follow(nodes, closures, anywhere, np.zeros(2), both, np.zeros((2, len(qd))), 1, *motion) < 2:
+    if follow(chain, anywhere, np.zeros(2), both, np.zeros((2, len(qd))), 1) < 2:
         return False
     first, second = (np.where(unknown, 0.0, rate)[None] for rate in (qd, qdd))
-    rates(nodes, closures, problem, both[1:], first, second, condition, *motion)
+    rates(chain, problem, both[1:], first, second, condition)
     if not condition[0] < WORST_CONDITION:
         return False
     q[:], qd[:], qdd[:] = both[1], first[0], second[0]
@@ -202,15 +203,15 @@ def _close(mesh: Mesh, rows: Rows, unknown: NDArray[np.bool_], q: Array, qd: Arr
 
 
 def _rates(
-    mesh: Mesh, rows: Rows, row_arrays: Array, qd: Array, qdd: Array, unknown: NDArray[np.bool_], time: Array
+    mesh: Mesh, rows: Rows, q: Array, qd: Array, qdd: Array, unknown: NDArray[np.bool_], time: Array
 ) -> tuple[Array, Array]:
     """Exact rates of the unknown coordinates: two linear solves per sample."""
     qd, qdd = np.where(unknown, 0.0, qd), np.where(unknown, 0.0, qdd)
-    condition, compiled = np.empty(len(time)), _compiled(mesh, rows, unknown)
-    rates(*compiled[:3], row_arrays, qd, qdd, condition, *compiled[3:])
+    condition, (chain, problem) = np.empty(len(time)), _compiled(mesh, rows, unknown)
+    rates(chain, problem, q, qd, qdd, condition)
     doubtful = ~(condition < WORST_CONDITION)
     if doubtful.any():
-        part = (row_arrays[doubtful], np.where(unknown, 0.0, qd[doubtful]), qdd[doubtful])
+        part = (q[doubtful], np.where(unknown, 0.0, qd[doubtful]), qdd[doubtful])
         qd[doubtful], qdd[doubtful] = _doubtful_rates(mesh, rows, *part, unknown, time[doubtful])
     return qd, qdd
 
@@ -232,24 +233,19 @@ def _doubtful_rates(
     return qd, qdd
 
 
-def _compiled(mesh: Mesh, rows: Rows, unknown: NDArray[np.bool_]) -> tuple[Any, ...]:
-    """Return the arguments of `continuation_kernel`: nodes, rows, problem; relative and world motion of the nodes."""
+def _compiled(mesh: Mesh, rows: Rows, unknown: NDArray[np.bool_]) -> tuple[Chain, Problem]:
+    """Return the arguments of `continuation_kernel`."""
     m, places = mesh.mechanism, np.flatnonzero(unknown)
     owner = np.zeros(m.nq, dtype=bool)
     for joint in m.joints:
         owner[m.q_slices[joint.name]] = unknown[m.v_slices[joint.name]].any()
     count, free = len(rows), len(places)
     problem = Problem(
-        unknown=places, owner=owner, scale=row_scales(mesh, rows), sizes=sizes_of(mesh),
-        g=np.zeros((count, m.nv)), a=np.zeros((count, free)), y=np.zeros(max(count, free)), beta=np.zeros(free),
-        diagonal=np.zeros(free), pivot=np.zeros(free, dtype=np.int64), x=np.zeros(free), step=np.zeros(m.nv),
+        unknown=places, owner=owner, scale=row_scales(mesh, rows), sizes=sizes_of(mesh), g=np.zeros((count, m.nv)),
+        qr=Factor.of(free, count), y=np.zeros((max(count, free), 1)), x=np.zeros(free), step=np.zeros(m.nv),
         guess=np.zeros(m.nq), rest=np.zeros(m.nv), measure=measures(mesh)[places],
     )  # fmt: skip
-    one = [np.zeros((mesh.size, 3)) for _ in range(10)]
-    turns = np.zeros((2, mesh.size, 3, 3))
-    joints = Joints(one[0], one[1], one[2], turns[0], one[3], one[4])
-    frames = Frames(one[5], turns[1], one[6], one[7], one[8], one[9])
-    return nodes_of(mesh), row_arrays(rows), problem, joints, frames
+    return Chain.of(nodes_of(mesh), row_arrays(rows)), problem
 
 
 def _check_condition(mechanism: Mechanism, g: Array, time: Array) -> None:

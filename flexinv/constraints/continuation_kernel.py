@@ -1,7 +1,7 @@
 """Following closed loops in compiled code, sample by sample, as long as the configuration is regular.
 
 Newton on phi(q) = 0 with G_u step = -phi, from a prediction along G_u rate_u = -G_g rate_g; then the exact rates.  Every system
-is a least-squares one of full rank (redundant constraints repeat others), solved by Householder reflections with pivoting.
+is a least-squares one of full rank (redundant constraints repeat others), solved by a pivoted QR (`kernels.dense`).
 Where it is not of full rank, where Newton fails or goes too far, the kernel stops at that sample: `continuation` decides
 what to do.
 """
@@ -14,9 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.constraints.equations import geared, jacobian, residual
+from flexinv.constraints.equations import RowArrays, geared, jacobian, residual
+from flexinv.kernels.dense import Factor, factorise, solve_upper, turn_back
 from flexinv.kernels.jit import jit, jit_inner
-from flexinv.kinematics.configuration import move_nodes, step_coordinates
+from flexinv.kinematics.configuration import Nodes, move_nodes, step_coordinates
+from flexinv.kinematics.tree import Frames, Joints
 from flexinv.typing import Array
 
 # Newton ends with an increment below this, in radians or metres: its error is about the square, which is rounding.
@@ -28,14 +30,29 @@ MOST_ITERATIONS = 30
 # A passive coordinate may differ from its prediction by this, or the step between samples is halved: it is the largest
 # step over which Newton is trusted to stay on its branch.
 LARGEST_SURPRISE = 0.05  # [rad] or of the mechanism's length
-# A pivot below this part of the first may belong to a rank that is not full: the singular values decide, not the kernel.
-SMALLEST_PIVOT = 1e-7
+
+
+class Chain(NamedTuple):
+    """Closed chain of a mechanism: its nodes, the equations of its closures, and room for its motion at one instant."""
+
+    nodes: Nodes
+    rows: RowArrays
+    joints: Joints
+    frames: Frames
+
+    @classmethod
+    def of(cls, nodes: Nodes, rows: RowArrays) -> Chain:
+        """Return the chain with arrays for its motion [m, rad, s]."""
+        size = len(nodes.parent)
+        one, turns = np.zeros((10, size, 3)), np.zeros((2, size, 3, 3))
+        joints = Joints(one[0], one[1], one[2], turns[0], one[3], one[4])
+        return cls(nodes, rows, joints, Frames(one[5], turns[1], one[6], one[7], one[8], one[9]))
 
 
 class Problem(NamedTuple):
     """Data and work space of the continuation kernel.
 
-    given, unknown : velocity coordinates; owner : (nq,) whether a coordinate belongs to an unknown one
+    unknown : velocity coordinates; owner : (nq,) whether a coordinate belongs to an unknown one
     scale : (rows,) [m], [-] of the equations; sizes : (nq,), measure : (unknown,) of the coordinates [m], [-]
     """
 
@@ -44,11 +61,8 @@ class Problem(NamedTuple):
     scale: Array
     sizes: Array
     g: Array  # (rows, nv)
-    a: Array  # (rows, unknown) G_u over its scales, then its reflections and R
-    y: Array  # (rows,) right-hand side
-    beta: Array  # (unknown,)
-    diagonal: Array  # (unknown,) of R
-    pivot: NDArray[np.int64]
+    qr: Factor  # of G_u over its scales, one lane
+    y: Array  # (rows, 1) right-hand side
     x: Array  # (unknown,) solution over its measure
     step: Array  # (nv,)
     guess: Array  # (nq,)
@@ -57,98 +71,55 @@ class Problem(NamedTuple):
 
 
 @jit_inner
-def _swap(a, pivot, j, p):
-    for i in range(a.shape[0]):
-        a[i, j], a[i, p] = a[i, p], a[i, j]
-    pivot[j], pivot[p] = pivot[p], pivot[j]
-
-
-@jit_inner
 def factor(problem):
-    """Factor Q R of problem.a with pivoting, in place [any unit]; False where the rank may not be full."""
-    rows, columns = problem.a.shape
-    if rows < columns:
-        return False
-    for j in range(columns):
-        problem.pivot[j] = j
-    for j in range(columns):
-        best, at = -1.0, j
-        for c in range(j, columns):
-            size = 0.0
-            for i in range(j, rows):
-                size += problem.a[i, c] * problem.a[i, c]
-            if size > best:
-                best, at = size, c
-        _swap(problem.a, problem.pivot, j, at)
-        norm, first = math.sqrt(best), problem.a[j, j]
-        if not norm > SMALLEST_PIVOT * (abs(problem.diagonal[0]) if j else 0.0):  # a NaN is not either
-            return False
-        problem.diagonal[j] = -norm if first >= 0.0 else norm
-        problem.a[j, j] = first - problem.diagonal[j]
-        problem.beta[j] = 1.0 / (norm * (norm + abs(first)))
-        for c in range(j + 1, columns):
-            _reflect(problem.a[:, c], problem, j)
-    return True
-
-
-@jit_inner
-def _reflect(y, problem, j):
-    """y - beta v (v . y) with the reflection v in column j."""
-    s = 0.0
-    for i in range(j, y.shape[0]):
-        s += problem.a[i, j] * y[i]
-    s *= problem.beta[j]
-    for i in range(j, y.shape[0]):
-        y[i] -= s * problem.a[i, j]
-
-
-@jit_inner
-def _back(problem, y):
-    """Solve R z = y in place of y."""
-    for j in range(problem.a.shape[1] - 1, -1, -1):
-        for c in range(j + 1, problem.a.shape[1]):
-            y[j] -= problem.a[j, c] * y[c]
-        y[j] /= problem.diagonal[j]
+    """Factor Q R of problem.qr [any unit]; False where the rank may not be full."""
+    columns, rows, _ = problem.qr.a.shape
+    return rows >= columns and factorise(problem.qr, columns) == columns
 
 
 @jit_inner
 def solve_factored(problem):
     """Set problem.x to the least-squares solution of the factored system and the right-hand side problem.y [any unit]."""
-    for j in range(problem.a.shape[1]):
-        _reflect(problem.y, problem, j)
-    _back(problem, problem.y)
-    for j in range(problem.a.shape[1]):
-        problem.x[problem.pivot[j]] = problem.y[j]
+    columns = problem.qr.a.shape[0]
+    turn_back(problem.qr, columns, problem.y)
+    solve_upper(problem.qr, columns, problem.y)
+    for j in range(columns):
+        problem.x[problem.qr.order[j]] = problem.y[j, 0]
 
 
 @jit_inner
 def condition_bound(problem):
     """Return |R| |R^-1| in Frobenius' norm [-]: at least the condition number, at most that many times the columns."""
-    columns = problem.a.shape[1]
+    qr, y, columns = problem.qr, problem.y, problem.qr.a.shape[0]
     size = inverse = 0.0
     for j in range(columns):
-        size += problem.diagonal[j] ** 2
+        size += qr.diagonal[j, 0] ** 2
         for c in range(j + 1, columns):
-            size += problem.a[j, c] ** 2
-        problem.y[:columns] = 0.0
-        problem.y[j] = 1.0
-        _back(problem, problem.y)
+            size += qr.a[qr.order[c], j, 0] ** 2
+        for i in range(columns):
+            y[i, 0] = 1.0 if i == j else 0.0
+        solve_upper(qr, columns, y)
         for i in range(j + 1):
-            inverse += problem.y[i] ** 2
+            inverse += y[i, 0] ** 2
     return math.sqrt(size * inverse)
 
 
 @jit_inner
-def _equations(nodes, rows, problem, q, joints, frames):
-    """Set problem.g, problem.a = G_u and problem.y = phi at a configuration, all over their scales."""
-    move_nodes(nodes, q, problem.rest, problem.rest, joints, frames)
-    jacobian(nodes, rows, frames, problem.g)
+def _equations(chain, problem, q):
+    """Set problem.g, problem.qr = G_u and problem.y = phi at a configuration, all over their scales."""
+    rows, frames, rest = chain.rows, chain.frames, problem.rest
+    move_nodes(chain.nodes, q, rest, rest, chain.joints, frames)
+    jacobian(chain.nodes, rows, frames, problem.g)
     for k in range(problem.scale.shape[0]):
-        problem.y[k] = (
-            residual(k, rows, frames)[0] + geared(k, rows, q, problem.rest, problem.rest)[0]
-        ) / problem.scale[k]
+        problem.y[k, 0] = (residual(k, rows, frames)[0] + geared(k, rows, q, rest, rest)[0]) / problem.scale[k]
+    _set_matrix(problem)
+
+
+@jit_inner
+def _set_matrix(problem):
+    for k in range(problem.scale.shape[0]):
         for i in range(problem.unknown.shape[0]):
-            problem.a[k, i] = problem.g[k, problem.unknown[i]] * problem.measure[i] / problem.scale[k]
+            problem.qr.a[i, k, 0] = problem.g[k, problem.unknown[i]] * problem.measure[i] / problem.scale[k]
 
 
 @jit_inner
@@ -167,34 +138,34 @@ def _largest(y):
 
 
 @jit_inner
-def newton(nodes, rows, problem, joints, frames):
+def newton(chain, problem):
     """Move problem.guess onto the closures [rad], [m]; whether it got there."""
     for _ in range(MOST_ITERATIONS):
-        _equations(nodes, rows, problem, problem.guess, joints, frames)
+        _equations(chain, problem, problem.guess)
         if not factor(problem):
             return False
         solve_factored(problem)
         problem.step[:] = 0.0
         for i in range(problem.unknown.shape[0]):
             problem.step[problem.unknown[i]] = -problem.x[i] * problem.measure[i]
-        step_coordinates(nodes, problem.guess, problem.step)
+        step_coordinates(chain.nodes, problem.guess, problem.step)
         if _largest(problem.x) < LAST_INCREMENT:
-            _equations(nodes, rows, problem, problem.guess, joints, frames)
-            return _largest(problem.y) < CLOSED
+            _equations(chain, problem, problem.guess)
+            return _largest(problem.y[:, 0]) < CLOSED
     return False
 
 
 @jit_inner
-def _predict(nodes, rows, problem, q, rate, dt, joints, frames):
+def _predict(chain, problem, q, rate, dt):
     """Set problem.guess to q moved on by dt, unknown rates as closures demand; return whether these are determined."""
-    _equations(nodes, rows, problem, q, joints, frames)
+    _equations(chain, problem, q)
     _copy(rate, problem.step)
     for i in range(problem.unknown.shape[0]):
         problem.step[problem.unknown[i]] = 0.0
     for k in range(problem.scale.shape[0]):
-        problem.y[k] = 0.0
+        problem.y[k, 0] = 0.0
         for i in range(problem.step.shape[0]):
-            problem.y[k] += problem.g[k, i] * problem.step[i] / problem.scale[k]
+            problem.y[k, 0] += problem.g[k, i] * problem.step[i] / problem.scale[k]
     if not factor(problem):
         return False
     solve_factored(problem)
@@ -203,25 +174,25 @@ def _predict(nodes, rows, problem, q, rate, dt, joints, frames):
     for i in range(problem.step.shape[0]):
         problem.step[i] *= dt
     _copy(q, problem.guess)
-    step_coordinates(nodes, problem.guess, problem.step)
+    step_coordinates(chain.nodes, problem.guess, problem.step)
     return True
 
 
 @jit
-def follow(nodes, rows, problem, time, q, qd, first, joints, frames):
+def follow(chain, problem, time, q, qd, first):
     """Follow the branch from sample ``first`` - 1 on; return the first sample [-] that is not reached, or their number.
 
     q : (samples, nq) [rad], [m] holds the given coordinates, and in row ``first`` - 1 all; qd : (samples, nv) their rates [rad/s]
     """
     for k in range(first, q.shape[0]):
-        if not _predict(nodes, rows, problem, q[k - 1], qd[k - 1], time[k] - time[k - 1], joints, frames):
+        if not _predict(chain, problem, q[k - 1], qd[k - 1], time[k] - time[k - 1]):
             return k
         for i in range(problem.owner.shape[0]):
             if not problem.owner[i]:
                 problem.guess[i] = q[k, i]
         predicted = q[k]  # the row takes the prediction of what is not given
         _copy(problem.guess, predicted)
-        if not newton(nodes, rows, problem, joints, frames):
+        if not newton(chain, problem):
             return k
         for i in range(problem.owner.shape[0]):
             if abs(problem.guess[i] - predicted[i]) > LARGEST_SURPRISE * problem.sizes[i]:
@@ -231,19 +202,20 @@ def follow(nodes, rows, problem, time, q, qd, first, joints, frames):
 
 
 @jit
-def rates(nodes, rows, problem, q, qd, qdd, condition, joints, frames):
+def rates(chain, problem, q, qd, qdd, condition):
     """Set the unknown rates qd, qdd (samples, nv) [rad, m, s] from the closures, and a bound of each condition number [-].
 
     The unknown columns hold zeros on entry; samples whose condition is infinite afterwards are left to others.
     """
+    nodes, rows, joints, frames = chain.nodes, chain.rows, chain.joints, chain.frames
     for s in range(q.shape[0]):
         condition[s] = np.inf
         move_nodes(nodes, q[s], qd[s], qdd[s], joints, frames)
         jacobian(nodes, rows, frames, problem.g)
         for k in range(problem.scale.shape[0]):
-            problem.y[k] = (residual(k, rows, frames)[1] + geared(k, rows, q[s], qd[s], qdd[s])[1]) / problem.scale[k]
-            for i in range(problem.unknown.shape[0]):
-                problem.a[k, i] = problem.g[k, problem.unknown[i]] * problem.measure[i] / problem.scale[k]
+            rate = residual(k, rows, frames)[1] + geared(k, rows, q[s], qd[s], qdd[s])[1]
+            problem.y[k, 0] = rate / problem.scale[k]
+        _set_matrix(problem)
         if not factor(problem):
             continue
         solve_factored(problem)
@@ -251,7 +223,8 @@ def rates(nodes, rows, problem, q, qd, qdd, condition, joints, frames):
             qd[s, problem.unknown[i]] = -problem.x[i] * problem.measure[i]
         move_nodes(nodes, q[s], qd[s], qdd[s], joints, frames)
         for k in range(problem.scale.shape[0]):
-            problem.y[k] = (residual(k, rows, frames)[2] + geared(k, rows, q[s], qd[s], qdd[s])[2]) / problem.scale[k]
+            second = residual(k, rows, frames)[2] + geared(k, rows, q[s], qd[s], qdd[s])[2]
+            problem.y[k, 0] = second / problem.scale[k]
         solve_factored(problem)
         for i in range(problem.unknown.shape[0]):
             qdd[s, problem.unknown[i]] = -problem.x[i] * problem.measure[i]
@@ -267,15 +240,16 @@ def _hold(worst, at, kind, value, s, k, size):
 
 
 @jit
-def closing(nodes, rows, scale, q, qd, qdd, g, worst, at, joints, frames):
+def closing(chain, scale, q, qd, qdd, g, worst, at):
     """Set G (samples, rows, nv) [m/rad], [-] of a motion that is given, and how far it is from closed.
 
     worst : (3, 2) the largest |phi|, |phi'|, |phi''|, and 1, |G| |qd|, |G| |qdd| + |phi'' - G qdd|, all over the scale
     at : (3, 2) their sample and row
     """
+    rows, frames = chain.rows, chain.frames
     for s in range(q.shape[0]):
-        move_nodes(nodes, q[s], qd[s], qdd[s], joints, frames)
-        jacobian(nodes, rows, frames, g[s])
+        move_nodes(chain.nodes, q[s], qd[s], qdd[s], chain.joints, frames)
+        jacobian(chain.nodes, rows, frames, g[s])
         for k in range(scale.shape[0]):
             one, two = residual(k, rows, frames), geared(k, rows, q[s], qd[s], qdd[s])
             phi, rate, second = one[0] + two[0], one[1] + two[1], one[2] + two[2]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.vec3 import add, add_to, apply, cross, dot, mat, mul, put, scale, sub, tapply, vec, vec_at
-from flexinv.kinematics.tree import Frames
+from flexinv.kinematics.tree import frames_at
 from flexinv.typing import Array
 
 
@@ -117,17 +117,17 @@ def jacobian(nodes, rows, frames, g):
 
 
 @jit
-def jacobians(nodes, rows, x, r, v, w, a, al, g):
+def jacobians(nodes, rows, frames, g):
     """Set G of every sample (samples, rows, nv) [m/rad], [-] from the motion of the nodes."""
-    for s in range(x.shape[0]):
-        jacobian(nodes, rows, Frames(x[s], r[s], v[s], w[s], a[s], al[s]), g[s])
+    for s in range(g.shape[0]):
+        jacobian(nodes, rows, frames_at(frames, s), g[s])
 
 
 @jit
-def residual_samples(rows, x, r, v, w, a, al, phi):
+def residual_samples(rows, frames, phi):
     """Set phi [m], [-], phi' and phi'', (samples, rows, 3), of every sample from the motion of the nodes."""
-    for s in range(x.shape[0]):
-        f = Frames(x[s], r[s], v[s], w[s], a[s], al[s])
+    for s in range(phi.shape[0]):
+        f = frames_at(frames, s)
         for k in range(rows.a.shape[0]):
             put(phi[s, k], 0, residual(k, rows, f))
 
@@ -145,14 +145,14 @@ class Ends(NamedTuple):
 
 
 @jit
-def closing_samples(rows, closure, ends, x, r, v, w, a, al, multipliers, force, moment, wrench):
+def closing_samples(rows, closure, ends, frames, multipliers, force, moment, wrench):
     """Add what multipliers (samples, rows) [N], [N m] do to nodes, and set what each closure does to the second of its links.
 
     closure : (rows,) of each row; force, moment : (samples, nodes, 3) on the nodes, about them (world)
     wrench : (closures, samples, 6) force and moment at the closures' ends, in the axes there
     """
-    for s in range(x.shape[0]):
-        f = Frames(x[s], r[s], v[s], w[s], a[s], al[s])
+    for s in range(multipliers.shape[0]):
+        f = frames_at(frames, s)
         for n in range(wrench.shape[0]):
             put(wrench[n, s], 0, (0.0, 0.0, 0.0))
             put(wrench[n, s], 3, (0.0, 0.0, 0.0))
@@ -170,7 +170,7 @@ def closing_samples(rows, closure, ends, x, r, v, w, a, al, multipliers, force, 
             add_to(wrench[closure[k], s], 3, on_b if ends.second[closure[k]] else scale(-1.0, on_a))
         for n in range(wrench.shape[0]):
             if ends.node[n] >= 0:
-                _show(wrench[n, s], mat(r[s, ends.node[n]]), vec(ends.place[n]), mat(ends.turn[n]))
+                _show(wrench[n, s], mat(f.r[ends.node[n]]), vec(ends.place[n]), mat(ends.turn[n]))
 
 
 @jit_inner

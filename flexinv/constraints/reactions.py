@@ -24,9 +24,8 @@ def closing(mesh: Mesh, motion: NodalMotion, rows: Rows, multipliers: Array) -> 
     """
     closures, (force, moment) = mesh.mechanism.closures, np.zeros((2, *motion.x.shape))
     wrench = np.empty((len(closures), len(motion.x), 6))
-    closing_samples(
-        row_arrays(rows), rows.closure, _ends(mesh), *world_of(motion), plain(multipliers), force, moment, wrench
-    )
+    frames = world_of(motion)
+    closing_samples(row_arrays(rows), rows.closure, _ends(mesh), frames, plain(multipliers), force, moment, wrench)
     shown = {c.name: own for c, own in zip(closures, wrench, strict=True) if c.kind != "coupling"}
     return NodalForces(force, moment), shown
 

@@ -7,10 +7,14 @@ accelerations vary with them as the integrator says, dv = cv dx, da = ca dx (`ge
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
-from flexinv.elements.beam import Scratch, element_gradient, element_tangent, nodal_forces, relative
-from flexinv.elements.beam_damping import Rates, damped_gradient, damped_tangent, relative_rates
+from flexinv.elements.beam import relative, relative_rates
+from flexinv.elements.beam_element import (
+    damped_gradient,
+    damped_tangent,
+    element_gradient,
+    element_tangent,
+    nodal_forces,
+)
 from flexinv.elements.joint_law import JointLaw, own_effort, own_slope, smooth_direction
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.so3 import exp, inverse_tangent
@@ -33,59 +37,7 @@ from flexinv.kernels.vec3 import (
     vec,
     vec_at,
 )
-from flexinv.kinematics.tree import bring_back, bring_back_variation, carry, carry_variation
-from flexinv.typing import Array
-
-
-class State(NamedTuple):
-    """Unknowns of a step.
-
-    x, r : (nodes, 3), (nodes, 3, 3) pose at the start of the step: of independent nodes in the world, of passive joints
-        in the parent's frame; d, u, du : (unknowns,) increment since then, velocity, acceleration [m, rad, s]
-    pseudo : (unknowns,) the integrator's auxiliary acceleration at the start of the step
-    u0, du0 : (unknowns,) velocity and acceleration at the start of the step; kept : (unknowns,) set aside
-    place : (unknowns,) coordinate of a passive scalar joint at the start of the step, against which its spring pulls [rad], [m]
-    """
-
-    x: Array
-    r: Array
-    d: Array
-    u: Array
-    du: Array
-    pseudo: Array
-    u0: Array
-    du0: Array
-    kept: Array
-    place: Array
-
-
-class Work(NamedTuple):
-    """Wrenches, residual and linearisation, allocated once.
-
-    wrench : (nodes, 6); dwrench : (nodes, columns, 6); residual : (sides, unknowns), the first is it, the others belong to
-        the closures (`dynamics.constraint_rows`); diagonal : (blocks, columns, columns)
-    tangent : (elements, 6 count, 6 count), with damping six columns more (`beam_damping`); internal : (elements, points, 6)
-    energy : (3,) elastic energy [J], power of the internal forces and what of it is dissipated [W]
-    element, rates : scratch of one element; own_x, own_t : (columns, 3), scratch of one passive joint
-    system : (rows, rows + columns + sides), scratch of one elimination; settled : (2, nodes, 6), scratch of `dynamics.index1`
-    solved : (elements, rows, columns + sides) eliminated unknowns by those of the element's first block
-    """
-
-    wrench: Array
-    dwrench: Array
-    residual: Array
-    diagonal: Array
-    tangent: Array
-    internal: Array
-    energy: Array
-    element: Scratch
-    rates: Rates
-    own_x: Array
-    own_t: Array
-    system: Array
-    solved: Array
-    settled: Array
-
+from flexinv.kinematics.tree import bring_back, carry, carry_variation
 
 # An element that turns more than this between its first and any other node is too coarse (log is singular at pi).
 LARGEST_TURN = 2.5  # [rad]
@@ -160,9 +112,7 @@ def _place_passive(n, topology, state, joints, variation, cv, ca, columns):
         if columns > 0:
             at = topology.column[n] + k
             rate = apply(inverse, turn) if topology.triple[n] >= 0 else turn
-            _put_variation(
-                n, at, variation, slide, turn, scale(cv, slide), scale(cv, rate), scale(ca, slide), scale(ca, rate)
-            )
+            _put_variation(variation, n, at, slide, turn, rate, cv, ca)
     put(joints.p[n], 0, p)
     put_block(joints.r[n], 0, 0, mul(mat(state.r[n]), exp(psi)))
     put(joints.dp[n], 0, dp)
@@ -172,13 +122,14 @@ def _place_passive(n, topology, state, joints, variation, cv, ca, columns):
 
 
 @jit_inner
-def _put_variation(n, k, variation, x, t, v, w, a, al):
-    put(variation.x[n, k], 0, x)
-    put(variation.t[n, k], 0, t)
-    put(variation.v[n, k], 0, v)
-    put(variation.w[n, k], 0, w)
-    put(variation.a[n, k], 0, a)
-    put(variation.al[n, k], 0, al)
+def _put_variation(variation, n, k, slide, turn, rate, cv, ca):
+    """Variation of a joint's own motion by one of its freedoms; ``rate``: how its angular velocity follows."""
+    put(variation.x[n, k], 0, slide)
+    put(variation.t[n, k], 0, turn)
+    put(variation.v[n, k], 0, scale(cv, slide))
+    put(variation.w[n, k], 0, scale(cv, rate))
+    put(variation.a[n, k], 0, scale(ca, slide))
+    put(variation.al[n, k], 0, scale(ca, rate))
 
 
 @jit_inner
@@ -219,7 +170,7 @@ def add_elements(topology, elements, frames, variation, work, moving, want_tange
             stored, gone = damped_gradient(k, count, elements, z, work.rates, work.internal[k], want_tangent)
             energy, lost = energy + stored, lost + gone
         else:
-            energy += element_gradient(k, count, elements, z, work.internal[k], want_tangent)
+            energy += element_gradient(k, count, elements, z, work.rates, work.internal[k], want_tangent)
         nodal_forces(count, z)
         for i in range(count):
             n, force, moment = nodes[i], vec(z.forces[i]), vec_at(z.forces[i], 3)
@@ -230,7 +181,7 @@ def add_elements(topology, elements, frames, variation, work, moving, want_tange
             if damped:
                 damped_tangent(count, z, work.rates, nodes, variation, work.tangent[k])
             else:
-                element_tangent(count, z, work.tangent[k])
+                element_tangent(count, z, work.rates, work.tangent[k])
                 work.tangent[k, :, 6 * elements.nodes.shape[1] :] = 0.0
             _add_diagonal(topology, variation, nodes, count, work.tangent[k], work.dwrench)
     work.energy[0], work.energy[1], work.energy[2] = energy, power, lost
@@ -268,8 +219,9 @@ def by_root(tangent, row, root, k, variation):
 
 
 @jit_inner
-def gather(topology, state, frames, joints, variation, loads, work, cv, ca, want_tangent):
+def gather(system, joints, cv, ca, want_tangent):
     """Bring wrenches of dependent nodes back to their blocks: residual (unknowns,) [N], [N m] and diagonal blocks."""
+    topology, work = system.topology, system.work
     for n in range(len(topology.parent) - 1, -1, -1):
         b, m = topology.block[n], topology.parent[n]
         columns = topology.size[b] if want_tangent else 0
@@ -281,12 +233,23 @@ def gather(topology, state, frames, joints, variation, loads, work, cv, ca, want
             continue
         _own_variation(n, topology, columns, work)
         if topology.freedoms[n] > 0:
-            _passive_rows(n, m, b, columns, topology, state, frames, variation, loads, work, cv, ca)
+            _passive_rows(n, columns, system, cv, ca)
         if m >= 0:
-            bring_back(n, m, frames, joints, work.wrench)
-            bring_back_variation(
-                n, m, columns, frames, joints, variation, work.own_x, work.own_t, work.wrench, work.dwrench
-            )
+            bring_back(n, m, system.frames, joints, work.wrench)
+            _bring_back_variation(n, m, columns, system.frames, joints, system.variation, work)
+
+
+@jit_inner
+def _bring_back_variation(n, m, columns, frames, joints, variation, work):
+    """Add the variation of node n's wrench to its parent's; work.own_x, work.own_t (columns, 3): that of p, theta_j."""
+    p, rj, r = vec(joints.p[n]), mat(joints.r[n]), mat(frames.r[m])
+    local, mu = tapply(r, vec(work.wrench[n])), vec_at(work.wrench[n], 3)
+    for k in range(columns):
+        df, dmu = vec(work.dwrench[n, k]), vec_at(work.dwrench[n, k], 3)
+        dlocal = sub(tapply(r, df), cross(vec(variation.t[m, k]), local))
+        arm = add(cross(vec(work.own_x[k]), local), cross(p, dlocal))
+        add_to(work.dwrench[m, k], 0, df)
+        add_to(work.dwrench[m, k], 3, add(arm, apply(rj, add(cross(vec(work.own_t[k]), mu), dmu))))
 
 
 @jit_inner
@@ -300,8 +263,12 @@ def _own_variation(n, topology, columns, work):
 
 
 @jit_inner
-def _passive_rows(n, m, b, columns, topology, state, frames, variation, loads, work, cv, ca):
+def _passive_rows(n, columns, system, cv, ca):
     """Residual along passive freedoms: wrench on the axes + rotor, damping, friction and spring of the joint, less its drive."""
+    # Work by itself: where formulas are inlined Numba takes writes into what a tuple of records was unpacked to for dead code.
+    work = system.work
+    topology, state, frames, loads = system.topology, system.state, system.frames, system.loads
+    b, m = topology.block[n], topology.parent[n]
     first, diagonal = topology.offset[b] + topology.column[n], work.diagonal[b]
     frame = mat(frames.r[m]) if m >= 0 else UNIT
     force, moment = tapply(frame, vec(work.wrench[n])), vec_at(work.wrench[n], 3)
@@ -318,7 +285,7 @@ def _passive_rows(n, m, b, columns, topology, state, frames, variation, loads, w
         for k in range(columns):
             dforce = tapply(frame, vec(work.dwrench[n, k]))
             if m >= 0:
-                dforce = sub(dforce, cross(vec(variation.t[m, k]), force))
+                dforce = sub(dforce, cross(vec(system.variation.t[m, k]), force))
             diagonal[row, k] = dot(slide, dforce) + dot(turn, vec_at(work.dwrench[n, k], 3))
         slope = own_slope(law, direction, cv, ca)
         if topology.triple[n] >= 0 and i >= topology.triple[n]:  # the turn is unit vector number i - triple

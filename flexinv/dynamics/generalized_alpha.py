@@ -23,7 +23,7 @@ from flexinv.kernels.so3 import exp, inverse_tangent
 from flexinv.kernels.vec3 import add_to, apply, mat, mul, put_block, scale, vec, vec_at
 from flexinv.typing import Array
 
-DYNAMIC, STATIC, ACCELERATION = 0, 1, 2
+DYNAMIC, STATIC, ACCELERATION, RESOLVED = 0, 1, 2, 3
 
 # A step does not resolve all accelerations of a start: a couple on a section of 1e-10 kg m^2 gives 1e8 rad/s^2, which last a
 # microsecond.  What enters the integrator is found by as many Newton steps of a time step's linearisation, from the
@@ -51,8 +51,9 @@ MOST_LEFT = 1e-6
 
 
 class Scheme(NamedTuple):
-    """Equations to solve (DYNAMIC: a time step, STATIC: rest, ACCELERATION: u' at a given state) and their coefficients.
+    """Equations to solve and their coefficients.
 
+    mode : DYNAMIC, a time step; STATIC, rest; ACCELERATION, u' at a given state; RESOLVED, u' as far as a step resolves it
     h [s]; cv = du/dd [1/s]; ca = du'/dd [1/s^2]; the rest dimensionless
     left : tolerance of Newton's unknowns, over the mechanism's length or in radians
     """
@@ -69,8 +70,8 @@ class Scheme(NamedTuple):
 
 
 STATICS = Scheme(STATIC, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-# An infinitely short step: acceleration changes by ca y while y itself, and with it all stiffness, vanishes.
-ACCELERATIONS = Scheme(ACCELERATION, 0.0, 0.0, 1e30, 0.0, 0.0, 0.0, 0.0)
+# Poses and velocities stand still: the unknowns y are changes of the accelerations, and the masses alone resist them.
+ACCELERATIONS = Scheme(ACCELERATION, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def generalized_alpha(attachment: float, spectral_radius: float, left: float = EXACT) -> Scheme:
@@ -97,7 +98,7 @@ def generalized_alpha(attachment: float, spectral_radius: float, left: float = E
 
 def filtering(scheme: Scheme) -> Scheme:
     """Return the scheme [s] of which one Newton step moves accelerations as far as a step resolves them."""
-    return scheme._replace(mode=ACCELERATION)
+    return scheme._replace(mode=RESOLVED)
 
 
 def start_up(scheme: Scheme) -> Scheme:
@@ -159,7 +160,7 @@ def follow(scheme, state):
 @jit_inner
 def correct(topology, scheme, state, y):
     """Apply Newton's increments y (unknowns,) [m], [rad]; rotation vectors by d += H(d)^-1 theta."""
-    if scheme.mode == ACCELERATION:
+    if scheme.mode == ACCELERATION or scheme.mode == RESOLVED:
         for k in range(len(y)):
             state.du[k] += scheme.ca * y[k]
         return

@@ -11,44 +11,42 @@ forces stay as they are: positions and velocities do not change.
 
 from __future__ import annotations
 
-from flexinv.dynamics.assembly import gather, node_wrenches, place
+from flexinv.dynamics.assembly import node_wrenches, place
 from flexinv.dynamics.bordered_solver import solve_border
 from flexinv.dynamics.constraint_rows import ACCELERATIONS as RATED
 from flexinv.dynamics.constraint_rows import PULL, tie_rows, tie_sides
-from flexinv.dynamics.tree_solver import solve_dense
+from flexinv.kernels.dense import solve_dense
 from flexinv.kernels.jit import jit_inner
+from flexinv.kernels.vec3 import apply, dot, mat, vec
 from flexinv.kinematics.tree import bring_back
 
-# In units of 1/ca (`generalized_alpha.ACCELERATIONS`: 1e30) inertia stands above all that depends on positions: what is this
-# far below the largest inertia has none.
+# A freedom whose inertia is this far below the largest has none: rounding of sums over the nodes of a block.
 MASSLESS = 1e-16
 
 
 @jit_inner
-def settle(topology, ties, scheme, state, joints, frames, variation, loads, work, y):
+def settle(system, joints, y):
     """Change accelerations state.du [m/s^2], [rad/s^2], multipliers, frames and wrenches [N], [N m] into those of index 1.
 
-    scheme : `generalized_alpha.ACCELERATIONS`; work.residual[0] : what Newton has left
+    work.residual[0] : what Newton has left
     """
-    full, change, level = work.settled[0], work.settled[1], loads.level[0]
-    for i in range(y.shape[1]):
-        y[0, i] = work.residual[0, i]
-    place(topology, state, joints, frames, variation, 0.0, scheme.ca, True)
+    topology, ties, state, frames = system.topology, system.border.ties, system.state, system.frames
+    work, variation, level = system.work, system.variation, system.loads.level[0]
+    full, change = work.settled[0], work.settled[1]
+    place(topology, state, joints, frames, variation, 0.0, 1.0, True)
     _copy(work.wrench, full)
-    node_wrenches(topology, frames, variation, level, work, True)
+    node_wrenches(topology, frames, variation, level, work, False)
     _negative(work.wrench, change)
     tie_rows(ties, state, frames, RATED)
-    gather(topology, state, frames, joints, variation, loads, work, 0.0, scheme.ca, True)
-    for i in range(y.shape[1]):
-        work.residual[0, i] = y[0, i]
     tie_sides(topology, ties, variation, topology.length, work.residual)
-    _leave_springs(ties, work.residual)
-    weigh_massless(topology, work.diagonal)
-    _solve_blocks(topology, work, y)
-    solve_border(ties, scheme.ca, y)
+    for k in range(len(ties.a)):  # springs keep their forces
+        if ties.kind[k] == PULL:
+            ties.value[k] = 0.0
+    solve_masses(system, y)
+    solve_border(ties, 1.0, y)
     for i in range(y.shape[1]):
-        state.du[i] += scheme.ca * y[0, i]
-    place(topology, state, joints, frames, variation, 0.0, scheme.ca, False)
+        state.du[i] += y[0, i]
+    place(topology, state, joints, frames, variation, 0.0, 1.0, False)
     node_wrenches(topology, frames, variation, level, work, False)
     _add(work.wrench, change)
     _add_steps(ties, change)
@@ -57,6 +55,40 @@ def settle(topology, ties, scheme, state, joints, frames, variation, loads, work
             bring_back(n, topology.parent[n], frames, joints, change)
     _copy(full, work.wrench)
     _add(change, work.wrench)
+
+
+@jit_inner
+def solve_masses(system, y):
+    """Solve M y = -residual for all right sides, block by block; forces of springs do not depend on accelerations [m/s^2].
+
+    y : (sides, unknowns); overwrites work.diagonal
+    """
+    ties = system.border.ties
+    for k in range(len(ties.a)):
+        if ties.kind[k] == PULL:
+            for i in range(y.shape[1]):
+                ties.across[k, i] = 0.0
+    _set_masses(system.topology, system.variation, system.work.diagonal)
+    weigh_massless(system.topology, system.work.diagonal)
+    _solve_blocks(system.topology, system.work, y)
+
+
+@jit_inner
+def _set_masses(topology, variation, diagonal):
+    """Mass matrices of all blocks, M = sum_n B_n^T diag(m_n, J_n) B_n over their nodes, and the rotors of passive joints."""
+    for b in range(len(topology.size)):
+        for i in range(topology.size[b]):
+            for k in range(topology.size[b]):
+                diagonal[b, i, k] = 0.0
+    for n in range(len(topology.parent)):
+        m, inertia, own = topology.mass[n], mat(topology.inertia[n]), diagonal[topology.block[n]]
+        columns = topology.size[topology.block[n]]
+        for k in range(columns):
+            moved, turned = vec(variation.x[n, k]), apply(inertia, vec(variation.t[n, k]))
+            for i in range(columns):
+                own[i, k] += m * dot(vec(variation.x[n, i]), moved) + dot(vec(variation.t[n, i]), turned)
+        for i in range(topology.freedoms[n]):
+            own[topology.column[n] + i, topology.column[n] + i] += topology.rotor[n]
 
 
 @jit_inner
@@ -80,16 +112,6 @@ def weigh_massless(topology, diagonal):
             unit = topology.scale[topology.offset[b] + k] ** 2
             if abs(diagonal[b, k, k]) * unit < MASSLESS * largest:
                 diagonal[b, k, k] = largest / unit
-
-
-@jit_inner
-def _leave_springs(ties, residual):
-    """Rows of springs keep their forces."""
-    for k in range(len(ties.a)):
-        if ties.kind[k] == PULL:
-            ties.value[k] = 0.0
-            for i in range(residual.shape[1]):
-                residual[1 + k, i], ties.across[k, i] = 0.0, 0.0
 
 
 @jit_inner

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexinv.dynamics.assembly import State
 from flexinv.dynamics.generalized_alpha import ACCELERATIONS, PASSES, ROUNDING, STATICS, Scheme, filtering, is_sudden
 from flexinv.dynamics.solver import Solver
 from flexinv.dynamics.stepper import CONVERGED
+from flexinv.dynamics.system import State
 from flexinv.kinematics.joint_motion import relative_motion
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.kinematics.rigid_motion import rigid_motion
-from flexinv.kinematics.tree import Joints, carry_samples
+from flexinv.kinematics.tree import Frames, Joints, carry_samples
 from flexinv.model.joint_kinds import CONTINUOUS
 from flexinv.typing import Array
 
@@ -174,5 +174,5 @@ def move_as_rigid(solver: Solver, joints: Joints, qd: Array, qdd: Array) -> None
 
 
 def _carry_all(mesh: Mesh, motion: NodalMotion, joints: Joints) -> None:
-    world = (motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha)
-    carry_samples(mesh.parent, *world, *(part[None] for part in joints))
+    world = Frames(motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha)
+    carry_samples(mesh.parent, world, Joints(*(part[None] for part in joints)))

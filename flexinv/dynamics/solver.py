@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.constraints.closures import constraint_rows, coupling_residuals
-from flexinv.dynamics.assembly import LARGEST_TURN, State, Work
+from flexinv.dynamics.assembly import LARGEST_TURN
 from flexinv.dynamics.constraint_rows import ties
 from flexinv.dynamics.dofs import ElementArrays, Topology, element_arrays, topology
-from flexinv.dynamics.generalized_alpha import ACCELERATIONS, Scheme
+from flexinv.dynamics.generalized_alpha import Scheme
 from flexinv.dynamics.loads import Loads, load_table, loads_of
 from flexinv.dynamics.spring_rows import pulls
-from flexinv.dynamics.stepper import NOT_FINITE, SLIPPED, TURNED_TOO_MUCH, Border, collide, march
-from flexinv.elements.beam import Scratch
-from flexinv.elements.beam_damping import Rates
+from flexinv.dynamics.stepper import NOT_FINITE, SLIPPED, TURNED_TOO_MUCH, collide, march
+from flexinv.dynamics.system import Border, Histories, Instants, State, System, Work
+from flexinv.elements.beam import Rates, Scratch
 from flexinv.errors import ConvergenceError
 from flexinv.kernels.memory import together
 from flexinv.kernels.so3 import log_so3
@@ -52,28 +52,23 @@ class Trajectory:
     multipliers: Array
     iterations: NDArray[np.int64]
 
-    def histories(self) -> tuple[Array, ...]:
-        """Return x, rotation, v, omega, a, alpha, wrench, internal, energy, multipliers [m, rad, s, N, J]."""
-        m = self.motion
-        return m.x, m.rotation, m.v, m.omega, m.a, m.alpha, self.wrench, self.internal, self.energy, self.multipliers
+    def histories(self) -> Histories:
+        """Return x, r, v, w, a, al, wrench, internal, energy, multipliers, iterations as kernels take them [m, rad, s, N, J]."""
+        m, more = self.motion, (self.wrench, self.internal, self.energy, self.multipliers, self.iterations)
+        return Histories(m.x, m.rotation, m.v, m.omega, m.a, m.alpha, *more)
 
     def rows(self, first: int, last: int) -> Trajectory:
         """Return the samples from ``first`` to before ``last``, not copied [m, rad, s, N, J]."""
-        parts = [part[first:last] for part in self.histories()]
-        wrench, internal, energy, multipliers = parts[6:]
-        motion = NodalMotion(*parts[:6])
-        return Trajectory(motion, wrench, internal, energy, multipliers, self.iterations[first:last])
+        return _trajectory(part[first:last] for part in self.histories())
 
     def put(self, rows: NDArray[np.int64], other: Trajectory, kept: NDArray[np.bool_]) -> None:
         """Write the samples of another trajectory that are ``kept`` into ``rows`` of this one [m, rad, s, N, J]."""
         for history, values in zip(self.histories(), other.histories(), strict=True):
             history[rows] = values[kept]
-        self.iterations[rows] = other.iterations[kept]
 
     def of_length(self, samples: int) -> Trajectory:
         """Return histories of so many samples [-] for the same mechanism, to be filled."""
-        parts = [np.zeros((samples, *part.shape[1:])) for part in self.histories()]
-        return Trajectory(NodalMotion(*parts[:6]), *parts[6:], np.zeros(samples, dtype=np.int64))  # type: ignore[call-arg]
+        return _trajectory(np.zeros((samples, *part.shape[1:]), dtype=part.dtype) for part in self.histories())
 
     @classmethod
     def unwritten(cls, samples: int, mesh: Mesh, rows: int = 0) -> Trajectory:
@@ -92,6 +87,11 @@ class Trajectory:
             NodalMotion.empty(samples, mesh.size), np.zeros((samples, mesh.size, 6)), np.zeros((samples, *points, 6)),
             np.zeros((samples, 3)), np.zeros((samples, rows)), np.zeros(samples, dtype=np.int64),
         )  # fmt: skip
+
+
+def _trajectory(histories: Iterable[Any]) -> Trajectory:
+    x, rotation, v, omega, a, alpha, *more = histories
+    return Trajectory(NodalMotion(x, rotation, v, omega, a, alpha), *more)
 
 
 def history_shapes(mesh: Mesh, samples: int) -> list[tuple[int, ...]]:
@@ -152,42 +152,43 @@ class Solver:
             mesh, t, element_arrays(mesh), state, frames, variation, work, loads, increment, border, instant, efforts
         )
 
-    def march(
-        self, scheme: Scheme, rel: Joints, table: Array, efforts: Array, given: Array, out: Trajectory
-    ) -> tuple[int, int, int, float]:
-        """Solve the instants of ``rel`` (samples, nodes, ...) one after the other [m, rad, s], filling ``out``.
+    @property
+    def system(self) -> System:
+        """Return the arrays as the kernels take them."""
+        parts = (
+            self.topology,
+            self.elements,
+            self.border,
+            self.state,
+            self.frames,
+            self.variation,
+            self.loads,
+            self.work,
+        )
+        return System(*parts)
 
-        table : (samples, loads, 6) [N], [N m] of `loads.load_table`; efforts : (samples, unknowns or 0) of drives
-        given : (samples, rows or 0, 3) of `given`
+    def march(self, scheme: Scheme, instants: Instants, out: Trajectory) -> tuple[int, int, int, float]:
+        """Solve the ``instants`` one after the other [m, rad, s], filling ``out``.
+
         Return status, samples done, iterations or element, last relative increment [-].
         """
-        arguments = self.arguments(scheme, rel, table, efforts, given, out)
-        status, sample, count, size = march(*arguments)
+        status, sample, count, size = march(*self.arguments(scheme, instants, out))
         return int(status), int(sample), int(count), float(size)
 
-    def arguments(
-        self, scheme: Scheme, rel: Joints, table: Array, efforts: Array, given: Array, out: Trajectory
-    ) -> tuple[Any, ...]:
+    def arguments(self, scheme: Scheme, instants: Instants, out: Trajectory) -> tuple[Any, ...]:
         """Return the arguments [m, rad, s, N] with which `march` calls the compiled loop, for callers that call it themselves."""
-        return (
-            self.topology, self.elements, self.border, scheme, ACCELERATIONS, self.state, self.frames, self.variation,
-            self.loads, self.work, self.increment, rel, table, efforts, given,
-            Frames(*out.histories()[:6]), out.wrench, out.internal, out.energy, out.multipliers, out.iterations,
-        )  # fmt: skip
+        return self.system, scheme, instants, self.increment, out.histories()
 
     def newton(self, scheme: Scheme, joints: Joints) -> tuple[int, int, float]:
         """Solve one instant under the present loads; return status, iterations or element, last relative increment [-]."""
-        now = self.loads.wrench[None].copy()
-        same, one = (np.empty((1, 0)), np.empty((1, 0, 3))), Joints(*(part[None] for part in joints))
-        status, _, count, size = self.march(scheme, one, now, *same, self.instant)
+        one, now = Joints(*(part[None] for part in joints)), self.loads.wrench[None].copy()
+        instants = Instants(one, now, np.empty((1, 0)), np.empty((1, 0, 3)))
+        status, _, count, size = self.march(scheme, instants, self.instant)
         return status, count, size
 
     def collide(self, joints: Joints) -> Array:
         """Stop the velocities that the acting closures do not allow; return their impulses, (rows,) [N s], [N m s]."""
-        collide(
-            self.topology, self.elements, self.border, ACCELERATIONS, self.state, joints, self.frames, self.variation,
-            self.loads, self.work, self.increment,
-        )  # fmt: skip
+        collide(self.system, joints, self.increment)
         return self.border.ties.step[: self.instant.multipliers.shape[1]].copy()
 
     def load_at(self, time: float, q: Array, qd: Array, qdd: Array) -> None:
@@ -298,5 +299,5 @@ def _rows(topology: Topology, mesh: Mesh, element: int) -> int:
 
 def record_instant(solver: Solver, sample: int, out: Trajectory) -> None:
     """Copy the instant that was solved last into the histories [m, rad, s, N]."""
-    for history, value in zip(out.histories(), solver.instant.histories(), strict=True):
+    for history, value in zip(out.histories()[:-1], solver.instant.histories()[:-1], strict=True):  # not the iterations
         history[sample] = value[0]

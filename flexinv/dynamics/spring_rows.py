@@ -118,36 +118,19 @@ def pull_sides(topology, springs, constraints, frames, variation):
             row = springs.row[k] + i
             for j in range(constraints.across.shape[1]):
                 constraints.across[row, j] = 0.0
-            by_gap, by_rate = vec(springs.slope[k, i]), vec_at(springs.slope[k, i], 3)
-            _add_end(
-                topology,
-                constraints.a[row],
-                -1.0,
-                vec(constraints.place_a[row]),
-                by_gap,
-                by_rate,
-                frames,
-                variation,
-                constraints.across[row],
-            )
-            _add_end(
-                topology,
-                constraints.b[row],
-                1.0,
-                vec(constraints.place_b[row]),
-                by_gap,
-                by_rate,
-                frames,
-                variation,
-                constraints.across[row],
-            )
+            for n, place, sign in (
+                (constraints.a[row], constraints.place_a[row], -1.0),
+                (constraints.b[row], constraints.place_b[row], 1.0),
+            ):
+                _add_end(topology, n, sign, vec(place), springs.slope[k, i], frames, variation, constraints.across[row])
 
 
 @jit_inner
-def _add_end(topology, n, sign, place, by_gap, by_rate, frames, variation, across):
-    """Subtract sign (by_gap . d(x + R p) + by_rate . d(v + R (w x p))) from the row of one end."""
+def _add_end(topology, n, sign, place, slope, frames, variation, across):
+    """Subtract sign (by_gap . d(x + R p) + by_rate . d(v + R (w x p))) from the row of one end, slope = (by_gap, by_rate)."""
     if n < 0:
         return
+    by_gap, by_rate = vec(slope), vec_at(slope, 3)
     r, o = mat(frames.r[n]), topology.offset[topology.block[n]]
     along, rate = tapply(r, by_gap), tapply(r, by_rate)
     by_turn = add(cross(place, along), cross(cross(vec(frames.w[n]), place), rate))

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from flexinv.dynamics.assembly import add_elements, gather, node_wrenches, place
 from flexinv.dynamics.bordered_solver import solve_border
 from flexinv.dynamics.constraint_rows import ACCELERATIONS as RATED
-from flexinv.dynamics.constraint_rows import PULL, RATES, VALUES, Ties, add_gears, add_ties, tie_rows, tie_sides
+from flexinv.dynamics.constraint_rows import PULL, RATES, VALUES, add_gears, add_ties, tie_rows, tie_sides
 from flexinv.dynamics.generalized_alpha import (
     ACCELERATION,
+    ACCELERATIONS,
     DYNAMIC,
+    RESOLVED,
     SQUARED,
     STATIC,
     advance,
@@ -20,9 +20,9 @@ from flexinv.dynamics.generalized_alpha import (
     largest_increment,
     predict,
 )
-from flexinv.dynamics.index1 import settle, weigh_massless
+from flexinv.dynamics.index1 import settle, solve_masses, weigh_massless
 from flexinv.dynamics.loads import add_loads, set_loads
-from flexinv.dynamics.spring_rows import Pulls, pull_rows, pull_sides, turn_arms
+from flexinv.dynamics.spring_rows import pull_rows, pull_sides, turn_arms
 from flexinv.dynamics.tree_solver import solve_tree
 from flexinv.kernels.jit import jit, jit_inline, jit_inner
 from flexinv.kernels.vec3 import apply, dot, mat, put, put_block, scale, sub, tapply, vec, vec_at
@@ -46,56 +46,55 @@ NO_SLIP = 1.0  # [rad]
 HELD = 4e-11
 
 
-class Border(NamedTuple):
-    """Bordered system beside the tree: closures and springs between points [m], [N]."""
-
-    ties: Ties
-    pulls: Pulls
-
-
 @jit_inline
-def evaluate(topology, elements, border, scheme, state, joints, frames, variation, loads, work, want_tangent):
+def evaluate(system, scheme, joints, want_tangent):
     """Evaluate residual [N], [N m] (and linearisation) at the present unknowns; return -1 or the element that turned too much."""
-    level = loads.level[0]
-    place(topology, state, joints, frames, variation, scheme.cv, scheme.ca, want_tangent)
+    topology, frames, variation, work = system.topology, system.frames, system.variation, system.work
+    ties, pulls, loads = system.border.ties, system.border.pulls, system.loads
+    level, rated = loads.level[0], scheme.mode == ACCELERATION or scheme.mode == RESOLVED
+    place(topology, system.state, joints, frames, variation, scheme.cv, scheme.ca, want_tangent)
     node_wrenches(topology, frames, variation, level, work, want_tangent)
     add_loads(topology, frames, variation, loads, work, want_tangent)
-    tie_rows(border.ties, state, frames, RATED if scheme.mode == ACCELERATION else VALUES)
-    pull_rows(border.pulls, border.ties, frames, level)
-    add_ties(border.ties, work.wrench)
-    bad = add_elements(topology, elements, frames, variation, work, scheme.mode != STATIC, want_tangent)
+    tie_rows(ties, system.state, frames, RATED if rated else VALUES)
+    pull_rows(pulls, ties, frames, level)
+    add_ties(ties, work.wrench)
+    bad = add_elements(topology, system.elements, frames, variation, work, scheme.mode != STATIC, want_tangent)
     if bad < 0:
         if want_tangent:
-            turn_arms(topology, border.pulls, border.ties, frames, variation, work.dwrench)
-        gather(topology, state, frames, joints, variation, loads, work, scheme.cv, scheme.ca, want_tangent)
-        add_gears(border.ties, work.residual)
+            turn_arms(topology, pulls, ties, frames, variation, work.dwrench)
+        gather(system, joints, scheme.cv, scheme.ca, want_tangent)
+        add_gears(ties, work.residual)
         if want_tangent:
-            tie_sides(topology, border.ties, variation, topology.length, work.residual)
-            pull_sides(topology, border.pulls, border.ties, frames, variation)
+            tie_sides(topology, ties, variation, topology.length, work.residual)
+            pull_sides(topology, pulls, ties, frames, variation)
     return bad
 
 
 @jit_inline
-def newton(topology, elements, border, scheme, state, joints, frames, variation, loads, work, y):
+def newton(system, scheme, joints, y):
     """Solve one instant; return status, iterations (or the bad element), last relative increment [-]."""
-    size, last = 0.0, False
+    topology, ties, work, size, last = system.topology, system.border.ties, system.work, 0.0, False
     for iteration in range(MOST_ITERATIONS + 1):
-        bad = evaluate(topology, elements, border, scheme, state, joints, frames, variation, loads, work, not last)
+        bad = evaluate(system, scheme, joints, not last)
         if bad >= 0:
             return TURNED_TOO_MUCH, bad, size
         if last or y.shape[1] == 0:
             return CONVERGED, iteration, size
         if scheme.mode == ACCELERATION:
-            weigh_massless(topology, work.diagonal)
-        elif scheme.mode == STATIC and len(border.ties.a) > 0:
-            _hold_loose(topology, work.diagonal)
-        solve_tree(topology, elements, variation, work, y)
-        solve_border(border.ties, scheme.ca if scheme.mode == ACCELERATION else 1.0, y)
+            solve_masses(system, y)
+        else:
+            if scheme.mode == RESOLVED:
+                weigh_massless(topology, work.diagonal)
+            elif scheme.mode == STATIC and len(ties.a) > 0:
+                _hold_loose(topology, work.diagonal)
+            solve_tree(topology, system.elements, system.variation, work, y)
+        solve_border(ties, scheme.ca if scheme.mode == RESOLVED else 1.0, y)
         size = largest_increment(y[0], topology.scale)
         if not np.isfinite(size):
             return NOT_FINITE, iteration, size
-        correct(topology, scheme, state, y[0])
-        last = size < INCREMENT or SQUARED * size * size < scheme.left or scheme.mode == ACCELERATION
+        correct(topology, scheme, system.state, y[0])
+        last = size < INCREMENT or SQUARED * size * size < scheme.left
+        last = last or scheme.mode == ACCELERATION or scheme.mode == RESOLVED
     return NOT_CONVERGED, MOST_ITERATIONS, size
 
 
@@ -117,43 +116,39 @@ def _hold_loose(topology, diagonal):
 
 
 @jit
-def march(
-    topology, elements, border, scheme, rates, state, frames, variation, loads, work, y,
-    rel, table, efforts, given, out, wrench, internal, energy, multipliers, iterations,
-):  # fmt: skip
+def march(system, scheme, instants, y, out):
     """Solve the instants of one chunk, in DYNAMIC mode step after step; fill the histories.
 
     With closures a step finds positions that meet them, and then the accelerations and multipliers that belong to that state
-    (`settle`, scheme ``rates``), which are what is recorded; the integrator goes on with its own.
+    (`settle`), which are what is recorded; the integrator goes on with its own.
 
-    rel : Joints with a leading sample axis; table : (samples, loads, 6) wrenches of loads; efforts : (samples, unknowns or 0)
-    out : x, r, v, w, a, al (samples, nodes, ...); wrench : (samples, nodes, 6)
-    internal : (samples, elements, points, 6); energy : (samples, 3); multipliers : (samples, rows); iterations : (samples,)
+    system : `system.System`; instants : `system.Instants`; out : `system.Histories`; y : (sides, unknowns) scratch
     Return status, sample reached, element or iterations, last relative increment [-].
     """
+    state, ties, topology, rel = system.state, system.border.ties, system.topology, instants.joints
     count, size = 0, 0.0
     for sample in range(rel.p.shape[0]):
         j = Joints(rel.p[sample], rel.dp[sample], rel.ddp[sample], rel.r[sample], rel.w[sample], rel.al[sample])
-        set_loads(loads, table[sample], efforts[sample])
-        set_given(border.ties, given[sample])
+        set_loads(system.loads, instants.table[sample], instants.efforts[sample])
+        set_given(ties, instants.given[sample])
         if scheme.mode == DYNAMIC:
             predict(scheme, state)
-        status, count, size = newton(topology, elements, border, scheme, state, j, frames, variation, loads, work, y)
+        status, count, size = newton(system, scheme, j, y)
         if status != CONVERGED:
             return status, sample, count, size
-        slipped = slips(topology, elements, scheme, state, frames) if scheme.mode == DYNAMIC else -1
+        slipped = slips(topology, system.elements, scheme, state, system.frames) if scheme.mode == DYNAMIC else -1
         if slipped >= 0:
             return SLIPPED, sample, slipped, size
-        settles = scheme.mode == DYNAMIC and any_acts(border.ties)
+        settles = scheme.mode == DYNAMIC and any_acts(ties)
         if settles:
-            keep(state, border.ties)
-            settle(topology, border.ties, rates, state, j, frames, variation, loads, work, y)
-        record(sample, frames, work, out, wrench, internal, energy)
-        for k in range(multipliers.shape[1]):
-            multipliers[sample, k] = border.ties.multiplier[k]
-        iterations[sample] = count
+            keep(state, ties)
+            settle(system, j, y)
+        record(sample, system.frames, system.work, out)
+        for k in range(out.multipliers.shape[1]):
+            out.multipliers[sample, k] = ties.multiplier[k]
+        out.iterations[sample] = count
         if settles:
-            restore(state, border.ties)
+            restore(state, ties)
         advance(topology, scheme, state)
     return CONVERGED, rel.p.shape[0], count, size
 
@@ -182,25 +177,25 @@ def slips(topology, elements, scheme, state, frames):
 
 
 @jit
-def collide(topology, elements, border, rates, state, joints, frames, variation, loads, work, y):
+def collide(system, joints, y):
     """Let the acting closures stop the velocities that they do not allow, perfectly plastic: state.u changes [m/s], [rad/s].
 
     M du - G^T Lambda = 0,  G (u + du) = 0: impulses Lambda [N s], [N m s] are left in ties.step.
     """
-    evaluate(topology, elements, border, rates, state, joints, frames, variation, loads, work, True)
-    tie_rows(border.ties, state, frames, RATES)
-    weigh_massless(topology, work.diagonal)
+    ties, state = system.border.ties, system.state
+    evaluate(system, ACCELERATIONS, joints, True)
+    tie_rows(ties, state, system.frames, RATES)
     for i in range(y.shape[1]):
-        work.residual[0, i] = 0.0
-    for k in range(len(border.ties.a)):
-        border.ties.kept[k] = border.ties.multiplier[k]
-        border.ties.value[k] *= 1.0 - border.ties.give[k]
-    solve_tree(topology, elements, variation, work, y)
-    solve_border(border.ties, rates.ca, y)
+        system.work.residual[0, i] = 0.0
+    for k in range(len(ties.a)):
+        ties.kept[k] = ties.multiplier[k]
+        ties.value[k] *= 1.0 - ties.give[k]
+    solve_masses(system, y)
+    solve_border(ties, 1.0, y)
     for i in range(y.shape[1]):
-        state.u[i] += rates.ca * y[0, i]
-    for k in range(len(border.ties.a)):
-        border.ties.multiplier[k] = border.ties.kept[k]
+        state.u[i] += y[0, i]
+    for k in range(len(ties.a)):
+        ties.multiplier[k] = ties.kept[k]
 
 
 @jit_inner
@@ -239,7 +234,7 @@ def restore(state, ties):
 
 
 @jit_inner
-def record(sample, frames, work, out, wrench, internal, energy):
+def record(sample, frames, work, out):
     """Copy one instant into the histories [m, rad, s, N, J]."""
     for n in range(frames.x.shape[0]):
         put(out.x[sample, n], 0, vec(frames.x[n]))
@@ -249,9 +244,9 @@ def record(sample, frames, work, out, wrench, internal, energy):
         put(out.a[sample, n], 0, vec(frames.a[n]))
         put(out.al[sample, n], 0, vec(frames.al[n]))
         for i in range(6):
-            wrench[sample, n, i] = work.wrench[n, i]
+            out.wrench[sample, n, i] = work.wrench[n, i]
     for k in range(work.internal.shape[0]):
         for point in range(work.internal.shape[1]):
             for i in range(6):
-                internal[sample, k, point, i] = work.internal[k, point, i]
-    put(energy[sample], 0, vec(work.energy))
+                out.internal[sample, k, point, i] = work.internal[k, point, i]
+    put(out.energy[sample], 0, vec(work.energy))

@@ -7,39 +7,9 @@ to it alone.  Condensing them onto the first block, leaf elements first, leaves 
 from __future__ import annotations
 
 from flexinv.dynamics.assembly import by_root
-from flexinv.kernels.jit import jit, jit_inner
+from flexinv.kernels.dense import solve_dense
+from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.vec3 import dot, vec
-
-
-@jit
-def solve_dense(a, size, wide):
-    """Solve a[:size, :size] x = a[:size, size:wide] in place: x replaces the right sides [any unit].
-
-    Gauss elimination with partial pivoting, row by row; a zero pivot leaves infinities, which the caller's test finds.
-    """
-    for k in range(size):
-        pivot = k
-        for i in range(k + 1, size):
-            if abs(a[i, k]) > abs(a[pivot, k]):
-                pivot = i
-        if pivot != k:
-            for c in range(k, wide):
-                a[k, c], a[pivot, c] = a[pivot, c], a[k, c]
-        scale = 1.0 / a[k, k]
-        for i in range(k + 1, size):
-            _subtract_row(a[i], a[i, k] * scale, a[k], k + 1, wide)
-    for k in range(size - 1, -1, -1):
-        for i in range(k + 1, size):
-            _subtract_row(a[k], a[k, i], a[i], size, wide)
-        scale = 1.0 / a[k, k]
-        for c in range(size, wide):
-            a[k, c] *= scale
-
-
-@jit_inner
-def _subtract_row(row, factor, other, first, last):
-    for c in range(first, last):
-        row[c] -= factor * other[c]
 
 
 @jit_inner
@@ -99,7 +69,7 @@ def _condense(topology, elements, variation, work, k, sides):
     for r in range(rows):
         for c in range(columns + sides):
             work.solved[k, r, c] = system[r, rows + c]
-    _add_to_first(topology, nodes, count, columns, tangent, variation, work, k, sides)
+    _add_to_first(topology, elements, variation, work, k, sides)
 
 
 @jit_inner
@@ -110,9 +80,11 @@ def _copy_block(a, row, column, out, at, to):
 
 
 @jit_inner
-def _add_to_first(topology, nodes, count, columns, tangent, variation, work, k, sides):
+def _add_to_first(topology, elements, variation, work, k, sides):
     """Subtract from the first block's linearisation and residuals what the eliminated unknowns do to it."""
+    nodes, count, tangent = elements.nodes[k], elements.order[k] + 1, work.tangent[k]
     first = topology.block[nodes[0]]
+    columns = topology.size[first]
     for i in range(1, count):
         at = _row(topology, nodes, i)
         for q in range(6):

@@ -1,4 +1,4 @@
-"""The spectral, geometrically exact beam element: strains, energy, nodal forces and their exact tangent.
+"""The spectral, geometrically exact beam element at a Gauss point: strains, their rates, energy, and the derivatives.
 
 Strain at the Gauss points, from positions and rotations relative to the element's first node (objective):
 
@@ -7,10 +7,20 @@ Strain at the Gauss points, from positions and rotations relative to the element
     kappa = H psi' - kappa_0          (twist, bending, bending)
     E = 1/2 sum_g w (Gamma . C_N Gamma + kappa . C_M kappa)
 
-Nodal forces are the gradient of E, so power closes in space as in the plane; the tangent is the exact derivative.
-Increments: dx_i in the world frame, theta_i in the node's own frame (R_i <- R_i exp(theta_i)); forces are dual to them.
-What the first node feels, and how it acts on the others, follows from objectivity: a rigid motion strains nothing.
-Source: Simo, Vu-Quoc, *A three-dimensional finite-strain rod model*, 1986, with the interpolation of Crisfield, Jelenic, 1999.
+Kelvin-Voigt damping adds stresses that follow strain rates:
+
+    n = C_N (Gamma) + D_N dGamma/dt,    m = C_M (kappa) + D_M dkappa/dt          in the section frame
+
+Strain rates come from the same interpolation as the strains, with velocities relative to the moving first node:
+
+    du_i = v_i - v_0 - W_0 x u_i,    dpsi_i = H_i^-1 (w_i - (R_0^T R_i)^T w_0),    r = H dpsi
+    dGamma/dt = S^T du' - r x y,     dkappa/dt = H dpsi' + (d(H psi')/dpsi) dpsi         y = S^T u',  W_0 = R_0 w_0
+
+With e the strains, z = (u, psi) and B = de/dz nodal forces are B^T (C e + D B dz), so that a rigid motion dissipates nothing and
+the dissipated power is exactly de . D de.  The linearisation has two parts, one by poses (at fixed velocities) and one by
+velocities, B^T D B, which velocities bring in as the scheme says.
+Source: Simo, Vu-Quoc, *A three-dimensional finite-strain rod model*, 1986, with the interpolation of Crisfield, Jelenic, 1999;
+of damping Linn, Lang, Tuganov, *Geometrically exact Cosserat rods with Kelvin-Voigt type viscous damping*, Mech. Sci. 4, 2013.
 """
 
 from __future__ import annotations
@@ -19,7 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexinv.kernels.jit import jit_inner
+from flexinv.kernels.jit import jit_inner, jit_shared
 from flexinv.kernels.so3 import (
     coefficients,
     exp_with,
@@ -32,9 +42,7 @@ from flexinv.kernels.so3 import (
 from flexinv.kernels.vec3 import (
     add,
     add_scaled,
-    add_to,
     apply,
-    block,
     cross,
     diagonal,
     dot,
@@ -52,13 +60,16 @@ from flexinv.kernels.vec3 import (
     sub,
     sum3,
     tapply,
-    times,
     tmul,
     transpose,
     vec,
     vec_at,
 )
 from flexinv.typing import Array
+
+Vector = tuple[float, float, float]
+Matrix = tuple[Vector, Vector, Vector]
+UNIT: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 class Scratch(NamedTuple):
@@ -68,6 +79,7 @@ class Scratch(NamedTuple):
     inverse : (count, 3, 3), H(psi_i)^-1; gradient, forces : (count, 6) [N], [N m]
     parts : (4, 36), second derivatives at a Gauss point as (6, 6) blocks over (u, psi), by what the interpolation puts to
         them: slope slope, slope shape, shape slope, shape shape; hessian : (count, count, 36), the same at the nodes
+        (with damping, how forces vary with the poses at given velocities)
     """
 
     x: Array
@@ -154,61 +166,35 @@ def interpolate(count, shape, slope, scratch):
     return du, psi, dpsi
 
 
-@jit_inner
-def element_gradient(k, count, elements, scratch, internal, want_hessian):
-    """Fill dE/d(u_i, psi_i) of element k, scratch.gradient [N], [N m] and, if wanted, scratch.hessian; return E [J].
+class Point(NamedTuple):
+    """Strains at a Gauss point: psi [rad], psi' [rad/m] and the coefficients q at psi; S, H, S^T u' [-], d(H psi')/dpsi [1/m]."""
 
-    elements : `dofs.ElementArrays`; internal : (points, 6) stress resultants in the section frame [N], [N m]
-    """
-    energy = 0.0
-    _clear(count, scratch, want_hessian)
-    for g in range(count - 1):
-        energy += _add_point(count, elements.shape[k, g], elements.slope[k, g], elements.weight[k, g],
-                             elements.stiffness[k, g], vec(elements.gamma0[k, g]), vec(elements.kappa0[k, g]),
-                             scratch, internal[g], want_hessian)  # fmt: skip
-    return energy
+    psi: Vector
+    dpsi: Vector
+    q: tuple[float, ...]
+    s: Matrix
+    h: Matrix
+    stretch: Vector
+    bend: Matrix
 
 
 @jit_inner
-def _clear(count, scratch, want_hessian):
-    for i in range(count):
-        for k in range(6):
-            scratch.gradient[i, k] = 0.0
-        if want_hessian:
-            for j in range(i, count):
-                for k in range(36):
-                    scratch.hessian[i, j, k] = 0.0
-
-
-@jit_inner
-def _add_point(count, shape, slope, w, stiffness, gamma0, kappa0, scratch, internal, want_hessian):
-    """Add one Gauss point to gradient and Hessian; return its energy."""
+def point_of(count, shape, slope, scratch):
+    """Return the `Point` [rad], [1/m] of the relative poses at one Gauss point."""
     du, psi, dpsi = interpolate(count, shape, slope, scratch)
     q = coefficients(dot(psi, psi))
-    s, h = mul(mat(scratch.r[0]), exp_with(psi, q)), tangent_with(psi, q)
-    stretch = tapply(s, du)
-    bend = tangent_slope(psi, dpsi, q, 1.0)  # d(H psi')/dpsi
-    gamma, kappa = sub(stretch, gamma0), sub(apply(h, dpsi), kappa0)
-    c_n, c_m = vec_at(stiffness, 0), vec_at(stiffness, 3)
-    n, m = times(c_n, gamma), times(c_m, kappa)
-    put(internal, 0, n)
-    put(internal, 3, m)
-    couple = cross(n, stretch)
-    by_du = scale(w, apply(s, n))  # dE/du'
-    by_psi = scale(w, add(tapply(h, couple), tapply(bend, m)))  # dE/dpsi
-    by_dpsi = scale(w, tapply(h, m))  # dE/dpsi'
-    for i in range(1, count):
-        add_to(scratch.gradient[i], 0, scale(slope[i], by_du))
-        add_to(scratch.gradient[i], 3, add(scale(shape[i], by_psi), scale(slope[i], by_dpsi)))
-    if want_hessian:
-        point_hessian(psi, dpsi, q, s, h, stretch, bend, n, m, couple, c_n, c_m, w, scratch.parts)
-        _spread(count, shape, slope, scratch.parts, scratch.hessian)
-    return 0.5 * w * (dot(n, gamma) + dot(m, kappa))
+    s = mul(mat(scratch.r[0]), exp_with(psi, q))
+    return Point(psi, dpsi, q, s, tangent_with(psi, q), tapply(s, du), tangent_slope(psi, dpsi, q, 1.0))
 
 
 @jit_inner
-def point_hessian(psi, dpsi, q, s, h, stretch, bend, n, m, couple, c_n, c_m, w, parts):
-    """Fill the parts of `Scratch` with second derivatives at one Gauss point, w d2E by (u', psi, psi') [N], [N m]."""
+def point_hessian(point, stress, stiffness, w, parts):
+    """Fill the parts of `Scratch` with second derivatives at one Gauss point, w d2E by (u', psi, psi') [N], [N m].
+
+    stress : n [N], m [N m] and n x S^T u'; stiffness : C_N [N], C_M [N m^2]
+    """
+    psi, dpsi, q, s, h, stretch, bend = point
+    (n, m, couple), (c_n, c_m) = stress, stiffness
     spin = mul(skew(stretch), h)  # dGamma = S^T du' + spin dpsi
     c_spin, c_bend = rows(c_n, spin), rows(c_m, bend)
     turned = mul(skew(n), spin)
@@ -242,85 +228,124 @@ def part(numbers, row, column):
 
 
 @jit_inner
-def _spread(count, shape, slope, parts, hessian):
-    """Add one Gauss point's second derivatives to the nodal Hessian (i <= j) through the interpolation."""
+def spread(count, shape, slope, parts, out, whole):
+    """Add one Gauss point's derivatives to those of the pairs of nodes i, j (j >= i unless ``whole``) [N/m], [N], [N m]."""
     for i in range(1, count):
-        for j in range(i, count):
+        for j in range(1 if whole else i, count):
             ss, sn = slope[i] * slope[j], slope[i] * shape[j]
             ns, nn = shape[i] * slope[j], shape[i] * shape[j]
             for k in range(36):
-                hessian[i, j, k] += ss * parts[0, k] + sn * parts[1, k] + ns * parts[2, k] + nn * parts[3, k]
+                out[i, j, k] += ss * parts[0, k] + sn * parts[1, k] + ns * parts[2, k] + nn * parts[3, k]
 
 
-@jit_inner
-def nodal_forces(count, scratch):
-    """Fill scratch.forces, (count, 6) [N] (world) and [N m] (node frame), from dE/d(u_i, psi_i).
+class Rates(NamedTuple):
+    """Work space of damping beside `Scratch` for one element, count = order + 1 nodes; empty where no beam is damped.
 
-    F_i = dE/du_i, M_i = H_i^-T dE/dpsi_i; the sums of forces and moments vanish, and R_0^T R_i H_i^-T = H_i^-1:
-    F_0 = - sum F_i,   M_0 = - sum (R_0^T (u_i x F_i) + H_i^-1 dE/dpsi_i)
+    v, w : (count, 3) velocity (world) [m/s] and angular velocity (own frame) [rad/s]; du, dpsi : (count, 3) relative rates
+    turned : (count, 3, 3) how dpsi_i varies with the node's own turn [1/s]; spin : (3, 3) skew(W_0) [rad/s]
+    parts : (4, 36) derivatives at a Gauss point by velocities, as `Scratch.parts` by poses
+    drag : (count, count, 36) the same at the nodes; by_velocity : (6 count, 6 count) forces by nodal velocities
     """
-    force, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    r0 = mat(scratch.r[0])
-    for i in range(1, count):
+
+    v: Array
+    w: Array
+    du: Array
+    dpsi: Array
+    turned: Array
+    spin: Array
+    parts: Array
+    drag: Array
+    by_velocity: Array
+
+    @classmethod
+    def of(cls, count: int) -> Rates:
+        """Return arrays for elements of at most ``count`` nodes [-]."""
+        vectors = 4 * [(count, 3)]
+        shapes = (*vectors, (count, 3, 3), (3, 3), (4, 36), (count, count, 36), (6 * count, 6 * count))
+        return cls(*(np.zeros(shape) for shape in shapes))
+
+
+class Rate(NamedTuple):
+    """Rates at a Gauss point: S^T du', H dpsi, dpsi, dpsi', and of strain, dGamma/dt and dkappa/dt [1/s], [rad/s]."""
+
+    slid: Vector
+    turn: Vector
+    psi: Vector
+    dpsi: Vector
+    gamma: Vector
+    kappa: Vector
+
+
+@jit_shared
+def relative_rates(count, scratch, rates):
+    """Fill du [m/s], dpsi [rad/s] and how they vary with the nodes' poses; `relative` came before."""
+    first, v0, w0 = mat(scratch.r[0]), vec(rates.v[0]), vec(rates.w[0])
+    world = apply(first, w0)
+    put_block(rates.spin, 0, 0, skew(world))
+    for i in range(count):
         inverse = mat(scratch.inverse[i])
-        f, by_psi = vec(scratch.gradient[i]), vec_at(scratch.gradient[i], 3)
-        put(scratch.forces[i], 0, f)
-        put(scratch.forces[i], 3, tapply(inverse, by_psi))
-        force = sub(force, f)
-        moment = sub(moment, add(tapply(r0, cross(vec(scratch.u[i]), f)), apply(inverse, by_psi)))
-    put(scratch.forces[0], 0, force)
-    put(scratch.forces[0], 3, moment)
+        carried = tapply(mat(scratch.r[i]), world)  # w_0 in the frame of node i
+        g = sub(vec(rates.w[i]), carried)
+        put(rates.du[i], 0, sub(sub(vec(rates.v[i]), v0), cross(world, vec(scratch.u[i]))))
+        put(rates.dpsi[i], 0, apply(inverse, g))
+        by_psi = mul(inverse_tangent_slope(vec(scratch.psi[i]), g, 1.0), inverse)
+        put_block(rates.turned[i], 0, 0, msub(by_psi, mul(inverse, skew(carried))))
 
 
 @jit_inner
-def element_tangent(count, scratch, tangent):
-    """Fill the exact derivative of the nodal forces by (dx, theta) of all nodes, (6 count, 6 count) [N/m], [N], [N m].
-
-    Between nodes beyond the first K = B^T (d2E) B + (dB^T) g with B = diag(1, H_i^-1); the first node by objectivity.
-    K is symmetric but for the (theta_i, theta_i) blocks: translations and rotations of different nodes commute.
-    """
+def _interpolate_rates(count, shape, slope, rates):
+    """du', dpsi, dpsi' at one Gauss point."""
+    du, psi, dpsi = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for i in range(1, count):
-        own = mat(scratch.inverse[i])
-        for j in range(i, count):
-            other = mat(scratch.inverse[j])
-            x_x, x_t = part(scratch.hessian[i, j], 0, 0), mul(part(scratch.hessian[i, j], 0, 3), other)
-            t_x = tmul(own, part(scratch.hessian[i, j], 3, 0))
-            t_t = tmul(own, mul(part(scratch.hessian[i, j], 3, 3), other))
-            if i == j:
-                geometric = inverse_tangent_slope(vec(scratch.psi[i]), vec_at(scratch.gradient[i], 3), -1.0)
-                t_t = madd(t_t, mul(geometric, own))
-            put_block(tangent, 6 * i, 6 * j, x_x)
-            put_block(tangent, 6 * i, 6 * j + 3, x_t)
-            put_block(tangent, 6 * i + 3, 6 * j, t_x)
-            put_block(tangent, 6 * i + 3, 6 * j + 3, t_t)
-            for a in range(6 if j > i else 0):
-                for b in range(6):
-                    tangent[6 * j + b, 6 * i + a] = tangent[6 * i + a, 6 * j + b]
-    for i in range(count - 1, -1, -1):  # node 0 last: its row is the transpose of its column
-        _by_objectivity(i, count, scratch, tangent)
+        du = add_scaled(du, slope[i], vec(rates.du[i]))
+        psi = add_scaled(psi, shape[i], vec(rates.dpsi[i]))
+        dpsi = add_scaled(dpsi, slope[i], vec(rates.dpsi[i]))
+    return du, psi, dpsi
 
 
 @jit_inner
-def _by_objectivity(i, count, scratch, tangent):
-    """Set how forces on node i vary with the motion of node 0, from how they vary with that of all others.
+def rate_of(count, shape, slope, point, rates):
+    """Return the `Rate` [1/s], [rad/s] of the relative motion at one Gauss point."""
+    du, psi, dpsi = _interpolate_rates(count, shape, slope, rates)
+    slid, turn = tapply(point.s, du), apply(point.h, psi)
+    gamma = add(slid, cross(point.stretch, turn))
+    return Rate(slid, turn, psi, dpsi, gamma, add(apply(point.h, dpsi), apply(point.bend, psi)))
 
-    Moved along with the element they do not change, K_(i,x0) = - sum_j K_(i,xj); turned with it about x_0 by phi they turn:
-    K_(i,t0) R_0^T phi = (phi x F_i, 0) - sum_j (K_(i,xj) (phi x u_j) + K_(i,tj) R_j^T phi)
+
+@jit_inner
+def rates_by_pose(point, rate, damping, w, parts):
+    """Add w B^T D d(de/dt)/dz, how strain rates vary with the deformation, to the parts by poses [N], [N m].
+
+    damping : D_N [N s], D_M [N m^2 s]
     """
-    none = diagonal(0.0)
-    x_x, t_x, x_t, t_t = none, none, mscale(-1.0, skew(vec(scratch.forces[i]))), none
-    row = 6 * i
-    for j in range(1, count):
-        arm, turn, column = skew(vec(scratch.u[j])), transpose(mat(scratch.r[j])), 6 * j
-        by_x, by_t = block(tangent, row, column), block(tangent, row, column + 3)
-        x_x, x_t = msub(x_x, by_x), madd(x_t, msub(mul(by_x, arm), mul(by_t, turn)))
-        by_x, by_t = block(tangent, row + 3, column), block(tangent, row + 3, column + 3)
-        t_x, t_t = msub(t_x, by_x), madd(t_t, msub(mul(by_x, arm), mul(by_t, turn)))
-    r0 = mat(scratch.r[0])
-    put_block(tangent, row, 0, x_x)
-    put_block(tangent, row, 3, mul(x_t, r0))
-    put_block(tangent, row + 3, 0, t_x)
-    put_block(tangent, row + 3, 3, mul(t_t, r0))
-    for a in range(row, row + 6 if i > 0 else 0):
-        for b in range(6):
-            tangent[b, a] = tangent[a, b]
+    psi, dpsi, q, s, h, stretch, bend = point
+    slid, turn, psi_rate, dpsi_rate, _, _ = rate
+    d_n, d_m = damping
+    spin, whirl = mul(skew(stretch), h), skew(turn)
+    by_u = mscale(-1.0, mul(whirl, transpose(s)))
+    slides = mul(msub(skew(slid), mul(whirl, skew(stretch))), h)
+    by_psi = rows(d_n, madd(slides, mul(skew(stretch), tangent_slope(psi, psi_rate, q, 1.0))))
+    by_u = rows(d_n, by_u)
+    grown = transpose((
+        apply(tangent_slope(psi, UNIT[0], q, 1.0), psi_rate),
+        apply(tangent_slope(psi, UNIT[1], q, 1.0), psi_rate),
+        apply(tangent_slope(psi, UNIT[2], q, 1.0), psi_rate),
+    ))  # fmt: skip
+    twice = (
+        apply(tangent_curvature(psi, UNIT[0], dpsi, q), psi_rate),
+        apply(tangent_curvature(psi, UNIT[1], dpsi, q), psi_rate),
+        apply(tangent_curvature(psi, UNIT[2], dpsi, q), psi_rate),
+    )
+    by_slope, by_bend = rows(d_m, grown), rows(d_m, madd(tangent_slope(psi, dpsi_rate, q, 1.0), twice))
+    _add_part(parts[0], 0, 0, mscale(w, mul(s, by_u)))
+    _add_part(parts[0], 3, 3, mscale(w, tmul(h, by_slope)))
+    _add_part(parts[1], 0, 3, mscale(w, mul(s, by_psi)))
+    _add_part(parts[1], 3, 3, mscale(w, tmul(h, by_bend)))
+    _add_part(parts[2], 3, 0, mscale(w, tmul(spin, by_u)))
+    _add_part(parts[2], 3, 3, mscale(w, tmul(bend, by_slope)))
+    _add_part(parts[3], 3, 3, mscale(w, madd(tmul(spin, by_psi), tmul(bend, by_bend))))
+
+
+@jit_inner
+def _add_part(numbers, row, column, m):
+    put_part(numbers, row, column, madd(part(numbers, row, column), m))

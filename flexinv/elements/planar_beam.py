@@ -7,12 +7,21 @@ A rotation is an angle: R_0^T R_i = exp(psi_i) has psi_i = theta_i - theta_0, H 
     E = 1/2 sum_g w (Gamma . C Gamma + B kappa^2)
     dE/du' = w S n,   dE/dpsi = w (n_1 y_2 - n_2 y_1),   dE/dpsi' = w m      with n = C Gamma, m = B kappa, y = S^T u'
 
+Kelvin-Voigt damping (`beam`), with v' the slope of velocities, phi' the rate of the section's angle, J (a, b) = (-b, a):
+
+    dGamma/dt = S^T v' - phi' J y,     dkappa/dt = slope of the nodes' rates         n = C Gamma + D dGamma/dt,  m likewise
+
+The residual is exact.  The linearisation is symmetric, as the planar solver needs it: it keeps the damping term B^T D B (by
+velocities, a factor cv of about 2/h by poses), so that C + cv D takes the place of C, and drops the derivative of strain rates by
+poses at given velocities, B^T D (...), which is smaller by phi' h / 2 and acts on strains only: as many iterations as without
+damping.  (Its symmetric part would act on bending without strain, which is soft: 2 to 5 times the iterations.)
+
 Points of all elements lie in blocks of eight, one quantity beside the other: what is done at a point is vector code.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +39,11 @@ BLOCK = np.uint64(22 * LANES)
 # Rows of a block of constants.
 AXIAL, SHEAR, BENDING, WEIGHT, STRAIN1, STRAIN2, CURVATURE = (np.uint64(LANES * k) for k in range(7))
 CONSTANTS = np.uint64(7 * LANES)
+# Rows of a block of rates (v', phi', the rates of strain), and of damping coefficients; both empty where no beam is damped.
+R1, R2, SPIN, RATE1, RATE2, BENT = (np.uint64(LANES * k) for k in range(6))
+RATES = np.uint64(6 * LANES)
+D_AXIAL, D_SHEAR, D_BENDING = (np.uint64(LANES * k) for k in range(3))
+COEFFICIENTS = np.uint64(3 * LANES)
 
 
 class PlanarElements(NamedTuple):
@@ -40,7 +54,7 @@ class PlanarElements(NamedTuple):
     heading : (elements,) angle of the first section's axis in the plane when its node stands at zero [rad]
     lanes : of a block, LANES; as a number that the compiler does not know, so that it takes them all at once
     constants : (blocks * CONSTANTS,) EA, GA [N], EI [N m^2], weights [m], Gamma_0 [-], kappa_0 [1/m] of all points
-    damping : of all points as in `planar_beam_damping`, empty where no beam has any [N s], [N m^2 s]
+    damping : (blocks * COEFFICIENTS,) of all points, empty where no beam has any [N s], [N m^2 s]
     """
 
     order: NDArray[np.int64]
@@ -111,49 +125,103 @@ def relax(elements, p):
 
 
 @jit_inner
-def point_gradients(elements, p):
-    """Fill S, y, n, m and the first derivatives of the energy at all points [N], [N m]."""
+def interpolate_rates(elements, rate, r):
+    """Fill v' [1/s], phi' [rad/s] and the rate of curvature of all points from the nodes' velocities, (nodes, 3)."""
+    points = elements.shape.shape[1]
+    for k in range(len(elements.order)):
+        first = rate[elements.nodes[k, 0]]
+        for g in range(elements.order[k]):
+            v1, v2, spin, bent = 0.0, 0.0, first[2], 0.0
+            for i in range(1, elements.order[k] + 1):
+                own, slope = rate[elements.nodes[k, i]], elements.slope[k, g, i]
+                v1 += slope * (own[0] - first[0])
+                v2 += slope * (own[1] - first[1])
+                spin += elements.shape[k, g, i] * (own[2] - first[2])
+                bent += slope * (own[2] - first[2])
+            n = np.uint64(k * points + g)
+            at = n // _LANES * RATES + n % _LANES
+            r[at + R1], r[at + R2], r[at + SPIN], r[at + BENT] = v1, v2, spin, bent
+
+
+@jit_inner
+def point_gradients(elements, p, r):
+    """Fill S, y, n, m and the first derivatives of the energy at all points [N], [N m]; r : their rates, interpolated."""
     for block in range(np.uint64(len(elements.constants)) // CONSTANTS):
-        _block_gradients(elements.lanes, block * BLOCK, block * CONSTANTS, elements.constants, p)
+        if len(elements.damping) > 0:
+            _damped_gradients(elements.lanes, block, elements, p, r)
+        else:
+            _gradients(elements.lanes, block, elements, p, r)
+
+
+def _make_gradients(damped: bool) -> Any:
+    """Return the kernel of the first derivatives at the points of a block, damped or not."""
+
+    @jit_inner
+    def gradients(lanes, block, elements, p, r):
+        at, own, by, d, k = block * BLOCK, block * CONSTANTS, block * RATES, block * COEFFICIENTS, elements.constants
+        for lane in range(lanes):
+            c, s = cos_sin(p[at + PHI + lane])
+            u1, u2 = p[at + U1 + lane], p[at + U2 + lane]
+            y1, y2 = c * u1 + s * u2, c * u2 - s * u1
+            n1 = k[own + AXIAL + lane] * (y1 - k[own + STRAIN1 + lane])
+            n2 = k[own + SHEAR + lane] * (y2 - k[own + STRAIN2 + lane])
+            m = k[own + BENDING + lane] * (p[at + BEND + lane] - k[own + CURVATURE + lane])
+            if damped:
+                v1, v2, spin = r[by + R1 + lane], r[by + R2 + lane], r[by + SPIN + lane]
+                rate1, rate2 = c * v1 + s * v2 + spin * y2, c * v2 - s * v1 - spin * y1
+                r[by + RATE1 + lane], r[by + RATE2 + lane] = rate1, rate2
+                n1 += elements.damping[d + D_AXIAL + lane] * rate1
+                n2 += elements.damping[d + D_SHEAR + lane] * rate2
+                m += elements.damping[d + D_BENDING + lane] * r[by + BENT + lane]
+            w = k[own + WEIGHT + lane]
+            p[at + COS + lane], p[at + SIN + lane], p[at + Y1 + lane], p[at + Y2 + lane] = c, s, y1, y2
+            p[at + N1 + lane], p[at + N2 + lane], p[at + M + lane] = n1, n2, m
+            p[at + BY_U1 + lane], p[at + BY_U2 + lane] = w * (c * n1 - s * n2), w * (s * n1 + c * n2)
+            p[at + BY_PSI + lane], p[at + BY_BEND + lane] = w * (n1 * y2 - n2 * y1), w * m
+
+    return gradients
+
+
+_gradients, _damped_gradients = _make_gradients(False), _make_gradients(True)
 
 
 @jit_inner
-def _block_gradients(lanes, at, own, constants, p):
-    for lane in range(lanes):
-        c, s = cos_sin(p[at + PHI + lane])
-        u1, u2 = p[at + U1 + lane], p[at + U2 + lane]
-        y1, y2 = c * u1 + s * u2, c * u2 - s * u1
-        n1 = constants[own + AXIAL + lane] * (y1 - constants[own + STRAIN1 + lane])
-        n2 = constants[own + SHEAR + lane] * (y2 - constants[own + STRAIN2 + lane])
-        m = constants[own + BENDING + lane] * (p[at + BEND + lane] - constants[own + CURVATURE + lane])
-        w = constants[own + WEIGHT + lane]
-        p[at + COS + lane], p[at + SIN + lane], p[at + Y1 + lane], p[at + Y2 + lane] = c, s, y1, y2
-        p[at + N1 + lane], p[at + N2 + lane], p[at + M + lane] = n1, n2, m
-        p[at + BY_U1 + lane], p[at + BY_U2 + lane] = w * (c * n1 - s * n2), w * (s * n1 + c * n2)
-        p[at + BY_PSI + lane], p[at + BY_BEND + lane] = w * (n1 * y2 - n2 * y1), w * m
+def point_hessians(elements, cv, p):
+    """Fill the second derivatives of the energy at all points [N], [N m]; velocities are cv of a change of pose [1/s].
 
-
-@jit_inner
-def point_hessians(elements, p):
-    """Fill the second derivatives of the energy at all points [N], [N m].
-
-    d2E/du'du' = S C S^T,  d2E/du'dpsi = S (J n - C J y),  d2E/dpsi2 = J y . C J y - n . y       with J (a, b) = (-b, a)
+    d2E/du'du' = S C S^T,  d2E/du'dpsi = S (J n - C J y),  d2E/dpsi2 = J y . C J y - n . y       with C + cv D for C
     """
     for block in range(np.uint64(len(elements.constants)) // CONSTANTS):
-        _block_hessians(elements.lanes, block * BLOCK, block * CONSTANTS, elements.constants, p)
+        if len(elements.damping) > 0:
+            _damped_hessians(elements.lanes, block, elements, cv, p)
+        else:
+            _hessians(elements.lanes, block, elements, cv, p)
 
 
-@jit_inner
-def _block_hessians(lanes, at, own, constants, p):
-    for lane in range(lanes):
-        c, s, y1, y2 = p[at + COS + lane], p[at + SIN + lane], p[at + Y1 + lane], p[at + Y2 + lane]
-        n1, n2, w = p[at + N1 + lane], p[at + N2 + lane], constants[own + WEIGHT + lane]
-        ea, ga = constants[own + AXIAL + lane], constants[own + SHEAR + lane]
-        b1, b2 = ea * y2 - n2, n1 - ga * y1
-        p[at + U1_U1 + lane], p[at + U2_U2 + lane] = w * (ea * c * c + ga * s * s), w * (ea * s * s + ga * c * c)
-        p[at + U1_U2 + lane], p[at + BEND_BEND + lane] = w * (ea - ga) * c * s, w * constants[own + BENDING + lane]
-        p[at + U1_PSI + lane], p[at + U2_PSI + lane] = w * (c * b1 - s * b2), w * (s * b1 + c * b2)
-        p[at + PSI_PSI + lane] = w * (ea * y2 * y2 + ga * y1 * y1 - n1 * y1 - n2 * y2)
+def _make_hessians(damped: bool) -> Any:
+    """Return the kernel of the second derivatives at the points of a block, damped or not."""
+
+    @jit_inner
+    def hessians(lanes, block, elements, cv, p):
+        at, own, d, k = block * BLOCK, block * CONSTANTS, block * COEFFICIENTS, elements.constants
+        for lane in range(lanes):
+            c, s, y1, y2 = p[at + COS + lane], p[at + SIN + lane], p[at + Y1 + lane], p[at + Y2 + lane]
+            n1, n2, w = p[at + N1 + lane], p[at + N2 + lane], k[own + WEIGHT + lane]
+            ea, ga, bending = k[own + AXIAL + lane], k[own + SHEAR + lane], k[own + BENDING + lane]
+            if damped:
+                ea += cv * elements.damping[d + D_AXIAL + lane]
+                ga += cv * elements.damping[d + D_SHEAR + lane]
+                bending += cv * elements.damping[d + D_BENDING + lane]
+            b1, b2 = ea * y2 - n2, n1 - ga * y1
+            p[at + U1_U1 + lane], p[at + U2_U2 + lane] = w * (ea * c * c + ga * s * s), w * (ea * s * s + ga * c * c)
+            p[at + U1_U2 + lane], p[at + BEND_BEND + lane] = w * (ea - ga) * c * s, w * bending
+            p[at + U1_PSI + lane], p[at + U2_PSI + lane] = w * (c * b1 - s * b2), w * (s * b1 + c * b2)
+            p[at + PSI_PSI + lane] = w * (ea * y2 * y2 + ga * y1 * y1 - n1 * y1 - n2 * y2)
+
+    return hessians
+
+
+_hessians, _damped_hessians = _make_hessians(False), _make_hessians(True)
 
 
 @jit_inner
@@ -225,4 +293,22 @@ def energy(elements, p):
             stretched = c[own + AXIAL + lane] * axial * axial + c[own + SHEAR + lane] * shear * shear
             bent = c[own + BENDING + lane] * curvature * curvature
             total += 0.5 * c[own + WEIGHT + lane] * (stretched + bent)
+    return total
+
+
+@jit_inner
+def dissipated(elements, r):
+    """Return the power that all elements dissipate [W]."""
+    total = 0.0
+    for block in range(np.uint64(len(elements.damping)) // COEFFICIENTS):
+        by, own, d = block * RATES, block * CONSTANTS, block * COEFFICIENTS
+        for lane in range(_LANES):
+            rate1, rate2, bent = r[by + RATE1 + lane], r[by + RATE2 + lane], r[by + BENT + lane]
+            strained = (
+                elements.damping[d + D_AXIAL + lane] * rate1 * rate1
+                + elements.damping[d + D_SHEAR + lane] * rate2 * rate2
+            )
+            total += elements.constants[own + WEIGHT + lane] * (
+                strained + elements.damping[d + D_BENDING + lane] * bent * bent
+            )
     return total

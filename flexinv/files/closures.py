@@ -28,6 +28,7 @@ from flexinv.files.toml_tables import (
     toml_text,
     validate,
 )
+from flexinv.model.attachments import COUPLED_JOINTS
 from flexinv.model.mechanism import CLOSURES, COUPLED, IMPACTS, WORLD, Attachment, Closure, Force, Joint, Link, Spring
 from flexinv.typing import Array
 from flexinv.validation import nearest
@@ -178,7 +179,7 @@ def _coupling(table: CouplingTable, joints: Mapping[str, Joint], file: Path, pat
     scalar = [j for j, joint in joints.items() if joint.kind in COUPLED]
     for joint in table.factors:
         if joint not in scalar:
-            expected = f"{' and '.join(COUPLED)} joints: " + (", ".join(scalar[:20]) or "there are none")
+            expected = f"{COUPLED_JOINTS}: " + (", ".join(scalar[:20]) or "there are none")
             near = nearest(joint, scalar)
             raise InputError(complaint(where, f'"{joint}"', expected, f"{near} = 1" if near else write))
     used = {j: factor for j, factor in table.factors.items() if factor}

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexinv.elements.joint_law import laws_of, moving_effort, resisting_effort
-from flexinv.inverse.nodal_sums import in_frame, nodal_samples, sum_in_frames, sum_samples
+from flexinv.inverse.nodal_sums import Masses, in_frame, nodal_samples, sum_in_frames, sum_samples
 from flexinv.kernels.memory import plain
 from flexinv.kinematics.joint_motion import joint_effort
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.kinematics.tree import Frames
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
@@ -61,8 +62,9 @@ def inverse_dynamics(
 def nodal_forces(mesh: Mesh, motion: NodalMotion, applied: NodalForces | None = None) -> NodalForces:
     """Return P = M (a - g) [N] and Q = R (J al + w x J w) [N m] at every node and sample, less applied loads."""
     force, moment = np.empty(motion.a.shape), np.empty(motion.a.shape)  # (sample, node, xyz)
-    moving = (plain(part) for part in (motion.rotation, motion.omega, motion.a, motion.alpha))
-    nodal_samples(mesh.mass, mesh.inertia, plain(mesh.mechanism.gravity), *moving, force, moment)
+    parts = motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha
+    frames = Frames(*(plain(part) for part in parts))
+    nodal_samples(Masses(mesh.mass, mesh.inertia, plain(mesh.mechanism.gravity)), frames, force, moment)
     if applied is not None:
         return NodalForces(force - applied.force, moment - applied.moment)
     return NodalForces(force, moment)
@@ -74,7 +76,7 @@ def joint_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> Noda
     F_n = P_n + sum F_c,   M_n = Q_n + sum (M_c + (x_c - x_n) x F_c)   over the children c: suffix sums along the tree.
     """
     force, moment = np.array(forces.force, order="C"), np.array(forces.moment, order="C")
-    sum_samples(mesh.parent, plain(motion.x), force, moment)
+    sum_samples(mesh.parent, plain(motion.x), force, moment, np.empty((mesh.size, 6)))
     return NodalForces(force, moment)
 
 

@@ -22,28 +22,34 @@ def own_force(mass, inertia, gravity, rotation, omega, a, alpha):
     return scale(mass, sub(vec(a), gravity)), apply(mat(rotation), body)
 
 
+class Masses(NamedTuple):
+    """Inertia of the nodes, mass (nodes,) [kg] and tensor (nodes, 3, 3) [kg m^2] in their frames; gravity (3,) [m/s^2]."""
+
+    mass: Array
+    inertia: Array
+    gravity: Array
+
+
 @jit
-def nodal_samples(mass, inertia, g, rotation, omega, a, alpha, force, moment):
+def nodal_samples(masses, frames, force, moment):
     """Set P and Q of `own_force` [N], [N m] of every node, (samples, nodes, 3)."""
-    gravity = vec(g)
-    for s in range(a.shape[0]):
-        for n in range(mass.shape[0]):
-            p, q = own_force(mass[n], inertia[n], gravity, rotation[s, n], omega[s, n], a[s, n], alpha[s, n])
+    gravity = vec(masses.gravity)
+    for s in range(force.shape[0]):
+        for n in range(force.shape[1]):
+            r, w, a, al = frames.r[s, n], frames.w[s, n], frames.a[s, n], frames.al[s, n]
+            p, q = own_force(masses.mass[n], masses.inertia[n], gravity, r, w, a, al)
             put(force[s, n], 0, p)
             put(moment[s, n], 0, q)
 
 
 @jit
-def sum_samples(parent, x, force, moment):
-    """Add to every node's force [N] and moment [N m] those beyond it, the moments about the node, in place."""
+def sum_samples(parent, x, force, moment, line):
+    """Add to every node's force [N] and moment [N m] those beyond it, the moments about the node, in place; line as below."""
     for s in range(x.shape[0]):
-        for n in range(parent.shape[0] - 1, -1, -1):
-            m = parent[n]
-            if m >= 0:
-                push = vec(force[s, n])
-                arm = sub(vec(x[s, n]), vec(x[s, m]))
-                put(force[s, m], 0, add(vec(force[s, m]), push))
-                put(moment[s, m], 0, add(vec(moment[s, m]), add(vec(moment[s, n]), cross(arm, push))))
+        sum_outboard(parent, x[s], force[s], moment[s], line)
+        for n in range(parent.shape[0]):
+            put(force[s, n], 0, vec(line[n]))
+            put(moment[s, n], 0, vec_at(line[n], 3))
 
 
 @jit
@@ -61,13 +67,18 @@ def sum_outboard(parent, x, force, moment, line):
     for n in range(parent.shape[0]):
         put(line[n], 0, vec(force[n]))
         put(line[n], 3, vec(moment[n]))
+    sum_line(parent, x, line)
+
+
+@jit_inner
+def sum_line(parent, x, line):
+    """Add to every node's force [N] and moment [N m], ``line`` (nodes, 6), those beyond it, the moments about the node."""
     for n in range(parent.shape[0] - 1, -1, -1):
         m = parent[n]
         if m >= 0:
             push = vec_at(line[n], 0)
-            arm = sub(vec(x[n]), vec(x[m]))
             add_to(line[m], 0, push)
-            add_to(line[m], 3, add(vec_at(line[n], 3), cross(arm, push)))
+            add_to(line[m], 3, add(vec_at(line[n], 3), cross(sub(vec(x[n]), vec(x[m])), push)))
 
 
 @jit
@@ -102,22 +113,23 @@ class Drives(NamedTuple):
 
 
 @jit
-def instant_torques(nodes, drives, mass, inertia, gravity, x, r, w, a, al, line, q, qd, qdd, tau):
+def instant_torques(nodes, drives, masses, frames, line, motion, tau):
     """Set the effort of every joint coordinate, (nv,) [N m] or [N], from the motion of all nodes at one instant.
 
     P = M (a - g), summed from the leaves (line : (nodes, 6) scratch), along the axes; plus what the drive takes
+    motion : q (nq,), qd, qdd (nv,)
     """
-    g = vec(gravity)
+    gravity, (q, qd, qdd) = vec(masses.gravity), motion
     for n in range(nodes.parent.shape[0]):
-        spin, tensor = vec(w[n]), mat(inertia[n])
-        body = add(apply(tensor, vec(al[n])), cross(spin, apply(tensor, spin)))
-        put(line[n], 0, scale(mass[n], sub(vec(a[n]), g)))
-        put(line[n], 3, apply(mat(r[n]), body))
-    for n in range(nodes.parent.shape[0] - 1, -1, -1):
-        m, push = nodes.parent[n], vec_at(line[n], 0)
+        r, w, a, al = frames.r[n], frames.w[n], frames.a[n], frames.al[n]
+        force, moment = own_force(masses.mass[n], masses.inertia[n], gravity, r, w, a, al)
+        put(line[n], 0, force)
+        put(line[n], 3, moment)
+    sum_line(nodes.parent, frames.x, line)
+    for n in range(nodes.parent.shape[0]):
         if drives.freedoms[n] > 0:
-            turned = mat(r[n])
-            force, moment = tapply(turned, push), tapply(turned, vec_at(line[n], 3))
+            turned = mat(frames.r[n])
+            force, moment = tapply(turned, vec_at(line[n], 0)), tapply(turned, vec_at(line[n], 3))
             for i in range(drives.freedoms[n]):
                 v = nodes.v_index[n] + i
                 effort = dot(vec(drives.slide[n, i]), force) + dot(vec(drives.turn[n, i]), moment)
@@ -126,7 +138,3 @@ def instant_torques(nodes, drives, mass, inertia, gravity, x, r, w, a, al, line,
                     drives.rotor[n], drives.damping[n], drives.friction[n], drives.stiffness[n], drives.rest[n]
                 )
                 tau[v] = effort + own_effort(law, place, qd[v], qdd[v], np.sign(qd[v]))
-        if m >= 0:
-            arm = sub(vec(x[n]), vec(x[m]))
-            add_to(line[m], 0, push)
-            add_to(line[m], 3, add(vec_at(line[n], 3), cross(arm, push)))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from flexinv.kernels.dense import eliminate_column
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.typing import Array
 
@@ -28,7 +29,7 @@ def _forward(below, own, above, right, window, kept):
                     window[n + i, 2 * n + j] = above[k + 1, i, j]
                 window[n + i, 3 * n] = right[k + 1, i]
         for c in range(n):
-            _eliminate(window, c, rows, 3 * n + 1)
+            eliminate_column(window, c, rows, 3 * n + 1)
         for i in range(n):
             for j in range(3 * n + 1):
                 kept[k, i, j] = window[i, j]
@@ -46,28 +47,6 @@ def _load(window, first, n, own, above, right):
         for j in range(n):
             window[first + i, j], window[first + i, n + j], window[first + i, 2 * n + j] = own[i, j], above[i, j], 0.0
         window[first + i, 3 * n] = right[i]
-
-
-@jit_inner
-def _eliminate(window, c, rows, wide):
-    pivot = c
-    for i in range(c + 1, rows):
-        if abs(window[i, c]) > abs(window[pivot, c]):
-            pivot = i
-    if pivot != c:
-        for j in range(c, wide):
-            window[c, j], window[pivot, j] = window[pivot, j], window[c, j]
-    scale = 1.0 / window[c, c]
-    for i in range(c + 1, rows):
-        factor = window[i, c] * scale
-        if factor != 0.0:
-            _subtract(window[i], factor, window[c], c, wide)
-
-
-@jit_inner
-def _subtract(row, factor, other, first, last):
-    for j in range(first, last):
-        row[j] -= factor * other[j]
 
 
 @jit

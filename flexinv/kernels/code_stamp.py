@@ -13,18 +13,18 @@ from pathlib import Path
 
 # The modules, as they are called in the package, whose text or constants are in machine code.
 SOURCES = (
-    "analysis.batch_kernel", "analysis.energy_guard", "constraints.allocation_kernel", "constraints.continuation_kernel",
-    "constraints.equations", "dynamics.assembly", "dynamics.bordered_solver", "dynamics.constraint_rows",
-    "dynamics.dofs", "dynamics.generalized_alpha", "dynamics.index1", "dynamics.loads", "dynamics.spring_rows",
-    "dynamics.stepper", "dynamics.tree_solver", "elements.beam", "elements.beam_damping", "elements.joint_law",
-    "elements.planar_beam", "elements.planar_beam_damping", "inverse.nodal_sums", "inverse.trajectory_pass",
-    "kernels.threads.atomics",
-    "kernels.block_tridiagonal", "kernels.jit", "kernels.threads.mailbox", "kernels.record_stack", "kernels.simd",
-    "kernels.so3", "kernels.vec3", "kinematics.configuration", "kinematics.tree", "linearized.natural_modes",
-    "model.joint_kinds", "planar.constraint_rows", "planar.history", "planar.index1", "planar.stepper", "planar.tree",
+    "analysis.batch_kernel", "analysis.energy_guard", "constraints.allocation_kernel",
+    "constraints.continuation_kernel", "constraints.equations", "dynamics.assembly", "dynamics.bordered_solver",
+    "dynamics.constraint_rows", "dynamics.dofs", "dynamics.generalized_alpha", "dynamics.index1",
+    "dynamics.linearization", "dynamics.loads", "dynamics.spring_rows", "dynamics.stepper", "dynamics.system",
+    "dynamics.tree_solver", "elements.beam", "elements.beam_element", "elements.joint_law", "elements.planar_beam",
+    "inverse.nodal_sums", "inverse.trajectory_pass", "kernels.block_tridiagonal", "kernels.dense", "kernels.jit",
+    "kernels.record_stack", "kernels.simd", "kernels.so3", "kernels.threads.atomics", "kernels.threads.mailbox",
+    "kernels.vec3", "kinematics.configuration", "kinematics.tree", "linearized.natural_modes", "model.joint_kinds",
+    "planar.constraint_rows", "planar.history", "planar.index1", "planar.stepper", "planar.tree",
     "planar.tree_solver", "rigid.blocks", "rigid.derivative_kernel", "rigid.regressor_kernel", "rnea.body_numbers",
-    "rnea.loop_allocation", "rnea.loop_bodies", "rnea.loop_ground", "rnea.loop_jacobian", "rnea.loop_layout", "rnea.loop_plane",
-    "rnea.loop_reduce", "rnea.loop_space", "rnea.recursion", "rnea.row_pairs", "rnea.six_rows",
+    "rnea.loop_allocation", "rnea.loop_bodies", "rnea.loop_ground", "rnea.loop_jacobian", "rnea.loop_layout",
+    "rnea.loop_plane", "rnea.loop_reduce", "rnea.loop_space", "rnea.recursion", "rnea.row_pairs", "rnea.six_rows",
     "tracking.collocation_kernel",
 )  # fmt: skip
 _IMPORT = re.compile(r"^from flexinv\.([\w.]+) import", re.MULTILINE)

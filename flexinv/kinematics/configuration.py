@@ -17,7 +17,7 @@ from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.so3 import quadratic
 from flexinv.kernels.vec3 import add, apply, cross, dot, mat, mul, put, put_block, scale, vec, vec_at
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.tree import Frames, Joints, carry
+from flexinv.kinematics.tree import Joints, carry, frames_at
 from flexinv.model.joint_kinds import CONTINUOUS, FREE, SPHERICAL
 from flexinv.typing import Array
 
@@ -134,19 +134,19 @@ def step_array(nodes, q, d):
 
 
 @jit
-def relative_samples(nodes, q, qd, qdd, p, dp, ddp, r, w, al):
-    """Set the relative motion of all nodes, (samples, nodes, ...) [m, rad, s], from the joints' coordinates."""
+def relative_samples(nodes, q, qd, qdd, out):
+    """Set the relative motion of all nodes, `Joints` (samples, nodes, ...) [m, rad, s], from the joints' coordinates."""
     for s in range(q.shape[0]):
-        joints = Joints(p[s], dp[s], ddp[s], r[s], w[s], al[s])
+        joints = Joints(out.p[s], out.dp[s], out.ddp[s], out.r[s], out.w[s], out.al[s])
         for n in range(nodes.parent.shape[0]):
             move_joint(n, nodes, q[s], qd[s], qdd[s], joints)
 
 
 @jit
-def motion_samples(nodes, q, qd, qdd, joints, x, r, v, w, a, al):
+def motion_samples(nodes, q, qd, qdd, joints, frames):
     """Set the motion of all nodes in the world, (samples, nodes, ...) [m, rad, s]; joints : scratch of one sample."""
     for s in range(q.shape[0]):
-        move_nodes(nodes, q[s], qd[s], qdd[s], joints, Frames(x[s], r[s], v[s], w[s], a[s], al[s]))
+        move_nodes(nodes, q[s], qd[s], qdd[s], joints, frames_at(frames, s))
 
 
 @jit_inner

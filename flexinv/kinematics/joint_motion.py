@@ -14,6 +14,7 @@ import numpy as np
 from flexinv.kernels.memory import plain, together
 from flexinv.kinematics.configuration import nodes_of, relative_samples
 from flexinv.kinematics.mesh import Mesh
+from flexinv.kinematics.tree import Joints
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Joint
 from flexinv.typing import Array
@@ -45,7 +46,7 @@ def relative_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> Relative:
     vector = (len(q), mesh.size, 3)
     p, dp, ddp, rotation, rate, acceleration = together(*3 * [vector], (*vector, 3), *2 * [vector])
     out = Relative(p, dp, ddp, rotation, rate, acceleration)
-    relative_samples(nodes_of(mesh), plain(q), plain(qd), plain(qdd), *out)
+    relative_samples(nodes_of(mesh), plain(q), plain(qd), plain(qdd), Joints(*out))
     return out
 
 

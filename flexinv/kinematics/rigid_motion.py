@@ -6,7 +6,7 @@ from flexinv.kernels.memory import plain, together
 from flexinv.kinematics.configuration import motion_samples, nodes_of
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
-from flexinv.kinematics.tree import Joints
+from flexinv.kinematics.tree import Frames, Joints
 from flexinv.typing import Array
 
 
@@ -18,6 +18,6 @@ def rigid_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> NodalMotion:
     vector, one = (len(q), mesh.size, 3), (mesh.size, 3)
     motion = NodalMotion(*together(vector, (*vector, 3), *4 * [vector]))
     joints = Joints(*together(*3 * [one], (*one, 3), *2 * [one]))
-    world = (motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha)
-    motion_samples(nodes_of(mesh), plain(q), plain(qd), plain(qdd), joints, *world)
+    world = Frames(motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha)
+    motion_samples(nodes_of(mesh), plain(q), plain(qd), plain(qdd), joints, world)
     return motion

@@ -27,7 +27,6 @@ from flexinv.kernels.vec3 import (
     mul,
     put,
     put_block,
-    sub,
     sum3,
     tapply,
     vec,
@@ -153,23 +152,17 @@ def bring_back(n, m, frames, joints, wrench):
 
 
 @jit_inner
-def bring_back_variation(n, m, columns, frames, joints, variation, own_x, own_t, wrench, dwrench):
-    """Add the variation of node n's wrench [N], [N m] to its parent's; own_x, own_t (columns, 3): that of p, theta_j."""
-    p, rj, r = vec(joints.p[n]), mat(joints.r[n]), mat(frames.r[m])
-    local, mu = tapply(r, vec(wrench[n])), vec_at(wrench[n], 3)
-    for k in range(columns):
-        df, dmu = vec(dwrench[n, k]), vec_at(dwrench[n, k], 3)
-        dlocal = sub(tapply(r, df), cross(vec(variation.t[m, k]), local))
-        arm = add(cross(vec(own_x[k]), local), cross(p, dlocal))
-        add_to(dwrench[m, k], 0, df)
-        add_to(dwrench[m, k], 3, add(arm, apply(rj, add(cross(vec(own_t[k]), mu), dmu))))
+def frames_at(frames, sample):
+    """Return one sample of a motion with a leading axis of samples [m, rad, s]."""
+    x, r, v, w = frames.x[sample], frames.r[sample], frames.v[sample], frames.w[sample]
+    return Frames(x, r, v, w, frames.a[sample], frames.al[sample])
 
 
 @jit
-def carry_samples(parent, x, r, v, w, a, al, p, dp, ddp, rj, wj, alj):
-    """Walk the tree for every sample: fill world motion (samples, nodes, ...) from relative motion [m, rad, s]."""
-    for s in range(x.shape[0]):
-        f = Frames(x[s], r[s], v[s], w[s], a[s], al[s])
-        j = Joints(p[s], dp[s], ddp[s], rj[s], wj[s], alj[s])
+def carry_samples(parent, frames, joints):
+    """Walk the tree for every sample: fill ``frames`` from ``joints``, both with a leading axis of samples [m, rad, s]."""
+    for s in range(frames.x.shape[0]):
+        f = frames_at(frames, s)
+        j = Joints(joints.p[s], joints.dp[s], joints.ddp[s], joints.r[s], joints.w[s], joints.al[s])
         for n in range(len(parent)):
             carry(n, parent[n], f, j)

@@ -1,6 +1,6 @@
 """Damping of beams by the damping ratio of one natural mode.
 
-Kelvin-Voigt damping with one retardation time eta for all strains, D = eta C (`beam_damping`), damps a mode of frequency omega
+Kelvin-Voigt damping with one retardation time eta for all strains, D = eta C (`elements.beam`), damps a mode of frequency omega
 with the ratio zeta = eta omega / 2: it grows with frequency, so that one target ratio at one mode fixes it for all others.
 
 A rigid motion dissipates nothing; in steps of h on a circle of rate w the scheme's velocities are off by a part (w h)^2, which

@@ -2,9 +2,9 @@
 
 Small motions y of the unknowns about a rest position, B_n the variation of node n by them (`kinematics.tree`):
 
-    M y'' + K y = 0        M = sum_n B_n^T diag(m_n, J_n) B_n  (+ rotors of free joints)        K = tangent of the residual
+    M y'' + K y = 0        M = sum_n B_n^T diag(m_n, J_n) B_n  (+ rotors of free joints)        K = dr/dy of the residual r
 
-Dampers and damped beams add D y' (`damping_matrix`); each mode's ratio is what light damping makes of it.
+Dampers and damped beams add D y'; each mode's ratio is what light damping makes of it.
 Prescribed joints are clamped.  Closures leave the motions y = N z with G N = 0.  At a rest position K is symmetric; where an
 outside effort holds a free joint in place, it is taken as constant, and of K the symmetric part.
 """
@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
-from itertools import permutations
 from typing import Any
 
 import numpy as np
@@ -22,10 +21,11 @@ from numpy.typing import ArrayLike, NDArray
 from flexinv.constraints.closures import constraint_rows, row_scales
 from flexinv.constraints.continuation import closed_near
 from flexinv.constraints.loop_starts import closed_at
-from flexinv.dynamics.generalized_alpha import DYNAMIC, STATICS, Scheme, advance, correct
+from flexinv.dynamics.generalized_alpha import STATICS, Scheme, advance, correct
 from flexinv.dynamics.initial_state import equilibrium, start_undeformed
+from flexinv.dynamics.linearization import Matrices, linearise, matrices
 from flexinv.dynamics.solver import Solver
-from flexinv.dynamics.stepper import CONVERGED, evaluate
+from flexinv.dynamics.stepper import CONVERGED
 from flexinv.errors import InputError
 from flexinv.kernels.jit import jit
 from flexinv.kinematics.mesh import Mesh, build
@@ -82,12 +82,6 @@ class Modes:
 
 
 @jit
-def linearise(topology, elements, border, scheme, state, joints, frames, variation, loads, work):
-    """Evaluate the residual [N], [N m] and its linearisation; return -1 or the element that turned too much."""
-    return evaluate(topology, elements, border, scheme, state, joints, frames, variation, loads, work, True)
-
-
-@jit
 def settle(topology, scheme, state, y):
     """Move the unknowns s by Newton's increments y (unknowns,) [m], [rad], and start from there."""
     correct(topology, scheme, state, y)
@@ -108,8 +102,8 @@ def natural_modes(
     mesh, at, names = chosen(mechanism, check_modes(mechanism, q, free, count), free)
     solver = Solver.of(mesh, set(names))
     joints = rest(solver, at)
-    damping = damping_matrix(solver, joints)
-    squared, shapes = undamped(_stiffness(solver, joints), _mass(solver), allowed_motions(solver))
+    mass, damping, stiffness = matrices_at_rest(solver, joints)
+    squared, shapes = undamped(stiffness, mass, allowed_motions(solver))
     last = len(squared) if count is None else count
     moves = nodal_shapes(solver, shapes[:, :last])
     lost = np.einsum("um,uw,wm->m", shapes, damping, shapes)[:last]  # (mode,)
@@ -193,44 +187,28 @@ def load_springs(solver: Solver, joints: Joints) -> None:
 
 def evaluate_once(solver: Solver, joints: Joints, scheme: Scheme = STATICS) -> None:
     """Evaluate residual [N], [N m] and linearisation of a solver at its present unknowns, as ``scheme`` varies them."""
-    linearise(
-        solver.topology, solver.elements, solver.border, scheme, solver.state, joints, solver.frames, solver.variation,
-        solver.loads, solver.work,
-    )  # fmt: skip
+    linearise(solver.system, scheme, joints, True)
 
 
-# Velocities per displacement [1/s] at which damping is seen: so large that rounding of the stiffness beside it is none, however
-# small and fast the mechanism.
-FAST = 1e30
+def matrices_at_rest(solver: Solver, joints: Joints) -> Matrices:
+    """Return M, C and K [kg, N, m, s] at rest; dry friction, whose effort has no derivative there, is left out."""
+    friction = np.zeros_like(solver.topology.friction)
+    return tied_matrices(replace(solver, topology=solver.topology._replace(friction=friction)), joints)
 
 
-def damping_matrix(solver: Solver, joints: Joints) -> Array:
-    """Return the derivative of the residual by velocities, at rest, (unknowns, unknowns) [N s/m], [N s], [N m s].
+def tied_matrices(solver: Solver, joints: Joints) -> Matrices:
+    """Return M, C and K [kg, N, m, s] of a mechanism with the forces in closures that it has where it stands.
 
-    Damped beams, dampers in joints and between points; dry friction, which at rest has no derivative, is left out.
+    These act on K by differences (`stiffness_of_ties`); the march's linearisation leaves out part of that.
     """
-    n, found = constraints(solver), []
-    smooth = replace(solver, topology=solver.topology._replace(friction=np.zeros_like(solver.topology.friction)))
-    for cv in (FAST, 0.0):
-        evaluate_once(smooth, joints, STATICS._replace(mode=DYNAMIC, cv=cv))
-        ties = smooth.border.ties
-        found.append(tangent_matrix(smooth) - ties.sides[n:].T @ ties.across[n:])
-    return np.asarray((found[0] - found[1]) / FAST)
-
-
-def _stiffness(solver: Solver, joints: Joints) -> Array:
-    """(unknowns, unknowns); the march's tangent leaves out part of what forces in closures do."""
     ties, n = solver.border.ties, constraints(solver)
     load_springs(solver, joints)
     force = ties.multiplier.copy()
     tied = stiffness_of_ties(solver, joints)
     ties.multiplier[:n] = 0.0
-    evaluate_once(solver, joints)
+    mass, damping, stiffness = matrices(solver, joints)
     ties.multiplier[:] = force
-    sprung = (
-        -ties.sides[n:].T @ ties.across[n:]
-    )  # what a spring's force, which follows the motion, does to the residual
-    return np.asarray(tangent_matrix(solver) + tied + sprung)
+    return Matrices(mass, damping, stiffness + tied)
 
 
 def unstable_motions(solver: Solver, joints: Joints) -> int:
@@ -238,50 +216,7 @@ def unstable_motions(solver: Solver, joints: Joints) -> int:
     if not len(solver.topology.scale):
         return 0
     allowed = allowed_motions(solver)
-    return negative(allowed.T @ _stiffness(solver, joints) @ allowed)
-
-
-def tangent_matrix(solver: Solver) -> Array:
-    """Return the linearisation that was evaluated last as one matrix (unknowns, unknowns) [N/m], [N], [N m].
-
-    Diagonal blocks as the march has them, and what elements couple: B_i^T K_iq B_q of their nodes i, q.
-    """
-    t, work = solver.topology, solver.work
-    k = np.zeros((len(t.scale), len(t.scale)))
-    for block, (first, size) in enumerate(zip(t.offset, t.size, strict=True)):
-        k[first : first + size, first : first + size] = work.diagonal[block, :size, :size]
-    for element, order in enumerate(solver.elements.order):
-        nodes = solver.elements.nodes[element, : order + 1]
-        # what moves node i: its own six unknowns, or for the first node all unknowns of its block
-        moves = [(t.offset[t.block[n]] + np.arange(6), np.eye(6)) for n in nodes]
-        moves[0] = _columns(solver, int(nodes[0])), _variation(solver, int(nodes[0]))
-        for (i, (rows, by_row)), (q, (columns, by_column)) in permutations(enumerate(moves), 2):
-            piece = work.tangent[element, 6 * i : 6 * i + 6, 6 * q : 6 * q + 6]
-            k[np.ix_(rows, columns)] += by_row.T @ piece @ by_column
-        if len(solver.elements.damping):
-            columns, follow = _columns(solver, int(nodes[0])), _root_rates(solver, int(nodes[0]))
-            for i, (rows, by_row) in enumerate(moves[1:], 1):
-                k[np.ix_(rows, columns)] += by_row.T @ work.tangent[element, 6 * i : 6 * i + 6, -6:] @ follow
-    return k
-
-
-def _root_rates(solver: Solver, node: int) -> Array:
-    """Velocity (world) and angular velocity (own frame) of a node by the unknowns of its block, (6, columns)."""
-    size = solver.topology.size[solver.topology.block[node]]
-    return np.vstack([solver.variation.v[node, :size].T, solver.variation.w[node, :size].T])
-
-
-def _mass(solver: Solver) -> Array:
-    t = solver.topology
-    m = np.zeros((len(t.scale), len(t.scale)))
-    for node in range(len(t.parent)):
-        columns, by = _columns(solver, node), _variation(solver, node)
-        inertia = np.zeros((6, 6))
-        inertia[:3, :3], inertia[3:, 3:] = t.mass[node] * np.eye(3), t.inertia[node]
-        m[np.ix_(columns, columns)] += by.T @ inertia @ by
-        own = t.offset[t.block[node]] + t.column[node] + np.arange(t.freedoms[node])
-        m[own, own] += t.rotor[node]
-    return m
+    return negative(allowed.T @ matrices_at_rest(solver, joints).stiffness @ allowed)
 
 
 def _columns(solver: Solver, node: int) -> NDArray[np.int64]:

@@ -21,8 +21,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.dynamics.generalized_alpha import DYNAMIC, STATICS, Scheme
+from flexinv.dynamics.generalized_alpha import DYNAMIC, STATICS
 from flexinv.dynamics.initial_state import instant
+from flexinv.dynamics.linearization import Matrices, matrices
 from flexinv.dynamics.solver import Solver
 from flexinv.dynamics.stepper import INCREMENT, MOST_ITERATIONS
 from flexinv.errors import ConvergenceError, InputError
@@ -38,16 +39,12 @@ from flexinv.linearized.natural_modes import (
     rest,
     scaled_gradient,
     settle,
-    stiffness_of_ties,
-    tangent_matrix,
+    tied_matrices,
 )
 from flexinv.model.joint_kinds import KINDS, SECTION
 from flexinv.model.mechanism import WORLD, Closure, Joint, Mechanism, Spring
 from flexinv.typing import Array
 
-# A matrix is read off the tangent with its own factor so large that nothing else is left of it (as
-# `generalized_alpha.ACCELERATIONS`).
-LARGE = 1e30
 # Rates are raised from zero in steps that are halved at most this often.
 MOST_HALVINGS = 8
 # Gravity or a load across the axis by more than this part of itself is no rounding of an axis.
@@ -215,7 +212,7 @@ def _newton(solver: Solver, joints: Joints, turning: Turning) -> None:
     for _ in range(MOST_ITERATIONS):
         _move_along(solver, turning)
         load_springs(solver, joints)
-        _, _, stiffness = _matrices(solver, joints, turning)
+        stiffness = _matrices(matrices(solver, joints), solver, turning).stiffness
         residual = solver.work.residual[0].copy()
         y = _increment(solver, stiffness, residual)
         ties.multiplier[:n] += closing_forces(solver, residual + stiffness @ y)
@@ -247,19 +244,12 @@ def _increment(solver: Solver, stiffness: Array, residual: Array) -> Array:
         return np.full(len(scale), np.nan)
 
 
-def _matrices(solver: Solver, joints: Joints, turning: Turning) -> tuple[Array, Array, Array]:
-    """M, C and K in the axes that turn along; the residual of the last evaluation is that of the motion."""
-    by_acceleration = _tangent(solver, joints, 0.0, LARGE) / LARGE
-    by_rate = _tangent(solver, joints, LARGE, 0.0) / LARGE
-    by_place = _tangent(solver, joints, 0.0, 0.0)
+def _matrices(found: Matrices, solver: Solver, turning: Turning) -> Matrices:
+    """M, C and K in the axes that turn along, from those of the march's unknowns."""
     a, b, d = _carried(solver, turning)
-    return by_acceleration, by_rate + by_acceleration @ b, by_place + by_rate @ a + by_acceleration @ d
-
-
-def _tangent(solver: Solver, joints: Joints, cv: float, ca: float) -> Array:
-    evaluate_once(solver, joints, Scheme(DYNAMIC, 0.0, cv, ca, 0.0, 0.0, 0.0, 0.0))
-    ties, n = solver.border.ties, constraints(solver)
-    return tangent_matrix(solver) - ties.sides[n:].T @ ties.across[n:]
+    by_acceleration, by_rate, by_place = found
+    damping, stiffness = by_rate + by_acceleration @ b, by_place + by_rate @ a + by_acceleration @ d
+    return Matrices(by_acceleration, damping, stiffness)
 
 
 def _carried(solver: Solver, turning: Turning) -> tuple[Array, Array, Array]:
@@ -281,14 +271,8 @@ def _skew(w: Array) -> Array:
 
 
 def _linearise(solver: Solver, joints: Joints, turning: Turning) -> Steady:
-    """M, C, K at the motion; forces in closures act on K by differences, for the march's tangent leaves out part of that."""
-    n, ties = constraints(solver), solver.border.ties
+    """M, C, K at the motion, and the residual that outside efforts hold: forces in closures are none."""
     _move_along(solver, turning)
-    load_springs(solver, joints)
-    force = ties.multiplier.copy()
-    tied = stiffness_of_ties(solver, joints)
-    ties.multiplier[:n] = 0.0
-    mass, damping, stiffness = _matrices(solver, joints, turning)
-    residual = solver.work.residual[0] + ties.sides[:n].T @ force[:n]
-    ties.multiplier[:] = force
-    return Steady(solver, mass, damping, stiffness + tied, residual)
+    found = _matrices(tied_matrices(solver, joints), solver, turning)
+    evaluate_once(solver, joints, STATICS._replace(mode=DYNAMIC))
+    return Steady(solver, *found, solver.work.residual[0].copy())

@@ -25,6 +25,7 @@ CLOSURES: dict[str, int] = {
 
 # Joints that a coupling may tie: those whose coordinate is one number that counts whole turns.
 COUPLED = tuple(name for name, kind in KINDS.items() if kind.counts_turns)
+COUPLED_JOINTS = f"{', '.join(COUPLED[:-1])} and {COUPLED[-1]} joints"  # in words
 
 # What a closure does that begins to act on frames in relative motion: refuse, or stop it at once (perfectly plastic).
 IMPACTS = ("error", "plastic")

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.dynamics.bordered_solver import REDUNDANT_PIVOT
-from flexinv.kernels.jit import jit_inner, jit_shared
+from flexinv.kernels.dense import invert_scaled
+from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.simd import cos_sin
 from flexinv.planar.tree_solver import solve
 from flexinv.typing import Array
@@ -232,46 +233,6 @@ def _invert_two(m, least):
         return False
     m[0, 0], m[0, 1], m[1, 0], m[1, 1] = d / det, -b / det, -c / det, a / det
     return True
-
-
-@jit_shared
-def invert_scaled(m, rows, least, over, left):
-    """Replace m[:rows, :rows] by its inverse [any unit]: the rows with a pivot above ``least``, largest first, zero for others.
-
-    Rows are scaled to a unit diagonal first: metres and radians stand side by side.  over, left : scratch
-    """
-    for i in range(rows):
-        over[i], left[i] = 1.0 / np.sqrt(abs(m[i, i])) if m[i, i] != 0.0 else 0.0, True
-    for i in range(rows):
-        for j in range(rows):
-            m[i, j] *= over[i] * over[j]
-    for _ in range(rows):
-        p, largest = 0, least
-        for i in range(rows):
-            if left[i] and abs(m[i, i]) > largest:
-                p, largest = i, abs(m[i, i])
-        if not largest > least:
-            break
-        left[p] = False
-        _sweep(m, p, rows)
-    for i in range(rows):
-        for j in range(rows):
-            m[i, j] = 0.0 if left[i] or left[j] else m[i, j] * over[i] * over[j]
-
-
-@jit_inner
-def _sweep(m, p, rows):
-    """One step of Gauss-Jordan in place, with the pivot (p, p)."""
-    over = 1.0 / m[p, p]
-    m[p, p] = 1.0
-    for j in range(rows):
-        m[p, j] *= over
-    for i in range(rows):
-        if i != p:
-            factor = m[i, p]
-            m[i, p] = 0.0
-            for j in range(rows):
-                m[i, j] -= factor * m[p, j]
 
 
 @jit_inner

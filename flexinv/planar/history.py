@@ -4,11 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from flexinv.elements.planar_beam import N1, N2, M, energy, point
-from flexinv.elements.planar_beam_damping import dissipated
+from flexinv.elements.planar_beam import N1, N2, M, dissipated, energy, point
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.simd import cos_sin
 from flexinv.typing import Array
@@ -31,28 +27,11 @@ class Embedding(NamedTuple):
     side: Array
 
 
-class Histories(NamedTuple):
-    """Histories into which the samples are written (`dynamics.solver.Trajectory`).
-
-    x, r, v, w, a, al, wrench, internal, energy, multipliers, iterations
-    """
-
-    x: Array
-    r: Array
-    v: Array
-    w: Array
-    a: Array
-    al: Array
-    wrench: Array
-    internal: Array
-    energy: Array
-    multipliers: Array
-    iterations: NDArray[np.int64]
-
-
 @jit_inner
-def record(sample, tree, elements, constraints, space, frames, work, out):
-    """Write one instant into the histories, in space [m, rad, s, N, J]."""
+def record(sample, system, out):
+    """Write one instant of a `stepper.PlanarSystem` into the histories, in space [m, rad, s, N, J]."""
+    tree, elements, constraints, space = system.tree, system.elements, system.constraints, system.space
+    frames, work = system.frames, system.work
     for n in range(len(tree.parent)):
         _embed(space.axes, frames.pose[n], space.height, out.x[sample, n])
         _embed(space.axes, frames.rate[n], 0.0, out.v[sample, n])

@@ -7,8 +7,9 @@ has one small matrix for each block of unknowns; Newton's remaining residual r i
 from __future__ import annotations
 
 from flexinv.dynamics.index1 import MASSLESS
+from flexinv.kernels.dense import invert_scaled
 from flexinv.kernels.jit import jit_inner, jit_shared
-from flexinv.planar.constraint_rows import add_step, invert_scaled, solve_ties, stiffen, tie_rows, tie_sides
+from flexinv.planar.constraint_rows import add_step, solve_ties, stiffen, tie_rows, tie_sides
 from flexinv.planar.tree import vary_poses
 
 

@@ -13,6 +13,9 @@ from flexinv.elements.planar_beam import (
     AXIAL,
     BENDING,
     CURVATURE,
+    D_AXIAL,
+    D_BENDING,
+    D_SHEAR,
     LANES,
     SHEAR,
     STRAIN1,
@@ -20,7 +23,6 @@ from flexinv.elements.planar_beam import (
     WEIGHT,
     PlanarElements,
 )
-from flexinv.elements.planar_beam_damping import D_AXIAL, D_BENDING, D_SHEAR
 from flexinv.kernels.memory import on_lines
 from flexinv.kernels.so3 import log_so3
 from flexinv.kinematics.mesh import Mesh

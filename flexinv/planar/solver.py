@@ -8,22 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from flexinv.dynamics.assembly import State
 from flexinv.dynamics.constraint_rows import Ties
 from flexinv.dynamics.dofs import Indices
 from flexinv.dynamics.generalized_alpha import Scheme
-from flexinv.dynamics.solver import Trajectory
-from flexinv.elements.planar_beam import BLOCK, CONSTANTS
-from flexinv.elements.planar_beam_damping import COEFFICIENTS, RATES
+from flexinv.dynamics.system import Histories, State
+from flexinv.elements.planar_beam import BLOCK, COEFFICIENTS, CONSTANTS, RATES
 from flexinv.kernels.memory import cleared
 from flexinv.kernels.so3 import about_axis, log_so3
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.planar.constraint_rows import PlanarTies
 from flexinv.planar.detection import seen
-from flexinv.planar.history import Histories
 from flexinv.planar.model import PlanarModel, planar_model
-from flexinv.planar.stepper import PlanarWork, planar_march
+from flexinv.planar.stepper import PlanarSystem, PlanarWork, planar_march
 from flexinv.planar.tree import PlanarFrames, PlanarState
 from flexinv.planar.tree_solver import FOUR, PlanarFactors
 from flexinv.typing import Array
@@ -61,6 +58,12 @@ class PlanarMarch:
         )  # fmt: skip
         frames = PlanarFrames(*(cleared(*shape) for shape in shapes))
         return cls(mesh, m, state, frames, _factors(m), work, _ties(m))
+
+    @property
+    def system(self) -> PlanarSystem:
+        """Return the arrays as the kernels take them."""
+        m = self.model
+        return PlanarSystem(m.tree, m.elements, self.ties, m.space, self.state, self.frames, self.factors, self.work)
 
     @classmethod
     def ready(cls, mesh: Mesh, passive: Collection[str]) -> PlanarMarch:
@@ -183,11 +186,7 @@ class PlanarMarch:
     def _arguments(
         self, scheme: Scheme, given: Array, row: Indices, out: Histories, joint: Array, still: bool
     ) -> tuple[Any, ...]:
-        m = self.model
-        return (
-            m.tree, m.elements, self.ties, m.space, scheme, self.state, self.frames, self.factors, self.work,
-            joint, still, given, row, out,
-        )  # fmt: skip
+        return self.system, scheme, joint, still, given, row, out
 
     def _rotation(self, n: int, angle: float) -> Array:
         space = self.model.space
@@ -204,14 +203,6 @@ class PlanarMarch:
 def _left(mesh: Mesh, passive: frozenset[str]) -> list[PlanarMarch]:
     """Return the list of marches left behind for reuse, which threads may share."""
     return []
-
-
-def histories(out: Trajectory) -> Histories:
-    """Return the histories of a trajectory [m, rad, s, N, J] by the names of the planar march."""
-    m = out.motion
-    return Histories(
-        m.x, m.rotation, m.v, m.omega, m.a, m.alpha, out.wrench, out.internal, out.energy, out.multipliers, out.iterations
-    )  # fmt: skip
 
 
 def _ties(model: PlanarModel) -> PlanarTies:

@@ -32,10 +32,18 @@ from flexinv.dynamics.stepper import (
     SUDDEN_START,
     TURNED_TOO_MUCH,
 )
-from flexinv.elements.planar_beam import add_forces, interpolate, point_gradients, point_hessians, relax
-from flexinv.elements.planar_beam_damping import add_viscous, add_viscous_hessians, interpolate_rates
+from flexinv.elements.planar_beam import (
+    PlanarElements,
+    add_forces,
+    interpolate,
+    interpolate_rates,
+    point_gradients,
+    point_hessians,
+    relax,
+)
 from flexinv.kernels.jit import jit, jit_inner, jit_shared
 from flexinv.planar.constraint_rows import (
+    PlanarTies,
     add_step,
     add_ties,
     any_acts,
@@ -45,9 +53,12 @@ from flexinv.planar.constraint_rows import (
     solve_ties,
     tie_rows,
 )
-from flexinv.planar.history import record
+from flexinv.planar.history import Embedding, record
 from flexinv.planar.index1 import settle
 from flexinv.planar.tree import (
+    PlanarFrames,
+    PlanarState,
+    PlanarTree,
     accept,
     gather,
     gather_variations,
@@ -58,7 +69,7 @@ from flexinv.planar.tree import (
     vary,
     vary_independent,
 )
-from flexinv.planar.tree_solver import factorise, put_stiffness, solve
+from flexinv.planar.tree_solver import PlanarFactors, factorise, put_stiffness, solve
 from flexinv.typing import Array
 
 # Newton stops when the estimated remaining error is below the tolerance: increment times the observed rate of contraction (at
@@ -66,7 +77,7 @@ from flexinv.typing import Array
 # information.
 SURE = 1e-6
 ROUNDING = 5e-15
-# With damping no linearisation is exact (`planar_beam_damping`), and rates add rounding of their own: an increment below
+# With damping no linearisation is exact (`planar_beam`), and rates add rounding of their own: an increment below
 # this that shrinks no more is rounding.
 STALLED = 1e-12
 # A linearisation serves all iterations of a step, unless it shrinks an increment by less than SLOW: a new one costs as much as
@@ -79,7 +90,7 @@ MANY = 12
 class PlanarWork(NamedTuple):
     """Scratch of the march: points of `planar_beam`, u (count, 3), felt (elements, count, 3), residual and y (unknowns,).
 
-    rates : of `planar_beam_damping`, empty where no beam is damped
+    rates : the same of their rates, empty where no beam is damped
     """
 
     points: Array
@@ -90,65 +101,72 @@ class PlanarWork(NamedTuple):
     y: Array
 
 
+class PlanarSystem(NamedTuple):
+    """A mechanism in a plane under time integration, as `dynamics.system.System` in space."""
+
+    tree: PlanarTree
+    elements: PlanarElements
+    constraints: PlanarTies
+    space: Embedding
+    state: PlanarState
+    frames: PlanarFrames
+    factors: PlanarFactors
+    work: PlanarWork
+
+
 @jit_inner
-def evaluate(tree, elements, constraints, state, given, frames, work, moved):
+def evaluate(system, given, moved):
     """Evaluate the residual [N], [N m] at the present unknowns; return the largest turn [rad] in an element, and which.
 
     moved : whether poses or rates have changed since the last evaluation, and with them what the elements feel
     """
-    place(tree, state, given, frames)
-    tie_rows(constraints, frames, False)
-    largest, worst = 0.0, 0
+    elements, frames, work, largest, worst = system.elements, system.frames, system.work, 0.0, 0
+    place(system.tree, system.state, given, frames)
+    tie_rows(system.constraints, frames, False)
     if moved:
         largest, worst = interpolate(elements, frames.pose, work.u, work.points)
-        point_gradients(elements, work.points)
         if len(elements.damping) > 0:
             interpolate_rates(elements, frames.rate, work.rates)
-            add_viscous(elements, work.points, work.rates)
-    add_up(tree, elements, constraints, state, frames, work)
+        point_gradients(elements, work.points, work.rates)
+    node_wrenches(system.tree, frames)
+    add_ties(system.constraints, frames.wrench)
+    add_forces(elements, frames.pose, work.points, frames.wrench, work.felt)
+    gather(system.tree, system.state, frames, work.residual)
     return largest, worst
 
 
 @jit_inner
-def add_up(tree, elements, constraints, state, frames, work):
-    """Sum the wrenches of inertia, closures and elements to the residual [N], [N m]."""
-    node_wrenches(tree, frames)
-    add_ties(constraints, frames.wrench)
-    add_forces(elements, frames.pose, work.points, frames.wrench, work.felt)
-    gather(tree, state, frames, work.residual)
-
-
-@jit_inner
-def linearise(tree, elements, constraints, scheme, state, frames, factors, work):
+def linearise(system, scheme):
     """Make and eliminate the linearisation at the state that `evaluate` has seen last [N/m], [N], [N m]."""
+    tree, elements, frames, work = system.tree, system.elements, system.frames, system.work
     vary(tree, frames, scheme.cv, scheme.ca)
     node_wrench_variations(tree, frames)
-    point_hessians(elements, work.points)
-    if len(elements.damping) > 0:
-        add_viscous_hessians(elements, scheme.cv, work.points, work.rates)
-    put_stiffness(tree, elements, work.points, frames, factors)
-    gather_variations(tree, state, frames, factors.diagonal, scheme.cv, scheme.ca)
-    factorise(tree, elements, frames, factors)
-    factorise_ties(tree, elements, constraints, frames, factors)
+    point_hessians(elements, scheme.cv, work.points)
+    put_stiffness(tree, elements, work.points, frames, system.factors)
+    gather_variations(tree, system.state, frames, system.factors.diagonal, scheme.cv, scheme.ca)
+    factorise(tree, elements, frames, system.factors)
+    factorise_ties(tree, elements, system.constraints, frames, system.factors)
 
 
 @jit_inner
-def newton(tree, elements, constraints, scheme, state, given, frames, factors, work, slow, most):
+def newton(system, scheme, given, slow, most):
     """Solve one step; return status, iterations (or the bad element), last relative increment [-].
 
     Where only accelerations are asked for, the state stands still.
     slow : shrinking of an increment [-] from which on the linearisation is made anew, 0 for every time; most : iterations
     """
+    tree, elements, constraints = system.tree, system.elements, system.constraints
+    state, work = system.state, system.work
     size, fresh, last, damped = 0.0, True, scheme.mode == ACCELERATION, len(elements.damping) > 0
     for iteration in range(most + 1):
-        turned, worst = evaluate(tree, elements, constraints, state, given, frames, work, scheme.mode != ACCELERATION)
+        turned, worst = evaluate(system, given, scheme.mode != ACCELERATION)
         if not turned <= LARGEST_TURN:
             return TURNED_TOO_MUCH, worst, size
         if last or len(work.y) == 0:
             return CONVERGED, iteration, size
         if fresh:
-            linearise(tree, elements, constraints, scheme, state, frames, factors, work)
-        solve(tree, elements, factors, work.residual, work.y, False)
+            linearise(system, scheme)
+        solve(tree, elements, system.factors, work.residual, work.y, False)
         solve_ties(tree, constraints, work.y)
         before, size = size, largest_increment(work.y, tree.scale)
         if not np.isfinite(size):
@@ -167,11 +185,11 @@ def newton(tree, elements, constraints, scheme, state, given, frames, factors, w
 
 
 @jit_inner
-def step_of(tree, elements, constraints, scheme, state, given, frames, factors, work, slow, most):
+def step_of(system, scheme, given, slow, most):
     """Solve one step by `newton`, and look whether a section has slipped [rad]; return what it returns."""
-    status, count, size = newton(tree, elements, constraints, scheme, state, given, frames, factors, work, slow, most)
+    status, count, size = newton(system, scheme, given, slow, most)
     if status == CONVERGED and scheme.mode != ACCELERATION:
-        slipped = slips(tree, elements, scheme, state, frames)
+        slipped = slips(system.tree, system.elements, scheme, system.state, system.frames)
         if slipped >= 0:
             return SLIPPED, slipped, size
     return status, count, size
@@ -187,11 +205,12 @@ def start(scheme, state, order):
 
 
 @jit_shared
-def begin_step(tree, elements, constraints, scheme, state, given, frames, factors, work):
+def begin_step(system, scheme, given):
     """Let the next step start from the accelerations that were found, as far as a step resolves them: `initial_state.begin_step`.
 
     Return whether that leaves something out [-].
     """
+    tree, constraints, state, work = system.tree, system.constraints, system.state, system.work
     for i in range(len(state.du)):
         state.pseudo[i] = state.du[i]
     jump = 0.0
@@ -201,12 +220,12 @@ def begin_step(tree, elements, constraints, scheme, state, given, frames, factor
         keep(constraints)
         for i in range(len(state.du)):
             state.du[i] = state.du0[i]
-        vary_independent(tree, frames, scheme.cv, scheme.ca)
+        vary_independent(tree, system.frames, scheme.cv, scheme.ca)
         for _ in range(PASSES):
-            evaluate(tree, elements, constraints, state, given, frames, work, True)
-            linearise(tree, elements, constraints, scheme, state, frames, factors, work)
-            solve(tree, elements, factors, work.residual, work.y, False)
-            tie_rows(constraints, frames, True)
+            evaluate(system, given, True)
+            linearise(system, scheme)
+            solve(tree, system.elements, system.factors, work.residual, work.y, False)
+            tie_rows(constraints, system.frames, True)
             for r in range(len(constraints.value)):
                 constraints.value[r] /= scheme.ca
             solve_ties(tree, constraints, work.y)
@@ -265,37 +284,35 @@ def advance(tree, scheme, state):
 
 
 @jit
-def planar_march(tree, elements, constraints, space, c, state, frames, factors, work, joint, still, given, row, out):
+def planar_march(system, step, start_at, still, given, row, out):
     """March over the instants of one chunk and write the samples that are asked for.
 
-    An instant is the end of a step; at the first, where it is to stand ``still``, accelerations are found for the state at hand,
-    and the march goes on from them, or ends there where such a start is sudden.  Where closures act, what is written are the
-    accelerations and multipliers of `planar.index1.settle`.
+    An instant is the end of a ``step``, a scheme; at the first, where it is to stand ``still``, accelerations are found for the
+    state at hand, and the march goes on from them, or ends there where such a start is sudden.  Where closures act, what is
+    written are the accelerations and multipliers of `planar.index1.settle`.
 
-    joint : (nodes, 3) q, q', q'' of all joints [m, rad, s] where the march begins, undeformed; (0, 3) where it goes on
+    start_at : (nodes, 3) q, q', q'' of all joints [m, rad, s] where the march begins, undeformed; (0, 3) where it goes on
     given : (instants, joints, 3) q, q', q'' of the prescribed joints [m, rad, s]; row : (instants,) of the histories, -1 for none
     Return status, instant reached, element or iterations, last relative increment [-].
     """
+    tree, constraints, state = system.tree, system.constraints, system.state
+    frames, work = system.frames, system.work
     count, size, order, acts = 0, 0.0, 0, any_acts(constraints)
-    if joint.shape[0] > 0:
-        begin(tree, elements, state, joint, frames, work)
+    if start_at.shape[0] > 0:
+        begin(system, start_at)
     for n in range(given.shape[0]):
         moves = n > 0 or not still
-        scheme = c if moves else ACCELERATIONS
+        scheme = step if moves else ACCELERATIONS
         if n == 0 or (n == 1 and still):
             vary_independent(tree, frames, scheme.cv, scheme.ca)
         if moves:
-            start(c, state, order)
+            start(step, state, order)
         keep(constraints)
-        status, count, size = step_of(
-            tree, elements, constraints, scheme, state, given[n], frames, factors, work, SLOW, MANY
-        )
+        status, count, size = step_of(system, scheme, given[n], SLOW, MANY)
         if status != CONVERGED and moves:  # where something has just let go, the past says little about what comes
-            start(c, state, 0)
+            start(step, state, 0)
             return_to(constraints)
-            status, count, size = step_of(
-                tree, elements, constraints, c, state, given[n], frames, factors, work, 0.0, MOST_ITERATIONS
-            )
+            status, count, size = step_of(system, step, given[n], 0.0, MOST_ITERATIONS)
         if status != CONVERGED:
             return status, n, count, size
         settles = not moves or (acts and row[n] >= 0)
@@ -303,25 +320,25 @@ def planar_march(tree, elements, constraints, space, c, state, frames, factors, 
             keep(constraints)
             settle(tree, constraints, frames, work.residual)
         if row[n] >= 0:
-            record(row[n], tree, elements, constraints, space, frames, work, out)
+            record(row[n], system, out)
             out.iterations[row[n]] = count
         if not moves:  # the march goes on from what has been settled
             for i in range(len(state.du)):
                 state.du[i] += constraints.line[i]
-            if begin_step(tree, elements, constraints, c, state, given[n], frames, factors, work):
+            if begin_step(system, step, given[n]):
                 return SUDDEN_START, n + 1, count, size
             continue
         if settles:
             return_to(constraints)
-        order = advance(tree, c, state)
+        order = advance(tree, step, state)
     return CONVERGED, given.shape[0], count, size
 
 
 @jit_inner
-def begin(tree, elements, state, joint, frames, work):
+def begin(system, joint):
     """Begin undeformed: joint (nodes, 3) q, q', q'' of all joints [m, rad, s]; the elements feel nothing, not even rounding."""
-    stand(tree, state, joint, frames)
-    accept(state)
-    relax(elements, work.points)
-    for i in range(len(work.rates)):
-        work.rates[i] = 0.0
+    stand(system.tree, system.state, joint, system.frames)
+    accept(system.state)
+    relax(system.elements, system.work.points)
+    for i in range(len(system.work.rates)):
+        system.work.rates[i] = 0.0

@@ -17,12 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.elements.planar_beam import pair_stiffness
+from flexinv.kernels.dense import inverse_transposed, invert, subtract
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.vec3 import (
     add_to,
     apply,
-    cross,
-    dot,
     madd,
     mat,
     msub,
@@ -60,66 +59,6 @@ class PlanarFactors(NamedTuple):
     diagonal: Array
     line: Array
     found: Array
-
-
-@jit_inner
-def invert(a, size, line):
-    """Replace a[:size, :size] by its inverse [any unit]: Gauss-Jordan by three rows at a time, what is left by single ones.
-
-    A vanishing pivot leaves infinities, which the caller's test finds.  line : (2, size) scratch
-    """
-    threes = size - size % 3
-    for k in range(0, threes, 3):
-        _sweep_three(a, k, size)
-    for k in range(threes, size):
-        _sweep(a, k, size, line[0], line[1])
-
-
-@jit_inner
-def _sweep_three(a, k, size):
-    """One step of Gauss-Jordan with the pivot rows k, k + 1, k + 2."""
-    one, two, three = a[k], a[k + 1], a[k + 2]
-    p, q, r = transpose(inverse_transposed((vec_at(one, k), vec_at(two, k), vec_at(three, k))))
-    put(one, k, (1.0, 0.0, 0.0))
-    put(two, k, (0.0, 1.0, 0.0))
-    put(three, k, (0.0, 0.0, 1.0))
-    for c in range(size):
-        x, y, z = one[c], two[c], three[c]
-        one[c] = p[0] * x + p[1] * y + p[2] * z
-        two[c] = q[0] * x + q[1] * y + q[2] * z
-        three[c] = r[0] * x + r[1] * y + r[2] * z
-    for i in range(size):
-        if i < k or i > k + 2:
-            factors = vec_at(a[i], k)
-            put(a[i], k, (0.0, 0.0, 0.0))
-            _subtract_three(a[i], factors, one, two, three, size)
-
-
-@jit_inner
-def _subtract_three(row, factors, one, two, three, size):
-    for c in range(size):
-        row[c] -= factors[0] * one[c] + factors[1] * two[c] + factors[2] * three[c]
-
-
-@jit_inner
-def _sweep(a, k, size, row, column):
-    """One step of Gauss-Jordan with the pivot row k; rows of ``a`` are contiguous."""
-    pivot = 1.0 / a[k, k]
-    for i in range(size):
-        column[i] = a[i, k]
-        a[i, k] = 0.0
-    a[k, k], column[k] = 1.0, 0.0
-    for c in range(size):
-        row[c] = pivot * a[k, c]
-        a[k, c] = row[c]
-    for i in range(size):
-        _subtract(a[i], column[i], row, size)
-
-
-@jit_inner
-def _subtract(a, factor, b, size):
-    for c in range(size):
-        a[c] -= factor * b[c]
 
 
 @jit_inner
@@ -179,7 +118,7 @@ def factorise(tree, elements, frames, factors):
     for r in range(roots):
         for c in range(roots):
             factors.root[c, r] = factors.diagonal[0, r, c]
-    invert(factors.root, roots, factors.line)
+    invert(factors.root, roots)
 
 
 @jit_inner
@@ -203,14 +142,6 @@ def _condense_small(k, tree, elements, frames, factors):
 
 
 @jit_inner
-def inverse_transposed(m):
-    """Return the transposed inverse of a (3, 3) matrix [any unit]: its cofactors over its determinant."""
-    x, y, z = cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])
-    over = 1.0 / dot(m[0], x)
-    return scale(over, x), scale(over, y), scale(over, z)
-
-
-@jit_inner
 def _condense(k, tree, elements, frames, factors):
     """Condense element k onto its first block."""
     nodes, rows, inverse, b, x = elements.nodes[k], factors.rows[k], factors.inverse[k], factors.b[k], factors.x[k]
@@ -221,7 +152,7 @@ def _condense(k, tree, elements, frames, factors):
         for r in range(tree.size[block]):
             for c in range(tree.size[block]):
                 inverse[place[c], place[r]] += factors.diagonal[block, r, c]
-    invert(inverse, rows, factors.line)
+    invert(inverse, rows)
     for c in range(columns):
         v1, v2, v3 = frames.by_pose[root, c, 0], frames.by_pose[root, c, 1], frames.by_pose[root, c, 2]
         for r in range(rows):
@@ -256,7 +187,7 @@ def _few_rows(a, v, out, size):
         out[r] = 0.0
     for c in range(size):
         if v[c] != 0.0:
-            _subtract(out, -v[c], a[c], size)
+            subtract(out, -v[c], a[c], 0, size)
 
 
 @jit_inner
@@ -296,7 +227,7 @@ def solve(tree, elements, factors, residual, y, few):
         else:
             found = factors.found[k]
             for c in range(tree.size[tree.block[elements.nodes[k, 0]]]):
-                _subtract(found, -y[first + c], factors.x[k, c], factors.rows[k])
+                subtract(found, -y[first + c], factors.x[k, c], 0, factors.rows[k])
             for r in range(factors.rows[k]):
                 y[factors.own[k, r]] = -found[r]
 

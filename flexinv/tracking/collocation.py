@@ -26,9 +26,9 @@ from flexinv.kernels.so3 import exp_so3, log_so3
 from flexinv.kinematics.joint_motion import relative_motion
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.rigid_motion import rigid_motion
-from flexinv.kinematics.tree import Frames, Joints
+from flexinv.kinematics.tree import Joints
 from flexinv.planar.detection import Plane, find_plane
-from flexinv.tracking.collocation_kernel import evaluate_instants, inverse_tangents
+from flexinv.tracking.collocation_kernel import Evaluated, Motion, evaluate_instants, inverse_tangents
 from flexinv.tracking.frame_path import Poses
 from flexinv.tracking.inverse_kinematics import Frame, Reach
 from flexinv.typing import Array
@@ -224,22 +224,20 @@ class Horizon:
         s, pick, unknowns = self.layout.solver, self.layout.pick, u.shape[1]
         x, r = self.layout.nodes(Placed(at.flat[part], at.turn[part]))
         count = len(x)
-        residual, tangent = np.zeros((count, unknowns)), np.zeros((3, count if want else 0, unknowns, unknowns))
-        reach = np.zeros((count if want else 0, 6, unknowns))
-        own = out.trajectory.rows(part.start, part.stop)
+        own, wanted = out.trajectory.rows(part.start, part.stop), count if want else 0
+        tangent, reach = np.zeros((wanted, 3, unknowns, unknowns)), np.zeros((wanted, 6, unknowns))
+        now = Evaluated(np.zeros((count, unknowns)), tangent, reach, own.histories())
         joints = Joints(*(given.copy() for given in self.layout.joints))  # free ones are overwritten
-        instant_, element = evaluate_instants(
-            s.topology, beams, s.border, s.state, joints, s.frames, s.variation, s.loads, s.work,
-            (x, r, at.flat[part], u[part], du[part]), load_table(s.mesh, self.time[part]), want, residual, tangent,
-            self.task.frame.node, reach, Frames(*own.histories()[:6]), own.wrench, own.internal, own.energy,
-        )  # fmt: skip
+        motion = Motion(x, r, at.flat[part], u[part], du[part], load_table(s.mesh, self.time[part]))
+        system = s.system._replace(elements=beams)
+        instant_, element = evaluate_instants(system, joints, motion, self.task.frame.node, now)
         if instant_ >= 0:
             raise TurnedTooMuch(f"t = {self.time[part.start + instant_]:g} s, element {element}")
-        out.residual[part] = residual @ pick.T
+        out.residual[part] = now.residual @ pick.T
         out.missed[part], by = self._missed(part, at, own, reach)
         if want:
-            for whole, whole_out in zip(tangent, (out.k, out.c, out.m), strict=True):
-                whole_out[part] = pick @ whole @ pick.T
+            for which, whole_out in enumerate((out.k, out.c, out.m)):
+                whole_out[part] = pick @ tangent[:, which] @ pick.T
             out.by[part] = by @ pick.T
 
     def _missed(self, part: slice, at: Placed, own: Trajectory, reach: Array) -> tuple[Array, Array]:

@@ -8,20 +8,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.dynamics.generalized_alpha import advance, follow, predict
-from flexinv.dynamics.tree_solver import solve_dense, solve_tree
-from flexinv.elements.beam import element_gradient, element_tangent, nodal_forces, relative
-from flexinv.elements.beam_damping import damped_gradient, damped_tangent, relative_rates
+from flexinv.dynamics.linearization import linearise
+from flexinv.dynamics.tree_solver import solve_tree
+from flexinv.elements.beam import relative, relative_rates
+from flexinv.elements.beam_element import (
+    damped_gradient,
+    damped_tangent,
+    element_gradient,
+    element_tangent,
+    nodal_forces,
+)
 from flexinv.kernels.jit import jit, jit_blocks
 from flexinv.kernels.simd import LANES
 from flexinv.kernels.so3 import coefficients, inverse_coefficient, inverse_tangent
 from flexinv.kernels.vec3 import put_block, vec
-from flexinv.linearized.natural_modes import linearise
 from flexinv.rnea.loop_layout import BOTH
 from flexinv.rnea.row_pairs import both, solve_inverted, solve_row
 from flexinv.rnea.six_rows import six_forces
 
 __all__ = [
-    "all_coefficients", "damped_element", "dense", "derivative", "element", "eliminate", "inverse_tangent_one",
+    "all_coefficients", "damped_element", "derivative", "element", "eliminate", "inverse_tangent_one",
     "joined", "linearise", "oscillate", "six", "solved_by",
 ]  # fmt: skip
 
@@ -39,12 +45,12 @@ def derivative(f: Callable[[float], Array]) -> Array:
 
 
 @jit
-def element(k, count, e, z, internal, tangent):
+def element(k, count, e, z, y, internal, tangent):
     """Evaluate one element whose poses stand in z; return its energy."""
     relative(count, z)
-    energy = element_gradient(k, count, e, z, internal, True)
+    energy = element_gradient(k, count, e, z, y, internal, True)
     nodal_forces(count, z)
-    element_tangent(count, z, tangent)
+    element_tangent(count, z, y, tangent)
     return energy
 
 
@@ -63,12 +69,6 @@ def damped_element(k, count, e, z, y, nodes, d, internal, tangent):
 def eliminate(t, e, d, work, y):
     """Solve the linearisation on the tree."""
     solve_tree(t, e, d, work, y)
-
-
-@jit
-def dense(a, size, wide):
-    """Solve the first ``size`` columns for the others in place."""
-    solve_dense(a, size, wide)
 
 
 @jit

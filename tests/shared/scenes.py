@@ -124,9 +124,7 @@ class Scene:
         s.state.u[:] = self.u + h * SCHEME.cv * turned
         s.state.du[:] = self.du + h * SCHEME.ca * turned
         joints = Joints(*(part.copy() for part in self.joints))
-        bad = linearise(
-            s.topology, s.elements, s.border, SCHEME, s.state, joints, s.frames, s.variation, s.loads, s.work
-        )
+        bad = linearise(s.system, SCHEME, joints, True)
         assert bad == -1
         return Frames(*(part.copy() for part in s.frames)), s.work.residual[0].copy()
 

@@ -18,7 +18,7 @@ import pytest
 Paths = dict[str, list[list[str]]]
 
 SOLVE = "analysis/solve.solve"
-ELEMENT = "elements/beam.element_gradient", "elements/planar_beam.point_gradients"
+ELEMENT = "elements/beam_element.element_gradient", "elements/planar_beam.point_gradients"
 _CALL = re.compile(r"`(\w+(?:/\w+)+)\.(\w+)`")
 
 

@@ -15,6 +15,7 @@ from flexinv.constraints import continuation as loops
 from flexinv.constraints.closures import constraint_jacobian, residuals, row_arrays
 from flexinv.constraints.continuation_kernel import Problem, condition_bound, factor, solve_factored
 from flexinv.constraints.equations import jacobian, residual
+from flexinv.kernels.dense import Factor
 from flexinv.kernels.jit import jit
 from flexinv.kinematics.configuration import move_nodes, nodes_of, step_coordinates
 from flexinv.kinematics.configuration_arrays import difference, moved
@@ -120,11 +121,11 @@ def test_equations_of_every_kind() -> None:
 
 def problem(a: Array, y: Array) -> Problem:
     rows, columns = a.shape
-    none, whole = np.zeros(columns), np.zeros(columns, dtype=np.int64)
-    many = [np.zeros(columns) for _ in range(4)]
+    none, whole, qr = np.zeros(columns), np.zeros(columns, dtype=np.int64), Factor.of(columns, rows)
+    qr.a[:, :, 0] = a.T
     return Problem(
-        whole, np.zeros(1, dtype=bool), np.ones(rows), none, np.zeros((rows, 1)), a.copy(), y.copy(), many[0], many[1],
-        whole.copy(), many[2], none, none, many[3],
+        whole, np.zeros(1, dtype=bool), np.ones(rows), none, np.zeros((rows, 1)), qr, y[:, None].copy(), none.copy(), none,
+        none, none,
     )  # fmt: skip
 
 
@@ -166,8 +167,8 @@ def test_the_branch_is_that_of_newton_in_numpy(name: str, monkeypatch: pytest.Mo
     example: Example = LOOPS[name]
     mechanism, case = example
     found = solve(mechanism, case.motion, step=case.step, start=case.start)
-    monkeypatch.setattr(loops, "follow", lambda *arguments: arguments[6])
-    monkeypatch.setattr(loops, "rates", lambda *arguments: arguments[6].fill(np.inf))
+    monkeypatch.setattr(loops, "follow", lambda *arguments: arguments[-1])
+    monkeypatch.setattr(loops, "rates", lambda *arguments: arguments[-1].fill(np.inf))
     expected = solve(mechanism, case.motion, step=case.step, start=case.start)
     for part in ("q", "qd", "qdd"):
         values = getattr(expected, part)
@@ -181,7 +182,7 @@ def test_long_steps_are_halved_by_the_caller(monkeypatch: pytest.MonkeyPatch) ->
     original = loops.follow
 
     def counted(*arguments: object) -> int:
-        reached.append((arguments[6], original(*arguments)))
+        reached.append((arguments[-1], original(*arguments)))
         return int(reached[-1][1])
 
     monkeypatch.setattr(loops, "follow", counted)

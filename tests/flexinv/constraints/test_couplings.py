@@ -101,7 +101,7 @@ def test_statics_through_the_gear() -> None:
     [
         (
             {"factors": (("motor", 1.0), ("wheal", 2.0))},
-            r"ties revolute and prismatic joints \(motor, wheel\), not 'wheal'",
+            r"ties revolute, prismatic and helical joints \(motor, wheel\), not 'wheal'",
         ),
         ({"active": ((0.0, 1.0),)}, r"acts all the time; leave its active intervals out"),
     ],

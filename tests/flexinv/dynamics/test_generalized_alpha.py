@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from kernels import Array, oscillate
 
-from flexinv.dynamics.assembly import State
 from flexinv.dynamics.dofs import Topology
 from flexinv.dynamics.generalized_alpha import Scheme, generalized_alpha
+from flexinv.dynamics.system import State
 from flexinv.errors import InputError
 
 RHOS = (0.0, 0.5, 0.8, 1.0)

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from kernels import DIFFERENCE, Array, dense, derivative, eliminate
+from kernels import DIFFERENCE, Array, derivative, eliminate
 from planar_examples import damped
 from scenes import PASSIVE_KINDS, Scene, branching, hanging, scene
 
-from flexinv.linearized.natural_modes import tangent_matrix
+from flexinv.dynamics.linearization import tangent_matrix
 from flexinv.model.mechanism import Mechanism
 
 UNDAMPED = [*(branching(kind) for kind in PASSIVE_KINDS), *(hanging(kind) for kind in PASSIVE_KINDS)]
@@ -54,25 +54,3 @@ def test_elimination_equals_the_dense_solution(mechanism: Mechanism) -> None:
     wrong = matrix.copy()
     wrong[-1, -1] += 1e-6 * np.abs(matrix).max()
     assert np.abs(y - np.linalg.solve(wrong, -residual)).max() > np.linalg.cond(matrix) * EPS * np.abs(expected).max()
-
-
-@pytest.mark.parametrize("size", [0, 1, 2, 6, 24])
-def test_dense_solution_equals_lapack(size: int) -> None:
-    rng = np.random.default_rng(size)
-    matrix, right = rng.normal(size=(size, size)), rng.normal(size=(size, 3))
-    if size > 1:
-        matrix[0, 0] = 0.0  # needs a row exchange
-    room = np.hstack([matrix, right, np.ones((size, 2))])
-    room = np.vstack([room, np.ones((2, room.shape[1]))])
-    dense(room, size, size + 3)
-    condition = np.linalg.cond(matrix) if size else 1.0
-    expected = np.linalg.solve(matrix, right)
-    np.testing.assert_allclose(room[:size, size : size + 3], expected, atol=condition * EPS * 10)  # values up to ten
-    assert (room[size:] == 1.0).all()  # what is beyond is not touched
-    assert (room[:, size + 3 :] == 1.0).all()
-
-
-def test_a_singular_matrix_gives_no_finite_solution() -> None:
-    room = np.array([[1.0, 2.0, 1.0], [2.0, 4.0, 1.0]])
-    dense(room, 2, 3)
-    assert not np.isfinite(room[:, 2]).any()

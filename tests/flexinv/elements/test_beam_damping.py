@@ -9,8 +9,7 @@ import pytest
 from element_example import EPS, Example, evaluated, example
 from kernels import DIFFERENCE, Array, damped_element, derivative
 
-from flexinv.elements.beam import Scratch
-from flexinv.elements.beam_damping import Rates
+from flexinv.elements.beam import Rates, Scratch
 from flexinv.kernels.so3 import exp_so3
 from flexinv.kinematics.tree import Variation
 

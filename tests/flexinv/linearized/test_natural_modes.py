@@ -241,7 +241,7 @@ def test_damping_leaves_what_solvers_share_alone() -> None:
     shared = solver.topology.friction
     shared.flags.writeable = False  # as a second thread would have it
     joints = module.rest(solver, np.zeros(2))
-    assert abs(module.damping_matrix(solver, joints)).max() == 0.0
+    assert abs(module.matrices_at_rest(solver, joints).damping).max() == 0.0
     assert shared.max() == 0.3
 
 

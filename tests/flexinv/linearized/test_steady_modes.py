@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flexible_examples import spatial_tree
-from kernels import Array
 
 from docs.rotating_beams import (
     ALUMINIUM,
@@ -26,6 +25,7 @@ from docs.rotating_beams import (
     straight,
     swept,
 )
+from flexinv.dynamics.linearization import Matrices
 from flexinv.errors import InputError
 from flexinv.kinematics.mesh import build
 from flexinv.linearized import steady_state as module
@@ -150,9 +150,9 @@ def test_a_mass_on_a_turntable() -> None:
 def test_without_coriolis_the_turntable_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     matrices = module._matrices
 
-    def without(*arguments: object) -> tuple[Array, Array, Array]:
-        mass, _, stiffness = matrices(*arguments)  # type: ignore[arg-type]
-        return mass, np.zeros_like(mass), stiffness
+    def without(*arguments: object) -> Matrices:
+        found = matrices(*arguments)  # type: ignore[arg-type]
+        return found._replace(damping=np.zeros_like(found.damping))
 
     monkeypatch.setattr(module, "_matrices", without)
     with pytest.raises(AssertionError):

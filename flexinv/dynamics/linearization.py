@@ -1,0 +1,129 @@
+"""Mass, damping and stiffness matrices of the linearised equation of motion, at any pose, velocity u and acceleration u'.
+
+    r(y, u, u') = inertia + elastic forces - loads,       K = dr/dy,   C = dr/du,   M = dr/du'
+
+with y increments of the pose, a rotation's in the node's own frame.  The linearisation of a time step is affine in the factors
+cv = du/dy and ca = du'/dy of its scheme, T(cv, ca) = K + cv C + ca M, so that three evaluations give all of them.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from flexinv.dynamics.assembly import by_root
+from flexinv.dynamics.constraint_rows import PULL
+from flexinv.dynamics.generalized_alpha import DYNAMIC, Scheme
+from flexinv.dynamics.solver import Solver
+from flexinv.dynamics.stepper import evaluate
+from flexinv.kernels.jit import jit, jit_inner
+from flexinv.kernels.vec3 import add_scaled, vec_at
+from flexinv.kinematics.tree import Joints
+from flexinv.typing import Array
+
+# C = (T(WEIGHT, 0) - K) / WEIGHT, M = (T(0, WEIGHT) - K) / WEIGHT: so large that rounding of K is below that of the smallest
+# entry (a factor of 1 drowns C of small, fast mechanisms in it), and a power of two, which rounds nothing itself.
+WEIGHT = 2.0**100
+
+
+class Matrices(NamedTuple):
+    """M [kg], C [N s/m] and K [N/m], (unknowns, unknowns) in metres and radians."""
+
+    mass: Array
+    damping: Array
+    stiffness: Array
+
+
+def matrices(solver: Solver, joints: Joints) -> Matrices:
+    """Return M [kg], C [N s/m] and K [N/m] where the solver stands; forces of springs between points follow the motion."""
+    out = np.zeros((3, len(solver.topology.scale), len(solver.topology.scale)))
+    differentiate(solver.system, joints, out)
+    return Matrices(out[2], out[1], out[0])
+
+
+def tangent_matrix(solver: Solver) -> Array:
+    """Return the linearisation that was evaluated last as one matrix (unknowns, unknowns) [N/m], [N], [N m]."""
+    out = np.zeros((len(solver.topology.scale), len(solver.topology.scale)))
+    _tangent(solver.system, out)
+    return out
+
+
+@jit
+def linearise(system, scheme, joints, want_tangent):
+    """Evaluate the residual [N], [N m] and its linearisation; return -1 or the element that turned too much."""
+    return evaluate(system, scheme, joints, want_tangent)
+
+
+@jit
+def differentiate(system, joints, out):
+    """Fill K, C and M (3, unknowns, unknowns) [N/m], [N s/m], [kg]; return -1 or the element that turned too much."""
+    for which in range(3):
+        cv, ca = WEIGHT if which == 1 else 0.0, WEIGHT if which == 2 else 0.0
+        bad = linearise(system, Scheme(DYNAMIC, 0.0, cv, ca, 0.0, 0.0, 0.0, 0.0, 0.0), joints, True)
+        if bad >= 0:
+            return bad
+        _dense_tangent(system, out[which])
+        _add_springs(system.border.ties, out[which])
+        for r in range(out.shape[1] if which > 0 else 0):
+            for c in range(out.shape[2]):
+                out[which, r, c] = (out[which, r, c] - out[0, r, c]) / WEIGHT
+    return -1
+
+
+@jit
+def _tangent(system, out):
+    _dense_tangent(system, out)
+
+
+@jit_inner
+def _add_springs(ties, out):
+    """Add the derivative of the forces of springs between points, -C A of their rows in the border."""
+    for k in range(len(ties.a)):
+        if ties.kind[k] == PULL:
+            for r in range(out.shape[0]):
+                for c in range(out.shape[1]):
+                    out[r, c] -= ties.sides[k, r] * ties.across[k, c]
+
+
+@jit_inner
+def _dense_tangent(system, out):
+    """Fill the linearisation that was evaluated last as one matrix [N/m], [N], [N m]."""
+    topology, elements, variation, work = system.topology, system.elements, system.variation, system.work
+    for r in range(out.shape[0]):
+        for c in range(out.shape[1]):
+            out[r, c] = 0.0
+    for b in range(len(topology.size)):
+        o = topology.offset[b]
+        for r in range(topology.size[b]):
+            for c in range(topology.size[b]):
+                out[o + r, o + c] = work.diagonal[b, r, c]
+    for k in range(len(elements.order)):
+        count = elements.order[k] + 1
+        for i in range(count):
+            for q in range(count):
+                if i != q:
+                    _add_coupling(topology, variation, elements.nodes[k], i, q, work.tangent[k], out)
+
+
+@jit_inner
+def _add_coupling(topology, variation, nodes, i, q, tangent, out):
+    """Add B_i^T K_iq B_q; the first node moves with all unknowns of its block, every other with its own six."""
+    root = nodes[0]
+    rows, columns = topology.offset[topology.block[nodes[i]]], topology.offset[topology.block[nodes[q]]]
+    for r in range(topology.size[topology.block[root]] if i == 0 else 6):
+        by_x, by_t = vec_at(tangent[6 * i + r % 6], 6 * q), vec_at(tangent[6 * i + r % 6], 6 * q + 3)
+        if i == 0:
+            by_x, by_t = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+            for a in range(3):
+                by_x = add_scaled(by_x, variation.x[root, r, a], vec_at(tangent[a], 6 * q))
+                by_t = add_scaled(by_t, variation.x[root, r, a], vec_at(tangent[a], 6 * q + 3))
+                by_x = add_scaled(by_x, variation.t[root, r, a], vec_at(tangent[3 + a], 6 * q))
+                by_t = add_scaled(by_t, variation.t[root, r, a], vec_at(tangent[3 + a], 6 * q + 3))
+        if q > 0:
+            for a in range(3):
+                out[rows + r, columns + a] += by_x[a]
+                out[rows + r, columns + 3 + a] += by_t[a]
+        else:
+            for c in range(topology.size[topology.block[root]]):
+                out[rows + r, columns + c] += by_root(tangent, 6 * i + r, root, c, variation)

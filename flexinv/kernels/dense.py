@@ -1,0 +1,348 @@
+"""Dense linear systems of kernels: Gauss elimination (LU), inversion (Gauss-Jordan) and pivoted QR over a trailing lane axis.
+
+Matrices are small, and no thread or allocation is worth its while; what is written here overwrites what it is handed.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.kernels.jit import jit, jit_inner, jit_shared
+from flexinv.kernels.vec3 import cross, dot, put, scale, transpose, vec_at
+from flexinv.typing import Array
+
+# --------------------------------------------------------------------------------------------------- Gauss elimination
+
+
+@jit
+def solve_dense(a, size, wide):
+    """Solve a[:size, :size] x = a[:size, size:wide] in place: x replaces the right sides [any unit].
+
+    Gauss elimination with partial pivoting, row by row; a zero pivot leaves infinities, which the caller's test finds.
+    """
+    for k in range(size):
+        eliminate_column(a, k, size, wide)
+    for k in range(size - 1, -1, -1):
+        for i in range(k + 1, size):
+            subtract(a[k], a[k, i], a[i], size, wide)
+        over = 1.0 / a[k, k]
+        for c in range(size, wide):
+            a[k, c] *= over
+
+
+@jit_inner
+def eliminate_column(a, c, rows, wide):
+    """Bring the largest entry of column c below it to the diagonal, and eliminate the column below that [any unit].
+
+    Entries of the column itself below the diagonal are not written again.
+    """
+    pivot = c
+    for i in range(c + 1, rows):
+        if abs(a[i, c]) > abs(a[pivot, c]):
+            pivot = i
+    if pivot != c:
+        for j in range(c, wide):
+            a[c, j], a[pivot, j] = a[pivot, j], a[c, j]
+    over = 1.0 / a[c, c]
+    for i in range(c + 1, rows):
+        factor = a[i, c] * over
+        if factor != 0.0:
+            subtract(a[i], factor, a[c], c + 1, wide)
+
+
+@jit_inner
+def subtract(row, factor, other, first, last):
+    """Subtract a multiple of another row from a row, from entry ``first`` to before ``last`` [any unit]."""
+    for c in range(first, last):
+        row[c] -= factor * other[c]
+
+
+@jit_inner
+def solve_symmetric(m, rows, least, x, work):
+    """Solve m[:rows, :rows] x = m[:rows, rows] by complete pivoting, scaled to a unit diagonal [any unit].
+
+    Rows and columns of metres and of radians stand side by side, so that pivots mean something only then.  Where none above
+    ``least`` is left, what remains repeats other rows: its unknowns are zero.
+    work : order (rows,) of integers and scales (rows,), scratch
+    """
+    order, over = work
+    for k in range(rows):
+        over[k] = 1.0 / np.sqrt(abs(m[k, k])) if m[k, k] != 0.0 else 0.0
+        order[k] = k
+    for i in range(rows):
+        m[i, rows] *= over[i]
+        for j in range(rows):
+            m[i, j] *= over[i] * over[j]
+    rank = rows
+    for k in range(rows):
+        p, q = k, k
+        for i in range(k, rows):
+            for j in range(k, rows):
+                if abs(m[i, j]) > abs(m[p, q]):
+                    p, q = i, j
+        if not abs(m[p, q]) > least:
+            rank = k
+            break
+        _exchange(m, order, rows, k, p, q)
+        for i in range(k + 1, rows):
+            subtract(m[i], m[i, k] / m[k, k], m[k], k, rows + 1)
+    for k in range(rows):
+        x[k] = 0.0
+    for k in range(rank - 1, -1, -1):
+        value = m[k, rows]
+        for j in range(k + 1, rank):
+            value -= m[k, j] * x[order[j]]
+        x[order[k]] = value / m[k, k]
+    for k in range(rows):
+        x[k] *= over[k]
+
+
+@jit_inner
+def _exchange(m, order, rows, k, p, q):
+    if p != k:
+        for j in range(rows + 1):
+            m[k, j], m[p, j] = m[p, j], m[k, j]
+    if q != k:
+        for i in range(rows):
+            m[i, k], m[i, q] = m[i, q], m[i, k]
+        order[k], order[q] = order[q], order[k]
+
+
+# -------------------------------------------------------------------------------------------------------- Gauss-Jordan
+
+
+@jit_inner
+def invert(a, size):
+    """Replace a[:size, :size] by its inverse [any unit]: Gauss-Jordan by three rows at a time, what is left by single ones.
+
+    A vanishing pivot leaves infinities, which the caller's test finds.
+    """
+    threes = size - size % 3
+    for k in range(0, threes, 3):
+        _sweep_three(a, k, size)
+    for k in range(threes, size):
+        _sweep(a, k, size)
+
+
+@jit_inner
+def inverse_transposed(m):
+    """Return the transposed inverse of a (3, 3) matrix [any unit]: its cofactors over its determinant."""
+    x, y, z = cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])
+    over = 1.0 / dot(m[0], x)
+    return scale(over, x), scale(over, y), scale(over, z)
+
+
+@jit_inner
+def _sweep_three(a, k, size):
+    """One step of Gauss-Jordan with the pivot rows k, k + 1, k + 2."""
+    one, two, three = a[k], a[k + 1], a[k + 2]
+    p, q, r = transpose(inverse_transposed((vec_at(one, k), vec_at(two, k), vec_at(three, k))))
+    put(one, k, (1.0, 0.0, 0.0))
+    put(two, k, (0.0, 1.0, 0.0))
+    put(three, k, (0.0, 0.0, 1.0))
+    for c in range(size):
+        x, y, z = one[c], two[c], three[c]
+        one[c] = p[0] * x + p[1] * y + p[2] * z
+        two[c] = q[0] * x + q[1] * y + q[2] * z
+        three[c] = r[0] * x + r[1] * y + r[2] * z
+    for i in range(size):
+        if i < k or i > k + 2:
+            factors = vec_at(a[i], k)
+            put(a[i], k, (0.0, 0.0, 0.0))
+            _subtract_three(a[i], factors, one, two, three, size)
+
+
+@jit_inner
+def _subtract_three(row, factors, one, two, three, size):
+    for c in range(size):
+        row[c] -= factors[0] * one[c] + factors[1] * two[c] + factors[2] * three[c]
+
+
+@jit_inner
+def _sweep(a, k, size):
+    """One step of Gauss-Jordan in place, with the pivot (k, k)."""
+    over = 1.0 / a[k, k]
+    a[k, k] = 1.0
+    for c in range(size):
+        a[k, c] *= over
+    for i in range(size):
+        if i != k:
+            factor = a[i, k]
+            a[i, k] = 0.0
+            for c in range(size):
+                a[i, c] -= factor * a[k, c]
+
+
+@jit_shared
+def invert_scaled(m, rows, least, over, left):
+    """Replace m[:rows, :rows] by its inverse [any unit]: the rows with a pivot above ``least``, largest first, zero for others.
+
+    Rows are scaled to a unit diagonal first: metres and radians stand side by side.  over, left : scratch
+    """
+    for i in range(rows):
+        over[i], left[i] = 1.0 / np.sqrt(abs(m[i, i])) if m[i, i] != 0.0 else 0.0, True
+    for i in range(rows):
+        for j in range(rows):
+            m[i, j] *= over[i] * over[j]
+    for _ in range(rows):
+        p, largest = 0, least
+        for i in range(rows):
+            if left[i] and abs(m[i, i]) > largest:
+                p, largest = i, abs(m[i, i])
+        if not largest > least:
+            break
+        left[p] = False
+        _sweep(m, p, rows)
+    for i in range(rows):
+        for j in range(rows):
+            m[i, j] = 0.0 if left[i] or left[j] else m[i, j] * over[i] * over[j]
+
+
+# ---------------------------------------------------------------------------------------------------------- pivoted QR
+
+
+# Pivots over the longest column: above SURE one counts, below NONE it repeats others (rounding of 1e-16 in some tens of
+# columns); between them singular values decide, whose own limit, 1e-10, lies well inside.
+SURE, NONE = 1e-7, 1e-13
+
+
+class Factor(NamedTuple):
+    """Q R of one matrix in each lane, by Householder reflections; lanes share pivots and rank.
+
+    a : (columns, rows, lanes) the columns of the matrices, then reflections and R
+    beta, diagonal, sizes : (columns, lanes) of the reflections, of R, squares of what is left of each column
+    scale, sums : (lanes,) one over the square of the longest column, scratch; order : (columns,) of the pivots
+    """
+
+    a: Array
+    beta: Array
+    diagonal: Array
+    sizes: Array
+    scale: Array
+    sums: Array
+    order: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, columns: int, rows: int, lanes: int = 1) -> Factor:
+        """Return arrays for matrices (rows, columns) [-]."""
+        beta, diagonal, sizes = np.zeros((3, columns, lanes))
+        scale, sums = np.zeros((2, lanes))
+        order = np.zeros(columns, dtype=np.int64)
+        return cls(np.zeros((columns, rows, lanes)), beta, diagonal, sizes, scale, sums, order)
+
+
+@jit_inner
+def factorise(qr, columns):
+    """Factor Q R of the first columns with pivoting, in place [any unit]; return the rank, -1 where it is in doubt."""
+    lanes = qr.scale.shape[0]
+    for k in range(lanes):
+        qr.scale[k] = 0.0
+    for c in range(columns):
+        qr.order[c] = c
+        _measure(qr.a[c], qr.sizes[c])
+        for k in range(lanes):
+            qr.scale[k] = max(qr.scale[k], qr.sizes[c, k])
+    for k in range(lanes):
+        qr.scale[k] = 1.0 / qr.scale[k] if qr.scale[k] > 0.0 else 0.0
+    for j in range(columns):
+        counts = _pivot(qr, j, columns)
+        if counts < 1:
+            return j if counts == 0 else -1
+        own = qr.order[j]
+        for k in range(lanes):
+            norm, first = math.sqrt(qr.sizes[own, k]), qr.a[own, j, k]
+            qr.diagonal[j, k] = -math.copysign(norm, first)
+            qr.beta[j, k] = 1.0 / (norm * (norm + abs(first)))
+            qr.a[own, j, k] = first - qr.diagonal[j, k]
+        for c in range(j + 1, columns):
+            _reflect(qr.a[qr.order[c]], qr, j, qr.sizes[qr.order[c]])
+    return columns
+
+
+@jit_inner
+def _measure(y, size):
+    """Set the squares of a column."""
+    for k in range(y.shape[1]):
+        size[k] = 0.0
+    for i in range(y.shape[0]):
+        for k in range(y.shape[1]):
+            size[k] += y[i, k] * y[i, k]
+
+
+@jit_inner
+def _pivot(qr, j, columns):
+    """Bring the column with the most left, in its worst lane, to place j: 1 where it counts, 0 where none does, -1 in doubt."""
+    best, at, most = -1.0, j, 0.0
+    for c in range(j, columns):
+        least = np.inf
+        for k in range(qr.scale.shape[0]):
+            part = qr.sizes[qr.order[c], k] * qr.scale[k]
+            if part < least or part != part:  # a NaN stays
+                least = part
+            if part > most or part != part:
+                most = part
+        if least > best:
+            best, at = least, c
+    qr.order[j], qr.order[at] = qr.order[at], qr.order[j]
+    if best > SURE * SURE:
+        return 1
+    return 0 if most <= NONE * NONE else -1
+
+
+@jit_inner
+def _reflect(y, qr, j, size):
+    """y - beta v (v . y) from entry j on, reflection j; set the squares of what then follows entry j."""
+    v, beta, sums, lanes = qr.a[qr.order[j]], qr.beta[j], qr.sums, y.shape[1]
+    for k in range(lanes):
+        sums[k] = 0.0
+    for i in range(j, y.shape[0]):
+        for k in range(lanes):
+            sums[k] += v[i, k] * y[i, k]
+    for k in range(lanes):
+        sums[k] *= beta[k]
+        size[k] = 0.0
+        y[j, k] -= sums[k] * v[j, k]
+    for i in range(j + 1, y.shape[0]):
+        for k in range(lanes):
+            y[i, k] -= sums[k] * v[i, k]
+            size[k] += y[i, k] * y[i, k]
+
+
+@jit_inner
+def turn(qr, rank, y):
+    """Replace y (rows, lanes) by Q y [any unit]."""
+    for j in range(rank - 1, -1, -1):
+        _reflect(y, qr, j, qr.sizes[qr.order[j]])
+
+
+@jit_inner
+def turn_back(qr, rank, y):
+    """Replace y (rows, lanes) by Q^T y [any unit]."""
+    for j in range(rank):
+        _reflect(y, qr, j, qr.sizes[qr.order[j]])
+
+
+@jit_inner
+def solve_upper(qr, rank, y):
+    """Solve R z = y (rows, lanes) in place of y [any unit]; z is in the order of the pivots."""
+    for j in range(rank - 1, -1, -1):
+        for k in range(y.shape[1]):
+            y[j, k] /= qr.diagonal[j, k]
+        for i in range(j):
+            for k in range(y.shape[1]):
+                y[i, k] -= qr.a[qr.order[j], i, k] * y[j, k]
+
+
+@jit_inner
+def solve_lower(qr, rank, y):
+    """Solve R^T z = y (rows, lanes) in place of y [any unit]; y is in the order of the pivots."""
+    for j in range(rank):
+        for i in range(j):
+            for k in range(y.shape[1]):
+                y[j, k] -= qr.a[qr.order[j], i, k] * y[i, k]
+        for k in range(y.shape[1]):
+            y[j, k] /= qr.diagonal[j, k]

@@ -1,0 +1,155 @@
+"""Dense solvers of kernels against LAPACK: elimination, inversion and pivoted QR, and what they do where a rank is not full."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from flexinv.kernels.dense import (
+    Factor,
+    factorise,
+    invert,
+    invert_scaled,
+    solve_dense,
+    solve_lower,
+    solve_symmetric,
+    solve_upper,
+    turn,
+    turn_back,
+)
+from flexinv.kernels.jit import jit
+from flexinv.typing import Array
+
+EPS = np.finfo(float).eps
+# Backward stable solvers agree to the condition of the matrix; ten for values up to ten and sums of some tens of terms.
+LEVEL = 10 * EPS
+
+
+@jit
+def inverted(a, size):
+    """Inverse of the first ``size`` rows and columns in place."""
+    invert(a, size)
+
+
+@jit
+def inverted_scaled(a, rows, least, over, left):
+    """Inverse of what has pivots above ``least`` in place."""
+    invert_scaled(a, rows, least, over, left)
+
+
+@jit
+def solved_symmetric(a, rows, least, x, order, over):
+    """Solution of the first ``rows`` rows for the column behind them into x."""
+    solve_symmetric(a, rows, least, x, (order, over))
+
+
+@jit
+def least_squares(qr, y, columns):
+    """Rank; y becomes the solution of the least-squares problem in the order of the pivots."""
+    rank = factorise(qr, columns)
+    if rank > 0:
+        turn_back(qr, rank, y)
+        solve_upper(qr, rank, y)
+    return rank
+
+
+@jit
+def least_norm(qr, y, columns):
+    """Rank; y, in the order of the pivots, becomes the solution of A^T x = y of least norm."""
+    rank = factorise(qr, columns)
+    solve_lower(qr, rank, y)
+    turn(qr, rank, y)
+    return rank
+
+
+@pytest.mark.parametrize("size", [0, 1, 2, 6, 24])
+def test_elimination_equals_lapack(size: int) -> None:
+    rng = np.random.default_rng(size)
+    matrix, right = rng.normal(size=(size, size)), rng.normal(size=(size, 3))
+    if size > 1:
+        matrix[0, 0] = 0.0  # needs a row exchange
+    room = np.hstack([matrix, right, np.ones((size, 2))])
+    room = np.vstack([room, np.ones((2, room.shape[1]))])
+    solve_dense(room, size, size + 3)
+    condition = np.linalg.cond(matrix) if size else 1.0
+    np.testing.assert_allclose(room[:size, size : size + 3], np.linalg.solve(matrix, right), atol=condition * LEVEL)
+    assert (room[size:] == 1.0).all()  # what is beyond is not touched
+    assert (room[:, size + 3 :] == 1.0).all()
+
+
+def test_a_singular_matrix_gives_no_finite_solution() -> None:
+    room = np.array([[1.0, 2.0, 1.0], [2.0, 4.0, 1.0]])
+    solve_dense(room, 2, 3)
+    assert not np.isfinite(room[:, 2]).any()
+
+
+def stiff(size: int) -> Array:
+    """A symmetric positive definite matrix of rows in metres and in radians: entries of 1e6 beside such of 1e-6."""
+    part = np.random.default_rng(size).normal(size=(size, 2 * size))
+    units = np.where(np.arange(size) % 2, 1e3, 1e-3)
+    return np.asarray(units[:, None] * (part @ part.T) * units)
+
+
+def unit_error(found: Array, expected: Array, matrix: Array) -> float:
+    """Largest error of an inverse with the rows of the matrix scaled to a unit diagonal."""
+    over = np.sqrt(np.diag(matrix))
+    return float(np.abs((found - expected) * np.outer(over, over)).max(initial=0.0))
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 4, 5, 9, 20])
+def test_inverses_equal_those_of_lapack(size: int) -> None:
+    matrix = stiff(size)
+    over = 1 / np.sqrt(np.diag(matrix))
+    scaled = matrix * np.outer(over, over)
+    expected, level = np.linalg.inv(scaled), np.linalg.cond(scaled) * LEVEL
+    found, other = scaled.copy(), matrix.copy()
+    inverted(found, size)
+    assert np.abs(found - expected).max() < level * np.abs(expected).max()
+    inverted_scaled(other, size, 1e-10, np.empty(size), np.empty(size, dtype=bool))
+    assert unit_error(other, expected * np.outer(over, over), matrix) < level * np.abs(expected).max()
+
+
+def test_rows_that_repeat_others_are_left_out() -> None:
+    matrix = stiff(4)
+    pick = np.array(
+        [[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1.0], [1.0, 0, 0, 0]]
+    )  # the last is the first
+    whole = pick @ matrix @ pick.T
+    found, x = whole.copy(), np.empty(5)
+    inverted_scaled(found, 5, 1e-10, np.empty(5), np.empty(5, dtype=bool))
+    assert (found[0] == 0.0).all() != (found[4] == 0.0).all()  # one of the two
+    room = np.column_stack([whole, whole @ np.ones(5)])
+    solved_symmetric(room, 5, 1e-10, x, np.empty(5, dtype=np.int64), np.empty(5))
+    assert sorted((x[0] == 0.0, x[4] == 0.0)) == [False, True]
+    over = np.sqrt(np.diag(whole))
+    assert np.abs((whole @ x - whole @ np.ones(5)) / over).max() < 1e-12 * np.abs(over).max()
+
+
+@pytest.mark.parametrize("lanes", [1, 16])
+@pytest.mark.parametrize(("rows", "columns"), [(2, 2), (7, 3), (12, 12)])
+def test_pivoted_qr_in_lanes(rows: int, columns: int, lanes: int) -> None:
+    rng = np.random.default_rng(rows)
+    a, y = rng.normal(size=(lanes, rows, columns)), rng.normal(size=(lanes, rows))
+    qr, x = Factor.of(columns, rows, lanes), y.T.copy()
+    qr.a[:] = a.transpose(2, 1, 0)
+    assert least_squares(qr, x, columns) == columns
+    for k in range(lanes):
+        expected = np.linalg.lstsq(a[k], y[k], rcond=None)[0]
+        level = np.linalg.cond(a[k]) ** 2 * LEVEL  # of least squares
+        assert np.abs(x[:columns, k] - expected[qr.order]).max() < level * np.abs(expected).max()
+    qr.a[:] = a.transpose(2, 1, 0)
+    given = rng.normal(size=(columns, lanes))
+    x[:], x[:columns] = 0.0, given[qr.order]
+    assert least_norm(qr, x, columns) == columns
+    for k in range(lanes):
+        expected = np.linalg.lstsq(a[k].T, given[:, k], rcond=None)[0]
+        assert np.abs(x[:, k] - expected).max() < np.linalg.cond(a[k]) * LEVEL * np.abs(expected).max()
+
+
+def test_a_rank_is_told_or_in_doubt() -> None:
+    a, y = np.random.default_rng(0).normal(size=(5, 3)), np.ones((5, 1))
+    for size, rank in ((0.0, 2), (1e-9, -1), (1e-3, 3), (np.nan, -1)):
+        qr = Factor.of(3, 5)
+        qr.a[:, :, 0] = a.T
+        qr.a[2, :, 0] = a[:, 0] + size * a[:, 2]
+        assert least_squares(qr, y.copy(), 3) == rank, size
