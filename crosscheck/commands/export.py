@@ -6,10 +6,10 @@ from pathlib import Path
 
 import click
 
-from crosscheck.commands.shared.terminal import MODELS, TIMEOUT, Failure, plan_of
+from crosscheck.commands.shared.options import one_task
+from crosscheck.commands.shared.terminal import MODELS, TIMEOUT, Failure
 from crosscheck.engines import ENGINES, missing
 from crosscheck.run.reproduce import REFERENCE, can_export, reproduce
-from crosscheck.verdicts.plan import Task
 from flexinv.errors import InputError
 
 EXPORTED = [name for name, engine in ENGINES.items() if name != REFERENCE and can_export(engine)]
@@ -35,7 +35,7 @@ def command(name: str, models: Path, case: str | None, engine: str, out: Path | 
       crosscheck export flex_one_link --case cycloid --engine exudyn-ge     a script that builds the model
       crosscheck export five_bar_redundant --engine mujoco                  loops as equality constraints of MJCF
     """
-    task = _task(models, name, case)
+    task = one_task(models, name, case)
     if (reason := missing(ENGINES[engine])) is not None:
         raise Failure(f"{engine}: {reason}")
     folder = out or Path("exports") / f"{name}-{task.case.name}-{engine}"
@@ -44,14 +44,3 @@ def command(name: str, models: Path, case: str | None, engine: str, out: Path | 
     except InputError as error:
         raise Failure(str(error)) from error
     click.echo(f"{folder}: python run.py")
-
-
-def _task(models: Path, name: str, case: str | None) -> Task:
-    plan = plan_of(models, (f"{name}/{case}" if case else name,))
-    if plan.broken:
-        raise Failure(f"{plan.broken[0][0]} cannot be read: {plan.broken[0][1]}")
-    if len(plan.tasks) > 1:
-        raise Failure(
-            f"{name} has several cases: write --case with one of {', '.join(t.case.name for t in plan.tasks)}"
-        )
-    return plan.tasks[0]

@@ -14,6 +14,7 @@ from crosscheck.commands.shared.terminal import JOBS, MODELS, PATTERNS, TIMEOUT,
 from crosscheck.engines import Engine
 from crosscheck.run.runner import Options, Work
 from crosscheck.studies import STUDIES
+from crosscheck.verdicts.plan import Task
 from flexinv.errors import InputError
 from flexinv.files.toml_tables import read_toml
 
@@ -90,3 +91,15 @@ def running(command: Callable[..., Any]) -> Callable[..., Any]:
     for option in reversed(OPTIONS):
         called = option(called)
     return called
+
+
+def one_task(models: Path, name: str, case: str | None) -> Task:
+    """Return the task of one case; without its name that of the only one.  Raises Failure."""
+    plan = plan_of(models, (f"{name}/{case}" if case else name,))
+    if plan.broken:
+        raise Failure(f"{plan.broken[0][0]} cannot be read: {plan.broken[0][1]}")
+    if len(plan.tasks) > 1:
+        raise Failure(
+            f"{name} has several cases: write --case with one of {', '.join(t.case.name for t in plan.tasks)}"
+        )
+    return plan.tasks[0]
