@@ -57,7 +57,9 @@ def test_a_missing_engine_has_exit_code_2_and_still_a_report(
     models: Path, tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     gone = Engine("pinocchio", "x", "no_such_package", "python -m pip install pin")
-    monkeypatch.setattr("crosscheck.doors.registry.ENGINES", {"pinocchio": gone, "mujoco": replace(gone, name="mujoco")})
+    monkeypatch.setattr(
+        "crosscheck.doors.registry.ENGINES", {"pinocchio": gone, "mujoco": replace(gone, name="mujoco")}
+    )
     out = tmp_path / "report"
     done = invoke("run", "double_pendulum", "--models", models, "--out", out)
     assert done.exit_code == 2
