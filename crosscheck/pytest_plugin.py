@@ -10,7 +10,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 import warnings
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 FOLDER = pytest.StashKey[str]()
 OWNED = pytest.StashKey[bool]()
+SAID = pytest.StashKey[set[str]]()
 
 
 class ComparisonFailed(Exception):
@@ -43,6 +44,17 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--crosscheck-baseline",
         metavar="FOLDER",
         help="The blessed night that judges, too (reports/baseline beside the models, where it is; '' for none).",
+    )
+    group.addoption(
+        "--crosscheck-config", metavar="FILE", help="File that names programs as engines (crosscheck.toml)."
+    )
+    group.addoption(
+        "--crosscheck-engine", action="append", default=[], metavar="MODULE:NAME", help="A Python object as an engine."
+    )
+    group.addoption(
+        "--crosscheck-trust",
+        action="store_true",
+        help="Run programs of crosscheck.toml without crosscheck trust (in CI).",
     )
 
 
@@ -84,7 +96,7 @@ class CasesFile(pytest.File):
 
     def collect(self) -> Iterable[pytest.Item]:
         """Yield one test per comparison that a run would make."""
-        from crosscheck.engines import ENGINES
+        from crosscheck.doors.registry import limited
         from crosscheck.measures.limits import references
         from crosscheck.run.pair_runner import blessed
         from crosscheck.verdicts.baseline import BaselineError
@@ -92,10 +104,11 @@ class CasesFile(pytest.File):
         from flexinv.errors import ModelWarning
 
         folder = self.path.parent
-        wanted = _wanted(self.config)
+        known = _engines(self.config, folder.parent)
+        wanted = _wanted(self.config, known)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ModelWarning)  # a run says it in its report
-            plan = discover(folder.parent, [folder.name])
+            plan = limited(discover(folder.parent, [folder.name]), {name: known[name] for name in wanted})
         if plan.broken:
             raise self.CollectError(plan.broken[0][1])
         try:
@@ -105,11 +118,11 @@ class CasesFile(pytest.File):
         for task in plan.tasks:
             for engine in wanted:
                 others = references(task.case.limits, engine)
-                for reference in (r for r in others if r in ENGINES):
+                for reference in (r for r in others if r in known):
                     against = "" if reference == "flexinv" else f"-{reference}"
                     for quantity in task.case.quantities:
                         name = f"{folder.name}-{task.case.name}-{engine}{against}-{quantity}"
-                        pair = ENGINES[engine], ENGINES[reference]
+                        pair = known[engine], known[reference]
                         yield ComparisonItem.from_parent(self, name=name, task=task, pair=pair, quantity=quantity)
 
 
@@ -120,20 +133,43 @@ def _baseline(config: pytest.Config, models: Path) -> Path | None:
     return beside(models) if said is None else Path(said) if said else None
 
 
-def _wanted(config: pytest.Config) -> list[str]:
-    from fnmatch import fnmatchcase
+def _engines(config: pytest.Config, models: Path) -> Mapping[str, Engine]:
+    """Return the engines of a folder of models; programs that are chosen have to be trusted."""
+    from crosscheck.doors.registry import doors
+    from flexinv.errors import InputError
 
-    from crosscheck.engines import ENGINES
+    stated = config.getoption("--crosscheck-config")
+    try:
+        known = doors(models, Path(stated) if stated else None, config.getoption("--crosscheck-engine"))
+        wanted = _wanted(config, known.engines)
+        known.admit(wanted, bool(config.getoption("--crosscheck-trust")), _say(config))
+    except InputError as error:
+        raise pytest.UsageError(str(error)) from error
+    return known.engines
+
+
+def _say(config: pytest.Config) -> Callable[[str], None]:
+    """Return a function that names the programs of a run: once, and not from the workers of a distributed one."""
+    said = config.stash.setdefault(SAID, set())
+
+    def say(line: str) -> None:
+        if line not in said and config.stash.get(OWNED, False):
+            said.add(line)
+            config.get_terminal_writer().line(line)
+
+    return say
+
+
+def _wanted(config: pytest.Config, known: Mapping[str, Engine]) -> list[str]:
+    from fnmatch import fnmatchcase
 
     patterns = [p.strip() for p in config.getoption("--crosscheck-engines").split(",") if p.strip()]
     if not patterns:
-        raise pytest.UsageError(f"--crosscheck-engines names no engine; known: {', '.join(ENGINES)}")
+        raise pytest.UsageError(f"--crosscheck-engines names no engine; known: {', '.join(known)}")
     for pattern in patterns:
-        if not any(fnmatchcase(name, pattern) for name in ENGINES):
-            raise pytest.UsageError(
-                f"--crosscheck-engines: no engine is called {pattern!r}; known: {', '.join(ENGINES)}"
-            )
-    return [name for name in ENGINES if any(fnmatchcase(name, pattern) for pattern in patterns)]
+        if not any(fnmatchcase(name, pattern) for name in known):
+            raise pytest.UsageError(f"--crosscheck-engines: no engine is called {pattern!r}; known: {', '.join(known)}")
+    return [name for name in known if any(fnmatchcase(name, pattern) for pattern in patterns)]
 
 
 class ComparisonItem(pytest.Item):
@@ -170,7 +206,8 @@ class ComparisonItem(pytest.Item):
         from crosscheck.run.pair_runner import Shared
 
         baseline = _baseline(self.config, self.task.folder.parent)
-        return Shared(_records(self.config), baseline, float(self.config.getoption("--crosscheck-timeout")))
+        limit = float(self.config.getoption("--crosscheck-timeout"))
+        return Shared(_records(self.config), baseline, limit, {engine.name: engine for engine in self.pair})
 
     def _note(self, row: Comparison) -> None:
         """Give the numbers to JUnit."""

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from crosscheck.bench.targets import judged, metric
 from crosscheck.bench.timing import Call, Times, in_turns, ratio
+from crosscheck.engines import calls
 from crosscheck.measures.mechanisms import read_mechanism
 from flexinv.analysis.solve import solve
 from flexinv.files.load_cases import load_cases
@@ -209,7 +210,7 @@ def best(arm: Arm, mechanism: Mechanism, motion: Motion, elements: int, step: fl
 
     Raises ExudynFailure where none converges.
     """
-    exudyn = importlib.import_module("crosscheck.engines.exudyn.bench")
+    exudyn = calls("exudyn")
     march = exudyn.March(mechanism, motion, arm.formulation, elements, step, arm.end)
     found: list[tuple[float, Any, dict[str, Array]]] = []
     trouble = exudyn.ExudynFailure("nothing was tried")

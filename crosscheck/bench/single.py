@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import subprocess
 import sys
@@ -14,6 +13,7 @@ import numpy as np
 from crosscheck.bench.rigid import ROBOTS
 from crosscheck.bench.targets import judged, metric
 from crosscheck.bench.timing import Call, Times, in_turns, ratio
+from crosscheck.engines import calls as calls_of
 from crosscheck.studies.robot_sweep import random_states, undamped
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Body, Inertia, Joint, Link, Mechanism, Placement
@@ -70,8 +70,8 @@ def study(models: str, robots: list[str] | None = None, seconds: float = SECONDS
 
 
 def _one_sample(robot: str, mechanism: Mechanism, seconds: float) -> list[dict[str, Any]]:
-    pinocchio = importlib.import_module("crosscheck.engines.pinocchio.bench")
-    mujoco = importlib.import_module("crosscheck.engines.mujoco.bench")
+    pinocchio = calls_of("pinocchio")
+    mujoco = calls_of("mujoco")
     state = random_states(mechanism, 1, np.random.default_rng(1))
     q, qd, qdd = (np.ascontiguousarray(part[0]) for part in state)
     function, out = prepare(mechanism, passive=False), np.empty(mechanism.nv)
@@ -133,7 +133,7 @@ def chain(joints: int) -> Mechanism:
 
 def chains(models: str = "", joints: list[int] | None = None, seconds: float = SECONDS) -> dict[str, Any]:
     """Return the table over joints; times [ns].  The chains are made here: no models are read."""
-    pinocchio = importlib.import_module("crosscheck.engines.pinocchio.bench")
+    pinocchio = calls_of("pinocchio")
     rows = []
     for count in joints or JOINTS:
         mechanism = chain(count)

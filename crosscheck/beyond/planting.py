@@ -5,14 +5,13 @@ from __future__ import annotations
 import contextlib
 import functools
 import importlib
-import importlib.util
 from collections.abc import Callable, Iterator
 from types import ModuleType
-from typing import Any
+from typing import Any, cast
 
 from crosscheck.beyond.fault import Fault, options_with
 from crosscheck.engines import ENGINES
-from crosscheck.engines.base import Options, companion
+from crosscheck.engines.base import Adapter, Options, offered
 from crosscheck.measures.record import Record
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
@@ -39,9 +38,8 @@ def planted(fault: Fault, engine: str) -> Iterator[None]:
     with contextlib.ExitStack() as stack:
         module = importlib.import_module(name)
         stack.enter_context(replaced(module, "run", functools.partial(_run, module.run, fault, engine)))
-        if importlib.util.find_spec(companion(name, "certificate")) is not None:
-            beside = importlib.import_module(companion(name, "certificate"))
-            stack.enter_context(replaced(beside, "certify", functools.partial(_certify, beside.certify, fault, engine)))
+        if (certify := offered(cast(Adapter, module), "certify")) is not None:
+            stack.enter_context(replaced(module, "certify", functools.partial(_certify, certify, fault, engine)))
         for other in BUILDERS.get(engine, ()) if fault.built is not None else ():
             home = importlib.import_module(other)
             stack.enter_context(replaced(home, "build", functools.partial(_build, home.build, fault)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,8 @@ from crosscheck.causes.naming import MOST, NOISE, Naming, name
 from crosscheck.causes.quantities import quantities
 from crosscheck.causes.separate import separating
 from crosscheck.causes.subject import Array, Subject
-from crosscheck.engines import ENGINES, adapter
+from crosscheck.engines import ENGINES, adapter, opened
+from crosscheck.engines.base import Adapter, repeatable
 from crosscheck.measures.certificate import certificate
 from crosscheck.measures.limits import find
 from crosscheck.measures.mechanisms import read_mechanism
@@ -25,8 +27,13 @@ from flexinv.files.load_cases import load_cases
 ROUNDING = 1e-9
 
 
-def diagnose(folder: str, case: str, engine: str, ours: str, theirs: str) -> dict[str, Any]:
-    """Return the diagnosis of two saved records (stems of their files) of a case [-] as JSON values."""
+def diagnose(
+    folder: str, case: str, engine: str, ours: str, theirs: str, door: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """Return the diagnosis of two saved records (stems of their files) of a case [-] as JSON values.
+
+    door : where the engine's adapter is (`crosscheck.engines.opened`), None for one of ours
+    """
     mechanism = read_mechanism(folder)
     subject = Subject(mechanism, load_cases(folder, mechanism)[case])
     record, reference = load(Path(ours)), load(Path(theirs))
@@ -42,7 +49,8 @@ def diagnose(folder: str, case: str, engine: str, ours: str, theirs: str) -> dic
     bars, limit = noise_of(model, record, reference), agreed(model, record, reference)
     naming = name(model, residual, bars, evidence=evidence, agreed=limit)
     fits = naming.named
-    repaired, where = repair(model, fits[0], engine, reference, record) if fits else (None, "")
+    behind = None if door is None else opened({**door, "engine": engine, "mechanism": folder})
+    repaired, where = repair(model, fits[0], reference, record, behind) if fits else (None, "")
     return {
         "words": sentence(naming, fits, repaired, where, max(limit, NOISE * naming.noise)),
         "named": [described(f) for f in fits],
@@ -70,12 +78,18 @@ def agreed(model: Model, record: Record, reference: Record) -> float:
     return 0.0 if limit is None else limit.maximum
 
 
-def repair(model: Model, fit: Fit, engine: str, reference: Record, record: Record) -> tuple[float | None, str]:
-    """Return the largest difference left [-] after the cause is taken out of the engine, or put into the reference."""
-    cause, tries = fit.cause, []
-    if cause.sized and not cause.linear and cause.plant is None:
+def repair(
+    model: Model, fit: Fit, reference: Record, record: Record, door: Adapter | None = None
+) -> tuple[float | None, str]:
+    """Return the largest difference left [-] after the cause is taken out of the engine, or put into the reference.
+
+    door : the engine's adapter, None for one of ours; a record, which cannot be run again, is repaired in the reference alone
+    """
+    cause, engine, tries = fit.cause, record.engine, []
+    again = door is None or repeatable(door)
+    if again and cause.sized and not cause.linear and cause.plant is None:
         opposite = _changed(fit, model, -fit.size)  # of a factor of 5.7 none: a fraction of -4.7 leaves nothing
-        healed = None if opposite is None else _run(engine, opposite)
+        healed = None if opposite is None else _run(engine, opposite, door)
         tries.append((None if healed is None else _largest(model, healed, reference), f"taken out of {engine}"))
     harmed = _changed(fit, model, fit.size)
     if harmed is not None and not cause.linear:
@@ -97,13 +111,13 @@ def _largest(model: Model, a: Record, b: Record) -> float:
     return float(np.abs(model.residual(a, b)).max())
 
 
-def _run(engine: str, subject: Subject) -> Record | None:
+def _run(engine: str, subject: Subject, door: Adapter | None = None) -> Record | None:
     """Return the full run of an engine on a changed subject, None where it cannot do it."""
     try:
-        record = adapter(ENGINES[engine]).run(subject.mechanism, subject.case, engine, {"error": False})
-        return (
-            answered(record, subject) if record.status == "ok" else None
-        )  # no filter looks ahead: it cannot be undone
+        behind = door or adapter(ENGINES[engine])
+        record = behind.run(subject.mechanism, subject.case, engine, {"error": False})
+        # no filter looks ahead: it cannot be undone
+        return answered(record, subject) if record.status == "ok" else None
     except (*IMPOSSIBLE, RuntimeError, KeyError):
         return None
 

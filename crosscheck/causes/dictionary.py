@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
+import warnings
+from collections.abc import Iterator
+
 from crosscheck.causes.cause import Cause
 from crosscheck.causes.rows import beams as beam_rows
 from crosscheck.causes.rows import bodies as body_rows
@@ -14,6 +18,7 @@ from crosscheck.causes.rows import scales as scale_rows
 from crosscheck.causes.rows import sections as section_rows
 from crosscheck.causes.rows import signals as signal_rows
 from crosscheck.causes.rows import springs as spring_rows
+from crosscheck.doors.packages import CAUSE_GROUP, Point, points
 
 TABLES = (
     joint_rows,
@@ -29,3 +34,28 @@ TABLES = (
     section_rows,
 )
 DICTIONARY: dict[str, Cause] = {cause.name: cause for table in TABLES for cause in table.ROWS}
+
+
+def all_causes() -> dict[str, Cause]:
+    """Return the dictionary and the causes of installed packages (entry points ``crosscheck.causes``), by name."""
+    found = dict(DICTIONARY)
+    for point in points(CAUSE_GROUP):
+        for cause in _causes(point):
+            if cause.name in found:
+                warnings.warn(f"package {point.package}: a cause called {cause.name!r} is there already", stacklevel=2)
+            found.setdefault(cause.name, cause)
+    return found
+
+
+def _causes(point: Point) -> Iterator[Cause]:
+    """Yield the causes that an entry point leads to: one, or several; one that fails ends no diagnosis."""
+    module, _, name = point.value.partition(":")
+    try:
+        target = getattr(importlib.import_module(module), name)
+        rows = (target,) if isinstance(target, Cause) else tuple(target)
+        if not all(isinstance(row, Cause) for row in rows):
+            raise TypeError("expected a Cause, or several")
+    except Exception as error:
+        warnings.warn(f"package {point.package}: no causes at {point.value}: {error}", stacklevel=2)
+        return
+    yield from rows

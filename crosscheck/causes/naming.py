@@ -16,7 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
-from crosscheck.causes.dictionary import DICTIONARY
+from crosscheck.causes.dictionary import all_causes
 from crosscheck.causes.evidence import Evidence, Heard
 from crosscheck.causes.fit import Candidate, Fit, candidates, fit, possible, scan, sensible
 from crosscheck.causes.model import Model, is_tree
@@ -146,7 +146,7 @@ def name(
     if size <= largest:
         return Naming((), None, size, largest, "the difference is inside the error bars")
     asked = Question(model, residual, bars, agreed)
-    known = candidates(model, DICTIONARY) if known is None else known
+    known = candidates(model, all_causes()) if known is None else known
     fits: list[Fit] = []
     heard: tuple[Heard, ...] = ()
     levels = (LOOK, TURNS, DEEP) if is_tree(model.base) else (LOOK, DEEP)

@@ -7,10 +7,10 @@ Where the mechanism is unharmed, no cause may be named.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from crosscheck.causes.naming import Naming, name
 from crosscheck.causes.quantities import Quantities, quantities
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
-from crosscheck.engines.base import companion
+from crosscheck.engines.base import offered
 from crosscheck.engines.flexinv.certificate import certify
 from crosscheck.engines.shared.rounding import with_rounding
 from crosscheck.measures.certificate import Certificate, checks
@@ -219,12 +219,18 @@ def named(setting: Setting, harmed: Record, subject: Subject) -> Naming:
 
 def _certified(engine: str, mechanism: Mechanism, case: Case) -> Certificate:
     """Return the certificate of an engine's own model; an empty one where it says nothing."""
-    module = companion(ENGINES[engine].module, "certificate")
     try:
-        found: Certificate = import_module(module).certify(mechanism, case, engine)
+        found: Certificate = certifier(engine)(mechanism, case, engine)
     except (*IMPOSSIBLE, RuntimeError):
         return Certificate()
     return found
+
+
+def certifier(engine: str) -> Callable[..., Any]:
+    """Return the member ``certify`` of an engine's adapter."""
+    certify = offered(adapter(ENGINES[engine]), "certify")
+    assert certify is not None
+    return certify
 
 
 def _length(parameters: int) -> float:
@@ -256,9 +262,7 @@ def wrong_rank(setting: Setting) -> Planted | None:
     if not mechanism.closures:
         return None
     loose = (loosened(mechanism.closures[0]), *mechanism.closures[1:])
-    ask_of = {
-        e: import_module(companion(ENGINES[e].module, "certificate")).certify for e in (setting.bench.engine, "flexinv")
-    }
+    ask_of = {e: certifier(e) for e in (setting.bench.engine, "flexinv")}
     theirs = ask_of[setting.bench.engine](replace(mechanism, closures=loose), case, setting.bench.engine)
     lines = checks(
         mechanism.name, case.name, setting.bench.engine, theirs, ask_of["flexinv"](mechanism, case, "flexinv")

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import click
 from rich.markup import escape
 from rich.table import Table
 
+from crosscheck.commands.shared.options import CONFIG, NAMED, doors_of
 from crosscheck.commands.shared.terminal import Console
-from crosscheck.engines import ENGINES, missing
+from crosscheck.engines import missing
 from crosscheck.report.words import engines_alike
 from crosscheck.run.isolation import Children, ask
 from crosscheck.run.runner import DESCRIBE
@@ -17,22 +19,31 @@ from crosscheck.verdicts.results import EngineRow
 
 
 @click.command("engines", short_help="Show which engines are installed, and what each can do.")
-def command() -> None:
-    """Show which engines are installed, their versions and what each can do."""
+@click.option(
+    "--models",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=Path("models"),
+    show_default=True,
+    help="Folder of mechanisms: with the engines of crosscheck.toml above it, and of records in it.",
+)
+@CONFIG
+@NAMED
+def command(models: Path, config: Path | None, engine: tuple[str, ...]) -> None:
+    """Show which engines are installed, their versions and what each can do; no program of crosscheck.toml is run."""
     table = Table("engine", "version", "what it can do", box=None, header_style="dim")
     known: dict[str, tuple[Any, Any]] = {}
     rows: list[EngineRow] = []
-    for engine in ENGINES.values():
-        if (reason := missing(engine)) is not None:
-            rows.append(EngineRow(engine.name, False, "missing", message=reason))
+    for one in doors_of(models, config, engine).engines.values():
+        if (reason := missing(one)) is not None:
+            rows.append(EngineRow(one.name, False, "missing", message=reason))
             continue
-        if engine.module not in known:
-            known[engine.module] = ask({"kind": "describe", "module": engine.module}, DESCRIBE, Children())
-        answer, ending = known[engine.module]
+        if one.adapter_key not in known:
+            known[one.adapter_key] = ask({"kind": "describe", "engine": one.name, **one.door}, DESCRIBE, Children())
+        answer, ending = known[one.adapter_key]
         if answer is None:
-            rows.append(EngineRow(engine.name, False, "broken", message=ending.message))
+            rows.append(EngineRow(one.name, False, "broken", message=ending.message))
         else:
-            rows.append(EngineRow(engine.name, True, answer["version"], answer["abilities"]))
+            rows.append(EngineRow(one.name, True, answer["version"], answer["abilities"]))
     for row, names in engines_alike(rows):
         version = escape(row.version) if row.present else f"[red]{row.version}[/red]"
         table.add_row("\n".join(names), version, escape(row.message or row.abilities))

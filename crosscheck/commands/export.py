@@ -6,25 +6,30 @@ from pathlib import Path
 
 import click
 
-from crosscheck.commands.shared.terminal import MODELS, TIMEOUT, Failure, plan_of
+from crosscheck.commands.shared.options import CONFIG, doors_of, one_task
+from crosscheck.commands.shared.terminal import MODELS, TIMEOUT, Failure
 from crosscheck.engines import ENGINES, missing
-from crosscheck.run.reproduce import REFERENCE, can_export, reproduce
-from crosscheck.verdicts.plan import Task
+from crosscheck.run.reproduce import REFERENCE, reproduce
 from flexinv.errors import InputError
 
-EXPORTED = [name for name, engine in ENGINES.items() if name != REFERENCE and can_export(engine)]
+EXPORTED = [name for name, engine in ENGINES.items() if name != REFERENCE and engine.exports]
 
 
 @click.command("export", short_help="Write what an engine was given as files that need only it.")
 @click.argument("name")
 @MODELS
 @click.option("--case", help="Which case; may be left out where there is only one.")
-@click.option("--engine", type=click.Choice(EXPORTED), required=True, help="What to write it for.")
+@click.option(
+    "--engine", required=True, help=f"What to write it for: {', '.join(EXPORTED)}, or one of crosscheck.toml."
+)
+@CONFIG
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), help="Folder; exports/NAME-CASE-ENGINE by default."
 )
 @TIMEOUT
-def command(name: str, models: Path, case: str | None, engine: str, out: Path | None, timeout: float) -> None:
+def command(
+    name: str, models: Path, case: str | None, engine: str, config: Path | None, out: Path | None, timeout: float
+) -> None:
     """Write what an engine was given, with the motion, the expected torque and a script that compares.
 
     The folder needs nothing of this project: it goes into a bug report, or into the engine's own viewer.
@@ -35,23 +40,15 @@ def command(name: str, models: Path, case: str | None, engine: str, out: Path | 
       crosscheck export flex_one_link --case cycloid --engine exudyn-ge     a script that builds the model
       crosscheck export five_bar_redundant --engine mujoco                  loops as equality constraints of MJCF
     """
-    task = _task(models, name, case)
-    if (reason := missing(ENGINES[engine])) is not None:
+    task = one_task(models, name, case)
+    known = doors_of(models, config).engines
+    if engine == REFERENCE or engine not in known:
+        raise Failure(f"no export is called {engine!r}; known: {', '.join(n for n in known if n != REFERENCE)}")
+    if (reason := missing(known[engine])) is not None:
         raise Failure(f"{engine}: {reason}")
     folder = out or Path("exports") / f"{name}-{task.case.name}-{engine}"
     try:
-        reproduce(task, ENGINES[engine], folder, timeout)
+        reproduce(task, known[engine], folder, timeout)
     except InputError as error:
         raise Failure(str(error)) from error
     click.echo(f"{folder}: python run.py")
-
-
-def _task(models: Path, name: str, case: str | None) -> Task:
-    plan = plan_of(models, (f"{name}/{case}" if case else name,))
-    if plan.broken:
-        raise Failure(f"{plan.broken[0][0]} cannot be read: {plan.broken[0][1]}")
-    if len(plan.tasks) > 1:
-        raise Failure(
-            f"{name} has several cases: write --case with one of {', '.join(t.case.name for t in plan.tasks)}"
-        )
-    return plan.tasks[0]

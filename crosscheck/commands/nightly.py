@@ -12,7 +12,6 @@ from rich.markup import escape
 from crosscheck.bench.parts import studies as bench_studies
 from crosscheck.commands.shared.options import Asked, running
 from crosscheck.commands.shared.terminal import FOLDER, Console, Failure, progress, terminated, unread
-from crosscheck.engines import ENGINES
 from crosscheck.measures.record import RecordError
 from crosscheck.report.words import sentence
 from crosscheck.secrets import command_line
@@ -72,7 +71,7 @@ def command(
     if latest_engines:
         with terminated():
             sys.exit(fresh.nightly(reports, fresh.without_flag(sys.argv[1:]), say))
-    work = asked.work(ENGINES)
+    work, every = asked.work(say)
     night = Nightly(
         work=work,
         reports=reports,
@@ -81,7 +80,7 @@ def command(
         against=against,
         label=label,
         command=command_line(sys.argv[1:]),
-        whole=not asked.names and len(work.engines) == len(ENGINES),
+        whole=not asked.names and every,
         bench=bench_studies(asked.models) if bench else (),
     )
     try:

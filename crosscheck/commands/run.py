@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import NoReturn
 
 import click
+from rich.markup import escape
 
 from crosscheck import output_folder as owned
 from crosscheck.commands.shared.options import Asked, running
 from crosscheck.commands.shared.terminal import FOLDER, Console, Failure, finish, progress, terminated
 from crosscheck.commands.shared.terminal import out as out_option
-from crosscheck.engines import ENGINES
 from crosscheck.run.runner import run
 from crosscheck.secrets import command_line
 from crosscheck.verdicts import baseline as blessed
@@ -44,8 +44,8 @@ def command(asked: Asked, out: Path, baseline: Path | None) -> NoReturn:
       series/        all curves (NumPy .npz with a .json of names and units)
     """
     console = Console(stderr=True)
-    work = asked.work(ENGINES)
-    whole = not asked.names and len(work.engines) == len(ENGINES)
+    work, every = asked.work(lambda line: console.print(escape(line), soft_wrap=True))
+    whole = not asked.names and every
     try:
         known = blessed.find(baseline) if baseline is not None else None
         work = replace(work, options=replace(work.options, baseline=known, whole=whole))

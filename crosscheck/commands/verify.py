@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from crosscheck import output_folder as owned
+from crosscheck.commands.shared.options import CONFIG, NAMED, TRUST, admit, doors_of
 from crosscheck.commands.shared.terminal import (
     COLOURS,
     JOBS,
@@ -25,7 +26,7 @@ from crosscheck.commands.shared.terminal import (
     progress,
     terminated,
 )
-from crosscheck.engines import ENGINES
+from crosscheck.doors.registry import limited
 from crosscheck.report import render
 from crosscheck.report.explanations import sheets
 from crosscheck.report.words import sentence, short
@@ -55,15 +56,31 @@ from flexinv.errors import FlexinvError, InputError
 )
 @JOBS
 @TIMEOUT
-def command(name: str, models: Path, engines: str, out: Path | None, writes: bool, jobs: int, timeout: float) -> None:
+@CONFIG
+@NAMED
+@TRUST
+def command(
+    name: str,
+    models: Path,
+    engines: str,
+    out: Path | None,
+    writes: bool,
+    jobs: int,
+    timeout: float,
+    config: Path | None,
+    engine: tuple[str, ...],
+    trust_commands: bool,
+) -> None:
     """Explain what is in the files of mechanism NAME, compare the engines on it, and propose limits.
 
     Degrees of freedom, redundancy of constraints and drives, mass, reach, natural frequencies, largest efforts, a picture
     at rest and in motion; then every engine that can, and limits from their error bars, each with its reason.
     """
     console = Console()
-    wanted = compared(ENGINES, engines)
-    plan = plan_of(models, (name,))
+    known = doors_of(models, config, engine)
+    wanted = compared(known.engines, engines)
+    admit(known, wanted, trust_commands, lambda line: console.print(escape(line), soft_wrap=True))
+    plan = limited(plan_of(models, (name,)), wanted)
     if plan.broken:
         raise Failure(f"{name} cannot be read: {plan.broken[0][1]}")
     file = plan.tasks[0].folder / "cases.toml"

@@ -1,24 +1,32 @@
-"""Registry of engines: a name, the adapter module behind it, and the installation of the package that it drives.
+"""Registry of engines: a name, the adapter behind it, and the installation of the package that it drives.
 
-An adapter is imported by name and late: a machine without an engine still runs the others.
+Our own engines come through the same door as those of other packages, the entry points ``crosscheck.engines``
+(`crosscheck.doors.packages`); the rows here are what a checkout has without installation.  An adapter is imported by name and
+late: a machine without an engine still runs the others.
 """
 
 from __future__ import annotations
 
 import importlib
 import importlib.util
-from dataclasses import dataclass
-from typing import cast
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, cast
 
-from crosscheck.engines.base import Adapter
+from crosscheck.engines.base import Adapter, offered
+from flexinv.files.load_cases import Limit
 
 
 @dataclass(frozen=True)
 class Engine:
     """One column of the report.
 
-    module : the adapter; requires : the Python package that the adapter imports; install : how to get it
+    module : the adapter, ``package.module`` or ``package.module:object``; requires : the Python package that it imports, "" for
+        none; install : how to get it
     native : an engine's own result where it is known to differ: its adapter names the cause in the record's message
+    exports : the adapter has a member ``export``
+    settings : of a door: the adapter is what ``module.opened(name, folder of the mechanism, settings)`` returns; None: the module
+    limits : stated where the engine is (crosscheck.toml), heard after those of the case
     """
 
     name: str
@@ -26,16 +34,29 @@ class Engine:
     requires: str
     install: str
     native: bool = False
+    exports: bool = False
+    settings: Mapping[str, Any] | None = None
+    limits: tuple[Limit, ...] = field(default=())
+
+    @property
+    def adapter_key(self) -> str:
+        """A name that engines share whose adapter is the same."""
+        return self.module if self.settings is None else f"{self.module} {self.name}"
+
+    @property
+    def door(self) -> dict[str, Any]:
+        """The adapter in a job of a child process (`opened`)."""
+        return {"module": self.module, **({} if self.settings is None else {"settings": dict(self.settings)})}
 
 
-def _engine(name: str, module: str, requires: str, package: str, native: bool = False) -> Engine:
-    return Engine(name, f"crosscheck.engines.{module}", requires, f"python -m pip install {package}", native)
+def _engine(name: str, module: str, requires: str, package: str, native: bool = False, exports: bool = True) -> Engine:
+    return Engine(name, f"crosscheck.engines.{module}", requires, f"python -m pip install {package}", native, exports)
 
 
 ENGINES: dict[str, Engine] = {
     e.name: e
     for e in (
-        _engine("flexinv", "flexinv.adapter", "flexinv", "."),
+        _engine("flexinv", "flexinv.adapter", "flexinv", ".", exports=False),
         _engine("pinocchio", "pinocchio.adapter", "pinocchio", "pin"),
         _engine("mujoco", "mujoco.adapter", "mujoco", "mujoco"),
         _engine("mujoco-equality", "mujoco.adapter", "mujoco", "mujoco", native=True),
@@ -44,18 +65,44 @@ ENGINES: dict[str, Engine] = {
         _engine("exudyn-dae", "exudyn.adapter", "exudyn", "exudyn"),
         _engine("exudyn-ancf", "exudyn.adapter", "exudyn", "exudyn"),
         _engine("exudyn-ge", "exudyn.adapter", "exudyn", "exudyn"),
-        _engine("measured", "measured.adapter", "numpy", "."),
+        _engine("measured", "measured.adapter", "numpy", ".", exports=False),
     )
 }
 
 
 def missing(engine: Engine) -> str | None:
     """Return the advice to install the package that ``engine`` needs, or None when it is there (nothing is imported)."""
-    if importlib.util.find_spec(engine.requires) is not None:
+    if not engine.requires or importlib.util.find_spec(engine.requires) is not None:
         return None
     return f"{engine.requires} is not installed; to install it: {engine.install}"
 
 
 def adapter(engine: Engine) -> Adapter:
     """Import the adapter of ``engine``.  Raises ImportError where the engine is not installed."""
-    return cast(Adapter, importlib.import_module(engine.module))
+    return loaded(engine.module)
+
+
+def calls(engine: str) -> Any:
+    """Return the calls of one of our engines whose time `crosscheck bench` takes.  Raises ImportError."""
+    bench = offered(adapter(ENGINES[engine]), "bench")
+    assert bench is not None
+    return bench()
+
+
+def loaded(name: str) -> Adapter:
+    """Import an adapter: a module, ``module:object``, or ``module:class``, of which one is made.  Raises ImportError."""
+    module, _, attribute = name.partition(":")
+    found: Any = importlib.import_module(module)
+    for part in filter(None, attribute.split(".")):
+        if not hasattr(found, part):
+            raise ImportError(f"{module} has no {attribute!r}")
+        found = getattr(found, part)
+    return cast(Adapter, found() if isinstance(found, type) else found)
+
+
+def opened(job: Mapping[str, Any]) -> Adapter:
+    """Return the adapter of a job: keys ``module``, and of a door ``settings``, ``engine`` and ``mechanism`` (its folder)."""
+    if "settings" not in job:
+        return loaded(job["module"])
+    door: Any = importlib.import_module(job["module"])
+    return cast(Adapter, door.opened(job["engine"], job.get("mechanism", ""), job["settings"]))

@@ -1,22 +1,30 @@
-"""Protocol of an adapter module: four functions.  One module may offer several engines (formulations)."""
+"""Protocol of an adapter: four functions, and four more that it may have.  One adapter may offer several engines."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Protocol
+import functools
+import importlib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from crosscheck.measures.certificate import Certificate
 from crosscheck.measures.record import Record
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
 
+if TYPE_CHECKING:
+    from crosscheck.engines.shared.replay import Drive
+
+Array = NDArray[np.float64]
 Options = Mapping[str, Any]
 
 
 class Adapter(Protocol):
-    """An engine behind its door; a module with these functions is one.
+    """An engine behind its door; a module with these functions is one, and so is an object with these methods.
 
     It reads primary data from the mechanism and the case, and imports none of flexinv's numerical modules
     (the adapter of flexinv itself excepted).  It runs in a child process with a time limit and may raise:
@@ -44,10 +52,49 @@ def sample_times(case: Case) -> NDArray[np.float64]:
     return np.arange(0.0, case.end + case.sample / 2, case.sample, dtype=np.float64)
 
 
-def companion(adapter: str, part: str) -> str:
-    """Return the dotted name of the module with a ``part`` of an adapter's work [-], which lies beside the adapter.
+class FullAdapter(Adapter, Protocol):
+    """An adapter with all that one may offer beside; what it has not is left out of the report, and nothing else suffers.
 
-    ``pinocchio.adapter`` has ``pinocchio.export``; ``mujoco.flex``, the second adapter of its folder, ``mujoco.flex_export``.
+    ``repeatable = False`` says that it gives the same whatever mechanism it is asked for: a record, no program.
     """
-    folder, _, name = adapter.rpartition(".")
-    return f"{folder}.{part}" if name == "adapter" else f"{adapter}_{part}"
+
+    def certify(self, mechanism: Mechanism, case: Case, engine: str) -> Certificate:
+        """Return the certificate of the engine's own model.  Raises InputError where it has nothing to say."""
+
+    def export(self, mechanism: Mechanism, case: Case, engine: str, effort: Array, folder: Path) -> None:
+        """Write what the engine was given, with the expected effort (samples, nv) [N m], [N]; NotExported where it cannot."""
+
+    def replay(self, mechanism: Mechanism, drive: Drive, **settings: float) -> dict[str, Array]:
+        """Let torques drive the free arm; tips (samples, 3) [m] by link."""
+
+    def bench(self) -> Any:
+        """Return the module, or object, with the calls whose time `crosscheck bench` takes."""
+
+
+MEMBERS = ("certify", "export", "replay", "bench")
+
+
+def offered(adapter: Adapter, member: str) -> Callable[..., Any] | None:
+    """Return one of ``MEMBERS`` of an adapter, None where it has none."""
+    assert member in MEMBERS
+    found: Callable[..., Any] | None = getattr(adapter, member, None)
+    return found
+
+
+def repeatable(adapter: Adapter) -> bool:
+    """Return True if an adapter computes: asked for another mechanism it gives another answer."""
+    return bool(getattr(adapter, "repeatable", True))
+
+
+def beside(module: str, member: str) -> Callable[..., Any]:
+    """Return a member of an adapter that another module defines; it is imported when the member is called."""
+
+    def call(*words: Any, **named: Any) -> Any:
+        return getattr(importlib.import_module(module), member)(*words, **named)
+
+    return call
+
+
+def module_beside(module: str) -> Callable[[], Any]:
+    """Return the member ``bench`` of an adapter whose calls are functions of a module, imported when it is asked for."""
+    return functools.partial(importlib.import_module, module)

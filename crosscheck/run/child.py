@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import importlib
-import importlib.util
 import json
 import os
 import signal
@@ -21,9 +20,11 @@ from typing import Any, cast
 
 import numpy as np
 
-from crosscheck.engines.base import Adapter, companion
+from crosscheck.engines import opened
+from crosscheck.engines.base import Adapter, offered
 from crosscheck.engines.shared.export_files import NotExported
 from crosscheck.engines.shared.rounding import with_rounding
+from crosscheck.kit.resolved import integrated
 from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.measures.record import Record, fingerprint, load, save
 from flexinv.errors import InputError
@@ -49,7 +50,7 @@ def run_case(job: dict[str, Any]) -> None:
     """Run one engine on one case and save its record."""
     name = job["engine"]
     try:
-        record = _run(job, cast(Adapter, importlib.import_module(job["module"])))
+        record = _run(job, opened(job))
     except Exception as error:
         traceback.print_exc()
         record = Record(engine=name, status="error", message=_words(error), certificate=_unrun(job))
@@ -60,15 +61,18 @@ def _run(job: dict[str, Any], adapter: Adapter) -> Record:
     name = job["engine"]
     mechanism = read_mechanism(job["mechanism"])
     case = load_cases(job["mechanism"], mechanism)[job["case"]]
-    known = {"engine": name, "version": adapter.version(), "model_hash": fingerprint(mechanism, case.motion)}
+    known = {"engine": name, "model_hash": fingerprint(mechanism, case.motion)}
     if (reason := adapter.unsupported(mechanism, case, name)) is not None:
-        return Record(status="skipped", message=reason, **known)
+        return Record(status="skipped", message=reason, version=adapter.version(), **known)
     record = replace(adapter.run(mechanism, case, name, job["options"]), **known)
+    stated = record.version if "settings" in job else ""  # a program or a record says its own
+    record = replace(record, version=stated or adapter.version())
     if record.status == "ok" and job["options"].get("certificate", True):
-        record = replace(record, certificate=certified(job["module"], mechanism, case, name))
-    return (
-        with_rounding(adapter, record, mechanism, case, job["options"]) if job["options"].get("error", True) else record
-    )
+        record = replace(record, certificate=record.certificate or certified(adapter, mechanism, case, name))
+    stepped = "settings" in job and integrated(mechanism, case)  # the bars of a program's steps are its own business
+    if stepped or not job["options"].get("error", True):
+        return record
+    return with_rounding(adapter, record, mechanism, case, job["options"])
 
 
 def _unrun(job: dict[str, Any]) -> dict[str, Any]:
@@ -76,17 +80,16 @@ def _unrun(job: dict[str, Any]) -> dict[str, Any]:
     try:
         mechanism = read_mechanism(job["mechanism"])
         case = load_cases(job["mechanism"], mechanism)[job["case"]]
-        return certified(job["module"], mechanism, case, job["engine"])
+        return certified(opened(job), mechanism, case, job["engine"])
     except Exception as error:
         return {"problem": _words(error)}
 
 
-def certified(module: str, mechanism: Mechanism, case: Case, engine: str) -> dict[str, Any]:
-    """Return the certificate of the engine's own model, by the file beside its adapter, or the reason why there is none."""
-    if importlib.util.find_spec(companion(module, "certificate")) is None:
+def certified(adapter: Adapter, mechanism: Mechanism, case: Case, engine: str) -> dict[str, Any]:
+    """Return the certificate of the engine's own model, or the reason why there is none."""
+    if (certify := offered(adapter, "certify")) is None:
         return {"problem": "this formulation has nothing to be asked for"}
     try:
-        certify = importlib.import_module(companion(module, "certificate")).certify
         return cast(dict[str, Any], replace(certify(mechanism, case, engine), given=given(mechanism)).plain)
     except InputError as error:
         return {"problem": str(error)}
@@ -107,7 +110,7 @@ def given(mechanism: Mechanism) -> dict[str, str]:
 
 def describe(job: dict[str, Any]) -> None:
     """Write the engine's version and what it can do."""
-    adapter = cast(Adapter, importlib.import_module(job["module"]))
+    adapter = opened(job)
     _write(job, {"version": adapter.version(), "abilities": adapter.abilities()})
 
 
@@ -119,13 +122,15 @@ def study(job: dict[str, Any]) -> None:
 
 def export(job: dict[str, Any]) -> None:
     """Write what the engine was given into a folder; what cannot be exported is the answer, in words."""
-    module = importlib.import_module(job["module"])
+    adapter = opened(job)
     mechanism = read_mechanism(job["mechanism"])
     case = load_cases(job["mechanism"], mechanism)[job["case"]]
     expected = load(Path(job["expected"])).series
     effort = np.stack([expected[f"torque/{name}"].values for name in mechanism.velocity_names], axis=1)
     try:
-        module.export(mechanism, case, job["engine"], effort, Path(job["folder"]))
+        if (write := offered(adapter, "export")) is None:
+            raise NotExported(f"there is no export for {job['engine']}")
+        write(mechanism, case, job["engine"], effort, Path(job["folder"]))
     except NotExported as error:
         _write(job, {"problem": str(error)})
     else:

@@ -99,7 +99,7 @@ def run_engine(
     failed = Record(engine=engine.name, status="error")
     if (reason := missing(engine)) is not None:
         return Attempt(replace(failed, message=f"not installed: {reason}"))
-    job = {"kind": "run", "module": engine.module, "engine": engine.name, **task}
+    job = {"kind": "run", **engine.door, "engine": engine.name, **task}
     with scratch() as folder:
         ending = call(job | {"out": str(folder / "record")}, folder, limit, children)
         record = replace(failed, status=ending.status, message=ending.message)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import datetime
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -31,16 +31,19 @@ AGAIN: Mapping[str, Any] = {
 
 @dataclass(frozen=True)
 class Shared:
-    """Data shared by the tests of a run: folder of attempts, blessed night (None: limits alone), limit [s] of a process."""
+    """Data shared by the tests of a run: folder of attempts, blessed night (None: limits alone), limit [s] of a process;
+
+    engines : all that take part."""
 
     folder: Path
     baseline: Path | None
     limit: float
+    engines: Mapping[str, Engine] = field(default_factory=dict)
 
     @property
     def kept(self) -> Attempts:
         """The attempts."""
-        return Attempts(self.folder)
+        return Attempts(self.folder, self.engines)
 
 
 def compared(shared: Shared, task: Task, engine: Engine, reference: Engine) -> list[Comparison]:
@@ -85,8 +88,8 @@ def cause(shared: Shared, task: Task, rows: Iterable[Comparison]) -> str:
 
 
 def _diagnosed(shared: Shared, task: Task, row: Comparison) -> Diagnosis:
-    stems = (shared.kept.stem(task, name) for name in (row.engine, row.reference))
-    one = question(row, task.folder, *stems)
+    ours, theirs = (shared.kept.stem(task, name) for name in (row.engine, row.reference))
+    one = question(row, task.folder, ours, theirs, shared.engines.get(row.engine))
     answer, ending = ask(one.job, shared.limit, Children())
     return diagnosis(one, answer, ending.message)
 

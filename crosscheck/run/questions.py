@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+from crosscheck.engines import ENGINES, Engine
 from crosscheck.measures.certificate import Check, certificate, checks
 from crosscheck.measures.limits import BY_DISCRETISATION
 from crosscheck.measures.record import Record
@@ -27,7 +28,7 @@ class Question:
     """
 
     place: tuple[str, str, str, str]
-    options: Mapping[str, str]
+    options: Mapping[str, Any]
 
     @property
     def job(self) -> dict[str, Any]:
@@ -84,8 +85,9 @@ def _certified(row: Comparison, failed: Mapping[tuple[str, str, str], list[str]]
     )
 
 
-def questions(results: Results, plan: Plan, out: Path) -> list[Question]:
+def questions(results: Results, plan: Plan, out: Path, engines: Mapping[str, Engine] | None = None) -> list[Question]:
     """Return one question for every engine whose efforts deviate from the reference's and were saved."""
+    known = engines or {}
     series = {(r.mechanism, r.case, r.engine): r.series for r in results.runs}
     folders = {(t.folder.name, t.case.name): t.folder for t in plan.tasks}
     found: dict[tuple[str, str, str], Question] = {}
@@ -93,7 +95,7 @@ def questions(results: Results, plan: Plan, out: Path) -> list[Question]:
         here = (row.mechanism, row.case)
         ours, theirs = (series.get((*here, e), "") for e in (row.engine, REFERENCE))
         if ours and theirs:
-            found[*here, row.engine] = question(row, folders[here], out / ours, out / theirs)
+            found[*here, row.engine] = question(row, folders[here], out / ours, out / theirs, known.get(row.engine))
     return list(found.values())
 
 
@@ -106,14 +108,16 @@ def asked(row: Comparison) -> bool:
     return measured and row.verdict in ASKED and UNBLESSED not in row.message
 
 
-def question(row: Comparison, folder: Path, ours: Path, theirs: Path) -> Question:
+def question(row: Comparison, folder: Path, ours: Path, theirs: Path, engine: Engine | None = None) -> Question:
     """Return the question for the cause of a deviation.
 
     folder : of the mechanism; ours, theirs : stems of the saved records of the engine and of the reference
+    engine : where it is not one of ours, so that it can be run again
     """
     saved = {"ours": str(ours.resolve()), "theirs": str(theirs.resolve())}
     options = {"folder": str(folder.resolve()), "case": row.case, "engine": row.engine, **saved}
-    return Question((row.mechanism, row.case, row.engine, row.reference), options)
+    door = {"door": engine.door} if engine is not None and engine.name not in ENGINES else {}
+    return Question((row.mechanism, row.case, row.engine, row.reference), {**options, **door})
 
 
 def diagnosis(question: Question, answer: Any, trouble: str) -> Diagnosis:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 from crosscheck.engines import ENGINES, Engine
-from crosscheck.engines.base import companion
 from crosscheck.measures.record import save
 from crosscheck.run.isolation import Children, ask, run_engine, scratch
 from crosscheck.verdicts.plan import Task
@@ -34,6 +32,8 @@ prints how far the efforts that {engine} computes are from `expected.csv` (those
 
 # In this order, of what the export has written.
 FILES = {
+    "kit": "the case kit, as {engine} was given it: see its README.md",
+    "run.txt": "the command that answers it, run beside the kit",
     "model*": "the model, as {engine} was given it",
     "motion.csv": "the motion: coordinates, velocities and accelerations, in this engine's order and units [rad], [m], [s]",
     "forces.csv": "given forces [N] and moments [N m], along the axes they are given in",
@@ -46,18 +46,13 @@ FILES = {
 }
 
 
-def can_export(engine: Engine) -> bool:
-    """Return True if there is an export for an engine."""
-    return importlib.util.find_spec(companion(engine.module, "export")) is not None
-
-
 def reproduce(task: Task, engine: Engine, folder: Path, limit: float) -> None:
     """Write the reproduction of ``task`` in ``engine`` into ``folder``; limit : [s] for each of two processes.
 
     Raises InputError where there is no export for the engine or the mechanism, or where an engine fails.
     """
     where = f"{task.folder.name}/{task.case.name} in {engine.name}"
-    if not can_export(engine):
+    if engine.name in ENGINES and not engine.exports:
         raise InputError(f"{where}: there is no export for {engine.name}")
     given = {"mechanism": str(task.folder.resolve()), "case": task.case.name}
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -70,7 +65,7 @@ def reproduce(task: Task, engine: Engine, folder: Path, limit: float) -> None:
         (made := work / "made").mkdir()
         job = {
             "kind": "export",
-            "module": companion(engine.module, "export"),
+            **engine.door,
             "engine": engine.name,
             "folder": str(made),
         }

@@ -9,13 +9,15 @@ from __future__ import annotations
 import contextlib
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 from crosscheck import output_folder as owned
+from crosscheck.doors.registry import stamp
+from crosscheck.engines import Engine
 from crosscheck.measures.record import RecordError, check, fingerprint, load, save
 from crosscheck.run.isolation import Attempt
 from crosscheck.verdicts.plan import Task
@@ -26,9 +28,13 @@ KEPT = ("ok", "skipped")
 
 @dataclass(frozen=True)
 class Attempts:
-    """A folder of attempts; several processes may use it at once."""
+    """A folder of attempts; several processes may use it at once.
+
+    engines : those whose answers depend on more than a case and our sources: programs and records (`crosscheck.doors`)
+    """
 
     folder: Path
+    engines: Mapping[str, Engine] = field(default_factory=dict)
 
     def find(self, task: Task, engine: str, options: Mapping[str, Any] | None = None) -> Attempt | None:
         """Return the attempt that ``engine`` made at the task before, or None."""
@@ -53,7 +59,8 @@ class Attempts:
 
     def stem(self, task: Task, engine: str, options: Mapping[str, Any] | None = None) -> Path:
         """Return the path of an attempt's files without their endings (`crosscheck.measures.record.save`)."""
-        return self.folder / key(task, engine, options or {})
+        behind = stamp(self.engines[engine], task.folder) if engine in self.engines else ""
+        return self.folder / key(task, engine, {**(options or {}), **({"door": behind} if behind else {})})
 
     @contextlib.contextmanager
     def alone(self, task: Task, engine: str) -> Iterator[None]:

@@ -94,7 +94,7 @@ def run(work: Work, out: Path, notify: Notify = lambda event: None, command: str
 def _run(work: Work, out: Path, notify: Notify, command: str) -> Results:
     options = work.options
     state = _State(work, out, notify, _opening(work, command))
-    kept, children = Attempts(out / KEPT), Children()
+    kept, children = Attempts(out / KEPT, work.engines), Children()
     with workers(options.scheduler, options.jobs) as pool, ThreadPoolExecutor(max(1, options.jobs)) as here:
         pending: dict[Future[Any], Job] = {}
         try:
@@ -171,7 +171,7 @@ def _failed(job: Job, error: Exception) -> Any:
 def _ask(job: Job, options: Options, children: Children) -> Any:
     kind, what, engine = job
     if kind == "describe":
-        return ask({"kind": "describe", "module": what}, DESCRIBE, children)
+        return ask({"kind": "describe", "engine": what.name, **what.door}, DESCRIBE, children)
     if kind == "study":
         question = {"kind": "study", "module": what.module, "function": what.function, "options": dict(what.options)}
         return ask(question, options.timeout, children)
@@ -198,8 +198,9 @@ class _State:
 
     def jobs(self) -> Iterator[Job]:
         """Yield everything there is to do, case by case so that comparisons come early."""
-        for module in sorted({e.module for e in self.work.engines.values() if missing(e) is None}):
-            yield "describe", module, None
+        adapters = {e.adapter_key: e for e in self.work.engines.values() if missing(e) is None}
+        for _, engine in sorted(adapters.items()):
+            yield "describe", engine, None
         for task in self.work.plan.tasks:
             for engine in self.work.engines.values():
                 yield "run", task, engine
@@ -230,7 +231,7 @@ class _State:
 
     def questions(self) -> Iterator[Job]:
         """Yield what is asked once everything is compared: why engines deviate."""
-        for question in questions(self._judged(whole=False), self.work.plan, self.out):
+        for question in questions(self._judged(whole=False), self.work.plan, self.out, self.work.engines):
             yield "why", question, None
 
     def take(self, job: Job, answer: Any) -> None:
@@ -328,10 +329,10 @@ class _State:
             certificates=(*self.results.certificates, *lines),
         )
 
-    def _describe(self, module: str, answer: Any, ending: Any) -> None:
+    def _describe(self, engine: Engine, answer: Any, ending: Any) -> None:
         rows = []
         for row in self.results.engines:
-            if self.work.engines[row.name].module == module:
+            if self.work.engines[row.name].adapter_key == engine.adapter_key:
                 row = replace(row, **answer) if answer else replace(row, present=False, message=ending.message)
             rows.append(row)
         self.results = replace(self.results, engines=tuple(rows))

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.engines import ENGINES, missing
+from crosscheck.engines import ENGINES, adapter, missing
+from crosscheck.engines.base import offered
 from crosscheck.engines.shared.replay import Drive
 from crosscheck.measures.mechanisms import read_mechanism
 from flexinv.errors import InputError
@@ -117,19 +118,20 @@ def _drive(found: Following, name: str) -> Drive:
 
 
 def _exudyn(m: Mechanism, found: Following, name: str) -> dict[str, Array]:
-    from crosscheck.engines.exudyn.replay import replay
-
     drive = _drive(found, name)
-    return replay(m, drive, elements=8, step=drive.spacing / 2)
+    return _replayed("exudyn-ge", m, drive, elements=8, step=drive.spacing / 2)
 
 
 def _pinocchio(m: Mechanism, found: Following, name: str) -> dict[str, Array]:
-    from crosscheck.engines.pinocchio.replay import replay
-
-    return replay(m, _drive(found, name))
+    return _replayed("pinocchio", m, _drive(found, name))
 
 
 def _mujoco(m: Mechanism, found: Following, name: str) -> dict[str, Array]:
-    from crosscheck.engines.mujoco.replay import replay
+    return _replayed("mujoco", m, _drive(found, name))
 
-    return replay(m, _drive(found, name))
+
+def _replayed(engine: str, mechanism: Mechanism, drive: Drive, **settings: float) -> dict[str, Array]:
+    replay = offered(adapter(ENGINES[engine]), "replay")
+    assert replay is not None
+    tips: dict[str, Array] = replay(mechanism, drive, **settings)
+    return tips

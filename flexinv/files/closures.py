@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, PlainValidator
+from pydantic import Field, PlainValidator, WithJsonSchema
 
 from flexinv.errors import InputError
 from flexinv.files.joints import read_placement, unit_axis
@@ -46,7 +46,8 @@ def _rows(value: Any) -> list[list[float]]:
     return [[finite(x) for x in row] for row in rows]
 
 
-Rows = Annotated[Any, PlainValidator(_rows)]
+_VECTOR = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
+Rows = Annotated[Any, PlainValidator(_rows), WithJsonSchema({"anyOf": [_VECTOR, {"type": "array", "items": _VECTOR}]})]
 Interval = Annotated[list[Number], Field(min_length=2, max_length=2)]
 
 

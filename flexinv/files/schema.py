@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, PlainValidator
+from pydantic import Field, PlainValidator, WithJsonSchema
 
 from flexinv.files.toml_tables import Fraction, Name, NotNegative, Number, Positive, Table, Text, Vector, bounded, key
 
@@ -81,11 +81,23 @@ def _rotation(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
     return np.asarray(u @ vt)
 
 
-Across = Annotated[tuple[float, float], PlainValidator(_across)]
-Rotary = Annotated[tuple[float, float, float], PlainValidator(_rotary)]
-Times = Annotated[tuple[float, ...], PlainValidator(_times)]
-Tensor = Annotated[Any, PlainValidator(_tensor)]
-Rotation = Annotated[Any, PlainValidator(_rotation)]
+_NUMBER = {"type": "number"}
+_THREE = {"type": "array", "minItems": 3, "maxItems": 3}
+_ROWS = {**_THREE, "items": {**_THREE, "items": _NUMBER}}
+
+
+def _or_parts(required: str, optional: str = "", *others: dict[str, Any]) -> WithJsonSchema:
+    """Return the JSON Schema of one number, of a table of them by name, or of ``others``."""
+    names = required.split()
+    parts = {"type": "object", "properties": dict.fromkeys([*names, *optional.split()], _NUMBER), "required": names}
+    return WithJsonSchema({"anyOf": [_NUMBER, {**parts, "additionalProperties": False}, *others]})
+
+
+Across = Annotated[tuple[float, float], PlainValidator(_across), _or_parts("y z")]
+Rotary = Annotated[tuple[float, float, float], PlainValidator(_rotary), _or_parts("y z", "x")]
+Times = Annotated[tuple[float, ...], PlainValidator(_times), _or_parts("axial shear twist bending")]
+Tensor = Annotated[Any, PlainValidator(_tensor), _or_parts("xx yy zz", "xy xz yz", _ROWS)]
+Rotation = Annotated[Any, PlainValidator(_rotation), WithJsonSchema(_ROWS)]
 Along = Literal["x", "y", "z"]
 
 SOURCE = key("where the numbers come from, a text", 'source = "data sheet of ..., table 2"', default="")

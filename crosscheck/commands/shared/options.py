@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -11,13 +11,29 @@ from typing import Any
 import click
 
 from crosscheck.commands.shared.terminal import JOBS, MODELS, PATTERNS, TIMEOUT, Failure, chosen, compared, plan_of
-from crosscheck.engines import Engine
+from crosscheck.doors.registry import Doors, doors, limited
 from crosscheck.run.runner import Options, Work
 from crosscheck.studies import STUDIES
+from crosscheck.verdicts.plan import Task
 from flexinv.errors import InputError
 from flexinv.files.toml_tables import read_toml
 
 DECLARED = "studies.toml"  # in a folder of models: which studies belong to it
+CONFIG = click.option(
+    "--config",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="File that names programs, FMUs and Python objects as engines.  [default: crosscheck.toml above the models]",
+)
+NAMED = click.option(
+    "--engine",
+    multiple=True,
+    metavar="MODULE:NAME",
+    help="A Python object as an engine, without installation; repeatable.",
+)
+TRUST = click.option(
+    "--trust-commands", is_flag=True, help="Run programs of crosscheck.toml without `crosscheck trust` (in CI)."
+)
+DOORS = (CONFIG, NAMED, TRUST)
 OPTIONS = (
     click.argument("names", nargs=-1),
     MODELS,
@@ -32,6 +48,7 @@ OPTIONS = (
     click.option("--resume", is_flag=True, help="Take over what an interrupted run has left there; run the rest."),
     JOBS,
     TIMEOUT,
+    *DOORS,
 )
 
 
@@ -47,16 +64,41 @@ class Asked:
     resume: bool
     jobs: int
     timeout: float
+    config: Path | None
+    engine: tuple[str, ...]
+    trust_commands: bool
 
-    def work(self, known: Mapping[str, Engine]) -> Work:
-        """Return the work for the known engines.  Raises Failure where a name or a pattern leads to nothing."""
+    def work(self, say: Callable[[str], None]) -> tuple[Work, bool]:
+        """Return the work, and whether all engines take part; say : is told which programs run.
+
+        Raises Failure where a name or a pattern leads to nothing, or a program is not trusted.
+        """
         options = Options(self.timeout, self.jobs, scheduler=self.scheduler, resume=self.resume)
-        engines = compared(known, self.engines)
+        known = doors_of(self.models, self.config, self.engine)
+        engines = compared(known.engines, self.engines)
+        admit(known, engines, self.trust_commands, say)
         # a reader who names mechanisms wants those; the studies belong to the whole
         wanted = ("" if self.names else declared(self.models)) if self.studies is None else self.studies
         tables = chosen(STUDIES, wanted, "study")
         studies = (replace(study, options={"models": str(self.models.resolve())}) for study in tables.values())
-        return Work(plan_of(self.models, self.names), engines, tuple(studies), options)
+        plan = limited(plan_of(self.models, self.names), engines)
+        return Work(plan, engines, tuple(studies), options), len(engines) == len(known.engines)
+
+
+def doors_of(models: Path, config: Path | None = None, named: Iterable[str] = ()) -> Doors:
+    """Return the engines of a folder of models.  Raises Failure where a file is refused."""
+    try:
+        return doors(models, config, named)
+    except (InputError, OSError) as error:
+        raise Failure(str(error)) from error
+
+
+def admit(known: Doors, chosen: Iterable[str], trusting: bool, say: Callable[[str], None]) -> None:
+    """Say which programs run.  Raises Failure where one is not trusted."""
+    try:
+        known.admit(chosen, trusting, say)
+    except InputError as error:
+        raise Failure(str(error)) from error
 
 
 def declared(models: Path) -> str:
@@ -90,3 +132,15 @@ def running(command: Callable[..., Any]) -> Callable[..., Any]:
     for option in reversed(OPTIONS):
         called = option(called)
     return called
+
+
+def one_task(models: Path, name: str, case: str | None) -> Task:
+    """Return the task of one case; without its name that of the only one.  Raises Failure."""
+    plan = plan_of(models, (f"{name}/{case}" if case else name,))
+    if plan.broken:
+        raise Failure(f"{plan.broken[0][0]} cannot be read: {plan.broken[0][1]}")
+    if len(plan.tasks) > 1:
+        raise Failure(
+            f"{name} has several cases: write --case with one of {', '.join(t.case.name for t in plan.tasks)}"
+        )
+    return plan.tasks[0]

@@ -19,7 +19,7 @@ import time as clock
 
 import exudyn as exu
 
-from crosscheck.engines.base import Options, sample_times
+from crosscheck.engines.base import Options, beside, module_beside, sample_times
 from crosscheck.engines.exudyn import loops as exudyn_loops
 from crosscheck.engines.exudyn import phases as exudyn_phases
 from crosscheck.engines.exudyn import rigid as exudyn_rigid
@@ -32,6 +32,12 @@ from crosscheck.engines.shared.prescribed import beyond_a_tree, missing_motion, 
 from crosscheck.measures.record import Record, fingerprint, torque_series, vector_series, wrench_series
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
+
+# What this adapter offers beside (`crosscheck.engines.base`).
+certify = beside("crosscheck.engines.exudyn.certificate", "certify")
+export = beside("crosscheck.engines.exudyn.export", "export")
+replay = beside("crosscheck.engines.exudyn.replay", "replay")
+bench = module_beside("crosscheck.engines.exudyn.bench")
 
 
 def version() -> str:

@@ -12,7 +12,7 @@ from importlib import metadata
 
 import numpy as np
 
-from crosscheck.engines.base import Options, sample_times
+from crosscheck.engines.base import Options, beside, sample_times
 from crosscheck.measures.budget import Family, with_bars
 from crosscheck.measures.record import (
     Record,
@@ -32,6 +32,10 @@ from flexinv.model.mechanism import WORLD, Mechanism
 
 # Of the largest torque: closure forces cancel at passive joints up to rounding, which conditions of up to 1e6 enlarge.
 ROUNDING = 1e-9
+
+
+# What this adapter offers beside (`crosscheck.engines.base`).
+certify = beside("crosscheck.engines.flexinv.certificate", "certify")
 
 
 def version() -> str:

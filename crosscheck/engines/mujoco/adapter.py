@@ -24,7 +24,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.engines.base import Options, sample_times
+from crosscheck.engines.base import Options, beside, module_beside, sample_times
 from crosscheck.engines.mujoco import loops as mujoco_loops
 from crosscheck.engines.mujoco.joints import Built, State, effort_from_engine, from_engine, joint_trouble, to_engine
 from crosscheck.engines.mujoco.model import build
@@ -41,6 +41,13 @@ SOFT = (
     "an equality constraint is soft: where the motion closes the loops exactly its force is zero, however stiff it is, "
     "and mj_inverse gives the efforts of the open tree, on passive joints too"
 )
+
+
+# What this adapter offers beside (`crosscheck.engines.base`).
+certify = beside("crosscheck.engines.mujoco.certificate", "certify")
+export = beside("crosscheck.engines.mujoco.export", "export")
+replay = beside("crosscheck.engines.mujoco.replay", "replay")
+bench = module_beside("crosscheck.engines.mujoco.bench")
 
 
 def version() -> str:

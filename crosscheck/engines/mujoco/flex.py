@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.engines.base import Options, sample_times
+from crosscheck.engines.base import Options, beside, sample_times
 from crosscheck.engines.mujoco.adapter import Raw, empty, keep, point_of, version, warnings_caught, wrench_on
 from crosscheck.engines.mujoco.joints import Built
 from crosscheck.engines.mujoco.rod import DRIVE, Rod, bending_axis, flexible, rod_of
@@ -26,12 +26,17 @@ from crosscheck.measures.record import Record, Series, series, torque_series, ve
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Link, Mechanism
 
-__all__ = ["abilities", "run", "unsupported", "version"]
+__all__ = ["abilities", "certify", "export", "run", "unsupported", "version"]
 
 Array = NDArray[np.float64]
 ELEMENTS = 32  # of the fine mesh
 STABLE = 0.8  # of the largest stable step 2 / omega of a linear oscillator: bent rods have slightly higher frequencies
 NO_FRAME = "a flex of dimension 1 is points without orientation"
+
+
+# What this adapter offers beside (`crosscheck.engines.base`).
+certify = beside("crosscheck.engines.mujoco.flex_certificate", "certify")
+export = beside("crosscheck.engines.mujoco.flex_export", "export")
 
 
 def abilities() -> str:

@@ -27,10 +27,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from crosscheck.engines.base import Options, sample_times
+from crosscheck.engines.base import Options, beside, module_beside, sample_times
 from crosscheck.engines.pinocchio import loops as pinocchio_loops
 from crosscheck.engines.pinocchio import phases as pinocchio_phases
-from crosscheck.engines.pinocchio.model import Built, Dynamics, build, inverse_dynamics
+from crosscheck.engines.pinocchio.model import Built, build, inverse_dynamics
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared.prescribed import beyond_a_tree, missing_motion, passive_effort
 from crosscheck.measures.record import Record, Series, reaction_series, torque_series, vector_series, wrench_series
@@ -38,18 +38,18 @@ from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
 
 __all__ = [
-    "Built",
-    "Dynamics",
-    "abilities",
-    "build",
-    "inverse_dynamics",
-    "passive_effort",
-    "run",
-    "unsupported",
-    "version",
-]
+    "Built", "abilities", "bench", "build", "certify", "export", "inverse_dynamics", "passive_effort", "replay",
+    "run", "unsupported", "version",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
+
+
+# What this adapter offers beside (`crosscheck.engines.base`).
+certify = beside("crosscheck.engines.pinocchio.certificate", "certify")
+export = beside("crosscheck.engines.pinocchio.export", "export")
+replay = beside("crosscheck.engines.pinocchio.replay", "replay")
+bench = module_beside("crosscheck.engines.pinocchio.bench")
 
 
 def version() -> str:

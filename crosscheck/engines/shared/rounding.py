@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.engines.base import Adapter, Options
+from crosscheck.engines.base import Adapter, Options, repeatable
 from crosscheck.measures.budget import Family, with_bars
 from crosscheck.measures.record import Record
 from flexinv.files.load_cases import Case
@@ -44,7 +44,7 @@ class Shaken:
 
 def with_rounding(adapter: Adapter, record: Record, mechanism: Mechanism, case: Case, options: Options) -> Record:
     """Return the record with error bars of rounding [units of its series] where it has none of its own."""
-    if record.status != "ok" or any(one.error is not None for one in record.series.values()):
+    if record.status != "ok" or not repeatable(adapter) or any(one.error is not None for one in record.series.values()):
         return record
     other = adapter.run(mechanism, replace(case, motion=cast(Motion, Shaken(case.motion))), record.engine, options)
     if other.status != "ok" or set(other.series) != set(record.series):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,7 +14,7 @@ import pytest
 
 from crosscheck.causes.diagnosis import diagnose
 from crosscheck.engines import ENGINES, adapter
-from crosscheck.engines.base import companion
+from crosscheck.engines.base import offered
 from crosscheck.measures.record import Record, save
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
@@ -45,8 +44,9 @@ def ran(mechanism: Mechanism, case: Case, engine: str) -> Record:
     """What an engine gives, with its certificate, as a run keeps it."""
     options = {"step": case.sample / 8, **COARSE} if engine.startswith("exudyn-") else {}
     record = adapter(ENGINES[engine]).run(mechanism, case, engine, options)
-    module = importlib.import_module(companion(ENGINES[engine].module, "certificate"))
-    said = json.loads(json.dumps(module.certify(mechanism, case, engine).plain))
+    certify = offered(adapter(ENGINES[engine]), "certify")
+    assert certify is not None
+    said = json.loads(json.dumps(certify(mechanism, case, engine).plain))
     return replace(record, certificate=said)
 
 

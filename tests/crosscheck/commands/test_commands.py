@@ -57,8 +57,9 @@ def test_a_missing_engine_has_exit_code_2_and_still_a_report(
     models: Path, tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     gone = Engine("pinocchio", "x", "no_such_package", "python -m pip install pin")
-    monkeypatch.setattr("crosscheck.commands.run.ENGINES", {"pinocchio": gone, "mujoco": replace(gone, name="mujoco")})
-    monkeypatch.setattr("crosscheck.commands.engines.ENGINES", {"pinocchio": gone})
+    monkeypatch.setattr(
+        "crosscheck.doors.registry.ENGINES", {"pinocchio": gone, "mujoco": replace(gone, name="mujoco")}
+    )
     out = tmp_path / "report"
     done = invoke("run", "double_pendulum", "--models", models, "--out", out)
     assert done.exit_code == 2
@@ -141,7 +142,7 @@ def test_a_failure_of_the_harness_is_not_a_deviation(
 
     monkeypatch.setattr("crosscheck.commands.shared.terminal.render", fall)
     monkeypatch.setattr(
-        "crosscheck.commands.run.ENGINES", dict.fromkeys("ef", Engine("e", "x", "no_such_package", "never"))
+        "crosscheck.doors.registry.ENGINES", dict.fromkeys("ef", Engine("e", "x", "no_such_package", "never"))
     )
     done = invoke("run", "double_pendulum", "--models", models, "--out", tmp_path / "o")
     assert done.exit_code == 2
@@ -191,7 +192,7 @@ def test_no_line_of_the_overview_is_cut_off() -> None:
 
 def asked(models: Path, names: tuple[str, ...] = (), studies: str | None = None) -> list[str]:
     """The studies of a run."""
-    work = Asked(names, models, "*", studies, "", False, 1, 60.0).work(ENGINES)
+    work, _ = Asked(names, models, "*", studies, "", False, 1, 60.0, None, (), False).work(lambda line: None)
     return [study.name for study in work.studies]
 
 
@@ -233,7 +234,7 @@ def test_the_benches_are_found_where_they_were_installed(
 def absent(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two engines that are not installed: everything but the engines runs at once."""
     gone = {name: Engine(name, "x", "no_such_package", "never") for name in ("flexinv", "pinocchio")}
-    monkeypatch.setattr("crosscheck.commands.run.ENGINES", gone)
+    monkeypatch.setattr("crosscheck.doors.registry.ENGINES", gone)
 
 
 def test_one_model_that_cannot_be_read_ends_no_other_and_is_named_with_its_reason(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -19,8 +18,8 @@ from crosscheck.causes.model import Model, model_of
 from crosscheck.causes.naming import Naming, name
 from crosscheck.causes.selftest import loosened
 from crosscheck.causes.subject import Subject
-from crosscheck.engines import ENGINES
-from crosscheck.engines.base import companion
+from crosscheck.engines import ENGINES, adapter
+from crosscheck.engines.base import offered
 from crosscheck.measures.certificate import Certificate, Check, certificate, checks, holds
 from crosscheck.measures.record import Record
 from crosscheck.run.child import given
@@ -43,8 +42,9 @@ def load(place: str) -> tuple[Mechanism, Case]:
 
 def says(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     """What an engine says, after the way through JSON that it takes between processes."""
-    module = importlib.import_module(companion(ENGINES[engine].module, "certificate"))
-    return certificate(json.loads(json.dumps(module.certify(mechanism, case, engine).plain, allow_nan=False)))
+    certify = offered(adapter(ENGINES[engine]), "certify")
+    assert certify is not None
+    return certificate(json.loads(json.dumps(certify(mechanism, case, engine).plain, allow_nan=False)))
 
 
 def lines(place: str, engine: str, harmed: Subject | None = None) -> tuple[Check, ...]:

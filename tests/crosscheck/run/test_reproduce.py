@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from rigid_trees import case_of, chain, tree
 
 from crosscheck.cli import main
-from crosscheck.engines import ENGINES
-from crosscheck.engines.base import companion
+from crosscheck.engines import ENGINES, adapter
+from crosscheck.engines.base import offered
 from crosscheck.engines.exudyn import loops as exudyn_loops
 from crosscheck.engines.mujoco import flex as mujoco_flex
 from crosscheck.engines.shared.export_files import NotExported
@@ -59,7 +59,9 @@ def swing(mechanism: Mechanism, duration: float = 0.2) -> tuple[Case, Array]:
 
 def exported(mechanism: Mechanism, engine: str, folder: Path, case: Case, effort: Array) -> None:
     folder.mkdir(exist_ok=True)
-    importlib.import_module(companion(ENGINES[engine].module, "export")).export(mechanism, case, engine, effort, folder)
+    export = offered(adapter(ENGINES[engine]), "export")
+    assert export is not None
+    export(mechanism, case, engine, effort, folder)
 
 
 def run(folder: Path) -> dict[str, float]:
@@ -186,8 +188,8 @@ def test_loops_springs_and_forces_in_time(name: str, tmp_path: Path) -> None:
     mechanism, case = LOOPS[name]()
     exported(mechanism, "exudyn-dae", tmp_path, case, posed(mechanism, case))
     assert max(run(tmp_path).values()) < 1e-5  # what test_engine_exudyn_loops asks of its error of h^2
-    adapter = importlib.import_module("crosscheck.engines.exudyn.adapter")
-    series = adapter.run(mechanism, case, "exudyn-dae", {"error": False}).series
+    exudyn = importlib.import_module("crosscheck.engines.exudyn.adapter")
+    series = exudyn.run(mechanism, case, "exudyn-dae", {"error": False}).series
     ours = np.stack([series[f"torque/{name}"].values for name in mechanism.velocity_names], axis=1)
     computed = np.loadtxt(tmp_path / "computed.csv", delimiter=",", skiprows=1)[:, 1:]
     np.testing.assert_allclose(computed, ours, rtol=0, atol=NEAR["pinocchio"] * np.ptp(ours))

@@ -58,7 +58,7 @@ def rogues(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., Non
     def register(*kinds: str) -> None:
         sound = {name: ENGINES[name] for name in ("flexinv", "pinocchio")}
         monkeypatch.setenv("PYTHONPATH", str(Path(rogue.__file__).parent))
-        monkeypatch.setattr("crosscheck.commands.nightly.ENGINES", sound | {k: rogue.engine(k) for k in kinds})
+        monkeypatch.setattr("crosscheck.doors.registry.ENGINES", sound | {k: rogue.engine(k) for k in kinds})
 
     return register
 
@@ -160,7 +160,7 @@ def test_passwords_are_in_no_file_and_no_message(
     words: tuple[str, ...], nightly: Invoke, reports: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     absent = {name: Engine(name, "x", "no_such_package", "never") for name in ("flexinv", "pinocchio")}
-    monkeypatch.setattr("crosscheck.commands.nightly.ENGINES", absent)
+    monkeypatch.setattr("crosscheck.doors.registry.ENGINES", absent)
     monkeypatch.setattr(sys, "argv", ["crosscheck", "nightly", *words])
     done = nightly(*words)
     assert done.exit_code == 2

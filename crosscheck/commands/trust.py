@@ -1,0 +1,37 @@
+"""``crosscheck trust``: the programs of crosscheck.toml may run on this machine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from crosscheck.commands.shared.options import CONFIG, doors_of
+from crosscheck.commands.shared.terminal import MODELS, Failure
+from crosscheck.doors.trust import store, trust
+
+
+@click.command("trust", short_help="Allow the programs of crosscheck.toml to run.")
+@MODELS
+@CONFIG
+@click.option("--yes", is_flag=True, help="Without asking.")
+def command(models: Path, config: Path | None, yes: bool) -> None:
+    """Show what crosscheck.toml runs on this machine, and remember that you trust it.
+
+    A command that is new or has changed since is not run before it is trusted again.  What is remembered is a file of yours,
+    outside of the project.
+    """
+    known = doors_of(models, config)
+    if known.config is None:
+        raise Failure(f"there is no crosscheck.toml above {models}; write one there, or --config with its path")
+    if not known.programs:
+        raise Failure(f"{known.config} names no engines: there is nothing to trust")
+    for program in known.programs:
+        click.echo(f"{program.name} runs  {program.words}")
+    if not yes and not click.confirm(f"Trust {known.config}?"):
+        raise Failure("nothing was changed")
+    try:
+        trust(known.config, {program.name: program.stamp for program in known.programs})
+    except OSError as error:
+        raise Failure(f"{store()} cannot be written: {error}") from error
+    click.echo(f"remembered in {store()}")

@@ -1,0 +1,129 @@
+"""The ladder: its rungs, and from the results of a run which of them an engine holds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from crosscheck.measures.limits import Verdict, worst
+from crosscheck.report.words import short
+from crosscheck.verdicts.results import Results, StudyRow, fails
+
+VERSION = "crosscheck-ladder/1"
+FOLDER = Path(__file__).with_name("ladder")
+CERTIFICATE = "certificate"
+# Folder of a rung, and what it asks for beside those before.
+RUNGS = {
+    "double_pendulum": "double pendulum",
+    "tree": "tree with a branch, a slide and full inertia tensors",
+    "free_base": "free base",
+    "drives": "drives: rotors, gears, damping, dry friction, a spring",
+    "loop": "closed loop",
+    "gears": "couplings of joints in a loop",
+    "redundant_drives": "more drives than freedoms",
+    "phases": "closures that act for a while",
+    "beam_at_rest": "beam at rest under gravity",
+    "beam_moving": "beam that moves in a plane",
+    "beam_in_space": "beam that moves in space",
+    "damped_beam": "beam with damping",
+}
+SAID = {"within": "holds", "explained": "holds within its error bars", "skipped": "not climbed"}
+COLUMNS = (
+    ("rung", "rung", ""),
+    ("what", "what it asks for", ""),
+    ("engine", "engine", ""),
+    ("difference", "largest difference over the range", "-"),
+    ("time", "its own time", "s"),
+    ("message", "result", ""),
+)
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One rung of one engine: verdict, message, largest difference [-] and wall time [s], None where there is none."""
+
+    name: str
+    engine: str
+    verdict: Verdict
+    message: str
+    difference: float | None = None
+    time: float | None = None
+
+    @property
+    def holds(self) -> bool:
+        """Return True if the engine agrees with the reference, perhaps within the error bars."""
+        return self.verdict in ("within", "explained")
+
+
+def rungs(results: Results, engine: str) -> Iterator[Rung]:
+    """Yield the rungs of an engine, and the certificate over all of them."""
+    for name in RUNGS:
+        yield _rung(results, name, engine)
+    lines = [line for line in results.certificates if line.engine == engine and line.limit is not None]
+    wrong = [f"{line.mechanism}: {line.what}" for line in results.certificates if line.engine == engine and fails(line)]
+    if wrong:
+        yield Rung(CERTIFICATE, engine, "deviation", f"its own model has another {', '.join(wrong)}")
+    elif lines:
+        yield Rung(
+            CERTIFICATE,
+            engine,
+            "within",
+            f"holds: {len(lines)} lines, on {len({x.mechanism for x in lines})} mechanisms",
+        )
+    else:
+        yield Rung(CERTIFICATE, engine, "skipped", "not climbed: it says nothing of its own model")
+
+
+def _rung(results: Results, name: str, engine: str) -> Rung:
+    runs = [run for run in results.runs if (run.mechanism, run.engine) == (name, engine)]
+    rows = [row for row in results.comparisons if (row.mechanism, row.engine) == (name, engine)]
+    if all(case.mechanism != name for case in results.cases):
+        return Rung(name, engine, "skipped", "not asked for")
+    if not runs or any(run.verdict == "error" for run in runs):
+        said = "; ".join(run.message for run in runs if run.message) or "it did not run"
+        return Rung(name, engine, "error", said)
+    verdict = worst(row.verdict for row in rows)
+    message = "; ".join(dict.fromkeys(row.message for row in rows if row.verdict == verdict and row.message))
+    words = SAID.get(verdict, "does not hold")
+    why = [d.words for d in results.diagnoses if (d.mechanism, d.engine) == (name, engine) and d.words]
+    told = ": ".join(filter(None, [words, "; ".join(filter(None, [message, *why]))]))
+    shares = [row.fraction for row in rows if row.fraction is not None]
+    return Rung(name, engine, verdict, told, max(shares, default=None), sum(run.wall_time for run in runs))
+
+
+def code(climbed: Sequence[Rung]) -> int:
+    """Return the exit code: 0 all that was climbed holds, and something was; 1 a rung does not hold; 2 the engine failed."""
+    failed = [2 if rung.verdict == "error" else 1 for rung in climbed if not rung.holds and rung.verdict != "skipped"]
+    return max(failed, default=0 if any(rung.holds for rung in climbed) else 1)
+
+
+def table(results: Results, engines: tuple[str, ...], text: str) -> StudyRow:
+    """Return the table of the ladder for a report; differences over the range [-]."""
+    rows: list[dict[str, Any]] = []
+    for engine in engines:
+        for rung in rungs(results, engine):
+            what = RUNGS.get(rung.name, "what its own model says of itself, everywhere")
+            numbers = {"difference": rung.difference, "time": rung.time}
+            known = {key: value for key, value in numbers.items() if value is not None}
+            words = {"rung": rung.name.replace("_", " "), "what": what, "engine": engine, "message": rung.message}
+            rows.append({**words, **known, "verdict": rung.verdict})
+    return StudyRow("conform", f"The ladder ({VERSION})", text=text, columns=COLUMNS, rows=tuple(rows))
+
+
+def quote(results: Results, engine: str, blind: str) -> str:
+    """Return one line about an engine that may be quoted; blind : how it was asked, in words."""
+    climbed = list(rungs(results, engine))
+    held = [rung.name.replace("_", " ") for rung in climbed if rung.holds]
+    failed = [rung.name.replace("_", " ") for rung in climbed if rung.verdict not in ("within", "explained", "skipped")]
+    versions = {run.version for run in results.runs if run.engine == engine and run.version}
+    name = " ".join([engine, *sorted(versions)])
+    size = max((rung.difference for rung in climbed if rung.holds and rung.difference is not None), default=None)
+    apart = "" if size is None else f", at most {short(size)} of the range apart from {_reference(results)}"
+    line = f"{name} holds {len(held)} of {len(climbed)} rungs of {VERSION}{blind}: {', '.join(held) or 'none'}{apart}"
+    return line + (f"; not: {', '.join(failed)}" if failed else "")
+
+
+def _reference(results: Results) -> str:
+    return f"flexinv {results.versions.get('flexinv', '')}".strip()

@@ -1,0 +1,143 @@
+"""``crosscheck.toml``: programs, FMUs and Python objects that a project has as engines.
+
+    [engines.mine]
+    command = ["./mine", "{kit}", "{out}"]
+    refine = true
+
+It is searched from the folder above the models up to the root of the repository, or up to the home folder: a folder of models is
+data and names no programs.  A file of somebody else, or one that others may write, is refused.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from crosscheck.doors.packages import NAME
+from flexinv.errors import InputError
+from flexinv.files.case_schema import QUANTITIES
+from flexinv.files.load_cases import Limit
+from flexinv.files.toml_tables import Positive, Table, Text, complaint, key, place, read_toml, validate
+
+FILE = "crosscheck.toml"
+PLACEHOLDERS = ("{kit}", "{out}")
+
+
+class LimitRow(Table):
+    """Limit of an engine's distance from the reference, where cases.toml states none."""
+
+    quantity: Literal["torque", "wrench", "reaction", "tip", "deflection", "axial", "internal", "frequency"] = key(
+        f"one of {', '.join(QUANTITIES)}", 'quantity = "torque"'
+    )
+    maximum: Annotated[Positive, Field(le=1)] = key("of the range, 0..1 [-]", "maximum = 1e-9")
+    reason: Text = key("why that is right, a text", 'reason = "both are exact: rounding"')
+
+
+class EngineRow(Table):
+    """One engine: a command, an FMU or a Python object."""
+
+    command: Annotated[list[Text], Field(min_length=1)] | None = key(
+        "program and arguments, {kit} and {out} for the folders", 'command = ["./mine", "{kit}", "{out}"]', default=None
+    )
+    fmu: Text | None = key("a file .fmu beside this one", 'fmu = "arm.fmu"', default=None)
+    python: Text | None = key("module:object that is an adapter", 'python = "my_engine:Mine"', default=None)
+    refine: bool = key(
+        "true: three runs per case, for error bars; case.json says how many times finer", "refine = true", default=False
+    )
+    cases: Annotated[list[Text], Field(min_length=1)] = key(
+        "patterns of what it can do: mechanism/case", 'cases = ["double_pendulum/*"]', default=["*"]
+    )
+    version: Text = key("its version, where meta.json does not say it", 'version = "1.0"', default="")
+    abilities: Text = key("one sentence: what it can do", 'abilities = "rigid trees"', default="")
+    limits: list[LimitRow] = key("tables [[engines.NAME.limits]]", "[[engines.NAME.limits]]", default=[])
+
+
+class ConfigTable(Table):
+    """The whole file."""
+
+    engines: dict[str, Any] = key("tables [engines.NAME]", "[engines.mine]", default={})
+
+
+def found(models: Path, stated: Path | None = None) -> Path | None:
+    """Return the file of a folder of models: the one that is stated, or the nearest one above; None where there is none.
+
+    Raises InputError for one that may not be used.
+    """
+    inside = models.resolve()
+    for pattern in (FILE, f"*/{FILE}", f"*/*/{FILE}", f"*/*/*/{FILE}"):
+        for file in sorted(inside.glob(pattern)):
+            raise InputError(
+                f"{file} is refused: a folder of models is data and names no programs; move it to {inside.parent}"
+            )
+    if stated is not None:
+        return checked(stated, inside)
+    for folder in above(inside.parent):
+        if (folder / FILE).exists():
+            return checked(folder / FILE, inside)
+    return None
+
+
+def above(folder: Path) -> list[Path]:
+    """Return the folders that are searched: up to a repository's root or the home folder; outside of both the first alone."""
+    home = Path.home().resolve()
+    chain = [folder, *folder.parents]
+    for k, one in enumerate(chain):
+        if (one / ".git").exists() or one == home:
+            return chain[: k + 1]
+    return chain[:1]
+
+
+def checked(file: Path, models: Path) -> Path:
+    """Return the file itself.  Raises InputError where it is not there, not ours, or inside the models."""
+    real = file.resolve()
+    if not real.is_file():
+        raise InputError(f"{file} is no file; write --config with the path of a {FILE}")
+    if real.is_relative_to(models):
+        raise InputError(
+            f"{file} is refused: a folder of models is data and names no programs; move it to {models.parent}"
+        )
+    about = real.stat()
+    if hasattr(os, "getuid") and about.st_uid != os.getuid():
+        raise InputError(f"{file} is refused: it belongs to another user (number {about.st_uid}); copy what you trust")
+    if about.st_mode & stat.S_IWOTH:
+        raise InputError(f"{file} is refused: everybody may write it; run chmod o-w {file}")
+    return real
+
+
+def rows(file: Path) -> dict[str, EngineRow]:
+    """Return the engines of a file by name.  Raises InputError that says where, what was given and what to write."""
+    table = validate(ConfigTable, read_toml(file), file, "")
+    made = {}
+    for name, data in table.engines.items():
+        where = f"engines.{name}"
+        if not NAME.fullmatch(name):
+            expected = "letters, digits, ., _ and -, beginning with a letter or digit"
+            raise InputError(complaint(place(file, where), f"an engine called {name!r}", expected, "[engines.mine]"))
+        row = validate(EngineRow, data, file, where)
+        kinds = [kind for kind in ("command", "fmu", "python") if getattr(row, kind) is not None]
+        if len(kinds) != 1:
+            given = " and ".join(kinds) or "none of them"
+            write = 'command = ["./mine", "{kit}", "{out}"]'
+            raise InputError(complaint(place(file, where), given, "one of command, fmu and python", write))
+        if row.command is not None and not any("{out}" in word for word in row.command):
+            write = 'command = ["./mine", "{kit}", "{out}"]'
+            raise InputError(
+                complaint(place(file, where, "command"), "no {out}", "the folder that it writes into", write)
+            )
+        made[name] = row
+    return made
+
+
+def limits(name: str, row: EngineRow) -> tuple[Limit, ...]:
+    """Return the limits [-] that an engine's table states."""
+    return tuple(Limit(one.quantity, (name,), one.maximum, one.reason) for one in row.limits)
+
+
+def does(patterns: list[str], mechanism: str, case: str) -> bool:
+    """Return True if one of the patterns fits a case: ``mechanism/case``, or ``mechanism`` for all of its cases."""
+    return any(fnmatchcase(f"{mechanism}/{case}", p if "/" in p else f"{p}/*") for p in patterns)

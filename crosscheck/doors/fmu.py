@@ -1,0 +1,212 @@
+"""An FMU as an engine: inverse dynamics behind the Functional Mock-up Interface 2.0, called by FMPy.
+
+Inputs NAME.q, NAME.qd, NAME.qdd and outputs NAME.tau of every velocity NAME, each with its unit; no states, no events, and every
+output depends on its inputs directly.  A model exchange FMU is a function of its inputs: set, get.  One for co-simulation alone
+may answer later: then its inputs are held until its outputs stand, and the number of steps that takes is reported.
+"""
+
+from __future__ import annotations
+
+import importlib
+import shutil
+import time as clock
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.doors.config import does
+from crosscheck.engines.base import Options, sample_times
+from crosscheck.kit.resolved import UNITS, asked_series, idle
+from crosscheck.measures.record import Record, effort_units, torque_series
+from flexinv.errors import InputError
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+# Ways to write a unit of ours in an FMU.
+SAME_UNIT = {
+    "rad": ("rad",),
+    "m": ("m",),
+    "rad/s": ("rad/s",),
+    "m/s": ("m/s",),
+    "rad/s^2": ("rad/s2", "rad/s^2"),
+    "m/s^2": ("m/s2", "m/s^2"),
+    "N m": ("N.m", "N m", "Nm", "N*m"),
+    "N": ("N",),
+}
+MOST_STEPS = 4  # that a co-simulation FMU may take to answer: a chain of as many unit delays
+STANDS = 1e-12  # of the largest output: an answer that changes less from one step to the next has come
+
+
+def opened(name: str, mechanism: str, settings: Mapping[str, Any]) -> Fmu:
+    """Return the adapter of an FMU; mechanism : its folder; settings : fmu (path), cases, version, abilities."""
+    return Fmu(Path(mechanism).name, settings)
+
+
+class Fmu:
+    """The adapter of one FMU: it has the physics of its own mechanism, whatever it is asked for."""
+
+    repeatable = False
+
+    def __init__(self, mechanism: str, settings: Mapping[str, Any]) -> None:
+        """Keep the name of the mechanism's folder and the settings."""
+        self._mechanism, self._settings = mechanism, settings
+
+    def version(self) -> str:
+        """Return the version that crosscheck.toml states, else that of the FMU's model description."""
+        description = _read(self._settings["fmu"])
+        return str(self._settings.get("version", "") or description.version or description.generationTool or "")
+
+    def abilities(self) -> str:
+        """Return one sentence: what it can do."""
+        return str(
+            self._settings.get("abilities", "") or f"the FMU {Path(self._settings['fmu']).name}, inverse dynamics"
+        )
+
+    def unsupported(self, mechanism: Mechanism, case: Case, engine: str) -> str | None:
+        """Return the reason why it is not asked, or None where it is."""
+        patterns = list(self._settings.get("cases", ["*"]))
+        if not does(patterns, self._mechanism or mechanism.name, case.name):
+            return f"crosscheck.toml asks it for {', '.join(patterns)} only"
+        others = [j.name for j in mechanism.joints if j.nv and (j.nv > 1 or j.kind == "continuous")]
+        return f"joints with more than one coordinate have no names in an FMU: {', '.join(others)}" if others else None
+
+    def run(self, mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
+        """Return its torques [N m], [N] on the sample times.  Raises InputError where it is not what the door asks for."""
+        description, time = _read(self._settings["fmu"]), sample_times(case)
+        names, wanted, table = ports(mechanism, case, time)
+        inputs, outputs = _variables(description, names), _variables(description, wanted)
+        _check_feedthrough(description, inputs, outputs)
+        folder = importlib.import_module("fmpy").extract(self._settings["fmu"])
+        try:
+            start = clock.perf_counter()
+            with Instance(description, folder) as instance:
+                got, steps = instance.evaluated(inputs, outputs, time, table)
+            wall = clock.perf_counter() - start
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+        torque = np.zeros((time.size, mechanism.nv))
+        torque[:, [mechanism.velocity_names.index(name.removesuffix(".tau")) for name in wanted]] = got
+        said = {"file": Path(self._settings["fmu"]).name, "interface": instance.kind, "steps until it answers": steps}
+        return Record(engine, settings=said, time=time, series=torque_series(mechanism, torque), wall_time=wall)
+
+
+def ports(mechanism: Mechanism, case: Case, time: Array) -> tuple[dict[str, str], dict[str, str], Array]:
+    """Return units by name of inputs and of outputs, and the inputs (samples, inputs) [rad], [m], [s] over time [s]."""
+    given = set(case.motion.joints(mechanism))
+    joints = [joint for joint in mechanism.joints if joint.nv and joint.name in given]
+    parts = dict(zip(("q", "qd", "qdd"), case.motion.evaluate(mechanism, time), strict=True))
+    names, columns = {}, []
+    for joint in joints:
+        rate = UNITS[joint.kind][1][0]
+        for part, unit in (("q", UNITS[joint.kind][0][0]), ("qd", rate), ("qdd", f"{rate}^2")):
+            names[f"{joint.name}.{part}"] = unit
+            slices = mechanism.q_slices if part == "q" else mechanism.v_slices
+            columns.append(parts[part][:, slices[joint.name]])
+    efforts = dict(zip(mechanism.velocity_names, effort_units(mechanism), strict=True))
+    asked = [n.removeprefix("torque/") for n in asked_series(mechanism, case, "torque")]
+    assert not set(asked) & set(idle(mechanism, case))
+    return names, {f"{name}.tau": efforts[name] for name in asked}, np.hstack(columns)
+
+
+def _read(path: str) -> Any:
+    """Return the model description of an FMU.  Raises InputError where it is none of FMI 2.0, or has states."""
+    try:
+        description = importlib.import_module("fmpy").read_model_description(path, validate=False)
+    except Exception as error:
+        raise InputError(f"{Path(path).name} is no FMU: {error}") from error
+    if not str(description.fmiVersion).startswith("2."):
+        raise InputError(f"{Path(path).name} is of FMI {description.fmiVersion}; expected 2.0")
+    states = description.numberOfContinuousStates
+    if states or description.numberOfEventIndicators:
+        raise InputError(f"{Path(path).name} has {states} states; expected a function of its inputs: inverse dynamics")
+    return description
+
+
+def _variables(description: Any, wanted: Mapping[str, str]) -> list[Any]:
+    """Return the variables of the names, in their order.  Raises InputError for one that is missing or in another unit."""
+    known = {variable.name: variable for variable in description.modelVariables}
+    found = []
+    for name, unit in wanted.items():
+        variable = known.get(name)
+        causality = "output" if name.endswith(".tau") else "input"
+        if variable is None or variable.causality != causality:
+            have = ", ".join(n for n, v in known.items() if v.causality == causality) or "none"
+            raise InputError(f"the FMU has no {causality} {name!r}; it has {have}")
+        said = variable.unit or (variable.declaredType.unit if variable.declaredType is not None else None)
+        if said not in SAME_UNIT[unit]:
+            raise InputError(f"the FMU's {name!r} is in {said or 'no unit'}, expected {SAME_UNIT[unit][0]}")
+        found.append(variable)
+    return found
+
+
+def _check_feedthrough(description: Any, inputs: list[Any], outputs: list[Any]) -> None:
+    """Raise InputError where an output does not depend on the acceleration of its own joint: it is no inverse dynamics."""
+    names = {variable.name for variable in inputs}
+    stated = {unknown.variable.name: unknown.dependencies for unknown in description.outputs}
+    for output in outputs:
+        own = output.name.removesuffix(".tau") + ".qdd"
+        depends = stated.get(output.name)
+        if depends is not None and own in names and own not in {variable.name for variable in depends}:
+            raise InputError(
+                f"the FMU's {output.name!r} does not depend on {own!r} directly; state it in ModelStructure"
+            )
+
+
+class Instance:
+    """One instance of an FMU, set up for its inputs; kind : "model exchange" or "co-simulation"."""
+
+    def __init__(self, description: Any, folder: str) -> None:
+        """Instantiate: the interface for model exchange where there is one."""
+        fmi = importlib.import_module("fmpy.fmi2")
+        exchange = description.modelExchange
+        part = exchange or description.coSimulation
+        self.kind = "model exchange" if exchange is not None else "co-simulation"
+        make = fmi.FMU2Model if exchange is not None else fmi.FMU2Slave
+        self._fmu = make(
+            guid=description.guid,
+            unzipDirectory=folder,
+            modelIdentifier=part.modelIdentifier,
+            instanceName="crosscheck",
+        )
+
+    def __enter__(self) -> Instance:
+        """Begin."""
+        self._fmu.instantiate()
+        self._fmu.setupExperiment(startTime=0.0)
+        self._fmu.enterInitializationMode()
+        self._fmu.exitInitializationMode()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End and free it."""
+        self._fmu.terminate()
+        self._fmu.freeInstance()
+
+    def evaluated(self, inputs: list[Any], outputs: list[Any], time: Array, table: Array) -> tuple[Array, int]:
+        """Return the outputs (samples, outputs) [N m], [N] at inputs (samples, inputs), and the steps until they stood [-]."""
+        to, of = ([variable.valueReference for variable in part] for part in (inputs, outputs))
+        rows, most, now = [], 0, 0.0
+        spacing = float(time[1] - time[0])
+        for row in table:
+            self._fmu.setReal(to, row.tolist())
+            values = np.array(self._fmu.getReal(of))
+            if self.kind == "co-simulation":
+                values, steps = self._settled(of, values, now, spacing)
+                most, now = max(most, steps[0]), now + steps[1] * spacing
+            rows.append(values)
+        return np.array(rows).reshape(len(table), len(of)), most
+
+    def _settled(self, of: list[int], values: Array, now: float, spacing: float) -> tuple[Array, tuple[int, int]]:
+        """Return the outputs that stand while the inputs are held, in how many steps they came, and all that were made."""
+        steps = 0
+        for made in range(1, MOST_STEPS + 1):
+            self._fmu.doStep(currentCommunicationPoint=now + (made - 1) * spacing, communicationStepSize=spacing)
+            after = np.array(self._fmu.getReal(of))
+            if np.abs(after - values).max(initial=0.0) <= STANDS * np.abs(after).max(initial=0.0):
+                return after, (steps, made)
+            values, steps = after, made
+        raise InputError(f"the FMU's outputs do not stand after {MOST_STEPS} steps with the same inputs: it has states")

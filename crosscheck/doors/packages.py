@@ -1,0 +1,70 @@
+"""Python packages as engines and causes: entry points of installed packages, and ``module:name`` without installation.
+
+An entry point of the group ``crosscheck.engines`` is named as the engine and leads to an adapter (`crosscheck.engines.base`): a
+module, an object, or a class of which one is made; one of the group ``crosscheck.causes`` leads to a `Cause`, or to several.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import metadata
+
+from crosscheck.engines import ENGINES, Engine
+from flexinv.errors import InputError
+
+ENGINE_GROUP, CAUSE_GROUP = "crosscheck.engines", "crosscheck.causes"
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+REFERENCE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*(:[A-Za-z_]\w*(\.[A-Za-z_]\w*)*)?")
+
+
+@dataclass(frozen=True)
+class Point:
+    """An entry point: name, what it leads to, and the package that states it."""
+
+    name: str
+    value: str
+    package: str
+
+
+def points(group: str) -> Iterator[Point]:
+    """Yield the entry points of a group, of packages other than this one, by name; nothing is imported."""
+    found = metadata.entry_points(group=group)
+    for one in sorted(found, key=lambda e: (e.name, e.value)):
+        package = one.dist.name if one.dist is not None else one.module
+        if package != "flexinv":
+            yield Point(one.name, one.value, package)
+
+
+def installed() -> dict[str, Engine]:
+    """Return the engines of installed packages, by name.  Raises InputError where two have one name."""
+    found: dict[str, Engine] = {}
+    for point in points(ENGINE_GROUP):
+        if not NAME.fullmatch(point.name):
+            raise InputError(
+                f"package {point.package}: an engine is called {point.name!r}; expected letters, digits, ., _, -"
+            )
+        if point.name in ENGINES or point.name in found:
+            raise InputError(
+                f"package {point.package}: an engine is called {point.name!r}, which is taken; rename it there"
+            )
+        top = point.value.partition(":")[0].partition(".")[0]
+        found[point.name] = Engine(point.name, point.value, top, f"python -m pip install {point.package}")
+    return found
+
+
+def referred(reference: str) -> Engine:
+    """Return the engine of ``module``, ``module:name`` or ``NAME=module:name``.  Raises InputError."""
+    given, equals, target = reference.partition("=")
+    name, target = (given, target) if equals else ("", given)
+    if not REFERENCE.fullmatch(target):
+        raise InputError(
+            f"--engine {reference!r}: expected a module and an object in it; write --engine my.module:name"
+        )
+    module, _, attribute = target.partition(":")
+    name = name or attribute.rpartition(".")[2] or module.rpartition(".")[2]
+    if not NAME.fullmatch(name):
+        raise InputError(f"--engine {reference!r}: an engine called {name!r}; expected letters, digits, ., _ and -")
+    top = module.partition(".")[0]
+    return Engine(name, target, top, f"put the folder that has {top} on PYTHONPATH")

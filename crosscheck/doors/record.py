@@ -1,0 +1,90 @@
+"""Records as an engine: answer folders in ``models/NAME/records/ENGINE/``, of a program that cannot be run here, or of a paper.
+
+The answer to a case is the folder ``CASE`` in there; one in ``ENGINE`` itself answers the case that its ``meta.json`` names, or
+every one that it fits.  A record is compared, judged and diagnosed as every engine; a cause is repaired in the reference alone.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from crosscheck.doors.packages import NAME
+from crosscheck.engines.base import Options
+from crosscheck.kit.answer import LARGEST_JSON, answered, inside
+from crosscheck.measures.record import Record
+from flexinv.errors import InputError
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import Mechanism
+
+FOLDER = "records"
+
+
+def names(models: Path) -> tuple[str, ...]:
+    """Return the names of all engines that there are records of in a folder of models.  Raises InputError for a bad name."""
+    found = sorted({f.name for f in models.glob(f"*/{FOLDER}/*") if f.is_dir()})
+    for name in found:
+        if not NAME.fullmatch(name):
+            raise InputError(
+                f"{models}/*/{FOLDER}/{name}: an engine called {name!r}; expected letters, digits, ., _ and -"
+            )
+    return tuple(found)
+
+
+def opened(name: str, mechanism: str, settings: Mapping[str, Any]) -> Recorded:
+    """Return the adapter of the records of an engine; mechanism : the folder that has them."""
+    return Recorded(Path(mechanism) / FOLDER / name, bool(mechanism))
+
+
+class Recorded:
+    """The adapter of one folder of answers; it gives the same whatever mechanism it is asked for."""
+
+    repeatable = False
+
+    def __init__(self, folder: Path, there: bool) -> None:
+        """Keep the folder; there : False where no mechanism was named, as when engines are listed."""
+        self._folder, self._there = folder, there
+
+    def version(self) -> str:
+        """Return nothing: an answer states its own."""
+        return ""
+
+    def abilities(self) -> str:
+        """Return one sentence: what records can do here."""
+        return f"answers that were recorded elsewhere, in {FOLDER}/{self._folder.name}/ of a mechanism"
+
+    def unsupported(self, mechanism: Mechanism, case: Case, engine: str) -> str | None:
+        """Return the reason why there is nothing to compare, or None where there is."""
+        return None if self._answer(case) is not None else "nobody recorded this case"
+
+    def run(self, mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
+        """Return the record [units of the file].  Raises InputError where it is none."""
+        folder = self._answer(case)
+        if folder is None:
+            raise InputError(f"{self._folder} has no answer to {case.name}")
+        return answered(folder, mechanism, case, engine)
+
+    def _answer(self, case: Case) -> Path | None:
+        """Return the folder with the answer to a case."""
+        own = self._folder / case.name
+        if own.is_dir():
+            if not own.resolve().is_relative_to(self._folder.resolve()):
+                raise InputError(f"{own} leads out of its folder; expected an answer")
+            return own
+        if not (self._folder / "series.csv").exists() and not (self._folder / "meta.json").exists():
+            return None
+        return self._folder if self._named(case) else None
+
+    def _named(self, case: Case) -> bool:
+        """Return True if the answer beside the folders of cases is for this one: it says so, or says nothing."""
+        file = inside(self._folder, "meta.json")
+        try:
+            if not file.is_file() or file.stat().st_size > LARGEST_JSON:
+                return True
+            plain = json.loads(file.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError):
+            return True  # what is wrong with it is said when it is read
+        said = plain.get("name", "") if isinstance(plain, dict) else ""
+        return said in ("", case.name)

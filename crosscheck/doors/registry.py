@@ -1,0 +1,139 @@
+"""All engines that a project has: our own, those of installed packages, of ``crosscheck.toml``, of records, and named ones."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shlex
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from crosscheck.doors import config, packages, record, trust
+from crosscheck.engines import ENGINES, Engine
+from crosscheck.measures.record import fingerprint
+from crosscheck.verdicts.plan import Plan, Task
+from flexinv.errors import InputError
+
+COMMAND, FMU, RECORD = "crosscheck.doors.command", "crosscheck.doors.fmu", "crosscheck.doors.record"
+
+
+@dataclass(frozen=True)
+class Program:
+    """A program of crosscheck.toml: what is run, in words, and the stamp that trust is given to."""
+
+    name: str
+    words: str
+    stamp: str
+
+
+@dataclass(frozen=True)
+class Doors:
+    """The engines of a project by name, and the programs among them; config : the file that names them, None without one."""
+
+    engines: Mapping[str, Engine]
+    programs: tuple[Program, ...] = ()
+    config: Path | None = None
+
+    def admit(self, chosen: Iterable[str], trusting: bool, say: Callable[[str], None]) -> None:
+        """Say what is run of the chosen engines; InputError where a program among them is not trusted.
+
+        trusting : they are trusted for this time (in CI, where the repository is what is trusted)
+        """
+        wanted = set(chosen)
+        for program in self.programs:
+            if program.name not in wanted:
+                continue
+            assert self.config is not None
+            if not trusting and not trust.trusted(self.config, program.name, program.stamp):
+                raise InputError(
+                    f"{self.config} has the engine {program.name}, which is new or has changed: it runs  {program.words}  "
+                    "on this machine. Look at it; then write crosscheck trust (in CI: --trust-commands), or leave it out with "
+                    "--engines"
+                )
+            say(f"{program.name} runs  {program.words}  ({self.config})")
+
+
+def doors(models: Path, stated: Path | None = None, named: Iterable[str] = ()) -> Doors:
+    """Return the engines of a folder of models.
+
+    stated : crosscheck.toml where it is not searched; named : engines as ``module:name``
+    Raises InputError where a file is refused or two engines have one name.
+    """
+    engines = dict(ENGINES)
+    _add(engines, packages.installed().values(), "an installed package")
+    file = config.found(models, stated)
+    programs = []
+    for name, row in ({} if file is None else config.rows(file)).items():
+        assert file is not None
+        engine, program = _of(name, row, file)
+        _add(engines, [engine], str(file))
+        programs.append(program)
+    _add(engines, (Engine(name, RECORD, "", "", settings={}) for name in record.names(models)), f"{models}/*/records")
+    _add(engines, map(packages.referred, named), "--engine")
+    return Doors(engines, tuple(programs), file)
+
+
+def _add(engines: dict[str, Engine], more: Iterable[Engine], where: str) -> None:
+    for engine in more:
+        if engine.name in engines:
+            raise InputError(f"{where}: an engine is called {engine.name!r}, which is taken; give it another name")
+        engines[engine.name] = engine
+
+
+def _of(name: str, row: config.EngineRow, file: Path) -> tuple[Engine, Program]:
+    """Return an engine of crosscheck.toml and what is trusted with it."""
+    folder = file.parent
+    told: dict[str, Any] = {
+        "folder": str(folder),
+        "cases": list(row.cases),
+        "version": row.version,
+        "abilities": row.abilities,
+    }
+    if row.command is not None:
+        told |= {"command": list(row.command), "refine": row.refine}
+        engine = Engine(name, COMMAND, "", "", settings=told)
+        return replace(engine, limits=config.limits(name, row)), Program(name, shlex.join(row.command), _digest(told))
+    if row.fmu is not None:
+        path = (folder / row.fmu).resolve()
+        if os.path.isabs(row.fmu) or not path.is_relative_to(folder) or not path.is_file():
+            raise InputError(f'{file}: [engines.{name}] fmu = "{row.fmu}": expected a file inside {folder}')
+        told |= {"fmu": str(path)}
+        engine = Engine(name, FMU, "fmpy", "python -m pip install fmpy", settings=told)
+        stamp = _digest(told) + hashlib.sha256(path.read_bytes()).hexdigest()
+        return replace(engine, limits=config.limits(name, row)), Program(name, f"the native code in {path.name}", stamp)
+    engine = packages.referred(f"{name}={row.python}")
+    return replace(engine, limits=config.limits(name, row)), Program(
+        name, f"the Python object {row.python}", engine.module
+    )
+
+
+def _digest(told: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
+
+
+def limited(plan: Plan, engines: Mapping[str, Engine]) -> Plan:
+    """Return the plan whose cases have, after their own limits, those that stand where engines are named."""
+    more = [limit for engine in engines.values() for limit in engine.limits]
+    return replace(plan, tasks=tuple(_limited(task, more) for task in plan.tasks)) if more else plan
+
+
+def _limited(task: Task, more: Iterable[Any]) -> Task:
+    known = tuple(limit for limit in more if limit.quantity in task.case.quantities)
+    return replace(task, case=replace(task.case, limits=(*task.case.limits, *known)))
+
+
+def stamp(engine: Engine, folder: Path) -> str:
+    """Return a digest of what an answer depends on beside the case: settings, programs, records in a mechanism's folder."""
+    if engine.settings is None:
+        return "" if engine.name in ENGINES else engine.module
+    files = (
+        sorted(f for f in (folder / record.FOLDER / engine.name).rglob("*") if f.is_file())
+        if engine.module == RECORD
+        else []
+    )
+    named = (engine.settings.get("fmu", ""), *engine.settings.get("command", ()))
+    files += [f for word in named if word and (f := Path(engine.settings.get("folder", "")) / word).is_file()]
+    return fingerprint(dict(engine.settings), [hashlib.sha256(f.read_bytes()).hexdigest() for f in files])

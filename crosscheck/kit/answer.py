@@ -1,0 +1,154 @@
+"""Read an answer to a case kit: ``series.csv``, ``certificate.json``, ``meta.json``; whatever is wrong becomes words.
+
+An answer comes from strangers: sizes are bounded before anything is read, no file is followed out of its folder, and every
+number is checked.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, ValidationError
+
+from crosscheck.engines.base import sample_times
+from crosscheck.kit.resolved import all_series, asked_series, case_file, idle
+from crosscheck.kit.tables import CertificateFile, MetaFile
+from crosscheck.measures.record import Record, Series, effort_units, series
+from crosscheck.measures.series_csv import check_names, check_times, read
+from flexinv.errors import InputError
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import Mechanism
+
+LARGEST_JSON = 20_000_000  # [bytes]: the certificate of a humanoid has a hundred thousand
+T = TypeVar("T", bound=BaseModel)
+
+
+def answered(folder: Path, mechanism: Mechanism, case: Case, engine: str) -> Record:
+    """Return the record of an answer folder; series in the units of the kit [N m], [N], [m].
+
+    Raises InputError that says what is wrong: missing or doubled columns, other units, times, coordinates or cases.
+    """
+    meta = _json(inside(folder, "meta.json"), MetaFile) or MetaFile()
+    made: dict[str, Any] = {"engine": engine, "version": meta.version, "settings": _settings(meta)}
+    _check_addressed(folder, meta, mechanism, case)
+    if meta.skipped:
+        return Record(status="skipped", message=meta.skipped, **made)
+    file = inside(folder, "series.csv")
+    if not file.is_file():
+        raise InputError(f"{folder} holds no series.csv: nothing was answered")
+    time, found = read(file)
+    check_times(file, time, wanted := sample_times(case), case.sample)
+    check_names(file, all_series(mechanism), found.values())
+    _check_complete(file, mechanism, case, found)
+    still = {f"torque/{name}" for name in idle(mechanism, case)} - set(found)
+    units = dict(zip(mechanism.velocity_names, effort_units(mechanism), strict=True))
+    for name in mechanism.velocity_names:
+        if f"torque/{name}" in still:
+            found |= series(f"torque/{name}", units[name], np.zeros(time.size))
+    _check_finite(file, found, time)
+    certificate = certified(inside(folder, "certificate.json"), mechanism)
+    return Record(time=wanted, series=found, wall_time=meta.wall_time, certificate=certificate, **made)
+
+
+def inside(folder: Path, name: str) -> Path:
+    """Return a file of a folder.  Raises InputError where it leads out of it (a link)."""
+    file = folder / name
+    if not file.resolve().is_relative_to(folder.resolve()):
+        raise InputError(f"{file} leads out of its folder; expected a file")
+    return file
+
+
+def _json(path: Path, model: type[T]) -> T | None:
+    """Return a JSON file as a table, None where there is none.  Raises InputError."""
+    try:
+        if not path.is_file():
+            return None
+        if (size := path.stat().st_size) > LARGEST_JSON:
+            raise InputError(f"{path} has {size / 1e6:.0f} MB, expected at most {LARGEST_JSON / 1e6:.0f} MB")
+        return model.model_validate(json.loads(path.read_text(encoding="utf-8")))
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        raise InputError(f"{path}: {where or 'the whole'}: {first['msg']}; see {model.__name__} in schema/") from None
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"{path} cannot be read: {error}") from None
+
+
+def _settings(meta: MetaFile) -> dict[str, Any]:
+    """Return the settings that an answer states, for the report."""
+    said = {
+        "tool": meta.tool,
+        "formulation": meta.formulation,
+        "step [s]": meta.step,
+        "mesh": meta.mesh,
+        "notes": meta.notes,
+    }
+    return {name: value for name, value in said.items() if value not in (None, "")}
+
+
+def _check_addressed(folder: Path, meta: MetaFile, mechanism: Mechanism, case: Case) -> None:
+    """Raise InputError where an answer says that it is another case's."""
+    for what, said, ours in (("mechanism", meta.mechanism, mechanism.name), ("case", meta.name, case.name)):
+        if said and said != ours:
+            raise InputError(f"{folder / 'meta.json'}: an answer for {what} {said!r}, expected {ours!r}")
+    if meta.case:
+        known = {case_file(mechanism, case, k).digest for k in (1, 2, 4)}
+        if meta.case not in known:
+            raise InputError(
+                f"{folder / 'meta.json'}: an answer for the case {meta.case}, which is not this one: the files have "
+                "changed since, or it is another case's; make the kit anew and answer that"
+            )
+
+
+def _check_complete(file: Path, mechanism: Mechanism, case: Case, found: dict[str, Series]) -> None:
+    """Raise InputError where a quantity is there in part: a column was forgotten; reactions and sections are free."""
+    for quantity in ("torque", "tip", "deflection"):
+        wanted = asked_series(mechanism, case, quantity)
+        there = [name for name in wanted if name in found]
+        missing = [name for name in wanted if name not in found]
+        if missing and (quantity == "torque" or (there and quantity in case.quantities and _torn(missing, there))):
+            raise InputError(f"{file}: column '{missing[0]} [{wanted[missing[0]]}]' is missing")
+
+
+def _torn(missing: list[str], there: list[str]) -> bool:
+    """Return True if a vector is there in part: x without y."""
+    return bool({name.rpartition("/")[0] for name in missing} & {name.rpartition("/")[0] for name in there})
+
+
+def _check_finite(file: Path, found: dict[str, Series], time: np.ndarray) -> None:
+    """Raise InputError where a number is not finite, or an error bar negative."""
+    for one in found.values():
+        for what, values in (("", one.values), (" error", one.error)):
+            if values is None:
+                continue
+            bad = ~np.isfinite(values) if not what else ~(np.isfinite(values) & (values >= 0.0))
+            if bad.any():
+                k = int(np.flatnonzero(bad)[0])
+                raise InputError(
+                    f"{file}: column {one.name + what!r}: {int(bad.sum())} of {values.size} values are no "
+                    f"{'half-widths' if what else 'finite numbers'}, the first at t = {time[k]:.6g} s ({values[k]})"
+                )
+
+
+def certified(file: Path, mechanism: Mechanism) -> dict[str, Any]:
+    """Return the certificate in a file; {} without one, {"problem": ...} where it cannot be read or compared."""
+    try:
+        found = _json(file, CertificateFile)
+        if found is None:
+            return {}
+        _check_shapes(file, found, mechanism)
+    except InputError as error:
+        return {"problem": str(error)}
+    return {name: value for name, value in found.model_dump(mode="json").items() if value not in (None, {}, [])}
+
+
+def _check_shapes(file: Path, found: CertificateFile, mechanism: Mechanism) -> None:
+    """Raise InputError where rows of a table have not all as many numbers as there are velocities."""
+    nv = mechanism.nv
+    if any(len(row) != nv for row in found.gravity or ()):
+        raise InputError(f"{file}: gravity: expected {nv} numbers in each row, one per velocity")
+    if any(len(matrix) != nv or any(len(row) != nv for row in matrix) for matrix in found.mass_matrix or ()):
+        raise InputError(f"{file}: mass_matrix: expected {nv} rows of {nv} numbers for each configuration")

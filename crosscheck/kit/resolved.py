@@ -1,0 +1,263 @@
+"""A mechanism and a case, resolved: plain tables in SI units with every default written out, and what is asked for."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.engines.base import sample_times
+from crosscheck.kit.tables import (
+    FORMAT,
+    Asked,
+    BeamData,
+    BodyData,
+    CaseData,
+    CaseFile,
+    ClosureData,
+    Coordinate,
+    End,
+    ForceData,
+    Frame,
+    JointData,
+    LinkData,
+    MechanismData,
+    SectionData,
+    SpringData,
+    Velocity,
+)
+from crosscheck.measures.record import RESULTANTS, WRENCH, XYZ, effort_units
+from crosscheck.measures.series_csv import STATION
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import COORDINATES, Attachment, Beam, Body, Closure, Joint, Link, Mechanism, Placement
+
+Array = NDArray[np.float64]
+COLUMNS = ("EA", "GA_y", "GA_z", "GJ", "EI_y", "EI_z")
+FORCE_UNITS = ("N", "N", "N", "N m", "N m", "N m")
+# By kind of joint: unit of every coordinate and of every velocity.
+UNITS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "fixed": ((), ()),
+    "revolute": (("rad",), ("rad/s",)),
+    "prismatic": (("m",), ("m/s",)),
+    "continuous": (("-", "-"), ("rad/s",)),
+    "universal": (("rad", "rad"), ("rad/s", "rad/s")),
+    "spherical": (("-",) * 4, ("rad/s",) * 3),
+    "free": (("m",) * 3 + ("-",) * 4, ("m/s",) * 3 + ("rad/s",) * 3),
+}
+MEANINGS = {
+    "torque": "effort of the drive of every velocity; inverse dynamics: what makes the motion",
+    "wrench": "force and moment of a joint on its child, at the joint, along the axes of the child's frame",
+    "reaction": "force and moment of a closure on its second frame, there, along its axes; components that redundant constraints "
+    "leave open are not compared",
+    "tip": "place of the tip of a link in the world",
+    "deflection": "tip of a beam less the tip of the undeformed beam that moves with its root section, in the axes of the "
+    "root section",
+    "axial": "axial force at the root of a beam, tension positive",
+    "internal": "force and moment in a section of a beam, along its axes: internal/BEAM/STATION/PART, with the stations (four "
+    "digits) of expected/series.csv",
+    "frequency": "is taken from the deflection (else the torque) after the motion: nothing more is asked",
+}
+
+
+def case_file(mechanism: Mechanism, case: Case, refinement: int = 1) -> CaseFile:
+    """Return all that ``case.json`` says; refinement : times [-] by which step and mesh are to be finer."""
+    if refinement > 1:
+        case = replace(case, step=case.step / refinement)
+    said, asked = mechanism_data(mechanism), case_data(mechanism, case, refinement)
+    plain = {"mechanism": said.model_dump(mode="json"), "case": asked.model_dump(mode="json")}
+    digest = hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:16]
+    return CaseFile(format=FORMAT, digest=digest, mechanism=said, case=asked)
+
+
+def mechanism_data(mechanism: Mechanism) -> MechanismData:
+    """Return a mechanism as a table [m, kg, s, rad, N]."""
+    return MechanismData(
+        name=mechanism.name,
+        title=mechanism.title,
+        source=mechanism.source,
+        gravity=_row(mechanism.gravity),
+        links=[_link(link) for link in mechanism.links],
+        joints=[_joint(joint) for joint in mechanism.joints],
+        closures=[_closure(closure) for closure in mechanism.closures],
+        springs=[
+            SpringData(
+                name=s.name,
+                first=_end(s.first),
+                second=_end(s.second),
+                stiffness=s.stiffness,
+                rest=s.rest,
+                damping=s.damping,
+            )
+            for s in mechanism.springs
+        ],
+        forces=[
+            ForceData(name=f.name, at=_end(f.at), time=_row(f.time), wrench=f.wrench.tolist(), follower=f.follower)
+            for f in mechanism.forces
+        ],
+        notes=list(mechanism.notes),
+    )
+
+
+def case_data(mechanism: Mechanism, case: Case, refinement: int = 1) -> CaseData:
+    """Return a case as a table [s, rad, m]."""
+    given = set(case.motion.joints(mechanism))
+    q_units = [u for j in mechanism.joints for u in UNITS[j.kind][0]]
+    v_units = [u for j in mechanism.joints for u in UNITS[j.kind][1]]
+    q_given = [j.name in given for j in mechanism.joints for _ in range(j.nq)]
+    v_given = [j.name in given for j in mechanism.joints for _ in range(j.nv)]
+    efforts = effort_units(mechanism)
+    return CaseData(
+        name=case.name,
+        title=case.title,
+        source=case.source,
+        notes=[case.notes] if isinstance(case.notes, str) else list(case.notes),
+        step=case.step,
+        sample=case.sample,
+        end=case.end,
+        samples=sample_times(case).size,
+        integrated=integrated(mechanism, case),
+        spectral_radius=case.spectral_radius,
+        initial="static" if case.initial == "static" else "consistent",
+        start={name: _row(values) for name, values in case.start.items()},
+        jumps=[float(t) for t in case.motion.jumps],
+        refinement=refinement,
+        coordinates=[
+            Coordinate(name=n, unit=u, given=g)
+            for n, u, g in zip(mechanism.coordinate_names, q_units, q_given, strict=True)
+        ],
+        velocities=[
+            Velocity(name=n, unit=u, acceleration_unit=f"{u}^2", effort_unit=e, given=g, actuated=bool(a))
+            for n, u, g, e, a in zip(
+                mechanism.velocity_names, v_units, v_given, efforts, mechanism.actuated, strict=True
+            )
+        ],
+        asked=[
+            Asked(quantity=q, series=asked_series(mechanism, case, q), meaning=MEANINGS[q]) for q in case.quantities
+        ],
+    )
+
+
+def integrated(mechanism: Mechanism, case: Case) -> bool:
+    """Return True if a case has to be integrated in time: beams, or joints of an open tree without a motion."""
+    given = set(case.motion.joints(mechanism))
+    free = any(j.nv and j.name not in given for j in mechanism.joints)
+    return not mechanism.is_rigid or (free and not mechanism.closures)
+
+
+def idle(mechanism: Mechanism, case: Case) -> tuple[str, ...]:
+    """Return the velocities [-] without effort: no drive, and in a loop or left to the dynamics."""
+    given = set(case.motion.joints(mechanism))
+    return tuple(
+        j.name + suffix
+        for j in mechanism.joints
+        if not j.actuated and (mechanism.closures or j.name not in given)
+        for suffix in COORDINATES[j.kind][1]
+    )
+
+
+def asked_series(mechanism: Mechanism, case: Case, quantity: str) -> dict[str, str]:
+    """Return names and units of the series of a quantity; torques of velocities without effort are not asked for."""
+    if quantity == "torque":
+        still = idle(mechanism, case)
+        named = zip(mechanism.velocity_names, effort_units(mechanism), strict=True)
+        return {f"torque/{name}": unit for name, unit in named if name not in still}
+    return {n: u for n, u in all_series(mechanism).items() if n.split("/", 1)[0] == quantity}
+
+
+def all_series(mechanism: Mechanism) -> dict[str, str]:
+    """Return names and units of all series that a record of a mechanism may have; STATION stands for any in internal ones."""
+    beams = [link.name for link in mechanism.beams]
+    wrench = dict(zip(WRENCH, FORCE_UNITS, strict=True))
+    inside = dict(zip(RESULTANTS, FORCE_UNITS, strict=True))
+    return {
+        **{f"torque/{n}": u for n, u in zip(mechanism.velocity_names, effort_units(mechanism), strict=True)},
+        **{f"wrench/{j.name}/{part}": u for j in mechanism.joints for part, u in wrench.items()},
+        **{f"reaction/{c.name}/{part}": u for c in mechanism.closures for part, u in wrench.items()},
+        **{f"tip/{link.name}/{axis}": "m" for link in mechanism.links for axis in XYZ},
+        **{f"deflection/{beam}/{axis}": "m" for beam in beams for axis in XYZ},
+        **{f"axial/{beam}": "N" for beam in beams},
+        **{f"internal/{beam}/{STATION}/{part}": u for beam in beams for part, u in inside.items()},
+    }
+
+
+def _link(link: Link) -> LinkData:
+    beam = None if link.beam is None else _beam(link.beam)
+    return LinkData(name=link.name, bodies=[_body(b) for b in link.bodies], beam=beam, tip=_row(link.tip))
+
+
+def _body(body: Body) -> BodyData:
+    i = body.inertia
+    return BodyData(
+        name=body.name, station=body.station, mass=float(i.mass), com=_row(i.com), inertia=i.tensor.tolist()
+    )
+
+
+def _beam(beam: Beam) -> BeamData:
+    s = beam.section
+    stiff: dict[str, Any] = {name: _row(s.stiffness[:, k]) for k, name in enumerate(COLUMNS)}
+    rotary: dict[str, Any] = {f"rho_I_{axis}": _row(s.rotary_inertia[:, k]) for k, axis in enumerate(XYZ)}
+    section = SectionData(
+        station=_row(s.stations),
+        rho_A=_row(s.mass_per_length),
+        damping=[] if s.damping is None else s.damping.tolist(),
+        **stiff,
+        **rotary,
+    )
+    return BeamData(
+        length=beam.length,
+        root=_frame(beam.placement),
+        curvature=_row(beam.curvature),
+        section=section,
+        elements=beam.elements,
+        order=beam.order,
+    )
+
+
+def _joint(joint: Joint) -> JointData:
+    q, v = COORDINATES[joint.kind]
+    plain = {
+        key: getattr(joint, key)
+        for key in ("rotor_inertia", "damping", "friction", "stiffness", "rest", "actuated", "weight")
+    }
+    named: dict[str, Any] = {"name": joint.name, "kind": joint.kind, "parent": joint.parent, "child": joint.child}
+    return JointData(
+        **named,
+        **plain,
+        frame=_frame(joint.placement),
+        station=joint.station,
+        axis=_row(joint.axis),
+        second_axis=_row(joint.second_axis),
+        q=[joint.name + suffix for suffix in q],
+        v=[joint.name + suffix for suffix in v],
+    )
+
+
+def _closure(closure: Closure) -> ClosureData:
+    named: dict[str, Any] = {"name": closure.name, "kind": closure.kind, "impact": closure.impact}
+    return ClosureData(
+        **named,
+        first=_end(closure.first),
+        second=_end(closure.second),
+        axis=_row(closure.axis),
+        second_axis=_row(closure.second_axis),
+        active=[[float(t) for t in span] for span in closure.active],
+        capture=closure.capture,
+        factors=dict(closure.factors),
+        offset=closure.offset,
+    )
+
+
+def _end(at: Attachment) -> End:
+    return End(link=at.link, station=at.station, frame=_frame(at.placement))
+
+
+def _frame(placement: Placement) -> Frame:
+    return Frame(position=_row(placement.position), rotation=placement.rotation.tolist())
+
+
+def _row(values: Any) -> list[float]:
+    return [float(x) for x in np.asarray(values, dtype=np.float64)]

@@ -1,0 +1,118 @@
+"""JSON Schemas of all files: kits and answers, and ``mechanism.toml`` and ``cases.toml``, so that editors complete keys.
+
+They are generated from the tables that read the files.  Tables whose kind decides their keys (links, joints, sections, closures,
+motions of joints) are alternatives.
+"""
+
+from __future__ import annotations
+
+import copy
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+from pydantic.json_schema import models_json_schema
+
+from crosscheck.kit.tables import CaseFile, CertificateFile, MetaFile
+from flexinv.files.case_motion import MOVES
+from flexinv.files.case_schema import CasesTable, CaseTable
+from flexinv.files.case_start import STARTS
+from flexinv.files.closures import TABLES as CLOSURES
+from flexinv.files.closures import CouplingTable, ForceTable, SpringTable
+from flexinv.files.drives import MOTORS
+from flexinv.files.joints import DRIVES
+from flexinv.files.joints import TABLES as JOINTS
+from flexinv.files.load_mechanism import LINKS
+from flexinv.files.schema import MechanismTable, OverlayLinkTable, RigidLinkTable, StiffnessSectionTable
+from flexinv.files.sections import SHAPES
+
+FOLDER = Path(__file__).with_name("schema")
+DRAFT = "https://json-schema.org/draft/2020-12/schema"
+Alternatives = Mapping[str, type[BaseModel]]  # value of the key that decides -> table; "" : whatever it is
+KIT: dict[str, type[BaseModel]] = {"case": CaseFile, "certificate": CertificateFile, "meta": MetaFile}
+# Tables whose entries are read later: (table, key of the entries, key that decides) -> what they may be.
+Places = Mapping[tuple[str, str, str], Alternatives]
+MECHANISM: Places = {
+    ("MechanismTable", "sections", "shape"): {"": StiffnessSectionTable, **SHAPES},
+    ("MechanismTable", "links", "kind"): {"": RigidLinkTable, "beam": LINKS["beam"]},
+    ("MechanismTable", "joints", "kind"): JOINTS,
+    ("MechanismTable", "closures", "kind"): {**CLOSURES, "coupling": CouplingTable},
+    ("MechanismTable", "springs", ""): {"": SpringTable},
+    ("MechanismTable", "forces", ""): {"": ForceTable},
+    ("OverlayTable", "links", ""): {"": OverlayLinkTable},
+    ("OverlayTable", "joints", ""): DRIVES,
+}
+CASES: Places = {
+    ("CasesTable", "cases", ""): {"": CaseTable},
+    ("MotionTable", "joints", ""): {kind: table for kind, (table, _, _) in MOVES.items()},
+    ("CaseTable", "start", ""): {kind: table for kind, (table, _, _) in STARTS.items()},
+}
+OURS: dict[str, tuple[type[BaseModel], Places]] = {
+    "mechanism": (MechanismTable, MECHANISM),
+    "cases": (CasesTable, CASES),
+}
+NAMES = (*KIT, *OURS)
+
+
+def schema(name: str) -> dict[str, Any]:
+    """Return the JSON Schema of one of ``NAMES``."""
+    root, places = (KIT[name], {}) if name in KIT else OURS[name]
+    models = dict.fromkeys([root, *(table for kinds in places.values() for table in kinds.values()), *MOTORS.values()])
+    _, made = models_json_schema([(model, "validation") for model in models], ref_template="#/$defs/{model}")
+    definitions = copy.deepcopy(made["$defs"])
+    for (table, key, decides), kinds in places.items():
+        definitions[table]["properties"][key]["additionalProperties"] = _alternatives(decides, kinds)
+    if name == "mechanism":
+        for drive in DRIVES.values():  # laid over a URDF they may have a motor
+            motors = [{"$ref": f"#/$defs/{motor.__name__}"} for motor in dict.fromkeys(MOTORS.values())]
+            definitions[drive.__name__]["properties"]["drive"] = {"anyOf": motors}
+    for part in _parts(definitions):
+        if isinstance(examples := part.get("examples"), list) and len(examples) == 1 and isinstance(examples[0], str):
+            part["description"] = f"{part.get('description', '')}; write {examples[0]}".removeprefix("; ")
+            del part["examples"]  # a line of TOML is no value of the key
+    whole = {"$schema": DRAFT, "title": f"{name} ({root.__name__})", "$ref": f"#/$defs/{root.__name__}"}
+    return {**whole, "$defs": _reached(root.__name__, definitions)}
+
+
+def _alternatives(decides: str, kinds: Alternatives) -> dict[str, Any]:
+    """Return the schema of one entry: a table, or one of several, which a key may decide between."""
+    refs: list[dict[str, Any]] = []
+    for kind, table in kinds.items():
+        one: dict[str, Any] = {"$ref": f"#/$defs/{table.__name__}"}
+        if decides and kind:
+            one |= {"properties": {decides: {"const": kind}}, "required": [decides]}
+        refs += [one] if one not in refs else []
+    return refs[0] if len(refs) == 1 else {"anyOf": refs}
+
+
+def _reached(root: str, definitions: dict[str, Any]) -> dict[str, Any]:
+    """Return the definitions that a schema uses."""
+    found, ahead = {root}, [root]
+    while ahead:
+        refs = {part["$ref"].rsplit("/", 1)[-1] for part in _parts(definitions[ahead.pop()]) if "$ref" in part}
+        ahead += refs - found
+        found |= refs
+    return {name: definitions[name] for name in sorted(found)}
+
+
+def _parts(value: Any) -> Iterator[dict[str, Any]]:
+    """Yield every object in a tree of JSON."""
+    if isinstance(value, dict):
+        yield value
+        for one in list(value.values()):
+            yield from _parts(one)
+    elif isinstance(value, list):
+        for one in value:
+            yield from _parts(one)
+
+
+def text(name: str) -> str:
+    """Return the file of a schema, as it is shipped."""
+    return json.dumps(schema(name), indent=1) + "\n"
+
+
+def shipped(name: str) -> str:
+    """Return the schema that this version ships, as text; nothing is generated."""
+    return (FOLDER / f"{name}.schema.json").read_text(encoding="utf-8")

@@ -1,0 +1,296 @@
+"""The files of a case kit and of its answer as tables: ``case.json``, ``certificate.json``, ``meta.json``.
+
+Everything is in SI units and radians.  A rotation of a frame is the matrix whose columns are its axes in the frame before it.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+FORMAT: Literal["crosscheck-case/1"] = "crosscheck-case/1"
+LONGEST = 4000  # [characters] of a text in an answer
+Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
+Matrix = Annotated[list[Vector], Field(min_length=3, max_length=3)]
+Words = Annotated[str, Field(max_length=LONGEST)]
+Side = Literal["first", "second"]
+
+
+def says(words: str, **rules: Any) -> Any:
+    """Declare a key of a table by its meaning [unit]."""
+    return Field(description=words, **rules)
+
+
+class Data(BaseModel):
+    """A JSON object: no key is ignored, every number is finite."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+
+
+class Frame(Data):
+    """A frame in another one: x_outer = position + rotation x_inner."""
+
+    position: Vector = says("origin [m]")
+    rotation: Matrix = says("rotation matrix by rows; its columns are the axes of the frame [-]")
+
+
+class BodyData(Data):
+    """A rigid body that a link carries."""
+
+    name: str
+    station: float | None = says(
+        "on a beam the fraction 0..1 of its length, in whose section frame it is stated; else null"
+    )
+    mass: float = says("[kg]")
+    com: Vector = says("centre of mass in the link frame (or section frame) [m]")
+    inertia: Matrix = says("about the centre of mass, along the axes of the same frame [kg m^2]")
+
+
+class SectionData(Data):
+    """Section of a beam along its length, linear between the stations (one station: uniform); forces in the section frame."""
+
+    station: list[float] = says("fractions 0..1 of the length [-]")
+    EA: list[float] = says("axial stiffness [N]")
+    GA_y: list[float] = says("shear stiffness along y, shear factor included [N]")
+    GA_z: list[float] = says("shear stiffness along z, shear factor included [N]")
+    GJ: list[float] = says("torsional stiffness [N m^2]")
+    EI_y: list[float] = says("bending stiffness about y [N m^2]")
+    EI_z: list[float] = says("bending stiffness about z: bends the beam in its x-y plane [N m^2]")
+    rho_A: list[float] = says("mass per length [kg/m]")
+    rho_I_x: list[float] = says("rotary inertia per length about x [kg m]")
+    rho_I_y: list[float] = says("rotary inertia per length about y [kg m]")
+    rho_I_z: list[float] = says("rotary inertia per length about z [kg m]")
+    damping: list[Annotated[list[float], Field(min_length=6, max_length=6)]] = says(
+        "stress by rate of strain, in the order EA, GA_y, GA_z, GJ, EI_y, EI_z [N s], [N m^2 s], one row per station; "
+        "empty: none"
+    )
+
+
+class BeamData(Data):
+    """A geometrically exact Timoshenko beam along the local x axis of its root frame."""
+
+    length: float = says("arc length [m]")
+    root: Frame = says("frame of the root section in the link frame")
+    curvature: Vector = says("initial twist, curvature about y and about z, constant along the length [1/m]")
+    section: SectionData
+    elements: int = says("a hint: elements of the reference's mesh [-]")
+    order: int = says("a hint: polynomial order of each of them [-]")
+
+
+class LinkData(Data):
+    """A link; its frame is the frame of the joint that carries it, moved by the joint."""
+
+    name: str
+    bodies: list[BodyData]
+    beam: BeamData | None = says("null: a rigid link")
+    tip: Vector = says("point of a rigid link whose motion is series tip/LINK [m]; a beam reports its end")
+
+
+class JointData(Data):
+    """A joint: parent and child, where its frame is on the parent, and what its drive carries."""
+
+    name: str
+    kind: Literal["fixed", "revolute", "continuous", "prismatic", "universal", "spherical", "free"]
+    parent: str = says("a link, or world")
+    child: str
+    frame: Frame = says("joint frame in the frame of the parent link (on a beam: of its section at the station)")
+    station: float | None = says("on a beam parent the fraction 0..1 of its length; else null")
+    axis: Vector = says("in the joint frame [-]")
+    second_axis: Vector = says("of a universal joint, which turns with the first axis [-]")
+    rotor_inertia: float = says("reflected to the joint: adds rotor_inertia qdd to the effort [kg m^2], [kg]")
+    damping: float = says("adds damping qd [N m s/rad], [N s/m]")
+    friction: float = says("adds friction sign(qd), nothing at rest [N m], [N]")
+    stiffness: float = says("adds stiffness (q - rest) [N m/rad], [N/m]")
+    rest: float = says("where the joint's spring has no effort [rad], [m]")
+    actuated: bool = says(
+        "false: no drive, no effort; but a joint of an open tree that moves as given all the same (a free base) has the effort "
+        "that would hold it"
+    )
+    weight: float = says("of the square of its effort where drives are redundant: sum weight tau^2 is the least [-]")
+    q: list[str] = says("names of its coordinates")
+    v: list[str] = says("names of its velocities, which efforts belong to")
+
+
+class End(Data):
+    """A frame on a link or on the world."""
+
+    link: str
+    station: float | None = says("on a beam the fraction 0..1 of its length; else null")
+    frame: Frame
+
+
+class ClosureData(Data):
+    """A joint that closes a loop: it ties the second frame to the first as a joint of its kind would."""
+
+    name: str
+    kind: Literal[
+        "fixed", "revolute", "prismatic", "cylindrical", "universal", "spherical", "point-on-line", "coupling"
+    ]
+    first: End
+    second: End
+    axis: Vector = says("in both frames: the free axis, or the line (of the first frame) on which a point stays [-]")
+    second_axis: Vector = says("of a universal closure, stays with the second frame [-]")
+    active: list[Annotated[list[float], Field(min_length=2, max_length=2)]] = says(
+        "intervals in which it acts [s]; empty: always"
+    )
+    capture: bool = says("true ties the frames where they stand when it begins to act")
+    impact: Literal["error", "plastic"] = says(
+        "plastic: stops frames that move against each other when it begins to act"
+    )
+    factors: dict[str, float] = says("of a coupling: sum factor q = offset, by joint [-], [rad/m]")
+    offset: float = says("of a coupling [rad], [m]")
+
+
+class SpringData(Data):
+    """A spring and damper between two points: pulls with stiffness (l - rest) + damping dl/dt along their line."""
+
+    name: str
+    first: End
+    second: End
+    stiffness: float = says("[N/m]")
+    rest: float = says("length without force [m]")
+    damping: float = says("[N s/m]")
+
+
+class ForceData(Data):
+    """A given force and moment on a point of a link, linear between its times."""
+
+    name: str
+    at: End
+    time: list[float] = says("[s]; one row: constant")
+    wrench: list[Annotated[list[float], Field(min_length=6, max_length=6)]] = says("force [N], then moment [N m]")
+    follower: bool = says("true: along the axes of the frame, which moves with the link; false: world axes")
+
+
+class MechanismData(Data):
+    """The mechanism, every default written out."""
+
+    name: str
+    title: str
+    source: str
+    gravity: Vector = says("in the world frame [m/s^2]")
+    links: list[LinkData]
+    joints: list[JointData] = says("depth-first, parents before children: the order of all coordinates")
+    closures: list[ClosureData]
+    springs: list[SpringData]
+    forces: list[ForceData]
+    notes: list[str]
+
+
+class Coordinate(Data):
+    """A coordinate or a velocity: its unit, and whether the motion gives it."""
+
+    name: str
+    unit: str
+    given: bool = says("true: a column of motion.csv; false: the mechanism finds it")
+
+
+class Velocity(Coordinate):
+    """A velocity, and the effort that belongs to it."""
+
+    acceleration_unit: str
+    effort_unit: str
+    actuated: bool
+
+
+class Asked(Data):
+    """One quantity that is compared, and the series it consists of."""
+
+    quantity: str
+    series: dict[str, str] = says("name -> unit; of quantities that an answer leaves out nothing is compared")
+    meaning: str
+
+
+class CaseData(Data):
+    """The motion, the times, and what is compared."""
+
+    name: str
+    title: str
+    source: str
+    notes: list[str]
+    step: float = says("step of a time integration, and spacing of motion.csv where one is needed [s]")
+    sample: float = says("spacing of the answer [s]")
+    end: float = says("[s]")
+    samples: int = says("rows of the answer: 0, sample, ..., end")
+    integrated: bool = says("true: beams, or joints without a motion, have to be integrated in time")
+    spectral_radius: float = says("a hint: of the reference's time integration (generalised alpha) [-]")
+    initial: Literal["consistent", "static"] = says(
+        "consistent: beams begin undeformed; static: in equilibrium under gravity and all loads, at rest"
+    )
+    start: dict[str, list[float]] = says(
+        "coordinates at time 0 of joints without a motion [rad], [m]; in a loop a guess that selects the branch"
+    )
+    jumps: list[float] = says("times at which accelerations jump; motion.csv has the value after the jump [s]")
+    refinement: int = says("1; 2 and 4 ask the same with so many times finer steps and meshes, for error bars")
+    coordinates: list[Coordinate] = says("q, in order")
+    velocities: list[Velocity] = says("qd, qdd and efforts, in order")
+    asked: list[Asked]
+
+
+class CaseFile(Data):
+    """``case.json``: everything about one comparison."""
+
+    format: Literal["crosscheck-case/1"]
+    digest: str = says(
+        "of the rest of this file; meta.json may repeat it, so that an answer is not taken for another's"
+    )
+    mechanism: MechanismData
+    case: CaseData
+
+
+class CertificateFile(Data):
+    """``certificate.json``: what a model says of itself, at the configurations of ``probe.csv``; every key may be left out."""
+
+    mass: float | None = says("of all that moves [kg]", default=None)
+    masses: dict[str, float] = says(
+        "by joint with a freedom: of all that it carries up to the next one [kg]", default_factory=dict
+    )
+    moments: dict[str, Vector] = says(
+        "of the same: first moment m c about the origin of the joint's child, along its axes [kg m]",
+        default_factory=dict,
+    )
+    inertias: dict[str, Matrix] = says(
+        "of the same: about the origin of the joint's child [kg m^2]", default_factory=dict
+    )
+    beam_masses: dict[str, float] = says("of straight beams alone [kg]", default_factory=dict)
+    beam_moments: dict[str, float] = says("about the root, along the axis [kg m]", default_factory=dict)
+    com: list[Vector] | None = says("centre of mass of all that moves, one row per configuration [m]", default=None)
+    mass_matrix: list[list[list[float]]] | None = says(
+        "joint-space mass matrix of the tree without closures, rotor inertia included [kg m^2], [kg]", default=None
+    )
+    gravity: list[list[float]] | None = says(
+        "efforts that hold the tree still, without springs and closures [N m], [N]", default=None
+    )
+    axes: dict[str, list[Vector]] = says(
+        "by joint with one velocity: its axis in the world, one row per configuration [-]", default_factory=dict
+    )
+    order: list[str] = says("joints with a freedom, in the order of the program", default_factory=list)
+    stiffness: dict[str, float] = says(
+        "'LINK: EI_z' and so on, length over compliance [N], [N m^2]", default_factory=dict
+    )
+    damping: dict[str, float] = says("by joint [N m s/rad], [N s/m]", default_factory=dict)
+    friction: dict[str, float] = says("by joint [N m], [N]", default_factory=dict)
+    springs: dict[str, float] = says("'NAME: stiffness', 'NAME: rest', 'NAME: damping'", default_factory=dict)
+    closure_points: dict[str, Vector] = says(
+        "'NAME: first', 'NAME: second': point on the link [m]", default_factory=dict
+    )
+    closure_axes: dict[str, Vector] = says("'NAME: first', 'NAME: second': axis on the link [-]", default_factory=dict)
+    residual: float | None = says("largest closure equation in the program's own motion [m], [-]", default=None)
+    rank: int | None = says("independent equations of the closures at the start", default=None)
+
+
+class MetaFile(Data):
+    """``meta.json``: what made an answer; every key may be left out."""
+
+    tool: Words = says("program or machine", default="")
+    version: Words = says("its version", default="")
+    case: Words = says("the digest of case.json that was answered", default="")
+    mechanism: Words = says("name of the mechanism that was answered", default="")
+    name: Words = says("name of the case that was answered", default="")
+    formulation: Words = says("method, in a line", default="")
+    step: float | None = says("[s]", default=None)
+    mesh: Words = says("of beams", default="")
+    wall_time: Annotated[float, Field(ge=0)] = says("of the computation alone [s]", default=0.0)
+    skipped: Words = says("why this case cannot be answered: then no series is expected", default="")
+    notes: Words = says("what a reader of results must know", default="")

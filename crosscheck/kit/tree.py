@@ -1,0 +1,78 @@
+"""The tree of a rigid mechanism in one line per moving joint: fixed joints merged, bodies of each joint made one.
+
+For programs that want no JSON.  The link frame of a joint is its joint frame, moved by the joint; a frame is stated in the link
+frame of the joint before (-1: the world).  Closures, springs and forces are in ``case.json``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.model.mechanism import WORLD, Inertia, Mechanism, Placement
+
+Array = NDArray[np.float64]
+AXES = ("x", "y", "z")
+PAIRS = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")
+HEADER = (
+    "joint", "kind", "parent",
+    *(f"p{a} [m]" for a in AXES),
+    *(f"R{ab} [-]" for ab in PAIRS),
+    *(f"axis {a} [-]" for a in AXES),
+    *(f"second axis {a} [-]" for a in AXES),
+    "rotor inertia", "damping", "friction", "stiffness", "rest", "actuated",
+    "mass [kg]",
+    *(f"c{a} [m]" for a in AXES),
+    *(f"I{ab} [kg m^2]" for ab in PAIRS),
+)  # fmt: skip
+
+
+def rows(mechanism: Mechanism) -> Iterator[list[str]]:
+    """Yield one row of ``tree.csv`` per moving joint, in the order of the coordinates; lengths [m], inertia about the centre."""
+    seats = placed(mechanism)
+    moving = [joint for joint in mechanism.joints if joint.nv]
+    number = {joint.child: k for k, joint in enumerate(moving)}
+    for joint in moving:
+        carrier, place = seats[joint.parent]
+        frame = on(place, joint.placement)
+        body = merged(mechanism, joint.child, seats)
+        drive = (joint.rotor_inertia, joint.damping, joint.friction, joint.stiffness, joint.rest, float(joint.actuated))
+        numbers = [*frame.position, *frame.rotation.ravel(), *joint.axis, *joint.second_axis, *drive]
+        numbers += [body.mass, *body.com, *body.tensor.ravel()]
+        yield [joint.name, joint.kind, str(number.get(carrier, -1)), *(repr(float(x)) for x in numbers)]
+
+
+def placed(mechanism: Mechanism) -> dict[str, tuple[str, Placement]]:
+    """Return by link of a rigid mechanism the link that moves it (``world``: none does) and its pose in that link's frame [m]."""
+    seats: dict[str, tuple[str, Placement]] = {WORLD: (WORLD, Placement())}
+    for joint in mechanism.joints:
+        carrier, place = seats[joint.parent]
+        seats[joint.child] = (joint.child, Placement()) if joint.nv else (carrier, on(place, joint.placement))
+    return seats
+
+
+def on(outer: Placement, inner: Placement) -> Placement:
+    """Return a frame that is stated in another one in the frame of that one [m]."""
+    return Placement(outer.position + outer.rotation @ inner.position, outer.rotation @ inner.rotation)
+
+
+def merged(mechanism: Mechanism, carrier: str, seats: dict[str, tuple[str, Placement]]) -> Inertia:
+    """Return the bodies that move with a link as one: mass [kg], centre [m], tensor about it [kg m^2]."""
+    parts = []
+    for link in mechanism.links:
+        name, place = seats[link.name]
+        if name == carrier:
+            for body in link.bodies:
+                i = body.inertia
+                parts.append(
+                    (i.mass, place.position + place.rotation @ i.com, place.rotation @ i.tensor @ place.rotation.T)
+                )
+    mass = float(sum(m for m, _, _ in parts))
+    com = sum((m * c for m, c, _ in parts), np.zeros(3)) / (mass or 1.0)
+    tensor = np.zeros((3, 3))
+    for m, c, own in parts:
+        d = c - com
+        tensor += own + m * (float(d @ d) * np.eye(3) - np.outer(d, d))  # Steiner
+    return Inertia(mass, com, tensor)

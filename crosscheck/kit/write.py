@@ -1,0 +1,116 @@
+"""Write a case kit: a folder that says everything about one comparison, the same bytes every time."""
+
+from __future__ import annotations
+
+import csv
+import json
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.engines.base import sample_times
+from crosscheck.engines.shared.export_files import NotExported
+from crosscheck.engines.shared.probe_states import configurations
+from crosscheck.engines.shared.urdf_text import urdf
+from crosscheck.kit import tree
+from crosscheck.kit.page import page
+from crosscheck.kit.resolved import case_file
+from crosscheck.kit.schemas import KIT, shipped
+from crosscheck.kit.tables import CaseData, CaseFile
+from crosscheck.measures.record import Record
+from crosscheck.measures.series_csv import TIME, table
+from crosscheck.measures.series_csv import write as write_series
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+MOTION = "the motion: time, then q, qd and qdd of every coordinate that is given"
+PROBE = "configurations at which `certificate.json` is asked, one a row"
+TREE = "the tree once more, one line per moving joint, fixed joints merged: for programs that want no JSON"
+ROBOT = "the mechanism as URDF, without what that format has no words for (springs, closures, rotors)"
+EXPECTED = "the series with error bars, and the certificate, of the reference"
+
+
+def write(
+    mechanism: Mechanism, case: Case, folder: Path, expected: Record | None = None, refinement: int = 1
+) -> CaseFile:
+    """Write the kit of a case into a folder, which is made, and return what ``case.json`` says.
+
+    expected : record of the reference, None for a blind kit; refinement : times [-] by which step and mesh are to be finer
+    Raises OSError.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    file = case_file(mechanism, case, refinement)
+    said = file.case
+    spacing = said.step if said.integrated else said.sample
+    files = {"motion.csv": MOTION}
+    _json(folder / "case.json", file.model_dump(mode="json"))
+    table(folder / "motion.csv", *motion_table(mechanism, case, said, spacing))
+    if mechanism.is_rigid:
+        files |= {"probe.csv": PROBE, "tree.csv": TREE}
+        header = [f"q/{c.name} [{c.unit}]" for c in said.coordinates]
+        table(folder / "probe.csv", header, configurations(mechanism, case))
+        _rows(folder / "tree.csv", mechanism)
+        if (text := _urdf(mechanism)) is not None:
+            files["robot.urdf"] = ROBOT
+            (folder / "robot.urdf").write_text(text, encoding="utf-8")
+    (folder / "schema").mkdir(exist_ok=True)
+    for name in KIT:
+        (folder / "schema" / f"{name}.schema.json").write_text(shipped(name), encoding="utf-8")
+    if expected is not None:
+        files["expected/"] = EXPECTED
+        _expected(folder / "expected", expected, file)
+    (folder / "README.md").write_text(page(file, files, spacing), encoding="utf-8")
+    return file
+
+
+def motion_table(mechanism: Mechanism, case: Case, said: CaseData, spacing: float) -> tuple[list[str], Array]:
+    """Return header and rows of ``motion.csv``: time [s], then q, qd, qdd of what the motion gives [rad], [m], [s]."""
+    time = sample_times(case) if spacing == case.sample else spacing * np.arange(round(case.end / spacing) + 1)
+    q, qd, qdd = case.motion.evaluate(mechanism, time)
+    coordinates = [(k, c) for k, c in enumerate(said.coordinates) if c.given]
+    velocities = [(k, v) for k, v in enumerate(said.velocities) if v.given]
+    header = [
+        TIME,
+        *(f"q/{c.name} [{c.unit}]" for _, c in coordinates),
+        *(f"qd/{v.name} [{v.unit}]" for _, v in velocities),
+        *(f"qdd/{v.name} [{v.acceleration_unit}]" for _, v in velocities),
+    ]
+    rows = [k for k, _ in velocities]
+    return header, np.hstack([time[:, None], q[:, [k for k, _ in coordinates]], qd[:, rows], qdd[:, rows]])
+
+
+def _urdf(mechanism: Mechanism) -> str | None:
+    """Return the mechanism as URDF, None where that format cannot say it."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return urdf(mechanism)
+    except NotExported:
+        return None
+
+
+def _rows(path: Path, mechanism: Mechanism) -> None:
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        lines = csv.writer(stream, lineterminator="\n")
+        lines.writerow(tree.HEADER)
+        lines.writerows(tree.rows(mechanism))
+
+
+def _expected(folder: Path, record: Record, file: CaseFile) -> None:
+    """Write what the reference gives: of all its series those that are asked for, and its certificate."""
+    folder.mkdir(exist_ok=True)
+    asked = {one.quantity for one in file.case.asked}
+    write_series(folder / "series.csv", record.time, [s for s in record.series.values() if s.quantity in asked])
+    if "problem" not in record.certificate:
+        _json(folder / "certificate.json", record.certificate)
+    meta = {"tool": record.engine, "version": record.version, "case": file.digest}
+    _json(folder / "meta.json", {**meta, "mechanism": file.mechanism.name, "name": file.case.name})
+
+
+def _json(path: Path, plain: Mapping[str, Any]) -> None:
+    path.write_text(json.dumps(plain, indent=1, allow_nan=False) + "\n", encoding="utf-8")

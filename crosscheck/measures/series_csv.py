@@ -1,0 +1,128 @@
+"""Series as CSV, for programs of any language: ``time [s],torque/hub [N m],torque/hub error [N m]``.
+
+The first column is the time; then one column per series, its name and its unit in brackets, and for each perhaps the half-width
+of its error bar, called ``NAME error``.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.measures.record import Series, series
+from flexinv.errors import InputError
+from flexinv.validation import nearest
+
+Array = NDArray[np.float64]
+HEADER = re.compile(r"(?P<name>[^\s\[\]]+)(?P<bar> error)? \[(?P<unit>[^\[\]]+)\]")
+TIME = "time [s]"
+LARGEST = 1 << 28  # [bytes]: a hundred series of a hundred thousand samples
+# Of the time from sample to sample: a signal changes by no more than this part of what it changes from one to the next,
+# and a grid that is written with the digits of its spacing has its times to rounding.
+SAME_TIME = 1e-3
+ANY = re.compile(r"^(internal/[^/]+)/[^/]+/")  # of an internal force the station is the writer's choice
+STATION = "STATION"  # stands for any in the names that are known: internal/BEAM/STATION/bending_y
+
+
+def read(path: Path) -> tuple[Array, dict[str, Series]]:
+    """Read times [s] and series with their error bars, by name.  Raises InputError that names the column or the row."""
+    rows = _cells(path)
+    header = [cell.strip() for cell in rows[0]] if rows else []
+    if not header or header[0] != TIME:
+        raise InputError(f"{path}: the first column is {header[0] if header else 'missing'!r}, expected {TIME!r}")
+    heads = [HEADER.fullmatch(cell) for cell in header]
+    if None in heads:
+        wrong = header[heads.index(None)]
+        raise InputError(f"{path}: column {wrong!r}: expected a series and its unit; write 'torque/hub [N m]'")
+    names = [m.group("name", "bar") for m in heads if m is not None]
+    if twice := [name for k, name in enumerate(names) if name in names[:k]]:
+        raise InputError(f"{path}: column {''.join(filter(None, twice[0]))!r} is there twice; expected each once")
+    table = _numbers(path, header, rows[1:])
+    columns = {m.group("name", "bar"): (m["unit"], table[:, k]) for k, m in enumerate(heads) if m is not None and k}
+    found: dict[str, Series] = {}
+    for (name, bar), (unit, values) in columns.items():
+        if bar is None:
+            found |= series(name, unit, values, columns.get((name, " error"), (unit, None))[1])
+        elif (name, None) not in columns:
+            raise InputError(f"{path}: column '{name} error [{unit}]' has no column '{name} [{unit}]' beside it")
+        elif columns[name, None][0] != unit:
+            raise InputError(f"{path}: column '{name} error [{unit}]' expected [{columns[name, None][0]}]")
+    return table[:, 0], found
+
+
+def _cells(path: Path) -> list[list[str]]:
+    try:
+        if (size := path.stat().st_size) > LARGEST:
+            raise InputError(f"{path} has {size / 1e6:.0f} MB, expected at most {LARGEST / 1e6:.0f} MB")
+        with path.open(encoding="utf-8", newline="") as stream:
+            return list(csv.reader(stream))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path} cannot be read: {error}") from error
+
+
+def _numbers(path: Path, header: list[str], rows: list[list[str]]) -> Array:
+    """Return the numbers of a table (rows, columns) [unit of each]; the first row without as many cells is named."""
+    rows = [row for row in rows if row]  # an empty line at the end is none
+    for k, row in enumerate(rows):
+        if len(row) != len(header):
+            raise InputError(f"{path}: row {k + 2} has {len(row)} cells, the header {len(header)}")
+    try:
+        return np.array(rows, dtype=np.float64).reshape(len(rows), len(header))
+    except ValueError as error:
+        raise InputError(f"{path}: {error}; expected a number in every cell") from None
+
+
+def check_times(path: Path, time: Array, wanted: Array, sample: float) -> None:
+    """Raise InputError unless the times [s] of a file are those of the case, up to the digits of a number."""
+    given = f"0 to {wanted[-1]:g} s every {sample:g} s"
+    if time.shape != wanted.shape:
+        raise InputError(f"{path}: column {TIME} has {time.size} times, not the {wanted.size} of the case, {given}")
+    off = np.abs(time - wanted)
+    if not off.max() <= SAME_TIME * sample:
+        k = int(np.flatnonzero(~(off <= SAME_TIME * sample))[0])
+        raise InputError(
+            f"{path}: column {TIME}, row {k + 2}: {time[k]:.9g} s, where the case has {wanted[k]:.9g} s ({given}); "
+            "give sample_s and end_s of the record, or interpolate the record to these times (and write enough digits)"
+        )
+
+
+def check_names(path: Path, known: Mapping[str, str], found: Iterable[Series]) -> None:
+    """Raise InputError where a column is called as nothing of the mechanism is, or is in another unit.
+
+    known : name -> unit of all that there may be: what is called otherwise would be compared with nothing
+    """
+    for one in found:
+        plain = ANY.sub(rf"\1/{STATION}/", one.name)
+        if plain not in known:
+            near = nearest(one.name, sorted(known))
+            raise InputError(
+                f"{path}: column {one.name!r}: the mechanism has no such series; "
+                + (f"write {near!r}" if near else f"it has {', '.join(sorted(known))}")
+            )
+        if one.unit != known[plain]:
+            raise InputError(f"{path}: column {one.name!r} is in {one.unit}, expected {known[plain]}")
+
+
+def write(path: Path, time: Array, found: Iterable[Series]) -> None:
+    """Write times [s] and series with their error bars, every number with all its digits.  Raises OSError."""
+    header, columns = [TIME], [time]
+    for one in found:
+        header.append(f"{one.name} [{one.unit}]")
+        columns.append(one.values)
+        if one.error is not None:
+            header.append(f"{one.name} error [{one.unit}]")
+            columns.append(one.error)
+    table(path, header, np.stack(columns, axis=1))
+
+
+def table(path: Path, header: Iterable[str], values: Array) -> None:
+    """Write a table (rows, columns) [unit of each column] below its header, numbers as the shortest text that gives them back."""
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        lines = csv.writer(stream, lineterminator="\n")
+        lines.writerow(header)
+        lines.writerows([[repr(x) for x in row] for row in np.asarray(values, dtype=np.float64).tolist()])

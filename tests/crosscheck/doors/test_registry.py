@@ -1,0 +1,320 @@
+"""Engines of a project: who may name a program, what is trusted, names that are taken; records and packages as full columns."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import sys
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rogue_engines
+from click.testing import CliRunner
+from crosscheck_examples import write_models
+
+from crosscheck.causes.dictionary import DICTIONARY, all_causes
+from crosscheck.cli import main
+from crosscheck.doors import config, packages, trust
+from crosscheck.doors.registry import Doors, doors, stamp
+from crosscheck.engines import ENGINES, adapter, missing, opened
+from crosscheck.engines.base import MEMBERS, offered
+from crosscheck.verdicts.results import Results, read
+from flexinv.errors import InputError
+
+SHARED = Path(rogue_engines.__file__).parent
+PROGRAM = f"""
+[engines.mine]
+command = [{json.dumps(sys.executable)}, "rigid.py", "{{kit}}", "{{out}}"]
+
+[[engines.mine.limits]]
+quantity = "torque"
+maximum = 1e-12
+reason = "closed formulas: rounding"
+"""
+
+
+@pytest.fixture
+def project(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder of a team's own: a mechanism, a program beside it, and a user who trusts nothing yet."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    home = tmp_path / "team"
+    write_models(home / "models", root)
+    shutil.copy(SHARED / "kit_programs" / "rigid.py", home)
+    monkeypatch.chdir(home)
+    return home
+
+
+def call(*words: str) -> Any:
+    return CliRunner().invoke(main, list(words))
+
+
+def run(*words: str, code: int) -> Results:
+    done = call("run", *words)
+    assert done.exit_code == code, done.output
+    return read(Path("reports/latest/results.json"))
+
+
+# --- crosscheck.toml ------------------------------------------------------------------------------------------------
+
+
+def test_a_file_is_found_above_the_models_up_to_the_repository(tmp_path: Path) -> None:
+    models = tmp_path / "a" / "b" / "models"
+    models.mkdir(parents=True)
+    (tmp_path / "crosscheck.toml").touch()
+    assert config.found(models) is None  # neither a repository nor the home folder: the folder above the models alone
+    (tmp_path / ".git").mkdir()
+    assert config.found(models) == tmp_path / "crosscheck.toml"
+    (tmp_path / "a" / ".git").mkdir()
+    assert config.found(models) is None
+    (tmp_path / "a" / "b" / "crosscheck.toml").touch()
+    assert config.found(models) == tmp_path / "a" / "b" / "crosscheck.toml"
+    assert config.found(models, tmp_path / "crosscheck.toml") == tmp_path / "crosscheck.toml"
+
+
+@pytest.mark.parametrize("place", ["crosscheck.toml", "arm/crosscheck.toml", "arm/records/mine/crosscheck.toml"])
+def test_a_command_in_models_is_refused(tmp_path: Path, place: str) -> None:
+    file = tmp_path / "models" / place
+    file.parent.mkdir(parents=True)
+    file.write_text(PROGRAM)
+    with pytest.raises(InputError, match="a folder of models is data and names no programs"):
+        config.found(tmp_path / "models")
+    with pytest.raises(InputError, match="a folder of models is data"):
+        config.found(tmp_path / "models", file)
+
+
+def test_a_file_of_somebody_else_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "models").mkdir()
+    file = tmp_path / "crosscheck.toml"
+    file.write_text(PROGRAM)
+    file.chmod(0o666)
+    with pytest.raises(InputError, match="everybody may write it"):
+        config.found(tmp_path / "models")
+    file.chmod(0o644)
+    if os.getuid() != 0:
+        pytest.skip("only root can give a file to another user")
+    os.chown(file, 12345, -1)
+    with pytest.raises(InputError, match="belongs to another user"):
+        config.found(tmp_path / "models")
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("[engines.mine]", "one of command, fmu and python"),
+        ('[engines.mine]\ncommand = ["x", "{out}"]\npython = "a:b"', "command and python"),
+        ('[engines.mine]\ncommand = ["x", "{kit}"]', "no {out}"),
+        ('[engines.mine]\ncommand = "x {out}"', "should be a valid list"),
+        ('[engines.mine]\ncomand = ["x", "{out}"]', "comand"),
+        ('[engines."../mine"]\ncommand = ["x", "{out}"]', "an engine called '../mine'"),
+        ('[engines.flexinv]\ncommand = ["x", "{out}"]', "an engine is called 'flexinv', which is taken"),
+        ('[engines.mine]\nfmu = "../arm.fmu"', "expected a file inside"),
+        ('[engines.mine]\npython = "os.system(1)"', "expected a module and an object in it"),
+        ("engines = 3", "engines"),
+    ],
+)
+def test_a_mistake_in_the_file_is_named(project: Path, text: str, complaint: str) -> None:
+    (project / "crosscheck.toml").write_text(text)
+    done = call("run", "--engines", "flexinv,*")
+    assert done.exit_code == 2
+    assert complaint in " ".join(done.output.replace("valid list", "valid list").split()) or complaint in done.output
+
+
+# --- trust ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_new_or_changed_program_is_run_only_when_it_is_trusted(project: Path) -> None:
+    file = project / "crosscheck.toml"
+    file.write_text(PROGRAM)
+    done = call("run", "--engines", "flexinv,mine")
+    assert done.exit_code == 2
+    assert "new or has changed" in done.output
+    assert "crosscheck trust" in done.output
+    assert not (project / "reports").exists()
+    assert call("run", "--engines", "flexinv,pinocchio", "--studies", "").exit_code == 0  # it is not asked
+    assert call("trust", "--yes").exit_code == 0
+    known = doors(project / "models")
+    lines: list[str] = []
+    known.admit(["mine"], False, lines.append)
+    assert "rigid.py" in lines[0]
+    file.write_text(PROGRAM.replace("rigid.py", "./rigid.py"))
+    with pytest.raises(InputError, match="new or has changed"):
+        doors(project / "models").admit(["mine"], False, lines.append)
+    doors(project / "models").admit(["mine"], True, lines.append)  # in CI
+
+
+def test_trust_is_asked_for_and_remembered_beside_others(project: Path) -> None:
+    (project / "crosscheck.toml").write_text(PROGRAM)
+    assert CliRunner().invoke(main, ["trust"], input="n\n").exit_code == 2
+    assert not trust.store().exists()
+    trust.trust(project / "other.toml", {"x": "1"})
+    assert CliRunner().invoke(main, ["trust"], input="y\n").exit_code == 0
+    assert set(trust.known()) == {str(project / "other.toml"), str(project / "crosscheck.toml")}
+    trust.store().write_text("[")
+    assert trust.known() == {}
+
+
+def test_there_may_be_nothing_to_trust(project: Path) -> None:
+    assert "there is no crosscheck.toml" in call("trust").output
+    (project / "crosscheck.toml").write_text("")
+    assert "names no engines" in call("trust").output
+
+
+# --- columns of the report ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_a_program_is_a_full_column(project: Path) -> None:
+    """Judged by its own limit, certified, in JUnit, in pytest and exported; its mistake is named and repaired."""
+    (project / "crosscheck.toml").write_text(PROGRAM)
+    results = run("--engines", "flexinv,mine", "--trust-commands", code=0)
+    judged = {c.quantity: c for c in results.comparisons if c.engine == "mine"}
+    assert judged["torque"].verdict == "within"
+    assert judged["torque"].error_bar is not None
+    assert all(c.holds for c in results.certificates if c.engine == "mine")
+    assert {"total mass", "gravity torque"} <= {c.what for c in results.certificates if c.engine == "mine"}
+    assert "mine" in Path("reports/latest/junit.xml").read_text()
+    assert "mine" in Path("reports/latest/index.html").read_text()
+    text = (project / "rigid.py").read_text()
+    (project / "rigid.py").write_text(
+        text.replace('joint["damping"] * v[k]', '(joint["damping"] + 0.05 * (k == 1)) * v[k]')
+    )
+    results = run("--engines", "flexinv,mine", "--trust-commands", code=1)
+    (found,) = [d for d in results.diagnoses if d.engine == "mine"]
+    assert found.named[0]["cause"] == "viscous damping"
+    assert found.repaired is not None
+    assert found.repaired < 1e-9
+    done = call("export", "double_pendulum", "--engine", "mine", "--out", "exported")
+    assert done.exit_code == 0, done.output
+    assert {f.name for f in Path("exported").iterdir()} == {"kit", "expected.csv", "run.txt", "README.md"}
+
+
+@pytest.mark.slow
+def test_a_record_is_judged_and_diagnosed_from_its_csv_alone(project: Path) -> None:
+    """A colleague's answer with a wrong inertia: named, and repaired in the reference: the program is not here."""
+    assert call("kit", "double_pendulum", "--out", "kit", "--blind").exit_code == 0
+    case = json.loads(Path("kit/case.json").read_text())
+    inertia = case["mechanism"]["links"][1]["bodies"][0]["inertia"]
+    inertia[1][1] *= 1.4
+    Path("kit/case.json").write_text(json.dumps(case))
+    out = project / "models" / "double_pendulum" / "records" / "simscape" / "swing"
+    out.parent.mkdir(parents=True)
+    assert os.spawnl(os.P_WAIT, sys.executable, sys.executable, "rigid.py", "kit", str(out)) == 0
+    (out / "certificate.json").unlink()
+    results = run("--engines", "flexinv,simscape", code=1)
+    (row,) = [c for c in results.comparisons if c.engine == "simscape" and c.quantity == "torque"]
+    assert row.verdict == "deviation"  # the limits of the example are for all engines
+    (found,) = [d for d in results.diagnoses if d.engine == "simscape"]
+    assert found.where == "put into the reference"
+    assert found.repaired is not None
+    assert found.repaired < 1e-9
+    assert any("inertia" in str(one["cause"]) for one in found.named)
+    before = stamp(doors(project / "models").engines["simscape"], out.parents[2])
+    (out / "meta.json").write_text("{}")
+    assert stamp(doors(project / "models").engines["simscape"], out.parents[2]) != before
+
+
+def test_records_are_found_by_case_and_by_what_they_say(project: Path) -> None:
+    folder = project / "models" / "double_pendulum"
+    (folder / "records" / "adams").mkdir(parents=True)
+    job = {**doors(project / "models").engines["adams"].door, "engine": "adams", "mechanism": str(folder)}
+    from crosscheck.verdicts.plan import discover
+
+    task = discover(project / "models").tasks[0]
+    asked = lambda: opened(job).unsupported(task.mechanism, task.case, "adams")  # noqa: E731
+    assert asked() == "nobody recorded this case"
+    (folder / "records" / "adams" / "meta.json").write_text('{"name": "lift"}')
+    assert asked() == "nobody recorded this case"
+    (folder / "records" / "adams" / "meta.json").write_text('{"name": "swing"}')
+    assert asked() is None
+    (folder / "records" / "adams" / "swing").symlink_to(project)
+    with pytest.raises(InputError, match="leads out of its folder"):
+        asked()
+    (folder / "records" / "a b").mkdir()
+    with pytest.raises(InputError, match="an engine called 'a b'"):
+        doors(project / "models")
+
+
+@pytest.mark.slow
+def test_an_object_is_an_engine_without_installation(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (project / "my_engine.py").write_text(
+        "from rogue_engines import *\n"
+        "class Mine:\n"
+        "    version = staticmethod(lambda: '3.1')\n"
+        "    abilities = staticmethod(lambda: 'swings')\n"
+        "    unsupported = staticmethod(lambda mechanism, case, engine: None)\n"
+        "    run = staticmethod(lambda mechanism, case, engine, options: pinocchio(mechanism, case, engine, options))\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(project), str(SHARED)]))
+    monkeypatch.syspath_prepend(str(project))
+    results = run("--engines", "flexinv,Mine", "--engine", "my_engine:Mine", code=0)
+    assert {r.version for r in results.runs if r.engine == "Mine"} == {"3.1"}
+    assert {e.abilities for e in results.engines if e.name == "Mine"} == {"swings"}
+    assert call("run", "--engine", "my engine").exit_code == 2
+    assert "which is taken" in call("run", "--engine", "mujoco=my_engine:Mine").output
+
+
+# --- installed packages ---------------------------------------------------------------------------------------------
+
+
+class Points:
+    """Entry points of a package that is installed for a while: a folder of metadata on the path, as pip writes it."""
+
+    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch, text: str) -> None:
+        info = folder / "guest-1.0.dist-info"
+        info.mkdir(parents=True)
+        (info / "METADATA").write_text("Metadata-Version: 2.1\nName: guest\nVersion: 1.0\n")
+        (info / "entry_points.txt").write_text(text)
+        monkeypatch.syspath_prepend(str(folder))
+
+
+def test_an_installed_package_brings_engines_and_causes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    Points(
+        tmp_path,
+        monkeypatch,
+        "[crosscheck.engines]\nguest = rogue_engines\n[crosscheck.causes]\nguest = guest_causes:ROWS\nbad = guest_causes:BAD\n",
+    )
+    (tmp_path / "guest_causes.py").write_text(
+        "from dataclasses import replace\n"
+        "from crosscheck.causes.dictionary import DICTIONARY\n"
+        "ROWS = [replace(DICTIONARY['viscous damping'], name='a guest of a cause')]\nBAD = [3]\n"
+    )
+    found = packages.installed()
+    assert found["guest"].module == "rogue_engines"
+    assert adapter(found["guest"]).version() == "0.rogue"
+    with pytest.warns(UserWarning, match="package guest: no causes at guest_causes:BAD"):
+        known = all_causes()
+    assert set(known) - set(DICTIONARY) == {"a guest of a cause"}
+
+
+def test_a_package_takes_no_name_of_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    Points(tmp_path, monkeypatch, "[crosscheck.engines]\nmujoco = rogue_engines\n")
+    with pytest.raises(InputError, match="package guest: an engine is called 'mujoco', which is taken"):
+        packages.installed()
+
+
+def test_our_engines_come_through_the_same_door(root: Path) -> None:
+    import tomllib
+
+    stated = tomllib.loads((root / "pyproject.toml").read_text())["project"]["entry-points"][packages.ENGINE_GROUP]
+    assert stated == {name: engine.module for name, engine in ENGINES.items()}
+    assert all(point.dist is not None for point in metadata.entry_points(group=packages.ENGINE_GROUP))
+
+
+@pytest.mark.parametrize("name", ENGINES)
+def test_our_adapters_name_what_they_offer(name: str) -> None:
+    engine = ENGINES[name]
+    if (reason := missing(engine)) is not None:
+        pytest.skip(reason)
+    one = adapter(engine)
+    assert (offered(one, "export") is not None) == engine.exports
+    assert all(callable(member) for member in (offered(one, m) for m in MEMBERS) if member is not None)
+
+
+def test_without_doors_nothing_changes(root: Path) -> None:
+    known = doors(root / "models")
+    assert isinstance(known, Doors)
+    assert dict(known.engines) == {**ENGINES, **packages.installed()}
+    assert stamp(ENGINES["pinocchio"], root / "models" / "ur5") == ""
