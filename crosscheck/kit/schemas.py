@@ -46,8 +46,8 @@ MECHANISM: Places = {
 }
 CASES: Places = {
     ("CasesTable", "cases", ""): {"": CaseTable},
-    ("MotionTable", "joints", ""): {kind: table for kind, (table, _, _) in MOVES.items()},
-    ("CaseTable", "start", ""): {kind: table for kind, (table, _, _) in STARTS.items()},
+    ("MotionTable", "joints", ""): {" ".join(units): table for units, (table, _, _) in MOVES.items()},
+    ("CaseTable", "start", ""): {" ".join(units): table for units, (table, _, _) in STARTS.items()},
 }
 OURS: dict[str, tuple[type[BaseModel], Places]] = {
     "mechanism": (MechanismTable, MECHANISM),
