@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Mechanism
 
@@ -20,3 +21,12 @@ def read_mechanism(path: str | Path) -> Mechanism:
     from flexinv.linearized.damping_ratio import damped  # loads the compiler
 
     return damped(mechanism)
+
+
+def check_resolved(mechanism: Mechanism) -> None:
+    """Raise InputError for beams whose damping ratio [-] has not become a retardation time [s]: an engine would leave it out."""
+    if mechanism.modal_damping is not None and mechanism.modal_damping.seconds is None:
+        raise InputError(
+            f"mechanism '{mechanism.name}': its damping is stated as a ratio of a mode, from which no engine but flexinv computes "
+            "stresses; write crosscheck.measures.mechanisms.read_mechanism(folder) instead of load_mechanism"
+        )

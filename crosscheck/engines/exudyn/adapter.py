@@ -29,6 +29,7 @@ from crosscheck.engines.exudyn.models import planar as exudyn_planar
 from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
 from crosscheck.engines.exudyn.run_in_time import ANCF, DAE, EXACT, TREE, Made, in_time, layout_of
 from crosscheck.engines.shared.prescribed import beyond_a_tree, missing_motion, passive_effort, rotor_effort
+from crosscheck.measures.mechanisms import check_resolved
 from crosscheck.measures.record import Record, fingerprint, torque_series, vector_series, wrench_series
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
@@ -84,6 +85,7 @@ def _unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
 
 def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
     """Return torque [N m] or [N], wrench [N], [N m], tip, deflection [m] and axial [N] on the sample times."""
+    check_resolved(mechanism)
     with quiet():
         made = _made(mechanism, case, engine, options)
     return Record(

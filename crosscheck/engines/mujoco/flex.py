@@ -22,6 +22,7 @@ from crosscheck.engines.mujoco.joints import Built
 from crosscheck.engines.mujoco.rod import DRIVE, Rod, bending_axis, flexible, rod_of
 from crosscheck.engines.shared.prescribed import beyond_a_tree, missing_motion, passive_effort, rotor_effort
 from crosscheck.measures.budget import Family, limit_of, with_bars
+from crosscheck.measures.mechanisms import check_resolved
 from crosscheck.measures.record import Record, Series, series, torque_series, vector_series, wrench_series
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Link, Mechanism
@@ -86,6 +87,7 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
 
     options : "elements", edges of the finest mesh (a multiple of 4); "error" False leaves out the coarsest of three
     """
+    check_resolved(mechanism)
     elements = int(options.get("elements", ELEMENTS))
     meshes = [elements // 4, elements // 2, elements] if options.get("error", True) else [elements // 2, elements]
     start = clock.perf_counter()
