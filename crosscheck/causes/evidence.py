@@ -25,7 +25,7 @@ from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
 
 AGREES = 0.1  # of what the certificates differ by, or of what the cause would change: no size is less sure than that
-SURE = 1e-5  # of the same: what a step of differences leaves of a size, however small the bars
+SURE_PART = 1e-5  # of the same: what a step of differences leaves of a size, however small the bars
 LIMITS = 3.0  # times what is allowed in a line of the certificate where nothing is wrong
 PROBE = 1e-4  # of a size that matters: differences of certificates for their derivatives
 ROUNDS = 4  # of Gauss-Newton: tensors, masses and mass matrices are of second order in any size
@@ -131,7 +131,7 @@ class Evidence:
         return (*lines, *(x for x in self.failing if x in UNTOUCHED))
 
     def _lines(self, fit: Fit, said: Certificate, sure: float) -> tuple[str, ...]:
-        part = min(AGREES, SURE + max(sure, fit.left))
+        part = min(AGREES, SURE_PART + max(sure, fit.left))
         kept = ((what, _line(name, limit, self.theirs, self.ours, said, part)) for name, (what, limit) in LINES.items())
         return tuple(what for what, holds in kept if not holds)
 
@@ -175,7 +175,7 @@ class Evidence:
             slope = np.stack([(up - down) / (2 * step) for up, down in ends], axis=1)
             step_of = np.linalg.lstsq(slope, measured - (here - zero), rcond=SMALL)[0]
             size = size + step_of
-            if np.abs(step_of).max() <= SURE * np.abs(size).max():
+            if np.abs(step_of).max() <= SURE_PART * np.abs(size).max():
                 break
         return np.asarray(size)
 

@@ -21,7 +21,7 @@ from crosscheck.verdicts.compare import error_bar, group, scale_of
 # Exact engines: rounding of some thousand operations, times the condition of loops, of the range.
 ROUNDING = 1e-9
 # Times the level at which engines agree: bars are estimates, of the unharmed mechanism, and sizes are as sure as they are.
-SURE = 3.0
+SURE_TIMES = 3.0
 # Of the largest difference of a quantity, of marches: what the long step of the columns leaves (`model.STEPS`).
 MARCHED = 0.05
 ROUNDS = {True: 3, False: 1}  # of Gauss-Newton on all quantities, by whether the mechanism is rigid
@@ -82,7 +82,7 @@ class Quantities:
     def _holds(self, name: str, harmed: Array, fit: Fit) -> bool:
         seen = self.engine[name].values - self.reference[name].values
         told = harmed - self.model.unharmed[name].values
-        allowed = SURE * self.agreed[name] + self._uncertain(name, told, fit)
+        allowed = SURE_TIMES * self.agreed[name] + self._uncertain(name, told, fit)
         return bool(np.abs(seen - told).max() <= allowed)
 
     def _uncertain(self, name: str, told: Array, fit: Fit) -> float:

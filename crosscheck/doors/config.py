@@ -22,7 +22,7 @@ from crosscheck.doors.packages import NAME
 from flexinv.errors import InputError
 from flexinv.files.case_schema import QUANTITIES
 from flexinv.files.load_cases import Limit
-from flexinv.files.toml_tables import Positive, Table, Text, complaint, key, place, read_toml, validate
+from flexinv.files.toml_tables import Positive, Table, Text, complaint, key, location, read_toml, validate
 
 FILE = "crosscheck.toml"
 PLACEHOLDERS = ("{kit}", "{out}")
@@ -117,17 +117,17 @@ def rows(file: Path) -> dict[str, EngineRow]:
         where = f"engines.{name}"
         if not NAME.fullmatch(name):
             expected = "letters, digits, ., _ and -, beginning with a letter or digit"
-            raise InputError(complaint(place(file, where), f"an engine called {name!r}", expected, "[engines.mine]"))
+            raise InputError(complaint(location(file, where), f"an engine called {name!r}", expected, "[engines.mine]"))
         row = validate(EngineRow, data, file, where)
         kinds = [kind for kind in ("command", "fmu", "python") if getattr(row, kind) is not None]
         if len(kinds) != 1:
             given = " and ".join(kinds) or "none of them"
             write = 'command = ["./mine", "{kit}", "{out}"]'
-            raise InputError(complaint(place(file, where), given, "one of command, fmu and python", write))
+            raise InputError(complaint(location(file, where), given, "one of command, fmu and python", write))
         if row.command is not None and not any("{out}" in word for word in row.command):
             write = 'command = ["./mine", "{kit}", "{out}"]'
             raise InputError(
-                complaint(place(file, where, "command"), "no {out}", "the folder that it writes into", write)
+                complaint(location(file, where, "command"), "no {out}", "the folder that it writes into", write)
             )
         made[name] = row
     return made

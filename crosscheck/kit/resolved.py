@@ -43,6 +43,7 @@ UNITS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "fixed": ((), ()),
     "revolute": (("rad",), ("rad/s",)),
     "prismatic": (("m",), ("m/s",)),
+    "helical": (("rad",), ("rad/s",)),
     "continuous": (("-", "-"), ("rad/s",)),
     "universal": (("rad", "rad"), ("rad/s", "rad/s")),
     "spherical": (("-",) * 4, ("rad/s",) * 3),
@@ -231,6 +232,7 @@ def _joint(joint: Joint) -> JointData:
         station=joint.station,
         axis=_row(joint.axis),
         second_axis=_row(joint.second_axis),
+        pitch=joint.pitch,
         q=[joint.name + suffix for suffix in q],
         v=[joint.name + suffix for suffix in v],
     )

@@ -91,13 +91,16 @@ class JointData(Data):
     """A joint: parent and child, where its frame is on the parent, and what its drive carries."""
 
     name: str
-    kind: Literal["fixed", "revolute", "continuous", "prismatic", "universal", "spherical", "free"]
+    kind: Literal["fixed", "revolute", "continuous", "prismatic", "helical", "universal", "spherical", "free"]
     parent: str = says("a link, or world")
     child: str
     frame: Frame = says("joint frame in the frame of the parent link (on a beam: of its section at the station)")
     station: float | None = says("on a beam parent the fraction 0..1 of its length; else null")
     axis: Vector = says("in the joint frame [-]")
     second_axis: Vector = says("of a universal joint, which turns with the first axis [-]")
+    pitch: float = says(
+        "of a helical joint: its way along the axis for a whole turn about it, below 0 where left-handed [m]"
+    )
     rotor_inertia: float = says("reflected to the joint: adds rotor_inertia qdd to the effort [kg m^2], [kg]")
     damping: float = says("adds damping qd [N m s/rad], [N s/m]")
     friction: float = says("adds friction sign(qd), nothing at rest [N m], [N]")

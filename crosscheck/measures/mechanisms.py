@@ -27,6 +27,6 @@ def check_resolved(mechanism: Mechanism) -> None:
     """Raise InputError for beams whose damping ratio [-] has not become a retardation time [s]: an engine would leave it out."""
     if mechanism.modal_damping is not None and mechanism.modal_damping.seconds is None:
         raise InputError(
-            f"mechanism '{mechanism.name}': its damping is stated as a ratio of a mode, from which no engine but flexinv computes "
+            f"mechanism '{mechanism.name}': its damping is stated as a ratio of a mode, from which flexinv alone computes "
             "stresses; write crosscheck.measures.mechanisms.read_mechanism(folder) instead of load_mechanism"
         )

@@ -10,8 +10,6 @@ from crosscheck.measures.certificate import Check, holds
 from crosscheck.measures.limits import Verdict
 from crosscheck.verdicts.results import NO_CERTIFICATE, CaseRow, Diagnosis, Results, fails
 
-NONE = NO_CERTIFICATE
-
 
 @dataclass(frozen=True)
 class Sheet:
@@ -32,8 +30,8 @@ def sheets(results: Results, case: CaseRow) -> list[Sheet]:
 
 
 def _sheet(engine: str, lines: tuple[Check, ...]) -> Sheet:
-    if [line.what for line in lines] == [NONE]:
-        return Sheet(engine, "unjudged", NONE, lines)
+    if [line.what for line in lines] == [NO_CERTIFICATE]:
+        return Sheet(engine, "unjudged", NO_CERTIFICATE, lines)
     if holds(lines):
         return Sheet(engine, "within", "holds", lines)
     return Sheet(engine, "deviation", "another mechanism: " + ", ".join(x.what for x in lines if not x.holds), lines)

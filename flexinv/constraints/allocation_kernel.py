@@ -21,7 +21,7 @@ from flexinv.typing import Array
 # Jacobi's rotations square what is left off the diagonal with every sweep: six reach rounding, these are never needed.
 MOST_SWEEPS = 12
 # Samples of a block: few enough to stay in the cache, and to share pivots.
-LANES = 16
+SAMPLES_AT_ONCE = 16
 _TINY = 1e-300  # keeps 0 / 0 away where nothing is to be turned
 
 
@@ -54,9 +54,9 @@ class Place(NamedTuple):
 
 def places(rows: int, drives: NDArray[np.int64], root: Array, nv: int) -> Place:
     """Return the arrays of the kernel [any unit] for G of (rows, nv)."""
-    motions, h = np.zeros((2, nv, nv, LANES))
-    y, turn = np.zeros((rows + nv, LANES)), np.zeros((2, LANES))
-    factors = Factor.of(nv, rows, LANES), Factor.of(nv, len(drives), LANES)
+    motions, h = np.zeros((2, nv, nv, SAMPLES_AT_ONCE))
+    y, turn = np.zeros((rows + nv, SAMPLES_AT_ONCE)), np.zeros((2, SAMPLES_AT_ONCE))
+    factors = Factor.of(nv, rows, SAMPLES_AT_ONCE), Factor.of(nv, len(drives), SAMPLES_AT_ONCE)
     return Place(drives, root, *factors, motions, h, y, turn)
 
 
@@ -67,13 +67,13 @@ def _allowed(place, rank):
     for n in range(nv - rank):
         own = place.closing.order[rank + n]
         for i in range(rank):
-            for k in range(LANES):
+            for k in range(SAMPLES_AT_ONCE):
                 y[i, k] = place.closing.a[own, i, k]
         solve_upper(place.closing, rank, y)
         for i in range(rank, nv):
             place.motions[n, place.closing.order[i]] = 1.0 if i == rank + n else 0.0
         for i in range(rank):
-            for k in range(LANES):
+            for k in range(SAMPLES_AT_ONCE):
                 place.motions[n, place.closing.order[i], k] = -y[i, k]
 
 
@@ -82,7 +82,7 @@ def _driving(place, freedoms):
     """Set and factor S^T N over the roots of the weights; whether every freedom is driven for certain."""
     for n in range(freedoms):
         for i in range(place.drives.shape[0]):
-            for k in range(LANES):
+            for k in range(SAMPLES_AT_ONCE):
                 place.driving.a[n, i, k] = place.motions[n, place.drives[i], k] / place.root[i]
     return factorise(place.driving, freedoms) == freedoms
 
@@ -98,19 +98,19 @@ def _condition(place, freedoms):
         for m in range(freedoms):
             h[n, m] = 0.0
             for c in range(place.motions.shape[1]):
-                for k in range(LANES):
+                for k in range(SAMPLES_AT_ONCE):
                     h[n, m, k] += place.motions[order[n], c, k] * place.motions[order[m], c, k]
         solve_lower(place.driving, freedoms, h[n])
     for m in range(freedoms):
         for n in range(freedoms):
-            for k in range(LANES):
+            for k in range(SAMPLES_AT_ONCE):
                 place.y[n, k] = h[n, m, k]
         solve_lower(place.driving, freedoms, place.y)
         for n in range(freedoms):
-            for k in range(LANES):
+            for k in range(SAMPLES_AT_ONCE):
                 h[n, m, k] = place.y[n, k]
     _diagonalise(h, freedoms, place.turn)
-    for k in range(LANES):
+    for k in range(SAMPLES_AT_ONCE):
         largest, smallest = 1.0, 1.0
         for n in range(freedoms):
             largest, smallest = max(largest, h[n, n, k]), min(smallest, h[n, n, k])
@@ -125,7 +125,7 @@ def _diagonalise(h, size, turn):
         for p in range(size - 1):
             for q in range(p + 1, size):
                 some = False
-                for k in range(LANES):  # above rounding of both
+                for k in range(SAMPLES_AT_ONCE):  # above rounding of both
                     some |= h[p, q, k] * h[p, q, k] > 1e-32 * abs(h[p, p, k] * h[q, q, k])
                 if some:
                     moved = True
@@ -137,18 +137,18 @@ def _diagonalise(h, size, turn):
 @jit_inner
 def _rotate(h, size, p, q, turn):
     """Turn rows and columns p and q so that their common entry vanishes."""
-    for k in range(LANES):
+    for k in range(SAMPLES_AT_ONCE):
         apart, common = h[q, q, k] - h[p, p, k], 2.0 * h[p, q, k]
         t = common / (apart + math.copysign(math.sqrt(apart * apart + common * common) + _TINY, apart))
         turn[0, k] = 1.0 / math.sqrt(t * t + 1.0)
         turn[1, k] = t * turn[0, k]
     for i in range(size):
-        for k in range(LANES):
+        for k in range(SAMPLES_AT_ONCE):
             one, two = h[p, i, k], h[q, i, k]
             h[p, i, k] = turn[0, k] * one - turn[1, k] * two
             h[q, i, k] = turn[1, k] * one + turn[0, k] * two
     for i in range(size):
-        for k in range(LANES):
+        for k in range(SAMPLES_AT_ONCE):
             one, two = h[i, p, k], h[i, q, k]
             h[i, p, k] = turn[0, k] * one - turn[1, k] * two
             h[i, q, k] = turn[1, k] * one + turn[0, k] * two
@@ -164,19 +164,19 @@ def _drive(place, freedoms, s, tree, tau, preload):
     x[:] = 0.0
     for n in range(freedoms):
         for i in range(tree.shape[1]):
-            for k in range(LANES):
+            for k in range(SAMPLES_AT_ONCE):
                 x[n, k] += place.motions[place.driving.order[n], i, k] * tree[min(s + k, tree.shape[0] - 1), i]
     solve_lower(place.driving, freedoms, x)
     turn(place.driving, freedoms, x)
     for i in range(drives):
-        for k in range(min(LANES, tree.shape[0] - s)):
+        for k in range(min(SAMPLES_AT_ONCE, tree.shape[0] - s)):
             tau[s + k, place.drives[i]] = x[i, k] / place.root[i]
     for n in range(drives - freedoms):
         x[:] = 0.0
         x[freedoms + n] = 1.0
         turn(place.driving, freedoms, x)
         for i in range(drives):
-            for k in range(min(LANES, tree.shape[0] - s)):
+            for k in range(min(SAMPLES_AT_ONCE, tree.shape[0] - s)):
                 preload[s + k, place.drives[i], n] = x[i, k] / place.root[i]
 
 
@@ -186,11 +186,11 @@ def _close(place, rank, s, g, left, multipliers):
     y = place.y[: g.shape[1]]
     y[:] = 0.0
     for i in range(rank):
-        for k in range(LANES):
+        for k in range(SAMPLES_AT_ONCE):
             y[i, k] = left[min(s + k, g.shape[0] - 1), place.closing.order[i]]
     solve_lower(place.closing, rank, y)
     turn(place.closing, rank, y)
-    for k in range(min(LANES, g.shape[0] - s)):
+    for k in range(min(SAMPLES_AT_ONCE, g.shape[0] - s)):
         for r in range(g.shape[1]):
             multipliers[s + k, r] = y[r, k]
             for i in range(g.shape[2]):
@@ -205,10 +205,10 @@ def share(place, g, tree, out):
     Lanes beyond the last sample repeat it.
     """
     samples, nv, drives = tree.shape[0], tree.shape[1], place.drives.shape[0]
-    for s in range(0, samples, LANES):
-        end = min(s + LANES, samples)
+    for s in range(0, samples, SAMPLES_AT_ONCE):
+        end = min(s + SAMPLES_AT_ONCE, samples)
         out.width[s:end] = -1
-        for k in range(LANES):
+        for k in range(SAMPLES_AT_ONCE):
             own = g[min(s + k, samples - 1)]
             for r in range(g.shape[1]):
                 for i in range(nv):

@@ -26,7 +26,7 @@ from flexinv.typing import Array
 
 # How far a given motion may be from closed: in metres over the mechanism's length or radians, as six digits of coordinates leave
 # it; its rates and accelerations relative to their size, as those of a spline through samples of a few hundred per period.
-OPEN, RATE, ACCELERATION = 1e-6, 1e-4, 1e-3
+OPEN, RATE, ACCELERATION_OPEN = 1e-6, 1e-4, 1e-3
 # What opens no faster than this stands still [1/s], [1/s^2]: rounding over the step, and over its square, where constant samples
 # were differentiated; a ten-millionth of gravity where a mechanism is a metre long.
 STILL_RATE, STILL_ACCELERATION = 1e-8, 1e-6
@@ -47,7 +47,7 @@ class _Kind(NamedTuple):
 _KINDS = (
     _Kind("q", OPEN, 0.0, "|phi| (lengths over the mechanism's length)"),
     _Kind("qd", RATE, STILL_RATE, "|G qd| / (|G| |qd|)"),
-    _Kind("qdd", ACCELERATION, STILL_ACCELERATION, "|G qdd + G' qd| / (|G| |qdd| + |G' qd|)"),
+    _Kind("qdd", ACCELERATION_OPEN, STILL_ACCELERATION, "|G qdd + G' qd| / (|G| |qdd| + |G' qd|)"),
 )
 
 

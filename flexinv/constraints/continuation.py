@@ -32,7 +32,7 @@ from flexinv.constraints.continuation_kernel import (
     MOST_ITERATIONS,
     Chain,
     Problem,
-    follow,
+    continue_branch,
     rates,
 )
 from flexinv.constraints.phases import acting
@@ -121,7 +121,7 @@ def closed_motion(
     follower.check_freedoms(state, float(time[0]), phase)
     chain, problem = _compiled(mesh, rows, unknown)
     steps, k = (np.array(time), q, np.array(given[1])), 1
-    while (k := follow(chain, problem, *steps, k)) < len(time):
+    while (k := continue_branch(chain, problem, *steps, k)) < len(time):
         q[k] = follower.advance(q[k - 1], float(time[k - 1]), float(time[k]))
         k += 1
     return q, *_rates(mesh, rows, q, given[1], given[2], unknown, time)
@@ -192,7 +192,7 @@ def _close(mesh: Mesh, rows: Rows, unknown: NDArray[np.bool_], q: Array, qd: Arr
     chain, problem = _compiled(mesh, rows, unknown)
     anywhere = problem._replace(sizes=np.full(len(q), np.inf))
     both, condition = np.stack([q, q]), np.empty(1)
-    if follow(chain, anywhere, np.zeros(2), both, np.zeros((2, len(qd))), 1) < 2:
+    if continue_branch(chain, anywhere, np.zeros(2), both, np.zeros((2, len(qd))), 1) < 2:
         return False
     first, second = (np.where(unknown, 0.0, rate)[None] for rate in (qd, qdd))
     rates(chain, problem, both[1:], first, second, condition)

@@ -179,7 +179,7 @@ def _predict(chain, problem, q, rate, dt):
 
 
 @jit
-def follow(chain, problem, time, q, qd, first):
+def continue_branch(chain, problem, time, q, qd, first):
     """Follow the branch from sample ``first`` - 1 on; return the first sample [-] that is not reached, or their number.
 
     q : (samples, nq) [rad], [m] holds the given coordinates, and in row ``first`` - 1 all; qd : (samples, nv) their rates [rad/s]

@@ -25,7 +25,7 @@ from flexinv.typing import Array
 
 # Null vectors have unit length in [N m], forces times the mechanism's length; what rounding, enlarged by the condition of G,
 # leaves of a component is below.
-NONE = 1e-9
+NO_COMPONENT = 1e-9
 # Of every phase: what is redundant is so all along, but for singular positions.
 SAMPLES = 5
 
@@ -52,7 +52,7 @@ def determinate(mesh: Mesh, motion: NodalMotion, time: Array) -> dict[str, NDArr
             for sizes, part in ((loose, null), (firm, unit)):
                 for name, wrench in closing(mesh, some, rows, part / scale)[1].items():
                     sizes[name] = np.maximum(sizes[name], arms * np.abs(wrench).max(axis=0))
-    return {c.name: (loose[c.name] < NONE) & (firm[c.name] > NONE) for c in m.closures}
+    return {c.name: (loose[c.name] < NO_COMPONENT) & (firm[c.name] > NO_COMPONENT) for c in m.closures}
 
 
 def _some(motion: NodalMotion, phase: Phase) -> NodalMotion:

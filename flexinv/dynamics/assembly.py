@@ -19,6 +19,7 @@ from flexinv.elements.joint_law import JointLaw, own_effort, own_slope, smooth_d
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.so3 import exp, inverse_tangent
 from flexinv.kernels.vec3 import (
+    ZERO,
     add,
     add_scaled,
     add_to,
@@ -41,12 +42,11 @@ from flexinv.kinematics.tree import bring_back, carry, carry_variation
 
 # An element that turns more than this between its first and any other node is too coarse (log is singular at pi).
 LARGEST_TURN = 2.5  # [rad]
-NONE = (0.0, 0.0, 0.0)
 UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @jit_inner
-def place(topology, state, joints, frames, variation, cv, ca, want_tangent):
+def forward_pass(topology, state, joints, frames, variation, cv, ca, want_tangent):
     """Set motion f and variation d of all nodes from the unknowns s and the prescribed relative motion j [m, rad, s]."""
     for n in range(len(topology.parent)):
         columns = topology.size[topology.block[n]] if want_tangent else 0
@@ -91,7 +91,7 @@ def _place_section(n, o, columns, state, frames, variation, cv, ca):
 @jit_inner
 def passive_psi(n, topology, state, first):
     """Return the rotation vector [rad] that a passive joint has turned since the start of the step."""
-    psi = NONE
+    psi = ZERO
     for k in range(topology.freedoms[n]):
         psi = add_scaled(psi, state.d[first + k], vec(topology.turn[n, k]))
     return psi
@@ -103,7 +103,7 @@ def _place_passive(n, topology, state, joints, variation, cv, ca, columns):
     first = topology.offset[topology.block[n]] + topology.column[n]
     psi = passive_psi(n, topology, state, first)
     inverse = inverse_tangent(psi)
-    p, dp, ddp, w, al = vec(state.x[n]), NONE, NONE, NONE, NONE
+    p, dp, ddp, w, al = vec(state.x[n]), ZERO, ZERO, ZERO, ZERO
     for k in range(topology.freedoms[n]):
         slide, turn = vec(topology.slide[n, k]), vec(topology.turn[n, k])
         p = add_scaled(p, state.d[first + k], slide)
@@ -258,8 +258,8 @@ def _own_variation(n, topology, columns, work):
     for k in range(columns):
         i = k - topology.column[n]
         own = 0 <= i < topology.freedoms[n]
-        put(work.own_x[k], 0, vec(topology.slide[n, i]) if own else NONE)
-        put(work.own_t[k], 0, vec(topology.turn[n, i]) if own else NONE)
+        put(work.own_x[k], 0, vec(topology.slide[n, i]) if own else ZERO)
+        put(work.own_t[k], 0, vec(topology.turn[n, i]) if own else ZERO)
 
 
 @jit_inner

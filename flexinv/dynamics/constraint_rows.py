@@ -15,16 +15,15 @@ from numpy.typing import NDArray
 from flexinv.constraints.closures import Rows
 from flexinv.constraints.equations import fixed, gap
 from flexinv.kernels.jit import jit_inner
-from flexinv.kernels.vec3 import cross, dot, mat, put, scale, sub, tapply, vec, vec_at
+from flexinv.kernels.vec3 import ZERO, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
 from flexinv.typing import Array
 
 POSITION, DIRECTION, PULL, COUPLING = 0, 1, 2, 3
 # What `tie_rows` sets: phi, its rate, or its second rate.
-VALUES, RATES, ACCELERATIONS = 0, 1, 2
+VALUES, RATES, SECOND_RATES = 0, 1, 2
 # A constraint that moves with no unknown by more than this, in mechanism lengths, is one that no unknown can break (planar
 # loops of spatial joints): rounding leaves 1e-16.
 MOVES_NOTHING = 1e-13
-NONE = (0.0, 0.0, 0.0)
 UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -120,7 +119,7 @@ def _geared(k, constraints, state, wanted):
     value = constraints.given[k, wanted]
     for i in range(constraints.gear.shape[1]):
         if constraints.gear[k, i] != 0.0:
-            if wanted == ACCELERATIONS:
+            if wanted == SECOND_RATES:
                 value += constraints.gear[k, i] * state.du[i]
             elif wanted == RATES:
                 value += constraints.gear[k, i] * state.u[i]
@@ -146,7 +145,7 @@ def tie_rows(constraints, state, frames, wanted):
         a, b = constraints.a[k], constraints.b[k]
         u = fixed(frames, a, vec(constraints.u[k]))
         w = _second(k, a, b, constraints, frames)
-        if wanted == ACCELERATIONS:
+        if wanted == SECOND_RATES:
             constraints.value[k] = dot(u[2], w[0]) + 2 * dot(u[1], w[1]) + dot(u[0], w[2])
         elif wanted == RATES:
             constraints.value[k] = dot(u[1], w[0]) + dot(u[0], w[1])
@@ -162,9 +161,9 @@ def _set_gradient(k, a, b, constraints, frames, u, w):
     rb = mat(frames.r[b]) if b >= 0 else UNIT
     on_a = cross(vec(constraints.u[k]), tapply(ra, w))
     if constraints.kind[k] == DIRECTION:
-        put(constraints.gradient[k], 0, NONE)
+        put(constraints.gradient[k], 0, ZERO)
         put(constraints.gradient[k], 3, on_a)
-        put(constraints.gradient[k], 6, NONE)
+        put(constraints.gradient[k], 6, ZERO)
         put(constraints.gradient[k], 9, cross(vec(constraints.w[k]), tapply(rb, u)))
         return
     put(constraints.gradient[k], 0, scale(-1.0, u))

@@ -135,7 +135,7 @@ def predict(scheme, state):
     """Start a step: pseudo acceleration kept, all else by the formulas at the head of the file [m, rad, s]."""
     for k in range(len(state.d)):
         state.d[k] = scheme.h * state.u0[k] + 0.5 * scheme.h * scheme.h * state.pseudo[k]
-    follow(scheme, state)
+    update_rates(scheme, state)
 
 
 @jit_inner
@@ -147,7 +147,7 @@ def pseudo_acceleration(scheme, state, k):
 
 
 @jit_inner
-def follow(scheme, state):
+def update_rates(scheme, state):
     """Set velocities and accelerations that belong to the increments of the step [m, rad, s]."""
     for k in range(len(state.d)):
         pseudo = pseudo_acceleration(scheme, state, k)
@@ -178,7 +178,7 @@ def correct(topology, scheme, state, y):
                 at = first + topology.triple[n]
                 add_to(state.d, at, apply(turned, vec_at(y, at)))
     if scheme.mode == DYNAMIC:
-        follow(scheme, state)
+        update_rates(scheme, state)
 
 
 @jit_inner

@@ -11,10 +11,10 @@ forces stay as they are: positions and velocities do not change.
 
 from __future__ import annotations
 
-from flexinv.dynamics.assembly import node_wrenches, place
+from flexinv.dynamics.assembly import forward_pass, node_wrenches
 from flexinv.dynamics.bordered_solver import solve_border
-from flexinv.dynamics.constraint_rows import ACCELERATIONS as RATED
 from flexinv.dynamics.constraint_rows import PULL, tie_rows, tie_sides
+from flexinv.dynamics.constraint_rows import SECOND_RATES as RATED
 from flexinv.kernels.dense import solve_dense
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.vec3 import apply, dot, mat, vec
@@ -25,7 +25,7 @@ MASSLESS = 1e-16
 
 
 @jit_inner
-def settle(system, joints, y):
+def project_accelerations(system, joints, y):
     """Change accelerations state.du [m/s^2], [rad/s^2], multipliers, frames and wrenches [N], [N m] into those of index 1.
 
     work.residual[0] : what Newton has left
@@ -33,7 +33,7 @@ def settle(system, joints, y):
     topology, ties, state, frames = system.topology, system.border.ties, system.state, system.frames
     work, variation, level = system.work, system.variation, system.loads.level[0]
     full, change = work.settled[0], work.settled[1]
-    place(topology, state, joints, frames, variation, 0.0, 1.0, True)
+    forward_pass(topology, state, joints, frames, variation, 0.0, 1.0, True)
     _copy(work.wrench, full)
     node_wrenches(topology, frames, variation, level, work, False)
     _negative(work.wrench, change)
@@ -46,7 +46,7 @@ def settle(system, joints, y):
     solve_border(ties, 1.0, y)
     for i in range(y.shape[1]):
         state.du[i] += y[0, i]
-    place(topology, state, joints, frames, variation, 0.0, 1.0, False)
+    forward_pass(topology, state, joints, frames, variation, 0.0, 1.0, False)
     node_wrenches(topology, frames, variation, level, work, False)
     _add(work.wrench, change)
     _add_steps(ties, change)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexinv.dynamics.assembly import add_elements, gather, node_wrenches, place
+from flexinv.dynamics.assembly import add_elements, forward_pass, gather, node_wrenches
 from flexinv.dynamics.bordered_solver import solve_border
-from flexinv.dynamics.constraint_rows import ACCELERATIONS as RATED
 from flexinv.dynamics.constraint_rows import PULL, RATES, VALUES, add_gears, add_ties, tie_rows, tie_sides
+from flexinv.dynamics.constraint_rows import SECOND_RATES as RATED
 from flexinv.dynamics.generalized_alpha import (
     ACCELERATION,
     ACCELERATIONS,
@@ -20,7 +20,7 @@ from flexinv.dynamics.generalized_alpha import (
     largest_increment,
     predict,
 )
-from flexinv.dynamics.index1 import settle, solve_masses, weigh_massless
+from flexinv.dynamics.index1 import project_accelerations, solve_masses, weigh_massless
 from flexinv.dynamics.loads import add_loads, set_loads
 from flexinv.dynamics.spring_rows import pull_rows, pull_sides, turn_arms
 from flexinv.dynamics.tree_solver import solve_tree
@@ -52,7 +52,7 @@ def evaluate(system, scheme, joints, want_tangent):
     topology, frames, variation, work = system.topology, system.frames, system.variation, system.work
     ties, pulls, loads = system.border.ties, system.border.pulls, system.loads
     level, rated = loads.level[0], scheme.mode == ACCELERATION or scheme.mode == RESOLVED
-    place(topology, system.state, joints, frames, variation, scheme.cv, scheme.ca, want_tangent)
+    forward_pass(topology, system.state, joints, frames, variation, scheme.cv, scheme.ca, want_tangent)
     node_wrenches(topology, frames, variation, level, work, want_tangent)
     add_loads(topology, frames, variation, loads, work, want_tangent)
     tie_rows(ties, system.state, frames, RATED if rated else VALUES)
@@ -142,7 +142,7 @@ def march(system, scheme, instants, y, out):
         settles = scheme.mode == DYNAMIC and any_acts(ties)
         if settles:
             keep(state, ties)
-            settle(system, j, y)
+            project_accelerations(system, j, y)
         record(sample, system.frames, system.work, out)
         for k in range(out.multipliers.shape[1]):
             out.multipliers[sample, k] = ties.multiplier[k]

@@ -13,6 +13,7 @@ from typing import Any
 from flexinv.elements.beam import inverse_tangent_slope, part, point_hessian, point_of, rate_of, rates_by_pose, spread
 from flexinv.kernels.jit import jit_inner, jit_shared
 from flexinv.kernels.vec3 import (
+    ZERO,
     add,
     add_to,
     apply,
@@ -37,8 +38,6 @@ from flexinv.kernels.vec3 import (
     vec,
     vec_at,
 )
-
-NONE = (0.0, 0.0, 0.0)
 
 
 def _make_point(damped: bool) -> Any:
@@ -70,7 +69,7 @@ def _make_point(damped: bool) -> Any:
         if want_tangent:
             point_hessian(point, (n, m, couple), stiffness, w, scratch.parts)
             if damped:
-                point_hessian(point, (NONE, NONE, NONE), damping, w, rates.parts)
+                point_hessian(point, (ZERO, ZERO, ZERO), damping, w, rates.parts)
                 rates_by_pose(point, rate, damping, w, scratch.parts)
                 spread(count, shape, slope, rates.parts, rates.drag, damped)
             spread(count, shape, slope, scratch.parts, scratch.hessian, damped)

@@ -30,20 +30,20 @@ from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.simd import cos_sin
 from flexinv.typing import Array
 
-LANES = 8  # points of a block
-_LANES = np.uint64(LANES)
+POINTS_AT_ONCE = 8  # points of a block
+_LANES = np.uint64(POINTS_AT_ONCE)
 # Rows of a block.  First what is interpolated, then what follows: S, y, n, m; w times the first derivatives; w times the second.
 (U1, U2, PHI, BEND, COS, SIN, Y1, Y2, N1, N2, M, BY_U1, BY_U2, BY_PSI, BY_BEND, U1_U1, U1_U2, U2_U2, U1_PSI, U2_PSI,
- PSI_PSI, BEND_BEND) = (np.uint64(LANES * k) for k in range(22))  # fmt: skip
-BLOCK = np.uint64(22 * LANES)
+ PSI_PSI, BEND_BEND) = (np.uint64(POINTS_AT_ONCE * k) for k in range(22))  # fmt: skip
+POINT_BLOCK = np.uint64(22 * POINTS_AT_ONCE)
 # Rows of a block of constants.
-AXIAL, SHEAR, BENDING, WEIGHT, STRAIN1, STRAIN2, CURVATURE = (np.uint64(LANES * k) for k in range(7))
-CONSTANTS = np.uint64(7 * LANES)
+AXIAL, SHEAR, BENDING, WEIGHT, STRAIN1, STRAIN2, CURVATURE = (np.uint64(POINTS_AT_ONCE * k) for k in range(7))
+CONSTANTS = np.uint64(7 * POINTS_AT_ONCE)
 # Rows of a block of rates (v', phi', the rates of strain), and of damping coefficients; both empty where no beam is damped.
-R1, R2, SPIN, RATE1, RATE2, BENT = (np.uint64(LANES * k) for k in range(6))
-RATES = np.uint64(6 * LANES)
-D_AXIAL, D_SHEAR, D_BENDING = (np.uint64(LANES * k) for k in range(3))
-COEFFICIENTS = np.uint64(3 * LANES)
+R1, R2, SPIN, RATE1, RATE2, BENT = (np.uint64(POINTS_AT_ONCE * k) for k in range(6))
+RATES = np.uint64(6 * POINTS_AT_ONCE)
+D_AXIAL, D_SHEAR, D_BENDING = (np.uint64(POINTS_AT_ONCE * k) for k in range(3))
+COEFFICIENTS = np.uint64(3 * POINTS_AT_ONCE)
 
 
 class PlanarElements(NamedTuple):
@@ -76,7 +76,7 @@ TURN = 2.0 * np.pi
 def point(k, g, points):
     """Return the offset of point g of element k in the first row of its block [-]."""
     n = np.uint64(k * points + g)
-    return n // _LANES * BLOCK + n % _LANES
+    return n // _LANES * POINT_BLOCK + n % _LANES
 
 
 @jit_inner
@@ -113,8 +113,8 @@ def interpolate(elements, pose, u, p):
 def relax(elements, p):
     """Leave all points without stress [N], [N m], exactly."""
     for block in range(np.uint64(len(elements.constants)) // CONSTANTS):
-        at, own = block * BLOCK, block * CONSTANTS
-        for i in range(BLOCK):
+        at, own = block * POINT_BLOCK, block * CONSTANTS
+        for i in range(POINT_BLOCK):
             p[at + i] = 0.0
         for lane in range(_LANES):
             p[at + Y1 + lane], p[at + Y2 + lane] = (
@@ -158,7 +158,13 @@ def _make_gradients(damped: bool) -> Any:
 
     @jit_inner
     def gradients(lanes, block, elements, p, r):
-        at, own, by, d, k = block * BLOCK, block * CONSTANTS, block * RATES, block * COEFFICIENTS, elements.constants
+        at, own, by, d, k = (
+            block * POINT_BLOCK,
+            block * CONSTANTS,
+            block * RATES,
+            block * COEFFICIENTS,
+            elements.constants,
+        )
         for lane in range(lanes):
             c, s = cos_sin(p[at + PHI + lane])
             u1, u2 = p[at + U1 + lane], p[at + U2 + lane]
@@ -203,7 +209,7 @@ def _make_hessians(damped: bool) -> Any:
 
     @jit_inner
     def hessians(lanes, block, elements, cv, p):
-        at, own, d, k = block * BLOCK, block * CONSTANTS, block * COEFFICIENTS, elements.constants
+        at, own, d, k = block * POINT_BLOCK, block * CONSTANTS, block * COEFFICIENTS, elements.constants
         for lane in range(lanes):
             c, s, y1, y2 = p[at + COS + lane], p[at + SIN + lane], p[at + Y1 + lane], p[at + Y2 + lane]
             n1, n2, w = p[at + N1 + lane], p[at + N2 + lane], k[own + WEIGHT + lane]
@@ -286,7 +292,7 @@ def energy(elements, p):
     """Return the elastic energy of all elements [J]."""
     total, c = 0.0, elements.constants
     for block in range(np.uint64(len(c)) // CONSTANTS):
-        at, own = block * BLOCK, block * CONSTANTS
+        at, own = block * POINT_BLOCK, block * CONSTANTS
         for lane in range(_LANES):
             axial, shear = p[at + Y1 + lane] - c[own + STRAIN1 + lane], p[at + Y2 + lane] - c[own + STRAIN2 + lane]
             curvature = p[at + BEND + lane] - c[own + CURVATURE + lane]

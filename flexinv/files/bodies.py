@@ -8,7 +8,7 @@ import numpy as np
 
 from flexinv.errors import InputError
 from flexinv.files.schema import BodyTable, CylinderTable, PayloadTable, RodTable
-from flexinv.files.toml_tables import complaint, place
+from flexinv.files.toml_tables import complaint, location
 from flexinv.model.mechanism import Body, Inertia
 from flexinv.typing import Array
 
@@ -73,24 +73,24 @@ def read_inertia(table: BodyTable, file: Path, path: str) -> Inertia:
     if table.mass_kg is None:
         info = type(table).model_fields["mass_kg"]
         words = info.description or "", str((info.examples or [""])[0])
-        raise InputError(complaint(place(file, path, "mass_kg"), "nothing", *words))
+        raise InputError(complaint(location(file, path, "mass_kg"), "nothing", *words))
     given = [name for name in SHAPES if getattr(table, name) is not None]
     if len(given) != 1:
         advice = "inertia_kgm2 = { xx = 1e-4, yy = 2.9e-3, zz = 2.9e-3 }, or inertia_kgm2 = 0 for a point mass"
         expected = f"exactly one of {', '.join(SHAPES)}"
-        where = place(file, path, "inertia_kgm2")
+        where = location(file, path, "inertia_kgm2")
         raise InputError(complaint(where, " and ".join(given) or "nothing", expected, advice))
     tensor, centre = shape_inertia(table, table.mass_kg)
     com = np.array(table.com_m, dtype=np.float64) if table.com_m is not None else centre
     if com is None:
         expected = "the centre of mass, three numbers [m]"
-        raise InputError(complaint(place(file, path, "com_m"), "nothing", expected, "com_m = [0, 0, 0]"))
+        raise InputError(complaint(location(file, path, "com_m"), "nothing", expected, "com_m = [0, 0, 0]"))
     reason = impossible(tensor)
     if reason:
         expected = "the inertia of a body about its centre of mass [kg m^2]: symmetric, moments p1 + p2 >= p3 >= 0"
         advice = "the tensor about the centre of mass, not about the joint; check signs and order of its numbers"
         given_text = f"{np.array2string(tensor, separator=', ')}".replace("\n", "") + f": {reason}"
-        raise InputError(complaint(place(file, path, given[0]), given_text, expected, advice))
+        raise InputError(complaint(location(file, path, given[0]), given_text, expected, advice))
     return Inertia(table.mass_kg, com, (tensor + tensor.T) / 2)
 
 
@@ -110,11 +110,11 @@ def read_payloads(tables: list[PayloadTable], beam: bool, own: str, file: Path, 
                 else "no station: the link is rigid"
             )
             advice = "station = 1.0   (the tip)" if beam else "com_m alone, in the link frame"
-            raise InputError(complaint(place(file, here, "station"), given, expected, advice))
+            raise InputError(complaint(location(file, here, "station"), given, expected, advice))
         if table.name in (own, *(body.name for body in bodies)):
             expected = "a name of its own for each body of a link"
             raise InputError(
-                complaint(place(file, here, "name"), f'"{table.name}" twice', expected, f'name = "{table.name}_2"')
+                complaint(location(file, here, "name"), f'"{table.name}" twice', expected, f'name = "{table.name}_2"')
             )
         bodies.append(Body(table.name, read_inertia(table, file, here), table.station))
     return tuple(bodies)

@@ -20,7 +20,7 @@ from flexinv.files.case_schema import (
     RotationTable,
     TwoAnglesTable,
 )
-from flexinv.files.toml_tables import complaint, place, validate
+from flexinv.files.toml_tables import complaint, location, validate
 from flexinv.model.joint_kinds import KINDS, POSE
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.motion import Motion
@@ -66,7 +66,7 @@ def read_motion(table: MotionTable, mechanism: Mechanism, file: Path, path: str)
         given, write = (
             ('law = "sampled" without csv', 'csv = "..."') if table.csv is None else ("csv", 'law = "sampled"')
         )
-        where = place(file, path, "csv" if table.csv is None else "law")
+        where = location(file, path, "csv" if table.csv is None else "law")
         raise InputError(complaint(where, given, 'law = "sampled" and csv together', write))
     if table.csv is not None:
         return _sampled(table, table.csv, mechanism, file, path)
@@ -95,13 +95,15 @@ def _sampled(table: MotionTable, csv: str, mechanism: Mechanism, file: Path, pat
         if getattr(table, name):
             expected = "the times and joints of the CSV file alone"
             raise InputError(
-                complaint(place(file, path, name), f"{name} beside csv", expected, "samples that rest, if so meant")
+                complaint(location(file, path, name), f"{name} beside csv", expected, "samples that rest, if so meant")
             )
     folder = file.resolve().parent
     samples = (folder / csv).resolve()
     if Path(csv).is_absolute() or not samples.is_relative_to(folder):
         expected = "a file in the folder of the cases"
-        raise InputError(complaint(place(file, path, "csv"), f'csv = "{csv}"', expected, f'csv = "{Path(csv).name}"'))
+        raise InputError(
+            complaint(location(file, path, "csv"), f'csv = "{csv}"', expected, f'csv = "{Path(csv).name}"')
+        )
     time, columns, gap = read_samples(samples, mechanism, table.largest_gap_s)
     motion = Motion.from_samples(time, columns, rest=table.rest, max_gap=gap)
     _check_complete(set(columns), mechanism, file, path)
@@ -116,14 +118,14 @@ def _joint(name: str, mechanism: Mechanism, file: Path, path: str) -> Joint:
     given = f"a motion for joint {name}" + (", which is fixed" if name in mechanism.joint_of else "")
     expected = f"a joint of {mechanism.name} that moves: {', '.join(movable[:20])}"
     write = f"{near} instead of {name}" if near and near != name else "one of these"
-    raise InputError(complaint(place(file, f"{path}.joints", name), given, expected, write))
+    raise InputError(complaint(location(file, f"{path}.joints", name), given, expected, write))
 
 
 def _timing(move: MoveTable, table: MotionTable, file: Path, path: str) -> Timing:
     duration = move.duration_s or table.duration_s
     if duration is None:
         expected = MotionTable.model_fields["duration_s"].description or ""
-        raise InputError(complaint(place(file, path, "duration_s"), "nothing", expected, "duration_s = 1.0"))
+        raise InputError(complaint(location(file, path, "duration_s"), "nothing", expected, "duration_s = 1.0"))
     hold = table.hold_s if move.hold_s is None else move.hold_s
     delay = table.delay_s if move.delay_s is None else move.delay_s
     return move.law or table.law, duration, hold, delay
@@ -144,7 +146,7 @@ def _part(move: MoveTable, part: Mapping[str, Reader], write: str, file: Path, p
         units = " or ".join(part)
         given = ", ".join(f"{when}_{u}" for when, found in stated.items() for u in found) or "nothing"
         expected = f"where from and where to, or where it rests: from_, to_ or at_ with {units}, each once"
-        raise InputError(complaint(place(file, path), given, expected, write))
+        raise InputError(complaint(location(file, path), given, expected, write))
     values = {when: part[units[0]](getattr(move, f"{when}_{units[0]}")) for when, units in stated.items() if units}
     return values.get("from", values.get("at", np.empty(0))), values.get("to", values.get("at", np.empty(0)))
 
@@ -162,7 +164,7 @@ def _add_others(
     if not groups:
         raise InputError(
             complaint(
-                place(file, path, "joints"),
+                location(file, path, "joints"),
                 "nothing",
                 "at least one joint that moves",
                 "joints.elbow = { from_deg = 0, to_deg = 90 }",
@@ -181,4 +183,4 @@ def _check_complete(given: set[str], mechanism: Mechanism, file: Path, path: str
     if missing and not mechanism.closures:  # in a loop the closures move the joints that the motion leaves out
         expected = f"a motion for every joint with an actuator; missing: {', '.join(j.name for j in missing[:10])}"
         write = f'{missing[0].name} = {MOVES[KINDS[missing[0].kind].units][2]}, or others = "at_zero"'
-        raise InputError(complaint(place(file, f"{path}.joints", missing[0].name), "nothing", expected, write))
+        raise InputError(complaint(location(file, f"{path}.joints", missing[0].name), "nothing", expected, write))

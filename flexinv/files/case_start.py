@@ -17,7 +17,7 @@ from flexinv.files.case_schema import (
     RotationStartTable,
     TwoAnglesStartTable,
 )
-from flexinv.files.toml_tables import Table, complaint, place, validate
+from flexinv.files.toml_tables import Table, complaint, location, validate
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
@@ -60,7 +60,7 @@ def read_places(
             near = nearest(name, joints)
             expected = f"a joint of {mechanism.name} that moves: {', '.join(joints[:20]) or 'there is none'}"
             write = f"{near} instead of {name}" if near else f"no start.{name}"
-            raise InputError(complaint(place(file, path, name), f"a start for joint {name}", expected, write))
+            raise InputError(complaint(location(file, path, name), f"a start for joint {name}", expected, write))
         model, parts, write = STARTS[KINDS[mechanism.joint_of[name].kind].units]
         where = f"{path}.{name}"
         table = validate(model, data, file, where)
@@ -73,12 +73,12 @@ def _refuse(name: str, moved: bool, passive: list[str], file: Path, path: str) -
     given = f"a start for joint {name}" + (", which the motion moves" if moved else "")
     expected = f"a joint that the motion leaves out: {', '.join(passive[:20]) or 'there is none'}"
     write = f"{near} instead of {name}" if near and not moved else f"the motion alone; no start.{name}"
-    raise InputError(complaint(place(file, path, name), given, expected, write))
+    raise InputError(complaint(location(file, path, name), given, expected, write))
 
 
 def _part(table: Table, part: Mapping[str, Reader], write: str, file: Path, path: str) -> Array:
     stated = [key for key in part if getattr(table, key) is not None]
     if len(stated) != 1:
         expected = f"where it starts: one of {', '.join(part)}"
-        raise InputError(complaint(place(file, path), " and ".join(stated) or "nothing", expected, write))
+        raise InputError(complaint(location(file, path), " and ".join(stated) or "nothing", expected, write))
     return part[stated[0]](getattr(table, stated[0]))

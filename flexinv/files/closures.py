@@ -24,7 +24,7 @@ from flexinv.files.toml_tables import (
     Vector,
     complaint,
     key,
-    place,
+    location,
     toml_text,
     validate,
 )
@@ -150,15 +150,15 @@ def read_closure(data: Any, links: Mapping[str, Link], taken: Mapping[str, Joint
     kind = data.get("kind") if isinstance(data, dict) else None
     if kind is not None and (not isinstance(kind, str) or kind not in CLOSURES):
         write = f'kind = "{nearest(str(kind), CLOSURES) or "revolute"}"'
-        raise InputError(complaint(place(file, path, "kind"), f"kind = {toml_text(kind)}", f"one of {KINDS}", write))
+        raise InputError(complaint(location(file, path, "kind"), f"kind = {toml_text(kind)}", f"one of {KINDS}", write))
     if name in taken:
         expected = "a name of its own: a closure is a joint too, and results are named after both"
-        raise InputError(complaint(place(file, path), f'"{name}", also a joint', expected, f"[{path}_closure]"))
+        raise InputError(complaint(location(file, path), f'"{name}", also a joint', expected, f"[{path}_closure]"))
     if kind == "coupling":
         return _coupling(validate(CouplingTable, data, file, path), taken, file, path, name)
     table = validate(TABLES.get(kind or "", AxisClosureTable), data, file, path)
     axes: dict[str, Any] = {
-        axis: unit_axis(getattr(table, axis), place(file, path, axis), f"{axis} = [0, 0, 1]")
+        axis: unit_axis(getattr(table, axis), location(file, path, axis), f"{axis} = [0, 0, 1]")
         for axis in ("axis", "second_axis")
         if hasattr(table, axis)
     }
@@ -176,7 +176,7 @@ def read_closure(data: Any, links: Mapping[str, Link], taken: Mapping[str, Joint
 
 
 def _coupling(table: CouplingTable, joints: Mapping[str, Joint], file: Path, path: str, name: str) -> Closure:
-    where, write = place(file, path, "factors"), "factors = { motor = 1, wheel = -5 }"
+    where, write = location(file, path, "factors"), "factors = { motor = 1, wheel = -5 }"
     scalar = [j for j, joint in joints.items() if joint.kind in COUPLED]
     for joint in table.factors:
         if joint not in scalar:
@@ -195,12 +195,14 @@ def _coupling(table: CouplingTable, joints: Mapping[str, Joint], file: Path, pat
 def _impact(table: ClosureTable, file: Path, path: str) -> str:
     if table.impact not in IMPACTS:
         write = f'impact = "{nearest(table.impact, IMPACTS) or "plastic"}"'
-        raise InputError(complaint(place(file, path, "impact"), f"impact = {toml_text(table.impact)}", IMPACT, write))
+        raise InputError(
+            complaint(location(file, path, "impact"), f"impact = {toml_text(table.impact)}", IMPACT, write)
+        )
     for name, given in (("capture", table.capture), ("impact", table.impact != "error")):
         if given and not table.active_s:
             expected = f"active_s with the time at which it begins to act, or no {name}"
             write = "active_s = [[0.5, 1.0]]"
-            raise InputError(complaint(place(file, path, name), f"{name} without active_s", expected, write))
+            raise InputError(complaint(location(file, path, name), f"{name} without active_s", expected, write))
     return table.impact
 
 
@@ -219,10 +221,10 @@ def read_force(data: Any, links: Mapping[str, Link], file: Path, name: str) -> F
     time = np.array(table.time_s or [0.0])
     if (np.diff(time) <= 0).any():
         given, write = f"time_s = {toml_text(table.time_s)}", "time_s = [0.0, 0.5]"
-        raise InputError(complaint(place(file, path, "time_s"), given, "times that increase [s]", write))
+        raise InputError(complaint(location(file, path, "time_s"), given, "times that increase [s]", write))
     if table.force_N is None and table.moment_Nm is None:
         expected = "force_N [N], moment_Nm [N m] or both"
-        raise InputError(complaint(place(file, path, "force_N"), "nothing", expected, "force_N = [0, 0, -10]"))
+        raise InputError(complaint(location(file, path, "force_N"), "nothing", expected, "force_N = [0, 0, -10]"))
     parts = [_of_time(getattr(table, k), len(time), k, file, path) for k in ("force_N", "moment_Nm")]
     return Force(name, _end(table.at, links, file, f"{path}.at"), np.hstack(parts), time, table.follower)
 
@@ -232,7 +234,7 @@ def _of_time(rows: list[list[float]] | None, count: int, name: str, file: Path, 
     if len(values) not in (1, count):
         expected = f"one row, or {count}: one for each of time_s" if count > 1 else "one row, or time_s with the times"
         write = f"time_s with {len(values)} times"
-        raise InputError(complaint(place(file, path, name), f"{len(values)} rows", expected, write))
+        raise InputError(complaint(location(file, path, name), f"{len(values)} rows", expected, write))
     return np.broadcast_to(values, (count, 3))
 
 
@@ -240,7 +242,7 @@ def _pair(table: PairTable, links: Mapping[str, Link], file: Path, path: str) ->
     ends = tuple(_end(getattr(table, k), links, file, f"{path}.{k}") for k in ("first", "second"))
     if ends[0].link == ends[1].link:
         given, write = f'first and second are both on "{ends[1].link}"', 'second = { link = "world" }, or another link'
-        raise InputError(complaint(place(file, f"{path}.second", "link"), given, "two different links", write))
+        raise InputError(complaint(location(file, f"{path}.second", "link"), given, "two different links", write))
     return ends[0], ends[1]
 
 
@@ -249,10 +251,10 @@ def _end(table: EndTable, links: Mapping[str, Link], file: Path, path: str) -> A
         near = nearest(table.link, [WORLD, *links])
         expected = f'"{WORLD}" or one of the links ' + ", ".join(list(links)[:20])
         write = f'link = "{near}"' if near else "the name of one of these"
-        raise InputError(complaint(place(file, path, "link"), f'link = "{table.link}"', expected, write))
+        raise InputError(complaint(location(file, path, "link"), f'link = "{table.link}"', expected, write))
     on_beam = table.link != WORLD and links[table.link].beam is not None
     if on_beam != (table.station is not None):
-        where = place(file, path, "station")
+        where = location(file, path, "station")
         if on_beam:
             expected = f"the fraction 0..1 of the beam {table.link} that carries it [-]"
             raise InputError(complaint(where, "nothing", expected, "station = 1.0   (the tip)"))
@@ -267,6 +269,6 @@ def _intervals(active: list[list[float]], file: Path, path: str) -> tuple[tuple[
         expected = "intervals [start, end] with start < end, one after the other [s]"
         given = f"active_s = {toml_text(active)}"
         raise InputError(
-            complaint(place(file, path, "active_s"), given, expected, "active_s = [[0.0, 0.5], [1.0, 2.0]]")
+            complaint(location(file, path, "active_s"), given, expected, "active_s = [[0.0, 0.5], [1.0, 2.0]]")
         )
     return tuple((interval[0], interval[1]) for interval in active)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from flexinv.errors import InputError
-from flexinv.files.toml_tables import NotNegative, Positive, Table, complaint, key, place
+from flexinv.files.toml_tables import NotNegative, Positive, Table, complaint, key, location
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Drive
 
@@ -88,7 +88,7 @@ def read_drive(table: MotorTable | None, file: Path, path: str) -> Drive | None:
     if table.static_Nm and table.static_Nm < table.coulomb_Nm:
         given = f"static_Nm = {table.static_Nm:g} below coulomb_Nm = {table.coulomb_Nm:g}"
         advice = f"static_Nm = {1.5 * table.coulomb_Nm:g}"
-        raise InputError(complaint(place(file, path, "static_Nm"), given, "at least coulomb_Nm [N m]", advice))
+        raise InputError(complaint(location(file, path, "static_Nm"), given, "at least coulomb_Nm [N m]", advice))
     return Drive(
         ratio=gear[0],
         rotor_inertia=table.motor_inertia_kgm2,

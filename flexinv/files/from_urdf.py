@@ -17,7 +17,7 @@ from flexinv.files.bodies import impossible
 from flexinv.files.joints import rotation_from_rpy, unit_axis
 from flexinv.files.toml_tables import complaint
 from flexinv.files.tree_order import check_ends, depth_first
-from flexinv.files.urdf_xml import name_of, number, numbers, place, read_robot
+from flexinv.files.urdf_xml import location, name_of, number, numbers, read_robot
 from flexinv.model.mechanism import WORLD, Body, Inertia, Joint, Limits, Link, Mechanism, Placement
 from flexinv.validation import floats, names, nearest, refuse, shown
 from flexinv.validation import path as path_of
@@ -103,7 +103,9 @@ def _links(robot: Element, path: Path) -> dict[str, Inertia | None]:
     for element in robot.findall("link"):
         name = name_of(element, path)
         if name in links:
-            raise InputError(complaint(place(path, element), "this link twice", "each link once", "a name of its own"))
+            raise InputError(
+                complaint(location(path, element), "this link twice", "each link once", "a name of its own")
+            )
         links[name] = _inertia(element, path)
     if not links:
         raise InputError(complaint(str(path), "a robot without links", "at least one <link>", '<link name="base">'))
@@ -118,17 +120,17 @@ def _inertia(link: Element, path: Path) -> Inertia | None:
     inertial = link.find("inertial")
     if inertial is None:
         return None
-    mass = number(inertial.find("mass"), "value", 0.0, place(path, link, "mass"))
+    mass = number(inertial.find("mass"), "value", 0.0, location(path, link, "mass"))
     if mass < 0:
         raise InputError(
-            complaint(place(path, link, "mass"), f'value="{mass:g}"', "a mass >= 0 [kg]", f'value="{-mass:g}"')
+            complaint(location(path, link, "mass"), f'value="{mass:g}"', "a mass >= 0 [kg]", f'value="{-mass:g}"')
         )
-    entry, where = inertial.find("inertia"), place(path, link, "inertia")
+    entry, where = inertial.find("inertia"), location(path, link, "inertia")
     xx, xy, xz, yy, yz, zz = (number(entry, name, 0.0, where) for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     if mass == 0.0 and not tensor.any():
         return None
-    origin = _origin(inertial, place(path, link, "inertial"))
+    origin = _origin(inertial, location(path, link, "inertial"))
     return Inertia(mass, origin.position, origin.rotation @ tensor @ origin.rotation.T)
 
 
@@ -144,18 +146,18 @@ def _joints(robot: Element, path: Path) -> list[Joint]:
         name = name_of(element, path)
         if name in joints:
             raise InputError(
-                complaint(place(path, element), "this joint twice", "each joint once", "a name of its own")
+                complaint(location(path, element), "this joint twice", "each joint once", "a name of its own")
             )
         joints[name] = _joint(element, name, path)
     return list(joints.values())
 
 
 def _joint(element: Element, name: str, path: Path) -> Joint:
-    kind, where = element.get("type", ""), place(path, element)
+    kind, where = element.get("type", ""), location(path, element)
     if kind not in KINDS:
         near = "two prismatic and one revolute joint" if kind == "planar" else nearest(kind, KINDS) or "revolute"
         expected = f"one of {', '.join(KINDS)}" + ("; planar joints are not supported" if kind == "planar" else "")
-        raise InputError(complaint(place(path, element, "type"), f'type="{kind[:60]}"', expected, near))
+        raise InputError(complaint(location(path, element, "type"), f'type="{kind[:60]}"', expected, near))
     ends = []
     for tag in ("parent", "child"):
         end = element.find(tag)
@@ -210,7 +212,7 @@ def _root(links: dict[str, Inertia | None], joints: list[Joint], robot: Element,
         if roots
         else "the loop cut at one joint, and [closures.NAME] beside [urdf] for it"
     )
-    raise InputError(complaint(place(path, robot), given, expected, advice))
+    raise InputError(complaint(location(path, robot), given, expected, advice))
 
 
 def _based(

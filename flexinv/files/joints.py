@@ -22,7 +22,7 @@ from flexinv.files.toml_tables import (
     Vector,
     complaint,
     key,
-    place,
+    location,
     toml_text,
     validate,
 )
@@ -221,18 +221,18 @@ def read_joint(data: Any, file: Path, name: str) -> Joint:
     kind = data.get("kind") if isinstance(data, dict) else None
     if kind is not None and (not isinstance(kind, str) or kind not in KINDS):
         near = nearest(str(kind), KINDS) or "revolute"
-        where = place(file, path, "kind")
+        where = location(file, path, "kind")
         raise InputError(complaint(where, f"kind = {toml_text(kind)}", f"one of {NAMES}", f'kind = "{near}"'))
     table = validate(TABLES.get(kind or "", RevoluteTable), data, file, path)
     axes: dict[str, Any] = {}
     for axis in ("axis", "second_axis"):
         if hasattr(table, axis):
-            axes[axis] = unit_axis(getattr(table, axis), place(file, path, axis), f"{axis} = [0, 0, 1]")
+            axes[axis] = unit_axis(getattr(table, axis), location(file, path, axis), f"{axis} = [0, 0, 1]")
     if "second_axis" in axes and abs(axes["axis"] @ axes["second_axis"]) > UNIT:
         expected = "a second axis at right angles to the first [-]"
         advice = "second_axis = [0, 1, 0] with axis = [1, 0, 0]; else two revolute joints with a massless link between"
         given = f"second_axis = {axes['second_axis'].tolist()}"
-        raise InputError(complaint(place(file, path, "second_axis"), given, expected, advice))
+        raise InputError(complaint(location(file, path, "second_axis"), given, expected, advice))
     return Joint(
         name, table.kind, table.parent, table.child, read_placement(table.placement, file, f"{path}.placement"),
         table.station, **axes, **drive(table, file, path), limits=_limits(table, file, f"{path}.limits"),
@@ -244,7 +244,7 @@ def _pitch(table: Table, file: Path, path: str) -> float:
     """Return the way of a screw for a whole turn [m], 0 of other joints."""
     pitch = float(getattr(table, "pitch_m", 0.0))
     if hasattr(table, "pitch_m") and not pitch:
-        where = place(file, path, "pitch_m")
+        where = location(file, path, "pitch_m")
         raise InputError(
             complaint(where, "pitch_m = 0", "a pitch other than zero [m]", 'kind = "revolute", no pitch_m')
         )
@@ -272,12 +272,12 @@ def _rest(table: Table, stiffness: float, file: Path, path: str) -> float:
     named = [k for k in ("rest_rad", "rest_deg", "rest_m") if k in table.model_fields_set]
     if len(named) > 1:
         raise InputError(
-            complaint(place(file, path, named[1]), " and ".join(named), "one of them", f"{named[0]} alone")
+            complaint(location(file, path, named[1]), " and ".join(named), "one of them", f"{named[0]} alone")
         )
     if named and not stiffness:
         spring = next(k for k in type(table).model_fields if k.startswith("stiffness"))
         expected = f"a stiffness too: {type(table).model_fields[spring].description}"
-        raise InputError(complaint(place(file, path, named[0]), f"{named[0]} alone", expected, f"{spring} = 20"))
+        raise InputError(complaint(location(file, path, named[0]), f"{named[0]} alone", expected, f"{spring} = 20"))
     value = float(getattr(table, named[0])) if named else 0.0
     return float(np.radians(value)) if named == ["rest_deg"] else value
 
@@ -316,7 +316,7 @@ def read_placement(table: PlacementTable | None, file: Path, path: str) -> Place
         return Placement()
     stated = [name for name in ("rpy_deg", "rpy_rad", "rotation") if getattr(table, name) is not None]
     if len(stated) > 1:
-        where = place(file, path, stated[1])
+        where = location(file, path, stated[1])
         raise InputError(
             complaint(where, " and ".join(stated), "one of rpy_deg, rpy_rad, rotation", f"{stated[0]} alone")
         )
@@ -347,6 +347,6 @@ def _limits(table: JointTable, file: Path, path: str) -> Limits:
     if read.lower > read.upper:
         given = f"lower {read.lower:g}, upper {read.upper:g}"
         raise InputError(
-            complaint(place(file, path, "upper"), given, "lower <= upper", "the two exchanged, if so meant")
+            complaint(location(file, path, "upper"), given, "lower <= upper", "the two exchanged, if so meant")
         )
     return read

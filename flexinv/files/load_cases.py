@@ -13,7 +13,7 @@ from flexinv.errors import InputError
 from flexinv.files.case_motion import read_motion
 from flexinv.files.case_schema import OF_BEAMS, CasesTable, CaseTable, LimitTable, read_cases
 from flexinv.files.case_start import read_start
-from flexinv.files.toml_tables import check_names, complaint, place, validate
+from flexinv.files.toml_tables import check_names, complaint, location, validate
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
 from flexinv.typing import Array
@@ -87,7 +87,7 @@ def load_cases(path: str | Path, mechanism: Mechanism) -> dict[str, Case]:
     check_names(file, cases=table.cases)
     if not table.cases:
         expected = CasesTable.model_fields["cases"].description or ""
-        raise InputError(complaint(place(file, "cases"), "no case", expected, "[cases.cycloid]"))
+        raise InputError(complaint(location(file, "cases"), "no case", expected, "[cases.cycloid]"))
     shared = [_limit(limit) for limit in table.limits]
     return {name: _case(data, name, table.source, shared, mechanism, file) for name, data in table.cases.items()}
 
@@ -126,7 +126,7 @@ def _measured(table: CaseTable, file: Path, path: str) -> Path | None:
         near = nearest(table.measured, sorted(p.name for p in file.parent.glob("*.csv")))
         write = f'measured = "{near}"' if near else "the name of a file that exists"
         given, expected = f'measured = "{table.measured}"', "the name of a CSV file in the same folder"
-        raise InputError(complaint(place(file, path, "measured"), given, expected, write))
+        raise InputError(complaint(location(file, path, "measured"), given, expected, write))
     return found
 
 
@@ -135,19 +135,19 @@ def _check_times(table: CaseTable, motion: Motion, end: float, sample: float, fi
     if step > min(motion.duration, end):
         expected = f"a step shorter than the motion of {motion.duration:g} s and the case of {end:g} s [s]"
         write = f"step_s = {min(motion.duration, end) / 1000:.4g}"
-        raise InputError(complaint(place(file, path, "step_s"), f"step_s = {step:g}", expected, write))
+        raise InputError(complaint(location(file, path, "step_s"), f"step_s = {step:g}", expected, write))
     for key, value, part, word in (("sample_s", sample, step, "step_s"), ("end_s", end, sample, "sample_s")):
         if not _is_multiple(value, part):
             nearby = max(round(value / part), 1) * part
             expected = f"a whole number of {word} = {part:g} [s]"
             raise InputError(
-                complaint(place(file, path, key), f"{key} = {value:g}", expected, f"{key} = {nearby:.10g}")
+                complaint(location(file, path, key), f"{key} = {value:g}", expected, f"{key} = {nearby:.10g}")
             )
     for jump in motion.jumps:
         if jump < end and not _is_multiple(jump, step):
             expected = f"a step that meets the jump of the acceleration at {jump:g} s"
             write = f"step_s = {jump / max(round(jump / step), 1):.10g}"
-            raise InputError(complaint(place(file, path, "step_s"), f"step_s = {step:g}", expected, write))
+            raise InputError(complaint(location(file, path, "step_s"), f"step_s = {step:g}", expected, write))
 
 
 def _is_multiple(value: float, part: float) -> bool:
@@ -161,10 +161,10 @@ def _check_quantities(table: CaseTable, mechanism: Mechanism, file: Path, path: 
             given = f'"{quantity}" of a mechanism without beams'
             expected = f"torque, wrench or tip: {mechanism.name} is rigid"
             write = f"quantities without {quantity}"
-            raise InputError(complaint(place(file, path, "quantities"), given, expected, write))
+            raise InputError(complaint(location(file, path, "quantities"), given, expected, write))
     for k, limit in enumerate(table.limits):
         if limit.quantity not in table.quantities:
             expected = f"one of the case's quantities: {', '.join(table.quantities)}"
-            where = place(file, f"{path}.limits[{k}]", "quantity")
+            where = location(file, f"{path}.limits[{k}]", "quantity")
             write = f'"{limit.quantity}" in quantities, or no limit for it'
             raise InputError(complaint(where, f'quantity = "{limit.quantity}"', expected, write))

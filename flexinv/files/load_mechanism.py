@@ -19,7 +19,7 @@ from flexinv.files.joints import read_joint, read_placement
 from flexinv.files.overlay import overlaid
 from flexinv.files.schema import BeamLinkTable, DampingTable, MechanismTable, RigidLinkTable, UrdfTable
 from flexinv.files.sections import CrossSection, read_section, section_along
-from flexinv.files.toml_tables import check_names, complaint, place, read_toml, toml_text, validate
+from flexinv.files.toml_tables import check_names, complaint, location, read_toml, toml_text, validate
 from flexinv.files.tree_order import depth_first
 from flexinv.files.urdf_table import find_urdf
 from flexinv.model.damping import ModalDamping, with_retardation
@@ -66,7 +66,7 @@ def toml_file(path: str | Path, name: str) -> Path:
 def _native(table: MechanismTable, sections: Mapping[str, CrossSection], file: Path) -> Mechanism:
     if table.overlay is not None:
         given, advice = "overlay without [urdf]", "its keys in [links.NAME] and [joints.NAME] themselves"
-        raise InputError(complaint(place(file, "overlay"), given, "an overlay of a URDF", advice))
+        raise InputError(complaint(location(file, "overlay"), given, "an overlay of a URDF", advice))
     for key, stated, write in (
         (
             "gravity_m_per_s2",
@@ -78,12 +78,12 @@ def _native(table: MechanismTable, sections: Mapping[str, CrossSection], file: P
     ):
         if not stated:
             expected = MechanismTable.model_fields[key].description or ""
-            raise InputError(complaint(place(file, "", key), "nothing", expected, write))
+            raise InputError(complaint(location(file, "", key), "nothing", expected, write))
     links = {name: _link(data, name, sections, file) for name, data in table.links.items()}
     joints = [read_joint(data, file, name) for name, data in table.joints.items()]
 
     def where(kind: str, name: str, key: str) -> str:
-        return place(file, f"{kind}s.{name}", key)
+        return location(file, f"{kind}s.{name}", key)
 
     ordered = depth_first(joints, links, where)
     for joint in ordered:
@@ -105,13 +105,13 @@ def _damped(mechanism: Mechanism, table: DampingTable | None, file: Path) -> Mec
     """Return the mechanism with the damping of its file [s], [-]; a ratio stays data until a mesh is built."""
     if table is None:
         return mechanism
-    where = place(file, "damping", "ratio")
+    where = location(file, "damping", "ratio")
     if (table.retardation_s is None) == (table.ratio is None):
         given = "neither" if table.ratio is None else "both"
         raise InputError(complaint(where, given, "one of ratio [-] and retardation_s [s]", "ratio = 0.01"))
     if any(link.beam is not None and link.beam.section.damping is not None for link in mechanism.links):
         given = "[damping] beside retardation_s of a section"
-        raise InputError(complaint(place(file, "damping"), given, "one or the other", "no table [damping]"))
+        raise InputError(complaint(location(file, "damping"), given, "one or the other", "no table [damping]"))
     if not mechanism.beams:
         complained = complaint(where, "no link that is a beam", "a beam to damp", "damping of joints in their tables")
         raise InputError(complained)
@@ -125,12 +125,12 @@ def _link(data: Any, name: str, sections: Mapping[str, CrossSection], file: Path
     if name == WORLD:
         advice = f'[links.base], and joints that hang on parent = "{WORLD}"'
         raise InputError(
-            complaint(place(file, path), f'a link named "{WORLD}"', "another name: the world is no link", advice)
+            complaint(location(file, path), f'a link named "{WORLD}"', "another name: the world is no link", advice)
         )
     kind = data.get("kind", "rigid") if isinstance(data, dict) else "rigid"
     if not isinstance(kind, str) or kind not in LINKS:
         given = f"kind = {toml_text(kind)}"
-        raise InputError(complaint(place(file, path, "kind"), given, '"rigid" or "beam"', 'kind = "rigid"'))
+        raise InputError(complaint(location(file, path, "kind"), given, '"rigid" or "beam"', 'kind = "rigid"'))
     table = validate(LINKS[kind], data, file, path)
     if isinstance(table, BeamLinkTable):
         return _beam_link(table, name, sections, file, path)
@@ -140,7 +140,7 @@ def _link(data: Any, name: str, sections: Mapping[str, CrossSection], file: Path
 def _rigid_link(table: RigidLinkTable, name: str, file: Path, path: str) -> Link:
     if table.massless and (table.mass_kg is not None or table.inertia_kgm2 is not None):
         given, expected = "massless = true and a mass or an inertia", "one or the other"
-        raise InputError(complaint(place(file, path, "massless"), given, expected, "massless = false, or no mass"))
+        raise InputError(complaint(location(file, path, "massless"), given, expected, "massless = false, or no mass"))
     own = () if table.massless else (Body(name, read_inertia(table, file, path)),)
     payload = read_payloads(table.payload, False, name, file, path)
     return Link(name, (*own, *payload), tip=_tip(table))
@@ -167,7 +167,7 @@ def _check_station(joint: Joint, links: Mapping[str, Link], file: Path) -> None:
     on_beam = joint.parent != WORLD and links[joint.parent].beam is not None
     if on_beam == (joint.station is not None):
         return
-    where = place(file, f"joints.{joint.name}", "station")
+    where = location(file, f"joints.{joint.name}", "station")
     if on_beam:
         expected = f"the fraction 0..1 of the beam {joint.parent} that carries the joint [-]"
         raise InputError(complaint(where, "nothing", expected, "station = 1.0   (the tip)"))
@@ -180,7 +180,7 @@ def _from_urdf(table: MechanismTable, urdf: UrdfTable, sections: Mapping[str, Cr
     for key in ("links", "joints"):
         if getattr(table, key):
             advice = f"[overlay.{key}.NAME] for what is laid over the URDF"
-            raise InputError(complaint(place(file, key), f"[{key}] beside [urdf]", "one or the other", advice))
+            raise InputError(complaint(location(file, key), f"[{key}] beside [urdf]", "one or the other", advice))
     path, packages = find_urdf(urdf, file)
     gravity = table.gravity_m_per_s2 or STANDARD_GRAVITY
     mechanism, warned = read_urdf(path, packages, urdf.base, gravity, urdf.lock)

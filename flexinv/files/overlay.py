@@ -15,7 +15,7 @@ from flexinv.files.drives import MOTORS, read_drive
 from flexinv.files.joints import DRIVES, drive
 from flexinv.files.schema import OverlayBeamTable, OverlayLinkTable, OverlayTable
 from flexinv.files.sections import CrossSection, section_along
-from flexinv.files.toml_tables import complaint, place, validate
+from flexinv.files.toml_tables import complaint, location, validate
 from flexinv.model.mechanism import Beam, Body, Inertia, Joint, Link, Mechanism, Placement
 from flexinv.typing import Array
 from flexinv.validation import nearest
@@ -34,7 +34,7 @@ def overlaid(mechanism: Mechanism, table: OverlayTable, sections: Mapping[str, C
         laid = validate(OverlayLinkTable, data, file, path)
         if laid.beam is not None and laid.tip_m is not None:
             given, expected = f"tip_m = {laid.tip_m} beside a beam", "no tip: a beam reports its end"
-            raise InputError(complaint(place(file, path, "tip_m"), given, expected, "the beam alone"))
+            raise InputError(complaint(location(file, path, "tip_m"), given, expected, "the beam alone"))
         if laid.beam is not None:
             own = sum(body.inertia.mass for body in links[name].bodies)
             links[name], changed = _flexible(links[name], joints, laid.beam, sections, file, f"{path}.beam")
@@ -54,7 +54,7 @@ def _check_known(name: str, known: Mapping[str, Any], file: Path, path: str, kin
     if name not in known:
         near = nearest(name, known)
         write = f"[overlay.{kind}s.{near}]" if near else f"one of {', '.join(list(known)[:20])}"
-        raise InputError(complaint(place(file, path), f'a {kind} "{name}"', f"a {kind} of the URDF", write))
+        raise InputError(complaint(location(file, path), f'a {kind} "{name}"', f"a {kind} of the URDF", write))
 
 
 def _driven(joint: Joint, data: Any, file: Path, path: str) -> Joint:
@@ -62,7 +62,7 @@ def _driven(joint: Joint, data: Any, file: Path, path: str) -> Joint:
     if joint.kind not in DRIVES:
         expected = f"a joint with a drive; {joint.name} is {joint.kind}"
         raise InputError(
-            complaint(place(file, path), f"an overlay of joint {joint.name}", expected, "remove the table")
+            complaint(location(file, path), f"an overlay of joint {joint.name}", expected, "remove the table")
         )
     if isinstance(data, dict) and "drive" in data:
         joint = _motored(joint, data["drive"], file, f"{path}.drive")
@@ -78,7 +78,9 @@ def _motored(joint: Joint, data: Any, file: Path, path: str) -> Joint:
     """The joint with motor and gear in place of the damping and dry friction that the URDF has for it."""
     if joint.kind not in MOTORS:
         expected = f"a drive of a joint with one coordinate ({', '.join(MOTORS)}); {joint.name} is {joint.kind}"
-        raise InputError(complaint(place(file, path), f"a drive of joint {joint.name}", expected, "remove the table"))
+        raise InputError(
+            complaint(location(file, path), f"a drive of joint {joint.name}", expected, "remove the table")
+        )
     motor = read_drive(validate(MOTORS[joint.kind], data, file, path), file, path)
     return replace(joint, drive=motor, damping=0.0, friction=0.0)
 
@@ -93,15 +95,15 @@ def _flexible(
         near = nearest(table.to_joint, outward) or next(iter(outward), None)
         expected = f"a joint whose parent is {link.name}: {', '.join(outward) or 'it has none'}"
         write = f'to_joint = "{near}"' if near else "a beam for a link that carries a joint"
-        raise InputError(complaint(place(file, path, "to_joint"), f'to_joint = "{table.to_joint}"', expected, write))
+        raise InputError(complaint(location(file, path, "to_joint"), f'to_joint = "{table.to_joint}"', expected, write))
     start = np.array(table.root_xyz_m, dtype=np.float64)
     along = outward[table.to_joint].placement.position - start
     length = float(np.linalg.norm(along))
     if length == 0.0:
         expected = f"a root away from joint {table.to_joint}: a beam has a length > 0 [m]"
         given = f"root_xyz_m = {start.tolist()}, where the joint is"
-        raise InputError(complaint(place(file, path, "root_xyz_m"), given, expected, "root_xyz_m = [0, 0, 0]"))
-    root = Placement(start, _section_axes(along / length, table.y_axis, place(file, path, "y_axis")))
+        raise InputError(complaint(location(file, path, "root_xyz_m"), given, expected, "root_xyz_m = [0, 0, 0]"))
+    root = Placement(start, _section_axes(along / length, table.y_axis, location(file, path, "y_axis")))
     section = section_along(table.section, sections, file, path)
     bodies = link.bodies if table.own_inertia == "at_root" else ()
     beam = Beam(length, section, table.elements, table.order, placement=root)

@@ -19,7 +19,7 @@ from flexinv.files.schema import (
     StiffnessSectionTable,
     TubeTable,
 )
-from flexinv.files.toml_tables import complaint, place, toml_text, validate
+from flexinv.files.toml_tables import complaint, location, toml_text, validate
 from flexinv.model.mechanism import Section
 from flexinv.typing import Array
 from flexinv.validation import nearest
@@ -67,20 +67,20 @@ def read_section(data: Any, file: Path, name: str) -> CrossSection:
         return _from_numbers(validate(StiffnessSectionTable, data, file, path))
     if not isinstance(shape, str) or shape not in SHAPES:
         near = nearest(str(shape), SHAPES) or "rectangle"
-        where = place(file, path, "shape")
+        where = location(file, path, "shape")
         raise InputError(
             complaint(where, f"shape = {toml_text(shape)}", f"one of {', '.join(SHAPES)}", f'shape = "{near}"')
         )
     table = validate(SHAPES[shape], data, file, path)
     if isinstance(table, TubeTable) and table.wall_m > table.outer_diameter_m / 2:
         expected = f"at most half of outer_diameter_m = {table.outer_diameter_m} [m]"
-        where = place(file, path, "wall_m")
+        where = location(file, path, "wall_m")
         raise InputError(
             complaint(where, f"wall_m = {table.wall_m}", expected, f"wall_m = {table.outer_diameter_m / 10:g}")
         )
     if (table.nu is None) == (table.G_Pa is None):
         given = "neither" if table.nu is None else "both"
-        where = place(file, path, "nu")
+        where = location(file, path, "nu")
         raise InputError(complaint(where, given, "one of nu [-] and G_Pa [Pa]", "nu = 0.33"))
     return _from_geometry(table)
 
@@ -159,7 +159,7 @@ def section_along(value: Any, sections: Mapping[str, CrossSection], file: Path, 
     """
     uniform = isinstance(value, str)
     rows = [{"at": 0.0, "section": value}] if uniform else value
-    where = place(file, path, "section")
+    where = location(file, path, "section")
     advice = 'section = [{ at = 0, section = "A" }, { at = 1, section = "B" }]'
     if not isinstance(rows, list) or len(rows) < (1 if uniform else 2):
         expected = "the name of a [sections.NAME], or two or more stations"

@@ -71,7 +71,7 @@ def complaint(where: str, given: str, expected: str, write: str) -> str:
     return f"{where}\n  given:    {given}\n  expected: {expected}\n  write:    {write}"
 
 
-def place(file: Path, table: str, key: str = "") -> str:
+def location(file: Path, table: str, key: str = "") -> str:
     """Name a place in a file [-]: ``models/arm/mechanism.toml: table [links.upper], key length_m``."""
     table = f"table [{table}]" if table else "the top of the file"
     return f"{file}: {table}" + (f", key {key}" if key else "")
@@ -155,7 +155,7 @@ def validate(model: type[T], data: Any, file: Path, table: str) -> T:
         found = error.errors(include_url=False, include_context=False)
     if not isinstance(data, dict):
         given = toml_text(data)
-        raise InputError(complaint(place(file, table), given, "a table of keys", f"[{table}] and its keys below"))
+        raise InputError(complaint(location(file, table), given, "a table of keys", f"[{table}] and its keys below"))
     complaints = [_explained(model, e, file, table) for e in found]
     fixed = {new for _, new in complaints if new}
     kept = [text for (text, _), e in zip(complaints, found, strict=True) if not _is_fixed(e, fixed)]
@@ -174,7 +174,7 @@ def _explained(model: type[Table], error: Any, file: Path, table: str) -> tuple[
         index = f"[{loc.pop()}]{index}"
     name, inner = loc[-1], _path(table, loc[:-1])
     owner, info = _field(model, [part for part in loc if isinstance(part, str)])
-    where = place(file, inner, name)
+    where = location(file, inner, name)
     if error["type"] == "extra_forbidden":
         return _unknown(owner, name, error["input"], where, loc)
     expected, write = (info.description or "", info.examples[0]) if info and info.examples else (error["msg"], name)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from flexinv.errors import InputError
 from flexinv.files.schema import UrdfTable
-from flexinv.files.toml_tables import complaint, place
+from flexinv.files.toml_tables import complaint, location
 from flexinv.validation import nearest
 
 ROBOTS = "cmeel.prefix/share/example-robot-data/robots"  # where the wheel of example-robot-data puts its robots
@@ -32,7 +32,7 @@ def find_urdf(table: UrdfTable, file: Path) -> tuple[Path, tuple[Path, ...]]:
     With a package: inside its robots.  Without: beside the mechanism file, and never outside the models folder
     (the one that holds the mechanism's folder).
     """
-    where = place(file, "urdf", "path")
+    where = location(file, "urdf", "path")
     if table.package is not None:
         start = limit = robots_folder()
         packages: tuple[Path, ...] = (start, start.parent.parent)

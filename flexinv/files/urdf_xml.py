@@ -45,7 +45,7 @@ def read_robot(path: Path) -> Element:
     return root
 
 
-def place(path: Path, element: Element, key: str = "") -> str:
+def location(path: Path, element: Element, key: str = "") -> str:
     """Name a place [-]: ``robot.urdf: <joint name="elbow">, axis``."""
     name = element.get("name")
     tag = f'<{element.tag} name="{name}">' if name else f"<{element.tag}>"

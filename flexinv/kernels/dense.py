@@ -207,7 +207,7 @@ def invert_scaled(m, rows, least, over, left):
 
 # Pivots over the longest column: above SURE one counts, below NONE it repeats others (rounding of 1e-16 in some tens of
 # columns); between them singular values decide, whose own limit, 1e-10, lies well inside.
-SURE, NONE = 1e-7, 1e-13
+SURE_PIVOT, NO_PIVOT = 1e-7, 1e-13
 
 
 class Factor(NamedTuple):
@@ -288,9 +288,9 @@ def _pivot(qr, j, columns):
         if least > best:
             best, at = least, c
     qr.order[j], qr.order[at] = qr.order[at], qr.order[j]
-    if best > SURE * SURE:
+    if best > SURE_PIVOT * SURE_PIVOT:
         return 1
-    return 0 if most <= NONE * NONE else -1
+    return 0 if most <= NO_PIVOT * NO_PIVOT else -1
 
 
 @jit_inner

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from flexinv.kernels.jit import jit_inner
 
+ZERO = (0.0, 0.0, 0.0)
+
 
 @jit_inner
 def vec(a):

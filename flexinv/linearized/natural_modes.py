@@ -82,7 +82,7 @@ class Modes:
 
 
 @jit
-def settle(topology, scheme, state, y):
+def update_start(topology, scheme, state, y):
     """Move the unknowns s by Newton's increments y (unknowns,) [m], [rad], and start from there."""
     correct(topology, scheme, state, y)
     advance(topology, scheme, state)

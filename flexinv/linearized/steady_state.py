@@ -38,8 +38,8 @@ from flexinv.linearized.natural_modes import (
     load_springs,
     rest,
     scaled_gradient,
-    settle,
     tied_matrices,
+    update_start,
 )
 from flexinv.model.joint_kinds import KINDS, SECTION
 from flexinv.model.mechanism import WORLD, Closure, Joint, Mechanism, Spring
@@ -218,7 +218,7 @@ def _newton(solver: Solver, joints: Joints, turning: Turning) -> None:
         ties.multiplier[:n] += closing_forces(solver, residual + stiffness @ y)
         if not np.isfinite(y).all():
             break
-        settle(solver.topology, STATICS, solver.state, y)
+        update_start(solver.topology, STATICS, solver.state, y)
         size = float(np.abs(y / solver.topology.scale).max(initial=0.0))
         if size < INCREMENT:
             return

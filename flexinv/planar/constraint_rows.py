@@ -22,7 +22,7 @@ from flexinv.dynamics.bordered_solver import REDUNDANT_PIVOT
 from flexinv.kernels.dense import invert_scaled
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.simd import cos_sin
-from flexinv.planar.tree_solver import solve
+from flexinv.planar.tree_solver import solve_tree
 from flexinv.typing import Array
 
 
@@ -193,7 +193,7 @@ def factorise_ties(tree, elements, constraints, frames, factors):
     for r in range(len(constraints.a)):
         for i in range(len(constraints.line)):
             constraints.line[i] = -constraints.sides[r, i]
-        solve(tree, elements, factors, constraints.line, constraints.moved[r], True)
+        solve_tree(tree, elements, factors, constraints.line, constraints.moved[r], True)
     stiffen(tree, constraints)
 
 

@@ -14,7 +14,7 @@ from flexinv.planar.tree import vary_poses
 
 
 @jit_shared
-def settle(tree, constraints, frames, residual):
+def project_accelerations(tree, constraints, frames, residual):
     """Change multipliers, and the nodes' accelerations and wrenches, into those that belong to the positions and velocities.
 
     What the accelerations of the unknowns change by stays in constraints.line [m/s^2], [rad/s^2].

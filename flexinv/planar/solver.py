@@ -12,7 +12,7 @@ from flexinv.dynamics.constraint_rows import Ties
 from flexinv.dynamics.dofs import Indices
 from flexinv.dynamics.generalized_alpha import Scheme
 from flexinv.dynamics.system import Histories, State
-from flexinv.elements.planar_beam import BLOCK, COEFFICIENTS, CONSTANTS, RATES
+from flexinv.elements.planar_beam import COEFFICIENTS, CONSTANTS, POINT_BLOCK, RATES
 from flexinv.kernels.memory import cleared
 from flexinv.kernels.so3 import about_axis, log_so3
 from flexinv.kinematics.mesh import Mesh
@@ -52,7 +52,7 @@ class PlanarMarch:
         state = PlanarState(cleared(*vectors), *(cleared(unknowns) for _ in range(8)))
         count = mesh.elements.nodes.shape[1]
         work = PlanarWork(
-            points=cleared(len(m.elements.constants) // int(CONSTANTS) * int(BLOCK)),
+            points=cleared(len(m.elements.constants) // int(CONSTANTS) * int(POINT_BLOCK)),
             rates=cleared(len(m.elements.damping) // int(COEFFICIENTS) * int(RATES)), u=cleared(max(count, 1), 3),
             felt=cleared(*mesh.elements.nodes.shape, 3), residual=cleared(unknowns), y=cleared(unknowns),
         )  # fmt: skip

@@ -16,10 +16,10 @@ from flexinv.dynamics.generalized_alpha import (
     ACCELERATIONS,
     PASSES,
     SQUARED,
-    follow,
     is_sudden,
     largest_increment,
     pseudo_acceleration,
+    update_rates,
 )
 from flexinv.dynamics.generalized_alpha import ROUNDING as STILL
 from flexinv.dynamics.stepper import (
@@ -54,28 +54,28 @@ from flexinv.planar.constraint_rows import (
     tie_rows,
 )
 from flexinv.planar.history import Embedding, record
-from flexinv.planar.index1 import settle
+from flexinv.planar.index1 import project_accelerations
 from flexinv.planar.tree import (
     PlanarFrames,
     PlanarState,
     PlanarTree,
     accept,
+    forward_pass,
     gather,
     gather_variations,
     node_wrench_variations,
     node_wrenches,
-    place,
     stand,
     vary,
     vary_independent,
 )
-from flexinv.planar.tree_solver import PlanarFactors, factorise, put_stiffness, solve
+from flexinv.planar.tree_solver import PlanarFactors, factorise, put_stiffness, solve_tree
 from flexinv.typing import Array
 
 # Newton stops when the estimated remaining error is below the tolerance: increment times the observed rate of contraction (at
 # least SURE), or its square after a new linearisation (`generalized_alpha.SQUARED`).  Increments below ROUNDING carry no
 # information.
-SURE = 1e-6
+SURE_STEP = 1e-6
 ROUNDING = 5e-15
 # With damping no linearisation is exact (`planar_beam`), and rates add rounding of their own: an increment below
 # this that shrinks no more is rounding.
@@ -121,7 +121,7 @@ def evaluate(system, given, moved):
     moved : whether poses or rates have changed since the last evaluation, and with them what the elements feel
     """
     elements, frames, work, largest, worst = system.elements, system.frames, system.work, 0.0, 0
-    place(system.tree, system.state, given, frames)
+    forward_pass(system.tree, system.state, given, frames)
     tie_rows(system.constraints, frames, False)
     if moved:
         largest, worst = interpolate(elements, frames.pose, work.u, work.points)
@@ -166,7 +166,7 @@ def newton(system, scheme, given, slow, most):
             return CONVERGED, iteration, size
         if fresh:
             linearise(system, scheme)
-        solve(tree, elements, system.factors, work.residual, work.y, False)
+        solve_tree(tree, elements, system.factors, work.residual, work.y, False)
         solve_ties(tree, constraints, work.y)
         before, size = size, largest_increment(work.y, tree.scale)
         if not np.isfinite(size):
@@ -177,7 +177,7 @@ def newton(system, scheme, given, slow, most):
             state.u[i] += scheme.cv * work.y[i]
             state.du[i] += scheme.ca * work.y[i]
         shrunk = size / before if iteration > 0 else 1.0
-        leaves = SQUARED * size * size if fresh and not damped else size * max(shrunk, SURE)
+        leaves = SQUARED * size * size if fresh and not damped else size * max(shrunk, SURE_STEP)
         last = size < ROUNDING or leaves < scheme.left
         last = last or (damped and iteration > 0 and shrunk > 0.5 and size < STALLED)
         fresh = shrunk > slow if iteration > 0 else slow == 0.0
@@ -201,7 +201,7 @@ def start(scheme, state, order):
     for k in range(len(state.d)):
         change = (state.trend[k] if order > 0 else 0.0) + (state.bend[k] if order > 1 else 0.0)
         state.d[k] = scheme.h * state.u0[k] + scheme.h * scheme.h * (0.5 * state.pseudo[k] + scheme.beta * change)
-    follow(scheme, state)
+    update_rates(scheme, state)
 
 
 @jit_shared
@@ -224,7 +224,7 @@ def begin_step(system, scheme, given):
         for _ in range(PASSES):
             evaluate(system, given, True)
             linearise(system, scheme)
-            solve(tree, system.elements, system.factors, work.residual, work.y, False)
+            solve_tree(tree, system.elements, system.factors, work.residual, work.y, False)
             tie_rows(constraints, system.frames, True)
             for r in range(len(constraints.value)):
                 constraints.value[r] /= scheme.ca
@@ -289,7 +289,7 @@ def planar_march(system, step, start_at, still, given, row, out):
 
     An instant is the end of a ``step``, a scheme; at the first, where it is to stand ``still``, accelerations are found for the
     state at hand, and the march goes on from them, or ends there where such a start is sudden.  Where closures act, what is
-    written are the accelerations and multipliers of `planar.index1.settle`.
+    written are the accelerations and multipliers of `planar.index1.project_accelerations`.
 
     start_at : (nodes, 3) q, q', q'' of all joints [m, rad, s] where the march begins, undeformed; (0, 3) where it goes on
     given : (instants, joints, 3) q, q', q'' of the prescribed joints [m, rad, s]; row : (instants,) of the histories, -1 for none
@@ -318,7 +318,7 @@ def planar_march(system, step, start_at, still, given, row, out):
         settles = not moves or (acts and row[n] >= 0)
         if settles:
             keep(constraints)
-            settle(tree, constraints, frames, work.residual)
+            project_accelerations(tree, constraints, frames, work.residual)
         if row[n] >= 0:
             record(row[n], system, out)
             out.iterations[row[n]] = count

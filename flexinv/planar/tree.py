@@ -91,7 +91,7 @@ class PlanarFrames(NamedTuple):
 
 
 @jit_inner
-def place(tree, state, given, frames):
+def forward_pass(tree, state, given, frames):
     """Set the motion of all nodes from the unknowns and the prescribed coordinates (joints, 3) q, q', q'' [m, rad, s]."""
     for n in range(len(tree.parent)):
         o, own = tree.offset[tree.block[n]], tree.column[n]

@@ -35,7 +35,7 @@ from flexinv.kernels.vec3 import (
 )
 from flexinv.typing import Array
 
-NONE = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+ZERO_MATRIX = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 class PlanarFactors(NamedTuple):
@@ -75,7 +75,7 @@ def put_stiffness(tree, elements, p, frames, factors):
                 _put_root(factors.to_root[k], order, i, pair_stiffness(k, i + 1, 0, elements, p))
             for j in range(i + 1):
                 _put_pair(own, order, i, j, pair_stiffness(k, i + 1, j + 1, elements, p))
-        of_root = pair_stiffness(k, 0, 0, elements, p) if columns > 0 else NONE
+        of_root = pair_stiffness(k, 0, 0, elements, p) if columns > 0 else ZERO_MATRIX
         for c in range(columns):
             add_to(frames.dwrench[root, c], 0, apply(of_root, vec_at(frames.by_pose[root, c], 0)))
 
@@ -203,7 +203,7 @@ def _dot(a, b, size):
 
 
 @jit_inner
-def solve(tree, elements, factors, residual, y, few):
+def solve_tree(tree, elements, factors, residual, y, few):
     """Solve linearisation y = -residual with the factors at hand; y (unknowns,) [m], [rad].  Overwrites residual.
 
     few : whether most of the residual is zero

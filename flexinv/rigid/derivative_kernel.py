@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.vec3 import (
+    ZERO,
     add,
     apply,
     cross,
@@ -41,7 +42,6 @@ from flexinv.kernels.vec3 import (
 )
 from flexinv.typing import Array
 
-NONE = (0.0, 0.0, 0.0)
 UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -154,7 +154,7 @@ def _set_coupling(b, spatial):
     v = _pair(spatial.velocity[b])
     iv = _momentum(b, spatial, v)
     for k in range(6):
-        m = (UNIT[k], NONE) if k < 3 else (NONE, UNIT[k - 3])
+        m = (UNIT[k], ZERO) if k < 3 else (ZERO, UNIT[k - 3])
         column = _plus(force_cross(v, _momentum(b, spatial, m)), force_cross(m, iv))
         carried = _momentum(b, spatial, motion_cross(v, m))
         for i in range(3):
@@ -182,7 +182,7 @@ def _set_axes(b, carried, r, arm, spatial):
 @jit_inner
 def _times_coupling(b, spatial, m, transposed):
     """2 B m, or 2 B^T m."""
-    out_n, out_f = NONE, NONE
+    out_n, out_f = ZERO, ZERO
     for k in range(6):
         factor = 2.0 * (m[0][k] if k < 3 else m[1][k - 3])
         if transposed:

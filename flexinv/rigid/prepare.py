@@ -14,7 +14,7 @@ from numba import types
 from numpy.typing import ArrayLike, NDArray
 
 from flexinv.constraints.closures import constraint_rows
-from flexinv.constraints.consistency import ACCELERATION, OPEN, RATE, GivenLoops
+from flexinv.constraints.consistency import ACCELERATION_OPEN, OPEN, RATE, GivenLoops
 from flexinv.inverse.applied_forces import applied_forces, check_constant
 from flexinv.inverse.inverse_dynamics import joint_wrenches, project
 from flexinv.kernels.simd import BLOCK
@@ -280,7 +280,7 @@ def _loop_plan(mesh: Mesh, passive: bool) -> tuple[Bodies, LoopPlan]:
         return own
 
     candidates = plain, bodies(mesh, passive, ends(mesh, rows))
-    return planned(mesh, candidates, rows, (OPEN, RATE, ACCELERATION), run) or (plain, NO_LOOPS)
+    return planned(mesh, candidates, rows, (OPEN, RATE, ACCELERATION_OPEN), run) or (plain, NO_LOOPS)
 
 
 def _array(kind: types.Type, dimensions: int, readonly: bool = False) -> types.Array:

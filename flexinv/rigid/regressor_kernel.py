@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.kernels.jit import jit, jit_inner
-from flexinv.kernels.vec3 import add, apply, cross, dot, mat, sub, tapply, vec
+from flexinv.kernels.vec3 import ZERO, add, apply, cross, dot, mat, sub, tapply, vec
 from flexinv.typing import Array
 
 PARAMETERS = 10
-NONE = (0.0, 0.0, 0.0)
 UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -54,11 +53,11 @@ def _times_unit(k, v):
 def _unit_wrench(k, a, w, al):
     """F and M (own frame) of parameter number k alone, of unit size."""
     if k == 0:
-        return a, NONE
+        return a, ZERO
     if k <= 3:
         h = UNIT[k - 1]
         return add(cross(al, h), cross(w, cross(w, h))), cross(h, a)
-    return NONE, add(_times_unit(k - 4, al), cross(w, _times_unit(k - 4, w)))
+    return ZERO, add(_times_unit(k - 4, al), cross(w, _times_unit(k - 4, w)))
 
 
 @jit

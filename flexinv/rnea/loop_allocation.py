@@ -73,7 +73,7 @@ from flexinv.rnea.loop_layout import (
     VECTORS,
     WHOLE,
 )
-from flexinv.rnea.recursion import ACCELERATION, SPIN, SPIN_RATE
+from flexinv.rnea.recursion import ACCELERATION_ROW, SPIN, SPIN_RATE
 from flexinv.rnea.row_pairs import (
     both,
     combine,
@@ -181,7 +181,7 @@ def _magnitude(work, first, k):
 def _acceleration(work, state, k, length):
     """About how large the accelerations of an end are that the recursion has found, gravity among them."""
     w = _magnitude(work, state + SPIN, k)
-    return _magnitude(work, state + ACCELERATION, k) + length * (_magnitude(work, state + SPIN_RATE, k) + w * w)
+    return _magnitude(work, state + ACCELERATION_ROW, k) + length * (_magnitude(work, state + SPIN_RATE, k) + w * w)
 
 
 @jit_lanes

@@ -45,7 +45,7 @@ from flexinv.rnea.loop_layout import (
     VECTOR,
 )
 from flexinv.rnea.recursion import (
-    ACCELERATION,
+    ACCELERATION_ROW,
     COS,
     FREE_ROWS,
     PLACE,
@@ -96,7 +96,7 @@ def axes_of(body, k):
 def acceleration(state, k, arm):
     """Return a + al x r + w x (w x r) [m/s^2] of a point of a body, in the axes of the recursion."""
     w = vec_of(state, SPIN, k)
-    a = plus_cross(vec_of(state, ACCELERATION, k), vec_of(state, SPIN_RATE, k), arm)
+    a = plus_cross(vec_of(state, ACCELERATION_ROW, k), vec_of(state, SPIN_RATE, k), arm)
     return plus_cross(a, w, cross(w, arm))
 
 

@@ -62,7 +62,7 @@ QUATERNION, SCALAR_OF_QUATERNION = TURN_OF, row(9)
 RATES_TURNING, EFFORTS_TURNING = row(21), row(27)
 FREE_ROWS = 30
 # Rows of a state.
-SPIN, SPIN_RATE, ACCELERATION = row(0), row(3), row(6)
+SPIN, SPIN_RATE, ACCELERATION_ROW = row(0), row(3), row(6)
 STATE_ROWS = 9
 _STATE, _LARGEST = row(STATE_ROWS), row(FREE_ROWS)
 _WRENCH, _NONE = row(WRENCH_ROWS), (0.0, 0.0, 0.0)
@@ -77,7 +77,7 @@ def _sign(x):
 
 @jit_lanes
 def _state(state, k):
-    return vec_of(state, SPIN, k), vec_of(state, SPIN_RATE, k), vec_of(state, ACCELERATION, k)
+    return vec_of(state, SPIN, k), vec_of(state, SPIN_RATE, k), vec_of(state, ACCELERATION_ROW, k)
 
 
 @jit_lanes
@@ -103,7 +103,7 @@ def _leave(state, rows, k, w, al, a, inertia, onward):
     )
     put_vec(state, SPIN, k, w)
     put_vec(state, SPIN_RATE, k, al)
-    put_vec(state, ACCELERATION, k, plus_out_of(a, (x, y, z), onward))
+    put_vec(state, ACCELERATION_ROW, k, plus_out_of(a, (x, y, z), onward))
     put_vec(rows, FORCE, k, force)
     put_vec(rows, MOMENT, k, moment)
 
@@ -165,7 +165,7 @@ def _advance(state, rows, lanes, body):
         a = _at(w, al, a, (0.0, 0.0, lead * rows[PLACE + k]))
         rate, acceleration = lead * rows[RATE + k], lead * rows[EFFORT + k]
         a = (a[0] + 2.0 * w[1] * rate, a[1] - 2.0 * w[0] * rate, a[2] + acceleration)
-        put_vec(state, ACCELERATION, k, a)
+        put_vec(state, ACCELERATION_ROW, k, a)
 
 
 @jit_lanes
@@ -297,7 +297,7 @@ def _turn_state(state, k, r, d, w, al, a):
     """Leave a parent's state, turned, of the place d."""
     put_vec(state, SPIN, k, into(r, w))
     put_vec(state, SPIN_RATE, k, into(r, al))
-    put_vec(state, ACCELERATION, k, into(r, _at(w, al, a, d)))
+    put_vec(state, ACCELERATION_ROW, k, into(r, _at(w, al, a, d)))
 
 
 @jit_lanes
@@ -311,7 +311,7 @@ def _begin(how, source, state, work, lanes, body, g):
         for k in range(lanes):
             put_vec(state, SPIN, k, _NONE)
             put_vec(state, SPIN_RATE, k, _NONE)
-            put_vec(state, ACCELERATION, k, a)
+            put_vec(state, ACCELERATION_ROW, k, a)
         return
     if how == COPIED:  # a loop of its own: that it reads other rows than it writes is known only here
         parent = work[source : source + _STATE]

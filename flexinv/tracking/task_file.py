@@ -25,7 +25,7 @@ from flexinv.files.toml_tables import (
     Vector,
     check_names,
     complaint,
-    place,
+    location,
     validate,
 )
 from flexinv.model.mechanism import Attachment, Mechanism, Placement
@@ -145,10 +145,10 @@ def _task(data: Any, name: str, mechanism: Mechanism, file: File) -> Task:
         near = nearest(table.frame, list(mechanism.link_of))
         expected = f"a link of {mechanism.name}: {', '.join(list(mechanism.link_of)[:20])}"
         write = f'frame = "{near or next(iter(mechanism.link_of))}"'
-        raise InputError(complaint(place(file, where, "frame"), f'frame = "{table.frame}"', expected, write))
+        raise InputError(complaint(location(file, where, "frame"), f'frame = "{table.frame}"', expected, write))
     if mechanism.closures:
         expected = "an open mechanism: a path of a frame is not followed by closed loops so far"
-        raise InputError(complaint(place(file, where), "a task of a mechanism with closures", expected, "a case"))
+        raise InputError(complaint(location(file, where), "a task of a mechanism with closures", expected, "a case"))
     moving = [joint.name for joint in mechanism.joints if joint.nv]
     start = read_places(table.start, mechanism, moving, file, f"{where}.start")
     mesh = (table.mesh.elements, table.mesh.order) if table.mesh is not None else None
@@ -162,7 +162,7 @@ def _task(data: Any, name: str, mechanism: Mechanism, file: File) -> Task:
 def _frame(table: TaskTable, mechanism: Mechanism, file: File, where: str) -> str | Attachment:
     if table.station is not None and mechanism.link_of[table.frame].beam is None:
         expected = f"no station: {table.frame} is rigid"
-        raise InputError(complaint(place(file, where, "station"), f"station = {table.station:g}", expected, "at_m"))
+        raise InputError(complaint(location(file, where, "station"), f"station = {table.station:g}", expected, "at_m"))
     if table.station is None and table.at_m is None:
         return table.frame
     point = np.zeros(3) if table.at_m is None else np.array(table.at_m, dtype=float)
@@ -174,13 +174,13 @@ def _path(table: TaskTable, file: File, where: str) -> Path:
     if len(stated) != 1:
         given = " and ".join(stated) or "no path"
         write = str((TaskTable.model_fields["line"].examples or [""])[0])
-        raise InputError(complaint(place(file, where), given, f"one of {', '.join(SHAPES)}", write))
+        raise InputError(complaint(location(file, where), given, f"one of {', '.join(SHAPES)}", write))
     time = {"duration": table.duration_s, "law": table.law}
     try:
         path = _shape(table, time)
     except InputError as error:
         write = str((TaskTable.model_fields[stated[0]].examples or [""])[0])
-        raise InputError(complaint(place(file, where, stated[0]), stated[0], str(error), write)) from None
+        raise InputError(complaint(location(file, where, stated[0]), stated[0], str(error), write)) from None
     if table.turn_rpy_deg is None:
         return path
     return path.turning(*Rotation.from_euler("xyz", table.turn_rpy_deg, degrees=True).as_matrix())

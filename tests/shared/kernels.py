@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.dynamics.generalized_alpha import advance, follow, predict
+from flexinv.dynamics.generalized_alpha import advance, predict, update_rates
 from flexinv.dynamics.linearization import linearise
 from flexinv.dynamics.tree_solver import solve_tree
 from flexinv.elements.beam import relative, relative_rates
@@ -97,7 +97,7 @@ def oscillate(t, c, s, x, squared):
         predict(c, s)
         for k in range(x.shape[1]):
             s.d[k] -= (s.du[k] + squared * (x[step - 1, k] + s.d[k])) / (c.ca + squared)
-        follow(c, s)
+        update_rates(c, s)
         for k in range(x.shape[1]):
             x[step, k] = x[step - 1, k] + s.d[k]
         advance(t, c, s)

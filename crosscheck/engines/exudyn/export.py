@@ -80,7 +80,7 @@ def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder:
 def _state(mechanism: Mechanism, case: Case, time: Array) -> tuple[Array, Array, Array]:
     """Return q (samples, nq), qd, qdd (samples, nv) [rad], [m], ... of all joints, those that rigid loops move, too."""
     if exudyn_phases.switched(mechanism):
-        parts = [state for _, state in exudyn_phases.follow(mechanism, case)]
+        parts = [state for _, state in exudyn_phases.follow_phases(mechanism, case)]
         q, qd, qdd = (np.concatenate([part[k] for part in parts]) for k in range(3))
         return q, qd, qdd
     if mechanism.closures and mechanism.is_rigid:
@@ -115,7 +115,7 @@ class Look:
 
 def _look(mechanism: Mechanism, case: Case, engine: str) -> Look:
     if exudyn_phases.switched(mechanism):
-        followed = exudyn_phases.Run(mechanism, case, exudyn_phases.follow(mechanism, case))
+        followed = exudyn_phases.Run(mechanism, case, exudyn_phases.follow_phases(mechanism, case))
         return Look(followed.layout, None, followed.switching.free)
     if beyond_a_tree(mechanism) is None:
         return Look(layout_of(mechanism, case), choose(mechanism, case, engine, PLAIN).plane)
@@ -179,7 +179,7 @@ def _in_time(
 def _shares(mechanism: Mechanism, case: Case, q: Array) -> Array:
     """Return the drives' efforts per effort of joints that the motion gives, (samples, nv, nv) [-]; q : (samples, nq)."""
     if exudyn_phases.switched(mechanism):
-        return exudyn_phases.shares(mechanism, exudyn_phases.follow(mechanism, case))
+        return exudyn_phases.shares(mechanism, exudyn_phases.follow_phases(mechanism, case))
     units = (np.tile(unit, (len(q), 1)) for unit in np.eye(mechanism.nv))
     return np.stack([exudyn_chain.shared(mechanism, case, q, unit) for unit in units], axis=2)
 

@@ -148,7 +148,7 @@ def settings(plan: Plan) -> Any:
     return s
 
 
-def solve(
+def integrate(
     mbs: Any,
     plan: Plan,
     drivers: list[Driver],

@@ -75,9 +75,9 @@ class Switching:
         return self.acting[max(now - 1, 0)]
 
 
-def follow(mechanism: Mechanism, case: Case) -> list[tuple[Phase, State]]:
+def follow_phases(mechanism: Mechanism, case: Case) -> list[tuple[Phase, State]]:
     """Return all phases with q (samples, nq), qd, qdd (samples, nv) [rad or m, s] of all joints."""
-    return phases.follow(mechanism, case, sample_times(case), exudyn_chain.closed_motion)
+    return phases.follow_phases(mechanism, case, sample_times(case), exudyn_chain.closed_motion)
 
 
 def switching(mechanism: Mechanism, case: Case, followed: list[tuple[Phase, State]]) -> Switching:
@@ -154,7 +154,7 @@ def unsupported(mechanism: Mechanism, case: Case) -> str | None:
 def in_time(mechanism: Mechanism, case: Case, options: Options) -> Made:
     """Return torque [N m] or [N], tip [m] and determinate reactions [N], [N m], each with its bar."""
     start = clock.perf_counter()
-    run = Run(mechanism, case, follow(mechanism, case))
+    run = Run(mechanism, case, follow_phases(mechanism, case))
     done = [run.march(plan) for plan in plans(mechanism, case, options)]
     runs = [run.series(outcome) for outcome, _ in done]
     made, budget = with_bars(limit_of(runs), [Family("step", runs, "limit")])

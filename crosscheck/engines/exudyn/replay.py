@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from exudyn.itemInterface import LoadCoordinate, MarkerNodeCoordinate
 
-from crosscheck.engines.exudyn.integration import Plan, Table, quiet, solve, step_size
+from crosscheck.engines.exudyn.integration import Plan, Table, integrate, quiet, step_size
 from crosscheck.engines.exudyn.models import planar as exudyn_planar
 from crosscheck.engines.exudyn.models.layout import lay_out
 from crosscheck.engines.exudyn.models.planar import Drawing
@@ -50,7 +50,7 @@ def replay(mechanism: Mechanism, drive: Drive, elements: int, step: float, cable
     with quiet():
         d = exudyn_planar.build(mechanism, layout, plane, cable, elements, start)
         _push(d, drive, plan)
-        seen = solve(d.model.mbs, plan, [], *exudyn_planar.sensors(d))
+        seen = integrate(d.model.mbs, plan, [], *exudyn_planar.sensors(d))
     return {name: exudyn_planar.in_world(d, layout.root[name], seen["end", name]) for name in d.model.beam}
 
 

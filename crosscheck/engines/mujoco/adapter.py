@@ -159,7 +159,7 @@ def _dynamics(mechanism: Mechanism, case: Case, built: Built, time: Array, engin
     if not beyond_a_tree(mechanism):
         return inverse_dynamics(mechanism, built, *case.motion.evaluate(mechanism, time))
 
-    followed = follow(mechanism, case, built, time)
+    followed = follow_phases(mechanism, case, built, time)
     part = _soft if engine == EQUALITY else _held
     parts = [part(_tree(phase.mechanism, phase.case, built), State(*state), phase.time) for phase, state in followed]
     return Dynamics(
@@ -172,14 +172,16 @@ def _dynamics(mechanism: Mechanism, case: Case, built: Built, time: Array, engin
     )
 
 
-def follow(mechanism: Mechanism, case: Case, built: Built, time: Array) -> list[tuple[phases.Phase, phases.State]]:
+def follow_phases(
+    mechanism: Mechanism, case: Case, built: Built, time: Array
+) -> list[tuple[phases.Phase, phases.State]]:
     """Return every phase with its motion on the closures in MuJoCo's coordinates, (samples, ...) [rad], [m], [s]."""
 
     def closed(now: Mechanism, here: Case, span: Array) -> phases.State:
         tree = _tree(now, here, built)
         return mujoco_loops.closed_state(tree, assembly.left_out(now, here), span) if now.closures else tree.given(span)
 
-    return phases.follow(mechanism, case, time, closed, lambda q: from_engine(mechanism, built, q))
+    return phases.follow_phases(mechanism, case, time, closed, lambda q: from_engine(mechanism, built, q))
 
 
 def _tree(mechanism: Mechanism, case: Case, built: Built) -> mujoco_loops.Tree:

@@ -47,7 +47,7 @@ def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder:
         raise NotExported(
             "a joint is made up of several of MuJoCo's that move in a ratio, which MJCF alone does not keep"
         )
-    followed = adapter.follow(mechanism, case, built, time)
+    followed = adapter.follow_phases(mechanism, case, built, time)
     state = State(*(np.concatenate(part) for part in zip(*(state for _, state in followed), strict=True)))
     q_names, v_names = [""] * built.model.nq, [""] * built.model.nv
     order = np.zeros(built.model.nv, dtype=np.intp)

@@ -11,7 +11,7 @@ from crosscheck.engines.mujoco.joints import Built
 from flexinv.typing import Array
 
 
-def settle(built: Built) -> None:
+def recompute_constants(built: Built) -> None:
     """Let MuJoCo work out again what depends on masses."""
     mujoco.mj_setConst(built.model, mujoco.MjData(built.model))
 
@@ -19,19 +19,19 @@ def settle(built: Built) -> None:
 def body_mass(built: Built, body: str, factor: float) -> None:
     """Change the mass [kg] of a body by a factor [-], its inertia not."""
     built.model.body(body).mass[:] *= factor
-    settle(built)
+    recompute_constants(built)
 
 
 def body_ipos(built: Built, body: str, by: Array) -> None:
     """Move the centre of mass of a body by a vector (3,) [m]."""
     built.model.body(body).ipos[:] += by
-    settle(built)
+    recompute_constants(built)
 
 
 def bound_inertia(built: Built, least: float) -> None:
     """Raise every principal inertia to a least value [kg m^2], as the compiler's boundinertia does."""
     built.model.body_inertia[1:] = np.maximum(built.model.body_inertia[1:], least)
-    settle(built)
+    recompute_constants(built)
 
 
 def total_mass(built: Built, wanted: Callable[[float], float]) -> None:
@@ -39,7 +39,7 @@ def total_mass(built: Built, wanted: Callable[[float], float]) -> None:
     total = float(built.model.body_mass[1:].sum())
     built.model.body_mass[1:] *= wanted(total) / total
     built.model.body_inertia[1:] *= wanted(total) / total
-    settle(built)
+    recompute_constants(built)
 
 
 def discretely(built: Built) -> None:

@@ -39,7 +39,7 @@ def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder:
     free = mechanism.joints[0].kind == "free"
     model = pin.buildModelFromXML(text, *([pin.JointModelFreeFlyer()] if free else []))
     q_order, v_order = _order(mechanism, model)
-    followed = pinocchio_phases.follow(mechanism, case, adapter.build(mechanism), time)
+    followed = pinocchio_phases.follow_phases(mechanism, case, adapter.build(mechanism), time)
     q, qd, qdd = (np.concatenate(part) for part in zip(*(state for _, state in followed), strict=True))
     q_names, v_names = (
         [names[k] for k in order]

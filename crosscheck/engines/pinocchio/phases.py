@@ -16,18 +16,18 @@ from flexinv.model.mechanism import Mechanism
 Array = NDArray[np.float64]
 
 
-def follow(mechanism: Mechanism, case: Case, built: Built, time: Array) -> list[tuple[Phase, phases.State]]:
+def follow_phases(mechanism: Mechanism, case: Case, built: Built, time: Array) -> list[tuple[Phase, phases.State]]:
     """Return every phase with its motion on the closures, (samples, ...) [rad], [m], [s] in the mechanism's order."""
 
     def closed(now: Mechanism, here: Case, span: Array) -> phases.State:
         return pinocchio_loops.motion(now, here, built, span)
 
-    return phases.follow(mechanism, case, time, closed)
+    return phases.follow_phases(mechanism, case, time, closed)
 
 
 def held(mechanism: Mechanism, case: Case, built: Built, time: Array) -> Held:
     """Return efforts and wrenches [N m], [N] over all phases; closures that do not act have no wrench."""
-    followed = follow(mechanism, case, built, time)
+    followed = follow_phases(mechanism, case, built, time)
     parts = [pinocchio_loops.held(phase.mechanism, built, phase.time, state) for phase, state in followed]
     dynamics = Dynamics(
         torque=np.concatenate([p.dynamics.torque for p in parts]),

@@ -38,7 +38,7 @@ class Phase:
     time: Array
 
 
-def follow(
+def follow_phases(
     mechanism: Mechanism,
     case: Case,
     time: Array,

@@ -22,17 +22,17 @@ from crosscheck.beyond.shown import text
 from crosscheck.beyond.trial import size_of
 from crosscheck.commands.selftest import command
 from crosscheck.engines import ENGINES
+from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.measures.record import Record, torque_series
 from crosscheck.verdicts.plan import discover, task
 from flexinv.files.load_cases import load_cases
-from flexinv.files.load_mechanism import load_mechanism
 
 MODELS = Path(__file__).resolve().parents[3] / "models"
 
 
 def scene(name: str, case: str, engine: str, models: Path = MODELS) -> Scene:
     """A scene with an effort of 1 everywhere: enough to draw from."""
-    mechanism = load_mechanism(models / name)
+    mechanism = read_mechanism(models / name)
     known = load_cases(models / name, mechanism)[case]
     time = task(models / name, mechanism, known).time
     effort = torque_series(mechanism, np.ones((time.size, mechanism.nv)))

@@ -12,10 +12,10 @@ from crosscheck.causes.fault_benches import BENCHES
 from crosscheck.causes.model import model_of
 from crosscheck.causes.selftest import CLEAN, FOUND, MATTERS, RANK, Planted, run_bench
 from crosscheck.causes.subject import Subject
+from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.studies.selftest import ALL, figures, summary, targets, verdict
 from crosscheck.verdicts.results import StudyRow
 from flexinv.files.load_cases import load_cases
-from flexinv.files.load_mechanism import load_mechanism
 
 MODELS = Path(__file__).resolve().parents[3] / "models"
 BY_NAME = {bench.mechanism: bench for bench in BENCHES if bench.motion is None and bench.shape is None}
@@ -136,7 +136,7 @@ def test_every_cause_can_sit_on_some_bench() -> None:
     left = dict(DICTIONARY)
     for bench in BENCHES:
         folder = MODELS / bench.mechanism
-        mechanism = load_mechanism(folder)
+        mechanism = read_mechanism(folder)
         mechanism, case = bench.made(mechanism, load_cases(folder, mechanism)[bench.case])
         model = model_of(Subject(mechanism, case))
         known = {name: cause for name, cause in left.items() if name in bench.planted}

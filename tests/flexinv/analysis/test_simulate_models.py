@@ -54,6 +54,7 @@ WINDOWS = {
     "quanser_2dsfl_rigid": Window(2e-4, 0.3, 0.3),
     "rigid_3r": Window(1e-4, 0.0, 0.3),
     "rigid_one_link": Window(1e-4, 0.0, 0.2),
+    "screw_lift": Window(1e-4, 0.2, 0.2),
     "slider_crank": Window(1e-4, 0.0, 0.4),
     "slider_crank_flexible": Window(1e-5, 0.0, 0.01),
     "spatial_arm": Window(1e-4, 0.0, 0.2),

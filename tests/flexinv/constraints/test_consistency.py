@@ -10,7 +10,7 @@ import pytest
 from four_bar_example import START, TURN, four_bar
 
 import flexinv
-from flexinv.constraints.consistency import ACCELERATION, OPEN, RATE
+from flexinv.constraints.consistency import ACCELERATION_OPEN, OPEN, RATE
 from flexinv.files.load_cases import load_cases
 from flexinv.model.mechanism import Mechanism
 
@@ -50,7 +50,7 @@ def closed() -> tuple[Mechanism, list[np.ndarray]]:
     [
         (0, OPEN, r": q violates closure 'C' at sample 30: \|phi\| .*expected at most 1e-06"),
         (1, RATE, r": qd violates closure 'C' at sample 30: \|G qd\| / "),
-        (2, ACCELERATION, r": qdd violates closure 'C' at sample 30: \|G qdd \+ G' qd\| / "),
+        (2, ACCELERATION_OPEN, r": qdd violates closure 'C' at sample 30: \|G qdd \+ G' qd\| / "),
     ],
 )
 def test_a_motion_that_the_closures_do_not_allow_is_named(which: int, most: float, words: str) -> None:

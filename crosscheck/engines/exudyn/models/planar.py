@@ -39,7 +39,7 @@ from exudyn.itemInterface import (
     SensorObject,
 )
 
-from crosscheck.engines.exudyn.integration import Begin, Driver, Key, Plan, Sensors, Table, solve
+from crosscheck.engines.exudyn.integration import Begin, Driver, Key, Plan, Sensors, Table, integrate
 from crosscheck.engines.exudyn.models import connectors as exudyn_closing
 from crosscheck.engines.exudyn.models import planar_connectors as exudyn_flat
 from crosscheck.engines.exudyn.models.frames import Array, compose, frame_along, joint_q, scalar_coordinate, turn
@@ -300,7 +300,7 @@ def run(drawing: Drawing, plan: Plan, q: Array, qd: Array, begin: Begin | None =
         rate = sign * qd[:, drawing.mechanism.v_slices[joint.name]][:, 0]
         offset, offset_t = _user_function(plan, (angle - angle[0])[-steps:]), _user_function(plan, rate[-steps:])
         drawing.model.drivers.append(Driver(drawing.model.joint[joint.name][1], offset, offset_t))
-    seen = solve(drawing.model.mbs, plan, drawing.model.drivers, *sensors(drawing), drawing.model.loads, begin)
+    seen = integrate(drawing.model.mbs, plan, drawing.model.drivers, *sensors(drawing), drawing.model.loads, begin)
     pose = {index: _pose(drawing, index, seen) for index in range(len(drawing.layout.groups))}
     return Outcome(
         pose=pose,

@@ -46,7 +46,7 @@ from exudyn.itemInterface import (
     SensorObject,
 )
 
-from crosscheck.engines.exudyn.integration import Begin, Driver, Key, Plan, Sensors, Table, solve
+from crosscheck.engines.exudyn.integration import Begin, Driver, Key, Plan, Sensors, Table, integrate
 from crosscheck.engines.exudyn.models import connectors as exudyn_closing
 from crosscheck.engines.exudyn.models.frames import (
     Array,
@@ -295,7 +295,7 @@ def run(drawing: Drawing, plan: Plan, q: Array, begin: Begin | None = None) -> O
         own = joint_q(drawing.mechanism, joint, q)
         for number, rows in zip(drawing.model.joint[joint.name], _offsets(drawing, joint, own), strict=True):
             drawing.model.drivers.append(Driver(number, _user_function(plan, rows[-plan.steps - 1 :])))
-    seen = solve(drawing.model.mbs, plan, drawing.model.drivers, *_sensors(drawing), drawing.model.loads, begin)
+    seen = integrate(drawing.model.mbs, plan, drawing.model.drivers, *_sensors(drawing), drawing.model.loads, begin)
     pose = {index: _pose(drawing, index, seen) for index in range(len(drawing.layout.groups))}
     return Outcome(
         pose=pose,
