@@ -10,7 +10,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -142,22 +142,16 @@ def _engines(config: pytest.Config, models: Path) -> Mapping[str, Engine]:
     try:
         known = doors(models, Path(stated) if stated else None, config.getoption("--crosscheck-engine"))
         wanted = _wanted(config, known.engines)
-        known.admit(wanted, bool(config.getoption("--crosscheck-trust")), _say(config))
+        known.admit(wanted, bool(config.getoption("--crosscheck-trust")), config.stash.setdefault(SAID, set()).add)
     except InputError as error:
         raise pytest.UsageError(str(error)) from error
     return known.engines
 
 
-def _say(config: pytest.Config) -> Callable[[str], None]:
-    """Return a function that names the programs of a run: once, and not from the workers of a distributed one."""
-    said = config.stash.setdefault(SAID, set())
-
-    def say(line: str) -> None:
-        if line not in said and config.stash.get(OWNED, False):
-            said.add(line)
-            config.get_terminal_writer().line(line)
-
-    return say
+def pytest_report_collectionfinish(config: pytest.Config) -> list[str]:
+    """Name the programs that are going to run."""
+    said: set[str] = config.stash.get(SAID, set())
+    return sorted(said)
 
 
 def _wanted(config: pytest.Config, known: Mapping[str, Engine]) -> list[str]:

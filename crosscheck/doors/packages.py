@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import metadata
+from pathlib import Path
 
 from crosscheck.engines import ENGINES, Engine
 from flexinv.errors import InputError
@@ -54,8 +55,11 @@ def installed() -> dict[str, Engine]:
     return found
 
 
-def referred(reference: str) -> Engine:
-    """Return the engine of ``module``, ``module:name`` or ``NAME=module:name``.  Raises InputError."""
+def referred(reference: str, folder: Path) -> Engine:
+    """Return the engine of ``module``, ``module:name`` or ``NAME=module:name``; folder : where the module may be, too.
+
+    Raises InputError.
+    """
     given, equals, target = reference.partition("=")
     name, target = (given, target) if equals else ("", given)
     if not REFERENCE.fullmatch(target):
@@ -66,5 +70,4 @@ def referred(reference: str) -> Engine:
     name = name or attribute.rpartition(".")[2] or module.rpartition(".")[2]
     if not NAME.fullmatch(name):
         raise InputError(f"--engine {reference!r}: an engine called {name!r}; expected letters, digits, ., _ and -")
-    top = module.partition(".")[0]
-    return Engine(name, target, top, f"put the folder that has {top} on PYTHONPATH")
+    return Engine(name, target, "", "", path=str(folder.resolve()))

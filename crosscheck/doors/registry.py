@@ -72,7 +72,7 @@ def doors(models: Path, stated: Path | None = None, named: Iterable[str] = ()) -
         _add(engines, [engine], str(file))
         programs.append(program)
     _add(engines, (Engine(name, RECORD, "", "", settings={}) for name in record.names(models)), f"{models}/*/records")
-    _add(engines, map(packages.referred, named), "--engine")
+    _add(engines, (packages.referred(reference, Path.cwd()) for reference in named), "--engine")
     return Doors(engines, tuple(programs), file)
 
 
@@ -104,7 +104,7 @@ def _of(name: str, row: config.EngineRow, file: Path) -> tuple[Engine, Program]:
         engine = Engine(name, FMU, "fmpy", "python -m pip install fmpy", settings=told)
         stamp = _digest(told) + hashlib.sha256(path.read_bytes()).hexdigest()
         return replace(engine, limits=config.limits(name, row)), Program(name, f"the native code in {path.name}", stamp)
-    engine = packages.referred(f"{name}={row.python}")
+    engine = packages.referred(f"{name}={row.python}", folder)
     return replace(engine, limits=config.limits(name, row)), Program(
         name, f"the Python object {row.python}", engine.module
     )
@@ -128,7 +128,8 @@ def _limited(task: Task, more: Iterable[Any]) -> Task:
 def stamp(engine: Engine, folder: Path) -> str:
     """Return a digest of what an answer depends on beside the case: settings, programs, records in a mechanism's folder."""
     if engine.settings is None:
-        return "" if engine.name in ENGINES else engine.module
+        own = Path(engine.path, *engine.module.partition(":")[0].split(".")).with_suffix(".py")
+        return "" if engine.name in ENGINES else fingerprint(engine.module, own.read_bytes() if own.is_file() else b"")
     files = (
         sorted(f for f in (folder / record.FOLDER / engine.name).rglob("*") if f.is_file())
         if engine.module == RECORD

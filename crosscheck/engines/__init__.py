@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, cast
@@ -26,6 +27,7 @@ class Engine:
     native : an engine's own result where it is known to differ: its adapter names the cause in the record's message
     exports : the adapter has a member ``export``
     settings : of a door: the adapter is what ``module.opened(name, folder of the mechanism, settings)`` returns; None: the module
+    path : folder from which a module is imported that is not installed
     limits : stated where the engine is (crosscheck.toml), heard after those of the case
     """
 
@@ -36,6 +38,7 @@ class Engine:
     native: bool = False
     exports: bool = False
     settings: Mapping[str, Any] | None = None
+    path: str = ""
     limits: tuple[Limit, ...] = field(default=())
 
     @property
@@ -46,7 +49,8 @@ class Engine:
     @property
     def door(self) -> dict[str, Any]:
         """The adapter in a job of a child process (`opened`)."""
-        return {"module": self.module, **({} if self.settings is None else {"settings": dict(self.settings)})}
+        path = {"path": self.path} if self.path else {}
+        return {"module": self.module, **path, **({} if self.settings is None else {"settings": dict(self.settings)})}
 
 
 def _engine(name: str, module: str, requires: str, package: str, native: bool = False, exports: bool = True) -> Engine:
@@ -101,7 +105,9 @@ def loaded(name: str) -> Adapter:
 
 
 def opened(job: Mapping[str, Any]) -> Adapter:
-    """Return the adapter of a job: keys ``module``, and of a door ``settings``, ``engine`` and ``mechanism`` (its folder)."""
+    """Return the adapter of a job: ``module``, perhaps ``path``; of a door ``settings``, ``engine``, ``mechanism`` (folder)."""
+    if (path := job.get("path", "")) and path not in sys.path:
+        sys.path.insert(0, path)
     if "settings" not in job:
         return loaded(job["module"])
     door: Any = importlib.import_module(job["module"])
