@@ -18,7 +18,8 @@ Compute what `case.json` asks for, and write it as files.  Everything is in SI u
 ## The mechanism
 * A **link frame** is the frame of the joint that carries the link, moved by the joint. A **joint frame** is stated in the
   frame of the parent link (on a beam in the frame of its section at `station`): x_parent = position + rotation x_joint.
-* **Joints**: revolute, continuous: R = exp(axis q). prismatic: p = axis q. universal: R = exp(axis q1) exp(second_axis q2).
+* **Joints**: revolute, continuous: R = exp(axis q). prismatic: p = axis q. helical: R = exp(axis q),
+  p = axis pitch q / (2 pi). universal: R = exp(axis q1) exp(second_axis q2).
   spherical: q is a quaternion x, y, z, w of the child in the joint frame, its velocity the angular velocity along the axes of the
   child. free: position and quaternion; velocity linear, then angular, both along the axes of the child (v = R^T dp/dt), and
   accelerations are the rates of those numbers (dv/dt = R^T d2p/dt2 - w x v).

@@ -27,6 +27,7 @@ HEADER = (
     *(f"c{a} [m]" for a in AXES),
     *(f"I{ab} [kg m^2]" for ab in PAIRS),
     *(f"gravity {a} [m/s^2]" for a in AXES),
+    "pitch [m]",
 )  # fmt: skip
 
 
@@ -41,7 +42,7 @@ def rows(mechanism: Mechanism) -> Iterator[list[str]]:
         body = merged(mechanism, joint.child, seats)
         drive = (joint.rotor_inertia, joint.damping, joint.friction, joint.stiffness, joint.rest, float(joint.actuated))
         numbers = [*frame.position, *frame.rotation.ravel(), *joint.axis, *joint.second_axis, *drive]
-        numbers += [body.mass, *body.com, *body.tensor.ravel(), *mechanism.gravity]
+        numbers += [body.mass, *body.com, *body.tensor.ravel(), *mechanism.gravity, joint.pitch]
         yield [joint.name, joint.kind, str(number.get(carrier, -1)), *(repr(float(x)) for x in numbers)]
 
 
