@@ -190,7 +190,9 @@ def test_a_failure_names_the_cause_and_how_to_bless(root: Path, tmp_path: Path) 
     write_models(tmp_path / "models", root)
     loose = write_models(tmp_path / "models", root, "loose") / "cases.toml"
     loose.write_text(loose.read_text().replace("maximum = 1e-12", "maximum = 0.5", 1))
-    (tmp_path / "models" / "conftest.py").write_text(OWN_ENGINE.format(tests=str(Path(__file__).resolve().parents[1] / "shared")))
+    (tmp_path / "models" / "conftest.py").write_text(
+        OWN_ENGINE.format(tests=str(Path(__file__).resolve().parents[1] / "shared"))
+    )
     blessed = tmp_path / "reports" / "baseline"
     blessed.mkdir(parents=True)
     (blessed / "blessed.json").write_text('{"reason": "", "date": "2026-03-01", "versions": {}}')
