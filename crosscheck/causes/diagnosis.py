@@ -50,7 +50,7 @@ def diagnose(
     naming = name(model, residual, bars, evidence=evidence, agreed=limit)
     fits = naming.named
     behind = None if door is None else opened({**door, "engine": engine, "mechanism": folder})
-    repaired, where = repair(model, fits[0], reference, record, behind) if fits else (None, "")
+    repaired, where = repair(model, fits[0], engine, reference, record, behind) if fits else (None, "")
     return {
         "words": sentence(naming, fits, repaired, where, max(limit, NOISE * naming.noise)),
         "named": [described(f) for f in fits],
@@ -79,13 +79,13 @@ def agreed(model: Model, record: Record, reference: Record) -> float:
 
 
 def repair(
-    model: Model, fit: Fit, reference: Record, record: Record, door: Adapter | None = None
+    model: Model, fit: Fit, engine: str, reference: Record, record: Record, door: Adapter | None = None
 ) -> tuple[float | None, str]:
     """Return the largest difference left [-] after the cause is taken out of the engine, or put into the reference.
 
     door : the engine's adapter, None for one of ours; a record, which cannot be run again, is repaired in the reference alone
     """
-    cause, engine, tries = fit.cause, record.engine, []
+    cause, tries = fit.cause, []
     again = door is None or repeatable(door)
     if again and cause.sized and not cause.linear and cause.plant is None:
         opposite = _changed(fit, model, -fit.size)  # of a factor of 5.7 none: a fraction of -4.7 leaves nothing

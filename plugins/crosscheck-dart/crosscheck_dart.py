@@ -1,7 +1,7 @@
 """DART as an engine of crosscheck: rigid trees, built from primary data by its own interface.
 
-    coordinates   one number per revolute or prismatic joint, by name; a continuous joint (cos, sin) is the angle atan2(sin, cos)
     coordinates   one number per revolute or prismatic joint, by name; a continuous joint (cos, sin) is its angle
+    tau           computeInverseDynamics(False, False, False) = M(q) a + C(q, v) v + g(q), without rotors, damping and springs:
                   DART either does not know or takes at the end of a time step; they are added here
     frames        T_ParentBodyToJoint is the joint's placement; the child's frame is the joint's, moved
     fixed joints  weld joints; a link without mass has 1e-300 kg (DART's default is 1 kg)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 import os
+import pickle
+import shutil
+import subprocess
 import sys
 import threading
 import time as clock
@@ -16,9 +19,12 @@ import pytest
 import rogue_program
 
 from crosscheck.doors.command import environment
-from crosscheck.doors.registry import COMMAND
+from crosscheck.doors.registry import COMMAND, RECORD
 from crosscheck.engines import ENGINES, Engine
+from crosscheck.kit.write import write
+from crosscheck.run.cluster import far, luggage
 from crosscheck.run.isolation import Attempt, Children, run_engine
+from crosscheck.run.runner import Options, _do
 from crosscheck.verdicts.plan import Task, discover
 
 SHARED = Path(rogue_program.__file__).parent
@@ -192,3 +198,27 @@ def test_nothing_of_ours_is_in_reach_in_a_blind_round(
     assert not [name for name, value in seen.items() if str(root) in value and name != "PATH"]
     assert seen["PYTHONPATH"] == str(tmp_path / "hidden")
     assert str(root) not in environment().get("PYTHONPATH", "")
+
+
+@pytest.mark.slow
+def test_a_worker_of_a_cluster_asks_programs_and_records(root: Path, tmp_path: Path) -> None:
+    """What Dask sends is pickled: the engine with its door, and the files of the mechanism with its records."""
+    models = tmp_path / "models"
+    shutil.copytree(root / "models" / "double_pendulum", models / "double_pendulum")
+    answered = models / "double_pendulum" / "records" / "adams" / "swing"
+    kit = tmp_path / "kit"
+    task = discover(models, ["double_pendulum/swing"]).tasks[0]
+    write(task.mechanism, task.case, kit)
+    answered.parent.mkdir(parents=True)
+    words = [sys.executable, str(SHARED / "kit_programs" / "rigid.py"), str(kit), str(answered)]
+    subprocess.run(words, check=True, timeout=60)
+    one = engine("numpy", "rigid.py", "{kit}", "{out}", folder=str(SHARED / "kit_programs"))
+    records = Engine("adams", RECORD, "", "", settings={})
+    for which in (one, records):
+        job = pickle.loads(pickle.dumps(("run", task, which)))
+        files = luggage(task)
+        shutil.move(models, tmp_path / "hidden")  # a worker has another file system
+        attempt = far(_do, job, files, Options(timeout=60.0))
+        shutil.move(tmp_path / "hidden", models)
+        assert attempt.record.status == "ok", attempt.record.message
+        assert attempt.record.engine == which.name
