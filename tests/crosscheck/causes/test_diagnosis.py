@@ -144,7 +144,7 @@ def test_a_cause_that_cannot_be_taken_out_is_put_into_the_reference() -> None:
     harmed = cause.change(subject, "link", size)
     record = flexinv.run(harmed.mechanism, harmed.case, "flexinv", {"error": False})
     fit = Fit(cause, "link", size, 0.0, np.zeros(0))
-    left, where = repair(model_of(subject, reference), fit, reference, replace(record, engine="exudyn-ancf"))
+    left, where = repair(model_of(subject, reference), fit, "exudyn-ancf", reference, record)
     assert where == "put into the reference"
     assert left == 0.0  # the same computation twice
 
@@ -159,7 +159,7 @@ def test_a_filter_cannot_be_taken_out_and_is_put_into_the_reference() -> None:
     engine, reference = (adapter(ENGINES[n]).run(found, subject.case, n, {}) for n in ("pinocchio", "flexinv"))
     harmed = answered(engine, cause.change(subject, target, size))
     fit = Fit(cause, target, size, 0.0, np.zeros(0))
-    left, where = repair(model_of(subject, reference), fit, reference, harmed)
+    left, where = repair(model_of(subject, reference), fit, "pinocchio", reference, harmed)
     assert where == "put into the reference"
     assert left is not None
     assert left < 1e-12  # rounding of two engines

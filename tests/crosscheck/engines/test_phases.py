@@ -123,7 +123,7 @@ def test_velocities_that_do_not_meet_are_named() -> None:
     with pytest.raises(
         assembly.AssemblyError, match=r"from t = 0\.5 s on \(left, right\) change a rate by 0\.5 at once"
     ):
-        phases.follow(mechanism, case, time, closed)
+        phases.follow_phases(mechanism, case, time, closed)
 
 
 def struck(impact: str) -> tuple[Mechanism, Case]:

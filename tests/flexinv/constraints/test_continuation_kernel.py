@@ -167,7 +167,7 @@ def test_the_branch_is_that_of_newton_in_numpy(name: str, monkeypatch: pytest.Mo
     example: Example = LOOPS[name]
     mechanism, case = example
     found = solve(mechanism, case.motion, step=case.step, start=case.start)
-    monkeypatch.setattr(loops, "follow", lambda *arguments: arguments[-1])
+    monkeypatch.setattr(loops, "continue_branch", lambda *arguments: arguments[-1])
     monkeypatch.setattr(loops, "rates", lambda *arguments: arguments[-1].fill(np.inf))
     expected = solve(mechanism, case.motion, step=case.step, start=case.start)
     for part in ("q", "qd", "qdd"):
@@ -179,13 +179,13 @@ def test_long_steps_are_halved_by_the_caller(monkeypatch: pytest.MonkeyPatch) ->
     """The kernel refuses a step that surprises; from there it goes on by itself."""
     mechanism, case = four_bar()
     reached = []
-    original = loops.follow
+    original = loops.continue_branch
 
     def counted(*arguments: object) -> int:
         reached.append((arguments[-1], original(*arguments)))
         return int(reached[-1][1])
 
-    monkeypatch.setattr(loops, "follow", counted)
+    monkeypatch.setattr(loops, "continue_branch", counted)
     coarse = solve(mechanism, case.motion, step=1 / 10, start=case.start)
     assert len(reached) > 1
     assert reached[-1][1] == 11

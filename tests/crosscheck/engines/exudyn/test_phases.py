@@ -78,7 +78,7 @@ def test_exudyn_meets_the_bound_of_the_report(name: str) -> None:
 def test_there_are_as_many_drives_as_freedoms() -> None:
     """Two hands on the bar leave three freedoms: three of the six joints have drives, the others are loose."""
     mechanism, case, _ = model("two_arms")
-    followed = exudyn_phases.follow(mechanism, case)
+    followed = exudyn_phases.follow_phases(mechanism, case)
     made = exudyn_phases.switching(mechanism, case, followed)
     arms = {j.name for j in mechanism.joints} - made.free
     driven = [on & arms for on in made.acting]
@@ -159,7 +159,7 @@ def test_kinematics_meet_at_the_switches() -> None:
     """The motion that efforts are shared on is closed through the switches, as flexinv has it."""
     mechanism, case, _ = model("walker")
     s = flexinv.solve(mechanism, case.motion, case.sample, start=case.start)
-    followed = exudyn_phases.follow(mechanism, case)
+    followed = exudyn_phases.follow_phases(mechanism, case)
     for k, expected in enumerate((s.q, s.qd, s.qdd)):
         made = np.concatenate([state[k] for _, state in followed])
         assert np.abs(made - expected).max() < 1e-12 * np.abs(expected).max()  # rounding of small linear systems
