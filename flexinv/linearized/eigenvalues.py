@@ -86,6 +86,8 @@ def _soft(k: Array, m: Array) -> Array:
     They are the slowest ones by K + shift M with the smallest shift that makes it definite.  So large a part of 1 / (omega^2 +
     shift) is theirs that nothing else can be read from these eigenvalues.
     """
+    if not k.any() and _definite(m):  # all motions are, and no shift of K is in scale with M
+        return np.eye(len(k))
     shift = 0.0
     while not _definite(k + shift * m):
         smallest = SOFT * np.abs(k).max() / max(np.abs(m).max(), np.finfo(float).tiny)

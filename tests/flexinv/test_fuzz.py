@@ -40,6 +40,12 @@ def test_ten_cases_are_judged() -> None:
         assert verdict.outcome != "failure", verdict.message
 
 
+def test_joints_that_nothing_holds_are_linearised() -> None:
+    """Without stiffness a shift of K by the smallest number that there is gave shapes beyond the largest."""
+    verdict = judged(example(8652, SEED))
+    assert verdict.outcome == "answer", verdict.message
+
+
 @cache
 def swing() -> flexinv.Solution:
     arm = flexinv.load_mechanism(Path(__file__).resolve().parents[2] / "models" / "flex_one_link")
