@@ -96,10 +96,13 @@ def _every_name_fits(
     for name in names:
         mechanism, _, case = name.partition("/")
         if not any(fnmatchcase(m, mechanism) and fnmatchcase(c, case or "*") for m, c in have):
-            known = ", ".join(sorted(folders)) or "none"
-            near = nearest(mechanism, sorted(folders)) if mechanism not in folders else None
-            write = f"; write '{near}'" if near else ""
-            raise InputError(f"nothing to run is called {name!r}{write}; mechanisms here: {known}")
+            folder = folders.get(mechanism)  # it was read: what cannot be is broken, which fits
+            cases = sorted(load_cases(folder, read_mechanism(folder))) if folder is not None else []
+            known, asked = (cases, case) if cases else (sorted(folders), mechanism)
+            near = None if asked in known else nearest(asked, known)
+            write = f"; write '{mechanism}/{near}'" if near and cases else f"; write '{near}'" if near else ""
+            kind = f"cases of {mechanism}" if cases else "mechanisms here"
+            raise InputError(f"nothing to run is called {name!r}{write}; {kind}: {', '.join(known) or 'none'}")
 
 
 def case_row(one: Task) -> CaseRow:

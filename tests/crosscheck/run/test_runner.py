@@ -321,7 +321,9 @@ def test_names_and_patterns_choose(root: Path, tmp_path: Path) -> None:
         discover(tmp_path, ["tail"])
     with pytest.raises(InputError, match="nothing to run is called 'left_am'; write 'left_arm'; mechanisms here"):
         discover(tmp_path, ["left_am"])
-    with pytest.raises(InputError, match="'leg/kick'"):
+    with pytest.raises(InputError, match="'leg/swig'; write 'leg/swing'; cases of leg: swing"):
+        discover(tmp_path, ["leg/swig"])
+    with pytest.raises(InputError, match="'leg/kick'; cases of leg: swing"):
         discover(tmp_path, ["leg/kick"])
 
 

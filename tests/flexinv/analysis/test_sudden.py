@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from sudden_sweep import COUPLES, RIGHT, damped, outcome, pushed, quantities, silent, sweep
 
 import flexinv
+from flexinv.analysis import trajectory
 from flexinv.dynamics.initial_state import accept
 from flexinv.dynamics.solver import Solver
 from flexinv.model.mechanism import Attachment, Beam, Closure, Joint, Link, Mechanism, Placement, Section, Spring
@@ -143,14 +144,15 @@ def test_the_robot_arm_of_simo_and_vu_quoc_at_its_own_step() -> None:
 
 
 def test_what_a_step_resolves_starts_with_the_accelerations_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A motion from rest to rest, and a jump that goes through rigid parts only, are marched as they were, bit for bit."""
-
-    def never(*_: object) -> None:
-        raise AssertionError("a start in parts")
-
-    monkeypatch.setattr("flexinv.analysis.trajectory.early_times", never)
+    """A motion from rest to rest, and a jump that goes through rigid parts only, are marched whole, a couple in parts."""
+    begun: list[object] = []
+    in_parts = trajectory.early_times
+    monkeypatch.setattr(trajectory, "early_times", lambda *given: begun.append(given) or in_parts(*given))
     flexinv.solve(arm(), flexinv.Motion.point_to_point([0.0], [1.0], 0.02, law="bang-bang", delay=1e-3), step=1e-4)
     flexinv.solve(damped(), flexinv.Motion.point_to_point([0.0], [1.0], 0.02), step=1e-4)
+    assert not begun
+    flexinv.solve(pushed(0.017, 2), HELD, step=5e-4)
+    assert len(begun) == 1
 
 
 # ------------------------------------------------------------------------------------------------- guards
