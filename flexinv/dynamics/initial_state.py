@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 
+from flexinv.dynamics.descent import descend
 from flexinv.dynamics.generalized_alpha import ACCELERATIONS, PASSES, ROUNDING, STATICS, Scheme, filtering, is_sudden
 from flexinv.dynamics.solver import Solver
 from flexinv.dynamics.stepper import CONVERGED
 from flexinv.dynamics.system import State
+from flexinv.errors import ModelWarning
 from flexinv.kinematics.joint_motion import relative_motion
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
@@ -105,18 +109,31 @@ def end_early(state: State) -> None:
 
 # A load step is halved at most this often before the equilibrium is called unreachable.
 MOST_HALVINGS = 12
+# Unknowns up to which the stiffness at the start is judged: its dense matrices then take some hundred megabytes.
+MOST_JUDGED = 3000
 
 
 def equilibrium(solver: Solver, q: Array, when: str) -> Joints:
-    """Find the rest position under gravity, springs and the solver's loads, raised from zero in steps as large as converge [N].
+    """Find the rest position under gravity, springs and the solver's loads [N], [N m] that belongs to the starting position.
+
+    Where every joint is held the loads are raised from zero in steps as large as converge.  With passive joints there are several
+    rest positions: it is the one to which the mechanism sinks from where it starts (`descent.descend`), whoever asks.
 
     The unknowns must hold a starting position, and are at rest afterwards; returns the relative motion of the prescribed joints.
-    Raises ConvergenceError, naming the part of the load that was reached.
+    Raises ConvergenceError, naming what was reached.
     """
     nv = solver.mesh.mechanism.nv
     joints = instant(solver.mesh, q, np.zeros(nv), np.zeros(nv))
+    solver.state.u[:], solver.state.du[:] = 0.0, 0.0
+    if solver.topology.freedoms.any():
+        descend(solver, joints, when)
+    else:
+        _raise_loads(solver, joints, when)
+    return joints
+
+
+def _raise_loads(solver: Solver, joints: Joints, when: str) -> None:
     level, state = solver.loads.level, solver.state
-    state.u[:], state.du[:] = 0.0, 0.0
     reached, part = 0.0, 1.0
     while reached < 1.0:
         level[0] = min(1.0, reached + part)
@@ -128,7 +145,29 @@ def equilibrium(solver: Solver, q: Array, when: str) -> Joints:
         part *= 0.5
         if part < 0.5**MOST_HALVINGS:
             raise solver.complain(status, count, size, f"{when}, {reached:.1%} of the load")
-    return joints
+
+
+def settle(solver: Solver, q: Array, when: str) -> None:
+    """Begin in the `equilibrium` of the starting position q (nq,) [rad], [m], with a ModelWarning where that is unstable."""
+    from flexinv.linearized.natural_modes import unstable_motions
+
+    joints = equilibrium(solver, q, when)
+    if len(solver.topology.scale) > MOST_JUDGED or not (unstable := unstable_motions(solver, joints)):
+        return
+    mesh, free = solver.mesh, solver.topology.freedoms
+    names = ", ".join(j.name for j in mesh.mechanism.joints if free[mesh.joint_node[j.name]])
+    count = f"{unstable} negative eigenvalue{'s' * (unstable > 1)} of its stiffness"
+    choice = (
+        f"write a start beside it for {names}, from which the mechanism sinks to another"
+        if names
+        else "write a smaller load"
+    )
+    warnings.warn(
+        f"mechanism '{mesh.mechanism.name}', {when}: the rest position in which it begins is unstable ({count}), and is "
+        f"not the only one; {choice}, or initial = 'consistent'",
+        ModelWarning,
+        stacklevel=2,
+    )
 
 
 def settle_held(solver: Solver, q: Array, time: float, when: str) -> bool:
@@ -146,7 +185,7 @@ def settle_held(solver: Solver, q: Array, time: float, when: str) -> bool:
     acting.acting[:], acting.place_b[:], acting.w[:] = own.acting, own.place_b, own.w
     start_undeformed(held, q, still, still)
     held.load_at(time, q, still, still)
-    equilibrium(held, q, when)
+    settle(held, q, when)
     nodes = held.topology.independent | (held.topology.freedoms > 0)
     solver.state.x[nodes], solver.state.r[nodes] = held.state.x[nodes], held.state.r[nodes]
     for n in np.flatnonzero(held.topology.freedoms):
