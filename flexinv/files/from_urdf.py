@@ -103,15 +103,13 @@ def _links(robot: Element, path: Path) -> dict[str, Inertia | None]:
     for element in robot.findall("link"):
         name = name_of(element, path)
         if name in links:
-            raise InputError(
-                complaint(location(path, element), "this link twice", "each link once", "a name of its own")
-            )
+            raise complaint(location(path, element), "this link twice", "each link once", "a name of its own")
         links[name] = _inertia(element, path)
     if not links:
-        raise InputError(complaint(str(path), "a robot without links", "at least one <link>", '<link name="base">'))
+        raise complaint(str(path), "a robot without links", "at least one <link>", '<link name="base">')
     if all(inertia is None for inertia in links.values()):
         advice = '<inertial><mass value="..."/><inertia ixx="..." .../></inertial> in the links'
-        raise InputError(complaint(str(path), "no link with a mass [kg]", "inertia in at least one link", advice))
+        raise complaint(str(path), "no link with a mass [kg]", "inertia in at least one link", advice)
     return links
 
 
@@ -122,9 +120,7 @@ def _inertia(link: Element, path: Path) -> Inertia | None:
         return None
     mass = number(inertial.find("mass"), "value", 0.0, location(path, link, "mass"))
     if mass < 0:
-        raise InputError(
-            complaint(location(path, link, "mass"), f'value="{mass:g}"', "a mass >= 0 [kg]", f'value="{-mass:g}"')
-        )
+        raise complaint(location(path, link, "mass"), f'value="{mass:g}"', "a mass >= 0 [kg]", f'value="{-mass:g}"')
     entry, where = inertial.find("inertia"), location(path, link, "inertia")
     xx, xy, xz, yy, yz, zz = (number(entry, name, 0.0, where) for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -145,9 +141,7 @@ def _joints(robot: Element, path: Path) -> list[Joint]:
     for element in robot.findall("joint"):
         name = name_of(element, path)
         if name in joints:
-            raise InputError(
-                complaint(location(path, element), "this joint twice", "each joint once", "a name of its own")
-            )
+            raise complaint(location(path, element), "this joint twice", "each joint once", "a name of its own")
         joints[name] = _joint(element, name, path)
     return list(joints.values())
 
@@ -157,13 +151,13 @@ def _joint(element: Element, name: str, path: Path) -> Joint:
     if kind not in KINDS:
         near = "two prismatic and one revolute joint" if kind == "planar" else nearest(kind, KINDS) or "revolute"
         expected = f"one of {', '.join(KINDS)}" + ("; planar joints are not supported" if kind == "planar" else "")
-        raise InputError(complaint(location(path, element, "type"), f'type="{kind[:60]}"', expected, near))
+        raise complaint(location(path, element, "type"), f'type="{kind[:60]}"', expected, near)
     ends = []
     for tag in ("parent", "child"):
         end = element.find(tag)
         link = end.get("link") if end is not None else None
         if not link:
-            raise InputError(complaint(f"{where}, {tag}", "nothing", "the name of a link", f'<{tag} link="..."/>'))
+            raise complaint(f"{where}, {tag}", "nothing", "the name of a link", f'<{tag} link="..."/>')
         ends.append(link)
     parts: dict[str, Any] = {"placement": _origin(element, where), "actuated": kind not in ("fixed", "floating")}
     if kind in ("revolute", "continuous", "prismatic"):
@@ -184,7 +178,7 @@ def _limits(element: Element, kind: str, where: str) -> Limits:
     lower, upper = (number(limit, name, 0.0, where, FLOATS) for name in ("lower", "upper"))
     if lower > upper:
         given = f'lower="{lower:g}" upper="{upper:g}"'
-        raise InputError(complaint(where, given, "lower <= upper", "the two exchanged, if so meant"))
+        raise complaint(where, given, "lower <= upper", "the two exchanged, if so meant")
     return Limits(abs(effort), abs(velocity), lower, upper)
 
 
@@ -192,7 +186,7 @@ def _dynamics(element: Element, where: str) -> dict[str, float]:
     stated = {name: number(element.find("dynamics"), name, 0.0, where) for name in ("damping", "friction")}
     for name, value in stated.items():
         if value < 0:
-            raise InputError(complaint(where, f'{name}="{value:g}"', f"a {name} >= 0", f'{name}="{-value:g}"'))
+            raise complaint(where, f'{name}="{value:g}"', f"a {name} >= 0", f'{name}="{-value:g}"')
     return stated
 
 
@@ -212,7 +206,7 @@ def _root(links: dict[str, Inertia | None], joints: list[Joint], robot: Element,
         if roots
         else "the loop cut at one joint, and [closures.NAME] beside [urdf] for it"
     )
-    raise InputError(complaint(location(path, robot), given, expected, advice))
+    raise complaint(location(path, robot), given, expected, advice)
 
 
 def _based(
@@ -248,9 +242,7 @@ def _locked(joints: list[Joint], lock: Sequence[str], path: Path) -> list[Joint]
     for name in lock:
         if name not in known:
             near = nearest(name, known) or (known[0] if known else "no joint")
-            raise InputError(
-                complaint(str(path), f'lock of joint "{name}"', "a joint of the robot that moves", f'"{near}"')
-            )
+            raise complaint(str(path), f'lock of joint "{name}"', "a joint of the robot that moves", f'"{near}"')
     return [
         Joint(j.name, "fixed", j.parent, j.child, j.placement, actuated=False) if j.name in lock else j for j in joints
     ]
