@@ -9,9 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flexinv.analysis.evaluation import FirstStep, rigid_motion_of
-from flexinv.analysis.flexible_loops import closed_task, with_closures
+from flexinv.analysis.flexible_loops import Switching, closed_task, with_closures
 from flexinv.analysis.rigid_loops import rigid_loops
-from flexinv.analysis.switching import Switching
 from flexinv.analysis.task import Task
 from flexinv.constraints.closures import constraint_rows
 from flexinv.constraints.phases import Phase, phases

@@ -3,6 +3,14 @@
 Same equations as `closures`, one row each: position u . d = 0 or direction u . w = 0, with the gradient g of a row (force on
 node b and a in the world, moment in the node's own frame).  A closure that does not act has rows of zeros.
 Springs between points (`spring_rows`) follow as further rows.
+
+With K of the tree, every row k of the border adds an unknown lambda_k (a multiplier, or the force of a spring), a column C_k
+(what the unknown does to the residual) and an equation:
+
+    K y - C dlambda = -r          A_k . y + e_k dlambda_k = -phi_k
+
+solved by y = y_0 + K^-1 C dlambda on the tree, and the border  (A K^-1 C + e) dlambda = -phi - A y_0  with complete pivoting:
+rows that add nothing (redundant constraints of planar loops, closures that do not act) are found there and keep their unknowns.
 """
 
 from __future__ import annotations
@@ -14,6 +22,7 @@ from numpy.typing import NDArray
 
 from flexinv.constraints.closures import Rows
 from flexinv.constraints.equations import fixed, gap
+from flexinv.kernels.dense import solve_symmetric
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.vec3 import ZERO, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
 from flexinv.typing import Array
@@ -173,14 +182,14 @@ def _set_gradient(k, a, b, constraints, frames, u, w):
 
 
 @jit_inner
-def add_ties(constraints, wrench):
-    """Take the forces of the multipliers off the wrenches of their nodes, r - C lambda [N], [N m]."""
+def add_ties(constraints, multiplier, wrench):
+    """Take the forces of multipliers (rows,), or of their changes, off the wrenches of their nodes, r - C lambda [N], [N m]."""
     for k in range(len(constraints.a)):
         for i in range(6):
             if constraints.a[k] >= 0:
-                wrench[constraints.a[k], i] -= constraints.multiplier[k] * constraints.gradient[k, i]
+                wrench[constraints.a[k], i] -= multiplier[k] * constraints.gradient[k, i]
             if constraints.b[k] >= 0:
-                wrench[constraints.b[k], i] -= constraints.multiplier[k] * constraints.gradient[k, 6 + i]
+                wrench[constraints.b[k], i] -= multiplier[k] * constraints.gradient[k, 6 + i]
 
 
 @jit_inner
@@ -222,3 +231,38 @@ def _add_side(topology, n, variation, gradient, first, side):
             vec_at(gradient, first + 3), vec(variation.t[n, k])
         )
         side[topology.offset[block] + k] -= along
+
+
+# A pivot of the border, scaled to a unit diagonal, below this belongs to a redundant row: rounding leaves 1e-14.
+REDUNDANT_PIVOT = 1e-10
+
+
+@jit_inner
+def solve_border(constraints, unit, y):
+    """Find the increments of the border's unknowns and add what they do to y[0] [m], [rad].
+
+    y : (1 + rows, unknowns), y_0 and then K^-1 C; ``unit`` scales the equations of constraints
+    """
+    rows = len(constraints.a)
+    for i in range(rows):
+        for j in range(rows):
+            constraints.border[i, j] = -product(constraints.across[i], y[1 + j])
+        constraints.border[i, i] -= constraints.give[i]
+        constraints.border[i, rows] = product(constraints.across[i], y[0]) - constraints.value[i] / (
+            unit if constraints.give[i] == 0.0 else 1.0
+        )
+    work = constraints.order, constraints.value
+    solve_symmetric(constraints.border, rows, REDUNDANT_PIVOT, constraints.step, work)
+    for k in range(rows):
+        constraints.multiplier[k] += constraints.step[k]
+        for i in range(y.shape[1]):
+            y[0, i] += constraints.step[k] * y[1 + k, i]
+
+
+@jit_inner
+def product(a, b):
+    """Return a . b of two rows [any unit]."""
+    total = 0.0
+    for i in range(len(a)):
+        total += a[i] * b[i]
+    return total

@@ -21,9 +21,8 @@ from flexinv.dynamics.solver import Solver, by_unknown
 from flexinv.errors import InputError
 from flexinv.kinematics.configuration_arrays import slides
 from flexinv.kinematics.mesh import Mesh
-from flexinv.linearized.arguments import check_modes, check_rates
 from flexinv.linearized.eigenvalues import SOFT, undamped
-from flexinv.linearized.natural_modes import allowed_motions, chosen, nodal_shapes
+from flexinv.linearized.natural_modes import allowed_motions, check_modes, check_rates, chosen, nodal_shapes
 from flexinv.linearized.steady_state import Steady, steady_motion
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism

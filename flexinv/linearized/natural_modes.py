@@ -11,7 +11,7 @@ outside effort holds a free joint in place, it is taken as constant, and of K th
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,10 +30,10 @@ from flexinv.errors import InputError
 from flexinv.kernels.jit import jit
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.tree import Joints
-from flexinv.linearized.arguments import check_modes
 from flexinv.linearized.eigenvalues import negative, undamped
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
+from flexinv.validation import floats, names, number, of_kind, table, whole
 
 # A singular value of the closures' equations below this part of the largest belongs to a redundant one: rounding is 1e-15.
 REDUNDANT = 1e-10
@@ -297,3 +297,21 @@ def tip_shapes(found: Modes) -> dict[str, Array]:
         swing = np.cross(found.rotation[:, node], arm) @ found.orientation[node].T
         out[link.name] = found.displacement[:, node] + swing
     return out
+
+
+def check_modes(
+    mechanism: Mechanism, q: ArrayLike | None, free: Collection[str] | None, count: int | None
+) -> Array | None:
+    """Return q [rad], [m] as floats; raises InputError for arguments of another kind."""
+    of_kind("mechanism", mechanism, Mechanism)
+    if free is not None:
+        names("free", free, "joints")
+    if count is not None:
+        whole("count", count, 1, "1 or more, or None for all")
+    return None if q is None else floats("modes: q", q)
+
+
+def check_rates(rates: Mapping[str, float] | None) -> dict[str, float]:
+    """Return rates [rad/s] by joint as floats, none for None."""
+    given = table("rates", rates, "a table of joints and their rates", 'rates={"joint": 10.0}')
+    return {name: number(f"rate of joint {name!r}", rate, "a finite number [rad/s]") for name, rate in given.items()}

@@ -9,7 +9,7 @@ from __future__ import annotations
 from flexinv.dynamics.index1 import MASSLESS
 from flexinv.kernels.dense import invert_scaled
 from flexinv.kernels.jit import jit_inner, jit_shared
-from flexinv.planar.constraint_rows import add_step, solve_ties, stiffen, tie_rows, tie_sides
+from flexinv.planar.constraint_rows import add_step, add_ties, solve_ties, stiffen, tie_rows, tie_sides
 from flexinv.planar.tree import vary_poses
 
 
@@ -56,12 +56,7 @@ def _change(tree, constraints, frames):
             tree.mass[n] * y,
             tree.inertia[n] * turned,
         )
-    for r in range(len(constraints.a)):
-        for i in range(3):
-            if constraints.a[r] >= 0:
-                constraints.change[constraints.a[r], i] -= constraints.step[r] * constraints.gradient[r, i]
-            if constraints.b[r] >= 0:
-                constraints.change[constraints.b[r], i] -= constraints.step[r] * constraints.gradient[r, 3 + i]
+    add_ties(constraints, constraints.step, constraints.change)
     for n in range(len(tree.parent) - 1, -1, -1):
         m, own = tree.parent[n], constraints.change[n]
         for i in range(3):
