@@ -22,7 +22,8 @@ from crosscheck.doors.packages import NAME
 from flexinv.errors import InputError
 from flexinv.files.case_schema import QUANTITIES
 from flexinv.files.load_cases import Limit
-from flexinv.files.toml_tables import Location, Positive, Table, Text, key, read_toml, validate
+from flexinv.files.toml_tables import Location, Table, key, read_toml, validate
+from flexinv.files.values import Positive, Text
 
 FILE = "crosscheck.toml"
 PLACEHOLDERS = ("{kit}", "{out}")

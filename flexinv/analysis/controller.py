@@ -342,12 +342,8 @@ class EnergyGuard:
         holds : kinetic and elastic energy [J]; potential [J]; power : of drives and forces [W]; qd : (nv,) [1/s]
         """
         done = self.step * (self.power + power) / 2
-        self.power, self.work, self.worked, self.steps = (
-            power,
-            self.work + done,
-            self.worked + abs(done),
-            self.steps + 1,
-        )
+        self.power, self.steps = power, self.steps + 1
+        self.work, self.worked = self.work + done, self.worked + abs(done)
         from_nowhere = holds + potential - self.held - self.potential - self.work
         if from_nowhere <= (1 - 1 / REASON) * holds:
             return

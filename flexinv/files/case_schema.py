@@ -3,26 +3,18 @@
 from __future__ import annotations
 
 import datetime
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Field
+from scipy.spatial.transform import Rotation
 
 from flexinv import validation as arguments
-from flexinv.files.toml_tables import (
-    Location,
-    Name,
-    NotNegative,
-    Number,
-    Positive,
-    Table,
-    Text,
-    Vector,
-    key,
-    optional,
-    read_toml,
-    validate,
-)
+from flexinv.files.toml_tables import Location, Table, key, optional, read_toml, validate
+from flexinv.files.values import Name, NotNegative, Number, Positive, Text, Vector
+from flexinv.typing import Array
 
 QUANTITIES = ("torque", "wrench", "reaction", "tip", "deflection", "axial", "internal", "frequency")
 # Comparisons with a release, separated by commas, as in requirements of packages (PEP 440).
@@ -123,6 +115,51 @@ class PoseStartTable(RotationStartTable):
     """Start pose of a free joint."""
 
     xyz_m: Vector | None = optional("the position [m]", "xyz_m = [0, 0, 1]")
+
+
+Reader = Callable[[Any], Array]
+
+
+def plain(value: Any) -> Array:
+    """Read numbers that are in SI units already [rad], [m], [-]."""
+    return np.atleast_1d(np.array(value, dtype=np.float64))
+
+
+def _radians(value: Any) -> Array:
+    return np.radians(plain(value))
+
+
+def _quaternion(rpy_deg: Any) -> Array:
+    return np.asarray(Rotation.from_euler("xyz", rpy_deg, degrees=True).as_quat())
+
+
+# Units of the velocity coordinates of a kind of joint -> its table, the parts of its coordinates (by their keys), an example.
+ANGLE: dict[str, Reader] = {"deg": _radians, "rad": plain}
+TURN: dict[str, Reader] = {"quaternion": plain, "rpy_deg": _quaternion}
+MOVES: dict[tuple[str, ...], tuple[type[MoveTable], tuple[dict[str, Reader], ...], str]] = {
+    ("rad",): (AngleTable, (ANGLE,), "{ from_deg = 0, to_deg = 90 }"),
+    ("m",): (PositionTable, ({"m": plain},), "{ from_m = 0, to_m = 0.1 }"),
+    2 * ("rad",): (TwoAnglesTable, (ANGLE,), "{ from_deg = [0, 0], to_deg = [30, 20] }"),
+    3 * ("rad",): (RotationTable, (TURN,), "{ from_rpy_deg = [0, 0, 0], to_rpy_deg = [0, 0, 90] }"),
+    (*3 * ("m",), *3 * ("rad",)): (
+        PoseTable,
+        ({"xyz_m": plain}, TURN),
+        "{ at_xyz_m = [0, 0, 1], at_rpy_deg = [0, 0, 0] }",
+    ),
+}
+
+# The same of where a joint starts.
+STARTS: dict[tuple[str, ...], tuple[type[Table], tuple[dict[str, Reader], ...], str]] = {
+    ("rad",): (AngleStartTable, (ANGLE,), "{ deg = 30 }"),
+    ("m",): (PositionStartTable, ({"m": plain},), "{ m = 0.1 }"),
+    2 * ("rad",): (TwoAnglesStartTable, (ANGLE,), "{ deg = [10, -5] }"),
+    3 * ("rad",): (RotationStartTable, (TURN,), "{ rpy_deg = [0, 0, 90] }"),
+    (*3 * ("m",), *3 * ("rad",)): (
+        PoseStartTable,
+        ({"xyz_m": plain}, TURN),
+        "{ xyz_m = [0, 0, 1], rpy_deg = [0, 0, 0] }",
+    ),
+}
 
 
 class MotionTable(Table):

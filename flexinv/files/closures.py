@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from itertools import pairwise
 from typing import Annotated, Any
 
@@ -11,23 +10,10 @@ import numpy as np
 from pydantic import Field, PlainValidator, WithJsonSchema
 
 from flexinv.files.bodies import check_station
-from flexinv.files.joints import read_placement, unit_axis
+from flexinv.files.joints import read_axes, read_placement
 from flexinv.files.schema import SOURCE, PlacementTable, finite
-from flexinv.files.toml_tables import (
-    Fraction,
-    Location,
-    Name,
-    NotNegative,
-    Number,
-    Table,
-    Text,
-    Vector,
-    key,
-    one_of,
-    optional,
-    toml_text,
-    validate,
-)
+from flexinv.files.toml_tables import Location, Table, key, one_of, optional, toml_text, validate
+from flexinv.files.values import Fraction, Name, NotNegative, Number, Text, Vector
 from flexinv.model.attachments import COUPLED_JOINTS
 from flexinv.model.mechanism import CLOSURES, COUPLED, IMPACTS, WORLD, Attachment, Closure, Force, Joint, Link, Spring
 from flexinv.typing import Array
@@ -153,22 +139,11 @@ def read_closure(
     if kind == "coupling":
         return _coupling(validate(CouplingTable, data, where), taken, where, name)
     table = validate(TABLES[kind or "revolute"], data, where)
-    axes: dict[str, Any] = {
-        axis: unit_axis(getattr(table, axis), where.key(axis), f"{axis} = [0, 0, 1]")
-        for axis in ("axis", "second_axis")
-        if hasattr(table, axis)
-    }
     first, second = _pair(table, links, where)
-    closure = Closure(
-        name,
-        table.kind,
-        first,
-        second,
-        active=_intervals(table.active_s, where),
-        capture=table.capture,
-        impact=_impact(table, where),
-    )
-    return replace(closure, **axes)
+    return Closure(
+        name, table.kind, first, second, **read_axes(table, where), active=_intervals(table.active_s, where),
+        capture=table.capture, impact=_impact(table, where),
+    )  # fmt: skip
 
 
 def _coupling(table: CouplingTable, joints: Mapping[str, Joint], where: Location, name: str) -> Closure:

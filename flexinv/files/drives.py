@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from flexinv.files.toml_tables import Location, NotNegative, Positive, Table, key, optional
+from flexinv.files.toml_tables import Location, Table, key, optional
 from flexinv.files.unit_keys import split_unit
+from flexinv.files.values import NotNegative, Positive
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Drive
 

@@ -10,23 +10,9 @@ import numpy as np
 from flexinv.errors import ModelWarning
 from flexinv.files.drives import DriveTable, LinearDriveTable, read_drive
 from flexinv.files.schema import PLACEMENT, SOURCE, PlacementTable
-from flexinv.files.toml_tables import (
-    Fraction,
-    Location,
-    Name,
-    NotNegative,
-    Number,
-    Positive,
-    Table,
-    Text,
-    Vector,
-    complaint,
-    key,
-    one_of,
-    optional,
-    validate,
-)
+from flexinv.files.toml_tables import Location, Table, complaint, key, one_of, optional, validate
 from flexinv.files.unit_keys import split_unit
+from flexinv.files.values import Fraction, Name, NotNegative, Number, Positive, Text, Vector
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Joint, Limits, Placement
 from flexinv.typing import Array
@@ -201,10 +187,7 @@ def read_joint(data: Any, where: Location, name: str) -> Joint:
     """Read ``[joints.NAME]`` into a joint [m, rad, kg m^2, N m s/rad, N m] of its kind."""
     kind = one_of(data, where, "kind", KINDS, f"one of {NAMES}", "revolute")
     table = validate(TABLES[kind or "revolute"], data, where)
-    axes: dict[str, Any] = {}
-    for axis in ("axis", "second_axis"):
-        if hasattr(table, axis):
-            axes[axis] = unit_axis(getattr(table, axis), where.key(axis), f"{axis} = [0, 0, 1]")
+    axes = read_axes(table, where)
     if "second_axis" in axes and abs(axes["axis"] @ axes["second_axis"]) > UNIT:
         expected = "a second axis at right angles to the first [-]"
         advice = "second_axis = [0, 1, 0] with axis = [1, 0, 0]; else two revolute joints with a massless link between"
@@ -244,6 +227,12 @@ def _rest(table: Table, stiffness: float, where: Location) -> float:
         raise where.wrong(named[0], f"{named[0]} alone", expected, f"{spring} = 20")
     value = float(getattr(table, named[0])) if named else 0.0
     return float(np.radians(value)) if named == ["rest_deg"] else value
+
+
+def read_axes(table: Table, where: Location) -> dict[str, Any]:
+    """Read the keys axis and second_axis, (3,) [-] each, where the table has them."""
+    names = [name for name in ("axis", "second_axis") if hasattr(table, name)]
+    return {name: unit_axis(getattr(table, name), where.key(name), f"{name} = [0, 0, 1]") for name in names}
 
 
 def unit_axis(axis: Any, where: str, write: str) -> Array:

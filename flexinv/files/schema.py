@@ -7,19 +7,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, PlainValidator, WithJsonSchema
 
-from flexinv.files.toml_tables import (
-    Fraction,
-    Name,
-    NotNegative,
-    Number,
-    Positive,
-    Table,
-    Text,
-    Vector,
-    bounded,
-    key,
-    optional,
-)
+from flexinv.files.toml_tables import Table, key, optional
+from flexinv.files.values import Fraction, Name, NotNegative, Number, Positive, Text, Vector, bounded
 
 Numbers = dict[str, float]
 

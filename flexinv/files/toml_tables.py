@@ -8,18 +8,17 @@ import tomllib
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_args
+from typing import Any, TypeVar, get_args
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
 
 from flexinv.errors import InputError
 from flexinv.files.unit_keys import correction
+from flexinv.files.values import clean_name
 from flexinv.validation import nearest
 
 LARGEST_FILE = 1 << 20  # [byte]: the largest hand-written mechanism is a thousand times smaller
-LARGEST = 1e30  # no length, mass or stiffness in SI is larger; powers of larger numbers overflow
-LONGEST_NAME, LONGEST_TEXT = 100, 4000  # [characters]
 
 
 class Table(BaseModel):
@@ -59,38 +58,6 @@ def read_bytes(path: Path, largest: int, kind: str, existing: str, smaller: str)
     if len(data) > largest:
         raise complaint(str(path), f"more than {largest} bytes", f"at most {largest} bytes", smaller)
     return data
-
-
-def bounded(value: Any) -> Any:
-    """Refuse (ValueError) what is no finite number of a size that can be meant, at most ``LARGEST`` [any unit]."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError("should be a number")
-    if value != value or abs(value) > LARGEST:
-        raise ValueError(f"should be a finite number, at most {LARGEST:g} in size")
-    return value
-
-
-def _clean_name(name: str) -> str:
-    if not name.isprintable() or not name.strip() or len(name) > LONGEST_NAME:
-        raise ValueError(f"a name is 1 to {LONGEST_NAME} printable characters, none of them a control character")
-    return name
-
-
-def _clean_text(text: str) -> str:
-    if not text.strip() or len(text) > LONGEST_TEXT:
-        raise ValueError(f"a text is 1 to {LONGEST_TEXT} characters and not only blanks")
-    if not all(c.isprintable() or c == "\n" for c in text):
-        raise ValueError("a text has no control characters")
-    return text
-
-
-Number = Annotated[float, BeforeValidator(bounded)]
-Positive = Annotated[Number, Field(gt=0)]
-NotNegative = Annotated[Number, Field(ge=0)]
-Fraction = Annotated[Number, Field(ge=0, le=1)]
-Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
-Name = Annotated[str, AfterValidator(_clean_name)]
-Text = Annotated[str, AfterValidator(_clean_text)]
 
 
 def complaint(where: str, given: str, expected: str, write: str) -> InputError:
@@ -157,7 +124,7 @@ def check_names(file: Path, **tables: dict[str, Any]) -> None:
     for kind, names in tables.items():
         for name in names:
             try:
-                _clean_name(name)
+                clean_name(name)
                 if "/" in name:
                     raise ValueError("a name has no slash: results are named by paths such as torque/elbow")
             except ValueError as error:

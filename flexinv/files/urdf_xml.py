@@ -10,7 +10,8 @@ import numpy as np
 from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
-from flexinv.files.toml_tables import LARGEST, LONGEST_NAME, complaint, read_bytes
+from flexinv.files.toml_tables import complaint, read_bytes
+from flexinv.files.values import LARGEST, LONGEST_NAME
 from flexinv.typing import Array
 from flexinv.validation import nearest
 

@@ -289,13 +289,21 @@ def nodal_shapes(solver: Solver, shapes: NDArray[Any]) -> NDArray[Any]:
 
 def tip_shapes(found: Modes) -> dict[str, Array]:
     """Return the displacement of every link's tip in each mode, (modes, 3) [m] world, by link name."""
-    mesh, out = found.mesh, {}
+    return tip_moves(found.mesh, np.concatenate([found.displacement, found.rotation], axis=2), found.orientation)
+
+
+def tip_moves(mesh: Mesh, moves: Array, orientation: Array) -> dict[str, Array]:
+    """Return the displacement of every link's tip (motions, 3) [m] world from ``moves`` of the nodes as of `nodal_shapes`.
+
+    orientation : (nodes, 3, 3) where they stand [-]
+    """
+    out = {}
     for joint in mesh.mechanism.joints:
         link = mesh.mechanism.link_of[joint.child]
         node = mesh.tip_node.get(link.name, mesh.joint_node[joint.name])
         arm = np.zeros(3) if link.beam is not None else link.tip
-        swing = np.cross(found.rotation[:, node], arm) @ found.orientation[node].T
-        out[link.name] = found.displacement[:, node] + swing
+        swing = np.cross(moves[:, node, 3:], arm) @ orientation[node].T
+        out[link.name] = moves[:, node, :3] + swing
     return out
 
 

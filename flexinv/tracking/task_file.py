@@ -14,21 +14,8 @@ from scipy.spatial.transform import Rotation
 from flexinv.errors import InputError
 from flexinv.files.case_motion import read_places
 from flexinv.files.case_schema import MeshTable, read_cases
-from flexinv.files.toml_tables import (
-    Fraction,
-    Location,
-    Name,
-    NotNegative,
-    Number,
-    Positive,
-    Table,
-    Text,
-    Vector,
-    check_names,
-    key,
-    optional,
-    validate,
-)
+from flexinv.files.toml_tables import Location, Table, check_names, key, optional, validate
+from flexinv.files.values import Fraction, Name, NotNegative, Number, Positive, Text, Vector
 from flexinv.model.mechanism import Attachment, Mechanism, Placement
 from flexinv.tracking.frame_path import Path
 from flexinv.typing import Array
