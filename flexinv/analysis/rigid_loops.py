@@ -112,12 +112,9 @@ def _impact(
     multipliers[:, stretch.pick] = shares.multipliers
     work = float(shares.tau[0] @ (before + after)) / 2
     lost = kinetic_energy(mesh, one, before) - kinetic_energy(mesh, two, after) + work
-    reaction = _only(closing(mesh, two, stretch.rows, multipliers)[1])
+    shown = closing(mesh, two, stretch.rows, multipliers)[1]
+    reaction = {name: values[0] for name, values in shown.items()}
     return Impact(time, names_of(m, begins), shares.tau[0], reaction, work, lost)
-
-
-def _only(reaction: dict[str, Array]) -> dict[str, Array]:
-    return {name: values[0] for name, values in reaction.items()}
 
 
 def energy_jumps(time: Array, impacts: list[Impact]) -> Array | None:

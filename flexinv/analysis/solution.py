@@ -213,7 +213,8 @@ class Solution:
             ("rate", self.qd, 1),
             ("acceleration", self.qdd, 2),
         ):
-            for name, unit, column in zip(m.velocity_names, _motion_units(m, derivative), values.T, strict=True):
+            units = ((unit + ("", "/s", "/s^2")[derivative]) for j in m.joints for unit in KINDS[j.kind].units)
+            for name, unit, column in zip(m.velocity_names, units, values.T, strict=True):
                 if np.isfinite(column).all():
                     columns[f"{label} {name} [{unit}]"] = column
         for name, unit, column in zip(m.velocity_names, effort_units(m), self.torque_all.T, strict=True):
@@ -289,19 +290,9 @@ class Solution:
         return pd.DataFrame(rows, index=pd.Index(m.velocity_names, name="coordinate"))
 
 
-def _is_force(mechanism: Mechanism) -> list[bool]:
-    """Return True for each velocity coordinate that is a translation, whose effort is a force."""
-    return [force for joint in mechanism.joints for force in KINDS[joint.kind].translations]
-
-
 def effort_units(mechanism: Mechanism) -> list[str]:
     """Return "N" or "N m" for every velocity coordinate, the unit of its effort [N], [N m]."""
-    return ["N" if force else "N m" for force in _is_force(mechanism)]
-
-
-def _motion_units(mechanism: Mechanism, derivative: int) -> list[str]:
-    per = ("", "/s", "/s^2")[derivative]
-    return [("m" if force else "rad") + per for force in _is_force(mechanism)]
+    return ["N" if force else "N m" for joint in mechanism.joints for force in KINDS[joint.kind].translations]
 
 
 def at_roots(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> dict[str, Array]:

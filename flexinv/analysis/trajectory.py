@@ -115,11 +115,8 @@ def _jump_samples(time: Array, jumps: tuple[float, ...]) -> list[int]:
     """Samples after the first at which the acceleration jumps."""
     step = time[1] - time[0] if len(time) > 1 else 1.0
     found = {round((jump - time[0]) / step) for jump in jumps}
-    return sorted(k for k in found if 0 < k < len(time) and _is_jump(time[k], jumps, step))
-
-
-def _is_jump(t: float, jumps: tuple[float, ...], step: float) -> bool:
-    return any(abs(t - jump) < SAME_TIME * step for jump in jumps)
+    met = (k for k in found if 0 < k < len(time) and np.abs(time[k] - np.array(jumps)).min() < SAME_TIME * step)
+    return sorted(met)
 
 
 class _Leg(NamedTuple):

@@ -269,7 +269,9 @@ def main(arguments: list[str] | None = None) -> None:
         warnings.simplefilter("always", ModelWarning)
         others = warnings.showwarning
         warnings.showwarning = lambda message, category, *place: (
-            _warn(message) if issubclass(category, ModelWarning) else others(message, category, *place)
+            click.echo(f"flexinv: warning: {_one_line(message)}", err=True)
+            if issubclass(category, ModelWarning)
+            else others(message, category, *place)
         )
         with telling():
             complaint = _run(arguments)
@@ -293,10 +295,6 @@ def _run(arguments: list[str] | None) -> str:
     except OSError as error:
         return f"{error.filename}: {error.strerror}" if error.filename else _one_line(error)
     return ""
-
-
-def _warn(message: Warning | str) -> None:
-    click.echo(f"flexinv: warning: {_one_line(message)}", err=True)
 
 
 def _one_line(message: object) -> str:

@@ -83,7 +83,8 @@ def read_urdf(
     check_ends(joints, inertias, inertias, where)
     inertias, joints = _based(inertias, joints, _root(inertias, joints, robot, path), base)
     ordered = depth_first(joints, inertias, where)
-    links = tuple(Link(j.child, _own_body(j.child, inertias[j.child])) for j in ordered)
+    own = {name: () if inertia is None else (Body(name, inertia),) for name, inertia in inertias.items()}
+    links = tuple(Link(j.child, own[j.child]) for j in ordered)
     warned = _warned(robot, inertias, lock)
     mechanism = Mechanism(
         name=path.stem, links=links, joints=ordered, gravity=pull, title=f"{robot.get('name', path.stem)}",
@@ -91,10 +92,6 @@ def read_urdf(
         notes=(*warned.values(), *_notes(inertias, lock)),
     )  # fmt: skip
     return mechanism, warned
-
-
-def _own_body(name: str, inertia: Inertia | None) -> tuple[Body, ...]:
-    return () if inertia is None else (Body(name, inertia),)
 
 
 def _links(robot: Element, path: Path) -> dict[str, Inertia | None]:
@@ -217,17 +214,12 @@ def _based(
         return {name: inertia for name, inertia in links.items() if name != WORLD}, joints
     names = {WORLD: _free_name("world_link", links)}
     links = {names.get(name, name): inertia for name, inertia in links.items()}
-    joints = [_renamed(joint, names) for joint in joints]
+    joints = [replace(j, parent=names.get(j.parent, j.parent), child=names.get(j.child, j.child)) for j in joints]
     kind = "free" if base == "free" else "fixed"
     joint = Joint(
         _free_name("root_joint", [j.name for j in joints]), kind, WORLD, names.get(root, root), actuated=False
     )
     return links, [joint, *joints]
-
-
-def _renamed(joint: Joint, names: dict[str, str]) -> Joint:
-    ends = names.get(joint.parent, joint.parent), names.get(joint.child, joint.child)
-    return joint if ends == (joint.parent, joint.child) else replace(joint, parent=ends[0], child=ends[1])
 
 
 def _free_name(name: str, taken: Any) -> str:

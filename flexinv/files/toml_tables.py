@@ -155,12 +155,9 @@ def validate(model: type[T], data: Any, where: Location) -> T:
         raise where.wrong("", toml_text(data), "a table of keys", f"[{where.table}] and its keys below")
     complaints = [_explained(model, e, where) for e in found]
     fixed = {new for _, new in complaints if new}
-    kept = [text for (text, _), e in zip(complaints, found, strict=True) if not _is_fixed(e, fixed)]
+    said = [e["type"] == "missing" and ".".join(map(str, e["loc"])) in fixed for e in found]
+    kept = [text for (text, _), twice in zip(complaints, said, strict=True) if not twice]
     raise InputError("\n".join(kept[:5] + ([f"... and {len(kept) - 5} more"] if len(kept) > 5 else [])))
-
-
-def _is_fixed(error: Any, fixed: set[str]) -> bool:
-    return error["type"] == "missing" and ".".join(map(str, error["loc"])) in fixed
 
 
 def _explained(model: type[Table], error: Any, top: Location) -> tuple[str, str]:

@@ -219,19 +219,6 @@ def unstable_motions(solver: Solver, joints: Joints) -> int:
     return negative(allowed.T @ matrices_at_rest(solver, joints).stiffness @ allowed)
 
 
-def _columns(solver: Solver, node: int) -> NDArray[np.int64]:
-    """Unknowns of a node's block."""
-    t = solver.topology
-    block = t.block[node]
-    return np.asarray(t.offset[block] + np.arange(t.size[block]))
-
-
-def _variation(solver: Solver, node: int) -> Array:
-    """B (6, columns): displacement (world) and rotation (own frame) of a node by the unknowns of its block."""
-    size = solver.topology.size[solver.topology.block[node]]
-    return np.vstack([solver.variation.x[node, :size].T, solver.variation.t[node, :size].T])
-
-
 # Central differences of the closures' gradients, fourth order: their derivatives are of the size of one over the mechanism's
 # length, rounding 1e-16 / STEP and truncation STEP^4 / 30 leave 1e-12 of it.
 STEP = 1e-3
@@ -282,8 +269,11 @@ def closing_forces(solver: Solver, residual: Array) -> Array:
 def nodal_shapes(solver: Solver, shapes: NDArray[Any]) -> NDArray[Any]:
     """Return displacement [m] (world) and rotation [rad] (own frame) of every node, (modes, nodes, 6)."""
     out = np.zeros((shapes.shape[1], solver.mesh.size, 6), dtype=shapes.dtype)
-    for node in range(solver.mesh.size):
-        out[:, node] = (_variation(solver, node) @ shapes[_columns(solver, node)]).T
+    t, variation = solver.topology, solver.variation
+    for node, block in enumerate(t.block):
+        size, first = t.size[block], t.offset[block]
+        by_unknowns = np.hstack([variation.x[node, :size], variation.t[node, :size]])  # B^T (columns, 6)
+        out[:, node] = shapes[first : first + size].T @ by_unknowns
     return out
 
 

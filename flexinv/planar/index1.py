@@ -51,11 +51,8 @@ def _change(tree, constraints, frames):
         frames.acceleration[n, 0] += x
         frames.acceleration[n, 1] += y
         frames.acceleration[n, 2] += turned
-        constraints.change[n, 0], constraints.change[n, 1], constraints.change[n, 2] = (
-            tree.mass[n] * x,
-            tree.mass[n] * y,
-            tree.inertia[n] * turned,
-        )
+        change, m = constraints.change[n], tree.mass[n]
+        change[0], change[1], change[2] = m * x, m * y, tree.inertia[n] * turned
     add_ties(constraints, constraints.step, constraints.change)
     for n in range(len(tree.parent) - 1, -1, -1):
         m, own = tree.parent[n], constraints.change[n]

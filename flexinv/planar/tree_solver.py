@@ -59,19 +59,14 @@ def put_stiffness(tree, elements, p, frames, factors):
                 own[r, c], own[c, r] = 0.0, 0.0
         for i in range(order):
             if columns > 0:
-                _put_root(factors.to_root[k], order, i, pair_stiffness(k, i + 1, 0, elements, p))
+                stiffness = pair_stiffness(k, i + 1, 0, elements, p)
+                for a in range(3):  # all x first, then y, then theta
+                    put_column(factors.to_root[k], a * order + i, stiffness[a])
             for j in range(i + 1):
                 _put_pair(own, order, i, j, pair_stiffness(k, i + 1, j + 1, elements, p))
         of_root = pair_stiffness(k, 0, 0, elements, p) if columns > 0 else ZERO_MATRIX
         for c in range(columns):
             add_to(frames.dwrench[root, c], 0, apply(of_root, vec_at(frames.by_pose[root, c], 0)))
-
-
-@jit_inner
-def _put_root(to_root, order, i, stiffness):
-    """Write how the forces on node i vary with the root's pose, all x first, then y, then theta."""
-    for a in range(3):
-        put_column(to_root, a * order + i, stiffness[a])
 
 
 @jit_inner
