@@ -50,7 +50,7 @@ WEIGHT = "weight > 0 of the square of its effort where drives are redundant [-]:
 
 
 class Driven(Table):
-    """Whether a joint has a drive, and its part where drives are redundant."""
+    """Drive of a joint: there or not, and its part where drives are redundant."""
 
     actuated: bool = key("true, or false for a passive joint", "actuated = false", default=True)
     weight: Positive = key(WEIGHT, "weight = 4", default=1.0)

@@ -50,7 +50,7 @@ def one_of(data: Any, where: Location, name: str, known: Collection[str], expect
 
 
 def read_bytes(path: Path, largest: int, kind: str, existing: str, smaller: str) -> bytes:
-    """Return what a file holds, at most ``largest`` [byte]; else InputError: which file there is, or how to make it smaller."""
+    """Read a file of at most ``largest`` [byte]; InputError names a file that exists, or says how to make this one smaller."""
     if not path.is_file():
         raise complaint(str(path), "no such file", kind, existing)
     with path.open("rb") as stream:
@@ -67,7 +67,7 @@ def complaint(where: str, given: str, expected: str, write: str) -> InputError:
 
 @dataclass(frozen=True)
 class Location:
-    """Where a file says something: in the table of this path, or at its top."""
+    """Place in a file: the table of this path, or the top of the file."""
 
     file: Path
     table: str = ""
