@@ -102,10 +102,11 @@ def _topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
             triple[node] = {SPHERICAL: 0, FREE: 3}.get(int(mesh.kind[node]), -1)
             law[:, node] = mesh.mechanism.drive_table[:, mesh.v_index[node]]
     offset = np.concatenate([[0], np.cumsum(size)[:-1]]).astype(np.int64)
+    rotor, damping, friction, spring, rest = law
+    scale, gravity = np.ones(int(size.sum())), np.array(mesh.mechanism.gravity, dtype=float)
     found = Topology(
-        mesh.parent, block, independent, size, offset, freedoms, column, triple, slide, turn, *law,
-        scale=np.ones(int(size.sum())), mass=mesh.mass, inertia=mesh.inertia,
-        gravity=np.array(mesh.mechanism.gravity, dtype=float), length=mesh.length,
+        mesh.parent, block, independent, size, offset, freedoms, column, triple, slide, turn,
+        rotor, damping, friction, spring, rest, scale, mesh.mass, mesh.inertia, gravity, mesh.length,
     )  # fmt: skip
     _set_scale(found)
     return found
