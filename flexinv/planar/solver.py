@@ -202,7 +202,8 @@ def _left(mesh: Mesh, passive: frozenset[str]) -> list[PlanarMarch]:
 
 def _ties(model: PlanarModel) -> PlanarTies:
     """The constraints that say something in the plane, all of which act; `PlanarMarch.take` changes that."""
-    return PlanarTies(*(on_lines(part) if part.dtype == float else part.copy() for part in model.constraints))
+    parts: Any = model.constraints
+    return PlanarTies(*(on_lines(part) if part.dtype == float else part.copy() for part in parts))
 
 
 def _factors(model: PlanarModel) -> PlanarFactors:
