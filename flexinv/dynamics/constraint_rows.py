@@ -115,11 +115,11 @@ def set_ties(constraints: Ties, rows: Rows, acting: NDArray[np.bool_]) -> None:
 
 
 @jit_inner
-def _second(k, a, b, constraints, frames):
+def _second(row, node_a, node_b, constraints, frames):
     """The second vector of a row, w or d, and its two rates."""
-    if constraints.kind[k] == DIRECTION:
-        return fixed(frames, b, vec(constraints.w[k]))
-    return gap(frames, a, b, vec(constraints.place_a[k]), vec(constraints.place_b[k]))
+    if constraints.kind[row] == DIRECTION:
+        return fixed(frames, node_b, vec(constraints.w[row]))
+    return gap(frames, node_a, node_b, vec(constraints.place_a[row]), vec(constraints.place_b[row]))
 
 
 @jit_inner
@@ -164,21 +164,21 @@ def tie_rows(constraints, state, frames, wanted):
 
 
 @jit_inner
-def _set_gradient(k, a, b, constraints, frames, u, w):
+def _set_gradient(row, node_a, node_b, constraints, frames, vector, second):
     """phi' = g_a . (v_a, w_a) + g_b . (v_b, w_b), angular velocities in the nodes' own frames."""
-    ra = mat(frames.r[a]) if a >= 0 else UNIT
-    rb = mat(frames.r[b]) if b >= 0 else UNIT
-    on_a = cross(vec(constraints.u[k]), tapply(ra, w))
-    if constraints.kind[k] == DIRECTION:
-        put(constraints.gradient[k], 0, ZERO)
-        put(constraints.gradient[k], 3, on_a)
-        put(constraints.gradient[k], 6, ZERO)
-        put(constraints.gradient[k], 9, cross(vec(constraints.w[k]), tapply(rb, u)))
+    ra = mat(frames.r[node_a]) if node_a >= 0 else UNIT
+    rb = mat(frames.r[node_b]) if node_b >= 0 else UNIT
+    on_a = cross(vec(constraints.u[row]), tapply(ra, second))
+    if constraints.kind[row] == DIRECTION:
+        put(constraints.gradient[row], 0, ZERO)
+        put(constraints.gradient[row], 3, on_a)
+        put(constraints.gradient[row], 6, ZERO)
+        put(constraints.gradient[row], 9, cross(vec(constraints.w[row]), tapply(rb, vector)))
         return
-    put(constraints.gradient[k], 0, scale(-1.0, u))
-    put(constraints.gradient[k], 3, sub(on_a, cross(vec(constraints.place_a[k]), tapply(ra, u))))
-    put(constraints.gradient[k], 6, u)
-    put(constraints.gradient[k], 9, cross(vec(constraints.place_b[k]), tapply(rb, u)))
+    put(constraints.gradient[row], 0, scale(-1.0, vector))
+    put(constraints.gradient[row], 3, sub(on_a, cross(vec(constraints.place_a[row]), tapply(ra, vector))))
+    put(constraints.gradient[row], 6, vector)
+    put(constraints.gradient[row], 9, cross(vec(constraints.place_b[row]), tapply(rb, vector)))
 
 
 @jit_inner
