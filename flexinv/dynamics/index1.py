@@ -98,14 +98,11 @@ def weigh_massless(topology, diagonal):
     """
     largest = 0.0
     for b in range(len(topology.size)):
+        o = topology.offset[b]
         for k in range(topology.size[b]):
             for i in range(topology.size[b]):
-                largest = max(
-                    largest,
-                    abs(diagonal[b, k, i])
-                    * topology.scale[topology.offset[b] + k]
-                    * topology.scale[topology.offset[b] + i],
-                )
+                size = abs(diagonal[b, k, i]) * topology.scale[o + k] * topology.scale[o + i]
+                largest = max(largest, size)
     for b in range(len(topology.size)):
         for k in range(topology.size[b]):
             unit = topology.scale[topology.offset[b] + k] ** 2

@@ -97,14 +97,8 @@ def read_payloads(tables: list[PayloadTable], beam: bool, own: str, where: Locat
     bodies: list[Body] = []
     for k, table in enumerate(tables):
         here = where.inner(f"payload[{k}]")
-        check_station(
-            table.station,
-            beam,
-            here,
-            "the beam's length that carries it",
-            "the link is rigid",
-            "com_m alone, in the link frame",
-        )
+        on, off = "the beam's length that carries it", "the link is rigid"
+        check_station(table.station, beam, here, on, off, "com_m alone, in the link frame")
         if table.name in (own, *(body.name for body in bodies)):
             expected = "a name of its own for each body of a link"
             raise here.wrong("name", f'"{table.name}" twice', expected, f'name = "{table.name}_2"')
