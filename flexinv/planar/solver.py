@@ -202,8 +202,9 @@ def _left(mesh: Mesh, passive: frozenset[str]) -> list[PlanarMarch]:
 
 def _ties(model: PlanarModel) -> PlanarTies:
     """The constraints that say something in the plane, all of which act; `PlanarMarch.take` changes that."""
-    parts: Any = model.constraints
-    return PlanarTies(*(on_lines(part) if part.dtype == float else part.copy() for part in parts))
+    rows: Any = model.constraints
+    copies: list[Any] = [on_lines(part) if part.dtype == float else part.copy() for part in rows]
+    return PlanarTies(*copies)
 
 
 def _factors(model: PlanarModel) -> PlanarFactors:
