@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.causes.beside import named_beside
 from crosscheck.causes.evidence import Evidence
 from crosscheck.causes.fit import IMPOSSIBLE, Fit, amount
 from crosscheck.causes.model import Model, answered, model_of
@@ -48,9 +49,11 @@ def diagnose(
     )
     bars, limit = noise_of(model, record, reference), agreed(model, record, reference)
     naming = name(model, residual, bars, evidence=evidence, agreed=limit)
+    shown = naming.found
+    naming = naming if shown else named_beside(evidence, naming)
     fits = naming.named
     behind = None if door is None else opened({**door, "engine": engine, "mechanism": folder})
-    repaired, where = repair(model, fits[0], engine, reference, record, behind) if fits else (None, "")
+    repaired, where = repair(model, fits[0], engine, reference, record, behind) if fits and shown else (None, "")
     return {
         "words": sentence(naming, fits, repaired, where, max(limit, NOISE * naming.noise)),
         "named": [described(f) for f in fits],
