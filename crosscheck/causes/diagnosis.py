@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.causes.beside import named_beside
 from crosscheck.causes.evidence import Evidence
 from crosscheck.causes.fit import IMPOSSIBLE, Fit, amount
 from crosscheck.causes.model import Model, answered, model_of
-from crosscheck.causes.naming import MOST, NOISE, Naming, name
+from crosscheck.causes.naming import MOST, NOISE, Naming, name, named_beside
 from crosscheck.causes.quantities import quantities
 from crosscheck.causes.separate import separating
 from crosscheck.causes.subject import Array, Subject

@@ -17,7 +17,6 @@ from crosscheck_examples import WICKED, Night, night_run
 
 from crosscheck.measures.record import load
 from crosscheck.report import html, junit, markdown, render, words
-from crosscheck.verdicts.baseline import HOW, UNBLESSED
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.results import CaseRow, EngineRow, Results, RunRow, StudyRow, read, write
 
@@ -255,23 +254,6 @@ def test_only_a_good_run_is_called_good() -> None:
     failed = replace(example(row("within")), studies=(StudyRow("s", "S", status="timeout", message="slow"),))
     assert words.sentence(failed).endswith("1 study is off.")
     assert words.troubles(failed)[0][3] == "timeout: slow"
-
-
-def test_what_is_only_not_blessed_yet_is_one_line_of_a_mechanism() -> None:
-    """Sixteen rows with the same words hide the one that differs."""
-    new = {"message": f"{UNBLESSED}: {HOW}"}
-    rows = [row("unjudged", quantity=q, engine=e, **new) for q in ("torque", "tip", "axial") for e in ("e", "f")]
-    found = words.troubles(example(*rows, row("deviation", quantity="reaction")))
-    assert [(verdict, what) for verdict, _, what, _ in found] == [
-        ("deviation", "e reaction"), ("unjudged", "6 comparisons (e, f)"),
-    ]  # fmt: skip
-    assert found[1][3] == new["message"]
-
-
-def test_a_quantity_in_several_units_is_told_with_its_unit() -> None:
-    rows = [row("deviation", quantity="wrench", unit=unit) for unit in ("N", "N m")]
-    found = words.troubles(example(*rows, row("deviation")))
-    assert [what for _, _, what, _ in found] == ["e wrench [N]", "e wrench [N m]", "e torque"]
 
 
 def test_a_field_shows_the_comparison_nearest_its_limit() -> None:
