@@ -18,6 +18,7 @@ from crosscheck.kit.tree import on
 from flexinv.model.mechanism import Array, Placement
 
 SEEN = 1e-6  # relative: what agrees better than that is the same for the choice of an alignment
+ROUGH = 1e-4  # relative: what printed digits leave open beside an offset of a zero
 SAME = 1e-9  # relative: what agrees better than that is no difference
 
 
@@ -64,19 +65,18 @@ class Pairing:
         standing = on(before, two.placement)  # B's joint frame in the frame of A's carrier
         still = between(one.placement, standing)
         choices = [still, Placement(), *self._turned_zeros(a, b, still)]
-        best = max(choices, key=lambda frame: self._seen(a, b, self._on_axis(one, frame)))
-        frame = self._on_axis(one, best)
+        best = max(choices, key=lambda frame: self._seen(a, b, self._on_axis(one, two, frame)))
+        frame = self._on_axis(one, two, best)
         shift = on(between(one.placement, standing), inverse(frame))
         sign, offset, rest = _coordinate(one, two, frame, shift, self.size)
         return Aligned(a, b, frame, rest, sign, offset)
 
-    def _on_axis(self, one: Member, frame: Placement) -> Placement:
-        """The frame moved across the axis until its origin is on it, so that both joints turn about one line of the member."""
+    def _on_axis(self, one: Member, two: Member, frame: Placement) -> Placement:
+        """The frame moved across B's axis until that leads through A's origin: only its direction is then A's to change."""
         if one.kind not in ("revolute", "helical"):
             return Placement(np.zeros(3), frame.rotation) if one.kind == "spherical" else frame
-        along = float(frame.position @ one.axis) * one.axis
-        off = float(np.linalg.norm(frame.position - along))
-        return frame if off <= SAME * self.size else Placement(along, frame.rotation)
+        axis = frame.rotation @ two.axis
+        return Placement(float(frame.position @ axis) * axis, frame.rotation)
 
     def _turned_zeros(self, a: int, b: int, still: Placement) -> Iterator[Placement]:
         """Poses turned about the axis, or moved along it, until a centre of mass or a carried axis agrees."""
@@ -155,15 +155,19 @@ def _turn_between(axis: Array, start: Array, end: Array, scale: float) -> float 
 def _coordinate(
     one: Member, two: Member, frame: Placement, shift: Placement, size: float
 ) -> tuple[float, float, Placement]:
-    """Sign and offset of a scalar coordinate, and what of the shift they leave: A's q = sign B's q + offset."""
+    """Sign and offset of a scalar coordinate, and what of the shift they leave: A's q = sign B's q + offset.
+
+    shift = rest exp(a offset)  with B's axis a; where the rest is more than rounding, all of the shift is one difference.
+    """
     if one.kind not in SCALARS:
         return 1.0, 0.0, shift
-    sign = 1.0 if one.axis @ (frame.rotation @ two.axis) >= 0.0 else -1.0
+    axis = frame.rotation @ two.axis
+    sign = 1.0 if one.axis @ axis >= 0.0 else -1.0
+    axis = sign * axis
     if one.kind == "prismatic":
-        offset = float(one.axis @ shift.position)
-        return sign, offset, Placement(shift.position - offset * one.axis, shift.rotation)
-    offset = angle_about(shift.rotation, one.axis)
-    left = Placement(shift.position, turned(one.axis, -offset) @ shift.rotation)
-    if angle(left.rotation) > SAME or np.linalg.norm(left.position) > SAME * size:
-        return sign, 0.0, shift  # it stands elsewhere as a whole: all of it is one difference
-    return sign, offset, Placement()
+        offset = float(axis @ shift.rotation.T @ shift.position)
+        return sign, offset, on(shift, Placement(-offset * axis))
+    offset = angle_about(shift.rotation, axis)
+    rest = on(shift, Placement(rotation=turned(axis, -offset)))
+    far = angle(rest.rotation) > ROUGH or np.linalg.norm(rest.position) > ROUGH * size
+    return (sign, 0.0, shift) if far or one.kind == "helical" else (sign, offset, rest)

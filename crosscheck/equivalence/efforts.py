@@ -100,6 +100,8 @@ def _poses(member: Member, rng: np.random.Generator, count: int) -> list[Placeme
 
 def efforts(mechanism: Mechanism, states: States, joints: Mapping[str, str] | None = None) -> dict[str, Array]:
     """Return by joint of the states the efforts (samples, nv) [N m], [N]; joints : names there, others stand at zero."""
+    if not states.qd:
+        return {}  # nothing moves
     names = joints if joints is not None else {name: name for name in states.qd}
     back = {theirs: ours for ours, theirs in names.items()}
     count = len(next(iter(states.qd.values())))

@@ -83,7 +83,9 @@ def judge(bench: Bench, found: Iterable[Difference], tolerance: float) -> Judged
     measured = [_measured(bench, d, [*silent, *acting], whole) for d in acting]
     rounding = [d for d in measured if rounded(d)]
     rest = [d for d in measured if not rounded(d)]
-    placed = [d for d in rest if d.cause in KINEMATIC]  # where a link goes is seen without any torque
+    placed = [
+        d for d in rest if d.cause in KINEMATIC and d.size > tolerance
+    ]  # where a link goes is seen without a torque
     rest, unseen = _minimal(bench, silent + rounding + placed, [d for d in rest if d not in placed], whole, tolerance)
     rest = [*placed, *rest]
     small = bench.efforts([*silent, *rest, *unseen]) if rounding else whole

@@ -158,6 +158,10 @@ def _limits(pair: Pair) -> Iterator[Difference]:
     units = dict(zip(BOUNDS, (unit, unit, "N" if unit == "m" else "N m", f"{unit}/s"), strict=True))
     for name in BOUNDS:
         a, b = getattr(ours, name), getattr(theirs, name)
+        if name in BOUNDS[:2] and np.isfinite(a) != np.isfinite(b):
+            values = ("none", f"{b:.9g}") if np.isfinite(b) else (f"{a:.9g}", "none")
+            changes = (pair.change(f"limits {name}", b),)
+            yield Difference("limits", f"{name} limit", pair.joint, 1.0, "-", values[0], values[1], changes)
         if np.isfinite(a) and np.isfinite(b) and abs(a - b) > SAME * max(abs(a), abs(b), 1e-3):
             changes = (pair.change(f"limits {name}", b),)
             digits = 0.5e-4 * max(abs(a), abs(b))
@@ -183,8 +187,9 @@ def _mapped(limits: Limits, seat: Aligned) -> Limits:
 
 
 def _close(one: Limits, two: Limits) -> bool:
-    return all(abs(getattr(one, n) - getattr(two, n)) <= SAME * abs(getattr(one, n)) or getattr(one, n) == getattr(two, n)
-               for n in BOUNDS[:2])  # fmt: skip
+    """Whether both state the same range, to the six digits that some writers keep."""
+    pairs = [(getattr(one, name), getattr(two, name)) for name in BOUNDS[:2]]
+    return all(a == b or abs(a - b) <= 1e-5 * abs(a) for a, b in pairs)
 
 
 def _scalar(pair: Pair, family: str, cause: str, name: str, value: float, unit: str, place: str = "") -> Difference:

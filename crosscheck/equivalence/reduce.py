@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.rigid import between
 from crosscheck.equivalence.tree import Tree, merged
@@ -39,7 +37,7 @@ def reduced(first: Tree, second: Tree, joints: dict[str, str], links: bool) -> R
         if not wrong:
             break
         fixed = {a: b for a, b in fixed.items() if a not in wrong}
-    one, moved = _rehung(one, two, pairs)
+    one, pairs, moved = _rehung(one, two, pairs)
     return Reduced(one, two, sorted(pairs.items()), (*found, *moved))
 
 
@@ -81,17 +79,20 @@ def _held(tree: Tree, other: Tree, joints: dict[str, str], side: str) -> Iterato
         )
 
 
-def _rehung(one: Tree, two: Tree, pairs: dict[int, int]) -> tuple[Tree, list[Difference]]:
-    """Hang members of the first where the second has them, at zero where they stood; each is a difference."""
+def _rehung(one: Tree, two: Tree, pairs: dict[int, int]) -> tuple[Tree, dict[int, int], list[Difference]]:
+    """Hang members of the first where the second has them, at zero where they stood, in the second's order.
+
+    Each that hangs elsewhere is a difference.  Returned are the tree, and the numbers of the second by those of the first.
+    """
     back, found, poses = {b: a for a, b in pairs.items()}, [], one.poses()
-    for index, other in sorted(pairs.items()):
-        carrier = back.get(two.members[other].parent, -1)
-        member = one.members[index]
-        if carrier == member.parent:
-            continue
-        place = between(poses[carrier] if carrier >= 0 else Placement(np.zeros(3)), poses[index])
-        a_name, b_name = (one.members[k].name if k >= 0 else "world" for k in (member.parent, carrier))
-        where = f"joint {member.joint}"
-        found.append(Difference("rigid", "parent of joint", where, 1.0, "-", a_name, b_name, structural=True))
-        one = one.changed([(index, "parent", carrier), (index, "placement", place)])
-    return replace(one), found
+    members = []
+    for other, index in sorted(back.items()):
+        parent = two.members[other].parent
+        carrier, member = back.get(parent, -1), one.members[index]
+        if carrier != member.parent:
+            a_name, b_name = (one.members[k].name if k >= 0 else "world" for k in (member.parent, carrier))
+            where = f"joint {member.joint}"
+            found.append(Difference("rigid", "parent of joint", where, 1.0, "-", a_name, b_name, structural=True))
+            member = replace(member, placement=between(poses[carrier] if carrier >= 0 else Placement(), poses[index]))
+        members.append(replace(member, parent=parent))
+    return replace(one, members=tuple(members)), {k: k for k in range(len(members))}, found

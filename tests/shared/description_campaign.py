@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from xml.etree.ElementTree import parse, tostring
 
 from description_faults import Fault, Unfit, plant
 
@@ -29,6 +30,8 @@ ROBOTS = (
     "anymal_c_simple_description/urdf/anymal.urdf", "tiago_description/robots/tiago.urdf", "talos_data/robots/talos_full_v2.urdf",
     "hyq_description/robots/hyq_no_sensors.urdf",
 )  # fmt: skip
+
+ARMS = ("ur5_robot.urdf", "z1.urdf", "xarm7.urdf", "talos_left_arm.urdf", "kinova.urdf", "solo12.urdf")
 
 
 @dataclass(frozen=True)
@@ -94,15 +97,48 @@ def say(*words: object) -> None:
     sys.stdout.write(" ".join(map(str, words)) + "\n")
 
 
+def across(count: int, seed: int, robots: tuple[str, ...] = ARMS) -> Iterator[Trial]:
+    """Yield trials of faults in MJCFs, compared with the URDF that MuJoCo wrote them from, all digits kept."""
+    import mujoco
+
+    with tempfile.TemporaryDirectory() as folder:
+        made = draw = 0
+        while made < count:
+            draw += 1
+            original = next(robots_folder().rglob(robots[draw % len(robots)]))
+            spec = mujoco.MjSpec.from_string(geometry_free(original))
+            spec.compiler.fusestatic = False
+            spec.compile()
+            try:
+                text, faults = plant(spec.to_xml(), seed * 100000 + draw)
+            except Unfit:
+                continue
+            file = Path(folder) / f"{original.stem}.xml"
+            file.write_text(text)
+            made += 1
+            yield tried(file, original, faults)
+
+
+def geometry_free(file: Path) -> str:
+    """Return the text of a URDF without shapes, mimic joints and their files."""
+    root = parse(file).getroot()
+    for part in root:
+        for shape in [p for p in part if p.tag in ("visual", "collision", "mimic")]:
+            part.remove(shape)
+    return tostring(root, encoding="unicode")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--at-once", type=int, default=1)
+    parser.add_argument("--across", action="store_true", help="faults in MJCF, against the URDF")
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
     trials, kinds = [], Counter[tuple[str, bool]]()
-    for trial in campaign(given.count, given.seed, given.at_once):
+    chosen = across(given.count, given.seed) if given.across else campaign(given.count, given.seed, given.at_once)
+    for trial in chosen:
         trials.append(trial)
         for fault, named in zip(trial.faults, trial.named, strict=True):
             kinds[fault.kind, named] += 1

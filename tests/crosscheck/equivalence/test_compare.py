@@ -180,3 +180,29 @@ def test_a_file_under_a_wrong_suffix_is_read_as_what_it_is(tmp_path: Path) -> No
     pytest.importorskip("mujoco")
     (tmp_path / "arm.urdf").write_text("<mujoco><worldbody><body><joint/><geom size='1'/></body></worldbody></mujoco>")
     assert "MJCF" in describe(tmp_path / "arm.urdf").dropped[0]
+
+
+def test_other_frames_and_tilted_axes_together_are_repaired(tmp_path: Path) -> None:
+    """Frames, axes and zeros are all other ones: how they are named may be argued about, but together they give B."""
+    edits = ('xyz="0.05 0 0.3" rpy="0 0.3 0.1"', 'xyz="0.06 0.01 0.3" rpy="0.5 0.3 0.9"'), ("0 0 1", "0.1 0.5 0.8")
+    odd = arm(tmp_path, *edits, (LOWER, LOWER.replace("2.375", "2.5")), name="b.urdf")
+    assert compare(arm(tmp_path), odd).judged.after <= REPAIRED
+
+
+def test_a_joint_on_another_link_is_named(tmp_path: Path) -> None:
+    moved = arm(
+        tmp_path,
+        ('<parent link="flange"/><child link="finger"/>', '<parent link="upper"/><child link="finger"/>'),
+        name="b.urdf",
+    )
+    found = compare(arm(tmp_path), moved)
+    assert ("parent of joint", "joint grip") in {(d.cause, d.place) for d in found.differences}
+    assert found.judged.after <= REPAIRED
+
+
+def test_a_body_without_joints_is_compared_by_its_numbers(tmp_path: Path) -> None:
+    base = ARM[: ARM.index('<link name="upper">')] + "</robot>"
+    for name, mass in (("a.urdf", "4.125"), ("b.urdf", "4.5")):
+        (tmp_path / name).write_text(base.replace("4.125", mass))
+    assert compare(tmp_path / "a.urdf", tmp_path / "a.urdf").equal
+    assert [d.cause for d in compare(tmp_path / "a.urdf", tmp_path / "b.urdf").judged.unseen] == ["mass"]
