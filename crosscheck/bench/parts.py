@@ -31,6 +31,7 @@ class Part:
 PARTS: Mapping[str, Part] = {
     "rigid": Part("Torques of many samples", "rigid", quick={"samples": [1_000, 4_096, 32_768], "seconds": 0.3}),
     "single": Part("One sample, and the first call", "single", quick={"seconds": 0.2}),
+    "first": Part("The first torque of a process", "first", quick={"names": ["rigid_3r"]}),
     "latency": Part("Cycles of a controller", "latency", quick={"steps": 5_000}),
     "chains": Part("Longer chains", "single", "chains", quick={"joints": [1, 8, 64], "seconds": 0.2}),
     **{

@@ -46,6 +46,7 @@ def command(parts: tuple[str, ...], models: Path, quick: bool, out: Path, url: s
     \b
       rigid     torques of 100 to 131,072 samples: flexinv, pin.rnea, rneaInParallel, mj_inverse
       single    one sample through a prepared function; the first call of a fresh process
+      first     the first torque of a process, cold and warm; minutes of compiling
       latency   100,000 cycles of a controller, rigid and flexible: a histogram of what every call takes
       chains    from 1 to 64 joints
       one-link, two-link, spatial   arms that bend, beside Exudyn: error and time

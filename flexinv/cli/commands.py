@@ -28,6 +28,7 @@ from flexinv.cli.compiling import telling
 from flexinv.cli.follow import OVERWRITE, check_outputs, follow_task
 from flexinv.cli.output import check_out, every, write
 from flexinv.cli.parameters import parameters
+from flexinv.cli.warm import warm
 from flexinv.errors import FlexinvError, InputError, ModelWarning
 from flexinv.files.from_urdf import from_urdf
 from flexinv.files.load_cases import Case, load_cases
@@ -201,6 +202,7 @@ def modes(
 
 app.add_command(parameters)
 app.add_command(follow_task)
+app.add_command(warm)
 
 
 def rate_of(text: str) -> tuple[str, float]:
