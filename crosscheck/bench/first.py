@@ -25,8 +25,8 @@ WARM = 1.5  # [s] by the clock, of a process whose machine code is there
 STARTS = 3  # warm processes; the fastest counts, as starting is what the system does, too
 
 TEXT = f"""A fresh process imports flexinv, reads a mechanism and solves its first case. Cold: nothing is kept, not even by other
-parts of flexinv, and the processor time of all processes counts. Warm: the same once more; the fastest of {STARTS}, and its time by
-the clock. Where a wheel brought machine code along, cold is as warm."""
+parts of flexinv, and the processor time of all processes counts. Warm: the same once more; the fastest of {STARTS}, and its
+time by the clock. Where a wheel brought machine code along, cold is as warm."""
 COLUMNS = (
     ("what", "mechanism", ""),
     ("start", "start", ""),

@@ -15,12 +15,11 @@ from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any
 
-from numba import njit, types
+from numba import njit
 from numba.core.registry import CPUDispatcher
 
 from flexinv.kernels.code_stamp import source_stamp
 from flexinv.kernels.compile_lock import CompileLock
-from flexinv.kernels.libraries import InnerCompiler, KernelCompiler
 from flexinv.kernels.shipped_code import shipped
 
 # What reading a file raises that names a class that has moved, or that ends in the middle.
@@ -34,10 +33,6 @@ def compiler(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Return Numba's decorator with these options [-]; machine code is kept until a source of its family changes."""
     inner = bool(options.get("no_cpython_wrapper"))
     options = {"error_model": "numpy", **options}
-    if options.get("inline") != "always" and not options.get(
-        "fastmath"
-    ):  # loops over lanes are put into vectors one by one
-        options["pipeline_class"] = InnerCompiler if inner else KernelCompiler
 
     def decorate(function: Callable[..., Any]) -> Any:
         try:
@@ -51,7 +46,7 @@ def compiler(**options: Any) -> Callable[[Callable[..., Any]], Any]:
             return kernel
         kernel.__class__ = InnerKernel if inner else Kernel
         if hasattr(kernel._cache, "_cache_file"):
-            _keep(kernel)
+            _keep(kernel, inner)
         return kernel
 
     return decorate
@@ -74,11 +69,6 @@ class Kernel(CPUDispatcher):
 class InnerKernel(Kernel):
     """A kernel without a wrapper for Python: other kernels call it; a call from Python is an error, not the process's end."""
 
-    def get_call_template(self, arguments: Any, options: Any) -> Any:
-        """Return the kernel for arguments of these types [-]: numbers that are known beforehand make no kernel of their own."""
-        plain = {name: types.unliteral(value) for name, value in options.items()}
-        return super().get_call_template(tuple(types.unliteral(value) for value in arguments), plain)
-
     def __call__(self, *arguments: Any, **options: Any) -> Any:
         """Refuse the call of Python and say how to call the kernel [-]."""
         raise TypeError(
@@ -96,7 +86,7 @@ def _tell() -> None:
     )
 
 
-def _keep(kernel: Any) -> None:
+def _keep(kernel: Any, inner: bool) -> None:
     """Let a kernel hold the stamp of its sources, wait for others, and go without what cannot be read or written."""
     cache, module = kernel._cache, kernel.py_func.__module__
     file, load, save = cache._cache_file, cache.load_overload, cache.save_overload
@@ -106,16 +96,18 @@ def _keep(kernel: Any) -> None:
     file.load = forgiving(file.load, None)
     lock = CompileLock(Path(file._index_path).with_suffix(".lock"))
     kernel.lock = lock
-    KERNELS.append(kernel)
+    if not inner:
+        KERNELS.append(kernel)
 
     def loaded(signature: Any, target: Any) -> Any:
-        brought = shipped(module, kernel.py_func.__qualname__, str(signature), stamp)
+        brought = None if inner else shipped(module, kernel.py_func.__qualname__, str(signature), stamp)
         if brought is not None:
             target.refresh()
             return cache._impl.rebuild(target, brought)
         found = load(signature, target)
-        if found is None and lock.take():
-            found = load(signature, target)
+        if found is None:
+            lock.take()
+            found = load(signature, target)  # what others have compiled meanwhile
         return found
 
     def saved(*result: Any) -> None:

@@ -184,7 +184,7 @@ def newton(system, scheme, given, slow, most):
     return NOT_CONVERGED, most, size
 
 
-@jit_shared
+@jit_inner
 def step_of(system, scheme, given, slow, most):
     """Solve one step by `newton`, and look whether a section has slipped [rad]; return what it returns."""
     status, count, size = newton(system, scheme, given, slow, most)
