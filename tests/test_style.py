@@ -76,9 +76,9 @@ ALONE = {
     "crosscheck.engines.exudyn.static_probes": "questions to an engine's own model, one a module",
     "crosscheck.engines.exudyn.weights": "questions to an engine's own model, one a module",
     "crosscheck.engines.pinocchio.adapter": "found by its name: an engine's adapter",
+    "crosscheck.identification.checks": "doubts about logs in words, apart from the numbers that are made of them",
     "crosscheck.kit.page": "the page of a kit in words, apart from its data",
     "crosscheck.kit.tree": "the tree of a rigid mechanism for programs that want no JSON",
-    "crosscheck.measured.filters": "signal processing, which knows nothing of the arm that was measured",
     "crosscheck.report.animation": DRAWING,
     "crosscheck.report.plots": DRAWING,
 }
