@@ -22,10 +22,11 @@ from flexinv.model.links import Body, Inertia
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.motion import Motion
 from flexinv.rigid.joint_torques import joint_torques
-from flexinv.rigid.torque_regressor import PARAMETERS, link_parameters, torque_regressor
+from flexinv.rigid.torque_regressor import link_parameters, torque_regressor
 
 Array = NDArray[np.float64]
 Response = Callable[[Mapping[Key, float]], tuple[Array, Array]]
+PARAMETERS = len(NAMES)
 TILT = 1e-3  # [rad]; the torque is linear in gravity, so the difference quotient errs by its square
 KEPT = 64  # responses that are remembered: one for each parameter that needs a solution of its own
 
