@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import importlib
+from typing import Any
 
-if TYPE_CHECKING:
-    from crosscheck.identification.identify import identify
-
-__all__ = ["identify"]
+# What scripts and tests use, imported when it is asked for.
+_HOME = {
+    "compare": "crosscheck.equivalence.compare",
+    "assert_same": "crosscheck.equivalence.assert_same",
+    "identify": "crosscheck.identification.identify",
+}
+__all__ = ["assert_same", "compare", "identify"]
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public function when it is first used: who compares engines does not wait for the compiler."""
-    if name in __all__:
-        from crosscheck.identification.identify import identify
-
-        return identify
-    raise AttributeError(f"module 'crosscheck' has no attribute {name!r}")
+    if name not in _HOME:
+        raise AttributeError(f"module 'crosscheck' has no attribute {name!r}")
+    return getattr(importlib.import_module(_HOME[name]), name)
