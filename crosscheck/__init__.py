@@ -9,15 +9,10 @@ from typing import Any
 _HOME = {
     "compare": "crosscheck.equivalence.compare",
     "assert_same": "crosscheck.equivalence.assert_same",
-<<<<<<< HEAD
     "identify": "crosscheck.identification.identify",
-}
-__all__ = ["assert_same", "compare", "identify"]
-=======
     "lint": "crosscheck.linting.lint",
 }
-__all__ = ["assert_same", "compare", "lint"]
->>>>>>> main
+__all__ = ["assert_same", "compare", "identify", "lint"]
 
 
 def __getattr__(name: str) -> Any:
