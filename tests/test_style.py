@@ -42,6 +42,8 @@ FAULTS = "planted mistakes by subject, in one catalogue"
 DRAWING = "loads what draws, or what the page is written with, when it is asked for"
 # Modules that one other imports and that fit into it, and why they stay apart.
 ALONE = {
+    "crosscheck.run.cluster": "workers on other machines, which few runs have",
+    "crosscheck.run.shelves": "answers of earlier runs, apart from the doing of jobs",
     "flexinv.analysis.batch_kernel": KERNEL,
     "flexinv.analysis.energy_guard": EQUATIONS,
     "flexinv.analysis.resultants": EQUATIONS,
