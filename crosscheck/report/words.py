@@ -119,11 +119,11 @@ def counts(results: Results) -> dict[Verdict, int]:
 
 def unchanged(results: Results) -> str:
     """Return in words how many results are those of earlier runs, "" where all were computed now."""
-    rows = (*results.runs, *results.studies)
-    kept = sorted(row.kept for row in rows if row.kept)
+    times = [run.kept for run in results.runs] + [study.kept for study in results.studies]
+    kept = sorted(filter(None, times))
     if not kept:
         return ""
-    words = f"{len(kept)} of {len(rows)} results are of earlier runs, unchanged since, the oldest of {kept[0]}"
+    words = f"{len(kept)} of {len(times)} results are of earlier runs, unchanged since, the oldest of {kept[0]}"
     return f"{words}; --fresh computes all"
 
 

@@ -73,7 +73,8 @@ class KeptAnswers:
 
     def attempt(self, task: Task, engine: Engine) -> Attempt | None:
         """Return the attempt that was kept of an engine at a case, with the time of it, or None."""
-        return self._read(self._key(task, engine), lambda words, stem: _attempt(words, stem, task))
+        found: Attempt | None = self._read(self._key(task, engine), lambda words, stem: _attempt(words, stem, task))
+        return found
 
     def keep(self, task: Task, engine: Engine, attempt: Attempt) -> None:
         """Keep an attempt that came to an answer."""
@@ -130,8 +131,8 @@ class KeptAnswers:
             file.parent.mkdir(parents=True, exist_ok=True)
             owned.replace(file, data)
         except OSError as error:
-            words = f"answers are not kept: {error}"
-            self.trouble += [] if words in self.trouble else [words]
+            said = f"answers are not kept: {error}"
+            self.trouble += [] if said in self.trouble else [said]
 
     def _file(self, name: str) -> Path:
         return self.folder / name[:2] / f"{name}{ENDING}"
