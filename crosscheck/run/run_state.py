@@ -23,12 +23,13 @@ from crosscheck.verdicts import baseline
 from crosscheck.verdicts import results as store
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.plan import Task, case_row
-from crosscheck.verdicts.repeatability import doubtful, repeated
+from crosscheck.verdicts.repeatability import SHAKEN, doubtful, repeated, scattered
 from crosscheck.verdicts.results import CaseRow, Diagnosis, EngineRow, Results, RunRow, StudyRow, slug
 
 RESULTS = "results.json"
 PAUSE = 2.0  # [s] between two writings of results.json at least
 Job = tuple[str, Any, Any]  # kind, what, engine
+SHAKES = {f"shaken {way}": way for way in SHAKEN}  # kinds of jobs: an engine with the last digits of its input moved
 
 
 @dataclass
@@ -44,6 +45,7 @@ class State:
     done: int = 0
     records: dict[tuple[str, str], dict[str, Record]] = field(default_factory=dict)
     again: dict[tuple[str, str], dict[str, Record]] = field(default_factory=dict)
+    shaken: dict[tuple[str, str, str], list[Record]] = field(default_factory=dict)
     refused: dict[tuple[str, str, str], Attempt] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
 
@@ -74,17 +76,18 @@ class State:
         return self.refused.get((what.folder.name, what.case.name, engine.name)) if kind == "run" else None
 
     def repeats(self) -> Iterator[Job]:
-        """Yield the runs whose error bars explain a difference: they have to repeat."""
-        wanted = {
-            (c.mechanism, c.case, e) for c in self.results.comparisons if doubtful(c) for e in (c.engine, c.reference)
-        }
+        """Yield the runs whose error bars explain a difference: they have to repeat; and those that seem worse than blessed."""
+        rows, known = self.results.comparisons, self.work.options.baseline
+        wanted = {(c.mechanism, c.case, e) for c in rows if doubtful(c) for e in (c.engine, c.reference)}
+        worse = {(c.mechanism, c.case, c.engine) for c in rows if baseline.is_worse(c, known)}
         for task in self.work.plan.tasks:
             for engine in self.work.engines.values():
-                if (task.folder.name, task.case.name, engine.name) in wanted:
-                    yield "again", task, engine
+                here = task.folder.name, task.case.name, engine.name
+                for kind in (*(("again",) if here in wanted else ()), *(SHAKES if here in worse else ())):
+                    yield kind, task, engine
 
     def repeated(self) -> None:
-        """Judge what error bars explained by whether the engines repeat."""
+        """Judge what error bars explained by whether the engines repeat; state what last digits do where one seems worse."""
         stems = {(r.mechanism, r.case, r.engine): self.out / r.series for r in self.results.runs if r.series}
         rows = []
         for row in self.results.comparisons:
@@ -92,6 +95,9 @@ class State:
                 again = self.again.get((row.mechanism, row.case), {})
                 first = {e: _loaded(stems.get((row.mechanism, row.case, e)), e) for e in (row.engine, row.reference)}
                 row = repeated(row, first, {e: again.get(e, UNREPEATED) for e in first})
+            if baseline.is_worse(row, self.work.options.baseline):
+                other = _loaded(stems.get((row.mechanism, row.case, row.reference)), row.reference)
+                row = scattered(row, other, self.shaken.get((row.mechanism, row.case, row.engine), []))
             rows.append(row)
         self.results = replace(self.results, comparisons=tuple(rows))
 
@@ -112,6 +118,8 @@ class State:
             self.results = replace(self.results, diagnoses=(*self.results.diagnoses, found))
         elif kind == "again":
             self.again.setdefault((what.folder.name, what.case.name), {})[engine.name] = answer.record
+        elif kind in SHAKES:
+            self.shaken.setdefault((what.folder.name, what.case.name, engine.name), []).append(answer.record)
         else:
             self._run(what, engine, answer)
         self._keep()

@@ -22,13 +22,13 @@ from crosscheck.run.forking import ForkServers
 from crosscheck.run.isolation import Attempt, Children, Ending, ask, run_engine
 from crosscheck.run.kept_answers import KeptAnswers
 from crosscheck.run.run_cache import Attempts
-from crosscheck.run.run_state import Job, State, opening
+from crosscheck.run.run_state import SHAKES, Job, State, opening
 from crosscheck.run.shelves import Shelves
 from crosscheck.run.work import Notify, Options, Work
 from crosscheck.verdicts.results import Results
 
 KEPT = "attempts"  # folder of what engines gave, until the run has finished
-RUNS = ("run", "again")  # kinds of jobs in which an engine runs
+RUNS = ("run", "again", *SHAKES)  # kinds of jobs in which an engine runs
 FAR = (*RUNS, "study")  # kinds of jobs that the workers of a cluster do
 
 
@@ -170,7 +170,9 @@ def _ask(job: Job, options: Options, children: Children) -> Any:
         return ask(question, options.timeout, children)
     if kind == "why":
         return ask(what.job, options.timeout, children)
-    task = {"mechanism": str(what.folder.resolve()), "case": what.case.name, "options": dict(options.engine)}
+    told = dict(options.engine) | ({"certificate": False} if kind != "run" else {})
+    told |= {"shake": SHAKES[kind], "error": False} if kind in SHAKES else {}
+    task = {"mechanism": str(what.folder.resolve()), "case": what.case.name, "options": told}
     if kind == "again":  # in a process that shares nothing with the first, not even what it was forked from
-        task |= {"options": {**options.engine, "certificate": False}, "afresh": True}
+        task |= {"afresh": True}
     return run_engine(engine, task, what.time, options.timeout, children)

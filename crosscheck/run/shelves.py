@@ -64,13 +64,11 @@ class Shelves:
     def _things(self, job: Job) -> tuple[object, ...] | None:
         """Return the things that an answer depends on beside those that all answers depend on; None: it is not kept."""
         kind, what, _ = job
-        if self.kept is None or kind == "again":  # what measures repeatability is always computed
-            return None
-        if kind == "study":
+        if self.kept is not None and kind == "study":
             return self.kept.study(what)
-        if kind == "abilities":
-            return (what.adapter_key, what.door)
-        return _of_question(what, self.kept)
+        if self.kept is not None and kind == "why":
+            return _of_question(what, self.kept)
+        return (what.adapter_key, what.door) if kind == "abilities" else None
 
     def expected(self, job: Job) -> float:
         """Return the time that a job may take [s]: as long as it took last, or an estimate."""
