@@ -53,7 +53,7 @@ class CompileLock:
 
 
 def _locked(file: int) -> bool:
-    """Whether the file is ours now, or cannot be locked at all."""
+    """Return True if the file is ours now, or cannot be locked at all."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -41,7 +41,7 @@ def levels(features: Mapping[str, bool] | None = None) -> list[str]:
 
 
 def maker() -> dict[str, str]:
-    """Return what machine code depends on beside sources and processor [-]."""
+    """Return the makers of machine code and their versions [-]."""
     return {
         "python": sys.implementation.cache_tag,
         "numba": numba.__version__,
@@ -51,7 +51,7 @@ def maker() -> dict[str, str]:
 
 
 def shipped(module: str, name: str, signature: str, stamp: str) -> tuple[Any, ...] | None:
-    """Return what `numba` needs to call a kernel for these types [-], None where it has to be compiled."""
+    """Return the result of compiling a kernel for these types [-] from the disk, None where there is none that serves."""
     folder, kernels = _chosen(FOLDER)
     entry = kernels.get(_key(module, name, signature))
     if entry is None:
