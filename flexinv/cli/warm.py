@@ -8,6 +8,7 @@ import sysconfig
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -73,7 +74,7 @@ def _write(folder: Path) -> int:
     return write_shipped(folder, KERNELS)
 
 
-def _first_case(folder: Path, model: str) -> tuple:  # type: ignore[type-arg]
+def _first_case(folder: Path, model: str) -> Any:
     """Mechanism of a model and its first case."""
     from flexinv.files.load_cases import load_cases
     from flexinv.files.load_mechanism import load_mechanism
@@ -82,13 +83,13 @@ def _first_case(folder: Path, model: str) -> tuple:  # type: ignore[type-arg]
     return mechanism, next(iter(load_cases(folder / model, mechanism).values()))
 
 
-def _solve(folder: Path, model: str, **options: object) -> tuple:  # type: ignore[type-arg]
+def _solve(folder: Path, model: str, error: bool = False) -> Any:
     """Mechanism, its first case and the solution of it."""
     from flexinv.analysis.solve import solve
 
     mechanism, case = _first_case(folder, model)
-    motion = case.motion
-    return mechanism, case, solve(mechanism, motion, step=case.step, start=case.start, initial=case.initial, **options)
+    options = {"start": case.start, "initial": case.initial, "error": error}
+    return mechanism, case, solve(mechanism, case.motion, step=case.step, **options)
 
 
 def _planar_arm(folder: Path) -> None:
@@ -133,8 +134,9 @@ def _rigid_arm(folder: Path) -> None:
     state = found.q, found.qd, found.qdd
     prepared = prepare(mechanism)
     prepared.torques(*state)
-    prepared.torques(*(np.ascontiguousarray(a.T) for a in state), order="coordinates")
-    prepared.sample(*(np.ascontiguousarray(a[0]) for a in state), np.empty(mechanism.nv))
+    q, qd, qdd = (np.ascontiguousarray(a.T) for a in state)
+    prepared.torques(q, qd, qdd, order="coordinates")
+    prepared.sample(found.q[0], found.qd[0], found.qdd[0], np.empty(mechanism.nv))
     torque_derivatives(mechanism, *state)
     torque_regressor(mechanism, *state)
 

@@ -35,6 +35,7 @@ def compiler(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     options = {"error_model": "numpy", **options}
 
     def decorate(function: Callable[..., Any]) -> Any:
+        kernel: Any
         try:
             kernel = njit(**options)(function)
         except RuntimeError as error:
@@ -42,7 +43,7 @@ def compiler(**options: Any) -> Callable[[Callable[..., Any]], Any]:
                 raise
             _tell()
             kernel = njit(**{**options, "cache": False})(function)
-        if not isinstance(kernel, CPUDispatcher):  # with NUMBA_DISABLE_JIT it is the function itself
+        if not hasattr(kernel, "_cache"):  # with NUMBA_DISABLE_JIT it is the function itself
             return kernel
         kernel.__class__ = InnerKernel if inner else Kernel
         if hasattr(kernel._cache, "_cache_file"):

@@ -73,14 +73,8 @@ def shipped(module: str, name: str, signature: str, stamp: str) -> tuple[Any, ..
 def _chosen(folder: Path) -> tuple[Path, dict[str, Any]]:
     """Folder and kernels for this processor; none where there is no folder, or none that serves."""
     nothing: tuple[Path, dict[str, Any]] = (folder, {})
-    asked = (
-        config.CPU_NAME,
-        config.CPU_FEATURES,
-        config.OPT,
-        config.ENABLE_AVX,
-        config.BOUNDSCHECK,
-        config.DEBUGINFO_DEFAULT,
-    )
+    now: Any = config
+    asked = now.CPU_NAME, now.CPU_FEATURES, now.OPT, now.ENABLE_AVX, now.BOUNDSCHECK, now.DEBUGINFO_DEFAULT
     if not folder.is_dir() or asked != (None, None, 3, True, None, 0):  # a user who sets these wants code of his own
         return nothing
     found = [folder / level for level in levels() if (folder / level / INDEX).is_file()]

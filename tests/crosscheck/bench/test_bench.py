@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 from crosscheck_examples import write_models
 
-from crosscheck.bench import flexible, latency, marches, parts, rigid, runs, single, targets
+from crosscheck.bench import first, flexible, latency, marches, parts, rigid, runs, single, targets
 from crosscheck.bench.cores import SHARED, Cores, whole
 from crosscheck.bench.timing import BUSY, HALVES, LONG, Call, Spread, Times, disturbed, in_turns, ratio
 from crosscheck.cli import main
@@ -305,3 +305,14 @@ def test_a_slow_controller_is_a_deviation() -> None:
     assert "2 beyond" not in rows[0]["note"]
     assert "1 beyond 1 ms, 1 beyond 10 ms of 4 steps" in rows[0]["note"]
     assert rows[0]["slower"] == 75.0
+
+
+@pytest.mark.slow
+def test_first_torques_cold_and_warm() -> None:
+    """A cold start compiles, a warm one reads: kernels of a rigid arm take seconds of the processor, reading them does not."""
+    rows = first.study(str(MODELS), ["rigid_3r"])["rows"]
+    cold, warm, imported = rows
+    assert (cold["start"], warm["start"]) == ("cold", "warm")
+    assert cold["processor"] > 1.5 * warm["processor"]
+    assert imported["what"] == "import flexinv"
+    assert 0 < imported["clock"] < warm["clock"]
