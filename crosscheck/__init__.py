@@ -6,8 +6,13 @@ import importlib
 from typing import Any
 
 # What scripts and tests use, imported when it is asked for.
-_HOME = {"compare": "crosscheck.equivalence.compare", "assert_same": "crosscheck.equivalence.assert_same"}
-__all__ = ["assert_same", "compare"]
+_HOME = {
+    "compare": "crosscheck.equivalence.compare",
+    "assert_same": "crosscheck.equivalence.assert_same",
+    "identify": "crosscheck.identification.identify",
+    "lint": "crosscheck.linting.lint",
+}
+__all__ = ["assert_same", "compare", "identify", "lint"]
 
 
 def __getattr__(name: str) -> Any:

@@ -91,7 +91,7 @@ class Quantities:
         slope = np.stack([self._column(names, one, self.model.unharmed) / step for one in moved], axis=1)
         size = np.linalg.lstsq(slope, difference, rcond=SMALL)[0]
         left = float(np.linalg.norm(difference - slope @ size) / np.linalg.norm(difference))
-        return Fit(cause, target, size, left, slope @ size)
+        return Fit(cause, target, np.asarray(size), left, np.asarray(slope @ size))
 
     def judged(self, fit: Fit) -> Fit:
         """Return a fit with what it explains of all quantities at its size, and what it leaves [-]; raises like a run."""

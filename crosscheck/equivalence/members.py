@@ -82,12 +82,12 @@ def joint_differences(pair: Pair) -> Iterator[Difference]:
         yield _scalar(pair, "rigid", "pitch", "pitch", two.pitch, "m")
     unit = "m" if one.kind == "prismatic" else "rad"
     if seat.sign < 0:
-        yield Difference("convention", "sign of coordinate", pair.joint, 2.0, "-", "+", "-")
+        yield Difference("convention", "sign of coordinate", pair.joint, 2.0, "-", "+", "-", hints=_left_limits(pair))
     if abs(seat.offset) > SAME * (pair.size if unit == "m" else 1.0):
         digits = pair.digits(one.joint, "position" if unit == "m" else "rotation")
         yield Difference(
             "convention", "zero of coordinate", pair.joint, abs(seat.offset), unit, "0", f"{seat.offset:.9g}",
-            hints=factor_hints(seat.offset, 0.0), printed=digits,
+            hints=(*factor_hints(seat.offset, 0.0), *_left_limits(pair)), printed=digits,
         )  # fmt: skip
 
 
@@ -152,8 +152,8 @@ def drive_differences(pair: Pair) -> Iterator[Difference]:
 def _limits(pair: Pair) -> Iterator[Difference]:
     """Limits, B's in A's coordinate; one that a file does not state is none."""
     ours, theirs = pair.one.limits, _mapped(pair.two.limits, pair.seat)
-    if pair.seat.sign < 0 and _close(ours, pair.two.limits):
-        return  # the axis was turned and the limits were not: one thing, which the sign says
+    if (pair.seat.sign < 0 or pair.seat.offset) and _close(ours, pair.two.limits):
+        return  # the coordinate counts otherwise and its limits were left: one thing, which the convention says
     unit = "m" if pair.one.kind == "prismatic" else "rad"
     units = dict(zip(BOUNDS, (unit, unit, "N" if unit == "m" else "N m", f"{unit}/s"), strict=True))
     for name in BOUNDS:
@@ -165,6 +165,16 @@ def _limits(pair: Pair) -> Iterator[Difference]:
                 "limits", f"{name} limit", pair.joint, abs(b - a), units[name], f"{a:.9g}", f"{b:.9g}", changes,
                 factor_hints(b, a), printed=digits,
             )  # fmt: skip
+
+
+def _left_limits(pair: Pair) -> tuple[str, ...]:
+    """Words where the limits are the same numbers although the coordinate counts otherwise: the sign of a mistake."""
+    ours, theirs = pair.one.limits, pair.two.limits
+    stated = np.isfinite(ours.lower) and not _close(ours, _mapped(theirs, pair.seat))
+    words = (
+        "its limits are the same numbers in both files, so that one of them allows other places: looks like a mistake"
+    )
+    return (words,) if stated and _close(ours, theirs) else ()
 
 
 def _mapped(limits: Limits, seat: Aligned) -> Limits:

@@ -6,6 +6,7 @@ Source: http://wiki.ros.org/urdf/XML, http://wiki.ros.org/urdf/XML/Transmission;
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
@@ -28,13 +29,16 @@ ACTUATOR_PARTS = ("rotor_inertia", "gear_ratio")
 
 def lift_urdf(path: Path, base: str = "fixed") -> Description:
     """Return the mechanism of a URDF [m, kg, rad] and what it drops.  base : "fixed" or "free".  Raises InputError."""
-    mechanism, warned = read_urdf(path, [], base, STANDARD_GRAVITY, ())
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        mechanism, warned = read_urdf(path, [], base, STANDARD_GRAVITY, ())
     robot = read_robot(path)
     couplings, dropped = _mimics(robot, mechanism, path)
     gears, rotors, lost = _transmissions(robot, path)
     joints = tuple(replace(j, rotor_inertia=rotors.get(j.name, 0.0)) for j in mechanism.joints)
     lost = [*lost, *(f"actuator of {name}: there is no such joint" for name in gears if name not in mechanism.joint_of)]
-    noted = [text for subject, text in warned.items() if subject != "mimic"]
+    noted = [str(one.message) for one in caught]
+    noted += [text for subject, text in warned.items() if subject != "mimic"]
     return Description(
         label=path.name,
         mechanism=replace(mechanism, joints=joints, closures=couplings),
