@@ -25,8 +25,8 @@ from flexinv.model.links import Body, Inertia
 from flexinv.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]
-# Drop of the cost that chance does not give: residuals of models are never quite random, so more than 11, one in a thousand.
-EVIDENCE = 30.0
+# Drop of the cost that chance does not give: beyond 12 it is one in two thousand for each cause that is asked for.
+EVIDENCE = 12.0
 FOLLOWED = 3  # steps on the way to a size
 LARGEST = 4  # causes named at most
 
