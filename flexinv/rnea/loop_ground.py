@@ -14,8 +14,8 @@ import numpy as np
 
 from flexinv.kernels.jit import jit_lane, jit_lanes
 from flexinv.kernels.simd import into, plus, put_vec, times, vec_of
+from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.loop_bodies import acceleration, axes_of, constant, cross, dot, minus
-from flexinv.rnea.loop_layout import GAP_RATE, POINT, SQUARES, VECTOR, VECTORS
 from flexinv.rnea.recursion import SPIN, SPIN_RATE
 
 _VEC, _THREE, _SIX, _NONE = np.uint64(0), np.uint64(3), np.uint64(6), (0.0, 0.0, 0.0)
@@ -35,8 +35,8 @@ def _standing(count: int) -> Any:
         (x, y, z), w, al = frame, vec_of(state, SPIN, k), vec_of(state, SPIN_RATE, k)
         d = minus(plus(vec_of(place, _VEC, k), into(frame, at)), there)
         second = minus(into(frame, acceleration(state, k, at)), constant(c, _REST))
-        put_vec(own, POINT, k, plus(there, times(is_b, d)))
-        put_vec(own, GAP_RATE, k, _NONE)
+        put_vec(own, layout.POINT, k, plus(there, times(is_b, d)))
+        put_vec(own, layout.GAP_RATE, k, _NONE)
         squares = c[_SCALE] * dot(d, d), 0.0, dot(second, second)
         for j in range(count):
             m, f = constant(c, _PAIRS + _SIX * np.uint64(j)), constant(c, _PAIRS + _SIX * np.uint64(j) + _THREE)
@@ -44,8 +44,8 @@ def _standing(count: int) -> Any:
             n, phi = cross(m, f), dot(m, f)
             phi1, phi2 = dot(w, n), dot(al, n) + dot(w, f) * dot(m, w) - dot(w, w) * phi
             squares = plus(squares, (phi * phi, phi1 * phi1, phi2 * phi2))
-            put_vec(own, VECTORS + np.uint64(j) * VECTOR, k, into(frame, n))
-        put_vec(own, SQUARES, k, squares)
+            put_vec(own, layout.VECTORS + np.uint64(j) * layout.VECTOR, k, into(frame, n))
+        put_vec(own, layout.SQUARES, k, squares)
 
     @jit_lanes
     def standing(own, axes, place, state, lanes, c):

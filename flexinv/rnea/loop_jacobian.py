@@ -13,25 +13,11 @@ import numpy as np
 
 from flexinv.kernels.jit import jit_lane, jit_lanes
 from flexinv.kernels.simd import LANES, plus, put_vec, row, times, vec_of
+from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.loop_bodies import cross, dot, minus
-from flexinv.rnea.loop_layout import (
-    AXIS,
-    CLOSURE_ROWS,
-    DIRECTIONS,
-    GAP_RATE,
-    JOINT,
-    MOST_COLUMNS,
-    OWN,
-    POINT,
-    QD,
-    TO,
-    TURNING,
-    VECTOR,
-    VECTORS,
-)
 
-_ROW, _VEC, _ONE, _THREE, _FOUR = row(MOST_COLUMNS), np.uint64(0), np.uint64(1), np.uint64(3), np.uint64(4)
-_COLUMN, _CLOSURE = row(6 * MOST_COLUMNS + 1), row(CLOSURE_ROWS + 9)
+_ROW, _VEC, _ONE, _THREE, _FOUR = row(layout.MOST_COLUMNS), np.uint64(0), np.uint64(1), np.uint64(3), np.uint64(4)
+_COLUMN, _CLOSURE = row(6 * layout.MOST_COLUMNS + 1), row(layout.CLOSURE_ROWS + 9)
 
 
 @jit_lane
@@ -40,7 +26,7 @@ def _put(column, own, k, c, more, speed):
     column[k] = dot(c, c) + more
     for j in range(3):
         column[_ROW * (_ONE + np.uint64(j)) + k] = c[j]
-    put_vec(own, GAP_RATE, k, plus(vec_of(own, GAP_RATE, k), times(speed, c)))
+    put_vec(own, layout.GAP_RATE, k, plus(vec_of(own, layout.GAP_RATE, k), times(speed, c)))
 
 
 def _turning(count: int) -> Any:
@@ -50,10 +36,10 @@ def _turning(count: int) -> Any:
     def lane(column, own, axis, at, rates, k, factors):
         over, sign, length = factors
         z = vec_of(axis, _VEC, k)
-        c = times(over, cross(z, minus(vec_of(own, POINT, k), vec_of(at, _VEC, k))))
+        c = times(over, cross(z, minus(vec_of(own, layout.POINT, k), vec_of(at, _VEC, k))))
         _put(column, own, k, c, 1.0 if count else 0.0, length * rates[k])
         for j in range(count):
-            e = vec_of(own, VECTORS + np.uint64(j) * VECTOR, k)
+            e = vec_of(own, layout.VECTORS + np.uint64(j) * layout.VECTOR, k)
             column[_ROW * (_FOUR + np.uint64(j)) + k] = sign * dot(e, z)
 
     @jit_lanes
@@ -83,10 +69,10 @@ def _sliding(column, own, axis, rates, lanes, signs, directions):
 @jit_lanes
 def whole_column(work, closure, column, lanes, signs):
     """Set one column of a closure: its size and positions over the mechanism's length [1/rad], [1/m], directions [-]."""
-    axis, place, own, to, rates = column[AXIS], column[JOINT], closure[OWN], column[TO], column[QD]
-    entries, own, z = work[to : to + _COLUMN], work[own : own + _CLOSURE], work[axis : axis + VECTOR]
-    at, rates, directions = work[place : place + VECTOR], work[rates : rates + LANES], closure[DIRECTIONS]
-    if column[0] != TURNING:
+    axis, place, own, to, rates = column.axis, column.joint, closure.own, column.to, column.rate
+    entries, own, z = work[to : to + _COLUMN], work[own : own + _CLOSURE], work[axis : axis + layout.VECTOR]
+    at, rates, directions = work[place : place + layout.VECTOR], work[rates : rates + LANES], closure.directions
+    if column.kind != layout.TURNING:
         _sliding(entries, own, z, rates, lanes, signs, directions)
     elif directions == 0:
         _TURNING_0(entries, own, z, at, rates, lanes, signs)

@@ -8,7 +8,7 @@ import numpy as np
 
 from flexinv.kernels.jit import jit_lane, jit_lanes
 from flexinv.kernels.simd import LANES, row
-from flexinv.rnea.loop_layout import BOTH, CHANGED, FACTOR, MOST_TOGETHER, TOGETHER
+from flexinv.rnea import loop_layout as layout
 
 # Added to what may be as it was: else the compiler writes only the lanes that change, which takes several times as long.
 _NOTHING = 0.0
@@ -23,10 +23,9 @@ def larger(a, b):
 
 
 @jit_lane
-def _inverse(pivot):
-    """1 / pivot, and what others are multiplied by: with 0 where there is no pivot."""
-    inverse = 1.0 / pivot
-    return inverse, inverse if pivot != 0.0 else 0.0
+def _over(pivot):
+    """1 / pivot, 0 where there is none."""
+    return 1.0 / pivot if pivot != 0.0 else 0.0
 
 
 @jit_lane
@@ -46,26 +45,25 @@ def _pairing(count: int) -> Any:
     last = row(count)
 
     @jit_lane
-    def lane(factor, one, other, k, inverted):
+    def lane(factor, one, other, k):
         changed = abs(other[last + k]) > abs(one[last + k])
         pivot, rest = _exchanged(one[last + k], other[last + k], changed)
-        inverse, part = _inverse(pivot)
-        one[last + k], part = inverse if inverted else pivot + _NOTHING, rest * part
-        factor[FACTOR + k], factor[CHANGED + k] = part, 1.0 if changed else 0.0
+        one[last + k], part = pivot + _NOTHING, rest * _over(pivot)
+        factor[layout.FACTOR + k], factor[layout.CHANGED + k] = part, 1.0 if changed else 0.0
         for j in range(count):
             at = np.uint64(j) * LANES + k
             upper, other[at] = combined(one[at], other[at], part, changed)
             one[at] = upper + _NOTHING
 
     @jit_lanes
-    def pair(factor, one, other, lanes, inverted):
+    def pair(factor, one, other, lanes):
         for k in range(lanes):
-            lane(factor, one, other, k, inverted)
+            lane(factor, one, other, k)
 
     return pair
 
 
-_PAIR_1, _PAIR_2, _PAIR_3, _PAIR_4 = (_pairing(count) for count in range(1, MOST_TOGETHER + 1))
+_PAIR_1, _PAIR_2, _PAIR_3, _PAIR_4 = (_pairing(count) for count in range(1, layout.MOST_TOGETHER + 1))
 
 
 def _joining(count: int) -> Any:
@@ -73,13 +71,13 @@ def _joining(count: int) -> Any:
     last = row(count)
 
     @jit_lane
-    def lane(one, other, third, k, inverted):
+    def lane(one, other, third, k):
         first = abs(other[last + k]) > abs(one[last + k])
         a, b = _exchanged(one[last + k], other[last + k], first)
         second = abs(third[last + k]) > abs(a)
         a, c = _exchanged(a, third[last + k], second)
-        inverse, part = _inverse(a)
-        one[last + k], b, c = inverse if inverted else a + _NOTHING, b * part, c * part
+        part = _over(a)
+        one[last + k], b, c = a + _NOTHING, b * part, c * part
         for j in range(count):
             at = np.uint64(j) * LANES + k
             upper, lower = _exchanged(one[at], other[at], first)
@@ -87,40 +85,40 @@ def _joining(count: int) -> Any:
             one[at], other[at], third[at] = upper + _NOTHING, lower - b * upper, lowest - c * upper
 
     @jit_lanes
-    def join(one, other, third, lanes, inverted):
+    def join(one, other, third, lanes):
         for k in range(lanes):
-            lane(one, other, third, k, inverted)
+            lane(one, other, third, k)
 
     return join
 
 
-_JOIN_1, _JOIN_2, _JOIN_3, _JOIN_4 = (_joining(count) for count in range(1, MOST_TOGETHER + 1))
+_JOIN_1, _JOIN_2, _JOIN_3, _JOIN_4 = (_joining(count) for count in range(1, layout.MOST_TOGETHER + 1))
 
 
 @jit_lanes
-def both(kind, one, other, third, lanes, inverted):
-    """Combine two rows with the first one in one pass, of whose pivot the inverse may be left [any unit]."""
-    if kind == BOTH:
-        _JOIN_1(one, other, third, lanes, inverted)
-    elif kind == BOTH + 1:
-        _JOIN_2(one, other, third, lanes, inverted)
-    elif kind == BOTH + 2:
-        _JOIN_3(one, other, third, lanes, inverted)
+def both(kind, one, other, third, lanes):
+    """Combine two rows with the first one in one pass [any unit]."""
+    if kind == layout.BOTH:
+        _JOIN_1(one, other, third, lanes)
+    elif kind == layout.BOTH + 1:
+        _JOIN_2(one, other, third, lanes)
+    elif kind == layout.BOTH + 2:
+        _JOIN_3(one, other, third, lanes)
     else:
-        _JOIN_4(one, other, third, lanes, inverted)
+        _JOIN_4(one, other, third, lanes)
 
 
 @jit_lanes
-def together(kind, factor, one, other, lanes, inverted):
-    """Combine two rows in one pass, of the first one's pivot the inverse may be left [any unit]."""
-    if kind == TOGETHER:
-        _PAIR_1(factor, one, other, lanes, inverted)
-    elif kind == TOGETHER + 1:
-        _PAIR_2(factor, one, other, lanes, inverted)
-    elif kind == TOGETHER + 2:
-        _PAIR_3(factor, one, other, lanes, inverted)
+def together(kind, factor, one, other, lanes):
+    """Combine two rows in one pass [any unit]."""
+    if kind == layout.TOGETHER:
+        _PAIR_1(factor, one, other, lanes)
+    elif kind == layout.TOGETHER + 1:
+        _PAIR_2(factor, one, other, lanes)
+    elif kind == layout.TOGETHER + 2:
+        _PAIR_3(factor, one, other, lanes)
     else:
-        _PAIR_4(factor, one, other, lanes, inverted)
+        _PAIR_4(factor, one, other, lanes)
 
 
 @jit_lanes
@@ -131,8 +129,8 @@ def pair(factor, one, other, lanes):
         changed = abs(b) > abs(a)
         pivot, rest = (b, a) if changed else (a, b)
         one[k] = pivot
-        factor[FACTOR + k] = rest / pivot if pivot != 0.0 else 0.0
-        factor[CHANGED + k] = 1.0 if changed else 0.0
+        factor[layout.FACTOR + k] = rest / pivot if pivot != 0.0 else 0.0
+        factor[layout.CHANGED + k] = 1.0 if changed else 0.0
 
 
 @jit_lanes
@@ -140,17 +138,17 @@ def combine(factor, one, other, lanes):
     """Combine two other entries of these rows [any unit]."""
     for k in range(lanes):
         a, b = one[k], other[k]
-        changed = factor[CHANGED + k] != 0.0
+        changed = factor[layout.CHANGED + k] != 0.0
         pivot, rest = (b, a) if changed else (a, b)
-        one[k], other[k] = pivot, rest - factor[FACTOR + k] * pivot
+        one[k], other[k] = pivot, rest - factor[layout.FACTOR + k] * pivot
 
 
 @jit_lanes
 def undo(factor, one, other, lanes):
     """Turn multipliers [N] of two combined rows into those of the rows before."""
     for k in range(lanes):
-        a, b = one[k] - factor[FACTOR + k] * other[k], other[k]
-        changed = factor[CHANGED + k] != 0.0
+        a, b = one[k] - factor[layout.FACTOR + k] * other[k], other[k]
+        changed = factor[layout.CHANGED + k] != 0.0
         one[k], other[k] = (b, a) if changed else (a, b)
 
 
@@ -166,16 +164,4 @@ def solve_row(multiplier, pivot, effort, size, lanes, part, least):
         multiplier[k] = effort[k] / pivot[k]
         effort[k] = 0.0
         count += 0 if (square >= part * size[k]) & (square >= least) else 1
-    return count
-
-
-@jit_lanes
-def solve_inverted(multiplier, inverse, effort, size, lanes, part, least):
-    """Do so with 1 / pivot [any unit]."""
-    count = 0
-    for k in range(lanes):
-        square = inverse[k] * inverse[k]
-        multiplier[k] = effort[k] * inverse[k]
-        effort[k] = 0.0
-        count += 0 if (square * (part * size[k]) <= 1.0) & (square * least <= 1.0) else 1
     return count
