@@ -23,7 +23,7 @@ SOURCES = (
     "kernels.vec3", "kinematics.configuration", "kinematics.tree", "linearized.natural_modes", "model.joint_kinds",
     "planar.constraint_rows", "planar.history", "planar.index1", "planar.stepper", "planar.tree",
     "planar.tree_solver", "rigid.blocks", "rigid.derivative_kernel", "rigid.regressor_kernel", "rnea.body_numbers",
-    "rnea.loop_allocation", "rnea.loop_bodies", "rnea.loop_ground", "rnea.loop_jacobian", "rnea.loop_layout",
+    "rnea.loop_allocation", "rnea.loop_bodies", "rnea.loop_layout",
     "rnea.loop_plane", "rnea.loop_reduce", "rnea.loop_space", "rnea.recursion", "rnea.row_pairs", "rnea.six_rows",
     "tracking.collocation_kernel",
 )  # fmt: skip

@@ -8,9 +8,17 @@ ends, each in its own axes (gravity included); at the point x_B they are  a + al
     direction   phi = u . w     phi' = e . w_AB    phi'' = e . al_AB + e' . w_AB     e = w x u,      G = e . z
 
 Three positions fix a point: they may be taken along any axes, here the root's, and d' is none.
+
+Where one end stands in the world, the other one, E, turns at w and al and accelerates by a, which the recursion has found in E's
+axes; gravity makes the world's end accelerate by -g there.  With m fixed in E and f in the world, which in E's axes turns
+backwards, f' = -w x f:
+
+    phi = m . f      phi' = w . n      phi'' = al . n + (w . f) (m . w) - w^2 phi            n = m x f
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 
@@ -19,14 +27,16 @@ from flexinv.kernels.simd import into, plus, put_vec, row, times, vec_of
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.loop_allocation import clear, coupled, hold
 from flexinv.rnea.loop_bodies import acceleration, axes_of, constant, cross, dot, minus, move, square
-from flexinv.rnea.loop_ground import from_ground
 from flexinv.rnea.loop_reduce import columns
 from flexinv.rnea.recursion import SPIN, SPIN_RATE, STATE_ROWS
 
 _WHOLE = row(layout.CLOSURE_ROWS + 9)
-_BODY, _STATE, _VEC, _NONE, _SIX = row(layout.BODY_ROWS), row(STATE_ROWS), np.uint64(0), (0.0, 0.0, 0.0), np.uint64(6)
+_BODY, _STATE, _NONE = row(layout.BODY_ROWS), row(STATE_ROWS), (0.0, 0.0, 0.0)
+_VEC, _THREE, _SIX = np.uint64(0), np.uint64(3), np.uint64(6)
 # Constants of a closure: places of the ends in axes of the loop, the scale; arms and axes of both in those of the recursion.
 _AT_A, _AT_B, _SCALE, _ARM_A, _ARM_B, _TURNED_A, _TURNED_B, _U = (np.uint64(i) for i in (0, 3, 6, 7, 10, 13, 22, 31))
+# Those of one to the ground: the point of E, and of the end that stands; the scale; -g; whether E is B; m and f of the directions.
+_AT, _THERE, _GROUND_SCALE, _REST, _IS_B, _PAIRS = (np.uint64(i) for i in (0, 3, 6, 7, 10, 11))
 
 
 @jit_lanes
@@ -129,6 +139,54 @@ def _position(e, own, lanes, scale):
         square(own, k, scale * dot(u, vec_of(own, layout.GAP, k)), dot(u, d1), dot(u, second))
 
 
+def _standing(count: int) -> Any:
+    """Three positions and so many directions: the point of B, e = w x u, the squares of phi, phi' and phi''.
+
+    e is n where E is B, whose vector is w; else it is -n, and what is given is -m.
+    """
+
+    @jit_lane
+    def lane(own, axes, place, state, k, c):
+        frame, at, there, is_b = axes_of(axes, k), constant(c, _AT), constant(c, _THERE), c[_IS_B]
+        (x, y, z), w, al = frame, vec_of(state, SPIN, k), vec_of(state, SPIN_RATE, k)
+        d = minus(plus(vec_of(place, _VEC, k), into(frame, at)), there)
+        second = minus(into(frame, acceleration(state, k, at)), constant(c, _REST))
+        put_vec(own, layout.POINT, k, plus(there, times(is_b, d)))
+        put_vec(own, layout.GAP_RATE, k, _NONE)
+        squares = c[_GROUND_SCALE] * dot(d, d), 0.0, dot(second, second)
+        for j in range(count):
+            m, f = constant(c, _PAIRS + _SIX * np.uint64(j)), constant(c, _PAIRS + _SIX * np.uint64(j) + _THREE)
+            f = dot(x, f), dot(y, f), dot(z, f)
+            n, phi = cross(m, f), dot(m, f)
+            phi1, phi2 = dot(w, n), dot(al, n) + dot(w, f) * dot(m, w) - dot(w, w) * phi
+            squares = plus(squares, (phi * phi, phi1 * phi1, phi2 * phi2))
+            put_vec(own, layout.VECTORS + np.uint64(j) * layout.VECTOR, k, into(frame, n))
+        put_vec(own, layout.SQUARES, k, squares)
+
+    @jit_lanes
+    def standing(own, axes, place, state, lanes, c):
+        for k in range(lanes):
+            lane(own, axes, place, state, k, c)
+
+    return standing
+
+
+_STANDING_0, _STANDING_1, _STANDING_2, _STANDING_3 = (_standing(count) for count in range(4))
+
+
+@jit_lanes
+def _from_ground(own, axes, place, state, lanes, c, directions):
+    """Set the point of B, vectors e and squares of a closure to the ground, but for what takes d'."""
+    if directions == 0:
+        _STANDING_0(own, axes, place, state, lanes, c)
+    elif directions == 1:
+        _STANDING_1(own, axes, place, state, lanes, c)
+    elif directions == 2:
+        _STANDING_2(own, axes, place, state, lanes, c)
+    else:
+        _STANDING_3(own, axes, place, state, lanes, c)
+
+
 @jit_lanes
 def _ends(work, closure, own, vectors, lanes, c):
     """Points, vectors and squares of one closure, but for what takes d'."""
@@ -141,7 +199,7 @@ def _ends(work, closure, own, vectors, lanes, c):
     if closure.ground != layout.NO_GROUND:
         whole = work[closure.own : closure.own + _WHOLE]
         end = end_b if closure.ground == layout.A_STANDS else end_a
-        from_ground(whole, *end, lanes, c, directions)
+        _from_ground(whole, *end, lanes, c, directions)
         return
     if closure.kind == layout.WHOLE:
         _whole(end_a, end_b, own, lanes, c)
