@@ -5,6 +5,7 @@ alike.  In axes fixed in the root, from it to both ends of the closure, with p t
 
     x = x_parent + R_parent p            turn about z: R = R_parent R_0 R_z(q)
     slide along d: x = x_parent + R_parent (p + d q), R = R_parent
+    screw about z: both, with d = h z of R R_0, h = pitch / (2 pi)
 
 Rates and accelerations of the ends need no second recursion: see `loop_space`.
 """
@@ -163,6 +164,15 @@ def _slide(own, above, parent, rows, lanes, c):
 
 
 @jit_lanes
+def _screw(own, above, parent, rows, lanes, c):
+    """A body that turns about z and goes c[12] along it for every radian."""
+    _turn(own, above, parent, rows, lanes, c)
+    for k in range(lanes):
+        advance = times(c[12] * rows[PLACE + k], vec_of(own, layout.AXIS_Z, k))
+        put_vec(own, layout.AT, k, plus(vec_of(own, layout.AT, k), advance))
+
+
+@jit_lanes
 def _float(own, above, parent, rows, lanes, c):
     """A body that turns about its origin, which moves too."""
     for k in range(lanes):
@@ -220,5 +230,7 @@ def move(plan, fixed, work, first_body, count, lanes):
             _chain(work[above : above + layout.CHAINED + _BODY], rows, lanes, c)
         elif kind == layout.SLIDE:
             _slide(own, origin, parent, rows, lanes, c)
+        elif kind == layout.SCREW:
+            _screw(own, origin, parent, rows, lanes, fixed[numbers:])
         elif kind == layout.FLOAT:
             _float(own, origin, parent, rows, lanes, c)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import Mesh
-from flexinv.model.joint_kinds import FREE, PRISMATIC, SPHERICAL
+from flexinv.model.joint_kinds import FREE, HELICAL, PRISMATIC, SPHERICAL
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import TURNING as TURNS
 from flexinv.rnea.body_table import Bodies, carriers
@@ -162,16 +162,15 @@ def _seat(bodies: Bodies, i: int) -> tuple[Array, Array]:
 def frame(tables: Tables, root: int, body: int) -> Frame:
     """The frame of a body of a loop, made with those of its parents."""
     if (root, body) not in tables.frames:
-        above, kind = frame(tables, root, int(tables.bodies.tree[body, 1])), int(tables.bodies.tree[body, 0])
+        above = frame(tables, root, int(tables.bodies.tree[body, 1]))
         r, p = (above.turned @ x for x in _seat(tables.bodies, body))
-        make = _in_plane if tables.plane else _in_space
         if not tables.plane and _is_universal(tables, root, body, (r, p)):
             return _two_turns(tables, root, body, r)
         if not tables.plane and _goes_on(tables, root, body, r):
             return _chain(tables, root, body, above, (r, p))
         own = tables.rows(layout.PLANE_ROWS if tables.plane else layout.BODY_ROWS, (root, body) not in tables.shared)
         first = above is tables.frames[root, root]
-        tables.frames[root, body] = make(tables, above, own, first, kind, (r, p), int(tables.bodies.tree[body, 2]))
+        tables.frames[root, body] = _moving(tables, above, own, body, (r, p), first)
     return tables.frames[root, body]
 
 
@@ -220,25 +219,15 @@ def _is_tilt(r: Array) -> bool:
     return bool(r[0, 0] == 1.0 and not (r[0, 1:].any() or r[1:, 0].any()))
 
 
-def _in_plane(
-    tables: Tables, above: Frame, own: int, first: bool, kind: int, seat: tuple[Array, Array], rows: int
-) -> Frame:
-    """A body with its motion."""
-    how = layout.SLIDE if kind == PRISMATIC else layout.ROOT_TURN if first else layout.TURN
-    tables.moved.append(BodyRecord(how, own, above.axes, rows, tables.numbers(seat[0].T, seat[1]), 0))
-    return Frame(own, own + int(layout.AT), own + int(layout.DIRECTION), seat[0] if kind == PRISMATIC else np.eye(3))
-
-
-def _in_space(
-    tables: Tables, above: Frame, own: int, first: bool, kind: int, seat: tuple[Array, Array], rows: int
-) -> Frame:
-    """A body's axes and place: one that slides has its parent's axes."""
-    r, numbers = seat[0], tables.numbers(seat[0].T, seat[1])
-    turn = layout.ROOT_TURN if first else layout.TILT if _is_tilt(r) else layout.TURN
-    how = {PRISMATIC: layout.SLIDE, SPHERICAL: layout.FLOAT, FREE: layout.FLOAT}.get(kind, turn)
-    tables.moved.append(BodyRecord(how, own, above.axes, rows, numbers, above.place))
+def _moving(tables: Tables, above: Frame, own: int, body: int, seat: tuple[Array, Array], first: bool) -> Frame:
+    """A body's axes and place: one that slides in space has its parent's axes."""
+    r, kind = seat[0], int(tables.bodies.tree[body, 0])
+    turn = layout.ROOT_TURN if first else layout.TURN if tables.plane or not _is_tilt(r) else layout.TILT
+    how = {PRISMATIC: layout.SLIDE, SPHERICAL: layout.FLOAT, FREE: layout.FLOAT, HELICAL: layout.SCREW}.get(kind, turn)
+    rows, numbers = int(tables.bodies.tree[body, 2]), tables.numbers(r.T, seat[1], tables.bodies.numbers[body, 37])
+    tables.moved.append(BodyRecord(how, own, above.axes, rows, numbers, 0 if tables.plane else above.place))
     if how == layout.SLIDE:
-        return Frame(above.axes, own + int(layout.AT), own + int(layout.DIRECTION), r)
+        return Frame(own if tables.plane else above.axes, own + int(layout.AT), own + int(layout.DIRECTION), r)
     return Frame(own, own + int(layout.AT), 0, np.eye(3))
 
 

@@ -44,7 +44,7 @@ LIMITS, SCRATCH, KEEPS, SUMMED, ROOTS, BODIES, CLOSURES, COLUMNS, SUMS, STEPS, F
 class BodyKind(IntEnum):
     """Kinds of bodies, by their motion beside the one that carries them."""
 
-    ROOT_TURN, TURN, TILT, SLIDE, FLOAT, TWO_TURNS, CHAIN = range(7)
+    ROOT_TURN, TURN, TILT, SLIDE, FLOAT, TWO_TURNS, CHAIN, SCREW = range(8)
 
 
 class ClosureKind(IntEnum):
@@ -54,9 +54,9 @@ class ClosureKind(IntEnum):
 
 
 class ColumnKind(IntEnum):
-    """Joint of a column of G; the last two are of a whole joint."""
+    """Joint of a column of G; FLOATING and PUSHING are of a whole joint."""
 
-    TURNING, SLIDING, GEARED, FLOATING, PUSHING = range(5)
+    TURNING, SLIDING, GEARED, FLOATING, PUSHING, SCREWING = range(6)
 
 
 class Operation(IntEnum):
@@ -71,9 +71,9 @@ class Operation(IntEnum):
 
 MOST_TOGETHER = 4
 # The same as plain numbers, which compiled code compares fastest.
-ROOT_TURN, TURN, TILT, SLIDE, FLOAT, TWO_TURNS, CHAIN = (int(kind) for kind in BodyKind)
+ROOT_TURN, TURN, TILT, SLIDE, FLOAT, TWO_TURNS, CHAIN, SCREW = (int(kind) for kind in BodyKind)
 WHOLE, PARTIAL, COUPLED = (int(kind) for kind in ClosureKind)
-TURNING, SLIDING, GEARED, FLOATING, PUSHING = (int(kind) for kind in ColumnKind)
+TURNING, SLIDING, GEARED, FLOATING, PUSHING, SCREWING = (int(kind) for kind in ColumnKind)
 PAIR, CHECK_PIVOT, CHECK_EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, UNDO, ALL_SIX, TOGETHER, BOTH = (
     int(operation) for operation in Operation
 )

@@ -16,7 +16,6 @@ from flexinv.constraints.closures import Rows, measures, residuals, row_scales
 from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.rigid_motion import rigid_motion
-from flexinv.model.joint_kinds import HELICAL
 from flexinv.model.mechanism import Mechanism
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import Bodies, carriers
@@ -43,14 +42,12 @@ def ends(mesh: Mesh, rows: Rows) -> frozenset[int]:
 def planned(
     mesh: Mesh, candidates: tuple[Bodies, Bodies], rows: Rows, limits: tuple[float, float, float], run: Run
 ) -> tuple[Bodies, LoopPlan] | None:
-    """Return the bodies and the plan [any unit] of a mechanism, None with screws, too few drives or where none can be found.
+    """Return the bodies and the plan [any unit] of a mechanism, None with too few drives or where none can be found.
 
     candidates : bodies for a mechanism in the plane, and those that keep how the `ends` of closures accelerate
     run : the work space of a block with `PLACES` samples, whose joints stand anywhere, after the kernel without steps
     """
     m = mesh.mechanism
-    if (mesh.kind == HELICAL).any():
-        return None  # `loop_bodies` has no screws: the cut tree's efforts are shared out sample by sample
     passive, drives = (np.flatnonzero(which).tolist() for which in (~m.actuated, m.actuated))
     first = tables(mesh, candidates[1], rows, limits, np.ones(len(rows), dtype=bool))
     unit = measures(mesh) / row_scales(mesh, rows)[:, None]  # of lengths over the mechanism's
@@ -62,8 +59,9 @@ def planned(
     if np.abs(_constant(mesh, rows)[unmoved]).max(initial=0.0) > CLEARLY * limits[0]:
         return None  # what no joint moves is not in the tables, and is open
     kept = np.asarray(g.any(axis=(0, 2)))
+    flat = all(body.kind not in (layout.FLOAT, layout.SCREW) for body in first.bodies)
     b, pairs = candidates[0], dict[int, tuple[int, int]]()
-    plan = tables(mesh, b, rows, limits, kept, plane=True) if not _has_floating(first) else first
+    plan = tables(mesh, b, rows, limits, kept, plane=True) if flat else first
     if plan is first or not _is_plane(plan, CLEARLY * limits[0] * mesh.length):
         b, pairs = candidates[1], _pairs(m, rows, g)
         plan = tables(mesh, b, rows, limits, kept, pairs=pairs, order=order_of(g[0][kept], passive))
@@ -121,11 +119,6 @@ def _pairs(mechanism: Mechanism, rows: Rows, g: Array) -> dict[int, tuple[int, i
                 if g[:, own][:, :, both].any(axis=(0, 1)).all() and not g[:, ~own][:, :, both].any():
                     out[int(closure)] = (one, one + 1)
     return out
-
-
-def _has_floating(plan: LoopPlan) -> bool:
-    """Return True if a body of a loop turns about all axes."""
-    return any(body.kind == layout.FLOAT for body in plan.bodies)
 
 
 def _constant(mesh: Mesh, rows: Rows) -> Array:

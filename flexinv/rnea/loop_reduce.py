@@ -8,8 +8,8 @@ joint's axes move the point by z1 x r and z2 x r; their two equations determine 
 as z2 . (z1 x r) = -s and z1 . (z2 x r) = s.  The first part is subtracted from the efforts tau of the other joints at
 once, c . f; one row of G, u . c, remains instead of three.
 
-Columns of three positions and of directions beside them are set in one pass over the lanes.  A unit rate of a joint turns about z,
-or slides along it, and moves the point of B by c = z x (x_B - x), or z:
+Columns of three positions and of directions beside them are set in one pass over the lanes.  A unit rate of a joint turns about
+z, or slides along it, and moves the point of B by c = z x (x_B - x), or z, a screw of lead h by z x (x_B - x) + h z:
 
     positions  c            directions  e . z, or 0            d' = sum c qd
 """
@@ -106,10 +106,11 @@ def _motion(to, joint, own, rates, lanes, signs, turns, more):
 
     It is added to d', too.
     """
-    (axis, at), sign, length = joint, signs[0], signs[2]
+    (axis, at), sign, length, lead = joint, signs[0], signs[2], signs[3]
     if turns:
         for k in range(lanes):
-            c = times(sign, cross(vec_of(axis, _VEC, k), minus(vec_of(own, layout.POINT, k), vec_of(at, _VEC, k))))
+            z, arm = vec_of(axis, _VEC, k), minus(vec_of(own, layout.POINT, k), vec_of(at, _VEC, k))
+            c = times(sign, plus_cross(times(lead, z), z, arm))
             put_vec(to, layout.ENTRIES, k, c)
             to[k] = dot(c, c) + more
             put_vec(own, layout.GAP_RATE, k, plus(vec_of(own, layout.GAP_RATE, k), times(length * rates[k], c)))
@@ -132,7 +133,7 @@ def _along(to, e, moved, lanes, sign):
 def _column(work, closure, column, lanes, signs):
     """Set the entries of one column, row by row: along u of single positions, about e of directions."""
     axis, place, own, to, entry = column.axis, column.joint, closure.own, column.to, column.entry
-    positions, directions, turns = closure.positions, closure.directions, column.kind == layout.TURNING
+    positions, directions, turns = closure.positions, closure.directions, column.kind != layout.SLIDING
     e, z, moved = work[own + layout.VECTORS :], work[axis : axis + layout.VECTOR], work[to : to + _COLUMN]
     rates, more = work[column.rate : column.rate + LANES], 1.0 if directions > _ZERO else 0.0
     joint = z, work[place : place + layout.VECTOR]
@@ -201,7 +202,7 @@ def _single(work, closure, column, lanes, signs):
     """The column of one coordinate."""
     axis, place, to, entry, effort = column.axis, column.joint, column.to, column.entry, column.effort
     own, moved = work[closure.own : closure.own + _CLOSURE], work[to : to + _COLUMN]
-    rates, turns = work[column.rate : column.rate + LANES], column.kind == layout.TURNING
+    rates, turns = work[column.rate : column.rate + LANES], column.kind != layout.SLIDING
     joint = work[axis : axis + layout.VECTOR], work[place : place + layout.VECTOR]
     _motion(moved, joint, own, rates, lanes, signs, turns, 0.0)
     _part(work[entry : entry + LANES], work[effort : effort + LANES], moved, own, lanes)
@@ -269,7 +270,7 @@ def columns(plan, fixed, work, closure, lanes):
     for j in range(closure.count):
         at = closure.first + j * layout.COLUMN_CELLS
         column = layout.column_at(plan, at)
-        signs = fixed[column.signs : column.signs + _THREE]
+        signs = fixed[column.signs : column.signs + _FOUR]
         if column.kind == layout.GEARED:
             geared(work[column.to : column.to + _COLUMN], lanes, signs[0])
         elif not reduced and closure.kind == layout.WHOLE:

@@ -35,7 +35,7 @@ _BODY, _STATE, _NONE = row(layout.BODY_ROWS), row(STATE_ROWS), (0.0, 0.0, 0.0)
 _VEC, _THREE, _SIX = np.uint64(0), np.uint64(3), np.uint64(6)
 # Constants of a closure: places of the ends in axes of the loop, the scale; arms and axes of both in those of the recursion.
 _AT_A, _AT_B, _SCALE, _ARM_A, _ARM_B, _TURNED_A, _TURNED_B, _U = (np.uint64(i) for i in (0, 3, 6, 7, 10, 13, 22, 31))
-# Those of one to the ground: the point of E, and of the end that stands; the scale; -g; whether E is B; m and f of the directions.
+# Those of one to the ground: the points of E and of the end that stands; the scale; -g; whether E is B; m, f of directions.
 _AT, _THERE, _GROUND_SCALE, _REST, _IS_B, _PAIRS = (np.uint64(i) for i in (0, 3, 6, 7, 10, 11))
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from flexinv.constraints.closures import Rows
 from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import Mesh
-from flexinv.model.joint_kinds import FREE, PRISMATIC, SPHERICAL
+from flexinv.model.joint_kinds import FREE, HELICAL, PRISMATIC, SPHERICAL
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import Bodies
 from flexinv.rnea.elimination_order import Step
@@ -186,7 +186,8 @@ def _closure(tables: Tables, rows: Rows, own: NDArray[np.int64]) -> None:
     one, other = frame(tables, root, a), frame(tables, root, b)
     positions, directions = ([int(r) for r in own if rows.direction[r] == which] for which in (False, True))
     columns = [c for way in (way_a, way_b) for body in way for c in _columns_of(tables, root, body, way is way_b)]
-    whole = len(positions) == 3 and (tables.plane or pair is not None or len(columns) <= layout.MOST_COLUMNS)
+    together = len(columns) <= layout.MOST_COLUMNS and all(c.how != layout.SCREWING for c in columns)
+    whole = len(positions) == 3 and (tables.plane or pair is not None or together)
     vectors = [] if whole else [one.turned @ ra @ rows.u[r] for r in positions]
     for r in directions:
         vectors += [one.turned @ ra @ rows.u[r], other.turned @ rb @ rows.w[r]]
@@ -237,23 +238,20 @@ def _from_ground(
 
 def _columns_of(tables: Tables, root: int, body: int, forward: bool) -> list[_Column]:
     """The columns of one joint; those of a slide, of a turn about z, or of all axes."""
-    kind, frame = int(tables.bodies.tree[body, 0]), tables.frames[root, body]
-    slides, turns = (
-        [(layout.SLIDING, frame.axes + at) for at in _AXES],
-        [(layout.TURNING, frame.axes + at) for at in _AXES],
-    )
-    single = {PRISMATIC: [(layout.SLIDING, frame.direction)], SPHERICAL: turns, FREE: slides + turns}.get(
-        kind, turns[2:]
-    )
+    kind, own = int(tables.bodies.tree[body, 0]), tables.frames[root, body]
+    slides, turns = ([(how, own.axes + at) for at in _AXES] for how in (layout.SLIDING, layout.TURNING))
+    several = {PRISMATIC: [(layout.SLIDING, own.direction)], SPHERICAL: turns, FREE: slides + turns}
+    several[HELICAL] = [(layout.SCREWING, own.axes + int(layout.AXIS_Z))]
     v = int(tables.mesh.v_index[tables.bodies.node[body]])
-    return [_Column(how, axis, frame.place, v + j, body, forward) for j, (how, axis) in enumerate(single)]
+    made = enumerate(several.get(kind, turns[2:]))
+    return [_Column(how, axis, own.place, v + j, body, forward) for j, (how, axis) in made]
 
 
 def _write(tables: Tables, column: _Column, to: int, entry: int) -> None:
-    """Write a column's record."""
-    m, sign = tables.mesh.mechanism, 1.0 if column.forward else -1.0
+    """Write a column's record; the way of a screw stands behind signs and length."""
+    m, sign, length = tables.mesh.mechanism, 1.0 if column.forward else -1.0, tables.mesh.length
     rate, effort = (int(tables.bodies.columns[i + column.v]) for i in (m.nq, m.nq + m.nv))
-    signs = tables.numbers(sign / tables.mesh.length, sign, tables.mesh.length)
+    signs = tables.numbers(sign / length, sign, length, tables.bodies.numbers[column.joint, 37])
     tables.columns.append(
         ColumnRecord(column.how, column.axis, column.place, to, rate, column.kept, signs, effort, entry)
     )
@@ -327,7 +325,9 @@ def _row_that_is_left(
 def _sum(tables: Tables, column: _Column, size: int) -> None:
     """Write what the sums of three positions, and of directions beside them, take of a column."""
     rate = int(tables.bodies.columns[tables.mesh.mechanism.nq + column.v])
-    tables.sums.append(SumRecord(size, rate, column.kept, column.axis, int(column.how == layout.TURNING)))
+    tables.sums.append(
+        SumRecord(size, rate, column.kept, column.axis, int(column.how in (layout.TURNING, layout.SCREWING)))
+    )
 
 
 def _kept(tables: Tables, v: int, to: int) -> int:
@@ -351,7 +351,7 @@ def _coupling(tables: Tables, rows: Rows, row: int) -> None:
         place, rate, second = (int(tables.bodies.columns[i]) for i in (rows.place[v], m.nq + v, m.nq + m.nv + v))
         to, kept = tables.rows(2), tables.rows(1)
         tables.keeps.append((second, kept))
-        signs, entry = tables.numbers(rows.gear[row, v], 0.0, 0.0), to + int(layout.ENTRIES)
+        signs, entry = tables.numbers(rows.gear[row, v], 0.0, 0.0, 0.0), to + int(layout.ENTRIES)
         tables.columns.append(ColumnRecord(layout.GEARED, place, 0, to, rate, kept, signs, second, entry))
         _enter(tables, int(v), to, [(row, entry)])
     of_offset, bodies = tables.numbers(rows.offset[row]), before[0]
