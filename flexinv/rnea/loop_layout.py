@@ -7,9 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
+from numpy.typing import NDArray
 
 from flexinv.kernels.jit import jit_lanes
 from flexinv.kernels.simd import row
+from flexinv.kernels.threads.atomics import COMPILED
 
 # Rows of a body of a loop: its axes and its place in those of the root; the direction of one that slides.
 AXIS_Z, AT, AXES, AXIS_Y, DIRECTION = row(0), row(3), row(6), row(9), row(12)
@@ -151,13 +153,21 @@ BODY_CELLS, CLOSURE_CELLS, COLUMN_CELLS, SUM_CELLS = (
 )
 
 
+def _first(words: NDArray[np.uint64], count: int) -> tuple[int, ...]:
+    """The first words of an array, where kernels are Python."""
+    return tuple(words[:count])
+
+
+_cells = to_fixed_tuple if COMPILED else _first
+
+
 def _reading(record: Any) -> Any:
     """Return the kernel that reads one record of the plan [-] from an offset on."""
     count = len(record._fields)
 
     @jit_lanes
     def read(plan, at):
-        return record(*to_fixed_tuple(plan[at:], count))
+        return record(*_cells(plan[at:], count))
 
     return read
 
