@@ -174,5 +174,5 @@ def move_as_rigid(solver: Solver, joints: Joints, qd: Array, qdd: Array) -> None
 
 
 def _carry_all(mesh: Mesh, motion: NodalMotion, joints: Joints) -> None:
-    world = Frames(motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha)
+    world = Frames(*motion.parts)
     carry_samples(mesh.parent, world, Joints(*(part[None] for part in joints)))
