@@ -24,15 +24,7 @@ from flexinv.kernels.jit import jit_lanes
 from flexinv.kernels.simd import LANES, put_vec, row, times, vec_of
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.recursion import ACCELERATION_ROW, SPIN, SPIN_RATE
-from flexinv.rnea.row_pairs import (
-    both,
-    combine,
-    pair,
-    solve_row,
-    together,
-    undo,
-)
-from flexinv.rnea.six_rows import six_forces
+from flexinv.rnea.row_pairs import both, combine, pair, six_forces, solve_row, together, undo
 
 # A pivot over its column's size is at least this, so that its errors are 1e-12 at most; else singular values decide.
 LEAST_PIVOT = 1e-4
@@ -234,9 +226,9 @@ def _begin_step(kind, third, work, first, second, lanes):
     if kind >= layout.TOGETHER:
         one, other = work[first : first + _MOST], work[second : second + _MOST]
         if kind >= layout.BOTH:
-            both(kind, one, other, third, lanes)
+            both(kind - layout.BOTH, one, other, third, lanes)
         else:
-            together(kind, third[: _TWO * LANES], one, other, lanes)
+            together(kind - layout.TOGETHER, third[: _TWO * LANES], one, other, lanes)
     elif kind == layout.PAIR:
         pair(third[: _TWO * LANES], one, other, lanes)
     elif kind == layout.UNDO:

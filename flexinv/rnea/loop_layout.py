@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import IntEnum
 from typing import Any, NamedTuple
 
@@ -175,3 +176,21 @@ def _reading(record: Any) -> Any:
 body_at, closure_at, column_at, sum_at = (
     _reading(record) for record in (BodyRecord, ClosureRecord, ColumnRecord, SumRecord)
 )
+
+
+def one_of_four(make: Callable[[int], Any], first: int) -> Any:
+    """Return the kernel that hands all but its first argument, a number of 0 to 3 [-], to ``make(first + number)``."""
+    one, two, three, four = (make(first + number) for number in range(4))
+
+    @jit_lanes
+    def chosen(number, *given):
+        if number == 0:
+            one(*given)
+        elif number == 1:
+            two(*given)
+        elif number == 2:
+            three(*given)
+        else:
+            four(*given)
+
+    return chosen

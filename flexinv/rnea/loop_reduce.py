@@ -45,8 +45,8 @@ def _put(column, own, k, c, more, speed):
     put_vec(own, layout.GAP_RATE, k, plus(vec_of(own, layout.GAP_RATE, k), times(speed, c)))
 
 
-def _turning(count: int) -> Any:
-    """The column of a joint that turns, in so many directions; loops over a constant are taken apart."""
+def turning(count: int) -> Any:
+    """Return the kernel of a joint that turns, its column in so many directions [-]; loops over a constant are taken apart."""
 
     @jit_lane
     def lane(column, own, axis, at, rates, k, factors):
@@ -59,15 +59,15 @@ def _turning(count: int) -> Any:
             column[_ROW * (_FOUR + np.uint64(j)) + k] = sign * dot(e, z)
 
     @jit_lanes
-    def turning(column, own, axis, at, rates, lanes, signs):
+    def columns(column, own, axis, at, rates, lanes, signs):
         factors = signs[0], signs[1], signs[2]
         for k in range(lanes):
             lane(column, own, axis, at, rates, k, factors)
 
-    return turning
+    return columns
 
 
-_TURNING_0, _TURNING_1, _TURNING_2, _TURNING_3 = (_turning(count) for count in range(4))
+_turning = layout.one_of_four(turning, 0)
 
 
 @jit_lanes
@@ -90,14 +90,8 @@ def _whole_column(work, closure, column, lanes, signs):
     at, rates, directions = work[place : place + layout.VECTOR], work[rates : rates + LANES], closure.directions
     if column.kind != layout.TURNING:
         _sliding(entries, own, z, rates, lanes, signs, directions)
-    elif directions == 0:
-        _TURNING_0(entries, own, z, at, rates, lanes, signs)
-    elif directions == 1:
-        _TURNING_1(entries, own, z, at, rates, lanes, signs)
-    elif directions == 2:
-        _TURNING_2(entries, own, z, at, rates, lanes, signs)
     else:
-        _TURNING_3(entries, own, z, at, rates, lanes, signs)
+        _turning(directions, entries, own, z, at, rates, lanes, signs)
 
 
 @jit_lanes

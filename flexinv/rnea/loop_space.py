@@ -139,8 +139,8 @@ def _position(e, own, lanes, scale):
         square(own, k, scale * dot(u, vec_of(own, layout.GAP, k)), dot(u, d1), dot(u, second))
 
 
-def _standing(count: int) -> Any:
-    """Three positions and so many directions: the point of B, e = w x u, the squares of phi, phi' and phi''.
+def standing(count: int) -> Any:
+    """Return the kernel of a closure to the ground with so many directions: the point of B [m], e = w x u, the squares.
 
     e is n where E is B, whose vector is w; else it is -n, and what is given is -m.
     """
@@ -164,27 +164,14 @@ def _standing(count: int) -> Any:
         put_vec(own, layout.SQUARES, k, squares)
 
     @jit_lanes
-    def standing(own, axes, place, state, lanes, c):
+    def ends(own, axes, place, state, lanes, c):
         for k in range(lanes):
             lane(own, axes, place, state, k, c)
 
-    return standing
+    return ends
 
 
-_STANDING_0, _STANDING_1, _STANDING_2, _STANDING_3 = (_standing(count) for count in range(4))
-
-
-@jit_lanes
-def _from_ground(own, axes, place, state, lanes, c, directions):
-    """Set the point of B, vectors e and squares of a closure to the ground, but for what takes d'."""
-    if directions == 0:
-        _STANDING_0(own, axes, place, state, lanes, c)
-    elif directions == 1:
-        _STANDING_1(own, axes, place, state, lanes, c)
-    elif directions == 2:
-        _STANDING_2(own, axes, place, state, lanes, c)
-    else:
-        _STANDING_3(own, axes, place, state, lanes, c)
+_from_ground = layout.one_of_four(standing, 0)
 
 
 @jit_lanes
@@ -199,7 +186,7 @@ def _ends(work, closure, own, vectors, lanes, c):
     if closure.ground != layout.NO_GROUND:
         whole = work[closure.own : closure.own + _WHOLE]
         end = end_b if closure.ground == layout.A_STANDS else end_a
-        _from_ground(whole, *end, lanes, c, directions)
+        _from_ground(directions, whole, *end, lanes, c)
         return
     if closure.kind == layout.WHOLE:
         _whole(end_a, end_b, own, lanes, c)

@@ -22,9 +22,7 @@ from flexinv.kernels.jit import jit, jit_blocks
 from flexinv.kernels.simd import LANES
 from flexinv.kernels.so3 import coefficients, inverse_coefficient, inverse_tangent
 from flexinv.kernels.vec3 import put_block, vec
-from flexinv.rnea.loop_layout import BOTH
-from flexinv.rnea.row_pairs import both, solve_row
-from flexinv.rnea.six_rows import six_forces
+from flexinv.rnea.row_pairs import both, six_forces, solve_row
 
 __all__ = [
     "all_coefficients", "damped_element", "derivative", "element", "eliminate", "inverse_tangent_one",
@@ -107,7 +105,7 @@ def oscillate(t, c, s, x, squared):
 def joined(rows):
     """Combine the second and the third of three rows of five entries with the first, 128 samples each."""
     width = np.uint64(5) * LANES
-    both(BOTH + 3, rows[:width], rows[width : 2 * width], rows[2 * width :], LANES)
+    both(3, rows[:width], rows[width : 2 * width], rows[2 * width :], LANES)
 
 
 @jit_blocks
