@@ -7,12 +7,9 @@ from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.np.unsafe.ndarray import to_fixed_tuple
-from numpy.typing import NDArray
 
 from flexinv.kernels.jit import jit_lanes
 from flexinv.kernels.simd import row
-from flexinv.kernels.threads.atomics import COMPILED
 
 # Rows of a body of a loop: its axes and its place in those of the root; the direction of one that slides.
 AXIS_Z, AT, AXES, AXIS_Y, DIRECTION = row(0), row(3), row(6), row(9), row(12)
@@ -154,28 +151,35 @@ BODY_CELLS, CLOSURE_CELLS, COLUMN_CELLS, SUM_CELLS = (
 )
 
 
-def _first(words: NDArray[np.uint64], count: int) -> tuple[int, ...]:
-    """The first words of an array, where kernels are Python."""
-    return tuple(words[:count])
+@jit_lanes
+def body_at(plan, at):
+    """Return the body that stands in the plan from an offset on [-]."""
+    w = plan[at:]
+    return BodyRecord(w[0], w[1], w[2], w[3], w[4], w[5])
 
 
-_cells = to_fixed_tuple if COMPILED else _first
+@jit_lanes
+def closure_at(plan, at):
+    """Return the closure that stands in the plan from an offset on [-]."""
+    w = plan[at:]
+    return ClosureRecord(
+        w[0], w[1], w[2], w[3], w[4], w[5], w[6], w[7], w[8], w[9],
+        w[10], w[11], w[12], w[13], w[14], w[15], w[16], w[17], w[18], w[19],
+    )  # fmt: skip
 
 
-def _reading(record: Any) -> Any:
-    """Return the kernel that reads one record of the plan [-] from an offset on."""
-    count = len(record._fields)
-
-    @jit_lanes
-    def read(plan, at):
-        return record(*_cells(plan[at:], count))
-
-    return read
+@jit_lanes
+def column_at(plan, at):
+    """Return the column that stands in the plan from an offset on [-]."""
+    w = plan[at:]
+    return ColumnRecord(w[0], w[1], w[2], w[3], w[4], w[5], w[6], w[7], w[8])
 
 
-body_at, closure_at, column_at, sum_at = (
-    _reading(record) for record in (BodyRecord, ClosureRecord, ColumnRecord, SumRecord)
-)
+@jit_lanes
+def sum_at(plan, at):
+    """Return the part of a sum that stands in the plan from an offset on [-]."""
+    w = plan[at:]
+    return SumRecord(w[0], w[1], w[2], w[3], w[4])
 
 
 def one_of_four(make: Callable[[int], Any], first: int) -> Any:
