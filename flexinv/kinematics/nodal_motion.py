@@ -32,7 +32,7 @@ class NodalMotion:
     alpha: Array
 
     @property
-    def parts(self) -> tuple[Array, ...]:
+    def parts(self) -> tuple[Array, Array, Array, Array, Array, Array]:
         """The arrays in their order [m, rad, s]."""
         return self.x, self.rotation, self.v, self.omega, self.a, self.alpha
 
