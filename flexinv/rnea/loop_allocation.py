@@ -61,7 +61,7 @@ def coupled(plan, fixed, work, own, lanes, closure, offset):
     """Set the squares of a coupling, phi = sum gear q - offset [rad], [m]."""
     for k in range(lanes):
         put_vec(own, layout.GAP, k, (-offset, 0.0, 0.0))
-    for j in range(closure.count):
+    for j in range(closure.columns):
         column = layout.column_at(plan, closure.first + j * layout.COLUMN_CELLS)
         gear, place, rate, kept = fixed[column.signs], column.axis, column.rate, column.acceleration
         for k in range(lanes):
@@ -86,7 +86,7 @@ def clear(plan, work, lanes):
 def _sums(plan, work, k, closure, j):
     """|G| |qd|, |G| |qdd| of one row in one lane."""
     speed = size = 0.0
-    for i in range(closure.count):
+    for i in range(closure.columns):
         column = layout.column_at(plan, closure.first + i * layout.COLUMN_CELLS)
         g = abs(work[column.entry + j * closure.stride + k])
         speed += g * abs(work[column.rate + k])

@@ -206,10 +206,10 @@ def _two_turns(tables: Tables, root: int, body: int, r: Array) -> Frame:
     seat, p = (tables.frames[root, root].turned @ x for x in _seat(tables.bodies, parent))
     first = tables.constant_rows(layout.BODY_ROWS, *_standing(seat.T, p))
     tables.frames[root, parent] = Frame(first, first + int(layout.AT), 0, np.eye(3))
-    rows = [int(tables.bodies.tree[i, 2]) for i in (parent, body)]
+    above, rows = (int(tables.bodies.tree[i, 2]) for i in (parent, body))
     own = tables.rows(layout.BODY_ROWS, (root, body) not in tables.shared)
     numbers = tables.numbers(seat.T, p, r[1, 1], r[2, 1])
-    tables.moved[-1] = BodyRecord(layout.TWO_TURNS, own, *rows, numbers, 0)
+    tables.moved[-1] = BodyRecord(layout.TWO_TURNS, own, above, rows, numbers, 0)
     tables.frames[root, body] = Frame(own, first + int(layout.AT), 0, np.eye(3))
     return tables.frames[root, body]
 

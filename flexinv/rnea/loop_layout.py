@@ -95,7 +95,7 @@ class ClosureRecord(NamedTuple):
     """Closure in the plan.
 
     own, axes_a .. state_b : offsets of its rows, of both ends' axes, places and states; numbers : of its constants
-    positions, directions : rows one by one; first, count : columns; stride : between entries of one column
+    positions, directions : rows one by one; first, columns : the first one, their number; stride : between entries of one column
     reduced : a universal joint is taken from it; first_sum, sum_count, first_body, body_count : of its other records
     ground : the end that stands in the world
     """
@@ -108,7 +108,7 @@ class ClosureRecord(NamedTuple):
     positions: int
     directions: int
     first: int
-    count: int
+    columns: int
     place_a: int = 0
     place_b: int = 0
     state_a: int = 0

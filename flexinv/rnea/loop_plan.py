@@ -95,8 +95,8 @@ def _with_steps(
     words[layout.STEPS : layout.STEPS + 2] = len(words), len(e.steps)
     words[layout.FILLS : layout.FILLS + 2] = len(words) + len(steps), len(e.fills)
     whole = np.concatenate([words, np.array(steps + e.fills, dtype=np.uint64)])
-    more = {"effort": tuple(effort), "coordinates": mechanism.velocity_names, "steps": tuple(e.steps)}
-    return replace(plan, plan=whole, fixed=np.array(fixed), size=size, **more)
+    found = replace(plan, plan=whole, fixed=np.array(fixed), size=size, effort=tuple(effort))
+    return replace(found, coordinates=mechanism.velocity_names, steps=tuple(e.steps))
 
 
 def _row_names(mechanism: Mechanism, rows: Rows) -> tuple[str, ...]:

@@ -137,7 +137,7 @@ def _column_of_slide(to, direction, lanes, sign):
 def _columns(plan, fixed, work, closure, lanes):
     """Set the columns of one closure."""
     own = closure.own
-    for j in range(closure.count):
+    for j in range(closure.columns):
         column = layout.column_at(plan, closure.first + j * layout.COLUMN_CELLS)
         axis, place = column.axis, column.joint
         to, sign = work[column.to : column.to + _COLUMN], fixed[column.signs]

@@ -261,7 +261,7 @@ def _left(fixed, work, closure, column, lanes, signs):
 def columns(plan, fixed, work, closure, lanes):
     """Set the columns of one closure, positions over the mechanism's length [1/rad], [1/m], directions [-]; return doubts."""
     doubts, reduced = 0, closure.reduced > _ZERO
-    for j in range(closure.count):
+    for j in range(closure.columns):
         at = closure.first + j * layout.COLUMN_CELLS
         column = layout.column_at(plan, at)
         signs = fixed[column.signs : column.signs + _FOUR]

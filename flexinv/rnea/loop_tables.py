@@ -93,8 +93,8 @@ def tables(
     matrix = np.zeros((len(rows), mesh.mechanism.nv), dtype=np.int64)
     for (row, column), at in t.matrix.items():
         matrix[row, column] = at
-    records = {"bodies": tuple(t.moved), "closures": tuple(t.closures)}
-    return LoopPlan(_packed(t), np.array(t.fixed), t.size, matrix, _sizes(t), frozenset(t.known), **records)
+    plan = LoopPlan(_packed(t), np.array(t.fixed), t.size, matrix, _sizes(t), frozenset(t.known))
+    return replace(plan, bodies=tuple(t.moved), closures=tuple(t.closures))
 
 
 def _fill(tables: Tables, rows: Rows, limits: tuple[float, float, float], kept: NDArray[np.bool_]) -> None:
