@@ -117,9 +117,7 @@ def second_step(mesh: Mesh, first: FirstStep) -> Found:
     # Series but those of all nodes have memory of their own: who keeps the tips of many solutions keeps nothing else of them.
     out, line = [*together(*shapes[:2]), *(np.empty(shape) for shape in shapes[2:])], np.empty((mesh.size, 6))
     motion, applied = first.trajectory.motion, first.applied
-    moving = Moving(
-        *(plain(part) for part in (motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha))
-    )
+    moving = Moving(*motion.frames)
     pushed = (none, none) if applied is None else (plain(applied.force), plain(applied.moment))
     jumps = np.empty(0) if first.brought is None else first.brought
     found = Found(*out)

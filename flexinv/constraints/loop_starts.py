@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from flexinv.constraints.allocation import ranks
 from flexinv.constraints.closures import Rows, constraint_rows, measures
 from flexinv.constraints.consistency import STILL_RATE
-from flexinv.constraints.continuation import Follower, close_rates, closed_start
+from flexinv.constraints.continuation import Follower, close_rates, closed_start, standing
 from flexinv.constraints.phases import acting
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.kinematics.configuration_arrays import moved, nearest_difference, slides
@@ -224,9 +224,7 @@ def closed_anywhere(mesh: Mesh, q: Array) -> Array:
     Raises ConvergenceError, which names the closure that stays open.
     """
     m, random = mesh.mechanism, np.random.default_rng(1)
-    rest, free = np.zeros(m.nv), np.ones(m.nv, dtype=bool)
-    given = Stated(q, rest, rest, places=~free, rates=~free, passive=free)
-    follower = Follower(mesh, constraint_rows(mesh).of(acting(m, 0.0)), _still(given), free)
+    follower = standing(mesh, q)
     found = follower.solve(q)
     for _ in range(TRIES):
         if found is not None:
@@ -238,11 +236,7 @@ def closed_anywhere(mesh: Mesh, q: Array) -> Array:
 def places_near(mesh: Mesh, q: Array) -> list[Array]:
     """Return closed configurations (nq,) [rad], [m] to which a mechanism can move from a closed one, in no special direction."""
     m, random = mesh.mechanism, np.random.default_rng(1)
-    rest = np.zeros(m.nv)
-    rows = constraint_rows(mesh).of(acting(m, 0.0))
-    free = np.ones(m.nv, dtype=bool)
-    given = Stated(q, rest, rest, places=~free, rates=~free, passive=free)
-    follower, found = Follower(mesh, rows, _still(given), free), []
+    follower, found = standing(mesh, q), []
     _, g = follower.closures(q)
     _, values, right = np.linalg.svd(g)
     allowed = right[int(ranks(values)) if len(values) else 0 :]
