@@ -124,6 +124,11 @@ class Motion:
         apart = [True, *(b - a > SNAP * self.duration for a, b in pairwise(times))]
         return tuple(t for t, new in zip(times, apart, strict=False) if new)
 
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Times [s] between which acceleration and jerk are continuous."""
+        return tuple(sorted({t for track in self.tracks for t in track.breaks}))
+
     def joints(self, mechanism: Mechanism) -> tuple[str, ...]:
         """Return the names of the joints [-] that the motion gives; the others are passive.  Raises InputError."""
         of_kind("mechanism", mechanism, Mechanism)
