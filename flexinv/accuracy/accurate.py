@@ -39,14 +39,13 @@ def check_accuracy(accuracy: float | None, step: float | None) -> float:
     return asked
 
 
-def accurate(problem: Problem, marched: bool) -> Solution:
+def accurate(problem: Problem) -> Solution:
     """Return the solution [N m, N, m, rad, s] of a problem with ``torque_error`` and ``tip_error`` within the accuracy asked.
 
-    marched : whether it is integrated in time; else it is exact at every sample
     Raises ConvergenceError where no step and mesh lead there.
     """
     refinement = Refinement(problem)
-    if not marched:
+    if not problem.marched:
         return _exact(refinement)
     answer = refine(refinement)
     level = answer.finest

@@ -35,8 +35,8 @@ OF_STEPS = 0.7
 LEAST_ORDER = 0.5
 # The order that is taken for granted where nothing shows one.
 ASSUMED_ORDER = 2.0
-# A jump on the ladder of more rungs goes by an order that so few steps cannot show, and before so many nothing is given up.
-FARTHEST, RUNGS_SEEN = 6, 24
+# A jump on the ladder of more rungs goes by an order that so few steps cannot show, and before so many triples nothing is given up.
+FARTHEST, TRIPLES_SEEN = 6, 4
 # More steps than this in one run are a wish that no step meets: an undamped vibration that never ends.
 MOST_STEPS = 200_000
 # Meshes of beams, (times the elements of the mechanism, order), each better than that before.
@@ -50,6 +50,7 @@ class Problem:
     """A task that can be stated at any steps and on any mesh.
 
     state : mechanism, instants [s], settings -> Task; accuracy : asked, part of ranges [-]
+    marched : whether it is integrated in time, not exact at every sample
     """
 
     mechanism: Mechanism
@@ -57,6 +58,7 @@ class Problem:
     state: Callable[[Mechanism, Array, Settings], Task]
     settings: Settings
     accuracy: float
+    marched: bool = True
 
 
 @dataclass(frozen=True)
@@ -123,11 +125,21 @@ def meshed(mechanism: Mechanism, mesh: int) -> Mechanism:
 
 @dataclass
 class Refinement:
-    """Runs of one problem that are already made, by mesh and refinement; None where Newton failed at so long steps."""
+    """Runs of one problem that are already made, by mesh and refinement; None where Newton failed at so long steps.
+
+    failure : of Newton, the last; seen : refinements [-] and how far answers were apart [-]
+    """
 
     problem: Problem
     levels: dict[tuple[int, int], Level | None] = field(default_factory=dict)
     failure: ConvergenceError | None = None
+    seen: list[tuple[int, float]] = field(default_factory=list)
+
+    @property
+    def order(self) -> float:
+        """Return the order in the step that all answers seen so far show [-]."""
+        (first, wide), (last, narrow) = (self.seen[0], self.seen[-1]) if len(self.seen) > 1 else ((1, 1.0), (2, 0.25))
+        return float(np.log(wide / narrow) / np.log(last / first)) if narrow > 0.0 and last > first else ASSUMED_ORDER
 
     def level(self, mesh: int, finer: int) -> Level | None:
         """Return a run [m, rad, s, N], made where it is not yet."""
@@ -209,6 +221,7 @@ def _fine_steps(refinement: Refinement, mesh: int, index: int, before: Answer | 
         index += _rungs(answer, asked, before is None)
         _check_budget(refinement, index, answer)
         before = answer
+        refinement.seen.append((answer.levels[0].finer, answer.apart))
 
 
 def extrapolated_answer(three: tuple[Level, Level, Level], before: Answer | None) -> Answer:
@@ -267,10 +280,10 @@ def _check_budget(refinement: Refinement, index: int, answer: Answer | None) -> 
     most = MOST_STEPS / refinement.problem.grid.total
     if rung(index + 2) > most:
         raise unreached(refinement, answer)
-    if answer is None or rung(index) <= RUNGS_SEEN:
+    if answer is None or len(refinement.seen) < TRIPLES_SEEN:
         return
     more = answer.bar / refinement.problem.accuracy
-    if answer.finest.finer * more ** (1.0 / max(answer.order, LEAST_ORDER)) > most:
+    if answer.finest.finer * more ** (1.0 / max(refinement.order, LEAST_ORDER)) > most:
         raise unreached(refinement, answer)
 
 
@@ -283,7 +296,7 @@ def unreached(refinement: Refinement, answer: Answer | None) -> ConvergenceError
     reached = answer.bar if np.isfinite(answer.bar) else answer.apart
     return ConvergenceError(
         f"mechanism '{p.mechanism.name}': accuracy = {p.accuracy:g} is out of reach: at steps of {shortest:.3g} s errors are "
-        f"{reached:.2g} of the range and fall with the power {max(answer.order, 0.0):.1f} of the step, as of vibrations beyond steps "
+        f"{reached:.2g} of the range and fall with the power {max(refinement.order, 0.0):.1f} of the step, as of vibrations beyond steps "
         "and mesh that something sudden excites and nothing damps; write damping (retardation_s of a section, or a ratio "
         f"in [damping]), a smoother law such as 'nonic', or accuracy = {_rounded_up(reached):g}"
     )

@@ -12,6 +12,8 @@ from flexinv.typing import Array
 
 # Coarsest steps: so many in the run, and so many in the longest stretch of it that is smooth.
 FEWEST_IN_RUN, FEWEST_IN_STRETCH = 40, 16
+# After a jump of the acceleration what is stiff and damped settles: so many times the step is halved towards the jump.
+GRADES = 7
 # Instants closer than this part of the run are one.
 SAME = 1e-9
 
@@ -51,12 +53,16 @@ class StepGrid:
 def step_grid(breaks: Iterable[float], jumps: Iterable[float], first: float, last: float) -> StepGrid:
     """Return the coarsest grid from ``first`` to ``last`` [s] that meets the ``breaks`` [s] between them.
 
-    jumps : breaks [s] at which accelerations jump; at all others stretches of equal steps are joined
+    jumps : breaks [s] at which accelerations jump: steps are short after it and double; at all others stretches of equal steps are
+        joined
     """
     span = last - first
     ends = _apart([first, *sorted(t for t in (*breaks, *jumps) if first < t < last), last], SAME * span)
+    longest = min(span / FEWEST_IN_RUN, np.diff(ends).max() / FEWEST_IN_STRETCH)
+    sudden = [t for t in ends[:-1] if any(abs(t - jump) <= SAME * span for jump in jumps)]
+    graded = [t + 2 * longest / 2**k for t in sudden for k in range(GRADES)]
+    ends = _apart([first, *sorted({*ends[1:-1], *(t for t in graded if t < last)}), last], SAME * span)
     stretches = np.diff(ends)
-    longest = min(span / FEWEST_IN_RUN, stretches.max() / FEWEST_IN_STRETCH)
     counts = [int(np.ceil(part / longest * (1 - SAME))) for part in stretches]
     kept, joined = [0], [counts[0]]
     for k in range(1, len(counts)):

@@ -70,10 +70,12 @@ def solve(
     if accuracy is not None or step is None:
         if incremental or every > 1:
             raise InputError("accuracy: it chooses the steps, their samples and the mode by itself; leave out incremental, every")
+        from flexinv.accuracy.accurate import check_accuracy
         from flexinv.accuracy.accurate_solve import accurate_solve
 
+        options = {"end": end, "start": start, "start_rate": start_rate, "progress": progress}
         settings = checked(1.0, spectral_radius, tolerance, initial)
-        return accurate_solve(mechanism, motion, accuracy, step, end, settings, (start, start_rate, progress))
+        return accurate_solve(mechanism, motion, check_accuracy(accuracy, step), settings, options)
     steps = time_grid(motion, step, end, every)
     _check_every(mechanism, every, incremental)
     if incremental:
