@@ -50,12 +50,12 @@ def accurate(problem: Problem) -> Solution:
     answer = refine(refinement)
     level = answer.finest
     steps = [one.thinned(answer.kept) for one in answer.levels]
-    mesh, grid = level.task.mesh, problem.grid
+    mesh, grid = level.made.mesh, problem.grid
     first = extrapolated(mesh.mechanism, steps, answer.weight)
     found = second_step(mesh, first)
-    solution = solution_of(mesh, first, found, level.task.settings)
+    solution = solution_of(mesh, first, found, level.made.settings)
     if not any(closure.active for closure in mesh.mechanism.closures):
-        jumps = {int(np.abs(first.time - t).argmin()) for t in level.task.jumps}
+        jumps = {int(np.abs(first.time - t).argmin()) for t in level.made.jumps}
         work = energy_defect(first, found, grid.seams(answer.kept), jumps)
         solution = replace(solution, balance=replace(solution.balance, work=work))
     return _told(problem, refinement, answer, solution)
@@ -65,7 +65,7 @@ def _exact(refinement: Refinement) -> Solution:
     level = refinement.level(0, EXACT_SAMPLES)
     if level is None:
         raise unreached(refinement, None)
-    solution = solution_after(level.task.mesh, level.first, level.task.settings)
+    solution = solution_after(level.made.mesh, level.first, level.made.settings)
     bars = _rounding(solution)
     tips = {name: np.full(len(solution.time), np.finfo(float).eps * solution.mesh.length) for name in solution.tip}
     return replace(

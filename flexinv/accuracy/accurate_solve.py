@@ -7,11 +7,11 @@ from dataclasses import replace
 from typing import Any
 
 from flexinv.accuracy.accurate import accurate
-from flexinv.accuracy.refinement import Problem
+from flexinv.accuracy.refinement import Problem, Run, marched
 from flexinv.accuracy.step_grid import step_grid
 from flexinv.analysis.settings import Settings
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.task import Task, last_time, looked_up, prescribe
+from flexinv.analysis.task import last_time, looked_up, prescribe
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
 from flexinv.typing import Array
@@ -33,16 +33,17 @@ def solve_problem(
     """
     start, start_rate, progress = (options.get(name) for name in ("start", "start_rate", "progress"))
 
-    def state(meshed: Mechanism, steps: Array, own: Settings) -> Task:
-        return looked_up(replace(prescribe(meshed, motion, steps, own, start, start_rate), progress=progress))
+    def run(meshed: Mechanism, steps: Array, seams: tuple[int, ...], own: Settings) -> Run:
+        task = replace(prescribe(meshed, motion, steps, own, start, start_rate), progress=progress)
+        return marched(looked_up(task), seams)
 
     jumps = (*motion.jumps, *switching_times(mechanism))
     breaks = (*getattr(motion, "breaks", ()), *force_times(mechanism))
     grid = step_grid(breaks, jumps, 0.0, last_time(motion, options.get("end")))
     moves = {joint.name for joint in mechanism.joints if joint.nv}
     given = moves <= set(motion.joints(mechanism))
-    marched = not mechanism.is_rigid or not (given or mechanism.closures)
-    return Problem(mechanism, grid, state, settings, accuracy, marched)
+    integrated = not mechanism.is_rigid or not (given or mechanism.closures)
+    return Problem(mechanism, grid, run, settings, accuracy, integrated)
 
 
 def force_times(mechanism: Mechanism) -> tuple[float, ...]:

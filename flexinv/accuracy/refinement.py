@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from flexinv.analysis.settings import Settings
 from flexinv.analysis.task import Task
 from flexinv.analysis.trajectory import first_step
 from flexinv.errors import ConvergenceError
+from flexinv.kinematics.mesh import Mesh
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
@@ -45,17 +47,27 @@ MESHES = ((1, 4), (1, 6), (1, 8), (1, 10), (2, 8), (2, 10), (4, 8), (4, 10))
 OF_MESH = 1.5
 
 
+class Run(NamedTuple):
+    """One run: the first step of the paper, at all instants or at those that are kept; jumps : of its accelerations [s]."""
+
+    mesh: Mesh
+    first: FirstStep
+    settings: Settings
+    passive: set[str]
+    jumps: tuple[float, ...] = ()
+
+
 @dataclass(frozen=True)
 class Problem:
-    """A task that can be stated at any steps and on any mesh.
+    """A task that can be solved at any steps and on any mesh.
 
-    state : mechanism, instants [s], settings -> Task; accuracy : asked, part of ranges [-]
+    run : mechanism, instants [s], samples at which steps change, settings -> Run; accuracy : asked, part of ranges [-]
     marched : whether it is integrated in time, not exact at every sample
     """
 
     mechanism: Mechanism
     grid: StepGrid
-    state: Callable[[Mechanism, Array, Settings], Task]
+    run: Callable[[Mechanism, Array, tuple[int, ...], Settings], Run]
     settings: Settings
     accuracy: float
     marched: bool = True
@@ -63,11 +75,11 @@ class Problem:
 
 @dataclass(frozen=True)
 class Level:
-    """A run at 1/``finer`` of the coarsest step [-]: task, first step and quantities at ``kept`` samples to a coarsest step."""
+    """A run at 1/``finer`` of the coarsest step [-], its first step and quantities at ``kept`` samples to a coarsest step."""
 
     finer: int
     kept: int
-    task: Task
+    made: Run
     first: FirstStep
     found: Quantities
 
@@ -151,22 +163,27 @@ class Refinement:
         p, grid = self.problem, self.problem.grid
         mechanism = meshed(p.mechanism, mesh) if p.mechanism.beams else p.mechanism
         kept = max(1, 2 ** int(np.log2(finer)) // 2)
-        whole = bool(mechanism.closures) and not mechanism.is_rigid
+        whole = bool(mechanism.closures) and not mechanism.is_rigid  # of which every step is kept
         settings = replace(p.settings, step=grid.spacing(finer), every=1 if whole else finer // kept)
-        task = replace(p.state(mechanism, grid.steps(finer), settings), seams=grid.seams(finer))
         try:
-            (first,) = first_step(task)
+            made = p.run(mechanism, grid.steps(finer), grid.seams(finer), settings)
         except ConvergenceError as error:
             self.failure = error
             return None
-        first = thinned(first, finer // kept if whole else 1)
-        free = free_coordinates(mechanism, task.passive)
-        return Level(finer, kept, task, first, quantities(task.mesh, first, free))
+        first = thinned(made.first, (len(made.first.time) - 1) // (kept * grid.total))
+        free = free_coordinates(mechanism, made.passive)
+        return Level(finer, kept, made, first, quantities(made.mesh, first, free))
 
     def triple(self, mesh: int, index: int) -> tuple[Level, Level, Level] | None:
         """Return the runs of three rungs from ``index`` [-] on, None where one of them failed."""
         a, b, c = (self.level(mesh, rung(index + k)) for k in range(3))
         return None if a is None or b is None or c is None else (a, b, c)
+
+
+def marched(task: Task, seams: tuple[int, ...]) -> Run:
+    """Return the run of a task [m, rad, s, N] whose steps are equal between its ``seams`` [-]."""
+    (first,) = first_step(replace(task, seams=seams))
+    return Run(task.mesh, first, task.settings, task.passive, task.jumps)
 
 
 def refine(refinement: Refinement) -> Answer:
@@ -229,7 +246,7 @@ def extrapolated_answer(three: tuple[Level, Level, Level], before: Answer | None
     a, b, c = three
     found = [level.found.rows(level.kept // a.kept) for level in three]
     coarse, fine = mixed(found[:2], weights((a.finer, b.finer))), mixed(found[1:], weights((b.finer, c.finer)))
-    scale = ranges(c.task.mesh, found[2])
+    scale = ranges(c.made.mesh, found[2])
     bars = widest(scale.errors(mixed((fine, coarse), np.array([1.0, -1.0]))))
     apart, order = float(bars.max()), ASSUMED_ORDER
     if before is not None and before.levels[0].finer < b.finer and min(apart, before.apart) > 0.0:
@@ -243,7 +260,7 @@ def plain_answer(three: tuple[Level, Level, Level]) -> Answer:
     """Return the finest of three runs as it is, its bar [-] that of a sequence of first order; none where they do not converge."""
     a, b, c = three
     found = [level.found.rows(level.kept // a.kept) for level in three]
-    scale, minus = ranges(c.task.mesh, found[2]), np.array([1.0, -1.0])
+    scale, minus = ranges(c.made.mesh, found[2]), np.array([1.0, -1.0])
     first, second, both = (
         widest(scale.errors(mixed((found[k], found[j]), minus))) for k, j in ((1, 0), (2, 1), (2, 0))
     )
@@ -265,7 +282,7 @@ def mesh_bars(refinement: Refinement, mesh: int, answer: Answer) -> Array:
 
 
 def _mesh_apart(here: Level, there: Level) -> Array:
-    scale = ranges(there.task.mesh, there.found)
+    scale = ranges(there.made.mesh, there.found)
     return widest(scale.errors(mixed((there.found, here.found), np.array([1.0, -1.0]))))
 
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from flexinv.typing import Array
 
-# Coarsest steps: so many in the run, and so many in the longest stretch of it that is smooth.
-FEWEST_IN_RUN, FEWEST_IN_STRETCH = 40, 16
+# Coarsest steps: so many in the run, and so many in the longest stretch of it that is smooth, unless that is too many in the run.
+FEWEST_IN_RUN, FEWEST_IN_STRETCH, MOST_IN_RUN = 40, 16, 160
 # After a jump of the acceleration what is stiff and damped settles: so many times the step is halved towards the jump.
 GRADES = 7
 # Instants closer than this part of the run are one.
@@ -58,7 +58,7 @@ def step_grid(breaks: Iterable[float], jumps: Iterable[float], first: float, las
     """
     span = last - first
     ends = _apart([first, *sorted(t for t in (*breaks, *jumps) if first < t < last), last], SAME * span)
-    longest = min(span / FEWEST_IN_RUN, np.diff(ends).max() / FEWEST_IN_STRETCH)
+    longest = min(span / FEWEST_IN_RUN, max(np.diff(ends).max() / FEWEST_IN_STRETCH, span / MOST_IN_RUN))
     sudden = [t for t in ends[:-1] if any(abs(t - jump) <= SAME * span for jump in jumps)]
     graded = [t + 2 * longest / 2**k for t in sudden for k in range(GRADES)]
     ends = _apart([first, *sorted({*ends[1:-1], *(t for t in graded if t < last)}), last], SAME * span)

@@ -15,8 +15,8 @@ QUANTITIES = ("torque", "wrench", "reaction", "tip", "deflection", "axial", "int
 # Comparisons with a release, separated by commas, as in requirements of packages (PEP 440).
 VERSIONS = r"^$|^\s*(==|!=|<=|>=|<|>|~=)\s*\d[\w.*+!]*\s*(,\s*(==|!=|<=|>=|<|>|~=)\s*\d[\w.*+!]*\s*)*$"
 OF_BEAMS = ("deflection", "axial", "internal", "frequency")
-Law = Literal["cycloid", "quintic", "nonic", "bang-bang", "trapezoid"]
-LAWS = '"cycloid", "quintic", "nonic", "bang-bang" or "trapezoid"'
+Law = Literal["cycloid", "quintic", "septic", "nonic", "bang-bang", "trapezoid"]
+LAWS = '"cycloid", "quintic", "septic", "nonic", "bang-bang" or "trapezoid"'
 Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
 Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
 
@@ -121,7 +121,7 @@ class PoseStartTable(RotationStartTable):
 class MotionTable(Table):
     """A move from point to point by a law, joint by joint, or samples from a CSV file."""
 
-    law: Literal["cycloid", "quintic", "nonic", "bang-bang", "trapezoid", "sampled"] = key(
+    law: Literal["cycloid", "quintic", "septic", "nonic", "bang-bang", "trapezoid", "sampled"] = key(
         f'{LAWS}, or "sampled" with csv', 'law = "cycloid"', default="cycloid"
     )
     duration_s: Positive | None = key("how long the move takes, > 0 [s]", "duration_s = 1.0", default=None)

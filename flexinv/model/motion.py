@@ -49,7 +49,7 @@ class Motion:
         start, end : (nq,) [rad], [m] in the order of the mechanism (a continuous joint as cos, sin or as one angle),
             or joint name -> value (number; 2 of a universal joint; quaternion x, y, z, w; position and quaternion)
         duration : of the move [s]; hold : rest after it [s]; delay : rest before it [s]
-        law : "cycloid", "quintic", "nonic", "bang-bang" or "trapezoid", see ``flexinv.model.time_laws``
+        law : "cycloid", "quintic", "septic", "nonic", "bang-bang" or "trapezoid", see ``flexinv.model.time_laws``
         Rotations and (cos, sin) take the shorter way round; angles go as far as given.  Raises InputError.
         """
         find_law(law)

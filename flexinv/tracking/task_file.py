@@ -76,8 +76,8 @@ class TaskTable(Table):
         description="rest of the frame after the path [s]", examples=["after_s = 0.1"], default=None
     )
     duration_s: Positive = Field(description="how long the path takes, > 0 [s]", examples=["duration_s = 0.2"])
-    law: Literal["cycloid", "quintic", "nonic"] = Field(
-        description='of time, without jumps of the acceleration: "cycloid", "quintic" or "nonic"',
+    law: Literal["cycloid", "quintic", "septic", "nonic"] = Field(
+        description='of time, without jumps of the acceleration: "cycloid", "quintic", "septic" or "nonic"',
         examples=['law = "nonic"'],
         default="nonic",
     )
