@@ -70,7 +70,7 @@ def _exact(refinement: Refinement) -> Solution:
     tips = {name: np.full(len(solution.time), np.finfo(float).eps * solution.mesh.length) for name in solution.tip}
     return replace(
         solution, torque_error=bars, tip_error=tips,
-        settings=solution.settings | {"accuracy": refinement.problem.accuracy, "extrapolated": False},
+        settings=solution.settings | {"accuracy": refinement.problem.accuracy, "extrapolated": False, "order": 0.0},
     )  # fmt: skip
 
 

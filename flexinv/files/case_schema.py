@@ -175,6 +175,12 @@ class CaseTable(Table):
     source: Text = key("where the case comes from, a text", 'source = "Isobe et al., example 3"', default="")
     notes: list[Text] = key("a list of texts that a reader of results must know", 'notes = ["..."]', default=[])
     step_s: Positive = key("the time step, > 0 [s]", "step_s = 5e-4")
+    accuracy: Annotated[Number, Field(ge=1e-9, le=0.1)] | None = key(
+        "largest error of every torque and tip in parts of its range, 1e-9..0.1 [-]: flexinv solve chooses steps and mesh for it "
+        "in place of step_s, which other engines keep",
+        "accuracy = 1e-4",
+        default=None,
+    )
     end_s: Positive | None = key("when the case ends [s]; with the motion when absent", "end_s = 0.5", default=None)
     sample_s: Positive | None = key("the spacing of results [s]; the step when absent", "sample_s = 1e-3", default=None)
     spectral_radius: Annotated[Number, Field(ge=0, le=1)] = key(
