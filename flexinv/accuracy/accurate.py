@@ -75,7 +75,7 @@ def _exact(refinement: Refinement) -> Solution:
 
 
 def _rounding(solution: Solution) -> Array:
-    """What rounding leaves of torques (samples, actuated) [N m], [N]: both sides of every joint are summed from other numbers."""
+    """Rounding of torques (samples, actuated) [N m], [N]: both sides of every joint are summed from other numbers."""
     apart = np.abs(solution.torque_all - solution.reaction)[:, solution.mechanism.actuated]
     floor = np.finfo(float).eps * len(solution.mesh.parent) * np.abs(solution.torque).max(axis=0, initial=0.0)
     return np.asarray(apart + floor)
@@ -92,9 +92,7 @@ def _told(p: Problem, refinement: Refinement, answer: Answer, solution: Solution
     plain = len(answer.levels) == 1
     notes = solution.notes + ((PLAIN,) if plain else ())
     said = {"accuracy": p.accuracy, "extrapolated": not plain, "order": round(answer.order, 2)}
-    return replace(
-        solution, torque_error=torque, tip_error=tips, notes=notes, settings=solution.settings | said
-    )
+    return replace(solution, torque_error=torque, tip_error=tips, notes=notes, settings=solution.settings | said)
 
 
 PLAIN = "steps do not converge as an expansion in powers of the step does: the answer is that of the shortest steps, with its own bar"
@@ -116,5 +114,7 @@ def energy_defect(first: FirstStep, found: Found, seams: Sequence[int], jumps: C
         own = slice(start, end if end in jumps else end + 1)
         time = first.time[own]
         spline = make_interp_spline(time, power[own], k=min(5, len(time) - 1)).antiderivative()
-        worked[start + 1 : end + 1] = worked[start] + spline(first.time[start + 1 : end + 1]) - spline(first.time[start])
+        worked[start + 1 : end + 1] = (
+            worked[start] + spline(first.time[start + 1 : end + 1]) - spline(first.time[start])
+        )
     return np.asarray(worked - (energy - energy[0]))

@@ -18,7 +18,11 @@ from flexinv.typing import Array
 
 
 def accurate_simulate(
-    mechanism: Mechanism, time: Array, accuracy: float, settings: Settings, state: Callable[[Mechanism, Array, Settings], Task]
+    mechanism: Mechanism,
+    time: Array,
+    accuracy: float,
+    settings: Settings,
+    state: Callable[[Mechanism, Array, Settings], Task],
 ) -> Solution:
     """Return the motion [m, rad, s] that torques give, tips and coordinates within ``accuracy`` [-] of their ranges.
 

@@ -19,7 +19,9 @@ from flexinv.typing import Array
 Options = Mapping[str, Any]
 
 
-def accurate_solve(mechanism: Mechanism, motion: Motion, accuracy: float, settings: Settings, options: Options) -> Solution:
+def accurate_solve(
+    mechanism: Mechanism, motion: Motion, accuracy: float, settings: Settings, options: Options
+) -> Solution:
     """Return the torques [N m], [N] of a motion within ``accuracy`` [-] of their ranges; arguments as of `solve_problem`."""
     return accurate(solve_problem(mechanism, motion, accuracy, settings, options))
 

@@ -1,6 +1,7 @@
 """Extrapolation of trajectories to steps of no length, by Richardson: rotations in their Lie algebra, all else linearly.
 
-    s(h) = s + c_2 h^2 + c_4 h^4 + ...,   s = sum_k w_k s(h / n_k) + O(h^(2 levels)),   w_k = prod_(j != k) n_k^2 / (n_k^2 - n_j^2)
+    s(h) = s + c_2 h^2 + c_4 h^4 + ...,   s = sum_k w_k s(h / n_k) + O(h^(2 levels))
+    w_k = prod_(j != k) n_k^2 / (n_k^2 - n_j^2)
     R = R_m exp(sum_k w_k log(R_m^T R_k))
 
 The motion of the nodes is what is extrapolated; nodal forces and torques follow from it by the second step, so that the balances
@@ -12,13 +13,14 @@ symmetric schemes; at a spectral radius below 1 odd powers remain, whose coeffic
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 
 from flexinv.analysis.evaluation import FirstStep
 from flexinv.analysis.solution import LoopForces
+from flexinv.dynamics.solver import Trajectory
 from flexinv.inverse.inverse_dynamics import NodalForces
 from flexinv.kernels.so3 import exp_so3, log_so3
 from flexinv.kinematics.nodal_motion import NodalMotion
@@ -110,6 +112,6 @@ def _every(record: Any, rows: slice, samples: int) -> Any:
             made[name] = value[rows]
         elif isinstance(value, dict):
             made[name] = {key: part[rows] for key, part in value.items()}
-        elif is_dataclass(value) and isinstance(value, (NodalMotion, NodalForces, LoopForces)) or name == "trajectory":
+        elif isinstance(value, (Trajectory, NodalMotion, NodalForces, LoopForces)):
             made[name] = _every(value, rows, samples)
     return replace(record, **made)

@@ -15,13 +15,13 @@ from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
-# A range below this part of the largest of its unit (of the mechanism's length, of a radian) is taken to be that part: nobody asks
-# for digits of what hardly moves.
+# A range below this part of the largest of its unit (of the mechanism's length, of a radian) is taken to be that part: nobody
+# asks for digits of what hardly moves.
 SMALLEST = 1e-3
 
 
 class Quantities(NamedTuple):
-    """Efforts (samples, drives) [N m], [N], tips (samples, links, 3) [m], free coordinates (samples, coordinates) [rad], [m], [-]."""
+    """Efforts (samples, drives) [N m], [N], tips (samples, links, 3) [m], free coordinates (samples, n) [rad], [m], [-]."""
 
     torque: Array
     tip: Array
@@ -48,7 +48,7 @@ class Ranges:
 
 
 def quantities(mesh: Mesh, first: FirstStep, free: Array) -> Quantities:
-    """Return what the second step makes of a motion [N m], [N], [m]; free : (nq,) which coordinates have no motion."""
+    """Return the results of the second step [N m], [N], [m] and free coordinates; free : (nq,) mask of these [-]."""
     found = second_step(mesh, first)
     tau = with_drives(mesh.mechanism, first, found.tau, found.reaction)[0]
     if first.geared is not None:
@@ -57,7 +57,7 @@ def quantities(mesh: Mesh, first: FirstStep, free: Array) -> Quantities:
 
 
 def free_coordinates(mechanism: Mechanism, passive: set[str]) -> Array:
-    """Return which coordinates (nq,) [-] belong to joints without a motion."""
+    """Return a mask (nq,) [-] of the coordinates of joints without a motion."""
     out = np.zeros(mechanism.nq, dtype=bool)
     for name in passive:
         out[mechanism.q_slices[name]] = True

@@ -6,9 +6,9 @@ r = (c/a)^(p/2), so that
 
     |P - P0| >= (r - 1) |error of P|,      bar = |P - P0| max(1, 1 / (r - 1))
 
-with the p that two triples of rungs show, and p = 2 where there is one triple: with c = 2 a the bar is three times the error at order 4
-and right down to order 2, below which it is widened.  Where P does not converge (jumps inside a step: friction that sticks) but the plain
-answers do, the plain one is returned with the bar of a first-order sequence, |T_c - T_a|.
+with the p that two triples of rungs show, and p = 2 where there is one triple: with c = 2 a the bar is three times the error at
+order 4 and right down to order 2, below which it is widened.  Where P does not converge (jumps inside a step: friction that
+sticks) but the plain answers do, the plain one is returned with the bar of a first-order sequence, |T_c - T_a|.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ OF_STEPS = 0.7
 LEAST_ORDER = 0.5
 # The order that is taken for granted where nothing shows one.
 ASSUMED_ORDER = 2.0
-# A jump on the ladder of more rungs goes by an order that so few steps cannot show, and before so many triples nothing is given up.
+# A jump of more rungs goes by an order that so few steps cannot show; before so many triples nothing is given up.
 FARTHEST, TRIPLES_SEEN = 6, 4
 # More steps than this in one run are a wish that no step meets: an undamped vibration that never ends.
 MOST_STEPS = 200_000
@@ -90,9 +90,9 @@ class Level:
 
 @dataclass(frozen=True)
 class Answer:
-    """What is returned: the levels to combine, their weights [-], and bars in parts of the ranges (samples, quantities) [-].
+    """Answer of a refinement: levels to combine, their weights [-], and bars (samples, quantities) in parts of the ranges [-].
 
-    kept : samples to a coarsest step; apart : what two answers of three rungs differ by at most; order : that they show [-]
+    kept : samples to a coarsest step; apart : largest difference of two answers of three rungs; order : that they show [-]
     """
 
     levels: tuple[Level, ...]
@@ -257,8 +257,8 @@ def extrapolated_answer(three: tuple[Level, Level, Level], before: Answer | None
 
 
 def plain_answer(three: tuple[Level, Level, Level]) -> Answer:
-    """Return the finest of three runs as it is, its bar [-] that of a sequence of first order; none where they do not converge."""
-    a, b, c = three
+    """Return the finest of three runs as it is, its bar [-] that of first order, infinite where they do not converge."""
+    a, c = three[0], three[2]
     found = [level.found.rows(level.kept // a.kept) for level in three]
     scale, minus = ranges(c.made.mesh, found[2]), np.array([1.0, -1.0])
     first, second, both = (
@@ -287,7 +287,7 @@ def _mesh_apart(here: Level, there: Level) -> Array:
 
 
 def _rungs(answer: Answer, asked: float, first: bool) -> int:
-    """How many rungs on the order of an answer leads to the bar asked [-]: every two halve the step."""
+    """Number of rungs after which the order of an answer leads to the bar asked [-]: every two halve the step."""
     order = 4.0 if first else max(answer.order, ASSUMED_ORDER)
     return int(np.clip(np.floor(2.0 * np.log2(answer.bar / asked) / order), 1, FARTHEST))
 
@@ -313,8 +313,8 @@ def unreached(refinement: Refinement, answer: Answer | None) -> ConvergenceError
     reached = answer.bar if np.isfinite(answer.bar) else answer.apart
     return ConvergenceError(
         f"mechanism '{p.mechanism.name}': accuracy = {p.accuracy:g} is out of reach: at steps of {shortest:.3g} s errors are "
-        f"{reached:.2g} of the range and fall with the power {max(refinement.order, 0.0):.1f} of the step, as of vibrations beyond steps "
-        "and mesh that something sudden excites and nothing damps; write damping (retardation_s of a section, or a ratio "
+        f"{reached:.2g} of the range and fall with the power {max(refinement.order, 0.0):.1f} of the step, as of vibrations "
+        "beyond steps and mesh that something sudden excites and nothing damps; write damping (retardation_s of a section, or a ratio "
         f"in [damping]), a smoother law such as 'nonic', or accuracy = {_rounded_up(reached):g}"
     )
 

@@ -53,8 +53,8 @@ class StepGrid:
 def step_grid(breaks: Iterable[float], jumps: Iterable[float], first: float, last: float) -> StepGrid:
     """Return the coarsest grid from ``first`` to ``last`` [s] that meets the ``breaks`` [s] between them.
 
-    jumps : breaks [s] at which accelerations jump: steps are short after it and double; at all others stretches of equal steps are
-        joined
+    jumps : breaks [s] at which accelerations jump: after them steps are short and double; at all others stretches of equal
+        steps are joined
     """
     span = last - first
     ends = _apart([first, *sorted(t for t in (*breaks, *jumps) if first < t < last), last], SAME * span)

@@ -45,10 +45,10 @@ def simulate(
     ``simulate`` with the torque of `solve` gives its motion back, up to the time error of both (second order).
 
     time : (n,) [s], increasing; torque : (n, actuated) [N m], [N], columns as in ``Solution.torque_names``, linear between; a
-        time given twice is a jump: the first of the two rows ends what is before it, the second begins what follows; None where no
-        drive acts
-    step : time step and spacing of the samples [s], or accuracy : as in `solve` [-]; spectral_radius, initial : as in `solve` ("static": in equilibrium with the
-        driven joints held where they start)
+        time given twice is a jump: the first of the two rows ends what is before it, the second begins what follows; None
+        where no joint has a drive
+    step : time step and spacing of the samples [s], or accuracy : as in `solve` [-]
+    spectral_radius, initial : as in `solve` ("static": in equilibrium with the driven joints held where they start)
     start, start_rate : initial coordinates and rates of joints [rad], [m], [1/s], zero unless given; in loops what is given is
         kept, up to a hundredth (rad, of the length, of the largest rate), and the other joints are moved onto the closures
     progress : called with the number of samples done since its last call
@@ -95,7 +95,7 @@ def _checked_step(step: float, time: Array) -> float:
 
 @dataclass
 class _Release:
-    """What moves a mechanism and where it starts: efforts over time and stated starts, until a task on some steps is made of it.
+    """Efforts that move a mechanism and its stated start, of which tasks on any steps are made.
 
     began : what was stated for the last task, and the start that its loops close with (q, qd)
     """

@@ -50,8 +50,9 @@ def solve(
 
     Two steps, one program:  task -> flexible trajectory (M, C, K act) -> P = M (a - g) -> tau = L T P.
 
-    step : time step and spacing of the samples [s], or accuracy : largest error of every torque, tip and free coordinate, part of
-        its range [-]: steps, mesh and extrapolation are chosen for it (`flexinv.accuracy`), and error bars say so; end : last time [s], the motion's duration by default
+    step : time step and spacing of the samples [s]; end : last time [s], the motion's duration by default
+    accuracy : in place of a step the largest error of every torque, tip and free coordinate, part of its range [-]: steps, mesh
+        and extrapolation are chosen for it (`flexinv.accuracy`), and error bars say so
     error : also march with half the step and on a refined mesh: ``torque_error``, ``tip_error``
     spectral_radius : numerical damping of the march, 0 strong, 1 none [-]
     initial : "consistent" (starts undeformed) or "static" (starts in equilibrium under gravity)
@@ -69,7 +70,9 @@ def solve(
     error, incremental = flag("error", error), flag("incremental", incremental)
     if accuracy is not None or step is None:
         if incremental or every > 1:
-            raise InputError("accuracy: it chooses the steps, their samples and the mode by itself; leave out incremental, every")
+            raise InputError(
+                "accuracy: it chooses the steps, their samples and the mode by itself; leave out incremental, every"
+            )
         from flexinv.accuracy.accurate import check_accuracy
         from flexinv.accuracy.accurate_solve import accurate_solve
 

@@ -32,7 +32,9 @@ TIME = "time [s]"
 @click.option("--duration", type=float, help="How long it moves [s] where no joint has a drive.")
 @click.option("--step", type=float, help="Time step [s].")
 @ACCURACY
-@click.option("--start", multiple=True, metavar="JOINT=NUMBERS", help="Where a joint starts [rad], [m] (may be repeated).")
+@click.option(
+    "--start", multiple=True, metavar="JOINT=NUMBERS", help="Where a joint starts [rad], [m] (may be repeated)."
+)
 @click.option("--rate", multiple=True, metavar="JOINT=NUMBERS", help="How fast a joint starts [rad/s], [m/s].")
 @click.option("--static", is_flag=True, help="Start in equilibrium, the joints with a drive held; else undeformed.")
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Write joint motion and tips over time.")
@@ -91,8 +93,12 @@ def _efforts(mechanism: Mechanism, file: Path | None, duration: float | None) ->
     if file is None and not drives and duration is not None:
         return np.array([0.0, duration]), None
     if file is None or not drives:
-        wanted = f"a file with the columns {', '.join((TIME, *drives))}" if drives else "--duration, as no joint has a drive"
-        raise InputError(f"simulate: '{mechanism.name}' needs {wanted}; write --{'torque FILE' if drives else 'duration 2.0'}")
+        wanted = (
+            f"a file with the columns {', '.join((TIME, *drives))}" if drives else "--duration, as no joint has a drive"
+        )
+        raise InputError(
+            f"simulate: '{mechanism.name}' needs {wanted}; write --{'torque FILE' if drives else 'duration 2.0'}"
+        )
     if not file.is_file():
         raise InputError(f"--torque {file}: no such file; write what flexinv solve --out FILE has written")
     table = pd.read_csv(file)
@@ -110,5 +116,7 @@ def _values(option: str, texts: Sequence[str]) -> dict[str, list[float]]:
         try:
             out[joint] = [float(one) for one in numbers.split(",")]
         except ValueError:
-            raise InputError(f"{option} {text}: expected a joint and its numbers, for example {option} hub=0.5") from None
+            raise InputError(
+                f"{option} {text}: expected a joint and its numbers, for example {option} hub=0.5"
+            ) from None
     return out
