@@ -23,7 +23,7 @@ import numpy as np
 from crosscheck.engines import opened
 from crosscheck.engines.base import Adapter, offered
 from crosscheck.engines.shared.export_files import NotExported
-from crosscheck.engines.shared.rounding import with_rounding
+from crosscheck.engines.shared.rounding import shaken, with_rounding
 from crosscheck.kit.resolved import integrated
 from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.measures.record import Record, fingerprint, load, save
@@ -62,6 +62,8 @@ def _run(job: dict[str, Any], adapter: Adapter) -> Record:
     mechanism = read_mechanism(job["mechanism"])
     case = load_cases(job["mechanism"], mechanism)[job["case"]]
     known = {"engine": name, "model_hash": fingerprint(mechanism, case.motion)}
+    if way := job["options"].pop("shake", 0):
+        case = shaken(case, way)
     if (reason := adapter.unsupported(mechanism, case, name)) is not None:
         return Record(status="skipped", message=reason, version=adapter.version(), **known)
     record = replace(adapter.run(mechanism, case, name, job["options"]), **known)

@@ -28,7 +28,7 @@ from crosscheck.verdicts import results as store
 from crosscheck.verdicts.baseline import Baseline
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.plan import Plan, Task, case_row
-from crosscheck.verdicts.repeatability import doubtful, repeated
+from crosscheck.verdicts.repeatability import SHAKEN, doubtful, repeated, scattered
 from crosscheck.verdicts.results import CaseRow, EngineRow, Results, RunRow, StudyRow, slug
 
 RESULTS = "results.json"
@@ -77,7 +77,9 @@ class Event:
 
 Notify = Callable[[Event], None]
 Job = tuple[str, Any, Any]  # kind, what, engine
-RUNS = ("run", "again")  # kinds of jobs in which an engine runs
+# Kinds of jobs in which an engine runs: as it is, once more, and with the last digits of its input moved.
+SHAKES = {f"shaken {way}": way for way in SHAKEN}
+RUNS = ("run", "again", *SHAKES)
 
 
 def run(work: Work, out: Path, notify: Notify = lambda event: None, command: str = "") -> Results:
@@ -177,7 +179,8 @@ def _ask(job: Job, options: Options, children: Children) -> Any:
         return ask(question, options.timeout, children)
     if kind == "why":
         return ask(what.job, options.timeout, children)
-    told = dict(options.engine) | ({"certificate": False} if kind == "again" else {})
+    told = dict(options.engine) | ({"certificate": False} if kind != "run" else {})
+    told |= {"shake": SHAKES[kind], "error": False} if kind in SHAKES else {}
     task = {"mechanism": str(what.folder.resolve()), "case": what.case.name, "options": told}
     return run_engine(engine, task, what.time, options.timeout, children)
 
@@ -195,6 +198,7 @@ class _State:
     done: int = 0
     records: dict[tuple[str, str], dict[str, Record]] = field(default_factory=dict)
     again: dict[tuple[str, str], dict[str, Record]] = field(default_factory=dict)
+    shaken: dict[tuple[str, str, str], list[Record]] = field(default_factory=dict)
 
     def jobs(self) -> Iterator[Job]:
         """Yield everything there is to do, case by case so that comparisons come early."""
@@ -208,17 +212,18 @@ class _State:
             yield "study", study, None
 
     def repeats(self) -> Iterator[Job]:
-        """Yield the runs whose error bars explain a difference: they have to repeat."""
-        wanted = {
-            (c.mechanism, c.case, e) for c in self.results.comparisons if doubtful(c) for e in (c.engine, c.reference)
-        }
+        """Yield the runs whose error bars explain a difference: they have to repeat; and those that seem worse than blessed."""
+        rows, known = self.results.comparisons, self.work.options.baseline
+        wanted = {(c.mechanism, c.case, e) for c in rows if doubtful(c) for e in (c.engine, c.reference)}
+        worse = {(c.mechanism, c.case, c.engine) for c in rows if baseline.is_worse(c, known)}
         for task in self.work.plan.tasks:
             for engine in self.work.engines.values():
-                if (task.folder.name, task.case.name, engine.name) in wanted:
-                    yield "again", task, engine
+                here = task.folder.name, task.case.name, engine.name
+                for kind in (*(("again",) if here in wanted else ()), *(SHAKES if here in worse else ())):
+                    yield kind, task, engine
 
     def repeated(self) -> None:
-        """Judge what error bars explained by whether the engines repeat."""
+        """Judge what error bars explained by whether the engines repeat; state what last digits do where one seems worse."""
         stems = {(r.mechanism, r.case, r.engine): self.out / r.series for r in self.results.runs if r.series}
         rows = []
         for row in self.results.comparisons:
@@ -226,6 +231,9 @@ class _State:
                 again = self.again.get((row.mechanism, row.case), {})
                 first = {e: _loaded(stems.get((row.mechanism, row.case, e)), e) for e in (row.engine, row.reference)}
                 row = repeated(row, first, {e: again.get(e, UNREPEATED) for e in first})
+            if baseline.is_worse(row, self.work.options.baseline):
+                other = _loaded(stems.get((row.mechanism, row.case, row.reference)), row.reference)
+                row = scattered(row, other, self.shaken.get((row.mechanism, row.case, row.engine), []))
             rows.append(row)
         self.results = replace(self.results, comparisons=tuple(rows))
 
@@ -246,6 +254,8 @@ class _State:
             self.results = replace(self.results, diagnoses=(*self.results.diagnoses, found))
         elif kind == "again":
             self.again.setdefault((what.folder.name, what.case.name), {})[engine.name] = answer.record
+        elif kind in SHAKES:
+            self.shaken.setdefault((what.folder.name, what.case.name, engine.name), []).append(answer.record)
         else:
             self._run(what, engine, answer)
         self._keep()

@@ -42,6 +42,7 @@ class Comparison:
     magnitude, phase, comprehensive : Sprague and Geers' errors of that series [-]
     limit : largest fraction of the range allowed [-]; series, time [s] : where the largest error is
     blessed : the fraction that was measured when the night was last blessed [-]
+    scatter : by how much the fraction differs between runs whose input differs in its last digits [-], where that was asked
     unordered : engines of the pair whose refinement has no order there, so that the error bar is none
     uncertified : what of the engines' certificates does not hold: they have not the same mechanism
     """
@@ -66,6 +67,7 @@ class Comparison:
     phase: float | None = None
     comprehensive: float | None = None
     blessed: float | None = None
+    scatter: float | None = None
     unordered: str = ""
     uncertified: str = ""
 

@@ -24,9 +24,9 @@ from flexinv.dynamics.initial_state import (
     begin_step,
     consistent_accelerations,
     end_early,
-    equilibrium,
     instant,
     move_as_rigid,
+    settle,
     start_undeformed,
 )
 from flexinv.dynamics.loads import load_table
@@ -149,7 +149,7 @@ class Controller:
         joints = start_undeformed(f.solver, *now)
         f.solver.load_at(0.0, *now)
         if initial == "static":
-            equilibrium(f.solver, now[0], "at the start")
+            settle(f.solver, now[0], "at the start")
             move_as_rigid(f.solver, joints, *now[1:])
         consistent_accelerations(f.solver, joints, "at the start")
         torque = self._torques(f, *now)

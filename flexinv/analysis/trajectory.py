@@ -21,9 +21,9 @@ from flexinv.dynamics.initial_state import (
     begin_step,
     consistent_accelerations,
     end_early,
-    equilibrium,
     instant,
     move_as_rigid,
+    settle,
     settle_held,
     start_undeformed,
 )
@@ -231,7 +231,7 @@ class _March:
         if self.task.settings.initial == "static":
             settled = solver.efforts is None or settle_held(solver, q, float(time[0]), when)
             if solver.efforts is None:
-                equilibrium(solver, q, when)
+                settle(solver, q, when)
             if settled:
                 move_as_rigid(solver, joints, qd, qdd)
         consistent_accelerations(solver, joints, when)
