@@ -92,12 +92,12 @@ SUBJECTS: dict[str, Callable[[], Subject]] = {
     "one link, damped, trapezoid": model("flex_one_link_damped", "cycloid", 384, **move("trapezoid", *TURN)),
     "two links, nonic": model("flex_two_link", "cycloid", 192, **move("nonic", *TWO)),
     "two links, damped, quintic": damped(model("flex_two_link", "cycloid", 192, **move("quintic", *TWO)), 0.02),
-    "arm in space, static, quintic": by(model("spatial_arm", "reach"), "quintic"),
-    "robot in space, static, damped": damped(by(model("ur5_flexible_forearm", "reach", 48), "septic"), 0.02),
-    "flexible four-bar, static, nonic": by(model("four_bar_flexible", "turn"), "nonic"),
-    "flexible slider-crank": damped(model("slider_crank_flexible", "turn"), 0.02),
+    "arm in space, static, quintic": by(model("spatial_arm", "reach", 1536), "quintic"),
+    "robot in space, static, damped": damped(by(model("ur5_flexible_forearm", "reach", 192), "septic"), 0.02),
+    "flexible four-bar, static, nonic": by(model("four_bar_flexible", "turn", 192), "nonic"),
+    "flexible slider-crank": damped(model("slider_crank_flexible", "turn", 192), 0.02),
     "elastic drives (springs)": model("elastic_drives", "swing"),
-    "two arms carry (phases)": model("two_arms_flexible", "carry", 48),
+    "two arms carry (phases)": damped(model("two_arms_flexible", "carry", 96), 0.05),
 }
 
 

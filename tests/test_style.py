@@ -47,7 +47,6 @@ ALONE = {
     "flexinv.analysis.resultants": EQUATIONS,
     "flexinv.cli.compiling": "a note that no command knows of",
     "flexinv.cli.parameters": COMMAND,
-    "flexinv.cli.simulate": COMMAND,
     "flexinv.files.case_csv": "a file format of its own",
     "flexinv.files.overlay": "changes of a URDF, apart from the reading of mechanism files",
     "flexinv.kernels.code_cache": "what Numba does with the disk, apart from the decorators that readers look up",

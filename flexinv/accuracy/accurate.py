@@ -58,7 +58,7 @@ def accurate(problem: Problem) -> Solution:
         jumps = {int(np.abs(first.time - t).argmin()) for t in level.made.jumps}
         work = energy_defect(first, found, grid.seams(answer.kept), jumps)
         solution = replace(solution, balance=replace(solution.balance, work=work))
-    return _told(problem, refinement, answer, solution)
+    return _told(refinement, answer, solution)
 
 
 def _exact(refinement: Refinement) -> Solution:
@@ -81,21 +81,23 @@ def _rounding(solution: Solution) -> Array:
     return np.asarray(apart + floor)
 
 
-def _told(p: Problem, refinement: Refinement, answer: Answer, solution: Solution) -> Solution:
+def _told(refinement: Refinement, answer: Answer, solution: Solution) -> Solution:
     """The solution with its bars, and what was done to get it."""
-    count, rounding = solution.torque.shape[1], _rounding(solution)
+    asked, count, rounding = refinement.problem.accuracy, solution.torque.shape[1], _rounding(solution)
     torque = answer.bars[:, :count] * answer.ranges.torque + rounding
-    if (rounding > p.accuracy * answer.ranges.torque).any():
+    if (rounding > asked * answer.ranges.torque).any():
         raise unreached(refinement, answer)
     links = zip(solution.tip, answer.ranges.tip, strict=True)
     tips = {name: answer.bars[:, count + k] * size for k, (name, size) in enumerate(links)}
     plain = len(answer.levels) == 1
     notes = solution.notes + ((PLAIN,) if plain else ())
-    said = {"accuracy": p.accuracy, "extrapolated": not plain, "order": round(answer.order, 2)}
+    said = {"accuracy": asked, "extrapolated": not plain, "order": round(answer.order, 2)}
     return replace(solution, torque_error=torque, tip_error=tips, notes=notes, settings=solution.settings | said)
 
 
-PLAIN = "steps do not converge as an expansion in powers of the step does: the answer is that of the shortest steps, with its own bar"
+PLAIN = (
+    "steps do not converge as powers of the step do: the answer is that of the shortest steps, with a bar of its own"
+)
 
 
 def energy_defect(first: FirstStep, found: Found, seams: Sequence[int], jumps: Collection[int]) -> Array:

@@ -4,10 +4,10 @@ Steps are 1/n of the coarsest, n on a ladder whose rungs share samples.  Of thre
 P0 of a, b and P of b, c, of order p in the step (4 where the expansion in even powers holds).  Their errors fall by
 r = (c/a)^(p/2), so that
 
-    |P - P0| >= (r - 1) |error of P|,      bar = |P - P0| max(1, 1 / (r - 1))
+    |P - P0| >= (r - 1) |error of P|,      bar = |P - P0| max(1, 3/2 / (r - 1))
 
 with the p that two triples of rungs show, and p = 2 where there is one triple: with c = 2 a the bar is three times the error at
-order 4 and right down to order 2, below which it is widened.  Where P does not converge (jumps inside a step: friction that
+order 4, 1.5 times at order 2, and never less.  Where P does not converge (jumps inside a step: friction that
 sticks) but the plain answers do, the plain one is returned with the bar of a first-order sequence, |T_c - T_a|.
 """
 
@@ -35,12 +35,14 @@ from flexinv.typing import Array
 OF_STEPS = 0.7
 # An expansion below this order is none.
 LEAST_ORDER = 0.5
+# What an order seen on so few rungs may be off by, as a factor on the bar.
+MARGIN = 1.5
 # The order that is taken for granted where nothing shows one.
 ASSUMED_ORDER = 2.0
 # A jump of more rungs goes by an order that so few steps cannot show; before so many triples nothing is given up.
-FARTHEST, TRIPLES_SEEN = 6, 4
-# More steps than this in one run are a wish that no step meets: an undamped vibration that never ends.
-MOST_STEPS = 200_000
+FARTHEST, TRIPLES_SEEN = 4, 3
+# More steps times nodes than this in one run are a wish that no step meets: an undamped vibration that never ends.
+MOST_NODE_STEPS = 2_000_000
 # Meshes of beams, (times the elements of the mechanism, order), each better than that before.
 MESHES = ((1, 4), (1, 6), (1, 8), (1, 10), (2, 8), (2, 10), (4, 8), (4, 10))
 # A difference to the next mesh is nearly the whole error of a mesh, as errors fall by several times from one to the next.
@@ -248,11 +250,11 @@ def extrapolated_answer(three: tuple[Level, Level, Level], before: Answer | None
     coarse, fine = mixed(found[:2], weights((a.finer, b.finer))), mixed(found[1:], weights((b.finer, c.finer)))
     scale = ranges(c.made.mesh, found[2])
     bars = widest(scale.errors(mixed((fine, coarse), np.array([1.0, -1.0]))))
-    apart, order = float(bars.max()), ASSUMED_ORDER
+    apart, order = float(bars.max()), ASSUMED_ORDER if before is None else before.order
     if before is not None and before.levels[0].finer < b.finer and min(apart, before.apart) > 0.0:
         order = float(np.log(before.apart / apart) / np.log(b.finer / before.levels[0].finer))
     contraction = (c.finer / a.finer) ** (max(order, LEAST_ORDER) / 2)
-    bars = bars * max(1.0, 1.0 / (contraction - 1.0))
+    bars = bars * max(1.0, MARGIN / (contraction - 1.0))
     return Answer((b, c), weights((b.finer, c.finer)), a.kept, bars, scale, apart, order)
 
 
@@ -294,7 +296,8 @@ def _rungs(answer: Answer, asked: float, first: bool) -> int:
 
 def _check_budget(refinement: Refinement, index: int, answer: Answer | None) -> None:
     """Raise an error where the rungs from ``index`` [-] on take too many steps, or will before the answer is good enough."""
-    most = MOST_STEPS / refinement.problem.grid.total
+    nodes = 1 if answer is None else answer.finest.made.mesh.size
+    most = MOST_NODE_STEPS / (nodes * refinement.problem.grid.total)
     if rung(index + 2) > most:
         raise unreached(refinement, answer)
     if answer is None or len(refinement.seen) < TRIPLES_SEEN:
@@ -314,8 +317,8 @@ def unreached(refinement: Refinement, answer: Answer | None) -> ConvergenceError
     return ConvergenceError(
         f"mechanism '{p.mechanism.name}': accuracy = {p.accuracy:g} is out of reach: at steps of {shortest:.3g} s errors are "
         f"{reached:.2g} of the range and fall with the power {max(refinement.order, 0.0):.1f} of the step, as of vibrations "
-        "beyond steps and mesh that something sudden excites and nothing damps; write damping (retardation_s of a section, or a ratio "
-        f"in [damping]), a smoother law such as 'nonic', or accuracy = {_rounded_up(reached):g}"
+        "that something sudden excites and nothing damps; write damping (retardation_s of a section, or a ratio in [damping]), "
+        f"a smoother law such as 'nonic', or accuracy = {_rounded_up(reached):g}"
     )
 
 
