@@ -1,4 +1,4 @@
-"""Protocol of an adapter: four functions, and four more that it may have.  One adapter may offer several engines."""
+"""Protocol of an adapter: four functions, and six more that it may have.  One adapter may offer several engines."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from flexinv.model.mechanism import Mechanism
 
 if TYPE_CHECKING:
     from crosscheck.engines.shared.replay import Drive
+    from crosscheck.lifting.description import Description
 
 Array = NDArray[np.float64]
 Options = Mapping[str, Any]
@@ -70,8 +71,14 @@ class FullAdapter(Adapter, Protocol):
     def bench(self) -> Any:
         """Return the module, or object, with the calls whose time `crosscheck bench` takes."""
 
+    def lift(self, source: Any) -> Description:
+        """Return the description of a file as the engine's own reader has it, or of a model in memory.  Raises InputError."""
 
-MEMBERS = ("certify", "export", "replay", "bench")
+    def lifts(self, source: Any) -> bool:
+        """Return True if something in memory is a model of this engine."""
+
+
+MEMBERS = ("certify", "export", "replay", "bench", "lift", "lifts")
 
 
 def offered(adapter: Adapter, member: str) -> Callable[..., Any] | None:

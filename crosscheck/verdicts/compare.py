@@ -29,6 +29,8 @@ STILL = 1e-3
 # Moments of 1e-15 N m beside forces of 10 N are no moments but the rounding of those forces times a length of some metres
 # (and the other way round): below this part of a quantity's largest value in any unit a group is zero.
 NOTHING = 1e-13
+# Quantities that are compared sample by sample, and that a cause of a difference has to explain.
+COMPARED = ("torque", "wrench", "reaction", "tip", "deflection", "axial", "internal")
 # Quantities of which a part is not enough.  Of others an engine may know less (no wrench of a joint that it welded).
 WHOLE = ("torque",)
 

@@ -20,6 +20,15 @@ LARGEST_FILE = 16 << 20  # [byte]: the largest URDF of example-robot-data has 0.
 
 def read_robot(path: Path) -> Element:
     """Parse the file and return its ``<robot>``, at most ``LARGEST_FILE`` [byte]; InputError says what is wrong."""
+    root = read_xml(path)
+    if root.tag != "robot":
+        advice = "the URDF itself; a .xacro file is expanded first: xacro robot.urdf.xacro > robot.urdf"
+        raise InputError(complaint(str(path), f"<{root.tag[:80]}>", '<robot name="...">', advice))
+    return root
+
+
+def read_xml(path: Path) -> Element:
+    """Parse a file of XML, at most ``LARGEST_FILE`` [byte] and without entities; InputError says what is wrong."""
     if not path.is_file():
         near = nearest(path.name, sorted(p.name for p in path.parent.glob("*.urdf"))) if path.parent.is_dir() else None
         raise InputError(complaint(str(path), "no such file", "a URDF", near or "the path of a file that exists"))
@@ -39,9 +48,6 @@ def read_robot(path: Path) -> Element:
         raise InputError(
             complaint(str(path), f"XML that does not parse: {error}", "well-formed XML", "each tag closed")
         ) from None
-    if root.tag != "robot":
-        advice = "the URDF itself; a .xacro file is expanded first: xacro robot.urdf.xacro > robot.urdf"
-        raise InputError(complaint(str(path), f"<{root.tag[:80]}>", '<robot name="...">', advice))
     return root
 
 
