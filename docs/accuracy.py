@@ -26,7 +26,7 @@ from flexinv.accuracy.extrapolation import weights
 from flexinv.accuracy.quantities import Quantities, Ranges, ranges
 from flexinv.accuracy.refinement import MESHES, Refinement, mixed
 from flexinv.analysis.settings import Settings
-from flexinv.model.damping import ModalDamping
+from flexinv.model.damping import ModalDamping, with_retardation
 from flexinv.model.mechanism import Mechanism
 
 MODELS = Path(__file__).resolve().parent.parent / "models"
@@ -67,6 +67,16 @@ def damped(made: Callable[[], Subject], ratio: float) -> Callable[[], Subject]:
     return more
 
 
+def retarded(made: Callable[[], Subject], seconds: float) -> Callable[[], Subject]:
+    """Return the subject with a retardation time [s] of all its beams."""
+
+    def more() -> Subject:
+        subject = made()
+        return replace(subject, mechanism=with_retardation(subject.mechanism, seconds))
+
+    return more
+
+
 def by(made: Callable[[], Subject], law: str) -> Callable[[], Subject]:
     """Return the subject with another time law of the same moves."""
 
@@ -97,7 +107,7 @@ SUBJECTS: dict[str, Callable[[], Subject]] = {
     "flexible four-bar, static, nonic": by(model("four_bar_flexible", "turn", 192), "nonic"),
     "flexible slider-crank": damped(model("slider_crank_flexible", "turn", 192), 0.02),
     "elastic drives (springs)": model("elastic_drives", "swing"),
-    "two arms carry (phases)": damped(model("two_arms_flexible", "carry", 96), 0.05),
+    "two arms carry (phases)": retarded(model("two_arms_flexible", "carry", 96), 2e-3),
 }
 
 
