@@ -44,9 +44,6 @@ DRAWING = "loads what draws, or what the page is written with, when it is asked 
 # Modules that one other imports and that fit into it, and why they stay apart.
 ALONE = {
     "flexinv.analysis.batch_kernel": KERNEL,
-    "flexinv.analysis.energy_guard": EQUATIONS,
-    "flexinv.analysis.resultants": EQUATIONS,
-    "flexinv.cli.compiling": "a note that no command knows of",
     "flexinv.cli.parameters": COMMAND,
     "flexinv.files.case_csv": "a file format of its own",
     "flexinv.files.overlay": "changes of a URDF, apart from the reading of mechanism files",

@@ -91,7 +91,7 @@ def _folder(path: Path) -> Description:
         return lift_kit(path / "case.json")
     if (path / "mechanism.toml").is_file():
         return lift_toml(path)
-    raise InputError(complaint(str(path), "a folder without mechanism.toml and case.json", "one of the two", WRITE))
+    raise complaint(str(path), "a folder without mechanism.toml and case.json", "one of the two", WRITE)
 
 
 def _file(path: Path, base: str) -> Description:

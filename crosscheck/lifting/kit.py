@@ -27,7 +27,7 @@ def lift_kit(path: Path) -> Description:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"])) or "the top of the file"
         advice = "crosscheck kit NAME --case CASE, which writes one"
-        raise InputError(complaint(f"{path}: {where}", first["msg"], "the case.json of a case kit", advice)) from None
+        raise complaint(f"{path}: {where}", first["msg"], "the case.json of a case kit", advice) from None
     if beams := [link.name for link in said.links if link.beam is not None]:
         raise InputError(f"{path}: links that bend are not compared yet: {', '.join(beams)}")
     dropped = tuple(f"{len(getattr(said, k))} {k}: not compared" for k in ("springs", "forces") if getattr(said, k))

@@ -18,7 +18,7 @@ from flexinv.model.initial_values import start_coordinates
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion, motion_table
 from flexinv.typing import Array, Triple
-from flexinv.validation import choice, function, number, of_kind, whole
+from flexinv.validation import choice, function, of_kind, seconds, whole
 
 # A sampling grid longer than this is a mistake in `step` far more often than a wish.
 MOST_SAMPLES = 5_000_000
@@ -109,9 +109,7 @@ def _on_branch(
 
 def time_grid(motion: Motion, step: float, end: float | None, every: int) -> Array:
     """Return the times of all steps, the start included (steps + 1,) [s]; raises InputError for a step or end that cannot be."""
-    step = number("step", step, "a positive number of seconds, for example step=1e-3")
-    if not (np.isfinite(step) and step > 0.0):
-        raise InputError(f"step = {step} s: expected a positive number of seconds, for example step=1e-3")
+    step = seconds("step", step, "a positive number of seconds, for example step=1e-3")
     last = last_time(motion, end)
     if step > last:
         raise InputError(
@@ -128,10 +126,7 @@ def time_grid(motion: Motion, step: float, end: float | None, every: int) -> Arr
 
 def last_time(motion: Motion, end: float | None) -> float:
     """Return the last time [s], the motion's duration where ``end`` is None; raises InputError for one that cannot be."""
-    last = motion.duration if end is None else number("end", end, "a positive time, or None for the motion's duration")
-    if not (np.isfinite(last) and last > 0.0):
-        raise InputError(f"end = {last} s: expected a positive time, or None for the motion's duration")
-    return last
+    return seconds("end", motion.duration if end is None else end, "a positive time, or None for the motion's duration")
 
 
 def joint_histories(

@@ -280,10 +280,6 @@ def move_as_rigid(solver: Solver, joints: Joints, qd: Array, qdd: Array) -> None
         elif t.freedoms[n]:
             shape.p[n], shape.r[n] = solver.state.x[n], solver.state.r[n]
     moving = NodalMotion.empty(1, mesh.size)
-    _carry_all(mesh, moving, shape)
+    world = Frames(moving.x, moving.rotation, moving.v, moving.omega, moving.a, moving.alpha)
+    carry_samples(mesh.parent, world, Joints(*(part[None] for part in shape)))
     _start(solver, moving, shape, qd, qdd)
-
-
-def _carry_all(mesh: Mesh, motion: NodalMotion, joints: Joints) -> None:
-    world = Frames(motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha)
-    carry_samples(mesh.parent, world, Joints(*(part[None] for part in joints)))

@@ -25,7 +25,7 @@ from flexinv.tracking.frame_path import Path
 from flexinv.tracking.inverse_kinematics import Frame, Reach, drive_columns, follow_rigid, frame_of
 from flexinv.tracking.stable_inversion import Inverse, internal_rates, invert, unrest
 from flexinv.typing import Array
-from flexinv.validation import choice, flag, number, of_kind
+from flexinv.validation import choice, flag, of_kind, seconds
 
 # Part of the motion inside that is left at the ends of a window that is chosen here, and that is refused in any.
 LEFT, RESTLESS = 1e-6, 1e-2
@@ -117,9 +117,9 @@ def follow(
         from flexinv.accuracy.accurate import check_accuracy
 
         return _accurately(mechanism, path, frame, check_accuracy(accuracy, step), (before, after, start))
-    step = number("step", step, "a positive number of seconds, for example step=1e-3")
     mesh = build(mechanism)
-    _check(mechanism, step)
+    _check(mechanism)
+    step = seconds("step", step, "a positive number of seconds, for example step=1e-3")
     at = frame_of(mesh, frame)
     time = _window(mesh, at, path, step, before, after, start)
     out = _beside_rigid(mesh, at, path, time, start)
@@ -165,7 +165,7 @@ def _accurately(
     from flexinv.accuracy.step_grid import FEWEST_IN_STRETCH, StepGrid
 
     coarsest, (before, after, start) = path.duration / FEWEST_IN_STRETCH, window
-    _check(mechanism, coarsest)
+    _check(mechanism)
     mesh = build(mechanism)
     at = frame_of(mesh, frame)
     ends = _window(mesh, at, path, coarsest, before, after, start)
@@ -189,7 +189,7 @@ def _accurately(
     return replace(out, solution=solution, unrest=left[-1][1])
 
 
-def _check(mechanism: Mechanism, step: float) -> None:
+def _check(mechanism: Mechanism) -> None:
     drive_columns(mechanism)
     for what, items in (("closures", mechanism.closures), ("springs between points", mechanism.springs)):
         if items:
@@ -197,8 +197,6 @@ def _check(mechanism: Mechanism, step: float) -> None:
                 f"mechanism '{mechanism.name}' has {what}: a path of a frame is followed by open mechanisms so far; "
                 "give the joints a motion with solve instead"
             )
-    if not (np.isfinite(step) and step > 0.0):
-        raise InputError(f"step = {step} s: expected a positive number of seconds, for example step=1e-3")
 
 
 def _window(
@@ -207,9 +205,7 @@ def _window(
 ) -> Array:  # fmt: skip
     """Instants (samples,) [s], 0 among them."""
     for name, value in (("before", before), ("after", after)):
-        wait = 0.0 if value is None else number(name, value, "a time, 0 or more [s], or None to choose it here")
-        if not (np.isfinite(wait) and wait >= 0.0):
-            raise InputError(f"{name} = {value} s: expected a time, 0 or more, or None to choose it here")
+        seconds(name, 0.0 if value is None else value, "a time, 0 or more [s], or None to choose it here", zero=True)
     if step > path.duration / 4:
         raise InputError(
             f"step = {step:g} s is too long for a path of {path.duration:g} s: write step = {path.duration / 200:g}"
