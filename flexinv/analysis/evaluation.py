@@ -60,13 +60,7 @@ def solution_after(mesh: Mesh, first: FirstStep, settings: Settings) -> Solution
 def solution_of(mesh: Mesh, first: FirstStep, found: Found, settings: Settings) -> Solution:
     """Return the Solution of both steps, efforts of rotors, friction and springs included [N m], [N], by names."""
     mechanism, (q, qd, qdd), time = mesh.mechanism, first.joints, first.time
-    tau, reaction = found.tau, found.reaction
-    if mechanism.drive_table[:3].any():
-        drive = drive_efforts(mechanism, qd, qdd, direction=_direction(mechanism, qd, first.smooth))
-        tau, reaction = tau + drive, reaction + drive
-    if any(joint.stiffness for joint in mechanism.joints):
-        springs = joint_springs(mechanism, q)
-        tau, reaction = tau + springs, reaction + springs
+    tau, reaction = with_drives(mechanism, first, found.tau, found.reaction)
     internal, stations = _internal(mesh, first.trajectory)
     energy = first.trajectory.energy
     balance = Balance(
@@ -92,6 +86,18 @@ def solution_of(mesh: Mesh, first: FirstStep, found: Found, settings: Settings) 
     if whole and first.ends:
         solution.check_energy()
     return solution
+
+
+def with_drives(mechanism: Mechanism, first: FirstStep, tau: Array, reaction: Array) -> tuple[Array, Array]:
+    """Return efforts (samples, nv) [N m], [N] of both sides with those of rotors, damping, friction and springs in joints."""
+    q, qd, qdd = first.joints
+    if mechanism.drive_table[:3].any():
+        drive = drive_efforts(mechanism, qd, qdd, direction=_direction(mechanism, qd, first.smooth))
+        tau, reaction = tau + drive, reaction + drive
+    if any(joint.stiffness for joint in mechanism.joints):
+        springs = joint_springs(mechanism, q)
+        tau, reaction = tau + springs, reaction + springs
+    return tau, reaction
 
 
 def _with_loops(solution: Solution, loops: LoopForces, geared: Array | None) -> Solution:
