@@ -1,6 +1,7 @@
 # make report   every mechanism in every engine -> reports/latest/index.html
 # make test     ruff, mypy and all tests
 # make check    the fast tests only
+# make docs     the site -> docs/_build/html/index.html
 #
 # Needs Python 3.11 to 3.13 with pip; everything else is installed into .venv, once.
 
@@ -11,7 +12,7 @@ STAMP  := $(VENV)/installed
 OUT    ?= reports/latest
 JOBS   ?= 2
 
-.PHONY: report test check lint clean
+.PHONY: report test check docs lint clean
 
 report: $(STAMP)
 	$(BIN)/crosscheck run --out $(OUT) --jobs $(JOBS) --baseline reports/baseline
@@ -21,6 +22,10 @@ test: lint
 
 check: $(STAMP)
 	$(BIN)/pytest -n $(JOBS) -m "not slow and not browser"
+
+# A warning is an error; links to files and within the site are checked, too.
+docs: $(STAMP)
+	$(BIN)/sphinx-build --fail-on-warning --keep-going -b html docs docs/_build/html
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
@@ -37,4 +42,4 @@ $(STAMP): pyproject.toml constraints.txt
 
 # Compiled kernels (in __pycache__) stay: they depend on the source only and take some twenty seconds to make again.
 clean:
-	rm -rf $(VENV) build .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) docs/_build docs/examples docs/mechanisms docs/reference/generated build .pytest_cache .mypy_cache .ruff_cache
