@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, PlainValidator, WithJsonSchema
@@ -19,6 +19,7 @@ from flexinv.files.toml_tables import (
     Name,
     NotNegative,
     Number,
+    Positive,
     Table,
     Text,
     Vector,
@@ -30,6 +31,7 @@ from flexinv.files.toml_tables import (
 )
 from flexinv.model.attachments import COUPLED_JOINTS
 from flexinv.model.mechanism import CLOSURES, COUPLED, IMPACTS, WORLD, Attachment, Closure, Force, Joint, Link, Spring
+from flexinv.model.spring_laws import GasLaw, TableLaw
 from flexinv.typing import Array
 from flexinv.validation import nearest
 
@@ -115,9 +117,36 @@ class CouplingTable(Table):
 class SpringTable(PairTable):
     """A spring and damper along the line between two points."""
 
+    damping_Ns_per_m: NotNegative = key("viscous damping, >= 0 [N s/m]", "damping_Ns_per_m = 10", default=0.0)
+
+
+class LinearSpringTable(SpringTable):
+    """A linear spring."""
+
+    law: Literal["linear"] = key('"linear" (the default), "gas" or "table"', 'law = "gas"', default="linear")
     stiffness_N_per_m: NotNegative = key("the stiffness, >= 0 [N/m]", "stiffness_N_per_m = 4530")
     rest_m: NotNegative = key("the length without force, >= 0 [m]", "rest_m = 0.08", default=0.0)
-    damping_Ns_per_m: NotNegative = key("viscous damping, >= 0 [N s/m]", "damping_Ns_per_m = 10", default=0.0)
+
+
+class GasSpringTable(SpringTable):
+    """A gas behind a piston: force / (1 - (l - rest) / travel)^exponent."""
+
+    law: Literal["gas"] = key('"linear" (the default), "gas" or "table"', 'law = "gas"')
+    force_N: Number = key("the pull at the length rest_m, below 0 for a strut that pushes [N]", "force_N = 27000")
+    rest_m: NotNegative = key("the length at which the pull is force_N, >= 0 [m]", "rest_m = 0.6")
+    travel_m: Number = key(
+        "volume of the gas at rest_m over the piston's area, below 0 where shortening compresses it [m]",
+        "travel_m = 0.57",
+    )
+    exponent: Positive = key("polytropic exponent, 1 isothermal, 1.4 adiabatic [-]", "exponent = 1.2", default=1.0)
+
+
+class TableSpringTable(SpringTable):
+    """A table of pull over length, monotone cubics between its rows."""
+
+    law: Literal["table"] = key('"linear" (the default), "gas" or "table"', 'law = "table"')
+    length_m: list[Number] = key("lengths that increase, two or more [m]", "length_m = [0.60, 0.65, 0.70]")
+    force_N: list[Number] = key("the pull at each of them [N]", "force_N = [27000, 28200, 29500]")
 
 
 class ForceTable(Table):
@@ -137,6 +166,11 @@ class ForceTable(Table):
     source: Text = SOURCE
 
 
+SPRINGS: dict[str, type[SpringTable]] = {
+    "linear": LinearSpringTable,
+    "gas": GasSpringTable,
+    "table": TableSpringTable,
+}
 TABLES: dict[str, type[ClosureTable]] = {
     **dict.fromkeys(CLOSURES, AxisClosureTable),
     **dict.fromkeys(("fixed", "spherical"), ClosureTable),
@@ -207,11 +241,40 @@ def _impact(table: ClosureTable, file: Path, path: str) -> str:
 
 
 def read_spring(data: Any, links: Mapping[str, Link], file: Path, name: str) -> Spring:
-    """Read ``[springs.NAME]`` [N/m, m, N s/m]."""
+    """Read ``[springs.NAME]`` [N/m, m, N s/m, N]: linear, a gas, or a table of pull over length."""
     path = f"springs.{name}"
-    table = validate(SpringTable, data, file, path)
+    law = data.get("law", "linear") if isinstance(data, dict) else "linear"
+    if not isinstance(law, str) or law not in SPRINGS:
+        write = f'law = "{nearest(str(law), SPRINGS) or "gas"}"'
+        expected = '"linear", "gas" or "table"'
+        raise InputError(complaint(location(file, path, "law"), f"law = {toml_text(law)}", expected, write))
+    table = validate(SPRINGS[law], data, file, path)
     first, second = _pair(table, links, file, path)
-    return Spring(name, first, second, table.stiffness_N_per_m, table.rest_m, table.damping_Ns_per_m)
+    if isinstance(table, LinearSpringTable):
+        return Spring(name, first, second, table.stiffness_N_per_m, table.rest_m, table.damping_Ns_per_m)
+    if isinstance(table, GasSpringTable):
+        if not table.travel_m:
+            expected = "the volume of the gas over the piston's area, other than 0 [m]"
+            raise InputError(complaint(location(file, path, "travel_m"), "travel_m = 0", expected, "travel_m = 0.57"))
+        gas = GasLaw(table.force_N, table.travel_m, table.exponent)
+        return Spring(name, first, second, 0.0, table.rest_m, table.damping_Ns_per_m, gas)
+    assert isinstance(table, TableSpringTable)
+    return Spring(name, first, second, 0.0, 0.0, table.damping_Ns_per_m, _table_law(table, file, path))
+
+
+def _table_law(table: TableSpringTable, file: Path, path: str) -> TableLaw:
+    length, force = np.array(table.length_m), np.array(table.force_N)
+    if len(length) < 2 or (np.diff(length) <= 0).any():
+        given, write = f"length_m = {toml_text(table.length_m)}", "length_m = [0.60, 0.65, 0.70]"
+        raise InputError(
+            complaint(location(file, path, "length_m"), given, "two lengths or more, increasing [m]", write)
+        )
+    if len(force) != len(length):
+        expected = f"{len(length)} numbers, one for each of length_m [N]"
+        raise InputError(
+            complaint(location(file, path, "force_N"), f"{len(force)} numbers", expected, f"{len(length)} numbers")
+        )
+    return TableLaw(length, force)
 
 
 def read_force(data: Any, links: Mapping[str, Link], file: Path, name: str) -> Force:

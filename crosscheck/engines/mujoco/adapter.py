@@ -72,6 +72,8 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     for joint in mechanism.joints:
         if (reason := joint_trouble(mechanism, joint)) is not None:
             return reason
+    if bent := [spring.name for spring in mechanism.springs if spring.law is not None]:
+        return f"MuJoCo's tendons pull linearly; with a law of another kind: {', '.join(bent)}"
     if engine == EQUALITY:
         if not mechanism.closures:
             return "no closed loop: see mujoco"
