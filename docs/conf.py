@@ -13,7 +13,7 @@ sys.path.insert(0, str(HERE / "extensions"))
 
 project = "flexinv"
 author = "flexinv developers"
-copyright = "flexinv developers"  # noqa: A001 (Sphinx's own name)
+copyright = "flexinv developers"
 release = metadata.version("flexinv")
 version = ".".join(release.split(".")[:2])
 

@@ -101,14 +101,25 @@ def test_the_gallery_has_its_nine_examples() -> None:
 def test_make_targets_on_the_page_exist() -> None:
     makefile = (ROOT / "Makefile").read_text()
     targets = set(re.findall(r"^(\w+):", makefile, re.M))
-    shown = {name for page in PAGES for name in re.findall(r"\bmake (report|test|check|docs|lint|wheel|clean)\b", (ROOT / page).read_text())}
+    shown = {
+        name
+        for page in PAGES
+        for name in re.findall(r"\bmake (report|test|check|docs|lint|wheel|clean)\b", (ROOT / page).read_text())
+    }
     assert {"report", "test", "docs"} <= shown <= targets
 
 
 def test_links_on_the_pages_lead_somewhere() -> None:
     broken = [
         f"{page}: {target}"
-        for page in (*PAGES, "CHANGELOG.md", "CONTRIBUTING.md", "flexinv/README.md", "crosscheck/README.md", "models/README.md")
+        for page in (
+            *PAGES,
+            "CHANGELOG.md",
+            "CONTRIBUTING.md",
+            "flexinv/README.md",
+            "crosscheck/README.md",
+            "models/README.md",
+        )
         for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", (ROOT / page).read_text())
         if "://" not in target and not written(ROOT / page, target)
     ]

@@ -16,8 +16,10 @@ NUMERICAL = sorted((ROOT / "flexinv").rglob("*.py"))
 PACKAGES = NUMERICAL + sorted((ROOT / "crosscheck").rglob("*.py"))
 # What the build of the site writes below docs/.
 BUILT = {ROOT / "docs" / name for name in ("_build", "_static", "examples", "mechanisms", "reference/generated")}
-ALL = PACKAGES + sorted((ROOT / "tests").rglob("*.py")) + sorted(
-    path for path in (ROOT / "docs").rglob("*.py") if not BUILT & set(path.parents)
+ALL = (
+    PACKAGES
+    + sorted((ROOT / "tests").rglob("*.py"))
+    + sorted(path for path in (ROOT / "docs").rglob("*.py") if not BUILT & set(path.parents))
 )
 TEXTS = [
     path

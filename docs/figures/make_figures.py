@@ -1,7 +1,7 @@
 """Draw the README's pictures from real runs.
 
-``python docs/figures/make_figures.py`` writes docs/figures/arms.png and docs/figures/feed_forward.png (torques replayed in Exudyn).
-With the results of ``crosscheck bench`` it writes docs/figures/time_error.png and docs/figures/latency.png instead:
+``python docs/figures/make_figures.py`` writes arms.png and feed_forward.png beside itself (torques replayed in Exudyn).
+With the results of ``crosscheck bench`` it writes time_error.png and latency.png instead:
 ``python docs/figures/make_figures.py reports/bench/results.json`` (several files: all of them).
 """
 

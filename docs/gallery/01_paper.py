@@ -2,8 +2,8 @@
 The paper's four examples
 =========================
 
-D. Isobe and co-workers show their scheme on four examples: a rigid arm, the time that it takes, one link that bends, and two links of
-different stiffness. Here they are in some ten lines each.
+D. Isobe and co-workers show their scheme on four examples: a rigid arm, the time that it takes, one link that bends,
+and two links of different stiffness. Here they are in some ten lines each.
 """
 
 # %%
@@ -73,7 +73,9 @@ axes[1].set(xlabel="time [s]", ylabel="deflection of the tip [mm]", title=f"peri
 # -------------------------------------------
 
 two = flexinv.load_mechanism("models/flex_two_link")
-both = flexinv.Motion.point_to_point({"joint1": 0.0, "joint2": 0.0}, {"joint1": 0.5, "joint2": 1.0}, duration=0.2, hold=0.3)
+both = flexinv.Motion.point_to_point(
+    {"joint1": 0.0, "joint2": 0.0}, {"joint1": 0.5, "joint2": 1.0}, duration=0.2, hold=0.3
+)
 solution = flexinv.solve(two, both, step=5e-4)
 
 figure, axes = plt.subplots(1, 2, figsize=(9, 3.4), layout="constrained")

@@ -45,4 +45,6 @@ for k in range(0, len(solution.time), 40):
 slider = {"steps": [{"method": "animate", "label": f.name, "args": [[f.name], {"mode": "immediate"}]} for f in frames]}
 box = {axis: {"range": [low, high]} for axis, low, high in (("xaxis", -1, 1), ("yaxis", -1, 1), ("zaxis", -0.2, 1.2))}
 view = go.Figure(frames[0].data, frames=frames)
-view.update_layout(scene={**box, "aspectmode": "cube"}, sliders=[slider], showlegend=False, height=480, margin={"t": 10})
+view.update_layout(
+    scene={**box, "aspectmode": "cube"}, sliders=[slider], showlegend=False, height=480, margin={"t": 10}
+)

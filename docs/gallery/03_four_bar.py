@@ -2,7 +2,8 @@
 A four-bar linkage whose coupler bends
 ======================================
 
-A closed loop goes through the same call as an open chain. Here the coupler is a beam; its rigid twin is solved beside it.
+A closed loop goes through the same call as an open chain. Here the coupler is a beam; its rigid twin is solved beside
+it.
 """
 
 # %%

@@ -2,8 +2,8 @@
 The tip of a flexible arm on a path
 ===================================
 
-If the joints move as those of a rigid arm, the tip of a flexible one leaves its path. Stable inversion finds the motion of the joints
-with which the *bent* arm's tip is on the path; the joints begin to move before the path does.
+If the joints move as those of a rigid arm, the tip of a flexible one leaves its path. Stable inversion finds the motion
+of the joints with which the *bent* arm's tip is on the path; the joints begin to move before the path does.
 """
 
 # %%

@@ -2,8 +2,8 @@
 A measured arm
 ==============
 
-Quanser's two-link flexible arm was recorded while it moved: motor angles, motor currents, strain gauges (20 s, public, MIT). Does a
-model with beams explain what its rigid twin does not?
+Quanser's two-link flexible arm was recorded while it moved: motor angles, motor currents, strain gauges (20 s, public,
+MIT). Does a model with beams explain what its rigid twin does not?
 """
 
 # %%
@@ -29,7 +29,12 @@ for name, style in (("quanser_2dsfl", "-"), ("quanser_2dsfl_rigid", "--")):
         explained = 1 - ((seen - model) ** 2).sum() / ((seen - seen.mean()) ** 2).sum()
         if style == "-":
             row.plot(at, seen, color="0.6", linewidth=2.5, label="measured")
-        row.plot(at, model, f"C0{style}" if style == "-" else f"C1{style}", label=f"{name}: {100 * explained:.1f} % explained")
+        row.plot(
+            at,
+            model,
+            f"C0{style}" if style == "-" else f"C1{style}",
+            label=f"{name}: {100 * explained:.1f} % explained",
+        )
         row.set(ylabel=label)
         row.legend(fontsize="small")
 axes[1].set(xlabel="time [s]")

@@ -2,9 +2,9 @@
 Bring your own engine
 =====================
 
-An engine of your own is a module with four functions. This one knows a single formula, the torque of rigid pendulums in a plane, and
-``crosscheck conform`` says which rungs of its ladder that holds. The tutorial "Bring your own engine" goes on with programs in other
-languages.
+An engine of your own is a module with four functions. This one knows a single formula, the torque of rigid pendulums in
+a plane, and ``crosscheck conform`` says which rungs of its ladder that holds. The tutorial "Bring your own engine" goes
+on with programs in other languages.
 """
 
 # %%
@@ -24,7 +24,8 @@ subprocess.run([sys.executable, "-m", "crosscheck", "kit", "double_pendulum", "-
 print(*sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()), sep="\n")
 
 # %%
-# The mechanism is in ``case.json`` with every default written out, the motion in ``motion.csv``, and what flexinv found in ``expected``.
+# The mechanism is in ``case.json`` with every default written out, the motion in ``motion.csv``, and what flexinv
+# found in ``expected``.
 
 kit = next(folder.rglob("case.json")).parent
 case = json.loads((kit / "case.json").read_text())

@@ -36,7 +36,9 @@ for count in counts:
 
 figure, axes = plt.subplots(figsize=(6, 3.4), layout="constrained")
 axes.loglog(counts, [1e9 * t for t in per_sample], "o-")
-axes.set(xlabel="samples in a call", ylabel="time of one sample [ns]", title="inverse dynamics of a UR5 on this machine")
+axes.set(
+    xlabel="samples in a call", ylabel="time of one sample [ns]", title="inverse dynamics of a UR5 on this machine"
+)
 axes.grid(alpha=0.3)
 
 one, out = rng.uniform(-1, 1, (3, 6)), np.empty(6)

@@ -9,7 +9,19 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from flexinv import validation as arguments
-from flexinv.files.toml_tables import Name, NotNegative, Number, Positive, Table, Text, Vector, key, read_toml, validate
+from flexinv.files.toml_tables import (
+    Format,
+    Name,
+    NotNegative,
+    Number,
+    Positive,
+    Table,
+    Text,
+    Vector,
+    key,
+    read_toml,
+    validate,
+)
 
 QUANTITIES = ("torque", "wrench", "reaction", "tip", "deflection", "axial", "internal", "frequency")
 # Comparisons with a release, separated by commas, as in requirements of packages (PEP 440).
@@ -211,6 +223,7 @@ class CaseTable(Table):
 class CasesTable(Table):
     """The whole file."""
 
+    format: Format = key("the version of the file's format, 1 when absent", "format = 1", default=1)
     source: Text = key("where the cases come from, a text", 'source = "Isobe et al., example 3"')
     cases: dict[str, Any] = key("tables [cases.NAME]", "[cases.NAME]")
     tasks: dict[str, Any] = key("tables [tasks.NAME]: paths of a frame", "[tasks.NAME]", default={})

@@ -7,7 +7,19 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, PlainValidator, WithJsonSchema
 
-from flexinv.files.toml_tables import Fraction, Name, NotNegative, Number, Positive, Table, Text, Vector, bounded, key
+from flexinv.files.toml_tables import (
+    Format,
+    Fraction,
+    Name,
+    NotNegative,
+    Number,
+    Positive,
+    Table,
+    Text,
+    Vector,
+    bounded,
+    key,
+)
 
 Numbers = dict[str, float]
 
@@ -362,6 +374,7 @@ class OverlayTable(Table):
 class MechanismTable(Table):
     """The whole file."""
 
+    format: Format = key("the version of the file's format, 1 when absent", "format = 1", default=1)
     name: Name | None = key("the name of the mechanism; the folder's when absent", 'name = "arm"', default=None)
     title: Text = key("one line that says what it is", 'title = "Two flexible links"', default="")
     source: Text = key("where the data come from, a text", 'source = "Isobe et al., case 3"')

@@ -18,6 +18,7 @@ from flexinv.validation import nearest
 LARGEST_FILE = 1 << 20  # [byte]: the largest hand-written mechanism is a thousand times smaller
 LARGEST = 1e30  # no length, mass or stiffness in SI is larger; powers of larger numbers overflow
 LONGEST_NAME, LONGEST_TEXT = 100, 4000  # [characters]
+FORMAT = 1  # of mechanism.toml and cases.toml; a change that an older version would misread raises it
 
 
 class Table(BaseModel):
@@ -43,6 +44,12 @@ def bounded(value: Any) -> Any:
     return value
 
 
+def _known_format(version: int) -> int:
+    if version != FORMAT:
+        raise ValueError(f"this version of flexinv reads format {FORMAT}; a newer format needs a newer flexinv")
+    return version
+
+
 def _clean_name(name: str) -> str:
     if not name.isprintable() or not name.strip() or len(name) > LONGEST_NAME:
         raise ValueError(f"a name is 1 to {LONGEST_NAME} printable characters, none of them a control character")
@@ -57,6 +64,7 @@ def _clean_text(text: str) -> str:
     return text
 
 
+Format = Annotated[int, AfterValidator(_known_format)]
 Number = Annotated[float, BeforeValidator(bounded)]
 Positive = Annotated[Number, Field(gt=0)]
 NotNegative = Annotated[Number, Field(ge=0)]

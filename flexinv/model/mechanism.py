@@ -239,7 +239,9 @@ class Mechanism(Frozen):
         placed = body.station is None if owner.beam is None else body.station is not None and 0 <= body.station <= 1
         if not placed:
             expected = "a station from 0 to 1" if owner.beam is not None else "no station: the link is rigid"
-            raise InputError(f"with_body: body {body.name!r} on link {link!r} has station {body.station}, expected {expected}")
+            raise InputError(
+                f"with_body: body {body.name!r} on link {link!r} has station {body.station}, expected {expected}"
+            )
         loaded = replace(owner, bodies=(*owner.bodies, body))
         return replace(self, links=tuple(loaded if one is owner else one for one in self.links))
 
