@@ -16,9 +16,7 @@ from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
 from crosscheck.kit.tables import CaseFile, CertificateFile, MetaFile
-from flexinv.files.case_motion import MOVES
-from flexinv.files.case_schema import CasesTable, CaseTable
-from flexinv.files.case_start import STARTS
+from flexinv.files.case_schema import MOVES, STARTS, CasesTable, CaseTable
 from flexinv.files.closures import TABLES as CLOSURES
 from flexinv.files.closures import CouplingTable, ForceTable, GasSpringTable, LinearSpringTable, TableSpringTable
 from flexinv.files.drives import MOTORS

@@ -18,25 +18,27 @@ import numpy as np
 from numba.core.errors import NumbaError
 from numpy.typing import ArrayLike, NDArray
 
-from flexinv.analysis.energy_guard import EnergyGuard, instant_energies
 from flexinv.dynamics.generalized_alpha import EARLY, SUBSTEPS, Scheme, generalized_alpha, start_up
 from flexinv.dynamics.initial_state import (
     begin_step,
     consistent_accelerations,
     end_early,
-    equilibrium,
     instant,
     move_as_rigid,
+    settle,
     start_undeformed,
 )
 from flexinv.dynamics.loads import load_table
 from flexinv.dynamics.solver import Solver, complaint
 from flexinv.dynamics.stepper import CONVERGED
 from flexinv.dynamics.system import Histories, Instants
-from flexinv.errors import InputError
+from flexinv.errors import ConvergenceError, InputError
 from flexinv.inverse.applied_forces import applied_forces, check_constant
+from flexinv.inverse.balance import REASON, ROUNDING, carried
 from flexinv.inverse.inverse_dynamics import joint_wrenches, project
 from flexinv.inverse.nodal_sums import Drives, Masses, instant_torques
+from flexinv.kernels.jit import jit
+from flexinv.kernels.vec3 import apply, dot, mat, vec
 from flexinv.kinematics.configuration import Nodes, fill_given, fill_relative, nodes_of
 from flexinv.kinematics.configuration_arrays import between
 from flexinv.kinematics.mesh import Mesh, build
@@ -149,7 +151,7 @@ class Controller:
         joints = start_undeformed(f.solver, *now)
         f.solver.load_at(0.0, *now)
         if initial == "static":
-            equilibrium(f.solver, now[0], "at the start")
+            settle(f.solver, now[0], "at the start")
             move_as_rigid(f.solver, joints, *now[1:])
         consistent_accelerations(f.solver, joints, "at the start")
         torque = self._torques(f, *now)
@@ -308,3 +310,68 @@ def _drives(mesh: Mesh) -> Drives:
     table[:, moves] = mesh.mechanism.drive_table[:, mesh.v_index[moves]]
     freedoms[moves] *= mesh.mechanism.actuated[mesh.v_index[moves]]
     return Drives(freedoms, mesh.slide, mesh.turn, *table)
+
+
+@dataclass(eq=False)
+class EnergyGuard:
+    """Energies and work of a march so far.
+
+    mesh : what moves; passive : joints without a motion; step : time between two instants [s]
+    held, potential : kinetic and elastic energy at the start, and that of gravity [J]; power : of the last instant [W]
+    work : that drives and forces did [J]; worked : the same, every part positive [J]; steps : that were made [-]
+    """
+
+    mesh: Mesh
+    passive: frozenset[str]
+    step: float
+    held: float = 0.0
+    potential: float = 0.0
+    power: float = 0.0
+    work: float = 0.0
+    worked: float = 0.0
+    steps: int = 0
+
+    def begin(self, held: float, potential: float, power: float) -> None:
+        """Set the start: kinetic and elastic energy, potential energy [J]; power of drives and forces [W]."""
+        self.held, self.potential = held, potential
+        self.power, self.work, self.worked, self.steps = power, 0.0, 0.0, 0
+
+    def look(self, holds: float, potential: float, power: float, qd: Array) -> None:
+        """Add a step and raise ConvergenceError where kinetic and elastic energy exceed what was put in beyond all reason.
+
+        holds : kinetic and elastic energy [J]; potential [J]; power : of drives and forces [W]; qd : (nv,) [1/s]
+        """
+        done = self.step * (self.power + power) / 2
+        self.power, self.steps = power, self.steps + 1
+        self.work, self.worked = self.work + done, self.worked + abs(done)
+        from_nowhere = holds + potential - self.held - self.potential - self.work
+        if from_nowhere <= (1 - 1 / REASON) * holds:
+            return
+        most = self.held + self.worked + abs(potential - self.potential)
+        most += float(carried(self.mesh, np.asarray(qd, dtype=float)[None], set(self.passive))[0])
+        stiffness = float(self.mesh.elements.stiffness[..., 3:].max()) / self.mesh.length
+        if from_nowhere > REASON * most + ROUNDING * stiffness:
+            raise ConvergenceError(
+                f"controller: mechanism '{self.mesh.mechanism.name}', at call {self.steps} after start (step {self.step:g} s): "
+                f"kinetic and elastic energy are {holds:.3g} J, of which at most {most:.3g} J were put in, so that the march has "
+                f"left the motion; write step = {self.step / 4:.3g}, or check forces, moments and stiffness"
+            )
+
+
+@jit
+def instant_energies(mass, inertia, gravity, seen, driven, tau, qd):
+    """Return kinetic and elastic energy, that of gravity [J], and the power of drives [W] at one instant.
+
+    sum 1/2 (m v.v + w.J w) + elastic, - sum m g.x, sum tau qd of driven coordinates;
+    seen : x, v, omega (nodes, 3), and (3,) of which the first is the elastic energy; driven : (nv,) 1 or 0
+    """
+    x, v, omega, stored = seen
+    held, potential, power, g = stored[0], 0.0, 0.0, vec(gravity)
+    for n in range(len(mass)):
+        w = vec(omega[n])
+        held += 0.5 * (mass[n] * dot(vec(v[n]), vec(v[n])) + dot(w, apply(mat(inertia[n]), w)))
+        potential -= mass[n] * dot(g, vec(x[n]))
+    for k in range(len(driven)):
+        if driven[k] != 0.0:
+            power += tau[k] * qd[k]
+    return held, potential, power

@@ -74,14 +74,11 @@ def pulls(mesh: Mesh, constraints: Ties) -> Pulls:
     first = len(constraints.a) - 3 * len(springs)
     for k, spring in enumerate(springs):
         for row in range(first + 3 * k, first + 3 * k + 3):
-            constraints.a[row], constraints.b[row] = (
-                attachment_node(mesh, spring.first),
-                attachment_node(mesh, spring.second),
-            )
-            constraints.place_a[row], constraints.place_b[row] = (
-                spring.first.placement.position,
-                spring.second.placement.position,
-            )
+            for end, node, place in (
+                (spring.first, constraints.a, constraints.place_a),
+                (spring.second, constraints.b, constraints.place_b),
+            ):
+                node[row], place[row] = attachment_node(mesh, end), end.placement.position
     values = np.array([(s.stiffness, s.rest, s.damping) for s in springs], dtype=float).reshape(-1, 3)
     rows = first + 3 * np.arange(len(springs), dtype=np.int64)
     stiffness, rest, damping = (np.ascontiguousarray(column) for column in values.T)
@@ -120,12 +117,8 @@ def pull_rows(springs, constraints, frames, level):
     """Set value and gradient of the rows of all springs, and the slope of their law; ``level`` of it acts [N], [m]."""
     for k in range(len(springs.row)):
         row = springs.row[k]
-        a, b, place_a, place_b = (
-            constraints.a[row],
-            constraints.b[row],
-            vec(constraints.place_a[row]),
-            vec(constraints.place_b[row]),
-        )
+        a, place_a = constraints.a[row], vec(constraints.place_a[row])
+        b, place_b = constraints.b[row], vec(constraints.place_b[row])
         d, rate, _ = gap(frames, a, b, place_a, place_b)
         length = max(np.sqrt(dot(d, d)), TINY)
         n = scale(1.0 / length, d)

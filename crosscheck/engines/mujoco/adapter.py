@@ -48,6 +48,7 @@ certify = beside("crosscheck.engines.mujoco.certificate", "certify")
 export = beside("crosscheck.engines.mujoco.export", "export")
 replay = beside("crosscheck.engines.mujoco.replay", "replay")
 bench = module_beside("crosscheck.engines.mujoco.bench")
+lift, lifts = beside("crosscheck.engines.mujoco.lift", "lift"), beside("crosscheck.engines.mujoco.lift", "lifts")
 
 
 def version() -> str:
