@@ -18,7 +18,7 @@ import numpy as np
 from numba.core.errors import NumbaError
 from numpy.typing import ArrayLike, NDArray
 
-from flexinv.analysis.energy_guard import EnergyGuard, instant_energies
+from flexinv.analysis.energy_guard import EnergyGuard, Instant, guarded_torques, instant_energies
 from flexinv.dynamics.generalized_alpha import EARLY, SUBSTEPS, Scheme, generalized_alpha, start_up
 from flexinv.dynamics.initial_state import (
     begin_step,
@@ -67,9 +67,7 @@ class Flexible:
     written: Histories
     masses: Masses
     frames: Frames
-    seen: tuple[Array, ...]
-    driven: Array
-    line: Array
+    instant: Instant
     loads: tuple[Array, Array, Array]
     guard: EnergyGuard
     nq: int
@@ -204,20 +202,25 @@ class Controller:
 
     def _looked_at(self, flexible: Flexible, q: Array, qd: Array, qdd: Array) -> Array:
         """Return the torques (nv,) [N m], [N] of a step whose energy has not come from nowhere."""
-        torque = self._torques(flexible, q, qd, qdd)
-        flexible.guard.look(*self._energies(flexible, qd), qd)
-        return torque
+        f = flexible
+        if f.applied or f.wound:
+            torque = self._torques(f, q, qd, qdd)
+            f.guard.look(*self._energies(f, qd), qd)
+            return torque
+        doubtful, *energies = guarded_torques(f.nodes, f.drives, f.masses, f.frames, (q, qd, qdd), f.instant, self.tau)
+        if doubtful:
+            f.guard.judge(*energies, qd)
+        return self.tau
 
     def _energies(self, flexible: Flexible, qd: Array) -> tuple[float, float, float]:
         """Return kinetic and elastic energy, potential energy [J], and the power of drives and of given forces [W]."""
         solver = flexible.solver
-        mesh, gravity = solver.mesh, solver.topology.gravity
         held, potential, power = instant_energies(
-            mesh.mass, mesh.inertia, gravity, flexible.seen, flexible.driven, self.tau, qd
+            flexible.masses, flexible.frames, flexible.instant.stored, flexible.instant.driven, self.tau, qd
         )
         if flexible.applied:
             motion = solver.instant.motion
-            applied = applied_forces(mesh, motion, np.zeros(1))
+            applied = applied_forces(solver.mesh, motion, np.zeros(1))
             if applied is not None:
                 turned = np.einsum("nij,nj->ni", motion.rotation[0], motion.omega[0])
                 power += float((applied.force[0] * motion.v[0]).sum() + (applied.moment[0] * turned).sum())
@@ -237,7 +240,7 @@ class Controller:
 
     def _torques(self, flexible: Flexible, q: Array, qd: Array, qdd: Array) -> Array:
         instant_torques(
-            flexible.nodes, flexible.drives, flexible.masses, flexible.frames, flexible.line, (q, qd, qdd), self.tau
+            flexible.nodes, flexible.drives, flexible.masses, flexible.frames, flexible.instant.line, (q, qd, qdd), self.tau
         )
         if flexible.wound:
             self._wind_on(q)
@@ -289,15 +292,15 @@ def _flexible(mechanism: Mechanism, scheme: Scheme) -> Flexible:
     flat = None if in_space else PlanarMarch.of(mesh, set())
     joints = Joints(*(part.copy() for part in instant(mesh, mechanism.neutral, *(2 * [np.zeros(mechanism.nv)]))))
     out = solver.instant
-    m = out.motion
+    guard = EnergyGuard(mesh, frozenset(passive), scheme.h)
+    driven, line = mechanism.actuated.astype(float), np.zeros((mesh.size, 6))
     return Flexible(
         solver, flat, scheme, start_up(scheme), nodes_of(mesh), _drives(mesh), joints, Joints(*(part[None] for part in joints)),
         np.zeros((1, int((mesh.v_index >= 0).sum()), 3)), np.zeros(1, dtype=np.int64), out.histories(),
         Masses(mesh.mass, mesh.inertia, solver.topology.gravity), Frames(*(part[0] for part in out.histories()[:6])),
-        tuple(part[0] for part in (m.x, m.v, m.omega, out.energy)), mechanism.actuated.astype(float), np.zeros((mesh.size, 6)),
+        Instant(out.energy[0], driven, line, guard.account),
         (load_table(mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))),
-        EnergyGuard(mesh, frozenset(passive), scheme.h),
-        mechanism.nq, mechanism.nv, bool(mechanism.springs or mechanism.forces),
+        guard, mechanism.nq, mechanism.nv, bool(mechanism.springs or mechanism.forces),
         any(KINDS[j.kind].circle and j.stiffness and j.actuated for j in mechanism.joints),
     )  # fmt: skip
 
