@@ -103,6 +103,14 @@ def number(name: str, value: object, expected: str) -> float:
     return found
 
 
+def seconds(name: str, value: object, expected: str, zero: bool = False) -> float:
+    """Return a time above 0 [s], with ``zero`` also 0; raise InputError for others."""
+    time = number(name, value, expected)
+    if not (np.isfinite(time) and (time > 0.0 or (zero and time == 0.0))):
+        raise InputError(f"{name} = {time} s: expected {expected}")
+    return time
+
+
 def _number(value: object, text: bool = False) -> float | None:
     """A number as a float, of a text only if asked for; None where it is none."""
     with suppress(TypeError, ValueError, OverflowError):

@@ -144,7 +144,8 @@ def test_examples_of_the_readme_load(tmp_path: Path) -> None:
     crane, arm = load_mechanism(tmp_path / "crane"), load_mechanism(tmp_path / "arm")
     assert [joint.name for joint in crane.joints] == ["slew", "luff", "fix"]
     door = load_mechanism(tmp_path / "door")
-    assert [thing.name for thing in (*door.closures, *door.springs, *door.forces)] == ["lug", "gear", "return", "wind"]
+    things = [thing.name for thing in (*door.closures, *door.springs, *door.forces)]
+    assert things == ["lug", "gear", "return", "strut", "stop", "wind"]
     assert [link.name for link in arm.beams] == ["forearm_link"]
     (tmp_path / "crane" / "cases.toml").write_text(cases, encoding="utf-8")
     assert load_cases(tmp_path / "crane", crane)["lift"].end == 3.0

@@ -39,14 +39,13 @@ COMMAND = "a command a module: what is asked of it is beside what it does"
 EQUATIONS = "equations of their own, at the head of the file"
 DATA = "data of their own, with units, apart from the mechanism that holds them"
 FAULTS = "planted mistakes by subject, in one catalogue"
+COMPARED = "a step of the comparison, in a file of its own name"
 DRAWING = "loads what draws, or what the page is written with, when it is asked for"
 # Modules that one other imports and that fit into it, and why they stay apart.
 ALONE = {
+    "crosscheck.run.cluster": "workers on other machines, which few runs have",
+    "crosscheck.run.shelves": "answers of earlier runs, apart from the doing of jobs",
     "flexinv.analysis.batch_kernel": KERNEL,
-    "flexinv.analysis.energy_guard": EQUATIONS,
-    "flexinv.analysis.resultants": EQUATIONS,
-    "flexinv.cli.compiling": "a note that no command knows of",
-    "flexinv.cli.follow": COMMAND,
     "flexinv.cli.parameters": COMMAND,
     "flexinv.files.case_csv": "a file format of its own",
     "flexinv.files.overlay": "changes of a URDF, apart from the reading of mechanism files",
@@ -76,8 +75,15 @@ ALONE = {
     "crosscheck.engines.exudyn.static_probes": "questions to an engine's own model, one a module",
     "crosscheck.engines.exudyn.weights": "questions to an engine's own model, one a module",
     "crosscheck.engines.pinocchio.adapter": "found by its name: an engine's adapter",
+    "crosscheck.identification.checks": "doubts about logs in words, apart from the numbers that are made of them",
     "crosscheck.kit.page": "the page of a kit in words, apart from its data",
     "crosscheck.kit.tree": "the tree of a rigid mechanism for programs that want no JSON",
+    "crosscheck.equivalence.certificates": COMPARED,
+    "crosscheck.equivalence.couplings": COMPARED,
+    "crosscheck.equivalence.groups": COMPARED,
+    "crosscheck.equivalence.hints": "words for pairs of numbers, apart from the differences that they belong to",
+    "crosscheck.equivalence.match": COMPARED,
+    "crosscheck.equivalence.reduce": COMPARED,
     "crosscheck.measured.filters": "signal processing, which knows nothing of the arm that was measured",
     "crosscheck.report.animation": DRAWING,
     "crosscheck.report.plots": DRAWING,

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck.bench.targets import summary
-from crosscheck.run.runner import Notify, Options, Work, run
+from crosscheck.run.runner import run
+from crosscheck.run.work import Notify, Options, Work
 from crosscheck.studies import Study
 from crosscheck.verdicts.plan import Plan
 from crosscheck.verdicts.results import Results

@@ -11,7 +11,7 @@ import numpy as np
 from crosscheck.causes.evidence import Evidence
 from crosscheck.causes.fit import IMPOSSIBLE, Fit, amount
 from crosscheck.causes.model import Model, answered, model_of
-from crosscheck.causes.naming import MOST, NOISE, Naming, name
+from crosscheck.causes.naming import MOST, NOISE, Naming, name, named_beside
 from crosscheck.causes.quantities import quantities
 from crosscheck.causes.separate import separating
 from crosscheck.causes.subject import Array, Subject
@@ -48,9 +48,11 @@ def diagnose(
     )
     bars, limit = noise_of(model, record, reference), agreed(model, record, reference)
     naming = name(model, residual, bars, evidence=evidence, agreed=limit)
+    shown = naming.found
+    naming = naming if shown else named_beside(evidence, naming)
     fits = naming.named
     behind = None if door is None else opened({**door, "engine": engine, "mechanism": folder})
-    repaired, where = repair(model, fits[0], engine, reference, record, behind) if fits else (None, "")
+    repaired, where = repair(model, fits[0], engine, reference, record, behind) if fits and shown else (None, "")
     return {
         "words": sentence(naming, fits, repaired, where, max(limit, NOISE * naming.noise)),
         "named": [described(f) for f in fits],

@@ -103,6 +103,14 @@ class Evidence:
             return Heard(fit, ("a mechanism with it, which does not run",))
         return Heard(fit, said, beside)
 
+    def contradictions(self, fit: Fit, sure: float) -> tuple[str, ...]:
+        """Return the lines of the certificate, else the quantities, that contradict a fit as it is; raises like a run.
+
+        sure : part [-] to which its size is known
+        """
+        said = tuple(x for x in self._against(fit, sure) if x not in fit.cause.unsaid)
+        return said or (self.quantities.against(fit) if self.quantities is not None else ())
+
     def suggested(self, candidate: Candidate, rounds: int, noise: float) -> Fit | None:
         """Return the fit of a cause that starts from the size that explains the certificate, None where none does.
 

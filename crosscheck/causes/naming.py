@@ -4,23 +4,25 @@ A cause is named when three things are true.  It explains the efforts down to th
 mechanism is what is wrong in the engine's own certificate, line by line.  It explains every other quantity that both engines
 gave.  Causes of which only the amplitude is known (a long step) are held against UNEXPLAINED instead of the bars.  Every cause
 of which all that is true stands beside it, at most MOST: of more, none is printed.  Where no cause alone will do, pairs are
-tried (`pairs`).  Otherwise nothing is named, and the words say which lines of the certificate fail.  Nothing is asked where
-the difference is inside the error bars.
+tried (`pairs`).  Otherwise nothing is named, and the words say which lines of the certificate fail.  Where the difference of
+the efforts is inside the error bars, what other quantities show is named alone (`named_beside`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from crosscheck.causes.cause import Cause
 from crosscheck.causes.dictionary import all_causes
 from crosscheck.causes.evidence import Evidence, Heard
-from crosscheck.causes.fit import Candidate, Fit, candidates, fit, possible, scan, sensible
+from crosscheck.causes.fit import IMPOSSIBLE, Candidate, Fit, candidates, fit, possible, scan, sensible
 from crosscheck.causes.model import Model, is_tree
 from crosscheck.causes.pairs import pairs, parts
+from crosscheck.causes.quantities import Quantities
 from crosscheck.causes.subject import Array
 
 UNEXPLAINED = 0.1  # of |r|: what a cause may leave of which only the amplitude is fitted, and any other of a march
@@ -40,6 +42,9 @@ LOOK, TURNS, DEEP = range(3)  # the best of a linear look; angles, too; whatever
 DEEPER = {True: 4, False: 2}  # times as many where what explains the efforts is contradicted, or nothing does
 MANY = 600  # columns, of robots with dozens of bodies: there only what looks likely is refined
 ROUNDS = {True: 8, False: 3}
+# Of causes that no effort shows: what leaves more of the differences after a linear look is not refined; so many are.
+DISTANT = 0.7
+REFINED = {True: 12, False: 6}
 TOLD = 40  # causes that are held against all else, those that explain most first
 
 
@@ -263,3 +268,62 @@ def _special(fits: list[Fit]) -> list[Fit]:
     """Return the fits without causes of which a special case is among them."""
     names = {f.cause.name for f in fits}
     return [f for f in fits if not names & set(f.cause.covers)]
+
+
+def named_beside(evidence: Evidence, before: Naming) -> Naming:
+    """Return the naming of what other quantities than the efforts show; ``before`` where they agree or are not known.
+
+    A base that stands elsewhere, a clamp that is turned, an axis that points the other way: the motor feels none of that, and
+    still the mechanism is another one.  Every cause of the dictionary is fitted to all quantities at once, each over how far
+    the engines may be apart in it, and has to agree with the certificate as well.
+    """
+    beside = evidence.quantities
+    if beside is None or not (apart := beside.apart()):
+        return before
+    difference = beside.difference()
+    asked = Question(evidence.model, difference, np.ones_like(difference))
+    rigid = evidence.model.base.mechanism.is_rigid
+    first = sorted(_looked_at(evidence.model, beside), key=lambda one: one.left)
+    likely = [one for one in first if one.left < DISTANT][: REFINED[rigid]]
+    fits = sorted((_refined(beside, one) for one in likely), key=lambda one: one.left)
+    heard = tuple(Heard(one, _against(evidence, one, 0.0 if rigid else MARCHED)) for one in fits)
+    found = chosen(asked, fits, heard, evidence)
+    words = found.words.replace("the efforts", "the efforts and all else") if found.words else ""
+    return replace(found, size=max(apart.values()), noise=before.noise, words=words)
+
+
+def _looked_at(model: Model, beside: Quantities) -> Iterator[Fit]:
+    """Yield a linear fit of every cause that changes more than what is done to efforts."""
+    for cause in all_causes().values():
+        if cause.linear or cause.guess is not None or cause.remeshes:
+            continue
+        for target in cause.targets(model):
+            try:
+                if cause.scale(model, target) and _shows(model, cause, target):
+                    yield beside.look(cause, target)
+            except IMPOSSIBLE:
+                continue
+
+
+def _shows(model: Model, cause: Cause, target: str) -> bool:
+    """Return True if a cause changes the mechanism or its motion."""
+    size = np.full(max(cause.parameters, 1), 1e-3 * cause.scale(model, target))
+    harmed = cause.change(model.base, target, size)
+    return harmed.mechanism is not model.base.mechanism or harmed.case is not model.base.case
+
+
+def _refined(beside: Quantities, one: Fit) -> Fit:
+    if not one.cause.sized:
+        return one
+    try:
+        better = beside.judged(beside.fitted(one))
+    except IMPOSSIBLE:
+        return one
+    return min(one, better, key=lambda fit: fit.left)
+
+
+def _against(evidence: Evidence, one: Fit, sure: float) -> tuple[str, ...]:
+    try:
+        return evidence.contradictions(one, sure)
+    except (*IMPOSSIBLE, RuntimeError, KeyError):
+        return ("a mechanism with it, which does not run",)

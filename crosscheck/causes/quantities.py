@@ -11,12 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from crosscheck.causes.cause import Cause
 from crosscheck.causes.fit import IMPOSSIBLE, PROBE, SMALL, Fit
 from crosscheck.causes.model import Model
 from crosscheck.causes.subject import Array
 from crosscheck.measures.limits import find
 from crosscheck.measures.record import Record, Series
-from crosscheck.verdicts.compare import error_bar, group, scale_of
+from crosscheck.verdicts.compare import COMPARED, error_bar, group, scale_of, signal_range
 
 # Exact engines: rounding of some thousand operations, times the condition of loops, of the range.
 ROUNDING = 1e-9
@@ -25,7 +26,6 @@ SURE_TIMES = 3.0
 # Of the largest difference of a quantity, of marches: what the long step of the columns leaves (`model.STEPS`).
 MARCHED = 0.05
 ROUNDS = {True: 3, False: 1}  # of Gauss-Newton on all quantities, by whether the mechanism is rigid
-COMPARED = ("torque", "wrench", "reaction", "tip", "deflection", "axial", "internal")
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,40 @@ class Quantities:
             size = size + np.linalg.lstsq(slope, left, rcond=SMALL)[0]
         return replace(fit, size=size)
 
+    def apart(self) -> dict[str, float]:
+        """Return the quantities in which the engines are farther apart than they agree, each over its range [-]."""
+        found: dict[str, float] = {}
+        for name in self._known(self.model.unharmed):
+            size = float(np.abs(self.engine[name].values - self.reference[name].values).max())
+            if size > self.agreed[name]:
+                whole = scale_of_one(self.reference, name)
+                found[name.split("/", 1)[0]] = max(found.get(name.split("/", 1)[0], 0.0), size / whole)
+        return found
+
+    def difference(self) -> Array:
+        """Return the difference of the engines in all quantities, over how far they may be apart, as one column [-]."""
+        return self._column(self._known(self.model.unharmed), self.engine, self.reference)
+
+    def look(self, cause: Cause, target: str) -> Fit:
+        """Return the linear fit of a cause to all quantities; raises like a run."""
+        rigid, base = self.model.base.mechanism.is_rigid, self.model.base
+        if not cause.sized:
+            return self.judged(Fit(cause, target, np.ones(1), 1.0, np.zeros(0)))
+        step = PROBE[rigid] * cause.scale(self.model, target)
+        names, difference = self._known(self.model.unharmed), self.difference()
+        moved = [self.model.series(cause.change(base, target, step * u)) for u in np.eye(cause.parameters)]
+        slope = np.stack([self._column(names, one, self.model.unharmed) / step for one in moved], axis=1)
+        size = np.linalg.lstsq(slope, difference, rcond=SMALL)[0]
+        left = float(np.linalg.norm(difference - slope @ size) / np.linalg.norm(difference))
+        return Fit(cause, target, size, left, slope @ size)
+
+    def judged(self, fit: Fit) -> Fit:
+        """Return a fit with what it explains of all quantities at its size, and what it leaves [-]; raises like a run."""
+        harmed = self.model.series(fit.cause.change(self.model.base, fit.target, fit.size))
+        names, difference = self._known(self.model.unharmed), self.difference()
+        column = self._column(names, harmed, self.model.unharmed)
+        return replace(fit, column=column, left=float(np.linalg.norm(difference - column) / np.linalg.norm(difference)))
+
     def _moved(self, fit: Fit, size: Array) -> Mapping[str, Series] | None:
         """Return all that flexinv gives with another size, None where it leaves no mechanism that runs."""
         try:
@@ -89,6 +123,13 @@ class Quantities:
         """Return the uncertainty of a quantity by the size of a fit and the long step of columns [unit]."""
         part = min(MARCHED, fit.left) if self.model.base.mechanism.is_rigid else MARCHED
         return part * float(np.abs(told).max())
+
+
+def scale_of_one(reference: Mapping[str, Series], name: str) -> float:
+    """Return the range by which the error of a series is divided, that of all of its quantity and unit [its unit]."""
+    one = reference[name]
+    alike = [s.values for s in reference.values() if (s.quantity, s.unit) == (one.quantity, one.unit)]
+    return signal_range(alike) or 1.0
 
 
 def quantities(model: Model, engine: Record, reference: Record) -> Quantities:

@@ -18,7 +18,7 @@ from crosscheck.commands.shared.terminal import out as out_option
 from crosscheck.report import render
 from crosscheck.report.html import value
 from crosscheck.report.words import SIGNS
-from crosscheck.run.runner import RESULTS
+from crosscheck.run.run_state import RESULTS
 from crosscheck.secrets import command_line
 from crosscheck.verdicts import history
 from crosscheck.verdicts import results as store

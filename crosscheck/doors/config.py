@@ -22,7 +22,8 @@ from crosscheck.doors.packages import NAME
 from flexinv.errors import InputError
 from flexinv.files.case_schema import QUANTITIES
 from flexinv.files.load_cases import Limit
-from flexinv.files.toml_tables import Positive, Table, Text, complaint, key, location, read_toml, validate
+from flexinv.files.toml_tables import Location, Table, key, read_toml, validate
+from flexinv.files.values import Positive, Text
 
 FILE = "crosscheck.toml"
 PLACEHOLDERS = ("{kit}", "{out}")
@@ -111,24 +112,21 @@ def checked(file: Path, models: Path) -> Path:
 
 def rows(file: Path) -> dict[str, EngineRow]:
     """Return the engines of a file by name.  Raises InputError that says where, what was given and what to write."""
-    table = validate(ConfigTable, read_toml(file), file, "")
+    table = validate(ConfigTable, read_toml(file), Location(file))
     made = {}
     for name, data in table.engines.items():
-        where = f"engines.{name}"
+        where = Location(file, f"engines.{name}")
         if not NAME.fullmatch(name):
             expected = "letters, digits, ., _ and -, beginning with a letter or digit"
-            raise InputError(complaint(location(file, where), f"an engine called {name!r}", expected, "[engines.mine]"))
-        row = validate(EngineRow, data, file, where)
+            raise where.wrong("", f"an engine called {name!r}", expected, "[engines.mine]")
+        row = validate(EngineRow, data, where)
         kinds = [kind for kind in ("command", "fmu", "python") if getattr(row, kind) is not None]
         if len(kinds) != 1:
             given = " and ".join(kinds) or "none of them"
-            write = 'command = ["./mine", "{kit}", "{out}"]'
-            raise InputError(complaint(location(file, where), given, "one of command, fmu and python", write))
+            raise where.wrong("", given, "one of command, fmu and python", 'command = ["./mine", "{kit}", "{out}"]')
         if row.command is not None and not any("{out}" in word for word in row.command):
             write = 'command = ["./mine", "{kit}", "{out}"]'
-            raise InputError(
-                complaint(location(file, where, "command"), "no {out}", "the folder that it writes into", write)
-            )
+            raise where.wrong("command", "no {out}", "the folder that it writes into", write)
         made[name] = row
     return made
 

@@ -1,10 +1,11 @@
-"""Protocol of an adapter: four functions, and four more that it may have.  One adapter may offer several engines."""
+"""Protocol of an adapter: four functions, and six more that it may have.  One adapter may offer several engines."""
 
 from __future__ import annotations
 
 import functools
 import importlib
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -18,6 +19,7 @@ from flexinv.model.mechanism import Mechanism
 
 if TYPE_CHECKING:
     from crosscheck.engines.shared.replay import Drive
+    from crosscheck.lifting.description import Description
 
 Array = NDArray[np.float64]
 Options = Mapping[str, Any]
@@ -56,6 +58,7 @@ class FullAdapter(Adapter, Protocol):
     """An adapter with all that one may offer beside; what it has not is left out of the report, and nothing else suffers.
 
     ``repeatable = False`` says that it gives the same whatever mechanism it is asked for: a record, no program.
+    ``forkable = False`` says that a process that has imported it must not be forked: each of its jobs imports it anew.
     """
 
     def certify(self, mechanism: Mechanism, case: Case, engine: str) -> Certificate:
@@ -70,8 +73,14 @@ class FullAdapter(Adapter, Protocol):
     def bench(self) -> Any:
         """Return the module, or object, with the calls whose time `crosscheck bench` takes."""
 
+    def lift(self, source: Any) -> Description:
+        """Return the description of a file as the engine's own reader has it, or of a model in memory.  Raises InputError."""
 
-MEMBERS = ("certify", "export", "replay", "bench")
+    def lifts(self, source: Any) -> bool:
+        """Return True if something in memory is a model of this engine."""
+
+
+MEMBERS = ("certify", "export", "replay", "bench", "lift", "lifts")
 
 
 def offered(adapter: Adapter, member: str) -> Callable[..., Any] | None:
@@ -86,13 +95,32 @@ def repeatable(adapter: Adapter) -> bool:
     return bool(getattr(adapter, "repeatable", True))
 
 
+def forkable(adapter: Adapter) -> bool:
+    """Return True if jobs may be forked from a process that has imported an adapter (`crosscheck.run.fork_server`)."""
+    return bool(getattr(adapter, "forkable", True))
+
+
+def prepared(adapter: Adapter) -> None:
+    """Import what every run of an adapter needs and it imports late: the module of its certificate."""
+    if module := getattr(getattr(adapter, "certify", None), "module", ""):
+        importlib.import_module(module)
+
+
 def beside(module: str, member: str) -> Callable[..., Any]:
     """Return a member of an adapter that another module defines; it is imported when the member is called."""
 
-    def call(*words: Any, **named: Any) -> Any:
-        return getattr(importlib.import_module(module), member)(*words, **named)
+    return _Late(module, member)
 
-    return call
+
+@dataclass(frozen=True)
+class _Late:
+    """A function of a module that is imported when it is called."""
+
+    module: str
+    member: str
+
+    def __call__(self, *words: Any, **named: Any) -> Any:
+        return getattr(importlib.import_module(self.module), self.member)(*words, **named)
 
 
 def module_beside(module: str) -> Callable[[], Any]:

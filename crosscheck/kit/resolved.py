@@ -34,6 +34,7 @@ from crosscheck.measures.record import RESULTANTS, WRENCH, XYZ, effort_units
 from crosscheck.measures.series_csv import STATION
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import COORDINATES, Attachment, Beam, Body, Closure, Joint, Link, Mechanism, Placement
+from flexinv.model.spring_laws import GasLaw, Law
 
 Array = NDArray[np.float64]
 COLUMNS = ("EA", "GA_y", "GA_z", "GJ", "EI_y", "EI_z")
@@ -92,6 +93,7 @@ def mechanism_data(mechanism: Mechanism) -> MechanismData:
                 stiffness=s.stiffness,
                 rest=s.rest,
                 damping=s.damping,
+                law=_law(s.law),
             )
             for s in mechanism.springs
         ],
@@ -101,6 +103,14 @@ def mechanism_data(mechanism: Mechanism) -> MechanismData:
         ],
         notes=list(mechanism.notes),
     )
+
+
+def _law(law: Law | None) -> dict[str, Any] | None:
+    if law is None:
+        return None
+    if isinstance(law, GasLaw):
+        return {"kind": "gas", "force": law.force, "travel": law.travel, "exponent": law.exponent}
+    return {"kind": "table", "length": law.length.tolist(), "force": law.force.tolist()}
 
 
 def case_data(mechanism: Mechanism, case: Case, refinement: int = 1) -> CaseData:

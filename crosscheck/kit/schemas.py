@@ -16,11 +16,9 @@ from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
 from crosscheck.kit.tables import CaseFile, CertificateFile, MetaFile
-from flexinv.files.case_motion import MOVES
-from flexinv.files.case_schema import CasesTable, CaseTable
-from flexinv.files.case_start import STARTS
+from flexinv.files.case_schema import MOVES, STARTS, CasesTable, CaseTable
 from flexinv.files.closures import TABLES as CLOSURES
-from flexinv.files.closures import CouplingTable, ForceTable, SpringTable
+from flexinv.files.closures import CouplingTable, ForceTable, GasSpringTable, LinearSpringTable, TableSpringTable
 from flexinv.files.drives import MOTORS
 from flexinv.files.joints import DRIVES
 from flexinv.files.joints import TABLES as JOINTS
@@ -39,7 +37,7 @@ MECHANISM: Places = {
     ("MechanismTable", "links", "kind"): {"": RigidLinkTable, "beam": LINKS["beam"]},
     ("MechanismTable", "joints", "kind"): JOINTS,
     ("MechanismTable", "closures", "kind"): {**CLOSURES, "coupling": CouplingTable},
-    ("MechanismTable", "springs", ""): {"": SpringTable},
+    ("MechanismTable", "springs", "law"): {"": LinearSpringTable, "gas": GasSpringTable, "table": TableSpringTable},
     ("MechanismTable", "forces", ""): {"": ForceTable},
     ("OverlayTable", "links", ""): {"": OverlayLinkTable},
     ("OverlayTable", "joints", ""): DRIVES,

@@ -154,6 +154,10 @@ class SpringData(Data):
     stiffness: float = says("[N/m]")
     rest: float = says("length without force [m]")
     damping: float = says("[N s/m]")
+    law: dict[str, Any] | None = says(
+        "null: linear.  gas: pull force / (1 - (l - rest) / travel)^exponent in the place of stiffness (l - rest), "
+        "force [N], travel [m], exponent [-]; table: length [m] and force [N], monotone cubics (PCHIP), straight beyond"
+    )
 
 
 class ForceData(Data):

@@ -68,12 +68,18 @@ def write_page(env: jinja2.Environment, template: str, file: Path, **view: Any) 
     owned.write(file, env.get_template(template).render(**view))
 
 
+def style(out: Path, names: Iterable[str] = ASSETS[:2]) -> None:
+    """Copy assets of our own, by default those of a page without plots."""
+    folder = out / "assets"
+    folder.mkdir(exist_ok=True)
+    for name in names:
+        owned.write(folder / name, resources.files("crosscheck.report").joinpath("assets", name).read_bytes())
+
+
 def assets(out: Path) -> None:
     """Copy style, scripts and the plotting library."""
     folder = out / "assets"
-    folder.mkdir(exist_ok=True)
-    for name in ASSETS:
-        owned.write(folder / name, resources.files("crosscheck.report").joinpath("assets", name).read_bytes())
+    style(out, ASSETS)
     library = resources.files("plotly").joinpath("package_data", "plotly.min.js")
     owned.write(folder / "plotly.min.js", library.read_bytes())
 
@@ -89,6 +95,7 @@ def index_view(results: Results, trends: bool = False) -> dict[str, Any]:
         "results": results,
         "root": "",
         "sentence": words.sentence(results),
+        "unchanged": words.unchanged(results),
         "counts": words.counts(results),
         "troubles": [(v, link(where), label(where), what, text) for v, where, what, text in words.troubles(results)],
         "matrix": matrix,

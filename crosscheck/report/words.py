@@ -117,6 +117,16 @@ def counts(results: Results) -> dict[Verdict, int]:
     return {v: sum(c.verdict == v for c in results.comparisons) for v in reversed(VERDICTS)}
 
 
+def unchanged(results: Results) -> str:
+    """Return in words how many results are those of earlier runs, "" where all were computed now."""
+    times = [run.kept for run in results.runs] + [study.kept for study in results.studies]
+    kept = sorted(filter(None, times))
+    if not kept:
+        return ""
+    words = f"{len(kept)} of {len(times)} results are of earlier runs, unchanged since, the oldest of {kept[0]}"
+    return f"{words}; --fresh computes all"
+
+
 def sentence(results: Results) -> str:
     """Return the summary of a run that a reader has to know first."""
     tally = counts(results)
@@ -176,11 +186,37 @@ def troubles(results: Results) -> list[tuple[Verdict, CaseRow | StudyRow, str, s
         for c in results.comparisons:
             known = c.verdict in ("within", "skipped", "explained") or bool({c.engine, c.reference} & failed)
             known = known or (c.verdict == "deviation" and c.message == c.uncertified)  # said by the row above
-            if (c.mechanism, c.case) == here and not known:
+            if (c.mechanism, c.case) == here and not known and not _is_new(c):
                 text = "; ".join(filter(None, [c.message, cause_of(results, c)]))
-                rows.append((c.verdict, case, f"{c.engine} {c.quantity}", text))
+                rows.append((c.verdict, case, _what(results, c), text))
+    rows += _unblessed(results)
     rows += [(s.verdict, s, s.name, study_line(s)) for s in results.studies if s.verdict not in ("within", "skipped")]
     return sorted(rows, key=lambda row: -VERDICTS.index(row[0]))
+
+
+def _is_new(row: Comparison) -> bool:
+    """Return True if nothing else is said of a comparison than that nothing is blessed yet."""
+    return row.verdict == "unjudged" and row.message.startswith(UNBLESSED)
+
+
+def _what(results: Results, row: Comparison) -> str:
+    """Return engine and quantity of a comparison, with its unit where there are others of that quantity."""
+    place = (row.mechanism, row.case, row.engine, row.reference, row.quantity)
+    units = {c.unit for c in results.comparisons if place == (c.mechanism, c.case, c.engine, c.reference, c.quantity)}
+    return f"{row.engine} {row.quantity}" + (f" [{row.unit}]" if len(units) > 1 else "")
+
+
+def _unblessed(results: Results) -> list[tuple[Verdict, CaseRow | StudyRow, str, str]]:
+    """Return one row for each mechanism of which comparisons are not blessed yet: how many, of which engines."""
+    rows: list[tuple[Verdict, CaseRow | StudyRow, str, str]] = []
+    for cases in by_mechanism(results.cases).values():
+        new = [c for c in results.comparisons if c.mechanism == cases[0].mechanism and _is_new(c)]
+        if new:
+            first = next(case for case in cases if case.case == new[0].case)
+            engines = ", ".join(dict.fromkeys(c.engine for c in new))
+            count = _count(len(new), "comparison", "comparisons")
+            rows.append(("unjudged", first, f"{count} ({engines})", new[0].message))
+    return rows
 
 
 def cause_of(results: Results, row: Comparison) -> str:

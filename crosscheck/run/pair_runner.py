@@ -17,10 +17,10 @@ from crosscheck.report.explanations import why
 from crosscheck.run.isolation import Attempt, Children, ask, run_engine
 from crosscheck.run.questions import REFERENCE, asked, certificates, certified, diagnosis, question
 from crosscheck.run.run_cache import Attempts
-from crosscheck.verdicts.baseline import METRICS, Baseline, find, judged
+from crosscheck.verdicts.baseline import METRICS, Baseline, find, is_worse, judged
 from crosscheck.verdicts.compare import Comparison, Pair, compare
 from crosscheck.verdicts.plan import Task
-from crosscheck.verdicts.repeatability import doubtful, repeated
+from crosscheck.verdicts.repeatability import SHAKEN, doubtful, repeated, scattered
 from crosscheck.verdicts.results import Diagnosis
 
 FIRST: Mapping[str, Any] = {}
@@ -61,6 +61,9 @@ def compared(shared: Shared, task: Task, engine: Engine, reference: Engine) -> l
     records = {REFERENCE: flexinv, reference.name: theirs, engine.name: ours}
     rows = certified(rows, certificates(task, records))
     known = blessed(shared.baseline)
+    if any(is_worse(row, known) for row in rows):
+        moved = [_attempt(shared, task, engine, {**AGAIN, "error": False, "shake": way}).record for way in SHAKEN]
+        rows = [scattered(row, theirs, moved) if is_worse(row, known) else row for row in rows]
     return rows if known is None else [judged(row, known) for row in rows]
 
 

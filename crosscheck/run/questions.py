@@ -12,7 +12,7 @@ from crosscheck.measures.certificate import Check, certificate, checks
 from crosscheck.measures.limits import BY_DISCRETISATION
 from crosscheck.measures.record import Record
 from crosscheck.verdicts.baseline import UNBLESSED
-from crosscheck.verdicts.compare import Comparison
+from crosscheck.verdicts.compare import COMPARED, Comparison
 from crosscheck.verdicts.plan import Plan, Task
 from crosscheck.verdicts.results import NO_CERTIFICATE, Diagnosis, Results, fails
 
@@ -86,12 +86,15 @@ def _certified(row: Comparison, failed: Mapping[tuple[str, str, str], list[str]]
 
 
 def questions(results: Results, plan: Plan, out: Path, engines: Mapping[str, Engine] | None = None) -> list[Question]:
-    """Return one question for every engine whose efforts deviate from the reference's and were saved."""
+    """Return one question for every engine that deviates from the reference, of efforts if they do, and was saved."""
     known = engines or {}
     series = {(r.mechanism, r.case, r.engine): r.series for r in results.runs}
     folders = {(t.folder.name, t.case.name): t.folder for t in plan.tasks}
     found: dict[tuple[str, str, str], Question] = {}
-    for row in filter(asked, results.comparisons):
+    rows = sorted(
+        filter(asked, results.comparisons), key=lambda row: row.quantity == "torque"
+    )  # efforts have the last word
+    for row in rows:
         here = (row.mechanism, row.case)
         ours, theirs = (series.get((*here, e), "") for e in (row.engine, REFERENCE))
         if ours and theirs:
@@ -100,11 +103,11 @@ def questions(results: Results, plan: Plan, out: Path, engines: Mapping[str, Eng
 
 
 def asked(row: Comparison) -> bool:
-    """Return True if a comparison calls for a diagnosis: efforts that differ from the reference's.
+    """Return True if a comparison calls for a diagnosis: efforts, or what causes are held against, that differ.
 
     What is inside its limit and only not blessed yet needs no reason.
     """
-    measured = row.quantity == "torque" and row.reference == REFERENCE and row.maximum is not None
+    measured = row.quantity in COMPARED and row.reference == REFERENCE and row.maximum is not None
     return measured and row.verdict in ASKED and UNBLESSED not in row.message
 
 

@@ -29,6 +29,8 @@ STILL = 1e-3
 # Moments of 1e-15 N m beside forces of 10 N are no moments but the rounding of those forces times a length of some metres
 # (and the other way round): below this part of a quantity's largest value in any unit a group is zero.
 NOTHING = 1e-13
+# Quantities that are compared sample by sample, and that a cause of a difference has to explain.
+COMPARED = ("torque", "wrench", "reaction", "tip", "deflection", "axial", "internal")
 # Quantities of which a part is not enough.  Of others an engine may know less (no wrench of a joint that it welded).
 WHOLE = ("torque",)
 
@@ -42,6 +44,7 @@ class Comparison:
     magnitude, phase, comprehensive : Sprague and Geers' errors of that series [-]
     limit : largest fraction of the range allowed [-]; series, time [s] : where the largest error is
     blessed : the fraction that was measured when the night was last blessed [-]
+    scatter : by how much the fraction differs between runs whose input differs in its last digits [-], where that was asked
     unordered : engines of the pair whose refinement has no order there, so that the error bar is none
     uncertified : what of the engines' certificates does not hold: they have not the same mechanism
     """
@@ -66,6 +69,7 @@ class Comparison:
     phase: float | None = None
     comprehensive: float | None = None
     blessed: float | None = None
+    scatter: float | None = None
     unordered: str = ""
     uncertified: str = ""
 

@@ -1,18 +1,47 @@
-"""Repeatability: an error bar explains a difference only where the engine gives the same again.
+"""Repeatability: an error bar explains a difference only where the engine gives the same again; scatter is no deterioration.
 
 An engine whose results scatter has wide error bars from refinement, whatever it computes.  What its bars would explain is
 therefore run once more, as it was; two runs of the same may differ by no more than the limit.
+
+Where an engine enlarges rounding, its distance from the reference changes with the last digits of its input.  What seems
+worse than blessed is therefore run again with these digits moved; a difference as large as that makes is none.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from crosscheck.measures.record import Record
 from crosscheck.verdicts.compare import Comparison, fraction
+
+SHAKEN = (1, 2, 3, 4)  # the ways in which the last digits of the input are moved: each costs a run
+
+
+def scattered(row: Comparison, reference: Record, shaken: Sequence[Record]) -> Comparison:
+    """Return a comparison with the scatter of its fraction [-] between its run and those with other last digits of the input.
+
+    A run that failed says nothing.
+    """
+    found = [share for one in shaken if (share := _share(row, one, reference)) is not None]
+    if not found or row.fraction is None:
+        return row
+    return replace(row, scatter=max(*found, row.fraction) - min(*found, row.fraction))
+
+
+def _share(row: Comparison, record: Record, reference: Record) -> float | None:
+    """Return the largest distance of a record from the reference in the quantity of a comparison, over its range [-]."""
+    ours, theirs = record.series, reference.series
+    names = [
+        n for n, one in theirs.items() if (one.quantity, one.unit) == (row.quantity, row.unit)
+        and n in ours and ours[n].values.shape == one.values.shape
+    ]  # fmt: skip
+    if record.status != "ok" or not names:
+        return None
+    largest = max(float(np.abs(ours[n].values - theirs[n].values).max()) for n in names)
+    return fraction(largest, row.scale or 0.0)
 
 
 def doubtful(row: Comparison) -> bool:

@@ -20,15 +20,7 @@ from flexinv.analysis.settings import Settings, checked
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import Progress, time_grid
 from flexinv.analysis.trajectory import Turned, failure
-from flexinv.dynamics.generalized_alpha import (
-    EARLY,
-    EXACT,
-    SUBSTEPS,
-    Scheme,
-    early_rows,
-    early_times,
-    start_up,
-)
+from flexinv.dynamics.generalized_alpha import EARLY, EXACT, SUBSTEPS, Scheme, early_rows, early_times, start_up
 from flexinv.dynamics.solver import Trajectory, has_padding, history_shapes
 from flexinv.dynamics.system import Histories
 from flexinv.errors import FlexinvError

@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
+from scipy.signal import lfilter
 
 from flexinv.analysis.solution import Solution
 from flexinv.errors import InputError
@@ -72,7 +73,7 @@ def _motor(solution: Solution, joint: Joint, drive: Drive) -> MotorSide:
     m, n = solution.mechanism, drive.ratio
     at = m.v_slices[joint.name].start
     tau, rate, acceleration = solution.torque_all[:, at], solution.qd[:, at], solution.qdd[:, at]
-    angle = _angle(solution, joint)
+    angle = scalar_coordinate(joint, solution.q[:, m.q_slices[joint.name]])
     if not drive.stiffness or drive.moves == "motor":
         own = n**2 * drive.rotor_inertia * acceleration + n * friction(replace(drive, static=0.0), n * rate)
         transmitted = tau - own
@@ -84,10 +85,6 @@ def _motor(solution: Solution, joint: Joint, drive: Drive) -> MotorSide:
     torque = n * drive.rotor_inertia * acceleration + friction(drive, shaft) + transmitted / n
     current = torque / drive.torque_constant if drive.torque_constant else np.full_like(torque, np.nan)
     return MotorSide(n * angle, shaft, n * acceleration, torque, current, transmitted)
-
-
-def _angle(solution: Solution, joint: Joint) -> Array:
-    return scalar_coordinate(joint, solution.q[:, solution.mechanism.q_slices[joint.name]])
 
 
 def _lag(drive: Drive, time: Array, tau: Array, name: str) -> tuple[Array, Array, Array]:
@@ -120,10 +117,6 @@ def _second(drive: Drive, time: Array, tau: Array) -> tuple[Array, Array, Array]
 
 def _filtered(k: float, d: float, step: float, force: Array, start: float) -> Array:
     """x of k x + d x' = force (samples,), exact for a force that is linear between samples."""
-    part, delay, found = float(np.exp(-k / d * step)), d / k, np.empty_like(force)
-    found[0] = start
-    slope = np.diff(force) / step
-    for i in range(1, len(force)):
-        trend = slope[i - 1] * delay
-        found[i] = (force[i] - trend) / k + part * (found[i - 1] - (force[i - 1] - trend) / k)
-    return found
+    part, trend = float(np.exp(-k / d * step)), np.diff(force) / step * d / k
+    push = (force[1:] - trend - part * (force[:-1] - trend)) / k
+    return np.append(start, lfilter([1.0], [1.0, -part], push, zi=[part * start])[0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,12 +112,9 @@ def _impact(
     multipliers[:, stretch.pick] = shares.multipliers
     work = float(shares.tau[0] @ (before + after)) / 2
     lost = kinetic_energy(mesh, one, before) - kinetic_energy(mesh, two, after) + work
-    reaction = _only(closing(mesh, two, stretch.rows, multipliers)[1])
+    shown = closing(mesh, two, stretch.rows, multipliers)[1]
+    reaction = {name: values[0] for name, values in shown.items()}
     return Impact(time, names_of(m, begins), shares.tau[0], reaction, work, lost)
-
-
-def _only(reaction: dict[str, Array]) -> dict[str, Array]:
-    return {name: values[0] for name, values in reaction.items()}
 
 
 def energy_jumps(time: Array, impacts: list[Impact]) -> Array | None:
@@ -148,11 +145,8 @@ def _phased_shares(
         multipliers[:, pick] = part.multipliers
         parts.append(replace(part, multipliers=multipliers))
     width = max(part.preload.shape[2] for part in parts)
-    preload = [np.pad(part.preload, ((0, 0), (0, 0), (0, width - part.preload.shape[2]))) for part in parts]
-    return Shares(
-        tau=np.concatenate([part.tau for part in parts]),
-        multipliers=np.concatenate([part.multipliers for part in parts]),
-        left=np.concatenate([part.left for part in parts]),
-        preload=np.concatenate(preload),
-        condition=np.concatenate([part.condition for part in parts]),
-    )
+    parts = [
+        replace(part, preload=np.pad(part.preload, ((0, 0), (0, 0), (0, width - part.preload.shape[2]))))
+        for part in parts
+    ]
+    return Shares(*(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(Shares)))

@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flexinv.analysis.resultants import at_roots
 from flexinv.constraints.impacts import Impact
 from flexinv.errors import ConvergenceError
 from flexinv.inverse.balance import Balance
@@ -18,7 +17,7 @@ from flexinv.kinematics.joint_motion import scalar_coordinate
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.joint_kinds import KINDS
-from flexinv.model.mechanism import Mechanism
+from flexinv.model.mechanism import Link, Mechanism
 from flexinv.typing import Array
 from flexinv.validation import index
 
@@ -217,7 +216,8 @@ class Solution:
             ("rate", self.qd, 1),
             ("acceleration", self.qdd, 2),
         ):
-            for name, unit, column in zip(m.velocity_names, _motion_units(m, derivative), values.T, strict=True):
+            units = ((unit + ("", "/s", "/s^2")[derivative]) for j in m.joints for unit in KINDS[j.kind].units)
+            for name, unit, column in zip(m.velocity_names, units, values.T, strict=True):
                 if np.isfinite(column).all():
                     columns[f"{label} {name} [{unit}]"] = column
         for name, unit, column in zip(m.velocity_names, effort_units(m), self.torque_all.T, strict=True):
@@ -293,16 +293,32 @@ class Solution:
         return pd.DataFrame(rows, index=pd.Index(m.velocity_names, name="coordinate"))
 
 
-def _is_force(mechanism: Mechanism) -> list[bool]:
-    """Return True for each velocity coordinate that is a translation, whose effort is a force."""
-    return [force for joint in mechanism.joints for force in KINDS[joint.kind].translations]
-
-
 def effort_units(mechanism: Mechanism) -> list[str]:
     """Return "N" or "N m" for every velocity coordinate, the unit of its effort [N], [N m]."""
-    return ["N" if force else "N m" for force in _is_force(mechanism)]
+    return ["N" if force else "N m" for joint in mechanism.joints for force in KINDS[joint.kind].translations]
 
 
-def _motion_units(mechanism: Mechanism, derivative: int) -> list[str]:
-    per = ("", "/s", "/s^2")[derivative]
-    return [("m" if force else "rad") + per for force in _is_force(mechanism)]
+def at_roots(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> dict[str, Array]:
+    """Return beam -> (samples, 6) axial, shear_y, shear_z [N], twist, bending_y, bending_z [N m] at the root section.
+
+    Minus the sum of P over all nodes beyond the root, and of the beam's own share of mass there; what else hangs on the root's
+    node is not the beam's.
+    """
+    return {link.name: _at_root(mesh, link, motion, forces) for link in mesh.mechanism.beams}
+
+
+def _at_root(mesh: Mesh, link: Link, motion: NodalMotion, forces: NodalForces) -> Array:
+    root, first = mesh.root_node[link.name], int(mesh.section_nodes[link.name][1])
+    beyond = np.arange(mesh.size) == first
+    for n in range(first + 1, mesh.size):
+        beyond[n] = mesh.parent[n] >= 0 and beyond[mesh.parent[n]]
+    arm = motion.x[:, beyond] - motion.x[:, [root]]
+    mass, inertia = mesh.mass[root], mesh.inertia[root].copy()
+    for body in (one for one in link.bodies if mesh.body_node[(link.name, one.name)] == root):
+        mass, inertia = mass - body.inertia.mass, inertia - body.inertia.tensor
+    w, al = motion.omega[:, root], motion.alpha[:, root]
+    force = forces.force[:, beyond].sum(axis=1) + mass * (motion.a[:, root] - mesh.mechanism.gravity)
+    moment = (forces.moment[:, beyond] + np.cross(arm, forces.force[:, beyond])).sum(axis=1)
+    r = motion.rotation[:, root]
+    own = [np.einsum("sji,sj->si", r, part) for part in (force, moment)]
+    return -np.hstack([own[0], own[1] + al @ inertia.T + np.cross(w, w @ inertia.T)])

@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexinv.analysis.evaluation import FirstStep, solution_after
-from flexinv.analysis.flexible_loops import with_closures
+from flexinv.analysis.flexible_loops import Switching, with_closures
 from flexinv.analysis.rigid_loops import coordinates
 from flexinv.analysis.settings import Settings
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.switching import Switching
 from flexinv.analysis.task import Task, still
 from flexinv.analysis.trajectory import first_step
 from flexinv.constraints.closures import constraint_rows

@@ -18,7 +18,7 @@ from flexinv.model.initial_values import start_coordinates
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion, motion_table
 from flexinv.typing import Array, Triple
-from flexinv.validation import choice, function, number, of_kind, whole
+from flexinv.validation import choice, function, of_kind, seconds, whole
 
 # A sampling grid longer than this is a mistake in `step` far more often than a wish.
 MOST_SAMPLES = 5_000_000
@@ -107,12 +107,8 @@ def _on_branch(
 
 def time_grid(motion: Motion, step: float, end: float | None, every: int) -> Array:
     """Return the times of all steps, the start included (steps + 1,) [s]; raises InputError for a step or end that cannot be."""
-    step = number("step", step, "a positive number of seconds, for example step=1e-3")
-    last = motion.duration if end is None else number("end", end, "a positive time, or None for the motion's duration")
-    if not (np.isfinite(step) and step > 0.0):
-        raise InputError(f"step = {step} s: expected a positive number of seconds, for example step=1e-3")
-    if not (np.isfinite(last) and last > 0.0):
-        raise InputError(f"end = {last} s: expected a positive time, or None for the motion's duration")
+    step = seconds("step", step, "a positive number of seconds, for example step=1e-3")
+    last = seconds("end", motion.duration if end is None else end, "a positive time, or None for the motion's duration")
     if step > last:
         raise InputError(
             f"step = {step:g} s is longer than the motion ({last:g} s): write a smaller step, say {last / 200:g}"

@@ -9,9 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flexinv.analysis.evaluation import FirstStep, rigid_motion_of
-from flexinv.analysis.flexible_loops import closed_task, with_closures
+from flexinv.analysis.flexible_loops import Switching, closed_task, with_closures
 from flexinv.analysis.rigid_loops import rigid_loops
-from flexinv.analysis.switching import Switching
 from flexinv.analysis.task import Task
 from flexinv.constraints.closures import constraint_rows
 from flexinv.constraints.phases import Phase, phases
@@ -21,9 +20,9 @@ from flexinv.dynamics.initial_state import (
     begin_step,
     consistent_accelerations,
     end_early,
-    equilibrium,
     instant,
     move_as_rigid,
+    settle,
     settle_held,
     start_undeformed,
 )
@@ -116,11 +115,8 @@ def _jump_samples(time: Array, jumps: tuple[float, ...]) -> list[int]:
     """Samples after the first at which the acceleration jumps."""
     step = time[1] - time[0] if len(time) > 1 else 1.0
     found = {round((jump - time[0]) / step) for jump in jumps}
-    return sorted(k for k in found if 0 < k < len(time) and _is_jump(time[k], jumps, step))
-
-
-def _is_jump(t: float, jumps: tuple[float, ...], step: float) -> bool:
-    return any(abs(t - jump) < SAME_TIME * step for jump in jumps)
+    met = (k for k in found if 0 < k < len(time) and np.abs(time[k] - np.array(jumps)).min() < SAME_TIME * step)
+    return sorted(met)
 
 
 class _Leg(NamedTuple):
@@ -211,10 +207,6 @@ class _March:
         first = FirstStep(trajectory, time, (q, qd, qdd), applied, smooth=task.passive, ends=ends)
         return first if self.switching is None else with_closures(mesh, first, self.switching)
 
-    def row(self, sample: int) -> int:
-        """Return the row in which a sample is stored, -1 if it is not stored [-]."""
-        return int(self.rows(sample, sample + 1)[0])
-
     def begin(self) -> int:
         """Start undeformed or in equilibrium, with the accelerations that belong to it, and record that; return samples done.
 
@@ -230,19 +222,15 @@ class _March:
         if self.task.settings.initial == "static":
             settled = solver.efforts is None or settle_held(solver, q, float(time[0]), when)
             if solver.efforts is None:
-                equilibrium(solver, q, when)
+                settle(solver, q, when)
             if settled:
                 move_as_rigid(solver, joints, qd, qdd)
         consistent_accelerations(solver, joints, when)
         record_instant(solver, 0, self.out)
-        self.set_early(begin_step(solver, joints, self.scheme, when))
+        self.early = EARLY * begin_step(solver, joints, self.scheme, when)
         if flat is not None:
             flat.take(solver.state, solver.border.ties)
         return 1
-
-    def set_early(self, sudden: bool) -> None:
-        """Make the first steps in parts after a start that is ``sudden`` [-]."""
-        self.early = EARLY if sudden else 0
 
     def leg(self, first: int, last: int) -> _Leg:
         """Return the call that marches from the sample ``first`` to before ``last``, or less far [-].
@@ -262,7 +250,7 @@ class _March:
             self.out.put(leg.row[leg.row >= 0], leg.whole, leg.row >= 0)
         self.check(result, leg.time, leg.begins, leg.parts)
         if leg.parts == 1:
-            self.set_early(result[0] == SUDDEN_START)
+            self.early = EARLY * (result[0] == SUDDEN_START)
             return leg.last - len(leg.time) + result[1]
         self.early -= len(leg.time) // leg.parts
         if self.early == 0 and self.flat is not None:
@@ -301,12 +289,12 @@ class _March:
 
     def restart(self, sample: int) -> None:
         """Solve the accelerations anew where those of the task jump, and record their right-hand limit."""
-        time, row = self.task.steps[sample : sample + 1], self.row(sample)
+        time, row = self.task.steps[sample : sample + 1], self.rows(sample, sample + 1)
         motion, when = self.task.after(time), f"at t = {time[0]:g} s"
         if self.flat is not None:
-            result = self.flat.restart(self.scheme, *motion, np.array([row]), self.out.histories())
+            result = self.flat.restart(self.scheme, *motion, row, self.out.histories())
             self.check(result, time, begins=True)
-            self.set_early(result[0] == SUDDEN_START)
+            self.early = EARLY * (result[0] == SUDDEN_START)
             return
         assert self.solver is not None
         q, qd, qdd = (part[0] for part in motion)
@@ -315,9 +303,9 @@ class _March:
         self.solver.load_at(float(time[0]), q, qd, qdd)
         joints = instant(self.task.mesh, q, qd, qdd)
         consistent_accelerations(self.solver, joints, when)
-        if row >= 0:
-            record_instant(self.solver, row, self.out)
-        self.set_early(begin_step(self.solver, joints, self.scheme, when))
+        if row[0] >= 0:
+            record_instant(self.solver, int(row[0]), self.out)
+        self.early = EARLY * begin_step(self.solver, joints, self.scheme, when)
 
     def switch(self, sample: int) -> None:
         """Go over to the phase that begins at a sample."""
@@ -330,7 +318,7 @@ class _March:
         solver.load_at(time, q, qd, qdd)
         joints = instant(self.task.mesh, q, qd, qdd)
         self.switching.switch(solver, self.switches[sample], joints, qd, time, self.out)
-        self.set_early(begin_step(solver, joints, self.scheme, f"at t = {time:g} s"))
+        self.early = EARLY * begin_step(solver, joints, self.scheme, f"at t = {time:g} s")
         if flat is not None:
             flat.take(solver.state, solver.border.ties)
 

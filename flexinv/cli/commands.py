@@ -5,12 +5,15 @@ from __future__ import annotations
 import difflib
 import sys
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 import numpy as np
 import pandas as pd
+from numba.core import event
 
 from flexinv.analysis.motor_side import motor_side
 from flexinv.analysis.overview import (
@@ -24,7 +27,6 @@ from flexinv.analysis.overview import (
 )
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve as solve_motion
-from flexinv.cli.compiling import telling
 from flexinv.cli.follow import OVERWRITE, check_outputs, follow_task
 from flexinv.cli.output import check_out, every, write
 from flexinv.cli.parameters import parameters
@@ -267,7 +269,9 @@ def main(arguments: list[str] | None = None) -> None:
         warnings.simplefilter("always", ModelWarning)
         others = warnings.showwarning
         warnings.showwarning = lambda message, category, *place: (
-            _warn(message) if issubclass(category, ModelWarning) else others(message, category, *place)
+            click.echo(f"flexinv: warning: {_one_line(message)}", err=True)
+            if issubclass(category, ModelWarning)
+            else others(message, category, *place)
         )
         with telling():
             complaint = _run(arguments)
@@ -293,9 +297,30 @@ def _run(arguments: list[str] | None) -> str:
     return ""
 
 
-def _warn(message: Warning | str) -> None:
-    click.echo(f"flexinv: warning: {_one_line(message)}", err=True)
-
-
 def _one_line(message: object) -> str:
     return "; ".join(" ".join(line.split()) for line in str(message).splitlines() if line.strip())
+
+
+NOTE = "flexinv: compiling kernels, up to a minute; the machine code is kept for the next time"
+
+
+class _Note(event.Listener):
+    """Writes one line when the first kernel is compiled, none where all are read from the disk."""
+
+    told = False
+
+    def on_start(self, event: event.Event) -> None:
+        """Say so, once."""
+        if not self.told:
+            self.told = True
+            click.echo(NOTE, err=True)
+
+    def on_end(self, event: event.Event) -> None:
+        """Nothing."""
+
+
+@contextmanager
+def telling() -> Iterator[None]:
+    """Say on stderr when kernels are compiled in this block."""
+    with event.install_listener("numba:compile", _Note()):
+        yield

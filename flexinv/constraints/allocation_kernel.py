@@ -135,25 +135,25 @@ def _diagonalise(h, size, turn):
 
 
 @jit_inner
-def _rotate(h, size, p, q, turn):
-    """Turn rows and columns p and q so that their common entry vanishes."""
+def _rotate(matrix, size, first, second, turn):
+    """Turn two rows and columns so that their common entry vanishes."""
     for k in range(SAMPLES_AT_ONCE):
-        apart, common = h[q, q, k] - h[p, p, k], 2.0 * h[p, q, k]
+        apart, common = matrix[second, second, k] - matrix[first, first, k], 2.0 * matrix[first, second, k]
         t = common / (apart + math.copysign(math.sqrt(apart * apart + common * common) + _TINY, apart))
         turn[0, k] = 1.0 / math.sqrt(t * t + 1.0)
         turn[1, k] = t * turn[0, k]
     for i in range(size):
         for k in range(SAMPLES_AT_ONCE):
-            one, two = h[p, i, k], h[q, i, k]
-            h[p, i, k] = turn[0, k] * one - turn[1, k] * two
-            h[q, i, k] = turn[1, k] * one + turn[0, k] * two
+            one, two = matrix[first, i, k], matrix[second, i, k]
+            matrix[first, i, k] = turn[0, k] * one - turn[1, k] * two
+            matrix[second, i, k] = turn[1, k] * one + turn[0, k] * two
     for i in range(size):
         for k in range(SAMPLES_AT_ONCE):
-            one, two = h[i, p, k], h[i, q, k]
-            h[i, p, k] = turn[0, k] * one - turn[1, k] * two
-            h[i, q, k] = turn[1, k] * one + turn[0, k] * two
-    h[p, q] = 0.0
-    h[q, p] = 0.0
+            one, two = matrix[i, first, k], matrix[i, second, k]
+            matrix[i, first, k] = turn[0, k] * one - turn[1, k] * two
+            matrix[i, second, k] = turn[1, k] * one + turn[0, k] * two
+    matrix[first, second] = 0.0
+    matrix[second, first] = 0.0
 
 
 @jit_inner

@@ -122,14 +122,14 @@ def _place_passive(n, topology, state, joints, variation, cv, ca, columns):
 
 
 @jit_inner
-def _put_variation(variation, n, k, slide, turn, rate, cv, ca):
+def _put_variation(variation, node, unknown, slide, turn, rate, cv, ca):
     """Variation of a joint's own motion by one of its freedoms; ``rate``: how its angular velocity follows."""
-    put(variation.x[n, k], 0, slide)
-    put(variation.t[n, k], 0, turn)
-    put(variation.v[n, k], 0, scale(cv, slide))
-    put(variation.w[n, k], 0, scale(cv, rate))
-    put(variation.a[n, k], 0, scale(ca, slide))
-    put(variation.al[n, k], 0, scale(ca, rate))
+    put(variation.x[node, unknown], 0, slide)
+    put(variation.t[node, unknown], 0, turn)
+    put(variation.v[node, unknown], 0, scale(cv, slide))
+    put(variation.w[node, unknown], 0, scale(cv, rate))
+    put(variation.a[node, unknown], 0, scale(ca, slide))
+    put(variation.al[node, unknown], 0, scale(ca, rate))
 
 
 @jit_inner

@@ -3,6 +3,14 @@
 Same equations as `closures`, one row each: position u . d = 0 or direction u . w = 0, with the gradient g of a row (force on
 node b and a in the world, moment in the node's own frame).  A closure that does not act has rows of zeros.
 Springs between points (`spring_rows`) follow as further rows.
+
+With K of the tree, every row k of the border adds an unknown lambda_k (a multiplier, or the force of a spring), a column C_k
+(what the unknown does to the residual) and an equation:
+
+    K y - C dlambda = -r          A_k . y + e_k dlambda_k = -phi_k
+
+solved by y = y_0 + K^-1 C dlambda on the tree, and the border  (A K^-1 C + e) dlambda = -phi - A y_0  with complete pivoting:
+rows that add nothing (redundant constraints of planar loops, closures that do not act) are found there and keep their unknowns.
 """
 
 from __future__ import annotations
@@ -14,6 +22,7 @@ from numpy.typing import NDArray
 
 from flexinv.constraints.closures import Rows
 from flexinv.constraints.equations import fixed, gap
+from flexinv.kernels.dense import solve_symmetric
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.vec3 import ZERO, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
 from flexinv.typing import Array
@@ -106,11 +115,11 @@ def set_ties(constraints: Ties, rows: Rows, acting: NDArray[np.bool_]) -> None:
 
 
 @jit_inner
-def _second(k, a, b, constraints, frames):
+def _second(row, node_a, node_b, constraints, frames):
     """The second vector of a row, w or d, and its two rates."""
-    if constraints.kind[k] == DIRECTION:
-        return fixed(frames, b, vec(constraints.w[k]))
-    return gap(frames, a, b, vec(constraints.place_a[k]), vec(constraints.place_b[k]))
+    if constraints.kind[row] == DIRECTION:
+        return fixed(frames, node_b, vec(constraints.w[row]))
+    return gap(frames, node_a, node_b, vec(constraints.place_a[row]), vec(constraints.place_b[row]))
 
 
 @jit_inner
@@ -155,32 +164,32 @@ def tie_rows(constraints, state, frames, wanted):
 
 
 @jit_inner
-def _set_gradient(k, a, b, constraints, frames, u, w):
+def _set_gradient(row, node_a, node_b, constraints, frames, vector, second):
     """phi' = g_a . (v_a, w_a) + g_b . (v_b, w_b), angular velocities in the nodes' own frames."""
-    ra = mat(frames.r[a]) if a >= 0 else UNIT
-    rb = mat(frames.r[b]) if b >= 0 else UNIT
-    on_a = cross(vec(constraints.u[k]), tapply(ra, w))
-    if constraints.kind[k] == DIRECTION:
-        put(constraints.gradient[k], 0, ZERO)
-        put(constraints.gradient[k], 3, on_a)
-        put(constraints.gradient[k], 6, ZERO)
-        put(constraints.gradient[k], 9, cross(vec(constraints.w[k]), tapply(rb, u)))
+    ra = mat(frames.r[node_a]) if node_a >= 0 else UNIT
+    rb = mat(frames.r[node_b]) if node_b >= 0 else UNIT
+    on_a = cross(vec(constraints.u[row]), tapply(ra, second))
+    if constraints.kind[row] == DIRECTION:
+        put(constraints.gradient[row], 0, ZERO)
+        put(constraints.gradient[row], 3, on_a)
+        put(constraints.gradient[row], 6, ZERO)
+        put(constraints.gradient[row], 9, cross(vec(constraints.w[row]), tapply(rb, vector)))
         return
-    put(constraints.gradient[k], 0, scale(-1.0, u))
-    put(constraints.gradient[k], 3, sub(on_a, cross(vec(constraints.place_a[k]), tapply(ra, u))))
-    put(constraints.gradient[k], 6, u)
-    put(constraints.gradient[k], 9, cross(vec(constraints.place_b[k]), tapply(rb, u)))
+    put(constraints.gradient[row], 0, scale(-1.0, vector))
+    put(constraints.gradient[row], 3, sub(on_a, cross(vec(constraints.place_a[row]), tapply(ra, vector))))
+    put(constraints.gradient[row], 6, vector)
+    put(constraints.gradient[row], 9, cross(vec(constraints.place_b[row]), tapply(rb, vector)))
 
 
 @jit_inner
-def add_ties(constraints, wrench):
-    """Take the forces of the multipliers off the wrenches of their nodes, r - C lambda [N], [N m]."""
+def add_ties(constraints, multiplier, wrench):
+    """Take the forces of multipliers (rows,), or of their changes, off the wrenches of their nodes, r - C lambda [N], [N m]."""
     for k in range(len(constraints.a)):
         for i in range(6):
             if constraints.a[k] >= 0:
-                wrench[constraints.a[k], i] -= constraints.multiplier[k] * constraints.gradient[k, i]
+                wrench[constraints.a[k], i] -= multiplier[k] * constraints.gradient[k, i]
             if constraints.b[k] >= 0:
-                wrench[constraints.b[k], i] -= constraints.multiplier[k] * constraints.gradient[k, 6 + i]
+                wrench[constraints.b[k], i] -= multiplier[k] * constraints.gradient[k, 6 + i]
 
 
 @jit_inner
@@ -222,3 +231,38 @@ def _add_side(topology, n, variation, gradient, first, side):
             vec_at(gradient, first + 3), vec(variation.t[n, k])
         )
         side[topology.offset[block] + k] -= along
+
+
+# A pivot of the border, scaled to a unit diagonal, below this belongs to a redundant row: rounding leaves 1e-14.
+REDUNDANT_PIVOT = 1e-10
+
+
+@jit_inner
+def solve_border(constraints, unit, y):
+    """Find the increments of the border's unknowns and add what they do to y[0] [m], [rad].
+
+    y : (1 + rows, unknowns), y_0 and then K^-1 C; ``unit`` scales the equations of constraints
+    """
+    rows = len(constraints.a)
+    for i in range(rows):
+        for j in range(rows):
+            constraints.border[i, j] = -product(constraints.across[i], y[1 + j])
+        constraints.border[i, i] -= constraints.give[i]
+        constraints.border[i, rows] = product(constraints.across[i], y[0]) - constraints.value[i] / (
+            unit if constraints.give[i] == 0.0 else 1.0
+        )
+    work = constraints.order, constraints.value
+    solve_symmetric(constraints.border, rows, REDUNDANT_PIVOT, constraints.step, work)
+    for k in range(rows):
+        constraints.multiplier[k] += constraints.step[k]
+        for i in range(y.shape[1]):
+            y[0, i] += constraints.step[k] * y[1 + k, i]
+
+
+@jit_inner
+def product(a, b):
+    """Return a . b of two rows [any unit]."""
+    total = 0.0
+    for i in range(len(a)):
+        total += a[i] * b[i]
+    return total

@@ -9,7 +9,6 @@ freedoms among them form one *block* of unknowns; block 0 hangs on the world and
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -91,34 +90,26 @@ def _topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
             block[node] = block[mesh.parent[node]]
     size = np.full(1 + int(independent.sum()), 6, dtype=np.int64)
     size[0] = 0
-    table = _Passive.of(mesh.size)
+    freedoms, column, triple = np.zeros((3, mesh.size), dtype=np.int64)
+    triple[:] = -1
+    slide, turn, law = *np.zeros((2, mesh.size, 6, 3)), np.zeros((5, mesh.size))
     for node, joint in _joint_of_node(mesh).items():
         if joint.name in passive:
             _check_passive(joint)
-            table.add(mesh, node, size, block)
+            freedoms[node], column[node] = mesh.freedoms[node], size[block[node]]
+            size[block[node]] += mesh.freedoms[node]
+            slide[node], turn[node] = mesh.slide[node] @ mesh.rotation[node].T, mesh.turn[node]
+            triple[node] = {SPHERICAL: 0, FREE: 3}.get(int(mesh.kind[node]), -1)
+            law[:, node] = mesh.mechanism.drive_table[:, mesh.v_index[node]]
     offset = np.concatenate([[0], np.cumsum(size)[:-1]]).astype(np.int64)
-    return Topology(
-        parent=mesh.parent,
-        block=block,
-        independent=independent,
-        size=size,
-        offset=offset,
-        freedoms=table.freedoms,
-        column=table.column,
-        triple=table.triple,
-        slide=table.slide,
-        turn=table.turn,
-        rotor=table.rotor,
-        damping=table.damping,
-        friction=table.friction,
-        spring=table.spring,
-        rest=table.rest,
-        scale=_scale(mesh, size, offset, table, block),
-        mass=mesh.mass,
-        inertia=mesh.inertia,
-        gravity=np.array(mesh.mechanism.gravity, dtype=float),
-        length=mesh.length,
-    )
+    rotor, damping, friction, spring, rest = law
+    scale, gravity = np.ones(int(size.sum())), np.array(mesh.mechanism.gravity, dtype=float)
+    found = Topology(
+        mesh.parent, block, independent, size, offset, freedoms, column, triple, slide, turn,
+        rotor, damping, friction, spring, rest, scale, mesh.mass, mesh.inertia, gravity, mesh.length,
+    )  # fmt: skip
+    _set_scale(found)
+    return found
 
 
 def _check_passive(joint: Joint) -> None:
@@ -146,45 +137,11 @@ def _joint_of_node(mesh: Mesh) -> dict[int, Joint]:
     return dict(sorted(out.items()))
 
 
-@dataclass(frozen=True)
-class _Passive:
-    """Per-node tables of the passive freedoms, filled joint by joint (columns of `Topology`)."""
-
-    freedoms: Indices
-    column: Indices
-    triple: Indices
-    slide: Array
-    turn: Array
-    rotor: Array
-    damping: Array
-    friction: Array
-    spring: Array
-    rest: Array
-
-    @classmethod
-    def of(cls, nodes: int) -> _Passive:
-        none = np.zeros(nodes, dtype=np.int64)
-        axes = np.zeros((nodes, 6, 3))
-        return cls(none, none.copy(), none - 1, axes, axes.copy(), *(np.zeros(nodes) for _ in range(5)))
-
-    def add(self, mesh: Mesh, node: int, size: Indices, block: Indices) -> None:
-        count = int(mesh.freedoms[node])
-        self.freedoms[node], self.column[node] = count, size[block[node]]
-        size[block[node]] += count
-        self.slide[node] = mesh.slide[node] @ mesh.rotation[node].T
-        self.turn[node] = mesh.turn[node]
-        self.triple[node] = {SPHERICAL: 0, FREE: 3}.get(int(mesh.kind[node]), -1)
-        law = mesh.mechanism.drive_table[:, mesh.v_index[node]]
-        self.rotor[node], self.damping[node], self.friction[node], self.spring[node], self.rest[node] = law
-
-
-def _scale(mesh: Mesh, size: Indices, offset: Indices, table: _Passive, block: Indices) -> Array:
+def _set_scale(topology: Topology) -> None:
     """Length of the mechanism for translations, 1 for rotations: convergence is judged on increments over this."""
-    scale = np.ones(int(np.sum(size)))
-    for first in offset[1:]:
-        scale[first : first + 3] = mesh.length
-    for node in np.flatnonzero(table.freedoms):
-        first = offset[block[node]] + table.column[node]
-        sliding = ~table.turn[node, : table.freedoms[node]].any(axis=1)
-        scale[first : first + table.freedoms[node]][sliding] = mesh.length
-    return scale
+    for first in topology.offset[1:]:
+        topology.scale[first : first + 3] = topology.length
+    for node in np.flatnonzero(topology.freedoms):
+        first, count = topology.offset[topology.block[node]] + topology.column[node], topology.freedoms[node]
+        sliding = ~topology.turn[node, :count].any(axis=1)
+        topology.scale[first : first + count][sliding] = topology.length

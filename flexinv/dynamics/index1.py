@@ -12,8 +12,7 @@ forces stay as they are: positions and velocities do not change.
 from __future__ import annotations
 
 from flexinv.dynamics.assembly import forward_pass, node_wrenches
-from flexinv.dynamics.bordered_solver import solve_border
-from flexinv.dynamics.constraint_rows import PULL, tie_rows, tie_sides
+from flexinv.dynamics.constraint_rows import PULL, add_ties, solve_border, tie_rows, tie_sides
 from flexinv.dynamics.constraint_rows import SECOND_RATES as RATED
 from flexinv.kernels.dense import solve_dense
 from flexinv.kernels.jit import jit_inner
@@ -49,7 +48,7 @@ def project_accelerations(system, joints, y):
     forward_pass(topology, state, joints, frames, variation, 0.0, 1.0, False)
     node_wrenches(topology, frames, variation, level, work, False)
     _add(work.wrench, change)
-    _add_steps(ties, change)
+    add_ties(ties, ties.step, change)  # those of springs are zero
     for n in range(len(topology.parent) - 1, -1, -1):
         if topology.parent[n] >= 0 and not topology.independent[n]:
             bring_back(n, topology.parent[n], frames, joints, change)
@@ -99,14 +98,11 @@ def weigh_massless(topology, diagonal):
     """
     largest = 0.0
     for b in range(len(topology.size)):
+        o = topology.offset[b]
         for k in range(topology.size[b]):
             for i in range(topology.size[b]):
-                largest = max(
-                    largest,
-                    abs(diagonal[b, k, i])
-                    * topology.scale[topology.offset[b] + k]
-                    * topology.scale[topology.offset[b] + i],
-                )
+                size = abs(diagonal[b, k, i]) * topology.scale[o + k] * topology.scale[o + i]
+                largest = max(largest, size)
     for b in range(len(topology.size)):
         for k in range(topology.size[b]):
             unit = topology.scale[topology.offset[b] + k] ** 2
@@ -129,19 +125,6 @@ def _solve_blocks(topology, work, y):
         for r in range(size):
             for side in range(sides):
                 y[side, first + r] = system[r, size + side]
-
-
-@jit_inner
-def _add_steps(ties, wrench):
-    """Take the forces of the multipliers' changes off the wrenches of their nodes."""
-    for k in range(len(ties.a)):
-        if ties.kind[k] == PULL:
-            continue
-        for i in range(6):
-            if ties.a[k] >= 0:
-                wrench[ties.a[k], i] -= ties.step[k] * ties.gradient[k, i]
-            if ties.b[k] >= 0:
-                wrench[ties.b[k], i] -= ties.step[k] * ties.gradient[k, 6 + i]
 
 
 @jit_inner

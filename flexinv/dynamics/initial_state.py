@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 
-from flexinv.dynamics.generalized_alpha import ACCELERATIONS, PASSES, ROUNDING, STATICS, Scheme, filtering, is_sudden
+from flexinv.dynamics.generalized_alpha import (
+    ACCELERATIONS,
+    PASSES,
+    ROUNDING,
+    STATICS,
+    Scheme,
+    filtering,
+    generalized_alpha,
+    is_sudden,
+)
+from flexinv.dynamics.linearization import linearise
 from flexinv.dynamics.solver import Solver
-from flexinv.dynamics.stepper import CONVERGED
+from flexinv.dynamics.stepper import CONVERGED, NOT_CONVERGED
 from flexinv.dynamics.system import State
+from flexinv.errors import ModelWarning
 from flexinv.kinematics.joint_motion import relative_motion
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
@@ -105,18 +118,42 @@ def end_early(state: State) -> None:
 
 # A load step is halved at most this often before the equilibrium is called unreachable.
 MOST_HALVINGS = 12
+# The first step [-], in times in which the mechanism falls its own length.  One that fails, climbs or goes too far is made again
+# with a quarter of it, at most MOST_SHORTER times from the first; one that goes less than half as far as it may is followed by
+# one of four times its length.
+FIRST, FACTOR, MOST_SHORTER = 0.25, 4.0, 16
+# How far a step may go, over the mechanism's length or in radians: farther, and it could miss a rest position that lies between.
+FARTHEST = 0.5
+# Where a step goes less than NEAR, Newton's method is asked for the rest position itself; below STILL nothing moves, and the
+# sign of its work is rounding.
+NEAR, STILL = 1e-3, 1e-10
+# Leaving an unstable position by a part of 1e-10 takes some fifty steps.
+MOST_STEPS = 500
+# Unknowns up to which the stiffness at the start is judged: its dense matrices then take some hundred megabytes.
+MOST_JUDGED = 3000
 
 
 def equilibrium(solver: Solver, q: Array, when: str) -> Joints:
-    """Find the rest position under gravity, springs and the solver's loads, raised from zero in steps as large as converge [N].
+    """Find the rest position under gravity, springs and the solver's loads [N], [N m] that belongs to the starting position.
+
+    Where every joint is held the loads are raised from zero in steps as large as converge.  With passive joints there are several
+    rest positions: it is the one to which the mechanism sinks from where it starts (`_sink`), whoever asks.
 
     The unknowns must hold a starting position, and are at rest afterwards; returns the relative motion of the prescribed joints.
-    Raises ConvergenceError, naming the part of the load that was reached.
+    Raises ConvergenceError, naming what was reached.
     """
     nv = solver.mesh.mechanism.nv
     joints = instant(solver.mesh, q, np.zeros(nv), np.zeros(nv))
+    solver.state.u[:], solver.state.du[:] = 0.0, 0.0
+    if solver.topology.freedoms.any():
+        _sink(solver, joints, when)
+    else:
+        _raise_loads(solver, joints, when)
+    return joints
+
+
+def _raise_loads(solver: Solver, joints: Joints, when: str) -> None:
     level, state = solver.loads.level, solver.state
-    state.u[:], state.du[:] = 0.0, 0.0
     reached, part = 0.0, 1.0
     while reached < 1.0:
         level[0] = min(1.0, reached + part)
@@ -128,7 +165,81 @@ def equilibrium(solver: Solver, q: Array, when: str) -> Joints:
         part *= 0.5
         if part < 0.5**MOST_HALVINGS:
             raise solver.complain(status, count, size, f"{when}, {reached:.1%} of the load")
-    return joints
+
+
+def _sink(solver: Solver, joints: Joints, when: str) -> None:
+    """Bring a mechanism at rest under its whole load [N], [N m] to the rest position below it; the unknowns change.
+
+    A step of h from rest, with a scheme that keeps no rates, ends where  f(x + d) = 2 M d / h^2:  a step down the slope of the
+    energy that is short where h is short, and leads to a rest position where h is long.  A step that would climb, f(x) d < 0, is
+    made shorter.  So a mechanism comes to rest below where it starts, and passes by what it would fall from (proximal point
+    method; Rockafellar, *Monotone operators and the proximal point algorithm*, SIAM J. Control Optim. 14, 1976).
+    Where nothing holds a joint and nothing moves it (a vertical axis), it stays where it is.
+    Raises ConvergenceError where no step succeeds.
+    """
+    solver.loads.level[0] = 1.0
+    gravity = float(np.linalg.norm(solver.topology.gravity))
+    longest = FIRST * (np.sqrt(2 * solver.mesh.length / gravity) if gravity > 0.0 else 1.0)
+    step, shortest = longest, longest / FACTOR**MOST_SHORTER
+    for _ in range(MOST_STEPS):
+        moved, failed = _moved(solver, joints, generalized_alpha(step, 0.0), FARTHEST)
+        if moved is None:
+            step /= FACTOR
+            if step < shortest:
+                raise solver.complain(*failed, f"{when}, on the way down to a rest position")
+            continue
+        if moved < NEAR and _rests(solver, joints, step >= longest and moved < STILL):
+            return
+        step *= FACTOR if moved < FARTHEST / 2 else 1.0
+    raise solver.complain(NOT_CONVERGED, MOST_STEPS, moved or 0.0, f"{when}, on the way down to a rest position")
+
+
+def _moved(
+    solver: Solver, joints: Joints, scheme: Scheme, farthest: float
+) -> tuple[float | None, tuple[int, int, float]]:
+    """Make one step from rest; return how far it went [-], None (and why) where it failed, went too far or climbed."""
+    s, multiplier = solver.state, solver.border.ties.multiplier
+    s.u[:] = s.u0[:] = s.du[:] = s.du0[:] = s.pseudo[:] = s.d[:] = 0.0
+    before = [part.copy() for part in (s.x, s.r, s.place, multiplier)]
+    linearise(solver.system, STATICS, joints, True)
+    load = -solver.work.residual[0]
+    failed = solver.newton(scheme, joints)
+    gone = s.place - before[2]
+    moved = float(np.abs(gone / solver.topology.scale).max(initial=0.0))
+    s.u[:] = s.u0[:] = s.du[:] = s.du0[:] = s.pseudo[:] = s.d[:] = 0.0
+    if failed[0] == CONVERGED and moved <= farthest and (moved < STILL or float(load @ gone) >= 0.0):
+        return moved, failed
+    for part, kept in zip((s.x, s.r, s.place, multiplier), before, strict=True):
+        part[:] = kept
+    return None, (NOT_CONVERGED, failed[1], moved) if failed[0] == CONVERGED else failed
+
+
+def _rests(solver: Solver, joints: Joints, still: bool) -> bool:
+    """Go to the rest position close by, if Newton's method finds it; where a motion is free of forces, ``still`` will do."""
+    return _moved(solver, joints, STATICS, FACTOR * NEAR)[0] is not None or still
+
+
+def settle(solver: Solver, q: Array, when: str) -> None:
+    """Begin in the `equilibrium` of the starting position q (nq,) [rad], [m], with a ModelWarning where that is unstable."""
+    from flexinv.linearized.natural_modes import unstable_motions
+
+    joints = equilibrium(solver, q, when)
+    if len(solver.topology.scale) > MOST_JUDGED or not (unstable := unstable_motions(solver, joints)):
+        return
+    mesh, free = solver.mesh, solver.topology.freedoms
+    names = ", ".join(j.name for j in mesh.mechanism.joints if free[mesh.joint_node[j.name]])
+    count = f"{unstable} negative eigenvalue{'s' * (unstable > 1)} of its stiffness"
+    choice = (
+        f"write a start beside it for {names}, from which the mechanism sinks to another"
+        if names
+        else "write a smaller load"
+    )
+    warnings.warn(
+        f"mechanism '{mesh.mechanism.name}', {when}: the rest position in which it begins is unstable ({count}), and is "
+        f"not the only one; {choice}, or initial = 'consistent'",
+        ModelWarning,
+        stacklevel=2,
+    )
 
 
 def settle_held(solver: Solver, q: Array, time: float, when: str) -> bool:
@@ -146,7 +257,7 @@ def settle_held(solver: Solver, q: Array, time: float, when: str) -> bool:
     acting.acting[:], acting.place_b[:], acting.w[:] = own.acting, own.place_b, own.w
     start_undeformed(held, q, still, still)
     held.load_at(time, q, still, still)
-    equilibrium(held, q, when)
+    settle(held, q, when)
     nodes = held.topology.independent | (held.topology.freedoms > 0)
     solver.state.x[nodes], solver.state.r[nodes] = held.state.x[nodes], held.state.r[nodes]
     for n in np.flatnonzero(held.topology.freedoms):
@@ -169,10 +280,6 @@ def move_as_rigid(solver: Solver, joints: Joints, qd: Array, qdd: Array) -> None
         elif t.freedoms[n]:
             shape.p[n], shape.r[n] = solver.state.x[n], solver.state.r[n]
     moving = NodalMotion.empty(1, mesh.size)
-    _carry_all(mesh, moving, shape)
+    world = Frames(moving.x, moving.rotation, moving.v, moving.omega, moving.a, moving.alpha)
+    carry_samples(mesh.parent, world, Joints(*(part[None] for part in shape)))
     _start(solver, moving, shape, qd, qdd)
-
-
-def _carry_all(mesh: Mesh, motion: NodalMotion, joints: Joints) -> None:
-    world = Frames(motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha)
-    carry_samples(mesh.parent, world, Joints(*(part[None] for part in joints)))

@@ -107,23 +107,23 @@ def _dense_tangent(system, out):
 
 
 @jit_inner
-def _add_coupling(topology, variation, nodes, i, q, tangent, out):
+def _add_coupling(topology, variation, nodes, first, second, tangent, out):
     """Add B_i^T K_iq B_q; the first node moves with all unknowns of its block, every other with its own six."""
     root = nodes[0]
-    rows, columns = topology.offset[topology.block[nodes[i]]], topology.offset[topology.block[nodes[q]]]
-    for r in range(topology.size[topology.block[root]] if i == 0 else 6):
-        by_x, by_t = vec_at(tangent[6 * i + r % 6], 6 * q), vec_at(tangent[6 * i + r % 6], 6 * q + 3)
-        if i == 0:
+    rows, columns = topology.offset[topology.block[nodes[first]]], topology.offset[topology.block[nodes[second]]]
+    for r in range(topology.size[topology.block[root]] if first == 0 else 6):
+        by_x, by_t = vec_at(tangent[6 * first + r % 6], 6 * second), vec_at(tangent[6 * first + r % 6], 6 * second + 3)
+        if first == 0:
             by_x, by_t = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
             for a in range(3):
-                by_x = add_scaled(by_x, variation.x[root, r, a], vec_at(tangent[a], 6 * q))
-                by_t = add_scaled(by_t, variation.x[root, r, a], vec_at(tangent[a], 6 * q + 3))
-                by_x = add_scaled(by_x, variation.t[root, r, a], vec_at(tangent[3 + a], 6 * q))
-                by_t = add_scaled(by_t, variation.t[root, r, a], vec_at(tangent[3 + a], 6 * q + 3))
-        if q > 0:
+                by_x = add_scaled(by_x, variation.x[root, r, a], vec_at(tangent[a], 6 * second))
+                by_t = add_scaled(by_t, variation.x[root, r, a], vec_at(tangent[a], 6 * second + 3))
+                by_x = add_scaled(by_x, variation.t[root, r, a], vec_at(tangent[3 + a], 6 * second))
+                by_t = add_scaled(by_t, variation.t[root, r, a], vec_at(tangent[3 + a], 6 * second + 3))
+        if second > 0:
             for a in range(3):
                 out[rows + r, columns + a] += by_x[a]
                 out[rows + r, columns + 3 + a] += by_t[a]
         else:
             for c in range(topology.size[topology.block[root]]):
-                out[rows + r, columns + c] += by_root(tangent, 6 * i + r, root, c, variation)
+                out[rows + r, columns + c] += by_root(tangent, 6 * first + r, root, c, variation)

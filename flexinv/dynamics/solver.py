@@ -82,11 +82,7 @@ class Trajectory:
     @classmethod
     def empty(cls, samples: int, mesh: Mesh, rows: int = 0) -> Trajectory:
         """Return histories to be filled [m, rad, s, N, J]."""
-        points = mesh.elements.weight.shape
-        return cls(
-            NodalMotion.empty(samples, mesh.size), np.zeros((samples, mesh.size, 6)), np.zeros((samples, *points, 6)),
-            np.zeros((samples, 3)), np.zeros((samples, rows)), np.zeros(samples, dtype=np.int64),
-        )  # fmt: skip
+        return cls.unwritten(0, mesh, rows).of_length(samples)
 
 
 def _trajectory(histories: Iterable[Any]) -> Trajectory:
@@ -155,17 +151,8 @@ class Solver:
     @property
     def system(self) -> System:
         """Return the arrays as the kernels take them."""
-        parts = (
-            self.topology,
-            self.elements,
-            self.border,
-            self.state,
-            self.frames,
-            self.variation,
-            self.loads,
-            self.work,
-        )
-        return System(*parts)
+        s = self
+        return System(s.topology, s.elements, s.border, s.state, s.frames, s.variation, s.loads, s.work)
 
     def march(self, scheme: Scheme, instants: Instants, out: Trajectory) -> tuple[int, int, int, float]:
         """Solve the ``instants`` one after the other [m, rad, s], filling ``out``.

@@ -2,13 +2,15 @@
 
 The unknown of a row is a component of the force f on the second point (world axes), its equation the law of the spring:
 
-    F - f = 0,    F = -(k (l - l0) + c l') n,   n = d / l,   l' = n . d',   d the vector between the points
+    F - f = 0,    F = -(p + c l') n,   p = k (l - l0),   n = d / l,   l' = n . d',   d the vector between the points
 
+(p by `model.spring_laws` where the spring has a law)
 so that springs between any two nodes, however stiff, leave the tree's elimination as it is.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -36,9 +38,12 @@ from flexinv.kernels.vec3 import (
     vec_at,
 )
 from flexinv.kinematics.mesh import Mesh, attachment_node
+from flexinv.model.attachments import Spring
+from flexinv.model.spring_laws import GasLaw, TableLaw
 from flexinv.typing import Array
 
 TINY = float(np.finfo(float).tiny)
+LINEAR, GAS, TABLE = 0, 1, 2
 
 
 class Pulls(NamedTuple):
@@ -46,6 +51,8 @@ class Pulls(NamedTuple):
 
     row : (springs,) first of its three rows in `dynamics.constraint_rows.Ties`, which hold its nodes and lever arms
     stiffness [N/m], rest [m], damping [N s/m] : (springs,)
+    law : (springs,) `LINEAR`, `GAS` or `TABLE` [-]; gas : (springs, 3) force [N], travel [m], exponent [-]
+    first, last : (springs,) rows of ``pieces`` [-]; pieces : (rows, 5) as `spring_laws.TableLaw.pieces` [m], [N/m^3] ... [N]
     slope : (springs, 3, 6) dF/dd and dF/dd' side by side [N/m], [N s/m]
     """
 
@@ -53,6 +60,11 @@ class Pulls(NamedTuple):
     stiffness: Array
     rest: Array
     damping: Array
+    law: NDArray[np.int64]
+    gas: Array
+    first: NDArray[np.int64]
+    last: NDArray[np.int64]
+    pieces: Array
     slope: Array
 
 
@@ -62,18 +74,42 @@ def pulls(mesh: Mesh, constraints: Ties) -> Pulls:
     first = len(constraints.a) - 3 * len(springs)
     for k, spring in enumerate(springs):
         for row in range(first + 3 * k, first + 3 * k + 3):
-            constraints.a[row], constraints.b[row] = (
-                attachment_node(mesh, spring.first),
-                attachment_node(mesh, spring.second),
-            )
-            constraints.place_a[row], constraints.place_b[row] = (
-                spring.first.placement.position,
-                spring.second.placement.position,
-            )
+            for end, node, place in (
+                (spring.first, constraints.a, constraints.place_a),
+                (spring.second, constraints.b, constraints.place_b),
+            ):
+                node[row], place[row] = attachment_node(mesh, end), end.placement.position
     values = np.array([(s.stiffness, s.rest, s.damping) for s in springs], dtype=float).reshape(-1, 3)
     rows = first + 3 * np.arange(len(springs), dtype=np.int64)
     stiffness, rest, damping = (np.ascontiguousarray(column) for column in values.T)
-    return Pulls(rows, stiffness, rest, damping, np.zeros((len(springs), 3, 6)))
+    return Pulls(rows, stiffness, rest, damping, *_laws(springs), np.zeros((len(springs), 3, 6)))
+
+
+def _laws(springs: Sequence[Spring]) -> tuple[NDArray[np.int64], Array, NDArray[np.int64], NDArray[np.int64], Array]:
+    laws = [spring.law for spring in springs]
+    kind = np.array([LINEAR if x is None else GAS if isinstance(x, GasLaw) else TABLE for x in laws], dtype=np.int64)
+    gas = [(x.force, x.travel, x.exponent) if isinstance(x, GasLaw) else (0.0, 1.0, 1.0) for x in laws]
+    tables = [x.pieces() if isinstance(x, TableLaw) else np.zeros((0, 5)) for x in laws]
+    ends = np.cumsum([0, *(len(table) for table in tables)]).astype(np.int64)
+    return kind, np.array(gas).reshape(-1, 3), ends[:-1].copy(), ends[1:].copy(), np.vstack([np.zeros((0, 5)), *tables])
+
+
+@jit_inner
+def pull_law(springs, k, length):
+    """Return the pull [N] of a spring at a length [m], and its slope [N/m]."""
+    if springs.law[k] == GAS:
+        force, travel, exponent = springs.gas[k, 0], springs.gas[k, 1], springs.gas[k, 2]
+        left = 1.0 - (length - springs.rest[k]) / travel
+        pull = force * left**-exponent
+        return pull, pull * exponent / (travel * left)
+    if springs.law[k] == TABLE:
+        n = springs.first[k]
+        while n + 1 < springs.last[k] and springs.pieces[n + 1, 0] <= length:
+            n += 1
+        c = springs.pieces[n]
+        x = length - (springs.pieces[n + 1, 0] if n == springs.first[k] else c[0])
+        return ((c[1] * x + c[2]) * x + c[3]) * x + c[4], (3.0 * c[1] * x + 2.0 * c[2]) * x + c[3]
+    return springs.stiffness[k] * (length - springs.rest[k]), springs.stiffness[k]
 
 
 @jit_inner
@@ -81,19 +117,18 @@ def pull_rows(springs, constraints, frames, level):
     """Set value and gradient of the rows of all springs, and the slope of their law; ``level`` of it acts [N], [m]."""
     for k in range(len(springs.row)):
         row = springs.row[k]
-        a, b, place_a, place_b = (
-            constraints.a[row],
-            constraints.b[row],
-            vec(constraints.place_a[row]),
-            vec(constraints.place_b[row]),
-        )
+        a, place_a = constraints.a[row], vec(constraints.place_a[row])
+        b, place_b = constraints.b[row], vec(constraints.place_b[row])
         d, rate, _ = gap(frames, a, b, place_a, place_b)
         length = max(np.sqrt(dot(d, d)), TINY)
         n = scale(1.0 / length, d)
         lengthening = dot(n, rate)
-        stiffness, damping = level * springs.stiffness[k], level * springs.damping[k]
-        # pull / l, finite for a spring of no rest length at l = 0
-        ratio = stiffness - stiffness * springs.rest[k] / length + damping * lengthening / length
+        pull, stiffness = pull_law(springs, k, length)
+        pull, stiffness, damping = level * pull, level * stiffness, level * springs.damping[k]
+        # pull / l, finite for a linear spring of no rest length at l = 0
+        ratio = pull / length + damping * lengthening / length
+        if springs.law[k] == LINEAR:
+            ratio = stiffness - stiffness * springs.rest[k] / length + damping * lengthening / length
         law = scale(-ratio, d)
         # d pull = (k n + c (d' - l' n) / l) . dd + c n . dd'
         by_gap = add_scaled(scale(stiffness - damping * lengthening / length, n), damping / length, rate)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from flexinv.dynamics.assembly import add_elements, forward_pass, gather, node_wrenches
-from flexinv.dynamics.bordered_solver import solve_border
-from flexinv.dynamics.constraint_rows import PULL, RATES, VALUES, add_gears, add_ties, tie_rows, tie_sides
+from flexinv.dynamics.constraint_rows import PULL, RATES, VALUES, add_gears, add_ties, solve_border, tie_rows, tie_sides
 from flexinv.dynamics.constraint_rows import SECOND_RATES as RATED
 from flexinv.dynamics.generalized_alpha import (
     ACCELERATION,
@@ -57,7 +56,7 @@ def evaluate(system, scheme, joints, want_tangent):
     add_loads(topology, frames, variation, loads, work, want_tangent)
     tie_rows(ties, system.state, frames, RATED if rated else VALUES)
     pull_rows(pulls, ties, frames, level)
-    add_ties(ties, work.wrench)
+    add_ties(ties, ties.multiplier, work.wrench)
     bad = add_elements(topology, system.elements, frames, variation, work, scheme.mode != STATIC, want_tangent)
     if bad < 0:
         if want_tangent:

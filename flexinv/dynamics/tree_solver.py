@@ -73,10 +73,10 @@ def _condense(topology, elements, variation, work, k, sides):
 
 
 @jit_inner
-def _copy_block(a, row, column, out, at, to):
+def _copy_block(tangent, row, column, out, out_row, out_column):
     for r in range(6):
         for c in range(6):
-            out[at + r, to + c] = a[row + r, column + c]
+            out[out_row + r, out_column + c] = tangent[row + r, column + c]
 
 
 @jit_inner

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
-from flexinv.errors import InputError
 from flexinv.files.schema import BodyTable, CylinderTable, PayloadTable, RodTable
-from flexinv.files.toml_tables import complaint, location
+from flexinv.files.toml_tables import Location
 from flexinv.model.mechanism import Body, Inertia
 from flexinv.typing import Array
 
@@ -68,53 +65,50 @@ def _lying(table: RodTable | CylinderTable, axial: float, across: float) -> tupl
     return np.diag(moments), far_end(table) / 2
 
 
-def read_inertia(table: BodyTable, file: Path, path: str) -> Inertia:
+def read_inertia(table: BodyTable, where: Location) -> Inertia:
     """Read one body's inertia [kg, m, kg m^2] from its table; InputError when no body can have it."""
     if table.mass_kg is None:
         info = type(table).model_fields["mass_kg"]
         words = info.description or "", str((info.examples or [""])[0])
-        raise InputError(complaint(location(file, path, "mass_kg"), "nothing", *words))
+        raise where.wrong("mass_kg", "nothing", *words)
     given = [name for name in SHAPES if getattr(table, name) is not None]
     if len(given) != 1:
         advice = "inertia_kgm2 = { xx = 1e-4, yy = 2.9e-3, zz = 2.9e-3 }, or inertia_kgm2 = 0 for a point mass"
         expected = f"exactly one of {', '.join(SHAPES)}"
-        where = location(file, path, "inertia_kgm2")
-        raise InputError(complaint(where, " and ".join(given) or "nothing", expected, advice))
+        raise where.wrong("inertia_kgm2", " and ".join(given) or "nothing", expected, advice)
     tensor, centre = shape_inertia(table, table.mass_kg)
     com = np.array(table.com_m, dtype=np.float64) if table.com_m is not None else centre
     if com is None:
-        expected = "the centre of mass, three numbers [m]"
-        raise InputError(complaint(location(file, path, "com_m"), "nothing", expected, "com_m = [0, 0, 0]"))
+        raise where.wrong("com_m", "nothing", "the centre of mass, three numbers [m]", "com_m = [0, 0, 0]")
     reason = impossible(tensor)
     if reason:
         expected = "the inertia of a body about its centre of mass [kg m^2]: symmetric, moments p1 + p2 >= p3 >= 0"
         advice = "the tensor about the centre of mass, not about the joint; check signs and order of its numbers"
         given_text = f"{np.array2string(tensor, separator=', ')}".replace("\n", "") + f": {reason}"
-        raise InputError(complaint(location(file, path, given[0]), given_text, expected, advice))
+        raise where.wrong(given[0], given_text, expected, advice)
     return Inertia(table.mass_kg, com, (tensor + tensor.T) / 2)
 
 
-def read_payloads(tables: list[PayloadTable], beam: bool, own: str, file: Path, path: str) -> tuple[Body, ...]:
+def read_payloads(tables: list[PayloadTable], beam: bool, own: str, where: Location) -> tuple[Body, ...]:
     """Read the bodies that a link carries; on a beam each names its station [-], on a rigid link none does.
 
     own : the name of the link's own body, which no payload may have
     """
     bodies: list[Body] = []
     for k, table in enumerate(tables):
-        here = f"{path}.payload[{k}]"
-        if beam != (table.station is not None):
-            given = "nothing" if beam else f"station = {table.station}"
-            expected = (
-                "the fraction 0..1 of the beam's length that carries it [-]"
-                if beam
-                else "no station: the link is rigid"
-            )
-            advice = "station = 1.0   (the tip)" if beam else "com_m alone, in the link frame"
-            raise InputError(complaint(location(file, here, "station"), given, expected, advice))
+        here = where.inner(f"payload[{k}]")
+        on, off = "the beam's length that carries it", "the link is rigid"
+        check_station(table.station, beam, here, on, off, "com_m alone, in the link frame")
         if table.name in (own, *(body.name for body in bodies)):
             expected = "a name of its own for each body of a link"
-            raise InputError(
-                complaint(location(file, here, "name"), f'"{table.name}" twice', expected, f'name = "{table.name}_2"')
-            )
-        bodies.append(Body(table.name, read_inertia(table, file, here), table.station))
+            raise here.wrong("name", f'"{table.name}" twice', expected, f'name = "{table.name}_2"')
+        bodies.append(Body(table.name, read_inertia(table, here), table.station))
     return tuple(bodies)
+
+
+def check_station(station: float | None, on_beam: bool, where: Location, beam: str, other: str, write: str) -> None:
+    """Check that what a beam carries names its station [-], and nothing else does; ``beam``, ``other`` : in words."""
+    if on_beam and station is None:
+        raise where.wrong("station", "nothing", f"the fraction 0..1 of {beam} [-]", "station = 1.0   (the tip)")
+    if not on_beam and station is not None:
+        raise where.wrong("station", f"station = {station}", f"no station: {other}", write)

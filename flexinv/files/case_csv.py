@@ -15,8 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from flexinv.errors import InputError
-from flexinv.files.toml_tables import complaint
+from flexinv.files.toml_tables import complaint, read_bytes
 from flexinv.files.unit_keys import UNITS
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Joint, Mechanism
@@ -40,9 +39,7 @@ def read_samples(path: Path, mechanism: Mechanism, largest_gap: float | None) ->
     columns = _columns(header, mechanism, path)
     table = np.array([_numbers(row, header, line, path) for line, row in rows[1:]])
     if len(table) < 2:
-        raise InputError(
-            complaint(str(path), f"{len(table)} rows of numbers", "two or more samples", "one row per time")
-        )
+        raise complaint(str(path), f"{len(table)} rows of numbers", "two or more samples", "one row per time")
     lines = [line for line, _ in rows[1:]]
     time, gap = table[:, 0], largest_gap
     if gap is None:
@@ -53,24 +50,15 @@ def read_samples(path: Path, mechanism: Mechanism, largest_gap: float | None) ->
 
 def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Lines that are not empty, with their numbers."""
-    if not path.is_file():
-        near = nearest(path.name, sorted(p.name for p in path.parent.glob("*.csv"))) if path.parent.is_dir() else None
-        raise InputError(complaint(str(path), "no such file", "a CSV file", near or "the name of a file that exists"))
-    with path.open("rb") as stream:
-        data = stream.read(LARGEST_FILE + 1)
-    if len(data) > LARGEST_FILE:
-        raise InputError(
-            complaint(str(path), f"more than {LARGEST_FILE} bytes", f"at most {LARGEST_FILE} bytes", "fewer samples")
-        )
+    near = nearest(path.name, sorted(p.name for p in path.parent.glob("*.csv"))) if path.parent.is_dir() else None
+    data = read_bytes(path, LARGEST_FILE, "a CSV file", near or "the name of a file that exists", "fewer samples")
     try:
         reader = csv.reader(io.StringIO(data.decode("utf-8-sig"), newline=""), strict=True)
         for row in reader:
             if any(cell.strip() for cell in row):
                 yield reader.line_num, row
     except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(
-            complaint(str(path), f"no CSV: {error}", "UTF-8 text, commas between numbers", "the file again")
-        ) from None
+        raise complaint(str(path), f"no CSV: {error}", "UTF-8 text, commas between numbers", "the file again") from None
 
 
 def _columns(header: list[str], mechanism: Mechanism, path: Path) -> list[Column]:
@@ -78,31 +66,27 @@ def _columns(header: list[str], mechanism: Mechanism, path: Path) -> list[Column
     where = f"{path}: line 1"
     if not header or header[0] != "time_s":
         given = f"first column {header[0]!r}" if header else "an empty file"
-        raise InputError(complaint(where, given, "time_s, the time [s]", "time_s," + ",".join(list(known)[:3])))
+        raise complaint(where, given, "time_s, the time [s]", "time_s," + ",".join(list(known)[:3]))
     for k, name in enumerate(header[1:], 2):
         if name not in known:
             near = nearest(name, known)
             expected = "a coordinate with its unit: " + ", ".join(list(known)[:12])
-            raise InputError(complaint(f"{where}, column {k}", name, expected, near or "one of these"))
+            raise complaint(f"{where}, column {k}", name, expected, near or "one of these")
     columns = [known[name] for name in header[1:]]
     places = [(joint, k) for joint, k, _ in columns]
     for k, found in enumerate(places):
         if found in places[:k]:
-            raise InputError(
-                complaint(
-                    f"{where}, column {k + 2}",
-                    f"{header[k + 1]}: joint {found[0]} twice",
-                    "each coordinate once",
-                    "one of the two",
-                )
+            raise complaint(
+                f"{where}, column {k + 2}",
+                f"{header[k + 1]}: joint {found[0]} twice",
+                "each coordinate once",
+                "one of the two",
             )
     for joint in {joint for joint, _ in places}:
         missing = {k for name, (j, k, _) in known.items() if j == joint} - {k for j, k in places if j == joint}
         if missing:
             name = next(name for name, (j, k, _) in known.items() if j == joint and k in missing)
-            raise InputError(
-                complaint(where, f"some coordinates of joint {joint}", "all its coordinates", f"a column {name}")
-            )
+            raise complaint(where, f"some coordinates of joint {joint}", "all its coordinates", f"a column {name}")
     return columns
 
 
@@ -121,7 +105,7 @@ def _names(joint: Joint) -> Iterator[tuple[str, Column]]:
 def _numbers(row: list[str], header: list[str], line: int, path: Path) -> list[float]:
     if len(row) != len(header):
         expected = f"{len(header)}, as in the first line"
-        raise InputError(complaint(f"{path}: line {line}", f"{len(row)} cells", expected, "a number in each column"))
+        raise complaint(f"{path}: line {line}", f"{len(row)} cells", expected, "a number in each column")
     values = []
     for name, cell in zip(header, row, strict=True):
         try:
@@ -130,7 +114,7 @@ def _numbers(row: list[str], header: list[str], line: int, path: Path) -> list[f
             value = math.nan
         if not math.isfinite(value):
             where = f"{path}: line {line}, column {name}"
-            raise InputError(complaint(where, repr(cell[:40]), "a finite number", "the number, or leave the line out"))
+            raise complaint(where, repr(cell[:40]), "a finite number", "the number, or leave the line out")
         values.append(value)
     return values
 
@@ -141,16 +125,16 @@ def _check_times(time: Array, gap: float, lines: list[int], path: Path) -> None:
     if steps[k] <= 0:
         given = f"{time[k + 1]:g} after {time[k]:g}"
         where = f"{path}: line {lines[k + 1]}, column time_s"
-        raise InputError(complaint(where, given, "times that increase [s]", "the rows sorted by time, each time once"))
+        raise complaint(where, given, "times that increase [s]", "the rows sorted by time, each time once")
     if time[0] != 0.0:
         where = f"{path}: line {lines[0]}, column time_s"
-        raise InputError(complaint(where, f"{time[0]:g}", "a first time of 0 [s]", f"all times less {time[0]:g}"))
+        raise complaint(where, f"{time[0]:g}", "a first time of 0 [s]", f"all times less {time[0]:g}")
     k = int(np.argmax(steps))
     if steps[k] > gap:
         where = f"{path}: line {lines[k + 1]}, column time_s"
         given = f"a gap of {steps[k]:g} s, from {time[k]:g} to {time[k + 1]:g}"
         write = f"the samples between, or largest_gap_s = {steps[k] * 1.001:.4g} if the spline may cross it"
-        raise InputError(complaint(where, given, f"at most {gap:g} s between samples", write))
+        raise complaint(where, given, f"at most {gap:g} s between samples", write)
 
 
 def _by_joint(table: Array, columns: list[Column], mechanism: Mechanism) -> dict[str, Array]:

@@ -1,84 +1,43 @@
-"""The motion of a case: tables of joints, or a CSV file, made into a ``Motion`` of the mechanism."""
+"""The motion of a case, from tables of joints or a CSV file, and the start of joints that it leaves out (in a loop a guess)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from flexinv.errors import InputError
 from flexinv.files.case_csv import read_samples
-from flexinv.files.case_schema import (
-    AngleTable,
-    MotionTable,
-    MoveTable,
-    PoseTable,
-    PositionTable,
-    RotationTable,
-    TwoAnglesTable,
-)
-from flexinv.files.toml_tables import complaint, location, validate
+from flexinv.files.case_schema import MOVES, STARTS, MotionTable, MoveTable, Reader
+from flexinv.files.toml_tables import Location, Table, validate
 from flexinv.model.joint_kinds import KINDS, POSE
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.motion import Motion
 from flexinv.typing import Array
 from flexinv.validation import nearest
 
-Reader = Callable[[Any], Array]
 Timing = tuple[str, float, float, float]  # law, duration, hold, delay [s]
 
 
-def plain(value: Any) -> Array:
-    """Read numbers that are in SI units already [rad], [m], [-]."""
-    return np.atleast_1d(np.array(value, dtype=np.float64))
-
-
-def _radians(value: Any) -> Array:
-    return np.radians(plain(value))
-
-
-def _quaternion(rpy_deg: Any) -> Array:
-    return np.asarray(Rotation.from_euler("xyz", rpy_deg, degrees=True).as_quat())
-
-
-# Units of the velocity coordinates of a kind of joint -> its table, the parts of its coordinates (by their keys), an example.
-ANGLE: dict[str, Reader] = {"deg": _radians, "rad": plain}
-TURN: dict[str, Reader] = {"quaternion": plain, "rpy_deg": _quaternion}
-MOVES: dict[tuple[str, ...], tuple[type[MoveTable], tuple[dict[str, Reader], ...], str]] = {
-    ("rad",): (AngleTable, (ANGLE,), "{ from_deg = 0, to_deg = 90 }"),
-    ("m",): (PositionTable, ({"m": plain},), "{ from_m = 0, to_m = 0.1 }"),
-    2 * ("rad",): (TwoAnglesTable, (ANGLE,), "{ from_deg = [0, 0], to_deg = [30, 20] }"),
-    3 * ("rad",): (RotationTable, (TURN,), "{ from_rpy_deg = [0, 0, 0], to_rpy_deg = [0, 0, 90] }"),
-    (*3 * ("m",), *3 * ("rad",)): (
-        PoseTable,
-        ({"xyz_m": plain}, TURN),
-        "{ at_xyz_m = [0, 0, 1], at_rpy_deg = [0, 0, 0] }",
-    ),
-}
-
-
-def read_motion(table: MotionTable, mechanism: Mechanism, file: Path, path: str) -> Motion:
+def read_motion(table: MotionTable, mechanism: Mechanism, where: Location) -> Motion:
     """Make the motion [rad, m, s] that the table describes; InputError where mechanism and table do not fit."""
     if (table.law == "sampled") != (table.csv is not None):
         given, write = (
             ('law = "sampled" without csv', 'csv = "..."') if table.csv is None else ("csv", 'law = "sampled"')
         )
-        where = location(file, path, "csv" if table.csv is None else "law")
-        raise InputError(complaint(where, given, 'law = "sampled" and csv together', write))
+        raise where.wrong("csv" if table.csv is None else "law", given, 'law = "sampled" and csv together', write)
     if table.csv is not None:
-        return _sampled(table, table.csv, mechanism, file, path)
+        return _sampled(table, table.csv, mechanism, where)
     groups: dict[Timing, list[tuple[str, Array, Array]]] = {}
     for name, data in table.joints.items():
-        joint = _joint(name, mechanism, file, path)
+        joint = _joint(name, mechanism, where)
         model, parts, write = MOVES[KINDS[joint.kind].units]
-        move = validate(model, data, file, f"{path}.joints.{name}")
-        timing = _timing(move, table, file, path)
-        first, last = _ends(move, parts, write, file, f"{path}.joints.{name}")
+        move = validate(model, data, where.inner(f"joints.{name}"))
+        timing = _timing(move, table, where)
+        first, last = _ends(move, parts, write, where.inner(f"joints.{name}"))
         groups.setdefault(timing, []).append((name, first, last))
-    _add_others(groups, table, mechanism, file, path)
+    _add_others(groups, table, mechanism, where)
     motions = [
         Motion.point_to_point(_by_name(moves, 1), _by_name(moves, 2), duration, hold, law, delay)
         for (law, duration, hold, delay), moves in groups.items()
@@ -90,27 +49,22 @@ def _by_name(moves: list[tuple[str, Array, Array]], column: int) -> dict[str, Ar
     return {str(move[0]): np.asarray(move[column]) for move in moves}
 
 
-def _sampled(table: MotionTable, csv: str, mechanism: Mechanism, file: Path, path: str) -> Motion:
+def _sampled(table: MotionTable, csv: str, mechanism: Mechanism, where: Location) -> Motion:
     for name in ("duration_s", "hold_s", "delay_s", "joints", "others"):
         if getattr(table, name):
             expected = "the times and joints of the CSV file alone"
-            raise InputError(
-                complaint(location(file, path, name), f"{name} beside csv", expected, "samples that rest, if so meant")
-            )
-    folder = file.resolve().parent
+            raise where.wrong(name, f"{name} beside csv", expected, "samples that rest, if so meant")
+    folder = where.file.resolve().parent
     samples = (folder / csv).resolve()
     if Path(csv).is_absolute() or not samples.is_relative_to(folder):
-        expected = "a file in the folder of the cases"
-        raise InputError(
-            complaint(location(file, path, "csv"), f'csv = "{csv}"', expected, f'csv = "{Path(csv).name}"')
-        )
+        raise where.wrong("csv", f'csv = "{csv}"', "a file in the folder of the cases", f'csv = "{Path(csv).name}"')
     time, columns, gap = read_samples(samples, mechanism, table.largest_gap_s)
     motion = Motion.from_samples(time, columns, rest=table.rest, max_gap=gap)
-    _check_complete(set(columns), mechanism, file, path)
+    _check_complete(set(columns), mechanism, where)
     return motion
 
 
-def _joint(name: str, mechanism: Mechanism, file: Path, path: str) -> Joint:
+def _joint(name: str, mechanism: Mechanism, where: Location) -> Joint:
     movable = [joint.name for joint in mechanism.joints if joint.nv]
     if name in movable:
         return mechanism.joint_of[name]
@@ -118,35 +72,33 @@ def _joint(name: str, mechanism: Mechanism, file: Path, path: str) -> Joint:
     given = f"a motion for joint {name}" + (", which is fixed" if name in mechanism.joint_of else "")
     expected = f"a joint of {mechanism.name} that moves: {', '.join(movable[:20])}"
     write = f"{near} instead of {name}" if near and near != name else "one of these"
-    raise InputError(complaint(location(file, f"{path}.joints", name), given, expected, write))
+    raise where.inner("joints").wrong(name, given, expected, write)
 
 
-def _timing(move: MoveTable, table: MotionTable, file: Path, path: str) -> Timing:
+def _timing(move: MoveTable, table: MotionTable, where: Location) -> Timing:
     duration = move.duration_s or table.duration_s
     if duration is None:
         expected = MotionTable.model_fields["duration_s"].description or ""
-        raise InputError(complaint(location(file, path, "duration_s"), "nothing", expected, "duration_s = 1.0"))
+        raise where.wrong("duration_s", "nothing", expected, "duration_s = 1.0")
     hold = table.hold_s if move.hold_s is None else move.hold_s
     delay = table.delay_s if move.delay_s is None else move.delay_s
     return move.law or table.law, duration, hold, delay
 
 
-def _ends(
-    move: MoveTable, parts: tuple[dict[str, Reader], ...], write: str, file: Path, path: str
-) -> tuple[Array, Array]:
+def _ends(move: MoveTable, parts: tuple[dict[str, Reader], ...], write: str, where: Location) -> tuple[Array, Array]:
     """Start and end of one joint, its parts joined: each part says where from and where to, or where it rests."""
-    pairs = [_part(move, part, write, file, path) for part in parts]
+    pairs = [_part(move, part, write, where) for part in parts]
     return np.concatenate([first for first, _ in pairs]), np.concatenate([last for _, last in pairs])
 
 
-def _part(move: MoveTable, part: Mapping[str, Reader], write: str, file: Path, path: str) -> tuple[Array, Array]:
+def _part(move: MoveTable, part: Mapping[str, Reader], write: str, where: Location) -> tuple[Array, Array]:
     stated = {when: [u for u in part if getattr(move, f"{when}_{u}") is not None] for when in ("from", "to", "at")}
     counts = tuple(len(units) for units in stated.values())
     if counts not in ((1, 1, 0), (0, 0, 1)):
         units = " or ".join(part)
         given = ", ".join(f"{when}_{u}" for when, found in stated.items() for u in found) or "nothing"
         expected = f"where from and where to, or where it rests: from_, to_ or at_ with {units}, each once"
-        raise InputError(complaint(location(file, path), given, expected, write))
+        raise where.wrong("", given, expected, write)
     values = {when: part[units[0]](getattr(move, f"{when}_{units[0]}")) for when, units in stated.items() if units}
     return values.get("from", values.get("at", np.empty(0))), values.get("to", values.get("at", np.empty(0)))
 
@@ -155,20 +107,17 @@ def _add_others(
     groups: dict[Timing, list[tuple[str, Array, Array]]],
     table: MotionTable,
     mechanism: Mechanism,
-    file: Path,
-    path: str,
+    where: Location,
 ) -> None:
     """Hold what is not listed at zero if the table says so; a missing joint that has an actuator is an error."""
     if table.others is None:
-        return _check_complete(set(table.joints), mechanism, file, path)
+        return _check_complete(set(table.joints), mechanism, where)
     if not groups:
-        raise InputError(
-            complaint(
-                location(file, path, "joints"),
-                "nothing",
-                "at least one joint that moves",
-                "joints.elbow = { from_deg = 0, to_deg = 90 }",
-            )
+        raise where.wrong(
+            "joints",
+            "nothing",
+            "at least one joint that moves",
+            "joints.elbow = { from_deg = 0, to_deg = 90 }",
         )
     held = next(iter(groups.values()))
     for joint in mechanism.joints:
@@ -178,9 +127,52 @@ def _add_others(
     return None
 
 
-def _check_complete(given: set[str], mechanism: Mechanism, file: Path, path: str) -> None:
+def _check_complete(given: set[str], mechanism: Mechanism, where: Location) -> None:
     missing = [j for j in mechanism.joints if j.nv and j.actuated and j.name not in given]
     if missing and not mechanism.closures:  # in a loop the closures move the joints that the motion leaves out
         expected = f"a motion for every joint with an actuator; missing: {', '.join(j.name for j in missing[:10])}"
         write = f'{missing[0].name} = {MOVES[KINDS[missing[0].kind].units][2]}, or others = "at_zero"'
-        raise InputError(complaint(location(file, f"{path}.joints", missing[0].name), "nothing", expected, write))
+        raise where.inner("joints").wrong(missing[0].name, "nothing", expected, write)
+
+
+def read_start(tables: Mapping[str, Any], mechanism: Mechanism, motion: Motion, where: Location) -> dict[str, Array]:
+    """Read the start of joints that the motion leaves out: joint -> its coordinates [rad], [m], quaternion [-]."""
+    given = motion.joints(mechanism)
+    passive = [joint.name for joint in mechanism.joints if joint.nv and joint.name not in given]
+    for name in tables:
+        if name not in passive:
+            _refuse(name, name in given, passive, where)
+    return read_places(tables, mechanism, passive, where)
+
+
+def read_places(
+    tables: Mapping[str, Any], mechanism: Mechanism, joints: list[str], where: Location
+) -> dict[str, Array]:
+    """Read where joints are, each of ``joints`` or none: joint -> its coordinates [rad], [m], quaternion [-]."""
+    out = {}
+    for name, data in tables.items():
+        if name not in joints:
+            near = nearest(name, joints)
+            expected = f"a joint of {mechanism.name} that moves: {', '.join(joints[:20]) or 'there is none'}"
+            write = f"{near} instead of {name}" if near else f"no start.{name}"
+            raise where.wrong(name, f"a start for joint {name}", expected, write)
+        model, parts, write = STARTS[KINDS[mechanism.joint_of[name].kind].units]
+        inner = where.inner(name)
+        table = validate(model, data, inner)
+        out[name] = np.concatenate([_start_part(table, part, write, inner) for part in parts])
+    return out
+
+
+def _refuse(name: str, moved: bool, passive: list[str], where: Location) -> None:
+    near = nearest(name, passive)
+    given = f"a start for joint {name}" + (", which the motion moves" if moved else "")
+    expected = f"a joint that the motion leaves out: {', '.join(passive[:20]) or 'there is none'}"
+    write = f"{near} instead of {name}" if near and not moved else f"the motion alone; no start.{name}"
+    raise where.wrong(name, given, expected, write)
+
+
+def _start_part(table: Table, part: Mapping[str, Reader], write: str, where: Location) -> Array:
+    stated = [key for key in part if getattr(table, key) is not None]
+    if len(stated) != 1:
+        raise where.wrong("", " and ".join(stated) or "nothing", f"where it starts: one of {', '.join(part)}", write)
+    return part[stated[0]](getattr(table, stated[0]))

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import datetime
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Field
+from scipy.spatial.transform import Rotation
 
 from flexinv import validation as arguments
-from flexinv.files.toml_tables import Name, NotNegative, Number, Positive, Table, Text, Vector, key, read_toml, validate
+from flexinv.files.toml_tables import Location, Table, key, optional, read_toml, validate
+from flexinv.files.values import Name, NotNegative, Number, Positive, Text, Vector
+from flexinv.typing import Array
 
 QUANTITIES = ("torque", "wrench", "reaction", "tip", "deflection", "axial", "internal", "frequency")
 # Comparisons with a release, separated by commas, as in requirements of packages (PEP 440).
@@ -24,98 +29,137 @@ Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
 class MoveTable(Table):
     """Move of one joint; law and times default to those of the motion."""
 
-    law: Law | None = key(f"one of {LAWS}", 'law = "cycloid"', default=None)
-    duration_s: Positive | None = key("how long the move takes, > 0 [s]", "duration_s = 1.0", default=None)
-    hold_s: NotNegative | None = key("rest after the move, >= 0 [s]", "hold_s = 0.5", default=None)
-    delay_s: NotNegative | None = key("rest before the move, >= 0 [s]", "delay_s = 0.1", default=None)
+    law: Law | None = optional(f"one of {LAWS}", 'law = "cycloid"')
+    duration_s: Positive | None = optional("how long the move takes, > 0 [s]", "duration_s = 1.0")
+    hold_s: NotNegative | None = optional("rest after the move, >= 0 [s]", "hold_s = 0.5")
+    delay_s: NotNegative | None = optional("rest before the move, >= 0 [s]", "delay_s = 0.1")
 
 
 class AngleTable(MoveTable):
     """A revolute or continuous joint."""
 
-    from_deg: Number | None = key("the angle at the start [deg]", "from_deg = 0", default=None)
-    to_deg: Number | None = key("the angle at the end [deg]", "to_deg = 90", default=None)
-    at_deg: Number | None = key("the angle at which it rests [deg]", "at_deg = 30", default=None)
-    from_rad: Number | None = key("the angle at the start [rad]", "from_rad = 0", default=None)
-    to_rad: Number | None = key("the angle at the end [rad]", "to_rad = 1.0", default=None)
-    at_rad: Number | None = key("the angle at which it rests [rad]", "at_rad = 0.5", default=None)
+    from_deg: Number | None = optional("the angle at the start [deg]", "from_deg = 0")
+    to_deg: Number | None = optional("the angle at the end [deg]", "to_deg = 90")
+    at_deg: Number | None = optional("the angle at which it rests [deg]", "at_deg = 30")
+    from_rad: Number | None = optional("the angle at the start [rad]", "from_rad = 0")
+    to_rad: Number | None = optional("the angle at the end [rad]", "to_rad = 1.0")
+    at_rad: Number | None = optional("the angle at which it rests [rad]", "at_rad = 0.5")
 
 
 class PositionTable(MoveTable):
     """A prismatic joint."""
 
-    from_m: Number | None = key("the position at the start [m]", "from_m = 0", default=None)
-    to_m: Number | None = key("the position at the end [m]", "to_m = 0.1", default=None)
-    at_m: Number | None = key("the position at which it rests [m]", "at_m = 0.05", default=None)
+    from_m: Number | None = optional("the position at the start [m]", "from_m = 0")
+    to_m: Number | None = optional("the position at the end [m]", "to_m = 0.1")
+    at_m: Number | None = optional("the position at which it rests [m]", "at_m = 0.05")
 
 
 class TwoAnglesTable(MoveTable):
     """A universal joint."""
 
-    from_deg: Pair | None = key("two angles at the start [deg]", "from_deg = [0, 0]", default=None)
-    to_deg: Pair | None = key("two angles at the end [deg]", "to_deg = [30, 20]", default=None)
-    at_deg: Pair | None = key("two angles at which it rests [deg]", "at_deg = [0, 0]", default=None)
-    from_rad: Pair | None = key("two angles at the start [rad]", "from_rad = [0, 0]", default=None)
-    to_rad: Pair | None = key("two angles at the end [rad]", "to_rad = [0.5, 0.2]", default=None)
-    at_rad: Pair | None = key("two angles at which it rests [rad]", "at_rad = [0, 0]", default=None)
+    from_deg: Pair | None = optional("two angles at the start [deg]", "from_deg = [0, 0]")
+    to_deg: Pair | None = optional("two angles at the end [deg]", "to_deg = [30, 20]")
+    at_deg: Pair | None = optional("two angles at which it rests [deg]", "at_deg = [0, 0]")
+    from_rad: Pair | None = optional("two angles at the start [rad]", "from_rad = [0, 0]")
+    to_rad: Pair | None = optional("two angles at the end [rad]", "to_rad = [0.5, 0.2]")
+    at_rad: Pair | None = optional("two angles at which it rests [rad]", "at_rad = [0, 0]")
 
 
 class RotationTable(MoveTable):
     """A spherical joint."""
 
-    from_quaternion: Quaternion | None = key(
-        "x, y, z, w at the start [-]", "from_quaternion = [0, 0, 0, 1]", default=None
-    )
-    to_quaternion: Quaternion | None = key(
-        "x, y, z, w at the end [-]", "to_quaternion = [0, 0, 0.6, 0.8]", default=None
-    )
-    at_quaternion: Quaternion | None = key(
-        "x, y, z, w where it rests [-]", "at_quaternion = [0, 0, 0, 1]", default=None
-    )
-    from_rpy_deg: Vector | None = key("roll, pitch, yaw at the start [deg]", "from_rpy_deg = [0, 0, 0]", default=None)
-    to_rpy_deg: Vector | None = key("roll, pitch, yaw at the end [deg]", "to_rpy_deg = [0, 0, 90]", default=None)
-    at_rpy_deg: Vector | None = key("roll, pitch, yaw where it rests [deg]", "at_rpy_deg = [0, 0, 0]", default=None)
+    from_quaternion: Quaternion | None = optional("x, y, z, w at the start [-]", "from_quaternion = [0, 0, 0, 1]")
+    to_quaternion: Quaternion | None = optional("x, y, z, w at the end [-]", "to_quaternion = [0, 0, 0.6, 0.8]")
+    at_quaternion: Quaternion | None = optional("x, y, z, w where it rests [-]", "at_quaternion = [0, 0, 0, 1]")
+    from_rpy_deg: Vector | None = optional("roll, pitch, yaw at the start [deg]", "from_rpy_deg = [0, 0, 0]")
+    to_rpy_deg: Vector | None = optional("roll, pitch, yaw at the end [deg]", "to_rpy_deg = [0, 0, 90]")
+    at_rpy_deg: Vector | None = optional("roll, pitch, yaw where it rests [deg]", "at_rpy_deg = [0, 0, 0]")
 
 
 class PoseTable(RotationTable):
     """A free joint."""
 
-    from_xyz_m: Vector | None = key("the position at the start [m]", "from_xyz_m = [0, 0, 1]", default=None)
-    to_xyz_m: Vector | None = key("the position at the end [m]", "to_xyz_m = [0, 0, 0.9]", default=None)
-    at_xyz_m: Vector | None = key("the position where it rests [m]", "at_xyz_m = [0, 0, 1]", default=None)
+    from_xyz_m: Vector | None = optional("the position at the start [m]", "from_xyz_m = [0, 0, 1]")
+    to_xyz_m: Vector | None = optional("the position at the end [m]", "to_xyz_m = [0, 0, 0.9]")
+    at_xyz_m: Vector | None = optional("the position where it rests [m]", "at_xyz_m = [0, 0, 1]")
 
 
 class AngleStartTable(Table):
     """Start angle of a revolute or continuous joint."""
 
-    deg: Number | None = key("the angle [deg]", "deg = 30", default=None)
-    rad: Number | None = key("the angle [rad]", "rad = 0.5", default=None)
+    deg: Number | None = optional("the angle [deg]", "deg = 30")
+    rad: Number | None = optional("the angle [rad]", "rad = 0.5")
 
 
 class PositionStartTable(Table):
     """Start position of a prismatic joint."""
 
-    m: Number | None = key("the position [m]", "m = 0.1", default=None)
+    m: Number | None = optional("the position [m]", "m = 0.1")
 
 
 class TwoAnglesStartTable(Table):
     """Start angles of a universal joint."""
 
-    deg: Pair | None = key("two angles [deg]", "deg = [10, -5]", default=None)
-    rad: Pair | None = key("two angles [rad]", "rad = [0.2, -0.1]", default=None)
+    deg: Pair | None = optional("two angles [deg]", "deg = [10, -5]")
+    rad: Pair | None = optional("two angles [rad]", "rad = [0.2, -0.1]")
 
 
 class RotationStartTable(Table):
     """Start orientation of a spherical joint."""
 
-    quaternion: Quaternion | None = key("x, y, z, w [-]", "quaternion = [0, 0, 0, 1]", default=None)
-    rpy_deg: Vector | None = key("roll, pitch, yaw [deg]", "rpy_deg = [0, 0, 90]", default=None)
+    quaternion: Quaternion | None = optional("x, y, z, w [-]", "quaternion = [0, 0, 0, 1]")
+    rpy_deg: Vector | None = optional("roll, pitch, yaw [deg]", "rpy_deg = [0, 0, 90]")
 
 
 class PoseStartTable(RotationStartTable):
     """Start pose of a free joint."""
 
-    xyz_m: Vector | None = key("the position [m]", "xyz_m = [0, 0, 1]", default=None)
+    xyz_m: Vector | None = optional("the position [m]", "xyz_m = [0, 0, 1]")
+
+
+Reader = Callable[[Any], Array]
+
+
+def plain(value: Any) -> Array:
+    """Read numbers that are in SI units already [rad], [m], [-]."""
+    return np.atleast_1d(np.array(value, dtype=np.float64))
+
+
+def _radians(value: Any) -> Array:
+    return np.radians(plain(value))
+
+
+def _quaternion(rpy_deg: Any) -> Array:
+    return np.asarray(Rotation.from_euler("xyz", rpy_deg, degrees=True).as_quat())
+
+
+# Units of the velocity coordinates of a kind of joint -> its table, the parts of its coordinates (by their keys), an example.
+ANGLE: dict[str, Reader] = {"deg": _radians, "rad": plain}
+TURN: dict[str, Reader] = {"quaternion": plain, "rpy_deg": _quaternion}
+MOVES: dict[tuple[str, ...], tuple[type[MoveTable], tuple[dict[str, Reader], ...], str]] = {
+    ("rad",): (AngleTable, (ANGLE,), "{ from_deg = 0, to_deg = 90 }"),
+    ("m",): (PositionTable, ({"m": plain},), "{ from_m = 0, to_m = 0.1 }"),
+    2 * ("rad",): (TwoAnglesTable, (ANGLE,), "{ from_deg = [0, 0], to_deg = [30, 20] }"),
+    3 * ("rad",): (RotationTable, (TURN,), "{ from_rpy_deg = [0, 0, 0], to_rpy_deg = [0, 0, 90] }"),
+    (*3 * ("m",), *3 * ("rad",)): (
+        PoseTable,
+        ({"xyz_m": plain}, TURN),
+        "{ at_xyz_m = [0, 0, 1], at_rpy_deg = [0, 0, 0] }",
+    ),
+}
+
+# The same of where a joint starts.
+STARTS: dict[tuple[str, ...], tuple[type[Table], tuple[dict[str, Reader], ...], str]] = {
+    ("rad",): (AngleStartTable, (ANGLE,), "{ deg = 30 }"),
+    ("m",): (PositionStartTable, ({"m": plain},), "{ m = 0.1 }"),
+    2 * ("rad",): (TwoAnglesStartTable, (ANGLE,), "{ deg = [10, -5] }"),
+    3 * ("rad",): (RotationStartTable, (TURN,), "{ rpy_deg = [0, 0, 90] }"),
+    (*3 * ("m",), *3 * ("rad",)): (
+        PoseStartTable,
+        ({"xyz_m": plain}, TURN),
+        "{ xyz_m = [0, 0, 1], rpy_deg = [0, 0, 0] }",
+    ),
+}
 
 
 class MotionTable(Table):
@@ -124,19 +168,18 @@ class MotionTable(Table):
     law: Literal["cycloid", "quintic", "nonic", "bang-bang", "trapezoid", "sampled"] = key(
         f'{LAWS}, or "sampled" with csv', 'law = "cycloid"', default="cycloid"
     )
-    duration_s: Positive | None = key("how long the move takes, > 0 [s]", "duration_s = 1.0", default=None)
+    duration_s: Positive | None = optional("how long the move takes, > 0 [s]", "duration_s = 1.0")
     hold_s: NotNegative = key("rest after the move, >= 0 [s]", "hold_s = 0.5", default=0.0)
     delay_s: NotNegative = key("rest before the move, >= 0 [s]", "delay_s = 0.1", default=0.0)
     joints: dict[str, Any] = key("a table per joint", "joints.elbow = { from_deg = 0, to_deg = 90 }", default={})
-    others: Literal["at_zero"] | None = key(
-        '"at_zero" to hold the joints that are not listed at zero', 'others = "at_zero"', default=None
+    others: Literal["at_zero"] | None = optional(
+        '"at_zero" to hold the joints that are not listed at zero', 'others = "at_zero"'
     )
-    csv: Text | None = key("a CSV file beside this one, column time_s first", 'csv = "swing.csv"', default=None)
+    csv: Text | None = optional("a CSV file beside this one, column time_s first", 'csv = "swing.csv"')
     rest: bool = key("true when the samples start and end at rest", "rest = true", default=False)
-    largest_gap_s: Positive | None = key(
+    largest_gap_s: Positive | None = optional(
         "the longest interval that the spline may cross [s]; three times the median one when absent",
         "largest_gap_s = 0.1",
-        default=None,
     )
 
 
@@ -156,8 +199,8 @@ class LimitTable(Table):
     versions: Annotated[str, Field(pattern=VERSIONS)] = key(
         "versions of the engine for which it holds, all by default", 'versions = ">=1.13, <1.14"', default=""
     )
-    expires: datetime.date | None = key(
-        "the day after which the limit must be looked at again", "expires = 2027-01-31", default=None
+    expires: datetime.date | None = optional(
+        "the day after which the limit must be looked at again", "expires = 2027-01-31"
     )
 
 
@@ -175,8 +218,8 @@ class CaseTable(Table):
     source: Text = key("where the case comes from, a text", 'source = "Isobe et al., example 3"', default="")
     notes: list[Text] = key("a list of texts that a reader of results must know", 'notes = ["..."]', default=[])
     step_s: Positive = key("the time step, > 0 [s]", "step_s = 5e-4")
-    end_s: Positive | None = key("when the case ends [s]; with the motion when absent", "end_s = 0.5", default=None)
-    sample_s: Positive | None = key("the spacing of results [s]; the step when absent", "sample_s = 1e-3", default=None)
+    end_s: Positive | None = optional("when the case ends [s]; with the motion when absent", "end_s = 0.5")
+    sample_s: Positive | None = optional("the spacing of results [s]; the step when absent", "sample_s = 1e-3")
     spectral_radius: Annotated[Number, Field(ge=0, le=1)] = key(
         "of the time integration at infinite frequency, 0..1 [-]", "spectral_radius = 0.8", default=0.8
     )
@@ -185,20 +228,17 @@ class CaseTable(Table):
         'initial = "static"',
         default="consistent",
     )
-    mesh: MeshTable | None = key(
+    mesh: MeshTable | None = optional(
         "flexinv's mesh in this case, where the mechanism's own is too coarse for it",
         "mesh = { elements = 2, order = 8 }",
-        default=None,
     )
     start: dict[str, Any] = key(
         "a table per joint that the motion leaves out: where it starts, in a loop the guess that picks the branch",
         "start.rocker = { deg = 100 }",
         default={},
     )
-    measured: Text | None = key(
-        "a CSV file beside this one with what was measured on a machine that did this",
-        'measured = "measured.csv"',
-        default=None,
+    measured: Text | None = optional(
+        "a CSV file beside this one with what was measured on a machine that did this", 'measured = "measured.csv"'
     )
     quantities: Annotated[
         list[Literal["torque", "wrench", "reaction", "tip", "deflection", "axial", "internal", "frequency"]],
@@ -224,4 +264,4 @@ def read_cases(path: str | Path) -> tuple[Path, CasesTable]:
     """
     path = Path(arguments.path("path", path, "a folder that has a cases.toml"))
     file = path if path.suffix == ".toml" else path / "cases.toml"
-    return file, validate(CasesTable, read_toml(file), file, "")
+    return file, validate(CasesTable, read_toml(file), Location(file))

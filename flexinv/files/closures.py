@@ -3,33 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, PlainValidator, WithJsonSchema
 
-from flexinv.errors import InputError
-from flexinv.files.joints import read_placement, unit_axis
+from flexinv.files.bodies import check_station
+from flexinv.files.joints import read_axes, read_placement
 from flexinv.files.schema import SOURCE, PlacementTable, finite
-from flexinv.files.toml_tables import (
-    Fraction,
-    Name,
-    NotNegative,
-    Number,
-    Table,
-    Text,
-    Vector,
-    complaint,
-    key,
-    location,
-    toml_text,
-    validate,
-)
+from flexinv.files.toml_tables import Location, Table, key, one_of, optional, toml_text, validate
+from flexinv.files.values import Fraction, Name, NotNegative, Number, Positive, Text, Vector
 from flexinv.model.attachments import COUPLED_JOINTS
 from flexinv.model.mechanism import CLOSURES, COUPLED, IMPACTS, WORLD, Attachment, Closure, Force, Joint, Link, Spring
+from flexinv.model.spring_laws import GasLaw, TableLaw
 from flexinv.typing import Array
 from flexinv.validation import nearest
 
@@ -55,7 +42,7 @@ class EndTable(PlacementTable):
     """A frame on a link or on the world."""
 
     link: Name = key('the link that carries it, or "world"', 'link = "coupler"')
-    station: Fraction | None = key("on a beam: the fraction 0..1 of its length [-]", "station = 1.0", default=None)
+    station: Fraction | None = optional("on a beam: the fraction 0..1 of its length [-]", "station = 1.0")
 
 
 class PairTable(Table):
@@ -115,21 +102,46 @@ class CouplingTable(Table):
 class SpringTable(PairTable):
     """A spring and damper along the line between two points."""
 
+    damping_Ns_per_m: NotNegative = key("viscous damping, >= 0 [N s/m]", "damping_Ns_per_m = 10", default=0.0)
+
+
+class LinearSpringTable(SpringTable):
+    """A linear spring."""
+
+    law: Literal["linear"] = key('"linear" (the default), "gas" or "table"', 'law = "gas"', default="linear")
     stiffness_N_per_m: NotNegative = key("the stiffness, >= 0 [N/m]", "stiffness_N_per_m = 4530")
     rest_m: NotNegative = key("the length without force, >= 0 [m]", "rest_m = 0.08", default=0.0)
-    damping_Ns_per_m: NotNegative = key("viscous damping, >= 0 [N s/m]", "damping_Ns_per_m = 10", default=0.0)
+
+
+class GasSpringTable(SpringTable):
+    """A gas behind a piston: force / (1 - (l - rest) / travel)^exponent."""
+
+    law: Literal["gas"] = key('"linear" (the default), "gas" or "table"', 'law = "gas"')
+    force_N: Number = key("the pull at the length rest_m, below 0 for a strut that pushes [N]", "force_N = 27000")
+    rest_m: NotNegative = key("the length at which the pull is force_N, >= 0 [m]", "rest_m = 0.6")
+    travel_m: Number = key(
+        "volume of the gas at rest_m over the piston's area, below 0 where shortening compresses it [m]",
+        "travel_m = 0.57",
+    )
+    exponent: Positive = key("polytropic exponent, 1 isothermal, 1.4 adiabatic [-]", "exponent = 1.2", default=1.0)
+
+
+class TableSpringTable(SpringTable):
+    """A table of pull over length, monotone cubics between its rows."""
+
+    law: Literal["table"] = key('"linear" (the default), "gas" or "table"', 'law = "table"')
+    length_m: list[Number] = key("lengths that increase, two or more [m]", "length_m = [0.60, 0.65, 0.70]")
+    force_N: list[Number] = key("the pull at each of them [N]", "force_N = [27000, 28200, 29500]")
 
 
 class ForceTable(Table):
     """A force and a moment on a point of a link, constant or linear between times."""
 
     at: EndTable = key(END, 'at = { link = "hand", xyz_m = [0, 0, 0.1] }')
-    force_N: Rows = key("three numbers, or a row of three for every time [N]", "force_N = [0, 0, -10]", default=None)
-    moment_Nm: Rows = key(
-        "three numbers, or a row of three for every time [N m]", "moment_Nm = [0, 0, 1]", default=None
-    )
-    time_s: list[Number] | None = key(
-        "the times of the rows, increasing [s]; absent for constant ones", "time_s = [0.0, 0.5]", default=None
+    force_N: Rows = optional("three numbers, or a row of three for every time [N]", "force_N = [0, 0, -10]")
+    moment_Nm: Rows = optional("three numbers, or a row of three for every time [N m]", "moment_Nm = [0, 0, 1]")
+    time_s: list[Number] | None = optional(
+        "the times of the rows, increasing [s]; absent for constant ones", "time_s = [0.0, 0.5]"
     )
     follower: bool = key(
         "true for axes that move with the link, false for world axes", "follower = true", default=False
@@ -137,6 +149,11 @@ class ForceTable(Table):
     source: Text = SOURCE
 
 
+SPRINGS: dict[str, type[SpringTable]] = {
+    "linear": LinearSpringTable,
+    "gas": GasSpringTable,
+    "table": TableSpringTable,
+}
 TABLES: dict[str, type[ClosureTable]] = {
     **dict.fromkeys(CLOSURES, AxisClosureTable),
     **dict.fromkeys(("fixed", "spherical"), ClosureTable),
@@ -144,131 +161,123 @@ TABLES: dict[str, type[ClosureTable]] = {
 }
 
 
-def read_closure(data: Any, links: Mapping[str, Link], taken: Mapping[str, Joint], file: Path, name: str) -> Closure:
+def read_closure(
+    data: Any, links: Mapping[str, Link], taken: Mapping[str, Joint], where: Location, name: str
+) -> Closure:
     """Read ``[closures.NAME]`` [m, rad, s]; taken : joints, whose names a closure may not have."""
-    path = f"closures.{name}"
-    kind = data.get("kind") if isinstance(data, dict) else None
-    if kind is not None and (not isinstance(kind, str) or kind not in CLOSURES):
-        write = f'kind = "{nearest(str(kind), CLOSURES) or "revolute"}"'
-        raise InputError(complaint(location(file, path, "kind"), f"kind = {toml_text(kind)}", f"one of {KINDS}", write))
+    kind = one_of(data, where, "kind", CLOSURES, f"one of {KINDS}", "revolute")
     if name in taken:
         expected = "a name of its own: a closure is a joint too, and results are named after both"
-        raise InputError(complaint(location(file, path), f'"{name}", also a joint', expected, f"[{path}_closure]"))
+        raise where.wrong("", f'"{name}", also a joint', expected, f"[{where.table}_closure]")
     if kind == "coupling":
-        return _coupling(validate(CouplingTable, data, file, path), taken, file, path, name)
-    table = validate(TABLES.get(kind or "", AxisClosureTable), data, file, path)
-    axes: dict[str, Any] = {
-        axis: unit_axis(getattr(table, axis), location(file, path, axis), f"{axis} = [0, 0, 1]")
-        for axis in ("axis", "second_axis")
-        if hasattr(table, axis)
-    }
-    first, second = _pair(table, links, file, path)
-    closure = Closure(
-        name,
-        table.kind,
-        first,
-        second,
-        active=_intervals(table.active_s, file, path),
-        capture=table.capture,
-        impact=_impact(table, file, path),
-    )
-    return replace(closure, **axes)
+        return _coupling(validate(CouplingTable, data, where), taken, where, name)
+    table = validate(TABLES[kind or "revolute"], data, where)
+    first, second = _pair(table, links, where)
+    return Closure(
+        name, table.kind, first, second, **read_axes(table, where), active=_intervals(table.active_s, where),
+        capture=table.capture, impact=_impact(table, where),
+    )  # fmt: skip
 
 
-def _coupling(table: CouplingTable, joints: Mapping[str, Joint], file: Path, path: str, name: str) -> Closure:
-    where, write = location(file, path, "factors"), "factors = { motor = 1, wheel = -5 }"
+def _coupling(table: CouplingTable, joints: Mapping[str, Joint], where: Location, name: str) -> Closure:
+    write = "factors = { motor = 1, wheel = -5 }"
     scalar = [j for j, joint in joints.items() if joint.kind in COUPLED]
     for joint in table.factors:
         if joint not in scalar:
             expected = f"{COUPLED_JOINTS}: " + (", ".join(scalar[:20]) or "there are none")
             near = nearest(joint, scalar)
-            raise InputError(complaint(where, f'"{joint}"', expected, f"{near} = 1" if near else write))
+            raise where.wrong("factors", f'"{joint}"', expected, f"{near} = 1" if near else write)
     used = {j: factor for j, factor in table.factors.items() if factor}
     if len(used) < 2:
-        raise InputError(
-            complaint(where, toml_text(table.factors), "two joints or more with factors other than 0", write)
-        )
+        raise where.wrong("factors", toml_text(table.factors), "two joints or more with factors other than 0", write)
     world = Attachment(WORLD)
     return Closure(name, table.kind, world, world, factors=tuple(used.items()), offset=table.offset)
 
 
-def _impact(table: ClosureTable, file: Path, path: str) -> str:
+def _impact(table: ClosureTable, where: Location) -> str:
     if table.impact not in IMPACTS:
         write = f'impact = "{nearest(table.impact, IMPACTS) or "plastic"}"'
-        raise InputError(
-            complaint(location(file, path, "impact"), f"impact = {toml_text(table.impact)}", IMPACT, write)
-        )
+        raise where.wrong("impact", f"impact = {toml_text(table.impact)}", IMPACT, write)
     for name, given in (("capture", table.capture), ("impact", table.impact != "error")):
         if given and not table.active_s:
             expected = f"active_s with the time at which it begins to act, or no {name}"
-            write = "active_s = [[0.5, 1.0]]"
-            raise InputError(complaint(location(file, path, name), f"{name} without active_s", expected, write))
+            raise where.wrong(name, f"{name} without active_s", expected, "active_s = [[0.5, 1.0]]")
     return table.impact
 
 
-def read_spring(data: Any, links: Mapping[str, Link], file: Path, name: str) -> Spring:
-    """Read ``[springs.NAME]`` [N/m, m, N s/m]."""
-    path = f"springs.{name}"
-    table = validate(SpringTable, data, file, path)
-    first, second = _pair(table, links, file, path)
-    return Spring(name, first, second, table.stiffness_N_per_m, table.rest_m, table.damping_Ns_per_m)
+def read_spring(data: Any, links: Mapping[str, Link], where: Location, name: str) -> Spring:
+    """Read ``[springs.NAME]`` [N/m, m, N s/m, N]: linear, a gas, or a table of pull over length."""
+    law = one_of(data, where, "law", SPRINGS, '"linear", "gas" or "table"', "gas") or "linear"
+    table = validate(SPRINGS[law], data, where)
+    first, second = _pair(table, links, where)
+    if isinstance(table, LinearSpringTable):
+        return Spring(name, first, second, table.stiffness_N_per_m, table.rest_m, table.damping_Ns_per_m)
+    if isinstance(table, GasSpringTable):
+        if not table.travel_m:
+            expected = "the volume of the gas over the piston's area, other than 0 [m]"
+            raise where.wrong("travel_m", "travel_m = 0", expected, "travel_m = 0.57")
+        gas = GasLaw(table.force_N, table.travel_m, table.exponent)
+        return Spring(name, first, second, 0.0, table.rest_m, table.damping_Ns_per_m, gas)
+    assert isinstance(table, TableSpringTable)
+    return Spring(name, first, second, 0.0, 0.0, table.damping_Ns_per_m, _table_law(table, where))
 
 
-def read_force(data: Any, links: Mapping[str, Link], file: Path, name: str) -> Force:
+def _table_law(table: TableSpringTable, where: Location) -> TableLaw:
+    length, force = np.array(table.length_m), np.array(table.force_N)
+    if len(length) < 2 or (np.diff(length) <= 0).any():
+        given, write = f"length_m = {toml_text(table.length_m)}", "length_m = [0.60, 0.65, 0.70]"
+        raise where.wrong("length_m", given, "two lengths or more, increasing [m]", write)
+    if len(force) != len(length):
+        expected = f"{len(length)} numbers, one for each of length_m [N]"
+        raise where.wrong("force_N", f"{len(force)} numbers", expected, f"{len(length)} numbers")
+    return TableLaw(length, force)
+
+
+def read_force(data: Any, links: Mapping[str, Link], where: Location, name: str) -> Force:
     """Read ``[forces.NAME]`` [N, N m, s]: constant, or a table whose rows belong to ``time_s``."""
-    path = f"forces.{name}"
-    table = validate(ForceTable, data, file, path)
+    table = validate(ForceTable, data, where)
     time = np.array(table.time_s or [0.0])
     if (np.diff(time) <= 0).any():
         given, write = f"time_s = {toml_text(table.time_s)}", "time_s = [0.0, 0.5]"
-        raise InputError(complaint(location(file, path, "time_s"), given, "times that increase [s]", write))
+        raise where.wrong("time_s", given, "times that increase [s]", write)
     if table.force_N is None and table.moment_Nm is None:
-        expected = "force_N [N], moment_Nm [N m] or both"
-        raise InputError(complaint(location(file, path, "force_N"), "nothing", expected, "force_N = [0, 0, -10]"))
-    parts = [_of_time(getattr(table, k), len(time), k, file, path) for k in ("force_N", "moment_Nm")]
-    return Force(name, _end(table.at, links, file, f"{path}.at"), np.hstack(parts), time, table.follower)
+        raise where.wrong("force_N", "nothing", "force_N [N], moment_Nm [N m] or both", "force_N = [0, 0, -10]")
+    parts = [_of_time(getattr(table, k), len(time), k, where) for k in ("force_N", "moment_Nm")]
+    return Force(name, _end(table.at, links, where.inner("at")), np.hstack(parts), time, table.follower)
 
 
-def _of_time(rows: list[list[float]] | None, count: int, name: str, file: Path, path: str) -> Array:
+def _of_time(rows: list[list[float]] | None, count: int, name: str, where: Location) -> Array:
     values = np.array(rows if rows is not None else [[0.0, 0.0, 0.0]])
     if len(values) not in (1, count):
         expected = f"one row, or {count}: one for each of time_s" if count > 1 else "one row, or time_s with the times"
-        write = f"time_s with {len(values)} times"
-        raise InputError(complaint(location(file, path, name), f"{len(values)} rows", expected, write))
+        raise where.wrong(name, f"{len(values)} rows", expected, f"time_s with {len(values)} times")
     return np.broadcast_to(values, (count, 3))
 
 
-def _pair(table: PairTable, links: Mapping[str, Link], file: Path, path: str) -> tuple[Attachment, Attachment]:
-    ends = tuple(_end(getattr(table, k), links, file, f"{path}.{k}") for k in ("first", "second"))
+def _pair(table: PairTable, links: Mapping[str, Link], where: Location) -> tuple[Attachment, Attachment]:
+    ends = tuple(_end(getattr(table, k), links, where.inner(k)) for k in ("first", "second"))
     if ends[0].link == ends[1].link:
         given, write = f'first and second are both on "{ends[1].link}"', 'second = { link = "world" }, or another link'
-        raise InputError(complaint(location(file, f"{path}.second", "link"), given, "two different links", write))
+        raise where.inner("second").wrong("link", given, "two different links", write)
     return ends[0], ends[1]
 
 
-def _end(table: EndTable, links: Mapping[str, Link], file: Path, path: str) -> Attachment:
+def _end(table: EndTable, links: Mapping[str, Link], where: Location) -> Attachment:
     if table.link != WORLD and table.link not in links:
         near = nearest(table.link, [WORLD, *links])
         expected = f'"{WORLD}" or one of the links ' + ", ".join(list(links)[:20])
         write = f'link = "{near}"' if near else "the name of one of these"
-        raise InputError(complaint(location(file, path, "link"), f'link = "{table.link}"', expected, write))
+        raise where.wrong("link", f'link = "{table.link}"', expected, write)
     on_beam = table.link != WORLD and links[table.link].beam is not None
-    if on_beam != (table.station is not None):
-        where = location(file, path, "station")
-        if on_beam:
-            expected = f"the fraction 0..1 of the beam {table.link} that carries it [-]"
-            raise InputError(complaint(where, "nothing", expected, "station = 1.0   (the tip)"))
-        expected = f"no station: {table.link} is not a beam"
-        raise InputError(complaint(where, f"station = {table.station}", expected, "xyz_m = [0.4, 0, 0]"))
-    return Attachment(table.link, read_placement(table, file, path), table.station)
+    beam, other = f"the beam {table.link} that carries it", f"{table.link} is not a beam"
+    check_station(table.station, on_beam, where, beam, other, "xyz_m = [0.4, 0, 0]")
+    return Attachment(table.link, read_placement(table, where), table.station)
 
 
-def _intervals(active: list[list[float]], file: Path, path: str) -> tuple[tuple[float, float], ...]:
+def _intervals(active: list[list[float]], where: Location) -> tuple[tuple[float, float], ...]:
     times = [time for interval in active for time in interval]
     if any(b <= a for a, b in pairwise(times)):
         expected = "intervals [start, end] with start < end, one after the other [s]"
         given = f"active_s = {toml_text(active)}"
-        raise InputError(
-            complaint(location(file, path, "active_s"), given, expected, "active_s = [[0.0, 0.5], [1.0, 2.0]]")
-        )
+        raise where.wrong("active_s", given, expected, "active_s = [[0.0, 0.5], [1.0, 2.0]]")
     return tuple((interval[0], interval[1]) for interval in active)

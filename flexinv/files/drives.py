@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Literal
 
-from flexinv.errors import InputError
-from flexinv.files.toml_tables import NotNegative, Positive, Table, complaint, key, location
+from flexinv.files.toml_tables import Location, Table, key, optional
+from flexinv.files.unit_keys import split_unit
+from flexinv.files.values import NotNegative, Positive
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Drive
 
@@ -17,8 +17,8 @@ class MotorTable(Table):
     motor_inertia_kgm2: NotNegative = key(
         "inertia of the rotor at the motor's shaft, >= 0 [kg m^2]", "motor_inertia_kgm2 = 1e-4", default=0.0
     )
-    torque_constant_Nm_per_A: Positive | None = key(
-        "torque of the motor per current, > 0 [N m/A]", "torque_constant_Nm_per_A = 0.05", default=None
+    torque_constant_Nm_per_A: Positive | None = optional(
+        "torque of the motor per current, > 0 [N m/A]", "torque_constant_Nm_per_A = 0.05"
     )
     viscous_Nms_per_rad: NotNegative = key(
         "viscous friction at the motor's shaft, >= 0 [N m s/rad]", "viscous_Nms_per_rad = 1e-5", default=0.0
@@ -76,28 +76,12 @@ MOTORS: dict[str, type[MotorTable]] = {
 }
 
 
-def read_drive(table: MotorTable | None, file: Path, path: str) -> Drive | None:
+def read_drive(table: MotorTable | None, where: Location) -> Drive | None:
     """Return the drive [kg m^2, N m/rad, N/m, N m s/rad, N m/A, N m] of a joint, or None."""
     if table is None:
         return None
-    if isinstance(table, LinearDriveTable):
-        gear = table.gear_ratio_rad_per_m, table.stiffness_N_per_m, table.damping_Ns_per_m
-    else:
-        assert isinstance(table, DriveTable)
-        gear = table.gear_ratio, table.stiffness_Nm_per_rad, table.damping_Nms_per_rad
     if table.static_Nm and table.static_Nm < table.coulomb_Nm:
         given = f"static_Nm = {table.static_Nm:g} below coulomb_Nm = {table.coulomb_Nm:g}"
-        advice = f"static_Nm = {1.5 * table.coulomb_Nm:g}"
-        raise InputError(complaint(location(file, path, "static_Nm"), given, "at least coulomb_Nm [N m]", advice))
-    return Drive(
-        ratio=gear[0],
-        rotor_inertia=table.motor_inertia_kgm2,
-        stiffness=gear[1],
-        damping=gear[2],
-        torque_constant=table.torque_constant_Nm_per_A or 0.0,
-        viscous=table.viscous_Nms_per_rad,
-        coulomb=table.coulomb_Nm,
-        static=table.static_Nm,
-        stribeck=table.stribeck_rad_per_s,
-        moves=table.moves,
-    )
+        raise where.wrong("static_Nm", given, "at least coulomb_Nm [N m]", f"static_Nm = {1.5 * table.coulomb_Nm:g}")
+    stated = {split_unit(key)[0]: value for key, value in table if value is not None}
+    return Drive(ratio=stated.pop("gear_ratio"), rotor_inertia=stated.pop("motor_inertia"), **stated)

@@ -83,7 +83,8 @@ def read_urdf(
     check_ends(joints, inertias, inertias, where)
     inertias, joints = _based(inertias, joints, _root(inertias, joints, robot, path), base)
     ordered = depth_first(joints, inertias, where)
-    links = tuple(Link(j.child, _own_body(j.child, inertias[j.child])) for j in ordered)
+    own = {name: () if inertia is None else (Body(name, inertia),) for name, inertia in inertias.items()}
+    links = tuple(Link(j.child, own[j.child]) for j in ordered)
     warned = _warned(robot, inertias, lock)
     mechanism = Mechanism(
         name=path.stem, links=links, joints=ordered, gravity=pull, title=f"{robot.get('name', path.stem)}",
@@ -93,25 +94,19 @@ def read_urdf(
     return mechanism, warned
 
 
-def _own_body(name: str, inertia: Inertia | None) -> tuple[Body, ...]:
-    return () if inertia is None else (Body(name, inertia),)
-
-
 def _links(robot: Element, path: Path) -> dict[str, Inertia | None]:
     """Inertia of every link, None where it has no mass."""
     links: dict[str, Inertia | None] = {}
     for element in robot.findall("link"):
         name = name_of(element, path)
         if name in links:
-            raise InputError(
-                complaint(location(path, element), "this link twice", "each link once", "a name of its own")
-            )
+            raise complaint(location(path, element), "this link twice", "each link once", "a name of its own")
         links[name] = _inertia(element, path)
     if not links:
-        raise InputError(complaint(str(path), "a robot without links", "at least one <link>", '<link name="base">'))
+        raise complaint(str(path), "a robot without links", "at least one <link>", '<link name="base">')
     if all(inertia is None for inertia in links.values()):
         advice = '<inertial><mass value="..."/><inertia ixx="..." .../></inertial> in the links'
-        raise InputError(complaint(str(path), "no link with a mass [kg]", "inertia in at least one link", advice))
+        raise complaint(str(path), "no link with a mass [kg]", "inertia in at least one link", advice)
     return links
 
 
@@ -122,9 +117,7 @@ def _inertia(link: Element, path: Path) -> Inertia | None:
         return None
     mass = number(inertial.find("mass"), "value", 0.0, location(path, link, "mass"))
     if mass < 0:
-        raise InputError(
-            complaint(location(path, link, "mass"), f'value="{mass:g}"', "a mass >= 0 [kg]", f'value="{-mass:g}"')
-        )
+        raise complaint(location(path, link, "mass"), f'value="{mass:g}"', "a mass >= 0 [kg]", f'value="{-mass:g}"')
     entry, where = inertial.find("inertia"), location(path, link, "inertia")
     xx, xy, xz, yy, yz, zz = (number(entry, name, 0.0, where) for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -145,9 +138,7 @@ def _joints(robot: Element, path: Path) -> list[Joint]:
     for element in robot.findall("joint"):
         name = name_of(element, path)
         if name in joints:
-            raise InputError(
-                complaint(location(path, element), "this joint twice", "each joint once", "a name of its own")
-            )
+            raise complaint(location(path, element), "this joint twice", "each joint once", "a name of its own")
         joints[name] = _joint(element, name, path)
     return list(joints.values())
 
@@ -157,13 +148,13 @@ def _joint(element: Element, name: str, path: Path) -> Joint:
     if kind not in KINDS:
         near = "two prismatic and one revolute joint" if kind == "planar" else nearest(kind, KINDS) or "revolute"
         expected = f"one of {', '.join(KINDS)}" + ("; planar joints are not supported" if kind == "planar" else "")
-        raise InputError(complaint(location(path, element, "type"), f'type="{kind[:60]}"', expected, near))
+        raise complaint(location(path, element, "type"), f'type="{kind[:60]}"', expected, near)
     ends = []
     for tag in ("parent", "child"):
         end = element.find(tag)
         link = end.get("link") if end is not None else None
         if not link:
-            raise InputError(complaint(f"{where}, {tag}", "nothing", "the name of a link", f'<{tag} link="..."/>'))
+            raise complaint(f"{where}, {tag}", "nothing", "the name of a link", f'<{tag} link="..."/>')
         ends.append(link)
     parts: dict[str, Any] = {"placement": _origin(element, where), "actuated": kind not in ("fixed", "floating")}
     if kind in ("revolute", "continuous", "prismatic"):
@@ -184,7 +175,7 @@ def _limits(element: Element, kind: str, where: str) -> Limits:
     lower, upper = (number(limit, name, 0.0, where, FLOATS) for name in ("lower", "upper"))
     if lower > upper:
         given = f'lower="{lower:g}" upper="{upper:g}"'
-        raise InputError(complaint(where, given, "lower <= upper", "the two exchanged, if so meant"))
+        raise complaint(where, given, "lower <= upper", "the two exchanged, if so meant")
     return Limits(abs(effort), abs(velocity), lower, upper)
 
 
@@ -192,7 +183,7 @@ def _dynamics(element: Element, where: str) -> dict[str, float]:
     stated = {name: number(element.find("dynamics"), name, 0.0, where) for name in ("damping", "friction")}
     for name, value in stated.items():
         if value < 0:
-            raise InputError(complaint(where, f'{name}="{value:g}"', f"a {name} >= 0", f'{name}="{-value:g}"'))
+            raise complaint(where, f'{name}="{value:g}"', f"a {name} >= 0", f'{name}="{-value:g}"')
     return stated
 
 
@@ -212,7 +203,7 @@ def _root(links: dict[str, Inertia | None], joints: list[Joint], robot: Element,
         if roots
         else "the loop cut at one joint, and [closures.NAME] beside [urdf] for it"
     )
-    raise InputError(complaint(location(path, robot), given, expected, advice))
+    raise complaint(location(path, robot), given, expected, advice)
 
 
 def _based(
@@ -223,17 +214,12 @@ def _based(
         return {name: inertia for name, inertia in links.items() if name != WORLD}, joints
     names = {WORLD: _free_name("world_link", links)}
     links = {names.get(name, name): inertia for name, inertia in links.items()}
-    joints = [_renamed(joint, names) for joint in joints]
+    joints = [replace(j, parent=names.get(j.parent, j.parent), child=names.get(j.child, j.child)) for j in joints]
     kind = "free" if base == "free" else "fixed"
     joint = Joint(
         _free_name("root_joint", [j.name for j in joints]), kind, WORLD, names.get(root, root), actuated=False
     )
     return links, [joint, *joints]
-
-
-def _renamed(joint: Joint, names: dict[str, str]) -> Joint:
-    ends = names.get(joint.parent, joint.parent), names.get(joint.child, joint.child)
-    return joint if ends == (joint.parent, joint.child) else replace(joint, parent=ends[0], child=ends[1])
 
 
 def _free_name(name: str, taken: Any) -> str:
@@ -248,9 +234,7 @@ def _locked(joints: list[Joint], lock: Sequence[str], path: Path) -> list[Joint]
     for name in lock:
         if name not in known:
             near = nearest(name, known) or (known[0] if known else "no joint")
-            raise InputError(
-                complaint(str(path), f'lock of joint "{name}"', "a joint of the robot that moves", f'"{near}"')
-            )
+            raise complaint(str(path), f'lock of joint "{name}"', "a joint of the robot that moves", f'"{near}"')
     return [
         Joint(j.name, "fixed", j.parent, j.child, j.placement, actuated=False) if j.name in lock else j for j in joints
     ]

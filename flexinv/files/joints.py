@@ -3,33 +3,19 @@
 from __future__ import annotations
 
 import warnings
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from flexinv.errors import InputError, ModelWarning
+from flexinv.errors import ModelWarning
 from flexinv.files.drives import DriveTable, LinearDriveTable, read_drive
 from flexinv.files.schema import PLACEMENT, SOURCE, PlacementTable
-from flexinv.files.toml_tables import (
-    Fraction,
-    Name,
-    NotNegative,
-    Number,
-    Positive,
-    Table,
-    Text,
-    Vector,
-    complaint,
-    key,
-    location,
-    toml_text,
-    validate,
-)
+from flexinv.files.toml_tables import Location, Table, complaint, key, one_of, optional, validate
+from flexinv.files.unit_keys import split_unit
+from flexinv.files.values import Fraction, Name, NotNegative, Number, Positive, Text, Vector
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Joint, Limits, Placement
 from flexinv.typing import Array
-from flexinv.validation import nearest
 
 NAMES = " or ".join(", ".join(f'"{name}"' for name in part) for part in (list(KINDS)[:-1], list(KINDS)[-1:]))
 AXIS = "the axis in the joint frame, three numbers [-]"
@@ -40,43 +26,51 @@ UNIT = 1e-6
 class LimitsTable(Table):
     """Limits of a rotary drive; a continuous joint has no position limits."""
 
-    effort_Nm: Positive | None = key("the largest torque, > 0 [N m]", "effort_Nm = 150", default=None)
-    velocity_rad_per_s: Positive | None = key(
-        "the largest speed, > 0 [rad/s]", "velocity_rad_per_s = 3.15", default=None
-    )
+    effort_Nm: Positive | None = optional("the largest torque, > 0 [N m]", "effort_Nm = 150")
+    velocity_rad_per_s: Positive | None = optional("the largest speed, > 0 [rad/s]", "velocity_rad_per_s = 3.15")
 
 
 class RotaryLimitsTable(LimitsTable):
     """Limits of a rotary drive, position limits included."""
 
-    lower_rad: Number | None = key("the lowest angle [rad]", "lower_rad = -3.14", default=None)
-    upper_rad: Number | None = key("the highest angle [rad]", "upper_rad = 3.14", default=None)
+    lower_rad: Number | None = optional("the lowest angle [rad]", "lower_rad = -3.14")
+    upper_rad: Number | None = optional("the highest angle [rad]", "upper_rad = 3.14")
 
 
 class LinearLimitsTable(Table):
     """Limits of a linear drive, position limits included."""
 
-    effort_N: Positive | None = key("the largest force, > 0 [N]", "effort_N = 500", default=None)
-    velocity_m_per_s: Positive | None = key("the largest speed, > 0 [m/s]", "velocity_m_per_s = 0.5", default=None)
-    lower_m: Number | None = key("the lowest position [m]", "lower_m = 0.0", default=None)
-    upper_m: Number | None = key("the highest position [m]", "upper_m = 0.3", default=None)
+    effort_N: Positive | None = optional("the largest force, > 0 [N]", "effort_N = 500")
+    velocity_m_per_s: Positive | None = optional("the largest speed, > 0 [m/s]", "velocity_m_per_s = 0.5")
+    lower_m: Number | None = optional("the lowest position [m]", "lower_m = 0.0")
+    upper_m: Number | None = optional("the highest position [m]", "upper_m = 0.3")
 
 
 WEIGHT = "weight > 0 of the square of its effort where drives are redundant [-]: the heavier, the less it gives"
 
 
-class RotaryDrive(Table):
+class Driven(Table):
+    """Drive of a joint: there or not, and its part where drives are redundant."""
+
+    actuated: bool = key("true, or false for a passive joint", "actuated = false", default=True)
+    weight: Positive = key(WEIGHT, "weight = 4", default=1.0)
+
+
+class RotaryLosses(Driven):
+    """Damping and friction of a joint that turns."""
+
+    damping_Nms_per_rad: NotNegative = key(
+        "viscous damping, >= 0 [N m s/rad]", "damping_Nms_per_rad = 0.1", default=0.0
+    )
+    friction_Nm: NotNegative = key("dry friction, >= 0 [N m]", "friction_Nm = 0.5", default=0.0)
+
+
+class RotaryDrive(RotaryLosses):
     """Rotor, damping and friction of a joint that turns."""
 
     rotor_inertia_kgm2: NotNegative = key(
         "rotor inertia at the joint, >= 0 [kg m^2]", "rotor_inertia_kgm2 = 0.01", default=0.0
     )
-    damping_Nms_per_rad: NotNegative = key(
-        "viscous damping, >= 0 [N m s/rad]", "damping_Nms_per_rad = 0.1", default=0.0
-    )
-    friction_Nm: NotNegative = key("dry friction, >= 0 [N m]", "friction_Nm = 0.5", default=0.0)
-    actuated: bool = key("true, or false for a passive joint", "actuated = false", default=True)
-    weight: Positive = key(WEIGHT, "weight = 4", default=1.0)
 
 
 class SprungDrive(RotaryDrive):
@@ -85,11 +79,11 @@ class SprungDrive(RotaryDrive):
     stiffness_Nm_per_rad: NotNegative = key(
         "stiffness of a spring in the joint, >= 0 [N m/rad]", "stiffness_Nm_per_rad = 20", default=0.0
     )
-    rest_rad: Number | None = key("the angle at which the spring rests [rad]", "rest_rad = 0.5", default=None)
-    rest_deg: Number | None = key("the angle at which the spring rests [deg]", "rest_deg = 30", default=None)
+    rest_rad: Number | None = optional("the angle at which the spring rests [rad]", "rest_rad = 0.5")
+    rest_deg: Number | None = optional("the angle at which the spring rests [deg]", "rest_deg = 30")
 
 
-class LinearDrive(Table):
+class LinearDrive(Driven):
     """Rotor, damping, friction and spring of a joint that slides."""
 
     rotor_inertia_kg: NotNegative = key(
@@ -101,8 +95,6 @@ class LinearDrive(Table):
         "stiffness of a spring in the joint, >= 0 [N/m]", "stiffness_N_per_m = 500", default=0.0
     )
     rest_m: Number = key("the position at which the spring rests [m]", "rest_m = 0.1", default=0.0)
-    actuated: bool = key("true, or false for a passive joint", "actuated = false", default=True)
-    weight: Positive = key(WEIGHT, "weight = 4", default=1.0)
 
 
 class JointTable(Table):
@@ -111,10 +103,8 @@ class JointTable(Table):
     kind: str = key(f"one of {NAMES}", 'kind = "revolute"')
     parent: Name = key('the link it hangs on, or "world"', 'parent = "world"')
     child: Name = key("the link that it carries", 'child = "forearm"')
-    placement: PlacementTable | None = key(PLACEMENT, "placement = { xyz_m = [0.4, 0, 0] }", default=None)
-    station: Fraction | None = key(
-        "on a beam parent: the fraction 0..1 of its length [-]", "station = 1.0", default=None
-    )
+    placement: PlacementTable | None = optional(PLACEMENT, "placement = { xyz_m = [0.4, 0, 0] }")
+    station: Fraction | None = optional("on a beam parent: the fraction 0..1 of its length [-]", "station = 1.0")
     source: Text = SOURCE
 
 
@@ -126,66 +116,44 @@ class FreeTable(JointTable):
     """Six freedoms without a drive."""
 
 
-class SphericalTable(JointTable):
+class SphericalTable(RotaryLosses, JointTable):
     """Three rotations."""
-
-    damping_Nms_per_rad: NotNegative = key(
-        "viscous damping, >= 0 [N m s/rad]", "damping_Nms_per_rad = 0.1", default=0.0
-    )
-    friction_Nm: NotNegative = key("dry friction, >= 0 [N m]", "friction_Nm = 0.5", default=0.0)
-    actuated: bool = key("true, or false for a passive joint", "actuated = false", default=True)
-    weight: Positive = key(WEIGHT, "weight = 4", default=1.0)
-
-
-MOTOR = key("a table: gear_ratio, motor_inertia_kgm2, ...", "[joints.NAME.drive]", default=None)
 
 
 class ContinuousTable(SprungDrive, JointTable):
     """A rotation without end."""
 
-    drive: DriveTable | None = MOTOR
-
+    drive: DriveTable | None = optional("a table: gear_ratio, motor_inertia_kgm2, ...", "[joints.NAME.drive]")
     axis: Vector = key(AXIS, "axis = [0, 0, 1]")
-    limits: LimitsTable | None = key(
-        "a table: effort_Nm, velocity_rad_per_s", "limits = { effort_Nm = 150 }", default=None
-    )
+    limits: LimitsTable | None = optional("a table: effort_Nm, velocity_rad_per_s", "limits = { effort_Nm = 150 }")
 
 
-class RevoluteTable(SprungDrive, JointTable):
+class RevoluteTable(ContinuousTable):
     """A rotation."""
 
-    drive: DriveTable | None = MOTOR
-
-    axis: Vector = key(AXIS, "axis = [0, 0, 1]")
-    limits: RotaryLimitsTable | None = key(
-        "a table: effort_Nm, velocity_rad_per_s, lower_rad, upper_rad", "limits = { effort_Nm = 150 }", default=None
+    limits: RotaryLimitsTable | None = optional(
+        "a table: effort_Nm, velocity_rad_per_s, lower_rad, upper_rad", "limits = { effort_Nm = 150 }"
     )
 
 
-class HelicalTable(SprungDrive, JointTable):
+class HelicalTable(RevoluteTable):
     """A screw: a rotation and a translation along its axis in a fixed ratio."""
 
-    drive: DriveTable | None = MOTOR
-
-    axis: Vector = key(AXIS, "axis = [0, 0, 1]")
     pitch_m: Number = key(
         "the way along the axis for a whole turn about it [m]; negative: left-handed", "pitch_m = 0.005"
-    )
-    limits: RotaryLimitsTable | None = key(
-        "a table: effort_Nm, velocity_rad_per_s, lower_rad, upper_rad", "limits = { effort_Nm = 150 }", default=None
     )
 
 
 class PrismaticTable(LinearDrive, JointTable):
     """A translation."""
 
-    drive: LinearDriveTable | None = key(
-        "a table: gear_ratio_rad_per_m, motor_inertia_kgm2, ...", "[joints.NAME.drive]", default=None
+    drive: LinearDriveTable | None = optional(
+        "a table: gear_ratio_rad_per_m, motor_inertia_kgm2, ...", "[joints.NAME.drive]"
     )
 
     axis: Vector = key(AXIS, "axis = [1, 0, 0]")
-    limits: LinearLimitsTable | None = key(
-        "a table: effort_N, velocity_m_per_s, lower_m, upper_m", "limits = { effort_N = 500 }", default=None
+    limits: LinearLimitsTable | None = optional(
+        "a table: effort_N, velocity_m_per_s, lower_m, upper_m", "limits = { effort_N = 500 }"
     )
 
 
@@ -215,71 +183,56 @@ DRIVES: dict[str, type[Table]] = {
 }
 
 
-def read_joint(data: Any, file: Path, name: str) -> Joint:
+def read_joint(data: Any, where: Location, name: str) -> Joint:
     """Read ``[joints.NAME]`` into a joint [m, rad, kg m^2, N m s/rad, N m] of its kind."""
-    path = f"joints.{name}"
-    kind = data.get("kind") if isinstance(data, dict) else None
-    if kind is not None and (not isinstance(kind, str) or kind not in KINDS):
-        near = nearest(str(kind), KINDS) or "revolute"
-        where = location(file, path, "kind")
-        raise InputError(complaint(where, f"kind = {toml_text(kind)}", f"one of {NAMES}", f'kind = "{near}"'))
-    table = validate(TABLES.get(kind or "", RevoluteTable), data, file, path)
-    axes: dict[str, Any] = {}
-    for axis in ("axis", "second_axis"):
-        if hasattr(table, axis):
-            axes[axis] = unit_axis(getattr(table, axis), location(file, path, axis), f"{axis} = [0, 0, 1]")
+    kind = one_of(data, where, "kind", KINDS, f"one of {NAMES}", "revolute")
+    table = validate(TABLES[kind or "revolute"], data, where)
+    axes = read_axes(table, where)
     if "second_axis" in axes and abs(axes["axis"] @ axes["second_axis"]) > UNIT:
         expected = "a second axis at right angles to the first [-]"
         advice = "second_axis = [0, 1, 0] with axis = [1, 0, 0]; else two revolute joints with a massless link between"
-        given = f"second_axis = {axes['second_axis'].tolist()}"
-        raise InputError(complaint(location(file, path, "second_axis"), given, expected, advice))
+        raise where.wrong("second_axis", f"second_axis = {axes['second_axis'].tolist()}", expected, advice)
     return Joint(
-        name, table.kind, table.parent, table.child, read_placement(table.placement, file, f"{path}.placement"),
-        table.station, **axes, **drive(table, file, path), limits=_limits(table, file, f"{path}.limits"),
-        drive=read_drive(getattr(table, "drive", None), file, f"{path}.drive"), pitch=_pitch(table, file, path),
+        name, table.kind, table.parent, table.child, read_placement(table.placement, where.inner("placement")),
+        table.station, **axes, **drive(table, where), limits=_limits(table, where.inner("limits")),
+        drive=read_drive(getattr(table, "drive", None), where.inner("drive")), pitch=_pitch(table, where),
     )  # fmt: skip
 
 
-def _pitch(table: Table, file: Path, path: str) -> float:
+def _pitch(table: Table, where: Location) -> float:
     """Return the way of a screw for a whole turn [m], 0 of other joints."""
     pitch = float(getattr(table, "pitch_m", 0.0))
     if hasattr(table, "pitch_m") and not pitch:
-        where = location(file, path, "pitch_m")
-        raise InputError(
-            complaint(where, "pitch_m = 0", "a pitch other than zero [m]", 'kind = "revolute", no pitch_m')
-        )
+        raise where.wrong("pitch_m", "pitch_m = 0", "a pitch other than zero [m]", 'kind = "revolute", no pitch_m')
     return pitch
 
 
-def drive(table: Table, file: Path, path: str) -> dict[str, Any]:
+def drive(table: Table, where: Location) -> dict[str, Any]:
     """Return rotor [kg m^2 or kg], damping, friction, spring and actuation as a drive or joint table states them."""
-    names = {
-        "rotor_inertia": ("rotor_inertia_kgm2", "rotor_inertia_kg"),
-        "damping": ("damping_Nms_per_rad", "damping_Ns_per_m"),
-        "friction": ("friction_Nm", "friction_N"),
-        "stiffness": ("stiffness_Nm_per_rad", "stiffness_N_per_m"),
-        "actuated": ("actuated",),
-        "weight": ("weight",),
-    }
-    stated = {name: getattr(table, k) for name, keys in names.items() for k in keys if hasattr(table, k)}
+    names = ("rotor_inertia", "damping", "friction", "stiffness", "actuated", "weight")
+    stated = {name: value for key, value in table if (name := split_unit(key)[0]) in names}
     if "stiffness" in stated:
-        stated["rest"] = _rest(table, stated["stiffness"], file, path)
+        stated["rest"] = _rest(table, stated["stiffness"], where)
     return stated if "actuated" in stated else {**stated, "actuated": False}
 
 
-def _rest(table: Table, stiffness: float, file: Path, path: str) -> float:
+def _rest(table: Table, stiffness: float, where: Location) -> float:
     """Return the position at which the joint's spring has no effort [rad] or [m]."""
     named = [k for k in ("rest_rad", "rest_deg", "rest_m") if k in table.model_fields_set]
     if len(named) > 1:
-        raise InputError(
-            complaint(location(file, path, named[1]), " and ".join(named), "one of them", f"{named[0]} alone")
-        )
+        raise where.wrong(named[1], " and ".join(named), "one of them", f"{named[0]} alone")
     if named and not stiffness:
         spring = next(k for k in type(table).model_fields if k.startswith("stiffness"))
         expected = f"a stiffness too: {type(table).model_fields[spring].description}"
-        raise InputError(complaint(location(file, path, named[0]), f"{named[0]} alone", expected, f"{spring} = 20"))
+        raise where.wrong(named[0], f"{named[0]} alone", expected, f"{spring} = 20")
     value = float(getattr(table, named[0])) if named else 0.0
     return float(np.radians(value)) if named == ["rest_deg"] else value
+
+
+def read_axes(table: Table, where: Location) -> dict[str, Any]:
+    """Read the keys axis and second_axis, (3,) [-] each, where the table has them."""
+    names = [name for name in ("axis", "second_axis") if hasattr(table, name)]
+    return {name: unit_axis(getattr(table, name), where.key(name), f"{name} = [0, 0, 1]") for name in names}
 
 
 def unit_axis(axis: Any, where: str, write: str) -> Array:
@@ -288,9 +241,7 @@ def unit_axis(axis: Any, where: str, write: str) -> Array:
     largest = float(np.abs(vector).max())
     length = largest * float(np.linalg.norm(vector / largest)) if largest else 0.0
     if length == 0.0:
-        raise InputError(
-            complaint(where, f"a zero axis, {vector.tolist()}", "a direction: three numbers, not all zero [-]", write)
-        )
+        raise complaint(where, f"a zero axis, {vector.tolist()}", "a direction: three numbers, not all zero [-]", write)
     if abs(length - 1) > UNIT:
         warnings.warn(
             f"{where}: {vector.tolist()} has length {length:.7g}, normalised to 1", ModelWarning, stacklevel=2
@@ -310,16 +261,13 @@ def rotation_from_rpy(rpy: Any) -> Array:
     )
 
 
-def read_placement(table: PlacementTable | None, file: Path, path: str) -> Placement:
+def read_placement(table: PlacementTable | None, where: Location) -> Placement:
     """Read a placement [m, rad]; the rotation may be stated in one way only."""
     if table is None:
         return Placement()
     stated = [name for name in ("rpy_deg", "rpy_rad", "rotation") if getattr(table, name) is not None]
     if len(stated) > 1:
-        where = location(file, path, stated[1])
-        raise InputError(
-            complaint(where, " and ".join(stated), "one of rpy_deg, rpy_rad, rotation", f"{stated[0]} alone")
-        )
+        raise where.wrong(stated[1], " and ".join(stated), "one of rpy_deg, rpy_rad, rotation", f"{stated[0]} alone")
     rotation = np.eye(3)
     if table.rotation is not None:
         rotation = np.asarray(table.rotation)
@@ -336,17 +284,12 @@ def _exact_at_right_angles(degrees: Any) -> Array:
     return np.rint(rotation) + 0.0 if all(angle % 90 == 0 for angle in degrees) else rotation
 
 
-def _limits(table: JointTable, file: Path, path: str) -> Limits:
+def _limits(table: JointTable, where: Location) -> Limits:
     limits = getattr(table, "limits", None)
     if limits is None:
         return Limits()
-    names = {"effort": ("effort_Nm", "effort_N"), "velocity": ("velocity_rad_per_s", "velocity_m_per_s"),
-             "lower": ("lower_rad", "lower_m"), "upper": ("upper_rad", "upper_m")}  # fmt: skip
-    found = {name: getattr(limits, k, None) for name, keys in names.items() for k in keys if hasattr(limits, k)}
-    read = Limits(**{name: value for name, value in found.items() if value is not None})
+    read = Limits(**{split_unit(key)[0]: value for key, value in limits if value is not None})
     if read.lower > read.upper:
         given = f"lower {read.lower:g}, upper {read.upper:g}"
-        raise InputError(
-            complaint(location(file, path, "upper"), given, "lower <= upper", "the two exchanged, if so meant")
-        )
+        raise where.wrong("upper", given, "lower <= upper", "the two exchanged, if so meant")
     return read

@@ -9,11 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from flexinv import validation as arguments
-from flexinv.errors import InputError
-from flexinv.files.case_motion import read_motion
+from flexinv.files.case_motion import read_motion, read_start
 from flexinv.files.case_schema import OF_BEAMS, CasesTable, CaseTable, LimitTable, read_cases
-from flexinv.files.case_start import read_start
-from flexinv.files.toml_tables import check_names, complaint, location, validate
+from flexinv.files.toml_tables import Location, check_names, validate
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
 from flexinv.typing import Array
@@ -87,9 +85,12 @@ def load_cases(path: str | Path, mechanism: Mechanism) -> dict[str, Case]:
     check_names(file, cases=table.cases)
     if not table.cases:
         expected = CasesTable.model_fields["cases"].description or ""
-        raise InputError(complaint(location(file, "cases"), "no case", expected, "[cases.cycloid]"))
+        raise Location(file, "cases").wrong("", "no case", expected, "[cases.cycloid]")
     shared = [_limit(limit) for limit in table.limits]
-    return {name: _case(data, name, table.source, shared, mechanism, file) for name, data in table.cases.items()}
+    return {
+        name: _case(data, name, table.source, shared, mechanism, Location(file, f"cases.{name}"))
+        for name, data in table.cases.items()
+    }
 
 
 def _limit(table: LimitTable) -> Limit:
@@ -99,55 +100,51 @@ def _limit(table: LimitTable) -> Limit:
     )  # fmt: skip
 
 
-def _case(data: Any, name: str, source: str, shared: list[Limit], mechanism: Mechanism, file: Path) -> Case:
-    path = f"cases.{name}"
-    table = validate(CaseTable, data, file, path)
-    motion = read_motion(table.motion, mechanism, file, f"{path}.motion")
-    start = read_start(table.start, mechanism, motion, file, f"{path}.start")
+def _case(data: Any, name: str, source: str, shared: list[Limit], mechanism: Mechanism, where: Location) -> Case:
+    table = validate(CaseTable, data, where)
+    motion = read_motion(table.motion, mechanism, where.inner("motion"))
+    start = read_start(table.start, mechanism, motion, where.inner("start"))
     end = table.end_s or motion.duration
     sample = table.sample_s or table.step_s
     mesh = (table.mesh.elements, table.mesh.order) if table.mesh is not None else None
-    _check_times(table, motion, end, sample, file, path)
-    _check_quantities(table, mechanism, file, path)
+    _check_times(table, motion, end, sample, where)
+    _check_quantities(table, mechanism, where)
     limits = (*map(_limit, table.limits), *(limit for limit in shared if limit.quantity in table.quantities))
     return Case(
         name, table.title, motion, table.step_s, end, sample, tuple(table.quantities), limits,
         table.spectral_radius, table.initial, mesh, start, table.source or source, tuple(table.notes),
-        _measured(table, file, path),
+        _measured(table, where),
     )  # fmt: skip
 
 
-def _measured(table: CaseTable, file: Path, path: str) -> Path | None:
+def _measured(table: CaseTable, where: Location) -> Path | None:
     """The file of what was measured, which has to be in the folder of the cases, like that of a sampled motion."""
     if table.measured is None:
         return None
-    found = file.parent / table.measured
+    found = where.file.parent / table.measured
     if Path(table.measured).name != table.measured or not found.is_file():
-        near = nearest(table.measured, sorted(p.name for p in file.parent.glob("*.csv")))
+        near = nearest(table.measured, sorted(p.name for p in where.file.parent.glob("*.csv")))
         write = f'measured = "{near}"' if near else "the name of a file that exists"
         given, expected = f'measured = "{table.measured}"', "the name of a CSV file in the same folder"
-        raise InputError(complaint(location(file, path, "measured"), given, expected, write))
+        raise where.wrong("measured", given, expected, write)
     return found
 
 
-def _check_times(table: CaseTable, motion: Motion, end: float, sample: float, file: Path, path: str) -> None:
+def _check_times(table: CaseTable, motion: Motion, end: float, sample: float, where: Location) -> None:
     step = table.step_s
     if step > min(motion.duration, end):
         expected = f"a step shorter than the motion of {motion.duration:g} s and the case of {end:g} s [s]"
-        write = f"step_s = {min(motion.duration, end) / 1000:.4g}"
-        raise InputError(complaint(location(file, path, "step_s"), f"step_s = {step:g}", expected, write))
+        raise where.wrong("step_s", f"step_s = {step:g}", expected, f"step_s = {min(motion.duration, end) / 1000:.4g}")
     for key, value, part, word in (("sample_s", sample, step, "step_s"), ("end_s", end, sample, "sample_s")):
         if not _is_multiple(value, part):
             nearby = max(round(value / part), 1) * part
             expected = f"a whole number of {word} = {part:g} [s]"
-            raise InputError(
-                complaint(location(file, path, key), f"{key} = {value:g}", expected, f"{key} = {nearby:.10g}")
-            )
+            raise where.wrong(key, f"{key} = {value:g}", expected, f"{key} = {nearby:.10g}")
     for jump in motion.jumps:
         if jump < end and not _is_multiple(jump, step):
             expected = f"a step that meets the jump of the acceleration at {jump:g} s"
             write = f"step_s = {jump / max(round(jump / step), 1):.10g}"
-            raise InputError(complaint(location(file, path, "step_s"), f"step_s = {step:g}", expected, write))
+            raise where.wrong("step_s", f"step_s = {step:g}", expected, write)
 
 
 def _is_multiple(value: float, part: float) -> bool:
@@ -155,16 +152,14 @@ def _is_multiple(value: float, part: float) -> bool:
     return abs(ratio - round(ratio)) <= WHOLE * max(ratio, 1.0)
 
 
-def _check_quantities(table: CaseTable, mechanism: Mechanism, file: Path, path: str) -> None:
+def _check_quantities(table: CaseTable, mechanism: Mechanism, where: Location) -> None:
     for quantity in table.quantities:
         if quantity in OF_BEAMS and mechanism.is_rigid:
             given = f'"{quantity}" of a mechanism without beams'
             expected = f"torque, wrench or tip: {mechanism.name} is rigid"
-            write = f"quantities without {quantity}"
-            raise InputError(complaint(location(file, path, "quantities"), given, expected, write))
+            raise where.wrong("quantities", given, expected, f"quantities without {quantity}")
     for k, limit in enumerate(table.limits):
         if limit.quantity not in table.quantities:
             expected = f"one of the case's quantities: {', '.join(table.quantities)}"
-            where = location(file, f"{path}.limits[{k}]", "quantity")
             write = f'"{limit.quantity}" in quantities, or no limit for it'
-            raise InputError(complaint(where, f'quantity = "{limit.quantity}"', expected, write))
+            raise where.inner(f"limits[{k}]").wrong("quantity", f'quantity = "{limit.quantity}"', expected, write)

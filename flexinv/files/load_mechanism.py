@@ -12,19 +12,19 @@ import numpy as np
 
 from flexinv import validation as arguments
 from flexinv.errors import InputError, ModelWarning
-from flexinv.files.bodies import far_end, read_inertia, read_payloads
+from flexinv.files.bodies import check_station, far_end, read_inertia, read_payloads
 from flexinv.files.closures import read_closure, read_force, read_spring
 from flexinv.files.from_urdf import STANDARD_GRAVITY, read_urdf
 from flexinv.files.joints import read_joint, read_placement
 from flexinv.files.overlay import overlaid
 from flexinv.files.schema import BeamLinkTable, DampingTable, MechanismTable, RigidLinkTable, UrdfTable
 from flexinv.files.sections import CrossSection, read_section, section_along
-from flexinv.files.toml_tables import check_names, complaint, location, read_toml, toml_text, validate
+from flexinv.files.toml_tables import Location, check_names, one_of, read_toml, validate
 from flexinv.files.tree_order import depth_first
 from flexinv.files.urdf_table import find_urdf
 from flexinv.model.damping import ModalDamping, with_retardation
 from flexinv.model.drive_expansion import expanded
-from flexinv.model.mechanism import WORLD, Beam, Body, Joint, Link, Mechanism
+from flexinv.model.mechanism import WORLD, Beam, Body, Link, Mechanism
 from flexinv.typing import Array
 
 LINKS: dict[str, type[RigidLinkTable] | type[BeamLinkTable]] = {"rigid": RigidLinkTable, "beam": BeamLinkTable}
@@ -38,13 +38,14 @@ def load_mechanism(path: str | Path) -> Mechanism:
     Warns (ModelWarning) where the model was changed: an axis normalised, mimic joints made independent.
     """
     file = toml_file(path, "mechanism.toml")
-    table = validate(MechanismTable, read_toml(file), file, "")
+    top = Location(file)
+    table = validate(MechanismTable, read_toml(file), top)
     named = ("sections", "links", "joints", "closures", "springs", "forces")
     check_names(file, **{kind: getattr(table, kind) for kind in named})
-    sections = {name: read_section(data, file, name) for name, data in table.sections.items()}
-    mechanism = _native(table, sections, file) if table.urdf is None else _from_urdf(table, table.urdf, sections, file)
+    sections = {name: read_section(data, top.inner(f"sections.{name}")) for name, data in table.sections.items()}
+    mechanism = _native(table, sections, top) if table.urdf is None else _from_urdf(table, table.urdf, sections, top)
     mechanism = with_drives(mechanism, file)
-    mechanism = _damped(_with_loads(mechanism, table, file), table.damping, file)
+    mechanism = _damped(_with_loads(mechanism, table, top), table.damping, top.inner("damping"))
     name = table.name or (file.stem if file.name != "mechanism.toml" else file.resolve().parent.name)
     return replace(mechanism, name=name, title=table.title, source=table.source, notes=(*table.notes, *mechanism.notes))
 
@@ -63,10 +64,10 @@ def toml_file(path: str | Path, name: str) -> Path:
     return path if path.suffix == ".toml" else path / name
 
 
-def _native(table: MechanismTable, sections: Mapping[str, CrossSection], file: Path) -> Mechanism:
+def _native(table: MechanismTable, sections: Mapping[str, CrossSection], top: Location) -> Mechanism:
     if table.overlay is not None:
         given, advice = "overlay without [urdf]", "its keys in [links.NAME] and [joints.NAME] themselves"
-        raise InputError(complaint(location(file, "overlay"), given, "an overlay of a URDF", advice))
+        raise top.inner("overlay").wrong("", given, "an overlay of a URDF", advice)
     for key, stated, write in (
         (
             "gravity_m_per_s2",
@@ -77,72 +78,63 @@ def _native(table: MechanismTable, sections: Mapping[str, CrossSection], file: P
         ("joints", table.joints, f'[joints.base] with kind, parent = "{WORLD}", child'),
     ):
         if not stated:
-            expected = MechanismTable.model_fields[key].description or ""
-            raise InputError(complaint(location(file, "", key), "nothing", expected, write))
-    links = {name: _link(data, name, sections, file) for name, data in table.links.items()}
-    joints = [read_joint(data, file, name) for name, data in table.joints.items()]
+            raise top.wrong(key, "nothing", MechanismTable.model_fields[key].description or "", write)
+    links = {name: _link(data, name, sections, top.inner(f"links.{name}")) for name, data in table.links.items()}
+    joints = [read_joint(data, top.inner(f"joints.{name}"), name) for name, data in table.joints.items()]
 
-    def where(kind: str, name: str, key: str) -> str:
-        return location(file, f"{kind}s.{name}", key)
-
-    ordered = depth_first(joints, links, where)
+    ordered = depth_first(joints, links, lambda kind, name, key: top.inner(f"{kind}s.{name}").key(key))
     for joint in ordered:
-        _check_station(joint, links, file)
+        on_beam = joint.parent != WORLD and links[joint.parent].beam is not None
+        beam, other = f"the beam {joint.parent} that carries the joint", f"{joint.parent} is not a beam"
+        where = top.inner(f"joints.{joint.name}")
+        check_station(joint.station, on_beam, where, beam, other, "placement = { xyz_m = [0.4, 0, 0] }")
     gravity = np.array(table.gravity_m_per_s2, dtype=np.float64)
     return Mechanism("", tuple(links[joint.child] for joint in ordered), ordered, gravity)
 
 
-def _with_loads(mechanism: Mechanism, table: MechanismTable, file: Path) -> Mechanism:
+def _with_loads(mechanism: Mechanism, table: MechanismTable, top: Location) -> Mechanism:
     """Add what ties and pulls the links beside the joints."""
     links = mechanism.link_of
-    closures = (read_closure(data, links, mechanism.joint_of, file, name) for name, data in table.closures.items())
-    springs = (read_spring(data, links, file, name) for name, data in table.springs.items())
-    forces = (read_force(data, links, file, name) for name, data in table.forces.items())
+    joints = mechanism.joint_of
+    closures = (read_closure(data, links, joints, top.inner(f"closures.{n}"), n) for n, data in table.closures.items())
+    springs = (read_spring(data, links, top.inner(f"springs.{n}"), n) for n, data in table.springs.items())
+    forces = (read_force(data, links, top.inner(f"forces.{n}"), n) for n, data in table.forces.items())
     return replace(mechanism, closures=tuple(closures), springs=tuple(springs), forces=tuple(forces))
 
 
-def _damped(mechanism: Mechanism, table: DampingTable | None, file: Path) -> Mechanism:
+def _damped(mechanism: Mechanism, table: DampingTable | None, where: Location) -> Mechanism:
     """Return the mechanism with the damping of its file [s], [-]; a ratio stays data until a mesh is built."""
     if table is None:
         return mechanism
-    where = location(file, "damping", "ratio")
     if (table.retardation_s is None) == (table.ratio is None):
         given = "neither" if table.ratio is None else "both"
-        raise InputError(complaint(where, given, "one of ratio [-] and retardation_s [s]", "ratio = 0.01"))
+        raise where.wrong("ratio", given, "one of ratio [-] and retardation_s [s]", "ratio = 0.01")
     if any(link.beam is not None and link.beam.section.damping is not None for link in mechanism.links):
-        given = "[damping] beside retardation_s of a section"
-        raise InputError(complaint(location(file, "damping"), given, "one or the other", "no table [damping]"))
+        raise where.wrong("", "[damping] beside retardation_s of a section", "one or the other", "no table [damping]")
     if not mechanism.beams:
-        complained = complaint(where, "no link that is a beam", "a beam to damp", "damping of joints in their tables")
-        raise InputError(complained)
+        raise where.wrong("ratio", "no link that is a beam", "a beam to damp", "damping of joints in their tables")
     if table.ratio is None:
         return with_retardation(mechanism, table.retardation_s or 0.0)
     return replace(mechanism, modal_damping=ModalDamping(table.ratio, table.mode))
 
 
-def _link(data: Any, name: str, sections: Mapping[str, CrossSection], file: Path) -> Link:
-    path = f"links.{name}"
+def _link(data: Any, name: str, sections: Mapping[str, CrossSection], where: Location) -> Link:
     if name == WORLD:
         advice = f'[links.base], and joints that hang on parent = "{WORLD}"'
-        raise InputError(
-            complaint(location(file, path), f'a link named "{WORLD}"', "another name: the world is no link", advice)
-        )
-    kind = data.get("kind", "rigid") if isinstance(data, dict) else "rigid"
-    if not isinstance(kind, str) or kind not in LINKS:
-        given = f"kind = {toml_text(kind)}"
-        raise InputError(complaint(location(file, path, "kind"), given, '"rigid" or "beam"', 'kind = "rigid"'))
-    table = validate(LINKS[kind], data, file, path)
+        raise where.wrong("", f'a link named "{WORLD}"', "another name: the world is no link", advice)
+    kind = one_of(data, where, "kind", LINKS, '"rigid" or "beam"', "rigid") or "rigid"
+    table = validate(LINKS[kind], data, where)
     if isinstance(table, BeamLinkTable):
-        return _beam_link(table, name, sections, file, path)
-    return _rigid_link(table, name, file, path)
+        return _beam_link(table, name, sections, where)
+    return _rigid_link(table, name, where)
 
 
-def _rigid_link(table: RigidLinkTable, name: str, file: Path, path: str) -> Link:
+def _rigid_link(table: RigidLinkTable, name: str, where: Location) -> Link:
     if table.massless and (table.mass_kg is not None or table.inertia_kgm2 is not None):
         given, expected = "massless = true and a mass or an inertia", "one or the other"
-        raise InputError(complaint(location(file, path, "massless"), given, expected, "massless = false, or no mass"))
-    own = () if table.massless else (Body(name, read_inertia(table, file, path)),)
-    payload = read_payloads(table.payload, False, name, file, path)
+        raise where.wrong("massless", given, expected, "massless = false, or no mass")
+    own = () if table.massless else (Body(name, read_inertia(table, where)),)
+    payload = read_payloads(table.payload, False, name, where)
     return Link(name, (*own, *payload), tip=_tip(table))
 
 
@@ -154,38 +146,27 @@ def _tip(table: RigidLinkTable) -> Array:
     return np.array(table.tip_m or [0, 0, 0], dtype=np.float64)
 
 
-def _beam_link(table: BeamLinkTable, name: str, sections: Mapping[str, CrossSection], file: Path, path: str) -> Link:
-    section = section_along(table.section, sections, file, path)
+def _beam_link(table: BeamLinkTable, name: str, sections: Mapping[str, CrossSection], where: Location) -> Link:
+    section = section_along(table.section, sections, where)
     bend = table.curvature_per_m
     curvature = np.array([bend.twist, bend.y, bend.z] if bend else [0, 0, 0], dtype=np.float64)
-    root = read_placement(table.root, file, f"{path}.root")
+    root = read_placement(table.root, where.inner("root"))
     beam = Beam(table.length_m, section, table.elements, table.order, curvature, root)
-    return Link(name, read_payloads(table.payload, True, name, file, path), beam)
+    return Link(name, read_payloads(table.payload, True, name, where), beam)
 
 
-def _check_station(joint: Joint, links: Mapping[str, Link], file: Path) -> None:
-    on_beam = joint.parent != WORLD and links[joint.parent].beam is not None
-    if on_beam == (joint.station is not None):
-        return
-    where = location(file, f"joints.{joint.name}", "station")
-    if on_beam:
-        expected = f"the fraction 0..1 of the beam {joint.parent} that carries the joint [-]"
-        raise InputError(complaint(where, "nothing", expected, "station = 1.0   (the tip)"))
-    given = f"station = {joint.station}"
-    advice = "placement = { xyz_m = [0.4, 0, 0] }"
-    raise InputError(complaint(where, given, f"no station: {joint.parent} is not a beam", advice))
-
-
-def _from_urdf(table: MechanismTable, urdf: UrdfTable, sections: Mapping[str, CrossSection], file: Path) -> Mechanism:
+def _from_urdf(
+    table: MechanismTable, urdf: UrdfTable, sections: Mapping[str, CrossSection], top: Location
+) -> Mechanism:
     for key in ("links", "joints"):
         if getattr(table, key):
             advice = f"[overlay.{key}.NAME] for what is laid over the URDF"
-            raise InputError(complaint(location(file, key), f"[{key}] beside [urdf]", "one or the other", advice))
-    path, packages = find_urdf(urdf, file)
+            raise top.inner(key).wrong("", f"[{key}] beside [urdf]", "one or the other", advice)
+    path, packages = find_urdf(urdf, top.inner("urdf"))
     gravity = table.gravity_m_per_s2 or STANDARD_GRAVITY
     mechanism, warned = read_urdf(path, packages, urdf.base, gravity, urdf.lock)
     for subject, text in warned.items():
         if subject != "mimic" or urdf.mimic is None:
             advice = '; write mimic = "independent" in [urdf] if so meant, or lock them' if subject == "mimic" else ""
             warnings.warn(f"{path}: {text}{advice}", ModelWarning, stacklevel=4)
-    return mechanism if table.overlay is None else overlaid(mechanism, table.overlay, sections, file)
+    return mechanism if table.overlay is None else overlaid(mechanism, table.overlay, sections, top.inner("overlay"))

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from flexinv.errors import InputError
 from flexinv.files.bodies import read_payloads
 from flexinv.files.drives import MOTORS, read_drive
 from flexinv.files.joints import DRIVES, drive
 from flexinv.files.schema import OverlayBeamTable, OverlayLinkTable, OverlayTable
 from flexinv.files.sections import CrossSection, section_along
-from flexinv.files.toml_tables import complaint, location, validate
+from flexinv.files.toml_tables import Location, complaint, validate
 from flexinv.model.mechanism import Beam, Body, Inertia, Joint, Link, Mechanism, Placement
 from flexinv.typing import Array
 from flexinv.validation import nearest
 
 
-def overlaid(mechanism: Mechanism, table: OverlayTable, sections: Mapping[str, CrossSection], file: Path) -> Mechanism:
+def overlaid(
+    mechanism: Mechanism, table: OverlayTable, sections: Mapping[str, CrossSection], top: Location
+) -> Mechanism:
     """Lay payloads [kg, m, kg m^2], drives [kg m^2, N m s/rad, N m] and beams over a mechanism.
 
     Undeformed, the mechanism keeps its geometry: a joint on a link that became a beam is placed anew in the frame of
@@ -29,65 +29,61 @@ def overlaid(mechanism: Mechanism, table: OverlayTable, sections: Mapping[str, C
     """
     links, joints, notes = dict(mechanism.link_of), dict(mechanism.joint_of), list(mechanism.notes)
     for name, data in table.links.items():
-        path = f"overlay.links.{name}"
-        _check_known(name, links, file, path, "link")
-        laid = validate(OverlayLinkTable, data, file, path)
+        where = top.inner(f"links.{name}")
+        _check_known(name, links, where, "link")
+        laid = validate(OverlayLinkTable, data, where)
         if laid.beam is not None and laid.tip_m is not None:
             given, expected = f"tip_m = {laid.tip_m} beside a beam", "no tip: a beam reports its end"
-            raise InputError(complaint(location(file, path, "tip_m"), given, expected, "the beam alone"))
+            raise where.wrong("tip_m", given, expected, "the beam alone")
         if laid.beam is not None:
             own = sum(body.inertia.mass for body in links[name].bodies)
-            links[name], changed = _flexible(links[name], joints, laid.beam, sections, file, f"{path}.beam")
+            links[name], changed = _flexible(links[name], joints, laid.beam, sections, where.inner("beam"))
             joints.update(changed)
             notes.append(_told(links[name], laid.beam, own))
-        payload = read_payloads(laid.payload, laid.beam is not None, name, file, path)
+        payload = read_payloads(laid.payload, laid.beam is not None, name, where)
         tip = links[name].tip if laid.tip_m is None else np.array(laid.tip_m, dtype=np.float64)
         links[name] = replace(links[name], bodies=(*links[name].bodies, *payload), tip=tip)
     for name, data in table.joints.items():
-        path = f"overlay.joints.{name}"
-        _check_known(name, joints, file, path, "joint")
-        joints[name] = _driven(joints[name], data, file, path)
+        where = top.inner(f"joints.{name}")
+        _check_known(name, joints, where, "joint")
+        joints[name] = _driven(joints[name], data, where)
     return replace(mechanism, links=tuple(links.values()), joints=tuple(joints.values()), notes=tuple(notes))
 
 
-def _check_known(name: str, known: Mapping[str, Any], file: Path, path: str, kind: str) -> None:
+def _check_known(name: str, known: Mapping[str, Any], where: Location, kind: str) -> None:
     if name not in known:
         near = nearest(name, known)
         write = f"[overlay.{kind}s.{near}]" if near else f"one of {', '.join(list(known)[:20])}"
-        raise InputError(complaint(location(file, path), f'a {kind} "{name}"', f"a {kind} of the URDF", write))
+        raise where.wrong("", f'a {kind} "{name}"', f"a {kind} of the URDF", write)
 
 
-def _driven(joint: Joint, data: Any, file: Path, path: str) -> Joint:
+def _driven(joint: Joint, data: Any, where: Location) -> Joint:
     """Replace what the table states of the drive; the rest stays as the URDF has it."""
     if joint.kind not in DRIVES:
         expected = f"a joint with a drive; {joint.name} is {joint.kind}"
-        raise InputError(
-            complaint(location(file, path), f"an overlay of joint {joint.name}", expected, "remove the table")
-        )
+        raise where.wrong("", f"an overlay of joint {joint.name}", expected, "remove the table")
     if isinstance(data, dict) and "drive" in data:
-        joint = _motored(joint, data["drive"], file, f"{path}.drive")
+        joint = _motored(joint, data["drive"], where.inner("drive"))
         data = {key: value for key, value in data.items() if key != "drive"}
-    table = validate(DRIVES[joint.kind], data, file, path)
+    table = validate(DRIVES[joint.kind], data, where)
     stated = {key.split("_")[0] for key in table.model_fields_set}
     return replace(
-        joint, **{name: value for name, value in drive(table, file, path).items() if name.split("_")[0] in stated}
+        joint, **{name: value for name, value in drive(table, where).items() if name.split("_")[0] in stated}
     )
 
 
-def _motored(joint: Joint, data: Any, file: Path, path: str) -> Joint:
+def _motored(joint: Joint, data: Any, where: Location) -> Joint:
     """The joint with motor and gear in place of the damping and dry friction that the URDF has for it."""
     if joint.kind not in MOTORS:
         expected = f"a drive of a joint with one coordinate ({', '.join(MOTORS)}); {joint.name} is {joint.kind}"
-        raise InputError(
-            complaint(location(file, path), f"a drive of joint {joint.name}", expected, "remove the table")
-        )
-    motor = read_drive(validate(MOTORS[joint.kind], data, file, path), file, path)
+        raise where.wrong("", f"a drive of joint {joint.name}", expected, "remove the table")
+    motor = read_drive(validate(MOTORS[joint.kind], data, where), where)
     return replace(joint, drive=motor, damping=0.0, friction=0.0)
 
 
 def _flexible(
     link: Link, joints: Mapping[str, Joint], table: OverlayBeamTable, sections: Mapping[str, CrossSection],
-    file: Path, path: str,
+    where: Location,
 ) -> tuple[Link, dict[str, Joint]]:  # fmt: skip
     """The link as a beam from its root point straight to one of its joints, and its joints placed on that beam."""
     outward = {name: joint for name, joint in joints.items() if joint.parent == link.name}
@@ -95,16 +91,16 @@ def _flexible(
         near = nearest(table.to_joint, outward) or next(iter(outward), None)
         expected = f"a joint whose parent is {link.name}: {', '.join(outward) or 'it has none'}"
         write = f'to_joint = "{near}"' if near else "a beam for a link that carries a joint"
-        raise InputError(complaint(location(file, path, "to_joint"), f'to_joint = "{table.to_joint}"', expected, write))
+        raise where.wrong("to_joint", f'to_joint = "{table.to_joint}"', expected, write)
     start = np.array(table.root_xyz_m, dtype=np.float64)
     along = outward[table.to_joint].placement.position - start
     length = float(np.linalg.norm(along))
     if length == 0.0:
         expected = f"a root away from joint {table.to_joint}: a beam has a length > 0 [m]"
         given = f"root_xyz_m = {start.tolist()}, where the joint is"
-        raise InputError(complaint(location(file, path, "root_xyz_m"), given, expected, "root_xyz_m = [0, 0, 0]"))
-    root = Placement(start, _section_axes(along / length, table.y_axis, location(file, path, "y_axis")))
-    section = section_along(table.section, sections, file, path)
+        raise where.wrong("root_xyz_m", given, expected, "root_xyz_m = [0, 0, 0]")
+    root = Placement(start, _section_axes(along / length, table.y_axis, where.key("y_axis")))
+    section = section_along(table.section, sections, where)
     bodies = link.bodies if table.own_inertia == "at_root" else ()
     beam = Beam(length, section, table.elements, table.order, placement=root)
     flexible = Link(link.name, tuple(_on_root(body, root) for body in bodies), beam)
@@ -120,7 +116,7 @@ def _section_axes(x: Array, y_axis: Any, where: str) -> Array:
     if size <= 1e-6 * float(np.linalg.norm(given)):
         write = f"y_axis = {np.eye(3)[int(np.argmin(np.abs(x)))].tolist()}"
         expected = f"a direction that is not along the beam, {np.round(x, 6).tolist()} [-]"
-        raise InputError(complaint(where, f"y_axis = {given.tolist()}", expected, write))
+        raise complaint(where, f"y_axis = {given.tolist()}", expected, write)
     y = across / size
     return np.column_stack([x, y, np.cross(x, y)])
 

@@ -7,7 +7,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, PlainValidator, WithJsonSchema
 
-from flexinv.files.toml_tables import Fraction, Name, NotNegative, Number, Positive, Table, Text, Vector, bounded, key
+from flexinv.files.toml_tables import Table, key, optional
+from flexinv.files.values import Fraction, Name, NotNegative, Number, Positive, Text, Vector, bounded
 
 Numbers = dict[str, float]
 
@@ -113,10 +114,10 @@ class PlacementTable(Table):
     """A frame in a frame: position, and rotation by fixed-axis roll, pitch, yaw (as URDF) or as a matrix."""
 
     xyz_m: Vector = key("three numbers [m]", "xyz_m = [0.0, 0.0, 0.1]", default=[0.0, 0.0, 0.0])
-    rpy_deg: Vector | None = key("roll, pitch, yaw about fixed axes [deg]", "rpy_deg = [0, 90, 0]", default=None)
-    rpy_rad: Vector | None = key("roll, pitch, yaw about fixed axes [rad]", "rpy_rad = [0, 1.57, 0]", default=None)
-    rotation: Rotation | None = key(
-        "a rotation matrix, three rows [-]", "rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]", default=None
+    rpy_deg: Vector | None = optional("roll, pitch, yaw about fixed axes [deg]", "rpy_deg = [0, 90, 0]")
+    rpy_rad: Vector | None = optional("roll, pitch, yaw about fixed axes [rad]", "rpy_rad = [0, 1.57, 0]")
+    rotation: Rotation | None = optional(
+        "a rotation matrix, three rows [-]", "rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]"
     )
 
 
@@ -155,19 +156,18 @@ class SphereTable(Table):
 class BodyTable(Table):
     """Mass, centre of mass, and inertia about the centre of mass: as numbers or by a uniform shape."""
 
-    mass_kg: Positive | None = key("the mass, a number > 0 [kg]", "mass_kg = 0.215", default=None)
-    com_m: Vector | None = key("the centre of mass, three numbers [m]", "com_m = [0.2, 0.0, 0.0]", default=None)
-    inertia_kgm2: Tensor | None = key(
+    mass_kg: Positive | None = optional("the mass, a number > 0 [kg]", "mass_kg = 0.215")
+    com_m: Vector | None = optional("the centre of mass, three numbers [m]", "com_m = [0.2, 0.0, 0.0]")
+    inertia_kgm2: Tensor | None = optional(
         "about the centre of mass [kg m^2]: { xx, yy, zz } and xy, xz, yz if not 0; three rows; or 0, a point mass",
         "inertia_kgm2 = { xx = 1e-4, yy = 2.9e-3, zz = 2.9e-3 }",
-        default=None,
     )
-    rod: RodTable | None = key("a table: length_m [m]", "rod = { length_m = 0.4 }", default=None)
-    box: BoxTable | None = key("a table: size_m [m]", "box = { size_m = [0.4, 0.05, 0.05] }", default=None)
-    cylinder: CylinderTable | None = key(
-        "a table: length_m, radius_m [m]", "cylinder = { length_m = 0.4, radius_m = 0.02 }", default=None
+    rod: RodTable | None = optional("a table: length_m [m]", "rod = { length_m = 0.4 }")
+    box: BoxTable | None = optional("a table: size_m [m]", "box = { size_m = [0.4, 0.05, 0.05] }")
+    cylinder: CylinderTable | None = optional(
+        "a table: length_m, radius_m [m]", "cylinder = { length_m = 0.4, radius_m = 0.02 }"
     )
-    sphere: SphereTable | None = key("a table: radius_m [m]", "sphere = { radius_m = 0.02 }", default=None)
+    sphere: SphereTable | None = optional("a table: radius_m [m]", "sphere = { radius_m = 0.02 }")
     source: Text = SOURCE
 
 
@@ -175,8 +175,8 @@ class PayloadTable(BodyTable):
     """A body that a link carries beside its own: payload, flange, motor."""
 
     name: Name = key("the name of the payload", 'name = "gripper"')
-    station: Fraction | None = key(
-        "on a beam: the fraction 0..1 of its length that carries it [-]", "station = 1.0", default=None
+    station: Fraction | None = optional(
+        "on a beam: the fraction 0..1 of its length that carries it [-]", "station = 1.0"
     )
 
 
@@ -184,15 +184,11 @@ class RigidLinkTable(BodyTable):
     """A rigid link; without mass only when it says so."""
 
     kind: Literal["rigid"] = key('"rigid" or "beam"', 'kind = "rigid"')
-    mass_kg: Positive | None = key(
-        "the mass, a number > 0 [kg]",
-        "mass_kg = 0.215   (or massless = true for a link that is only a frame)",
-        default=None,
+    mass_kg: Positive | None = optional(
+        "the mass, a number > 0 [kg]", "mass_kg = 0.215   (or massless = true for a link that is only a frame)"
     )
     massless: bool = key("true for a frame that has no mass", "massless = true", default=False)
-    tip_m: Vector | None = key(
-        "the point whose motion is reported, three numbers [m]", "tip_m = [0.4, 0, 0]", default=None
-    )
+    tip_m: Vector | None = optional("the point whose motion is reported, three numbers [m]", "tip_m = [0.4, 0, 0]")
     payload: list[PayloadTable] = key("tables [[links.NAME.payload]]", "[[links.NAME.payload]]", default=[])
 
 
@@ -228,10 +224,8 @@ class BeamLinkTable(MeshTable):
 
     kind: Literal["beam"] = key('"rigid" or "beam"', 'kind = "beam"')
     length_m: Positive = key("the arc length of the beam, a number > 0 [m]", "length_m = 0.4")
-    curvature_per_m: CurvatureTable | None = key(
-        "a table: twist, y, z [1/m]", "curvature_per_m = { z = 0.5 }", default=None
-    )
-    root: PlacementTable | None = key(PLACEMENT, "root = { xyz_m = [0.05, 0, 0] }", default=None)
+    curvature_per_m: CurvatureTable | None = optional("a table: twist, y, z [1/m]", "curvature_per_m = { z = 0.5 }")
+    root: PlacementTable | None = optional(PLACEMENT, "root = { xyz_m = [0.05, 0, 0] }")
     payload: list[PayloadTable] = key("tables [[links.NAME.payload]]", "[[links.NAME.payload]]", default=[])
     source: Text = SOURCE
 
@@ -239,10 +233,10 @@ class BeamLinkTable(MeshTable):
 class DampingTable(Table):
     """Damping of all beams: a retardation time, or the ratio that one natural mode has."""
 
-    retardation_s: NotNegative | None = key(
-        "stress by rate of strain over stress by strain, >= 0 [s]", "retardation_s = 1e-3", default=None
+    retardation_s: NotNegative | None = optional(
+        "stress by rate of strain over stress by strain, >= 0 [s]", "retardation_s = 1e-3"
     )
-    ratio: Fraction | None = key("of critical damping of one natural mode, 0..1 [-]", "ratio = 0.01", default=None)
+    ratio: Fraction | None = optional("of critical damping of one natural mode, 0..1 [-]", "ratio = 0.01")
     mode: Annotated[int, Field(ge=1)] = key(
         "which natural mode, all joints held at zero: 1 the lowest [-]", "mode = 1", default=1
     )
@@ -270,14 +264,12 @@ class MaterialTable(Table):
     """Material: the keys that all sections given by their geometry share."""
 
     E_Pa: Positive = key("Young's modulus, a number > 0 [Pa]", "E_Pa = 70e9")
-    nu: Annotated[Number, Field(gt=-1, le=0.5)] | None = key(
-        "Poisson's ratio, -1 < nu <= 0.5 [-]", "nu = 0.33", default=None
-    )
-    G_Pa: Positive | None = key("shear modulus, a number > 0 [Pa]", "G_Pa = 26e9", default=None)
+    nu: Annotated[Number, Field(gt=-1, le=0.5)] | None = optional("Poisson's ratio, -1 < nu <= 0.5 [-]", "nu = 0.33")
+    G_Pa: Positive | None = optional("shear modulus, a number > 0 [Pa]", "G_Pa = 26e9")
     retardation_s: Times = RETARDATION
     rho_kg_per_m3: Positive = key("density, a number > 0 [kg/m^3]", "rho_kg_per_m3 = 2700")
-    shear_factor: Across | None = key(
-        "shear factor [-]: one number, or { y, z }; Cowper's when absent", "shear_factor = 0.85", default=None
+    shear_factor: Across | None = optional(
+        "shear factor [-]: one number, or { y, z }; Cowper's when absent", "shear_factor = 0.85"
     )
     source: Text = SOURCE
 
@@ -311,15 +303,13 @@ class UrdfTable(Table):
     path: Text = key(
         "the URDF, a path inside the models folder or inside the package", 'path = "ur_description/urdf/ur5_robot.urdf"'
     )
-    package: Literal["example-robot-data"] | None = key(
-        '"example-robot-data", or leave it out for a file of your own', 'package = "example-robot-data"', default=None
+    package: Literal["example-robot-data"] | None = optional(
+        '"example-robot-data", or leave it out for a file of your own', 'package = "example-robot-data"'
     )
     base: Literal["fixed", "free"] = key('"fixed" or "free"', 'base = "fixed"', default="fixed")
     lock: list[Name] = key("names of joints to hold at zero", 'lock = ["finger_joint"]', default=[])
-    mimic: Literal["independent"] | None = key(
-        '"independent" when mimic joints are meant to be coordinates of their own',
-        'mimic = "independent"',
-        default=None,
+    mimic: Literal["independent"] | None = optional(
+        '"independent" when mimic joints are meant to be coordinates of their own', 'mimic = "independent"'
     )
 
 
@@ -342,13 +332,11 @@ class OverlayBeamTable(MeshTable):
 class OverlayLinkTable(Table):
     """Overlay of one link of the URDF."""
 
-    beam: OverlayBeamTable | None = key("a table [overlay.links.NAME.beam]", "[overlay.links.NAME.beam]", default=None)
+    beam: OverlayBeamTable | None = optional("a table [overlay.links.NAME.beam]", "[overlay.links.NAME.beam]")
     payload: list[PayloadTable] = key(
         "tables [[overlay.links.NAME.payload]]", "[[overlay.links.NAME.payload]]", default=[]
     )
-    tip_m: Vector | None = key(
-        "the point whose motion is reported, three numbers [m]", "tip_m = [0.1, 0, 0]", default=None
-    )
+    tip_m: Vector | None = optional("the point whose motion is reported, three numbers [m]", "tip_m = [0.1, 0, 0]")
     source: Text = SOURCE
 
 
@@ -362,11 +350,11 @@ class OverlayTable(Table):
 class MechanismTable(Table):
     """The whole file."""
 
-    name: Name | None = key("the name of the mechanism; the folder's when absent", 'name = "arm"', default=None)
+    name: Name | None = optional("the name of the mechanism; the folder's when absent", 'name = "arm"')
     title: Text = key("one line that says what it is", 'title = "Two flexible links"', default="")
     source: Text = key("where the data come from, a text", 'source = "Isobe et al., case 3"')
-    gravity_m_per_s2: Vector | None = key(
-        "gravity in the world frame, three numbers [m/s^2]", "gravity_m_per_s2 = [0, 0, -9.81]", default=None
+    gravity_m_per_s2: Vector | None = optional(
+        "gravity in the world frame, three numbers [m/s^2]", "gravity_m_per_s2 = [0, 0, -9.81]"
     )
     notes: list[Text] = key("a list of texts that a reader of results must know", 'notes = ["..."]', default=[])
     sections: dict[str, Any] = key("tables [sections.NAME]", "[sections.NAME]", default={})
@@ -375,10 +363,10 @@ class MechanismTable(Table):
     closures: dict[str, Any] = key("tables [closures.NAME], joints that close loops", "[closures.NAME]", default={})
     springs: dict[str, Any] = key("tables [springs.NAME] between two points", "[springs.NAME]", default={})
     forces: dict[str, Any] = key("tables [forces.NAME] on points", "[forces.NAME]", default={})
-    damping: DampingTable | None = key(
-        "a table: retardation_s [s], or ratio [-] and mode", "damping = { ratio = 0.01, mode = 1 }", default=None
+    damping: DampingTable | None = optional(
+        "a table: retardation_s [s], or ratio [-] and mode", "damping = { ratio = 0.01, mode = 1 }"
     )
-    urdf: UrdfTable | None = key("a table: path, package, base, lock", "[urdf]", default=None)
-    overlay: OverlayTable | None = key(
-        "tables [overlay.links.NAME] and [overlay.joints.NAME]", "[overlay.links.NAME]", default=None
+    urdf: UrdfTable | None = optional("a table: path, package, base, lock", "[urdf]")
+    overlay: OverlayTable | None = optional(
+        "tables [overlay.links.NAME] and [overlay.joints.NAME]", "[overlay.links.NAME]"
     )

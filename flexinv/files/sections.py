@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from flexinv.errors import InputError
 from flexinv.files.schema import (
     CircleTable,
     MaterialTable,
@@ -19,7 +17,7 @@ from flexinv.files.schema import (
     StiffnessSectionTable,
     TubeTable,
 )
-from flexinv.files.toml_tables import complaint, location, toml_text, validate
+from flexinv.files.toml_tables import Location, one_of, toml_text, validate
 from flexinv.model.mechanism import Section
 from flexinv.typing import Array
 from flexinv.validation import nearest
@@ -59,29 +57,17 @@ class CrossSection:
         return np.array([*self.stiffness, self.mass_per_length, *self.rotary_inertia, *self.retardation])
 
 
-def read_section(data: Any, file: Path, name: str) -> CrossSection:
+def read_section(data: Any, where: Location) -> CrossSection:
     """Read ``[sections.NAME]``: by ``shape`` and material, or by its numbers [N, N m^2, kg/m, kg m]."""
-    path = f"sections.{name}"
-    shape = data.get("shape") if isinstance(data, dict) else None
-    if shape is None:
-        return _from_numbers(validate(StiffnessSectionTable, data, file, path))
-    if not isinstance(shape, str) or shape not in SHAPES:
-        near = nearest(str(shape), SHAPES) or "rectangle"
-        where = location(file, path, "shape")
-        raise InputError(
-            complaint(where, f"shape = {toml_text(shape)}", f"one of {', '.join(SHAPES)}", f'shape = "{near}"')
-        )
-    table = validate(SHAPES[shape], data, file, path)
+    shape = one_of(data, where, "shape", SHAPES, f"one of {', '.join(SHAPES)}", "rectangle")
+    if not shape:
+        return _from_numbers(validate(StiffnessSectionTable, data, where))
+    table = validate(SHAPES[shape], data, where)
     if isinstance(table, TubeTable) and table.wall_m > table.outer_diameter_m / 2:
         expected = f"at most half of outer_diameter_m = {table.outer_diameter_m} [m]"
-        where = location(file, path, "wall_m")
-        raise InputError(
-            complaint(where, f"wall_m = {table.wall_m}", expected, f"wall_m = {table.outer_diameter_m / 10:g}")
-        )
+        raise where.wrong("wall_m", f"wall_m = {table.wall_m}", expected, f"wall_m = {table.outer_diameter_m / 10:g}")
     if (table.nu is None) == (table.G_Pa is None):
-        given = "neither" if table.nu is None else "both"
-        where = location(file, path, "nu")
-        raise InputError(complaint(where, given, "one of nu [-] and G_Pa [Pa]", "nu = 0.33"))
+        raise where.wrong("nu", "neither" if table.nu is None else "both", "one of nu [-] and G_Pa [Pa]", "nu = 0.33")
     return _from_geometry(table)
 
 
@@ -151,7 +137,7 @@ def shear_factors(table: MaterialTable, nu: float) -> tuple[float, float]:
     return factor, factor
 
 
-def section_along(value: Any, sections: Mapping[str, CrossSection], file: Path, path: str) -> Section:
+def section_along(value: Any, sections: Mapping[str, CrossSection], where: Location) -> Section:
     """Assemble a beam's section from one name or from stations [-].
 
     Stations begin at 0, end at 1 and increase; one name is a uniform beam.  Between two sections of one shape dimensions and
@@ -159,15 +145,14 @@ def section_along(value: Any, sections: Mapping[str, CrossSection], file: Path, 
     """
     uniform = isinstance(value, str)
     rows = [{"at": 0.0, "section": value}] if uniform else value
-    where = location(file, path, "section")
     advice = 'section = [{ at = 0, section = "A" }, { at = 1, section = "B" }]'
     if not isinstance(rows, list) or len(rows) < (1 if uniform else 2):
         expected = "the name of a [sections.NAME], or two or more stations"
-        raise InputError(complaint(where, f"section = {toml_text(value)}", expected, advice))
-    tables = [validate(StationTable, row, file, f"{path}.section[{k}]") for k, row in enumerate(rows)]
+        raise where.wrong("section", f"section = {toml_text(value)}", expected, advice)
+    tables = [validate(StationTable, row, where.inner(f"section[{k}]")) for k, row in enumerate(rows)]
     at = np.array([table.at for table in tables])
     if not uniform and (at[0] != 0.0 or at[-1] != 1.0 or np.any(np.diff(at) <= 0)):
-        raise InputError(complaint(where, f"at = {at.tolist()}", "at increasing from 0 to 1 [-]", advice))
+        raise where.wrong("section", f"at = {at.tolist()}", "at increasing from 0 to 1 [-]", advice)
     at, parts = _tapered(at, [_named(table.section, sections, where) for table in tables])
     stiffness, retardation = _rows([p.stiffness for p in parts]), _rows([p.retardation for p in parts])
     damping = retardation * stiffness if retardation.any() else None
@@ -220,13 +205,13 @@ def _mean(first: Sequence[float], last: Sequence[float], part: float) -> tuple[f
     return tuple((1 - part) * x + part * y for x, y in zip(first, last, strict=True))
 
 
-def _named(name: str, sections: Mapping[str, CrossSection], where: str) -> CrossSection:
+def _named(name: str, sections: Mapping[str, CrossSection], where: Location) -> CrossSection:
     if name in sections:
         return sections[name]
     near = nearest(name, sections)
     expected = f"one of the sections {', '.join(sections)}" if sections else "a section that the file has"
     advice = f'section = "{near}"' if near else f"a table [sections.{name}]"
-    raise InputError(complaint(where, f'section = "{name}"', expected, advice))
+    raise where.wrong("section", f'section = "{name}"', expected, advice)
 
 
 def _rows(values: list[Any]) -> Array:

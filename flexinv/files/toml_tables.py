@@ -5,19 +5,20 @@ from __future__ import annotations
 import datetime
 import re
 import tomllib
+from collections.abc import Collection
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_args
+from typing import Any, TypeVar, get_args
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
 
 from flexinv.errors import InputError
 from flexinv.files.unit_keys import correction
+from flexinv.files.values import clean_name
 from flexinv.validation import nearest
 
 LARGEST_FILE = 1 << 20  # [byte]: the largest hand-written mechanism is a thousand times smaller
-LARGEST = 1e30  # no length, mass or stiffness in SI is larger; powers of larger numbers overflow
-LONGEST_NAME, LONGEST_TEXT = 100, 4000  # [characters]
 
 
 class Table(BaseModel):
@@ -34,47 +35,55 @@ def key(expected: str, write: str, **rules: Any) -> Any:
     return Field(description=expected, examples=[write], **rules)
 
 
-def bounded(value: Any) -> Any:
-    """Refuse (ValueError) what is no finite number of a size that can be meant, at most ``LARGEST`` [any unit]."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError("should be a number")
-    if value != value or abs(value) > LARGEST:
-        raise ValueError(f"should be a finite number, at most {LARGEST:g} in size")
-    return value
+def optional(expected: str, write: str) -> Any:
+    """Declare a key that may be absent, which is None then: as `key` what is expected [unit] and an example to write."""
+    return key(expected, write, default=None)
 
 
-def _clean_name(name: str) -> str:
-    if not name.isprintable() or not name.strip() or len(name) > LONGEST_NAME:
-        raise ValueError(f"a name is 1 to {LONGEST_NAME} printable characters, none of them a control character")
-    return name
+def one_of(data: Any, where: Location, name: str, known: Collection[str], expected: str, default: str) -> str:
+    """Return the value of the key that decides what a table is [-], ``""`` where it is absent; InputError for an unknown one."""
+    value = data.get(name) if isinstance(data, dict) else None
+    if value is not None and (not isinstance(value, str) or value not in known):
+        write = f'{name} = "{nearest(str(value), known) or default}"'
+        raise where.wrong(name, f"{name} = {toml_text(value)}", expected, write)
+    return value or ""
 
 
-def _clean_text(text: str) -> str:
-    if not text.strip() or len(text) > LONGEST_TEXT:
-        raise ValueError(f"a text is 1 to {LONGEST_TEXT} characters and not only blanks")
-    if not all(c.isprintable() or c == "\n" for c in text):
-        raise ValueError("a text has no control characters")
-    return text
+def read_bytes(path: Path, largest: int, kind: str, existing: str, smaller: str) -> bytes:
+    """Read a file of at most ``largest`` [byte]; InputError names a file that exists, or says how to make this one smaller."""
+    if not path.is_file():
+        raise complaint(str(path), "no such file", kind, existing)
+    with path.open("rb") as stream:
+        data = stream.read(largest + 1)
+    if len(data) > largest:
+        raise complaint(str(path), f"more than {largest} bytes", f"at most {largest} bytes", smaller)
+    return data
 
 
-Number = Annotated[float, BeforeValidator(bounded)]
-Positive = Annotated[Number, Field(gt=0)]
-NotNegative = Annotated[Number, Field(ge=0)]
-Fraction = Annotated[Number, Field(ge=0, le=1)]
-Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
-Name = Annotated[str, AfterValidator(_clean_name)]
-Text = Annotated[str, AfterValidator(_clean_text)]
+def complaint(where: str, given: str, expected: str, write: str) -> InputError:
+    """Return the error [-] that names a place on its first line, then what was given, expected, and what to write."""
+    return InputError(f"{where}\n  given:    {given}\n  expected: {expected}\n  write:    {write}")
 
 
-def complaint(where: str, given: str, expected: str, write: str) -> str:
-    """Lay out one complaint [-]: the place on the first line, then what was given, expected, and what to write."""
-    return f"{where}\n  given:    {given}\n  expected: {expected}\n  write:    {write}"
+@dataclass(frozen=True)
+class Location:
+    """Place in a file: the table of this path, or the top of the file."""
 
+    file: Path
+    table: str = ""
 
-def location(file: Path, table: str, key: str = "") -> str:
-    """Name a place in a file [-]: ``models/arm/mechanism.toml: table [links.upper], key length_m``."""
-    table = f"table [{table}]" if table else "the top of the file"
-    return f"{file}: {table}" + (f", key {key}" if key else "")
+    def inner(self, name: str) -> Location:
+        """Return the location of a table inside this one [-]."""
+        return Location(self.file, f"{self.table}.{name}".removeprefix("."))
+
+    def key(self, name: str = "") -> str:
+        """Return the words for a key or the table [-]: ``models/arm/mechanism.toml: table [links.upper], key length_m``."""
+        table = f"table [{self.table}]" if self.table else "the top of the file"
+        return f"{self.file}: {table}" + (f", key {name}" if name else "")
+
+    def wrong(self, key: str, given: str, expected: str, write: str) -> InputError:
+        """Return the `complaint` [-] about a key, ``""`` for the table itself."""
+        return complaint(self.key(key), given, expected, write)
 
 
 def toml_text(value: Any, longest: int = 80) -> str:
@@ -97,26 +106,17 @@ def toml_text(value: Any, longest: int = 80) -> str:
 def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file as data, at most ``LARGEST_FILE`` [byte] of UTF-8; InputError names what is wrong."""
     advice = "a TOML file that this reader knows, see models/README.md"
-    if not path.is_file():
-        raise InputError(complaint(str(path), "no such file", "a TOML file", _existing(path)))
-    with path.open("rb") as stream:
-        data = stream.read(LARGEST_FILE + 1)
-    if len(data) > LARGEST_FILE:
-        given, most = f"more than {LARGEST_FILE} bytes", f"at most {LARGEST_FILE} bytes"
-        raise InputError(complaint(str(path), given, most, "sampled motions as CSV; geometry is not needed at all"))
+    smaller = "sampled motions as CSV; geometry is not needed at all"
+    data = read_bytes(path, LARGEST_FILE, "a TOML file", _existing(path), smaller)
     try:
         return tomllib.loads(data.decode("utf-8"))
     except UnicodeDecodeError as error:
-        raise InputError(
-            complaint(str(path), f"byte {error.start} is not UTF-8", advice, "the file in UTF-8")
-        ) from None
+        raise complaint(str(path), f"byte {error.start} is not UTF-8", advice, "the file in UTF-8") from None
     except RecursionError:
-        raise InputError(
-            complaint(str(path), "nesting without end", advice, "tables at most a few levels deep")
-        ) from None
+        raise complaint(str(path), "nesting without end", advice, "tables at most a few levels deep") from None
     except ValueError as error:
         given = re.sub(r"\('(.*?)',?\)", lambda m: "[" + m[1].replace("', '", ".") + "]", str(error))
-        raise InputError(complaint(str(path), given, "TOML, each table and key once", _syntax(given))) from None
+        raise complaint(str(path), given, "TOML, each table and key once", _syntax(given)) from None
 
 
 def check_names(file: Path, **tables: dict[str, Any]) -> None:
@@ -124,14 +124,12 @@ def check_names(file: Path, **tables: dict[str, Any]) -> None:
     for kind, names in tables.items():
         for name in names:
             try:
-                _clean_name(name)
+                clean_name(name)
                 if "/" in name:
                     raise ValueError("a name has no slash: results are named by paths such as torque/elbow")
             except ValueError as error:
                 given = f"the name {toml_text(name)}"
-                raise InputError(
-                    complaint(f"{file}: tables [{kind}.NAME]", given, str(error), f"[{kind}.arm_1]")
-                ) from None
+                raise complaint(f"{file}: tables [{kind}.NAME]", given, str(error), f"[{kind}.arm_1]") from None
 
 
 def _existing(path: Path) -> str:
@@ -147,47 +145,42 @@ def _syntax(message: str) -> str:
     return "TOML as on https://toml.io: strings in quotes, numbers without units, true and false in lower case"
 
 
-def validate(model: type[T], data: Any, file: Path, table: str) -> T:
+def validate(model: type[T], data: Any, where: Location) -> T:
     """Check one table against its model; InputError carries a complaint for each key that is wrong [-]."""
     try:
         return model.model_validate(data)
     except ValidationError as error:
         found = error.errors(include_url=False, include_context=False)
     if not isinstance(data, dict):
-        given = toml_text(data)
-        raise InputError(complaint(location(file, table), given, "a table of keys", f"[{table}] and its keys below"))
-    complaints = [_explained(model, e, file, table) for e in found]
+        raise where.wrong("", toml_text(data), "a table of keys", f"[{where.table}] and its keys below")
+    complaints = [_explained(model, e, where) for e in found]
     fixed = {new for _, new in complaints if new}
-    kept = [text for (text, _), e in zip(complaints, found, strict=True) if not _is_fixed(e, fixed)]
+    said = [e["type"] == "missing" and ".".join(map(str, e["loc"])) in fixed for e in found]
+    kept = [text for (text, _), twice in zip(complaints, said, strict=True) if not twice]
     raise InputError("\n".join(kept[:5] + ([f"... and {len(kept) - 5} more"] if len(kept) > 5 else [])))
 
 
-def _is_fixed(error: Any, fixed: set[str]) -> bool:
-    return error["type"] == "missing" and ".".join(map(str, error["loc"])) in fixed
-
-
-def _explained(model: type[Table], error: Any, file: Path, table: str) -> tuple[str, str]:
+def _explained(model: type[Table], error: Any, top: Location) -> tuple[str, str]:
     """One complaint, and the missing key that it already tells to write."""
     loc = list(error["loc"])
     index = ""
     while isinstance(loc[-1], int):
         index = f"[{loc.pop()}]{index}"
-    name, inner = loc[-1], _path(table, loc[:-1])
+    name, inner = loc[-1], _inside(top, loc[:-1])
     owner, info = _field(model, [part for part in loc if isinstance(part, str)])
-    where = location(file, inner, name)
     if error["type"] == "extra_forbidden":
-        return _unknown(owner, name, error["input"], where, loc)
+        return _unknown(owner, name, error["input"], inner.key(name), loc)
     expected, write = (info.description or "", info.examples[0]) if info and info.examples else (error["msg"], name)
     if error["type"] == "missing":
-        return complaint(where, "nothing", expected, write), ""
+        return str(inner.wrong(name, "nothing", expected, write)), ""
     said = error["msg"].removeprefix("Value error, ").removeprefix("Input ")
     given = f"{name}{index} = {toml_text(error['input'])}  ({said[0].lower()}{said[1:]})"
-    return complaint(where, given, expected, write), ""
+    return str(inner.wrong(name, given, expected, write)), ""
 
 
-def _path(table: str, loc: list[Any]) -> str:
+def _inside(top: Location, loc: list[Any]) -> Location:
     parts = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in loc)
-    return (table + parts).removeprefix(".")
+    return Location(top.file, (top.table + parts).removeprefix("."))
 
 
 def _unknown(owner: type[Table], name: str, value: Any, where: str, loc: list[Any]) -> tuple[str, str]:
@@ -199,11 +192,11 @@ def _unknown(owner: type[Table], name: str, value: Any, where: str, loc: list[An
         info = owner.model_fields[right]
         write = f"{right} = {toml_text(number)}" if number is not None else (info.examples or [right])[0]
         expected = f"{right}, {info.description} (a key ends in its unit)"
-        return complaint(where, given, expected, write), ".".join(map(str, [*loc[:-1], right]))
+        return str(complaint(where, given, expected, write)), ".".join(map(str, [*loc[:-1], right]))
     near = nearest(name, known)
     advice = f"{near} instead of {name}" if near else "one of these, or remove it"
     fixed = ".".join(map(str, [*loc[:-1], near])) if near else ""
-    return complaint(where, given, f"one of {', '.join(known)}", advice), fixed
+    return str(complaint(where, given, f"one of {', '.join(known)}", advice)), fixed
 
 
 def _field(model: type[Table], keys: list[str]) -> tuple[type[Table], FieldInfo | None]:

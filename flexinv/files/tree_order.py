@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 
-from flexinv.errors import InputError
 from flexinv.files.toml_tables import complaint
 from flexinv.model.mechanism import WORLD, Joint
 from flexinv.validation import nearest
@@ -44,10 +43,10 @@ def check_ends(joints: Sequence[Joint], parents: Iterable[str], links: Iterable[
                 near = nearest(name, known)
                 expected = "one of the links " + ", ".join(list(known)[:20]) + (", ..." if len(known) > 20 else "")
                 advice = f'{key} = "{near}"' if near else f"a link {name}, or the name of one that exists"
-                raise InputError(complaint(where("joint", joint.name, key), f'{key} = "{name}"', expected, advice))
+                raise complaint(where("joint", joint.name, key), f'{key} = "{name}"', expected, advice)
         if joint.parent == joint.child:
             given = f'parent and child are both "{joint.child}"'
-            raise InputError(complaint(where("joint", joint.name, "child"), given, "two links", "another parent"))
+            raise complaint(where("joint", joint.name, "child"), given, "two links", "another parent")
 
 
 def _check_carried_once(joints: Sequence[Joint], where: Where) -> None:
@@ -58,7 +57,7 @@ def _check_carried_once(joints: Sequence[Joint], where: Where) -> None:
             given = f'child = "{joint.child}", which joint {first} carries already'
             expected = "a tree: one joint carries each link; what closes a loop is a closure"
             advice = f"[closures.{joint.name}] with kind, first and second in a mechanism file instead of this joint"
-            raise InputError(complaint(where("joint", joint.name, "child"), given, expected, advice))
+            raise complaint(where("joint", joint.name, "child"), given, expected, advice)
 
 
 def _check_all_reached(ordered: list[Joint], joints: Sequence[Joint], links: dict[str, None], where: Where) -> None:
@@ -69,14 +68,14 @@ def _check_all_reached(ordered: list[Joint], joints: Sequence[Joint], links: dic
         if link not in carried:
             expected = "every link carried by one joint"
             advice = f'a joint with child = "{link}" and parent = "{WORLD}" or another link'
-            raise InputError(complaint(where("link", link, ""), "a link that no joint carries", expected, advice))
+            raise complaint(where("link", link, ""), "a link that no joint carries", expected, advice)
     if unreached:  # each of them is carried, none from the world: they go round
         path = _walk_up(unreached[0], carried)
         given = f"a cycle: {' <- '.join(path)}"
         joint = carried[path[-1]].name
         expected = f'a tree that hangs on "{WORLD}"; what closes a loop is a closure'
         advice = f'parent = "{WORLD}" for one of these joints; [closures.{joint}] with first and second where the loop closes'
-        raise InputError(complaint(where("joint", joint, "parent"), given, expected, advice))
+        raise complaint(where("joint", joint, "parent"), given, expected, advice)
 
 
 def _walk_up(link: str, carried: dict[str, Joint]) -> list[str]:

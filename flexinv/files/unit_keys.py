@@ -25,6 +25,7 @@ DIMENSIONS: tuple[dict[str, float], ...] = (
     {"per_m": 1.0, "rad_per_m": 1.0, "deg_per_m": 0.017453292519943295, "per_mm": 1e3},
     {"Nms_per_rad": 1.0, "Nmms_per_rad": 1e-3, "Nms_per_deg": 57.29577951308232},
     {"Ns_per_m": 1.0, "Ns_per_mm": 1e3},
+    {"Nm_per_A": 1.0, "mNm_per_A": 1e-3},
     {"N_per_m": 1.0, "N_per_mm": 1e3, "kN_per_m": 1e3},
     {"Nm_per_rad": 1.0, "Nm_per_deg": 57.29577951308232, "Nmm_per_rad": 1e-3, "kNm_per_rad": 1e3},
 )

@@ -10,8 +10,8 @@ import numpy as np
 from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
-from flexinv.errors import InputError
-from flexinv.files.toml_tables import LARGEST, LONGEST_NAME, complaint
+from flexinv.files.toml_tables import complaint, read_bytes
+from flexinv.files.values import LARGEST, LONGEST_NAME
 from flexinv.typing import Array
 from flexinv.validation import nearest
 
@@ -20,28 +20,25 @@ LARGEST_FILE = 16 << 20  # [byte]: the largest URDF of example-robot-data has 0.
 
 def read_robot(path: Path) -> Element:
     """Parse the file and return its ``<robot>``, at most ``LARGEST_FILE`` [byte]; InputError says what is wrong."""
-    if not path.is_file():
-        near = nearest(path.name, sorted(p.name for p in path.parent.glob("*.urdf"))) if path.parent.is_dir() else None
-        raise InputError(complaint(str(path), "no such file", "a URDF", near or "the path of a file that exists"))
-    with path.open("rb") as stream:
-        data = stream.read(LARGEST_FILE + 1)
-    if len(data) > LARGEST_FILE:
-        given = f"more than {LARGEST_FILE} bytes"
-        raise InputError(complaint(str(path), given, f"at most {LARGEST_FILE} bytes", "meshes as files of their own"))
+    root = read_xml(path)
+    if root.tag != "robot":
+        advice = "the URDF itself; a .xacro file is expanded first: xacro robot.urdf.xacro > robot.urdf"
+        raise complaint(str(path), f"<{root.tag[:80]}>", '<robot name="...">', advice)
+    return root
+
+
+def read_xml(path: Path) -> Element:
+    """Parse a file of XML, at most ``LARGEST_FILE`` [byte] and without entities; InputError says what is wrong."""
+    near = nearest(path.name, sorted(p.name for p in path.parent.glob("*.urdf"))) if path.parent.is_dir() else None
+    existing = near or "the path of a file that exists"
+    data = read_bytes(path, LARGEST_FILE, "a URDF", existing, "meshes as files of their own")
     try:
         root: Element = fromstring(data, forbid_dtd=True)
     except DefusedXmlException:
         expected = "XML without DOCTYPE and entities: they could swell without end or read other files"
-        raise InputError(
-            complaint(str(path), "a DOCTYPE or ENTITY", expected, "the file with its entities written out")
-        ) from None
+        raise complaint(str(path), "a DOCTYPE or ENTITY", expected, "the file with its entities written out") from None
     except (ParseError, ValueError, LookupError) as error:
-        raise InputError(
-            complaint(str(path), f"XML that does not parse: {error}", "well-formed XML", "each tag closed")
-        ) from None
-    if root.tag != "robot":
-        advice = "the URDF itself; a .xacro file is expanded first: xacro robot.urdf.xacro > robot.urdf"
-        raise InputError(complaint(str(path), f"<{root.tag[:80]}>", '<robot name="...">', advice))
+        raise complaint(str(path), f"XML that does not parse: {error}", "well-formed XML", "each tag closed") from None
     return root
 
 
@@ -56,9 +53,8 @@ def name_of(element: Element, path: Path) -> str:
     """Return the element's name [-]: 1 to 100 printable characters."""
     name = element.get("name", "")
     if not name.strip() or not name.isprintable() or len(name) > LONGEST_NAME:
-        given = f"name = {name[:60]!a}"
         expected = f"a name of 1 to {LONGEST_NAME} printable characters"
-        raise InputError(complaint(f"{path}: <{element.tag}>", given, expected, f'<{element.tag} name="...">'))
+        raise complaint(f"{path}: <{element.tag}>", f"name = {name[:60]!a}", expected, f'<{element.tag} name="...">')
     return name
 
 
@@ -75,8 +71,7 @@ def numbers(
         values = []
     if len(values) != count or not all(abs(value) <= largest for value in values) or "_" in text:
         expected = f"{count} finite number{'s' if count > 1 else ''}, at most {largest:g} in size"
-        write = f'{attribute}="{" ".join(["0"] * count)}"'
-        raise InputError(complaint(where, f'{attribute}="{text[:60]}"', expected, write))
+        raise complaint(where, f'{attribute}="{text[:60]}"', expected, f'{attribute}="{" ".join(["0"] * count)}"')
     return np.array(values)
 
 

@@ -17,7 +17,8 @@ from flexinv.typing import Array
 def applied_forces(mesh: Mesh, motion: NodalMotion, time: Array) -> NodalForces | None:
     """Return forces [N] and moments [N m] (world, about the nodes) of springs and given forces; None if there are none.
 
-    spring: pull = stiffness (l - rest) + damping l' on both ends towards each other;  force: table at ``time`` (samples,) [s]
+    spring: pull = stiffness (l - rest) or its law, + damping l', on both ends towards each other;
+    force: table at ``time`` (samples,) [s]
     """
     m = mesh.mechanism
     if not (m.springs or m.forces):
@@ -49,7 +50,7 @@ def _pull(mesh: Mesh, motion: NodalMotion, spring: Spring, out: NodalForces) -> 
     length = np.linalg.norm(gap, axis=1, keepdims=True)
     along = gap / np.maximum(length, np.finfo(float).tiny)
     rate = np.sum(along * (vb - va), axis=1, keepdims=True)
-    pull = (spring.stiffness * (length - spring.rest) + spring.damping * rate) * along  # on a, towards b
+    pull = (spring.pull(length) + spring.damping * rate) * along  # on a, towards b
     _add(out, a, arm_a, pull, np.zeros_like(pull))
     _add(out, b, arm_b, -pull, np.zeros_like(pull))
 

@@ -13,9 +13,9 @@ from pathlib import Path
 
 # The modules, as they are called in the package, whose text or constants are in machine code.
 SOURCES = (
-    "analysis.batch_kernel", "analysis.energy_guard", "constraints.allocation_kernel",
-    "constraints.continuation_kernel", "constraints.equations", "dynamics.assembly", "dynamics.bordered_solver",
-    "dynamics.constraint_rows", "dynamics.dofs", "dynamics.generalized_alpha", "dynamics.index1",
+    "analysis.batch_kernel", "analysis.controller", "constraints.allocation_kernel",
+    "constraints.continuation_kernel", "constraints.equations", "dynamics.assembly", "dynamics.constraint_rows",
+    "dynamics.dofs", "dynamics.generalized_alpha", "dynamics.index1",
     "dynamics.linearization", "dynamics.loads", "dynamics.spring_rows", "dynamics.stepper", "dynamics.system",
     "dynamics.tree_solver", "elements.beam", "elements.beam_element", "elements.joint_law", "elements.planar_beam",
     "inverse.nodal_sums", "inverse.trajectory_pass", "kernels.block_tridiagonal", "kernels.dense", "kernels.jit",

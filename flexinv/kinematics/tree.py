@@ -102,13 +102,13 @@ def carry(n, m, frames, joints):
 
 
 @jit_inner
-def _put_frame(n, frames, x, r, v, w, a, al):
-    put(frames.x[n], 0, x)
-    put_block(frames.r[n], 0, 0, r)
-    put(frames.v[n], 0, v)
-    put(frames.w[n], 0, w)
-    put(frames.a[n], 0, a)
-    put(frames.al[n], 0, al)
+def _put_frame(n, frames, position, rotation, velocity, omega, acceleration, alpha):
+    put(frames.x[n], 0, position)
+    put_block(frames.r[n], 0, 0, rotation)
+    put(frames.v[n], 0, velocity)
+    put(frames.w[n], 0, omega)
+    put(frames.a[n], 0, acceleration)
+    put(frames.al[n], 0, alpha)
 
 
 @jit_inner

@@ -20,10 +20,8 @@ from scipy.linalg import solve
 from flexinv.dynamics.solver import Solver, by_unknown
 from flexinv.errors import InputError
 from flexinv.kinematics.configuration_arrays import slides
-from flexinv.kinematics.mesh import Mesh
-from flexinv.linearized.arguments import check_modes, check_rates
 from flexinv.linearized.eigenvalues import SOFT, undamped
-from flexinv.linearized.natural_modes import allowed_motions, chosen, nodal_shapes
+from flexinv.linearized.natural_modes import allowed_motions, check_modes, check_rates, chosen, nodal_shapes, tip_moves
 from flexinv.linearized.steady_state import Steady, steady_motion
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
@@ -170,19 +168,7 @@ def _outputs(
     joints, translation = coordinates[moved] @ basis, slides(mechanism)
     names = [mechanism.velocity_names[v] for v in moved]
     units = ["m" if translation[v] else "rad" for v in moved]
-    tips = _tips(solver, mechanism, solver.mesh, basis)
-    rows = [(joints, 0), (joints, 1), *((part, 0) for part in tips.values())]
+    tips = tip_moves(solver.mesh, nodal_shapes(solver, basis), solver.frames.r)
+    rows = [(joints, 0), (joints, 1), *((part.T, 0) for part in tips.values())]
     labels = [*names, *(f"{name} rate" for name in names), *(f"{link} tip {x}" for link in tips for x in AXES)]
     return rows, tuple(labels), (*units, *(f"{u}/s" for u in units), *(3 * len(tips) * ["m"]))
-
-
-def _tips(solver: Solver, mechanism: Mechanism, mesh: Mesh, basis: Array) -> dict[str, Array]:
-    """Displacement of every link's tip by the columns of the basis, (3, columns) world."""
-    moves, out = nodal_shapes(solver, basis), {}
-    for joint in mechanism.joints:
-        link = mechanism.link_of[joint.child]
-        node = mesh.tip_node.get(link.name, mesh.joint_node[joint.name])
-        arm = np.zeros(3) if link.beam is not None else link.tip
-        swing = np.cross(moves[:, node, 3:], arm) @ solver.frames.r[node].T
-        out[link.name] = (moves[:, node, :3] + swing).T  # (xyz, column)
-    return out

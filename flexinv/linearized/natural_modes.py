@@ -11,7 +11,7 @@ outside effort holds a free joint in place, it is taken as constant, and of K th
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,10 +30,10 @@ from flexinv.errors import InputError
 from flexinv.kernels.jit import jit
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.tree import Joints
-from flexinv.linearized.arguments import check_modes
 from flexinv.linearized.eigenvalues import negative, undamped
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
+from flexinv.validation import floats, names, number, of_kind, table, whole
 
 # A singular value of the closures' equations below this part of the largest belongs to a redundant one: rounding is 1e-15.
 REDUNDANT = 1e-10
@@ -219,19 +219,6 @@ def unstable_motions(solver: Solver, joints: Joints) -> int:
     return negative(allowed.T @ matrices_at_rest(solver, joints).stiffness @ allowed)
 
 
-def _columns(solver: Solver, node: int) -> NDArray[np.int64]:
-    """Unknowns of a node's block."""
-    t = solver.topology
-    block = t.block[node]
-    return np.asarray(t.offset[block] + np.arange(t.size[block]))
-
-
-def _variation(solver: Solver, node: int) -> Array:
-    """B (6, columns): displacement (world) and rotation (own frame) of a node by the unknowns of its block."""
-    size = solver.topology.size[solver.topology.block[node]]
-    return np.vstack([solver.variation.x[node, :size].T, solver.variation.t[node, :size].T])
-
-
 # Central differences of the closures' gradients, fourth order: their derivatives are of the size of one over the mechanism's
 # length, rounding 1e-16 / STEP and truncation STEP^4 / 30 leave 1e-12 of it.
 STEP = 1e-3
@@ -282,18 +269,47 @@ def closing_forces(solver: Solver, residual: Array) -> Array:
 def nodal_shapes(solver: Solver, shapes: NDArray[Any]) -> NDArray[Any]:
     """Return displacement [m] (world) and rotation [rad] (own frame) of every node, (modes, nodes, 6)."""
     out = np.zeros((shapes.shape[1], solver.mesh.size, 6), dtype=shapes.dtype)
-    for node in range(solver.mesh.size):
-        out[:, node] = (_variation(solver, node) @ shapes[_columns(solver, node)]).T
+    t, variation = solver.topology, solver.variation
+    for node, block in enumerate(t.block):
+        size, first = t.size[block], t.offset[block]
+        by_unknowns = np.hstack([variation.x[node, :size], variation.t[node, :size]])  # B^T (columns, 6)
+        out[:, node] = shapes[first : first + size].T @ by_unknowns
     return out
 
 
 def tip_shapes(found: Modes) -> dict[str, Array]:
     """Return the displacement of every link's tip in each mode, (modes, 3) [m] world, by link name."""
-    mesh, out = found.mesh, {}
+    return tip_moves(found.mesh, np.concatenate([found.displacement, found.rotation], axis=2), found.orientation)
+
+
+def tip_moves(mesh: Mesh, moves: Array, orientation: Array) -> dict[str, Array]:
+    """Return the displacement of every link's tip (motions, 3) [m] world from ``moves`` of the nodes as of `nodal_shapes`.
+
+    orientation : (nodes, 3, 3) where they stand [-]
+    """
+    out = {}
     for joint in mesh.mechanism.joints:
         link = mesh.mechanism.link_of[joint.child]
         node = mesh.tip_node.get(link.name, mesh.joint_node[joint.name])
         arm = np.zeros(3) if link.beam is not None else link.tip
-        swing = np.cross(found.rotation[:, node], arm) @ found.orientation[node].T
-        out[link.name] = found.displacement[:, node] + swing
+        swing = np.cross(moves[:, node, 3:], arm) @ orientation[node].T
+        out[link.name] = moves[:, node, :3] + swing
     return out
+
+
+def check_modes(
+    mechanism: Mechanism, q: ArrayLike | None, free: Collection[str] | None, count: int | None
+) -> Array | None:
+    """Return q [rad], [m] as floats; raises InputError for arguments of another kind."""
+    of_kind("mechanism", mechanism, Mechanism)
+    if free is not None:
+        names("free", free, "joints")
+    if count is not None:
+        whole("count", count, 1, "1 or more, or None for all")
+    return None if q is None else floats("modes: q", q)
+
+
+def check_rates(rates: Mapping[str, float] | None) -> dict[str, float]:
+    """Return rates [rad/s] by joint as floats, none for None."""
+    given = table("rates", rates, "a table of joints and their rates", 'rates={"joint": 10.0}')
+    return {name: number(f"rate of joint {name!r}", rate, "a finite number [rad/s]") for name, rate in given.items()}

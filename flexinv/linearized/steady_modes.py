@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eig, lu_factor, lu_solve
 
 from flexinv.kinematics.mesh import Mesh
-from flexinv.linearized.arguments import check_modes, check_rates
-from flexinv.linearized.natural_modes import allowed_motions, chosen, nodal_shapes
+from flexinv.linearized.natural_modes import allowed_motions, check_modes, check_rates, chosen, nodal_shapes
 from flexinv.linearized.steady_state import steady_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array

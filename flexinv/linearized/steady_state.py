@@ -97,7 +97,12 @@ def steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: set[st
         solver.state.x[sections], solver.state.r[sections] = held.state.x[sections], held.state.r[sections]
         joints = _set_rates(solver, q, rates, 1.0)
     evaluate_once(solver, joints)
-    return _linearise(solver, joints, _turning(solver, rates, 1.0))
+    turning = _turning(solver, rates, 1.0)
+    _move_along(solver, turning)
+    found = _matrices(tied_matrices(solver, joints), solver, turning)
+    evaluate_once(solver, joints, STATICS._replace(mode=DYNAMIC))
+    # what outside efforts hold: forces in closures are none
+    return Steady(solver, *found, solver.work.residual[0].copy())
 
 
 def _spinning(mechanism: Mechanism, rates: Mapping[str, float]) -> list[Joint]:
@@ -268,11 +273,3 @@ def _carried(solver: Solver, turning: Turning) -> tuple[Array, Array, Array]:
 
 def _skew(w: Array) -> Array:
     return np.cross(np.eye(3), w)
-
-
-def _linearise(solver: Solver, joints: Joints, turning: Turning) -> Steady:
-    """M, C, K at the motion, and the residual that outside efforts hold: forces in closures are none."""
-    _move_along(solver, turning)
-    found = _matrices(tied_matrices(solver, joints), solver, turning)
-    evaluate_once(solver, joints, STATICS._replace(mode=DYNAMIC))
-    return Steady(solver, *found, solver.work.residual[0].copy())

@@ -9,6 +9,7 @@ import numpy as np
 from flexinv.model.frames import Attachment
 from flexinv.model.frozen import Frozen
 from flexinv.model.joint_kinds import KINDS
+from flexinv.model.spring_laws import Law
 from flexinv.typing import Array
 
 # closure kind -> number of constraints that it puts on the relative motion of its two frames
@@ -63,6 +64,7 @@ class Spring:
     """A spring and damper between two points: it pulls with  stiffness (l - rest) + damping l'  along their line.
 
     stiffness : [N/m]; rest : [m], length without force; damping : [N s/m]
+    law : of a spring that is not linear; its pull takes the place of  stiffness (l - rest), and stiffness is 0
     """
 
     name: str
@@ -71,6 +73,11 @@ class Spring:
     stiffness: float
     rest: float = 0.0
     damping: float = 0.0
+    law: Law | None = None
+
+    def pull(self, length: Array) -> Array:
+        """Return the pull without its damping [N] at lengths [m] (any shape)."""
+        return self.stiffness * (length - self.rest) if self.law is None else self.law.pull(length, self.rest)
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from flexinv.model.splines import Sampling, check_sampling
 from flexinv.model.time_laws import SNAP, find_law
 from flexinv.model.track import Track, joint_path, listed, parts
 from flexinv.typing import Array, Triple
-from flexinv.validation import choice, flag, floats, names_or_none, number, of_kind, refuse, whole
+from flexinv.validation import choice, flag, floats, names_or_none, number, of_kind, refuse, seconds, whole
 
 Values = ArrayLike | Mapping[str, ArrayLike]
 
@@ -53,13 +53,8 @@ class Motion:
         Rotations and (cos, sin) take the shorter way round; angles go as far as given.  Raises InputError.
         """
         find_law(law)
-        duration = number("duration", duration, "a positive time [s]")
-        hold, delay = number("hold", hold, "a time, 0 or more [s]"), number("delay", delay, "a time, 0 or more [s]")
-        if not (np.isfinite(duration) and duration > 0.0):
-            raise InputError(f"duration = {duration} s: expected a positive time")
-        for name, rest in (("hold", hold), ("delay", delay)):
-            if not (np.isfinite(rest) and rest >= 0.0):
-                raise InputError(f"{name} = {rest} s: expected a time, 0 or more")
+        duration = seconds("duration", duration, "a positive time [s]")
+        hold, delay = (seconds(k, t, "a time, 0 or more [s]", zero=True) for k, t in (("hold", hold), ("delay", delay)))
         names, first, widths = _row(start, "start")
         names_end, last, widths_end = _row(end, "end")
         if names != names_end:

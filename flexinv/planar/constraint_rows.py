@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.dynamics.bordered_solver import REDUNDANT_PIVOT
+from flexinv.dynamics.constraint_rows import REDUNDANT_PIVOT
 from flexinv.kernels.dense import invert_scaled
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.simd import cos_sin
@@ -155,14 +155,14 @@ def _put(gradient, of_a, of_b):
 
 
 @jit_inner
-def add_ties(constraints, wrench):
-    """Take the forces of the multipliers off the wrenches (nodes, 3) of their nodes [N], [N m]."""
+def add_ties(constraints, multiplier, wrench):
+    """Take the forces of multipliers (rows,), or of their changes, off the wrenches (nodes, 3) of their nodes [N], [N m]."""
     for r in range(len(constraints.a)):
         for i in range(3):
             if constraints.a[r] >= 0:
-                wrench[constraints.a[r], i] -= constraints.multiplier[r] * constraints.gradient[r, i]
+                wrench[constraints.a[r], i] -= multiplier[r] * constraints.gradient[r, i]
             if constraints.b[r] >= 0:
-                wrench[constraints.b[r], i] -= constraints.multiplier[r] * constraints.gradient[r, 3 + i]
+                wrench[constraints.b[r], i] -= multiplier[r] * constraints.gradient[r, 3 + i]
 
 
 @jit_inner

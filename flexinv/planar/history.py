@@ -58,19 +58,19 @@ def record(sample, system, out):
 
 
 @jit_inner
-def _embed(axes, v, height, out):
+def _embed(axes, vector, height, out):
     """A vector of the plane, and a height above it, in the world."""
     for i in range(3):
-        out[i] = axes[i, 0] * v[0] + axes[i, 1] * v[1] + axes[i, 2] * height
+        out[i] = axes[i, 0] * vector[0] + axes[i, 1] * vector[1] + axes[i, 2] * height
 
 
 @jit_inner
-def _resultants(k, elements, space, p, internal):
+def _resultants(element, elements, space, points, internal):
     """Stress resultants of one element in its section frame: n_1 e_1 + n_2 side, m normal."""
-    side, axle = space.side[k], space.axle[elements.nodes[k, 0]]
-    for g in range(elements.order[k]):
-        at = point(k, g, elements.shape.shape[1])
-        n1, n2, m = p[at + N1], p[at + N2], p[at + M]
+    side, axle = space.side[element], space.axle[elements.nodes[element, 0]]
+    for g in range(elements.order[element]):
+        at = point(element, g, elements.shape.shape[1])
+        n1, n2, m = points[at + N1], points[at + N2], points[at + M]
         for i in range(3):
             internal[g, i], internal[g, 3 + i] = n2 * side[i], m * axle[i]
         internal[g, 0] = n1

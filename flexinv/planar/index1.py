@@ -9,7 +9,7 @@ from __future__ import annotations
 from flexinv.dynamics.index1 import MASSLESS
 from flexinv.kernels.dense import invert_scaled
 from flexinv.kernels.jit import jit_inner, jit_shared
-from flexinv.planar.constraint_rows import add_step, solve_ties, stiffen, tie_rows, tie_sides
+from flexinv.planar.constraint_rows import add_step, add_ties, solve_ties, stiffen, tie_rows, tie_sides
 from flexinv.planar.tree import vary_poses
 
 
@@ -51,17 +51,9 @@ def _change(tree, constraints, frames):
         frames.acceleration[n, 0] += x
         frames.acceleration[n, 1] += y
         frames.acceleration[n, 2] += turned
-        constraints.change[n, 0], constraints.change[n, 1], constraints.change[n, 2] = (
-            tree.mass[n] * x,
-            tree.mass[n] * y,
-            tree.inertia[n] * turned,
-        )
-    for r in range(len(constraints.a)):
-        for i in range(3):
-            if constraints.a[r] >= 0:
-                constraints.change[constraints.a[r], i] -= constraints.step[r] * constraints.gradient[r, i]
-            if constraints.b[r] >= 0:
-                constraints.change[constraints.b[r], i] -= constraints.step[r] * constraints.gradient[r, 3 + i]
+        change, m = constraints.change[n], tree.mass[n]
+        change[0], change[1], change[2] = m * x, m * y, tree.inertia[n] * turned
+    add_ties(constraints, constraints.step, constraints.change)
     for n in range(len(tree.parent) - 1, -1, -1):
         m, own = tree.parent[n], constraints.change[n]
         for i in range(3):

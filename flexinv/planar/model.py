@@ -28,30 +28,13 @@ from flexinv.kernels.so3 import log_so3
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import CONTINUOUS
 from flexinv.model.owned_cache import kept_with_owner
+from flexinv.planar.constraint_rows import PlanarTies
 from flexinv.planar.detection import Plane, find_plane, seen, tied_in
 from flexinv.planar.history import Embedding
 from flexinv.planar.tree import PlanarTree
 from flexinv.typing import Array
 
 QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # J, a quarter turn about the normal
-
-
-@dataclass(frozen=True)
-class PlanarConstraints:
-    """Constraints of closures that say something in the plane, and the blocks of unknowns, as in `constraint_rows.PlanarTies`."""
-
-    row: Indices
-    direction: NDArray[np.bool_]
-    a: Indices
-    b: Indices
-    place_a: Array
-    place_b: Array
-    u: Array
-    w: Array
-    single: Indices
-    over: Array
-    block: Indices
-    member: Indices
 
 
 @dataclass(frozen=True)
@@ -81,7 +64,7 @@ class PlanarModel:
 
     pick : (planar unknowns, spatial unknowns) components along the plane's axes, turns about its normal
     place : indices of the elements' own unknowns for `planar.solver`
-    joints : the nodes with a joint
+    joints : the nodes with a joint; constraints : the rows of which each time integration has a copy
     """
 
     plane: Plane
@@ -91,7 +74,7 @@ class PlanarModel:
     space: Embedding
     pick: Array
     place: tuple[Indices, Indices, Indices]
-    constraints: PlanarConstraints
+    constraints: PlanarTies
     joints: JointNodes
 
 
@@ -218,7 +201,7 @@ def _places(tree: PlanarTree, element_arrays: PlanarElements) -> tuple[Indices, 
     return np.array([len(own) for own in numbers], dtype=np.int64), row, table
 
 
-def _constraints(rows: Rows, plane: Plane, tree: PlanarTree) -> PlanarConstraints:
+def _constraints(rows: Rows, plane: Plane, tree: PlanarTree) -> PlanarTies:
     row = np.flatnonzero(tied_in(plane, rows)).astype(np.int64)
     a, b, count = rows.a[row], rows.b[row], len(tree.size)
     members = [np.flatnonzero(tree.block == block) for block in range(count)]
@@ -234,5 +217,12 @@ def _constraints(rows: Rows, plane: Plane, tree: PlanarTree) -> PlanarConstraint
     )
     inertia = np.stack([tree.mass[single], tree.mass[single], tree.inertia[single]], axis=1)
     over = np.divide(1.0, inertia, out=np.zeros_like(inertia), where=inertia > 0.0)
-    block = np.array(blocks, dtype=np.int64)
-    return PlanarConstraints(row, rows.direction[row], a, b, place_a, place_b, u, w, single, over, block, member)
+    n, unknowns, widest = len(row), len(tree.scale), max(int(tree.size.max(initial=0)), 1)
+    return PlanarTies(
+        row=row, direction=rows.direction[row], acting=np.ones(n, dtype=bool), a=a, b=b,
+        place_a=place_a, place_b=place_b, u=u, w=w, multiplier=np.zeros(n), value=np.zeros(n), gradient=np.zeros((n, 6)),
+        sides=np.zeros((n, unknowns)), moved=np.zeros((n, unknowns)), stiffness=np.zeros((n, n)), open=np.zeros(n),
+        step=np.zeros(max(n, widest)), left=np.zeros(max(n, widest), dtype=bool), line=np.zeros(unknowns), single=single,
+        over=over, block=np.array(blocks, dtype=np.int64), member=member, mass=np.zeros((widest, widest)),
+        change=np.zeros((len(tree.parent), 3)), kept=np.zeros(n),
+    )  # fmt: skip

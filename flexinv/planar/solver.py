@@ -13,7 +13,7 @@ from flexinv.dynamics.dofs import Indices
 from flexinv.dynamics.generalized_alpha import Scheme
 from flexinv.dynamics.system import Histories, State
 from flexinv.elements.planar_beam import COEFFICIENTS, CONSTANTS, POINT_BLOCK, RATES
-from flexinv.kernels.memory import cleared
+from flexinv.kernels.memory import cleared, on_lines
 from flexinv.kernels.so3 import about_axis, log_so3
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.owned_cache import kept_with_owner
@@ -165,7 +165,7 @@ class PlanarMarch:
             given = np.concatenate([here[:, nodes.given], given])
             joint = np.zeros((self.mesh.size, 3))
             joint[nodes.node] = here[0]
-        return self._arguments(scheme, given, row, out, joint, start is not None)
+        return self.system, scheme, joint, start is not None, given, row, out
 
     def _given(self, q: Array, qd: Array, qdd: Array) -> Array:
         joints = self.model.joints
@@ -180,13 +180,8 @@ class PlanarMarch:
         joint, still : as of `planar_march`; by default it goes on
         Return status, instants done, iterations or element, last relative increment [-].
         """
-        status, instant, count, size = planar_march(*self._arguments(scheme, given, row, out, joint, still))
+        status, instant, count, size = planar_march(self.system, scheme, joint, still, given, row, out)
         return int(status), int(instant), int(count), float(size)
-
-    def _arguments(
-        self, scheme: Scheme, given: Array, row: Indices, out: Histories, joint: Array, still: bool
-    ) -> tuple[Any, ...]:
-        return self.system, scheme, joint, still, given, row, out
 
     def _rotation(self, n: int, angle: float) -> Array:
         space = self.model.space
@@ -207,17 +202,9 @@ def _left(mesh: Mesh, passive: frozenset[str]) -> list[PlanarMarch]:
 
 def _ties(model: PlanarModel) -> PlanarTies:
     """The constraints that say something in the plane, all of which act; `PlanarMarch.take` changes that."""
-    c, n, unknowns = model.constraints, len(model.constraints.row), len(model.tree.scale)
-    widest = max(int(model.tree.size.max(initial=0)), 1)
-    return PlanarTies(
-        row=c.row, direction=c.direction, acting=np.ones(n, dtype=bool), a=c.a, b=c.b,
-        place_a=c.place_a.copy(), place_b=c.place_b.copy(), u=c.u.copy(), w=c.w.copy(),
-        multiplier=cleared(n), value=cleared(n), gradient=cleared(n, 6), sides=cleared(n, unknowns),
-        moved=cleared(n, unknowns), stiffness=cleared(n, n), open=cleared(n), step=np.zeros(max(n, widest)),
-        left=np.zeros(max(n, widest), dtype=bool), line=cleared(unknowns), single=c.single, over=c.over.copy(),
-        block=c.block, member=c.member, mass=cleared(widest, widest),
-        change=cleared(len(model.tree.parent), 3), kept=cleared(n),
-    )  # fmt: skip
+    rows: Any = model.constraints
+    copies: list[Any] = [on_lines(part) if part.dtype == float else part.copy() for part in rows]
+    return PlanarTies(*copies)
 
 
 def _factors(model: PlanarModel) -> PlanarFactors:

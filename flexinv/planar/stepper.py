@@ -129,7 +129,7 @@ def evaluate(system, given, moved):
             interpolate_rates(elements, frames.rate, work.rates)
         point_gradients(elements, work.points, work.rates)
     node_wrenches(system.tree, frames)
-    add_ties(system.constraints, frames.wrench)
+    add_ties(system.constraints, system.constraints.multiplier, frames.wrench)
     add_forces(elements, frames.pose, work.points, frames.wrench, work.felt)
     gather(system.tree, system.state, frames, work.residual)
     return largest, worst

@@ -104,11 +104,7 @@ def forward_pass(tree, state, given, frames):
             for i in range(3):
                 frames.joint[n, i] = given[tree.given[n], i]
         elif own >= 0:
-            frames.joint[n, 0], frames.joint[n, 1], frames.joint[n, 2] = (
-                state.start[n, 0] + state.d[o + own],
-                state.u[o + own],
-                state.du[o + own],
-            )
+            _put(frames.joint[n], state.start[n, 0] + state.d[o + own], state.u[o + own], state.du[o + own])
         _carry(n, tree, frames)
 
 
@@ -134,13 +130,8 @@ def _carry(n, tree, frames):
         c, s = cos_sin(frames.pose[m, 2])
         r1, r2, e1, e2 = c * p1 - s * p2, s * p1 + c * p2, c * d1 - s * d2, s * d1 + c * d2
     frames.arm[n, 0], frames.arm[n, 1], frames.arm[n, 2], frames.arm[n, 3] = r1, r2, e1, e2
-    x, v, a, w, al = (
-        frames.pose[m],
-        frames.rate[m],
-        frames.acceleration[m],
-        frames.rate[m, 2],
-        frames.acceleration[m, 2],
-    )
+    x, v, a = frames.pose[m], frames.rate[m], frames.acceleration[m]
+    w, al = v[2], a[2]
     _put(frames.pose[n], x[0] + r1, x[1] + r2, x[2] + turn * q)
     _put(frames.rate[n], v[0] - w * r2 + dq * e1, v[1] + w * r1 + dq * e2, w + turn * dq)
     a1 = a[0] - al * r2 - w * w * r1 - 2 * w * dq * e2 + ddq * e1
@@ -158,11 +149,8 @@ def stand(tree, state, joint, frames):
         _carry(n, tree, frames)
         if tree.independent[n]:
             for i in range(3):
-                state.start[n, i], state.u[o + i], state.du[o + i] = (
-                    frames.pose[n, i],
-                    frames.rate[n, i],
-                    frames.acceleration[n, i],
-                )
+                state.start[n, i], state.u[o + i] = frames.pose[n, i], frames.rate[n, i]
+                state.du[o + i] = frames.acceleration[n, i]
         elif own >= 0:
             state.start[n, 0], state.u[o + own], state.du[o + own] = joint[n, 0], joint[n, 1], joint[n, 2]
 
@@ -183,11 +171,8 @@ def vary_independent(tree, frames, cv, ca):
             for k in range(tree.size[tree.block[n]]):
                 for i in range(3):
                     own = 1.0 if k == i else 0.0
-                    frames.by_pose[n, k, i], frames.by_rate[n, k, i], frames.by_acceleration[n, k, i] = (
-                        own,
-                        cv * own,
-                        ca * own,
-                    )
+                    frames.by_pose[n, k, i], frames.by_rate[n, k, i] = own, cv * own
+                    frames.by_acceleration[n, k, i] = ca * own
 
 
 @jit_inner
@@ -211,10 +196,8 @@ def vary_poses(tree, frames):
         for k in range(0 if tree.independent[n] else tree.size[tree.block[n]]):
             x, y, turned = _get(frames.by_pose[m, k]) if m >= 0 else (0.0, 0.0, 0.0)
             own = 1.0 if k == tree.column[n] else 0.0
-            x, y = (
-                x + own * frames.arm[n, 2] - turned * frames.arm[n, 1],
-                y + own * frames.arm[n, 3] + turned * frames.arm[n, 0],
-            )
+            arm = frames.arm[n]
+            x, y = x + own * arm[2] - turned * arm[1], y + own * arm[3] + turned * arm[0]
             _put(frames.by_pose[n, k], x, y, turned + own * tree.turn[n])
 
 
@@ -299,19 +282,13 @@ def gather_variations(tree, state, frames, diagonal, cv, ca):
             along = 1.0 if k == own else 0.0
             if own >= 0:
                 slope = e1 * df1 + e2 * df2 + turned * (e1 * f2 - e2 * f1) + tree.turn[n] * dmu
-                diagonal[b, own, k] = slope + along * _drive_slope(n, own, tree, state, cv, ca)
+                direction = smooth_direction(state.u[tree.offset[b] + own])
+                diagonal[b, own, k] = slope + along * own_slope(_law(n, tree), direction, cv, ca)
             if m >= 0:
                 dr1, dr2 = along * e1 - turned * r2, along * e2 + turned * r1
                 frames.dwrench[m, k, 0] += df1
                 frames.dwrench[m, k, 1] += df2
                 frames.dwrench[m, k, 2] += dmu + r1 * df2 - r2 * df1 + dr1 * f2 - dr2 * f1
-
-
-@jit_inner
-def _drive_slope(n, own, tree, state, cv, ca):
-    """Derivative of a passive joint's own rotor, damping and friction efforts by its coordinate."""
-    direction = smooth_direction(state.u[tree.offset[tree.block[n]] + own])
-    return own_slope(_law(n, tree), direction, cv, ca)
 
 
 @jit_inner

@@ -19,20 +19,7 @@ from numpy.typing import NDArray
 from flexinv.elements.planar_beam import pair_stiffness
 from flexinv.kernels.dense import inverse_transposed, invert, subtract
 from flexinv.kernels.jit import jit_inner
-from flexinv.kernels.vec3 import (
-    add_to,
-    apply,
-    madd,
-    mat,
-    msub,
-    mul,
-    put,
-    put_block,
-    scale,
-    tapply,
-    transpose,
-    vec_at,
-)
+from flexinv.kernels.vec3 import add_to, apply, madd, mat, msub, mul, put, put_block, scale, tapply, transpose, vec_at
 from flexinv.typing import Array
 
 ZERO_MATRIX = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -62,7 +49,7 @@ class PlanarFactors(NamedTuple):
 
 
 @jit_inner
-def put_stiffness(tree, elements, p, frames, factors):
+def put_stiffness(tree, elements, points, frames, factors):
     """Put the stiffness of all elements into their own linearisations, and what their roots feel into dwrench [N], [N m]."""
     for k in range(len(elements.order)):
         order, root, own = elements.order[k], elements.nodes[k, 0], factors.inverse[k]
@@ -72,38 +59,33 @@ def put_stiffness(tree, elements, p, frames, factors):
                 own[r, c], own[c, r] = 0.0, 0.0
         for i in range(order):
             if columns > 0:
-                _put_root(factors.to_root[k], order, i, pair_stiffness(k, i + 1, 0, elements, p))
+                stiffness = pair_stiffness(k, i + 1, 0, elements, points)
+                for a in range(3):  # all x first, then y, then theta
+                    put_column(factors.to_root[k], a * order + i, stiffness[a])
             for j in range(i + 1):
-                _put_pair(own, order, i, j, pair_stiffness(k, i + 1, j + 1, elements, p))
-        of_root = pair_stiffness(k, 0, 0, elements, p) if columns > 0 else ZERO_MATRIX
+                _put_pair(own, order, i, j, pair_stiffness(k, i + 1, j + 1, elements, points))
+        of_root = pair_stiffness(k, 0, 0, elements, points) if columns > 0 else ZERO_MATRIX
         for c in range(columns):
             add_to(frames.dwrench[root, c], 0, apply(of_root, vec_at(frames.by_pose[root, c], 0)))
 
 
 @jit_inner
-def _put_root(to_root, order, i, stiffness):
-    """Write how the forces on node i vary with the root's pose, all x first, then y, then theta."""
-    for a in range(3):
-        put_column(to_root, a * order + i, stiffness[a])
+def put_column(matrix, column, values):
+    """Write three values into a column of a matrix (3, columns) [any unit]."""
+    matrix[0, column], matrix[1, column], matrix[2, column] = values
 
 
 @jit_inner
-def put_column(m, c, v):
-    """Write v into column c of m (3, columns) [any unit]."""
-    m[0, c], m[1, c], m[2, c] = v
-
-
-@jit_inner
-def _put_pair(own, order, i, j, stiffness):
+def _put_pair(own, order, node, other, stiffness):
     """Write a pair of nodes into the matrix of an element, all x first, then y, then theta; the energy's is symmetric."""
     (xx, xy, xt), (yx, yy, yt), (tx, ty, tt) = stiffness
     y, theta = order, 2 * order
-    own[i, j], own[i, y + j], own[i, theta + j] = xx, xy, xt
-    own[y + i, j], own[y + i, y + j], own[y + i, theta + j] = yx, yy, yt
-    own[theta + i, j], own[theta + i, y + j], own[theta + i, theta + j] = tx, ty, tt
-    own[j, i], own[y + j, i], own[theta + j, i] = xx, xy, xt
-    own[j, y + i], own[y + j, y + i], own[theta + j, y + i] = yx, yy, yt
-    own[j, theta + i], own[y + j, theta + i], own[theta + j, theta + i] = tx, ty, tt
+    own[node, other], own[node, y + other], own[node, theta + other] = xx, xy, xt
+    own[y + node, other], own[y + node, y + other], own[y + node, theta + other] = yx, yy, yt
+    own[theta + node, other], own[theta + node, y + other], own[theta + node, theta + other] = tx, ty, tt
+    own[other, node], own[y + other, node], own[theta + other, node] = xx, xy, xt
+    own[other, y + node], own[y + other, y + node], own[theta + other, y + node] = yx, yy, yt
+    own[other, theta + node], own[y + other, theta + node], own[theta + other, theta + node] = tx, ty, tt
 
 
 @jit_inner

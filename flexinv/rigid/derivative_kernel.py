@@ -126,26 +126,29 @@ def _momentum(b, spatial, m):
 
 
 @jit_inner
-def _set_inertia(b, spatial, mass, h, inertia, r, arm):
+def _set_inertia(body, spatial, mass, moment, inertia, rotation, arm):
     """Inertia of a body about c, world axes, from that about its node at ``arm`` from c."""
-    own = apply(r, h)
-    turned = mul(mul(r, inertia), transpose(r))
+    own = apply(rotation, moment)
+    turned = mul(mul(rotation, inertia), transpose(rotation))
     both = add(own, scale(mass, arm))  # h about c
     # I_c = I + (2 arm.h + m arm^2) 1 - arm h^T - h arm^T - m arm arm^T
     round_part = dot(arm, own) + dot(arm, both)
     dyads = madd(outer(arm, own), outer(both, arm))
     full = madd(madd(turned, mscale(round_part, UNIT)), mscale(-1.0, dyads))
-    spatial.mass[b] = mass
-    put(spatial.first[b], 0, both)
+    spatial.mass[body] = mass
+    put(spatial.first[body], 0, both)
     for i in range(3):
-        put(spatial.inertia[b, i], 0, full[i])
+        put(spatial.inertia[body, i], 0, full[i])
 
 
 @jit_inner
-def _set_motion(b, spatial, w, al, v, a, arm, g):
+def _set_motion(body, spatial, omega, alpha, velocity, acceleration, arm, gravity):
     """Velocity and acceleration (ω, v_c)' of a body at c, where it is free of gravity."""
-    _put_pair(spatial.velocity[b], (w, sub(v, cross(w, arm))))
-    _put_pair(spatial.acceleration[b], (al, sub(sub(sub(a, cross(al, arm)), cross(w, v)), g)))
+    _put_pair(spatial.velocity[body], (omega, sub(velocity, cross(omega, arm))))
+    _put_pair(
+        spatial.acceleration[body],
+        (alpha, sub(sub(sub(acceleration, cross(alpha, arm)), cross(omega, velocity)), gravity)),
+    )
 
 
 @jit_inner

@@ -50,14 +50,14 @@ def _times_unit(k, v):
 
 
 @jit_inner
-def _unit_wrench(k, a, w, al):
-    """F and M (own frame) of parameter number k alone, of unit size."""
-    if k == 0:
-        return a, ZERO
-    if k <= 3:
-        h = UNIT[k - 1]
-        return add(cross(al, h), cross(w, cross(w, h))), cross(h, a)
-    return ZERO, add(_times_unit(k - 4, al), cross(w, _times_unit(k - 4, w)))
+def _unit_wrench(parameter, acceleration, omega, alpha):
+    """F and M (own frame) of one parameter alone, of unit size."""
+    if parameter == 0:
+        return acceleration, ZERO
+    if parameter <= 3:
+        h = UNIT[parameter - 1]
+        return add(cross(alpha, h), cross(omega, cross(omega, h))), cross(h, acceleration)
+    return ZERO, add(_times_unit(parameter - 4, alpha), cross(omega, _times_unit(parameter - 4, omega)))
 
 
 @jit

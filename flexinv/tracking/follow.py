@@ -25,7 +25,7 @@ from flexinv.tracking.frame_path import Path
 from flexinv.tracking.inverse_kinematics import Frame, Reach, drive_columns, follow_rigid, frame_of
 from flexinv.tracking.stable_inversion import Inverse, internal_rates, invert, unrest
 from flexinv.typing import Array
-from flexinv.validation import choice, flag, number, of_kind
+from flexinv.validation import choice, flag, of_kind, seconds
 
 # Part of the motion inside that is left at the ends of a window that is chosen here, and that is refused in any.
 LEFT, RESTLESS = 1e-6, 1e-2
@@ -111,9 +111,10 @@ def follow(
     """
     of_kind("mechanism", mechanism, Mechanism)
     of_kind("path", path, Path)
-    error, step = flag("error", error), number("step", step, "a positive number of seconds, for example step=1e-3")
+    error = flag("error", error)
     mesh = build(mechanism)
-    _check(mechanism, step)
+    _check(mechanism)
+    step = seconds("step", step, "a positive number of seconds, for example step=1e-3")
     at = frame_of(mesh, frame)
     time = _window(mesh, at, path, step, before, after, start)
     reach = follow_rigid(mesh, at, path, time, start)
@@ -132,7 +133,7 @@ def follow(
     return _with_error(out, mechanism, path, frame, step, start)
 
 
-def _check(mechanism: Mechanism, step: float) -> None:
+def _check(mechanism: Mechanism) -> None:
     drive_columns(mechanism)
     for what, items in (("closures", mechanism.closures), ("springs between points", mechanism.springs)):
         if items:
@@ -140,8 +141,6 @@ def _check(mechanism: Mechanism, step: float) -> None:
                 f"mechanism '{mechanism.name}' has {what}: a path of a frame is followed by open mechanisms so far; "
                 "give the joints a motion with solve instead"
             )
-    if not (np.isfinite(step) and step > 0.0):
-        raise InputError(f"step = {step} s: expected a positive number of seconds, for example step=1e-3")
 
 
 def _window(
@@ -150,9 +149,7 @@ def _window(
 ) -> Array:  # fmt: skip
     """Instants (samples,) [s], 0 among them."""
     for name, value in (("before", before), ("after", after)):
-        wait = 0.0 if value is None else number(name, value, "a time, 0 or more [s], or None to choose it here")
-        if not (np.isfinite(wait) and wait >= 0.0):
-            raise InputError(f"{name} = {value} s: expected a time, 0 or more, or None to choose it here")
+        seconds(name, 0.0 if value is None else value, "a time, 0 or more [s], or None to choose it here", zero=True)
     if step > path.duration / 4:
         raise InputError(
             f"step = {step:g} s is too long for a path of {path.duration:g} s: write step = {path.duration / 200:g}"

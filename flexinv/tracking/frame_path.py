@@ -20,7 +20,7 @@ from flexinv.errors import InputError
 from flexinv.kernels.so3 import exp_so3, log_so3
 from flexinv.model.time_laws import LAWS, find_law, progress
 from flexinv.typing import Array
-from flexinv.validation import floats, number, shown
+from flexinv.validation import floats, number, seconds, shown
 
 # u (samples,) [-] -> c, dc/du, d2c/du2 (samples, 3) [m]
 Curve = Callable[[Array], tuple[Array, Array, Array]]
@@ -132,10 +132,7 @@ def _checked(curve: Curve, duration: float, law: str, text: str) -> Path:
             f"law = {law!r}: its acceleration jumps, and a flexible arm cannot follow a jump with a finite torque; "
             f"write law = 'nonic' (smooth laws: {smooth})"
         )
-    duration = number("duration", duration, "a positive time [s]")
-    if not (np.isfinite(duration) and duration > 0.0):
-        raise InputError(f"duration = {duration} s: expected a positive time")
-    return Path(curve, duration, law, text)
+    return Path(curve, seconds("duration", duration, "a positive time [s]"), law, text)
 
 
 def _point(value: ArrayLike, name: str) -> Array:

@@ -59,10 +59,13 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Mapping[str, Any
         "breeding": breed,
         "empty": lambda m, c, o: Record("empty"),
         "drifting": drift,
+        "drawing": draw,
         "damped": damped,
         "heavy": lambda m, c, o: pinocchio(m, c, "heavy", o),
         "noisy": lambda m, c, o: scattered(m, c, "noisy", o, None),
         "steady": lambda m, c, o: scattered(m, c, "steady", o, 1),
+        "trembling": lambda m, c, o: off(m, c, "trembling", o),
+        "worsened": lambda m, c, o: off(m, c, "worsened", o),
         "odd-settings": lambda m, c, o: replace(fine(m, c, o), settings={"step": float("nan")}),
     }[engine](mechanism, case, options)
 
@@ -71,6 +74,13 @@ def fine(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record
     time = sample_times(case)
     torque = np.sin(10.0 * time)[:, None] * np.arange(1.0, mechanism.nv + 1.0)
     return Record("fine", time=time, series=torque_series(mechanism, torque))
+
+
+def draw(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record:
+    """Torques from the generator that all of a process share."""
+    good = fine(mechanism, case, options)
+    noise = np.random.standard_normal(good.time.size)  # noqa: NPY002 - this generator is what is tested
+    return replace(good, series={n: replace(s, values=noise) for n, s in good.series.items()})
 
 
 def drift(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record:
@@ -90,6 +100,19 @@ def pinocchio(mechanism: Mechanism, case: Case, name: str, options: Mapping[str,
     from crosscheck.engines.pinocchio import adapter as pinocchio
 
     return pinocchio.run(mechanism, case, name, options)
+
+
+def off(mechanism: Mechanism, case: Case, name: str, options: Mapping[str, Any]) -> Record:
+    """Pinocchio, 4e-13 of the range off in its torques; "trembling" by as much less as the last digits of its input say."""
+    good = pinocchio(mechanism, case, name, options)
+    place = case.motion.evaluate(mechanism, np.array([case.end / 3]))[0][0]
+    digits = int(place[np.abs(place) > 0][:1].view(np.int64)[0]) % 16 if name == "trembling" else 0
+
+    def moved(one: Series) -> Series:
+        size = 4e-13 * (1 - digits / 32) * float(np.ptp(one.values)) if one.quantity == "torque" else 0.0
+        return replace(one, values=one.values + size)
+
+    return replace(good, series={n: moved(one) for n, one in good.series.items()})
 
 
 def scattered(mechanism: Mechanism, case: Case, name: str, options: Mapping[str, Any], seed: int | None) -> Record:

@@ -41,6 +41,11 @@ def _part(field: str) -> Change:
     return _changed(lambda spring, size: replace(spring, **{field: getattr(spring, field) * (1.0 + float(size[0]))}))
 
 
+def _stiffer(spring: Spring, size: Array) -> Spring:
+    factor = 1.0 + float(size[0])
+    return replace(spring, stiffness=spring.stiffness * factor, law=spring.law and spring.law.scaled(factor))
+
+
 def _missing(subject: Subject, target: str, size: Array) -> Subject:
     return subject.with_mechanism(springs=tuple(s for s in subject.mechanism.springs if s.name != target))
 
@@ -101,7 +106,7 @@ ROWS = (
     Cause(
         "spring stiffness",
         "the spring {target} is stiffer by the fraction {size}",
-        _part("stiffness"),
+        _changed(_stiffer),
         _springs,
         covers=("spring missing",),
         shows=OVER,

@@ -48,6 +48,7 @@ certify = beside("crosscheck.engines.mujoco.certificate", "certify")
 export = beside("crosscheck.engines.mujoco.export", "export")
 replay = beside("crosscheck.engines.mujoco.replay", "replay")
 bench = module_beside("crosscheck.engines.mujoco.bench")
+lift, lifts = beside("crosscheck.engines.mujoco.lift", "lift"), beside("crosscheck.engines.mujoco.lift", "lifts")
 
 
 def version() -> str:
@@ -72,6 +73,8 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     for joint in mechanism.joints:
         if (reason := joint_trouble(mechanism, joint)) is not None:
             return reason
+    if bent := [spring.name for spring in mechanism.springs if spring.law is not None]:
+        return f"MuJoCo's tendons pull linearly; with a law of another kind: {', '.join(bent)}"
     if engine == EQUALITY:
         if not mechanism.closures:
             return "no closed loop: see mujoco"

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from crosscheck.engines.base import Options, beside, sample_times
 from crosscheck.engines.mujoco.adapter import Raw, empty, keep, point_of, version, warnings_caught, wrench_on
 from crosscheck.engines.mujoco.joints import Built
-from crosscheck.engines.mujoco.rod import DRIVE, Rod, bending_axis, flexible, rod_of
+from crosscheck.engines.mujoco.rod import DRIVE, NO_FRAME, Rod, bending_axis, flexible, out_of_plane, rod_of
 from crosscheck.engines.shared.prescribed import beyond_a_tree, missing_motion, passive_effort, rotor_effort
 from crosscheck.measures.budget import Family, limit_of, with_bars
 from crosscheck.measures.mechanisms import check_resolved
@@ -32,7 +32,6 @@ __all__ = ["abilities", "certify", "export", "run", "unsupported", "version"]
 Array = NDArray[np.float64]
 ELEMENTS = 32  # of the fine mesh
 STABLE = 0.8  # of the largest stable step 2 / omega of a linear oscillator: bent rods have slightly higher frequencies
-NO_FRAME = "a flex of dimension 1 is points without orientation"
 
 
 # What this adapter offers beside (`crosscheck.engines.base`).
@@ -78,7 +77,7 @@ def _trouble(mechanism: Mechanism, link: Link) -> str | None:
     if link.beam.section.damping is not None and link.beam.section.damping.any():
         return f"this adapter gives a flex no damping; {link.name} is damped"
     if bending_axis(mechanism, link) is None:
-        return f"{NO_FRAME}, so no twist: motion and gravity must stay in a plane of the section of {link.name}"
+        return out_of_plane(link)
     return None
 
 

@@ -26,10 +26,12 @@ import numpy as np
 
 from crosscheck.engines.mujoco.joints import Built
 from crosscheck.engines.mujoco.model import FLOOR, build, quaternion
+from flexinv.errors import InputError
 from flexinv.model.mechanism import WORLD, Beam, Body, Inertia, Link, Mechanism
 
 GHOST = 1e-3  # of an edge: by this fraction the clamp is softer than half an edge
 DRIVE = 1e4  # [kg m^2], [kg]; the joints' accelerations are off by their effort over this, their places not at all
+NO_FRAME = "a flex of dimension 1 is points without orientation"
 PARALLEL = 1e-9  # [-] two directions from decimals and rotations written in a file
 
 
@@ -82,13 +84,22 @@ class Rod:
 
 
 def rod_of(mechanism: Mechanism, elements: int) -> Rod:
-    """Return the only beam of a mechanism as a rod of ``elements`` edges; its end carries the point masses [kg]."""
+    """Return the only beam of a mechanism as a rod of ``elements`` edges; its end carries the point masses [kg].
+
+    Raises InputError where motion or gravity leave the beam's plane, as they may in a model that was changed after it was taken.
+    """
     (link,) = mechanism.beams
     bent = bending_axis(mechanism, link)
-    assert bent is not None
+    if bent is None:
+        raise InputError(f"mechanism '{mechanism.name}': {out_of_plane(link)}")
     assert link.beam is not None
     tip = sum(body.inertia.mass for body in link.bodies if body.station == 1.0)
     return Rod(link.name, link.beam, bent, tip, elements)
+
+
+def out_of_plane(link: Link) -> str:
+    """Return the reason why a flex cannot be the beam of a link that does not stay in a plane."""
+    return f"{NO_FRAME}, so no twist: motion and gravity must stay in a plane of the section of {link.name}"
 
 
 def bending_axis(mechanism: Mechanism, link: Link) -> int | None:

@@ -50,6 +50,7 @@ certify = beside("crosscheck.engines.pinocchio.certificate", "certify")
 export = beside("crosscheck.engines.pinocchio.export", "export")
 replay = beside("crosscheck.engines.pinocchio.replay", "replay")
 bench = module_beside("crosscheck.engines.pinocchio.bench")
+lift, lifts = beside("crosscheck.engines.pinocchio.lift", "lift"), beside("crosscheck.engines.pinocchio.lift", "lifts")
 
 
 def version() -> str:

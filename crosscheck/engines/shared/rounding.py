@@ -27,26 +27,36 @@ NAME = "rounding"
 
 
 class Shaken:
-    """A motion whose coordinates, rates and accelerations differ by ``SHAKE`` [-], up and down by turns."""
+    """A motion whose coordinates, rates and accelerations differ by ``SHAKE`` [-], up and down by turns.
 
-    def __init__(self, motion: Motion) -> None:
+    way : 0, by turns along the samples; 1, 2, ..., by a factor that stays, another one each, without noise: the motion
+        and the start are others, by less than anybody could state them
+    """
+
+    def __init__(self, motion: Motion, way: int = 0) -> None:
         """Keep the motion itself."""
-        self._motion = motion
+        self._motion, self._way = motion, way
 
     def evaluate(self, mechanism: Mechanism, time: Array, *side: Any) -> tuple[Array, ...]:
         """Return q, qd, qdd as the motion does [rad], [m], [1/s], [1/s^2]."""
-        return tuple(part * (1.0 + SHAKE * _signs(part)) for part in self._motion.evaluate(mechanism, time, *side))
+        given = self._motion.evaluate(mechanism, time, *side)
+        return tuple(part * (1.0 + SHAKE * _signs(part, self._way)) for part in given)
 
     def __getattr__(self, name: str) -> Any:
         """Return everything else from the motion."""
         return getattr(self._motion, name)
 
 
+def shaken(case: Case, way: int = 0) -> Case:
+    """Return a case whose motion differs by its last digits, as `Shaken` moves them [rad], [m]; way : see there [-]."""
+    return replace(case, motion=cast(Motion, Shaken(case.motion, way)))
+
+
 def with_rounding(adapter: Adapter, record: Record, mechanism: Mechanism, case: Case, options: Options) -> Record:
     """Return the record with error bars of rounding [units of its series] where it has none of its own."""
     if record.status != "ok" or not repeatable(adapter) or any(one.error is not None for one in record.series.values()):
         return record
-    other = adapter.run(mechanism, replace(case, motion=cast(Motion, Shaken(case.motion))), record.engine, options)
+    other = adapter.run(mechanism, shaken(case), record.engine, options)
     if other.status != "ok" or set(other.series) != set(record.series):
         return record
     made, budget = with_bars(record.series, [Family(NAME, (other.series, record.series))])
@@ -57,7 +67,11 @@ def _closed(line: Mapping[str, Any]) -> dict[str, Any]:
     return {**line, "order": {}, "how": {NAME: "closed formulas: the last digits of the input moved"}}
 
 
-def _signs(values: Array) -> Array:
-    """Return +1 and -1 by turns along the samples, shifted from column to column, in the shape of the values [-]."""
+def _signs(values: Array, way: int) -> Array:
+    """Return +1 and -1 by turns along the samples, shifted from column to column, in the shape of the values [-].
+
+    way : 1, 2, 3, 4, ...: 1, -1, 1/2, -1/2, ... instead in all samples of the first column, by turns in the others
+    """
     rows, columns = np.indices(values.shape)
-    return np.where((rows + columns) % 2 == 0, 1.0, -1.0)
+    turns = (rows if way == 0 else 0) + columns + (way - 1) % 2 * (way > 0)
+    return np.where(turns % 2 == 0, 1.0, -1.0) / (1 + (way - 1) // 2 if way else 1)

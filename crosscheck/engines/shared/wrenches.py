@@ -35,13 +35,13 @@ def pushes(mechanism: Mechanism, time: float, look: Look) -> list[Push]:
 
 
 def _pulls(spring: Spring, look: Look) -> Iterator[Push]:
-    """k (l - rest) + d l' at both ends, towards the other one."""
+    """k (l - rest), or the spring's law, + d l' at both ends, towards the other one."""
     first, second = look(spring.first), look(spring.second)
     gap = second.x - first.x
     length = float(np.linalg.norm(gap))
     along = gap / length if length else gap
     rate = float(along @ (second.v - first.v))
-    pull = (spring.stiffness * (length - spring.rest) + spring.damping * rate) * along
+    pull = (float(spring.pull(np.asarray(length))) + spring.damping * rate) * along
     yield Push(spring.first.link, first.x, pull, np.zeros(3))
     yield Push(spring.second.link, second.x, -pull, np.zeros(3))
 

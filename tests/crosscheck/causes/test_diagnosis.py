@@ -74,16 +74,24 @@ def test_causes_that_look_alike_come_with_what_tells_them_apart(tmp_path: Path) 
     assert answer["separate"]
 
 
-def test_only_deviations_of_the_torque_from_the_reference_are_asked_about(tmp_path: Path) -> None:
+def test_one_question_for_each_engine_that_deviates_from_the_reference(tmp_path: Path) -> None:
     plan = discover(MODELS, ["double_pendulum/swing"])
     here = ("double_pendulum", "swing")
     runs = tuple(
         RunRow(*here, engine, "ok", series=f"series/{engine}") for engine in ("flexinv", "pinocchio", "mujoco")
     )
     row = Comparison(*here, "pinocchio", "flexinv", "torque", "N m", "deviation", maximum=1.0, scale=2.0)
-    rows = (row, replace(row, engine="mujoco", verdict="within"), replace(row, engine="mujoco", quantity="tip"))
+    rows = (
+        row,
+        replace(row, engine="mujoco", verdict="within"),
+        replace(row, engine="mujoco", quantity="tip", verdict="within"),
+    )
     asked = questions(Results("now", runs=runs, comparisons=rows), plan, tmp_path)
     assert [q.place for q in asked] == [(*here, "pinocchio", "flexinv")]
+    elsewhere = (*rows, replace(row, quantity="tip"), replace(row, engine="mujoco", quantity="tip"))
+    asked = questions(Results("now", runs=runs, comparisons=elsewhere), plan, tmp_path)
+    assert {q.place[2] for q in asked} == {"pinocchio", "mujoco"}
+    assert len(asked) == 2
     unblessed = replace(row, verdict="unjudged", message=UNBLESSED)  # the first night would ask of everything
     assert not questions(Results("now", runs=runs, comparisons=(unblessed,)), plan, tmp_path)
     assert not questions(Results("now", runs=runs[:1], comparisons=rows), plan, tmp_path)  # its series was not saved

@@ -21,7 +21,9 @@ from crosscheck.measures.certificate import Check
 from crosscheck.measures.record import load
 from crosscheck.report import render
 from crosscheck.run.isolation import Children
-from crosscheck.run.runner import Event, Options, Work, run
+from crosscheck.run.runner import run
+from crosscheck.run.work import Event, Options, Work
+from crosscheck.verdicts import baseline
 from crosscheck.verdicts import results as store
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.plan import Plan, case_row, discover
@@ -165,6 +167,25 @@ def test_an_engine_that_scatters_does_not_pay_with_its_own_error_bar(
     assert torque.maximum < torque.error_bar < 0.1 * (torque.scale or 0.0)
     assert torque.verdict == "deviation"
     assert message in torque.message
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "verdict"), [("trembling", "within"), ("worsened", "deviation")])
+def test_what_seems_worse_than_blessed_is_run_again_with_other_last_digits(
+    kind: str, verdict: str, plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both are 1.2e-13 of the range above their blessed value, noise is 1e-13; only one of them is so whatever its input is."""
+    monkeypatch.setenv("PYTHONPATH", str(Path(rogue.__file__).parent))
+    engines = {"flexinv": ENGINES["flexinv"], kind: rogue.engine(kind)}
+    first = run(Work(plan, engines, (), Options(600.0, jobs=2)), tmp_path / "first")
+    known = {baseline.key(c): (c.fraction or 0.0) - 1.2e-13 * (c.quantity == "torque") for c in first.comparisons}
+    night = baseline.Baseline(known, "as measured", first.started, {})
+    again = run(Work(plan, engines, (), Options(600.0, jobs=2, baseline=night)), tmp_path / "again")
+    torque = next(c for c in again.comparisons if c.quantity == "torque")
+    assert torque.verdict == verdict
+    assert torque.scatter is not None
+    assert (torque.scatter > 2e-14) == (verdict == "within")
+    assert all(c.scatter is None for c in again.comparisons if c.quantity != "torque")
 
 
 @pytest.mark.slow

@@ -16,8 +16,7 @@ from numba import njit
 
 from flexinv.analysis.overview import link_mass
 from flexinv.analysis.solve import solve
-from flexinv.cli.commands import main
-from flexinv.cli.compiling import NOTE, telling
+from flexinv.cli.commands import NOTE, main, telling
 from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Beam, Body, Inertia, Link, Section

@@ -28,7 +28,7 @@ from crosscheck.engines.exudyn.models.parts import Model
 from crosscheck.engines.shared.loop_closure import REDUNDANT, Moving, direction_row, position_row
 from crosscheck.engines.shared.wrenches import wrench_at
 from flexinv.files.load_cases import Case
-from flexinv.model.mechanism import Attachment, Closure, Force, Joint, Mechanism, Placement
+from flexinv.model.mechanism import Attachment, Closure, Force, Joint, Mechanism, Placement, Spring
 
 # Axes that a connector holds by the kind of joint or closure: along x, y, z of marker 0, about x, y, z.
 HELD = {
@@ -154,7 +154,11 @@ def load(model: Model, mechanism: Mechanism, layout: Layout, marker: Marker, axe
         ends = [marker(frame_of(layout, at, np.eye(3))) for at in (spring.first, spring.second)]
         model.spring[spring.name] = model.mbs.AddObject(
             ObjectConnectorSpringDamper(
-                markerNumbers=ends, referenceLength=spring.rest, stiffness=spring.stiffness, damping=spring.damping
+                markerNumbers=ends,
+                referenceLength=spring.rest,
+                stiffness=spring.stiffness,
+                damping=spring.damping,
+                springForceUserFunction=_law(spring) if spring.law is not None else 0,
             )
         )
     for force in mechanism.forces:
@@ -169,6 +173,17 @@ def load(model: Model, mechanism: Mechanism, layout: Layout, marker: Marker, axe
                 kind(markerNumber=seat, loadVector=vector, bodyFixed=force.follower, loadVectorUserFunction=table)
             )
             model.loads[number] = table
+
+
+def _law(spring: Spring) -> Any:
+    """Return the pull of a spring with a law [N] as Exudyn asks for it."""
+
+    def pull(
+        mbs: Any, t: float, item: int, longer: float, rate: float, stiffness: float, damping: float, f: float
+    ) -> float:
+        return float(spring.pull(np.asarray(spring.rest + longer))) + damping * rate
+
+    return pull
 
 
 def _table(force: Force, part: slice, axes: Array) -> Any:

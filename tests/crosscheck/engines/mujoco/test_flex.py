@@ -19,6 +19,7 @@ from crosscheck.engines.mujoco import rod as mujoco_rod
 from crosscheck.engines.mujoco.rod import bending_axis, flexible, rod_of
 from crosscheck.measures.record import check
 from flexinv import solve
+from flexinv.errors import InputError
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import WORLD, Beam, Body, Inertia, Joint, Link, Mechanism, Placement, Section
 from flexinv.model.motion import Motion
@@ -220,6 +221,13 @@ def test_what_it_cannot_do_is_said(reason: str) -> None:
     start = {j.name: [0, 0, 0, 1] if j.kind == "spherical" else 0.0 for j in mechanism.joints}
     case = trees.case_of(Motion.point_to_point(start, start, 1.0), 1.0, 0.1)
     assert reason in str(mujoco_flex.unsupported(mechanism, case, "mujoco-flex"))
+
+
+def test_gravity_out_of_the_plane_is_refused_by_the_run_as_well() -> None:
+    """A model may be changed after it was taken (a planted mistake, a repair): it ended in an AssertionError."""
+    leaning = replace(ONE_LINK, gravity=np.array([0.0, -9.81, -0.2]))
+    with pytest.raises(InputError, match="motion and gravity must stay in a plane of the section of link"):
+        mujoco_flex.run(leaning, turn(), "mujoco-flex", {})
 
 
 def test_a_static_start_is_refused() -> None:

@@ -1,0 +1,158 @@
+"""``crosscheck compare``: two descriptions of a machine, and whether they are the same one."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+
+import click
+from rich.markup import escape
+from rich.table import Table
+
+from crosscheck.commands.shared.terminal import FOLDER, Console, Failure
+from crosscheck.equivalence.compare import TOLERANCE, compare
+from crosscheck.equivalence.difference import Difference
+from crosscheck.equivalence.output.files import write
+from crosscheck.equivalence.output.text import GROUPS, markdown, repaired, rounding
+from crosscheck.equivalence.readers import Loaded, by_readers
+from crosscheck.equivalence.result import JUDGED, Comparison
+from crosscheck.report.words import short
+from flexinv.errors import InputError
+
+
+@click.command
+@click.argument("a")
+@click.argument("b", required=False)
+@click.option(
+    "--tolerance", type=float, default=TOLERANCE, show_default=True, help="Of an effort, relative to its range."
+)
+@click.option(
+    "--match", "stated", multiple=True, metavar="A=B", help="Joint of A that is joint B of B, where it is not clear."
+)
+@click.option("--judge", default=",".join(JUDGED), show_default=True, help="What counts for the exit code.")
+@click.option("--strict", is_flag=True, help="Count what no torque can tell, and rounding of printed digits, too.")
+@click.option("--readers", help="'all', or engines by comma: what their own readers make of A.")
+@click.option("--out", type=FOLDER, help="Folder for a page, results.json, junit.xml and summary.md.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@click.option("--markdown", "as_markdown", is_flag=True, help="Print the result as Markdown.")
+def command(
+    a: str,
+    b: str | None,
+    tolerance: float,
+    stated: tuple[str, ...],
+    judge: str,
+    strict: bool,
+    readers: str | None,
+    out: Path | None,
+    as_json: bool,
+    as_markdown: bool,
+) -> None:
+    """Say whether A and B describe the same machine, and name what differs.
+
+    A and B are URDF, MJCF, SDF, a mechanism of ours, a case kit, or FILE@ENGINE: what that engine's own reader makes of the file
+    as it is shipped.
+
+    \b
+      crosscheck compare arm.urdf arm.xml
+      crosscheck compare arm.urdf@pinocchio arm.urdf@mujoco
+      crosscheck compare old/arm.urdf arm.urdf --out same
+      crosscheck compare arm.urdf --readers all
+
+    \b
+    Exit codes: 0 the same, 1 different, 2 cannot be compared
+    """
+    try:
+        if readers is not None:
+            sys.exit(_table_of_readers(a, readers, tolerance, as_json))
+        if b is None:
+            raise Failure("one description is given: write a second one, or --readers all")
+        found = compare(a, b, tolerance, _matches(stated), _families(judge), strict)
+        if out is not None:
+            write(found, out)
+    except InputError as error:
+        raise Failure(str(error)) from error
+    except OSError as error:
+        raise Failure(f"{out or a}: {error}") from error
+    if page := os.environ.get("GITHUB_STEP_SUMMARY"):
+        with open(page, "a", encoding="utf-8") as file:
+            file.write(markdown(found))
+    if as_json or as_markdown:
+        click.echo(json.dumps(found.plain, indent=1) if as_json else markdown(found))
+    else:
+        _show(Console(), found, out)
+    sys.exit(0 if found.equal else 1)
+
+
+def _matches(stated: tuple[str, ...]) -> dict[str, str]:
+    pairs = [one.partition("=") for one in stated]
+    for one, (a, _, b) in zip(stated, pairs, strict=True):
+        if not a or not b:
+            raise Failure(f"--match {one!r}: expected two joints; write --match elbow=joint3")
+    return {a: b for a, _, b in pairs}
+
+
+def _families(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def _show(console: Console, found: Comparison, out: Path | None) -> None:
+    colour = "green" if found.equal else "red"
+    console.print(f"A  {escape(found.first)}\nB  {escape(found.second)}", highlight=False, soft_wrap=True)
+    for name, title in GROUPS:
+        if group := getattr(found.judged, name):
+            console.print(_table(title, group))
+    for line in [*rounding(found), repaired(found)]:
+        console.print(escape(line), highlight=False, soft_wrap=True)
+    for place, lines in found.advice:
+        console.print(f"[bold]{escape(place)}[/]", highlight=False, soft_wrap=True)
+        for line in lines:
+            console.print(f"  {escape(line)}", highlight=False, soft_wrap=True)
+    for note in found.notes:
+        console.print(f"[dim]{escape(note)}[/]", highlight=False, soft_wrap=True)
+    for side, lines in found.dropped:
+        for line in lines:
+            console.print(f"[dim]{escape(side)} leaves out {escape(line)}[/]", highlight=False, soft_wrap=True)
+    console.print(f"[bold {colour}]{escape(found.sentence)}[/]", soft_wrap=True)
+    if out is not None:
+        console.print(f"page: {out / 'index.html'}", highlight=False, soft_wrap=True)
+
+
+def _table(title: str, group: tuple[Difference, ...]) -> Table:
+    table = Table(title=title, title_justify="left")
+    for name in ("what", "where", "A", "B", "size", "effect / range", "looks like"):
+        table.add_column(name, justify="right" if name in ("size", "effect / range") else "left", overflow="fold")
+    for d in group:
+        size = "" if d.unit == "-" else f"{d.size:.4g} {d.unit}"
+        cells = (
+            d.cause,
+            d.place,
+            d.first,
+            d.second,
+            size,
+            short(d.share) if d.share is not None else "",
+            "; ".join(d.hints),
+        )
+        table.add_row(*map(escape, cells))
+    return table
+
+
+def _table_of_readers(file: str, wanted: str, tolerance: float, as_json: bool) -> int:
+    rows = by_readers(file, wanted, tolerance)
+    if as_json:
+        click.echo(json.dumps([row.plain for row in rows], indent=1))
+    else:
+        Console().print(_readers_table(file, rows))
+    if any(row.found is None for row in rows):
+        return 2
+    return 0 if all(row.found is not None and row.found.equal for row in rows) else 1
+
+
+def _readers_table(file: str, rows: list[Loaded]) -> Table:
+    table = Table(title=f"{file}, as each engine reads it, against our reader", title_justify="left")
+    for name in ("reader", "joints", "mass [kg]", "result", "differences"):
+        table.add_column(name, overflow="fold")
+    for row in rows:
+        table.add_row(*map(escape, (row.reader, row.joints, row.mass, row.result, row.words)))
+    return table

@@ -1,0 +1,279 @@
+"""Lift of MuJoCo's models: any file that its compiler reads, as shipped, or an ``mjModel`` in memory, as a mechanism.
+
+    body          a link; its frame is that of the body, moved to the anchor of its last joint
+    joints        one after the other in one body: links without mass between them
+    ref           a joint's coordinate is ``ref`` where the file draws it: the placement is turned back by it
+    inertia       about the centre of mass, R diag(I) R^T with R of ``iquat``
+    equality      joint: a coupling (its linear part), connect: a spherical closure, weld: a fixed one
+
+Defaults, ``fusestatic``, ``inertiafromgeom`` and classes are the compiler's.  Source: mujoco 4.0.0, mjmodel.h.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from crosscheck.lifting.description import Description
+from crosscheck.lifting.printed import printed_of_mjcf
+from flexinv.errors import InputError
+from flexinv.files.urdf_xml import read_xml
+from flexinv.model.mechanism import (
+    WORLD,
+    Array,
+    Attachment,
+    Body,
+    Closure,
+    Inertia,
+    Joint,
+    Limits,
+    Link,
+    Mechanism,
+    Placement,
+)
+
+OBJECT, JOINT_KIND, EQUALITY = mujoco.mjtObj, mujoco.mjtJoint, mujoco.mjtEq
+KINDS = {
+    JOINT_KIND.mjJNT_FREE: "free",
+    JOINT_KIND.mjJNT_BALL: "spherical",
+    JOINT_KIND.mjJNT_SLIDE: "prismatic",
+    JOINT_KIND.mjJNT_HINGE: "revolute",
+}
+PARTS = (("ntendon", "tendon"), ("nflex", "flexible body"), ("nplugin", "plugin"), ("npair", "contact pair"))
+
+
+def lifts(source: Any) -> bool:
+    """Return True for a model of MuJoCo in memory."""
+    return isinstance(source, mujoco.MjModel | mujoco.MjSpec)
+
+
+def lift(source: Any, label: str = "") -> Description:
+    """Return the description of a file, or of a model in memory [m, kg, rad].  Raises InputError with MuJoCo's words."""
+    if isinstance(source, mujoco.MjModel):
+        return _described(source, label or "mjModel", "live", ())
+    if isinstance(source, mujoco.MjSpec):
+        return _described(_compiled(source, "MjSpec"), label or "MjSpec", "live", ())
+    path = Path(source)
+    root = read_xml(path)
+    model, dropped = _read(path)
+    kind = "urdf" if root.tag == "robot" else "mjcf"
+    found = _described(model, label or path.name, kind, dropped)
+    printed = printed_of_mjcf(root) if kind == "mjcf" else {}
+    return replace(found, file=path, root_stated=kind != "urdf", printed=printed)
+
+
+def _read(path: Path) -> tuple[Any, tuple[str, ...]]:
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except (ValueError, OSError) as error:
+        raise InputError(f"{path}: MuJoCo refuses it: {_words(error)}") from None
+    try:
+        return spec.compile(), ()
+    except (ValueError, OSError) as error:
+        words = _words(error)
+    if "mesh" not in words and "file" not in words.lower() and "texture" not in words:
+        raise InputError(f"{path}: MuJoCo refuses it: {words}")
+    spec = mujoco.MjSpec.from_file(str(path))
+    _without_files(spec, path)
+    return _compiled(spec, str(path)), (
+        f"geometry: MuJoCo does not find it ({words}); read without meshes and pictures",
+    )
+
+
+def _compiled(spec: Any, name: str) -> Any:
+    try:
+        return spec.compile()
+    except (ValueError, OSError) as error:
+        raise InputError(f"{name}: MuJoCo refuses it: {_words(error)}") from None
+
+
+def _words(error: Exception) -> str:
+    return " ".join(str(error).split()).removeprefix("Error: ")
+
+
+def _without_files(spec: Any, path: Path) -> None:
+    """Take what names other files out of a specification; InputError where masses come from it."""
+    shaped = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF, mujoco.mjtGeom.mjGEOM_HFIELD)
+    for geom in [g for g in spec.geoms if g.type in shaped]:
+        body = geom.parent
+        if body.name != WORLD and not body.explicitinertial and geom.mass != 0.0 and geom.density != 0.0:
+            raise InputError(
+                f"{path}: body {body.name!r} gets its mass from a mesh that is not there; "
+                "put the mesh where the file says, or write <inertial> in the body"
+            )
+        spec.delete(geom)
+    for kind in (spec.meshes, spec.textures, spec.materials, spec.hfields, spec.skins):
+        for part in list(kind):
+            spec.delete(part)
+    for geom in [*spec.geoms, *spec.sites]:
+        geom.material = ""
+
+
+def _described(model: Any, label: str, kind: str, dropped: tuple[str, ...]) -> Description:
+    links, joints = _tree(model)
+    closures, lost = _closures(model, {joint.name: joint for joint in joints})
+    mechanism = Mechanism(
+        name=label,
+        links=tuple(links),
+        joints=tuple(joints),
+        gravity=np.array(model.opt.gravity),
+        closures=tuple(closures),
+    )
+    gears = dict(_gears(model))
+    return Description(label, mechanism, kind, "mujoco", gears, (*dropped, *lost, *_others(model)))
+
+
+def _name(model: Any, kind: Any, index: int, default: str) -> str:
+    return mujoco.mj_id2name(model, kind, index) or f"{default}{index}"
+
+
+def _tree(model: Any) -> tuple[list[Link], list[Joint]]:
+    """Links and joints, and by body where its link frame stands in the body's frame (3,) [m]: at its last anchor."""
+    links: list[Link] = []
+    joints: list[Joint] = []
+    names, anchors = {0: WORLD}, {0: np.zeros(3)}
+    for body in range(1, model.nbody):
+        name = names[body] = _name(model, OBJECT.mjOBJ_BODY, body, "body")
+        parent = int(model.body_parentid[body])
+        frame = Placement(model.body_pos[body] - anchors[parent], _rotation(model.body_quat[body]))
+        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        carrier, anchor = names[parent], np.zeros(3)
+        for k in range(count):
+            child = name if k == count - 1 else f"{name} before joint {k + 2}"
+            free = model.jnt_type[first + k] == JOINT_KIND.mjJNT_FREE
+            point = np.zeros(3) if free else np.array(model.jnt_pos[first + k])
+            at = Placement(frame.position + frame.rotation @ (point - anchor), frame.rotation)
+            joints.append(_joint(model, first + k, carrier, child, at))
+            links.append(Link(child))
+            carrier, frame, anchor = child, Placement(), point
+        if not count:
+            joints.append(Joint(f"{name} on {carrier}", "fixed", carrier, name, frame, actuated=False))
+            links.append(Link(name))
+        anchors[body] = anchor
+        links[-1] = Link(name, tuple(_bodies(model, body, name, anchor)))
+    return links, joints  # MuJoCo numbers bodies depth-first
+
+
+def _bodies(model: Any, body: int, name: str, anchor: Array) -> Iterator[Body]:
+    mass, turn = float(model.body_mass[body]), _rotation(model.body_iquat[body])
+    tensor = turn @ np.diag(model.body_inertia[body]) @ turn.T
+    if mass or tensor.any():
+        yield Body(name, Inertia(mass, model.body_ipos[body] - anchor, (tensor + tensor.T) / 2))
+
+
+def _joint(model: Any, index: int, parent: str, child: str, at: Placement) -> Joint:
+    kind, name = KINDS[JOINT_KIND(int(model.jnt_type[index]))], _name(model, OBJECT.mjOBJ_JOINT, index, "joint")
+    dof, start = int(model.jnt_dofadr[index]), int(model.jnt_qposadr[index])
+    axis = np.array(model.jnt_axis[index])
+    if kind not in ("revolute", "prismatic"):
+        return Joint(name, kind, parent, child, at, actuated=kind != "free", **_passive(model, dof))
+    ref, limited = float(model.qpos0[start]), bool(model.jnt_limited[index])
+    back = at.rotation @ (_about(axis, -ref) if kind == "revolute" else np.eye(3))
+    place = at.position - (at.rotation @ axis * ref if kind == "prismatic" else 0.0)
+    limits = (
+        Limits(lower=float(model.jnt_range[index][0]), upper=float(model.jnt_range[index][1])) if limited else Limits()
+    )
+    stiffness = _scalar(model.jnt_stiffness[index])
+    spring: dict[str, Any] = {"stiffness": stiffness, "rest": float(model.qpos_spring[start])} if stiffness else {}
+    return Joint(
+        name, kind, parent, child, Placement(place, back), axis=axis, limits=limits, **spring, **_passive(model, dof)
+    )  # fmt: skip
+
+
+def _passive(model: Any, dof: int) -> dict[str, Any]:
+    rows = {"rotor_inertia": model.dof_armature, "damping": model.dof_damping, "friction": model.dof_frictionloss}
+    return {name: _scalar(row[dof]) for name, row in rows.items()}
+
+
+def _scalar(value: Any) -> float:
+    """The first of a law's coefficients: MuJoCo 4 has polynomials where it had numbers."""
+    return float(np.ravel(value)[0])
+
+
+def _rotation(quaternion: Any) -> Array:
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, np.ascontiguousarray(quaternion, dtype=np.float64))
+    return matrix.reshape(3, 3)
+
+
+def _about(axis: Array, angle: float) -> Array:
+    quaternion = np.empty(4)
+    mujoco.mju_axisAngle2Quat(quaternion, axis, angle)
+    return _rotation(quaternion)
+
+
+def _gears(model: Any) -> Iterator[tuple[str, float]]:
+    """Yield joint and gear [-] of every actuator that drives one joint."""
+    for k in range(model.nu):
+        if model.actuator_trntype[k] in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
+            yield (
+                _name(model, OBJECT.mjOBJ_JOINT, int(model.actuator_trnid[k][0]), "joint"),
+                float(model.actuator_gear[k][0]),
+            )
+
+
+def _closures(model: Any, joints: dict[str, Joint]) -> tuple[list[Closure], list[str]]:
+    made: list[Closure] = []
+    dropped: list[str] = []
+    for k in range(model.neq):
+        name, kind = _name(model, OBJECT.mjOBJ_EQUALITY, k, "equality"), EQUALITY(int(model.eq_type[k]))
+        if not model.eq_active0[k]:
+            dropped.append(f"equality {name!r}: it is not active at the beginning")
+        elif kind == EQUALITY.mjEQ_JOINT:
+            made.append(_coupling(model, k, name))
+            if np.any(model.eq_data[k][2:5]):
+                dropped.append(f"equality {name!r}: of its polynomial the linear part is read")
+        elif kind in (EQUALITY.mjEQ_CONNECT, EQUALITY.mjEQ_WELD) and model.eq_objtype[k] == OBJECT.mjOBJ_BODY:
+            made.append(_tie(model, k, name, kind == EQUALITY.mjEQ_WELD))
+        else:
+            dropped.append(f"equality {name!r}: {kind.name.removeprefix('mjEQ_').lower()} is not part of a mechanism")
+    return made, dropped
+
+
+def _coupling(model: Any, k: int, name: str) -> Closure:
+    """q1 - q1_0 = a0 + a1 (q2 - q2_0)."""
+    here, (first, second) = Attachment(WORLD), (int(model.eq_obj1id[k]), int(model.eq_obj2id[k]))
+    start, slope = float(model.eq_data[k][0]), float(model.eq_data[k][1])
+    offset = start + float(model.qpos0[model.jnt_qposadr[first]])
+    factors = [(_name(model, OBJECT.mjOBJ_JOINT, first, "joint"), 1.0)]
+    if second >= 0:
+        offset -= slope * float(model.qpos0[model.jnt_qposadr[second]])
+        factors.append((_name(model, OBJECT.mjOBJ_JOINT, second, "joint"), -slope))
+    return Closure(name, "coupling", here, here, factors=tuple(factors), offset=offset)
+
+
+def _tie(model: Any, k: int, name: str, weld: bool) -> Closure:
+    ends = [int(model.eq_obj1id[k]), int(model.eq_obj2id[k])]
+    points = (model.eq_data[k][3:6], model.eq_data[k][:3]) if weld else (model.eq_data[k][:3], model.eq_data[k][3:6])
+    turns = (_rotation(model.eq_data[k][6:10]), np.eye(3)) if weld else (np.eye(3), np.eye(3))
+    first, second = (
+        Attachment(_name(model, OBJECT.mjOBJ_BODY, body, "body"), Placement(point - _anchor(model, body), turn))
+        if body
+        else Attachment(WORLD, Placement(np.array(point), turn))
+        for body, point, turn in zip(ends, points, turns, strict=True)
+    )
+    return Closure(name, "fixed" if weld else "spherical", first, second)
+
+
+def _anchor(model: Any, body: int) -> Array:
+    count, first = int(model.body_jntnum[body]), int(model.body_jntadr[body])
+    if not count or model.jnt_type[first + count - 1] == JOINT_KIND.mjJNT_FREE:
+        return np.zeros(3)
+    return np.array(model.jnt_pos[first + count - 1])
+
+
+def _others(model: Any) -> Iterator[str]:
+    """Yield what a mechanism has no word for."""
+    for attribute, word in PARTS:
+        if count := int(getattr(model, attribute, 0)):
+            yield f"{count} {word}{'s' * (count > 1)}: no part of a mechanism"
+    if np.any(model.actuator_biastype):
+        yield "actuators with feedback of position or velocity: their gains are no part of a mechanism"
+    if np.any(model.body_gravcomp):
+        names = [_name(model, OBJECT.mjOBJ_BODY, int(k), "body") for k in np.flatnonzero(model.body_gravcomp)]
+        yield f"gravity compensation of {', '.join(names[:5])}: no part of a mechanism"

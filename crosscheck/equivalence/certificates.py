@@ -1,0 +1,94 @@
+"""Certificate of a pair, line by line: masses, centre of mass, mass matrix, gravity, axes and drives of B against A.
+
+The lines are those of `crosscheck.measures.certificate`; both sides are in A's coordinates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from crosscheck.equivalence.align import Aligned
+from crosscheck.equivalence.efforts import States, efforts, mapped, mapped_back, states_of
+from crosscheck.equivalence.rigid import moved
+from crosscheck.equivalence.tree import PASSIVE, SCALARS, Tree, mechanism_of
+from crosscheck.measures.certificate import EXACT, Check
+from flexinv.model.mechanism import Array
+
+PLACES = 4  # configurations, as in the certificate of an engine
+
+
+def lines(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> tuple[Check, ...]:
+    """Return the lines of a pair [unit of each line]; seats : alignment by joint of the first."""
+    names = {joint: second.members[seat.second].joint for joint, seat in seats.items()}
+    states = states_of(first, count=(PLACES, 0))
+    made = [*_bodies(first, second, seats)]
+    if first.moving:
+        made += [
+            _line("joint-space mass matrix", "kg m^2, kg", *_both(first, second, seats, names, states, True)),
+            _line("gravity torque", "N m, N", *_both(first, second, seats, names, states, False)),
+        ]
+    return (*made, *_axes(first, second, seats), *_drives(first, second, seats))
+
+
+def _line(what: str, unit: str, ours: Array, theirs: Array, words: str = "") -> Check:
+    error, scale = float(np.abs(ours - theirs).max(initial=0.0)), float(np.abs(ours).max(initial=0.0))
+    return Check("", "", "B", what, unit, error <= EXACT * (scale or 1.0), error, scale, EXACT, words)
+
+
+def _bodies(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> Iterator[Check]:
+    masses = np.array([sum(m.mass for m in tree.members) for tree in (first, second)])
+    yield _line("total mass", "kg", masses[:1], masses[1:])
+    pairs = [(first.members[s.first], moved(s.frame, second.members[s.second].inertia)) for s in seats.values()]
+    for what, unit, name in (
+        ("masses by joint", "kg", "mass"),
+        ("centres of mass by joint", "m", "com"),
+        ("inertias by joint", "kg m^2", "tensor"),
+    ):
+        gaps = [float(np.abs(np.asarray(getattr(a.inertia, name)) - getattr(b, name)).max()) for a, b in pairs]
+        if gaps:
+            k = int(np.argmax(gaps))
+            a, b = (np.atleast_1d(np.asarray(getattr(x, name))) for x in (pairs[k][0].inertia, pairs[k][1]))
+            yield _line(what, unit, a, b, pairs[k][0].name)
+
+
+def _both(
+    first: Tree, second: Tree, seats: Mapping[str, Aligned], names: dict[str, str], states: States, inertia: bool
+) -> tuple[Array, Array]:
+    """Mass matrix (columns of unit accelerations) or gravity effort of both, in A's coordinates."""
+    none = np.zeros(3)
+    one, two = (mechanism_of(t.changed([(-1, "gravity", none)]) if inertia else t) for t in (first, second))
+    quiet = [replace(m, joints=tuple(replace(j, stiffness=0.0) for j in m.joints)) for m in (one, two)]
+    pushes = [
+        states.pushed(joint, k) for joint, rates in states.qd.items() for k in range(rates.shape[1])
+    ] if inertia else [states.still]  # fmt: skip
+    found = []
+    for push in pushes:
+        ours = efforts(quiet[0], push)
+        theirs = mapped_back(efforts(quiet[1], mapped(push, first, seats), names), first, seats)
+        found.append([np.hstack([side[joint] for joint in states.qd]) for side in (ours, theirs)])
+    return np.array([a for a, _ in found]), np.array([b for _, b in found])
+
+
+def _axes(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> Iterator[Check]:
+    gaps = {}
+    for joint, seat in seats.items():
+        one, two = first.members[seat.first], second.members[seat.second]
+        if one.kind in SCALARS and one.kind == two.kind:
+            gaps[joint] = (one.axis, seat.sign * seat.frame.rotation @ two.axis)
+    if gaps:
+        worst = max(gaps, key=lambda name: float(np.abs(gaps[name][0] - gaps[name][1]).max()))
+        yield _line("joint axes", "-", *gaps[worst], worst)
+
+
+def _drives(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> Iterator[Check]:
+    for name in PASSIVE[:4]:
+        values = np.array(
+            [[getattr(t.members[k], name) for t, k in ((first, s.first), (second, s.second))] for s in seats.values()]
+        )
+        if values.size and values.any():
+            k = int(np.argmax(np.abs(values[:, 0] - values[:, 1])))
+            words = "joint " + name.replace("_", " ")
+            yield _line(words, "N m s/rad, N m, kg m^2", values[k, :1], values[k, 1:], list(seats)[k])

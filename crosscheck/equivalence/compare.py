@@ -1,0 +1,180 @@
+"""compare: two descriptions of a machine, and whether they are the same one; what differs is named, and proven by repair."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from crosscheck.equivalence.align import SAME, Aligned, aligned
+from crosscheck.equivalence.certificates import lines
+from crosscheck.equivalence.couplings import closure_differences, coupling_differences
+from crosscheck.equivalence.difference import Difference
+from crosscheck.equivalence.efforts import efforts, mapped, mapped_back, states_of
+from crosscheck.equivalence.groups import BODY, exchanged, missing_links, scaled
+from crosscheck.equivalence.judge import Bench, judge
+from crosscheck.equivalence.match import Match, match
+from crosscheck.equivalence.members import Pair, body_differences, drive_differences, joint_differences
+from crosscheck.equivalence.output.advice import advice
+from crosscheck.equivalence.reduce import Reduced, reduced
+from crosscheck.equivalence.result import JUDGED, Comparison
+from crosscheck.equivalence.sources import describe_pair
+from crosscheck.equivalence.tree import Tree, tree_of
+from crosscheck.lifting.description import Description
+from flexinv.errors import InputError
+from flexinv.model.mechanism import Mechanism
+
+TOLERANCE = 1e-6  # relative to the range of an effort [-]
+SINGLE = 30.0  # rounding errors of a reader that add up in an effort
+
+
+def compare(
+    a: Any,
+    b: Any,
+    tolerance: float = TOLERANCE,
+    match: Mapping[str, str] | None = None,
+    judge: Iterable[str] = JUDGED,
+    strict: bool = False,
+) -> Comparison:
+    """Compare two descriptions of a machine: the same or not, and what differs.
+
+    a, b : files (``arm.urdf``, ``arm.xml``, ``arm.urdf@mujoco``, a folder of a mechanism or of a case kit), models in memory,
+        mechanisms or `Description`s
+    tolerance : of efforts, relative to their range [-]; match : joints of a by which joint of b they are
+    judge : families of differences that count: "rigid", "drive", "convention", "limits"; strict : count what no torque can
+        tell and rounding of printed digits, too
+    Raises InputError for what cannot be read, matched or compared.
+    """
+    begun = clock.perf_counter()
+    families = tuple(judge)
+    if unknown := [name for name in families if name not in JUDGED]:
+        raise InputError(f"judge = {unknown[0]!r}: expected some of {', '.join(JUDGED)}")
+    if not (np.isfinite(tolerance) and tolerance > 0.0):
+        raise InputError(f"tolerance = {tolerance}: expected a positive number, relative to the range of an effort [-]")
+    first, second = describe_pair(a, b)
+    found = compared(first, second, tolerance, match or {})
+    return replace(found, families=families, strict=strict, elapsed=clock.perf_counter() - begun)
+
+
+@dataclass(frozen=True)
+class Found:
+    """Differences of two reduced trees, with the alignment of their members."""
+
+    trees: Reduced
+    seats: list[Aligned]
+    differences: list[Difference]
+
+
+def compared(first: Description, second: Description, tolerance: float, stated: Mapping[str, str]) -> Comparison:
+    """Return the comparison of two descriptions; tolerance : relative to the range of an effort [-]."""
+    one, two = (_tree(description) for description in (first, second))
+    pairs = match(one, two, stated)
+    size = max(_size(one), _size(two))
+    printed = _printed(first, second, pairs)
+    kept, whole = (_found(one, two, dict(pairs.pairs), links, size, printed) for links in (True, False))
+    found = kept if _count(kept) <= _count(whole) else whole
+    trees, seats = found.trees, {found.trees.first.members[s.first].joint: s for s in found.seats}
+    moving = {joint: seats[joint] for joint in trees.first.moving if trees.first.moving[joint] in dict(trees.pairs)}
+    every = [*found.differences, *coupling_differences(one, two, pairs.pairs, moving)]
+    every += closure_differences(first.mechanism, second.mechanism)
+    states = states_of(trees.first)
+    names = {joint: trees.second.members[seat.second].joint for joint, seat in moving.items()}
+    wanted: dict[str, Any] = {}
+    if names:
+        theirs = efforts(_cut(second.mechanism), mapped(states, trees.first, moving), names)
+        wanted = mapped_back(theirs, trees.first, moving)
+    bound = max(tolerance, SINGLE * max(first.precision, second.precision))
+    judged = judge(Bench(trees.first, states, wanted), every, bound)
+    return Comparison(
+        first=first.label, second=second.label, matched=pairs.words, judged=judged,
+        certificate=lines(trees.first, trees.second, moving), notes=tuple(_notes(one, two, pairs, found)),
+        dropped=tuple((d.label, d.dropped) for d in (first, second) if d.dropped),
+        advice=advice(judged, first, second), tolerance=bound,
+    )  # fmt: skip
+
+
+def _tree(description: Description) -> Tree:
+    mechanism = description.mechanism
+    if not mechanism.is_rigid:
+        beams = ", ".join(link.name for link in mechanism.beams)
+        raise InputError(f"{description.label}: links that bend are not compared yet: {beams}")
+    return tree_of(mechanism, description.gears)
+
+
+def _cut(mechanism: Mechanism) -> Mechanism:
+    return replace(mechanism, closures=(), springs=(), forces=())
+
+
+def _size(tree: Tree) -> float:
+    places = np.array([pose.position for pose in tree.poses()] or np.zeros((1, 3)))
+    return float(np.ptp(places, axis=0).max()) or 1.0
+
+
+def _count(found: Found) -> int:
+    """Differences beside those of links welded to the world, which merging loses."""
+    held = {f"link {m.name}" for m in found.trees.first.members if m.kind == "fixed" and m.parent < 0}
+    return sum(1 for d in found.differences if d.cause and d.family != "limits" and d.place not in held)
+
+
+def _found(
+    one: Tree, two: Tree, joints: dict[str, str], links: bool, size: float, printed: Mapping[tuple[str, str], float]
+) -> Found:
+    trees = reduced(one, two, joints, links)
+    seats = aligned(trees.first, trees.second, trees.pairs, size)
+    pairs = [Pair(trees.first.members[s.first], trees.second.members[s.second], s, size, printed) for s in seats]
+    found: list[Difference] = []
+    for pair in pairs:
+        own = [*body_differences(pair)]
+        lost = missing_links(pair) if any(d.cause in BODY for d in own) else None
+        found += [*joint_differences(pair), *([lost] if lost else own), *drive_differences(pair)]
+    found = exchanged(trees.first, trees.second, pairs, found)
+    found = [*trees.found, *_gravity(trees), *scaled(trees.first, found)]
+    return Found(trees, seats, found)
+
+
+def _gravity(trees: Reduced) -> list[Difference]:
+    ours, theirs = trees.first.gravity, trees.second.gravity
+    off = float(np.linalg.norm(ours - theirs))
+    if off <= SAME * max(float(np.linalg.norm(ours)), float(np.linalg.norm(theirs))):
+        return []
+    a, b = (" ".join(f"{x:.9g}" for x in g) for g in (ours, theirs))
+    return [Difference("rigid", "gravity", "the world", off, "m/s^2", a, b, ((-1, "gravity", theirs),))]
+
+
+def _printed(first: Description, second: Description, pairs: Match) -> dict[tuple[str, str], float]:
+    """Half digits of both files, by the names of the first: the coarser of the two."""
+    back = {theirs: ours for ours, theirs in pairs.pairs.items()}
+    found = dict(first.printed)
+    for (name, quantity), half in second.printed.items():
+        key = (back.get(name, name), quantity)
+        found[key] = max(found.get(key, 0.0), half)
+    return found
+
+
+def _notes(one: Tree, two: Tree, pairs: Match, found: Found) -> list[str]:
+    """Conventions that change no coordinate: names, order, frames of links, merged links."""
+    notes = []
+    renamed = {a: b for a, b in pairs.pairs.items() if a != b}
+    if renamed:
+        notes.append("joints with other names: " + ", ".join(f"{a} is {b}" for a, b in list(renamed.items())[:12]))
+    order = [pairs.pairs[joint] for joint in one.moving if joint in pairs.pairs]
+    if order != [joint for joint in two.moving if joint in set(order)]:
+        notes.append("coordinates in another order: map them by name")
+    frames = [
+        found.trees.first.members[s.first].name
+        for s in found.seats
+        if np.abs(s.frame.position).max() > SAME or np.abs(s.frame.rotation - np.eye(3)).max() > SAME
+    ]
+    if frames:
+        notes.append(f"link frames that stand elsewhere on the same body: {', '.join(frames[:12])}")
+    names = [{m.name for m in tree.members if m.kind == "fixed"} for tree in (one, two)]
+    for side, own, other in (
+        ("A", names[0], {m.name for m in two.members}),
+        ("B", names[1], {m.name for m in one.members}),
+    ):
+        if alone := sorted(own - other):
+            notes.append(f"fixed links that only {side} names, merged for the comparison: {', '.join(alone[:12])}")
+    return notes

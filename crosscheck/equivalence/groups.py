@@ -1,0 +1,134 @@
+"""Several differences that are one: links that are missing, bodies that were exchanged, one factor on all numbers of a kind."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from crosscheck.equivalence.align import SAME
+from crosscheck.equivalence.difference import Difference
+from crosscheck.equivalence.members import Pair
+from crosscheck.equivalence.rigid import moved
+from crosscheck.equivalence.tree import Member, Tree, sum_of
+from flexinv.model.mechanism import Array, Inertia
+
+BODY = ("mass", "centre of mass", "inertia tensor")
+ALL = 3  # differences of one kind and factor from which on they are one
+FIELDS = {
+    "mass": "mass",
+    "centre of mass": "com",
+    "inertia tensor": "tensor",
+    "position of joint": "placement position",
+}
+FIELDS |= {"rotor inertia": "rotor_inertia", "damping": "damping", "dry friction": "friction"}
+
+
+def missing_links(pair: Pair) -> Difference | None:
+    """Return the links whose bodies only one of them has, where that is all that differs of a member [kg]."""
+    one, there = pair.one, moved(pair.seat.frame, pair.two.inertia)
+    ours = dict(one.parts)
+    theirs = {name: moved(pair.seat.frame, body) for name, body in pair.two.parts}
+    for side, mine, others, target in (("A", ours, theirs, there), ("B", theirs, ours, one.inertia)):
+        for lost in _alone(mine, others):
+            left = sum_of(body for name, body in mine.items() if name not in lost)
+            if _same(left, target, pair.size):
+                return _missing(pair, side, lost, mine, there)
+    return None
+
+
+def _alone(mine: dict[str, Inertia], others: dict[str, Inertia]) -> Iterator[tuple[str, ...]]:
+    """Candidates: all links with a mass that the other has not, then each alone."""
+    empty = [name for name, body in others.items() if not body.mass and not body.tensor.any()]
+    lost = [n for n, body in mine.items() if (n not in others or n in empty) and (body.mass or body.tensor.any())]
+    if lost:
+        yield tuple(lost)
+        if len(lost) > 1:
+            yield from ((name,) for name in lost)
+
+
+def _same(one: Inertia, two: Inertia, size: float) -> bool:
+    scale = max(one.mass, two.mass)
+    largest = max(float(np.abs(one.tensor).max()), float(np.abs(two.tensor).max()))
+    return (
+        abs(one.mass - two.mass) <= SAME * scale
+        and (not scale or float(np.linalg.norm(one.com - two.com)) <= SAME * size)
+        and float(np.abs(one.tensor - two.tensor).max()) <= 10 * SAME * largest
+    )
+
+
+def _missing(pair: Pair, side: str, lost: tuple[str, ...], mine: dict[str, Inertia], there: Inertia) -> Difference:
+    mass = sum(mine[name].mass for name in lost)
+    values = (f"{mass:.9g} kg", "none") if side == "A" else ("none", f"{mass:.9g} kg")
+    place = ("link " if len(lost) == 1 else "links ") + ", ".join(lost)
+    changes = tuple(pair.change(n, v) for n, v in (("mass", there.mass), ("com", there.com), ("tensor", there.tensor)))
+    return Difference("rigid", f"body that only {side} has", place, mass, "kg", *values, changes)
+
+
+def exchanged(first: Tree, second: Tree, pairs: Iterable[Pair], found: list[Difference]) -> list[Difference]:
+    """Return the differences with bodies that stand at one another's link as one each."""
+    off = {d.place for d in found if d.cause in BODY}
+    by_place = {pair.link: pair for pair in pairs if pair.link in off}
+    used: set[str] = set()
+    made = []
+    for place, pair in by_place.items():
+        for other, that in by_place.items():
+            if place >= other or {place, other} & used or not _crossed(pair, that):
+                continue
+            used |= {place, other}
+            changes = [c for d in found if d.place in (place, other) and d.cause in (*BODY, "") for c in d.changes]
+            size = abs(pair.one.mass - that.one.mass)
+            words = f"{place} and {other}"
+            made.append(Difference("rigid", "bodies exchanged", words, size, "kg", "", "", tuple(changes)))
+    return made + [d for d in found if not (d.place in used and d.cause in (*BODY, ""))]
+
+
+def _crossed(one: Pair, two: Pair) -> bool:
+    return _equal(one.one, two.two, one.size) and _equal(two.one, one.two, one.size)
+
+
+def _equal(one: Member, two: Member, size: float) -> bool:
+    return bool(one.mass) and _same(one.inertia, two.inertia, size)
+
+
+def scaled(first: Tree, found: list[Difference]) -> list[Difference]:
+    """Return the differences with one factor on all numbers of a kind as one each."""
+    for cause, name in FIELDS.items():
+        own = [d for d in found if d.cause == cause]
+        factors = [factor for d in own if (factor := _factor(first, d, name)) is not None]
+        if len(own) < ALL or len(factors) < len(own) or np.ptp(factors) > 1e-6 * abs(factors[0]):
+            continue
+        if len(own) == sum(bool(np.any(_value(m, name))) for m in first.members):
+            found = [d for d in found if d.cause != cause]
+            found.append(_together(own, factors[0]))
+    return found
+
+
+def _value(member: Member, name: str) -> Array:
+    record, _, part = name.partition(" ")
+    value = getattr(member, record)
+    return np.asarray(getattr(value, part) if part else value)
+
+
+def _factor(first: Tree, difference: Difference, name: str) -> float | None:
+    """The factor of all numbers of a difference; None where they have none in common."""
+    changes = [(k, value) for k, field_name, value in difference.changes if field_name == name]
+    if len(changes) != 1:
+        return None
+    before, after = _value(first.members[changes[0][0]], name).ravel(), np.asarray(changes[0][1]).ravel()
+    square = float(before @ before)
+    factor = float(before @ after) / square if square else None
+    if factor is None or np.abs(after - factor * before).max() > 1e-6 * max(np.abs(after).max(), np.abs(before).max()):
+        return None
+    return factor
+
+
+def _together(own: list[Difference], factor: float) -> Difference:
+    kind = "links" if own[0].place.startswith("link") else "joints"
+    hints = own[0].hints if all(d.hints == own[0].hints for d in own) else ()
+    largest = max(own, key=lambda d: d.size)
+    return replace(
+        largest, place=f"all {kind} with one ({len(own)})", changes=tuple(c for d in own for c in d.changes), hints=hints,
+        first="1", second=f"{factor:.9g} times that of A", size=abs(factor - 1.0), unit="of it",
+    )  # fmt: skip

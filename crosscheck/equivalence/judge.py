@@ -1,0 +1,143 @@
+"""Judgement of differences: each is left out in turn; what leaves no more than the tolerance is not among the causes.
+
+The tree of A with all changes has to have B's efforts.  A difference is a *cause* where leaving it out, alone, leaves more than
+the tolerance of an effort's range; the rest is rounding of printed digits, or nothing that a torque of this mechanism can tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from crosscheck.equivalence.difference import Difference
+from crosscheck.equivalence.efforts import States, of_tree
+from crosscheck.equivalence.tree import Tree
+from flexinv.model.mechanism import Array
+
+# A coordinate whose efforts are that small beside the largest of all is judged against those: rounding sums over the whole tree.
+FLOOR = 1e-6
+KINEMATIC = ("position of joint", "orientation of joint", "joint axis", "pitch", "kind of joint")
+ROUNDED = 1e-3  # relative: a number is not a rounded other one where it is farther off
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Causes, what files round, what no torque can tell; the largest effort error [-] of its range before and after repair.
+
+    before_effort : the largest difference of an effort before repair [N m], [N], and at which joint
+    """
+
+    causes: tuple[Difference, ...]
+    rounding: tuple[Difference, ...]
+    unseen: tuple[Difference, ...]
+    conventions: tuple[Difference, ...]
+    limits: tuple[Difference, ...]
+    before: float
+    after: float
+    before_effort: float = 0.0
+    worst_joint: str = ""
+    rounding_effort: float = 0.0
+
+
+@dataclass(frozen=True)
+class Bench:
+    """The tree of A, states, and B's efforts there in A's coordinates [N m], [N]; kinds : A's moving joints as B has them."""
+
+    tree: Tree
+    states: States
+    wanted: Mapping[str, Array]
+
+    @property
+    def ranges(self) -> dict[str, Array]:
+        """Return the size of each effort (nv,) [N m], [N], that of the smallest ones FLOOR times the largest."""
+        sizes = {name: np.abs(rows).max(axis=0) for name, rows in self.wanted.items()}
+        largest = max((float(size.max(initial=0.0)) for size in sizes.values()), default=0.0) or 1.0
+        return {name: np.maximum(size, FLOOR * largest) for name, size in sizes.items()}
+
+    def efforts(self, differences: Iterable[Difference]) -> dict[str, Array]:
+        """Return the efforts of A with the changes of differences [N m], [N]."""
+        return of_tree(self.tree.changed(c for d in differences for c in d.changes), self.states)
+
+    def share(self, found: Mapping[str, Array], wanted: Mapping[str, Array]) -> tuple[float, float, str]:
+        """Return the largest difference over the range of its effort [-], the difference there [N m], [N], and its joint."""
+        worst = (0.0, 0.0, "")
+        for name, size in self.ranges.items():
+            gap = np.abs(found[name] - wanted[name]).max(axis=0, initial=0.0)
+            k = int(np.argmax(gap / size)) if gap.size else 0
+            if gap.size and gap[k] / size[k] > worst[0]:
+                worst = (float(gap[k] / size[k]), float(gap[k]), name)
+        return worst
+
+
+def judge(bench: Bench, found: Iterable[Difference], tolerance: float) -> Judged:
+    """Sort differences by what they do to efforts; tolerance : relative to the range of an effort [-]."""
+    found = list(found)
+    silent = [d for d in found if not d.cause]
+    acting = [d for d in found if d.cause and d.changes and d.family in ("rigid", "drive")]
+    stated = [d for d in found if d.cause and not d.changes and d.family in ("rigid", "drive")]
+    whole = bench.efforts([*silent, *acting])
+    after = bench.share(whole, bench.wanted)
+    before = bench.share(bench.efforts(silent), bench.wanted)
+    measured = [_measured(bench, d, [*silent, *acting], whole) for d in acting]
+    rounding = [d for d in measured if rounded(d)]
+    rest = [d for d in measured if not rounded(d)]
+    placed = [d for d in rest if d.cause in KINEMATIC]  # where a link goes is seen without any torque
+    rest, unseen = _minimal(bench, silent + rounding + placed, [d for d in rest if d not in placed], whole, tolerance)
+    rest = [*placed, *rest]
+    small = bench.efforts([*silent, *rest, *unseen]) if rounding else whole
+    conventions = [d for d in found if d.family == "convention"]
+    limits = [d for d in found if d.family == "limits"]
+    causes = sorted([*stated, *rest], key=lambda d: (d.family != "rigid", not d.structural, -(d.share or 0.0)))
+    return Judged(
+        tuple(causes), (*rounding, *(d for d in [*conventions, *limits] if rounded(d))), tuple(unseen),
+        tuple(d for d in conventions if not rounded(d)), tuple(d for d in limits if not rounded(d)),
+        before[0], after[0], before[1], before[2], bench.share(small, whole)[1],
+    )  # fmt: skip
+
+
+def rounded(difference: Difference) -> bool:
+    """Return True if a difference is below half the last digit that a file prints, and small beside the number itself."""
+    if not 0.0 < difference.size <= difference.printed * (1.0 + 1e-9):
+        return False
+    values = [_largest(text) for text in (difference.first, difference.second)]
+    return difference.size <= ROUNDED * max(*values, 1e-300) or difference.unit == "rad"
+
+
+def _largest(text: str) -> float:
+    numbers = []
+    for word in text.split():
+        try:
+            numbers.append(abs(float(word)))
+        except ValueError:
+            continue
+    return max(numbers, default=0.0)
+
+
+def _measured(bench: Bench, difference: Difference, every: list[Difference], whole: Mapping[str, Array]) -> Difference:
+    without = bench.efforts(d for d in every if d is not difference)
+    share, effort, _ = bench.share(without, whole)
+    return replace(difference, effect=effort, share=share)
+
+
+def _minimal(
+    bench: Bench, always: list[Difference], acting: list[Difference], whole: Mapping[str, Array], tolerance: float
+) -> tuple[list[Difference], list[Difference]]:
+    """Leave out, one after the other, what leaves no more than the tolerance; then all of a link, then all of rigid bodies."""
+    kept, unseen = list(acting), []
+
+    def left_out(group: list[Difference]) -> bool:
+        rest = [d for d in kept if d not in group]
+        return bool(group) and bench.share(bench.efforts([*always, *rest]), whole)[0] <= tolerance
+
+    small = [[d] for d in sorted(acting, key=lambda d: d.share or 0.0) if (d.share or 0.0) <= tolerance]
+    bodies = [d for d in acting if d.family == "rigid" and d.cause in ("mass", "centre of mass", "inertia tensor")]
+    places = list(dict.fromkeys(d.place for d in bodies))
+    groups = [[d for d in bodies if d.place == place] for place in places] + [bodies]
+    for group in [*small, *(g for g in groups if len(g) > 1)]:
+        group = [d for d in group if d in kept]
+        if left_out(group):
+            unseen += group
+            kept = [d for d in kept if d not in group]
+    return kept, unseen

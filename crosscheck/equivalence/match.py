@@ -1,0 +1,197 @@
+"""Matching of joints: by name, by name without a prefix, else by structure; what stays ambiguous is asked for.
+
+Structure: children of matched members are assigned so that the sum of costs over whole subtrees is least (Kuhn and Munkres).  The
+cost of a pair is how far their axes lie apart at zero over the size of the machine, and how different their masses are.  An
+assignment whose exchange of two costs about as little is a guess, and no guess is made.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import combinations, takewhile
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from crosscheck.equivalence.tree import Tree
+from flexinv.errors import InputError
+from flexinv.model.mechanism import Array, Placement
+
+IMPOSSIBLE = 1e6  # cost of a pair of joints of different kinds
+# Cost of the best assignment over that with two children exchanged, from which on it is a guess.
+GUESS = 0.5
+ALMOST = 1e-6  # costs below that are equal: rounding of printed numbers
+
+
+@dataclass(frozen=True)
+class Match:
+    """Pairs of joints of two trees, by joint of the first.
+
+    how : by joint "name", "prefix", "stated", "structure"; certainty : by joint, 1 less the cost over that of the next best [-]
+    """
+
+    pairs: Mapping[str, str]
+    how: Mapping[str, str] = field(default_factory=dict)
+    certainty: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def words(self) -> str:
+        """Return the ways in which joints were matched, in a sentence."""
+        ways = {
+            "name": "by name",
+            "prefix": "by name without prefix",
+            "stated": "as stated",
+            "structure": "by structure",
+        }
+        counted = {way: [j for j, how in self.how.items() if how == way] for way in ways}
+        parts = [f"{len(joints)} {ways[way]}" for way, joints in counted.items() if joints]
+        least = min((self.certainty[j] for j in counted["structure"]), default=1.0)
+        return (", ".join(parts) or "none") + (f" (certainty {least:.2f})" if counted["structure"] else "")
+
+
+def match(first: Tree, second: Tree, stated: Mapping[str, str]) -> Match:
+    """Return the joint of the second tree that each of the first is.
+
+    stated : pairs by joint of the first, which hold whatever the structure says
+    Raises InputError for names that do not exist, and where two joints could be exchanged.
+    """
+    _check(first, second, stated)
+    names = _by_name(first.moving, second.moving, stated)
+    pairs, how = {a: b for a, (b, _) in names.items()}, {a: way for a, (_, way) in names.items()}
+    certainty = dict.fromkeys(pairs, 1.0)
+    Assignment(first, second, pairs, how, certainty).extend(-1, -1)
+    return Match(pairs, how, certainty)
+
+
+def _check(first: Tree, second: Tree, stated: Mapping[str, str]) -> None:
+    for side, tree, names in (("A", first, stated.keys()), ("B", second, stated.values())):
+        for name in names:
+            if name not in tree.moving:
+                raise InputError(
+                    f"--match: {side} has no moving joint {name!r}; it has {', '.join(list(tree.moving)[:30])}"
+                )
+    if len(set(stated.values())) < len(stated):
+        raise InputError("--match: a joint of B is named twice; write each once")
+
+
+def _by_name(first: Iterable[str], second: Iterable[str], stated: Mapping[str, str]) -> dict[str, tuple[str, str]]:
+    found = {a: (b, "stated") for a, b in stated.items()}
+    rest_a, rest_b = [a for a in first if a not in stated], [b for b in second if b not in stated.values()]
+    found |= {a: (a, "name") for a in rest_a if a in rest_b}
+    left_a, left_b = [a for a in rest_a if a not in found], [b for b in rest_b if b not in found]
+    plain_a, plain_b = _plain(left_a, rest_a), _plain(left_b, rest_b)
+    for a in left_a:
+        same = [b for b in left_b if plain_b[b] == plain_a[a]]
+        if len(same) == 1 and sum(plain_a[x] == plain_a[a] for x in left_a) == 1:
+            found[a] = (same[0], "prefix")
+    return found
+
+
+def _plain(names: list[str], whole: list[str]) -> dict[str, str]:
+    """Names without the prefix that all joints of a machine share, and without what readers and writers differ in."""
+    letters = zip(*whole, strict=False) if len(whole) > 1 else ()
+    shared = takewhile(lambda column: len(set(column)) == 1, letters)
+    prefix = "".join(column[0] for column in shared)
+    prefix = prefix.rstrip("0123456789")
+    return {name: re.sub(r"[^a-z0-9]|joint", "", name.removeprefix(prefix).lower()) for name in names}
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """A matching that grows from the roots: members of one tree to those of the other; fixed ones are looked through."""
+
+    first: Tree
+    second: Tree
+    pairs: dict[str, str]
+    how: dict[str, str]
+    certainty: dict[str, float]
+
+    @cached_property
+    def poses(self) -> tuple[list[Placement], list[Placement]]:
+        """Return the frames of both trees' members, all joints at zero [m]."""
+        return self.first.poses(), self.second.poses()
+
+    @cached_property
+    def size(self) -> float:
+        """Return the extent of the machines [m]."""
+        places = [pose.position for pose in (*self.poses[0], *self.poses[1])]
+        return float(np.ptp(places, axis=0).max(initial=0.0)) or 1.0 if places else 1.0
+
+    def extend(self, a: int, b: int) -> None:
+        """Assign what two matched members carry to one another, and go on beyond."""
+        ours, theirs = _next(self.first, a), _next(self.second, b)
+        for k in ours:
+            joint = self.first.members[k].joint
+            if joint in self.pairs:
+                self.extend(k, self.second.moving[self.pairs[joint]])
+        free = [k for k in ours if self.first.members[k].joint not in self.pairs]
+        taken = set(self.pairs.values())
+        open_ = [k for k in theirs if self.second.members[k].joint not in taken]
+        if free and open_:
+            for k, other in self._assigned(free, open_):
+                self.extend(k, other)
+
+    def _assigned(self, ours: list[int], theirs: list[int]) -> list[tuple[int, int]]:
+        costs = np.array([[self.cost(k, m) for m in theirs] for k in ours])
+        rows, columns = linear_sum_assignment(costs)
+        made = []
+        for row, column in zip(rows, columns, strict=True):
+            if costs[row, column] >= IMPOSSIBLE:
+                continue
+            a, b = self.first.members[ours[row]].joint, self.second.members[theirs[column]].joint
+            self.pairs[a], self.how[a] = b, "structure"
+            self.certainty[a] = 1.0
+            made.append((ours[row], theirs[column]))
+        self._check_exchanges(costs, list(zip(rows, columns, strict=True)), ours, theirs)
+        return made
+
+    def _check_exchanges(self, costs: Array, chosen: list[tuple[int, int]], ours: list[int], theirs: list[int]) -> None:
+        """Refuse where two pairs could be exchanged at about the same cost."""
+        for (r1, c1), (r2, c2) in combinations(chosen, 2):
+            now, other = costs[r1, c1] + costs[r2, c2], costs[r1, c2] + costs[r2, c1]
+            doubt = (now + ALMOST) / (other + ALMOST)
+            names = [self.first.members[ours[r]].joint for r in (r1, r2)]
+            if other < IMPOSSIBLE and doubt > GUESS:
+                both = [self.second.members[theirs[c]].joint for c in (c1, c2)]
+                raise InputError(
+                    f"joints {names[0]!r} and {names[1]!r} could each be {both[0]!r} or {both[1]!r}: names and structure leave "
+                    f"it open; write --match {names[0]}={both[0]} (or {names[0]}={both[1]})"
+                )
+            for name in names:
+                self.certainty[name] = min(self.certainty[name], 1.0 - doubt)
+
+    def cost(self, a: int, b: int) -> float:
+        """Return the cost [-] of taking two members, and all they carry, for the same."""
+        one, two = self.first.members[a], self.second.members[b]
+        if one.kind != two.kind:
+            return IMPOSSIBLE
+        own = self._apart(a, b) + abs(one.mass - two.mass) / (one.mass + two.mass or 1.0)
+        ours, theirs = _next(self.first, a), _next(self.second, b)
+        lonely = abs(len(ours) - len(theirs))
+        if not ours or not theirs:
+            return own + lonely
+        costs = np.array([[self.cost(k, m) for m in theirs] for k in ours])
+        rows, columns = linear_sum_assignment(costs)
+        return own + lonely + float(np.minimum(costs[rows, columns], 2.0).sum())
+
+    def _apart(self, a: int, b: int) -> float:
+        """Distance of two axes at zero over the size of the machines, and the sine of the angle between them."""
+        one, two = self.first.members[a], self.second.members[b]
+        first, second = self.poses[0][a], self.poses[1][b]
+        along, other = first.rotation @ one.axis, second.rotation @ two.axis
+        if one.kind not in ("revolute", "prismatic", "helical"):
+            return float(np.linalg.norm(first.position - second.position)) / self.size
+        gap = second.position - first.position
+        off = 0.0 if one.kind == "prismatic" else float(np.linalg.norm(np.cross(along, gap)))
+        return off / self.size + float(np.linalg.norm(np.cross(along, other)))
+
+
+def _next(tree: Tree, index: int) -> list[int]:
+    """The moving members that a member carries, fixed ones between them left out."""
+    found = []
+    for k in tree.children(index):
+        found += _next(tree, k) if tree.members[k].kind == "fixed" else [k]
+    return found

@@ -1,0 +1,210 @@
+"""Differences of matched members, each in A's frames: bodies, axes, places, kinds, drives, conventions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from crosscheck.equivalence.align import SAME, Aligned
+from crosscheck.equivalence.difference import Change, Difference
+from crosscheck.equivalence.hints import factor_hints, tensor_hints
+from crosscheck.equivalence.rigid import angle, moved
+from crosscheck.equivalence.tree import SCALARS, Member
+from crosscheck.kit.tree import on
+from flexinv.model.mechanism import Array, Limits
+
+DRIVES = {
+    "rotor_inertia": ("rotor inertia", "kg m^2", "kg"),
+    "damping": ("damping", "N m s/rad", "N s/m"),
+    "friction": ("dry friction", "N m", "N"),
+    "stiffness": ("spring stiffness", "N m/rad", "N/m"),
+}
+BOUNDS = ("lower", "upper", "effort", "velocity")
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A member of A with the one of B, and how they are aligned; size : of the machines [m]; printed : by (element, quantity)."""
+
+    one: Member
+    two: Member
+    seat: Aligned
+    size: float
+    printed: Mapping[tuple[str, str], float] = field(default_factory=dict)
+
+    @property
+    def joint(self) -> str:
+        """Return the joint in words."""
+        return f"joint {self.one.joint}"
+
+    @property
+    def link(self) -> str:
+        """Return the link in words."""
+        return f"link {self.one.name}"
+
+    def digits(self, element: str, quantity: str) -> float:
+        """Return half the last digit that a file prints of a quantity, in its unit [any unit]; 0 where it prints none."""
+        return self.printed.get((element, quantity), 0.0)
+
+    def change(self, name: str, value: Any) -> Change:
+        """Return the change of one field of A's member [unit of the field]."""
+        return self.seat.first, name, value
+
+
+def differences(pair: Pair) -> Iterator[Difference]:
+    """Yield every difference of two matched members [unit of each]."""
+    yield from joint_differences(pair)
+    yield from body_differences(pair)
+    yield from drive_differences(pair)
+
+
+def joint_differences(pair: Pair) -> Iterator[Difference]:
+    """Yield differences of kind, place, axis [m], [rad], and of how the coordinate counts."""
+    one, two, seat = pair.one, pair.two, pair.seat
+    if one.kind != two.kind:
+        own = (pair.change("kind", two.kind), pair.change("axis", seat.frame.rotation @ two.axis))
+        yield Difference("rigid", "kind of joint", pair.joint, 1.0, "-", one.kind, two.kind, own, structural=True)
+        return
+    yield from _placement(pair)
+    if one.kind not in SCALARS:
+        return
+    axis = seat.frame.rotation @ two.axis * seat.sign
+    tilt = float(np.arctan2(np.linalg.norm(np.cross(one.axis, axis)), one.axis @ axis))
+    if tilt > SAME:
+        digits = pair.digits(one.joint, "axis")
+        changes = (pair.change("axis", axis),)
+        shown = _vector(one.axis), _vector(axis)
+        yield Difference("rigid", "joint axis", pair.joint, tilt, "rad", *shown, changes, printed=digits)
+    if one.kind == "helical" and abs(one.pitch - two.pitch) > SAME * abs(one.pitch):
+        yield _scalar(pair, "rigid", "pitch", "pitch", two.pitch, "m")
+    unit = "m" if one.kind == "prismatic" else "rad"
+    if seat.sign < 0:
+        yield Difference("convention", "sign of coordinate", pair.joint, 2.0, "-", "+", "-", hints=_left_limits(pair))
+    if abs(seat.offset) > SAME * (pair.size if unit == "m" else 1.0):
+        digits = pair.digits(one.joint, "position" if unit == "m" else "rotation")
+        yield Difference(
+            "convention", "zero of coordinate", pair.joint, abs(seat.offset), unit, "0", f"{seat.offset:.9g}",
+            hints=(*factor_hints(seat.offset, 0.0), *_left_limits(pair)), printed=digits,
+        )  # fmt: skip
+
+
+def _placement(pair: Pair) -> Iterator[Difference]:
+    one, rest = pair.one, pair.seat.rest
+    way, turn = float(np.linalg.norm(rest.position)), angle(rest.rotation)
+    target = on(one.placement, rest)
+    if way > SAME * pair.size:
+        changes = (pair.change("placement position", target.position),)
+        shown = _vector(one.placement.position), _vector(target.position)
+        hints = factor_hints(float(np.linalg.norm(target.position)), float(np.linalg.norm(one.placement.position)))
+        digits = np.sqrt(3) * pair.digits(one.joint, "position")
+        yield Difference("rigid", "position of joint", pair.joint, way, "m", *shown, changes, hints, printed=digits)
+    if turn > SAME:
+        changes = (pair.change("placement rotation", target.rotation),)
+        digits = np.sqrt(3) * pair.digits(one.joint, "rotation")
+        shown = _rpy(one.placement.rotation), _rpy(target.rotation)
+        yield Difference("rigid", "orientation of joint", pair.joint, turn, "rad", *shown, changes, printed=digits)
+
+
+def body_differences(pair: Pair) -> Iterator[Difference]:
+    """Yield differences of mass [kg], centre of mass [m] and tensor [kg m^2] of a link."""
+    one, there = pair.one, moved(pair.seat.frame, pair.two.inertia)
+    if abs(there.mass - one.mass) > SAME * max(one.mass, there.mass):
+        yield _scalar(pair, "rigid", "mass", "mass", there.mass, "kg", pair.link)
+    gap = float(np.linalg.norm(there.com - one.com))
+    if there.mass and (one.mass or one.tensor.any()) and gap > SAME * pair.size:
+        shown = _vector(one.com), _vector(there.com)
+        hints = factor_hints(float(np.linalg.norm(there.com)), float(np.linalg.norm(one.com)))
+        changes, digits = (pair.change("com", there.com),), np.sqrt(3) * pair.digits(one.name, "com")
+        yield Difference("rigid", "centre of mass", pair.link, gap, "m", *shown, changes, hints, printed=digits)
+    elif gap > 0.0:
+        yield Difference("rigid", "", pair.link, 0.0, "-", "", "", (pair.change("com", there.com),))
+    off = float(np.abs(there.tensor - one.tensor).max())
+    if off > SAME * max(float(np.abs(one.tensor).max()), float(np.abs(there.tensor).max())):
+        shown = _tensor(one.tensor), _tensor(there.tensor)
+        hints = tensor_hints(one.inertia, there)
+        changes, digits = (pair.change("tensor", there.tensor),), pair.digits(one.name, "tensor")
+        yield Difference("rigid", "inertia tensor", pair.link, off, "kg m^2", *shown, changes, hints, printed=digits)
+
+
+def drive_differences(pair: Pair) -> Iterator[Difference]:
+    """Yield differences of rotor, damping, friction, spring, gear [-] and limits."""
+    one, two, seat = pair.one, pair.two, pair.seat
+    if one.kind == "fixed":
+        return
+    for name, (cause, turning, sliding) in DRIVES.items():
+        ours, theirs = getattr(one, name), getattr(two, name)
+        if abs(ours - theirs) > SAME * max(abs(ours), abs(theirs)):
+            unit = sliding if one.kind == "prismatic" else turning
+            yield _scalar(pair, "drive", cause, name, theirs, unit)
+    rest = seat.sign * two.rest + seat.offset
+    if one.stiffness and two.stiffness and abs(rest - one.rest) > SAME:
+        yield _scalar(pair, "drive", "rest of spring", "rest", rest, "m" if one.kind == "prismatic" else "rad")
+    elif two.stiffness and rest != one.rest:
+        yield Difference("drive", "", pair.joint, 0.0, "-", "", "", (pair.change("rest", rest),))
+    if one.gear and two.gear and abs(one.gear - seat.sign * two.gear) > SAME * abs(one.gear):
+        yield _scalar(pair, "drive", "gear", "gear", seat.sign * two.gear, "-")
+    yield from _limits(pair)
+
+
+def _limits(pair: Pair) -> Iterator[Difference]:
+    """Limits, B's in A's coordinate; one that a file does not state is none."""
+    ours, theirs = pair.one.limits, _mapped(pair.two.limits, pair.seat)
+    if (pair.seat.sign < 0 or pair.seat.offset) and _close(ours, pair.two.limits):
+        return  # the coordinate counts otherwise and its limits were left: one thing, which the convention says
+    unit = "m" if pair.one.kind == "prismatic" else "rad"
+    units = dict(zip(BOUNDS, (unit, unit, "N" if unit == "m" else "N m", f"{unit}/s"), strict=True))
+    for name in BOUNDS:
+        a, b = getattr(ours, name), getattr(theirs, name)
+        if np.isfinite(a) and np.isfinite(b) and abs(a - b) > SAME * max(abs(a), abs(b), 1e-3):
+            changes = (pair.change(f"limits {name}", b),)
+            digits = 0.5e-4 * max(abs(a), abs(b))
+            yield Difference(
+                "limits", f"{name} limit", pair.joint, abs(b - a), units[name], f"{a:.9g}", f"{b:.9g}", changes,
+                factor_hints(b, a), printed=digits,
+            )  # fmt: skip
+
+
+def _left_limits(pair: Pair) -> tuple[str, ...]:
+    """Words where the limits are the same numbers although the coordinate counts otherwise: the sign of a mistake."""
+    ours, theirs = pair.one.limits, pair.two.limits
+    stated = np.isfinite(ours.lower) and not _close(ours, _mapped(theirs, pair.seat))
+    words = (
+        "its limits are the same numbers in both files, so that one of them allows other places: looks like a mistake"
+    )
+    return (words,) if stated and _close(ours, theirs) else ()
+
+
+def _mapped(limits: Limits, seat: Aligned) -> Limits:
+    ends = sorted((seat.sign * limits.lower + seat.offset, seat.sign * limits.upper + seat.offset))
+    return Limits(limits.effort, limits.velocity, *ends)
+
+
+def _close(one: Limits, two: Limits) -> bool:
+    return all(abs(getattr(one, n) - getattr(two, n)) <= SAME * abs(getattr(one, n)) or getattr(one, n) == getattr(two, n)
+               for n in BOUNDS[:2])  # fmt: skip
+
+
+def _scalar(pair: Pair, family: str, cause: str, name: str, value: float, unit: str, place: str = "") -> Difference:
+    ours = float(getattr(pair.one, name))
+    digits = pair.digits(pair.one.name if place else pair.one.joint, name)
+    return Difference(
+        family, cause, place or pair.joint, abs(value - ours), unit, f"{ours:.9g}", f"{value:.9g}",
+        (pair.change(name, value),), factor_hints(value, ours), printed=digits,
+    )  # fmt: skip
+
+
+def _vector(numbers: Array) -> str:
+    return " ".join(f"{x:.9g}" for x in np.where(np.abs(numbers) < 1e-15, 0.0, numbers))
+
+
+def _rpy(rotation: Array) -> str:
+    from crosscheck.engines.shared.urdf_text import roll_pitch_yaw
+
+    return _vector(np.array(roll_pitch_yaw(rotation))) + " rpy"
+
+
+def _tensor(tensor: Array) -> str:
+    return _vector(tensor[np.triu_indices(3)])

@@ -1,0 +1,55 @@
+"""Files of a comparison: a page, JSON, JUnit and Markdown in one folder."""
+
+from __future__ import annotations
+
+import datetime
+import json
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+from crosscheck import output_folder as owned
+from crosscheck.equivalence.output.text import GROUPS, line, markdown, repaired, rounding
+from crosscheck.equivalence.result import JUDGED, WORDS, Comparison
+from crosscheck.report.html import environment, style, write_page
+from crosscheck.report.junit import FORBIDDEN
+from crosscheck.verdicts.results import versions
+
+
+def write(found: Comparison, out: Path) -> None:
+    """Write index.html, results.json, junit.xml and summary.md into a folder.  Raises OSError."""
+    out.mkdir(parents=True, exist_ok=True)
+    style(out)
+    now = datetime.datetime.now().isoformat(timespec="seconds")
+    stamp = {"started": now, "versions": versions()}
+    view: dict[str, Any] = {
+        "found": found, "groups": [(title, getattr(found.judged, name)) for name, title in GROUPS], "words": WORDS,
+        "verdicts": [(WORDS[f], found.verdict(f)) for f in JUDGED], "repaired": repaired(found), "rounding": rounding(found),
+        "results": stamp, "root": "",
+    }  # fmt: skip
+    write_page(environment(), "compare.html.j2", out / "index.html", **view)
+    owned.write(out / "results.json", json.dumps(found.plain | stamp, indent=1, ensure_ascii=False))
+    owned.write(out / "summary.md", markdown(found))
+    owned.write(out / "junit.xml", junit(found))
+
+
+def junit(found: Comparison) -> bytes:
+    """Return the comparison as JUnit XML: a test case for each family, a failure where differences count."""
+    counted = found.differences
+    root = ET.Element("testsuites", name="crosscheck compare", time=f"{found.elapsed:.3f}")
+    suite = ET.SubElement(root, "testsuite", name=_clean(f"{found.first} and {found.second}"))
+    cases = [(WORDS[f], [line(d) for d in counted if d.family == f]) for f in found.families]
+    cases.append(("efforts", [repaired(found)] if found.unexplained else []))
+    for name, lines in cases:
+        case = ET.SubElement(suite, "testcase", classname="compare", name=name)
+        if lines:
+            ET.SubElement(case, "failure", message=_clean(lines[0])).text = _clean("\n".join(lines))
+    suite.set("tests", str(len(cases)))
+    suite.set("failures", str(sum(1 for _, lines in cases if lines)))
+    ET.indent(root)
+    text: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
+    return text
+
+
+def _clean(words: str) -> str:
+    return FORBIDDEN.sub("\N{REPLACEMENT CHARACTER}", words)

@@ -1,0 +1,110 @@
+"""Comparison in plain text and in Markdown: what differs, what it does to efforts, and what to write where."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from crosscheck.equivalence.difference import Difference
+from crosscheck.equivalence.result import WORDS, Comparison
+from crosscheck.report.words import short
+
+GROUPS = (
+    ("causes", "Differences that torques feel"),
+    ("conventions", "Other conventions: the same physics, coordinates that count otherwise"),
+    ("limits", "Other limits"),
+    ("unseen", "Differences that no torque of this mechanism can tell"),
+)
+
+
+def text(found: Comparison) -> str:
+    """Return the comparison as plain lines."""
+    lines = [f"A: {found.first}", f"B: {found.second}", found.sentence, f"joints matched: {found.matched}"]
+    for name, title in GROUPS:
+        group: tuple[Difference, ...] = getattr(found.judged, name)
+        if group:
+            lines += [f"{title}:", *(f"  {line(d)}" for d in group)]
+    lines += [*rounding(found), repaired(found)]
+    for place, written in found.advice:
+        lines += [f"{place}:", *(f"  {w}" for w in written)]
+    lines += [f"note: {note}" for note in found.notes]
+    return "\n".join(lines)
+
+
+def line(difference: Difference) -> str:
+    """Return a difference with its hints and its effect [N m], [N] in a line."""
+    parts = [difference.words, *difference.hints]
+    if difference.effect:
+        parts.append(
+            f"changes an effort by {short(difference.effect)} N m or N, {short(difference.share)} of its range"
+        )
+    return "; ".join(parts)
+
+
+def rounding(found: Comparison) -> list[str]:
+    """Return the line on numbers that differ in what their printed digits leave open; none where there are none."""
+    count = len(found.judged.rounding)
+    if not count:
+        return []
+    effect = short(found.judged.rounding_effort)
+    return [f"rounding: {count} numbers differ by less than their printed digits; effect {effect} N m or N"]
+
+
+def repaired(found: Comparison) -> str:
+    """Return the difference of efforts before and after repair, in words."""
+    judged = found.judged
+    if judged.before <= found.tolerance and not judged.causes:
+        return f"efforts agree to {short(judged.before)} of their ranges"
+    before = f"efforts differ by up to {short(judged.before)} of their ranges ({short(judged.before_effort)} N m or N"
+    where = f" at joint {judged.worst_joint})" if judged.worst_joint else ")"
+    return f"{before}{where}; with the differences put right, {short(judged.after)} is left"
+
+
+def markdown(found: Comparison) -> str:
+    """Return the comparison for a pull request or the summary of a CI step."""
+    return "\n".join(_markdown(found)) + "\n"
+
+
+def _markdown(found: Comparison) -> Iterator[str]:
+    yield f"## {'✓' if found.equal else '✗'} {_cell(found.sentence)}"
+    yield ""
+    yield f"A: `{found.first}` · B: `{found.second}` · joints matched: {_cell(found.matched)}"
+    for name, title in GROUPS:
+        group: tuple[Difference, ...] = getattr(found.judged, name)
+        if group:
+            yield from ("", f"### {title}", "", *_table(group))
+    yield ""
+    yield from (f"{_cell(words)}\n" for words in [*rounding(found), repaired(found)])
+    if found.advice:
+        yield "### What to write"
+        yield ""
+    for place, written in found.advice:
+        yield f"* {_cell(place)}"
+        yield from (f"  * {_code(words)}" for words in written)
+    yield from (f"* note: {_cell(note)}" for note in found.notes)
+    for side, lines in found.dropped:
+        yield f"\n<details><summary>what the mechanism of {_cell(side)} leaves out</summary>\n"
+        yield from (f"* {_cell(words)}" for words in lines)
+        yield "\n</details>"
+
+
+def _table(group: Iterable[Difference]) -> Iterator[str]:
+    yield "| what | where | A | B | size | effect | looks like |"
+    yield "|---|---|---|---|--:|--:|---|"
+    for d in group:
+        effect = f"{short(d.effect)} ({short(d.share)} of range)" if d.effect else ""
+        cells = [
+            f"{WORDS[d.family]}: {d.cause}", d.place, d.first, d.second, f"{d.size:.6g} {d.unit}", effect, "; ".join(d.hints)
+        ]  # fmt: skip
+        yield "| " + " | ".join(map(_cell, cells)) + " |"
+
+
+def _cell(words: str) -> str:
+    """Text that is no Markdown and no HTML."""
+    for sign in "\\`*_[]|":
+        words = words.replace(sign, "\\" + sign)
+    return " ".join(words.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;").split())
+
+
+def _code(words: str) -> str:
+    before, colon, code = words.partition(": ")
+    return f"{_cell(before)}: `{code.replace('`', ' ')}`" if colon else _cell(words)

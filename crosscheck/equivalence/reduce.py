@@ -1,0 +1,97 @@
+"""Reduction of two trees to members that match one to one: what moves in one only is held, other fixed links are merged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from crosscheck.equivalence.difference import Difference
+from crosscheck.equivalence.rigid import between
+from crosscheck.equivalence.tree import Tree, merged
+from flexinv.model.mechanism import Placement
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """Two trees with the same members: numbers of the second by those of the first, and what was held in which."""
+
+    first: Tree
+    second: Tree
+    pairs: list[tuple[int, int]]
+    found: tuple[Difference, ...] = ()
+
+
+def reduced(first: Tree, second: Tree, joints: dict[str, str], links: bool) -> Reduced:
+    """Return both trees with the members that match; links : keep fixed links that both have by name, too.
+
+    joints : matched joints by joint of the first.  Joints that only one of them has are held at zero, which is a difference.
+    """
+    found = [*_held(first, second, joints, "A"), *_held(second, first, {b: a for a, b in joints.items()}, "B")]
+    fixed = _fixed_pairs(first, second) if links else {}
+    while True:
+        one, numbers = merged(first, _others(first, set(joints), set(fixed)))
+        two, theirs = merged(second, _others(second, set(joints.values()), set(fixed.values())))
+        pairs = {numbers[first.moving[a]]: theirs[second.moving[b]] for a, b in joints.items()}
+        pairs |= {numbers[a]: theirs[b] for a, b in fixed.items()}
+        wrong = [a for a, b in fixed.items() if _apart(one, two, pairs, numbers[a], theirs[b])]
+        if not wrong:
+            break
+        fixed = {a: b for a, b in fixed.items() if a not in wrong}
+    one, moved = _rehung(one, two, pairs)
+    return Reduced(one, two, sorted(pairs.items()), (*found, *moved))
+
+
+def _others(tree: Tree, joints: set[str], fixed: set[int]) -> list[int]:
+    return [k for k, m in enumerate(tree.members) if (k not in fixed if m.kind == "fixed" else m.joint not in joints)]
+
+
+def _fixed_pairs(first: Tree, second: Tree) -> dict[int, int]:
+    """Fixed links of one name."""
+    theirs = {member.name: k for k, member in enumerate(second.members) if member.kind == "fixed"}
+    return {k: theirs[m.name] for k, m in enumerate(first.members) if m.kind == "fixed" and m.name in theirs}
+
+
+def _apart(one: Tree, two: Tree, pairs: dict[int, int], a: int, b: int) -> bool:
+    parent, other = one.members[a].parent, two.members[b].parent
+    return pairs.get(parent, -1) != other if parent >= 0 else other >= 0
+
+
+def _held(tree: Tree, other: Tree, joints: dict[str, str], side: str) -> Iterator[Difference]:
+    """Yield the joints that only one tree moves; what B has instead is said."""
+    fixed = {member.joint for member in other.members if member.kind == "fixed"}
+    there = "B" if side == "A" else "A"
+    for name, k in tree.moving.items():
+        if name in joints:
+            continue
+        kind, without = tree.members[k].kind, "fixed" if name in fixed else "none"
+        a, b = (kind, without) if side == "A" else (without, kind)
+        hint = f"{there} holds it" if name in fixed else f"{there} has no joint of this name, and none that could be it"
+        yield Difference(
+            "rigid",
+            f"joint that moves in {side} only",
+            f"joint {name}",
+            1.0,
+            "-",
+            a,
+            b,
+            hints=(hint,),
+            structural=True,
+        )
+
+
+def _rehung(one: Tree, two: Tree, pairs: dict[int, int]) -> tuple[Tree, list[Difference]]:
+    """Hang members of the first where the second has them, at zero where they stood; each is a difference."""
+    back, found, poses = {b: a for a, b in pairs.items()}, [], one.poses()
+    for index, other in sorted(pairs.items()):
+        carrier = back.get(two.members[other].parent, -1)
+        member = one.members[index]
+        if carrier == member.parent:
+            continue
+        place = between(poses[carrier] if carrier >= 0 else Placement(np.zeros(3)), poses[index])
+        a_name, b_name = (one.members[k].name if k >= 0 else "world" for k in (member.parent, carrier))
+        where = f"joint {member.joint}"
+        found.append(Difference("rigid", "parent of joint", where, 1.0, "-", a_name, b_name, structural=True))
+        one = one.changed([(index, "parent", carrier), (index, "placement", place)])
+    return replace(one), found

@@ -1,0 +1,69 @@
+"""Rigid motions of frames and of what bodies are, in NumPy: composed, inverted, applied to inertias."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crosscheck.kit.tree import on
+from flexinv.model.mechanism import Array, Inertia, Placement
+
+
+def inverse(frame: Placement) -> Placement:
+    """Return the outer frame in the inner one [m]."""
+    turn = frame.rotation.T
+    return Placement(-turn @ frame.position, turn)
+
+
+def between(first: Placement, second: Placement) -> Placement:
+    """Return the second of two frames of one space in the first [m]."""
+    return on(inverse(first), second)
+
+
+def moved(frame: Placement, body: Inertia) -> Inertia:
+    """Return a body that is stated in a frame in the frame outside of it [kg, m, kg m^2]."""
+    turn = frame.rotation
+    return Inertia(body.mass, frame.position + turn @ body.com, turn @ body.tensor @ turn.T)
+
+
+def angle(rotation: Array) -> float:
+    """Return the angle of a rotation [rad], with full digits near zero and near a half turn."""
+    skew = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
+    return float(np.arctan2(np.linalg.norm(skew) / 2, (np.trace(rotation) - 1) / 2))
+
+
+def angle_about(rotation: Array, axis: Array) -> float:
+    """Return the angle [rad] by which a rotation turns vectors across an axis about it: exact if it is a turn about the axis."""
+    skew = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
+    return float(np.arctan2(axis @ skew / 2, (np.trace(rotation) - axis @ rotation @ axis) / 2))
+
+
+def turned(axis: Array, turn: float) -> Array:
+    """Return the rotation (3, 3) [-] by an angle [rad] about an axis: Rodrigues's formula."""
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    made: Array = np.eye(3) + np.sin(turn) * cross + (1 - np.cos(turn)) * cross @ cross
+    return made
+
+
+def twist_map(frame: Placement) -> Array:
+    """Return Ad (6, 6) [-], [m]: the velocity (v, w) of a frame's origin as that of the outer one, both in their own axes."""
+    x, y, z = frame.position
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    turn = frame.rotation
+    return np.block([[turn, cross @ turn], [np.zeros((3, 3)), turn]])
+
+
+def quaternion(rotation: Array) -> Array:
+    """Return x, y, z, w [-] of a rotation: the largest of the four is computed from the trace (Shepperd)."""
+    squares = np.array([*(2 * np.diag(rotation) - np.trace(rotation)), np.trace(rotation)])
+    k = int(np.argmax(squares))
+    q = np.empty(4)
+    q[k] = np.sqrt(1 + squares[k]) / 2
+    antisymmetric = [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
+    if k == 3:
+        q[:3] = np.array(antisymmetric) / (4 * q[3])
+        return q
+    for other in {0, 1, 2} - {k}:
+        q[other] = (rotation[k, other] + rotation[other, k]) / (4 * q[k])
+    q[3] = antisymmetric[k] / (4 * q[k])
+    return q

@@ -1,0 +1,207 @@
+"""Sources of descriptions: files by what they hold, ``FILE@ENGINE`` by that engine's own reader, models in memory."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from crosscheck.doors.packages import installed
+from crosscheck.engines import ENGINES, Engine, loaded, missing
+from crosscheck.engines.base import offered
+from crosscheck.lifting.description import Description
+from crosscheck.lifting.kit import lift_kit
+from crosscheck.lifting.toml import lift_toml
+from crosscheck.lifting.urdf import lift_urdf
+from flexinv.errors import InputError
+from flexinv.files.toml_tables import complaint
+from flexinv.files.urdf_xml import read_xml
+from flexinv.model.mechanism import WORLD, Mechanism
+
+# Readers of files that this project does not read itself, the first that is installed: by format.
+READERS = {"mjcf": ("mujoco",), "sdf": ("drake", "dart"), "usd": ("newton",)}
+ROOTS = {"robot": "urdf", "mujoco": "mjcf", "sdf": "sdf"}
+USD = (b"PXR-USDC", b"#usda", b"PK\x03\x04")
+WRITE = "a URDF, MJCF, SDF or mechanism.toml, a folder with mechanism.toml or case.json, or FILE@ENGINE"
+
+
+def describe(source: Any, base: str = "fixed") -> Description:
+    """Return the description of a file, a model in memory, a mechanism or a description [m, kg, rad].
+
+    base : how the root of a URDF is held, "fixed" or "free", where the file does not say
+    Raises InputError: the file, what was given, what was expected, what to write.
+    """
+    if isinstance(source, Description):
+        return source
+    if isinstance(source, Mechanism):
+        return Description(source.name, source, "live")
+    if not isinstance(source, str | Path):
+        return _live(source)
+    name, engine = _split(str(source))
+    path = Path(name)
+    if engine:
+        found = replace(_by_engine(path, engine), label=f"{path.name}@{engine}", reader=engine)
+    elif path.is_dir():
+        found = _folder(path)
+    else:
+        found = _file(path, base)
+    return found
+
+
+def describe_pair(a: Any, b: Any) -> tuple[Description, Description]:
+    """Return two descriptions; where one says that its root is free and the other says nothing, that is taken to be free, too.
+
+    Two of one name are told apart by their folders.  Raises InputError.
+    """
+    first, second = describe(a), describe(b)
+    if _floats(first) != _floats(second):
+        first = _freed(first, a) if not first.root_stated and _floats(second) else first
+        second = _freed(second, b) if not second.root_stated and _floats(first) else second
+    if first.label == second.label:
+        labels = [str(source) if isinstance(source, str | Path) else d.label for source, d in ((a, first), (b, second))]
+        if labels[0] == labels[1]:
+            labels = [f"{labels[0]} (A)", f"{labels[1]} (B)"]
+        first, second = replace(first, label=labels[0]), replace(second, label=labels[1])
+    return first, second
+
+
+def _floats(description: Description) -> bool:
+    return any(joint.kind == "free" and joint.parent == WORLD for joint in description.mechanism.joints)
+
+
+def _freed(description: Description, source: Any) -> Description:
+    """A URDF whose root is free; one that an engine has read keeps what that engine made of it."""
+    if description.reader != "flexinv":
+        return description
+    free = describe(source, "free")
+    words = "its root: a URDF does not say whether it is held; taken to be free, as in the other description"
+    return replace(free, dropped=(*free.dropped, words))
+
+
+def _split(text: str) -> tuple[str, str]:
+    """FILE@ENGINE; a file whose own name has an @ is itself."""
+    name, at, engine = text.rpartition("@")
+    return (name, engine) if at and name and "/" not in engine and not Path(text).exists() else (text, "")
+
+
+def _folder(path: Path) -> Description:
+    if (path / "case.json").is_file():
+        return lift_kit(path / "case.json")
+    if (path / "mechanism.toml").is_file():
+        return lift_toml(path)
+    raise complaint(str(path), "a folder without mechanism.toml and case.json", "one of the two", WRITE)
+
+
+def _file(path: Path, base: str) -> Description:
+    if not path.exists():
+        raise InputError(
+            f"{path}\n  given:    no such file\n  expected: a description of a machine\n  write:    {WRITE}"
+        )
+    if path.suffix == ".toml":
+        return lift_toml(path)
+    if path.suffix == ".json":
+        return lift_kit(path)
+    kind = kind_of(path)
+    found = lift_urdf(path, base) if kind == "urdf" else _by_engine(path, _reader(path, kind))
+    return replace(found, label=path.name, dropped=(*_suffix(path, kind), *found.dropped))
+
+
+def kind_of(path: Path) -> str:
+    """Return the format of a file by what it holds: urdf, mjcf, sdf or usd.  Raises InputError."""
+    with path.open("rb") as stream:
+        start = stream.read(4096)
+    if not start.strip():
+        raise InputError(
+            f"{path}\n  given:    an empty file\n  expected: a description of a machine\n  write:    {WRITE}"
+        )
+    if start.startswith(USD):
+        return "usd"
+    root = None if path.suffix == ".xacro" else read_xml(path)
+    if root is None or any(str(part.tag).partition("}")[0].endswith("/xacro") for part in root.iter()):
+        raise InputError(
+            f"{path}\n  given:    a xacro, which is a program that writes a URDF\n  expected: the URDF itself\n"
+            f"  write:    xacro {path.name} > {path.name.removesuffix('.xacro').removesuffix('.urdf')}.urdf"
+        )
+    kind = ROOTS.get(root.tag)
+    if kind is None:
+        expected = ", ".join(f"<{tag}>" for tag in ROOTS)
+        raise InputError(f"{path}\n  given:    <{root.tag[:60]}>\n  expected: {expected}\n  write:    {WRITE}")
+    return kind
+
+
+def _suffix(path: Path, kind: str) -> Iterator[str]:
+    wrong = {".urdf": "urdf", ".sdf": "sdf", ".mjcf": "mjcf"}.get(path.suffix.lower(), kind)
+    if wrong != kind:
+        yield f"suffix {path.suffix}: the file is {kind.upper()}, and is read as that"
+
+
+def _engines() -> dict[str, Engine]:
+    return {**ENGINES, **installed()}
+
+
+def _reader(path: Path, kind: str) -> str:
+    engines = _engines()
+    for name in READERS[kind]:
+        if name in engines and missing(engines[name]) is None:
+            return name
+    packages = " or ".join(f"crosscheck-{n}" if n not in ENGINES else n for n in READERS[kind])
+    raise InputError(
+        f"{path}\n  given:    {kind.upper()}\n  expected: a reader of it: {' or '.join(READERS[kind])}\n"
+        f"  write:    python -m pip install {packages}, which is not installed here"
+    )
+
+
+def readers(kind: str) -> list[str]:
+    """Return the engines that have a reader of their own for a format, those that are installed."""
+    found = []
+    for name, engine in _engines().items():
+        if "-" in name or missing(engine) is not None or name in ("measured", "flexinv"):
+            continue
+        try:
+            adapter: Any = loaded(engine.module)
+        except ImportError:
+            continue
+        if offered(adapter, "lift") is not None and kind in getattr(adapter, "READS", ("urdf", "mjcf")):
+            found.append(name)
+    return found
+
+
+def _by_engine(path: Path, name: str) -> Description:
+    engines = _engines()
+    if name == "flexinv":
+        return _file(path, "fixed")
+    if name not in engines:
+        known = ", ".join(n for n in engines if "-" not in n and n != "measured")
+        raise InputError(f"{path}@{name}: no engine is called {name!r}; known: {known}")
+    if words := missing(engines[name]):
+        raise InputError(f"{path}@{name}: {words}")
+    lift = offered(loaded(engines[name].module), "lift")
+    if lift is None:
+        raise InputError(
+            f"{path}@{name}: {name} has no reader of its own here; write one of {', '.join(readers('urdf'))}"
+        )
+    if not path.is_file():
+        raise InputError(
+            f"{path}\n  given:    no such file\n  expected: a description of a machine\n  write:    {WRITE}"
+        )
+    kind_of(path)
+    found: Description = lift(path)
+    return found
+
+
+def _live(source: Any) -> Description:
+    """A model in memory: asked are the engines whose package is loaded already."""
+    for engine in _engines().values():
+        if engine.requires not in sys.modules or "-" in engine.name:
+            continue
+        adapter: Any = loaded(engine.module)
+        lifts, lift = offered(adapter, "lifts"), offered(adapter, "lift")
+        if lifts is not None and lift is not None and lifts(source):
+            found: Description = lift(source)
+            return replace(found, reader=engine.name)
+    kind = type(source).__module__ + "." + type(source).__name__
+    raise InputError(
+        f"{kind}: no engine knows a model of this kind; expected {WRITE}, mjModel, pin.Model or a mechanism"
+    )

@@ -1,0 +1,184 @@
+"""Trees that are compared: a mechanism as members, each a link on its joint, every number a field that can be exchanged.
+
+A member's frame is its link's frame.  Universal joints are two members, continuous joints revolute ones without limits, all
+bodies of a link are one.  ``parts`` are the links that a member was merged from, in its frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from crosscheck.equivalence.rigid import moved
+from crosscheck.kit.tree import on
+from flexinv.model.mechanism import WORLD, Array, Body, Inertia, Joint, Limits, Link, Mechanism, Placement
+
+SCALARS = ("revolute", "prismatic", "helical")
+PASSIVE = ("rotor_inertia", "damping", "friction", "stiffness", "rest")
+
+
+@dataclass(frozen=True)
+class Member:
+    """A link and the joint that carries it.
+
+    name, joint : of the link and of the joint; kind : revolute, prismatic, helical, spherical, free or fixed
+    parent : number of the member that carries it, -1 the world; placement : of the joint in the parent's frame [m]
+    axis : (3,) [-] in the joint's frame, which is the member's too; pitch : [m]
+    mass [kg], com (3,) [m], tensor (3, 3) [kg m^2] about the centre of mass : of the link, in its frame
+    parts : links that make it up, with their own inertia in the member's frame
+    rotor_inertia ... rest, limits : as a `Joint` has them; gear : of its actuator [-], 0 without one
+    """
+
+    name: str
+    joint: str
+    kind: str
+    parent: int
+    placement: Placement
+    axis: Array
+    pitch: float = 0.0
+    mass: float = 0.0
+    com: Array = field(default_factory=lambda: np.zeros(3))
+    tensor: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    parts: tuple[tuple[str, Inertia], ...] = ()
+    rotor_inertia: float = 0.0
+    damping: float = 0.0
+    friction: float = 0.0
+    stiffness: float = 0.0
+    rest: float = 0.0
+    limits: Limits = field(default_factory=Limits)
+    gear: float = 0.0
+
+    def changed(self, name: str, value: Any) -> Member:
+        """Return the member with another field; "placement position", "limits lower" are parts of one [unit of the field]."""
+        record, _, part = name.partition(" ")
+        return replace(self, **{record: replace(getattr(self, record), **{part: value}) if part else value})
+
+    @property
+    def inertia(self) -> Inertia:
+        """Return mass [kg], centre [m] and tensor [kg m^2] as one record."""
+        return Inertia(self.mass, self.com, self.tensor)
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Members, parents before children, under gravity (3,) [m/s^2]; couplings: factors by joint [-], offset [rad], by name."""
+
+    members: tuple[Member, ...]
+    gravity: Array
+    couplings: Mapping[str, tuple[Mapping[str, float], float]] = field(default_factory=dict)
+
+    def children(self, index: int) -> list[int]:
+        """Return the numbers of the members that a member carries."""
+        return [k for k, member in enumerate(self.members) if member.parent == index]
+
+    @property
+    def moving(self) -> dict[str, int]:
+        """Return the numbers of the members that move, by joint."""
+        return {member.joint: k for k, member in enumerate(self.members) if member.kind != "fixed"}
+
+    def poses(self) -> list[Placement]:
+        """Return the frame of every member in the world, all joints at zero [m]."""
+        found: list[Placement] = []
+        for member in self.members:
+            found.append(on(found[member.parent], member.placement) if member.parent >= 0 else member.placement)
+        return found
+
+    def changed(self, changes: Iterable[tuple[int, str, Any]]) -> Tree:
+        """Return the tree with other fields, (member or -1 for the tree itself, field, value) each [unit of it]."""
+        members, own = list(self.members), {}
+        for index, name, value in changes:
+            if index < 0:
+                own[name] = value
+            else:
+                members[index] = members[index].changed(name, value)
+        return replace(self, members=tuple(members), **own)
+
+
+def tree_of(mechanism: Mechanism, gears: Mapping[str, float]) -> Tree:
+    """Return the members of a rigid mechanism; gears : by joint [-]."""
+    members: list[Member] = []
+    number = {WORLD: -1}
+    for joint in mechanism.joints:
+        for member in _members(mechanism, joint, number[joint.parent], len(members), gears.get(joint.name, 0.0)):
+            members.append(member)
+        number[joint.child] = len(members) - 1
+    couplings = {c.name: (dict(c.factors), c.offset) for c in mechanism.closures if c.kind == "coupling"}
+    return Tree(tuple(members), np.asarray(mechanism.gravity), couplings)
+
+
+def _members(mechanism: Mechanism, joint: Joint, parent: int, count: int, gear: float) -> Iterator[Member]:
+    link = mechanism.link_of[joint.child]
+    body = sum_of([part.inertia for part in link.bodies])
+    passive: dict[str, Any] = {name: getattr(joint, name) for name in PASSIVE}
+    own: dict[str, Any] = {"mass": body.mass, "com": body.com, "tensor": body.tensor, "parts": ((link.name, body),)}
+    if joint.kind == "universal":
+        names = joint.name + ".1", joint.name + ".2"
+        yield Member(f"{joint.name}.between", names[0], "revolute", parent, joint.placement, joint.axis, **passive)
+        yield Member(link.name, names[1], "revolute", count, Placement(), joint.second_axis, **passive, **own)
+        return
+    kind = "revolute" if joint.kind == "continuous" else joint.kind
+    yield Member(
+        link.name, joint.name, kind, parent, joint.placement, joint.axis, joint.pitch, limits=joint.limits, gear=gear,
+        **passive, **own,
+    )  # fmt: skip
+
+
+def sum_of(parts: Iterable[Inertia]) -> Inertia:
+    """Return bodies of one frame as one body [kg, m, kg m^2]; tensors by Steiner's theorem.
+
+    A body without mass keeps its centre where it is alone; its tensor is added as it is.
+    """
+    parts = [part for part in parts if part.mass or part.tensor.any()]
+    if len(parts) == 1:
+        return parts[0]
+    mass = sum(part.mass for part in parts)
+    com = sum((part.mass * part.com for part in parts), np.zeros(3)) / (mass or 1.0)
+    tensor = np.zeros((3, 3))
+    for part in parts:
+        d = part.com - com
+        tensor = tensor + part.tensor + part.mass * (float(d @ d) * np.eye(3) - np.outer(d, d))
+    return Inertia(float(mass), com, tensor)
+
+
+def merged(tree: Tree, still: Iterable[int]) -> tuple[Tree, dict[int, int]]:
+    """Return the tree with members merged into their carriers where they stand at zero, and new numbers by old ones.
+
+    What is merged into the world is left out: it does not move.
+    """
+    still, number, seats, members = set(still), {-1: -1}, {-1: (-1, Placement())}, []  # type: ignore[var-annotated]
+    for k, member in enumerate(tree.members):
+        carrier, place = seats[member.parent]
+        here = on(place, member.placement)
+        if k in still:
+            seats[k] = (carrier, here)
+            if carrier >= 0:
+                members[carrier] = _joined(members[carrier], here, member)
+            continue
+        number[k] = len(members)
+        seats[k] = (number[k], Placement())
+        members.append(replace(member, parent=carrier, placement=here))
+    return replace(tree, members=tuple(members)), number
+
+
+def _joined(carrier: Member, place: Placement, member: Member) -> Member:
+    parts = (*carrier.parts, *((name, moved(place, body)) for name, body in member.parts))
+    body = sum_of([inertia for _, inertia in parts])
+    return replace(carrier, parts=parts, mass=body.mass, com=body.com, tensor=body.tensor)
+
+
+def mechanism_of(tree: Tree) -> Mechanism:
+    """Return the tree as a mechanism of the same coordinates [m, kg, rad]; couplings are left to who compares them."""
+    links = {-1: WORLD} | {k: f"link {k}" for k in range(len(tree.members))}
+    made = [
+        Joint(
+            member.joint, member.kind, links[member.parent], links[k], member.placement, axis=member.axis, pitch=member.pitch,
+            **({name: getattr(member, name) for name in PASSIVE} if member.kind in SCALARS else
+               {name: getattr(member, name) for name in PASSIVE[:3]}),
+        )
+        for k, member in enumerate(tree.members)
+    ]  # fmt: skip
+    bodies = [Link(links[k], (Body("body", member.inertia),)) for k, member in enumerate(tree.members)]
+    return Mechanism("compared", tuple(bodies), tuple(made), gravity=tree.gravity)

@@ -1,0 +1,39 @@
+"""Description of a machine as it was lifted: the mechanism, the numbers of its drives, and the rest in words.
+
+A *lift* is a function of an engine's adapter (`crosscheck.engines.base`): it takes a file, or a model of that engine in memory,
+and returns a `Description`.  Nothing is repaired on the way: what the source says is in the mechanism, or is said to be dropped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from flexinv.model.mechanism import Mechanism
+
+FORMATS = ("urdf", "mjcf", "sdf", "toml", "kit", "usd", "live")
+
+
+@dataclass(frozen=True)
+class Description:
+    """One description of a machine.
+
+    label : what it is called in words and tables; format : one of ``FORMATS``; reader : what read it
+    gears : by joint, the factor between an actuator and the joint [-], [1/rad]
+    dropped : what the source says and the mechanism does not, a line each
+    printed : by (element, quantity) half of the last printed digit [unit of the quantity]: what rounding explains
+    precision : relative rounding of the reader's own numbers [-]
+    root_stated : False where the source does not say whether its root is held, as a URDF
+    """
+
+    label: str
+    mechanism: Mechanism
+    format: str
+    reader: str = "flexinv"
+    gears: Mapping[str, float] = field(default_factory=dict)
+    dropped: tuple[str, ...] = ()
+    printed: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    precision: float = 0.0
+    file: Path | None = None
+    root_stated: bool = True

@@ -1,0 +1,73 @@
+"""A case kit as a description: the mechanism of its ``case.json``, resolved."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from crosscheck.kit.tables import BodyData, CaseFile, ClosureData, End, Frame, JointData, MechanismData
+from crosscheck.lifting.description import Description
+from flexinv.errors import InputError
+from flexinv.files.toml_tables import complaint
+from flexinv.model.mechanism import Attachment, Body, Closure, Inertia, Joint, Link, Mechanism, Placement
+
+LARGEST = 64 << 20  # [byte]
+
+
+def lift_kit(path: Path) -> Description:
+    """Return the mechanism of a kit's ``case.json`` [m, kg, rad].  Raises InputError."""
+    if path.stat().st_size > LARGEST:
+        raise InputError(f"{path}: more than {LARGEST} bytes; expected the case.json of a case kit")
+    try:
+        said = CaseFile.model_validate_json(path.read_bytes()).mechanism
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"])) or "the top of the file"
+        advice = "crosscheck kit NAME --case CASE, which writes one"
+        raise complaint(f"{path}: {where}", first["msg"], "the case.json of a case kit", advice) from None
+    if beams := [link.name for link in said.links if link.beam is not None]:
+        raise InputError(f"{path}: links that bend are not compared yet: {', '.join(beams)}")
+    dropped = tuple(f"{len(getattr(said, k))} {k}: not compared" for k in ("springs", "forces") if getattr(said, k))
+    return Description(f"{path.parent.name}/{path.name}", _mechanism(said), "kit", dropped=dropped, file=path)
+
+
+def _mechanism(said: MechanismData) -> Mechanism:
+    return Mechanism(
+        said.name,
+        tuple(Link(link.name, tuple(map(_body, link.bodies)), tip=np.array(link.tip)) for link in said.links),
+        tuple(map(_joint, said.joints)),
+        gravity=np.array(said.gravity),
+        closures=tuple(map(_closure, said.closures)),
+        title=said.title,
+    )
+
+
+def _body(said: BodyData) -> Body:
+    return Body(said.name, Inertia(said.mass, np.array(said.com), np.array(said.inertia)))
+
+
+def _frame(said: Frame) -> Placement:
+    return Placement(np.array(said.position), np.array(said.rotation))
+
+
+def _joint(said: JointData) -> Joint:
+    own: dict[str, Any] = {
+        name: getattr(said, name)
+        for name in ("rotor_inertia", "damping", "friction", "stiffness", "rest", "actuated", "weight", "pitch")
+    }
+    axes: dict[str, Any] = {"axis": np.array(said.axis), "second_axis": np.array(said.second_axis)}
+    return Joint(said.name, said.kind, said.parent, said.child, _frame(said.frame), **axes, **own)
+
+
+def _end(said: End) -> Attachment:
+    return Attachment(said.link, _frame(said.frame))
+
+
+def _closure(said: ClosureData) -> Closure:
+    return Closure(
+        said.name, said.kind, _end(said.first), _end(said.second), np.array(said.axis), np.array(said.second_axis),
+        factors=tuple(said.factors.items()), offset=said.offset,
+    )  # fmt: skip

@@ -1,0 +1,93 @@
+"""Printed digits of a file's numbers: half of a last digit is what rounding of a number can have done to it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+NUMBER = re.compile(r"^[+-]?(\d*)(?:\.(\d*))?(?:[eE]([+-]?\d+))?$")
+INERTIAS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+
+
+def half_digit(text: str | None) -> float:
+    """Return half a unit of the last printed digit of the most coarsely printed number in a text, in its own unit [any unit].
+
+    Whole numbers are exact: ``0 0 1`` is an axis, not a rounded one.
+    """
+    return max((_half(word) for word in (text or "").split()), default=0.0)
+
+
+def _half(word: str) -> float:
+    found = NUMBER.match(word)
+    if found is None or not (found[2] or found[3]):
+        return 0.0
+    return 0.5 * 10.0 ** (int(found[3] or 0) - len(found[2] or ""))
+
+
+def printed_of_urdf(robot: Element) -> dict[tuple[str, str], float]:
+    """Return by (element, quantity) the half digits of a URDF: [kg], [m], [kg m^2], [rad]."""
+    found: dict[tuple[str, str], float] = {}
+    for link in robot.findall("link"):
+        found.update(_inertial(link))
+    for joint in robot.findall("joint"):
+        name, origin, axis = joint.get("name", ""), joint.find("origin"), joint.find("axis")
+        found[name, "position"] = half_digit(_get(origin, "xyz"))
+        found[name, "rotation"] = half_digit(_get(origin, "rpy"))
+        found[name, "axis"] = half_digit(_get(axis, "xyz"))
+        for key in ("damping", "friction"):
+            found[name, key] = half_digit(_get(joint.find("dynamics"), key))
+        mimic = joint.find("mimic")
+        found[f"mimic {name}", "factor"] = half_digit(_get(mimic, "multiplier"))
+    return found
+
+
+def _inertial(link: Element) -> Iterator[tuple[tuple[str, str], float]]:
+    name, inertial = link.get("name", ""), link.find("inertial")
+    if inertial is None:
+        return
+    origin, entries = inertial.find("origin"), inertial.find("inertia")
+    turn, texts = half_digit(_get(origin, "rpy")), [_get(entries, key) for key in INERTIAS]
+    yield (name, "mass"), half_digit(_get(inertial.find("mass"), "value"))
+    yield (name, "com"), half_digit(_get(origin, "xyz"))
+    yield (name, "tensor"), max(map(half_digit, texts)) + turn * _largest(texts)
+
+
+def _get(element: Element | None, key: str) -> str | None:
+    return None if element is None else element.get(key)
+
+
+def _largest(texts: Iterable[str | None]) -> float:
+    sizes = [0.0]
+    for word in texts:
+        try:
+            sizes.append(abs(float(word or 0.0)))
+        except ValueError:
+            continue
+    return float(np.nanmax(sizes))
+
+
+def printed_of_mjcf(root: Element) -> dict[tuple[str, str], float]:
+    """Return the half digits that an MJCF's bodies and joints state themselves: [kg], [m], [kg m^2], [-]."""
+    found: dict[tuple[str, str], float] = {}
+    for body in root.iter("body"):
+        name, inertial = body.get("name", ""), body.find("inertial")
+        frame = (
+            half_digit(_get(body, "pos")),
+            max(half_digit(_get(body, key)) for key in ("quat", "euler", "axisangle")),
+        )
+        if inertial is not None:
+            texts = (inertial.get("diaginertia"), inertial.get("fullinertia"))
+            words = [word for text in texts for word in (text or "").split()]
+            found[name, "mass"] = half_digit(inertial.get("mass"))
+            found[name, "com"] = half_digit(inertial.get("pos"))
+            found[name, "tensor"] = half_digit(" ".join(words)) + 2 * half_digit(inertial.get("quat")) * _largest(words)
+        for joint in body.findall("joint"):
+            own = joint.get("name", "")
+            found[own, "position"], found[own, "rotation"] = frame[0], 2 * frame[1]
+            found[own, "axis"] = half_digit(joint.get("axis"))
+            for key, ours in (("armature", "rotor_inertia"), ("damping", "damping"), ("frictionloss", "friction")):
+                found[own, ours] = half_digit(joint.get(key))
+    return found

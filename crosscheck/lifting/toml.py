@@ -1,0 +1,28 @@
+"""A mechanism of ours as a description: its drives expanded into rotors, friction and gears."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+from crosscheck.lifting.description import Description
+from crosscheck.measures.mechanisms import read_mechanism
+from flexinv.model.drive_expansion import expanded
+
+
+def lift_toml(path: Path) -> Description:
+    """Return the mechanism of a folder or of its file [m, kg, rad].  Raises InputError."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        stated = read_mechanism(path)
+    gears = {joint.name: joint.drive.ratio for joint in stated.joints if joint.drive is not None}
+    mechanism = expanded(stated)
+    dropped = [str(one.message) for one in caught]
+    dropped += [
+        f"{len(getattr(stated, key))} {key}: not compared" for key in ("springs", "forces") if getattr(stated, key)
+    ]
+    label = f"{path.parent.name}/{path.name}" if path.suffix else path.name
+    return Description(
+        label, replace(mechanism, springs=(), forces=()), "toml", "flexinv", gears, tuple(dropped), file=path
+    )

@@ -1,0 +1,1 @@
+"""One description alone: findings of what no machine can have, or what readers make different things of."""

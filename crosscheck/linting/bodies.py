@@ -1,0 +1,164 @@
+"""Findings in bodies: tensors that no body has, masses and sizes that look like other units, defaults, left and right."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from crosscheck.linting.finding import Finding, error, warning
+from flexinv.files.bodies import impossible
+from flexinv.model.mechanism import Inertia
+
+HEAVY, LIGHT = 1000.0, 1e-6  # [kg]: heavier or lighter links look like grams or tonnes
+FAR = 10.0  # [m]: a centre of mass that far from its joint looks like mm
+WIDE = 10.0  # radius of gyration over the size of the machine from which on a tensor looks like g mm^2, or like a typing error
+SIDE = 0.02  # relative: how much left and right may differ
+NOISE = 1e-12  # [m^2]: moments over the mass, the square of a micrometre, are a program's rounding
+COPIES = 3  # links with one tensor and different masses
+# Words for sides: a name with the first has a partner with the second.
+SIDES = (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT"), ("l", "r"), ("L", "R"), ("FL", "FR"), ("RL", "RR"),
+         ("HL", "HR"), ("LF", "RF"), ("LH", "RH"), ("lf", "rf"), ("lh", "rh"), ("fl", "fr"), ("hl", "hr"))  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Stated:
+    """Statements of a file on one link: inertia along its axes; moves: a joint with a freedom carries it; written: it has one."""
+
+    name: str
+    inertia: Inertia
+    moves: bool
+    written: bool = True
+
+
+def body_findings(links: Mapping[str, Stated], size: float) -> Iterator[Finding]:
+    """Yield findings in the inertias of links [kg, m, kg m^2]; size : of the machine [m]."""
+    for link in links.values():
+        if link.written:
+            yield from _own(link, size)
+    yield from _defaults(links)
+    yield from _sides(links)
+
+
+def _own(link: Stated, size: float) -> Iterator[Finding]:
+    place, body = f"link {link.name}", link.inertia
+    if not all(np.all(np.isfinite(part)) for part in (body.mass, body.com, body.tensor)):
+        yield error("number", place, "NaN or infinite", "an inertia of numbers", "the measured or computed numbers")
+        return
+    if body.mass < 0:
+        yield error(
+            "mass", place, f"{body.mass:g} kg", "no body has a negative mass", f'<mass value="{-body.mass:g}"/>'
+        )
+    none = bool(np.abs(body.tensor).max() <= NOISE * body.mass)
+    if not none and (reason := impossible(body.tensor)):
+        advice = (
+            "the tensor about the centre of mass: principal moments p1 + p2 >= p3; some readers replace such a tensor"
+        )
+        yield error("tensor", place, _moments(body), f"no body has it: {reason}", advice)
+    if body.mass == 0 and body.tensor.any():
+        why = "a body without mass has no inertia; MuJoCo drops it, Drake makes it 1 kg"
+        yield error("tensor without mass", place, _moments(body), why, "a mass, or a tensor of zeros")
+    if body.mass > 0 and none:
+        why = "a mass without moments of inertia is a point: forward dynamics of a joint through it has no inertia"
+        yield warning(
+            "mass without tensor", place, f"{body.mass:g} kg", why, "the moments of the shape about its centre of mass"
+        )
+    yield from _units(link, size)
+
+
+def _moments(body: Inertia) -> str:
+    moments = np.linalg.eigvalsh((body.tensor + body.tensor.T) / 2)
+    return "principal moments " + " ".join(f"{p:.4g}" for p in moments) + " kg m^2"
+
+
+def _units(link: Stated, size: float) -> Iterator[Finding]:
+    place, body = f"link {link.name}", link.inertia
+    if body.mass > HEAVY:
+        yield warning("mass", place, f"{body.mass:g} kg", "looks like grams", f'<mass value="{body.mass / 1000:g}"/>')
+    elif 0 < body.mass < LIGHT and body.tensor.max() > body.mass * size**2:
+        yield warning("mass", place, f"{body.mass:g} kg", "looks like a placeholder", "the mass of the link")
+    far = float(np.linalg.norm(body.com))
+    if far > FAR:
+        yield warning("com", place, f"{far:g} m from its frame", "looks like mm", f"{far / 1000:g} m")
+    elif size and far > 3 * size:
+        yield warning(
+            "com",
+            place,
+            f"{far:g} m from its frame",
+            f"the machine extends {size:.3g} m",
+            "the centre of mass in the link's frame, m",
+        )
+    if body.mass > 0:
+        radius = float(np.sqrt(max(np.trace(body.tensor), 0.0) / 2 / body.mass))
+        if size and radius > WIDE * size:
+            why = f"its radius of gyration is {radius:.3g} m, the machine extends {size:.3g} m: looks like g mm^2"
+            yield warning("tensor", place, _moments(body), why, "kg m^2, about the centre of mass")
+
+
+def _defaults(links: Mapping[str, Stated]) -> Iterator[Finding]:
+    """Tensors that a tool or an author puts in where nothing is known."""
+    groups: dict[tuple[float, ...], list[Stated]] = {}
+    for link in links.values():
+        if link.written and link.inertia.mass > 0 and link.inertia.tensor.any():
+            groups.setdefault(tuple(link.inertia.tensor.ravel()), []).append(link)
+    for key, same in groups.items():
+        tensor = np.array(key).reshape(3, 3)
+        moment = float(f"{tensor[0, 0]:.9g}")  # a turned unit tensor is one to rounding
+        equal = bool(np.abs(tensor - moment * np.eye(3)).max() <= 1e-9 * abs(moment))
+        masses = {link.inertia.mass for link in same}
+        names = ", ".join(link.name for link in same[:6]) + (" ..." if len(same) > 6 else "")
+        given = f"one tensor for {len(same)} links of {len(masses)} masses"
+        if equal and moment in (1.0, 0.1, 0.01, 1e-3):
+            shown = f"{moment:g} kg m^2 about every axis"
+            yield warning(
+                "default tensor", f"link {names}", shown, "looks like a placeholder", "the moments of the shape"
+            )
+        elif len(same) >= COPIES and len(masses) >= COPIES:
+            yield warning("default tensor", f"link {names}", given, "looks like a copy", "the moments of each shape")
+
+
+def _sides(links: Mapping[str, Stated]) -> Iterator[Finding]:
+    for name, link in links.items():
+        for other in _partners(name):
+            if other in links and link.written and links[other].written:
+                yield from _differ(link, links[other])
+                break
+
+
+def _partners(name: str) -> Iterator[str]:
+    words = re.split(r"([_\-. /]|(?<=[a-z])(?=[A-Z0-9]))", name)
+    for left, right in SIDES:
+        if left in words:
+            yield "".join(right if word == left else word for word in words)
+        elif len(left) > 2 and left in name:
+            yield name.replace(left, right)
+
+
+def _differ(left: Stated, right: Stated) -> Iterator[Finding]:
+    a, b, place = left.inertia, right.inertia, f"links {left.name}, {right.name}"
+    if abs(a.mass - b.mass) > SIDE * max(a.mass, b.mass):
+        yield warning(
+            "left and right",
+            place,
+            f"{a.mass:g} and {b.mass:g} kg",
+            "their masses differ",
+            "one mass for both, if they are alike",
+        )
+        return
+    moments = [np.linalg.eigvalsh((body.tensor + body.tensor.T) / 2) for body in (a, b)]
+    if np.abs(moments[0] - moments[1]).max() > SIDE * max(np.abs(moments[0]).max(), np.abs(moments[1]).max()):
+        yield warning(
+            "left and right",
+            place,
+            f"{_moments(a)}; {_moments(b)}",
+            "their moments differ",
+            "mirrored tensors, if they are alike",
+        )
+    far = [float(np.linalg.norm(body.com)) for body in (a, b)]
+    if abs(far[0] - far[1]) > 5 * SIDE * max(*far, 0.01):
+        yield warning(
+            "left and right", place, f"centres {far[0]:.4g} and {far[1]:.4g} m from their frames",
+            "their centres of mass are no mirror images", "mirrored centres, if they are alike",
+        )  # fmt: skip

@@ -1,0 +1,113 @@
+"""lint: one description alone, and what in it no machine can have, or what its readers make different things of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crosscheck.equivalence.sources import describe, kind_of
+from crosscheck.equivalence.tree import sum_of
+from crosscheck.lifting.description import Description
+from crosscheck.linting.bodies import Stated, body_findings
+from crosscheck.linting.finding import Finding, error, warning
+from crosscheck.linting.urdf import urdf_findings
+from flexinv.errors import InputError
+from flexinv.files.urdf_xml import read_xml
+
+
+@dataclass(frozen=True)
+class Linted:
+    """Findings of one description; strict : warnings count, too."""
+
+    label: str
+    findings: tuple[Finding, ...]
+    strict: bool = False
+
+    @property
+    def clean(self) -> bool:
+        """Return True if nothing that counts was found."""
+        return not any(finding.level == "error" or self.strict for finding in self.findings)
+
+    @property
+    def plain(self) -> dict[str, Any]:
+        """Return the findings as JSON values."""
+        return {
+            "format": "crosscheck-lint/1",
+            "file": self.label,
+            "clean": self.clean,
+            "findings": [f.plain for f in self.findings],
+        }
+
+
+def lint(source: Any, strict: bool = False) -> Linted:
+    """Return what is suspicious in a description, as `compare` takes it; strict : warnings count.
+
+    Raises InputError for what cannot be read at all.
+    """
+    path = Path(source) if isinstance(source, str | Path) else None
+    if path is not None and path.is_file() and path.suffix not in (".toml", ".json") and kind_of(path) == "urdf":
+        found = [*urdf_findings(read_xml(path), path)]
+        if not any(one.level == "error" for one in found):
+            found += _unread(path)
+        return Linted(path.name, _sorted(found), strict)
+    description = describe(source)
+    return Linted(description.label, _sorted([*machine_findings(description)]), strict)
+
+
+def _unread(path: Path) -> Iterator[Finding]:
+    """Yield the reason why a URDF without errors of its own is not read."""
+    try:
+        describe(path)
+    except InputError as problem:
+        yield error("file", path.name, " ".join(str(problem).split()), "this project's reader refuses it", "as it says")
+
+
+def _sorted(found: list[Finding]) -> tuple[Finding, ...]:
+    """Errors first; findings that say the same of several links or joints are one."""
+    groups: dict[tuple[str, ...], list[Finding]] = {}
+    for one in found:
+        groups.setdefault((one.check, one.level, one.given, one.why, one.write, one.place.split()[0]), []).append(one)
+    return tuple(sorted(map(_together, groups.values()), key=lambda one: one.level))
+
+
+def _together(same: list[Finding]) -> Finding:
+    places = list(dict.fromkeys(one.place for one in same))
+    if len(places) == 1:
+        return same[0]
+    names = ", ".join(place.partition(" ")[2] for place in places[:6]) + (" ..." if len(places) > 6 else "")
+    return replace(same[0], place=f"{places[0].partition(' ')[0]}s {names} ({len(places)})")
+
+
+def machine_findings(description: Description) -> Iterator[Finding]:
+    """Yield findings of a mechanism, whatever it was lifted from [m, kg, rad]."""
+    mechanism = description.mechanism
+    moving = {joint.child for joint in mechanism.joints if joint.nv}
+    links = {}
+    for link in mechanism.links:
+        body = sum_of([part.inertia for part in link.bodies])
+        links[link.name] = Stated(link.name, body, link.name in moving, bool(link.bodies))
+    lengths = sorted(float(np.linalg.norm(joint.placement.position)) for joint in mechanism.joints)
+    yield from body_findings(links, float(sum(lengths[-6:])) or 1.0)
+    for joint in mechanism.joints:
+        low, high = joint.limits.lower, joint.limits.upper
+        if low > high:
+            yield error(
+                "limit", f"joint {joint.name}", f"{low:g} to {high:g}", "lower is above upper", "the two exchanged"
+            )
+        elif joint.kind == "revolute" and np.isfinite(high) and 4 * np.pi < max(-low, high) < 1e4:
+            yield warning(
+                "units",
+                f"joint {joint.name}",
+                f"{low:g} to {high:g}",
+                "beyond two turns: looks like degrees",
+                "radians",
+            )
+    for words in description.dropped:
+        if words.startswith(("equality", "mimic", "transmission")):
+            yield warning(
+                "dropped", description.label, words, "readers make different things of it", "compare with --readers all"
+            )

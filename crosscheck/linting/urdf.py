@@ -1,0 +1,365 @@
+"""Findings in a URDF's text: what no reader understands alike, read without refusing what other readers would refuse."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from crosscheck.linting.bodies import Stated, body_findings
+from crosscheck.linting.finding import Finding, error, warning
+from flexinv.files.joints import rotation_from_rpy
+from flexinv.model.mechanism import Array, Inertia
+
+INERTIAS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+MOVING = ("revolute", "continuous", "prismatic", "floating", "planar")
+KINDS = (*MOVING, "fixed")
+TURNS = 4 * np.pi  # [rad]: a limit beyond two turns looks like degrees
+FAR, LONG = 20.0, 10.0  # [m] of a joint's origin, and of a sliding joint's limits: looks like mm
+STRONG = 1e5  # [N m], [N]
+
+
+def urdf_findings(robot: Element, path: Path) -> Iterator[Finding]:
+    """Yield findings of a URDF [m, kg, rad]."""
+    yield from _names(robot)
+    yield from _tree(robot)
+    links, problems = _links(robot)
+    yield from problems
+    yield from body_findings(links, _size(robot))
+    yield from _without_inertia(robot, links)
+    for joint in robot.findall("joint"):
+        yield from _joint(joint)
+    yield from _mimics(robot)
+    yield from _transmissions(robot)
+    yield from _meshes(robot, path)
+
+
+def values(element: Element | None, key: str, default: tuple[float, ...]) -> Array | None:
+    """Return an attribute's numbers in its own unit [any unit]; None where they are none, NaN, or too few."""
+    text = None if element is None else element.get(key)
+    if text is None:
+        return np.array(default)
+    try:
+        found = [float(word) for word in text.split()]
+    except ValueError:
+        return None
+    return np.array(found) if len(found) == len(default) and all(map(math.isfinite, found)) else None
+
+
+def _names(robot: Element) -> Iterator[Finding]:
+    for tag in ("link", "joint"):
+        counted = Counter(element.get("name", "") for element in robot.findall(tag))
+        for name, times in counted.items():
+            if times > 1 or not name:
+                why = "readers keep one of them, or refuse the file" if name else "it has no name"
+                yield error("name", f"{tag} {name!r}", f"{times} times", why, "a name of its own for each")
+
+
+def _tree(robot: Element) -> Iterator[Finding]:
+    links = {link.get("name", "") for link in robot.findall("link")}
+    carried: Counter[str] = Counter()
+    for joint in robot.findall("joint"):
+        for tag in ("parent", "child"):
+            end = joint.find(tag)
+            name = "" if end is None else end.get("link", "")
+            if name not in links:
+                yield error(
+                    "tree",
+                    f"joint {joint.get('name')}",
+                    f"<{tag} link={name!r}>",
+                    "there is no such link",
+                    "a link of the file",
+                )
+            elif tag == "child":
+                carried[name] += 1
+    for name, times in carried.items():
+        if times > 1:
+            yield error(
+                "tree",
+                f"link {name}",
+                f"the child of {times} joints",
+                "a URDF is a tree: loops cannot be said",
+                "one joint; close loops in SDF, MJCF or mechanism.toml",
+            )
+    roots = links - set(carried)
+    if links and len(roots) != 1:
+        given = f"{len(roots)} links without a joint that carries them: {', '.join(sorted(roots)[:5])}"
+        yield error("tree", "robot", given, "a URDF is one tree", "one root link")
+
+
+def _links(robot: Element) -> tuple[dict[str, Stated], list[Finding]]:
+    moved = {
+        j.find("child").get("link", "")  # type: ignore[union-attr]
+        for j in robot.findall("joint")
+        if j.get("type") in MOVING and j.find("child") is not None
+    }
+    links, problems = {}, []
+    for link in robot.findall("link"):
+        name, inertial = link.get("name", ""), link.find("inertial")
+        found = None if inertial is None else _inertia(inertial)
+        if inertial is not None and found is None:
+            write = '<mass value="1.0"/> <inertia ixx="0.01" ixy="0" .../> with finite numbers'
+            problems.append(
+                error(
+                    "number", f"link {name}", "no finite numbers in <inertial>", "readers take zero, or refuse", write
+                )
+            )
+        body = found or Inertia(0.0)
+        links[name] = Stated(name, body, name in moved, inertial is not None and found is not None)
+    return links, problems
+
+
+def _inertia(inertial: Element) -> Inertia | None:
+    mass = values(inertial.find("mass"), "value", (0.0,))
+    entry = inertial.find("inertia")
+    numbers = [values(entry, key, (0.0,)) for key in INERTIAS]
+    com, rpy = (values(inertial.find("origin"), key, (0.0, 0.0, 0.0)) for key in ("xyz", "rpy"))
+    if mass is None or com is None or rpy is None or any(x is None for x in numbers):
+        return None
+    xx, xy, xz, yy, yz, zz = (float(x[0]) for x in numbers if x is not None)
+    turn = rotation_from_rpy(rpy)
+    return Inertia(float(mass[0]), com, turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T)
+
+
+def _size(robot: Element) -> float:
+    """Sum of the longest ways from joint to joint [m]: how far the machine can extend."""
+    lengths = []
+    for joint in robot.findall("joint"):
+        xyz = values(joint.find("origin"), "xyz", (0.0, 0.0, 0.0))
+        if xyz is not None:
+            lengths.append(float(np.linalg.norm(xyz)))
+    return float(sum(sorted(lengths)[-6:])) or 1.0
+
+
+def _without_inertia(robot: Element, links: dict[str, Stated]) -> Iterator[Finding]:
+    """Links that a joint moves, and at whose end there is no mass at all."""
+    children: dict[str, list[Element]] = {}
+    for joint in robot.findall("joint"):
+        end = joint.find("parent")
+        children.setdefault("" if end is None else end.get("link", ""), []).append(joint)
+    for joint in robot.findall("joint"):
+        child = joint.find("child")
+        name = "" if child is None else child.get("link", "")
+        if joint.get("type") in MOVING and name in links and not _weighs(name, links, children, 0):
+            why = "its joint moves nothing that has mass: forward dynamics is singular, and DART and MuJoCo make up a mass"
+            yield warning(
+                "link without inertia",
+                f"link {name}",
+                f"moved by joint {joint.get('name')}",
+                why,
+                "<inertial> with mass and tensor",
+            )
+
+
+def _weighs(name: str, links: dict[str, Stated], children: dict[str, list[Element]], depth: int) -> bool:
+    """Whether a link, or what is fixed to it or carried by it, has mass."""
+    link = links.get(name)
+    if link is None or link.inertia.mass > 0 or depth > len(links):
+        return link is not None and depth <= len(links)
+    ends = [joint.find("child") for joint in children.get(name, [])]
+    return any(_weighs(end.get("link", ""), links, children, depth + 1) for end in ends if end is not None)
+
+
+def _joint(joint: Element) -> Iterator[Finding]:
+    name, kind = f"joint {joint.get('name')}", joint.get("type", "")
+    if kind not in KINDS:
+        yield error("kind of joint", name, kind or "none", "no reader knows it", f"one of {', '.join(KINDS)}")
+        return
+    yield from _origin(joint, name)
+    if kind in ("revolute", "continuous", "prismatic"):
+        yield from _axis(joint, name)
+        yield from _limits(joint, name, kind)
+        yield from _dynamics(joint, name)
+
+
+def _origin(joint: Element, name: str) -> Iterator[Finding]:
+    for key, most, words in (("xyz", FAR, "mm"), ("rpy", 2 * np.pi + 1e-3, "degrees")):
+        found = values(joint.find("origin"), key, (0.0, 0.0, 0.0))
+        if found is None:
+            yield error(
+                "number",
+                name,
+                f'{key}="{joint.find("origin").get(key)}"'[:80],
+                "three finite numbers are expected",
+                f'{key}="0 0 0"',
+            )  # type: ignore[union-attr]
+        elif np.abs(found).max() > most:
+            write = "metres" if key == "xyz" else "radians"
+            yield warning("units", name, f'{key}="{" ".join(f"{x:g}" for x in found)}"', f"looks like {words}", write)
+
+
+def _axis(joint: Element, name: str) -> Iterator[Finding]:
+    axis = values(joint.find("axis"), "xyz", (1.0, 0.0, 0.0))
+    if axis is None or not axis.any():
+        yield error("axis", name, "zero, or no three numbers", "an axis has a direction", '<axis xyz="0 0 1"/>')
+        return
+    length = float(np.linalg.norm(axis))
+    if abs(length - 1.0) > 1e-3:
+        unit = " ".join(f"{x:.9g}" for x in axis / length)
+        yield warning(
+            "axis",
+            name,
+            f"length {length:.4g}",
+            "readers normalise it, or scale the coordinate",
+            f'<axis xyz="{unit}"/>',
+        )
+
+
+def _limits(joint: Element, name: str, kind: str) -> Iterator[Finding]:
+    limit = joint.find("limit")
+    if limit is None:
+        if kind != "continuous":
+            yield error(
+                "limit",
+                name,
+                "none",
+                "a revolute or sliding joint has to state it; readers take 0 or none",
+                '<limit lower="" upper="" effort="" velocity=""/>',
+            )
+        return
+    stated = {key: values(limit, key, (0.0,)) for key in ("lower", "upper", "effort", "velocity")}
+    if any(value is None for value in stated.values()):
+        yield error(
+            "limit",
+            name,
+            str(dict(limit.attrib))[:80],
+            "finite numbers are expected",
+            '<limit lower="-3" upper="3" effort="10" velocity="2"/>',
+        )
+        return
+    low, high, effort, speed = (float(value[0]) for value in stated.values() if value is not None)
+    if kind != "continuous":
+        yield from _range(name, kind, low, high)
+    for key, value, unit in (("effort", effort, "N m, N"), ("velocity", speed, "rad/s, m/s")):
+        if value < 0 or (value == 0 and low < high):
+            why = "some readers take 0 as a drive that can do nothing, others as none stated"
+            yield warning("limit", name, f"{key} {value:g} {unit}", why, f'{key}="..." of the drive')
+
+
+def _range(name: str, kind: str, low: float, high: float) -> Iterator[Finding]:
+    given = f"lower {low:g}, upper {high:g}"
+    if low > high:
+        yield error(
+            "limit", name, given, "lower is above upper: nothing is allowed", f'lower="{high:g}" upper="{low:g}"'
+        )
+    elif low == high:
+        yield warning(
+            "limit",
+            name,
+            given,
+            "it cannot move: readers hold it, or take it as unlimited",
+            'its range, or type="fixed"',
+        )
+    elif kind == "revolute" and max(-low, high) > TURNS and max(-low, high) < 1e4:
+        yield warning(
+            "units",
+            name,
+            given,
+            "beyond two turns: looks like degrees",
+            f'lower="{math.radians(low):.6g}" upper="{math.radians(high):.6g}", or type="continuous"',
+        )
+    elif kind == "prismatic" and LONG < max(-low, high) < 1e5:
+        yield warning("units", name, given, "looks like mm", f'lower="{low / 1000:g}" upper="{high / 1000:g}"')
+
+
+def _dynamics(joint: Element, name: str) -> Iterator[Finding]:
+    for key in ("damping", "friction"):
+        found = values(joint.find("dynamics"), key, (0.0,))
+        if found is None or found[0] < 0:
+            yield error(
+                "dynamics",
+                name,
+                f"{key} {joint.find('dynamics').get(key)}"[:80],
+                "a number >= 0 is expected",
+                f'{key}="0"',
+            )  # type: ignore[union-attr]
+
+
+def _mimics(robot: Element) -> Iterator[Finding]:
+    kinds = {joint.get("name", ""): joint.get("type", "") for joint in robot.findall("joint")}
+    names = []
+    for joint in robot.findall("joint"):
+        mimic = joint.find("mimic")
+        if mimic is None:
+            continue
+        name, other = joint.get("name", ""), mimic.get("joint", "")
+        if other not in kinds or other == name:
+            yield error(
+                "mimic", f"joint {name}", f"mimics {other!r}", "there is no such other joint", "a joint of the file"
+            )
+        elif "fixed" in (kinds[name], kinds[other]):
+            yield error(
+                "mimic",
+                f"joint {name}",
+                f"mimics {other}",
+                "one of them is fixed: Drake and Newton refuse the file",
+                "no <mimic>",
+            )
+        else:
+            names.append(name)
+    if names:
+        why = "Pinocchio leaves them independent unless asked, DART's inverse dynamics too, MuJoCo makes equalities"
+        yield warning(
+            "mimic",
+            f"joint {', '.join(names[:8])}",
+            f"{len(names)} mimic joints",
+            why,
+            "the coupling in each engine's own words; compare with --readers all",
+        )
+
+
+def _transmissions(robot: Element) -> Iterator[Finding]:
+    joints = {joint.get("name", "") for joint in robot.findall("joint")}
+    for element in robot.findall("transmission"):
+        named = [joint.get("name", "") for joint in element.findall("joint")]
+        for name in named:
+            if name not in joints:
+                yield error(
+                    "transmission",
+                    f"transmission {element.get('name')}",
+                    f"joint {name!r}",
+                    "there is no such joint",
+                    "a joint of the file",
+                )
+        kind = (element.findtext("type") or element.get("type") or "").strip()
+        if len(named) > 1 or (kind and "Simple" not in kind):
+            why = "readers other than its controller drop it, with its gear"
+            yield warning(
+                "transmission",
+                f"transmission {element.get('name')}",
+                kind or f"{len(named)} joints",
+                why,
+                "SimpleTransmission for each joint, or the coupling in the engine's words",
+            )
+
+
+def _meshes(robot: Element, path: Path) -> Iterator[Finding]:
+    lost = sorted(
+        {name for mesh in robot.iter("mesh") if (name := mesh.get("filename", "")) and not _there(name, path)}
+    )
+    if lost:
+        given = f"{len(lost)} meshes, such as {lost[0][:100]}"
+        yield warning(
+            "mesh",
+            "robot",
+            given,
+            "not found beside the file: DART and MuJoCo refuse it then",
+            "paths that lead from the file, or the package's folder given to the reader",
+        )
+
+
+def _there(name: str, path: Path) -> bool:
+    """Whether a mesh is beside the file, or in the package whose folder is above the file."""
+    plain = name.removeprefix("file://")
+    if "://" not in plain:
+        return (path.parent / plain).is_file()
+    inside = plain.partition("://")[2].lstrip("/")
+    package, _, rest = inside.partition("/")
+    return any(
+        (above / inside).is_file() or (above.name == package and (above / rest).is_file())
+        for above in path.resolve().parents
+    )

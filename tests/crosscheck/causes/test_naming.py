@@ -1,0 +1,75 @@
+"""What the motor does not feel is named by where things are: a base that stands elsewhere, an axis the other way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from crosscheck.causes.diagnosis import diagnose
+from crosscheck.causes.dictionary import DICTIONARY
+from crosscheck.causes.subject import Subject
+from crosscheck.engines import ENGINES, adapter
+from crosscheck.measures.record import Record, load, save
+from crosscheck.run.child import certified
+from flexinv.files.load_cases import load_cases
+from flexinv.files.load_mechanism import load_mechanism
+
+MODELS = Path(__file__).resolve().parents[3] / "models"
+
+
+def records(folder: Path, mechanism: str, case: str, cause: str, target: str, size: list[float]) -> dict[str, str]:
+    """Save what Pinocchio with a cause in its model and flexinv without it give; return what is asked of them."""
+    found = load_mechanism(MODELS / mechanism)
+    subject = Subject(found, load_cases(MODELS / mechanism, found)[case])
+    harmed = DICTIONARY[cause].change(subject, target, np.array(size))
+    for name, one in (("pinocchio", harmed), ("flexinv", subject)):
+        engine = adapter(ENGINES[name])
+        record = engine.run(one.mechanism, one.case, name, {"error": False})
+        save(replace(record, certificate=certified(engine, one.mechanism, one.case, name)), folder / name)
+    return {
+        "folder": str(MODELS / mechanism), "case": case, "engine": "pinocchio",
+        "ours": str(folder / "pinocchio"), "theirs": str(folder / "flexinv"),
+    }  # fmt: skip
+
+
+def torques_apart(asked: dict[str, str]) -> float:
+    one, other = (load(Path(asked[name])) for name in ("ours", "theirs"))
+    names = [n for n, s in one.series.items() if s.quantity == "torque"]
+    return max(float(np.abs(one.series[n].values - other.series[n].values).max()) for n in names)
+
+
+@pytest.mark.parametrize(
+    ("mechanism", "case", "cause", "target", "size", "words"),
+    [
+        ("double_pendulum", "swing", "joint misplaced", "pivot", [0.01, 0.0, 0.02], "by (0.01, 0, 0.02) m"),
+        ("rigid_one_link", "cycloid", "axis sign", "hub", [1.0], "the axis of hub points the other way"),
+    ],
+)
+def test_a_mistake_that_no_effort_shows_is_named(
+    mechanism: str, case: str, cause: str, target: str, size: list[float], words: str, tmp_path: Path
+) -> None:
+    asked = records(tmp_path, mechanism, case, cause, target, size)
+    assert torques_apart(asked) < 1e-12  # rounding of some N m
+    answer = diagnose(**asked)
+    assert [(one["cause"], one["target"]) for one in answer["named"]] == [(cause, target)]
+    assert words in answer["words"]
+
+
+def test_tips_that_no_mechanism_has_are_unknown(tmp_path: Path) -> None:
+    """A tip that swings at a rhythm of its own; and where nothing differs nothing is asked."""
+    asked = records(tmp_path, "rigid_one_link", "cycloid", "joint misplaced", "hub", [0.0, 0.0, 0.0])
+    assert diagnose(**asked)["words"].startswith("the difference is inside the error bars")
+    given: Record = load(tmp_path / "pinocchio")
+    swung = {
+        n: replace(s, values=s.values + 0.01 * np.sin(40 * given.time)) if s.quantity == "tip" else s
+        for n, s in given.series.items()
+    }
+    save(replace(given, series=swung), tmp_path / "pinocchio")
+    answer = diagnose(**asked)
+    assert not answer["named"]
+    assert any(
+        words in answer["words"] for words in ("no cause of the dictionary shows", "no single cause", "is contradicted")
+    )

@@ -1,0 +1,59 @@
+"""The command: exit codes, page, JUnit, Markdown, the table of readers; a seeded sample of the campaign of planted faults."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from arm_texts import arm
+from click.testing import CliRunner
+from description_campaign import campaign
+
+from crosscheck.cli import main
+
+HEAVIER = ('value="2.375"', 'value="2.625"')
+
+
+def test_exit_codes_and_files(tmp_path: Path) -> None:
+    a, b = str(arm(tmp_path)), str(arm(tmp_path, HEAVIER, name="b.urdf"))
+    assert CliRunner().invoke(main, ["compare", a, a]).exit_code == 0
+    run = CliRunner().invoke(main, ["compare", a, b, "--out", str(tmp_path / "out")])
+    assert run.exit_code == 1
+    assert "mass" in run.output
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert "mass value=&#34;2.625&#34;" in page  # what to write, escaped
+    assert json.loads((tmp_path / "out" / "results.json").read_text())["equal"] is False
+    assert b"<failure" in (tmp_path / "out" / "junit.xml").read_bytes()
+    assert "| rigid bodies: mass | link lower | 2.375 | 2.625 |" in (tmp_path / "out" / "summary.md").read_text()
+    assert CliRunner().invoke(main, ["compare", a, str(tmp_path / "none.urdf")]).exit_code == 2
+    assert CliRunner().invoke(main, ["compare", a]).exit_code == 2
+    assert CliRunner().invoke(main, ["compare", a, b, "--judge", "drive"]).exit_code == 0
+
+
+def test_names_are_no_markup(tmp_path: Path) -> None:
+    odd = '"low&lt;b&gt;er"'
+    edits = [('link name="lower"', f"link name={odd}"), ('child link="lower"', f"child link={odd}")]
+    edits += [('parent link="lower"', f"parent link={odd}")]
+    a, b = str(arm(tmp_path, *edits)), str(arm(tmp_path, *edits, HEAVIER, name="b.urdf"))
+    CliRunner().invoke(main, ["compare", a, b, "--out", str(tmp_path / "out")])
+    for name in ("index.html", "summary.md"):
+        assert "<b>er" not in (tmp_path / "out" / name).read_text()
+
+
+def test_readers_are_compared_with_ours(tmp_path: Path) -> None:
+    pytest.importorskip("pinocchio")
+    pytest.importorskip("mujoco")
+    run = CliRunner().invoke(main, ["compare", str(arm(tmp_path)), "--readers", "pinocchio,mujoco", "--json"])
+    rows = {row["reader"]: row for row in json.loads(run.output)}
+    assert run.exit_code == 1
+    assert (rows["flexinv"]["result"], rows["pinocchio"]["result"]) == ("equal", "different")
+    assert "coupling" in rows["pinocchio"]["words"]  # its parser leaves the mimic joint independent
+
+
+def test_planted_faults_are_named_first(tmp_path: Path) -> None:
+    """Sixteen of the campaign's faults, `python tests/shared/description_campaign.py`: all named, nothing else."""
+    pytest.importorskip("pinocchio")
+    trials = list(campaign(16, seed=3))
+    assert [t.words for t in trials if not t.good] == []
+    assert [t.others for t in trials if t.others] == []

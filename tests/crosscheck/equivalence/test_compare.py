@@ -1,0 +1,182 @@
+"""compare names what differs between two descriptions, proves it by repair, and knows conventions for what they are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arm_texts import ARM, arm
+
+import crosscheck
+from crosscheck.equivalence.compare import compare
+from crosscheck.equivalence.result import REPAIRED
+from crosscheck.equivalence.sources import describe
+from flexinv.errors import InputError
+
+LOWER = '<inertial><origin xyz="0.11 0.01 0.02"/><mass value="2.375"/>'
+UPPER = '<inertial><origin xyz="0.01 0.02 0.153" rpy="0.1 0.2 0.3"/><mass value="3.25"/>'
+
+
+def named(a: Path, b: Path, **options: object) -> list[tuple[str, str]]:
+    found = compare(a, b, **options)  # type: ignore[arg-type]
+    assert found.judged.after <= REPAIRED  # the causes put into A give B
+    return [(d.cause, d.place) for d in found.differences]
+
+
+# What is edited, what is named, and its size.  Sizes are those of the edit to the digits of the numbers written.
+EDITS = {
+    "mass": ([(LOWER, LOWER.replace("2.375", "2.625"))], "mass", "link lower", 0.25),
+    "com": ([(LOWER, LOWER.replace("0.11 0.01", "0.14 0.05"))], "centre of mass", "link lower", 0.05),
+    "tensor": ([('ixx="0.004"', 'ixx="0.006"')], "inertia tensor", "link lower", 0.002),
+    "fixed": ([('rpy="0 1.2 0"', 'rpy="0 1.3 0"')], "orientation of joint", "joint to_flange", 0.1),
+    "moved": ([('xyz="0.05 0 0.3"', 'xyz="0.05 0.02 0.3"')], "position of joint", "joint elbow", 0.02),
+    "axis": ([('<axis xyz="0 0 1"/>', '<axis xyz="0 0.6 0.8"/>')], "joint axis", "joint elbow", np.arcsin(0.6)),
+    "damping": ([('damping="0.3"', 'damping="0.5"')], "damping", "joint shoulder", 0.2),
+    "friction": ([('friction="0.1"', 'friction="0.4"')], "dry friction", "joint shoulder", 0.3),
+    "limit": ([('upper="2.0" effort="50"', 'upper="1.0" effort="50"')], "upper limit", "joint shoulder", 1.0),
+    "missing": ([('<mass value="0.8125"/>', '<mass value="0"/>'),
+                 ('ixx="0.0005" ixy="0" ixz="0" iyy="0.0006" iyz="0" izz="0.0007"', 'ixx="0" iyy="0" izz="0"')],
+                "body that only A has", "link flange", 0.8125),
+    "merged": ([('name="elbow" type="revolute"', 'name="elbow" type="fixed"')],
+               "joint that moves in A only", "joint elbow", 1.0),
+    "mimic": ([('<mimic joint="grip"/>', "")], "coupling that only A has", "joints grip, grip_mirror", 1.0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("edit", EDITS)
+def test_an_edit_is_named_alone_with_its_size(edit: str, tmp_path: Path) -> None:
+    edits, cause, place, size = EDITS[edit]
+    found = compare(arm(tmp_path), arm(tmp_path, *edits, name="b.urdf"))
+    assert [(d.cause, d.place) for d in found.differences] == [(cause, place)]
+    assert found.differences[0].size == pytest.approx(size, rel=1e-9)
+    assert not found.equal
+    assert found.judged.after <= REPAIRED
+
+
+def test_a_file_is_itself_in_every_reader(tmp_path: Path) -> None:
+    file = arm(tmp_path, ('<mimic joint="grip"/>', ""))  # a reader that drops it would differ, rightly
+    pytest.importorskip("pinocchio")
+    pytest.importorskip("mujoco")
+    for reader in ("", "@pinocchio", "@mujoco"):
+        assert compare(file, f"{file}{reader}").equal
+
+
+def test_conventions_are_no_other_physics(tmp_path: Path) -> None:
+    turned = (
+        '<axis xyz="0 0 1"/><limit lower="-2.5" upper="2.0"',
+        '<axis xyz="0 0 -1"/><limit lower="-2.0" upper="2.5"',
+    )
+    assert named(arm(tmp_path), arm(tmp_path, turned, name="b.urdf")) == [("sign of coordinate", "joint elbow")]
+    found = compare(arm(tmp_path), arm(tmp_path, turned, name="b.urdf"), judge=["rigid", "drive"])
+    assert found.equal
+
+
+def test_a_zero_offset_is_a_convention_of_its_size(tmp_path: Path) -> None:
+    moved = ('xyz="0 0 0.1" rpy="0.2 0 0"', 'xyz="0 0 0.1" rpy="0.2 0 0"'), ('rpy="0 0.3 0.1"', 'rpy="0 0.3 0.1"')
+    straight = arm(tmp_path, *moved, ('rpy="0 0.3 0.1"', 'rpy="0 0 0.1"'))
+    found = compare(straight, arm(tmp_path, ('rpy="0 0.3 0.1"', 'rpy="0 0 0.6"'), name="b.urdf"))
+    causes = {(d.cause, d.place): d.size for d in found.differences if d.family == "convention"}
+    assert causes == {("zero of coordinate", "joint elbow"): pytest.approx(0.5, rel=1e-9)}
+
+
+def test_exchanged_bodies_are_one_cause(tmp_path: Path) -> None:
+    edits = [(LOWER, "<LOWER>"), (UPPER, LOWER), ("<LOWER>", UPPER)]
+    inertias = ['ixx="0.031" ixy="0.001" ixz="0.002" iyy="0.029" iyz="0.0005" izz="0.008"',
+                'ixx="0.004" ixy="0.0002" ixz="0" iyy="0.016" iyz="0" izz="0.017"']  # fmt: skip
+    edits += [(inertias[0], "<I>"), (inertias[1], inertias[0]), ("<I>", inertias[1])]
+    assert named(arm(tmp_path), arm(tmp_path, *edits, name="b.urdf")) == [
+        ("bodies exchanged", "link lower and link upper")
+    ]
+
+
+def test_nothing_feels_the_base_and_that_is_said(tmp_path: Path) -> None:
+    found = compare(arm(tmp_path), arm(tmp_path, ('value="4.125"', 'value="9.5"'), name="b.urdf"))
+    assert found.equal
+    assert [(d.cause, d.place) for d in found.judged.unseen] == [("mass", "link base")]
+    assert not compare(arm(tmp_path), tmp_path / "b.urdf", strict=True).equal
+
+
+def test_printed_digits_are_rounding(tmp_path: Path) -> None:
+    found = compare(arm(tmp_path, (LOWER, LOWER.replace("2.375", "2.37512"))), arm(tmp_path, name="b.urdf"))
+    assert found.equal
+    assert [d.cause for d in found.judged.rounding] == ["mass"]
+    assert found.judged.rounding_effort > 0.0
+
+
+def test_two_causes_are_both_needed(tmp_path: Path) -> None:
+    edits = (LOWER, LOWER.replace("2.375", "2.625")), ('damping="0.3"', 'damping="0.5"')
+    found = compare(arm(tmp_path), arm(tmp_path, *edits, name="b.urdf"))
+    assert {(d.cause, d.place) for d in found.differences} == {("mass", "link lower"), ("damping", "joint shoulder")}
+    assert all((d.share or 0.0) > found.tolerance for d in found.differences)
+
+
+def test_renamed_joints_are_found_by_structure(tmp_path: Path) -> None:
+    text = ARM.replace('"shoulder"', '"q_a"').replace('"elbow"', '"q_b"')
+    (tmp_path / "b.urdf").write_text(text)
+    found = compare(arm(tmp_path), tmp_path / "b.urdf")
+    assert found.equal
+    assert "by structure" in found.matched
+
+
+def test_symmetric_fingers_are_asked_for(tmp_path: Path) -> None:
+    same = ('xyz="-0.02 0 0.05"', 'xyz="0.02 0 0.05"'), ('xyz="-1 0 0"', 'xyz="1 0 0"'), ('<mimic joint="grip"/>', "")
+    a = arm(tmp_path, *same)
+    (tmp_path / "b.urdf").write_text(a.read_text().replace('"grip"', '"p"').replace('"grip_mirror"', '"r"'))
+    with pytest.raises(InputError, match="--match grip=p"):
+        compare(a, tmp_path / "b.urdf")
+    assert compare(a, tmp_path / "b.urdf", match={"grip": "p", "grip_mirror": "r"}, judge=["rigid"]).matched.startswith(
+        "2 by name"
+    )
+
+
+def test_assert_same_says_what_differs(tmp_path: Path) -> None:
+    other = arm(tmp_path, (LOWER, LOWER.replace("2.375", "2.625")), name="b.urdf")
+    crosscheck.assert_same(arm(tmp_path), tmp_path / "arm.urdf")
+    with pytest.raises(AssertionError, match=r"mass of link lower by 0\.25 kg: 2\.375 in A, 2\.625 in B"):
+        crosscheck.assert_same(tmp_path / "arm.urdf", other)
+    frame = crosscheck.compare(tmp_path / "arm.urdf", other).frame()
+    assert list(frame["cause"]) == ["mass"]
+
+
+def test_live_models_are_descriptions(tmp_path: Path) -> None:
+    mujoco, pin = pytest.importorskip("mujoco"), pytest.importorskip("pinocchio")
+    file = arm(tmp_path, ('<mimic joint="grip"/>', ""))
+    model = pin.buildModelFromUrdf(str(file))
+    assert crosscheck.compare(model, mujoco.MjModel.from_xml_path(str(file))).equal
+    body = model.inertias[2]
+    model.inertias[2] = pin.Inertia(1.5 * body.mass, body.lever, 1.5 * body.inertia)
+    causes = {d.cause for d in crosscheck.compare(file, model).differences}
+    assert causes == {"mass", "inertia tensor"}
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("empty.urdf", "", "an empty file"),
+        ("arm.xacro", "<robot/>", "xacro"),
+        ("arm.urdf", '<!DOCTYPE r [<!ENTITY a "b">]><robot name="a"/>', "DOCTYPE or ENTITY"),
+        ("arm.urdf", "<model/>", "<model>"),
+        ("arm.urdf", ARM.replace('value="2.375"', 'value="nan"'), "lower.*mass"),
+        ("arm.urdf", ARM.replace('value="2.375"', 'value="-2.375"'), "a mass >= 0"),
+        ("arm.urdf", ARM.replace('link name="lower"', 'link name="upper"'), "twice"),
+        ("arm.urdf", "<robot>" * 50, "does not parse"),
+    ],
+)
+def test_bad_files_are_one_clear_error(name: str, text: str, words: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=words):
+        describe(tmp_path / name)
+
+
+def test_unknown_engines_and_files_are_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no engine is called 'gazebo'"):
+        describe(f"{arm(tmp_path)}@gazebo")
+    with pytest.raises(InputError, match="no such file"):
+        describe(tmp_path / "none.urdf")
+
+
+def test_a_file_under_a_wrong_suffix_is_read_as_what_it_is(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    (tmp_path / "arm.urdf").write_text("<mujoco><worldbody><body><joint/><geom size='1'/></body></worldbody></mujoco>")
+    assert "MJCF" in describe(tmp_path / "arm.urdf").dropped[0]

@@ -1,0 +1,108 @@
+"""lint finds what no machine can have and what readers take differently, each check in a text in which it has to speak."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from arm_texts import ARM, arm
+from click.testing import CliRunner
+
+from crosscheck.cli import main
+from crosscheck.linting.lint import lint
+from flexinv.errors import InputError
+
+UPPER = 'ixx="0.031" ixy="0.001" ixz="0.002" iyy="0.029" iyz="0.0005" izz="0.008"'
+ELBOW = '<axis xyz="0 0 1"/><limit lower="-2.5" upper="2.0" effort="30" velocity="2"/>'
+# What is edited, the check that speaks, where, and a word of why.
+WRONG = {
+    "triangle": ((UPPER, 'ixx="0.031" ixy="0" ixz="0" iyy="0.002" iyz="0" izz="0.008"'), "tensor", "link upper", "exceeds"),
+    "negative moment": ((UPPER, UPPER.replace('izz="0.008"', 'izz="-0.008"')), "tensor", "link upper", "negative"),
+    "negative mass": (('value="3.25"', 'value="-3.25"'), "mass", "link upper", "negative"),
+    "massless tensor": (('value="3.25"', 'value="0"'), "tensor without mass", "link upper", "no inertia"),
+    "point mass": ((UPPER, 'ixx="0" iyy="0" izz="0"'), "mass without tensor", "link upper", "point"),
+    "NaN": (('value="3.25"', 'value="nan"'), "number", "link upper", "zero"),
+    "grams": (('value="3.25"', 'value="3250"'), "mass", "link upper", "grams"),
+    "g mm^2": ((UPPER, 'ixx="31000" iyy="29000" izz="8000"'), "tensor", "link upper", "g mm^2"),
+    "com in mm": (('xyz="0.01 0.02 0.153"', 'xyz="10 20 153"'), "com", "link upper", "mm"),
+    "origin in mm": (('xyz="0.05 0 0.3"', 'xyz="50 0 300"'), "units", "joint elbow", "mm"),
+    "degrees": (('rpy="0 0.3 0.1"', 'rpy="0 45 30"'), "units", "joint elbow", "degrees"),
+    "limits in degrees": ((ELBOW, ELBOW.replace('"-2.5" upper="2.0"', '"-150" upper="120"')), "units", "joint elbow", "degrees"),
+    "crossed limits": ((ELBOW, ELBOW.replace('"-2.5" upper="2.0"', '"2.5" upper="-2.0"')), "limit", "joint elbow", "above"),
+    "no range": ((ELBOW, ELBOW.replace('"-2.5" upper="2.0"', '"0" upper="0"')), "limit", "joint elbow", "cannot move"),
+    "no limit": ((ELBOW, '<axis xyz="0 0 1"/>'), "limit", "joint elbow", "has to state"),
+    "no effort": ((ELBOW, ELBOW.replace('effort="30"', 'effort="0"')), "limit", "joint elbow", "nothing"),
+    "axis of zero": (('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>'), "axis", "joint elbow", "direction"),
+    "long axis": (('<axis xyz="0 0 1"/>', '<axis xyz="0 0 2"/>'), "axis", "joint elbow", "normalise"),
+    "twice": (('link name="lower"', 'link name="upper"'), "name", "link 'upper'", "refuse"),
+    "loop": (('<child link="finger"/>', '<child link="upper"/>'), "tree", "link upper", "loops"),
+    "no such link": (('<child link="finger"/>', '<child link="thumb"/>'), "tree", "joint grip", "no such link"),
+    "kind": (('name="elbow" type="revolute"', 'name="elbow" type="hinge"'), "kind of joint", "joint elbow", "no reader"),
+    "mimic of nothing": (('mimic joint="grip"', 'mimic joint="grap"'), "mimic", "joint grip_mirror", "no such"),
+    "damping": (('damping="0.3"', 'damping="-0.3"'), "dynamics", "joint shoulder", ">= 0"),
+    "mesh": (("</robot>", '<link name="m"><visual><geometry><mesh filename="package://a/b.stl"/></geometry></visual></link>'
+              '<joint name="j" type="fixed"><parent link="base"/><child link="m"/></joint></robot>'),
+             "mesh", "robot", "not found"),
+    "transmission": (("</robot>", '<transmission name="t"><type>Differential</type><joint name="elbow"/></transmission></robot>'),
+                     "transmission", "transmission t", "drop"),
+    "placeholder": ((UPPER, 'ixx="1" iyy="1" izz="1"'), "default tensor", "link upper", "placeholder"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("edit", WRONG)
+def test_each_check_speaks_where_it_should(edit: str, tmp_path: Path) -> None:
+    text, check, place, words = WRONG[edit]
+    found = lint(arm(tmp_path, text)).findings
+    assert [f for f in found if f.check == check and f.place == place and words in f.why], found
+    assert all(f.write for f in found)
+
+
+def test_a_sound_arm_has_its_mimic_only(tmp_path: Path) -> None:
+    assert [f.check for f in lint(arm(tmp_path)).findings] == ["mimic"]
+    assert lint(arm(tmp_path)).clean
+    assert not lint(tmp_path / "arm.urdf", strict=True).clean
+
+
+def test_links_without_mass_that_joints_move_are_found(tmp_path: Path) -> None:
+    text = (
+        ARM[: ARM.index('<link name="finger">')]
+        + '<link name="finger"/>'
+        + ARM[ARM.index('<link name="other_finger">') :]
+    )
+    (tmp_path / "arm.urdf").write_text(text)
+    assert ("link without inertia", "link finger") in {(f.check, f.place) for f in lint(tmp_path / "arm.urdf").findings}
+
+
+def test_sides_that_differ_are_found(tmp_path: Path) -> None:
+    text = ARM.replace("other_finger", "right_finger").replace('"finger"', '"left_finger"')
+    (tmp_path / "arm.urdf").write_text(text)
+    assert "left and right" not in {f.check for f in lint(tmp_path / "arm.urdf").findings}
+    (tmp_path / "arm.urdf").write_text(text.replace('value="0.125"', 'value="0.25"', 1))
+    assert "left and right" in {f.check for f in lint(tmp_path / "arm.urdf").findings}
+
+
+def test_other_formats_are_linted_by_their_mechanism(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    body = '<inertial mass="2000" pos="0 0 0.1" diaginertia="0.01 0.01 0.01"/><joint name="a" range="-150 90"/>'
+    (tmp_path / "a.xml").write_text(f"<mujoco><worldbody><body name='b'>{body}</body></worldbody></mujoco>")
+    assert {"mass", "default tensor"} <= {f.check for f in lint(tmp_path / "a.xml").findings}
+
+
+def test_files_that_are_none_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.urdf").write_text("")
+    with pytest.raises(InputError, match="an empty file"):
+        lint(tmp_path / "a.urdf")
+
+
+def test_the_command_says_what_it_found_and_leaves_with_its_code(tmp_path: Path) -> None:
+    good, bad = arm(tmp_path), arm(tmp_path, ('value="3.25"', 'value="-3.25"'), name="bad.urdf")
+    run = CliRunner().invoke(main, ["lint", str(good)])
+    assert run.exit_code == 0
+    assert "0 errors, 1 warnings" in run.output
+    assert CliRunner().invoke(main, ["lint", str(good), "--strict"]).exit_code == 1
+    run = CliRunner().invoke(main, ["lint", str(bad), "--json", "--junit", str(tmp_path / "j.xml")])
+    assert run.exit_code == 1
+    assert json.loads(run.output)[0]["findings"][0]["check"] == "mass"
+    assert b"<failure" in (tmp_path / "j.xml").read_bytes()
+    assert CliRunner().invoke(main, ["lint", str(tmp_path / "none.urdf")]).exit_code == 2
