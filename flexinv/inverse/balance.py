@@ -81,8 +81,8 @@ class EnergyGuard:
     """Energies and work of a march so far.
 
     mesh : what moves; passive : joints without a motion; step : time between two instants [s]
-    account : (7,) kinetic and elastic energy at the start, that of gravity there [J]; power of the last instant [W]; work of drives
-        and forces, the same with every part positive [J]; steps that were made [-]; time of a step [s]
+    account : (7,) kinetic and elastic energy at the start, that of gravity there [J]; power of the last instant [W]; work of
+        drives and forces, the same with every part positive [J]; steps that were made [-]; time of a step [s]
     """
 
     mesh: Mesh
@@ -131,7 +131,7 @@ class Instant(NamedTuple):
 
 @jit
 def guarded_torques(nodes, drives, masses, frames, motion, instant, tau):
-    """Set the efforts of one instant as `instant_torques` does, add its step; return whether to judge it, and its energies [J]."""
+    """Set the efforts of one instant by `instant_torques`, add its step; return whether to judge it, and its energies [J]."""
     instant_torques(nodes, drives, masses, frames, instant.line, motion, tau)
     holds, potential, power = instant_energies(masses, frames, instant.stored, instant.driven, tau, motion[1])
     return add_step(instant.account, holds, potential, power), holds, potential
