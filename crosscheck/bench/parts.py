@@ -40,6 +40,7 @@ PARTS: Mapping[str, Part] = {
     },
     "elements": Part("More elements", "marches", "elements", quick={"orders": {"1": [16, 64, 128]}, "seconds": 0.5}),
     "others": Part("Closed loops and threads", "marches", "others", quick={"seconds": 0.5}),
+    "runs": Part("Whole runs", "runs", quick={"whole": False}),
 }
 
 
@@ -56,6 +57,11 @@ def studies(models: Path, names: tuple[str, ...] = (), quick: bool = False) -> t
         for name, part in PARTS.items()
         if not names or name in names
     )
+
+
+def studies_of_night(models: Path) -> tuple[Study, ...]:
+    """Return the studies that a night may make: all parts but whole runs, for it is one itself."""
+    return studies(models, tuple(name for name in PARTS if name != "runs"))
 
 
 def measure(parts: tuple[Study, ...], timeout: float, out: Path, notify: Notify, command: str = "") -> Results:

@@ -9,19 +9,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from flexinv.errors import InputError
-from flexinv.files.toml_tables import (
-    Fraction,
-    NotNegative,
-    Number,
-    Positive,
-    Table,
-    Text,
-    complaint,
-    key,
-    location,
-    read_toml,
-    validate,
-)
+from flexinv.files.toml_tables import Location, Table, key, read_toml, validate
+from flexinv.files.values import NotNegative, Number, Positive, Text
 from flexinv.model.mechanism import Mechanism
 from flexinv.validation import nearest
 
@@ -117,7 +106,7 @@ class IdentifyTable(Table):
         "still_rad_per_s = 0.01",
         default=0.01,
     )
-    between_runs: Fraction = key(
+    between_runs: NotNegative = key(
         "relative standard error of friction from one run to the next [-]", "between_runs = 0.05", default=0.05
     )
     least_radius_m: Positive = key(
@@ -139,20 +128,22 @@ def read_settings(path: Path, mechanism: Mechanism) -> IdentifyTable:
         raise InputError(
             f"{file}: there is no such file; write `crosscheck identify {mechanism.name} --log LOG --propose`, which makes one"
         )
-    table = validate(IdentifyTable, read_toml(file), file, "")
+    top = Location(file)
+    table = validate(IdentifyTable, read_toml(file), top)
     joints = [j.name for j in mechanism.joints if j.nv == 1]
     for name in table.joints:
         if name not in joints:
-            near = nearest(name, joints)
-            where = location(file, f"joints.{name}")
             expected = "a joint of one coordinate: " + ", ".join(joints)
-            raise InputError(complaint(where, f'"{name}"', expected, f"[joints.{near or joints[0]}]"))
-    for k, free in enumerate(table.free):
-        if free.relative is None and free.error is None:
-            where = location(file, f"free[{k}]", "relative")
-            raise InputError(
-                complaint(where, "nothing", "relative [-] or error [unit]: a believable error", "relative = 0.3")
+            raise top.inner("joints").wrong(
+                name, f'"{name}"', expected, f"[joints.{nearest(name, joints) or joints[0]}]"
             )
+    for free in table.free:
+        if free.relative is None and free.error is None:
+            given, expected = (
+                f"[[free]] {free.parameter} without either",
+                "relative [-] or error [unit]: a believable error",
+            )
+            raise top.inner("free").wrong("relative", given, expected, "relative = 0.3")
     return table
 
 

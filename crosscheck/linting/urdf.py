@@ -156,7 +156,7 @@ def _without_inertia(robot: Element, links: dict[str, Stated]) -> Iterator[Findi
 
 
 def _weighs(name: str, links: dict[str, Stated], children: dict[str, list[Element]], depth: int) -> bool:
-    """Whether a link, or what is fixed to it or carried by it, has mass."""
+    """Return True if a link, or what is fixed to it or carried by it, has mass."""
     link = links.get(name)
     if link is None or link.inertia.mass > 0 or depth > len(links):
         return link is not None and depth <= len(links)
@@ -353,7 +353,7 @@ def _meshes(robot: Element, path: Path) -> Iterator[Finding]:
 
 
 def _there(name: str, path: Path) -> bool:
-    """Whether a mesh is beside the file, or in the package whose folder is above the file."""
+    """Return True if a mesh is beside the file, or in the package whose folder is above the file."""
     plain = name.removeprefix("file://")
     if "://" not in plain:
         return (path.parent / plain).is_file()
