@@ -80,7 +80,7 @@ def drawn(task: Task) -> list[tuple[str, str]]:
             seen = portrait(task)
         except FlexinvError as error:
             raise RuntimeError(f"{name} cannot be drawn: {error}") from error
-        picture(seen.solution, image)
+        picture(seen, image)
         words.write_text("\n".join(f"{what}\t{text}" for what, text in seen.lines))
     shutil.copy(image, DOCS / "mechanisms" / f"{name}.png")
     return [(what, text) for what, _, text in (line.partition("\t") for line in words.read_text().splitlines())]

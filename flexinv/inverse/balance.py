@@ -118,7 +118,7 @@ class EnergyGuard:
 
 
 class Instant(NamedTuple):
-    """What a controller knows of an instant beside the motion: all arrays are written or read in place.
+    """Arrays of one instant of a controller beside the motion, read and written in place.
 
     stored : (3,) the first is the elastic energy [J]; driven : (nv,) 1 or 0; line : (nodes, 6) scratch; account : `EnergyGuard`
     """
