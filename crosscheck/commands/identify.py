@@ -12,6 +12,7 @@ from rich.table import Table
 from crosscheck import output_folder as owned
 from crosscheck.commands.shared.terminal import MODELS, Console, Failure
 from crosscheck.identification.bands import Judged
+from crosscheck.identification.causes import name_causes
 from crosscheck.identification.files import write_judged, write_parameters, write_prediction
 from crosscheck.identification.identify import Identified, blocks, identify, machine_of
 from crosscheck.identification.log import read_log
@@ -35,6 +36,9 @@ FOLD = "Cut the window of the first log into so many blocks; each is judged by w
 @click.option("--predict", "wanted", help="Log whose efforts are predicted; its own efforts are not looked at.")
 @click.option("--blocks", "count", type=click.IntRange(min=2), help=FOLD)
 @click.option(
+    "--causes", "asked", is_flag=True, help="Name what the logs held out (else the first log) show beside the model."
+)
+@click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), help="Folder; reports/identify/NAME by default."
 )
 def command(
@@ -44,6 +48,7 @@ def command(
     hold_out: tuple[str, ...],
     wanted: str | None,
     count: int | None,
+    asked: bool,
     out: Path | None,
 ) -> None:
     """Identify parameters of mechanism NAME from logs, with intervals; predict other logs, with bands.
@@ -62,6 +67,8 @@ def command(
                 log = read_log(_located(source, (wanted,))[0], found.machine.settings.time)
                 write_prediction(found.machine, found.predict(log), owned.claim(folder / "prediction.csv"))
             _say(console, found)
+            for held in (_located(source, hold_out) or _located(source, logs[:1])) if asked else ():
+                _causes(console, found, held)
             if count is not None:
                 log = read_log(_located(source, logs[:1])[0], found.machine.settings.time)
                 _table(console, f"{count} blocks in turn", blocks(machine_of(source), log, count))
@@ -96,6 +103,14 @@ def _say(console: Console, found: Identified) -> None:
         _table(console, "logs held out", found.judged)
     for words in found.words:
         console.print(escape(words), highlight=False, soft_wrap=True, style="dim")
+
+
+def _causes(console: Console, found: Identified, log: str) -> None:
+    named = name_causes(found.machine, found.fit, read_log(log, found.machine.settings.time))
+    lines = [one.words for one in named] or ["no cause of the dictionary explains what remains: unknown"]
+    console.print(f"\n[bold]what remains of {escape(Path(log).name)}[/bold]")
+    for words in lines:
+        console.print(escape(words), highlight=False, soft_wrap=True)
 
 
 def _table(console: Console, title: str, rows: list[Judged]) -> None:

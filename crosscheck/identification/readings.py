@@ -150,12 +150,13 @@ def make_run(machine: Machine, log: Log, efforts: bool = True) -> Run:
         window = (log.time >= settings.window_s[0] - 1e-9) & (log.time <= settings.window_s[1] + 1e-9)
     edge = EDGE / settings.bandwidth_Hz
     window &= (motion.time >= edge) & (motion.time <= motion.time[-1] - edge)
-    measured = _measured(machine, log) if efforts else None
+    measured = measured_of(machine, log) if efforts else None
     told = response(machine.mechanism, machine.space, settings, motion)
     return Run(log.name, log.time, motion, told, measured, sliding, sliding & window[:, None])
 
 
-def _measured(machine: Machine, log: Log) -> Array:
+def measured_of(machine: Machine, log: Log) -> Array:
+    """Return the efforts and gauges of a log (samples, channels) [units of the channels], low-passed.  Raises InputError."""
     columns = []
     for channel in machine.channels:
         raw = log.column(channel.column) * channel.factor

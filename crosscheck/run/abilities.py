@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -36,9 +37,11 @@ def abilities(engine: Engine, pairs: Sequence[Pair], children: Children) -> Abil
     pairs : cases, with the engines of this adapter.  Where its process crashes or hangs, the cases that are left are asked
     one by one as they run, each in a process of its own.
     """
-    cases = [(str(task.folder.resolve()), task.case.name, one.name) for task, one in pairs]
+    cases = [(str(task.folder.resolve()), one.name) for task, one in pairs]
     with scratch() as folder:
         out = folder / "answers"
+        # as they were read here: the natural modes of a damping ratio are not computed once more for every adapter
+        out.with_suffix(".asked").write_bytes(pickle.dumps([(task.mechanism, task.case) for task, _ in pairs]))
         job = {"kind": "abilities", **engine.door, "engine": engine.name, "cases": cases, "out": str(out)}
         ending = call(job, folder, LIMIT, children)
         lines = answers(out)

@@ -9,11 +9,10 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import pickle
 import sys
 import traceback
-from collections.abc import Mapping
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Any, cast
 
@@ -118,25 +117,19 @@ def abilities(job: dict[str, Any]) -> None:
     with Path(job["out"]).open("w", encoding="utf-8", buffering=1) as lines:
         adapter = opened(job)
         lines.write(json.dumps({"version": adapter.version(), "abilities": adapter.abilities()}) + "\n")
-        for folder, case, engine in job["cases"]:
-            lines.write(json.dumps({"reason": _refused(job, folder, case, engine)}) + "\n")
+        asked = pickle.loads(Path(job["out"]).with_suffix(".asked").read_bytes())
+        for (folder, engine), (mechanism, case) in zip(job["cases"], asked, strict=True):
+            here = {**job, "engine": engine, "mechanism": folder}
+            lines.write(json.dumps({"reason": _refused(here, mechanism, case)}) + "\n")
 
 
-def _refused(job: dict[str, Any], folder: str, case: str, engine: str) -> str | None:
+def _refused(job: dict[str, Any], mechanism: Mechanism, case: Case) -> str | None:
     """Return the reason why an engine cannot do a case; None also where that cannot be asked: its run will say so."""
     try:
-        adapter = opened({**job, "engine": engine, "mechanism": folder})
-        mechanism, cases = _read(folder)
-        return adapter.unsupported(mechanism, cases[case], engine)
+        return opened(job).unsupported(mechanism, case, job["engine"])
     except Exception:
         traceback.print_exc()
         return None
-
-
-@cache
-def _read(folder: str) -> tuple[Mechanism, Mapping[str, Case]]:
-    mechanism = read_mechanism(folder)
-    return mechanism, load_cases(folder, mechanism)
 
 
 def study(job: dict[str, Any]) -> None:

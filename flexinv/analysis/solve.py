@@ -52,7 +52,7 @@ def solve(
     step : time step and spacing of the samples [s]; end : last time [s], the motion's duration by default
     error : also march with half the step and on a refined mesh: ``torque_error``, ``tip_error``
     spectral_radius : numerical damping of the march, 0 strong, 1 none [-]
-    initial : "consistent" (starts undeformed) or "static" (starts in equilibrium under gravity)
+    initial : "consistent" (starts undeformed) or "static" (starts in equilibrium under gravity, to which passive joints sink)
     incremental : the paper's incremental mode, accelerations from differences of nodal positions (`finite_differences`)
     start, start_rate : initial coordinates and rates of passive joints (unactuated, not in the motion) [rad], [m], [1/s]
     progress : called with the number of steps done since its last call

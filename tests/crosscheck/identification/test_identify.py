@@ -12,8 +12,11 @@ from click.testing import CliRunner
 
 import crosscheck
 from crosscheck.cli import Main
-from crosscheck.identification.identify import Identified, blocks
+from crosscheck.identification.bands import factors, judge, predict
+from crosscheck.identification.fit import fit, problem
+from crosscheck.identification.identify import Identified, blocks, machine_of
 from crosscheck.identification.log import read_log
+from crosscheck.identification.readings import make_run
 from flexinv.errors import InputError
 
 
@@ -146,3 +149,24 @@ def test_a_mat_file_is_read(folder: Path, tmp_path: Path) -> None:
     savemat(tmp_path / "one.mat", {name: table[name].to_numpy() for name in table.columns})
     log = read_log(tmp_path / "one.mat")
     assert np.array_equal(log.column("t1"), table["t1"])
+
+
+@pytest.mark.slow
+def test_four_fifths_of_the_measured_arm_predict_the_last(root: Path) -> None:
+    """Motor torques of kuka_kr300: 99 % on axes 1 to 3 and 95 % on 4 to 6 is what its record is kept for."""
+    folder = root / "models" / "kuka_kr300"
+    machine = machine_of(folder)
+    run = make_run(machine, read_log(folder / "run_A.csv.gz"))
+    last = (run.time >= 6.92)[:, None]
+    task = problem(machine, (run,), (run.counted & ~last,))
+    found = fit(task)
+    told = predict(machine, found, factors(task, found), run)
+    seen = judge(machine, run, told, run.counted & ~last)
+    assert all(row.explained > 0.99 for row in seen[:3])
+    assert all(row.explained > 0.95 for row in seen[3:])
+    unseen = judge(machine, run, told, run.counted & last)
+    # of one block alone: errors over the spread of the whole window
+    for c, row in enumerate(unseen):
+        spread = run.measured[run.counted[:, c], c].std()  # type: ignore[index]
+        assert 1.0 - (row.rms / spread) ** 2 > (0.99 if c < 3 else 0.95)
+        assert row.coverage > 0.7  # of 90 % on average over blocks
