@@ -2,6 +2,7 @@
 # make test     ruff, mypy and all tests
 # make check    the fast tests only
 # make wheel    a wheel for this system's Python with machine code -> dist
+# make docs     the site -> docs/_build/html/index.html
 #
 # Needs Python 3.11 to 3.13 with pip; everything else is installed into .venv, once.
 
@@ -14,7 +15,7 @@ JOBS   ?= 2
 # Levels of processor that a wheel has machine code for; on aarch64: make wheel LEVELS=generic
 LEVELS ?= x86-64-v3 x86-64-v4
 
-.PHONY: report test check lint wheel clean
+.PHONY: report test check docs lint wheel clean
 
 report: $(STAMP)
 	$(BIN)/crosscheck run --out $(OUT) --jobs $(JOBS) --baseline reports/baseline
@@ -24,6 +25,10 @@ test: lint
 
 check: $(STAMP)
 	$(BIN)/pytest -n $(JOBS) -m "not slow and not browser"
+
+# A warning is an error; links to files and within the site are checked, too.
+docs: $(STAMP)
+	$(BIN)/sphinx-build --fail-on-warning --keep-going -b html docs docs/_build/html
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
@@ -50,4 +55,4 @@ wheel: $(STAMP)
 
 # Compiled kernels (in __pycache__) stay: they depend on the source only and take a minute or two to make again.
 clean:
-	rm -rf $(VENV) build .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) docs/_build docs/examples docs/mechanisms docs/reference/generated build .pytest_cache .mypy_cache .ruff_cache

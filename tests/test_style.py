@@ -14,11 +14,18 @@ from flexinv import _HOME
 ROOT = Path(__file__).resolve().parent.parent
 NUMERICAL = sorted((ROOT / "flexinv").rglob("*.py"))
 PACKAGES = NUMERICAL + sorted((ROOT / "crosscheck").rglob("*.py"))
-ALL = PACKAGES + sorted((ROOT / "tests").rglob("*.py")) + sorted((ROOT / "docs").rglob("*.py"))
+# What the build of the site writes below docs/.
+BUILT = {ROOT / "docs" / name for name in ("_build", "_static", "examples", "mechanisms", "reference/generated")}
+ALL = (
+    PACKAGES
+    + sorted((ROOT / "tests").rglob("*.py"))
+    + sorted(path for path in (ROOT / "docs").rglob("*.py") if not BUILT & set(path.parents))
+)
 TEXTS = [
     path
     for folder in ("flexinv", "crosscheck", "tests", "models", "docs", ".")
     for path in sorted((ROOT / folder).glob("*" if folder == "." else "**/*"))
+    if not BUILT & set(path.parents)
     if path.suffix in (".py", ".toml", ".md", ".txt", ".csv", ".html", ".j2", ".js", ".urdf") or path.name == "Makefile"
 ]
 

@@ -57,7 +57,7 @@ def command(parts: tuple[str, ...], models: Path, quick: bool, out: Path, url: s
       crosscheck bench --quick             one look, about a minute
       crosscheck bench                     all of it, some minutes: leave the machine alone meanwhile
       crosscheck bench rigid one-link      these parts only
-      python docs/make_figures.py reports/bench/results.json     the plot of time and error as a picture
+      python docs/figures/make_figures.py reports/bench/results.json     the plot of time and error as a picture
 
     The engines take turns in one process, results are compared before anything is timed, and what is judged are
     ratios of medians.  `crosscheck nightly --bench` does the same at the end of a night.

@@ -23,6 +23,7 @@ from flexinv.kinematics.joint_motion import JointHistory
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import KINDS, POSE, ROTATION
 from flexinv.model.mechanism import Joint, Mechanism
+from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
 
 Mask = NDArray[np.bool_]
@@ -186,17 +187,25 @@ def picked_start(mesh: Mesh, history: JointHistory, time: float, passive: Mask, 
 
     history : time -> q, qd, qdd of all joints; passive : (nv,) coordinates that no motion gives, at their start if it is stated
     """
+    now = [part.tobytes() for part in history(np.array([time]))]
+    return _picked(mesh, time, passive.tobytes(), stated.tobytes(), *now)
+
+
+@kept_with_owner()
+def _picked(mesh: Mesh, time: float, passive: bytes, stated: bytes, *now: bytes) -> Array | None:
+    """The start of `picked_start`: other steps, tolerances and motions often begin at the same."""
+    free, kept = (np.frombuffer(mask, dtype=bool) for mask in (passive, stated))
     rows = constraint_rows(mesh).of(acting(mesh.mechanism, time))
-    q, qd, qdd = (part[0] for part in history(np.array([time])))
-    given = Stated(q, qd, qdd, places=stated & passive, rates=np.zeros_like(stated), passive=passive, place=NEAR)
+    q, qd, qdd = (np.frombuffer(part) for part in now)
+    given = Stated(q, qd, qdd, places=kept & free, rates=np.zeros_like(kept), passive=free, place=NEAR)
     try:
-        plain = closed_start(mesh, history, time, passive, rows)[0]
+        plain = closed_start(mesh, lambda _: (q[None], qd[None], qdd[None]), time, free, rows)[0]
     except ConvergenceError:
-        return _placed(mesh, given, rows, [passive])
+        return _placed(mesh, given, rows, [free])
     near = unwound(mesh.mechanism, q, plain)
     if off_start(mesh, given.places, q, plain).max(initial=0.0) <= NEAR:
         return None if np.allclose(near, plain, rtol=0.0, atol=FAR) else near
-    return _placed(mesh, given, rows, [passive])
+    return _placed(mesh, given, rows, [free])
 
 
 def closed_at(mesh: Mesh, q: Array, drives_move: bool = False) -> Array:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from flexinv import validation as arguments
 from flexinv.files.toml_tables import Location, Table, key, optional, read_toml, validate
-from flexinv.files.values import Name, NotNegative, Number, Positive, Text, Vector
+from flexinv.files.values import Format, Name, NotNegative, Number, Positive, Text, Vector
 from flexinv.typing import Array
 
 QUANTITIES = ("torque", "wrench", "reaction", "tip", "deflection", "axial", "internal", "frequency")
@@ -256,6 +256,8 @@ class CaseTable(Table):
 class CasesTable(Table):
     """The whole file."""
 
+    format: Format = key("the version of the file's format, 1 when absent", "format = 1", default=1)
+    format: Format = key("the version of the file's format, 1 when absent", "format = 1", default=1)
     source: Text = key("where the cases come from, a text", 'source = "Isobe et al., example 3"')
     cases: dict[str, Any] = key("tables [cases.NAME]", "[cases.NAME]")
     tasks: dict[str, Any] = key("tables [tasks.NAME]: paths of a frame", "[tasks.NAME]", default={})

@@ -1,4 +1,4 @@
-"""Natural frequencies of turning blades beside measured ones: python docs/rotating_beams.py prints every row.
+"""Natural frequencies of turning blades beside measured ones: python docs/studies/rotating_beams.py prints every row.
 
 J. J. Epps, R. Chandra, *The natural frequencies of rotating composite beams with tip sweep*, J. AHS 41(1), 1996: a straight
 blade of graphite, and blades of aluminium whose outer 6 inches are swept back, measured turning.  Numbers and sections as in

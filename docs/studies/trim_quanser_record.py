@@ -1,4 +1,4 @@
-"""Trim the measured record of the Quanser arm: python docs/trim_quanser_record.py <clone of the repository>.
+"""Trim the measured record of the Quanser arm: python docs/studies/trim_quanser_record.py <clone of the repository>.
 
 https://github.com/basta/quanser-2-dof-serial-flexible-link, commit 48ab0ce, file software/quanser_updated/lqr_full_10deg.mat
 (MIT licence): every second sample of the six measured signals, with as many digits as their sensors give.
@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from scipy.io import loadmat
 
-OUT = Path(__file__).parents[1] / "models" / "quanser_2dsfl" / "record.csv"
+OUT = Path(__file__).parents[2] / "models" / "quanser_2dsfl" / "record.csv"
 MEASURED = 2  # column of the arrays: time, reference or command, measurement
 EVERY = 2
 # Encoders resolve 8.8e-4 and 1.8e-3 deg, the current 6.1e-4 A; the gauges' noise is filtered to some 1e-5 deg.

@@ -1,4 +1,4 @@
-"""Derive the case of the measured arm from its record: python docs/derive_quanser_case.py.
+"""Derive the case of the measured arm from its record: python docs/studies/derive_quanser_case.py.
 
 Identifies the flexible model on the first 10 s of models/quanser_2dsfl/record.csv, prints what stands in the mechanism
 files (some 30 s of one core), and writes motion.csv and measured.csv of the next 5 s, which the identification has not seen.
@@ -19,7 +19,7 @@ from crosscheck.studies.measured_arm import AGREE, FLEXIBLE, MESH, RECORD, RIGID
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Mechanism
 
-MODELS = Path(__file__).parents[1] / "models"
+MODELS = Path(__file__).parents[2] / "models"
 EVERY = 2  # of the record's samples one: 8 ms
 SPLIT = SPLITS[1]  # the same moves again
 

@@ -1,8 +1,8 @@
 """Draw the README's pictures from real runs.
 
-``python docs/make_figures.py`` writes docs/arms.png and docs/feed_forward.png (torques replayed in Exudyn).
-With the results of ``crosscheck bench`` it writes docs/time_error.png and docs/latency.png instead:
-``python docs/make_figures.py reports/bench/results.json`` (several files: all of them).
+``python docs/figures/make_figures.py`` writes arms.png and feed_forward.png beside itself (torques replayed in Exudyn).
+With the results of ``crosscheck bench`` it writes time_error.png and latency.png instead:
+``python docs/figures/make_figures.py reports/bench/results.json`` (several files: all of them).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from flexinv import Following, Mechanism, Motion, Solution
 from flexinv.tracking.follow import INVERSION, JOINT_SPACE, RIGID
 from flexinv.tracking.task_file import load_tasks
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 STEP = 5e-4  # [s], at which the paper's one-link case is converged to a thousandth
 # The paper's examples 3 and 4: half a turn in 0.2 s, and 0.5 and 1 rad in 0.2 s, then rest.
 ONE = Motion.point_to_point({"hub": 0.0}, {"hub": np.pi}, 0.2, hold=0.3)
