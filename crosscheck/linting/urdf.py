@@ -183,10 +183,10 @@ def _origin(joint: Element, name: str) -> Iterator[Finding]:
             yield error(
                 "number",
                 name,
-                f'{key}="{joint.find("origin").get(key)}"'[:80],
+                f'{key}="{_text_of(joint, "origin", key)}"'[:80],
                 "three finite numbers are expected",
                 f'{key}="0 0 0"',
-            )  # type: ignore[union-attr]
+            )
         elif np.abs(found).max() > most:
             write = "metres" if key == "xyz" else "radians"
             yield warning("units", name, f'{key}="{" ".join(f"{x:g}" for x in found)}"', f"looks like {words}", write)
@@ -273,10 +273,16 @@ def _dynamics(joint: Element, name: str) -> Iterator[Finding]:
             yield error(
                 "dynamics",
                 name,
-                f"{key} {joint.find('dynamics').get(key)}"[:80],
+                f"{key} {_text_of(joint, 'dynamics', key)}"[:80],
                 "a number >= 0 is expected",
                 f'{key}="0"',
-            )  # type: ignore[union-attr]
+            )
+
+
+def _text_of(joint: Element, tag: str, key: str) -> str:
+    """The text of an attribute of a joint's part, "" where there is none."""
+    part = joint.find(tag)
+    return "" if part is None else part.get(key, "")
 
 
 def _mimics(robot: Element) -> Iterator[Finding]:

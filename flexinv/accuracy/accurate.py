@@ -91,7 +91,11 @@ def _told(refinement: Refinement, answer: Answer, solution: Solution) -> Solutio
     tips = {name: answer.bars[:, count + k] * size for k, (name, size) in enumerate(links)}
     plain = len(answer.levels) == 1
     notes = solution.notes + ((PLAIN,) if plain else ())
-    said = {"accuracy": asked, "extrapolated": not plain, "order": round(answer.order, 2)}
+    said: dict[str, float | int | str | bool] = {
+        "accuracy": asked,
+        "extrapolated": not plain,
+        "order": round(answer.order, 2),
+    }
     return replace(solution, torque_error=torque, tip_error=tips, notes=notes, settings=solution.settings | said)
 
 

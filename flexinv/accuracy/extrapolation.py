@@ -97,7 +97,7 @@ def thinned(first: FirstStep, every: int) -> FirstStep:
     if every == 1:
         return first
     samples = len(first.time)
-    out = _every(first, slice(None, None, every), samples)
+    out: FirstStep = _every(first, slice(None, None, every), samples)
     if first.brought is not None:
         ends = np.cumsum(first.brought)[::every]
         out = replace(out, brought=np.diff(ends, prepend=0.0))

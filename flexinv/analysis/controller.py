@@ -207,9 +207,11 @@ class Controller:
             torque = self._torques(f, q, qd, qdd)
             f.guard.look(*self._energies(f, qd), qd)
             return torque
-        doubtful, *energies = guarded_torques(f.nodes, f.drives, f.masses, f.frames, (q, qd, qdd), f.instant, self.tau)
+        doubtful, holds, potential = guarded_torques(
+            f.nodes, f.drives, f.masses, f.frames, (q, qd, qdd), f.instant, self.tau
+        )
         if doubtful:
-            f.guard.judge(*energies, qd)
+            f.guard.judge(holds, potential, qd)
         return self.tau
 
     def _energies(self, flexible: Flexible, qd: Array) -> tuple[float, float, float]:

@@ -76,7 +76,7 @@ def solve(
         from flexinv.accuracy.accurate import check_accuracy
         from flexinv.accuracy.accurate_solve import accurate_solve
 
-        options = {"end": end, "start": start, "start_rate": start_rate, "progress": progress}
+        options: dict[str, Any] = {"end": end, "start": start, "start_rate": start_rate, "progress": progress}
         settings = checked(1.0, spectral_radius, tolerance, initial)
         return accurate_solve(mechanism, motion, check_accuracy(accuracy, step), settings, options)
     steps = time_grid(motion, step, end, every)

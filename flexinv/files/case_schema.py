@@ -257,7 +257,6 @@ class CasesTable(Table):
     """The whole file."""
 
     format: Format = key("the version of the file's format, 1 when absent", "format = 1", default=1)
-    format: Format = key("the version of the file's format, 1 when absent", "format = 1", default=1)
     source: Text = key("where the cases come from, a text", 'source = "Isobe et al., example 3"')
     cases: dict[str, Any] = key("tables [cases.NAME]", "[cases.NAME]")
     tasks: dict[str, Any] = key("tables [tasks.NAME]: paths of a frame", "[tasks.NAME]", default={})
