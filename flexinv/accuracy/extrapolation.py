@@ -101,7 +101,8 @@ def thinned(first: FirstStep, every: int) -> FirstStep:
     if first.brought is not None:
         ends = np.cumsum(first.brought)[::every]
         out = replace(out, brought=np.diff(ends, prepend=0.0))
-    return replace(out, joints=tuple(part[::every] for part in first.joints))
+    q, qd, qdd = (part[::every] for part in first.joints)
+    return replace(out, joints=(q, qd, qdd))
 
 
 def _every(record: Any, rows: slice, samples: int) -> Any:
