@@ -1,6 +1,8 @@
 # make report   every mechanism in every engine -> reports/latest/index.html
 # make test     ruff, mypy and all tests
 # make check    the fast tests only
+# make wheel    a wheel for this system's Python with machine code -> dist
+# make docs     the site -> docs/_build/html/index.html
 #
 # Needs Python 3.11 to 3.13 with pip; everything else is installed into .venv, once.
 
@@ -10,8 +12,10 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/installed
 OUT    ?= reports/latest
 JOBS   ?= 2
+# Levels of processor that a wheel has machine code for; on aarch64: make wheel LEVELS=generic
+LEVELS ?= x86-64-v3 x86-64-v4
 
-.PHONY: report test check lint clean
+.PHONY: report test check docs lint wheel clean
 
 report: $(STAMP)
 	$(BIN)/crosscheck run --out $(OUT) --jobs $(JOBS) --baseline reports/baseline
@@ -21,6 +25,10 @@ test: lint
 
 check: $(STAMP)
 	$(BIN)/pytest -n $(JOBS) -m "not slow and not browser"
+
+# A warning is an error; links to files and within the site are checked, too.
+docs: $(STAMP)
+	$(BIN)/sphinx-build --fail-on-warning --keep-going -b html docs docs/_build/html
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
@@ -33,8 +41,18 @@ $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV) || { $(PYTHON) -m venv --clear --without-pip $(VENV) && \
 		$(PYTHON) -m pip --python $(BIN)/python install pip; }
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[all]"
+	-$(BIN)/flexinv warm --jobs $(JOBS)
 	touch $@
 
-# Compiled kernels (in __pycache__) stay: they depend on the source only and take some twenty seconds to make again.
+# Machine code is compiled level by level, into caches of its own; `python -m build` takes it into the wheel (setup.py).
+wheel: $(STAMP)
+	rm -rf build dist
+	for level in $(LEVELS); do \
+		NUMBA_CPU_NAME=$$level NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=build/cache/$$level \
+			$(BIN)/flexinv warm --jobs $(JOBS) --ship build/machine_code/$$level || exit 1; \
+	done
+	$(PYTHON) -m build --wheel
+
+# Compiled kernels (in __pycache__) stay: they depend on the source only and take a minute or two to make again.
 clean:
-	rm -rf $(VENV) build .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) docs/_build docs/examples docs/mechanisms docs/reference/generated build .pytest_cache .mypy_cache .ruff_cache

@@ -9,9 +9,10 @@ from typing import Any
 _HOME = {
     "compare": "crosscheck.equivalence.compare",
     "assert_same": "crosscheck.equivalence.assert_same",
+    "identify": "crosscheck.identification.identify",
     "lint": "crosscheck.linting.lint",
 }
-__all__ = ["assert_same", "compare", "lint"]
+__all__ = ["assert_same", "compare", "identify", "lint"]
 
 
 def __getattr__(name: str) -> Any:

@@ -1,9 +1,10 @@
-"""What README, NOTATION and the docstrings show runs, and says what it says."""
+"""What README, site, NOTATION and the docstrings show runs in a fresh process, and says what it says."""
 
 from __future__ import annotations
 
 import doctest
 import importlib
+import os
 import re
 import shlex
 import subprocess
@@ -12,16 +13,23 @@ from pathlib import Path
 
 import pytest
 
-from flexinv.cli.commands import main
-from flexinv.files.load_mechanism import load_mechanism
-
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = ("README.md", "NOTATION.md")
+GENERATED = ("_build", "mechanisms", "examples", "reference/generated")
+SITE = sorted(
+    path.relative_to(ROOT).as_posix()
+    for path in (ROOT / "docs").rglob("*.md")
+    if not path.relative_to(ROOT / "docs").as_posix().startswith(GENERATED)
+)
+PAGES = ("README.md", "NOTATION.md", *SITE)
+GALLERY = sorted((ROOT / "docs" / "gallery").glob("*.py"))
 MODULES = sorted(
     ".".join(path.relative_to(ROOT).with_suffix("").parts)
     for path in (ROOT / "flexinv").rglob("*.py")
     if path.name != "__init__.py"
 )
+COMMANDS = ("flexinv", "crosscheck")
+# What a page shows of a shell without running it: installation, other machines, whole nights.  Such a block is called text.
+FILE = re.compile(r"^`(models/\S+\.toml)`:?\n\n```toml\n(.*?)^```$", re.M | re.S)
 
 
 def blocks(text: str, language: str) -> list[str]:
@@ -30,13 +38,22 @@ def blocks(text: str, language: str) -> list[str]:
     return ["\n" * (text[: block.start()].count("\n") + 1) + block.group(1) for block in found]
 
 
-@pytest.mark.parametrize("page", PAGES)
+def with_blocks(language: str) -> list[str]:
+    return [page for page in PAGES if blocks((ROOT / page).read_text(), language)]
+
+
+def project(folder: Path) -> Path:
+    """A folder in which all models lie, as a reader's checkout has them; what is written goes into the folder."""
+    (folder / "models").mkdir()
+    for model in (ROOT / "models").iterdir():
+        (folder / "models" / model.name).symlink_to(model)
+    return folder
+
+
+@pytest.mark.parametrize("page", with_blocks("python"))
 def test_python_on_the_page_runs(page: str, tmp_path: Path) -> None:
     """Blocks run one after another, as a reader would type them, from the project's folder; files go elsewhere."""
-    (tmp_path / "models").symlink_to(ROOT / "models")
-    code = blocks((ROOT / page).read_text(), "python")
-    assert code, f"{page} shows no Python"
-    read(code, page, tmp_path)
+    read(blocks((ROOT / page).read_text(), "python"), page, project(tmp_path))
 
 
 def read(code: list[str], page: str, folder: Path) -> None:
@@ -48,45 +65,78 @@ def read(code: list[str], page: str, folder: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_files_on_the_page_load(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The README's new mechanism is a folder of two TOML files; its commands run as written."""
-    text = (ROOT / "README.md").read_text()
-    (tmp_path / "models").mkdir()
-    for model in (ROOT / "models").iterdir():
-        (tmp_path / "models" / model.name).symlink_to(model)
-    monkeypatch.chdir(tmp_path)
-    files = re.findall(r"^`(models/\S+\.toml)`:?\n\n```toml\n(.*?)^```$", text, re.M | re.S)
-    assert [Path(name).name for name, _ in files] == ["mechanism.toml", "cases.toml"]
-    for name, content in files:
-        path = tmp_path / name
-        path.parent.mkdir(exist_ok=True)
-        path.write_text(content)
-    post = load_mechanism(tmp_path / "models" / "crane").link_of["post"]
-    assert tuple(post.tip) == (0, 0, 1), "the crane's post stands where its boom begins"
-    commands = [line for block in blocks(text, "sh") for line in block.split("\n") if line.startswith("flexinv ")]
-    assert len(commands) >= 2
-    for command in commands:
-        main(shlex.split(command, comments=True)[1:])
-    assert "peak" in capsys.readouterr().out
+@pytest.mark.slow
+@pytest.mark.parametrize("page", with_blocks("sh"))
+def test_commands_on_the_page_run(page: str, tmp_path: Path) -> None:
+    """Files that a page shows are written, its commands run one after the other, in a folder with all models."""
+    folder, text = project(tmp_path), (ROOT / page).read_text()
+    for name, content in FILE.findall(text):
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text(content)
+    shown = [line for block in blocks(text, "sh") for line in block.splitlines() if line.strip()]
+    assert shown
+    for line in shown:
+        words = shlex.split(line, comments=True)
+        assert words[0] in COMMANDS, f"{page} shows {line!r}: write ```text where a command is not to be run"
+        command = [sys.executable, "-m", *words]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=600)
+        assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("example", GALLERY, ids=lambda path: path.stem)
+def test_an_example_of_the_gallery_runs(example: Path, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, str(example)], cwd=project(tmp_path), capture_output=True, text=True, timeout=600,
+        env=os.environ | {"MPLBACKEND": "agg"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_gallery_has_its_nine_examples() -> None:
+    assert [path.stem[:2] for path in GALLERY] == [f"{k:02d}" for k in range(1, len(GALLERY) + 1)]
+    assert len(GALLERY) >= 9
 
 
 def test_make_targets_on_the_page_exist() -> None:
     makefile = (ROOT / "Makefile").read_text()
     targets = set(re.findall(r"^(\w+):", makefile, re.M))
-    shown = set(re.findall(r"\bmake (\w+)", (ROOT / "README.md").read_text()))
-    assert {"report", "test"} <= shown <= targets
+    shown = {
+        name
+        for page in PAGES
+        for name in re.findall(r"\bmake (report|test|check|docs|lint|wheel|clean)\b", (ROOT / page).read_text())
+    }
+    assert {"report", "test", "docs"} <= shown <= targets
 
 
 def test_links_on_the_pages_lead_somewhere() -> None:
     broken = [
         f"{page}: {target}"
-        for page in (*PAGES, "CHANGELOG.md", "flexinv/README.md", "crosscheck/README.md", "models/README.md")
-        for target in re.findall(r"\]\(([^)#]+)\)", (ROOT / page).read_text())
-        if "://" not in target and not (ROOT / page).parent.joinpath(target).exists()
+        for page in (
+            *PAGES,
+            "CHANGELOG.md",
+            "CONTRIBUTING.md",
+            "flexinv/README.md",
+            "crosscheck/README.md",
+            "models/README.md",
+        )
+        for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", (ROOT / page).read_text())
+        if "://" not in target and not written(ROOT / page, target)
     ]
     assert not broken
+
+
+def written(page: Path, target: str) -> bool:
+    """A file is there, or the site writes it: pages of mechanisms come from the folders of models."""
+    path = (page.parent / target).resolve()
+    relative = path.relative_to(ROOT).as_posix()
+    if relative.startswith("docs/mechanisms/"):
+        return path.stem == "index" or (ROOT / "models" / path.stem).is_dir()
+    return path.exists()
+
+
+def test_the_readme_is_short() -> None:
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 150
 
 
 @pytest.mark.parametrize("module", MODULES)
@@ -102,6 +152,6 @@ def test_a_wrong_example_is_found(tmp_path: Path) -> None:
 
 
 def test_a_name_that_only_tests_have_imported_is_found(tmp_path: Path) -> None:
-    """This file imports `flexinv.cli.commands`, and all of flexinv with it: a reader has not."""
+    """The module `flexinv.cli` imports all of flexinv: a reader has not."""
     with pytest.raises(AssertionError, match="no attribute 'drives'"):
         read(["\nimport flexinv\nflexinv.drives\n"], "page", tmp_path)

@@ -14,11 +14,18 @@ from flexinv import _HOME
 ROOT = Path(__file__).resolve().parent.parent
 NUMERICAL = sorted((ROOT / "flexinv").rglob("*.py"))
 PACKAGES = NUMERICAL + sorted((ROOT / "crosscheck").rglob("*.py"))
-ALL = PACKAGES + sorted((ROOT / "tests").rglob("*.py")) + sorted((ROOT / "docs").rglob("*.py"))
+# What the build of the site writes below docs/.
+BUILT = {ROOT / "docs" / name for name in ("_build", "_static", "examples", "mechanisms", "reference/generated")}
+ALL = (
+    PACKAGES
+    + sorted((ROOT / "tests").rglob("*.py"))
+    + sorted(path for path in (ROOT / "docs").rglob("*.py") if not BUILT & set(path.parents))
+)
 TEXTS = [
     path
     for folder in ("flexinv", "crosscheck", "tests", "models", "docs", ".")
     for path in sorted((ROOT / folder).glob("*" if folder == "." else "**/*"))
+    if not BUILT & set(path.parents)
     if path.suffix in (".py", ".toml", ".md", ".txt", ".csv", ".html", ".j2", ".js", ".urdf") or path.name == "Makefile"
 ]
 
@@ -43,20 +50,19 @@ COMPARED = "a step of the comparison, in a file of its own name"
 DRAWING = "loads what draws, or what the page is written with, when it is asked for"
 # Modules that one other imports and that fit into it, and why they stay apart.
 ALONE = {
+    "crosscheck.run.cluster": "workers on other machines, which few runs have",
+    "crosscheck.run.shelves": "answers of earlier runs, apart from the doing of jobs",
     "flexinv.analysis.batch_kernel": KERNEL,
     "flexinv.cli.parameters": COMMAND,
     "flexinv.files.case_csv": "a file format of its own",
     "flexinv.files.overlay": "changes of a URDF, apart from the reading of mechanism files",
-    "flexinv.kernels.code_cache": "what Numba does with the disk, apart from the decorators that readers look up",
-    "flexinv.kernels.code_stamp": "the list of sources, which is changed with every kernel module",
+    "flexinv.kernels.compile_lock": "waiting for other processes, which knows nothing of Numba",
     "flexinv.model.drive": DATA,
     "flexinv.constraints.allocation_kernel": KERNEL,
     "flexinv.dynamics.tree_solver": EQUATIONS,
     "flexinv.rigid.derivative_kernel": KERNEL,
     "flexinv.rigid.nodal_result": "a record that callers get, apart from the function that is prepared",
     "flexinv.rigid.regressor_kernel": KERNEL,
-    "flexinv.rnea.loop_ground": EQUATIONS,
-    "flexinv.rnea.loop_jacobian": EQUATIONS,
     "flexinv.tracking.stable_inversion": EQUATIONS,
     "crosscheck.bench.cores": "pins threads to processors, apart from the clock",
     "crosscheck.bench.rigid": "a table of the bench, beside others",
@@ -73,14 +79,14 @@ ALONE = {
     "crosscheck.engines.exudyn.static_probes": "questions to an engine's own model, one a module",
     "crosscheck.engines.exudyn.weights": "questions to an engine's own model, one a module",
     "crosscheck.engines.pinocchio.adapter": "found by its name: an engine's adapter",
+    "crosscheck.identification.checks": "doubts about logs in words, apart from the numbers that are made of them",
+    "crosscheck.kit.page": "the page of a kit in words, apart from its data",
     "crosscheck.equivalence.certificates": COMPARED,
     "crosscheck.equivalence.couplings": COMPARED,
     "crosscheck.equivalence.groups": COMPARED,
     "crosscheck.equivalence.hints": "words for pairs of numbers, apart from the differences that they belong to",
     "crosscheck.equivalence.match": COMPARED,
     "crosscheck.equivalence.reduce": COMPARED,
-    "crosscheck.kit.page": "the page of a kit in words, apart from its data",
-    "crosscheck.measured.filters": "signal processing, which knows nothing of the arm that was measured",
     "crosscheck.report.animation": DRAWING,
     "crosscheck.report.plots": DRAWING,
 }

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "bring-your-own-engine.md"
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "tutorials" / "own-engine.md"
 STEP = re.compile(r"^(?:`(\S+)`:\n\n)?```(console|c|toml)\n(.*?)^```$", re.M | re.S)
 
 

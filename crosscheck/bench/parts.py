@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck.bench.targets import summary
-from crosscheck.run.runner import Notify, Options, Work, run
+from crosscheck.run.runner import run
+from crosscheck.run.work import Notify, Options, Work
 from crosscheck.studies import Study
 from crosscheck.verdicts.plan import Plan
 from crosscheck.verdicts.results import Results
@@ -31,6 +32,7 @@ class Part:
 PARTS: Mapping[str, Part] = {
     "rigid": Part("Torques of many samples", "rigid", quick={"samples": [1_000, 4_096, 32_768], "seconds": 0.3}),
     "single": Part("One sample, and the first call", "single", quick={"seconds": 0.2}),
+    "first": Part("The first torque of a process", "first", quick={"names": ["rigid_3r"]}),
     "latency": Part("Cycles of a controller", "latency", quick={"steps": 5_000}),
     "chains": Part("Longer chains", "single", "chains", quick={"joints": [1, 8, 64], "seconds": 0.2}),
     **{
@@ -39,6 +41,7 @@ PARTS: Mapping[str, Part] = {
     },
     "elements": Part("More elements", "marches", "elements", quick={"orders": {"1": [16, 64, 128]}, "seconds": 0.5}),
     "others": Part("Closed loops and threads", "marches", "others", quick={"seconds": 0.5}),
+    "runs": Part("Whole runs", "runs", quick={"whole": False}),
 }
 
 
@@ -55,6 +58,11 @@ def studies(models: Path, names: tuple[str, ...] = (), quick: bool = False) -> t
         for name, part in PARTS.items()
         if not names or name in names
     )
+
+
+def studies_of_night(models: Path) -> tuple[Study, ...]:
+    """Return the studies that a night may make: all parts but whole runs, for it is one itself."""
+    return studies(models, tuple(name for name in PARTS if name != "runs"))
 
 
 def measure(parts: tuple[Study, ...], timeout: float, out: Path, notify: Notify, command: str = "") -> Results:

@@ -208,7 +208,7 @@ BENCHES = (
     Bench("ur5", "reach", "mujoco"),
     Bench("ur5", "reach", "pinocchio", causes=OF_INERTIA, motion=QUICK),
     Bench("ur5", "reach", "pinocchio", causes=OF_DRIVES, shape=GEARED),
-    Bench("ur5", "reach", "mujoco", causes=OF_FRICTION, shape=("rubbing", _rubbing)),
+    Bench("ur5", "reach", "mujoco", causes=(*OF_FRICTION, "spring in a joint"), shape=("rubbing", _rubbing)),
     Bench("ur5", "reach", "pinocchio", causes=OF_FORCES, shape=("sprung", _sprung)),
     Bench("andrews_squeezer", "turn", "pinocchio", causes=OF_SPRINGS, shape=("with a damper", _with_damper)),
     Bench("geared_four_bar", "turn", "mujoco", causes=OF_GEARS),

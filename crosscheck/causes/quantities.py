@@ -83,17 +83,21 @@ class Quantities:
         if not cause.sized:
             return self.judged(Fit(cause, target, np.ones(1), 1.0, np.zeros(0)))
         step = PROBE[rigid] * cause.scale(self.model, target)
-        names, difference = self._known(self.model.unharmed), self.difference()
         moved = [self.model.series(cause.change(base, target, step * u)) for u in np.eye(cause.parameters)]
+        names = [
+            n for n in self._known(self.model.unharmed) if all(n in one for one in moved)
+        ]  # not all reactions stay unique
+        difference = self._column(names, self.engine, self.reference)
         slope = np.stack([self._column(names, one, self.model.unharmed) / step for one in moved], axis=1)
         size = np.linalg.lstsq(slope, difference, rcond=SMALL)[0]
         left = float(np.linalg.norm(difference - slope @ size) / np.linalg.norm(difference))
-        return Fit(cause, target, size, left, slope @ size)
+        return Fit(cause, target, np.asarray(size), left, np.asarray(slope @ size))
 
     def judged(self, fit: Fit) -> Fit:
         """Return a fit with what it explains of all quantities at its size, and what it leaves [-]; raises like a run."""
         harmed = self.model.series(fit.cause.change(self.model.base, fit.target, fit.size))
-        names, difference = self._known(self.model.unharmed), self.difference()
+        names = self._known(harmed)
+        difference = self._column(names, self.engine, self.reference)
         column = self._column(names, harmed, self.model.unharmed)
         return replace(fit, column=column, left=float(np.linalg.norm(difference - column) / np.linalg.norm(difference)))
 

@@ -18,7 +18,7 @@ from crosscheck.commands.shared.terminal import out as out_option
 from crosscheck.report import render
 from crosscheck.report.html import value
 from crosscheck.report.words import SIGNS
-from crosscheck.run.runner import RESULTS
+from crosscheck.run.run_state import RESULTS
 from crosscheck.secrets import command_line
 from crosscheck.verdicts import history
 from crosscheck.verdicts import results as store
@@ -46,6 +46,7 @@ def command(parts: tuple[str, ...], models: Path, quick: bool, out: Path, url: s
     \b
       rigid     torques of 100 to 131,072 samples: flexinv, pin.rnea, rneaInParallel, mj_inverse
       single    one sample through a prepared function; the first call of a fresh process
+      first     the first torque of a process, cold and warm; minutes of compiling
       latency   100,000 cycles of a controller, rigid and flexible: a histogram of what every call takes
       chains    from 1 to 64 joints
       one-link, two-link, spatial   arms that bend, beside Exudyn: error and time
@@ -56,7 +57,7 @@ def command(parts: tuple[str, ...], models: Path, quick: bool, out: Path, url: s
       crosscheck bench --quick             one look, about a minute
       crosscheck bench                     all of it, some minutes: leave the machine alone meanwhile
       crosscheck bench rigid one-link      these parts only
-      python docs/make_figures.py reports/bench/results.json     the plot of time and error as a picture
+      python docs/figures/make_figures.py reports/bench/results.json     the plot of time and error as a picture
 
     The engines take turns in one process, results are compared before anything is timed, and what is judged are
     ratios of medians.  `crosscheck nightly --bench` does the same at the end of a night.

@@ -10,7 +10,7 @@ import click
 from rich.markup import escape
 
 from crosscheck.commands.shared.terminal import FOLDER, Console, Failure
-from crosscheck.run.runner import RESULTS
+from crosscheck.run.run_state import RESULTS
 from crosscheck.verdicts import baseline as blessed
 from crosscheck.verdicts import results as store
 

@@ -33,7 +33,9 @@ from crosscheck.engines import Engine
 from crosscheck.report import render
 from crosscheck.run.isolation import scratch
 from crosscheck.run.questions import REFERENCE
-from crosscheck.run.runner import RESULTS, Options, Work, run
+from crosscheck.run.run_state import RESULTS
+from crosscheck.run.runner import run
+from crosscheck.run.work import Options, Work
 from crosscheck.secrets import command_line
 from crosscheck.verdicts import results as store
 from crosscheck.verdicts.results import Results

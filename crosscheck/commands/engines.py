@@ -13,8 +13,8 @@ from crosscheck.commands.shared.options import CONFIG, NAMED, doors_of
 from crosscheck.commands.shared.terminal import Console
 from crosscheck.engines import missing
 from crosscheck.report.words import engines_alike
+from crosscheck.run.abilities import LIMIT as DESCRIBE
 from crosscheck.run.isolation import Children, ask
-from crosscheck.run.runner import DESCRIBE
 from crosscheck.verdicts.results import EngineRow
 
 

@@ -9,7 +9,7 @@ import click
 
 from crosscheck import output_folder as owned
 from crosscheck.commands.shared.terminal import Console, Failure, finish
-from crosscheck.run.runner import RESULTS
+from crosscheck.run.run_state import RESULTS
 from crosscheck.verdicts import results as store
 from flexinv.errors import InputError
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from crosscheck import output_folder as owned
 from crosscheck.commands.shared.options import Asked, running
 from crosscheck.commands.shared.terminal import FOLDER, Console, Failure, finish, progress, terminated
 from crosscheck.commands.shared.terminal import out as out_option
+from crosscheck.run.kept_answers import folder_of_user
 from crosscheck.run.runner import run
 from crosscheck.secrets import command_line
 from crosscheck.verdicts import baseline as blessed
@@ -28,13 +30,21 @@ from flexinv.errors import InputError
     type=FOLDER,
     help="Folder of the blessed night: what is worse than there by more than noise deviates (see crosscheck bless).",
 )
-def command(asked: Asked, out: Path, baseline: Path | None) -> NoReturn:
+@click.option(
+    "--fresh",
+    is_flag=True,
+    help="Compute everything, also what has not changed since an earlier run (as always in CI).",
+)
+def command(asked: Asked, out: Path, baseline: Path | None, fresh: bool) -> NoReturn:
     """Run mechanisms in all engines, compare, and write a report.
 
     NAMES are mechanisms, patterns, or single cases ("flex_one_link", "flex_*", "flex_one_link/cycloid"); without
     names everything runs, and the studies that belong to the models (studies.toml there).
     Every engine runs in a process of its own: one that crashes, hangs
     or returns NaN is a row of the report, and the others go on.  Ctrl-C stops all and still writes the report.
+
+    What is computed is kept in the user's cache (CROSSCHECK_KEPT names another folder, or none if it is empty) and taken
+    from there while mechanism, case, engine, packages, sources, Python and processor are the same; the report says so.
 
     \b
     The report folder then holds
@@ -48,7 +58,9 @@ def command(asked: Asked, out: Path, baseline: Path | None) -> NoReturn:
     whole = not asked.names and every
     try:
         known = blessed.find(baseline) if baseline is not None else None
-        work = replace(work, options=replace(work.options, baseline=known, whole=whole))
+        fresh = fresh or bool(os.environ.get("CI"))
+        options = replace(work.options, baseline=known, whole=whole, kept=folder_of_user(), fresh=fresh)
+        work = replace(work, options=options)
         with owned.report(out):
             with terminated(), progress(console) as notify:
                 results = run(work, out, notify, command_line(sys.argv[1:]))

@@ -24,7 +24,9 @@ from crosscheck.commands.shared.terminal import COLOURS, JOBS, Console, Failure,
 from crosscheck.commands.shared.terminal import out as out_option
 from crosscheck.report import render
 from crosscheck.report.words import SIGNS
-from crosscheck.run.runner import RESULTS, Event, Options, Work, run
+from crosscheck.run.run_state import RESULTS
+from crosscheck.run.runner import run
+from crosscheck.run.work import Event, Options, Work
 from crosscheck.secrets import command_line
 from crosscheck.studies.selftest import ALONE, studies, summary, targets
 from crosscheck.verdicts import results as store

@@ -30,7 +30,8 @@ from crosscheck.doors.registry import limited
 from crosscheck.report import render
 from crosscheck.report.explanations import sheets
 from crosscheck.report.words import sentence, short
-from crosscheck.run.runner import Options, Work, run
+from crosscheck.run.runner import run
+from crosscheck.run.work import Options, Work
 from crosscheck.secrets import command_line
 from crosscheck.verdicts.plan import Plan, Task
 from crosscheck.verdicts.results import Results, slug

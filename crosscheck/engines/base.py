@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import importlib
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -57,6 +58,7 @@ class FullAdapter(Adapter, Protocol):
     """An adapter with all that one may offer beside; what it has not is left out of the report, and nothing else suffers.
 
     ``repeatable = False`` says that it gives the same whatever mechanism it is asked for: a record, no program.
+    ``forkable = False`` says that a process that has imported it must not be forked: each of its jobs imports it anew.
     """
 
     def certify(self, mechanism: Mechanism, case: Case, engine: str) -> Certificate:
@@ -93,13 +95,32 @@ def repeatable(adapter: Adapter) -> bool:
     return bool(getattr(adapter, "repeatable", True))
 
 
+def forkable(adapter: Adapter) -> bool:
+    """Return True if jobs may be forked from a process that has imported an adapter (`crosscheck.run.fork_server`)."""
+    return bool(getattr(adapter, "forkable", True))
+
+
+def prepared(adapter: Adapter) -> None:
+    """Import what every run of an adapter needs and it imports late: the module of its certificate."""
+    if module := getattr(getattr(adapter, "certify", None), "module", ""):
+        importlib.import_module(module)
+
+
 def beside(module: str, member: str) -> Callable[..., Any]:
     """Return a member of an adapter that another module defines; it is imported when the member is called."""
 
-    def call(*words: Any, **named: Any) -> Any:
-        return getattr(importlib.import_module(module), member)(*words, **named)
+    return _Late(module, member)
 
-    return call
+
+@dataclass(frozen=True)
+class _Late:
+    """A function of a module that is imported when it is called."""
+
+    module: str
+    member: str
+
+    def __call__(self, *words: Any, **named: Any) -> Any:
+        return getattr(importlib.import_module(self.module), self.member)(*words, **named)
 
 
 def module_beside(module: str) -> Callable[[], Any]:

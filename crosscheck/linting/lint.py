@@ -44,7 +44,7 @@ class Linted:
 
 
 def lint(source: Any, strict: bool = False) -> Linted:
-    """Return what is suspicious in a description, as `compare` takes it; strict : warnings count.
+    """List the suspicious parts of a description, as `compare` takes it; strict : warnings count.
 
     Raises InputError for what cannot be read at all.
     """

@@ -156,7 +156,7 @@ def _without_inertia(robot: Element, links: dict[str, Stated]) -> Iterator[Findi
 
 
 def _weighs(name: str, links: dict[str, Stated], children: dict[str, list[Element]], depth: int) -> bool:
-    """Whether a link, or what is fixed to it or carried by it, has mass."""
+    """Return True if a link, or what is fixed to it or carried by it, has mass."""
     link = links.get(name)
     if link is None or link.inertia.mass > 0 or depth > len(links):
         return link is not None and depth <= len(links)
@@ -183,10 +183,10 @@ def _origin(joint: Element, name: str) -> Iterator[Finding]:
             yield error(
                 "number",
                 name,
-                f'{key}="{joint.find("origin").get(key)}"'[:80],
+                f'{key}="{_text_of(joint, "origin", key)}"'[:80],
                 "three finite numbers are expected",
                 f'{key}="0 0 0"',
-            )  # type: ignore[union-attr]
+            )
         elif np.abs(found).max() > most:
             write = "metres" if key == "xyz" else "radians"
             yield warning("units", name, f'{key}="{" ".join(f"{x:g}" for x in found)}"', f"looks like {words}", write)
@@ -273,10 +273,16 @@ def _dynamics(joint: Element, name: str) -> Iterator[Finding]:
             yield error(
                 "dynamics",
                 name,
-                f"{key} {joint.find('dynamics').get(key)}"[:80],
+                f"{key} {_text_of(joint, 'dynamics', key)}"[:80],
                 "a number >= 0 is expected",
                 f'{key}="0"',
-            )  # type: ignore[union-attr]
+            )
+
+
+def _text_of(joint: Element, tag: str, key: str) -> str:
+    """The text of an attribute of a joint's part, "" where there is none."""
+    part = joint.find(tag)
+    return "" if part is None else part.get(key, "")
 
 
 def _mimics(robot: Element) -> Iterator[Finding]:
@@ -353,7 +359,7 @@ def _meshes(robot: Element, path: Path) -> Iterator[Finding]:
 
 
 def _there(name: str, path: Path) -> bool:
-    """Whether a mesh is beside the file, or in the package whose folder is above the file."""
+    """Return True if a mesh is beside the file, or in the package whose folder is above the file."""
     plain = name.removeprefix("file://")
     if "://" not in plain:
         return (path.parent / plain).is_file()

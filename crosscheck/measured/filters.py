@@ -19,9 +19,14 @@ def low_pass(values: Array, spacing: float, bandwidth: float) -> Array:
 
     values : (samples,) [any unit]; spacing : [s]; the ends are continued by a point reflection over two periods of the bandwidth
     """
-    sections = butter(ORDER, bandwidth, fs=1.0 / spacing, output="sos")
+    sections = _sections(spacing, bandwidth)
     pad = min(len(values) - 1, int(np.ceil(2.0 / (bandwidth * spacing))))
     return np.asarray(sosfiltfilt(sections, values, padlen=pad))
+
+
+@lru_cache(maxsize=32)
+def _sections(spacing: float, bandwidth: float) -> Array:
+    return np.asarray(butter(ORDER, bandwidth, fs=1.0 / spacing, output="sos"))
 
 
 def lag(values: Array, spacing: float, frequency: float, damping: float) -> Array:

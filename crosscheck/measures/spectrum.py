@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import argrelmax
-from scipy.signal.windows import hann
 
 Array = NDArray[np.float64]
 RINGING = ("torque", "deflection")  # quantities whose spectrum is taken
@@ -37,7 +35,7 @@ def amplitude_spectrum(time: Array, values: Array) -> tuple[Array, Array]:
     returns : frequency [Hz] and amplitude [unit], each (lines,)
     """
     samples = time.size
-    weights = hann(samples, sym=False)
+    weights = np.hanning(samples + 1)[:-1]  # periodic
     moving = values - np.average(values, weights=weights)
     padded = np.fft.rfft(weights * moving, PADDING * samples)
     frequency = np.fft.rfftfreq(PADDING * samples, time[1] - time[0])
@@ -54,7 +52,8 @@ def peaks(frequency: Array, amplitude: Array) -> list[tuple[float, float]]:
     top = amplitude.max(initial=0.0)
     if top == 0.0 or not np.isfinite(top):
         return []
-    found = argrelmax(amplitude)[0]
+    inner = amplitude[1:-1]
+    found = 1 + np.flatnonzero((inner > amplitude[:-2]) & (inner > amplitude[2:]))
     found = found[amplitude[found] >= FLOOR * top]
     marks: list[int] = []
     for k in found[np.argsort(-amplitude[found])]:

@@ -95,6 +95,7 @@ def index_view(results: Results, trends: bool = False) -> dict[str, Any]:
         "results": results,
         "root": "",
         "sentence": words.sentence(results),
+        "unchanged": words.unchanged(results),
         "counts": words.counts(results),
         "troubles": [(v, link(where), label(where), what, text) for v, where, what, text in words.troubles(results)],
         "matrix": matrix,

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from crosscheck.report import changed, words
 from crosscheck.report.explanations import causes, why
-from crosscheck.report.words import SIGNS, cell, duration, sentence, short, study_line, troubles
+from crosscheck.report.words import SIGNS, cell, duration, sentence, short, study_line, troubles, unchanged
 from crosscheck.verdicts.results import Results
 
 SPECIAL = re.compile(r"([\\`*_\[\]|~<>&$@])")
@@ -16,6 +16,7 @@ SPECIAL = re.compile(r"([\\`*_\[\]|~<>&$@])")
 def render(results: Results) -> str:
     """Return the summary as GitHub-flavoured Markdown."""
     parts = [f"# {sentence(results)}", "", f"{escape(results.started)}, {duration(results.elapsed)}", ""]
+    parts += [escape(said), ""] if (said := unchanged(results)) else []
     if results.changes:
         parts += ["## Changes", "", escape(changed.sentence(results.changes)), ""]
         moved = [

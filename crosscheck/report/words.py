@@ -117,6 +117,16 @@ def counts(results: Results) -> dict[Verdict, int]:
     return {v: sum(c.verdict == v for c in results.comparisons) for v in reversed(VERDICTS)}
 
 
+def unchanged(results: Results) -> str:
+    """Return in words how many results are those of earlier runs, "" where all were computed now."""
+    times = [run.kept for run in results.runs] + [study.kept for study in results.studies]
+    kept = sorted(filter(None, times))
+    if not kept:
+        return ""
+    words = f"{len(kept)} of {len(times)} results are of earlier runs, unchanged since, the oldest of {kept[0]}"
+    return f"{words}; --fresh computes all"
+
+
 def sentence(results: Results) -> str:
     """Return the summary of a run that a reader has to know first."""
     tally = counts(results)

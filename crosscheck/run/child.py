@@ -6,12 +6,10 @@ engine prints harms nobody.  The parent (``crosscheck.run.isolation``) judges ho
 
 from __future__ import annotations
 
-import contextlib
-import ctypes
 import importlib
 import json
 import os
-import signal
+import pickle
 import sys
 import traceback
 from dataclasses import replace
@@ -27,12 +25,10 @@ from crosscheck.engines.shared.rounding import shaken, with_rounding
 from crosscheck.kit.resolved import integrated
 from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.measures.record import Record, fingerprint, load, save
+from crosscheck.run.processes import bound_files, die_with_parent
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.model.mechanism import Mechanism
-
-LARGEST_FILE = 1 << 28  # [bytes]; one MuJoCo log was seen to grow without end, a record has a few megabytes
-PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 def main(job_file: str) -> None:
@@ -40,7 +36,7 @@ def main(job_file: str) -> None:
     die_with_parent()
     bound_files()
     job = json.loads(Path(job_file).read_text(encoding="utf-8"))
-    {"run": run_case, "describe": describe, "study": study, "export": export}[job["kind"]](job)
+    {"run": run_case, "describe": describe, "abilities": abilities, "study": study, "export": export}[job["kind"]](job)
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(0)
@@ -116,6 +112,26 @@ def describe(job: dict[str, Any]) -> None:
     _write(job, {"version": adapter.version(), "abilities": adapter.abilities()})
 
 
+def abilities(job: dict[str, Any]) -> None:
+    """Write what the adapter is, then for every case why it cannot do it (null where it can): a line of JSON each."""
+    with Path(job["out"]).open("w", encoding="utf-8", buffering=1) as lines:
+        adapter = opened(job)
+        lines.write(json.dumps({"version": adapter.version(), "abilities": adapter.abilities()}) + "\n")
+        asked = pickle.loads(Path(job["out"]).with_suffix(".asked").read_bytes())
+        for (folder, engine), (mechanism, case) in zip(job["cases"], asked, strict=True):
+            here = {**job, "engine": engine, "mechanism": folder}
+            lines.write(json.dumps({"reason": _refused(here, mechanism, case)}) + "\n")
+
+
+def _refused(job: dict[str, Any], mechanism: Mechanism, case: Case) -> str | None:
+    """Return the reason why an engine cannot do a case; None also where that cannot be asked: its run will say so."""
+    try:
+        return opened(job).unsupported(mechanism, case, job["engine"])
+    except Exception:
+        traceback.print_exc()
+        return None
+
+
 def study(job: dict[str, Any]) -> None:
     """Write the table that the function ``job["function"]`` of the module gives."""
     function = getattr(importlib.import_module(job["module"]), job["function"])
@@ -137,20 +153,6 @@ def export(job: dict[str, Any]) -> None:
         _write(job, {"problem": str(error)})
     else:
         _write(job, {"problem": ""})
-
-
-def die_with_parent() -> None:
-    """Ask Linux to kill this process when its parent dies, however it dies; elsewhere do nothing."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-
-
-def bound_files() -> None:
-    """Bound the size of every file that the engine writes, so that it cannot fill the disk."""
-    with contextlib.suppress(ImportError, ValueError, OSError):
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_FSIZE, (LARGEST_FILE, LARGEST_FILE))
 
 
 def _write(job: dict[str, Any], answer: object) -> None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -25,37 +24,68 @@ from numpy.typing import NDArray
 
 from crosscheck.engines import Engine, missing
 from crosscheck.measures.record import Record, RecordError, Status, check, load
+from crosscheck.run.forking import Forked, ForkServers, Lost, Refused
+from crosscheck.run.processes import environment, kill_group
 
-ONE_THREAD = ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "NUMBA", "VECLIB_MAXIMUM")
 TAIL = 4000  # [characters] of what the engine printed that a report keeps
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """A record and how it came about: printed (the tail of stdout and stderr), elapsed [s]."""
+    """A record and how it came about: printed (the tail of stdout and stderr), elapsed [s].
+
+    kept : when it was made, where it was not made in this run (`crosscheck.run.kept_answers`)
+    """
 
     record: Record
     printed: str = ""
     elapsed: float = 0.0
+    kept: str = ""
 
 
 @dataclass(frozen=True)
 class Ending:
-    """End of a child process: status and message, "ok" when it left by its own will with exit code 0."""
+    """End of a child process: status and message, "ok" when it left by its own will with exit code 0.
+
+    kept : when that was, where it was not in this run
+    """
 
     status: Status
     message: str
     printed: str
     elapsed: float
+    kept: str = ""
+
+
+Process = subprocess.Popen[bytes] | Forked
 
 
 @dataclass
 class Children:
-    """The processes under way, so that all of them can be ended at once (Ctrl-C)."""
+    """The processes under way, so that all of them can be ended at once (Ctrl-C).
+
+    servers : prepared processes from which jobs are forked; None: every job starts afresh
+    """
 
     running: set[int] = field(default_factory=set)
     stopped: bool = False
     lock: threading.Lock = field(default_factory=threading.Lock)
+    servers: ForkServers | None = None
+
+    def begin(self, job: Mapping[str, Any], job_file: Path, folder: Path, log: int) -> Process:
+        """Return the process of a job, forked from a prepared one where that may be, else a fresh one.
+
+        Raises InterruptedError where nothing is started any more.
+        """
+        if self.servers is not None and job.get("module") and not job.get("afresh"):
+            with contextlib.suppress(Refused):
+                process = self.servers.fork(job, job_file, folder, log)
+                with self.lock:
+                    self.running.add(process.pid)
+                    if self.stopped:
+                        kill_group(process.pid)
+                return process
+        return self.start(command(job_file), folder, log)
 
     def start(self, command: list[str], folder: Path, log: int) -> subprocess.Popen[bytes]:
         """Start ``command`` in ``folder`` as the head of a process group of its own."""
@@ -74,10 +104,13 @@ class Children:
             self.running.add(process.pid)
         return process
 
-    def end(self, process: subprocess.Popen[bytes]) -> None:
+    def end(self, process: Process) -> None:
         """Kill what is left of the process and of everything it started."""
         with self.lock:
             self.running.discard(process.pid)
+        if isinstance(process, Forked):
+            process.end()
+            return
         kill_group(process.pid)
         process.wait()
 
@@ -87,6 +120,8 @@ class Children:
             self.stopped = True
             for leader in self.running:
                 kill_group(leader)
+        if self.servers is not None:
+            self.servers.stop()
 
 
 def run_engine(
@@ -137,17 +172,31 @@ def ask(job: Mapping[str, Any], limit: float, children: Children) -> tuple[Any, 
 
 
 def call(job: Mapping[str, Any], folder: Path, limit: float, children: Children) -> Ending:
-    """Run ``python -m crosscheck.run.child`` on ``job`` inside ``folder`` for at most ``limit`` [s]."""
+    """Run ``python -m crosscheck.run.child`` on ``job`` inside ``folder`` for at most ``limit`` [s].
+
+    Where a prepared process dies under its job, the job is done again in a fresh one.
+    """
+    try:
+        return _called(job, folder, limit, children)
+    except Lost as error:
+        if children.stopped:
+            return Ending("error", "interrupted", "", 0.0)
+        (folder / "work").rename(folder / "lost")
+        ending = _called({**job, "afresh": True}, folder, limit, children)
+        return replace(ending, printed=f"{error}: done again in a fresh one\n{ending.printed}")
+
+
+def _called(job: Mapping[str, Any], folder: Path, limit: float, children: Children) -> Ending:
     job_file, log_file = folder / "job.json", folder / "printed.txt"
     job_file.write_text(json.dumps(job), encoding="utf-8")
     work = folder / "work"
     work.mkdir()
-    start = clock.monotonic()
     with log_file.open("wb") as log:
         try:
-            process = children.start(command(job_file), work, log.fileno())
+            process = children.begin(job, job_file, work, log.fileno())
         except InterruptedError as error:
             return Ending("error", str(error), "", 0.0)
+        start = clock.monotonic()
         try:
             process.wait(limit)
         except subprocess.TimeoutExpired:
@@ -162,7 +211,7 @@ def call(job: Mapping[str, Any], folder: Path, limit: float, children: Children)
         return Ending("timeout", f"stopped after the time limit of {limit:g} s", printed, elapsed)
     if children.stopped:
         return Ending("error", "interrupted", printed, elapsed)
-    return Ending(*verdict(process.returncode, printed), printed, elapsed)
+    return Ending(*verdict(process.returncode or 0, printed), printed, elapsed)
 
 
 def command(job_file: Path) -> list[str]:
@@ -184,25 +233,11 @@ def verdict(code: int, printed: str) -> tuple[Status, str]:
     return "error", f"killed by signal {-code} ({name})"
 
 
-def environment() -> dict[str, str]:
-    """Return the environment of a child: one thread per library, and this very crosscheck on the path."""
-    root = str(Path(__file__).resolve().parents[2])
-    path = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
-    threads = {f"{library}_NUM_THREADS": "1" for library in ONE_THREAD}
-    return os.environ | threads | {"PYTHONPATH": path, "MPLBACKEND": "Agg", "PYTHONUNBUFFERED": "1"}
-
-
 def tail(file: Path) -> str:
     """Return the end of a text file, whatever bytes are in it."""
     with file.open("rb") as stream:
         stream.seek(max(0, file.stat().st_size - TAIL))
         return stream.read().decode("utf-8", errors="replace").replace("\0", "\N{REPLACEMENT CHARACTER}")
-
-
-def kill_group(leader: int) -> None:
-    """Kill a process group; one that is gone already is no error."""
-    with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(leader, signal.SIGKILL)
 
 
 @contextmanager

@@ -57,6 +57,7 @@ def run_row(task: Task, attempt: Attempt) -> RunRow:
         printed=attempt.printed,
         peaks={name: peaks(*lines) for name, lines in spectra.items() if lines is not None},
         budget=tuple(budget_rows(record, task.case.quantities)),
+        kept=attempt.kept,
     )
 
 
@@ -73,7 +74,7 @@ def budget_rows(record: Record, quantities: Iterable[str]) -> Iterator[dict[str,
 def study_row(study: Study, answer: Any, ending: Any) -> StudyRow:
     """Return the table of a study, or why there is none."""
     known = {f.name for f in dataclasses.fields(StudyRow)}
-    row = StudyRow(study.name, study.title, printed=ending.printed, elapsed=ending.elapsed)
+    row = StudyRow(study.name, study.title, printed=ending.printed, elapsed=ending.elapsed, kept=ending.kept)
     if ending.status != "ok":
         return replace(row, status=ending.status, message=ending.message)
     if not isinstance(answer, dict) or not set(answer) <= known or not (answer.get("rows") or answer.get("message")):

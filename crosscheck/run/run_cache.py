@@ -59,8 +59,8 @@ class Attempts:
 
     def stem(self, task: Task, engine: str, options: Mapping[str, Any] | None = None) -> Path:
         """Return the path of an attempt's files without their endings (`crosscheck.measures.record.save`)."""
-        behind = stamp(self.engines[engine], task.folder) if engine in self.engines else ""
-        return self.folder / key(task, engine, {**(options or {}), **({"door": behind} if behind else {})})
+        known = self.engines.get(engine)
+        return self.folder / key(task, engine, stamped(known, task.folder, options or {}))
 
     @contextlib.contextmanager
     def alone(self, task: Task, engine: str) -> Iterator[None]:
@@ -72,6 +72,12 @@ class Attempts:
 
                 fcntl.flock(file, fcntl.LOCK_EX)
             yield
+
+
+def stamped(engine: Engine | None, folder: Path, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options with a digest of what is behind the door of an engine, where it has one."""
+    behind = "" if engine is None else stamp(engine, folder)
+    return {**options, **({"door": behind} if behind else {})}
 
 
 def key(task: Task, engine: str, options: Mapping[str, Any]) -> str:

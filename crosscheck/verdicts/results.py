@@ -69,6 +69,7 @@ class RunRow:
 
     peaks : frequency [Hz] and amplitude [unit of the series] of the spectrum's peaks, by series
     budget : by quantity and unit, the series with the largest error bar: see ``crosscheck.measures.budget.with_bars``
+    kept : when it was computed, where that was in an earlier run and nothing has changed since
     """
 
     mechanism: str
@@ -85,6 +86,7 @@ class RunRow:
     series: str = ""
     peaks: Mapping[str, list[tuple[float, float]]] = field(default_factory=dict)
     budget: tuple[Mapping[str, Any], ...] = ()
+    kept: str = ""
 
     @property
     def verdict(self) -> Verdict:
@@ -109,7 +111,7 @@ class StudyRow:
 
     plot : {"x": key, "y": key, "group": key, "log": bool} or None
     figures : {"title", "x", "y": what the axes say, "curves": {name: {"x": numbers, "y": numbers}}} each
-    tables : {"title", "columns", "rows"} each, beside the one that is judged
+    tables : {"title", "columns", "rows"} each, beside the one that is judged; kept : as of a run
     """
 
     name: str
@@ -124,6 +126,7 @@ class StudyRow:
     message: str = ""
     printed: str = ""
     elapsed: float = 0.0
+    kept: str = ""
 
     @property
     def verdict(self) -> Verdict:

@@ -21,7 +21,9 @@ from crosscheck.bench.parts import measure
 from crosscheck.bench.targets import metrics
 from crosscheck.measures.record import RecordError
 from crosscheck.report import changed, render, trends
-from crosscheck.run.runner import KEPT, RESULTS, Notify, Work, run
+from crosscheck.run.run_state import RESULTS
+from crosscheck.run.runner import KEPT, run
+from crosscheck.run.work import Notify, Work
 from crosscheck.studies import Study
 from crosscheck.verdicts import baseline, changes, history
 from crosscheck.verdicts import results as store
@@ -72,7 +74,7 @@ def nightly(night: Nightly, notify: Notify, tell: Callable[[str], None]) -> tupl
         folder = night_folder(night.reports, night.label)
         if night.work.options.resume:
             take_over(night.reports, night.label, folder, tell)
-        options = replace(night.work.options, baseline=known, whole=night.whole)
+        options = replace(night.work.options, baseline=known, whole=night.whole, fresh=True)
         with no_trace(folder):
             results = run(replace(night.work, options=options), folder, notify, night.command)
         if night.bench and results.finished:

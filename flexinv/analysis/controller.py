@@ -32,13 +32,11 @@ from flexinv.dynamics.loads import load_table
 from flexinv.dynamics.solver import Solver, complaint
 from flexinv.dynamics.stepper import CONVERGED
 from flexinv.dynamics.system import Histories, Instants
-from flexinv.errors import ConvergenceError, InputError
+from flexinv.errors import InputError
 from flexinv.inverse.applied_forces import applied_forces, check_constant
-from flexinv.inverse.balance import REASON, ROUNDING, carried
+from flexinv.inverse.balance import EnergyGuard, Instant, guarded_torques, instant_energies
 from flexinv.inverse.inverse_dynamics import joint_wrenches, project
 from flexinv.inverse.nodal_sums import Drives, Masses, instant_torques
-from flexinv.kernels.jit import jit
-from flexinv.kernels.vec3 import apply, dot, mat, vec
 from flexinv.kinematics.configuration import Nodes, fill_given, fill_relative, nodes_of
 from flexinv.kinematics.configuration_arrays import between
 from flexinv.kinematics.mesh import Mesh, build
@@ -69,9 +67,7 @@ class Flexible:
     written: Histories
     masses: Masses
     frames: Frames
-    seen: tuple[Array, ...]
-    driven: Array
-    line: Array
+    instant: Instant
     loads: tuple[Array, Array, Array]
     guard: EnergyGuard
     nq: int
@@ -206,20 +202,28 @@ class Controller:
 
     def _looked_at(self, flexible: Flexible, q: Array, qd: Array, qdd: Array) -> Array:
         """Return the torques (nv,) [N m], [N] of a step whose energy has not come from nowhere."""
-        torque = self._torques(flexible, q, qd, qdd)
-        flexible.guard.look(*self._energies(flexible, qd), qd)
-        return torque
+        f = flexible
+        if f.applied or f.wound:
+            torque = self._torques(f, q, qd, qdd)
+            f.guard.look(*self._energies(f, qd), qd)
+            return torque
+        doubtful, holds, potential = guarded_torques(
+            f.nodes, f.drives, f.masses, f.frames, (q, qd, qdd), f.instant, self.tau
+        )
+        if doubtful:
+            f.guard.judge(holds, potential, qd)
+        return self.tau
 
     def _energies(self, flexible: Flexible, qd: Array) -> tuple[float, float, float]:
         """Return kinetic and elastic energy, potential energy [J], and the power of drives and of given forces [W]."""
         solver = flexible.solver
-        mesh, gravity = solver.mesh, solver.topology.gravity
+        one = flexible.instant
         held, potential, power = instant_energies(
-            mesh.mass, mesh.inertia, gravity, flexible.seen, flexible.driven, self.tau, qd
+            flexible.masses, flexible.frames, one.stored, one.driven, self.tau, qd
         )
         if flexible.applied:
             motion = solver.instant.motion
-            applied = applied_forces(mesh, motion, np.zeros(1))
+            applied = applied_forces(solver.mesh, motion, np.zeros(1))
             if applied is not None:
                 turned = np.einsum("nij,nj->ni", motion.rotation[0], motion.omega[0])
                 power += float((applied.force[0] * motion.v[0]).sum() + (applied.moment[0] * turned).sum())
@@ -239,7 +243,13 @@ class Controller:
 
     def _torques(self, flexible: Flexible, q: Array, qd: Array, qdd: Array) -> Array:
         instant_torques(
-            flexible.nodes, flexible.drives, flexible.masses, flexible.frames, flexible.line, (q, qd, qdd), self.tau
+            flexible.nodes,
+            flexible.drives,
+            flexible.masses,
+            flexible.frames,
+            flexible.instant.line,
+            (q, qd, qdd),
+            self.tau,
         )
         if flexible.wound:
             self._wind_on(q)
@@ -291,15 +301,15 @@ def _flexible(mechanism: Mechanism, scheme: Scheme) -> Flexible:
     flat = None if in_space else PlanarMarch.of(mesh, set())
     joints = Joints(*(part.copy() for part in instant(mesh, mechanism.neutral, *(2 * [np.zeros(mechanism.nv)]))))
     out = solver.instant
-    m = out.motion
+    guard = EnergyGuard(mesh, frozenset(passive), scheme.h)
+    driven, line = mechanism.actuated.astype(float), np.zeros((mesh.size, 6))
     return Flexible(
         solver, flat, scheme, start_up(scheme), nodes_of(mesh), _drives(mesh), joints, Joints(*(part[None] for part in joints)),
         np.zeros((1, int((mesh.v_index >= 0).sum()), 3)), np.zeros(1, dtype=np.int64), out.histories(),
         Masses(mesh.mass, mesh.inertia, solver.topology.gravity), Frames(*(part[0] for part in out.histories()[:6])),
-        tuple(part[0] for part in (m.x, m.v, m.omega, out.energy)), mechanism.actuated.astype(float), np.zeros((mesh.size, 6)),
+        Instant(out.energy[0], driven, line, guard.account),
         (load_table(mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))),
-        EnergyGuard(mesh, frozenset(passive), scheme.h),
-        mechanism.nq, mechanism.nv, bool(mechanism.springs or mechanism.forces),
+        guard, mechanism.nq, mechanism.nv, bool(mechanism.springs or mechanism.forces),
         any(KINDS[j.kind].circle and j.stiffness and j.actuated for j in mechanism.joints),
     )  # fmt: skip
 
@@ -310,68 +320,3 @@ def _drives(mesh: Mesh) -> Drives:
     table[:, moves] = mesh.mechanism.drive_table[:, mesh.v_index[moves]]
     freedoms[moves] *= mesh.mechanism.actuated[mesh.v_index[moves]]
     return Drives(freedoms, mesh.slide, mesh.turn, *table)
-
-
-@dataclass(eq=False)
-class EnergyGuard:
-    """Energies and work of a march so far.
-
-    mesh : what moves; passive : joints without a motion; step : time between two instants [s]
-    held, potential : kinetic and elastic energy at the start, and that of gravity [J]; power : of the last instant [W]
-    work : that drives and forces did [J]; worked : the same, every part positive [J]; steps : that were made [-]
-    """
-
-    mesh: Mesh
-    passive: frozenset[str]
-    step: float
-    held: float = 0.0
-    potential: float = 0.0
-    power: float = 0.0
-    work: float = 0.0
-    worked: float = 0.0
-    steps: int = 0
-
-    def begin(self, held: float, potential: float, power: float) -> None:
-        """Set the start: kinetic and elastic energy, potential energy [J]; power of drives and forces [W]."""
-        self.held, self.potential = held, potential
-        self.power, self.work, self.worked, self.steps = power, 0.0, 0.0, 0
-
-    def look(self, holds: float, potential: float, power: float, qd: Array) -> None:
-        """Add a step and raise ConvergenceError where kinetic and elastic energy exceed what was put in beyond all reason.
-
-        holds : kinetic and elastic energy [J]; potential [J]; power : of drives and forces [W]; qd : (nv,) [1/s]
-        """
-        done = self.step * (self.power + power) / 2
-        self.power, self.steps = power, self.steps + 1
-        self.work, self.worked = self.work + done, self.worked + abs(done)
-        from_nowhere = holds + potential - self.held - self.potential - self.work
-        if from_nowhere <= (1 - 1 / REASON) * holds:
-            return
-        most = self.held + self.worked + abs(potential - self.potential)
-        most += float(carried(self.mesh, np.asarray(qd, dtype=float)[None], set(self.passive))[0])
-        stiffness = float(self.mesh.elements.stiffness[..., 3:].max()) / self.mesh.length
-        if from_nowhere > REASON * most + ROUNDING * stiffness:
-            raise ConvergenceError(
-                f"controller: mechanism '{self.mesh.mechanism.name}', at call {self.steps} after start (step {self.step:g} s): "
-                f"kinetic and elastic energy are {holds:.3g} J, of which at most {most:.3g} J were put in, so that the march has "
-                f"left the motion; write step = {self.step / 4:.3g}, or check forces, moments and stiffness"
-            )
-
-
-@jit
-def instant_energies(mass, inertia, gravity, seen, driven, tau, qd):
-    """Return kinetic and elastic energy, that of gravity [J], and the power of drives [W] at one instant.
-
-    sum 1/2 (m v.v + w.J w) + elastic, - sum m g.x, sum tau qd of driven coordinates;
-    seen : x, v, omega (nodes, 3), and (3,) of which the first is the elastic energy; driven : (nv,) 1 or 0
-    """
-    x, v, omega, stored = seen
-    held, potential, power, g = stored[0], 0.0, 0.0, vec(gravity)
-    for n in range(len(mass)):
-        w = vec(omega[n])
-        held += 0.5 * (mass[n] * dot(vec(v[n]), vec(v[n])) + dot(w, apply(mat(inertia[n]), w)))
-        potential -= mass[n] * dot(g, vec(x[n]))
-    for k in range(len(driven)):
-        if driven[k] != 0.0:
-            power += tau[k] * qd[k]
-    return held, potential, power

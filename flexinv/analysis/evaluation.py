@@ -60,13 +60,7 @@ def solution_after(mesh: Mesh, first: FirstStep, settings: Settings) -> Solution
 def solution_of(mesh: Mesh, first: FirstStep, found: Found, settings: Settings) -> Solution:
     """Return the Solution of both steps, efforts of rotors, friction and springs included [N m], [N], by names."""
     mechanism, (q, qd, qdd), time = mesh.mechanism, first.joints, first.time
-    tau, reaction = found.tau, found.reaction
-    if mechanism.drive_table[:3].any():
-        drive = drive_efforts(mechanism, qd, qdd, direction=_direction(mechanism, qd, first.smooth))
-        tau, reaction = tau + drive, reaction + drive
-    if any(joint.stiffness for joint in mechanism.joints):
-        springs = joint_springs(mechanism, q)
-        tau, reaction = tau + springs, reaction + springs
+    tau, reaction = with_drives(mechanism, first, found.tau, found.reaction)
     internal, stations = _internal(mesh, first.trajectory)
     energy = first.trajectory.energy
     balance = Balance(
@@ -94,6 +88,18 @@ def solution_of(mesh: Mesh, first: FirstStep, found: Found, settings: Settings) 
     return solution
 
 
+def with_drives(mechanism: Mechanism, first: FirstStep, tau: Array, reaction: Array) -> tuple[Array, Array]:
+    """Return efforts (samples, nv) [N m], [N] of both sides with those of rotors, damping, friction and springs in joints."""
+    q, qd, qdd = first.joints
+    if mechanism.drive_table[:3].any():
+        drive = drive_efforts(mechanism, qd, qdd, direction=_direction(mechanism, qd, first.smooth))
+        tau, reaction = tau + drive, reaction + drive
+    if any(joint.stiffness for joint in mechanism.joints):
+        springs = joint_springs(mechanism, q)
+        tau, reaction = tau + springs, reaction + springs
+    return tau, reaction
+
+
 def _with_loops(solution: Solution, loops: LoopForces, geared: Array | None) -> Solution:
     """The solution less the efforts (samples, nv) [N m], [N] that couplings give joints in place of their drives.
 
@@ -117,9 +123,7 @@ def second_step(mesh: Mesh, first: FirstStep) -> Found:
     # Series but those of all nodes have memory of their own: who keeps the tips of many solutions keeps nothing else of them.
     out, line = [*together(*shapes[:2]), *(np.empty(shape) for shape in shapes[2:])], np.empty((mesh.size, 6))
     motion, applied = first.trajectory.motion, first.applied
-    moving = Moving(
-        *(plain(part) for part in (motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha))
-    )
+    moving = Moving(*motion.frames)
     pushed = (none, none) if applied is None else (plain(applied.force), plain(applied.moment))
     jumps = np.empty(0) if first.brought is None else first.brought
     found = Found(*out)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from flexinv.analysis.evaluation import solution_after
-from flexinv.analysis.settings import checked
+from flexinv.analysis.settings import Settings, checked
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import MOST_SAMPLES, Progress, Task, still
 from flexinv.analysis.trajectory import SAME_TIME, first_step
@@ -29,13 +30,14 @@ from flexinv.validation import floats, function, number, of_kind, shown
 def simulate(
     mechanism: Mechanism,
     time: ArrayLike,
-    torque: ArrayLike,
-    step: float,
+    torque: ArrayLike | None = None,
+    step: float | None = None,
     spectral_radius: float = 0.8,
     initial: str = "consistent",
     start: Mapping[str, ArrayLike] | None = None,
     start_rate: Mapping[str, ArrayLike] | None = None,
     progress: Progress | None = None,
+    accuracy: float | None = None,
 ) -> Solution:
     """Return the motion that torques of the drives give a mechanism, rigid, flexible or mixed, open or closed.
 
@@ -43,9 +45,10 @@ def simulate(
     ``simulate`` with the torque of `solve` gives its motion back, up to the time error of both (second order).
 
     time : (n,) [s], increasing; torque : (n, actuated) [N m], [N], columns as in ``Solution.torque_names``, linear between; a
-        time given twice is a jump: the first of the two rows ends what is before it, the second begins what follows
-    step : time step and spacing of the samples [s]; spectral_radius, initial : as in `solve` ("static": in equilibrium with the
-        driven joints held where they start)
+        time given twice is a jump: the first of the two rows ends what is before it, the second begins what follows; None
+        where no joint has a drive
+    step : time step and spacing of the samples [s], or accuracy : as in `solve` [-]
+    spectral_radius, initial : as in `solve` ("static": in equilibrium with the driven joints held where they start)
     start, start_rate : initial coordinates and rates of joints [rad], [m], [1/s], zero unless given; in loops what is given is
         kept, up to a hundredth (rad, of the length, of the largest rate), and the other joints are moved onto the closures
     progress : called with the number of samples done since its last call
@@ -59,35 +62,77 @@ def simulate(
             f"simulate: initial = {shown(initial)}, expected 'consistent' (starts undeformed) or 'static' (in equilibrium)"
         )
     function("progress", progress, "a function of the number of samples done since its last call")
-    step = number("step", step, "a positive number of seconds, for example step=1e-3")
     table = _table(mechanism, time, torque)
-    moves = {j.name for j in mechanism.joints if j.nv}
-    count = round((table[0][-1] - table[0][0]) / step) if step > 0 else 0
-    settings = checked(step, spectral_radius, EXACT, initial)
-    if count < 1:
-        raise InputError(
-            f"step = {step:g} s is longer than the torque's {table[0][-1] - table[0][0]:g} s: write a smaller step"
-        )
-    if count > MOST_SAMPLES:
-        raise InputError(f"step = {step:g} s gives {count} samples, more than {MOST_SAMPLES}: write a larger step")
-    grid = table[0][0] + step * np.arange(count + 1)
-    mesh = build(mechanism)
-    settles = bool(mechanism.closures) and initial == "static" and not mechanism.is_rigid
-    stated = _stated(mechanism, start_coordinates(mechanism, moves, start, start_rate), settles)
-    began = stated.q, stated.qd, stated.qdd
-    if mechanism.closures:
-        began = begin(mesh, stated, constraint_rows(mesh).of(acting(mechanism, float(grid[0]))), float(grid[0]))
-    history, efforts, jumps = still(*began), _efforts(mechanism, table, step), tuple(_jumps(table[0]))
-    task = Task(mesh, grid, history, history, moves, settings, jumps, efforts=efforts, progress=progress)
-    (first,) = first_step(task)
-    solution = solution_after(mesh, first, settings)
-    if settles:
-        check_settled(mesh, stated, *began[:2], solution.q[0], solution.qd[0], float(grid[0]))
+    if accuracy is None and step is not None:
+        settings = checked(_checked_step(step, table[0]), spectral_radius, EXACT, initial)
+        count = round((table[0][-1] - table[0][0]) / settings.step)
+        released = _Release(table, start, start_rate, progress)
+        task = released.task(mechanism, table[0][0] + settings.step * np.arange(count + 1), settings)
+        (first,) = first_step(task)
+        solution = solution_after(task.mesh, first, settings)
+    else:
+        from flexinv.accuracy.accurate import check_accuracy
+        from flexinv.accuracy.accurate_simulate import accurate_simulate
+
+        asked, settings = check_accuracy(accuracy, step), checked(1.0, spectral_radius, EXACT, initial)
+        released = _Release(table, start, start_rate, progress)
+        solution = accurate_simulate(mechanism, table[0], asked, settings, released.task)
+    released.check(solution)
     return solution
 
 
-def _table(mechanism: Mechanism, time: ArrayLike, torque: ArrayLike) -> tuple[Array, Array]:
-    at, values = floats("simulate: time", time), floats("simulate: torque", torque)
+def _checked_step(step: float, time: Array) -> float:
+    """The step [s]; raises InputError for one that does not fit the times of the torque."""
+    step, span = number("step", step, "a positive number of seconds, for example step=1e-3"), time[-1] - time[0]
+    count = round(span / step) if step > 0 else 0
+    checked(step, 0.8, EXACT)
+    if count < 1:
+        raise InputError(f"step = {step:g} s is longer than the torque's {span:g} s: write a smaller step")
+    if count > MOST_SAMPLES:
+        raise InputError(f"step = {step:g} s gives {count} samples, more than {MOST_SAMPLES}: write a larger step")
+    return step
+
+
+@dataclass
+class _Release:
+    """Efforts that move a mechanism and its stated start, of which tasks on any steps are made.
+
+    began : what was stated for the last task, and the start that its loops close with (q, qd)
+    """
+
+    table: tuple[Array, Array]
+    start: Mapping[str, ArrayLike] | None
+    start_rate: Mapping[str, ArrayLike] | None
+    progress: Progress | None
+    began: tuple[Stated, Array, Array] | None = None
+
+    def task(self, mechanism: Mechanism, steps: Array, settings: Settings) -> Task:
+        """Return the task of the instants ``steps`` [s]."""
+        mesh, moves, first = build(mechanism), {j.name for j in mechanism.joints if j.nv}, float(steps[0])
+        places = start_coordinates(mechanism, moves, self.start, self.start_rate)
+        stated = _stated(mechanism, places, _settles(mechanism, settings.initial))
+        state = stated.q, stated.qd, stated.qdd
+        if mechanism.closures:
+            state = begin(mesh, stated, constraint_rows(mesh).of(acting(mechanism, first)), first)
+        self.began = stated, state[0], state[1]
+        history, efforts = still(*state), _efforts(mechanism, self.table, settings.step)
+        jumps = tuple(_jumps(self.table[0]))
+        return Task(mesh, steps, history, history, moves, settings, jumps, efforts=efforts, progress=self.progress)
+
+    def check(self, solution: Solution) -> None:
+        """Raise an error where an equilibrium has left what was stated of the start."""
+        if self.began is not None and _settles(solution.mechanism, str(solution.settings["initial"])):
+            stated, q, qd = self.began
+            check_settled(solution.mesh, stated, q, qd, solution.q[0], solution.qd[0], float(solution.time[0]))
+
+
+def _settles(mechanism: Mechanism, initial: str) -> bool:
+    return bool(mechanism.closures) and initial == "static" and not mechanism.is_rigid
+
+
+def _table(mechanism: Mechanism, time: ArrayLike, torque: ArrayLike | None) -> tuple[Array, Array]:
+    at = floats("simulate: time", time)
+    values = np.zeros((len(np.atleast_1d(at)), 0)) if torque is None else floats("simulate: torque", torque)
     names = [n for n, driven in zip(mechanism.velocity_names, mechanism.actuated, strict=True) if driven]
     if at.ndim != 1 or len(at) < 2 or not np.isfinite(at).all() or not _in_order(at):
         raise InputError(

@@ -185,7 +185,10 @@ class Solution:
             return
         duration, mesh = float(self.time[-1] - self.time[0]), self.mesh
         slow = 0.5 * float(mesh.mass.sum()) * (STANDING * mesh.length / duration) ** 2
-        error, held = self.energy_error, HELD * float(self.balance.kinetic.max())
+        held = HELD * float(self.balance.kinetic.max())
+        if float(np.abs(self.balance.work).max()) <= MOST_LOST * float(np.ptp(self.balance.kinetic)) + slow + held:
+            return  # less than what the sums below would allow
+        error = self.energy_error
         if error <= MOST_LOST * (exchanged := self.energy_exchanged) + slow + held:
             return
         step = float(self.settings["step"])

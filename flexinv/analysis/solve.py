@@ -33,7 +33,7 @@ Bars = tuple[Array, dict[str, Array]]
 def solve(
     mechanism: Mechanism,
     motion: Motion,
-    step: float,
+    step: float | None = None,
     error: bool = False,
     end: float | None = None,
     spectral_radius: float = 0.8,
@@ -44,15 +44,18 @@ def solve(
     progress: Progress | None = None,
     every: int = 1,
     tolerance: float = EXACT,
+    accuracy: float | None = None,
 ) -> Solution:
     """Return the torques that make a mechanism, rigid, flexible or mixed, follow a motion of its joints.
 
     Two steps, one program:  task -> flexible trajectory (M, C, K act) -> P = M (a - g) -> tau = L T P.
 
     step : time step and spacing of the samples [s]; end : last time [s], the motion's duration by default
+    accuracy : in place of a step the largest error of every torque, tip and free coordinate, part of its range [-]: steps, mesh
+        and extrapolation are chosen for it (`flexinv.accuracy`), and error bars say so
     error : also march with half the step and on a refined mesh: ``torque_error``, ``tip_error``
     spectral_radius : numerical damping of the march, 0 strong, 1 none [-]
-    initial : "consistent" (starts undeformed) or "static" (starts in equilibrium under gravity)
+    initial : "consistent" (starts undeformed) or "static" (starts in equilibrium under gravity, to which passive joints sink)
     incremental : the paper's incremental mode, accelerations from differences of nodal positions (`finite_differences`)
     start, start_rate : initial coordinates and rates of passive joints (unactuated, not in the motion) [rad], [m], [1/s]
     progress : called with the number of steps done since its last call
@@ -65,6 +68,17 @@ def solve(
     """
     every = check_task(mechanism, motion, initial, every, progress)
     error, incremental = flag("error", error), flag("incremental", incremental)
+    if accuracy is not None or step is None:
+        if incremental or every > 1:
+            raise InputError(
+                "accuracy: it chooses the steps, their samples and the mode by itself; leave out incremental, every"
+            )
+        from flexinv.accuracy.accurate import check_accuracy
+        from flexinv.accuracy.accurate_solve import accurate_solve
+
+        options: dict[str, Any] = {"end": end, "start": start, "start_rate": start_rate, "progress": progress}
+        settings = checked(1.0, spectral_radius, tolerance, initial)
+        return accurate_solve(mechanism, motion, check_accuracy(accuracy, step), settings, options)
     steps = time_grid(motion, step, end, every)
     _check_every(mechanism, every, incremental)
     if incremental:

@@ -35,6 +35,7 @@ class Task:
     before, after : time -> q (samples, nq), qd, qdd (samples, nv) [rad or m, s], the left-hand and the right-hand limit where
         accelerations jump; joints named in ``passive`` at their start
     jumps : times at which accelerations jump [s]; stated_rates : passive joints whose rate at the start is kept in loops
+    seams : samples between which steps are equal, the integrator begins anew at each; none where all steps are equal
     efforts : of the drives of passive joints, which their torque moves (`dynamics.solver.Efforts`) [N m], [N]
     progress : called with the number of steps done since its last call; part : kept samples of a part [-], None for one part
     """
@@ -50,6 +51,7 @@ class Task:
     efforts: Efforts | None = None
     progress: Progress | None = None
     part: int | None = None
+    seams: tuple[int, ...] = ()
 
     @property
     def time(self) -> Array:
@@ -108,7 +110,7 @@ def _on_branch(
 def time_grid(motion: Motion, step: float, end: float | None, every: int) -> Array:
     """Return the times of all steps, the start included (steps + 1,) [s]; raises InputError for a step or end that cannot be."""
     step = seconds("step", step, "a positive number of seconds, for example step=1e-3")
-    last = seconds("end", motion.duration if end is None else end, "a positive time, or None for the motion's duration")
+    last = last_time(motion, end)
     if step > last:
         raise InputError(
             f"step = {step:g} s is longer than the motion ({last:g} s): write a smaller step, say {last / 200:g}"
@@ -122,6 +124,11 @@ def time_grid(motion: Motion, step: float, end: float | None, every: int) -> Arr
     return np.asarray(step * np.arange(count + 1))
 
 
+def last_time(motion: Motion, end: float | None) -> float:
+    """Return the last time [s], the motion's duration where ``end`` is None; raises InputError for one that cannot be."""
+    return seconds("end", motion.duration if end is None else end, "a positive time, or None for the motion's duration")
+
+
 def joint_histories(
     motion: Motion, mechanism: Mechanism, stated: tuple[dict[str, Array], dict[str, Array]], settings: Settings, grid: Array
 ) -> tuple[JointHistory, JointHistory]:  # fmt: skip
@@ -132,7 +139,7 @@ def joint_histories(
     places, rates = stated
 
     def joint_motion(time: Array, side: str) -> Triple:
-        if time is grid and side == "right" and len(grid) > 1 and grid[1] == settings.step:
+        if time is grid and side == "right" and len(grid) > 1 and grid[1] == settings.step and _uniform(grid):
             q, qd, qdd = (part.copy() for part in motion_table(motion, mechanism, settings.step, len(grid)))
         else:
             q, qd, qdd = motion.evaluate(mechanism, time, side)  # type: ignore[arg-type]
@@ -143,6 +150,10 @@ def joint_histories(
         return q, qd, qdd
 
     return (lambda time: joint_motion(time, "left")), (lambda time: joint_motion(time, "right"))
+
+
+def _uniform(grid: Array) -> bool:
+    return bool(grid[-1] == grid[1] * (len(grid) - 1))
 
 
 def _looked_up(time: Array, history: JointHistory) -> JointHistory:

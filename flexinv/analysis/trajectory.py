@@ -84,7 +84,7 @@ def flexible_motion(task: Task) -> Iterator[FirstStep]:
 
     Raises ConvergenceError with the time, the size of the increment and what to try.
     """
-    march, stops = _March.of(task), _jump_samples(task.steps, task.jumps)
+    march, stops = _March.of(task), task.seams or _jump_samples(task.steps, task.jumps)
     kept, last, every = len(task.time), len(task.steps) - 1, task.settings.every
     ends = set() if task.part is None else {every * row for row in range(task.part, kept - 1, task.part)}
     start, chunk = march.begin(), march.chunk
@@ -213,6 +213,7 @@ class _March:
         In the plane alone that is left to the first call of the compiled loop.
         """
         solver, flat, time = self.solver, self.flat, self.task.steps[:1]
+        self.pace(0)
         if solver is None:
             return 0
         when = f"at the start, t = {time[0]:g} s"
@@ -287,8 +288,17 @@ class _March:
         arguments = solver.arguments(scheme, Instants(rel, table, drives, solver.given(q, qd, qdd)), whole)
         return _Leg(march, arguments, time, last, row=row, whole=None if dense else whole)
 
+    def pace(self, sample: int) -> None:
+        """Take the step [s] that the task makes after a sample; nothing to do where all steps are equal."""
+        steps = self.task.steps
+        if self.task.seams and sample + 1 < len(steps):
+            ends = [*(seam for seam in self.task.seams if seam > sample), len(steps) - 1]
+            step = float(steps[ends[0]] - steps[sample]) / (ends[0] - sample)
+            self.scheme = replace(self.task.settings, step=step).scheme
+
     def restart(self, sample: int) -> None:
         """Solve the accelerations anew where those of the task jump, and record their right-hand limit."""
+        self.pace(sample)
         time, row = self.task.steps[sample : sample + 1], self.rows(sample, sample + 1)
         motion, when = self.task.after(time), f"at t = {time[0]:g} s"
         if self.flat is not None:
@@ -310,6 +320,7 @@ class _March:
     def switch(self, sample: int) -> None:
         """Go over to the phase that begins at a sample."""
         solver, flat, time = self.solver, self.flat, float(self.task.steps[sample])
+        self.pace(sample)
         assert solver is not None
         assert self.switching is not None
         if flat is not None:

@@ -27,9 +27,11 @@ from flexinv.analysis.overview import (
 )
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve as solve_motion
-from flexinv.cli.follow import OVERWRITE, check_outputs, follow_task
+from flexinv.cli.follow import ACCURACY, OVERWRITE, check_outputs, follow_task
 from flexinv.cli.output import check_out, every, write
 from flexinv.cli.parameters import parameters
+from flexinv.cli.simulate import simulate_file
+from flexinv.cli.warm import warm
 from flexinv.errors import FlexinvError, InputError, ModelWarning
 from flexinv.files.from_urdf import from_urdf
 from flexinv.files.load_cases import Case, load_cases
@@ -77,6 +79,7 @@ def app() -> None:
     type=float,
     help="Time step [s] in place of the case's. The error falls with its square; --error says how large it is.",
 )
+@ACCURACY
 @click.option(
     "--error", is_flag=True, help="Solve again on a finer mesh and step, and give error bars. Four times the steps."
 )
@@ -87,6 +90,7 @@ def solve(
     plot: Path | None,
     overwrite: bool,
     step: float | None,
+    accuracy: float | None,
     error: bool,
 ) -> None:
     """Compute the torque that every actuator must give so that the joints make the motion of a case.
@@ -100,11 +104,12 @@ def solve(
     check_out(out)
     mechanism = load_mechanism(model)
     case = choose(load_cases(folder(model), mechanism), name, model)
-    size = case.step if step is None else step
-    written = every(case.sample, case.step, size) if out is not None and size > 0.0 else 1
+    asked = case.accuracy if step is None and accuracy is None else accuracy
+    size = case.step if step is None and asked is None else step
+    written = every(case.sample, case.step, size) if out is not None and size and size > 0.0 else 1
     # with error bars: once more at half the step, once more on a finer mesh
-    samples = round(case.end / size) * (4 if error else 1)
-    shown = not mechanism.is_rigid and sys.stderr.isatty()
+    samples = round(case.end / size) * (4 if error else 1) if size else 0
+    shown = size is not None and not mechanism.is_rigid and sys.stderr.isatty()
     with click.progressbar(length=samples, label="marching", file=sys.stderr, hidden=not shown) as bar:
         solution = solve_motion(
             case.meshed(mechanism),
@@ -116,6 +121,7 @@ def solve(
             initial=case.initial,
             start=case.start,
             progress=bar.update,
+            accuracy=asked,
         )
     click.echo(f"{mechanism.name}, case {case.name}: {case.title}" if case.title else f"{mechanism.name}, {case.name}")
     table = solution.summary()
@@ -203,6 +209,8 @@ def modes(
 
 app.add_command(parameters)
 app.add_command(follow_task)
+app.add_command(warm)
+app.add_command(simulate_file)
 
 
 def rate_of(text: str) -> tuple[str, float]:

@@ -18,6 +18,13 @@ from flexinv.tracking.task_file import Task, load_tasks
 
 OVERWRITE = click.option("--overwrite", is_flag=True, help="Replace files that are there already.")
 
+ACCURACY = click.option(
+    "--accuracy",
+    type=float,
+    help="Largest error of every torque and tip in parts of its range, for example 1e-4, in place of a step: steps and mesh are "
+    "chosen for it, and error bars say what was reached.",
+)
+
 
 def check_outputs(paths: Iterable[Path | None], overwrite: bool) -> None:
     """Raise InputError where a file cannot be written: its folder is not there, or it is, and nobody said --overwrite."""
@@ -39,7 +46,10 @@ def check_outputs(paths: Iterable[Path | None], overwrite: bool) -> None:
 )
 @OVERWRITE
 @click.option("--step", type=float, help="Spacing of the instants [s] in place of the task's.")
-def follow_task(model: Path, name: str | None, out: Path | None, overwrite: bool, step: float | None) -> None:
+@ACCURACY
+def follow_task(
+    model: Path, name: str | None, out: Path | None, overwrite: bool, step: float | None, accuracy: float | None
+) -> None:
     """Compute the torques with which the tip of a mechanism follows a path, although its links bend.
 
     The table shows how far the tip of the flexible mechanism is from the path with torques of the rigid mechanism, with
@@ -49,8 +59,9 @@ def follow_task(model: Path, name: str | None, out: Path | None, overwrite: bool
     check_out(out)
     mechanism = load_mechanism(model)
     task = _chosen(load_tasks(model, mechanism), name, model)
-    size = task.step if step is None else step
-    found = follow(task.meshed(mechanism), task.path, task.frame, size, task.before, task.after, task.start)
+    size = task.step if step is None and accuracy is None else step
+    subject = task.meshed(mechanism), task.path, task.frame
+    found = follow(*subject, size, task.before, task.after, task.start, accuracy=accuracy)
     click.echo(f"{mechanism.name}, task {task.name}: {task.title}" if task.title else f"{mechanism.name}, {task.name}")
     click.echo(
         f"{found.path.text} of {found.path.length:.4g} m in {found.path.duration:g} s, from {found.time[0]:.4g} s on"

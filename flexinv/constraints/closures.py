@@ -20,12 +20,10 @@ from numpy.typing import NDArray
 
 from flexinv.constraints.equations import RowArrays, jacobians, residual_samples
 from flexinv.errors import InputError
-from flexinv.kernels.memory import plain
 from flexinv.kinematics.configuration import nodes_of
 from flexinv.kinematics.configuration_arrays import slides
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion
-from flexinv.kinematics.tree import Frames
 from flexinv.model.attachments import COUPLED_JOINTS
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import CLOSURES, COUPLED, Closure, Mechanism
@@ -188,7 +186,7 @@ def residuals(motion: NodalMotion, rows: Rows) -> tuple[Array, Array, Array]:
     phi'' = u''.w + 2 u'.w' + u.w''
     """
     phi = np.empty((len(motion.x), len(rows), 3))
-    residual_samples(row_arrays(rows), world_of(motion), phi)
+    residual_samples(row_arrays(rows), motion.frames, phi)
     return phi[:, :, 0], phi[:, :, 1], phi[:, :, 2]
 
 
@@ -198,7 +196,7 @@ def constraint_jacobian(mesh: Mesh, motion: NodalMotion, rows: Rows) -> Array:
     if count == 0:
         return np.empty((samples, 0, mesh.mechanism.nv))
     g = np.empty((samples, count, mesh.mechanism.nv))
-    jacobians(nodes_of(mesh), row_arrays(rows), world_of(motion), g)
+    jacobians(nodes_of(mesh), row_arrays(rows), motion.frames, g)
     return without_rounding(mesh, rows.direction, g)
 
 
@@ -226,12 +224,6 @@ def without_rounding(mesh: Mesh, direction: NDArray[np.bool_], g: Array) -> Arra
     if len(g) and (np.abs(g[0]) <= least).all():  # else there is one that ties something
         g[(np.abs(g) <= least).all(axis=(1, 2))] = 0.0
     return g
-
-
-def world_of(motion: NodalMotion) -> Frames:
-    """Return the motion of the nodes [m, rad, s] as kernels take it, all samples."""
-    parts = motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha
-    return Frames(*(plain(part) for part in parts))
 
 
 def row_arrays(rows: Rows) -> RowArrays:

@@ -80,14 +80,7 @@ def closed_near(mesh: Mesh, guess: Array) -> Array:
 
     Raises ConvergenceError, which names the closure that stays open.
     """
-    free = np.ones(mesh.mechanism.nv, dtype=bool)
-
-    def still(time: Array) -> tuple[Array, Array, Array]:
-        rest = np.zeros((len(time), mesh.mechanism.nv))
-        return np.tile(guess, (len(time), 1)), rest, rest
-
-    rows = constraint_rows(mesh).of(acting(mesh.mechanism, 0.0))
-    return Follower(mesh, rows, still, free).start(0.0, guess)
+    return standing(mesh, guess).start(0.0, guess)
 
 
 def _rank(matrix: Array) -> int:
@@ -388,3 +381,10 @@ class Follower:
             f"{condition:.1e}): a dead point, or the motion asks for a position that the loops cannot reach; drive another joint "
             "or shorten the motion"
         )
+
+
+def standing(mesh: Mesh, q: Array) -> Follower:
+    """Return Newton on the closures that act at t = 0, all coordinates free, that stand still at q (nq,) [rad], [m]."""
+    rest = np.zeros((1, mesh.mechanism.nv))
+    rows = constraint_rows(mesh).of(acting(mesh.mechanism, 0.0))
+    return Follower(mesh, rows, lambda time: (q[None], rest, rest), np.ones(mesh.mechanism.nv, dtype=bool))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from flexinv.constraints.allocation import ranks
 from flexinv.constraints.closures import Rows, constraint_rows, measures
 from flexinv.constraints.consistency import STILL_RATE
-from flexinv.constraints.continuation import Follower, close_rates, closed_start
+from flexinv.constraints.continuation import Follower, close_rates, closed_start, standing
 from flexinv.constraints.phases import acting
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.kinematics.configuration_arrays import moved, nearest_difference, slides
@@ -23,6 +23,7 @@ from flexinv.kinematics.joint_motion import JointHistory
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import KINDS, POSE, ROTATION
 from flexinv.model.mechanism import Joint, Mechanism
+from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
 
 Mask = NDArray[np.bool_]
@@ -186,17 +187,25 @@ def picked_start(mesh: Mesh, history: JointHistory, time: float, passive: Mask, 
 
     history : time -> q, qd, qdd of all joints; passive : (nv,) coordinates that no motion gives, at their start if it is stated
     """
+    now = [part.tobytes() for part in history(np.array([time]))]
+    return _picked(mesh, time, passive.tobytes(), stated.tobytes(), *now)
+
+
+@kept_with_owner()
+def _picked(mesh: Mesh, time: float, passive: bytes, stated: bytes, *now: bytes) -> Array | None:
+    """The start of `picked_start`: other steps, tolerances and motions often begin at the same."""
+    free, kept = (np.frombuffer(mask, dtype=bool) for mask in (passive, stated))
     rows = constraint_rows(mesh).of(acting(mesh.mechanism, time))
-    q, qd, qdd = (part[0] for part in history(np.array([time])))
-    given = Stated(q, qd, qdd, places=stated & passive, rates=np.zeros_like(stated), passive=passive, place=NEAR)
+    q, qd, qdd = (np.frombuffer(part) for part in now)
+    given = Stated(q, qd, qdd, places=kept & free, rates=np.zeros_like(kept), passive=free, place=NEAR)
     try:
-        plain = closed_start(mesh, history, time, passive, rows)[0]
+        plain = closed_start(mesh, lambda _: (q[None], qd[None], qdd[None]), time, free, rows)[0]
     except ConvergenceError:
-        return _placed(mesh, given, rows, [passive])
+        return _placed(mesh, given, rows, [free])
     near = unwound(mesh.mechanism, q, plain)
     if off_start(mesh, given.places, q, plain).max(initial=0.0) <= NEAR:
         return None if np.allclose(near, plain, rtol=0.0, atol=FAR) else near
-    return _placed(mesh, given, rows, [passive])
+    return _placed(mesh, given, rows, [free])
 
 
 def closed_at(mesh: Mesh, q: Array, drives_move: bool = False) -> Array:
@@ -224,9 +233,7 @@ def closed_anywhere(mesh: Mesh, q: Array) -> Array:
     Raises ConvergenceError, which names the closure that stays open.
     """
     m, random = mesh.mechanism, np.random.default_rng(1)
-    rest, free = np.zeros(m.nv), np.ones(m.nv, dtype=bool)
-    given = Stated(q, rest, rest, places=~free, rates=~free, passive=free)
-    follower = Follower(mesh, constraint_rows(mesh).of(acting(m, 0.0)), _still(given), free)
+    follower = standing(mesh, q)
     found = follower.solve(q)
     for _ in range(TRIES):
         if found is not None:
@@ -238,11 +245,7 @@ def closed_anywhere(mesh: Mesh, q: Array) -> Array:
 def places_near(mesh: Mesh, q: Array) -> list[Array]:
     """Return closed configurations (nq,) [rad], [m] to which a mechanism can move from a closed one, in no special direction."""
     m, random = mesh.mechanism, np.random.default_rng(1)
-    rest = np.zeros(m.nv)
-    rows = constraint_rows(mesh).of(acting(m, 0.0))
-    free = np.ones(m.nv, dtype=bool)
-    given = Stated(q, rest, rest, places=~free, rates=~free, passive=free)
-    follower, found = Follower(mesh, rows, _still(given), free), []
+    follower, found = standing(mesh, q), []
     _, g = follower.closures(q)
     _, values, right = np.linalg.svd(g)
     allowed = right[int(ranks(values)) if len(values) else 0 :]

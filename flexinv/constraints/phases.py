@@ -45,7 +45,7 @@ class Stretch:
 
 
 def phases(mechanism: Mechanism, time: Array) -> list[Phase]:
-    """Return the phases of a uniform grid ``time`` (samples,) [s]; a closure acts from its start to before its end.
+    """Return the phases of a grid ``time`` (samples,) [s], uniform at its start; a closure acts from its start to before its end.
 
     Raises InputError when a closure begins or ceases between two samples.
     """
@@ -53,7 +53,7 @@ def phases(mechanism: Mechanism, time: Array) -> list[Phase]:
     cuts = {0}
     for closure in mechanism.closures:
         for instant in (t for interval in closure.active for t in interval if time[0] < t < time[-1]):
-            sample = round((instant - time[0]) / step)
+            sample = int(np.abs(time - instant).argmin())
             if abs(time[sample] - instant) > SAME_INSTANT * step:
                 raise InputError(
                     f"mechanism '{mechanism.name}', closure '{closure.name}': it switches at {instant:g} s, between two samples "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexinv.constraints.closures import Rows, row_arrays, world_of
+from flexinv.constraints.closures import Rows, row_arrays
 from flexinv.constraints.equations import Ends, closing_samples
 from flexinv.constraints.phases import Stretch
 from flexinv.inverse.inverse_dynamics import NodalForces
@@ -24,8 +24,9 @@ def closing(mesh: Mesh, motion: NodalMotion, rows: Rows, multipliers: Array) -> 
     """
     closures, (force, moment) = mesh.mechanism.closures, np.zeros((2, *motion.x.shape))
     wrench = np.empty((len(closures), len(motion.x), 6))
-    frames = world_of(motion)
-    closing_samples(row_arrays(rows), rows.closure, _ends(mesh), frames, plain(multipliers), force, moment, wrench)
+    closing_samples(
+        row_arrays(rows), rows.closure, _ends(mesh), motion.frames, plain(multipliers), force, moment, wrench
+    )
     shown = {c.name: own for c, own in zip(closures, wrench, strict=True) if c.kind != "coupling"}
     return NodalForces(force, moment), shown
 

@@ -55,7 +55,7 @@ class Trajectory:
     def histories(self) -> Histories:
         """Return x, r, v, w, a, al, wrench, internal, energy, multipliers, iterations as kernels take them [m, rad, s, N, J]."""
         m, more = self.motion, (self.wrench, self.internal, self.energy, self.multipliers, self.iterations)
-        return Histories(m.x, m.rotation, m.v, m.omega, m.a, m.alpha, *more)
+        return Histories(*m.parts, *more)
 
     def rows(self, first: int, last: int) -> Trajectory:
         """Return the samples from ``first`` to before ``last``, not copied [m, rad, s, N, J]."""

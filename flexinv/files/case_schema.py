@@ -13,15 +13,15 @@ from scipy.spatial.transform import Rotation
 
 from flexinv import validation as arguments
 from flexinv.files.toml_tables import Location, Table, key, optional, read_toml, validate
-from flexinv.files.values import Name, NotNegative, Number, Positive, Text, Vector
+from flexinv.files.values import Format, Name, NotNegative, Number, Positive, Text, Vector
 from flexinv.typing import Array
 
 QUANTITIES = ("torque", "wrench", "reaction", "tip", "deflection", "axial", "internal", "frequency")
 # Comparisons with a release, separated by commas, as in requirements of packages (PEP 440).
 VERSIONS = r"^$|^\s*(==|!=|<=|>=|<|>|~=)\s*\d[\w.*+!]*\s*(,\s*(==|!=|<=|>=|<|>|~=)\s*\d[\w.*+!]*\s*)*$"
 OF_BEAMS = ("deflection", "axial", "internal", "frequency")
-Law = Literal["cycloid", "quintic", "nonic", "bang-bang", "trapezoid"]
-LAWS = '"cycloid", "quintic", "nonic", "bang-bang" or "trapezoid"'
+Law = Literal["cycloid", "quintic", "septic", "nonic", "bang-bang", "trapezoid"]
+LAWS = '"cycloid", "quintic", "septic", "nonic", "bang-bang" or "trapezoid"'
 Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
 Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
 
@@ -165,7 +165,7 @@ STARTS: dict[tuple[str, ...], tuple[type[Table], tuple[dict[str, Reader], ...], 
 class MotionTable(Table):
     """A move from point to point by a law, joint by joint, or samples from a CSV file."""
 
-    law: Literal["cycloid", "quintic", "nonic", "bang-bang", "trapezoid", "sampled"] = key(
+    law: Literal["cycloid", "quintic", "septic", "nonic", "bang-bang", "trapezoid", "sampled"] = key(
         f'{LAWS}, or "sampled" with csv', 'law = "cycloid"', default="cycloid"
     )
     duration_s: Positive | None = optional("how long the move takes, > 0 [s]", "duration_s = 1.0")
@@ -218,6 +218,11 @@ class CaseTable(Table):
     source: Text = key("where the case comes from, a text", 'source = "Isobe et al., example 3"', default="")
     notes: list[Text] = key("a list of texts that a reader of results must know", 'notes = ["..."]', default=[])
     step_s: Positive = key("the time step, > 0 [s]", "step_s = 5e-4")
+    accuracy: Annotated[Number, Field(ge=1e-9, le=0.1)] | None = optional(
+        "largest error of every torque and tip in parts of its range, 1e-9..0.1 [-]: flexinv solve chooses steps and mesh for it "
+        "in place of step_s, which other engines keep",
+        "accuracy = 1e-4",
+    )
     end_s: Positive | None = optional("when the case ends [s]; with the motion when absent", "end_s = 0.5")
     sample_s: Positive | None = optional("the spacing of results [s]; the step when absent", "sample_s = 1e-3")
     spectral_radius: Annotated[Number, Field(ge=0, le=1)] = key(
@@ -251,6 +256,7 @@ class CaseTable(Table):
 class CasesTable(Table):
     """The whole file."""
 
+    format: Format = key("the version of the file's format, 1 when absent", "format = 1", default=1)
     source: Text = key("where the cases come from, a text", 'source = "Isobe et al., example 3"')
     cases: dict[str, Any] = key("tables [cases.NAME]", "[cases.NAME]")
     tasks: dict[str, Any] = key("tables [tasks.NAME]: paths of a frame", "[tasks.NAME]", default={})

@@ -214,7 +214,12 @@ def _based(
         return {name: inertia for name, inertia in links.items() if name != WORLD}, joints
     names = {WORLD: _free_name("world_link", links)}
     links = {names.get(name, name): inertia for name, inertia in links.items()}
-    joints = [replace(j, parent=names.get(j.parent, j.parent), child=names.get(j.child, j.child)) for j in joints]
+    joints = [
+        replace(j, parent=names.get(j.parent, j.parent), child=names.get(j.child, j.child))
+        if WORLD in (j.parent, j.child)
+        else j
+        for j in joints
+    ]
     kind = "free" if base == "free" else "fixed"
     joint = Joint(
         _free_name("root_joint", [j.name for j in joints]), kind, WORLD, names.get(root, root), actuated=False

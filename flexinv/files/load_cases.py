@@ -51,6 +51,7 @@ class Case:
     mesh : (elements, order) of every beam in flexinv [-], None for the mechanism's own
     start : joint that the motion leaves out -> its coordinates at the start [rad], [m]; in a loop a guess of them
     measured : CSV file of what a machine that did this was seen to do, None where there is none
+    accuracy : with which `flexinv solve` answers [-], None where it makes steps of ``step``
     """
 
     name: str
@@ -68,6 +69,7 @@ class Case:
     source: str = ""
     notes: tuple[str, ...] = ()
     measured: Path | None = None
+    accuracy: float | None = None
 
     def meshed(self, mechanism: Mechanism) -> Mechanism:
         """Return the mechanism with the mesh [-] of this case, its own where the case says nothing."""
@@ -113,7 +115,7 @@ def _case(data: Any, name: str, source: str, shared: list[Limit], mechanism: Mec
     return Case(
         name, table.title, motion, table.step_s, end, sample, tuple(table.quantities), limits,
         table.spectral_radius, table.initial, mesh, start, table.source or source, tuple(table.notes),
-        _measured(table, where),
+        _measured(table, where), table.accuracy,
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, PlainValidator, WithJsonSchema
 
 from flexinv.files.toml_tables import Table, key, optional
-from flexinv.files.values import Fraction, Name, NotNegative, Number, Positive, Text, Vector, bounded
+from flexinv.files.values import Format, Fraction, Name, NotNegative, Number, Positive, Text, Vector, bounded
 
 Numbers = dict[str, float]
 
@@ -350,6 +350,7 @@ class OverlayTable(Table):
 class MechanismTable(Table):
     """The whole file."""
 
+    format: Format = key("the version of the file's format, 1 when absent", "format = 1", default=1)
     name: Name | None = optional("the name of the mechanism; the folder's when absent", 'name = "arm"')
     title: Text = key("one line that says what it is", 'title = "Two flexible links"', default="")
     source: Text = key("where the data come from, a text", 'source = "Isobe et al., case 3"')

@@ -15,7 +15,6 @@ from flexinv.kernels.memory import plain
 from flexinv.kinematics.joint_motion import joint_effort
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
-from flexinv.kinematics.tree import Frames
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
@@ -62,9 +61,7 @@ def inverse_dynamics(
 def nodal_forces(mesh: Mesh, motion: NodalMotion, applied: NodalForces | None = None) -> NodalForces:
     """Return P = M (a - g) [N] and Q = R (J al + w x J w) [N m] at every node and sample, less applied loads."""
     force, moment = np.empty(motion.a.shape), np.empty(motion.a.shape)  # (sample, node, xyz)
-    parts = motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha
-    frames = Frames(*(plain(part) for part in parts))
-    nodal_samples(Masses(mesh.mass, mesh.inertia, plain(mesh.mechanism.gravity)), frames, force, moment)
+    nodal_samples(Masses(mesh.mass, mesh.inertia, plain(mesh.mechanism.gravity)), motion.frames, force, moment)
     if applied is not None:
         return NodalForces(force - applied.force, moment - applied.moment)
     return NodalForces(force, moment)

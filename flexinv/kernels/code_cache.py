@@ -1,7 +1,9 @@
 """Machine code on disk: kept where that is possible, read where it can be, and never a reason to stop.
 
 Numba ends the program where no folder can be written to, where the disk is full, and where a file holds what older sources or a
-machine that lost its power have left.  All of that only costs the time of compiling once more.
+machine that lost its power have left.  All of that only costs the time of compiling once more.  Code is looked for in what the
+package brings along (`shipped_code`), then in what was kept on this machine; one process compiles what is in neither
+(`compile_lock`), and others wait for it.
 """
 
 from __future__ import annotations
@@ -17,33 +19,55 @@ from numba import njit
 from numba.core.registry import CPUDispatcher
 
 from flexinv.kernels.code_stamp import source_stamp
+from flexinv.kernels.compile_lock import CompileLock
+from flexinv.kernels.shipped_code import shipped
 
 # What reading a file raises that names a class that has moved, or that ends in the middle.
 UNREADABLE = AttributeError, ImportError, EOFError, UnpicklingError
 FOLDER = Path(__file__).resolve().parents[1]  # of the package
+# The kernels that Python calls, in the order of their definition.
+KERNELS: list[Any] = []
 
 
 def compiler(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Return Numba's decorator with these options [-]; machine code is kept until a source of its family changes."""
+    inner = bool(options.get("no_cpython_wrapper"))
+    options = {"error_model": "numpy", **options}
 
     def decorate(function: Callable[..., Any]) -> Any:
+        kernel: Any
         try:
-            kernel = njit(error_model="numpy", **options)(function)
+            kernel = njit(**options)(function)
         except RuntimeError as error:
             if "cannot cache" not in str(error):
                 raise
             _tell()
-            return njit(error_model="numpy", **{**options, "cache": False})(function)
-        if options.get("no_cpython_wrapper") and isinstance(kernel, CPUDispatcher):
-            kernel.__class__ = InnerKernel
-        if options.get("cache") and hasattr(kernel, "_cache"):  # with NUMBA_DISABLE_JIT it is the function itself
-            _forgive(kernel._cache, source_stamp(FOLDER, function.__module__.removeprefix("flexinv.")))
+            kernel = njit(**{**options, "cache": False})(function)
+        if not hasattr(kernel, "_cache"):  # with NUMBA_DISABLE_JIT it is the function itself
+            return kernel
+        kernel.__class__ = InnerKernel if inner else Kernel
+        if hasattr(kernel._cache, "_cache_file"):
+            _keep(kernel, inner)
         return kernel
 
     return decorate
 
 
-class InnerKernel(CPUDispatcher):
+class Kernel(CPUDispatcher):
+    """A kernel of which one process compiles what others wait for."""
+
+    lock: CompileLock | None = None
+
+    def compile(self, signature: Any) -> Any:
+        """Compile for arguments of these types [-], or take what is kept."""
+        try:
+            return super().compile(signature)
+        finally:
+            if self.lock is not None:
+                self.lock.give_back()
+
+
+class InnerKernel(Kernel):
     """A kernel without a wrapper for Python: other kernels call it; a call from Python is an error, not the process's end."""
 
     def __call__(self, *arguments: Any, **options: Any) -> Any:
@@ -63,18 +87,35 @@ def _tell() -> None:
     )
 
 
-def _forgive(cache: Any, stamp: str) -> None:
-    """Let a kernel's cache hold the stamp of its sources, and go without what can be neither read nor written."""
-    file, save = cache._cache_file, cache.save_overload
+def _keep(kernel: Any, inner: bool) -> None:
+    """Let a kernel hold the stamp of its sources, wait for others, and go without what cannot be read or written."""
+    cache, module = kernel._cache, kernel.py_func.__module__
+    file, load, save = cache._cache_file, cache.load_overload, cache.save_overload
+    stamp = source_stamp(FOLDER, module.removeprefix("flexinv."))
     file._source_stamp = (file._source_stamp, stamp)
     file._load_index = forgiving(file._load_index, {})
     file.load = forgiving(file.load, None)
+    lock = CompileLock(Path(file._index_path).with_suffix(".lock"))
+    kernel.lock = lock
+    if not inner:
+        KERNELS.append(kernel)
+
+    def loaded(signature: Any, target: Any) -> Any:
+        brought = None if inner else shipped(module, kernel.py_func.__qualname__, str(signature), stamp)
+        if brought is not None:
+            target.refresh()
+            return cache._impl.rebuild(target, brought)
+        found = load(signature, target)
+        if found is None:
+            lock.take()
+            found = load(signature, target)  # what others have compiled meanwhile
+        return found
 
     def saved(*result: Any) -> None:
         with suppress(OSError):  # a disk that is full: the next process compiles again
             save(*result)
 
-    cache.save_overload = saved
+    cache.load_overload, cache.save_overload = loaded, saved
 
 
 def forgiving(load: Callable[..., Any], nothing: Any) -> Callable[..., Any]:

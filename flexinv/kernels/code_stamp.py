@@ -23,11 +23,11 @@ SOURCES = (
     "kernels.vec3", "kinematics.configuration", "kinematics.tree", "linearized.natural_modes", "model.joint_kinds",
     "planar.constraint_rows", "planar.history", "planar.index1", "planar.stepper", "planar.tree",
     "planar.tree_solver", "rigid.blocks", "rigid.derivative_kernel", "rigid.regressor_kernel", "rnea.body_numbers",
-    "rnea.loop_allocation", "rnea.loop_bodies", "rnea.loop_ground", "rnea.loop_jacobian", "rnea.loop_layout",
-    "rnea.loop_plane", "rnea.loop_reduce", "rnea.loop_space", "rnea.recursion", "rnea.row_pairs", "rnea.six_rows",
+    "rnea.loop_allocation", "rnea.loop_bodies", "rnea.loop_layout",
+    "rnea.loop_plane", "rnea.loop_reduce", "rnea.loop_space", "rnea.recursion", "rnea.row_pairs",
     "tracking.collocation_kernel",
 )  # fmt: skip
-_IMPORT = re.compile(r"^from flexinv\.([\w.]+) import", re.MULTILINE)
+_IMPORT = re.compile(r"^from flexinv\.([\w.]+) import (\w*)", re.MULTILINE)
 
 
 def family(module: str, folder: Path) -> tuple[str, ...]:
@@ -36,7 +36,8 @@ def family(module: str, folder: Path) -> tuple[str, ...]:
         return SOURCES
     found, ahead = {module}, [module]
     while ahead:
-        names = set(_IMPORT.findall(_file(folder, ahead.pop()).read_text(encoding="utf-8")))
+        found_imports = _IMPORT.findall(_file(folder, ahead.pop()).read_text(encoding="utf-8"))
+        names = {name for package, one in found_imports for name in (package, f"{package}.{one}")}
         ahead += sorted(names.intersection(SOURCES) - found)
         found.update(ahead)
     return tuple(sorted(found))

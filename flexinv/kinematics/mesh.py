@@ -294,21 +294,10 @@ def _pad(arrays: list[Array], fill: float = 0.0) -> Array:
 
 def _elements(rows: list[dict[str, Array]]) -> Elements:
     if not rows:
-        empty = np.empty((0, 0, 3))
-        flat, index = np.empty((0, 0)), np.empty(0, dtype=np.int64)
-        return Elements(
-            index,
-            np.empty((0, 0), np.int64),
-            np.empty((0, 0, 6)),
-            np.empty((0, 0, 6)),
-            empty,
-            empty,
-            flat,
-            empty,
-            empty,
-            flat,
-            index,
-        )
+        index, flat = np.empty(0, dtype=np.int64), np.empty((0, 0))
+        vectors, sections = np.empty((0, 0, 3)), np.empty((0, 0, 6))
+        of_points = sections, sections, vectors, vectors, flat, vectors, vectors, flat
+        return Elements(index, np.empty((0, 0), np.int64), *of_points, index)
     columns = {key: _pad([row[key] for row in rows], -1.0 if key == "nodes" else 0.0) for key in rows[0]}
     whole = {key: columns[key].astype(np.int64) for key in ("order", "nodes", "link")}
     return Elements(**{**columns, **whole})  # type: ignore[arg-type]

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexinv.kernels.memory import plain
+from flexinv.kinematics.tree import Frames
 from flexinv.typing import Array
 
 
@@ -29,6 +31,16 @@ class NodalMotion:
     a: Array
     alpha: Array
 
+    @property
+    def parts(self) -> tuple[Array, Array, Array, Array, Array, Array]:
+        """The arrays in their order [m, rad, s]."""
+        return self.x, self.rotation, self.v, self.omega, self.a, self.alpha
+
+    @property
+    def frames(self) -> Frames:
+        """The motion as kernels take it, all samples [m, rad, s]."""
+        return Frames(*(plain(part) for part in self.parts))
+
     @classmethod
     def empty(cls, samples: int, nodes: int) -> NodalMotion:
         """Return arrays to be filled, zero motion [m, rad, s]."""
@@ -38,9 +50,8 @@ class NodalMotion:
 
     def samples(self, span: slice) -> NodalMotion:
         """Return the samples of ``span``, not copied [m, rad, s]."""
-        return NodalMotion(*(part[span] for part in (self.x, self.rotation, self.v, self.omega, self.a, self.alpha)))
+        return NodalMotion(*(part[span] for part in self.parts))
 
     def repeated(self, times: int) -> NodalMotion:
         """Return every sample ``times`` [-] times, one after the other."""
-        parts = (self.x, self.rotation, self.v, self.omega, self.a, self.alpha)
-        return NodalMotion(*(np.repeat(part, times, axis=0) for part in parts))
+        return NodalMotion(*(np.repeat(part, times, axis=0) for part in self.parts))

@@ -18,6 +18,5 @@ def rigid_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> NodalMotion:
     vector, one = (len(q), mesh.size, 3), (mesh.size, 3)
     motion = NodalMotion(*together(vector, (*vector, 3), *4 * [vector]))
     joints = Joints(*together(*3 * [one], (*one, 3), *2 * [one]))
-    world = Frames(motion.x, motion.rotation, motion.v, motion.omega, motion.a, motion.alpha)
-    motion_samples(nodes_of(mesh), plain(q), plain(qd), plain(qdd), joints, world)
+    motion_samples(nodes_of(mesh), plain(q), plain(qd), plain(qdd), joints, Frames(*motion.parts))
     return motion

@@ -62,6 +62,7 @@ def negative(stiffness: Array) -> int:
     if _definite(k):
         return 0
     size = np.sqrt(np.abs(np.diag(stiffness)))
+    size[size == 0.0] = 1.0  # a spherical joint about the axis of its link: nothing holds it
     unit = stiffness / np.outer(size, size)  # signs stay, and stiff motions hide no soft ones
     if np.abs(unit - unit.T).max() < SYMMETRIC:
         values = eigvalsh((unit + unit.T) / 2).astype(complex)

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from flexinv.errors import InputError
 from flexinv.model.attachments import CLOSURES, COUPLED, IMPACTS, Closure, Force, Spring
 from flexinv.model.damping import ModalDamping
 from flexinv.model.drive import Drive
@@ -226,6 +227,23 @@ class Mechanism(Frozen):
         """Return the mechanism with every beam meshed by ``elements`` elements of ``order`` [-]."""
         count, degree = whole("elements", elements, 1), whole("order", order, 1)
         return self._with_beams(lambda b: replace(b, elements=count, order=degree))
+
+    def with_body(self, link: str, body: Body) -> Mechanism:
+        """Return the mechanism with one more body on a link: a payload [kg], at its station [-] where the link is a beam.
+
+        Raises InputError for a link that the mechanism has not, and for a station that is missing or not meant.
+        """
+        owner = self.link_of.get(link)
+        if owner is None:
+            raise InputError(f"with_body: there is no link {link!r}; {self.name} has {', '.join(self.link_of)}")
+        placed = body.station is None if owner.beam is None else body.station is not None and 0 <= body.station <= 1
+        if not placed:
+            expected = "a station from 0 to 1" if owner.beam is not None else "no station: the link is rigid"
+            raise InputError(
+                f"with_body: body {body.name!r} on link {link!r} has station {body.station}, expected {expected}"
+            )
+        loaded = replace(owner, bodies=(*owner.bodies, body))
+        return replace(self, links=tuple(loaded if one is owner else one for one in self.links))
 
     def _with_beams(self, change: Callable[[Beam], Beam]) -> Mechanism:
         links = tuple(link if link.beam is None else replace(link, beam=change(link.beam)) for link in self.links)

@@ -49,7 +49,7 @@ class Motion:
         start, end : (nq,) [rad], [m] in the order of the mechanism (a continuous joint as cos, sin or as one angle),
             or joint name -> value (number; 2 of a universal joint; quaternion x, y, z, w; position and quaternion)
         duration : of the move [s]; hold : rest after it [s]; delay : rest before it [s]
-        law : "cycloid", "quintic", "nonic", "bang-bang" or "trapezoid", see ``flexinv.model.time_laws``
+        law : "cycloid", "quintic", "septic", "nonic", "bang-bang" or "trapezoid", see ``flexinv.model.time_laws``
         Rotations and (cos, sin) take the shorter way round; angles go as far as given.  Raises InputError.
         """
         find_law(law)
@@ -118,6 +118,11 @@ class Motion:
         times = sorted(t for track in self.tracks for t in track.jumps)
         apart = [True, *(b - a > SNAP * self.duration for a, b in pairwise(times))]
         return tuple(t for t, new in zip(times, apart, strict=False) if new)
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Times [s] between which acceleration and jerk are continuous."""
+        return tuple(sorted({t for track in self.tracks for t in track.breaks}))
 
     def joints(self, mechanism: Mechanism) -> tuple[str, ...]:
         """Return the names of the joints [-] that the motion gives; the others are passive.  Raises InputError."""

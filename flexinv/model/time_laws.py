@@ -8,6 +8,7 @@ see any text on cam design.
 |-----------|---------|----------|-------------------------|
 | cycloid   | 2       | 2 pi     | none                    |
 | quintic   | 15/8    | 10/sqrt3 | none                    |
+| septic    | 35/16   | 84/(5 sqrt5) | none, nor of its next derivative |
 | nonic     | 315/128 | 9.372    | none, nor of its two next derivatives |
 | bang-bang | 2       | 4        | 0, 1/2, 1               |
 | trapezoid | 3/2     | 9/2      | 0, 1/3, 2/3, 1          |
@@ -53,6 +54,14 @@ def _quintic(s: Array) -> Triple:
     return u, 30.0 * s**2 * (1.0 - s) ** 2, 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
 
 
+def _septic(s: Array) -> Triple:
+    """u' = 140 (s (1 - s))^3: what is left of both ends is symmetric, so that u near 1 rounds as near 0."""
+    early = s < 0.5
+    p = np.where(early, s, 1.0 - s)
+    part = p**4 * (35.0 - 84.0 * p + 70.0 * p**2 - 20.0 * p**3)
+    return np.where(early, part, 1.0 - part), 140.0 * (s * (1 - s)) ** 3, 420.0 * (s * (1 - s)) ** 2 * (1.0 - 2.0 * s)
+
+
 def _nonic(s: Array) -> Triple:
     """u' = 630 (s (1 - s))^4: what an arm that bends needs for a torque without corners."""
     early = s < 0.5
@@ -79,6 +88,7 @@ LAWS: dict[str, Law] = {
     for law in (
         Law("cycloid", (), _cycloid),
         Law("quintic", (), _quintic),
+        Law("septic", (), _septic),
         Law("nonic", (), _nonic),
         Law("bang-bang", (0.0, 1.0 / 2.0, 1.0), _bang_bang),
         Law("trapezoid", (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0), _trapezoid),

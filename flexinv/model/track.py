@@ -45,6 +45,13 @@ class Track:
         smooth = self.sampling.rest and self.sampling.degree == 5
         return () if smooth else (0.0, self.move)
 
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Times [s] between which the jerk is continuous: of samples joined by cubic splines all of them."""
+        if self.sampling is None:
+            return tuple(self.delay + s * self.move for s in sorted({0.0, 1.0, *find_law(self.law).jumps}))
+        return tuple(self.sampling.time) if self.sampling.degree == 3 else (0.0, self.move)
+
 
 def joint_path(track: Track, joint: Joint, values: Array, at: Array, left: NDArray[np.bool_]) -> Triple:
     """Return q, qd and qdd of one joint at the times ``at`` [s]; values (rows, columns) are that joint's.

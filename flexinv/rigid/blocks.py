@@ -27,9 +27,9 @@ from flexinv.kernels.threads.mailbox import (
     write,
 )
 from flexinv.kernels.threads.worker_pool import Helpers
+from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.loop_allocation import allocate, unclear
 from flexinv.rnea.loop_bodies import begin, set_aside
-from flexinv.rnea.loop_layout import APPLIED, KEEPS, LIMITS, PLANE, SUMMED
 from flexinv.rnea.loop_plane import in_plane
 from flexinv.rnea.loop_space import in_space
 from flexinv.rnea.recursion import NUMBERS, TREE, inboard, outboard
@@ -119,7 +119,7 @@ def _store(work, columns, lanes, x, start, by_sample, by_column):
 def _closed(plan, fixed, work, lanes, sums):
     """Turn the efforts of the cut tree into those of the drives; return how often a rank is in doubt."""
     doubts = 0
-    if plan[PLANE] > 0:
+    if plan[layout.PLANE] > 0:
         in_plane(plan, fixed, work, lanes, sums)
     else:
         doubts = in_space(plan, fixed, work, lanes, sums)
@@ -135,7 +135,7 @@ def _blocks(system, series, work, counter):
     nv, wrong = tree[0, 0], 0
     nq = columns.shape[0] - 2 * nv
     for_q, for_qd, for_qdd = columns[:nq], columns[nq : nq + nv], columns[nq + nv :]
-    loops = plan[LIMITS] > 0
+    loops = plan[layout.LIMITS] > 0
     block, again = take(counter), False
     while True:
         start = block * LANES
@@ -146,13 +146,13 @@ def _blocks(system, series, work, counter):
         _load(work, for_qd, lanes, qd, start, strides[1, 0], strides[1, 1])
         _load(work, for_qdd, lanes, qdd, start, strides[2, 0], strides[2, 1])
         if loops and not again:
-            set_aside(plan, work, lanes, KEEPS)
+            set_aside(plan, work, lanes, layout.KEEPS)
             if block % SUMS == 0:
-                set_aside(plan, work, lanes, SUMMED)
+                set_aside(plan, work, lanes, layout.SUMMED)
         lost = outboard(tree, numbers, work, lanes)
         spoilt = max(inboard(tree, numbers, work, lanes), min(lost, 1))
         if loops:
-            if plan[APPLIED] > 0:  # efforts of springs and given forces stand where the efforts go
+            if plan[layout.APPLIED] > 0:  # efforts of springs and given forces stand where the efforts go
                 _add(work, for_qdd, lanes, tau, start, strides[3, 0], strides[3, 1])
             doubt = not again and _closed(plan, fixed, work, lanes, block % SUMS == 0) > 0
             counter[CALL_CELLS + block] = 1 if doubt or again else 0
@@ -231,7 +231,7 @@ def torque_blocks(tree, numbers, columns, plan, fixed, q, qd, qdd, tau, strides,
     if _meet(tau, q) or _meet(tau, qd) or _meet(tau, qdd):
         counter[1] = counter[OVERLAP] = 1
         return True
-    if plan[LIMITS] > 0:
+    if plan[layout.LIMITS] > 0:
         for i in range(1 + mails.shape[0]):
             begin(plan, fixed, work[i], min(samples, LANES))
     system, series = System(tree, numbers, columns, plan, fixed), Series(q, qd, qdd, tau, strides, samples)
@@ -246,7 +246,7 @@ def collect(plan, fixed, samples, work, counter, mails):
     """Collect the answers of helpers that `torque_blocks` left at work; return True if all have ended [-], limits judged."""
     if not settled(mails, address(counter), counter[1:]):
         return False
-    if plan[LIMITS] > 0:
+    if plan[layout.LIMITS] > 0:
         _judge(plan, fixed, samples, work, counter)
     return True
 

@@ -36,8 +36,8 @@ from flexinv.rigid.joint_arrays import (
     output_array,
 )
 from flexinv.rigid.nodal_result import NodalResult, nodal_result
+from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import Bodies, bodies
-from flexinv.rnea.loop_layout import APPLIED
 from flexinv.rnea.loop_plan import NO_LOOPS, PLACES, anywhere, ends, planned
 from flexinv.rnea.loop_tables import LoopPlan
 from flexinv.typing import Array
@@ -258,7 +258,7 @@ def _prepared(mechanism: Mechanism, passive: bool, threads: int | None) -> Torqu
     compile_for_arrays()
     loops = GivenLoops.of(mesh, constraint_rows(mesh)) if mechanism.closures else None
     table, plan = _loop_plan(mesh, passive)
-    own, loaded = _Own(most, max(table.size, plan.size)), bool(plan.plan[APPLIED])
+    own, loaded = _Own(most, max(table.size, plan.size)), bool(plan.plan[layout.APPLIED])
     return TorqueFunction(mechanism, passive, most, mesh, table, own, plan, loops, loaded)
 
 

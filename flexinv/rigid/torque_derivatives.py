@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 from flexinv.elements.joint_law import laws_of
 from flexinv.errors import InputError
 from flexinv.kinematics.rigid_motion import rigid_motion
-from flexinv.kinematics.tree import Frames
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.derivative_kernel import CarriedBodies, Spatial, derivative_samples
 from flexinv.rigid.joint_arrays import checked_states
@@ -58,8 +57,7 @@ def torque_derivatives(
     carried, gravity = _bodies(f), np.array(mechanism.gravity, dtype=float)
     for start in range(0, samples if mechanism.nv else 0, AT_ONCE):
         part = slice(start, start + AT_ONCE)
-        m = rigid_motion(f.mesh, *(state[part] for state in states))
-        motion = Frames(m.x, m.rotation, m.v, m.omega, m.a, m.alpha)
+        motion = rigid_motion(f.mesh, *(state[part] for state in states)).frames
         derivative_samples(carried, gravity, motion, _scratch(f), out.q[part], out.qd[part], out.qdd[part])
     own = np.arange(mechanism.nv)
     law = laws_of(mechanism)

@@ -21,7 +21,6 @@ from flexinv.errors import InputError
 from flexinv.kinematics.joint_motion import scalar_coordinate
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.rigid_motion import rigid_motion
-from flexinv.kinematics.tree import Frames
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Joint, Link, Mechanism
 from flexinv.rigid.joint_arrays import checked_states
@@ -117,14 +116,12 @@ def torque_regressor(
         )
     states, drives = checked_states(mechanism, q, qd, qdd), flag("drives", drives)
     mesh = build(mechanism)
-    m = rigid_motion(mesh, *states)
     matrix = np.zeros((len(states[0]), mechanism.nv, PARAMETERS * len(mechanism.links)))
     frame_of = {j.child: mesh.joint_node[j.name] for j in mechanism.joints}
     nodes = np.array([frame_of[link.name] for link in mechanism.links], dtype=np.int64)
     gravity = np.array(mechanism.gravity, dtype=float)
-    motion = Frames(m.x, m.rotation, m.v, m.omega, m.a, m.alpha)
     axes = JointAxes(mesh.parent, mesh.v_index, mesh.freedoms, mesh.slide, mesh.turn)
-    regressor_samples(axes, nodes, gravity, motion, matrix)
+    regressor_samples(axes, nodes, gravity, rigid_motion(mesh, *states).frames, matrix)
     names = tuple(f"{link.name}.{p}" for link in mechanism.links for p in INERTIAL)
     units = INERTIAL_UNITS * len(mechanism.links)
     values = np.concatenate([link_parameters(link) for link in mechanism.links])

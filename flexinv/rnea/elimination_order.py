@@ -13,29 +13,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.kernels.simd import BLOCK
-from flexinv.rnea.loop_layout import (
-    ALL_SIX,
-    BOTH,
-    CHECK_EMPTY,
-    CHECK_PIVOT,
-    INNER,
-    INVERTED,
-    MOST_TOGETHER,
-    NORM,
-    PAIR,
-    PROJECT,
-    SOLVE,
-    SOLVE_INVERTED,
-    TAKE,
-    TOGETHER,
-    UNDO,
-)
+from flexinv.rnea.loop_layout import MOST_TOGETHER, Operation
 from flexinv.typing import Array
 
 # A pivot of the sample, whose joints stand anywhere, is above this part of the largest entry; without one there is no order.
 PIVOT = 1e-6
 # Passive coordinates from which on rows of drives stay as they are, where that is possible: what is undone costs a pass as well.
 MANY = 3
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of a plan.
+
+    operation : what it does; side_by_side : entries before the pivot's that TOGETHER and BOTH combine in one pass [-]
+    first, second, third : where numbers stand in the work space [-]; pairs : of such places
+    """
+
+    operation: Operation
+    first: int
+    second: int
+    third: int
+    pairs: tuple[tuple[int, int], ...] = ()
+    side_by_side: int = 0
+
+    @property
+    def words(self) -> tuple[int, ...]:
+        """Return the step as kernels read it [-]."""
+        kind = self.operation + max(self.side_by_side - 1, 0)
+        return kind, len(self.pairs), self.first, self.second, self.third, *(at for pair in self.pairs for at in pair)
 
 
 @dataclass
@@ -45,9 +51,8 @@ class Elimination:
     rows : for each row, velocity coordinate -> where its entry stands in the work space [-]; numbers : (rows, nv) of a sample
     places : (rows, nv) where entries stand, those among them that are zero; 0 where there are none
     sizes : for each coordinate, where the squares of its column stand; take : finds room for so many rows more
-    scratch : where a block works; words : of the steps so far; count : how many steps; fills : entries that are zero at first
+    scratch : where a block works; steps : so far; fills : entries that are zero at first
     combined : pairs of rows and where their factors are kept, if they are; constant : sizes that are
-    inverted : rows that leave the inverse of their pivot; last : where the last step begins
     """
 
     rows: list[dict[int, int]]
@@ -56,27 +61,23 @@ class Elimination:
     sizes: dict[int, list[int]]
     take: Callable[[int], int]
     scratch: int
-    words: list[int] = field(default_factory=list)
-    count: int = 0
+    steps: list[Step] = field(default_factory=list)
     fills: list[int] = field(default_factory=list)
     combined: list[tuple[int, int, int]] | None = None
     constant: frozenset[int] = frozenset()
-    inverted: set[int] = field(default_factory=set)
-    last: int = 0
 
     def step(
         self,
-        kind: int,
+        operation: Operation,
         first: int = 0,
         second: int = 0,
         pairs: Sequence[tuple[int, int]] = (),
         third: int | None = None,
+        side_by_side: int = 0,
     ) -> None:
         """Write one step [-]."""
         where = self.scratch if third is None else third
-        self.last = len(self.words)
-        self.words += [kind, len(pairs), first, second, where, *(word for pair in pairs for word in pair)]
-        self.count += 1
+        self.steps.append(Step(operation, first, second, where, tuple(pairs), side_by_side))
 
     def eliminate(self, column: int, among: list[int]) -> int | None:
         """Combine the rows ``among`` that have an entry in a column, until one of them has; return it [-], None without one.
@@ -90,14 +91,14 @@ class Elimination:
         for other in candidates[1:]:
             self._pair(pivot, other, column)
         for size in self.sizes[column][1:]:
-            self.step(CHECK_PIVOT, self.rows[pivot][column], size)
+            self.step(Operation.CHECK_PIVOT, self.rows[pivot][column], size)
         return pivot
 
     def _pair(self, pivot: int, other: int, column: int) -> None:
         one, two, n = self.rows[pivot], self.rows[other], self.numbers
         for row, missing, there in ((pivot, one, two), (other, two, one)):
             for c in there.keys() - missing.keys():
-                missing[c] = int(self.places[row, c]) or self._empty()
+                missing[c] = int(self.places[row, c]) or self.empty()
         kept = self.scratch
         if self.combined is not None:
             kept = self.take(2)
@@ -106,7 +107,7 @@ class Elimination:
         if _side_by_side(pairs, (one[column], two[column])):
             self._together(len(pairs), *pairs[0], kept)
         else:
-            self.step(PAIR, one[column], two[column], pairs, kept)
+            self.step(Operation.PAIR, one[column], two[column], pairs, kept)
         del two[column]
         if abs(n[other, column]) > abs(n[pivot, column]):
             n[[pivot, other]] = n[[other, pivot]]
@@ -116,29 +117,22 @@ class Elimination:
 
     def _together(self, count: int, one: int, other: int, kept: int) -> None:
         """Write the step of two rows, or of three, where the one before had the same pivot and how is not kept."""
-        before = self.words[-5:-1]
-        if self.combined is None and before[:3] == [TOGETHER + count - 1, 0, one]:
-            self.words[-5:] = [BOTH + count - 1, 0, one, before[3], other]
+        before = self.steps[-1] if self.steps and self.combined is None else None
+        if before and (before.operation, before.first, before.side_by_side) == (Operation.TOGETHER, one, count):
+            self.steps[-1] = Step(Operation.BOTH, one, before.second, other, side_by_side=count)
         else:
-            self.step(TOGETHER + count - 1, one, other, third=kept)
+            self.step(Operation.TOGETHER, one, other, third=kept, side_by_side=count)
 
-    def _empty(self) -> int:
-        """Room for an entry that is zero at first."""
+    def empty(self) -> int:
+        """Return room for an entry that is zero at first [-]."""
         self.fills.append(self.take(1))
         return self.fills[-1]
-
-    def invert(self, column: int, pivot: int) -> None:
-        """Leave 1 / pivot [any unit] where the last step has combined this row with others side by side."""
-        here = bool(self.words) and self.words[self.last + 2] == min(self.rows[pivot].values())
-        if here and self.words[self.last] >= TOGETHER and len(self.sizes[column]) == 1:
-            self.words[self.last] += INVERTED
-            self.inverted.add(pivot)
 
     def undo(self, multiplier: dict[int, int]) -> None:
         """Write the steps [-] from multipliers of combined rows to those of rows as they were."""
         assert self.combined is not None
         for pivot, other, kept in reversed(self.combined):
-            self.step(UNDO, multiplier[pivot], multiplier[other], third=kept)
+            self.step(Operation.UNDO, multiplier[pivot], multiplier[other], third=kept)
 
 
 def _side_by_side(pairs: list[tuple[int, int]], last: tuple[int, int]) -> bool:
@@ -160,10 +154,14 @@ def sharing(
     if apart and _are_six(elimination, left, passive, effort):
         at = elimination.take(6)
         elimination.step(
-            ALL_SIX, whole[left[0]][passive[0]], effort[passive[0]], [(elimination.sizes[c][0], 0) for c in passive], at
+            Operation.ALL_SIX,
+            whole[left[0]][passive[0]],
+            effort[passive[0]],
+            [(elimination.sizes[c][0], 0) for c in passive],
+            at,
         )
         for i, r in enumerate(left):
-            elimination.step(TAKE, pairs=_driven(whole[r], effort, drives), third=at + i * BLOCK)
+            elimination.step(Operation.TAKE, pairs=_driven(whole[r], effort, drives), third=at + i * BLOCK)
         return True
     if apart:
         elimination.rows = [{c: at for c, at in row.items() if c in passive} for row in elimination.rows]
@@ -179,23 +177,21 @@ def sharing(
             return False
         left.remove(pivot)
         against.append(pivot)
-        elimination.step(CHECK_PIVOT, elimination.rows[pivot][column], elimination.sizes[column][0])
+        elimination.step(Operation.CHECK_PIVOT, elimination.rows[pivot][column], elimination.sizes[column][0])
     for r in left:
         for c in elimination.rows[r]:
             for size in elimination.sizes[c]:
-                elimination.step(CHECK_EMPTY, elimination.rows[r][c], size)
+                elimination.step(Operation.CHECK_EMPTY, elimination.rows[r][c], size)
     multiplier = {pivot: elimination.take(1) if apart else elimination.scratch for _, pivot in solved}
     for column, pivot in solved:
         others = [(at, effort[c]) for c, at in sorted(elimination.rows[pivot].items()) if c != column]
         size = elimination.sizes[column][0]
-        kind = SOLVE_INVERTED if pivot in elimination.inverted else SOLVE
-        elimination.step(
-            kind, elimination.rows[pivot][column], effort[column], [(size, size), *others], multiplier[pivot]
-        )
+        entry, pairs = elimination.rows[pivot][column], [(size, size), *others]
+        elimination.step(Operation.SOLVE, entry, effort[column], pairs, multiplier[pivot])
     if apart:
         elimination.undo(multiplier)
         for r, at in multiplier.items():
-            elimination.step(TAKE, pairs=_driven(whole[r], effort, drives), third=at)
+            elimination.step(Operation.TAKE, pairs=_driven(whole[r], effort, drives), third=at)
     _project(elimination, effort, against, drives, weights)
     return True
 
@@ -229,7 +225,6 @@ def _triangle(elimination: Elimination, left: list[int], passive: list[int]) -> 
         pivot = elimination.eliminate(column, left)
         if pivot is None:
             return None
-        elimination.invert(column, pivot)
         order.remove(column)
         left.remove(pivot)
         solved.append((column, pivot))
@@ -255,20 +250,16 @@ def _project(
 ) -> None:
     """Take from the efforts, row by row, what drives do against each other; Gram's and Schmidt's modified order."""
     for i, r in enumerate(against):
-        for c in drives:
-            if c not in elimination.rows[r]:
-                elimination.rows[r][c] = elimination.take(1)
-                elimination.fills.append(elimination.rows[r][c])
-        own = [elimination.rows[r][c] for c in drives]
-        elimination.step(NORM, 0, weights, [(at, at) for at in own])
-        targets = [[effort[c] for c in drives]]
-        for s in against[i + 1 :]:
+        for s in against[i:]:
             for c in drives:
                 if c not in elimination.rows[s]:
-                    elimination.rows[s][c] = elimination.take(1)
-                    elimination.fills.append(elimination.rows[s][c])
-            targets.append([elimination.rows[s][c] for c in drives])
-        for target in targets:
+                    elimination.rows[s][c] = elimination.empty()
+        own = [elimination.rows[r][c] for c in drives]
+        elimination.step(Operation.NORM, 0, weights, [(at, at) for at in own])
+        for target in (
+            [effort[c] for c in drives],
+            *([elimination.rows[s][c] for c in drives] for s in against[i + 1 :]),
+        ):
             pairs = list(zip(own, target, strict=True))
-            elimination.step(INNER, 0, weights, pairs)
-            elimination.step(PROJECT, 0, 0, pairs)
+            elimination.step(Operation.INNER, 0, weights, pairs)
+            elimination.step(Operation.PROJECT, 0, 0, pairs)

@@ -22,68 +22,9 @@ import numpy as np
 
 from flexinv.kernels.jit import jit_lanes
 from flexinv.kernels.simd import LANES, put_vec, row, times, vec_of
-from flexinv.rnea.loop_layout import (
-    ALL_SIX,
-    BOTH,
-    CHECK_EMPTY,
-    CHECK_PIVOT,
-    COLUMN_CELLS,
-    COUNT,
-    COUPLED,
-    DIRECTIONS,
-    ENTRIES,
-    ENTRY,
-    FILLS,
-    FIRST,
-    FIRST_SUM,
-    GAP,
-    GAP_RATE,
-    INNER,
-    INVERTED,
-    LAMBDA,
-    LARGEST,
-    LIMITS,
-    MOST_TOGETHER,
-    NORM,
-    OWN,
-    PAIR,
-    POSITIONS,
-    PROJECT,
-    QD,
-    QDD,
-    SCRATCH,
-    SIGNS,
-    SOLVE,
-    SOLVE_INVERTED,
-    SQUARE,
-    SQUARES,
-    STATE_A,
-    STATE_B,
-    STEPS,
-    STRIDE,
-    SUM_AXIS,
-    SUM_CELLS,
-    SUM_COUNT,
-    SUM_QDD,
-    SUM_RATE,
-    SUM_TURNS,
-    TOGETHER,
-    UNDO,
-    VECTOR,
-    VECTORS,
-    WHOLE,
-)
+from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.recursion import ACCELERATION_ROW, SPIN, SPIN_RATE
-from flexinv.rnea.row_pairs import (
-    both,
-    combine,
-    pair,
-    solve_inverted,
-    solve_row,
-    together,
-    undo,
-)
-from flexinv.rnea.six_rows import six_forces
+from flexinv.rnea.row_pairs import both, combine, pair, six_forces, solve_row, together, undo
 
 # A pivot over its column's size is at least this, so that its errors are 1e-12 at most; else singular values decide.
 LEAST_PIVOT = 1e-4
@@ -98,7 +39,7 @@ ROUNDED = 1e-14
 # Samples of a block whose sums |G| |qd| are taken.
 SOME = np.uint64(4)
 _ZERO, _ONE, _TWO, _THREE, _FIVE = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(5)
-_COLUMN, _MOST, _OWN = row(4), row(MOST_TOGETHER + 1), row(9)
+_COLUMN, _MOST, _OWN = row(4), row(layout.MOST_TOGETHER + 1), row(9)
 _SIX, _SIX_ROWS = row(6), row(36)
 
 
@@ -112,31 +53,31 @@ def _more(a, b):
 def geared(to, lanes, gear):
     """Set the column of a coupling [-]."""
     for k in range(lanes):
-        to[k], to[ENTRIES + k] = gear * gear, gear
+        to[k], to[layout.ENTRIES + k] = gear * gear, gear
 
 
 @jit_lanes
 def coupled(plan, fixed, work, own, lanes, closure, offset):
     """Set the squares of a coupling, phi = sum gear q - offset [rad], [m]."""
     for k in range(lanes):
-        put_vec(own, GAP, k, (-offset, 0.0, 0.0))
-    for j in range(closure[COUNT]):
-        column = plan[closure[FIRST] + j * COLUMN_CELLS :]
-        gear, place, rate, kept = fixed[column[SIGNS]], column[1], column[QD], column[QDD]
+        put_vec(own, layout.GAP, k, (-offset, 0.0, 0.0))
+    for j in range(closure.columns):
+        column = layout.column_at(plan, closure.first + j * layout.COLUMN_CELLS)
+        gear, place, rate, kept = fixed[column.signs], column.axis, column.rate, column.acceleration
         for k in range(lanes):
-            phi, phi1, phi2 = vec_of(own, GAP, k)
+            phi, phi1, phi2 = vec_of(own, layout.GAP, k)
             phi, phi1 = phi + gear * work[place + k], phi1 + gear * work[rate + k]
-            put_vec(own, GAP, k, (phi, phi1, phi2 + gear * work[kept + k]))
+            put_vec(own, layout.GAP, k, (phi, phi1, phi2 + gear * work[kept + k]))
     for k in range(lanes):
-        phi, phi1, phi2 = vec_of(own, GAP, k)
-        put_vec(own, SQUARES, k, (phi * phi, phi1 * phi1, phi2 * phi2))
+        phi, phi1, phi2 = vec_of(own, layout.GAP, k)
+        put_vec(own, layout.SQUARES, k, (phi * phi, phi1 * phi1, phi2 * phi2))
 
 
 @jit_lanes
 def clear(plan, work, lanes):
     """Set the entries that are zero at first [-]."""
-    for i in range(plan[FILLS + 1]):
-        empty = work[plan[plan[FILLS] + i] :]
+    for i in range(plan[layout.FILLS + 1]):
+        empty = work[plan[plan[layout.FILLS] + i] :]
         for k in range(lanes):
             empty[k] = 0.0
 
@@ -145,11 +86,11 @@ def clear(plan, work, lanes):
 def _sums(plan, work, k, closure, j):
     """|G| |qd|, |G| |qdd| of one row in one lane."""
     speed = size = 0.0
-    for i in range(closure[COUNT]):
-        column = plan[closure[FIRST] + i * COLUMN_CELLS :]
-        g = abs(work[column[ENTRY] + j * closure[STRIDE] + k])
-        speed += g * abs(work[column[QD] + k])
-        size += g * abs(work[column[QDD] + k])
+    for i in range(closure.columns):
+        column = layout.column_at(plan, closure.first + i * layout.COLUMN_CELLS)
+        g = abs(work[column.entry + j * closure.stride + k])
+        speed += g * abs(work[column.rate + k])
+        size += g * abs(work[column.acceleration + k])
     return speed, size
 
 
@@ -157,17 +98,17 @@ def _sums(plan, work, k, closure, j):
 def _sums_of_sizes(plan, work, k, closure, e):
     """The same of three positions together, or of the direction beside them whose vector stands at e."""
     speed = size = 0.0
-    about = 1.0 if closure[DIRECTIONS] > _ZERO else 0.0
-    for j in range(closure[SUM_COUNT]):
-        one = plan[closure[FIRST_SUM] + j * SUM_CELLS :]
-        turns, axis = float(one[SUM_TURNS]), one[SUM_AXIS] + k
+    about = 1.0 if closure.directions > _ZERO else 0.0
+    for j in range(closure.sum_count):
+        one = layout.sum_at(plan, closure.first_sum + j * layout.SUM_CELLS)
+        turns, axis = float(one.turns), one.axis + k
         if e == _ZERO:
-            g = math.sqrt(max(work[one[0] + k] - turns * about, 0.0))
+            g = math.sqrt(max(work[one.size + k] - turns * about, 0.0))
         else:
             v = work[e + k], work[e + LANES + k], work[e + _TWO * LANES + k]
             g = turns * abs(v[0] * work[axis] + v[1] * work[axis + LANES] + v[2] * work[axis + _TWO * LANES])
-        speed += g * abs(work[one[SUM_RATE] + k])
-        size += g * abs(work[one[SUM_QDD] + k])
+        speed += g * abs(work[one.rate + k])
+        size += g * abs(work[one.acceleration + k])
     return speed, size
 
 
@@ -187,30 +128,30 @@ def _acceleration(work, state, k, length):
 @jit_lanes
 def _hold_sums(plan, fixed, work, lanes, closure, limits):
     """Remember the largest sums of some lanes."""
-    together, of_rows, length = closure[SUM_COUNT] > _ZERO, closure[POSITIONS], fixed[_THREE]
-    if closure[0] == WHOLE:
+    together, of_rows, length = closure.sum_count > _ZERO, closure.positions, fixed[_THREE]
+    if closure.kind == layout.WHOLE:
         of_rows = _ONE if together else _TWO
     for some in range(SOME):
         k = (some * lanes) >> _TWO
-        for j in range(of_rows + closure[DIRECTIONS]):
-            scale = length if j < of_rows and closure[0] != COUPLED else 1.0
+        for j in range(of_rows + closure.directions):
+            scale = length if j < of_rows and closure.kind != layout.COUPLED else 1.0
             if together:
-                e = closure[OWN] + VECTORS + (j - _ONE) * VECTOR if j > _ZERO else _ZERO
+                e = closure.own + layout.VECTORS + (j - _ONE) * layout.VECTOR if j > _ZERO else _ZERO
                 speed, size = _sums_of_sizes(plan, work, k, closure, e)
             else:
                 speed, size = _sums(plan, work, k, closure, j)
-            limits[LARGEST] = max(limits[LARGEST], scale * speed)
-            limits[LARGEST + _ONE] = max(limits[LARGEST + _ONE], scale * size)
-        if closure[STATE_A] > _ZERO:
-            both = _acceleration(work, closure[STATE_A], k, length) + _acceleration(work, closure[STATE_B], k, length)
-            limits[LARGEST + _TWO] = max(limits[LARGEST + _TWO], both)
+            limits[layout.LARGEST] = max(limits[layout.LARGEST], scale * speed)
+            limits[layout.LARGEST + _ONE] = max(limits[layout.LARGEST + _ONE], scale * size)
+        if closure.state_a > _ZERO:
+            both = _acceleration(work, closure.state_a, k, length) + _acceleration(work, closure.state_b, k, length)
+            limits[layout.LARGEST + _TWO] = max(limits[layout.LARGEST + _TWO], both)
 
 
 @jit_lanes
 def _most(limits, own, lanes):
     """Remember the largest squares of every lane."""
     for k in range(lanes):
-        a, b, c = vec_of(own, SQUARES, k)
+        a, b, c = vec_of(own, layout.SQUARES, k)
         x, y, z = vec_of(limits, _ZERO, k)
         put_vec(limits, _ZERO, k, (_more(x, a), _more(y, b), _more(z, c)))
 
@@ -219,7 +160,7 @@ def _most(limits, own, lanes):
 def _most_of_point(limits, own, lanes):
     """The same of three positions, the square of whose phi' is that of d'."""
     for k in range(lanes):
-        (a, b, c), d1 = vec_of(own, SQUARES, k), vec_of(own, GAP_RATE, k)
+        (a, b, c), d1 = vec_of(own, layout.SQUARES, k), vec_of(own, layout.GAP_RATE, k)
         x, y, z = vec_of(limits, _ZERO, k)
         b += d1[0] * d1[0] + d1[1] * d1[1] + d1[2] * d1[2]
         put_vec(limits, _ZERO, k, (_more(x, a), _more(y, b), _more(z, c)))
@@ -228,8 +169,8 @@ def _most_of_point(limits, own, lanes):
 @jit_lanes
 def hold(plan, fixed, work, lanes, closure, sums, in_space):
     """Remember the largest squares of every lane, and where asked for the largest sums of some lanes [any unit]."""
-    limits, own = work[plan[LIMITS] : plan[LIMITS] + _COLUMN], work[closure[OWN] : closure[OWN] + _OWN]
-    if in_space and closure[0] == WHOLE:
+    limits, own = work[plan[layout.LIMITS] : plan[layout.LIMITS] + _COLUMN], work[closure.own : closure.own + _OWN]
+    if in_space and closure.kind == layout.WHOLE:
         _most_of_point(limits, own, lanes)
     else:
         _most(limits, own, lanes)
@@ -275,33 +216,28 @@ def _multiply(scratch, to, one, other, lanes, weight, first):
 def _project(scratch, lanes):
     """The part along a row: the ratio of two sums."""
     for k in range(lanes):
-        scratch[LAMBDA + k] /= scratch[SQUARE + k]
+        scratch[layout.LAMBDA + k] /= scratch[layout.SQUARE + k]
 
 
 @jit_lanes
 def _begin_step(kind, third, work, first, second, lanes):
     """Do the part of a step that comes before its pairs; return the number of samples in which a rank is in doubt."""
     one, other = work[first : first + LANES], work[second : second + LANES]
-    inverted = kind >= TOGETHER + INVERTED
-    if kind >= TOGETHER:
-        kind, one, other = (
-            kind - INVERTED if inverted else kind,
-            work[first : first + _MOST],
-            work[second : second + _MOST],
-        )
-        if kind >= BOTH:
-            both(kind, one, other, third, lanes, inverted)
+    if kind >= layout.TOGETHER:
+        one, other = work[first : first + _MOST], work[second : second + _MOST]
+        if kind >= layout.BOTH:
+            both(kind - layout.BOTH, one, other, third, lanes)
         else:
-            together(kind, third[: _TWO * LANES], one, other, lanes, inverted)
-    elif kind == PAIR:
+            together(kind - layout.TOGETHER, third[: _TWO * LANES], one, other, lanes)
+    elif kind == layout.PAIR:
         pair(third[: _TWO * LANES], one, other, lanes)
-    elif kind == UNDO:
+    elif kind == layout.UNDO:
         undo(third[: _TWO * LANES], one, other, lanes)
-    elif kind == CHECK_PIVOT:
+    elif kind == layout.CHECK_PIVOT:
         return _below(one, other, lanes, LEAST_PIVOT * LEAST_PIVOT)
-    elif kind == CHECK_EMPTY:
+    elif kind == layout.CHECK_EMPTY:
         return _above(one, other, lanes, MOST_LEFT * MOST_LEFT)
-    elif kind == PROJECT:
+    elif kind == layout.PROJECT:
         _project(third, lanes)
     return 0
 
@@ -325,27 +261,20 @@ def _all_six(plan, work, at, first, second, third, lanes):
 @jit_lanes
 def allocate(plan, fixed, work, lanes):
     """Turn efforts of the cut tree into those of the drives [N m], [N]; return how often a rank is in doubt."""
-    scratch = work[plan[SCRATCH] : plan[SCRATCH] + _COLUMN]
-    at, doubts = plan[STEPS], 0
-    for _ in range(plan[STEPS + 1]):
+    scratch = work[plan[layout.SCRATCH] : plan[layout.SCRATCH] + _COLUMN]
+    at, doubts = plan[layout.STEPS], 0
+    for _ in range(plan[layout.STEPS + 1]):
         kind, count, first, second, third = plan[at], plan[at + _ONE], plan[at + _TWO], plan[at + _THREE], plan[at + 4]
         at += _FIVE
         own = work[third : third + _MOST]
-        if kind == ALL_SIX:
+        if kind == layout.ALL_SIX:
             doubts += _all_six(plan, work, at, first, second, third, lanes)
             at += _TWO * count
             continue
-        if kind in (SOLVE, SOLVE_INVERTED):
-            pivot, effort, size = (
-                work[first : first + LANES],
-                work[second : second + LANES],
-                work[plan[at] : plan[at] + LANES],
-            )
-            part, least = LEAST_PIVOT * LEAST_PIVOT, LEAST_ENTRY * LEAST_ENTRY
-            if kind == SOLVE:
-                doubts += solve_row(own[:LANES], pivot, effort, size, lanes, part, least)
-            else:
-                doubts += solve_inverted(own[:LANES], pivot, effort, size, lanes, part, least)
+        if kind == layout.SOLVE:
+            pivot, effort = work[first : first + LANES], work[second : second + LANES]
+            part, least, size = LEAST_PIVOT * LEAST_PIVOT, LEAST_ENTRY * LEAST_ENTRY, work[plan[at] : plan[at] + LANES]
+            doubts += solve_row(own[:LANES], pivot, effort, size, lanes, part, least)
             at, count = at + _TWO, count - _ONE
         else:
             doubts += _begin_step(kind, own, work, first, second, lanes)
@@ -353,10 +282,18 @@ def allocate(plan, fixed, work, lanes):
             one, other = plan[at], plan[at + _ONE]
             at += _TWO
             one, other = work[one : one + LANES], work[other : other + LANES]
-            if kind == PAIR:
+            if kind == layout.PAIR:
                 combine(own[: _TWO * LANES], one, other, lanes)
-            elif kind in (NORM, INNER):
-                _multiply(scratch, SQUARE if kind == NORM else LAMBDA, one, other, lanes, fixed[second + i], i == 0)
+            elif kind in (layout.NORM, layout.INNER):
+                _multiply(
+                    scratch,
+                    layout.SQUARE if kind == layout.NORM else layout.LAMBDA,
+                    one,
+                    other,
+                    lanes,
+                    fixed[second + i],
+                    i == 0,
+                )
             else:
                 _take(own[:LANES], one, other, lanes)
     return doubts
@@ -367,9 +304,9 @@ def unclear(plan, fixed, work, lanes):
     """Return True if the squares of a call, of all threads, are not clearly within the limits fixed[:3] [-] of the sums."""
     speed = size = rounding = a = b = c = 0.0
     for i in range(work.shape[0]):
-        own = work[i, plan[LIMITS] :]
+        own = work[i, plan[layout.LIMITS] :]
         for k in range(lanes):
             a, b, c = _more(a, own[k]), _more(b, own[LANES + k]), _more(c, own[_TWO * LANES + k])
-        speed, size = max(speed, own[LARGEST]), max(size, own[LARGEST + _ONE])
-        rounding = max(rounding, ROUNDED * own[LARGEST + _TWO])
+        speed, size = max(speed, own[layout.LARGEST]), max(size, own[layout.LARGEST + _ONE])
+        rounding = max(rounding, ROUNDED * own[layout.LARGEST + _TWO])
     return not (a <= fixed[0] ** 2 and b <= (fixed[1] * speed) ** 2 and c <= (fixed[2] * size + rounding) ** 2)

@@ -5,6 +5,7 @@ alike.  In axes fixed in the root, from it to both ends of the closure, with p t
 
     x = x_parent + R_parent p            turn about z: R = R_parent R_0 R_z(q)
     slide along d: x = x_parent + R_parent (p + d q), R = R_parent
+    screw about z: both, with d = h z of R R_0, h = pitch / (2 pi)
 
 Rates and accelerations of the ends need no second recursion: see `loop_space`.
 """
@@ -15,35 +16,7 @@ import numpy as np
 
 from flexinv.kernels.jit import jit_lane, jit_lanes
 from flexinv.kernels.simd import LANES, into, plus, plus_cross, put_vec, row, times, vec_of
-from flexinv.rnea.loop_layout import (
-    ABOVE,
-    AT,
-    AXES,
-    AXIS_Y,
-    AXIS_Z,
-    BODY_CELLS,
-    BODY_ROWS,
-    CHAIN,
-    CHAINED,
-    CONSTANTS,
-    DIRECTION,
-    FLOAT,
-    LARGEST,
-    LIMITS,
-    OWN,
-    PLACE_ABOVE,
-    ROOT_TURN,
-    ROOTS,
-    ROWS,
-    SLIDE,
-    SQUARES,
-    SQUARES_LAST,
-    SQUARES_TOO,
-    TILT,
-    TURN,
-    TWO_TURNS,
-    VECTOR,
-)
+from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.recursion import (
     ACCELERATION_ROW,
     COS,
@@ -59,7 +32,7 @@ from flexinv.rnea.recursion import (
 )
 
 _NONE, _ONE, _TWO, _THREE = (0.0, 0.0, 0.0), np.uint64(1), np.uint64(2), np.uint64(3)
-_BODY, _JOINT, _TWELVE, _VEC = row(BODY_ROWS), row(FREE_ROWS), np.uint64(12), np.uint64(0)
+_BODY, _JOINT, _TWELVE, _VEC = row(layout.BODY_ROWS), row(FREE_ROWS), np.uint64(12), np.uint64(0)
 
 
 @jit_lanes
@@ -89,7 +62,7 @@ def constant(c, first):
 @jit_lane
 def axes_of(body, k):
     """Return the axes of a body [-], so that `into` gives a vector of its frame in those of the root."""
-    return vec_of(body, AXES, k), vec_of(body, AXIS_Y, k), vec_of(body, AXIS_Z, k)
+    return vec_of(body, layout.AXES, k), vec_of(body, layout.AXIS_Y, k), vec_of(body, layout.AXIS_Z, k)
 
 
 @jit_lane
@@ -103,17 +76,17 @@ def acceleration(state, k, arm):
 @jit_lane
 def square(own, k, phi, rate, second):
     """Add to the squares of a closure [any unit]."""
-    own[SQUARES + k] += phi * phi
-    own[SQUARES_TOO + k] += rate * rate
-    own[SQUARES_LAST + k] += second * second
+    own[layout.SQUARES + k] += phi * phi
+    own[layout.SQUARES_TOO + k] += rate * rate
+    own[layout.SQUARES_LAST + k] += second * second
 
 
 @jit_lane
 def _put_turned(own, first, k, rows, x, y):
     """The axes x and y of a body that turns about the third, from those where its coordinate is zero."""
     cosine, sine = rows[COS + k], rows[SIN + k]
-    put_vec(own, first + AXES, k, plus(times(cosine, x), times(sine, y)))
-    put_vec(own, first + AXIS_Y, k, plus(times(cosine, y), times(-sine, x)))
+    put_vec(own, first + layout.AXES, k, plus(times(cosine, x), times(sine, y)))
+    put_vec(own, first + layout.AXIS_Y, k, plus(times(cosine, y), times(-sine, x)))
 
 
 @jit_lane
@@ -128,8 +101,8 @@ def _root_turn(own, rows, lanes, c):
     x, y, z, at = constant(c, 0), constant(c, 3), constant(c, 6), constant(c, 9)
     for k in range(lanes):
         _put_turned(own, _VEC, k, rows, x, y)
-        put_vec(own, AXIS_Z, k, z)
-        put_vec(own, AT, k, at)
+        put_vec(own, layout.AXIS_Z, k, z)
+        put_vec(own, layout.AT, k, at)
 
 
 @jit_lanes
@@ -140,8 +113,8 @@ def _turn(own, above, parent, rows, lanes, c):
         axes = axes_of(parent, k)
         x, y, z = _seat(axes, c)
         _put_turned(own, _VEC, k, rows, x, y)
-        put_vec(own, AXIS_Z, k, z)
-        put_vec(own, AT, k, plus(vec_of(above, _VEC, k), into(axes, p)))
+        put_vec(own, layout.AXIS_Z, k, z)
+        put_vec(own, layout.AT, k, plus(vec_of(above, _VEC, k), into(axes, p)))
 
 
 @jit_lane
@@ -149,8 +122,8 @@ def _tilted(own, first, k, axes, above, rows, c):
     """The axes and the place of a body after the tilt and the turn."""
     cosine, sine, (x, y, z) = c[4], c[5], axes
     place = plus(above, into(axes, constant(c, 9)))
-    put_vec(own, first + AXIS_Z, k, plus(times(cosine, z), times(-sine, y)))
-    put_vec(own, first + AT, k, place)
+    put_vec(own, first + layout.AXIS_Z, k, plus(times(cosine, z), times(-sine, y)))
+    put_vec(own, first + layout.AT, k, place)
     _put_turned(own, first, k, rows, x, plus(times(cosine, y), times(sine, z)))
 
 
@@ -165,7 +138,7 @@ def _tilt(own, above, parent, rows, lanes, c):
 def _chain(frame, rows, lanes, c):
     """The same along a chain, where the axes x and y of the parent stand."""
     for k in range(lanes):
-        _tilted(frame, CHAINED, k, axes_of(frame, k), vec_of(frame, AT, k), rows, c)
+        _tilted(frame, layout.CHAINED, k, axes_of(frame, k), vec_of(frame, layout.AT, k), rows, c)
 
 
 @jit_lanes
@@ -176,7 +149,7 @@ def _two_turns(own, first, rows, lanes, c):
         c1, s1 = first[COS + k], first[SIN + k]
         x1, y1 = plus(times(c1, x), times(s1, y)), plus(times(c1, y), times(-s1, x))
         _put_turned(own, _VEC, k, rows, x1, plus(times(cosine, y1), times(sine, z)))
-        put_vec(own, AXIS_Z, k, plus(times(cosine, z), times(-sine, y1)))
+        put_vec(own, layout.AXIS_Z, k, plus(times(cosine, z), times(-sine, y1)))
 
 
 @jit_lanes
@@ -186,8 +159,17 @@ def _slide(own, above, parent, rows, lanes, c):
     for k in range(lanes):
         axes = axes_of(parent, k)
         d = into(axes, along)
-        put_vec(own, DIRECTION, k, d)
-        put_vec(own, AT, k, plus(plus(vec_of(above, _VEC, k), into(axes, p)), times(rows[PLACE + k], d)))
+        put_vec(own, layout.DIRECTION, k, d)
+        put_vec(own, layout.AT, k, plus(plus(vec_of(above, _VEC, k), into(axes, p)), times(rows[PLACE + k], d)))
+
+
+@jit_lanes
+def _screw(own, above, parent, rows, lanes, c):
+    """A body that turns about z and goes c[12] along it for every radian."""
+    _turn(own, above, parent, rows, lanes, c)
+    for k in range(lanes):
+        advance = times(c[12] * rows[PLACE + k], vec_of(own, layout.AXIS_Z, k))
+        put_vec(own, layout.AT, k, plus(vec_of(own, layout.AT, k), advance))
 
 
 @jit_lanes
@@ -197,11 +179,11 @@ def _float(own, above, parent, rows, lanes, c):
         axes = axes_of(parent, k)
         seat = _seat(axes, c)
         r = vec_of(rows, TURN_OF, k), vec_of(rows, TURN_Y, k), vec_of(rows, TURN_Z, k)
-        put_vec(own, AXES, k, into(seat, (r[0][0], r[1][0], r[2][0])))
-        put_vec(own, AXIS_Y, k, into(seat, (r[0][1], r[1][1], r[2][1])))
-        put_vec(own, AXIS_Z, k, into(seat, (r[0][2], r[1][2], r[2][2])))
+        put_vec(own, layout.AXES, k, into(seat, (r[0][0], r[1][0], r[2][0])))
+        put_vec(own, layout.AXIS_Y, k, into(seat, (r[0][1], r[1][1], r[2][1])))
+        put_vec(own, layout.AXIS_Z, k, into(seat, (r[0][2], r[1][2], r[2][2])))
         p = plus(vec_of(above, _VEC, k), into(axes, constant(c, 9)))
-        put_vec(own, AT, k, plus(p, into(seat, vec_of(rows, SHIFT, k))))
+        put_vec(own, layout.AT, k, plus(p, into(seat, vec_of(rows, SHIFT, k))))
 
 
 @jit_lanes
@@ -217,14 +199,14 @@ def set_aside(plan, work, lanes, which):
 @jit_lanes
 def begin(plan, fixed, work, lanes):
     """Set the rows that are constant: axes [-], places [m]; and no limits."""
-    for i in range(plan[ROOTS + 1]):
-        at = plan[ROOTS] + _TWO * i
+    for i in range(plan[layout.ROOTS + 1]):
+        at = plan[layout.ROOTS] + _TWO * i
         own, c = work[plan[at] : plan[at] + _BODY], fixed[plan[at + _ONE] :]
         for k in range(lanes):
             for j in range(0, 12, 3):
                 put_vec(own, np.uint64(j) * LANES, k, constant(c, j))
-    limits = work[plan[LIMITS] :]
-    for k in range(LARGEST + _THREE):
+    limits = work[plan[layout.LIMITS] :]
+    for k in range(layout.LARGEST + _THREE):
         limits[k] = 0.0
 
 
@@ -232,22 +214,23 @@ def begin(plan, fixed, work, lanes):
 def move(plan, fixed, work, first_body, count, lanes):
     """Carry axes [-] and places [m] from the roots to the ends, for so many bodies of the plan."""
     for i in range(count):
-        at = first_body + i * BODY_CELLS
-        kind, first, above, rows = plan[at], plan[at + OWN], plan[at + ABOVE], plan[at + ROWS]
+        at = first_body + i * layout.BODY_CELLS
+        kind, first, above, rows, numbers, place = layout.body_at(plan, at)
         own, parent, rows = work[first : first + _BODY], work[above : above + _BODY], work[rows : rows + _JOINT]
-        place, numbers = plan[at + PLACE_ABOVE], plan[at + CONSTANTS]
-        c, origin = fixed[numbers : numbers + _TWELVE], work[place : place + VECTOR]
-        if kind == TWO_TURNS:
+        c, origin = fixed[numbers : numbers + _TWELVE], work[place : place + layout.VECTOR]
+        if kind == layout.TWO_TURNS:
             _two_turns(own, work[above : above + _JOINT], rows, lanes, fixed[numbers:])
-        elif kind == ROOT_TURN:
+        elif kind == layout.ROOT_TURN:
             _root_turn(own, rows, lanes, c)
-        elif kind == TURN:
+        elif kind == layout.TURN:
             _turn(own, origin, parent, rows, lanes, c)
-        elif kind == TILT:
+        elif kind == layout.TILT:
             _tilt(own, origin, parent, rows, lanes, c)
-        elif kind == CHAIN:
-            _chain(work[above : above + CHAINED + _BODY], rows, lanes, c)
-        elif kind == SLIDE:
+        elif kind == layout.CHAIN:
+            _chain(work[above : above + layout.CHAINED + _BODY], rows, lanes, c)
+        elif kind == layout.SLIDE:
             _slide(own, origin, parent, rows, lanes, c)
-        elif kind == FLOAT:
+        elif kind == layout.SCREW:
+            _screw(own, origin, parent, rows, lanes, fixed[numbers:])
+        elif kind == layout.FLOAT:
             _float(own, origin, parent, rows, lanes, c)

@@ -9,26 +9,11 @@ from numpy.typing import NDArray
 
 from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import Mesh
-from flexinv.model.joint_kinds import FREE, PRISMATIC, SPHERICAL
+from flexinv.model.joint_kinds import FREE, HELICAL, PRISMATIC, SPHERICAL
+from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import TURNING as TURNS
 from flexinv.rnea.body_table import Bodies, carriers
-from flexinv.rnea.loop_layout import (
-    AT,
-    BODY_CELLS,
-    BODY_ROWS,
-    CHAIN,
-    CHAINED,
-    COLUMN_CELLS,
-    DIRECTION,
-    FLOAT,
-    PLANE_ROWS,
-    ROOT_TURN,
-    SLIDE,
-    SUM_CELLS,
-    TILT,
-    TURN,
-    TWO_TURNS,
-)
+from flexinv.rnea.loop_layout import BodyRecord, ClosureRecord, ColumnRecord, SumRecord
 from flexinv.typing import Array
 
 
@@ -64,13 +49,13 @@ class Tables:
     fixed: list[float] = field(default_factory=list)
     frames: dict[tuple[int, int], Frame] = field(default_factory=dict)  # (root, body)
     world: int = 0  # how the world accelerates, for closures that end there
-    keeps: list[int] = field(default_factory=list)
-    summed: list[int] = field(default_factory=list)
-    roots: list[int] = field(default_factory=list)
-    moved: list[int] = field(default_factory=list)
-    closures: list[int] = field(default_factory=list)
-    columns: list[int] = field(default_factory=list)
-    sums: list[int] = field(default_factory=list)
+    keeps: list[tuple[int, int]] = field(default_factory=list)
+    summed: list[tuple[int, int]] = field(default_factory=list)
+    roots: list[tuple[int, int]] = field(default_factory=list)
+    moved: list[BodyRecord] = field(default_factory=list)
+    closures: list[ClosureRecord] = field(default_factory=list)
+    columns: list[ColumnRecord] = field(default_factory=list)
+    sums: list[SumRecord] = field(default_factory=list)
     header: dict[int, int] = field(default_factory=dict)
     matrix: dict[tuple[int, int], int] = field(default_factory=dict)
     sizes: dict[int, list[int]] = field(default_factory=dict)
@@ -104,14 +89,12 @@ class Tables:
 
     def counts(self) -> tuple[int, int, int]:
         """Bodies, columns and sums so far."""
-        lists = (self.moved, BODY_CELLS), (self.columns, COLUMN_CELLS), (self.sums, SUM_CELLS)
-        bodies, columns, sums = (len(own) // int(cells) for own, cells in lists)
-        return bodies, columns, sums
+        return len(self.moved), len(self.columns), len(self.sums)
 
     def constant_rows(self, count: int, *parts: Array) -> int:
         """Rows that keep twelve numbers, made once for every call."""
         at = self.rows(count)
-        self.roots += [at, self.numbers(*parts)]
+        self.roots.append((at, self.numbers(*parts)))
         return at
 
 
@@ -158,8 +141,10 @@ def root_of(tables: Tables, root: int, ways: tuple[list[int], ...]) -> None:
     x = x - (x @ z) * z
     x /= np.linalg.norm(x)
     basis = np.stack([x, np.cross(z, x), z])  # rows: the root's axes z and two at right angles
-    rows = tables.constant_rows(PLANE_ROWS if tables.plane else BODY_ROWS, *_standing(np.eye(3), np.zeros(3)))
-    tables.frames[root, root] = Frame(rows, rows + int(AT), 0, basis)
+    rows = tables.constant_rows(
+        layout.PLANE_ROWS if tables.plane else layout.BODY_ROWS, *_standing(np.eye(3), np.zeros(3))
+    )
+    tables.frames[root, root] = Frame(rows, rows + int(layout.AT), 0, basis)
 
 
 def _standing(axes: Array, place: Array) -> tuple[Array, Array, Array]:
@@ -177,16 +162,15 @@ def _seat(bodies: Bodies, i: int) -> tuple[Array, Array]:
 def frame(tables: Tables, root: int, body: int) -> Frame:
     """The frame of a body of a loop, made with those of its parents."""
     if (root, body) not in tables.frames:
-        above, kind = frame(tables, root, int(tables.bodies.tree[body, 1])), int(tables.bodies.tree[body, 0])
+        above = frame(tables, root, int(tables.bodies.tree[body, 1]))
         r, p = (above.turned @ x for x in _seat(tables.bodies, body))
-        make = _in_plane if tables.plane else _in_space
         if not tables.plane and _is_universal(tables, root, body, (r, p)):
             return _two_turns(tables, root, body, r)
         if not tables.plane and _goes_on(tables, root, body, r):
             return _chain(tables, root, body, above, (r, p))
-        own = tables.rows(PLANE_ROWS if tables.plane else BODY_ROWS, (root, body) not in tables.shared)
+        own = tables.rows(layout.PLANE_ROWS if tables.plane else layout.BODY_ROWS, (root, body) not in tables.shared)
         first = above is tables.frames[root, root]
-        tables.frames[root, body] = make(tables, above, own, first, kind, (r, p), int(tables.bodies.tree[body, 2]))
+        tables.frames[root, body] = _moving(tables, above, own, body, (r, p), first)
     return tables.frames[root, body]
 
 
@@ -195,22 +179,16 @@ def _goes_on(tables: Tables, root: int, body: int, r: Array) -> bool:
     parent = int(tables.bodies.tree[body, 1])
     turn = [int(tables.bodies.tree[i, 0]) in TURNS for i in (body, parent)]
     above, alone = tables.frames[root, parent], not {(root, parent), (root, body)} & tables.shared
-    return parent != root and all(turn) and alone and _is_tilt(r) and above.place == above.axes + int(AT)
+    return parent != root and all(turn) and alone and _is_tilt(r) and above.place == above.axes + int(layout.AT)
 
 
 def _chain(tables: Tables, root: int, body: int, above: Frame, seat: tuple[Array, Array]) -> Frame:
     """A body whose rows begin in those of its parent, the last ones that were taken."""
-    tables.rows(int(CHAINED) // BLOCK, True)
-    own = above.axes + int(CHAINED)
-    tables.moved += [
-        CHAIN,
-        own,
-        above.axes,
-        int(tables.bodies.tree[body, 2]),
-        tables.numbers(seat[0].T, seat[1]),
-        above.place,
-    ]
-    tables.frames[root, body] = Frame(own, own + int(AT), 0, np.eye(3))
+    tables.rows(int(layout.CHAINED) // BLOCK, True)
+    own = above.axes + int(layout.CHAINED)
+    rows, numbers = int(tables.bodies.tree[body, 2]), tables.numbers(seat[0].T, seat[1])
+    tables.moved.append(BodyRecord(layout.CHAIN, own, above.axes, rows, numbers, above.place))
+    tables.frames[root, body] = Frame(own, own + int(layout.AT), 0, np.eye(3))
     return tables.frames[root, body]
 
 
@@ -226,12 +204,13 @@ def _two_turns(tables: Tables, root: int, body: int, r: Array) -> Frame:
     """Both bodies of a universal joint: the first one's axis and place are constant, and its other axes nobody asks for."""
     parent = int(tables.bodies.tree[body, 1])
     seat, p = (tables.frames[root, root].turned @ x for x in _seat(tables.bodies, parent))
-    first = tables.constant_rows(BODY_ROWS, *_standing(seat.T, p))
-    tables.frames[root, parent] = Frame(first, first + int(AT), 0, np.eye(3))
-    rows = [int(tables.bodies.tree[i, 2]) for i in (parent, body)]
-    own = tables.rows(BODY_ROWS, (root, body) not in tables.shared)
-    tables.moved[-int(BODY_CELLS) :] = [TWO_TURNS, own, *rows, tables.numbers(seat.T, p, r[1, 1], r[2, 1]), 0]
-    tables.frames[root, body] = Frame(own, first + int(AT), 0, np.eye(3))
+    first = tables.constant_rows(layout.BODY_ROWS, *_standing(seat.T, p))
+    tables.frames[root, parent] = Frame(first, first + int(layout.AT), 0, np.eye(3))
+    above, rows = (int(tables.bodies.tree[i, 2]) for i in (parent, body))
+    own = tables.rows(layout.BODY_ROWS, (root, body) not in tables.shared)
+    numbers = tables.numbers(seat.T, p, r[1, 1], r[2, 1])
+    tables.moved[-1] = BodyRecord(layout.TWO_TURNS, own, above, rows, numbers, 0)
+    tables.frames[root, body] = Frame(own, first + int(layout.AT), 0, np.eye(3))
     return tables.frames[root, body]
 
 
@@ -240,26 +219,16 @@ def _is_tilt(r: Array) -> bool:
     return bool(r[0, 0] == 1.0 and not (r[0, 1:].any() or r[1:, 0].any()))
 
 
-def _in_plane(
-    tables: Tables, above: Frame, own: int, first: bool, kind: int, seat: tuple[Array, Array], rows: int
-) -> Frame:
-    """A body with its motion."""
-    how = SLIDE if kind == PRISMATIC else ROOT_TURN if first else TURN
-    tables.moved += [how, own, above.axes, rows, tables.numbers(seat[0].T, seat[1]), 0]
-    return Frame(own, own + int(AT), own + int(DIRECTION), seat[0] if kind == PRISMATIC else np.eye(3))
-
-
-def _in_space(
-    tables: Tables, above: Frame, own: int, first: bool, kind: int, seat: tuple[Array, Array], rows: int
-) -> Frame:
-    """A body's axes and place: one that slides has its parent's axes."""
-    r, numbers = seat[0], tables.numbers(seat[0].T, seat[1])
-    turn = ROOT_TURN if first else TILT if _is_tilt(r) else TURN
-    how = {PRISMATIC: SLIDE, SPHERICAL: FLOAT, FREE: FLOAT}.get(kind, turn)
-    tables.moved += [how, own, above.axes, rows, numbers, above.place]
-    if how == SLIDE:
-        return Frame(above.axes, own + int(AT), own + int(DIRECTION), r)
-    return Frame(own, own + int(AT), 0, np.eye(3))
+def _moving(tables: Tables, above: Frame, own: int, body: int, seat: tuple[Array, Array], first: bool) -> Frame:
+    """A body's axes and place: one that slides in space has its parent's axes."""
+    r, kind = seat[0], int(tables.bodies.tree[body, 0])
+    turn = layout.ROOT_TURN if first else layout.TURN if tables.plane or not _is_tilt(r) else layout.TILT
+    how = {PRISMATIC: layout.SLIDE, SPHERICAL: layout.FLOAT, FREE: layout.FLOAT, HELICAL: layout.SCREW}.get(kind, turn)
+    rows, numbers = int(tables.bodies.tree[body, 2]), tables.numbers(r.T, seat[1], tables.bodies.numbers[body, 37])
+    tables.moved.append(BodyRecord(how, own, above.axes, rows, numbers, 0 if tables.plane else above.place))
+    if how == layout.SLIDE:
+        return Frame(own if tables.plane else above.axes, own + int(layout.AT), own + int(layout.DIRECTION), r)
+    return Frame(own, own + int(layout.AT), 0, np.eye(3))
 
 
 def state(tables: Tables, body: int) -> int:

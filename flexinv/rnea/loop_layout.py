@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import IntEnum
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from flexinv.kernels.jit import jit_lanes
 from flexinv.kernels.simd import row
 
 # Rows of a body of a loop: its axes and its place in those of the root; the direction of one that slides.
@@ -36,13 +39,12 @@ LAMBDA, SQUARE, MOVED, SCRATCH_ROWS = row(0), row(1), row(2), 6
 LIMITS, SCRATCH, KEEPS, SUMMED, ROOTS, BODIES, CLOSURES, COLUMNS, SUMS, STEPS, FILLS, PLANE, APPLIED, HEADER = (
     0, 1, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 21, 22
 )  # fmt: skip
-BODY_CELLS, CLOSURE_CELLS, COLUMN_CELLS, SUM_CELLS = np.uint64(6), np.uint64(20), np.uint64(9), np.uint64(5)
 
 
 class BodyKind(IntEnum):
     """Kinds of bodies, by their motion beside the one that carries them."""
 
-    ROOT_TURN, TURN, TILT, SLIDE, FLOAT, TWO_TURNS, CHAIN = range(7)
+    ROOT_TURN, TURN, TILT, SLIDE, FLOAT, TWO_TURNS, CHAIN, SCREW = range(8)
 
 
 class ClosureKind(IntEnum):
@@ -52,40 +54,147 @@ class ClosureKind(IntEnum):
 
 
 class ColumnKind(IntEnum):
-    """Joint of a column of G; the last two are of a whole joint."""
+    """Joint of a column of G; FLOATING and PUSHING are of a whole joint."""
 
-    TURNING, SLIDING, GEARED, FLOATING, PUSHING = range(5)
+    TURNING, SLIDING, GEARED, FLOATING, PUSHING, SCREWING = range(6)
 
 
 class Operation(IntEnum):
     """Operations of the steps of a plan; the kernels take them as plain numbers.
 
-    TOGETHER and BOTH stand for four each: + how many entries stand side by side before the pivot's, less one; + INVERTED more
-    where 1 / pivot is left.
+    TOGETHER and BOTH stand for four each: + how many entries stand side by side before the pivot's, less one.
     """
 
-    PAIR, CHECK_PIVOT, CHECK_EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, UNDO, ALL_SIX, SOLVE_INVERTED, TOGETHER = range(
-        12
-    )
-    BOTH = 15
+    PAIR, CHECK_PIVOT, CHECK_EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, UNDO, ALL_SIX, TOGETHER = range(11)
+    BOTH = 14
 
 
-MOST_TOGETHER, INVERTED = 4, 8
+MOST_TOGETHER = 4
 # The same as plain numbers, which compiled code compares fastest.
-ROOT_TURN, TURN, TILT, SLIDE, FLOAT, TWO_TURNS, CHAIN = (int(kind) for kind in BodyKind)
+ROOT_TURN, TURN, TILT, SLIDE, FLOAT, TWO_TURNS, CHAIN, SCREW = (int(kind) for kind in BodyKind)
 WHOLE, PARTIAL, COUPLED = (int(kind) for kind in ClosureKind)
-TURNING, SLIDING, GEARED, FLOATING, PUSHING = (int(kind) for kind in ColumnKind)
-PAIR, CHECK_PIVOT, CHECK_EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, UNDO, ALL_SIX, SOLVE_INVERTED, TOGETHER, BOTH = (
+TURNING, SLIDING, GEARED, FLOATING, PUSHING, SCREWING = (int(kind) for kind in ColumnKind)
+PAIR, CHECK_PIVOT, CHECK_EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, UNDO, ALL_SIX, TOGETHER, BOTH = (
     int(operation) for operation in Operation
 )
-# Cells of a body: kind, own rows, the parent's axes, rows of the recursion, constants, the parent's place.
-OWN, ABOVE, ROWS, CONSTANTS, PLACE_ABOVE = (np.uint64(i) for i in range(1, 6))
-# of a closure: kind, own rows, then
-AXES_A, AXES_B, NUMBERS, POSITIONS, DIRECTIONS, FIRST, COUNT = (np.uint64(i) for i in range(2, 9))
-PLACE_A, PLACE_B, STATE_A, STATE_B, REDUCED, FIRST_SUM, SUM_COUNT, STRIDE = (np.uint64(i) for i in range(9, 17))
-FIRST_BODY, BODY_COUNT, GROUND = np.uint64(17), np.uint64(18), np.uint64(19)
 NO_GROUND, A_STANDS, B_STANDS = range(3)  # whether an end of the closure stands in the world
-# of a column: kind, then
-AXIS, JOINT, TO, QD, QDD, SIGNS, EFFORT, ENTRY = (np.uint64(i) for i in range(1, 9))
-# of a sum: the column's size, rate, acceleration, axis, and whether it turns.
-SUM_RATE, SUM_QDD, SUM_AXIS, SUM_TURNS = (np.uint64(i) for i in range(1, 5))
+
+
+class BodyRecord(NamedTuple):
+    """Body of a loop in the plan: its kind, and where its rows, those above, those of the recursion and its constants begin."""
+
+    kind: int
+    own: int
+    above: int
+    rows: int
+    constants: int
+    place_above: int
+
+
+class ClosureRecord(NamedTuple):
+    """Closure in the plan.
+
+    own, axes_a .. state_b : offsets of its rows, of both ends' axes, places and states; numbers : of its constants
+    positions, directions : rows one by one; first, columns : the first one, their number; stride : between entries of one column
+    reduced : a universal joint is taken from it; first_sum, sum_count, first_body, body_count : of its other records
+    ground : the end that stands in the world
+    """
+
+    kind: int
+    own: int
+    axes_a: int
+    axes_b: int
+    numbers: int
+    positions: int
+    directions: int
+    first: int
+    columns: int
+    place_a: int = 0
+    place_b: int = 0
+    state_a: int = 0
+    state_b: int = 0
+    reduced: int = 0
+    first_sum: int = 0
+    sum_count: int = 0
+    stride: int = 0
+    first_body: int = 0
+    body_count: int = 0
+    ground: int = NO_GROUND
+
+
+class ColumnRecord(NamedTuple):
+    """Column of G in the plan: offsets of its joint's axis, place, rate and acceleration, of what it writes, of its constants."""
+
+    kind: int
+    axis: int
+    joint: int
+    to: int
+    rate: int
+    acceleration: int
+    signs: int
+    effort: int
+    entry: int
+
+
+class SumRecord(NamedTuple):
+    """Column in the sums of a closure: offsets of its size, rate, acceleration and axis; whether it turns."""
+
+    size: int
+    rate: int
+    acceleration: int
+    axis: int
+    turns: int
+
+
+BODY_CELLS, CLOSURE_CELLS, COLUMN_CELLS, SUM_CELLS = (
+    np.uint64(len(record._fields)) for record in (BodyRecord, ClosureRecord, ColumnRecord, SumRecord)
+)
+
+
+@jit_lanes
+def body_at(plan, at):
+    """Return the body that stands in the plan from an offset on [-]."""
+    w = plan[at:]
+    return BodyRecord(w[0], w[1], w[2], w[3], w[4], w[5])
+
+
+@jit_lanes
+def closure_at(plan, at):
+    """Return the closure that stands in the plan from an offset on [-]."""
+    w = plan[at:]
+    return ClosureRecord(
+        w[0], w[1], w[2], w[3], w[4], w[5], w[6], w[7], w[8], w[9],
+        w[10], w[11], w[12], w[13], w[14], w[15], w[16], w[17], w[18], w[19],
+    )  # fmt: skip
+
+
+@jit_lanes
+def column_at(plan, at):
+    """Return the column that stands in the plan from an offset on [-]."""
+    w = plan[at:]
+    return ColumnRecord(w[0], w[1], w[2], w[3], w[4], w[5], w[6], w[7], w[8])
+
+
+@jit_lanes
+def sum_at(plan, at):
+    """Return the part of a sum that stands in the plan from an offset on [-]."""
+    w = plan[at:]
+    return SumRecord(w[0], w[1], w[2], w[3], w[4])
+
+
+def one_of_four(make: Callable[[int], Any], first: int) -> Any:
+    """Return the kernel that hands all but its first argument, a number of 0 to 3 [-], to ``make(first + number)``."""
+    one, two, three, four = (make(first + number) for number in range(4))
+
+    @jit_lanes
+    def chosen(number, *given):
+        if number == 0:
+            one(*given)
+        elif number == 1:
+            two(*given)
+        elif number == 2:
+            three(*given)
+        else:
+            four(*given)
+
+    return chosen

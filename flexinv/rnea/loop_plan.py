@@ -16,28 +16,10 @@ from flexinv.constraints.closures import Rows, measures, residuals, row_scales
 from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.rigid_motion import rigid_motion
-from flexinv.model.joint_kinds import HELICAL
 from flexinv.model.mechanism import Mechanism
+from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import Bodies, carriers
 from flexinv.rnea.elimination_order import Elimination, order_of, sharing
-from flexinv.rnea.loop_layout import (
-    APPLIED,
-    BODIES,
-    BODY_CELLS,
-    CLOSURE_CELLS,
-    CLOSURES,
-    COUPLED,
-    FILLS,
-    FLOAT,
-    HEADER,
-    ROOT_TURN,
-    ROOTS,
-    SCRATCH,
-    SLIDE,
-    STEPS,
-    TURN,
-    WHOLE,
-)
 from flexinv.rnea.loop_tables import CLEARLY, LoopPlan, tables
 from flexinv.typing import Array
 
@@ -46,7 +28,7 @@ ZERO = 1e-13
 # Samples at which it is looked for.
 PLACES = 4
 
-NO_LOOPS = LoopPlan(np.zeros(HEADER, dtype=np.uint64), np.zeros(4), 0, np.zeros((0, 0), dtype=np.int64), {})
+NO_LOOPS = LoopPlan(np.zeros(layout.HEADER, dtype=np.uint64), np.zeros(4), 0, np.zeros((0, 0), dtype=np.int64), {})
 Run = Callable[[Bodies, LoopPlan], Array]
 
 
@@ -60,14 +42,12 @@ def ends(mesh: Mesh, rows: Rows) -> frozenset[int]:
 def planned(
     mesh: Mesh, candidates: tuple[Bodies, Bodies], rows: Rows, limits: tuple[float, float, float], run: Run
 ) -> tuple[Bodies, LoopPlan] | None:
-    """Return the bodies and the plan [any unit] of a mechanism, None with screws, too few drives or where none can be found.
+    """Return the bodies and the plan [any unit] of a mechanism, None with too few drives or where none can be found.
 
     candidates : bodies for a mechanism in the plane, and those that keep how the `ends` of closures accelerate
     run : the work space of a block with `PLACES` samples, whose joints stand anywhere, after the kernel without steps
     """
     m = mesh.mechanism
-    if (mesh.kind == HELICAL).any():
-        return None  # `loop_bodies` has no screws: the cut tree's efforts are shared out sample by sample
     passive, drives = (np.flatnonzero(which).tolist() for which in (~m.actuated, m.actuated))
     first = tables(mesh, candidates[1], rows, limits, np.ones(len(rows), dtype=bool))
     unit = measures(mesh) / row_scales(mesh, rows)[:, None]  # of lengths over the mechanism's
@@ -79,8 +59,9 @@ def planned(
     if np.abs(_constant(mesh, rows)[unmoved]).max(initial=0.0) > CLEARLY * limits[0]:
         return None  # what no joint moves is not in the tables, and is open
     kept = np.asarray(g.any(axis=(0, 2)))
+    flat = all(body.kind not in (layout.FLOAT, layout.SCREW) for body in first.bodies)
     b, pairs = candidates[0], dict[int, tuple[int, int]]()
-    plan = tables(mesh, b, rows, limits, kept, plane=True) if not _has_floating(first) else first
+    plan = tables(mesh, b, rows, limits, kept, plane=True) if flat else first
     if plan is first or not _is_plane(plan, CLEARLY * limits[0] * mesh.length):
         b, pairs = candidates[1], _pairs(m, rows, g)
         plan = tables(mesh, b, rows, limits, kept, pairs=pairs, order=order_of(g[0][kept], passive))
@@ -104,19 +85,18 @@ def _with_steps(
 
     patterns = [{int(c): int(plan.matrix[r, c]) for c in np.flatnonzero(where[r])} for r in range(len(g[0]))]
     e = Elimination(
-        patterns, g[0].copy(), plan.matrix, plan.sizes, take, int(plan.plan[SCRATCH]), constant=plan.constant
+        patterns, g[0].copy(), plan.matrix, plan.sizes, take, int(plan.plan[layout.SCRATCH]), constant=plan.constant
     )
     effort = [int(i) for i in bodies.columns[mechanism.nq + mechanism.nv :]]
     if not sharing(e, effort, *left, len(plan.fixed)):
         return None
-    words = plan.plan.copy()
-    words[APPLIED] = 1 if mechanism.springs or mechanism.forces else 0
-    words[STEPS], words[STEPS + 1] = len(words), e.count
-    words[FILLS], words[FILLS + 1] = len(words) + len(e.words), len(e.fills)
-    whole = np.concatenate([words, np.array(e.words + e.fills, dtype=np.uint64)])
-    return replace(
-        plan, plan=whole, fixed=np.array(fixed), size=size, effort=tuple(effort), coordinates=mechanism.velocity_names
-    )
+    words, steps = plan.plan.copy(), [word for step in e.steps for word in step.words]
+    words[layout.APPLIED] = 1 if mechanism.springs or mechanism.forces else 0
+    words[layout.STEPS : layout.STEPS + 2] = len(words), len(e.steps)
+    words[layout.FILLS : layout.FILLS + 2] = len(words) + len(steps), len(e.fills)
+    whole = np.concatenate([words, np.array(steps + e.fills, dtype=np.uint64)])
+    found = replace(plan, plan=whole, fixed=np.array(fixed), size=size, effort=tuple(effort))
+    return replace(found, coordinates=mechanism.velocity_names, steps=tuple(e.steps))
 
 
 def _row_names(mechanism: Mechanism, rows: Rows) -> tuple[str, ...]:
@@ -141,13 +121,6 @@ def _pairs(mechanism: Mechanism, rows: Rows, g: Array) -> dict[int, tuple[int, i
     return out
 
 
-def _has_floating(plan: LoopPlan) -> bool:
-    """Return True if a body of a loop turns about all axes."""
-    first, count = int(plan.plan[BODIES]), int(plan.plan[BODIES + 1])
-    kinds = plan.plan[first:][: count * int(BODY_CELLS) : int(BODY_CELLS)]
-    return bool((kinds == FLOAT).any())
-
-
 def _constant(mesh: Mesh, rows: Rows) -> Array:
     """phi (rows,) over its scale [-], where the joints stand anywhere."""
     m = mesh.mechanism
@@ -159,21 +132,20 @@ def _constant(mesh: Mesh, rows: Rows) -> Array:
 def _is_plane(plan: LoopPlan, most: float) -> bool:
     """Return True if joints turn about z or slide across it and closures, at most ``most`` open along z [m], hold points."""
     words, height = [int(i) for i in plan.plan], dict[int, float]()
-    for i in range(words[ROOTS + 1]):
-        height[words[words[ROOTS] + 2 * i]] = 0.0
-    for i in range(words[BODIES + 1]):
-        how, own, above, _, at = words[words[BODIES] + int(BODY_CELLS) * i :][:5]
-        r, p = plan.fixed[at : at + 9].reshape(3, 3).T, plan.fixed[at + 9 : at + 12]
-        off = abs(r[2, 2]) if how == SLIDE else np.abs(r[2] - [0, 0, 1]).max()  # what is not in the plane
-        if how not in (ROOT_TURN, TURN, SLIDE) or off > ZERO:
+    for i in range(words[layout.ROOTS + 1]):
+        height[words[words[layout.ROOTS] + 2 * i]] = 0.0
+    for body in plan.bodies:
+        r, p = plan.fixed[body.constants :][:9].reshape(3, 3).T, plan.fixed[body.constants + 9 :][:3]
+        # what is not in the plane
+        off = abs(r[2, 2]) if body.kind == layout.SLIDE else np.abs(r[2] - [0, 0, 1]).max()
+        if body.kind not in (layout.ROOT_TURN, layout.TURN, layout.SLIDE) or off > ZERO:
             return False
-        height[own] = height[above] + p[2]
-    for i in range(words[CLOSURES + 1]):
-        kind, _, a, b, at, _, directions = words[words[CLOSURES] + int(CLOSURE_CELLS) * i :][:7]
-        if kind == COUPLED:
+        height[body.own] = height[body.above] + p[2]
+    for c in plan.closures:
+        if c.kind == layout.COUPLED:
             continue
-        gap = height[b] + plan.fixed[at + 5] - height[a] - plan.fixed[at + 2]
-        if kind != WHOLE or directions or abs(gap) > most:
+        gap = height[c.axes_b] + plan.fixed[c.numbers + 5] - height[c.axes_a] - plan.fixed[c.numbers + 2]
+        if c.kind != layout.WHOLE or c.directions or abs(gap) > most:
             return False
     return bool(height)
 

@@ -16,49 +16,11 @@ import numpy as np
 
 from flexinv.kernels.jit import jit_lane, jit_lanes
 from flexinv.kernels.simd import LANES, put_vec, row
+from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.loop_allocation import clear, coupled, geared, hold
-from flexinv.rnea.loop_layout import (
-    ABOVE,
-    AT,
-    AXES,
-    AXES_A,
-    AXES_B,
-    AXIS,
-    BODIES,
-    BODY_CELLS,
-    CLOSURE_CELLS,
-    CLOSURES,
-    COLUMN_CELLS,
-    CONSTANTS,
-    COUNT,
-    COUPLED,
-    DIRECTION,
-    ENTRIES,
-    FIRST,
-    GEARED,
-    JOINT,
-    KEPT,
-    NUMBERS,
-    OWN,
-    PLANE_ACCELERATION,
-    PLANE_ROWS,
-    POINT,
-    ROOT_TURN,
-    ROWS,
-    SIGNS,
-    SLIDE,
-    SLIDING,
-    SPEED,
-    SPIN,
-    SPIN_RATE,
-    SQUARES,
-    TO,
-    VECTOR,
-    VECTORS,
-)
 from flexinv.rnea.recursion import COS, PLACE, RATE, SIN
 
-_BODY, _COLUMN = row(PLANE_ROWS), row(4)
+_BODY, _COLUMN = row(layout.PLANE_ROWS), row(4)
 
 
 @jit_lane
@@ -69,11 +31,11 @@ def _pair(rows, first, k):
 
 @jit_lane
 def _put(own, k, heading, at, v, w, al, a):
-    own[AXES + k], own[AXES + LANES + k] = heading
-    own[AT + k], own[AT + LANES + k] = at
-    own[SPEED + k], own[SPEED + LANES + k] = v
-    own[SPIN + k], own[SPIN_RATE + k] = w, al
-    own[PLANE_ACCELERATION + k], own[PLANE_ACCELERATION + LANES + k] = a
+    own[layout.AXES + k], own[layout.AXES + LANES + k] = heading
+    own[layout.AT + k], own[layout.AT + LANES + k] = at
+    own[layout.SPEED + k], own[layout.SPEED + LANES + k] = v
+    own[layout.SPIN + k], own[layout.SPIN_RATE + k] = w, al
+    own[layout.PLANE_ACCELERATION + k], own[layout.PLANE_ACCELERATION + LANES + k] = a
 
 
 @jit_lane
@@ -85,9 +47,9 @@ def _turned(c, s, v):
 @jit_lane
 def _moved(body, k, arm):
     """Place, velocity and acceleration of a point of a body, its arm in the axes of the body."""
-    c, s = _pair(body, AXES, k)
-    (x, y), w, al = _turned(c, s, arm), body[SPIN + k], body[SPIN_RATE + k]
-    at, v, a = _pair(body, AT, k), _pair(body, SPEED, k), _pair(body, PLANE_ACCELERATION, k)
+    c, s = _pair(body, layout.AXES, k)
+    (x, y), w, al = _turned(c, s, arm), body[layout.SPIN + k], body[layout.SPIN_RATE + k]
+    at, v, a = _pair(body, layout.AT, k), _pair(body, layout.SPEED, k), _pair(body, layout.PLANE_ACCELERATION, k)
     return (
         (at[0] + x, at[1] + y),
         (v[0] - w * y, v[1] + w * x),
@@ -101,7 +63,7 @@ def _from_root(own, rows, lanes, c):
     zero, at = (c[0], c[1]), (c[9], c[10])
     for k in range(lanes):
         heading = _turned(rows[COS + k], rows[SIN + k], zero)
-        _put(own, k, heading, at, (0.0, 0.0), rows[RATE + k], own[KEPT + k], (0.0, 0.0))
+        _put(own, k, heading, at, (0.0, 0.0), rows[RATE + k], own[layout.KEPT + k], (0.0, 0.0))
 
 
 @jit_lanes
@@ -110,9 +72,18 @@ def _turn(own, parent, rows, lanes, c):
     zero, arm = (c[0], c[1]), (c[9], c[10])
     for k in range(lanes):
         at, v, a = _moved(parent, k, arm)
-        cosine, sine = _pair(parent, AXES, k)
+        cosine, sine = _pair(parent, layout.AXES, k)
         heading = _turned(rows[COS + k], rows[SIN + k], _turned(cosine, sine, zero))
-        _put(own, k, heading, at, v, parent[SPIN + k] + rows[RATE + k], parent[SPIN_RATE + k] + own[KEPT + k], a)
+        _put(
+            own,
+            k,
+            heading,
+            at,
+            v,
+            parent[layout.SPIN + k] + rows[RATE + k],
+            parent[layout.SPIN_RATE + k] + own[layout.KEPT + k],
+            a,
+        )
 
 
 @jit_lanes
@@ -120,14 +91,14 @@ def _slide(own, parent, rows, lanes, c):
     """A body that slides along a direction d of its parent, whose heading it has."""
     along, (px, py) = (c[6], c[7]), (c[9], c[10])
     for k in range(lanes):
-        q, rate, second = rows[PLACE + k], rows[RATE + k], own[KEPT + k]
+        q, rate, second = rows[PLACE + k], rows[RATE + k], own[layout.KEPT + k]
         at, v, a = _moved(parent, k, (px + q * along[0], py + q * along[1]))
-        heading, w = _pair(parent, AXES, k), parent[SPIN + k]
+        heading, w = _pair(parent, layout.AXES, k), parent[layout.SPIN + k]
         dx, dy = _turned(heading[0], heading[1], along)
         v = v[0] + rate * dx, v[1] + rate * dy
         a = a[0] + second * dx - 2.0 * w * rate * dy, a[1] + second * dy + 2.0 * w * rate * dx
-        _put(own, k, heading, at, v, w, parent[SPIN_RATE + k], a)
-        own[DIRECTION + k], own[DIRECTION + LANES + k] = dx, dy
+        _put(own, k, heading, at, v, w, parent[layout.SPIN_RATE + k], a)
+        own[layout.DIRECTION + k], own[layout.DIRECTION + LANES + k] = dx, dy
 
 
 @jit_lanes
@@ -137,19 +108,19 @@ def _close(a, b, own, lanes, c):
     for k in range(lanes):
         xa, va, aa = _moved(a, k, at_a)
         xb, vb, ab = _moved(b, k, at_b)
-        own[POINT + k], own[POINT + LANES + k] = xb
+        own[layout.POINT + k], own[layout.POINT + LANES + k] = xb
         gap = scale * ((xb[0] - xa[0]) ** 2 + (xb[1] - xa[1]) ** 2)
         rate = (vb[0] - va[0]) ** 2 + (vb[1] - va[1]) ** 2
-        put_vec(own, SQUARES, k, (gap, rate, (ab[0] - aa[0]) ** 2 + (ab[1] - aa[1]) ** 2))
+        put_vec(own, layout.SQUARES, k, (gap, rate, (ab[0] - aa[0]) ** 2 + (ab[1] - aa[1]) ** 2))
 
 
 @jit_lanes
 def _column(to, at, own, lanes, sign):
     """Write the velocity of the point of B per unit rate of a joint, and its square."""
     for k in range(lanes):
-        point, place = _pair(own, POINT, k), _pair(at, np.uint64(0), k)
+        point, place = _pair(own, layout.POINT, k), _pair(at, np.uint64(0), k)
         x, y = sign * (place[1] - point[1]), sign * (point[0] - place[0])
-        to[ENTRIES + k], to[ENTRIES + LANES + k] = x, y
+        to[layout.ENTRIES + k], to[layout.ENTRIES + LANES + k] = x, y
         to[k] = x * x + y * y
 
 
@@ -158,53 +129,50 @@ def _column_of_slide(to, direction, lanes, sign):
     """The same of a slide: its direction, whose square is 1."""
     for k in range(lanes):
         x, y = _pair(direction, np.uint64(0), k)
-        to[ENTRIES + k], to[ENTRIES + LANES + k] = sign * x, sign * y
+        to[layout.ENTRIES + k], to[layout.ENTRIES + LANES + k] = sign * x, sign * y
         to[k] = sign * sign
 
 
 @jit_lanes
 def _columns(plan, fixed, work, closure, lanes):
     """Set the columns of one closure."""
-    own = closure[OWN]
-    for j in range(closure[COUNT]):
-        column = plan[closure[FIRST] + j * COLUMN_CELLS :]
-        axis, place, to, sign = (
-            column[AXIS],
-            column[JOINT],
-            work[column[TO] : column[TO] + _COLUMN],
-            fixed[column[SIGNS]],
-        )
-        if column[0] == GEARED:
+    own = closure.own
+    for j in range(closure.columns):
+        column = layout.column_at(plan, closure.first + j * layout.COLUMN_CELLS)
+        axis, place = column.axis, column.joint
+        to, sign = work[column.to : column.to + _COLUMN], fixed[column.signs]
+        if column.kind == layout.GEARED:
             geared(to, lanes, sign)
-        elif column[0] == SLIDING:
-            _column_of_slide(to, work[axis : axis + VECTOR], lanes, sign)
+        elif column.kind == layout.SLIDING:
+            _column_of_slide(to, work[axis : axis + layout.VECTOR], lanes, sign)
         else:
-            _column(to, work[place : place + VECTOR], work[own : own + VECTOR], lanes, sign)
+            _column(to, work[place : place + layout.VECTOR], work[own : own + layout.VECTOR], lanes, sign)
 
 
 @jit_lanes
 def in_plane(plan, fixed, work, lanes, sums):
     """Set points [m] and G, and hold the squares of the closures."""
-    for i in range(plan[BODIES + 1]):
-        at = plan[BODIES] + i * BODY_CELLS
-        first, above, rows, c = plan[at + OWN], plan[at + ABOVE], plan[at + ROWS], fixed[plan[at + CONSTANTS] :]
+    for i in range(plan[layout.BODIES + 1]):
+        at = plan[layout.BODIES] + i * layout.BODY_CELLS
+        kind, first, above, rows, numbers, _ = layout.body_at(plan, at)
+        c = fixed[numbers:]
         own, parent, rows = work[first : first + _BODY], work[above : above + _BODY], work[rows : rows + _BODY]
-        if plan[at] == ROOT_TURN:
+        if kind == layout.ROOT_TURN:
             _from_root(own, rows, lanes, c)
-        elif plan[at] == SLIDE:
+        elif kind == layout.SLIDE:
             _slide(own, parent, rows, lanes, c)
         else:
             _turn(own, parent, rows, lanes, c)
-    for i in range(plan[CLOSURES + 1]):
-        at = plan[CLOSURES] + i * CLOSURE_CELLS
-        first, one, other, c = plan[at + OWN], plan[at + AXES_A], plan[at + AXES_B], fixed[plan[at + NUMBERS] :]
-        own = work[first : first + VECTORS]
-        if plan[at] == COUPLED:
-            coupled(plan, fixed, work, own, lanes, plan[at : at + CLOSURE_CELLS], c[0])
+    for i in range(plan[layout.CLOSURES + 1]):
+        closure = layout.closure_at(plan, plan[layout.CLOSURES] + i * layout.CLOSURE_CELLS)
+        own, c = work[closure.own : closure.own + layout.VECTORS], fixed[closure.numbers :]
+        if closure.kind == layout.COUPLED:
+            coupled(plan, fixed, work, own, lanes, closure, c[0])
         else:
-            _close(work[one : one + _BODY], work[other : other + _BODY], own, lanes, c)
-    for i in range(plan[CLOSURES + 1]):
-        at = plan[CLOSURES] + i * CLOSURE_CELLS
-        _columns(plan, fixed, work, plan[at : at + CLOSURE_CELLS], lanes)
-        hold(plan, fixed, work, lanes, plan[at : at + CLOSURE_CELLS], sums, False)
+            a, b = closure.axes_a, closure.axes_b
+            _close(work[a : a + _BODY], work[b : b + _BODY], own, lanes, c)
+    for i in range(plan[layout.CLOSURES + 1]):
+        closure = layout.closure_at(plan, plan[layout.CLOSURES] + i * layout.CLOSURE_CELLS)
+        _columns(plan, fixed, work, closure, lanes)
+        hold(plan, fixed, work, lanes, closure, sums, False)
     clear(plan, work, lanes)

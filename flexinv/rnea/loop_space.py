@@ -8,58 +8,35 @@ ends, each in its own axes (gravity included); at the point x_B they are  a + al
     direction   phi = u . w     phi' = e . w_AB    phi'' = e . al_AB + e' . w_AB     e = w x u,      G = e . z
 
 Three positions fix a point: they may be taken along any axes, here the root's, and d' is none.
+
+Where one end stands in the world, the other one, E, turns at w and al and accelerates by a, which the recursion has found in E's
+axes; gravity makes the world's end accelerate by -g there.  With m fixed in E and f in the world, which in E's axes turns
+backwards, f' = -w x f:
+
+    phi = m . f      phi' = w . n      phi'' = al . n + (w . f) (m . w) - w^2 phi            n = m x f
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 
 from flexinv.kernels.jit import jit_lane, jit_lanes
 from flexinv.kernels.simd import into, plus, put_vec, row, times, vec_of
+from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.loop_allocation import clear, coupled, hold
 from flexinv.rnea.loop_bodies import acceleration, axes_of, constant, cross, dot, minus, move, square
-from flexinv.rnea.loop_ground import from_ground
-from flexinv.rnea.loop_layout import (
-    A_STANDS,
-    AXES_A,
-    AXES_B,
-    BODY_COUNT,
-    BODY_ROWS,
-    CLOSURE_CELLS,
-    CLOSURE_ROWS,
-    CLOSURES,
-    COUPLED,
-    DIRECTIONS,
-    FIRST_BODY,
-    GAP,
-    GAP_RATE,
-    GROUND,
-    NO_GROUND,
-    NUMBERS,
-    OWN,
-    PARTIAL,
-    PLACE_A,
-    PLACE_B,
-    POINT,
-    POSITIONS,
-    SECOND,
-    SPIN_A,
-    SPIN_B,
-    SQUARES,
-    STATE_A,
-    STATE_B,
-    TURNING_RATE,
-    VECTOR,
-    VECTORS,
-    WHOLE,
-)
 from flexinv.rnea.loop_reduce import columns
 from flexinv.rnea.recursion import SPIN, SPIN_RATE, STATE_ROWS
 
-_WHOLE = row(CLOSURE_ROWS + 9)
-_BODY, _STATE, _VEC, _NONE, _SIX = row(BODY_ROWS), row(STATE_ROWS), np.uint64(0), (0.0, 0.0, 0.0), np.uint64(6)
+_WHOLE = row(layout.CLOSURE_ROWS + 9)
+_BODY, _STATE, _NONE = row(layout.BODY_ROWS), row(STATE_ROWS), (0.0, 0.0, 0.0)
+_VEC, _THREE, _SIX = np.uint64(0), np.uint64(3), np.uint64(6)
 # Constants of a closure: places of the ends in axes of the loop, the scale; arms and axes of both in those of the recursion.
 _AT_A, _AT_B, _SCALE, _ARM_A, _ARM_B, _TURNED_A, _TURNED_B, _U = (np.uint64(i) for i in (0, 3, 6, 7, 10, 13, 22, 31))
+# Those of one to the ground: the points of E and of the end that stands; the scale; -g; whether E is B; m, f of directions.
+_AT, _THERE, _GROUND_SCALE, _REST, _IS_B, _PAIRS = (np.uint64(i) for i in (0, 3, 6, 7, 10, 11))
 
 
 @jit_lanes
@@ -96,9 +73,9 @@ def _whole(end_a, end_b, own, lanes, c):
         d = minus(point, _point(a, place_a, k, at_a))
         one, other = acceleration(state_a, k, arm_a), acceleration(state_b, k, arm_b)
         second = minus(_in_root(b, k, turned_b, other), _in_root(a, k, turned_a, one))
-        put_vec(own, POINT, k, point)
-        put_vec(own, GAP_RATE, k, _NONE)
-        put_vec(own, SQUARES, k, (scale * dot(d, d), 0.0, dot(second, second)))
+        put_vec(own, layout.POINT, k, point)
+        put_vec(own, layout.GAP_RATE, k, _NONE)
+        put_vec(own, layout.SQUARES, k, (scale * dot(d, d), 0.0, dot(second, second)))
 
 
 @jit_lanes
@@ -114,11 +91,11 @@ def _partial(end_a, end_b, own, lanes, c):
         arm = dot(x, arm), dot(y, arm), dot(z, arm)
         arm = dot(turned_a[0], arm), dot(turned_a[1], arm), dot(turned_a[2], arm)
         one, other = acceleration(state_a, k, arm), acceleration(state_b, k, arm_b)
-        put_vec(own, POINT, k, point)
-        put_vec(own, GAP, k, minus(point, _point(a, place_a, k, at_a)))
-        put_vec(own, SECOND, k, minus(_in_root(b, k, turned_b, other), _in_root(a, k, turned_a, one)))
-        put_vec(own, GAP_RATE, k, _NONE)
-        put_vec(own, SQUARES, k, _NONE)
+        put_vec(own, layout.POINT, k, point)
+        put_vec(own, layout.GAP, k, minus(point, _point(a, place_a, k, at_a)))
+        put_vec(own, layout.SECOND, k, minus(_in_root(b, k, turned_b, other), _in_root(a, k, turned_a, one)))
+        put_vec(own, layout.GAP_RATE, k, _NONE)
+        put_vec(own, layout.SQUARES, k, _NONE)
 
 
 @jit_lanes
@@ -126,22 +103,22 @@ def _spins(a, state_a, b, state_b, own, lanes, c):
     """Write both ends' angular velocities and their relative angular acceleration, in the axes of the root."""
     turned_a, turned_b = _turned(c, _TURNED_A), _turned(c, _TURNED_B)
     for k in range(lanes):
-        put_vec(own, SPIN_A, k, _in_root(a, k, turned_a, vec_of(state_a, SPIN, k)))
-        put_vec(own, SPIN_B, k, _in_root(b, k, turned_b, vec_of(state_b, SPIN, k)))
+        put_vec(own, layout.SPIN_A, k, _in_root(a, k, turned_a, vec_of(state_a, SPIN, k)))
+        put_vec(own, layout.SPIN_B, k, _in_root(b, k, turned_b, vec_of(state_b, SPIN, k)))
         al_a = _in_root(a, k, turned_a, vec_of(state_a, SPIN_RATE, k))
         al_b = _in_root(b, k, turned_b, vec_of(state_b, SPIN_RATE, k))
-        put_vec(own, TURNING_RATE, k, minus(al_b, al_a))
+        put_vec(own, layout.TURNING_RATE, k, minus(al_b, al_a))
 
 
 @jit_lanes
 def _direction(e, a, b, own, lanes, u, w):
     """The squares of phi = u . w of one row, and e."""
     for k in range(lanes):
-        wa, wb = vec_of(own, SPIN_A, k), vec_of(own, SPIN_B, k)
+        wa, wb = vec_of(own, layout.SPIN_A, k), vec_of(own, layout.SPIN_B, k)
         us, ws = into(axes_of(a, k), u), into(axes_of(b, k), w)
         n, turning = cross(ws, us), minus(wb, wa)
         n1 = plus(cross(cross(wb, ws), us), cross(ws, cross(wa, us)))
-        second = dot(n, vec_of(own, TURNING_RATE, k)) + dot(n1, turning)
+        second = dot(n, vec_of(own, layout.TURNING_RATE, k)) + dot(n1, turning)
         square(own, k, dot(us, ws), dot(n, turning), second)
         put_vec(e, _VEC, k, n)
 
@@ -157,36 +134,71 @@ def _along(e, a, lanes, u):
 def _position(e, own, lanes, scale):
     """The squares of phi = u . d of one row."""
     for k in range(lanes):
-        u, d1 = vec_of(e, _VEC, k), vec_of(own, GAP_RATE, k)
-        second = minus(vec_of(own, SECOND, k), times(2.0, cross(vec_of(own, SPIN_A, k), d1)))
-        square(own, k, scale * dot(u, vec_of(own, GAP, k)), dot(u, d1), dot(u, second))
+        u, d1 = vec_of(e, _VEC, k), vec_of(own, layout.GAP_RATE, k)
+        second = minus(vec_of(own, layout.SECOND, k), times(2.0, cross(vec_of(own, layout.SPIN_A, k), d1)))
+        square(own, k, scale * dot(u, vec_of(own, layout.GAP, k)), dot(u, d1), dot(u, second))
+
+
+def standing(count: int) -> Any:
+    """Return the kernel of a closure to the ground with so many directions: the point of B [m], e = w x u, the squares.
+
+    e is n where E is B, whose vector is w; else it is -n, and what is given is -m.
+    """
+
+    @jit_lane
+    def lane(own, axes, place, state, k, c):
+        frame, at, there, is_b = axes_of(axes, k), constant(c, _AT), constant(c, _THERE), c[_IS_B]
+        (x, y, z), w, al = frame, vec_of(state, SPIN, k), vec_of(state, SPIN_RATE, k)
+        d = minus(plus(vec_of(place, _VEC, k), into(frame, at)), there)
+        second = minus(into(frame, acceleration(state, k, at)), constant(c, _REST))
+        put_vec(own, layout.POINT, k, plus(there, times(is_b, d)))
+        put_vec(own, layout.GAP_RATE, k, _NONE)
+        squares = c[_GROUND_SCALE] * dot(d, d), 0.0, dot(second, second)
+        for j in range(count):
+            m, f = constant(c, _PAIRS + _SIX * np.uint64(j)), constant(c, _PAIRS + _SIX * np.uint64(j) + _THREE)
+            f = dot(x, f), dot(y, f), dot(z, f)
+            n, phi = cross(m, f), dot(m, f)
+            phi1, phi2 = dot(w, n), dot(al, n) + dot(w, f) * dot(m, w) - dot(w, w) * phi
+            squares = plus(squares, (phi * phi, phi1 * phi1, phi2 * phi2))
+            put_vec(own, layout.VECTORS + np.uint64(j) * layout.VECTOR, k, into(frame, n))
+        put_vec(own, layout.SQUARES, k, squares)
+
+    @jit_lanes
+    def ends(own, axes, place, state, lanes, c):
+        for k in range(lanes):
+            lane(own, axes, place, state, k, c)
+
+    return ends
+
+
+_from_ground = layout.one_of_four(standing, 0)
 
 
 @jit_lanes
 def _ends(work, closure, own, vectors, lanes, c):
     """Points, vectors and squares of one closure, but for what takes d'."""
-    one, other, state_a, state_b = closure[AXES_A], closure[AXES_B], closure[STATE_A], closure[STATE_B]
+    one, other, state_a, state_b = closure.axes_a, closure.axes_b, closure.state_a, closure.state_b
     a, b = work[one : one + _BODY], work[other : other + _BODY]
-    at_a, at_b = work[closure[PLACE_A] :], work[closure[PLACE_B] :]
+    at_a, at_b = work[closure.place_a :], work[closure.place_b :]
     of_a, of_b = work[state_a : state_a + _STATE], work[state_b : state_b + _STATE]
-    positions, directions = closure[POSITIONS], closure[DIRECTIONS]
-    end_a, end_b = (a, at_a[:VECTOR], of_a), (b, at_b[:VECTOR], of_b)
-    if closure[GROUND] != NO_GROUND:
-        whole = work[closure[OWN] : closure[OWN] + _WHOLE]
-        end = end_b if closure[GROUND] == A_STANDS else end_a
-        from_ground(whole, *end, lanes, c, directions)
+    positions, directions = closure.positions, closure.directions
+    end_a, end_b = (a, at_a[: layout.VECTOR], of_a), (b, at_b[: layout.VECTOR], of_b)
+    if closure.ground != layout.NO_GROUND:
+        whole = work[closure.own : closure.own + _WHOLE]
+        end = end_b if closure.ground == layout.A_STANDS else end_a
+        _from_ground(directions, whole, *end, lanes, c)
         return
-    if closure[0] == WHOLE:
+    if closure.kind == layout.WHOLE:
         _whole(end_a, end_b, own, lanes, c)
     else:
         _partial(end_a, end_b, own, lanes, c)
     if positions + directions > np.uint64(0):
         _spins(a, of_a, b, of_b, own, lanes, c)
     for j in range(positions):
-        _along(vectors[j * VECTOR :], a, lanes, constant(c, _U + np.uint64(3) * j))
+        _along(vectors[j * layout.VECTOR :], a, lanes, constant(c, _U + np.uint64(3) * j))
     for j in range(directions):
         u = c[_U + np.uint64(3) * positions + _SIX * j :]
-        _direction(vectors[(positions + j) * VECTOR :], a, b, own, lanes, constant(u, 0), constant(u, 3))
+        _direction(vectors[(positions + j) * layout.VECTOR :], a, b, own, lanes, constant(u, 0), constant(u, 3))
 
 
 @jit_lanes
@@ -196,19 +208,18 @@ def in_space(plan, fixed, work, lanes, sums):
     Closure after closure: rows of what is in one loop only are used again by the next.
     """
     doubts = 0
-    for i in range(plan[CLOSURES + 1]):
-        at = plan[CLOSURES] + i * CLOSURE_CELLS
-        closure = plan[at : at + CLOSURE_CELLS]
-        c, first = fixed[closure[NUMBERS] :], closure[OWN]
-        own, vectors = work[first : first + VECTORS], work[first + VECTORS :]
-        move(plan, fixed, work, closure[FIRST_BODY], closure[BODY_COUNT], lanes)
-        if closure[0] == COUPLED:
+    for i in range(plan[layout.CLOSURES + 1]):
+        closure = layout.closure_at(plan, plan[layout.CLOSURES] + i * layout.CLOSURE_CELLS)
+        c, first = fixed[closure.numbers :], closure.own
+        own, vectors = work[first : first + layout.VECTORS], work[first + layout.VECTORS :]
+        move(plan, fixed, work, closure.first_body, closure.body_count, lanes)
+        if closure.kind == layout.COUPLED:
             coupled(plan, fixed, work, own, lanes, closure, c[0])
         else:
             _ends(work, closure, own, vectors, lanes, c)
         doubts += columns(plan, fixed, work, closure, lanes)
-        for j in range(closure[POSITIONS] if closure[0] == PARTIAL else np.uint64(0)):
-            _position(vectors[j * VECTOR :], own, lanes, c[_SCALE])
+        for j in range(closure.positions if closure.kind == layout.PARTIAL else np.uint64(0)):
+            _position(vectors[j * layout.VECTOR :], own, lanes, c[_SCALE])
         hold(plan, fixed, work, lanes, closure, sums, True)
     clear(plan, work, lanes)
     return doubts

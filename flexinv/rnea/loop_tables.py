@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,59 +12,19 @@ from numpy.typing import NDArray
 from flexinv.constraints.closures import Rows
 from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import Mesh
-from flexinv.model.joint_kinds import FREE, PRISMATIC, SPHERICAL
+from flexinv.model.joint_kinds import FREE, HELICAL, PRISMATIC, SPHERICAL
+from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import Bodies
+from flexinv.rnea.elimination_order import Step
 from flexinv.rnea.loop_frames import Frame, Tables, frame, path, root_of, seated, state
-from flexinv.rnea.loop_layout import (
-    A_STANDS,
-    AT,
-    AXES,
-    AXIS_Y,
-    AXIS_Z,
-    B_STANDS,
-    BODIES,
-    BODY_CELLS,
-    CLOSURE_CELLS,
-    CLOSURE_ROWS,
-    CLOSURES,
-    COLUMN_CELLS,
-    COLUMNS,
-    COUPLED,
-    ENTRIES,
-    FIRST,
-    FIRST_BODY,
-    FIRST_SUM,
-    FLOATING,
-    GEARED,
-    HEADER,
-    KEEPS,
-    KEPT,
-    LIMIT_ROWS,
-    LIMITS,
-    MOST_COLUMNS,
-    NO_GROUND,
-    PARTIAL,
-    PLANE,
-    PUSHING,
-    ROOTS,
-    SCRATCH,
-    SCRATCH_ROWS,
-    SIZE,
-    SIZE_TOO,
-    SLIDING,
-    SUM_CELLS,
-    SUMMED,
-    SUMS,
-    TURNING,
-    WHOLE,
-)
+from flexinv.rnea.loop_layout import BodyRecord, ClosureRecord, ColumnRecord, SumRecord
 from flexinv.typing import Array
 
 # The limits of `consistency` over those of a closure's squares; rows of a closure that is open by as much as is allowed
 # differ by less.
 # Axes of the root for those of the closure's own make a factor of sqrt(3) in the sums, |c| |qd| for those of three rows one of 3.
 CLEARLY, IN_PLANE, IN_SPACE = 0.5, np.sqrt(3.0), 3.0
-_AXES = (int(AXES), int(AXIS_Y), int(AXIS_Z))
+_AXES = (int(layout.AXES), int(layout.AXIS_Y), int(layout.AXIS_Z))
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +33,7 @@ class LoopPlan:
 
     matrix : (rows, nv) where the entries of G stand, 0 where there are none; sizes : velocity coordinate -> of its columns
     constant : which of these are; effort : where efforts of the velocity coordinates stand
-    rows, coordinates : names of equations and of velocity coordinates, for a reader
+    bodies, closures, steps : the records of ``plan``; rows, coordinates : names of equations and of velocity coordinates
     """
 
     plan: NDArray[np.uint64]
@@ -82,6 +43,9 @@ class LoopPlan:
     sizes: dict[int, list[int]]
     constant: frozenset[int] = frozenset()
     effort: tuple[int, ...] = ()
+    bodies: tuple[BodyRecord, ...] = ()
+    closures: tuple[ClosureRecord, ...] = ()
+    steps: tuple[Step, ...] = ()
     rows: tuple[str, ...] = ()
     coordinates: tuple[str, ...] = ()
 
@@ -129,14 +93,19 @@ def tables(
     matrix = np.zeros((len(rows), mesh.mechanism.nv), dtype=np.int64)
     for (row, column), at in t.matrix.items():
         matrix[row, column] = at
-    return LoopPlan(_packed(t), np.array(t.fixed), t.size, matrix, _sizes(t), frozenset(t.known))
+    plan = LoopPlan(_packed(t), np.array(t.fixed), t.size, matrix, _sizes(t), frozenset(t.known))
+    return replace(plan, bodies=tuple(t.moved), closures=tuple(t.closures))
 
 
 def _fill(tables: Tables, rows: Rows, limits: tuple[float, float, float], kept: NDArray[np.bool_]) -> None:
     """Write all closures."""
     axes = IN_PLANE if tables.plane else IN_SPACE
     tables.numbers(CLEARLY * limits[0], *(CLEARLY / axes * limit for limit in limits[1:]), tables.mesh.length)
-    tables.header = {LIMITS: tables.rows(LIMIT_ROWS), SCRATCH: tables.rows(SCRATCH_ROWS), PLANE: int(tables.plane)}
+    tables.header = {
+        layout.LIMITS: tables.rows(layout.LIMIT_ROWS),
+        layout.SCRATCH: tables.rows(layout.SCRATCH_ROWS),
+        layout.PLANE: int(tables.plane),
+    }
     for closure in np.unique(rows.closure):
         own = np.flatnonzero(rows.closure == closure)
         tables.used = 0
@@ -176,30 +145,33 @@ def _ways(bodies: Bodies, one: int, other: int) -> tuple[int, list[int], list[in
 
 def _packed(tables: Tables) -> NDArray[np.uint64]:
     """A header and the tables behind it: where each begins, and how many records it has."""
-    lists = (
-        (KEEPS, tables.keeps, 2),
-        (SUMMED, tables.summed, 2),
-        (ROOTS, tables.roots, 2),
-        (BODIES, tables.moved, int(BODY_CELLS)),
-        (CLOSURES, tables.closures, int(CLOSURE_CELLS)),
-        (COLUMNS, tables.columns, int(COLUMN_CELLS)),
-        (SUMS, tables.sums, int(SUM_CELLS)),
-    )
-    header, words = np.zeros(HEADER, dtype=np.uint64), list[int]()
+    header, words = np.zeros(layout.HEADER, dtype=np.uint64), list[int]()
     for at, value in tables.header.items():
         header[at] = value
-    for at, own, cells in lists:
-        header[at], header[at + 1] = HEADER + len(words), len(own) // cells
-        words += own
-    plan = np.concatenate([header, np.array(words, dtype=np.uint64)])
-    closures = plan[header[CLOSURES] :][: len(tables.closures)].reshape(-1, int(CLOSURE_CELLS))
-    for cell, table, size in (
-        (FIRST, COLUMNS, COLUMN_CELLS),
-        (FIRST_SUM, SUMS, SUM_CELLS),
-        (FIRST_BODY, BODIES, BODY_CELLS),
-    ):
-        closures[:, int(cell)] = header[table] + size * closures[:, int(cell)]  # their number, now where they stand
-    return plan
+    lists: dict[int, Sequence[Sequence[int]]] = {
+        layout.KEEPS: tables.keeps,
+        layout.SUMMED: tables.summed,
+        layout.ROOTS: tables.roots,
+        layout.BODIES: tables.moved,
+        layout.COLUMNS: tables.columns,
+        layout.SUMS: tables.sums,
+        layout.CLOSURES: tables.closures,
+    }
+    for at, records in lists.items():
+        header[at], header[at + 1] = layout.HEADER + len(words), len(records)
+        for record in records:
+            words += _placed(record, header) if isinstance(record, ClosureRecord) else record
+    return np.concatenate([header, np.array(words, dtype=np.uint64)])
+
+
+def _placed(closure: ClosureRecord, header: NDArray[np.uint64]) -> ClosureRecord:
+    """A closure whose first column, sum and body are no longer numbers, but where they stand in the plan."""
+    columns, sums, bodies = (int(header[table]) for table in (layout.COLUMNS, layout.SUMS, layout.BODIES))
+    return closure._replace(
+        first=columns + len(ColumnRecord._fields) * closure.first,
+        first_sum=sums + len(SumRecord._fields) * closure.first_sum,
+        first_body=bodies + len(BodyRecord._fields) * closure.first_body,
+    )
 
 
 def _closure(tables: Tables, rows: Rows, own: NDArray[np.int64]) -> None:
@@ -214,7 +186,8 @@ def _closure(tables: Tables, rows: Rows, own: NDArray[np.int64]) -> None:
     one, other = frame(tables, root, a), frame(tables, root, b)
     positions, directions = ([int(r) for r in own if rows.direction[r] == which] for which in (False, True))
     columns = [c for way in (way_a, way_b) for body in way for c in _columns_of(tables, root, body, way is way_b)]
-    whole = len(positions) == 3 and (tables.plane or pair is not None or len(columns) <= MOST_COLUMNS)
+    together = len(columns) <= layout.MOST_COLUMNS and all(c.how != layout.SCREWING for c in columns)
+    whole = len(positions) == 3 and (tables.plane or pair is not None or together)
     vectors = [] if whole else [one.turned @ ra @ rows.u[r] for r in positions]
     for r in directions:
         vectors += [one.turned @ ra @ rows.u[r], other.turned @ rb @ rows.w[r]]
@@ -222,31 +195,23 @@ def _closure(tables: Tables, rows: Rows, own: NDArray[np.int64]) -> None:
     arms = xa + ra @ rows.place_a[k], xb + rb @ rows.place_b[k]
     turned = one.turned.T, other.turned.T
     fixed = tables.numbers(one.turned @ arms[0], other.turned @ arms[1], scale, *arms, *turned, *vectors)
-    ground = NO_GROUND
+    ground = layout.NO_GROUND
     if whole and not tables.plane and 0 in (a, b):
         ground, fixed = _from_ground(tables, root, (a, b), (one, other), arms, vectors, fixed)
-    first = tables.rows(CLOSURE_ROWS + 3 * (len(directions) + (0 if whole else len(positions))), True)
+    first = tables.rows(layout.CLOSURE_ROWS + 3 * (len(directions) + (0 if whole else len(positions))), True)
     if tables.plane:
         stride = _rows_in_plane(tables, columns, positions)
     elif pair is None:
         stride = _rows_in_space(tables, columns, whole, [*positions, *directions])
     else:
         stride = _row_that_is_left(tables, columns, first, pair, positions[0], (b, arms[1]))
-    counts = (0 if whole else len(positions), len(directions))
     bodies, number, sums = (now - then for now, then in zip(tables.counts(), before, strict=True))
     ends = (0, 0, 0, 0) if tables.plane else (one.place, other.place, state(tables, a), state(tables, b))
-    tables.closures += [
-        WHOLE if whole else PARTIAL,
-        first,
-        one.axes,
-        other.axes,
-        fixed,
-        *counts,
-        before[1],
-        number,
-        *ends,
-    ]
-    tables.closures += [int(pair is not None), before[2], sums, stride, before[0], bodies, ground]
+    kind, counts = (layout.WHOLE, 0) if whole else (layout.PARTIAL, len(positions))
+    places = kind, first, one.axes, other.axes, fixed, counts, len(directions), before[1], number, *ends
+    tables.closures.append(
+        ClosureRecord(*places, int(pair is not None), before[2], sums, stride, before[0], bodies, ground)
+    )
 
 
 def _from_ground(
@@ -262,38 +227,42 @@ def _from_ground(
     stands = bodies.index(0)
     moves = 1 - stands
     if not np.array_equal(ends[moves].turned, np.eye(3)):
-        return NO_GROUND, fixed
+        return layout.NO_GROUND, fixed
     sign = 1.0 if moves else -1.0
     pairs = [v for i in range(0, len(vectors), 2) for v in (sign * vectors[i + moves], vectors[i + stands])]
     rest = ends[stands].turned @ -tables.mesh.mechanism.gravity
     there = ends[stands].turned @ arms[stands]
     at = tables.numbers(arms[moves], there, 1.0 / tables.mesh.length**2, rest, float(moves), *pairs)
-    return B_STANDS if stands else A_STANDS, at
+    return layout.B_STANDS if stands else layout.A_STANDS, at
 
 
 def _columns_of(tables: Tables, root: int, body: int, forward: bool) -> list[_Column]:
     """The columns of one joint; those of a slide, of a turn about z, or of all axes."""
-    kind, frame = int(tables.bodies.tree[body, 0]), tables.frames[root, body]
-    slides, turns = [(SLIDING, frame.axes + at) for at in _AXES], [(TURNING, frame.axes + at) for at in _AXES]
-    single = {PRISMATIC: [(SLIDING, frame.direction)], SPHERICAL: turns, FREE: slides + turns}.get(kind, turns[2:])
+    kind, own = int(tables.bodies.tree[body, 0]), tables.frames[root, body]
+    slides, turns = ([(how, own.axes + at) for at in _AXES] for how in (layout.SLIDING, layout.TURNING))
+    several = {PRISMATIC: [(layout.SLIDING, own.direction)], SPHERICAL: turns, FREE: slides + turns}
+    several[HELICAL] = [(layout.SCREWING, own.axes + int(layout.AXIS_Z))]
     v = int(tables.mesh.v_index[tables.bodies.node[body]])
-    return [_Column(how, axis, frame.place, v + j, body, forward) for j, (how, axis) in enumerate(single)]
+    made = enumerate(several.get(kind, turns[2:]))
+    return [_Column(how, axis, own.place, v + j, body, forward) for j, (how, axis) in made]
 
 
 def _write(tables: Tables, column: _Column, to: int, entry: int) -> None:
-    """Write a column's record."""
-    m, sign = tables.mesh.mechanism, 1.0 if column.forward else -1.0
+    """Write a column's record; the way of a screw stands behind signs and length."""
+    m, sign, length = tables.mesh.mechanism, 1.0 if column.forward else -1.0, tables.mesh.length
     rate, effort = (int(tables.bodies.columns[i + column.v]) for i in (m.nq, m.nq + m.nv))
-    signs = tables.numbers(sign / tables.mesh.length, sign, tables.mesh.length)
-    tables.columns += [column.how, column.axis, column.place, to, rate, column.kept, signs, effort, entry]
+    signs = tables.numbers(sign / length, sign, length, tables.bodies.numbers[column.joint, 37])
+    tables.columns.append(
+        ColumnRecord(column.how, column.axis, column.place, to, rate, column.kept, signs, effort, entry)
+    )
 
 
 def _rows_in_plane(tables: Tables, columns: list[_Column], rows: list[int]) -> int:
     """Columns with their entries behind them."""
     for c in columns:
         to = tables.rows(4)
-        entry = to + int(ENTRIES)
-        _write(tables, replace(c, kept=_kept(tables, c.v, c.place - int(AT) + int(KEPT))), to, entry)
+        entry = to + int(layout.ENTRIES)
+        _write(tables, replace(c, kept=_kept(tables, c.v, c.place - int(layout.AT) + int(layout.KEPT))), to, entry)
         _enter(tables, c.v, to, [(row, entry + i * BLOCK) for i, row in enumerate(rows)])
     return BLOCK
 
@@ -303,7 +272,7 @@ def _rows_in_space(tables: Tables, columns: list[_Column], whole: bool, rows: li
 
     Those of drives come first, then passive ones: those that go last, the first of them.
     """
-    m, count = tables.mesh.mechanism, MOST_COLUMNS if whole else len(columns)
+    m, count = tables.mesh.mechanism, layout.MOST_COLUMNS if whole else len(columns)
     base, stride = tables.rows((1 + len(rows)) * count), count * BLOCK
     turn = {v: -i for i, v in enumerate(tables.order)}
     side_by_side = sorted((c.v for c in columns), key=lambda v: (not m.actuated[v], turn.get(v, 1), v))
@@ -326,7 +295,7 @@ def _row_that_is_left(
     """Columns of a closure from which a universal joint is taken; end : the body of B, and the point in its axes."""
     scale = 1.0 / tables.mesh.length**2
     columns = [replace(c, kept=_kept(tables, c.v, tables.rows(1))) for c in columns]
-    for v, at in zip(pair, (SIZE, SIZE_TOO), strict=True):
+    for v, at in zip(pair, (layout.SIZE, layout.SIZE_TOO), strict=True):
         c = next(c for c in columns if c.v == v)
         _write(tables, c, 0, 0)
         _sum(tables, c, own + int(at))
@@ -336,7 +305,7 @@ def _row_that_is_left(
         joint, entry = tables.bodies.tree[c.joint], tables.rows(1)
         pushes = int(joint[0]) == PRISMATIC
         to = tables.constant_size(scale)[0] if pushes else tables.rows(4)
-        _write(tables, replace(c, how=PUSHING, place=int(joint[2])) if pushes else c, to, entry)
+        _write(tables, replace(c, how=layout.PUSHING, place=int(joint[2])) if pushes else c, to, entry)
         _sum(tables, c, to)
         _enter(tables, c.v, to, [(row, entry)])
     if free:
@@ -345,8 +314,8 @@ def _row_that_is_left(
         entry, (x, y, z) = tables.held[end[0]], end[1]
         tables.held[end[0]] += 6 * BLOCK
         sizes = tables.constant_size(*(scale * s for s in (1.0, 1.0, 1.0, y * y + z * z, x * x + z * z, x * x + y * y)))
-        axes, own = free[0].axis - int(AXES), int(tables.bodies.tree[end[0], 2])
-        _write(tables, replace(free[0], how=FLOATING, axis=axes, place=own), tables.numbers(end[1]), entry)
+        axes, own = free[0].axis - int(layout.AXES), int(tables.bodies.tree[end[0], 2])
+        _write(tables, replace(free[0], how=layout.FLOATING, axis=axes, place=own), tables.numbers(end[1]), entry)
         for j, (c, size) in enumerate(zip(free, sizes, strict=True)):
             _sum(tables, c, size)
             _enter(tables, c.v, size, [(row, entry + j * BLOCK)])
@@ -355,19 +324,16 @@ def _row_that_is_left(
 
 def _sum(tables: Tables, column: _Column, size: int) -> None:
     """Write what the sums of three positions, and of directions beside them, take of a column."""
-    tables.sums += [
-        size,
-        int(tables.bodies.columns[tables.mesh.mechanism.nq + column.v]),
-        column.kept,
-        column.axis,
-        int(column.how == TURNING),
-    ]
+    rate = int(tables.bodies.columns[tables.mesh.mechanism.nq + column.v])
+    tables.sums.append(
+        SumRecord(size, rate, column.kept, column.axis, int(column.how in (layout.TURNING, layout.SCREWING)))
+    )
 
 
 def _kept(tables: Tables, v: int, to: int) -> int:
     """Store a coordinate's acceleration at ``to``, in the plane for the kernels, in space for the sums; return ``to``."""
     m = tables.mesh.mechanism
-    (tables.keeps if tables.plane else tables.summed).extend((int(tables.bodies.columns[m.nq + m.nv + v]), to))
+    (tables.keeps if tables.plane else tables.summed).append((int(tables.bodies.columns[m.nq + m.nv + v]), to))
     return to
 
 
@@ -379,14 +345,15 @@ def _enter(tables: Tables, v: int, size: int, entries: list[tuple[int, int]]) ->
 
 def _coupling(tables: Tables, rows: Rows, row: int) -> None:
     """A coupling: its record, a column for each coordinate."""
-    m, before, first = tables.mesh.mechanism, tables.counts(), tables.rows(CLOSURE_ROWS, True)
+    m, before, first = tables.mesh.mechanism, tables.counts(), tables.rows(layout.CLOSURE_ROWS, True)
     coupled = np.flatnonzero(rows.gear[row])
     for v in coupled:
         place, rate, second = (int(tables.bodies.columns[i]) for i in (rows.place[v], m.nq + v, m.nq + m.nv + v))
         to, kept = tables.rows(2), tables.rows(1)
-        tables.keeps += [second, kept]
-        signs, entry = tables.numbers(rows.gear[row, v], 0.0, 0.0), to + int(ENTRIES)
-        tables.columns += [GEARED, place, 0, to, rate, kept, signs, second, entry]
+        tables.keeps.append((second, kept))
+        signs, entry = tables.numbers(rows.gear[row, v], 0.0, 0.0, 0.0), to + int(layout.ENTRIES)
+        tables.columns.append(ColumnRecord(layout.GEARED, place, 0, to, rate, kept, signs, second, entry))
         _enter(tables, int(v), to, [(row, entry)])
-    tables.closures += [COUPLED, first, 0, 0, tables.numbers(rows.offset[row]), 1, 0, before[1], len(coupled), *[0] * 5]
-    tables.closures += [before[2], 0, 0, before[0], 0, NO_GROUND]
+    of_offset, bodies = tables.numbers(rows.offset[row]), before[0]
+    record = ClosureRecord(layout.COUPLED, first, 0, 0, of_offset, 1, 0, before[1], len(coupled))
+    tables.closures.append(record._replace(first_sum=before[2], first_body=bodies))

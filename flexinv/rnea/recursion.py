@@ -140,18 +140,20 @@ def _turn_outboard(state, rows, lanes, body):
 
 
 @jit_lanes
+def _along_z(w, al, a, place, rate, acceleration):
+    """The acceleration where a slide ends: that of the point, + 2 c x v_j + v_j', v_j = rate z."""
+    a = _at(w, al, a, (0.0, 0.0, place))
+    return a[0] + 2.0 * w[1] * rate, a[1] - 2.0 * w[0] * rate, a[2] + acceleration
+
+
+@jit_lanes
 def _slide_outboard(state, rows, lanes, body):
     """A body that slides along z."""
     inertia, onward, law = inertia_of(body), onward_place(body), law_of(body)
     for k in range(lanes):
         w, al, a = _state(state, k)
         rate, acceleration = rows[RATE + k], rows[EFFORT + k]
-        a = _at(w, al, a, (0.0, 0.0, rows[PLACE + k]))
-        a = (
-            a[0] + 2.0 * w[1] * rate,
-            a[1] - 2.0 * w[0] * rate,
-            a[2] + acceleration,
-        )  # + 2 c x v_j + v_j', v_j = rate z
+        a = _along_z(w, al, a, rows[PLACE + k], rate, acceleration)
         _leave(state, rows, k, w, al, a, inertia, onward)
         rows[EFFORT + k] = moving_effort(law, rate, acceleration)
 
@@ -161,10 +163,7 @@ def _advance(state, rows, lanes, body):
     """The advance of a screw along z, before it turns: the slide h q of a massless body, h = pitch / (2 pi)."""
     lead = lead_of(body)
     for k in range(lanes):
-        w, al, a = _state(state, k)
-        a = _at(w, al, a, (0.0, 0.0, lead * rows[PLACE + k]))
-        rate, acceleration = lead * rows[RATE + k], lead * rows[EFFORT + k]
-        a = (a[0] + 2.0 * w[1] * rate, a[1] - 2.0 * w[0] * rate, a[2] + acceleration)
+        a = _along_z(*_state(state, k), lead * rows[PLACE + k], lead * rows[RATE + k], lead * rows[EFFORT + k])
         put_vec(state, ACCELERATION_ROW, k, a)
 
 
@@ -243,18 +242,8 @@ def _turn_on_inboard(rows, above, lanes, body):
 
 
 @jit_lanes
-def _slide_inboard(rows, lanes):
-    """The effort, and the moment where the slide begins."""
-    for k in range(lanes):
-        force, moment = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k)
-        rows[EFFORT + k] += force[2]
-        put_vec(rows, MOMENT, k, plus_cross(moment, (0.0, 0.0, rows[PLACE + k]), force))
-
-
-@jit_lanes
-def _advance_inboard(rows, lanes, body):
-    """Add the force along z to the effort of a screw, and bring the moment to where its advance begins."""
-    lead = lead_of(body)
+def _advance_inboard(rows, lanes, lead):
+    """Add the force along z to the effort of a slide or a screw, and bring the moment to where it begins."""
     for k in range(lanes):
         force, moment = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k)
         rows[EFFORT + k] += lead * force[2]
@@ -379,11 +368,11 @@ def inboard(tree, numbers, work, lanes):
             _turn_on_inboard(rows, above, lanes, body)
             continue
         if kind == PRISMATIC:
-            _slide_inboard(rows, lanes)
+            _advance_inboard(rows, lanes, 1.0)
         elif kind in (REVOLUTE, CONTINUOUS, HELICAL):
             _turn_inboard(rows, lanes, body)
             if kind == HELICAL:
-                _advance_inboard(rows, lanes, body)
+                _advance_inboard(rows, lanes, lead_of(body))
         else:
             _float_inboard(rows, lanes)
         if how == FROM_WORLD:

@@ -89,11 +89,12 @@ def follow(
     mechanism: Mechanism,
     path: Path,
     frame: str | Attachment,
-    step: float,
+    step: float | None = None,
     before: float | None = None,
     after: float | None = None,
     start: Mapping[str, ArrayLike] | None = None,
     error: bool = False,
+    accuracy: float | None = None,
 ) -> Following:
     """Return the torques with which a frame of a mechanism, rigid, flexible or mixed, follows a path.
 
@@ -101,7 +102,7 @@ def follow(
     order in the step. Where drives are more than the frame needs, they keep the self-motion of the rigid mechanism (shortest
     joint steps); where the frame cannot be moved in a direction (the length of a single arm), it is left there.
 
-    frame : a link, whose tip follows, or an Attachment; step : between instants [s]
+    frame : a link, whose tip follows, or an Attachment; step : between instants [s], or accuracy : as in `solve` [-]
     before, after : rest of the frame before and after the path, in which joints move already [s]; by default as long as what
         moves inside takes to fade to a millionth
     start : guess of joint coordinates at the start of the path [rad], [m]
@@ -112,25 +113,80 @@ def follow(
     of_kind("mechanism", mechanism, Mechanism)
     of_kind("path", path, Path)
     error = flag("error", error)
+    if accuracy is not None or step is None:
+        from flexinv.accuracy.accurate import check_accuracy
+
+        return _accurately(mechanism, path, frame, check_accuracy(accuracy, step), (before, after, start))
     mesh = build(mechanism)
     _check(mechanism)
     step = seconds("step", step, "a positive number of seconds, for example step=1e-3")
     at = frame_of(mesh, frame)
     time = _window(mesh, at, path, step, before, after, start)
-    reach = follow_rigid(mesh, at, path, time, start)
-    wanted = path.evaluate(time)
-    rigid = solution_after(mesh, rigid_motion_of(mesh, time, (reach.q, reach.qd, reach.qdd)), _settings(step))
-    moving = not mechanism.is_rigid or any(j.nv and not j.actuated for j in mechanism.joints)
-    if not moving:
-        return Following(path, at, time, wanted.x, rigid, rigid, reach, (0.0, 0.0))
-    horizon = Horizon(Layout.of(mesh), Task(at, wanted, reach, mesh.length, path.duration), time, step)
+    out = _beside_rigid(mesh, at, path, time, start)
+    if _is_stiff(mechanism):
+        return out
+    horizon = _horizon(out, mesh, step)
     found = invert(horizon)
     left = unrest(time, found)
     _check_rest(horizon, left)
-    out = Following(path, at, time, wanted.x, _solution(horizon, found), rigid, reach, left)
+    out = replace(out, solution=solution_after(mesh, _first(horizon, found), _settings(step)), unrest=left)
     if not error:
         return out
     return _with_error(out, mechanism, path, frame, step, start)
+
+
+def _beside_rigid(
+    mesh: Mesh, frame: Frame, path: Path, time: Array, start: Mapping[str, ArrayLike] | None
+) -> Following:
+    """A path as if nothing bent: the answer of a rigid mechanism whose joints are all driven, and the guess of all others."""
+    reach = follow_rigid(mesh, frame, path, time, start)
+    rigid = solution_after(
+        mesh, rigid_motion_of(mesh, time, (reach.q, reach.qd, reach.qdd)), _settings(float(time[1] - time[0]))
+    )
+    return Following(path, frame, time, path.evaluate(time).x, rigid, rigid, reach, (0.0, 0.0))
+
+
+def _is_stiff(mechanism: Mechanism) -> bool:
+    return mechanism.is_rigid and all(j.actuated for j in mechanism.joints if j.nv)
+
+
+def _horizon(of: Following, mesh: Mesh, step: float) -> Horizon:
+    wanted = of.path.evaluate(of.time)
+    return Horizon(Layout.of(mesh), Task(of.frame, wanted, of.reach, mesh.length, of.path.duration), of.time, step)
+
+
+def _accurately(
+    mechanism: Mechanism, path: Path, frame: str | Attachment, asked: float,
+    window: tuple[float | None, float | None, Mapping[str, ArrayLike] | None],
+) -> Following:  # fmt: skip
+    """The path followed as exactly as was asked; instants of the coarsest step divide the path's time."""
+    from flexinv.accuracy.accurate import accurate
+    from flexinv.accuracy.refinement import Problem, Run
+    from flexinv.accuracy.step_grid import FEWEST_IN_STRETCH, StepGrid
+
+    coarsest, (before, after, start) = path.duration / FEWEST_IN_STRETCH, window
+    _check(mechanism)
+    mesh = build(mechanism)
+    at = frame_of(mesh, frame)
+    ends = _window(mesh, at, path, coarsest, before, after, start)
+    left = []
+
+    def run(meshed: Mechanism, steps: Array, _: tuple[int, ...], settings: Settings) -> Run:
+        own = build(meshed)
+        out = _beside_rigid(own, frame_of(own, frame), path, steps, start)
+        horizon = _horizon(out, own, settings.step)
+        found = invert(horizon)
+        left.append((horizon, unrest(steps, found)))
+        moves = {joint.name for joint in meshed.joints if joint.nv}
+        return Run(own, _first(horizon, found), _settings(settings.step), moves)
+
+    grid = StepGrid(ends[[0, -1]], (len(ends) - 1,))
+    if _is_stiff(mechanism):
+        return _beside_rigid(mesh, at, path, grid.steps(1), start)
+    solution = accurate(Problem(mechanism, grid, run, _settings(coarsest), asked))
+    _check_rest(*left[-1])
+    out = _beside_rigid(solution.mesh, frame_of(solution.mesh, frame), path, solution.time, start)
+    return replace(out, solution=solution, unrest=left[-1][1])
 
 
 def _check(mechanism: Mechanism) -> None:
@@ -210,7 +266,7 @@ def _joint_space(mechanism: Mechanism, reach: Reach, time: Array, step: float) -
     return replace(found, time=time)
 
 
-def _solution(horizon: Horizon, found: Inverse) -> Solution:
+def _first(horizon: Horizon, found: Inverse) -> FirstStep:
     mesh = horizon.layout.solver.mesh
     m = mesh.mechanism
     q, qd, qdd = horizon.task.reach.q.copy(), np.zeros((len(horizon.time), m.nv)), np.zeros((len(horizon.time), m.nv))
@@ -218,8 +274,7 @@ def _solution(horizon: Horizon, found: Inverse) -> Solution:
     fill_passive(mesh, found.trajectory.motion, moves, q, qd, qdd)
     found.trajectory.iterations[:] = found.iterations
     applied = applied_forces(mesh, found.trajectory.motion, horizon.time)
-    first = FirstStep(found.trajectory, horizon.time, (q, qd, qdd), applied, smooth=moves)
-    return solution_after(mesh, first, _settings(horizon.h))
+    return FirstStep(found.trajectory, horizon.time, (q, qd, qdd), applied, smooth=moves)
 
 
 def _initial(mechanism: Mechanism) -> str:

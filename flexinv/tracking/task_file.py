@@ -56,8 +56,10 @@ class TaskTable(Table):
     )
     after_s: NotNegative | None = optional("rest of the frame after the path [s]", "after_s = 0.1")
     duration_s: Positive = key("how long the path takes, > 0 [s]", "duration_s = 0.2")
-    law: Literal["cycloid", "quintic", "nonic"] = key(
-        'of time, without jumps of the acceleration: "cycloid", "quintic" or "nonic"', 'law = "nonic"', default="nonic"
+    law: Literal["cycloid", "quintic", "septic", "nonic"] = key(
+        'of time, without jumps of the acceleration: "cycloid", "quintic", "septic" or "nonic"',
+        'law = "nonic"',
+        default="nonic",
     )
     line: LineTable | None = optional("a straight path", "line = { from_m = [0.3, 0, 0], to_m = [0.2, 0.1, 0] }")
     arc: ArcTable | None = optional(

@@ -25,7 +25,7 @@ from flexinv.kinematics.mesh import build
 from flexinv.model.mechanism import Mechanism
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "docs"))
+sys.path.insert(0, str(ROOT / "docs" / "studies"))
 from rotating_beams import Mounting, swept  # noqa: E402
 
 SIZES = (1e-6, 1e-3, 1e3)

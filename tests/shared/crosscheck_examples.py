@@ -12,7 +12,8 @@ import rogue_engines as rogue
 
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.report import render
-from crosscheck.run.runner import Options, Work, run
+from crosscheck.run.runner import run
+from crosscheck.run.work import Options, Work
 from crosscheck.studies import Study
 from crosscheck.verdicts.plan import discover
 from crosscheck.verdicts.results import Results

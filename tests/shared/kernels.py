@@ -22,9 +22,7 @@ from flexinv.kernels.jit import jit, jit_blocks
 from flexinv.kernels.simd import LANES
 from flexinv.kernels.so3 import coefficients, inverse_coefficient, inverse_tangent
 from flexinv.kernels.vec3 import put_block, vec
-from flexinv.rnea.loop_layout import BOTH
-from flexinv.rnea.row_pairs import both, solve_inverted, solve_row
-from flexinv.rnea.six_rows import six_forces
+from flexinv.rnea.row_pairs import both, six_forces, solve_row
 
 __all__ = [
     "all_coefficients", "damped_element", "derivative", "element", "eliminate", "inverse_tangent_one",
@@ -104,15 +102,13 @@ def oscillate(t, c, s, x, squared):
 
 
 @jit_blocks
-def joined(rows, inverted):
+def joined(rows):
     """Combine the second and the third of three rows of five entries with the first, 128 samples each."""
     width = np.uint64(5) * LANES
-    both(BOTH + 3, rows[:width], rows[width : 2 * width], rows[2 * width :], LANES, inverted)
+    both(3, rows[:width], rows[width : 2 * width], rows[2 * width :], LANES)
 
 
 @jit_blocks
-def solved_by(multiplier, pivot, effort, size, part, least, inverted):
-    """Set multipliers by pivots or their inverses; return how many are too small."""
-    if inverted:
-        return solve_inverted(multiplier, pivot, effort, size, LANES, part, least)
+def solved_by(multiplier, pivot, effort, size, part, least):
+    """Set multipliers by pivots; return how many are too small."""
     return solve_row(multiplier, pivot, effort, size, LANES, part, least)

@@ -51,15 +51,21 @@ def solved(example: Example, samples: int) -> tuple[Mechanism, tuple[Array, Arra
     return mechanism, (np.array(s.q), np.array(s.qd), np.array(s.qdd))
 
 
-def closed_tree(kind: str, seed: int, drives: int) -> tuple[Mechanism, tuple[Array, Array, Array]]:
+def closed_tree(
+    kind: str,
+    seed: int,
+    drives: int,
+    parts: tuple[tuple[str, str, str], ...] = TREE,
+    bodies: tuple[str, str] = ("hip", "slider"),
+) -> tuple[Mechanism, tuple[Array, Array, Array]]:
     """A tree of all kinds of joints, closed where it stands; samples of motions that keep the closure there.
 
-    drives : how many more there are than freedoms; negative, how many fewer
+    drives : how many more there are than freedoms; negative, how many fewer; bodies : between which it is closed
     """
     random = np.random.default_rng(seed)
-    mechanism = tree(TREE, seed)
+    mechanism, (near, far) = tree(parts, seed), bodies
     q = random_states(mechanism, 1, random)[0]
-    one, other = ("hip", "slider") if seed % 2 and kind != "fixed" else (WORLD, "hip" if seed % 2 else "slider")
+    one, other = bodies if seed % 2 and kind != "fixed" else (WORLD, near if seed % 2 else far)
     rest = np.zeros((1, mechanism.nv))
     motion, mesh = rigid_motion(build(mechanism), q, rest, rest), build(mechanism)
 

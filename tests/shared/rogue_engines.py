@@ -59,6 +59,7 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Mapping[str, Any
         "breeding": breed,
         "empty": lambda m, c, o: Record("empty"),
         "drifting": drift,
+        "drawing": draw,
         "damped": damped,
         "heavy": lambda m, c, o: pinocchio(m, c, "heavy", o),
         "noisy": lambda m, c, o: scattered(m, c, "noisy", o, None),
@@ -73,6 +74,13 @@ def fine(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record
     time = sample_times(case)
     torque = np.sin(10.0 * time)[:, None] * np.arange(1.0, mechanism.nv + 1.0)
     return Record("fine", time=time, series=torque_series(mechanism, torque))
+
+
+def draw(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record:
+    """Torques from the generator that all of a process share."""
+    good = fine(mechanism, case, options)
+    noise = np.random.standard_normal(good.time.size)  # noqa: NPY002 - this generator is what is tested
+    return replace(good, series={n: replace(s, values=noise) for n, s in good.series.items()})
 
 
 def drift(mechanism: Mechanism, case: Case, options: Mapping[str, Any]) -> Record:

@@ -7,13 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from crosscheck.causes.cause import Cause, Change, effort, per_travel, reach, scalar
+from crosscheck.causes.cause import Cause, Change, driven, effort, per_travel, reach, scalar
 from crosscheck.causes.model import Model
 from crosscheck.causes.subject import Array, Subject
 from flexinv.model.mechanism import Attachment, Force, Placement, Spring
 
 OVER = "the spring stretched slowly over its whole range"
 ENDS = ("first", "second")
+TINY = 1e-9  # [N m/rad], [N/m]: a spring so long that its effort is constant
 
 
 def _springs(model: Model) -> list[str]:
@@ -67,6 +68,25 @@ def _sprung(model: Model) -> list[str]:
 
 def _rest(subject: Subject, target: str, size: Array) -> Subject:
     return subject.with_joint(target, lambda j: replace(j, rest=j.rest + float(size[0])))
+
+
+def _bare(model: Model) -> list[str]:
+    """Return the driven scalar joints without a spring, of rigid mechanisms: their march takes springs in joints."""
+    mechanism = model.base.mechanism
+    free = [n for n in driven(model) if n in scalar(model) and not mechanism.joint_of[n].stiffness]
+    return free if mechanism.is_rigid else []
+
+
+def _sprung_elsewhere(subject: Subject, target: str, size: Array) -> Subject:
+    """Put in a spring of stiffness size[0] whose effort at zero is -size[1]: it is without effort at their ratio."""
+    stiffness, preload = float(size[0]), float(size[1])
+    if not stiffness:
+        return (
+            subject
+            if not preload
+            else subject.with_joint(target, lambda j: replace(j, stiffness=TINY, rest=preload / TINY))
+        )
+    return subject.with_joint(target, lambda j: replace(j, stiffness=stiffness, rest=preload / stiffness))
 
 
 def _angle(model: Model, target: str) -> float:
@@ -148,6 +168,17 @@ ROWS = (
         scale=_angle,
         unit="rad or m",
         shows="this joint held still at several places",
+    ),
+    Cause(
+        "spring in a joint",
+        "a spring of {size} in {target}: stiffness, and its effort before it is without any",
+        _sprung_elsewhere,
+        _bare,
+        2,
+        per_travel,
+        "N m/rad or N/m; N m or N",
+        covers=("joint stiffness", "effort offset"),
+        shows="this joint moved slowly over its whole range",
     ),
     Cause(
         "given force",

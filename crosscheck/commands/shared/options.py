@@ -12,7 +12,7 @@ import click
 
 from crosscheck.commands.shared.terminal import JOBS, MODELS, PATTERNS, TIMEOUT, Failure, chosen, compared, plan_of
 from crosscheck.doors.registry import Doors, doors, limited
-from crosscheck.run.runner import Options, Work
+from crosscheck.run.work import Options, Work
 from crosscheck.studies import STUDIES
 from crosscheck.verdicts.plan import Task
 from flexinv.errors import InputError

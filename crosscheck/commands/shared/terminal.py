@@ -20,8 +20,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from crosscheck.measures.record import RecordError
 from crosscheck.report import render
-from crosscheck.report.words import SIGNS, sentence
-from crosscheck.run.runner import Event
+from crosscheck.report.words import SIGNS, sentence, unchanged
+from crosscheck.run.work import Event
 from crosscheck.secrets import without_passwords
 from crosscheck.verdicts.plan import Plan, discover
 from crosscheck.verdicts.results import Results
@@ -146,6 +146,8 @@ def finish(console: Console, results: Results, out: Path) -> NoReturn:
         console.print(escape(f"the summary could not be added to the page of this job: {error}"), soft_wrap=True)
     unread(console, results)
     console.print(f"[bold]{escape(sentence(results))}[/bold]", soft_wrap=True)
+    if words := unchanged(results):
+        console.print(escape(words), soft_wrap=True)
     console.print(f"report: {out / 'index.html'}", highlight=False, soft_wrap=True)
     sys.exit(results.exit_code)
 

@@ -25,6 +25,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from crosscheck.engines.shared.cross import cross
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Closure, Mechanism
 
@@ -98,9 +99,9 @@ def equations(closure: Closure) -> tuple[list[Array], list[tuple[Array, Array]]]
     """Return the vectors u of positions and the pairs u, w of directions [-], in the two frames of a closure."""
     x, y, z = np.eye(3)
     n = closure.axis
-    p = np.cross(n, np.eye(3)[int(np.argmin(np.abs(n)))])
+    p = cross(n, np.eye(3)[int(np.argmin(np.abs(n)))])
     p = p / np.linalg.norm(p)
-    s = np.cross(n, p)
+    s = cross(n, p)
     match closure.kind:
         case "fixed":
             return [x, y, z], [(x, y), (y, z), (z, x)]
@@ -151,18 +152,18 @@ def rows_of(closures: tuple[Closure, ...], pairs: list[tuple[Moving, Moving]]) -
 def position_row(first: Moving, second: Moving, u: Array) -> tuple[Any, ...]:
     """Return phi [m], its Jacobian (nv,), its bias, force and moment of u . (x_2 - x_1) = 0; u : (3,) [-], world."""
     d, v, a = second.x - first.x, second.v - first.v, second.a - first.a
-    turned = np.cross(first.w, u)
-    g = u @ (second.linear - first.linear) + np.cross(u, d) @ first.angular
-    bias = u @ a + 2 * turned @ v + (np.cross(first.alpha, u) + np.cross(first.w, turned)) @ d
+    turned = cross(first.w, u)
+    g = u @ (second.linear - first.linear) + cross(u, d) @ first.angular
+    bias = u @ a + 2 * turned @ v + (cross(first.alpha, u) + cross(first.w, turned)) @ d
     return u @ d, g, bias, u, np.zeros(3)
 
 
 def direction_row(first: Moving, second: Moving, u: Array, w: Array) -> tuple[Any, ...]:
     """Return phi [-], its Jacobian (nv,), its bias, force and moment of u . w = 0; u, w : (3,) [-], world."""
-    u1, w1 = np.cross(first.w, u), np.cross(second.w, w)
-    u2 = np.cross(first.alpha, u) + np.cross(first.w, u1)
-    w2 = np.cross(second.alpha, w) + np.cross(second.w, w1)
-    normal = np.cross(w, u)
+    u1, w1 = cross(first.w, u), cross(second.w, w)
+    u2 = cross(first.alpha, u) + cross(first.w, u1)
+    w2 = cross(second.alpha, w) + cross(second.w, w1)
+    normal = cross(w, u)
     return u @ w, normal @ (second.angular - first.angular), u2 @ w + 2 * u1 @ w1 + u @ w2, np.zeros(3), normal
 
 

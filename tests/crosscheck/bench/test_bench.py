@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 from crosscheck_examples import write_models
 
-from crosscheck.bench import flexible, latency, marches, parts, rigid, single, targets
+from crosscheck.bench import first, flexible, latency, marches, parts, rigid, runs, single, targets
 from crosscheck.bench.cores import SHARED, Cores, whole
 from crosscheck.bench.timing import BUSY, HALVES, LONG, Call, Spread, Times, disturbed, in_turns, ratio
 from crosscheck.cli import main
@@ -256,7 +256,7 @@ def test_a_part_that_there_is_not_is_named() -> None:
     done = CliRunner().invoke(main, ["bench", "rigit"])
     assert done.exit_code == 2
     assert (
-        "no part is called 'rigit'; known: rigid, single, latency, chains, one-link, two-link, spatial, elements, others"
+        "no part is called 'rigit'; known: rigid, single, latency, chains, one-link, two-link, spatial, elements, others, runs"
         in done.output
     )
 
@@ -274,6 +274,17 @@ def test_a_night_may_measure_speed_at_its_end(tiny: None, monkeypatch: pytest.Mo
     results = read(tmp_path / "reports" / "latest" / "results.json")
     assert {table.name for table in results.studies} == {"bench", "bench rigid"}
     assert "times as fast as rneaInParallel" in (tmp_path / "reports" / "latest" / "trends" / "index.html").read_text()
+
+
+def test_a_run_that_nothing_has_changed_for_takes_less(root: Path, tmp_path: Path) -> None:
+    write_models(tmp_path / "models", root, "pendulum")
+    first, again = runs.study(str(tmp_path / "models"), whole=False, names=("pendulum",))["rows"]
+    assert (first["when"], again["when"]) == ("nothing kept", "unchanged")
+    assert {first["verdict"], again["verdict"]} == {"within"}
+    assert 0.0 < again["processor"] < first["processor"]
+    (wrong, _) = runs.study(str(tmp_path / "models"), whole=False, names=("nobody",))["rows"]
+    assert wrong["verdict"] == "error"
+    assert "nothing to run is called 'nobody'" in wrong["message"]
 
 
 def test_latencies_of_a_controller_are_a_histogram() -> None:
@@ -294,3 +305,14 @@ def test_a_slow_controller_is_a_deviation() -> None:
     assert "2 beyond" not in rows[0]["note"]
     assert "1 beyond 1 ms, 1 beyond 10 ms of 4 steps" in rows[0]["note"]
     assert rows[0]["slower"] == 75.0
+
+
+@pytest.mark.slow
+def test_first_torques_cold_and_warm() -> None:
+    """A cold start compiles, a warm one reads: kernels of a rigid arm take seconds of the processor, reading them does not."""
+    rows = first.study(str(MODELS), ["rigid_3r"])["rows"]
+    cold, warm, imported = rows
+    assert (cold["start"], warm["start"]) == ("cold", "warm")
+    assert cold["processor"] > 1.5 * warm["processor"]
+    assert imported["what"] == "import flexinv"
+    assert 0 < imported["clock"] < warm["clock"]

@@ -24,7 +24,8 @@ from crosscheck.engines import ENGINES, Engine
 from crosscheck.kit.write import write
 from crosscheck.run.cluster import far, luggage
 from crosscheck.run.isolation import Attempt, Children, run_engine
-from crosscheck.run.runner import Options, _do
+from crosscheck.run.runner import _do
+from crosscheck.run.work import Options
 from crosscheck.verdicts.plan import Task, discover
 
 SHARED = Path(rogue_program.__file__).parent

@@ -22,7 +22,8 @@ from crosscheck.measures.record import load
 from crosscheck.run.cluster import luggage, workers
 from crosscheck.run.isolation import Attempt
 from crosscheck.run.run_cache import Attempts
-from crosscheck.run.runner import KEPT, Event, Options, Work, run
+from crosscheck.run.runner import KEPT, run
+from crosscheck.run.work import Event, Options, Work
 from crosscheck.verdicts.plan import Plan, discover
 from crosscheck.verdicts.results import Results, read
 from flexinv.errors import InputError

@@ -21,7 +21,8 @@ from crosscheck.measures.certificate import Check
 from crosscheck.measures.record import load
 from crosscheck.report import render
 from crosscheck.run.isolation import Children
-from crosscheck.run.runner import Event, Options, Work, run
+from crosscheck.run.runner import run
+from crosscheck.run.work import Event, Options, Work
 from crosscheck.verdicts import baseline
 from crosscheck.verdicts import results as store
 from crosscheck.verdicts.compare import Comparison

@@ -23,7 +23,7 @@ from crosscheck_examples import write_models
 from crosscheck import output_folder as owned
 from crosscheck.cli import main
 from crosscheck.engines import ENGINES, Engine
-from crosscheck.run.runner import Options
+from crosscheck.run.work import Options
 from crosscheck.verdicts import history
 from crosscheck.verdicts.results import Results, read
 from crosscheck.workflows import latest_engines as fresh

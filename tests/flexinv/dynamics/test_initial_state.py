@@ -11,6 +11,7 @@ from kernels import Array
 
 import flexinv
 from flexinv.analysis.controller import Controller
+from flexinv.linearized.eigenvalues import negative
 
 HALVES = """
 title = "Two beams on a hinge and a slide"
@@ -127,3 +128,10 @@ def test_what_nothing_moves_stays(pendulum: flexinv.Mechanism, tmp_path: Path) -
     (tmp_path / "mechanism.toml").write_text(HALVES.replace("[0, -9.81, 0]", "[0, 0, -9.81]"), encoding="utf-8")
     level: Array = np.array([hinge(begun(flexinv.load_mechanism(tmp_path), angle)) for angle in (0.4, -1.0)])
     np.testing.assert_allclose(level, [0.4, -1.0], rtol=0, atol=SAGGING)
+
+
+def test_a_freedom_without_any_stiffness_is_judged_without_a_warning() -> None:
+    """A link on a spherical joint turns about its own axis: K has a row of zeros, which is neither stable nor unstable."""
+    assert negative(np.diag([2.0, 0.0])) == 0
+    assert negative(np.diag([2.0, 0.0, -1.0])) == 1
+    assert negative(np.array([[2.0, 0.1], [0.1, 0.0]])) == 1  # a saddle

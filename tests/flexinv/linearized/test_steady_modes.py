@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from flexible_examples import spatial_tree
 
-from docs.rotating_beams import (
+from docs.studies.rotating_beams import (
     ALUMINIUM,
     GRAPHITE,
     INCH,

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import rigid_trees as trees
 from flexible_examples import STRIP
+from lane_examples import closed_tree, doubts, largest, reference
 from numpy.typing import NDArray
 
 import flexinv
@@ -19,6 +20,7 @@ from flexinv.model.joint_kinds import CONFIGURATIONS, KINDS, VELOCITIES, motion_
 from flexinv.model.mechanism import WORLD, Attachment, Beam, Body, Closure, Inertia, Joint, Link, Mechanism, Placement
 from flexinv.planar.detection import NotPlanar, find_plane
 from flexinv.rigid.torque_regressor import random_states
+from flexinv.rnea.loop_layout import BodyKind
 
 Array = NDArray[np.float64]
 ROUNDING = 1e-13  # a few hundred roundings of the largest effort
@@ -30,6 +32,8 @@ SCREWS = (
     ("hip", "spherical", "nut"), ("foot", "helical", "hip"), ("slide", "prismatic", "foot"), ("wheel", "continuous", "slide"),
     ("second", "helical", "wheel"), ("third", "helical", "second"),
 )  # fmt: skip
+# A rod on a nut, its universal joint without a drive, that a ball ties to a bolt on an arm.
+CRANE = (("nut", "helical", WORLD), ("rod", "universal", "nut"), ("arm", "revolute", WORLD), ("bolt", "helical", "arm"))
 
 
 def taken_apart(mechanism: Mechanism) -> Mechanism:
@@ -144,6 +148,33 @@ def test_a_jack_that_lifts_a_carriage_in_a_loop() -> None:
     qd, qdd = solved.qd[:, 0], solved.qdd[:, 0]
     expected = (0.04 + 5.0 * LEAD**2) * qdd + 5.0 * 9.81 * LEAD + 0.05 * qd + 0.2 * np.sign(qd)
     np.testing.assert_allclose(solved.torque[:, 0], expected, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed", "bodies", "reduced"),
+    [
+        *((kind, seed, ("foot", "third"), 0) for kind in ("fixed", "revolute", "cylindrical") for seed in (2, 4)),
+        ("spherical", 1, ("foot", "third"), 0),
+        ("point-on-line", 3, ("foot", "third"), 0),
+        ("spherical", 3, ("rod", "bolt"), 1),
+    ],
+)
+def test_screws_of_a_loop_run_in_lanes(kind: str, seed: int, bodies: tuple[str, str], reduced: int) -> None:
+    """Screws on the root, on screws, as ends and as drives of a loop, and the couplings of their parts in the same loop."""
+    m, state = closed_tree(kind, seed, 0, CRANE if reduced else SCREWS, bodies)
+    parts = taken_apart(m)
+    f, g = flexinv.prepare(m, threads=1), flexinv.prepare(parts, threads=1)
+    found, expected = f.torques(*state), g.torques(*apart(m, parts, *state))
+    assert BodyKind.SCREW in {body.kind for body in f.plan.bodies}
+    assert [closure.reduced for closure in f.plan.closures] == [reduced]
+    assert (doubts(f, 150), f._own.counter[3]) == ([], 0)
+    size = largest(f, state)
+    assert np.abs(found - reference(f, state)).max() < 10 * ROUNDING * size  # pivots of 1e-2 are let through
+    np.testing.assert_allclose(found, expected[:, names_in(m, parts)], rtol=0, atol=10 * ROUNDING * size)
+    own = next(m.v_slices[j.name].start for j in m.joints if j.nv == 1 and not j.actuated)
+    state[1][100, own] += 0.1 * np.abs(state[1]).max()
+    with pytest.raises(InputError, match="qd violates closure 'C' at sample 100"):
+        f.torques(*state)
 
 
 def test_screws_are_revolute_and_prismatic_joints_that_a_coupling_ties() -> None:

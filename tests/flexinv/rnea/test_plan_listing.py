@@ -10,7 +10,6 @@ from loop_examples import Example
 import flexinv
 from flexinv.rnea.loop_layout import FILLS, STEPS, Operation
 from flexinv.rnea.loop_tables import LoopPlan
-from flexinv.rnea.plan_listing import steps
 
 FOUR_BAR = """\
 plane, work space of 185 rows
@@ -31,12 +30,12 @@ def test_a_plan_prints_as_steps_with_names() -> None:
 
 @pytest.mark.parametrize("name", ["four_bar", "spatial", "platform", "rack_and_pinion"])
 def test_the_steps_are_all_words_of_the_plan(name: str) -> None:
-    """Decoded steps fill the words between the tables and the entries that are zero at first, none left over."""
+    """The words of the steps stand between the tables and the entries that are zero at first, none left over."""
     plan = plan_of(getattr(loop_examples, name)())
-    found = steps(plan)
-    assert len(found) == int(plan.plan[STEPS + 1]) == len(str(plan).splitlines()) - 3
-    assert sum(5 + 2 * len(step.pairs) for step in found) == int(plan.plan[FILLS]) - int(plan.plan[STEPS])
-    assert {step.operation for step in found} & {Operation.SOLVE, Operation.SOLVE_INVERTED, Operation.ALL_SIX}
+    first, end = int(plan.plan[STEPS]), int(plan.plan[FILLS])
+    assert len(plan.steps) == int(plan.plan[STEPS + 1]) == len(str(plan).splitlines()) - 3
+    assert [word for step in plan.steps for word in step.words] == plan.plan[first:end].tolist()
+    assert {step.operation for step in plan.steps} & {Operation.SOLVE, Operation.ALL_SIX}
 
 
 def test_redundant_drives_are_projected() -> None:

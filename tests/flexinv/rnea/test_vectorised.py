@@ -10,8 +10,7 @@ import pytest
 from numba import types
 
 from flexinv.rnea import loop_bodies as loop_lanes
-from flexinv.rnea import loop_ground, recursion
-from flexinv.rnea import loop_jacobian as loop_columns
+from flexinv.rnea import loop_reduce, loop_space, recursion
 from flexinv.rnea import row_pairs as loop_together
 
 ROWS = types.Array(types.float64, 1, "C")
@@ -31,16 +30,15 @@ CLOSED: dict[Any, tuple[Any, ...]] = {
     loop_lanes._turn: (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
     loop_lanes._tilt: (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
     loop_lanes._chain: (ROWS, ROWS, LANES, ROWS),
-    loop_columns._TURNING_0: (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
-    loop_columns._TURNING_3: (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
-    loop_ground._STANDING_0: (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
-    loop_ground._STANDING_2: (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
-    loop_together._PAIR_1: (ROWS, ROWS, ROWS, LANES, types.boolean),
-    loop_together._PAIR_4: (ROWS, ROWS, ROWS, LANES, types.boolean),
-    loop_together._JOIN_1: (ROWS, ROWS, ROWS, LANES, types.boolean),
-    loop_together._JOIN_4: (ROWS, ROWS, ROWS, LANES, types.boolean),
+    loop_reduce.turning(0): (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
+    loop_reduce.turning(3): (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
+    loop_space.standing(0): (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
+    loop_space.standing(2): (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
+    loop_together.pairing(1): (ROWS, ROWS, ROWS, LANES),
+    loop_together.pairing(4): (ROWS, ROWS, ROWS, LANES),
+    loop_together.joining(1): (ROWS, ROWS, ROWS, LANES),
+    loop_together.joining(4): (ROWS, ROWS, ROWS, LANES),
     loop_together.solve_row: (ROWS, ROWS, ROWS, ROWS, LANES, types.float64, types.float64),
-    loop_together.solve_inverted: (ROWS, ROWS, ROWS, ROWS, LANES, types.float64, types.float64),
 }
 
 

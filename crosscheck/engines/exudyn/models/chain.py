@@ -22,6 +22,7 @@ import numpy as np
 from crosscheck.engines.exudyn.models.frames import Array, axis_pose, compose, joint_pose, joint_twist, turn
 from crosscheck.engines.exudyn.models.layout import tip_or
 from crosscheck.engines.shared import loop_closure as assembly
+from crosscheck.engines.shared.cross import cross, cross_columns
 from crosscheck.engines.shared.loop_closure import Moving, Task
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import WORLD, Attachment, Joint, Mechanism, Placement
@@ -91,9 +92,9 @@ def walk(mechanism: Mechanism, q: Array, v: Array) -> dict[str, Moving]:
 def carried(frame: Moving, place: Placement) -> Moving:
     """Return a frame that stands at ``place`` [m] in a moving one."""
     r = frame.r @ place.position
-    w, turned = frame.w, np.cross(frame.w, r)
-    linear = frame.linear + np.cross(frame.angular, r, axis=0)
-    a = frame.a + np.cross(frame.alpha, r) + np.cross(w, turned)
+    w, turned = frame.w, cross(frame.w, r)
+    linear = frame.linear + cross_columns(frame.angular, r)
+    a = frame.a + cross(frame.alpha, r) + cross(w, turned)
     return replace(frame, x=frame.x + r, r=frame.r @ place.rotation, linear=linear, v=frame.v + turned, a=a)
 
 
@@ -106,8 +107,8 @@ def _outward(seat: Moving, joint: Joint, q: Array, qd: Array, rates: slice) -> M
     for column, (slide, spin) in zip(range(rates.start, rates.stop), units, strict=True):
         linear[:, column], angular[:, column] = child.r @ slide, child.r @ spin
     slide, spin = (child.r @ part for part in joint_twist(joint, q, qd))
-    swing = 2 * np.cross(seat.w, slide) + np.cross(spin, slide)
-    alpha = child.alpha + np.cross(seat.w, spin) + child.r @ _rate(joint, q, qd)
+    swing = 2 * cross(seat.w, slide) + cross(spin, slide)
+    alpha = child.alpha + cross(seat.w, spin) + child.r @ _rate(joint, q, qd)
     return Moving(
         child.x, child.r, linear, angular, child.v + slide, child.w + spin, child.a + swing, alpha
     )  # fmt: skip
@@ -118,7 +119,7 @@ def _rate(joint: Joint, q: Array, qd: Array) -> Array:
     if joint.kind != "universal":
         return np.zeros(3)
     first = turn(joint.second_axis, q[1]).T @ joint.axis * qd[0]
-    return np.asarray(-np.cross(joint.second_axis * qd[1], first))
+    return np.asarray(-cross(joint.second_axis * qd[1], first))
 
 
 def _seen(mechanism: Mechanism, links: dict[str, Moving], at: Attachment) -> Moving:

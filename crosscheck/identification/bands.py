@@ -1,0 +1,125 @@
+"""Bands of predicted readings, and how often they hold: parameter and residual uncertainty apart, measured on blocks left out.
+
+sd^2 = J cov J^T (parameters) + s^2 (residuals of blocks left out) + (between_runs friction)^2 + coulomb^2 (a joint that stands)
+band = value +- q sd,   q such that `HOLD` of the residuals left out lie inside, and at most `WIDEST` of their RMS on average
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.identification.fit import STEP, Fit, Problem, jacobian
+from crosscheck.identification.readings import Machine, Run, friction, readings
+from crosscheck.measured.filters import low_pass
+
+Array = NDArray[np.float64]
+NOMINAL = 0.9
+HOLD = 0.94  # of residuals left out, more than promised: another run differs by more than a block does
+WIDEST = 2.0  # half width of 95 % of a normal distribution: more would be a band that says nothing
+NORMAL = 1.6448536269514722  # half width of 90 % of a normal distribution, in standard deviations
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Readings of a log that need no effort of it.
+
+    time : (samples,) [s]; value, low, high : (samples, channels) [units of the channels]
+    parameters, residual : (samples, channels) standard deviations by their cause; sliding : (samples, channels)
+    """
+
+    name: str
+    time: Array
+    value: Array
+    low: Array
+    high: Array
+    parameters: Array
+    residual: Array
+    sliding: NDArray[np.bool_]
+
+
+def predict(machine: Machine, found: Fit, factor: Array, run: Run) -> Prediction:
+    """Return readings with 90 % bands [units of the channels] of a run; factor : (channels,) of `factors` [-]."""
+    value = readings(machine, run, machine.space.values(found.z))
+    own = _of_parameters(machine, found, run, value)
+    rest = np.sqrt(found.block**2 + _of_runs(machine, found, run) ** 2)
+    half = factor * np.sqrt(own**2 + rest**2)
+    return Prediction(run.name, run.time, value, value - half, value + half, own, rest, run.sliding)
+
+
+def factors(task: Problem, found: Fit) -> Array:
+    """Return q (channels,) [-] with which `HOLD` of the residuals of blocks left out lie inside their bands."""
+    slopes = jacobian(task, found.z)
+    extra = task.pick([_of_runs(task.machine, found, run) for run in task.runs])
+    out = []
+    for held, j, block, more in zip(found.held, slopes, found.block, extra, strict=True):
+        own = np.einsum("tp,pq,tq->t", j, found.covariance, j)
+        sd = np.sqrt(own + block**2 + more**2)
+        out.append(min(np.quantile(np.abs(held) / sd, HOLD), WIDEST * block / sd.mean()))
+    return np.array(out)
+
+
+def _of_parameters(machine: Machine, found: Fit, run: Run, value: Array) -> Array:
+    values, vectors = np.linalg.eigh(found.covariance)
+    out = np.zeros_like(value)
+    for size, direction in zip(values, vectors.T, strict=True):
+        if size > 0.0:  # a small step along each principal direction: one prediction each
+            ahead = readings(machine, run, machine.space.values(found.z + STEP * direction))
+            out += size * ((ahead - value) / STEP) ** 2
+    return np.sqrt(out)
+
+
+def _of_runs(machine: Machine, found: Fit, run: Run) -> Array:
+    """Scatter of friction between runs, and what a joint holds while it stands, (samples, channels)."""
+    values, spacing = machine.space.values(found.z), float(run.time[1] - run.time[0])
+    columns = []
+    for channel in machine.channels:
+        if channel.is_gauge:
+            columns.append(np.zeros(len(run.time)))
+            continue
+        v = run.motion.qd[:, run.motion.names.index(channel.place)]
+        took = np.abs(friction(machine, channel.place, v, values)) / channel.ratio
+        still = machine.settings.still_rad_per_s
+        dry = float(np.abs(friction(machine, channel.place, np.array([still]), values))[0]) / channel.ratio
+        stands = low_pass((np.abs(v) <= still).astype(float), spacing, machine.settings.bandwidth_Hz)
+        columns.append(machine.settings.between_runs * took + np.clip(stands, 0.0, 1.0) * dry / NORMAL)
+    return np.column_stack(columns)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One channel of a judged log: parts explained while sliding and over all, coverage, band width over RMS error, RMS error."""
+
+    log: str
+    channel: str
+    unit: str
+    samples: int
+    explained: float
+    explained_all: float
+    coverage: float
+    width: float
+    rms: float
+
+
+def explained(measured: Array, told: Array) -> float:
+    """Return ``1 - sum(e^2) / sum((y - mean y)^2)`` [-]; the mean of e counts.  measured, told : (samples,) [any unit]"""
+    return float(1.0 - np.sum((measured - told) ** 2) / np.sum((measured - measured.mean()) ** 2))
+
+
+def judge(machine: Machine, run: Run, told: Prediction, chosen: NDArray[np.bool_] | None = None) -> list[Judged]:
+    """Judge a prediction by the measurement [-]; chosen : (samples, channels), by default `Run.counted`."""
+    assert run.measured is not None
+    counted, out = run.counted if chosen is None else chosen, []
+    for c, channel in enumerate(machine.channels):
+        u, y = counted[:, c], run.measured[:, c]
+        if u.sum() < 10:
+            continue
+        e = y[u] - told.value[u, c]
+        rms = float(np.sqrt(np.mean(e**2)))
+        inside = (y[u] >= told.low[u, c]) & (y[u] <= told.high[u, c])
+        width = float(np.mean(told.high[u, c] - told.low[u, c])) / rms
+        shares = explained(y[u], told.value[u, c]), explained(y, told.value[:, c]), float(inside.mean())
+        out.append(Judged(run.name, channel.name, channel.unit, int(u.sum()), *shares, width, rms))
+    return out

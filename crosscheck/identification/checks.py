@@ -1,0 +1,62 @@
+"""Doubts about logs that can be read: overlaps, copies, other rates, constant and saturated columns; each in words."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+
+from crosscheck.identification.log import Log
+from crosscheck.identification.readings import Machine
+
+# Samples at an extreme value, of all: a smooth signal touches its extremes once or twice.
+SATURATED = 0.02
+SAME = 1e-9  # relative, of columns that are copies
+RATE = 0.01  # relative, of sampling rates that agree
+
+
+def doubts(machine: Machine, logs: list[Log], held: list[Log]) -> list[str]:
+    """Return doubts about the logs in words [-], for readers of the results."""
+    words = [w for log in (*logs, *held) for w in _saturated(machine, log)]
+    words += [_twice(machine, a, b, "both identify: samples count twice") for a, b in combinations(logs, 2)]
+    words += [_twice(machine, a, b, "the hold-out was seen: what it says is no test") for a in logs for b in held]
+    rate = logs[0].spacing
+    words += [
+        f"{log.name} is sampled at {1 / log.spacing:.4g} Hz, {logs[0].name} at {1 / rate:.4g} Hz: "
+        "each is low-passed at its own rate"
+        for log in (*logs[1:], *held)
+        if abs(log.spacing / rate - 1.0) > RATE
+    ]
+    return [w for w in words if w]
+
+
+def _saturated(machine: Machine, log: Log) -> list[str]:
+    out = []
+    for channel in machine.channels:
+        values = log.columns.get(channel.column)
+        if values is None or np.ptp(values) == 0.0:
+            continue
+        for side in (values.max(), values.min()):
+            share = float(np.mean(values == side))
+            if share > SATURATED:
+                out.append(
+                    f"{log.name}: {share:.0%} of column {channel.column!r} stand at {side:g}, as a signal does that is clipped: "
+                    "the drive gave more than it shows"
+                )
+    return out
+
+
+def _twice(machine: Machine, one: Log, other: Log, consequence: str) -> str:
+    """Return words where two logs share samples: the same columns over common times, or from beginning to end."""
+    names = [t.angle.column for t in machine.settings.joints.values()]
+    names += [c.column for c in machine.channels if c.column in one.columns and c.column in other.columns]
+    common, a, b = np.intersect1d(np.round(one.time, 6), np.round(other.time, 6), return_indices=True)
+    if len(common) < 20:
+        return ""
+    same = all(
+        np.allclose(one.column(n)[a], other.column(n)[b], rtol=0, atol=SAME * max(float(np.ptp(one.column(n))), 1e-300))
+        for n in names
+    )
+    if not same:
+        return ""
+    return f"{one.name} and {other.name} hold the same samples over {common[-1] - common[0]:.4g} s; {consequence}"

@@ -1,0 +1,204 @@
+"""Fit: maximum a posteriori of the free parameters, with residuals that are correlated in time, and what is left of the priors.
+
+    z^ = argmin  sum_c sum_t (r_ct / s_c)^2 / n_c + |z|^2,   cov z = kappa (J^T J + 1)^-1
+
+z : coordinates that are standard normal before the log; r_ct : residual of channel c; s_c its RMS; n_c the samples that agree,
+1 + 2 sum of its autocorrelations up to the first that is not positive.  So n_c neighbours count as one.  kappa >= 1 is how much
+more the estimates scatter when one block of time after the other is left out than the formula says (median of what is told).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from crosscheck.identification.readings import Machine, Run, readings
+from flexinv.errors import InputError
+
+Array = NDArray[np.float64]
+STEP = 1e-4  # of the difference quotients, in standard errors of the priors
+ROUNDS = 3  # the weights are known when the residuals are: the third round changes intervals by some hundredths
+CLOSE = 1e-4  # relative change of cost, and of z, at which the optimiser stops: far below the width of any interval
+EVALUATIONS = 15
+PER_PERIOD = 4.0  # samples kept per period of the bandwidth: the low-pass leaves no news between them
+# Below this part of its prior's width an interval says that the log has told something.
+TOLD = 0.7
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Parameters found.
+
+    z : (parameters,) [-]; covariance : (parameters, parameters) of z [-]; spread, agree : (channels,) RMS residual [units of the
+    channels], samples that agree [-]; block : RMS of residuals of blocks that were left out (channels,); kappa : [-]
+    held : (samples, channels) those residuals, of all counted samples, NaN elsewhere
+    """
+
+    z: Array
+    covariance: Array
+    spread: Array
+    agree: Array
+    kappa: float
+    block: Array
+    held: tuple[Array, ...]
+
+    @property
+    def identifiable(self) -> NDArray[np.bool_]:
+        """(parameters,) which of them the log narrows [-]."""
+        return np.sqrt(np.diag(self.covariance)) < TOLD
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Runs and the samples of them that count: chosen (samples, channels) per run; thinned by ``every`` [-]."""
+
+    machine: Machine
+    runs: tuple[Run, ...]
+    chosen: tuple[NDArray[np.bool_], ...]
+    every: tuple[int, ...]
+
+    def predict(self, z: Array) -> list[Array]:
+        """Return the readings (samples, channels) [units of the channels] of each run at z (parameters,) [-]."""
+        values = self.machine.space.values(z)
+        return [readings(self.machine, run, values) for run in self.runs]
+
+    def pick(self, arrays: list[Array]) -> list[Array]:
+        """Return of each channel the samples that count, of all runs one after the other, (counted,) [any unit]."""
+        out = []
+        for c in range(len(self.machine.channels)):
+            parts = [a[::e, c][k[::e, c]] for a, k, e in zip(arrays, self.chosen, self.every, strict=True)]
+            out.append(np.concatenate(parts))
+        return out
+
+
+def problem(machine: Machine, runs: tuple[Run, ...], chosen: tuple[NDArray[np.bool_], ...] | None = None) -> Problem:
+    """Return runs [s] with the samples that count, by default those of the window in which the joints slide."""
+    counted = tuple(run.counted for run in runs) if chosen is None else chosen
+    every = tuple(
+        max(1, int(1.0 / (PER_PERIOD * machine.settings.bandwidth_Hz * (run.time[1] - run.time[0])))) for run in runs
+    )
+    made = Problem(machine, runs, counted, every)
+    for channel, values in zip(machine.channels, made.pick([np.zeros(c.shape) for c in counted]), strict=True):
+        if len(values) < 10:
+            raise InputError(
+                f"{', '.join(r.name for r in runs)}: {channel.name} has {len(values)} samples that count, expected 10 or more: "
+                f"{channel.place} hardly moves, or window_s leaves it out; write a wider window, or no effort of this joint"
+            )
+    return made
+
+
+def fit(task: Problem, start: Array | None = None, prior: tuple[Array, Array] | None = None) -> Fit:
+    """Return the parameters under which the readings come closest to what was measured, weighed against the priors [-].
+
+    start : z (parameters,); prior : mean and square root of the precision (parameters, parameters) in the place of 0 and 1
+    """
+    count = len(task.machine.space.parameters)
+    z = np.zeros(count) if start is None else start.copy()
+    mean, root = (np.zeros(count), np.eye(count)) if prior is None else prior
+    measured = task.pick([_of(run) for run in task.runs])
+    weight = _weights([m - p for m, p in zip(measured, task.pick(task.predict(z)), strict=True)], None)
+    for _ in range(ROUNDS):
+        z = _minimum(task, measured, weight[0], z, mean, root)
+        weight = _weights([m - p for m, p in zip(measured, task.pick(task.predict(z)), strict=True)], weight)
+    return _posterior(task, z, weight, root)
+
+
+def _of(run: Run) -> Array:
+    if run.measured is None:
+        raise InputError(f"{run.name}: it was read without its efforts, and nothing can be fitted to it")
+    return run.measured
+
+
+def _weights(residuals: list[Array], before: tuple[Array, Array, Array] | None) -> tuple[Array, Array, Array]:
+    """1 / (s sqrt(n)), s, n of every channel."""
+    spread = np.array([np.sqrt(np.mean(r**2)) for r in residuals])
+    agree = np.array([agreeing(r) for r in residuals])
+    return 1.0 / (spread * np.sqrt(agree)), spread, agree
+
+
+def agreeing(residual: Array) -> float:
+    """Return the number of neighbouring samples (samples,) that count as one [-]: 1 + 2 sum rho_l up to the first rho_l <= 0."""
+    x = residual - residual.mean()
+    size = 1 << (2 * len(x) - 1).bit_length()
+    power = np.abs(np.fft.rfft(x, size)) ** 2
+    rho = np.fft.irfft(power, size)[: len(x)]
+    if rho[0] <= 0.0:
+        return 1.0
+    rho = rho / rho[0]
+    stop = int(np.argmax(rho <= 0.0)) if (rho <= 0.0).any() else len(rho)
+    return float(max(1.0, 1.0 + 2.0 * rho[1:stop].sum()))
+
+
+def jacobian(task: Problem, z: Array) -> list[Array]:
+    """Return the derivatives of what `Problem.pick` gives by z, (counted, parameters) [units of the channels] per channel."""
+    level = task.pick(task.predict(z))
+    columns = []
+    for k in range(len(z)):
+        ahead = z.copy()
+        ahead[k] += STEP
+        columns.append([(a - b) / STEP for a, b in zip(task.pick(task.predict(ahead)), level, strict=True)])
+    return [np.column_stack([c[channel] for c in columns]) for channel in range(len(level))]
+
+
+def _minimum(task: Problem, measured: list[Array], weight: Array, z: Array, mean: Array, root: Array) -> Array:
+    def residual(x: Array) -> Array:
+        told = task.pick(task.predict(x))
+        parts = [w * (p - m) for w, p, m in zip(weight, told, measured, strict=True)]
+        return np.concatenate([*parts, root @ (x - mean)])
+
+    def slopes(x: Array) -> Array:
+        return np.vstack([*(w * j for w, j in zip(weight, jacobian(task, x), strict=True)), root])
+
+    found = least_squares(residual, z, slopes, method="trf", ftol=CLOSE, xtol=CLOSE, max_nfev=EVALUATIONS)
+    return np.asarray(found.x)
+
+
+def _posterior(task: Problem, z: Array, weight: tuple[Array, Array, Array], root: Array) -> Fit:
+    slopes = jacobian(task, z)
+    told = task.predict(z)
+    residual = [m - p for m, p in zip(task.pick([_of(r) for r in task.runs]), task.pick(told), strict=True)]
+    scaled = [w * j for w, j in zip(weight[0], slopes, strict=True)]
+    errors = [w * r for w, r in zip(weight[0], residual, strict=True)]
+    hessian = sum((j.T @ j for j in scaled), root.T @ root)
+    label = task.pick([_blocks(task, run) for run in task.runs])
+    base = np.linalg.inv(hessian)
+    left_out, held = _leave_out(scaled, errors, label, hessian)
+    scatter = (len(left_out) - 1) * np.var(left_out, axis=0)
+    ratio = scatter / np.diag(base)
+    told_of = np.sqrt(np.diag(base)) < TOLD * np.sqrt(np.diag(np.linalg.inv(root.T @ root)))
+    kappa = float(max(1.0, np.median(ratio[told_of]))) if told_of.any() and len(left_out) > 2 else 1.0
+    own = [h / w for h, w in zip(held, weight[0], strict=True)]
+    block = np.array([np.sqrt(np.mean(h**2)) for h in own])
+    wide = base * kappa
+    size = np.sqrt(
+        np.minimum(1.0, np.diag(np.linalg.inv(root.T @ root)) / np.diag(wide))
+    )  # no wider than before the log
+    return Fit(z, wide * np.outer(size, size), weight[1], weight[2], kappa, block, tuple(own))
+
+
+def _blocks(task: Problem, run: Run) -> Array:
+    """(samples, channels) number of the block of time that a sample belongs to."""
+    number = np.floor((run.time - run.time[0]) / task.machine.settings.block_s) + 1e6 * task.runs.index(run)
+    return np.repeat(number[:, None], len(task.machine.channels), axis=1)
+
+
+def _leave_out(
+    scaled: list[Array], errors: list[Array], label: list[Array], hessian: Array
+) -> tuple[Array, list[Array]]:
+    """z without each block, less z (blocks, parameters), and the residuals of each block under the others' parameters.
+
+    One Gauss-Newton step: (H - J_b^T J_b) dz = -J_b^T r_b.
+    """
+    moved, held = [], [np.zeros_like(e) for e in errors]
+    for block in np.unique(np.concatenate(label)):
+        rows = [k == block for k in label]
+        inside = [j[r] for j, r in zip(scaled, rows, strict=True)]
+        pull = sum((j.T @ e[r] for j, e, r in zip(inside, errors, rows, strict=True)), np.zeros(len(hessian)))
+        step = -np.linalg.solve(hessian - sum((j.T @ j for j in inside), np.zeros_like(hessian)), pull)
+        moved.append(step)
+        for h, e, j, r in zip(held, errors, inside, rows, strict=True):
+            h[r] = e[r] - j @ step
+    return np.array(moved), held

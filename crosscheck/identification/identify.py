@@ -1,0 +1,120 @@
+"""identify: logs of a mechanism become parameters with intervals, and torques with bands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.identification.bands import Judged, Prediction, factors, judge, predict
+from crosscheck.identification.checks import doubts
+from crosscheck.identification.fit import Fit, Problem, fit, problem
+from crosscheck.identification.log import Log, read_log
+from crosscheck.identification.parameters import space
+from crosscheck.identification.readings import Machine, Run, make_run
+from crosscheck.identification.settings import IdentifyTable, read_settings
+from crosscheck.identification.table import Row, rows, untold
+from flexinv.errors import InputError
+from flexinv.files.load_mechanism import load_mechanism
+from flexinv.model.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Identified:
+    """A machine identified from logs.
+
+    factors : (channels,) half width of a band in standard deviations [-]; parameters : with intervals, in the unit of each
+    judged : how well the logs that identified, and those held out, are explained; words : doubts and what cannot be told
+    """
+
+    machine: Machine
+    task: Problem
+    fit: Fit
+    factors: Array
+    parameters: list[Row]
+    seen: list[Judged]
+    judged: list[Judged]
+    words: list[str]
+
+    def predict(self, log: Log) -> Prediction:
+        """Return the readings of a log with 90 % bands [units of the channels]; no effort of it is looked at."""
+        return predict(self.machine, self.fit, self.factors, make_run(self.machine, log, efforts=False))
+
+
+def machine_of(mechanism: Mechanism | str | Path, settings: IdentifyTable | None = None) -> Machine:
+    """Return a mechanism with its identify.toml [units of the parameters].
+
+    mechanism : the folder that holds mechanism.toml and identify.toml, or a mechanism with its ``settings``
+    Raises InputError: no such file, a key that is wrong, a mechanism without settings.
+    """
+    if isinstance(mechanism, Mechanism):
+        if settings is None:
+            raise InputError(
+                f"identify: mechanism '{mechanism.name}' without settings, expected the folder that holds its identify.toml; "
+                "write crosscheck.identify('models/NAME', ...) or settings=read_settings(path, mechanism)"
+            )
+        return Machine(mechanism, settings, space(mechanism, settings))
+    folder = Path(mechanism)
+    read = load_mechanism(folder)
+    table = read_settings(folder.parent if folder.suffix == ".toml" else folder, read) if settings is None else settings
+    return Machine(read, table, space(read, table))
+
+
+def identify(
+    mechanism: Mechanism | str | Path,
+    logs: Sequence[Log | str | Path],
+    hold_out: Sequence[Log | str | Path] = (),
+    settings: IdentifyTable | None = None,
+) -> Identified:
+    """Return parameters with 90 % intervals [unit of each], and how well logs are explained that nothing was fitted to [-].
+
+    mechanism : folder with mechanism.toml and identify.toml, or a mechanism with ``settings``; logs : files or `Log`
+    Method: maximum a posteriori, `fit.fit`.  Raises InputError: files, columns, units and numbers that cannot be used.
+    """
+    if not logs:
+        raise InputError("identify: no log, expected one at least; write logs=['run.csv']")
+    machine = machine_of(mechanism, settings)
+    given = [_log(machine, log) for log in logs]
+    held = [_log(machine, log) for log in hold_out]
+    words = doubts(machine, given, held)
+    runs = tuple(make_run(machine, log) for log in given)
+    task = problem(machine, runs)
+    found = fit(task)
+    q = factors(task, found)
+    table = rows(machine.space, found)
+    words += untold(table)
+
+    def judged(some: Sequence[Run]) -> list[Judged]:
+        return [row for run in some for row in judge(machine, run, predict(machine, found, q, run))]
+
+    return Identified(
+        machine, task, found, q, table, judged(runs), judged([make_run(machine, log) for log in held]), words
+    )
+
+
+def _log(machine: Machine, log: Log | str | Path) -> Log:
+    return log if isinstance(log, Log) else read_log(log, machine.settings.time)
+
+
+def blocks(machine: Machine, log: Log, count: int) -> list[Judged]:
+    """Judge each of ``count`` equal blocks of the window [-] by a fit to the others, in turn, and pool them."""
+    run = make_run(machine, log)
+    first, last = machine.settings.window_s or (float(log.time[0]), float(log.time[-1]))
+    edges = np.linspace(first, last + 1e-9, count + 1)
+    parts: list[Prediction] = []
+    told = {name: np.full(run.sliding.shape, np.nan) for name in ("value", "low", "high", "parameters", "residual")}
+    for start, end in pairwise(edges):
+        inside = ((run.time >= start) & (run.time < end))[:, None]
+        task = problem(machine, (run,), (run.counted & ~inside,))
+        found = fit(task)
+        parts.append(predict(machine, found, factors(task, found), run))
+        for name, values in told.items():
+            values[inside[:, 0]] = getattr(parts[-1], name)[inside[:, 0]]
+    whole = Prediction(run.name, run.time, **told, sliding=run.sliding)
+    return judge(machine, run, whole, run.counted & np.isfinite(whole.value))

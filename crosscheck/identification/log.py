@@ -1,0 +1,171 @@
+"""Logs of machines: columns with times, read from CSV, Parquet or MAT files, and refused in words where they cannot be used."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.errors import InputError
+from flexinv.validation import nearest
+
+Array = NDArray[np.float64]
+# Times are written with few decimals: their steps are even to a tenth.
+EVEN = 0.1
+
+
+@dataclass(frozen=True)
+class Log:
+    """Samples of a machine at work, equally spaced.
+
+    time : (samples,) [s]; columns : name -> (samples,) in the unit that identify.toml gives
+    """
+
+    name: str
+    time: Array
+    columns: dict[str, Array]
+
+    @property
+    def spacing(self) -> float:
+        """Time between samples [s]."""
+        return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
+
+    def column(self, name: str) -> Array:
+        """Return a column (samples,) [unit of identify.toml].  Raises InputError: there is none, or it has gaps."""
+        if name not in self.columns:
+            near = nearest(name, list(self.columns))
+            raise InputError(
+                f"{self.name}: no column {name!r}; it has {', '.join(list(self.columns)[:40])}; "
+                f"write {near or 'one of these'} in identify.toml, or export that column"
+            )
+        values = self.columns[name]
+        if bad := np.flatnonzero(~np.isfinite(values)).tolist():
+            raise InputError(
+                f"{self.name}: column {name!r} has no number at {self.time[bad[0]]:g} s ({len(bad)} of {len(values)} samples); "
+                "fill the gap, or cut the log there"
+            )
+        return values
+
+    def cut(self, start: float, end: float) -> Log:
+        """Return the samples of [start, end) [s].  Raises InputError: fewer than 20 of them."""
+        chosen = (self.time >= start - 1e-9) & (self.time < end - 1e-9)
+        if chosen.sum() < 20:
+            raise InputError(
+                f"{self.name}: {start:g} to {end:g} s holds {int(chosen.sum())} samples, expected 20 or more; "
+                f"the log goes from {self.time[0]:g} to {self.time[-1]:g} s"
+            )
+        return Log(
+            f"{self.name}[{start:g}:{end:g}]", self.time[chosen], {k: v[chosen] for k, v in self.columns.items()}
+        )
+
+
+def read_log(source: str | Path, time: str = "time_s") -> Log:
+    """Read a log [s]; ``source`` may end in ``@START:END``, which takes these seconds of it.
+
+    time : name of the column of times [s]
+    Raises InputError: no such file, unknown format, columns missing or doubled, times that jump or run backwards.
+    """
+    text, _, part = str(source).partition("@")
+    path = Path(text)
+    if not path.is_file():
+        raise InputError(f"log {text}: there is no such file; write the path of a .csv, .csv.gz, .parquet or .mat file")
+    columns = _columns(path)
+    if time not in columns:
+        raise InputError(f"{path.name}: no column {time!r} of times [s]; it has {', '.join(list(columns)[:40])}")
+    log = Log(path.name, columns.pop(time), columns)
+    _check_times(log)
+    if not part:
+        return log
+    try:
+        start, end = (float(x) for x in part.split(":"))
+    except ValueError as error:
+        raise InputError(f"log {source}: @{part}, expected @START:END in seconds; write {text}@0:5") from error
+    return log.cut(start, end)
+
+
+def _columns(path: Path) -> dict[str, Array]:
+    name = path.name.lower()
+    if name.endswith((".csv", ".csv.gz")):
+        return _of_frame(path, _read_csv(path))
+    if name.endswith(".parquet"):
+        import pandas as pd
+
+        try:
+            return _of_frame(path, pd.read_parquet(path))
+        except ImportError as error:
+            raise InputError(f"{path.name}: Parquet needs pyarrow; write pip install pyarrow, or export CSV") from error
+    if name.endswith(".mat"):
+        return _of_mat(path)
+    raise InputError(f"{path.name}: format unknown; write .csv, .csv.gz, .parquet or .mat")
+
+
+def _read_csv(path: Path) -> Any:
+    import gzip
+
+    import pandas as pd
+
+    opener: Any = gzip.open if path.name.endswith(".gz") else open
+    with opener(path, "rt", encoding="utf-8") as stream:
+        header = [cell.strip() for cell in stream.readline().strip().split(",")]
+    if doubled := sorted({cell for cell in header if header.count(cell) > 1}):
+        raise InputError(f"{path.name}: column {doubled[0]!r} stands there twice; rename one of them")
+    return pd.read_csv(path, names=header, skiprows=1, skipinitialspace=True)
+
+
+def _of_frame(path: Path, frame: Any) -> dict[str, Array]:
+    out: dict[str, Array] = {}
+    for name in frame.columns:
+        try:
+            out[str(name)] = frame[name].to_numpy(dtype=np.float64)
+        except (TypeError, ValueError):
+            words = str(frame[name].iloc[0])
+            if name == frame.columns[0] or not words:
+                raise InputError(
+                    f"{path.name}: column {name!r} holds words such as {words!r}, expected numbers"
+                ) from None
+    return out
+
+
+def _of_mat(path: Path) -> dict[str, Array]:
+    """Return the vectors of the longest common length; the columns of a matrix NAME are NAME_1, NAME_2 ... ."""
+    from scipy.io import loadmat
+
+    try:
+        raw = {k: np.squeeze(v) for k, v in loadmat(path).items() if not k.startswith("__") and np.size(v) > 1}
+    except NotImplementedError as error:
+        raise InputError(f"{path.name}: MAT file of version 7.3; save it with -v7 in MATLAB, or export CSV") from error
+    numbers = {k: v.astype(np.float64) for k, v in raw.items() if v.dtype.kind in "fiub"}
+    if not numbers:
+        raise InputError(f"{path.name}: no arrays of numbers at the top level; save vectors of equal length")
+    count = max(max(v.shape) for v in numbers.values())
+    out: dict[str, Array] = {}
+    for name, values in numbers.items():
+        if values.ndim == 1 and len(values) == count:
+            out[name] = values
+        elif values.ndim == 2 and count in values.shape:
+            rows = values if values.shape[0] == count else values.T
+            out |= {f"{name}_{k + 1}": np.ascontiguousarray(column) for k, column in enumerate(rows.T)}
+    return out
+
+
+def _check_times(log: Log) -> None:
+    time = log.time
+    if len(time) < 20 or not np.all(np.isfinite(time)):
+        raise InputError(f"{log.name}: {len(time)} samples, expected 20 or more, each with a time [s]")
+    steps = np.diff(time)
+    if (steps <= 0).any():
+        k = int(np.argmax(steps <= 0))
+        raise InputError(
+            f"{log.name}: times run backwards or stand still at sample {k + 1} ({time[k]:g} s, then {time[k + 1]:g} s); "
+            "sort the log, or give its parts as logs of their own"
+        )
+    middle = float(np.median(steps))
+    if (uneven := np.abs(steps - middle) > EVEN * middle).any():
+        k = int(np.argmax(uneven))
+        raise InputError(
+            f"{log.name}: times jump at {time[k]:g} s by {steps[k]:g} s, expected steps of {middle:g} s; "
+            "resample the log evenly, or cut it there (LOG@START:END)"
+        )

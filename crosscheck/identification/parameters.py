@@ -1,0 +1,243 @@
+"""Free parameters: kinds with unit and scale, places, what is known before, and their coordinates z, standard normal before.
+
+value = known exp(error z)  for what is positive by its nature,   value = known + error z  for the rest
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.identification.pseudo_inertia import NAMES, believable, pseudo_inertia, upper_factor, widths
+from crosscheck.identification.settings import IdentifyTable, matching
+from flexinv.errors import InputError
+from flexinv.model.mechanism import Joint, Mechanism
+from flexinv.rigid.torque_regressor import link_parameters
+
+Array = NDArray[np.float64]
+Key = tuple[str, str]
+Values = dict[Key, float]
+MASS = "mass properties"
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of parameter.
+
+    unit : of one that turns and of one that slides; positive : by its nature
+    places : "joint" measured, "any joint", "link", "beam", "spring", "gauge", "world"; class_ : of the synthetic campaign
+    known : joint -> value before, where the mechanism has one
+    """
+
+    name: str
+    unit: tuple[str, str]
+    positive: bool
+    places: str
+    class_: str
+    known: Callable[[Joint], float] = lambda joint: 0.0
+    solved: bool = False
+
+
+def _kind(name: str, unit: str, positive: bool, places: str, class_: str, slides: str = "", **more: object) -> Kind:
+    return Kind(name, (unit, slides or unit), positive, places, class_, **more)  # type: ignore[arg-type]
+
+
+KINDS = {
+    k.name: k
+    for k in (
+        _kind(MASS, "-", False, "link", "mass properties"),
+        _kind("rotor inertia", "kg m^2", True, "joint", "drives", "kg", known=lambda j: j.rotor_inertia),
+        _kind("viscous friction", "N m s/rad", True, "joint", "friction", "N s/m", known=lambda j: j.damping),
+        _kind("coulomb friction", "N m", True, "joint", "friction", "N", known=lambda j: j.friction),
+        _kind("transition rate", "rad/s", True, "joint", "friction", "m/s"),
+        _kind("stribeck share", "-", False, "joint", "friction"),
+        _kind("stribeck rate", "rad/s", True, "joint", "friction", "m/s"),
+        _kind("friction asymmetry", "N m", False, "joint", "friction", "N"),
+        _kind("effort offset", "N m", False, "joint", "sensors", "N"),
+        _kind("effort gain", "-", True, "joint", "sensors", known=lambda j: 1.0),
+        _kind("effort delay", "s", False, "joint", "sensors"),
+        _kind("effort lag", "s", True, "joint", "sensors"),
+        _kind("gauge gain", "-", True, "gauge", "sensors", known=lambda j: 1.0),
+        _kind("gauge zero", "rad", False, "gauge", "sensors"),
+        _kind("gauge slope", "rad/rad", False, "gauge", "sensors"),
+        _kind(
+            "joint stiffness", "N m/rad", True, "any joint", "drives", "N/m", known=lambda j: j.stiffness, solved=True
+        ),
+        _kind(
+            "joint damping", "N m s/rad", True, "any joint", "drives", "N s/m", known=lambda j: j.damping, solved=True
+        ),
+        _kind("place x", "m", True, "any joint", "beams", solved=True),
+        _kind("beam stiffness", "-", True, "beam", "beams", solved=True),
+        _kind("beam damping", "s", True, "beam", "beams", solved=True),
+        _kind("beam length", "m", True, "beam", "beams", solved=True),
+        _kind("spring force", "-", True, "spring", "drives"),
+        _kind("gravity tilt x", "rad", False, "world", "sensors"),
+        _kind("gravity tilt y", "rad", False, "world", "sensors"),
+    )
+}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One free number: kind, place (with component, of mass properties), unit, value known before, its error, and scale.
+
+    known [unit]; error : of the logarithm where positive [-], else [unit]
+    """
+
+    kind: str
+    place: str
+    unit: str
+    known: float
+    error: float
+    positive: bool
+
+    @property
+    def key(self) -> Key:
+        """Kind and place [-]."""
+        return self.kind, self.place
+
+    def value(self, z: float) -> float:
+        """Return the value [unit] at a coordinate z [-]."""
+        return self.known * float(np.exp(self.error * z)) if self.positive else self.known + self.error * z
+
+
+@dataclass(frozen=True)
+class Space:
+    """All free parameters of a mechanism; factors : L (4, 4) of the mass properties of links that are free."""
+
+    parameters: tuple[Parameter, ...]
+    factors: Mapping[str, Array]
+
+    def values(self, z: Array) -> Values:
+        """Return the values [units of the parameters] at coordinates z (parameters,) [-]."""
+        return {p.key: p.value(float(x)) for p, x in zip(self.parameters, z, strict=True)}
+
+    def names(self) -> list[str]:
+        """Return the parameters in words [-]."""
+        return [f"{p.kind} of {p.place}" for p in self.parameters]
+
+
+def space(mechanism: Mechanism, settings: IdentifyTable) -> Space:
+    """Return the free parameters with what is known before [units of the parameters].
+
+    Raises InputError: unknown kind, no such place, free twice, nothing known of what is positive.
+    """
+    parameters: dict[Key, Parameter] = {}
+    factors: dict[str, Array] = {}
+    for free in settings.free:
+        kind = KINDS.get(free.parameter)
+        if kind is None:
+            from flexinv.validation import nearest
+
+            near = nearest(free.parameter, list(KINDS))
+            raise InputError(
+                f"identify.toml, [[free]]: parameter {free.parameter!r}, expected one of {', '.join(KINDS)}; "
+                f'write parameter = "{near or MASS}"'
+            )
+        names = places(mechanism, settings, kind)
+        chosen = matching(free.place, names)
+        if not chosen:
+            expected = f"one of {', '.join(names)}" if names else f"a mechanism that has a place for it ({kind.places})"
+            raise InputError(
+                f"identify.toml, [[free]] {free.parameter}: place {', '.join(free.place)} means nothing here, "
+                f"expected {expected}; remove the table or mend it"
+            )
+        for place in chosen:
+            made: list[Parameter]
+            if kind.name == MASS:
+                link = mechanism.link_of[place]
+                ten = believable(link_parameters(link), settings.least_radius_m)
+                factors[place] = upper_factor(pseudo_inertia(ten))
+                errors = widths(factors[place], free.relative or free.error or 0.0)
+                made = [Parameter(MASS, f"{place}.{n}", "-", 0.0, e, False) for n, e in zip(NAMES, errors, strict=True)]
+            else:
+                made = [_one(mechanism, settings, kind, place, free.value, free.relative, free.error)]
+            parameters |= {p.key: p for p in made}
+    return Space(tuple(parameters.values()), factors)
+
+
+def places(mechanism: Mechanism, settings: IdentifyTable, kind: Kind) -> list[str]:
+    """Return the places at which a kind of parameter may be free [-]."""
+    return {
+        "joint": [j.name for j in mechanism.joints if j.name in settings.joints],
+        "any joint": [j.name for j in mechanism.joints],
+        "link": [
+            link.name for link in mechanism.links if link.beam is None and sum(b.inertia.mass for b in link.bodies) > 0
+        ],
+        "beam": [link.name for link in mechanism.beams],
+        "spring": [s.name for s in mechanism.springs],
+        "gauge": list(settings.gauges),
+        "world": ["world"],
+    }[kind.places]
+
+
+def _one(
+    mechanism: Mechanism,
+    settings: IdentifyTable,
+    kind: Kind,
+    place: str,
+    value: float | None,
+    relative: float | None,
+    error: float | None,
+) -> Parameter:
+    joint = mechanism.joint_of.get(place)
+    slides = joint is not None and joint.kind == "prismatic"
+    unit, known = kind.unit[slides], before(mechanism, settings, kind, place) if value is None else value
+    if kind.positive and known <= 0.0:
+        raise InputError(
+            f"identify.toml, [[free]] {kind.name} of {place}: nothing is known of it before (the mechanism says 0), expected "
+            f"a value > 0 [{unit}]; write value = 0.1, with a relative error as wide as you like"
+        )
+    if kind.positive:
+        wide = relative if relative is not None else float(np.log1p((error or 0.0) / known))
+        return Parameter(kind.name, place, unit, known, wide, True)
+    return Parameter(
+        kind.name, place, unit, known, error if error is not None else (relative or 0.0) * abs(known or 1.0), False
+    )
+
+
+def before(mechanism: Mechanism, settings: IdentifyTable, kind: Kind, place: str) -> float:
+    """Return the value of a parameter in the mechanism [unit of the parameter]."""
+    joint = mechanism.joint_of.get(place)
+    if kind.name in ("transition rate", "stribeck rate"):
+        return settings.still_rad_per_s * (1.0 if kind.name == "transition rate" else 10.0)
+    if kind.name in ("beam stiffness", "spring force", "gauge gain"):
+        return 1.0
+    if kind.name == "beam length":
+        beam = mechanism.link_of[place].beam
+        return beam.length if beam else 0.0
+    if kind.name == "place x" and joint is not None:
+        return float(joint.placement.position[0])
+    return kind.known(joint) if joint is not None else 0.0
+
+
+def with_values(mechanism: Mechanism, values: Mapping[Key, float]) -> Mechanism:
+    """Return the mechanism with those values [units of the parameters] that time integration has to know."""
+
+    def joint_with(joint: Joint) -> Joint:
+        changes: dict[str, object] = {}
+        for kind, field in (("joint stiffness", "stiffness"), ("joint damping", "damping")):
+            if (kind, joint.name) in values:
+                changes[field] = values[kind, joint.name]
+        if ("place x", joint.name) in values:
+            position = joint.placement.position.copy()
+            position[0] = values["place x", joint.name]
+            changes["placement"] = replace(joint.placement, position=position)
+        return replace(joint, **changes) if changes else joint  # type: ignore[arg-type]
+
+    links = []
+    for link in mechanism.links:
+        beam = link.beam
+        if beam is not None:
+            factor, section = values.get(("beam stiffness", link.name), 1.0), beam.section
+            rate = values.get(("beam damping", link.name))
+            stiff = section.stiffness * factor
+            damping = stiff * rate if rate is not None else section.damping
+            length = values.get(("beam length", link.name), beam.length)
+            beam = replace(beam, length=length, section=replace(section, stiffness=stiff, damping=damping))
+            link = replace(link, beam=beam)
+        links.append(link)
+    return replace(mechanism, joints=tuple(joint_with(j) for j in mechanism.joints), links=tuple(links))

@@ -1,0 +1,87 @@
+"""Mass properties as ten unbounded numbers: every value of them is a body that can be (log-Cholesky of the pseudo-inertia).
+
+    P = [[S, h], [h^T, m]] = (L U) (L U)^T,   S = tr(I)/2 - I   (I about the frame's origin, h = m c)
+    U = e^a [[e^d1, s12, s13, t1], [0, e^d2, s23, t2], [0, 0, e^d3, t3], [0, 0, 0, 1]]
+
+L is the upper triangular factor of what is known before, so that a = d = s = t = 0 is just that, and m = m0 e^(2a).
+Source: C. Rucker, P. Wensing, "Smooth parameterization of rigid-body inertia", IEEE Robotics and Automation Letters 7 (2022).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+NAMES = ("a", "d1", "d2", "d3", "s12", "s23", "s13", "t1", "t2", "t3")
+# Rows and columns of the tensor in the order of `flexinv.rigid.torque_regressor`: xx, xy, yy, xz, yz, zz.
+ROWS, COLUMNS = [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]
+QUANTITIES = ("mass", "com x", "com y", "com z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+UNITS = ("kg", "m", "m", "m", *("kg m^2",) * 6)
+
+
+def pseudo_inertia(ten: Array) -> Array:
+    """Return P (4, 4) [kg m^2], [kg m], [kg] of m, h, I (10,) about the frame's origin."""
+    tensor = np.zeros((3, 3))
+    tensor[ROWS, COLUMNS] = tensor[COLUMNS, ROWS] = ten[4:]
+    out = np.zeros((4, 4))
+    out[:3, :3] = 0.5 * np.trace(tensor) * np.eye(3) - tensor
+    out[:3, 3] = out[3, :3] = ten[1:4]
+    out[3, 3] = ten[0]
+    return out
+
+
+def ten_parameters(pseudo: Array) -> Array:
+    """Return m [kg], h [kg m], I [kg m^2] (10,) of a pseudo-inertia (4, 4)."""
+    tensor = np.trace(pseudo[:3, :3]) * np.eye(3) - pseudo[:3, :3]
+    return np.concatenate([[pseudo[3, 3]], pseudo[:3, 3], tensor[ROWS, COLUMNS]])
+
+
+def upper_factor(pseudo: Array) -> Array:
+    """Return the upper triangular L (4, 4) [any unit] with P = L L^T."""
+    flip = pseudo[::-1, ::-1]
+    return np.asarray(np.linalg.cholesky(flip)[::-1, ::-1])
+
+
+def believable(ten: Array, radius: float) -> Array:
+    """Return mass properties (10,) [kg], [kg m], [kg m^2] whose mass is nowhere closer together than a radius of gyration [m].
+
+    A point mass has no inertia of its own, and no logarithm: S about the centre of mass is raised to m radius^2 / 3 per axis.
+    """
+    pseudo = pseudo_inertia(ten)
+    mass, h = pseudo[3, 3], pseudo[:3, 3]
+    spread = pseudo[:3, :3] - np.outer(h, h) / mass
+    values, vectors = np.linalg.eigh(spread)
+    raised = vectors @ np.diag(np.maximum(values, mass * radius**2 / 3.0)) @ vectors.T
+    pseudo[:3, :3] = raised + np.outer(h, h) / mass
+    return ten_parameters(pseudo)
+
+
+def moved(factor: Array, x: Array) -> Array:
+    """Return mass properties (10,) [kg], [kg m], [kg m^2] for x (10,) [-], in the order of ``NAMES``; factor : L (4, 4)."""
+    a, d1, d2, d3, s12, s23, s13, t1, t2, t3 = x
+    u = np.array(
+        [[np.exp(d1), s12, s13, t1], [0.0, np.exp(d2), s23, t2], [0.0, 0.0, np.exp(d3), t3], [0.0, 0.0, 0.0, 1.0]]
+    )
+    half = factor @ u * np.exp(a)
+    return ten_parameters(half @ half.T)
+
+
+def widths(factor: Array, relative: float) -> Array:
+    """Return standard errors (10,) [-] of x for a relative error of the mass: of radii the same, of the centre a third.
+
+    The centre of mass is believed to a third of ``relative`` times its distance from the frame and the radius of gyration.
+    """
+    pseudo = factor @ factor.T
+    mass = pseudo[3, 3]
+    com = pseudo[:3, 3] / mass
+    radius = np.diag(factor)[:3] / np.sqrt(mass)
+    shift = relative / 3.0 * (np.linalg.norm(com) + radius) / radius
+    return np.concatenate([[relative / 2.0], [relative] * 6, shift])
+
+
+def about_com(ten: Array) -> Array:
+    """Return mass [kg], centre of mass [m] and inertia about it [kg m^2], (10,), of m, h, I (10,) about the origin."""
+    mass, c = ten[0], ten[1:4] / ten[0]
+    steiner = mass * (c @ c * np.eye(3) - np.outer(c, c))
+    return np.concatenate([[mass], c, ten[4:] - steiner[ROWS, COLUMNS]])

@@ -1,0 +1,258 @@
+"""Readings: what the sensors of a machine should have shown under a measured motion, and what they have shown.
+
+effort at the joint   tau(mechanism) + rotor qdd + viscous v + dry
+dry                   coulomb tanh(v / v_t) (1 + share exp(-(v / v_s)^2)) + asymmetry |tanh(v / v_t)|
+its sensor            gain * delayed(lagged(effort / ratio + offset)),   both sides behind the same zero-phase low-pass
+gauge                 lagged(gain * M L / (3 EI) + zero + slope q)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.signal import lfilter
+
+from crosscheck.identification.log import Log
+from crosscheck.identification.parameters import KINDS, Key, Space, before
+from crosscheck.identification.response import Measured, Response, response
+from crosscheck.identification.settings import ANGLES, EFFORTS, IdentifyTable
+from crosscheck.measured.filters import lag, low_pass
+from flexinv.errors import InputError
+from flexinv.model.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+# The motion keeps more than the efforts are compared at, so that both sides pass the same low-pass once.
+WIDER = 2.5
+# At the ends of a log the low-pass knows one side only: so many periods of the bandwidth do not count.
+EDGE = 1.5
+HIGHEST = 0.4  # of the sampling rate: no filter above
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A sensor: its name with what it measures, the unit it is compared in, its joint or gauge, and the gear before it."""
+
+    name: str
+    unit: str
+    place: str
+    is_gauge: bool = False
+    ratio: float = 1.0
+    factor: float = 1.0
+    column: str = ""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A log made ready.
+
+    time : (samples,) [s] of the log; motion : of the measured joints; response : of the mechanism alone
+    measured : (samples, channels) [units of the channels], low-passed; None without effort columns
+    sliding, counted : (samples, channels) the joint is not standing; it is, and inside the window
+    """
+
+    name: str
+    time: Array
+    motion: Measured
+    response: Response
+    measured: Array | None
+    sliding: NDArray[np.bool_]
+    counted: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A mechanism with what identify.toml says of it."""
+
+    mechanism: Mechanism
+    settings: IdentifyTable
+    space: Space
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Sensors in the order of all arrays of readings."""
+        out = []
+        for name, table in self.settings.joints.items():
+            if table.effort is None:
+                continue
+            joint = self.mechanism.joint_of[name]
+            slides = joint.kind == "prismatic"
+            ratio = joint.drive.ratio if joint.drive is not None and table.effort.side == "motor" else 1.0
+            unit = "N" if slides and ratio == 1.0 else "N m"
+            out.append(Channel(f"torque/{name}", unit, name, False, ratio, self._factor(name), table.effort.column))
+        for name, gauge in self.settings.gauges.items():
+            out.append(Channel(f"gauge/{name}", "rad", name, True, 1.0, ANGLES[gauge.unit], gauge.column))
+        return tuple(out)
+
+    def _factor(self, name: str) -> float:
+        effort, joint = self.settings.joints[name].effort, self.mechanism.joint_of[name]
+        assert effort is not None
+        if effort.unit != "A":
+            return EFFORTS[effort.unit]
+        if effort.constant_Nm_per_A is not None:
+            return effort.constant_Nm_per_A
+        drive = joint.drive
+        if drive is None or not drive.torque_constant:
+            raise InputError(
+                f"identify.toml, joints.{name}.effort: a current [A] without torque constant; "
+                "write constant_Nm_per_A, or torque_constant_Nm_per_A in the joint's drive"
+            )
+        return drive.torque_constant * (1.0 if effort.side == "motor" else drive.ratio)
+
+
+def motion_of(machine: Machine, log: Log) -> Measured:
+    """Return the motion of the measured joints [rad], [m], low-passed without delay and differentiated by splines.
+
+    Raises InputError: a column missing, constant numbers where every joint stands, angles in degrees that are said to be radians.
+    """
+    settings, time = machine.settings, log.time - log.time[0]
+    bandwidth = min(WIDER * settings.bandwidth_Hz, HIGHEST / log.spacing)
+    if settings.bandwidth_Hz > HIGHEST / log.spacing:
+        raise InputError(
+            f"{log.name}: sampled at {1 / log.spacing:.4g} Hz, too slow for a bandwidth of {settings.bandwidth_Hz:g} Hz; "
+            f"write bandwidth_Hz = {0.3 / log.spacing:.3g} or less in identify.toml"
+        )
+    columns = []
+    for name, table in settings.joints.items():
+        raw = log.column(table.angle.column) * (ANGLES[table.angle.unit] / table.angle.over)
+        _check_angle(machine, log, name, raw)
+        columns.append(low_pass(raw, log.spacing, bandwidth))
+    spline = CubicSpline(time, np.column_stack(columns))
+    return Measured(time, tuple(settings.joints), spline(time), spline(time, 1), spline(time, 2))
+
+
+def _check_angle(machine: Machine, log: Log, name: str, raw: Array) -> None:
+    table = machine.settings.joints[name].angle
+    if table.unit == "rad" and np.ptp(raw) > 20.0 * np.pi and np.abs(np.gradient(raw, log.spacing)).max() > 60.0:
+        raise InputError(
+            f"{log.name}: column {table.column!r} of joint {name} goes over {np.ptp(raw):.4g} rad at up to "
+            f"{np.abs(np.gradient(raw, log.spacing)).max():.3g} rad/s, expected an angle in rad; "
+            f'write unit = "deg" in [joints.{name}] angle if it is in degrees, or over = the gear ratio if it is the motor\'s'
+        )
+
+
+def make_run(machine: Machine, log: Log, efforts: bool = True) -> Run:
+    """Return a log made ready [s, rad, N m]; without ``efforts`` no column of an effort or a gauge is looked at."""
+    settings, motion = machine.settings, motion_of(machine, log)
+    sliding = np.column_stack(
+        [
+            np.ones(len(log.time), dtype=bool)
+            if c.is_gauge
+            else np.abs(motion.qd[:, motion.names.index(c.place)]) > settings.still_rad_per_s
+            for c in machine.channels
+        ]
+    )
+    window = np.ones(len(log.time), dtype=bool)
+    if settings.window_s is not None:
+        window = (log.time >= settings.window_s[0] - 1e-9) & (log.time <= settings.window_s[1] + 1e-9)
+    edge = EDGE / settings.bandwidth_Hz
+    window &= (motion.time >= edge) & (motion.time <= motion.time[-1] - edge)
+    measured = measured_of(machine, log) if efforts else None
+    told = response(machine.mechanism, machine.space, settings, motion)
+    return Run(log.name, log.time, motion, told, measured, sliding, sliding & window[:, None])
+
+
+def measured_of(machine: Machine, log: Log) -> Array:
+    """Return the efforts and gauges of a log (samples, channels) [units of the channels], low-passed.  Raises InputError."""
+    columns = []
+    for channel in machine.channels:
+        raw = log.column(channel.column) * channel.factor
+        if np.ptp(raw) == 0.0:
+            raise InputError(
+                f"{log.name}: column {channel.column!r} is constant ({raw[0]:g}), expected what {channel.name} measured; "
+                "remove the effort from identify.toml, or export the right column"
+            )
+        columns.append(raw if channel.is_gauge else low_pass(raw, log.spacing, machine.settings.bandwidth_Hz))
+    return np.column_stack(columns)
+
+
+def readings(machine: Machine, run: Run, values: Mapping[Key, float]) -> Array:
+    """Return the expected readings (samples, channels) [units of the channels]."""
+    effort, moment = run.response(values)
+    spacing = float(run.motion.time[1] - run.motion.time[0])
+    columns = []
+    for channel in machine.channels:
+        if channel.is_gauge:
+            columns.append(_gauge(machine, run, channel, moment, values, spacing))
+            continue
+        at = run.motion.names.index(channel.place)
+        own = effort[:, at] + drive_effort(machine, channel.place, run.motion.qd[:, at], run.motion.qdd[:, at], values)
+        told = own / channel.ratio + _get(machine, values, "effort offset", channel.place)
+        told = lagged(told, spacing, _get(machine, values, "effort lag", channel.place))
+        told = delayed(told, spacing, _get(machine, values, "effort delay", channel.place))
+        told = _get(machine, values, "effort gain", channel.place) * told
+        columns.append(low_pass(told, spacing, machine.settings.bandwidth_Hz))
+    return np.column_stack(columns)
+
+
+def drive_effort(machine: Machine, joint: str, v: Array, a: Array, values: Mapping[Key, float]) -> Array:
+    """Return the effort of rotor and friction of a joint (samples,) [N m], [N] at rates v and accelerations a (samples,)."""
+    rotor, viscous, coulomb, turn, share, wide, skew = (
+        _get(machine, values, kind, joint)
+        for kind in (
+            *("rotor inertia", "viscous friction", "coulomb friction", "transition rate"),
+            *("stribeck share", "stribeck rate", "friction asymmetry"),
+        )
+    )
+    side = np.tanh(v / turn)
+    dry = coulomb * side * (1.0 + share * np.exp(-((v / wide) ** 2))) + skew * np.abs(side)
+    return np.asarray(rotor * a + viscous * v + dry)
+
+
+def friction(machine: Machine, joint: str, v: Array, values: Mapping[Key, float]) -> Array:
+    """Return the friction of a joint (samples,) [N m], [N] at rates v (samples,) [rad/s], [m/s]."""
+    return drive_effort(machine, joint, v, np.zeros_like(v), values)
+
+
+def _get(machine: Machine, values: Mapping[Key, float], kind: str, place: str) -> float:
+    if (kind, place) in values:
+        return values[kind, place]
+    return before(machine.mechanism, machine.settings, KINDS[kind], place)
+
+
+def _gauge(
+    machine: Machine, run: Run, channel: Channel, moment: Array, values: Mapping[Key, float], spacing: float
+) -> Array:
+    table = machine.settings.gauges[channel.place]
+    told = _get(machine, values, "gauge gain", channel.place) * flexibility(machine, channel.place) * moment[
+        :, list(machine.settings.gauges).index(channel.place)
+    ] + _get(machine, values, "gauge zero", channel.place)
+    if table.slope_joint:
+        at = run.motion.names.index(table.slope_joint)
+        told = told + _get(machine, values, "gauge slope", channel.place) * run.motion.q[:, at]
+    return lag(told, spacing, table.lag_Hz, table.lag_damping) if table.lag_Hz else told
+
+
+def flexibility(machine: Machine, gauge: str) -> float:
+    """Return ``L / (3 EI)`` of a gauge's beam [rad/(N m)], as its table or the mechanism states it."""
+    table = machine.settings.gauges[gauge]
+    if table.flexibility_rad_per_Nm is not None:
+        return table.flexibility_rad_per_Nm
+    link = machine.mechanism.link_of.get(table.beam)
+    if link is None or link.beam is None:
+        raise InputError(
+            f"identify.toml, gauges.{gauge}: {table.beam!r} is no beam of {machine.mechanism.name}; "
+            "write flexibility_rad_per_Nm, what the rig makes of a moment"
+        )
+    return float(link.beam.length / (3.0 * link.beam.section.stiffness[0, 5]))
+
+
+def delayed(values: Array, spacing: float, delay: float) -> Array:
+    """Return a signal (samples,) [any unit] a delay [s] later, below 0 earlier; its ends stay as they are."""
+    if not delay:
+        return values
+    time = spacing * np.arange(len(values))
+    return np.asarray(CubicSpline(time, values)(np.clip(time - delay, 0.0, time[-1])))
+
+
+def lagged(values: Array, spacing: float, constant: float) -> Array:
+    """Return a signal (samples,) [any unit] behind a first-order lag [s] that stood still before; exact for linear pieces."""
+    if constant <= 0.0:
+        return values
+    r = spacing / constant
+    e = np.exp(-r)
+    b = [1.0 - (1.0 - e) / r, (1.0 - e) / r - e]
+    return np.asarray(lfilter(b, [1.0, -e], values, zi=[values[0] * (1.0 - b[0])])[0])

@@ -1,0 +1,224 @@
+"""Response of a mechanism alone to a measured motion: efforts of its joints and moments at its gauges, by the free parameters.
+
+Rigid trees: tau = (Y + x Y_x + y Y_y) pi + f tau_spring, Y by `flexinv.torque_regressor`, Y_x, Y_y its derivatives by a tilt of
+gravity about the world's axes x and y, pi (links x 10) by log-Cholesky.  Loops and beams: `flexinv.solve`; for rigid loops with
+the columns of pi by differences, which are exact because the torque is linear in them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.identification.parameters import KINDS, MASS, Key, Space, with_values
+from crosscheck.identification.pseudo_inertia import COLUMNS, NAMES, ROWS, moved
+from crosscheck.identification.settings import IdentifyTable
+from flexinv.analysis.solve import solve
+from flexinv.errors import InputError
+from flexinv.model.links import Body, Inertia
+from flexinv.model.mechanism import Joint, Mechanism
+from flexinv.model.motion import Motion
+from flexinv.rigid.joint_torques import joint_torques
+from flexinv.rigid.torque_regressor import link_parameters, torque_regressor
+
+Array = NDArray[np.float64]
+Response = Callable[[Mapping[Key, float]], tuple[Array, Array]]
+PARAMETERS = len(NAMES)
+TILT = 1e-3  # [rad]; the torque is linear in gravity, so the difference quotient errs by its square
+KEPT = 64  # responses that are remembered: one for each parameter that needs a solution of its own
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Motion of the joints that a log measures.
+
+    time : (samples,) [s], from 0; names : of the joints; q, qd, qdd : (samples, joints) [rad], [m] and per second
+    """
+
+    time: Array
+    names: tuple[str, ...]
+    q: Array
+    qd: Array
+    qdd: Array
+
+
+def bare(mechanism: Mechanism, names: tuple[str, ...]) -> Mechanism:
+    """Return the mechanism without rotors and friction [kg m^2], [N m] of measured joints, which are laws of their own."""
+
+    def stripped(joint: Joint) -> Joint:
+        if joint.name not in names:
+            return joint
+        return replace(joint, rotor_inertia=0.0, damping=0.0, friction=0.0, drive=None)
+
+    return replace(mechanism, joints=tuple(stripped(j) for j in mechanism.joints))
+
+
+def ten_of(space: Space, mechanism: Mechanism, values: Mapping[Key, float]) -> Array:
+    """Return m, h, I (links, 10) [kg], [kg m], [kg m^2] of all rigid links; zeros for beams."""
+    out = np.zeros((len(mechanism.links), PARAMETERS))
+    for k, link in enumerate(mechanism.links):
+        if link.name in space.factors:
+            x = np.array([values.get((MASS, f"{link.name}.{n}"), 0.0) for n in NAMES])
+            out[k] = moved(space.factors[link.name], x)
+        elif link.beam is None:
+            out[k] = link_parameters(link)
+    return out
+
+
+def with_masses(mechanism: Mechanism, masses: Mapping[str, Array]) -> Mechanism:
+    """Return the mechanism whose links carry one body each with m, h, I (10,) [kg], [kg m], [kg m^2]."""
+
+    def body(name: str, ten: Array) -> tuple[Body, ...]:
+        mass, com = ten[0], ten[1:4] / ten[0]
+        tensor = np.zeros((3, 3))
+        tensor[ROWS, COLUMNS] = tensor[COLUMNS, ROWS] = ten[4:]
+        tensor -= mass * (com @ com * np.eye(3) - np.outer(com, com))
+        return (Body(name, Inertia(float(mass), com, tensor)),)
+
+    links = tuple(replace(k, bodies=body(k.name, masses[k.name])) if k.name in masses else k for k in mechanism.links)
+    return replace(mechanism, links=links)
+
+
+def tilted(gravity: Array, x: float, y: float) -> Array:
+    """Return gravity (3,) [m/s^2] turned by small angles x, y [rad] about the world's axes."""
+    return np.asarray(gravity + np.cross([x, y, 0.0], gravity))
+
+
+def response(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured) -> Response:
+    """Return the function from values to efforts (samples, joints) [N m], [N] and root moments (samples, gauges) [N m].
+
+    Raises InputError: a joint of a rigid tree that no column moves.
+    """
+    alone = bare(mechanism, motion.names)
+    if mechanism.is_rigid and not mechanism.closures and not settings.gauges:
+        return _of_tree(alone, space, motion)
+    return _by_solve(alone, space, settings, motion)
+
+
+def _of_tree(mechanism: Mechanism, space: Space, motion: Measured) -> Response:
+    if still := [j.name for j in mechanism.joints if j.nv and j.name not in motion.names]:
+        raise InputError(
+            f"joint {still[0]} moves and no column says how; write [joints.{still[0]}] with angle = {{ column = ... }} in "
+            "identify.toml, or make it a fixed joint"
+        )
+    q, qd, qdd = _states(mechanism, motion)
+    rows = [mechanism.v_slices[name].start for name in motion.names]
+
+    def matrix(gravity: Array) -> Array:
+        return torque_regressor(replace(mechanism, gravity=gravity), q, qd, qdd).matrix[:, rows]
+
+    gravity = np.asarray(mechanism.gravity)
+    level = matrix(gravity)
+    slopes = [(matrix(tilted(gravity, *(TILT * e))) - level) / TILT for e in np.eye(2)]
+    free = joint_torques(replace(mechanism, springs=(), forces=()), q, qd, qdd, passive=False)
+    held = joint_torques(replace(mechanism, springs=()), q, qd, qdd)[:, rows] - free[:, rows]
+    pulls = {
+        s.name: (joint_torques(replace(mechanism, springs=(s,), forces=()), q, qd, qdd, passive=False) - free)[:, rows]
+        for s in mechanism.springs
+    }
+
+    def evaluate(values: Mapping[Key, float]) -> tuple[Array, Array]:
+        pi = ten_of(space, mechanism, values).ravel()
+        out = level @ pi + held
+        for axis, slope in zip("xy", slopes, strict=True):
+            if tilt := values.get((f"gravity tilt {axis}", "world"), 0.0):
+                out = out + tilt * (slope @ pi)
+        for name, pull in pulls.items():
+            out = out + values.get(("spring force", name), 1.0) * pull
+        return out, np.zeros((len(q), 0))
+
+    return evaluate
+
+
+def _states(mechanism: Mechanism, motion: Measured) -> tuple[Array, Array, Array]:
+    q = np.tile(mechanism.neutral, (len(motion.time), 1))
+    qd, qdd = np.zeros((2, len(motion.time), mechanism.nv))
+    for k, name in enumerate(motion.names):
+        part, row = mechanism.q_slices[name], mechanism.v_slices[name].start
+        angle = motion.q[:, k : k + 1]
+        q[:, part] = angle if part.stop - part.start == 1 else np.hstack([np.cos(angle), np.sin(angle)])
+        qd[:, row], qdd[:, row] = motion.qd[:, k], motion.qdd[:, k]
+    return q, qd, qdd
+
+
+def _by_solve(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured) -> Response:
+    coarse = mechanism.with_mesh(*settings.mesh) if settings.mesh and mechanism.beams else mechanism
+    given = Motion.from_samples(motion.time, {name: motion.q[:, k] for k, name in enumerate(motion.names)})
+    step = float(motion.time[1] - motion.time[0]) / settings.every
+    kept: dict[tuple[float, ...], tuple[Array, Array]] = {}
+    solved = [p.key for p in space.parameters if KINDS[p.kind].solved or p.kind.startswith(("gravity", "spring"))]
+    masses = [p.key for p in space.parameters if p.kind == MASS]
+    linear = mechanism.is_rigid and bool(masses)
+
+    def once(values: Mapping[Key, float], ten: Mapping[str, Array]) -> tuple[Array, Array]:
+        changed = with_masses(with_values(coarse, values), ten)
+        tilt = [values.get((f"gravity tilt {axis}", "world"), 0.0) for axis in "xy"]
+        springs = tuple(
+            replace(
+                s,
+                stiffness=s.stiffness * (f := values.get(("spring force", s.name), 1.0)),
+                law=s.law and s.law.scaled(f),
+            )
+            for s in changed.springs
+        )
+        changed = replace(changed, gravity=tilted(np.asarray(changed.gravity), *tilt), springs=springs)
+        solution = solve(changed, given, step, every=settings.every)
+        rows = [changed.v_slices[name].start for name in motion.names]
+        moments = [-solution.wrench[g.joint][:, 5] for g in settings.gauges.values()]
+        return solution.torque_all[:, rows], np.column_stack([np.zeros((len(motion.time), 0)), *moments])
+
+    def remembered(values: Mapping[Key, float], keys: list[Key], ten: Mapping[str, Array]) -> tuple[Array, Array]:
+        at = tuple(values[k] for k in keys)
+        if at not in kept:
+            if len(kept) >= KEPT:
+                kept.pop(next(iter(kept)))
+            kept[at] = once(values, ten)
+        return kept[at]
+
+    if not linear:
+
+        def nonlinear(values: Mapping[Key, float]) -> tuple[Array, Array]:
+            ten = ten_of(space, mechanism, values)
+            own = {link.name: ten[k] for k, link in enumerate(mechanism.links) if link.name in space.factors}
+            return remembered(values, solved + masses, own)
+
+        return nonlinear
+    return _linear_in_masses(mechanism, space, solved, once)
+
+
+def _linear_in_masses(
+    mechanism: Mechanism,
+    space: Space,
+    solved: list[Key],
+    once: Callable[[Mapping[Key, float], Mapping[str, Array]], tuple[Array, Array]],
+) -> Response:
+    """Rigid loops: tau = tau_0 + Y (pi - pi_0), columns by differences, kept for each set of the other values."""
+    known = {link.name: link_parameters(link) for link in mechanism.links if link.name in space.factors}
+    known = {name: moved(space.factors[name], np.zeros(PARAMETERS)) for name in known}
+    kept: dict[tuple[float, ...], tuple[Array, Array]] = {}
+
+    def columns(values: Mapping[Key, float]) -> tuple[Array, Array]:
+        level = once(values, known)[0]
+        out = []
+        for name, ten in known.items():
+            for k in range(PARAMETERS):
+                size = max(abs(float(ten[k])), 1e-3 * float(ten[0]))
+                changed = ten.copy()
+                changed[k] += size
+                out.append((once(values, {**known, name: changed})[0] - level) / size)
+        return level, np.stack(out, axis=-1)  # (sample, joint), (sample, joint, parameter)
+
+    def evaluate(values: Mapping[Key, float]) -> tuple[Array, Array]:
+        at = tuple(values[k] for k in solved)
+        if at not in kept:
+            kept[at] = columns(values)
+        level, matrix = kept[at]
+        ten = ten_of(space, mechanism, values)
+        number = {link.name: k for k, link in enumerate(mechanism.links)}
+        change = np.concatenate([ten[number[name]] - known[name] for name in known])
+        return level + matrix @ change, np.zeros((len(level), 0))
+
+    return evaluate

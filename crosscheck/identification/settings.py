@@ -1,0 +1,152 @@
+"""identify.toml: which column is what, which parameters are free and what is known of them, bandwidth, samples that count."""
+
+from __future__ import annotations
+
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from flexinv.errors import InputError
+from flexinv.files.toml_tables import Location, Table, key, read_toml, validate
+from flexinv.files.values import NotNegative, Number, Positive, Text
+from flexinv.model.mechanism import Mechanism
+from flexinv.validation import nearest
+
+FILE = "identify.toml"
+# unit in a log -> factor to SI
+ANGLES = {"rad": 1.0, "deg": 0.017453292519943295, "m": 1.0, "mm": 1e-3}
+EFFORTS = {"N m": 1.0, "N": 1.0, "A": 1.0, "mN m": 1e-3}
+
+
+class AngleTable(Table):
+    """A column with the coordinate of a joint."""
+
+    column: Text = key("name of the column", 'column = "axis1_angle_rad"')
+    unit: Literal["rad", "deg", "m", "mm"] = key("its unit", 'unit = "rad"', default="rad")
+    over: Number = key(
+        "what the column is divided by: a gear ratio if it is the motor's [-]", "over = 100", default=1.0
+    )
+
+
+class EffortTable(Table):
+    """A column with the torque, force or current of a drive."""
+
+    column: Text = key("name of the column", 'column = "axis1_motor_torque_Nm"')
+    unit: Literal["N m", "N", "A", "mN m"] = key("its unit", 'unit = "N m"', default="N m")
+    side: Literal["joint", "motor"] = key(
+        "where it acts: motor torque times the gear ratio is that of the joint", 'side = "motor"', default="joint"
+    )
+    constant_Nm_per_A: Positive | None = key(
+        "of a current: torque at this side per ampere; the drive's torque constant when absent [N m/A]",
+        "constant_Nm_per_A = 8.925",
+        default=None,
+    )
+
+
+class JointTable(Table):
+    """Columns of a joint."""
+
+    angle: AngleTable = key("the coordinate that moves the model", 'angle = { column = "q1", unit = "deg" }')
+    link_angle: AngleTable | None = key(
+        "a second encoder behind the gear", 'link_angle = { column = "q1_link" }', default=None
+    )
+    effort: EffortTable | None = key("torque, force or current", 'effort = { column = "i1", unit = "A" }', default=None)
+
+
+class GaugeTable(Table):
+    """A strain gauge at the root of a beam: what it reads is gain M L / (3 EI) + zero + slope q of a joint."""
+
+    beam: Text = key("the link that is a beam", 'beam = "link1"')
+    joint: Text = key("the joint whose moment bends its root", 'joint = "clamp1"')
+    column: Text = key("name of the column", 'column = "gauge1_deg"')
+    unit: Literal["rad", "deg"] = key("its unit", 'unit = "deg"', default="rad")
+    slope_joint: Text = key("the joint with whose angle its zero drifts", 'slope_joint = "shoulder"', default="")
+    flexibility_rad_per_Nm: Positive | None = key(
+        "what the rig makes of a moment; L / (3 EI) of the beam when absent [rad/(N m)]",
+        "flexibility_rad_per_Nm = 0.1",
+        default=None,
+    )
+    lag_Hz: Positive | None = key(
+        "frequency of the rig's own low-pass of second order [Hz]", "lag_Hz = 2", default=None
+    )
+    lag_damping: Positive = key("its damping ratio [-]", "lag_damping = 0.9", default=0.9)
+
+
+class FreeTable(Table):
+    """Parameters that are free, at places; what is known of them before the log."""
+
+    parameter: Text = key("kind of parameter", 'parameter = "mass properties"')
+    place: list[Text] = key("links, joints or beams; patterns such as axis*", 'place = ["*"]', default=["*"])
+    relative: Positive | None = key(
+        "relative standard error of the value known before [-]", "relative = 0.3", default=None
+    )
+    error: Positive | None = key("its standard error in the unit of the parameter", "error = 0.05", default=None)
+    value: Number | None = key(
+        "the value known before; that of the mechanism when absent", "value = 0.02", default=None
+    )
+
+
+Window = Annotated[list[Number], Field(min_length=2, max_length=2)]
+
+
+class IdentifyTable(Table):
+    """All of identify.toml."""
+
+    source: Text = key("where the log comes from", 'source = "our test bench"', default="")
+    time: Text = key("name of the column of times [s]", 'time = "time_s"', default="time_s")
+    bandwidth_Hz: Positive = key(
+        "of the zero-phase low-pass behind which efforts are compared [Hz]", "bandwidth_Hz = 10"
+    )
+    window_s: Window | None = key("the seconds that count; all when absent [s]", "window_s = [1.8, 8.2]", default=None)
+    block_s: Positive = key("length of the blocks that leave-one-out takes away [s]", "block_s = 1.28", default=1.0)
+    still_rad_per_s: NotNegative = key(
+        "slower than this a joint stands, and friction holds whatever it does [rad/s], [m/s]",
+        "still_rad_per_s = 0.01",
+        default=0.01,
+    )
+    between_runs: NotNegative = key(
+        "relative standard error of friction from one run to the next [-]", "between_runs = 0.05", default=0.05
+    )
+    least_radius_m: Positive = key(
+        "radius of gyration below which no mass is believed [m]", "least_radius_m = 0.05", default=0.05
+    )
+    mesh: Annotated[list[int], Field(min_length=2, max_length=2)] | None = key(
+        "elements and order of beams while they are identified [-]", "mesh = [1, 2]", default=None
+    )
+    every: int = key("steps of the march per sample [-]", "every = 1", default=1)
+    joints: dict[str, JointTable] = key("what the log says of a joint", "[joints.axis1]")
+    gauges: dict[str, GaugeTable] = key("strain gauges", "[gauges.gauge1]", default={})
+    free: list[FreeTable] = key("free parameters", "[[free]]")
+
+
+def read_settings(path: Path, mechanism: Mechanism) -> IdentifyTable:
+    """Read identify.toml of a mechanism [s, Hz].  Raises InputError, which names file, table and key."""
+    file = path / FILE if path.suffix != ".toml" else path
+    if not file.is_file():
+        raise InputError(
+            f"{file}: there is no such file; write `crosscheck identify {mechanism.name} --log LOG --propose`, which makes one"
+        )
+    top = Location(file)
+    table = validate(IdentifyTable, read_toml(file), top)
+    joints = [j.name for j in mechanism.joints if j.nv == 1]
+    for name in table.joints:
+        if name not in joints:
+            expected = "a joint of one coordinate: " + ", ".join(joints)
+            raise top.inner("joints").wrong(
+                name, f'"{name}"', expected, f"[joints.{nearest(name, joints) or joints[0]}]"
+            )
+    for free in table.free:
+        if free.relative is None and free.error is None:
+            given, expected = (
+                f"[[free]] {free.parameter} without either",
+                "relative [-] or error [unit]: a believable error",
+            )
+            raise top.inner("free").wrong("relative", given, expected, "relative = 0.3")
+    return table
+
+
+def matching(patterns: list[str], names: list[str]) -> list[str]:
+    """Return the names that one of the patterns means, in their order [-]."""
+    return [name for name in names if any(fnmatch(name, pattern) for pattern in patterns)]

@@ -1,0 +1,81 @@
+"""Parameters as a table in physical units, with intervals: mass properties as mass, centre of mass and inertia about it.
+
+Intervals are quantiles of draws from the posterior; a parameter counts as identifiable where the log has narrowed what was known
+before to `fit.TOLD` of its width.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.identification.fit import TOLD, Fit
+from crosscheck.identification.parameters import MASS, Space
+from crosscheck.identification.pseudo_inertia import NAMES, QUANTITIES, UNITS, about_com, moved
+
+Array = NDArray[np.float64]
+DRAWS = 1000  # quantiles of 5 and 95 % of so many draws scatter by 2 % of the interval
+INSIDE = (0.05, 0.95)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A parameter: value found and 90 % interval, and value and interval before the log [unit]."""
+
+    parameter: str
+    place: str
+    unit: str
+    value: float
+    low: float
+    high: float
+    before: float
+    before_low: float
+    before_high: float
+    identifiable: bool
+
+
+def untold(table: list[Row]) -> list[str]:
+    """Return in words which parameters the logs cannot tell, place by place [-]."""
+    places = dict.fromkeys(row.place for row in table if not row.identifiable)
+    out = []
+    for place in places:
+        names = ", ".join(row.parameter for row in table if row.place == place and not row.identifiable)
+        out.append(f"{place}: {names} cannot be told from these logs: the intervals are nearly what was known before")
+    return out
+
+
+def rows(space: Space, found: Fit) -> list[Row]:
+    """Return all parameters [unit of each] with 90 % intervals."""
+    random = np.random.default_rng(0)  # the same log gives the same file
+    count = len(found.z)
+    values, vectors = np.linalg.eigh(found.covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    normal = random.normal(size=(DRAWS, count))
+    after, before = found.z + normal @ root.T, random.normal(size=(DRAWS, count))
+    keys = [p.key for p in space.parameters]
+    out: list[Row] = []
+    for k, one in enumerate(space.parameters):
+        if one.kind == MASS:
+            continue
+        value = np.array([one.value(float(x)) for x in after[:, k]])
+        known = np.array([one.value(float(x)) for x in before[:, k]])
+        told = bool(np.sqrt(found.covariance[k, k]) < TOLD)
+        out.append(_row((one.kind, one.place, one.unit), one.value(float(found.z[k])), value, one.known, known, told))
+    for name, factor in space.factors.items():
+        errors = np.array([space.parameters[keys.index((MASS, f"{name}.{n}"))].error for n in NAMES])
+        at = [keys.index((MASS, f"{name}.{n}")) for n in NAMES]
+        value = np.array([about_com(moved(factor, errors * z)) for z in after[:, at]])
+        known = np.array([about_com(moved(factor, errors * z)) for z in before[:, at]])
+        here, there = about_com(moved(factor, errors * found.z[at])), about_com(moved(factor, np.zeros(len(NAMES))))
+        for k, (quantity, unit) in enumerate(zip(QUANTITIES, UNITS, strict=True)):
+            told = bool(np.std(value[:, k]) < TOLD * np.std(known[:, k]))
+            out.append(_row((quantity, name, unit), float(here[k]), value[:, k], float(there[k]), known[:, k], told))
+    return out
+
+
+def _row(what: tuple[str, str, str], value: float, drawn: Array, before: float, known: Array, told: bool) -> Row:
+    low, high = np.quantile(drawn, INSIDE)
+    first, last = np.quantile(known, INSIDE)
+    return Row(*what, value, float(low), float(high), before, float(first), float(last), told)

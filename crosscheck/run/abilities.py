@@ -1,0 +1,71 @@
+"""Abilities of engines: asked once per adapter for all cases of a run, in one process, so that none starts to say "no"."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from crosscheck.engines import Engine
+from crosscheck.measures.record import Record, fingerprint
+from crosscheck.run.isolation import Attempt, Children, Ending, call, scratch
+from crosscheck.verdicts.plan import Task
+
+LIMIT = 120.0  # [s] to import an engine and ask it: a cold disk takes some ten seconds
+Pair = tuple[Task, Engine]
+
+
+@dataclass(frozen=True)
+class Abilities:
+    """Answers of an adapter.
+
+    described : version and abilities, None where it did not come to that; refused : why it cannot do a pair, by its number
+    message : why it was not asked everything, ""
+    """
+
+    described: Mapping[str, str] | None
+    refused: Mapping[int, str] = field(default_factory=dict)
+    message: str = ""
+
+
+def abilities(engine: Engine, pairs: Sequence[Pair], children: Children) -> Abilities:
+    """Ask the adapter of ``engine`` what it is and which of the cases it can do; what it does not answer stays open.
+
+    pairs : cases, with the engines of this adapter.  Where its process crashes or hangs, the cases that are left are asked
+    one by one as they run, each in a process of its own.
+    """
+    cases = [(str(task.folder.resolve()), one.name) for task, one in pairs]
+    with scratch() as folder:
+        out = folder / "answers"
+        # as they were read here: the natural modes of a damping ratio are not computed once more for every adapter
+        out.with_suffix(".asked").write_bytes(pickle.dumps([(task.mechanism, task.case) for task, _ in pairs]))
+        job = {"kind": "abilities", **engine.door, "engine": engine.name, "cases": cases, "out": str(out)}
+        ending = call(job, folder, LIMIT, children)
+        lines = answers(out)
+    left = max(0, len(pairs) - max(0, len(lines) - 1))
+    refused = {k: line["reason"] for k, line in enumerate(lines[1:]) if line.get("reason")}
+    return Abilities(lines[0] if lines else None, refused, "" if ending.status == "ok" else words(ending, left))
+
+
+def answers(file: Path) -> list[dict[str, Any]]:
+    """Return the lines that were written whole: what the adapter is, then an answer per case."""
+    try:
+        lines = file.read_text(encoding="utf-8").splitlines(keepends=True)
+        return [json.loads(line) for line in lines if line.endswith("\n")]
+    except (OSError, ValueError):
+        return []
+
+
+def words(ending: Ending, left: int) -> str:
+    """Return the words for a reader about a process that did not answer everything."""
+    why = f"asked in one process what it can do in all cases: {ending.message}"
+    return f"{why}; {left} case{'s were' if left != 1 else ' was'} asked one by one" if left else why
+
+
+def skipped(task: Task, engine: Engine, reason: str, version: str) -> Attempt:
+    """Return the attempt of an engine that cannot do a case: no process has run."""
+    known = fingerprint(task.mechanism, task.case.motion)
+    return Attempt(Record(engine.name, "skipped", reason, version=version, model_hash=known))

@@ -1,0 +1,186 @@
+"""The prepared process of an engine: ``python -m crosscheck.run.fork_server SOCKET door.json``.
+
+It imports the engine's adapter once and forks a process for every job, which then does what a fresh one does
+(`crosscheck.run.child`) without importing anything again.  It computes nothing itself, so that every job finds it as the imports
+left it.  Only a process of one thread may be forked: another thread's locks would stay shut in the copy, and a graphics
+card's context is not copied.  So before every fork the threads and open devices are looked at, and a job is refused in
+words where there are others; the parent (`crosscheck.run.forking`) then starts a fresh process for it.
+
+A request is one packet, the names of the job's file and of its folder, with two descriptors: a socket for the answers, and
+the file for what is printed.  Answers are lines: ``forked PID``, then ``ended CODE``; or ``refused WHY``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import importlib
+import json
+import os
+import random
+import select
+import signal
+import socket
+import sys
+import traceback
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from crosscheck.engines import loaded
+from crosscheck.engines.base import forkable, prepared
+from crosscheck.run import child
+from crosscheck.run.processes import die_with_parent, kill_group
+
+LARGEST_REQUEST = 1 << 16  # [bytes]
+DEVICES = ("/dev/nvidia", "/dev/dri", "/dev/kfd")  # a graphics card's runtime that has started keeps one of these open
+
+
+def main(number: str, door_file: str) -> None:
+    """Prepare, then serve requests of the socket with this number until the parent closes it."""
+    die_with_parent()
+    refusal = prepare(json.loads(Path(door_file).read_text(encoding="utf-8")))
+    gc.collect()
+    gc.freeze()
+    Server(socket.socket(fileno=int(number)), refusal).serve()
+    os._exit(0)
+
+
+def prepare(door: Mapping[str, Any]) -> str:
+    """Import what jobs of a door need and return "", or why none may be forked from here.
+
+    door : module, perhaps path (`crosscheck.engines.opened`); settings, where it is a door's module, which is imported alone
+    """
+    try:
+        if (path := door.get("path", "")) and path not in sys.path:
+            sys.path.insert(0, path)
+        if "settings" in door or door.get("plain"):
+            importlib.import_module(door["module"])
+            return ""
+        adapter = loaded(door["module"])
+        if not forkable(adapter):
+            return "its adapter says that it must not be forked"
+        prepared(adapter)
+    except Exception as error:
+        traceback.print_exc()
+        return f"it could not be prepared: {type(error).__name__}: {error}"
+    return ""
+
+
+def trouble() -> str:
+    """Return the reason why this process must not be forked now, "" where nothing speaks against it."""
+    threads = len(os.listdir("/proc/self/task"))
+    if threads > 1:
+        return f"{threads - 1} other thread{'s run' if threads > 2 else ' runs'} after its imports"
+    return next((f"it has {name} open" for name in _open_files() if name.startswith(DEVICES)), "")
+
+
+def _open_files() -> Iterator[str]:
+    for number in os.listdir("/proc/self/fd"):
+        with contextlib.suppress(OSError):
+            yield os.readlink(f"/proc/self/fd/{number}")
+
+
+@dataclass
+class Server:
+    """A process that forks jobs.
+
+    requests : socket of packets; refusal : why no job may be forked, ""
+    answers : the socket of every job under way by its process
+    """
+
+    requests: socket.socket
+    refusal: str
+    answers: dict[int, socket.socket] = field(default_factory=dict)
+
+    def serve(self) -> None:
+        """Fork a job per request and tell how each ended, until the parent closes its side."""
+        ear, mouth = socket.socketpair()
+        ear.setblocking(False)
+        mouth.setblocking(False)
+        signal.signal(signal.SIGCHLD, lambda number, frame: None)
+        signal.set_wakeup_fd(mouth.fileno(), warn_on_full_buffer=False)
+        while True:
+            ready, _, _ = select.select([self.requests, ear], [], [])
+            if ear in ready:
+                ear.recv(4096)
+                self._reap()
+            if self.requests in ready and not self._request([ear, mouth]):
+                return
+
+    def _request(self, ours: list[socket.socket]) -> bool:
+        """Take one request; return False where the parent has closed its side."""
+        packet, descriptors, _, _ = socket.recv_fds(self.requests, LARGEST_REQUEST, 2)
+        if not packet:
+            return False
+        answer, log = socket.socket(fileno=descriptors[0]), descriptors[1]
+        if why := self.refusal or trouble():
+            _say(answer, f"refused {why}")
+            answer.close()
+        else:
+            self._fork(answer, log, json.loads(packet), ours)
+        os.close(log)
+        return True
+
+    def _fork(self, answer: socket.socket, log: int, job: Mapping[str, str], ours: list[socket.socket]) -> None:
+        leader = os.getpid()
+        pid = os.fork()
+        if pid == 0:
+            for other in (self.requests, answer, *ours, *self.answers.values()):
+                other.close()
+            begin(leader, log, job)
+        with contextlib.suppress(OSError):  # whoever is first; the parent kills the group, so it has to be one by now
+            os.setpgid(pid, pid)
+        self.answers[pid] = answer
+        _say(answer, f"forked {pid}")
+
+    def _reap(self) -> None:
+        """Tell how jobs ended, and end what each of them has started (before its number may be given to another)."""
+        for pid in list(self.answers):
+            if os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
+                continue
+            kill_group(pid)
+            _, status = os.waitpid(pid, 0)
+            answer = self.answers.pop(pid)
+            _say(answer, f"ended {os.waitstatus_to_exitcode(status)}")
+            answer.close()
+
+
+def _say(answer: socket.socket, words: str) -> None:
+    with contextlib.suppress(OSError):  # nobody listens any more
+        answer.sendall(f"{words}\n".encode())
+
+
+def begin(leader: int, log: int, job: Mapping[str, str]) -> NoReturn:
+    """Be the process of a job from here on: a group of its own, its own folder, its own printed text; and do the job."""
+    code = 1
+    try:
+        signal.set_wakeup_fd(-1)
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        os.setpgid(0, 0)  # the session is that of the prepared process, which has no terminal
+        die_with_parent()
+        if os.getppid() != leader:
+            os._exit(1)  # it has died meanwhile
+        os.dup2(log, 1)
+        os.dup2(log, 2)
+        os.close(log)
+        os.chdir(job["folder"])
+        sys.path[0] = job["folder"]
+        random.seed()
+        np.random.seed()  # noqa: NPY002 - for engines that use this generator: each process has its own numbers
+        child.main(job["job"])
+    except SystemExit as left:
+        code = left.code if isinstance(left.code, int) else int(left.code is not None)
+        if not isinstance(left.code, int | None):
+            os.write(2, f"{left.code}\n".encode())
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        os._exit(code)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

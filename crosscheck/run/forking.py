@@ -1,0 +1,183 @@
+"""Prepared processes as the parent sees them: one per engine's adapter, started when its first job comes.
+
+Where a job may not be forked, and where a prepared process has died, a fresh process is started instead: `Refused` says why.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from crosscheck.run.processes import environment, kill_group
+
+PREPARE = 120.0  # [s] to import an engine: a cold disk takes some ten seconds
+PLAIN = ("study",)  # kinds of jobs whose module is no adapter
+
+
+class Refused(RuntimeError):
+    """A job that is not forked, and why."""
+
+
+class Lost(RuntimeError):
+    """A prepared process that died before its job did."""
+
+
+class Forked:
+    """A process that was forked for a job, to be waited for as for one of `subprocess`."""
+
+    def __init__(self, pid: int, answers: socket.socket) -> None:
+        """Keep the process and the socket on which its end is told."""
+        self.pid = pid
+        self.returncode: int | None = None
+        self._answers = answers
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Return the exit code (negative: the signal) once it has ended; timeout : [s].
+
+        Raises TimeoutExpired, and Lost where the process that it was forked from has died, and it with that one.
+        """
+        words = _line(self._answers, timeout)
+        if words is None:
+            raise subprocess.TimeoutExpired("a forked job", timeout or 0.0)
+        if not words.startswith("ended "):
+            raise Lost("the prepared process of this engine has died")
+        self.returncode = int(words.removeprefix("ended "))
+        return self.returncode
+
+    def end(self) -> None:
+        """Kill what is left of the process and of everything it started (what ended by itself, its server has ended)."""
+        if self.returncode is None:
+            kill_group(self.pid)
+            with contextlib.suppress(Lost):
+                self.wait()
+        self._answers.close()
+
+
+def _line(answers: socket.socket, limit: float | None) -> str | None:
+    """Return the next line, "" where nobody writes any more, None after ``limit`` [s]."""
+    answers.settimeout(limit)
+    read = bytearray()
+    try:
+        while not read.endswith(b"\n"):
+            if not (more := answers.recv(1)):
+                return ""
+            read += more
+    except TimeoutError:
+        return None
+    return read.decode().rstrip("\n")
+
+
+@dataclass
+class Prepared:
+    """A prepared process: the process, the socket for requests, its folder, and why it takes no more ("" where it does)."""
+
+    process: subprocess.Popen[bytes]
+    requests: socket.socket
+    folder: tempfile.TemporaryDirectory[str]
+    refusal: str = ""
+
+    def fork(self, job_file: Path, folder: Path, log: int) -> Forked:
+        """Return the process of a job that runs in ``folder`` and prints into ``log``.  Raises Refused."""
+        if self.refusal:
+            raise Refused(self.refusal)
+        ours, theirs = socket.socketpair()
+        words = json.dumps({"job": str(job_file), "folder": str(folder)}).encode()
+        try:
+            with theirs:
+                socket.send_fds(self.requests, [words], [theirs.fileno(), log])
+            answer = _line(ours, PREPARE)
+        except OSError:
+            answer = ""
+        if answer and answer.startswith("forked "):
+            return Forked(int(answer.removeprefix("forked ")), ours)
+        ours.close()
+        self.refusal = self.refusal or self._why(answer)
+        self.end()
+        raise Refused(self.refusal)
+
+    def _why(self, answer: str | None) -> str:
+        if answer is None:
+            return f"it was not prepared after {PREPARE:g} s"
+        return answer.removeprefix("refused ") or "its prepared process has died"
+
+    def end(self) -> None:
+        """End the process, and with it every job that was forked from it."""
+        kill_group(self.process.pid)
+        self.process.wait()
+        self.requests.close()
+        self.folder.cleanup()
+
+
+@dataclass
+class ForkServers:
+    """The prepared processes of a run, by the adapter that each has imported."""
+
+    known: dict[str, Prepared] = field(default_factory=dict)
+    lock: threading.Lock = field(default_factory=threading.Lock)
+    stopped: bool = False
+
+    def fork(self, job: Mapping[str, Any], job_file: Path, folder: Path, log: int) -> Forked:
+        """Return the process of a job.  Raises Refused."""
+        if sys.platform != "linux":
+            raise Refused("only Linux says how many threads a process has")
+        return self._prepared(job).fork(job_file, folder, log)
+
+    @property
+    def refusals(self) -> dict[str, str]:
+        """The reasons why jobs of an adapter were not forked, by its name."""
+        return {name: one.refusal for name, one in self.known.items() if one.refusal}
+
+    def _prepared(self, job: Mapping[str, Any]) -> Prepared:
+        name = " ".join(filter(None, [job["module"], job.get("path", "")]))
+        with self.lock:
+            if self.stopped:
+                raise Refused("interrupted")
+            if name not in self.known:
+                self.known[name] = _started(job)
+            return self.known[name]
+
+    def stop(self) -> None:
+        """End all of them, and start no more."""
+        with self.lock:
+            self.stopped = True
+            for one in self.known.values():
+                if not one.refusal:
+                    kill_group(one.process.pid)
+
+    def close(self) -> None:
+        """End all of them and wait until they are gone."""
+        self.stop()
+        for one in self.known.values():
+            if not one.refusal:
+                one.end()
+
+
+def _started(job: Mapping[str, Any]) -> Prepared:
+    """Start the prepared process of a job's adapter; it has to be the thread's that lives as long as the run."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    door = {name: job[name] for name in ("module", "path", "settings") if name in job}
+    folder = tempfile.TemporaryDirectory(prefix="crosscheck-prepared-", ignore_cleanup_errors=True)
+    told = Path(folder.name) / "door.json"
+    told.write_text(json.dumps({**door, "plain": job["kind"] in PLAIN}), encoding="utf-8")
+    with theirs, (told.parent / "printed.txt").open("wb") as log:
+        words = [sys.executable, "-X", "faulthandler", "-m", "crosscheck.run.fork_server"]
+        process = subprocess.Popen(
+            [*words, str(theirs.fileno()), str(told)],
+            cwd=told.parent,
+            env=environment(),
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            pass_fds=[theirs.fileno()],
+        )
+    return Prepared(process, ours, folder)

@@ -1,0 +1,233 @@
+"""Answers that are kept between runs: what engines and studies gave, taken again while nothing that matters has changed.
+
+An entry is a file, a zip archive whose members carry their own checksums, named after a key that changes with everything that
+the answer depends on: the files of the mechanism and the case, the engine, its options and its package, the sources of this
+project, the versions of packages and of Python, the processor, and what the environment tells Numba.  Limits, which
+judge, and the time limit are no part of it.  Only what came to an answer is kept.
+
+Files appear as a whole or not at all, so two runs may use one folder at once.  What is damaged is removed and told, and
+computed again; where nothing can be written, that is told and nothing is kept.  The entries that were not used for longest go
+when the folder grows beyond `LARGEST`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import io
+import json
+import os
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from hashlib import sha256
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from crosscheck import output_folder as owned
+from crosscheck.doors.registry import COMMAND
+from crosscheck.engines import ENGINES, Engine
+from crosscheck.measures.record import Record, RecordError, check, fingerprint, load, save
+from crosscheck.run.isolation import Attempt, scratch
+from crosscheck.run.run_cache import key, stamped, surroundings
+from crosscheck.studies import Study
+from crosscheck.verdicts.plan import Task
+from crosscheck.verdicts.results import machine, now
+
+LARGEST = 2_000_000_000  # [bytes] of a folder of answers: some ten runs of everything
+KEPT = ("ok", "skipped")
+ENDING, TIMES = ".answer", "times.json"
+TOLD = ("NUMBA_", "FLEXINV_")  # beginnings of variables of the environment that computations hear
+WHERE = "CROSSCHECK_KEPT"
+DAMAGED = (OSError, ValueError, LookupError, TypeError, zipfile.BadZipFile, zlib.error, EOFError, RecordError)
+
+
+def folder_of_user() -> Path | None:
+    """Return the folder of this user's answers: what CROSSCHECK_KEPT says ("": None), else one in the cache of the user."""
+    if (said := os.environ.get(WHERE)) is not None:
+        return Path(said) if said else None
+    base = os.environ.get("XDG_CACHE_HOME", "")
+    return (Path(base) if base else Path.home() / ".cache") / "crosscheck" / "answers"
+
+
+@dataclass
+class KeptAnswers:
+    """A folder of answers; trouble : what was wrong with entries and with writing, for the reader."""
+
+    folder: Path
+    options: Mapping[str, Any] = field(default_factory=dict)
+    trouble: list[str] = field(default_factory=list)
+
+    @cached_property
+    def setting(self) -> str:
+        """A digest of all that every answer depends on."""
+        return setting()
+
+    @cached_property
+    def contents(self) -> Callable[[Path], str]:
+        """The digest of a folder (`contents`), which is read once."""
+        return cache(contents)
+
+    def attempt(self, task: Task, engine: Engine) -> Attempt | None:
+        """Return the attempt that was kept of an engine at a case, with the time of it, or None."""
+        found: Attempt | None = self._read(self._key(task, engine), lambda words, stem: _attempt(words, stem, task))
+        return found
+
+    def keep(self, task: Task, engine: Engine, attempt: Attempt) -> None:
+        """Keep an attempt that came to an answer."""
+        if attempt.record.status in KEPT and not attempt.kept:
+            words = {"printed": attempt.printed, "elapsed": attempt.elapsed, "when": now()}
+            self._write(self._key(task, engine), words, attempt.record)
+
+    def answer(self, name: str, *things: object) -> Any:
+        """Return the values that were kept under things that they depend on, with their time ("when"), None without them."""
+        return self._read(fingerprint(name, *things, self.setting), lambda words, stem: words)
+
+    def study(self, study: Study) -> tuple[object, ...]:
+        """Return the things that a study depends on: its function, its options, and all files in the folders that these name."""
+        folders = {name: Path(str(value)) for name, value in study.options.items() if Path(str(value)).is_dir()}
+        plain = {name: value for name, value in study.options.items() if name not in folders}
+        return study.module, study.function, plain, {name: self.contents(folder) for name, folder in folders.items()}
+
+    def keep_answer(self, words: Mapping[str, Any], name: str, *things: object) -> None:
+        """Keep JSON values under the things that they depend on."""
+        self._write(fingerprint(name, *things, self.setting), {**words, "when": now()})
+
+    def _key(self, task: Task, engine: Engine) -> str:
+        """Return the key of an attempt, "" of an engine about which nobody can see whether it has changed."""
+        if not lasting(engine):
+            return ""
+        options = stamped(engine, task.folder, self.options)
+        ours = "" if engine.name in ENGINES or engine.settings is not None else package(engine.module)
+        return fingerprint(key(task, engine.name, options), self.contents(task.folder), ours, self.setting)
+
+    def _read(self, name: str, read: Any) -> Any:
+        file = self._file(name)
+        if not name or not file.is_file():
+            return None
+        try:
+            with scratch() as folder, zipfile.ZipFile(file) as archive:
+                archive.extractall(folder)
+                found = read(json.loads((folder / "words.json").read_text(encoding="utf-8")), folder / "record")
+            os.utime(file)
+        except FileNotFoundError:  # another run has just removed it
+            return None
+        except DAMAGED as error:
+            self.trouble.append(f"a kept answer was damaged and is computed again: {error}")
+            with contextlib.suppress(OSError):
+                file.unlink()
+            return None
+        return found
+
+    def _write(self, name: str, words: Mapping[str, Any], record: Record | None = None) -> None:
+        if not name:
+            return
+        try:
+            data = archived(words, record)
+            file = self._file(name)
+            file.parent.mkdir(parents=True, exist_ok=True)
+            owned.replace(file, data)
+        except OSError as error:
+            said = f"answers are not kept: {error}"
+            self.trouble += [] if said in self.trouble else [said]
+
+    def _file(self, name: str) -> Path:
+        return self.folder / name[:2] / f"{name}{ENDING}"
+
+    def times(self) -> dict[str, float]:
+        """Return the times that jobs took when they ran last [s], by their names."""
+        try:
+            found = json.loads((self.folder / TIMES).read_text(encoding="utf-8"))
+            return {str(name): float(seconds) for name, seconds in found.items()}
+        except (OSError, ValueError, TypeError, AttributeError):
+            return {}
+
+    def close(self, times: Mapping[str, float]) -> None:
+        """Add how long jobs took [s], and remove what was not used for longest where the folder is too large."""
+        with contextlib.suppress(OSError):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            owned.replace(self.folder / TIMES, json.dumps(self.times() | dict(times)))
+            trim(self.folder, LARGEST)
+
+
+def _attempt(words: Mapping[str, Any], stem: Path, task: Task) -> Attempt:
+    record = load(stem)
+    check(record, task.time)
+    return Attempt(record, words["printed"], words["elapsed"], words["when"])
+
+
+def archived(words: Mapping[str, Any], record: Record | None) -> bytes:
+    """Return an entry: words, and the two files of a record where there is one."""
+    made = io.BytesIO()
+    with scratch() as folder, zipfile.ZipFile(made, "w") as archive:
+        if record is not None:
+            save(record, folder / "record")
+            for file in sorted(folder.iterdir()):
+                archive.write(file, file.name)
+        archive.writestr("words.json", json.dumps(words))
+    return made.getvalue()
+
+
+def trim(folder: Path, largest: float) -> None:
+    """Remove entries, those first that were not used for longest, until a folder has at most ``largest`` [bytes]."""
+    entries = sorted(_entries(folder), reverse=True)
+    total = 0
+    for _, size, file in entries:
+        total += size
+        if total > largest:
+            with contextlib.suppress(OSError):
+                file.unlink()
+
+
+def _entries(folder: Path) -> Iterator[tuple[float, int, Path]]:
+    for file in folder.glob(f"*/*{ENDING}"):
+        with contextlib.suppress(OSError):
+            state = file.stat()
+            yield state.st_mtime, state.st_size, file
+
+
+def lasting(engine: Engine) -> bool:
+    """Return True if what an engine is can be seen: a program, or a module in the user's folder, may hide what it uses."""
+    return engine.module != COMMAND and not engine.path
+
+
+def setting() -> str:
+    """Return a digest of all that every answer depends on: sources, packages, Python, processor, environment."""
+    told = sorted((name, value) for name, value in os.environ.items() if name.startswith(TOLD))
+    here = {name: value for name, value in machine().items() if name != "cores"}
+    return fingerprint(surroundings(), ours(), here, installed(), told)
+
+
+@cache
+def ours() -> str:
+    """Return a digest of all files of flexinv and crosscheck, not of their sources alone."""
+    root = Path(__file__).resolve().parents[2]
+    return fingerprint([contents(root / name) for name in ("flexinv", "crosscheck")])
+
+
+@cache
+def installed() -> str:
+    """Return a digest of the names and versions of all installed packages: some engine may use any of them."""
+    return fingerprint(sorted(f"{one.name} {one.version}" for one in metadata.distributions()))
+
+
+@cache
+def package(module: str) -> str:
+    """Return a digest of the sources of another package, in which the adapter ``module`` is."""
+    found = importlib.util.find_spec(module.partition(":")[0].partition(".")[0])
+    if found is None or found.origin is None:
+        return ""
+    origin = Path(found.origin)
+    return contents(origin.parent) if origin.name == "__init__.py" else sha256(origin.read_bytes()).hexdigest()
+
+
+def contents(folder: Path) -> str:
+    """Return a digest of all files below a folder, compiled ones aside."""
+    digest = sha256()
+    for file in sorted(f for f in folder.rglob("*") if f.is_file() and "__pycache__" not in f.parts):
+        data = file.read_bytes()
+        digest.update(f"{file.relative_to(folder)} {len(data)} ".encode() + data)
+    return digest.hexdigest()

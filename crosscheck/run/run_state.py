@@ -1,0 +1,290 @@
+"""State of a run: results and records so far, and what they ask for next; only the main thread touches it."""
+
+from __future__ import annotations
+
+import contextlib
+import time as clock
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from crosscheck import output_folder as owned
+from crosscheck.engines import Engine, missing
+from crosscheck.measures.certificate import Check
+from crosscheck.measures.record import Record, RecordError, load, save
+from crosscheck.run.abilities import Abilities, skipped
+from crosscheck.run.isolation import Attempt
+from crosscheck.run.questions import certificates, certified, diagnosis, questions
+from crosscheck.run.result_rows import compare_all, run_row, study_row
+from crosscheck.run.work import Event, Notify, Work
+from crosscheck.studies import Study
+from crosscheck.verdicts import baseline
+from crosscheck.verdicts import results as store
+from crosscheck.verdicts.compare import Comparison
+from crosscheck.verdicts.plan import Task, case_row
+from crosscheck.verdicts.repeatability import SHAKEN, doubtful, repeated, scattered
+from crosscheck.verdicts.results import CaseRow, Diagnosis, EngineRow, Results, RunRow, StudyRow, slug
+
+RESULTS = "results.json"
+PAUSE = 2.0  # [s] between two writings of results.json at least
+Job = tuple[str, Any, Any]  # kind, what, engine
+SHAKES = {f"shaken {way}": way for way in SHAKEN}  # kinds of jobs: an engine with the last digits of its input moved
+
+
+@dataclass
+class State:
+    """State of a run: results and records so far, why engines cannot do cases, and how long jobs took [s] by their labels."""
+
+    work: Work
+    out: Path
+    notify: Notify
+    results: Results
+    start: float = field(default_factory=clock.monotonic)
+    written: float = 0.0
+    done: int = 0
+    records: dict[tuple[str, str], dict[str, Record]] = field(default_factory=dict)
+    again: dict[tuple[str, str], dict[str, Record]] = field(default_factory=dict)
+    shaken: dict[tuple[str, str, str], list[Record]] = field(default_factory=dict)
+    refused: dict[tuple[str, str, str], Attempt] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def jobs(self) -> Iterator[Job]:
+        """Yield every engine at every case, and every study."""
+        for task in self.work.plan.tasks:
+            for engine in self.work.engines.values():
+                yield "run", task, engine
+        for study in self.work.studies:
+            yield "study", study, None
+
+    def asked(self, left: Iterable[Job]) -> Iterator[Job]:
+        """Yield what every adapter is asked before its engines run: what it is, and which of the cases it can do.
+
+        left : the jobs that are to be done
+        """
+        pairs: dict[str, list[tuple[Task, Engine]]] = {}
+        for kind, task, engine in left:
+            if kind == "run":
+                pairs.setdefault(engine.adapter_key, []).append((task, engine))
+        adapters = {e.adapter_key: e for e in self.work.engines.values() if missing(e) is None}
+        for key, engine in sorted(adapters.items()):
+            yield "abilities", engine, tuple(pairs.get(key, ()))
+
+    def refusal(self, job: Job) -> Attempt | None:
+        """Return the attempt of an engine that has said that it cannot do a case, None where it can or has not said."""
+        kind, what, engine = job
+        return self.refused.get((what.folder.name, what.case.name, engine.name)) if kind == "run" else None
+
+    def repeats(self) -> Iterator[Job]:
+        """Yield the runs whose error bars explain a difference: they have to repeat; and those that seem worse than blessed."""
+        rows, known = self.results.comparisons, self.work.options.baseline
+        wanted = {(c.mechanism, c.case, e) for c in rows if doubtful(c) for e in (c.engine, c.reference)}
+        worse = {(c.mechanism, c.case, c.engine) for c in rows if baseline.is_worse(c, known)}
+        for task in self.work.plan.tasks:
+            for engine in self.work.engines.values():
+                here = task.folder.name, task.case.name, engine.name
+                for kind in (*(("again",) if here in wanted else ()), *(SHAKES if here in worse else ())):
+                    yield kind, task, engine
+
+    def repeated(self) -> None:
+        """Judge what error bars explained by whether the engines repeat; state what last digits do where one seems worse."""
+        stems = {(r.mechanism, r.case, r.engine): self.out / r.series for r in self.results.runs if r.series}
+        rows = []
+        for row in self.results.comparisons:
+            if doubtful(row):
+                again = self.again.get((row.mechanism, row.case), {})
+                first = {e: _loaded(stems.get((row.mechanism, row.case, e)), e) for e in (row.engine, row.reference)}
+                row = repeated(row, first, {e: again.get(e, UNREPEATED) for e in first})
+            if baseline.is_worse(row, self.work.options.baseline):
+                other = _loaded(stems.get((row.mechanism, row.case, row.reference)), row.reference)
+                row = scattered(row, other, self.shaken.get((row.mechanism, row.case, row.engine), []))
+            rows.append(row)
+        self.results = replace(self.results, comparisons=tuple(rows))
+
+    def questions(self) -> Iterator[Job]:
+        """Yield what is asked once everything is compared: why engines deviate."""
+        for question in questions(self._judged(whole=False), self.work.plan, self.out, self.work.engines):
+            yield "why", question, None
+
+    def take(self, job: Job, answer: Any) -> None:
+        """Add one answer to the results."""
+        kind, what, engine = job
+        if kind == "abilities":
+            self._abilities(what, engine, answer)
+        elif kind == "study":
+            self._study(what, *answer)
+        elif kind == "why":
+            found = diagnosis(what, answer[0], answer[1].message)
+            self.results = replace(self.results, diagnoses=(*self.results.diagnoses, found))
+        elif kind == "again":
+            self.again.setdefault((what.folder.name, what.case.name), {})[engine.name] = answer.record
+        elif kind in SHAKES:
+            self.shaken.setdefault((what.folder.name, what.case.name, engine.name), []).append(answer.record)
+        else:
+            self._run(what, engine, answer)
+        self._keep()
+
+    def interrupted(self) -> None:
+        """Add a row for everything that did not come to its end (what Ctrl-C met while it was taken has one already)."""
+        have = {(r.mechanism, r.case, r.engine) for r in self.results.runs} | {s.name for s in self.results.studies}
+        for kind, what, engine in self.jobs():
+            name = (what.folder.name, what.case.name, engine.name) if kind == "run" else what.name
+            if name in have:
+                continue
+            if kind == "run":
+                self._run(what, engine, Attempt(Record(engine=engine.name, status="error", message="interrupted")))
+            else:
+                row = StudyRow(what.name, what.title, status="error", message="interrupted")
+                self.results = replace(self.results, studies=(*self.results.studies, row))
+        self.results = replace(self.results, message="interrupted before everything was run")
+
+    def told(self, trouble: Iterable[str], afresh: Mapping[str, str]) -> None:
+        """Add what a reader has to know of kept answers, and of engines that are not forked, to the settings."""
+        words = {"kept results": "; ".join(trouble)} if trouble else {}
+        words |= {f"processes of {name}": f"each started afresh: {why}" for name, why in afresh.items()}
+        self.results = replace(self.results, settings={**self.results.settings, **words})
+
+    def finish(self) -> Results:
+        """Return the complete results, and write them; where that fails they say so."""
+        order, studies = list(self.work.engines), [study.name for study in self.work.studies]
+        cases = [(c.mechanism, c.case) for c in self.results.cases]
+
+        def place(row: RunRow | Comparison | Check | Diagnosis) -> tuple[int, int]:
+            return cases.index((row.mechanism, row.case)), order.index(row.engine)
+
+        self.results = replace(
+            self.results,
+            finished=not self.results.message,
+            runs=tuple(sorted(self.results.runs, key=place)),
+            comparisons=tuple(sorted(self.results.comparisons, key=place)),
+            certificates=tuple(sorted(self.results.certificates, key=place)),
+            diagnoses=tuple(sorted(self.results.diagnoses, key=place)),
+            studies=tuple(sorted(self.results.studies, key=lambda row: studies.index(row.name))),
+        )
+        self.results = self._judged(self.work.options.whole and self.results.finished)
+        try:
+            self._keep(at_once=True)
+        except OSError as error:
+            words = f"results.json could not be written: {error}"
+            self.results = replace(
+                self.results, finished=False, message="; ".join(filter(None, [self.results.message, words]))
+            )
+        return self.results
+
+    def _judged(self, whole: bool) -> Results:
+        known = self.work.options.baseline
+        return self.results if known is None else baseline.apply(self.results, known, whole)
+
+    def _run(self, task: Task, engine: Engine, attempt: Attempt) -> None:
+        key = (task.folder.name, task.case.name)
+        row = self._saved(run_row(task, attempt), attempt.record)
+        self.results = replace(self.results, runs=(*self.results.runs, row))
+        records = self.records.setdefault(key, {})
+        records[engine.name] = attempt.record
+        if len(records) == len(self.work.engines):
+            self._compare(task, self.records.pop(key))
+        name = label("run", task, engine)
+        self._note(name, attempt.elapsed, attempt.kept)
+        kept = f"unchanged since {attempt.kept}" if attempt.kept else ""
+        self._tell(name, row.verdict if row.status != "ok" else "ok", row.message or kept)
+
+    def _saved(self, row: RunRow, record: Record) -> RunRow:
+        """Write the series and return the row that says where they are, or why they could not be written."""
+        if record.status != "ok":
+            return row
+        stem = f"series/{slug(f'{row.mechanism}-{row.case}')}/{slug(row.engine)}"
+        try:
+            (self.out / stem).parent.mkdir(parents=True, exist_ok=True)
+            save(record, owned.claim_record(self.out / stem))
+        except OSError as error:
+            return replace(row, status="error", message=f"its series could not be written: {error}")
+        return replace(row, series=stem)
+
+    def _compare(self, task: Task, records: Mapping[str, Record]) -> None:
+        rows, idle = compare_all(task, records)
+        lines = certificates(task, records)
+        cases = tuple(
+            replace(c, unused_limits=idle) if (c.mechanism, c.case) == (task.folder.name, task.case.name) else c
+            for c in self.results.cases
+        )
+        self.results = replace(
+            self.results,
+            cases=cases,
+            comparisons=(*self.results.comparisons, *certified(rows, lines)),
+            certificates=(*self.results.certificates, *lines),
+        )
+
+    def _abilities(self, asked: Engine, pairs: Iterable[tuple[Task, Engine]], answer: Abilities) -> None:
+        said = answer.described
+        rows = []
+        for row in self.results.engines:
+            if self.work.engines[row.name].adapter_key == asked.adapter_key:
+                told = {**said} if said is not None else {"present": False}
+                row = replace(row, **told, message=answer.message or row.message)
+            rows.append(row)
+        self.results = replace(self.results, engines=tuple(rows))
+        for number, (task, engine) in enumerate(pairs):
+            if said is not None and (reason := answer.refused.get(number)) is not None:
+                no = skipped(task, engine, reason, said["version"])
+                self.refused[task.folder.name, task.case.name, engine.name] = no
+
+    def _study(self, study: Study, answer: Any, ending: Any) -> None:
+        row = study_row(study, answer, ending)
+        self.results = replace(self.results, studies=(*self.results.studies, row))
+        self._note(label("study", study, None), ending.elapsed, ending.kept)
+        self._tell(f"study {study.name}", row.verdict, row.message)
+
+    def _note(self, name: str, elapsed: float, kept: str) -> None:
+        """Note how long a job took [s], where it ran."""
+        if elapsed and not kept:
+            self.seconds[name] = elapsed
+
+    def _tell(self, label: str, verdict: str, message: str) -> None:
+        self.done += 1
+        total = len(self.work.plan.tasks) * len(self.work.engines) + len(self.work.studies)
+        self.notify(Event(label, verdict, message, self.done, total))
+
+    def _keep(self, at_once: bool = False) -> None:
+        elapsed = clock.monotonic() - self.start
+        if at_once or elapsed - self.written >= PAUSE:
+            self.results = replace(self.results, elapsed=elapsed)
+            self.written = elapsed
+            # A full disk must not end the night: what can be computed is computed, and the last writing tells.
+            forgiven = () if at_once else (OSError,)
+            with contextlib.suppress(*forgiven):
+                store.write(self.results, self.out / RESULTS)
+
+
+def label(kind: str, what: Any, engine: Engine | None) -> str:
+    """Return the name of a job: "four_bar/turn mujoco", "study robots"."""
+    if kind == "study":
+        return f"study {what.name}"
+    if kind == "why":
+        return "why"
+    return f"{what.folder.name}/{what.case.name} {engine.name if engine else ''}"
+
+
+UNREPEATED = Record("", status="error", message="interrupted")
+
+
+def _loaded(stem: Path | None, engine: str) -> Record:
+    """Return a record that was saved; what cannot be read any more cannot be repeated."""
+    try:
+        return load(stem) if stem is not None else Record(engine)
+    except RecordError:
+        return Record(engine)
+
+
+def opening(work: Work, command: str) -> Results:
+    plan, options = work.plan, work.options
+    broken = [CaseRow(name, "", problem=message) for name, message in plan.broken]
+    rows = [EngineRow(e.name, (m := missing(e)) is None, message=m or "") for e in work.engines.values()]
+    return Results(
+        started=store.now(),
+        command=command,
+        settings={"timeout": options.timeout, "jobs": options.jobs, "options": dict(options.engine)},
+        machine=store.machine(),
+        versions=store.versions(),
+        engines=tuple(rows),
+        cases=(*broken, *(case_row(task) for task in plan.tasks)),
+    )

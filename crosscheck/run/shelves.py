@@ -1,0 +1,109 @@
+"""Shelves of a run: answers of one that was cut short, kept answers of all before, and the times that jobs take."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from crosscheck.measures.record import RecordError, load
+from crosscheck.run.abilities import Abilities
+from crosscheck.run.isolation import Ending
+from crosscheck.run.kept_answers import KeptAnswers
+from crosscheck.run.questions import Question
+from crosscheck.run.run_cache import Attempts
+from crosscheck.run.run_state import Job, label
+from crosscheck.run.work import Options
+from crosscheck.verdicts.plan import Task
+
+# [s], rough: the beginning of a process; a step of a rigid link and of a beam; a study.  They only order what never ran.
+BEGIN, RIGID, BEAM, STUDY = 0.1, 1e-5, 2e-3, 30.0
+
+
+@dataclass
+class Shelves:
+    """Answers of a run that was cut short (left), and of all runs before (kept, None: no such)."""
+
+    options: Options
+    left: Attempts
+    kept: KeptAnswers | None
+
+    def find(self, job: Job) -> Any:
+        """Return the answer to a job where it is there and wanted, else None."""
+        kind, what, engine = job
+        if kind == "run" and self.options.resume and (found := self.left.find(what, engine.name, self.options.engine)):
+            return found
+        if self.kept is None or self.options.fresh:
+            return None
+        if kind == "run":
+            return self.kept.attempt(what, engine)
+        if kind == "abilities" and engine:  # there is something to be asked
+            return None
+        if (things := self._things(job)) is None or (words := self.kept.answer(kind, *things)) is None:
+            return None
+        if kind == "abilities":
+            return Abilities(words["answer"])
+        return words["answer"], Ending("ok", "", words["printed"], words["elapsed"], words["when"])
+
+    def keep(self, job: Job, answer: Any) -> None:
+        """Keep the answer to a job, for the case that this run is cut short, and for later runs."""
+        kind, what, engine = job
+        if kind == "run":
+            with contextlib.suppress(OSError):  # a full disk: then there is nothing to resume from
+                self.left.keep(what, engine.name, answer, self.options.engine)
+        if self.kept is None:
+            return
+        if kind == "run":
+            self.kept.keep(what, engine, answer)
+        elif (told := _told(kind, answer)) and (things := self._things(job)) is not None:
+            self.kept.keep_answer(told, kind, *things)
+
+    def _things(self, job: Job) -> tuple[object, ...] | None:
+        """Return the things that an answer depends on beside those that all answers depend on; None: it is not kept."""
+        kind, what, _ = job
+        if self.kept is not None and kind == "study":
+            return self.kept.study(what)
+        if self.kept is not None and kind == "why":
+            return _of_question(what, self.kept)
+        return (what.adapter_key, what.door) if kind == "abilities" else None
+
+    def expected(self, job: Job) -> float:
+        """Return the time that a job may take [s]: as long as it took last, or an estimate."""
+        kind, what, engine = job
+        known = self._times.get(label(kind, what, engine))
+        if known is not None:
+            return known
+        return estimated(what) if isinstance(what, Task) else STUDY
+
+    @cached_property
+    def _times(self) -> Mapping[str, float]:
+        return {} if self.kept is None else self.kept.times()
+
+
+def estimated(task: Task) -> float:
+    """Return an estimate of the time that an engine takes for a case [s]."""
+    steps = task.case.end / task.case.step
+    return BEGIN + steps * (RIGID * len(task.mechanism.links) + BEAM * len(task.mechanism.beams))
+
+
+def _told(kind: str, answer: Any) -> dict[str, Any] | None:
+    """Return the part of an answer that is kept, None where it is none."""
+    if kind == "abilities":
+        return {"answer": answer.described} if answer.described and not answer.message else None
+    if kind not in ("study", "why") or answer[1].status != "ok":
+        return None
+    return {"answer": answer[0], "printed": answer[1].printed, "elapsed": answer[1].elapsed}
+
+
+def _of_question(question: Question, kept: KeptAnswers) -> tuple[object, ...] | None:
+    """Return the things that an answer depends on: the case, and both records but for the time that they took."""
+    told = dict(question.options)
+    try:
+        records = [load(Path(told.pop(side))) for side in ("ours", "theirs")]
+    except RecordError:
+        return None
+    folder = Path(told.pop("folder"))
+    return folder.name, kept.contents(folder), told, [replace(one, wall_time=0.0) for one in records]

@@ -1,0 +1,58 @@
+"""The work of a run: cases, engines, studies and options; and what is told while it goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from crosscheck.engines import Engine
+from crosscheck.studies import Study
+from crosscheck.verdicts.baseline import Baseline
+from crosscheck.verdicts.plan import Plan
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of a run: timeout [s] per engine and case, jobs at a time, options for the engines.
+
+    scheduler : address of a Dask cluster, "" for this machine; resume : take what an interrupted run left in the folder
+    baseline : the blessed night that judges beside the limits, or None; whole : everything runs, so what it misses is gone
+    kept : folder of answers of earlier runs, which are taken where nothing has changed (`crosscheck.run.kept_answers`), or None
+    fresh : everything is computed all the same, and kept
+    """
+
+    timeout: float = 900.0
+    jobs: int = 1
+    engine: Mapping[str, Any] = field(default_factory=dict)
+    scheduler: str = ""
+    resume: bool = False
+    baseline: Baseline | None = None
+    whole: bool = False
+    kept: Path | None = None
+    fresh: bool = False
+
+
+@dataclass(frozen=True)
+class Work:
+    """Work of a run: cases, engines, studies and options."""
+
+    plan: Plan
+    engines: Mapping[str, Engine]
+    studies: tuple[Study, ...] = ()
+    options: Options = Options()
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that finished, for a progress display."""
+
+    label: str
+    verdict: str
+    message: str
+    done: int
+    total: int
+
+
+Notify = Callable[[Event], None]

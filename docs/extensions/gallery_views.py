@@ -1,0 +1,45 @@
+"""What the gallery of examples needs: the project's folder as working folder, and views in space beside the pictures."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import plotly
+import plotly.graph_objects as go
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+SCRIPT = "plotly.min.js"
+
+
+def in_the_project(gallery: dict[str, Any], file: str) -> None:
+    """Run every example in the project's folder, as a reader does."""
+    os.chdir(ROOT)
+
+
+def scrape(block: Any, names: dict[str, Any], gallery: dict[str, Any]) -> str:
+    """Write the plotly figures that a block has made as pages, and return the text that shows them when they are opened.
+
+    All pages share one script, which lies beside them and is read when the first of them is opened.
+    """
+    shown = names.setdefault("_shown", set())
+    figures = {name: value for name, value in names["example_globals"].items() if isinstance(value, go.Figure)}
+    folder = Path(gallery["src_dir"]) / "_static" / "views"
+    text = ""
+    for name, figure in figures.items():
+        if id(figure) in shown:
+            continue
+        shown.add(id(figure))
+        folder.mkdir(parents=True, exist_ok=True)
+        script = folder / SCRIPT
+        if not script.exists():
+            script.write_text(plotly.offline.get_plotlyjs(), encoding="utf-8")
+        page = f"{Path(names['src_file']).stem}_{name}.html"
+        figure.write_html(folder / page, include_plotlyjs=SCRIPT, auto_play=False)
+        text += (
+            "\n.. raw:: html\n\n"
+            f'    <details class="view"><summary>Open the view in space</summary>'
+            f'<iframe src="../_static/views/{page}" loading="lazy" title="{name}" width="100%" height="520"></iframe></details>\n'
+        )
+    return text

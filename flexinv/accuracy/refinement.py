@@ -1,0 +1,327 @@
+"""Refinement of steps and mesh until error bars are as small as was asked; never finer than that.
+
+Steps are 1/n of the coarsest, n on a ladder whose rungs share samples.  Of three rungs a < b < c come two extrapolated answers,
+P0 of a, b and P of b, c, of order p in the step (4 where the expansion in even powers holds).  Their errors fall by
+r = (c/a)^(p/2), so that
+
+    |P - P0| >= (r - 1) |error of P|,      bar = |P - P0| max(1, 3/2 / (r - 1))
+
+with the p that two triples of rungs show, and p = 2 where there is one triple: with c = 2 a the bar is three times the error at
+order 4, 1.5 times at order 2, and never less.  Where P does not converge (jumps inside a step: friction that
+sticks) but the plain answers do, the plain one is returned with the bar of a first-order sequence, |T_c - T_a|.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from flexinv.accuracy.extrapolation import combined, thinned, weights
+from flexinv.accuracy.quantities import Quantities, Ranges, free_coordinates, quantities, ranges, widest
+from flexinv.accuracy.step_grid import StepGrid
+from flexinv.analysis.evaluation import FirstStep
+from flexinv.analysis.settings import Settings
+from flexinv.analysis.task import Task
+from flexinv.analysis.trajectory import first_step
+from flexinv.errors import ConvergenceError
+from flexinv.kinematics.mesh import Mesh
+from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
+
+# Parts of what is asked that errors of steps may take; the mesh gets what is left.
+OF_STEPS = 0.7
+# An expansion below this order is none.
+LEAST_ORDER = 0.5
+# What an order seen on so few rungs may be off by, as a factor on the bar.
+MARGIN = 1.5
+# The order that is taken for granted where nothing shows one.
+ASSUMED_ORDER = 2.0
+# A jump of more rungs goes by an order that so few steps cannot show; before so many triples nothing is given up.
+FARTHEST, TRIPLES_SEEN = 4, 3
+# More steps times nodes than this in one run are a wish that no step meets: an undamped vibration that never ends.
+MOST_NODE_STEPS = 2_000_000
+# Meshes of beams, (times the elements of the mechanism, order), each better than that before.
+MESHES = ((1, 4), (1, 6), (1, 8), (1, 10), (2, 8), (2, 10), (4, 8), (4, 10))
+# A difference to the next mesh is nearly the whole error of a mesh, as errors fall by several times from one to the next.
+OF_MESH = 1.5
+
+
+class Run(NamedTuple):
+    """One run: the first step of the paper, at all instants or at those that are kept; jumps : of its accelerations [s]."""
+
+    mesh: Mesh
+    first: FirstStep
+    settings: Settings
+    passive: set[str]
+    jumps: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A task that can be solved at any steps and on any mesh.
+
+    run : mechanism, instants [s], samples at which steps change, settings -> Run; accuracy : asked, part of ranges [-]
+    marched : whether it is integrated in time, not exact at every sample
+    """
+
+    mechanism: Mechanism
+    grid: StepGrid
+    run: Callable[[Mechanism, Array, tuple[int, ...], Settings], Run]
+    settings: Settings
+    accuracy: float
+    marched: bool = True
+
+
+@dataclass(frozen=True)
+class Level:
+    """A run at 1/``finer`` of the coarsest step [-], its first step and quantities at ``kept`` samples to a coarsest step."""
+
+    finer: int
+    kept: int
+    made: Run
+    first: FirstStep
+    found: Quantities
+
+    def thinned(self, kept: int) -> FirstStep:
+        """Return the first step [m, rad, s, N] at ``kept`` samples to a coarsest step [-]."""
+        return thinned(self.first, self.kept // kept)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Answer of a refinement: levels to combine, their weights [-], and bars (samples, quantities) in parts of the ranges [-].
+
+    kept : samples to a coarsest step; apart : largest difference of two answers of three rungs; order : that they show [-]
+    """
+
+    levels: tuple[Level, ...]
+    weight: Array
+    kept: int
+    bars: Array
+    ranges: Ranges
+    apart: float
+    order: float
+
+    @property
+    def bar(self) -> float:
+        """Return the largest bar [-]."""
+        return float(self.bars.max())
+
+    @property
+    def finest(self) -> Level:
+        """Return the run with the shortest steps."""
+        return self.levels[-1]
+
+
+def rung(index: int) -> int:
+    """Return the ladder of refinements: 1, 2, 3, 4, 6, 8, 12, 16, 24 ... [-]."""
+    return 1 if index == 0 else (2 if index % 2 else 3) * 2 ** ((index - 1) // 2)
+
+
+def meshed(mechanism: Mechanism, mesh: int) -> Mechanism:
+    """Return the mechanism with a mesh of `MESHES` [-] on its beams; of those of order 1, which are many, only one element."""
+    times, order = MESHES[mesh]
+
+    def remade(count: int, own: int) -> int:
+        return times * (1 if own == 1 else count)
+
+    links = tuple(
+        link
+        if link.beam is None
+        else replace(link, beam=replace(link.beam, elements=remade(link.beam.elements, link.beam.order), order=order))
+        for link in mechanism.links
+    )
+    return replace(mechanism, links=links)
+
+
+@dataclass
+class Refinement:
+    """Runs of one problem that are already made, by mesh and refinement; None where Newton failed at so long steps.
+
+    failure : of Newton, the last; seen : refinements [-] and how far answers were apart [-]
+    """
+
+    problem: Problem
+    levels: dict[tuple[int, int], Level | None] = field(default_factory=dict)
+    failure: ConvergenceError | None = None
+    seen: list[tuple[int, float]] = field(default_factory=list)
+
+    @property
+    def order(self) -> float:
+        """Return the order in the step that all answers seen so far show [-]."""
+        (first, wide), (last, narrow) = (self.seen[0], self.seen[-1]) if len(self.seen) > 1 else ((1, 1.0), (2, 0.25))
+        return float(np.log(wide / narrow) / np.log(last / first)) if narrow > 0.0 and last > first else ASSUMED_ORDER
+
+    def level(self, mesh: int, finer: int) -> Level | None:
+        """Return a run [m, rad, s, N], made where it is not yet."""
+        if (mesh, finer) not in self.levels:
+            self.levels[mesh, finer] = self._run(mesh, finer)
+        return self.levels[mesh, finer]
+
+    def _run(self, mesh: int, finer: int) -> Level | None:
+        p, grid = self.problem, self.problem.grid
+        mechanism = meshed(p.mechanism, mesh) if p.mechanism.beams else p.mechanism
+        kept = max(1, 2 ** int(np.log2(finer)) // 2)
+        whole = bool(mechanism.closures) and not mechanism.is_rigid  # of which every step is kept
+        settings = replace(p.settings, step=grid.spacing(finer), every=1 if whole else finer // kept)
+        try:
+            made = p.run(mechanism, grid.steps(finer), grid.seams(finer), settings)
+        except ConvergenceError as error:
+            self.failure = error
+            return None
+        first = thinned(made.first, (len(made.first.time) - 1) // (kept * grid.total))
+        free = free_coordinates(mechanism, made.passive)
+        return Level(finer, kept, made, first, quantities(made.mesh, first, free))
+
+    def triple(self, mesh: int, index: int) -> tuple[Level, Level, Level] | None:
+        """Return the runs of three rungs from ``index`` [-] on, None where one of them failed."""
+        a, b, c = (self.level(mesh, rung(index + k)) for k in range(3))
+        return None if a is None or b is None or c is None else (a, b, c)
+
+
+def marched(task: Task, seams: tuple[int, ...]) -> Run:
+    """Return the run of a task [m, rad, s, N] whose steps are equal between its ``seams`` [-]."""
+    (first,) = first_step(replace(task, seams=seams))
+    return Run(task.mesh, first, task.settings, task.passive, task.jumps)
+
+
+def refine(refinement: Refinement) -> Answer:
+    """Return the cheapest answer whose bars are within the accuracy asked [-].
+
+    Raises ConvergenceError where steps or meshes that can be paid for do not reach it, with what to change.
+    """
+    asked = refinement.problem.accuracy
+    mesh, index = _coarsest(refinement)
+    answer: Answer | None = None
+    while True:
+        answer, index = _fine_steps(refinement, mesh, index, answer)
+        if not refinement.problem.mechanism.beams:
+            return answer
+        whole = replace(answer, bars=answer.bars + mesh_bars(refinement, mesh, answer))
+        if whole.bar <= asked:
+            return whole
+        mesh += 1
+        if mesh + 1 >= len(MESHES):
+            raise unreached(refinement, whole)
+
+
+def _coarsest(refinement: Refinement) -> tuple[int, int]:
+    """The coarsest mesh whose error, as the coarsest steps that converge show it, leaves enough to the steps; and their rung."""
+    index = 0
+    while refinement.level(0, rung(index + 2)) is None:
+        index += 1
+        _check_budget(refinement, index, None)
+    mesh, finer = 0, rung(index + 2)
+    asked = (1.0 - OF_STEPS) * refinement.problem.accuracy
+    while refinement.problem.mechanism.beams and mesh + 2 < len(MESHES):
+        here, there = refinement.level(mesh, finer), refinement.level(mesh + 1, finer)
+        if here is not None and there is not None and _mesh_apart(here, there).max() <= asked:
+            break
+        mesh += 1
+    return mesh, index
+
+
+def _fine_steps(refinement: Refinement, mesh: int, index: int, before: Answer | None) -> tuple[Answer, int]:
+    """The first answer on one mesh whose bar of the steps is small enough, from a rung on; and its rung."""
+    asked = OF_STEPS * refinement.problem.accuracy
+    while True:
+        three = refinement.triple(mesh, index)
+        if three is None:
+            index += 1
+            _check_budget(refinement, index, before)
+            continue
+        answer = extrapolated_answer(three, before)
+        for one in (answer, plain_answer(three)):
+            if one.bar <= asked:
+                return one, index
+        index += _rungs(answer, asked, before is None)
+        _check_budget(refinement, index, answer)
+        before = answer
+        refinement.seen.append((answer.levels[0].finer, answer.apart))
+
+
+def extrapolated_answer(three: tuple[Level, Level, Level], before: Answer | None) -> Answer:
+    """Return the answer of the two finer of three runs [-], with the order seen since the answer ``before``."""
+    a, b, c = three
+    found = [level.found.rows(level.kept // a.kept) for level in three]
+    coarse, fine = mixed(found[:2], weights((a.finer, b.finer))), mixed(found[1:], weights((b.finer, c.finer)))
+    scale = ranges(c.made.mesh, found[2])
+    bars = widest(scale.errors(mixed((fine, coarse), np.array([1.0, -1.0]))))
+    apart, order = float(bars.max()), ASSUMED_ORDER if before is None else before.order
+    if before is not None and before.levels[0].finer < b.finer and min(apart, before.apart) > 0.0:
+        order = float(np.log(before.apart / apart) / np.log(b.finer / before.levels[0].finer))
+    contraction = (c.finer / a.finer) ** (max(order, LEAST_ORDER) / 2)
+    bars = bars * max(1.0, MARGIN / (contraction - 1.0))
+    return Answer((b, c), weights((b.finer, c.finer)), a.kept, bars, scale, apart, order)
+
+
+def plain_answer(three: tuple[Level, Level, Level]) -> Answer:
+    """Return the finest of three runs as it is, its bar [-] that of first order, infinite where they do not converge."""
+    a, c = three[0], three[2]
+    found = [level.found.rows(level.kept // a.kept) for level in three]
+    scale, minus = ranges(c.made.mesh, found[2]), np.array([1.0, -1.0])
+    first, second, both = (
+        widest(scale.errors(mixed((found[k], found[j]), minus))) for k, j in ((1, 0), (2, 1), (2, 0))
+    )
+    bars = both if second.max() < first.max() else np.full_like(both, np.inf)
+    return Answer((c,), np.ones(1), a.kept, bars, scale, float(both.max()), 1.0)
+
+
+def mixed(found: Sequence[Quantities], weight: Array) -> Quantities:
+    """Return the weighted sum of quantities [N m], [N], [m], [rad]."""
+    return Quantities(*(combined(parts, weight) for parts in zip(*found, strict=True)))
+
+
+def mesh_bars(refinement: Refinement, mesh: int, answer: Answer) -> Array:
+    """Return the bars (samples, quantities) [-] of a mesh, from the next one with the shortest steps of the answer."""
+    here, there = answer.finest, refinement.level(mesh + 1, answer.finest.finer)
+    if there is None:
+        return np.full_like(answer.bars, np.inf)
+    return OF_MESH * _mesh_apart(here, there)[:: here.kept // answer.kept]
+
+
+def _mesh_apart(here: Level, there: Level) -> Array:
+    scale = ranges(there.made.mesh, there.found)
+    return widest(scale.errors(mixed((there.found, here.found), np.array([1.0, -1.0]))))
+
+
+def _rungs(answer: Answer, asked: float, first: bool) -> int:
+    """Number of rungs after which the order of an answer leads to the bar asked [-]: every two halve the step."""
+    order = 4.0 if first else max(answer.order, ASSUMED_ORDER)
+    return int(np.clip(np.floor(2.0 * np.log2(answer.bar / asked) / order), 1, FARTHEST))
+
+
+def _check_budget(refinement: Refinement, index: int, answer: Answer | None) -> None:
+    """Raise an error where the rungs from ``index`` [-] on take too many steps, or will before the answer is good enough."""
+    nodes = 1 if answer is None else answer.finest.made.mesh.size
+    most = MOST_NODE_STEPS / (nodes * refinement.problem.grid.total)
+    if rung(index + 2) > most:
+        raise unreached(refinement, answer)
+    if answer is None or len(refinement.seen) < TRIPLES_SEEN:
+        return
+    more = answer.bar / refinement.problem.accuracy
+    if answer.finest.finer * more ** (1.0 / max(refinement.order, LEAST_ORDER)) > most:
+        raise unreached(refinement, answer)
+
+
+def unreached(refinement: Refinement, answer: Answer | None) -> ConvergenceError:
+    """Return the error of an accuracy that is not reached: how far it goes, why, and what to write instead [-], [s]."""
+    p = refinement.problem
+    if answer is None:
+        return refinement.failure or ConvergenceError(f"mechanism '{p.mechanism.name}': no step leads to a motion")
+    shortest = p.grid.spacing(answer.finest.finer)
+    reached = answer.bar if np.isfinite(answer.bar) else answer.apart
+    return ConvergenceError(
+        f"mechanism '{p.mechanism.name}': accuracy = {p.accuracy:g} is out of reach: at steps of {shortest:.3g} s errors are "
+        f"{reached:.2g} of the range and fall with the power {max(refinement.order, 0.0):.1f} of the step, as of vibrations "
+        "that something sudden excites and nothing damps; write damping (retardation_s of a section, or a ratio in [damping]), "
+        f"a smoother law such as 'nonic', or accuracy = {_rounded_up(reached):g}"
+    )
+
+
+def _rounded_up(value: float) -> float:
+    size = 10.0 ** np.floor(np.log10(value))
+    return float(np.ceil(value / size) * size)

@@ -1,0 +1,152 @@
+"""``flexinv warm``: kernels are compiled beforehand, in parallel processes, and kept for all that come."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import sysconfig
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from flexinv.errors import InputError
+
+INSTALLED = Path(sysconfig.get_path("data")) / "share" / "flexinv" / "models"  # see pyproject.toml
+CHECKOUT = Path(__file__).resolve().parents[2] / "models"
+LEVEL = "NUMBA_CPU_NAME"
+
+
+@click.command("warm", short_help="Compile the kernels now, not with the first torque.")
+@click.option(
+    "--models",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Folder of the mechanisms that are computed for it.  [default: those of the checkout or of the installation]",
+)
+@click.option("--jobs", type=click.IntRange(1), default=os.cpu_count() or 1, show_default=True, help="Processes.")
+@click.option(
+    "--ship",
+    type=click.Path(file_okay=False, path_type=Path),
+    help=f"Write the machine code into this folder, for a wheel.  Set {LEVEL} to the level of processor that it is for.",
+)
+def warm(models: Path | None, jobs: int, ship: Path | None) -> None:
+    """Compile the kernels beforehand, so that the first torque does not wait for them.
+
+    Small mechanisms of every sort are computed: arms and loops, rigid and flexible, in the plane and in space.  What is
+    compiled already is read only, so that a second call takes seconds.
+
+    \b
+      flexinv warm
+      NUMBA_CPU_NAME=x86-64-v3 NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=build/v3 flexinv warm --ship build/machine_code/x86-64-v3
+    """
+    folder = models or next((path for path in (CHECKOUT, INSTALLED) if path.is_dir()), None)
+    if folder is None:
+        raise InputError(f"no folder {INSTALLED} with mechanisms to compute; name one with --models")
+    if ship is not None and not os.environ.get(LEVEL):
+        raise InputError(f"--ship: {LEVEL} is not set; for example {LEVEL}=x86-64-v3")
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(min(jobs, len(TASKS)), mp_context=context) as pool:
+        waiting = {pool.submit(_compute, name, folder): name for name in TASKS}
+        with click.progressbar(as_completed(waiting), length=len(waiting), label="compiling kernels") as done:
+            failed = [f"{waiting[one]}: {error}" for one in done if (error := one.exception()) is not None]
+    if failed:
+        raise InputError("; ".join(failed))
+    if ship is not None:
+        click.echo(f"{ship}: {_write(ship)} kernels")
+
+
+def _compute(name: str, folder: Path) -> None:
+    """Compute one of `TASKS`, in a process of its own."""
+    TASKS[name](folder)
+
+
+def _write(folder: Path) -> int:
+    """Write what was kept of all kernels that Python calls, and return how many there are."""
+    from flexinv.kernels.code_cache import KERNELS
+    from flexinv.kernels.code_stamp import SOURCES
+    from flexinv.kernels.shipped_code import write_shipped
+
+    for module in SOURCES:
+        import_module(f"flexinv.{module}")
+    return write_shipped(folder, KERNELS)
+
+
+def _first_case(folder: Path, model: str) -> Any:
+    """Mechanism of a model and its first case."""
+    from flexinv.files.load_cases import load_cases
+    from flexinv.files.load_mechanism import load_mechanism
+
+    mechanism = load_mechanism(folder / model)
+    return mechanism, next(iter(load_cases(folder / model, mechanism).values()))
+
+
+def _solve(folder: Path, model: str, error: bool = False) -> Any:
+    """Mechanism, its first case and the solution of it."""
+    from flexinv.analysis.solve import solve
+
+    mechanism, case = _first_case(folder, model)
+    options = {"start": case.start, "initial": case.initial, "error": error}
+    return mechanism, case, solve(mechanism, case.motion, step=case.step, **options)
+
+
+def _planar_arm(folder: Path) -> None:
+    from flexinv.analysis.simulate import simulate
+    from flexinv.analysis.solve_many import solve_many
+    from flexinv.linearized.linear_model import linear_model
+
+    mechanism, case, found = _solve(folder, "flex_one_link", error=True)
+    simulate(mechanism, found.time, found.torque, step=case.step)
+    solve_many(mechanism, [case.motion, case.motion], step=case.step, threads=1)
+    linear_model(mechanism)
+
+
+def _damped_arm(folder: Path) -> None:
+    _solve(folder, "flex_one_link_damped")
+
+
+def _spatial_arm(folder: Path) -> None:
+    from flexinv.linearized.natural_modes import natural_modes
+
+    mechanism, _, _ = _solve(folder, "spatial_arm")
+    natural_modes(mechanism)
+
+
+def _flexible_loop(folder: Path) -> None:
+    _solve(folder, "four_bar_flexible")
+
+
+def _rigid_loop(folder: Path) -> None:
+    from flexinv.rigid.prepare import prepare
+
+    mechanism, _, found = _solve(folder, "four_bar")
+    prepare(mechanism).torques(found.q, found.qd, found.qdd)
+
+
+def _rigid_arm(folder: Path) -> None:
+    from flexinv.rigid.prepare import prepare
+    from flexinv.rigid.torque_derivatives import torque_derivatives
+    from flexinv.rigid.torque_regressor import torque_regressor
+
+    mechanism, _, found = _solve(folder, "rigid_3r")
+    state = found.q, found.qd, found.qdd
+    prepared = prepare(mechanism)
+    prepared.torques(*state)
+    q, qd, qdd = (np.ascontiguousarray(a.T) for a in state)
+    prepared.torques(q, qd, qdd, order="coordinates")
+    prepared.sample(found.q[0], found.qd[0], found.qdd[0], np.empty(mechanism.nv))
+    torque_derivatives(mechanism, *state)
+    torque_regressor(mechanism, *state)
+
+
+# Longest first.
+TASKS = {
+    "a flexible loop": _flexible_loop,
+    "an arm that bends in space": _spatial_arm,
+    "an arm that bends in the plane": _planar_arm,
+    "a damped arm": _damped_arm,
+    "a rigid loop": _rigid_loop,
+    "a rigid arm": _rigid_arm,
+}

@@ -1,0 +1,63 @@
+"""One process compiles a kernel, others wait for it: a lock beside the machine code of each kernel.
+
+The system takes the lock from a process that ends, however it ends: no lock is ever stale.  Where files cannot be locked, or one
+process holds a lock for longer than any compilation takes, others compile without it: twice the work, the same numbers.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+try:
+    import fcntl
+except ImportError:  # Windows: each process compiles for itself
+    fcntl = None  # type: ignore[assignment]
+
+PATIENCE = 300.0  # [s]
+PAUSE = 0.02  # [s] between two looks
+
+
+class CompileLock:
+    """The right to compile one kernel, by a lock on a file that is never removed."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._held: int | None = None
+
+    def take(self, patience: float = PATIENCE) -> bool:
+        """Wait for the lock, at most so long [s]; return whether there was somebody to wait for."""
+        if fcntl is None or self._held is not None:
+            return False
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            file = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        except OSError:
+            return False
+        until, waited = time.monotonic() + patience, False
+        while not _locked(file):
+            waited = True
+            if time.monotonic() > until:
+                os.close(file)
+                return waited
+            time.sleep(PAUSE)
+        self._held = file
+        return waited
+
+    def give_back(self) -> None:
+        """Let the next process go on [-]; nothing where the lock is not held."""
+        if self._held is not None:
+            os.close(self._held)
+            self._held = None
+
+
+def _locked(file: int) -> bool:
+    """Return True if the file is ours now, or cannot be locked at all."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:  # a file system without locks
+        return True
+    return True
