@@ -15,7 +15,7 @@ from crosscheck.equivalence.couplings import closure_differences, coupling_diffe
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.efforts import efforts, mapped, mapped_back, states_of
 from crosscheck.equivalence.groups import BODY, exchanged, missing_links, scaled
-from crosscheck.equivalence.judge import Bench, judge
+from crosscheck.equivalence.judge import Bench, judge, rounded
 from crosscheck.equivalence.match import Match, match
 from crosscheck.equivalence.members import Pair, body_differences, drive_differences, joint_differences
 from crosscheck.equivalence.output.advice import advice
@@ -114,9 +114,11 @@ def _size(tree: Tree) -> float:
 
 
 def _count(found: Found) -> int:
-    """Differences beside those of links welded to the world, which merging loses."""
+    """Differences that are no rounding, beside those of links welded to the world, which merging loses."""
     held = {f"link {m.name}" for m in found.trees.first.members if m.kind == "fixed" and m.parent < 0}
-    return sum(1 for d in found.differences if d.cause and d.family != "limits" and d.place not in held)
+    return sum(
+        1 for d in found.differences if d.cause and d.family != "limits" and d.place not in held and not rounded(d)
+    )
 
 
 def _found(
