@@ -187,7 +187,7 @@ def _mapped(limits: Limits, seat: Aligned) -> Limits:
 
 
 def _close(one: Limits, two: Limits) -> bool:
-    """Whether both state the same range, to the six digits that some writers keep."""
+    """Compare two stated ranges, to the six digits that some writers keep."""
     pairs = [(getattr(one, name), getattr(two, name)) for name in BOUNDS[:2]]
     return all(a == b or abs(a - b) <= 1e-5 * abs(a) for a, b in pairs)
 
