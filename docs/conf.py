@@ -20,16 +20,25 @@ version = ".".join(release.split(".")[:2])
 extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
-    "sphinx.ext.napoleon",
     "sphinx_click",
     "sphinx_copybutton",
     "sphinx_design",
     "sphinx_gallery.gen_gallery",
     "mathml",
+    "plain_docstrings",
     "generated_pages",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
-exclude_patterns = ["_build", "workflows", "gallery", "extensions", "figures", "studies"]
+exclude_patterns = [
+    "reference/generated/engines.md",
+    "reference/generated/causes.md",
+    "_build",
+    "workflows",
+    "gallery",
+    "extensions",
+    "figures",
+    "studies",
+]
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "colon_fence", "attrs_inline"]
 myst_heading_anchors = 3
 html_math_renderer = "mathml"  # the browser draws formulas itself: no script, nothing asked of other machines

@@ -151,7 +151,7 @@ def _causes() -> list[tuple[str, list[Any]]]:
     return [((table.__doc__ or "").splitlines()[0], list(table.ROWS)) for table in TABLES]
 
 
-def _page(file: str, template: str, **values: Any) -> None:
+def _page(file: str, template: str, /, **values: Any) -> None:
     (DOCS / file).write_text(_templates.get_template(template).render(**values))
 
 
