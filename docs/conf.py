@@ -30,6 +30,7 @@ extensions = [
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 exclude_patterns = [
+    "examples/models",
     "reference/generated/engines.md",
     "reference/generated/causes.md",
     "_build",

@@ -1,8 +1,7 @@
-"""What the gallery of examples needs: the project's folder as working folder, and views in space beside the pictures."""
+"""What the gallery of examples needs: the project's models, and views in space beside the pictures."""
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +13,10 @@ SCRIPT = "plotly.min.js"
 
 
 def in_the_project(gallery: dict[str, Any], file: str) -> None:
-    """Run every example in the project's folder, as a reader does."""
-    os.chdir(ROOT)
+    """Let examples find the project's models, as they do in the project's folder, where a reader runs them."""
+    models = Path(gallery["src_dir"]) / "gallery" / "models"
+    if not models.exists():
+        models.symlink_to(ROOT / "models")
 
 
 def scrape(block: Any, names: dict[str, Any], gallery: dict[str, Any]) -> str:
