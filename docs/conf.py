@@ -69,9 +69,12 @@ sphinx_gallery_conf = {
     "show_memory": False,
     "show_signature": False,
     "min_reported_time": 3600,
+    "write_computation_times": False,
+    "capture_repr": ("_repr_html_",),
     "abort_on_example_error": True,
     "matplotlib_animations": False,
     "image_scrapers": ("matplotlib", "gallery_views.scrape"),
+    "reset_modules_order": "both",
     "reset_modules": ("matplotlib", "gallery_views.in_the_project"),
 }
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]

@@ -12,10 +12,11 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 SCRIPT = "plotly.min.js"
 
 
-def in_the_project(gallery: dict[str, Any], file: str) -> None:
-    """Let examples find the project's models, as they do in the project's folder, where a reader runs them."""
+def in_the_project(gallery: dict[str, Any], file: str, when: str) -> None:
+    """Let an example find the project's models while it runs, as it does in the project's folder, where a reader runs it."""
     models = Path(gallery["src_dir"]) / "gallery" / "models"
-    if not models.exists():
+    models.unlink(missing_ok=True)
+    if when == "before":
         models.symlink_to(ROOT / "models")
 
 
