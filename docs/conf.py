@@ -30,6 +30,7 @@ extensions = [
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 exclude_patterns = [
+    "sg_execution_times.rst",
     "examples/models",
     "reference/generated/engines.md",
     "reference/generated/causes.md",

@@ -48,13 +48,13 @@ def _escaped(text: str) -> str:
     return "".join(f"``{p.strip('`')}``" if p.startswith("`") else SPECIAL.sub(r"\\\1", p) for p in parts)
 
 
-def starred(app: Sphinx, context: object, lines: list[str]) -> None:
-    """Let stars in the text of a command be stars, in place."""
-    lines[:] = [line.replace("*", "\\*") for line in lines]
+def unmarked(app: Sphinx, context: object, lines: list[str]) -> None:
+    """Let stars, bars and underscores in the text of a command be themselves, in place."""
+    lines[:] = [SPECIAL.sub(r"\\\1", line) for line in lines]
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
     """Convert before any other extension reads the docstring."""
     app.connect("autodoc-process-docstring", convert, priority=1)
-    app.connect("sphinx-click-process-description", starred)
+    app.connect("sphinx-click-process-description", unmarked)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
