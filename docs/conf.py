@@ -20,16 +20,27 @@ version = ".".join(release.split(".")[:2])
 extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
-    "sphinx.ext.napoleon",
     "sphinx_click",
     "sphinx_copybutton",
     "sphinx_design",
     "sphinx_gallery.gen_gallery",
     "mathml",
+    "plain_docstrings",
     "generated_pages",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
-exclude_patterns = ["_build", "workflows", "gallery", "extensions", "figures", "studies"]
+exclude_patterns = [
+    "sg_execution_times.rst",
+    "examples/models",
+    "reference/generated/engines.md",
+    "reference/generated/causes.md",
+    "_build",
+    "workflows",
+    "gallery",
+    "extensions",
+    "figures",
+    "studies",
+]
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "colon_fence", "attrs_inline"]
 myst_heading_anchors = 3
 html_math_renderer = "mathml"  # the browser draws formulas itself: no script, nothing asked of other machines
@@ -59,9 +70,12 @@ sphinx_gallery_conf = {
     "show_memory": False,
     "show_signature": False,
     "min_reported_time": 3600,
+    "write_computation_times": False,
+    "capture_repr": ("_repr_html_",),
     "abort_on_example_error": True,
     "matplotlib_animations": False,
     "image_scrapers": ("matplotlib", "gallery_views.scrape"),
+    "reset_modules_order": "both",
     "reset_modules": ("matplotlib", "gallery_views.in_the_project"),
 }
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]

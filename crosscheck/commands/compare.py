@@ -22,7 +22,7 @@ from crosscheck.report.words import short
 from flexinv.errors import InputError
 
 
-@click.command
+@click.command("compare", short_help="Say whether A and B are the same machine, and what differs.")
 @click.argument("a")
 @click.argument("b", required=False)
 @click.option(

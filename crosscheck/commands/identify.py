@@ -22,7 +22,7 @@ from flexinv.errors import FlexinvError
 FOLD = "Cut the window of the first log into so many blocks; each is judged by what the others tell."
 
 
-@click.command("identify", short_help="Identify parameters of NAME from logs; predict others with bands.")
+@click.command("identify", short_help="Find the parameters of NAME in logs, with intervals.")
 @click.argument("name")
 @MODELS
 @click.option(

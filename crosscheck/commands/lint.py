@@ -16,7 +16,7 @@ from crosscheck.report.junit import FORBIDDEN
 from flexinv.errors import InputError
 
 
-@click.command
+@click.command("lint", short_help="Say what is suspicious in one description.")
 @click.argument("files", nargs=-1, required=True)
 @click.option("--strict", is_flag=True, help="Warnings count for the exit code, too: for CI.")
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")

@@ -98,10 +98,10 @@ def dictionary(machine: Machine) -> Iterator[Cause]:
 
 
 def _tilt(axis: int) -> Callable[[Log, Mechanism, float], tuple[Log, Mechanism]]:
-    def tilted(log: Log, m: Mechanism, phi: float) -> tuple[Log, Mechanism]:
-        g = np.asarray(m.gravity)
+    def tilted(log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
+        g = np.asarray(mechanism.gravity)
         turn = np.eye(3)[axis]
-        return log, replace(m, gravity=g * np.cos(phi) + np.cross(turn, g) * np.sin(phi))
+        return log, replace(mechanism, gravity=g * np.cos(phi) + np.cross(turn, g) * np.sin(phi))
 
     return tilted
 
@@ -109,10 +109,10 @@ def _tilt(axis: int) -> Callable[[Log, Mechanism, float], tuple[Log, Mechanism]]
 def _payload(link: str) -> Callable[[Log, Mechanism, float], tuple[Log, Mechanism]]:
     """One more mass at the last body of a link; below 0 less of it."""
 
-    def loaded(log: Log, m: Mechanism, phi: float) -> tuple[Log, Mechanism]:
-        more = Body("more", Inertia(phi, m.link_of[link].bodies[-1].inertia.com))
-        links = tuple(replace(k, bodies=(*k.bodies, more)) if k.name == link else k for k in m.links)
-        return log, replace(m, links=links)
+    def loaded(log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
+        more = Body("more", Inertia(phi, mechanism.link_of[link].bodies[-1].inertia.com))
+        links = tuple(replace(k, bodies=(*k.bodies, more)) if k.name == link else k for k in mechanism.links)
+        return log, replace(mechanism, links=links)
 
     return loaded
 

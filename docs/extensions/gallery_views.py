@@ -1,8 +1,7 @@
-"""What the gallery of examples needs: the project's folder as working folder, and views in space beside the pictures."""
+"""What the gallery of examples needs: the project's models, and views in space beside the pictures."""
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +12,12 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 SCRIPT = "plotly.min.js"
 
 
-def in_the_project(gallery: dict[str, Any], file: str) -> None:
-    """Run every example in the project's folder, as a reader does."""
-    os.chdir(ROOT)
+def in_the_project(gallery: dict[str, Any], file: str, when: str) -> None:
+    """Let an example find the project's models while it runs, as it does in the project's folder, where a reader runs it."""
+    models = Path(gallery["src_dir"]) / "gallery" / "models"
+    models.unlink(missing_ok=True)
+    if when == "before":
+        models.symlink_to(ROOT / "models")
 
 
 def scrape(block: Any, names: dict[str, Any], gallery: dict[str, Any]) -> str:

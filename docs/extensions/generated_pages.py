@@ -13,6 +13,7 @@ from typing import Any
 
 import jinja2
 import pandas as pd
+from PIL import Image
 from sphinx.application import Sphinx
 from sphinx.util.display import progress_message, status_iterator
 
@@ -28,6 +29,7 @@ ROOT = DOCS.parent
 MODELS = ROOT / "models"
 PICTURES = DOCS / "_build" / "pictures"  # drawn once for the same files
 ROW = re.compile(r"^\| \[(\w+)\]\(\w+\) \| (.+?) \| (.+?) \| (.+?) \|$", re.M)
+WIDTH = 420  # [px] of a picture in the list of mechanisms
 FILES = {"mechanism": "mechanism.toml", "cases": "cases.toml"}
 _templates = jinja2.Environment(
     loader=jinja2.FileSystemLoader(DOCS / "templates"), trim_blocks=True, lstrip_blocks=True, autoescape=False,
@@ -83,6 +85,9 @@ def drawn(task: Task) -> list[tuple[str, str]]:
         picture(seen, image)
         words.write_text("\n".join(f"{what}\t{text}" for what, text in seen.lines))
     shutil.copy(image, DOCS / "mechanisms" / f"{name}.png")
+    with Image.open(image) as drawing:
+        drawing.thumbnail((WIDTH, WIDTH))
+        drawing.quantize(32).save(DOCS / "mechanisms" / f"{name}-small.png", optimize=True)
     return [(what, text) for what, _, text in (line.partition("\t") for line in words.read_text().splitlines())]
 
 
@@ -151,7 +156,7 @@ def _causes() -> list[tuple[str, list[Any]]]:
     return [((table.__doc__ or "").splitlines()[0], list(table.ROWS)) for table in TABLES]
 
 
-def _page(file: str, template: str, **values: Any) -> None:
+def _page(file: str, template: str, /, **values: Any) -> None:
     (DOCS / file).write_text(_templates.get_template(template).render(**values))
 
 

@@ -33,4 +33,4 @@ axes[1].set(aspect="equal", xlabel="x [m]", ylabel="y [m]", title="the linkage i
 # Every solution carries its balance of power: what the drive gives is what the linkage gains.
 
 given = abs(solution.torque * solution.qd[:, : solution.torque.shape[1]]).max()
-print(f"largest error of the power balance: {abs(solution.power_balance).max() / given:.1e} of the drive's power")
+print(f"largest error of the power balance: {abs(solution.power_residual).max() / given:.1e} of the drive's power")

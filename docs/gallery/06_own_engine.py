@@ -20,7 +20,10 @@ import matplotlib.pyplot as plt
 import pandas as pd
 
 folder = Path(tempfile.mkdtemp())
-subprocess.run([sys.executable, "-m", "crosscheck", "kit", "double_pendulum", "--out", folder / "kit"], check=True)
+subprocess.run(
+    [sys.executable, "-m", "crosscheck", "kit", "double_pendulum", "--case", "swing", "--out", folder / "kit"],
+    check=True,
+)
 print(*sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()), sep="\n")
 
 # %%

@@ -12,13 +12,12 @@ import re
 import tempfile
 from pathlib import Path
 
-import example_robot_data
 import matplotlib.pyplot as plt
 
 import crosscheck
+import flexinv
 
-path = Path(example_robot_data.getModelPath("ur_description/urdf/ur5_robot.urdf"))
-first = path / "ur_description/urdf/ur5_robot.urdf"
+first = flexinv.load_mechanism("models/ur5").urdf
 text = first.read_text()
 
 mass = text.index('<mass value="', text.index('<link name="forearm_link">'))

@@ -19,6 +19,7 @@ from flexinv.validation import nearest
 
 # Times are decimals in a binary machine: quotients of them are whole numbers only to about 1e-13.
 WHOLE = 1e-9
+MOST_PARTS = 1e15  # steps in a case [-]: beyond, a number of them cannot be told from the next
 
 
 @dataclass(frozen=True)
@@ -138,6 +139,9 @@ def _check_times(table: CaseTable, motion: Motion, end: float, sample: float, wh
         expected = f"a step shorter than the motion of {motion.duration:g} s and the case of {end:g} s [s]"
         raise where.wrong("step_s", f"step_s = {step:g}", expected, f"step_s = {min(motion.duration, end) / 1000:.4g}")
     for key, value, part, word in (("sample_s", sample, step, "step_s"), ("end_s", end, sample, "sample_s")):
+        if value / part > MOST_PARTS:
+            expected = f"at most {MOST_PARTS:g} times {word} = {part:g} [s]"
+            raise where.wrong(key, f"{key} = {value:g}", expected, f"{key} = {1000 * part:.4g}")
         if not _is_multiple(value, part):
             nearby = max(round(value / part), 1) * part
             expected = f"a whole number of {word} = {part:g} [s]"

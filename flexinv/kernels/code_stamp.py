@@ -13,12 +13,13 @@ from pathlib import Path
 
 # The modules, as they are called in the package, whose text or constants are in machine code.
 SOURCES = (
-    "analysis.batch_kernel", "analysis.controller", "constraints.allocation_kernel",
+    "analysis.batch_kernel", "constraints.allocation_kernel",
     "constraints.continuation_kernel", "constraints.equations", "dynamics.assembly", "dynamics.constraint_rows",
     "dynamics.dofs", "dynamics.generalized_alpha", "dynamics.index1",
     "dynamics.linearization", "dynamics.loads", "dynamics.spring_rows", "dynamics.stepper", "dynamics.system",
     "dynamics.tree_solver", "elements.beam", "elements.beam_element", "elements.joint_law", "elements.planar_beam",
-    "inverse.nodal_sums", "inverse.trajectory_pass", "kernels.block_tridiagonal", "kernels.dense", "kernels.jit",
+    "inverse.balance", "inverse.nodal_sums", "inverse.trajectory_pass", "kernels.block_tridiagonal", "kernels.dense",
+    "kernels.jit",
     "kernels.record_stack", "kernels.simd", "kernels.so3", "kernels.threads.atomics", "kernels.threads.mailbox",
     "kernels.vec3", "kinematics.configuration", "kinematics.tree", "linearized.natural_modes", "model.joint_kinds",
     "planar.constraint_rows", "planar.history", "planar.index1", "planar.stepper", "planar.tree",

@@ -223,7 +223,7 @@ def _from_ground(
     vectors: list[Array],
     fixed: int,
 ) -> tuple[int, int]:
-    """Return the end that stands in the world and the constants of `loop_ground`; none where the other end is turned."""
+    """Return the end that stands in the world and the constants of `loop_space`; none where the other end is turned."""
     stands = bodies.index(0)
     moves = 1 - stands
     if not np.array_equal(ends[moves].turned, np.eye(3)):

@@ -180,7 +180,7 @@ LOAD: Any = flexinv.Load
 MODELLED: list[Case] = [
     (lambda: FREE.simulate(ANY, ENDS, NONE, STEP), "mechanism = an object: expected a Mechanism"),
     (lambda: FREE.simulate(BENT, "x", NONE, STEP), "simulate: time: expected numbers, got 'x'"),
-    (lambda: FREE.simulate(BENT, ENDS, None, STEP), "simulate: torque: expected numbers, got None"),
+    (lambda: FREE.simulate(BENT, ENDS, None, STEP), "simulate: torque has shape (2, 0), expected finite numbers (2, 1)"),
     (lambda: FREE.simulate(BENT, ENDS, NONE, "x"), "step = 'x': expected a positive number of seconds"),
     (lambda: FREE.simulate(BENT, ENDS, NONE, 1e-12), "more than 5000000: write a larger step"),
     (lambda: FREE.simulate(BENT, ENDS, NONE, STEP, "x"), "spectral_radius = 'x': expected 0 (strong) to 1"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -218,7 +219,9 @@ def test_studies_belong_to_a_folder_of_models(root: Path, models: Path) -> None:
 def test_the_benches_are_found_where_they_were_installed(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    names = {bench.mechanism for bench in BENCHES}
+    computed = re.findall(r'_solve\(folder, "(\w+)"', (root / "flexinv" / "cli" / "warm.py").read_text())
+    names = {bench.mechanism for bench in BENCHES} | set(computed)  # `crosscheck selftest` and `flexinv warm`
+    assert "four_bar_flexible" in names
     files = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["setuptools"]["data-files"]
     assert files == {f"share/flexinv/models/{name}": [f"models/{name}/*"] for name in names}
     monkeypatch.setattr(selftest, "INSTALLED", root / "models")

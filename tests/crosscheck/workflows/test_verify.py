@@ -246,7 +246,7 @@ def command(*words: str) -> Result:
 def test_the_tutorial_of_the_readme(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its three commands, as they stand there, in an empty folder: the last one finds everything within its limits."""
     text = (root / "README.md").read_text()
-    section = text.partition("## A mechanism in three commands\n")[2].partition("\n## ")[0]
+    section = text.partition("## A mechanism of your own\n")[2].partition("\n## ")[0]
     commands = re.findall(r"^crosscheck (.*)$", section, re.M)
     assert [line.split()[0] for line in commands] == ["new", "verify", "run"]
     monkeypatch.chdir(tmp_path)

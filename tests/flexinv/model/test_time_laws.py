@@ -12,11 +12,12 @@ ROUNDING = 4e-15  # a handful of operations on numbers up to 10
 # truncation h^6/140 times the 7th derivative of u', (2 pi)^7: 3e-15; rounding of u times the stencil's magnitudes
 DIFFERENCES = ROUNDING * 110.0 / (60.0 * 1e-3)
 # u' and u'' peaks by hand: cycloid 2 at 1/2 and 2 pi at 1/4; quintic 30/16 and 60 s(1-s)(1-2s) at (1 - 1/sqrt 3)/2;
-# nonic 630/4^4 and 2520 p^3 sqrt(1 - 4 p) at p = s(1-s) = 3/14;
+# septic 140/4^3 and 420 p^2 sqrt(1 - 4 p) at p = s(1-s) = 1/5; nonic 630/4^4 and 2520 p^3 sqrt(1 - 4 p) at p = s(1-s) = 3/14;
 # bang-bang: half the way at constant acceleration a, a/8 = 1/2; trapezoid: v/6 + v/3 + v/6 = 1, a = 3 v.
 PEAKS = {
     "cycloid": (2.0, 2.0 * np.pi),
     "quintic": (1.875, 10.0 / np.sqrt(3.0)),
+    "septic": (35.0 / 16.0, 84.0 / (5.0 * np.sqrt(5.0))),
     "nonic": (630.0 / 256.0, 2520.0 * (3.0 / 14.0) ** 3 / np.sqrt(7.0)),
     "bang-bang": (2.0, 4.0),
     "trapezoid": (1.5, 4.5),
@@ -76,6 +77,7 @@ def test_second_half_mirrors_the_first(law: Law) -> None:
 def test_peaks(name: str) -> None:
     places = np.array([0.0, 0.25, 0.5 - 0.5 / np.sqrt(3.0), 0.5, 0.5 + 0.5 / np.sqrt(3.0), 0.75])
     places = np.concatenate([places, 0.5 + np.array([-0.5, 0.5]) / np.sqrt(7.0)])  # p = 3/14
+    places = np.concatenate([places, 0.5 + np.array([-0.5, 0.5]) / np.sqrt(5.0)])  # p = 1/5
     s = np.union1d(np.linspace(0.0, 1.0, 5001), places)
     _, speed, acceleration = evaluate(LAWS[name], s)
     assert np.abs(speed).max() == pytest.approx(PEAKS[name][0], rel=ROUNDING)

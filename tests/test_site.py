@@ -1,0 +1,118 @@
+"""The site: it builds without a warning, asks nothing of other machines, fits a phone, and is searched without a server."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+import urllib.parse
+from collections.abc import Iterator
+from pathlib import Path
+
+import chromium
+import pytest
+
+pytest.importorskip("sphinx")
+pytestmark = pytest.mark.slow
+ROOT = Path(__file__).resolve().parent.parent
+PARTS = ("flexinv", "crosscheck", "docs", "models", "reports/baseline")
+FILES = ("pyproject.toml", "NOTATION.md", "CHANGELOG.md", "README.md", "LICENSE")
+WEIGHT = 2_000_000  # [bytes] of a page with what it shows, without the script of views in space
+WIDE = "document.documentElement.scrollWidth <= innerWidth + 1"
+# What a new user asks, and a page that answers it.
+QUESTIONS = {
+    "payload": "howto/payload",
+    "noisy torque": "howto/noisy-torque",
+    "explained": "explanation/verdicts",
+    "equilibrium": "howto/static-start",
+    "URDF MJCF": "howto/compare",
+}
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site, built from a copy of the project: a build writes pages beside their sources."""
+    home = tmp_path_factory.mktemp("site")
+    leave = shutil.ignore_patterns("__pycache__", "_build", "examples", "mechanisms", "generated", "views", "sg_*")
+    for part in PARTS:
+        shutil.copytree(
+            ROOT / part, home / part, ignore=leave if part == "docs" else shutil.ignore_patterns("__pycache__")
+        )
+    for name in FILES:
+        shutil.copy(ROOT / name, home / name)
+    out = home / "html"
+    # Examples run in test_docs; here their pages are made without running them.
+    command = [sys.executable, "-m", "sphinx", "--fail-on-warning", "--keep-going", "-q", "-b", "html"]
+    command += ["-D", "sphinx_gallery_conf.plot_gallery=0", str(home / "docs"), str(out)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=900)
+    assert done.returncode == 0, done.stderr[-4000:]
+    return out
+
+
+def pages(site: Path) -> list[Path]:
+    return sorted(path for path in site.rglob("*.html") if "_static" not in path.parts and "_modules" not in path.parts)
+
+
+def test_links_within_the_site_lead_somewhere(site: Path) -> None:
+    broken = []
+    for page in pages(site):
+        for target in re.findall(r'(?:href|src)="([^"#?]+)', page.read_text(encoding="utf-8")):
+            if "://" in target or target.startswith(("data:", "mailto:")):
+                continue
+            if not (page.parent / urllib.parse.unquote(target)).exists():
+                broken.append(f"{page.relative_to(site)}: {target}")
+    assert broken == []
+
+
+def test_nothing_is_loaded_from_other_machines(site: Path) -> None:
+    loaded = [
+        f"{page.relative_to(site)}: {address}"
+        for page in pages(site)
+        for address in re.findall(r'<(?:script|img|link|iframe)[^>]+(?:src|href)="(https?://[^"]+)', page.read_text())
+    ]
+    assert loaded == []
+
+
+def test_every_mechanism_has_its_page(site: Path) -> None:
+    for folder in sorted((ROOT / "models").glob("*/mechanism.toml")):
+        assert (site / "mechanisms" / f"{folder.parent.name}.html").is_file(), folder.parent.name
+
+
+@pytest.fixture(scope="module")
+def page() -> Iterator[chromium.Browser]:
+    program = chromium.find()
+    if program is None:
+        pytest.skip("no Chromium or Chrome on this machine")
+    with chromium.browser(program) as browser:
+        yield browser
+
+
+def address(file: Path, query: str = "") -> str:
+    return "file://" + urllib.parse.quote(str(file)) + query
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize(("width", "dark"), [(1400, False), (400, True)])
+def test_pages_fit_and_are_quiet(page: chromium.Browser, site: Path, width: int, dark: bool) -> None:
+    for file in pages(site):
+        page.open(address(file), width, 900, dark)
+        assert page.evaluate(WIDE), file
+        assert page.complaints() == [], file
+        asked = [r for r in page.requests() if not r.startswith("data:")]
+        assert [r for r in asked if not r.startswith("file://")] == [], file
+        weight = sum(
+            Path(urllib.parse.unquote(r.removeprefix("file://").partition("?")[0])).stat().st_size for r in asked
+        )
+        assert weight < WEIGHT, file
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("question", QUESTIONS)
+def test_a_question_is_answered_by_search_alone(page: chromium.Browser, site: Path, question: str) -> None:
+    page.open(address(site / "search.html", "?q=" + urllib.parse.quote(question)))
+    page.wait("document.querySelectorAll('#search-results li a').length > 0")
+    found = page.evaluate("Array.from(document.querySelectorAll('#search-results li a'), a => a.href)")
+    places = [k for k, link in enumerate(found) if QUESTIONS[question] in link]
+    assert places, f"{question}: {found[:5]}"
+    assert places[0] < 10, f"{question}: result {places[0] + 1}"
