@@ -1,6 +1,6 @@
 """Whether ``flexinv.solve(..., accuracy=)`` keeps what it promises: true errors and error bars of twelve mechanisms.
 
-    python docs/accuracy.py [name ...]
+    python docs/studies/accuracy.py [name ...]
 
 Every mechanism is solved with accuracies of 1e-2 to 1e-5 and held against a reference of its own: the finest meshes of the ladder
 and steps some times as short, both shown to have converged (column "reference").  Columns: the true error of the worst torque or
