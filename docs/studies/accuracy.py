@@ -29,7 +29,7 @@ from flexinv.analysis.settings import Settings
 from flexinv.model.damping import ModalDamping, with_retardation
 from flexinv.model.mechanism import Mechanism
 
-MODELS = Path(__file__).resolve().parent.parent / "models"
+MODELS = Path(__file__).resolve().parents[2] / "models"
 ASKED = (1e-2, 1e-3, 1e-4, 1e-5)
 Options = dict[str, Any]
 
