@@ -22,6 +22,10 @@ from flexinv.validation import number, refuse
 FINEST, COARSEST = 1e-9, 0.1
 # Samples to a coarsest step of a motion that is exact at any step.
 EXACT_SAMPLES = 8
+# What a solution says where nothing was extrapolated.
+PLAIN = (
+    "steps do not converge as powers of the step do: the answer is that of the shortest steps, with a bar of its own"
+)
 
 
 def check_accuracy(accuracy: float | None, step: float | None) -> float:
@@ -97,11 +101,6 @@ def _told(refinement: Refinement, answer: Answer, solution: Solution) -> Solutio
         "order": round(answer.order, 2),
     }
     return replace(solution, torque_error=torque, tip_error=tips, notes=notes, settings=solution.settings | said)
-
-
-PLAIN = (
-    "steps do not converge as powers of the step do: the answer is that of the shortest steps, with a bar of its own"
-)
 
 
 def energy_defect(first: FirstStep, found: Found, seams: Sequence[int], jumps: Collection[int]) -> Array:
