@@ -44,14 +44,14 @@ $(STAMP): pyproject.toml constraints.txt
 	-$(BIN)/flexinv warm --jobs $(JOBS)
 	touch $@
 
-# Machine code is compiled level by level, into caches of its own; `python -m build` takes it into the wheel (setup.py).
+# Machine code is compiled level by level, into caches of its own; pip takes it into the wheel (setup.py).
 wheel: $(STAMP)
 	rm -rf build dist
 	for level in $(LEVELS); do \
 		NUMBA_CPU_NAME=$$level NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=build/cache/$$level \
 			$(BIN)/flexinv warm --jobs $(JOBS) --ship build/machine_code/$$level || exit 1; \
 	done
-	$(PYTHON) -m build --wheel
+	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
 
 # Compiled kernels (in __pycache__) stay: they depend on the source only and take a minute or two to make again.
 clean:
