@@ -124,9 +124,10 @@ MOST_HALVINGS = 12
 FIRST, FACTOR, MOST_SHORTER = 0.25, 4.0, 16
 # How far a step may go, over the mechanism's length or in radians: farther, and it could miss a rest position that lies between.
 FARTHEST = 0.5
-# Where a step goes less than NEAR, Newton's method is asked for the rest position itself; below STILL nothing moves, and the
-# sign of its work is rounding.
+# Where a step goes less than NEAR, Newton's method is asked for the rest position itself; below STILL nothing moves.
 NEAR, STILL = 1e-3, 1e-10
+# Newton's last increment closes loops a little better (2.6e-10 in one of 1e-6 m, whatever the step), up or down: less is no climb.
+CLOSING = 1e-9
 # Leaving an unstable position by a part of 1e-10 takes some fifty steps.
 MOST_STEPS = 500
 # Unknowns up to which the stiffness at the start is judged: its dense matrices then take some hundred megabytes.
@@ -207,7 +208,7 @@ def _moved(
     gone = s.place - before[2]
     moved = float(np.abs(gone / solver.topology.scale).max(initial=0.0))
     s.u[:] = s.u0[:] = s.du[:] = s.du0[:] = s.pseudo[:] = s.d[:] = 0.0
-    if failed[0] == CONVERGED and moved <= farthest and (moved < STILL or float(load @ gone) >= 0.0):
+    if failed[0] == CONVERGED and moved <= farthest and (moved < CLOSING or float(load @ gone) >= 0.0):
         return moved, failed
     for part, kept in zip((s.x, s.r, s.place, multiplier), before, strict=True):
         part[:] = kept
