@@ -6,18 +6,27 @@ import sys
 from pathlib import Path
 
 import click
+import numpy as np
+import pandas as pd
 from rich.markup import escape
 from rich.table import Table
 
 from crosscheck import output_folder as owned
 from crosscheck.commands.shared.terminal import MODELS, Console, Failure
 from crosscheck.identification.bands import Judged
-from crosscheck.identification.causes import name_causes
+from crosscheck.identification.causes.cause import Named
+from crosscheck.identification.causes.name_causes import name_causes
+from crosscheck.identification.excitation import Proposal, proposed_motion
 from crosscheck.identification.files import write_judged, write_parameters, write_prediction
+from crosscheck.identification.identified_file import write_identified
 from crosscheck.identification.identify import Identified, blocks, identify, machine_of
 from crosscheck.identification.log import read_log
+from crosscheck.identification.page import write_page
+from crosscheck.identification.propose import proposed
+from crosscheck.identification.settings import FILE
 from crosscheck.report.words import short
-from flexinv.errors import FlexinvError
+from flexinv.errors import FlexinvError, InputError
+from flexinv.files.load_mechanism import load_mechanism, toml_file
 
 FOLD = "Cut the window of the first log into so many blocks; each is judged by what the others tell."
 
@@ -39,6 +48,14 @@ FOLD = "Cut the window of the first log into so many blocks; each is judged by w
     "--causes", "asked", is_flag=True, help="Name what the logs held out (else the first log) show beside the model."
 )
 @click.option(
+    "--propose-motion",
+    "seconds",
+    type=click.FloatRange(min=1.0),
+    metavar="SECONDS",
+    help="Propose a motion that tells more.",
+)
+@click.option("--propose", is_flag=True, help="Write a first identify.toml from mechanism and header of the first log.")
+@click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), help="Folder; reports/identify/NAME by default."
 )
 def command(
@@ -49,6 +66,8 @@ def command(
     wanted: str | None,
     count: int | None,
     asked: bool,
+    seconds: float | None,
+    propose: bool,
     out: Path | None,
 ) -> None:
     """Identify parameters of mechanism NAME from logs, with intervals; predict other logs, with bands.
@@ -58,24 +77,51 @@ def command(
     console = Console()
     folder = out or Path("reports") / "identify" / name
     source = models / name
+    if propose:
+        _propose(console, source, logs[0])
+        return
     try:
         with owned.report(folder):
             found = identify(source, _located(source, logs), _located(source, hold_out))
             write_parameters(found.parameters, owned.claim(folder / "parameters.csv"))
             write_judged(found.seen, found.judged, owned.claim(folder / "judged.csv"))
+            write_identified(found, toml_file(source, "mechanism.toml"), owned.claim(folder / "identified.toml"))
             if wanted is not None:
                 log = read_log(_located(source, (wanted,))[0], found.machine.settings.time)
                 write_prediction(found.machine, found.predict(log), owned.claim(folder / "prediction.csv"))
             _say(console, found)
-            for held in (_located(source, hold_out) or _located(source, logs[:1])) if asked else ():
-                _causes(console, found, held)
+            causes = _causes(console, found, source, logs, hold_out) if asked else []
             if count is not None:
                 log = read_log(_located(source, logs[:1])[0], found.machine.settings.time)
                 _table(console, f"{count} blocks in turn", blocks(machine_of(source), log, count))
+            if seconds is not None:
+                log = read_log(_located(source, logs[:1])[0], found.machine.settings.time)
+                _motion(console, proposed_motion(found.machine, found.fit, log, seconds), folder)
+            results = write_page(found, causes, " ".join(sys.argv[1:]), folder)
     except (FlexinvError, OSError) as error:
         raise Failure(str(error)) from error
-    console.print(f"results: {folder}", highlight=False, soft_wrap=True)
-    sys.exit(0)
+    console.print(f"page: {folder / 'index.html'}", highlight=False, soft_wrap=True)
+    sys.exit(results.exit_code)
+
+
+def _propose(console: Console, source: Path, log: str) -> None:
+    file = source / FILE
+    try:
+        if file.exists():
+            raise InputError(f"{file} is there already: move it away, or mend it by hand")
+        text = proposed(load_mechanism(source), read_log(_located(source, (log,))[0]))
+        file.write_text(text, encoding="utf-8")
+    except (FlexinvError, OSError) as error:
+        raise Failure(str(error)) from error
+    console.print(f"proposed, read every line: {file}", highlight=False, soft_wrap=True)
+
+
+def _motion(console: Console, proposal: Proposal, folder: Path) -> None:
+    columns = {"time_s": proposal.time} | dict(zip(proposal.names, proposal.q.T, strict=True))
+    pd.DataFrame(columns).to_csv(owned.claim(folder / "motion.csv"), index=False, float_format="%.9g")
+    console.print("\n[bold]a motion that tells more[/bold]: motion.csv, angles [rad] and ways [m]")
+    for words in proposal.words:
+        console.print(escape(words), highlight=False, soft_wrap=True)
 
 
 def _located(folder: Path, logs: tuple[str, ...]) -> list[str]:
@@ -105,19 +151,25 @@ def _say(console: Console, found: Identified) -> None:
         console.print(escape(words), highlight=False, soft_wrap=True, style="dim")
 
 
-def _causes(console: Console, found: Identified, log: str) -> None:
-    named = name_causes(found.machine, found.fit, read_log(log, found.machine.settings.time))
-    lines = [one.words for one in named] or ["no cause of the dictionary explains what remains: unknown"]
-    console.print(f"\n[bold]what remains of {escape(Path(log).name)}[/bold]")
-    for words in lines:
-        console.print(escape(words), highlight=False, soft_wrap=True)
+def _causes(
+    console: Console, found: Identified, source: Path, logs: tuple[str, ...], hold_out: tuple[str, ...]
+) -> list[tuple[str, list[Named]]]:
+    out = []
+    for log in _located(source, hold_out) or _located(source, logs[:1]):
+        named = name_causes(found.machine, found.fit, read_log(log, found.machine.settings.time), not hold_out)
+        console.print(f"\n[bold]what remains of {escape(Path(log).name)}[/bold]")
+        for words in [one.words for one in named] or ["no cause of the dictionary explains what remains: unknown"]:
+            console.print(escape(words), highlight=False, soft_wrap=True)
+        out.append((Path(log).name, named))
+    return out
 
 
 def _table(console: Console, title: str, rows: list[Judged]) -> None:
     heads = ("log", "channel", "explained", "all samples", "in 90 % band", "width / RMS error", "RMS error", "unit")
     table = Table(*heads, box=None)
     for r in rows:
-        numbers = (f"{r.explained:.4f}", f"{r.explained_all:.4f}", f"{r.coverage:.1%}", f"{r.width:.2f}", short(r.rms))
+        whole = f"{r.explained_all:.4f}" if np.isfinite(r.explained_all) else "–"  # of blocks only their window is told
+        numbers = (f"{r.explained:.4f}", whole, f"{r.coverage:.1%}", f"{r.width:.2f}", short(r.rms))
         table.add_row(escape(r.log), r.channel, *numbers, r.unit)
     console.print(f"\n[bold]{escape(title)}[/bold]")
     console.print(table)

@@ -1,19 +1,21 @@
 """Bands of predicted readings, and how often they hold: parameter and residual uncertainty apart, measured on blocks left out.
 
-sd^2 = J cov J^T (parameters) + s^2 (residuals of blocks left out) + (between_runs friction)^2 + coulomb^2 (a joint that stands)
-band = value +- q sd,   q such that `HOLD` of the residuals left out lie inside, and at most `WIDEST` of their RMS on average
+sd^2 = J cov J^T (parameters) + s^2 (residuals) + (between_runs friction)^2 + coulomb^2 (a joint that stands)
+band = value +- q sd,   q such that `HOLD` of the residuals of blocks left out lie inside, and at most `WIDEST` of their RMS
+
+Each residual left out is held against its own sd, with the larger cov of the parameters that have not seen its block.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.identification.fit import STEP, Fit, Problem, jacobian
+from crosscheck.identification.filters import low_pass
+from crosscheck.identification.fit import STEP, Fit, Problem
 from crosscheck.identification.readings import Machine, Run, friction, readings
-from crosscheck.measured.filters import low_pass
 
 Array = NDArray[np.float64]
 NOMINAL = 0.9
@@ -44,31 +46,30 @@ def predict(machine: Machine, found: Fit, factor: Array, run: Run) -> Prediction
     """Return readings with 90 % bands [units of the channels] of a run; factor : (channels,) of `factors` [-]."""
     value = readings(machine, run, machine.space.values(found.z))
     own = _of_parameters(machine, found, run, value)
-    rest = np.sqrt(found.block**2 + _of_runs(machine, found, run) ** 2)
+    rest = np.sqrt(found.spread**2 + _of_runs(machine, found, run) ** 2)
     half = factor * np.sqrt(own**2 + rest**2)
     return Prediction(run.name, run.time, value, value - half, value + half, own, rest, run.sliding)
 
 
 def factors(task: Problem, found: Fit) -> Array:
     """Return q (channels,) [-] with which `HOLD` of the residuals of blocks left out lie inside their bands."""
-    slopes = jacobian(task, found.z)
     extra = task.pick([_of_runs(task.machine, found, run) for run in task.runs])
     out = []
-    for held, j, block, more in zip(found.held, slopes, found.block, extra, strict=True):
-        own = np.einsum("tp,pq,tq->t", j, found.covariance, j)
-        sd = np.sqrt(own + block**2 + more**2)
-        out.append(min(np.quantile(np.abs(held) / sd, HOLD), WIDEST * block / sd.mean()))
+    for c, more in enumerate(extra):
+        sd = np.sqrt(found.unsure[c] ** 2 + found.spread[c] ** 2 + more**2)
+        out.append(min(np.quantile(np.abs(found.held[c]) / sd, HOLD), WIDEST * found.block[c] / sd.mean()))
     return np.array(out)
 
 
 def _of_parameters(machine: Machine, found: Fit, run: Run, value: Array) -> Array:
-    values, vectors = np.linalg.eigh(found.covariance)
-    out = np.zeros_like(value)
-    for size, direction in zip(values, vectors.T, strict=True):
-        if size > 0.0:  # a small step along each principal direction: one prediction each
-            ahead = readings(machine, run, machine.space.values(found.z + STEP * direction))
-            out += size * ((ahead - value) / STEP) ** 2
-    return np.sqrt(out)
+    slopes = []
+    for k in range(len(found.z)):  # one prediction each; those of sensors and friction solve nothing anew
+        ahead = found.z.copy()
+        ahead[k] += STEP
+        slopes.append((readings(machine, run, machine.space.values(ahead)) - value) / STEP)
+    j = np.stack(slopes, axis=-1)
+    variance = np.einsum("tcp,pq,tcq->tc", j, found.covariance, j, optimize=True)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
 def _of_runs(machine: Machine, found: Fit, run: Run) -> Array:
@@ -90,13 +91,17 @@ def _of_runs(machine: Machine, found: Fit, run: Run) -> Array:
 
 @dataclass(frozen=True)
 class Judged:
-    """One channel of a judged log: parts explained while sliding and over all, coverage, band width over RMS error, RMS error."""
+    """One channel of a judged log: parts explained while sliding, of that without a constant, and over all samples.
+
+    coverage : part of samples inside the band; width : of the band over the RMS error; all [-]; rms : RMS error [unit]
+    """
 
     log: str
     channel: str
     unit: str
     samples: int
     explained: float
+    spread_explained: float
     explained_all: float
     coverage: float
     width: float
@@ -120,6 +125,28 @@ def judge(machine: Machine, run: Run, told: Prediction, chosen: NDArray[np.bool_
         rms = float(np.sqrt(np.mean(e**2)))
         inside = (y[u] >= told.low[u, c]) & (y[u] <= told.high[u, c])
         width = float(np.mean(told.high[u, c] - told.low[u, c])) / rms
-        shares = explained(y[u], told.value[u, c]), explained(y, told.value[:, c]), float(inside.mean())
+        shares = (
+            explained(y[u], told.value[u, c]),
+            1.0 - float(np.var(e) / np.var(y[u])),
+            explained(y, told.value[:, c]),
+            float(inside.mean()),
+        )
         out.append(Judged(run.name, channel.name, channel.unit, int(u.sum()), *shares, width, rms))
     return out
+
+
+def judged(machine: Machine, some: list[tuple[Run, Prediction]]) -> list[Judged]:
+    """Judge predictions of several runs, and all of them together where there are more [-]."""
+    out = [row for run, told in some for row in judge(machine, run, told)]
+    if len(some) < 2:
+        return out
+    runs, tolds = zip(*some, strict=True)
+    together = {
+        n: np.vstack([getattr(t, n) for t in tolds]) for n in ("value", "low", "high", "parameters", "residual")
+    }
+    sliding = np.vstack([t.sliding for t in tolds])
+    time = np.concatenate([run.time for run in runs])
+    whole = Prediction("together", time, **together, sliding=sliding)
+    measured = np.vstack([run.measured for run in runs])
+    counted = np.vstack([run.counted for run in runs])
+    return out + judge(machine, replace(runs[0], name="together", time=time, measured=measured, counted=counted), whole)

@@ -5,12 +5,15 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from crosscheck.identification.log import Log
 from crosscheck.identification.readings import Machine
 
+Array = NDArray[np.float64]
 # Samples at an extreme value, of all: a smooth signal touches its extremes once or twice.
 SATURATED = 0.02
+BESIDE = 5.0  # times as many samples stand there as at the next value: the highest level of a coarse signal is no limit
 SAME = 1e-9  # relative, of columns that are copies
 RATE = 0.01  # relative, of sampling rates that agree
 
@@ -30,20 +33,26 @@ def doubts(machine: Machine, logs: list[Log], held: list[Log]) -> list[str]:
     return [w for w in words if w]
 
 
-def _saturated(machine: Machine, log: Log) -> list[str]:
+def stands_at(values: Array) -> list[tuple[float, float]]:
+    """Return the extremes at which a column (samples,) [any unit] stands as a clipped signal does, and the share of samples."""
+    if len(values) < 20 or np.ptp(values) == 0.0:
+        return []
+    levels, counts = np.unique(values, return_counts=True)
     out = []
-    for channel in machine.channels:
-        values = log.columns.get(channel.column)
-        if values is None or np.ptp(values) == 0.0:
-            continue
-        for side in (values.max(), values.min()):
-            share = float(np.mean(values == side))
-            if share > SATURATED:
-                out.append(
-                    f"{log.name}: {share:.0%} of column {channel.column!r} stand at {side:g}, as a signal does that is clipped: "
-                    "the drive gave more than it shows"
-                )
+    for end, beside in ((-1, -2), (0, 1)):
+        share = float(counts[end]) / len(values)
+        if share > SATURATED and counts[end] > BESIDE * counts[beside]:
+            out.append((float(levels[end]), share))
     return out
+
+
+def _saturated(machine: Machine, log: Log) -> list[str]:
+    return [
+        f"{log.name}: {share:.0%} of column {channel.column!r} stand at {side:g}, as a signal does that is clipped: "
+        "the drive gave more than it shows"
+        for channel in machine.channels
+        for side, share in stands_at(log.columns.get(channel.column, np.zeros(0)))
+    ]
 
 
 def _twice(machine: Machine, one: Log, other: Log, consequence: str) -> str:

@@ -15,14 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from crosscheck.identification.parameters import KINDS
 from crosscheck.identification.readings import Machine, Run, readings
 from flexinv.errors import InputError
 
 Array = NDArray[np.float64]
 STEP = 1e-4  # of the difference quotients, in standard errors of the priors
-ROUNDS = 3  # the weights are known when the residuals are: the third round changes intervals by some hundredths
+ROUNDS = 8  # at most: the weights are known when the residuals are
+SCAN = (-1.0, -0.5, 0.5, 1.0)  # of the prior's width: where stiffnesses, dampings and lengths are tried first
+STEADY = 0.03  # relative change of all weights at which the rounds end: intervals change by less
 CLOSE = 1e-4  # relative change of cost, and of z, at which the optimiser stops: far below the width of any interval
-EVALUATIONS = 15
+EVALUATIONS = 40
 PER_PERIOD = 4.0  # samples kept per period of the bandwidth: the low-pass leaves no news between them
 # Below this part of its prior's width an interval says that the log has told something.
 TOLD = 0.7
@@ -34,7 +37,7 @@ class Fit:
 
     z : (parameters,) [-]; covariance : (parameters, parameters) of z [-]; spread, agree : (channels,) RMS residual [units of the
     channels], samples that agree [-]; block : RMS of residuals of blocks that were left out (channels,); kappa : [-]
-    held : (samples, channels) those residuals, of all counted samples, NaN elsewhere
+    held : per channel those residuals (counted,); unsure : their standard deviations by the parameters without the block
     """
 
     z: Array
@@ -44,6 +47,7 @@ class Fit:
     kappa: float
     block: Array
     held: tuple[Array, ...]
+    unsure: tuple[Array, ...]
 
     @property
     def identifiable(self) -> NDArray[np.bool_]:
@@ -99,11 +103,35 @@ def fit(task: Problem, start: Array | None = None, prior: tuple[Array, Array] | 
     z = np.zeros(count) if start is None else start.copy()
     mean, root = (np.zeros(count), np.eye(count)) if prior is None else prior
     measured = task.pick([_of(run) for run in task.runs])
+    z = _scanned(task, measured, z) if start is None else z
     weight = _weights([m - p for m, p in zip(measured, task.pick(task.predict(z)), strict=True)], None)
     for _ in range(ROUNDS):
-        z = _minimum(task, measured, weight[0], z, mean, root)
+        z, last = _minimum(task, measured, weight[0], z, mean, root), weight[0]
         weight = _weights([m - p for m, p in zip(measured, task.pick(task.predict(z)), strict=True)], weight)
+        if np.abs(weight[0] / last - 1.0).max() < STEADY:
+            break
     return _posterior(task, z, weight, root)
+
+
+def _scanned(task: Problem, measured: list[Array], z: Array) -> Array:
+    """A start beyond valleys: natural frequencies that pass one of the motion's make the cost of stiffnesses rough."""
+
+    def left(x: Array) -> float:
+        told = task.pick(task.predict(x))
+        return float(sum(np.log(np.mean((m - p) ** 2)) for m, p in zip(measured, told, strict=True)))
+
+    least = left(z)
+    for k, parameter in enumerate(task.machine.space.parameters):
+        if not KINDS[parameter.kind].solved:
+            continue
+        center = z.copy()
+        for step in SCAN:
+            tried = center.copy()
+            tried[k] += step
+            cost = left(tried)
+            if cost < least:
+                z, least = tried, cost
+    return z
 
 
 def _of(run: Run) -> Array:
@@ -152,7 +180,7 @@ def _minimum(task: Problem, measured: list[Array], weight: Array, z: Array, mean
     def slopes(x: Array) -> Array:
         return np.vstack([*(w * j for w, j in zip(weight, jacobian(task, x), strict=True)), root])
 
-    found = least_squares(residual, z, slopes, method="trf", ftol=CLOSE, xtol=CLOSE, max_nfev=EVALUATIONS)
+    found = least_squares(residual, z, slopes, method="lm", ftol=CLOSE, xtol=CLOSE, max_nfev=EVALUATIONS)
     return np.asarray(found.x)
 
 
@@ -165,18 +193,23 @@ def _posterior(task: Problem, z: Array, weight: tuple[Array, Array, Array], root
     hessian = sum((j.T @ j for j in scaled), root.T @ root)
     label = task.pick([_blocks(task, run) for run in task.runs])
     base = np.linalg.inv(hessian)
-    left_out, held = _leave_out(scaled, errors, label, hessian)
+    left_out, held, unsure = _leave_out(scaled, errors, label, hessian)
     scatter = (len(left_out) - 1) * np.var(left_out, axis=0)
     ratio = scatter / np.diag(base)
     told_of = np.sqrt(np.diag(base)) < TOLD * np.sqrt(np.diag(np.linalg.inv(root.T @ root)))
     kappa = float(max(1.0, np.median(ratio[told_of]))) if told_of.any() and len(left_out) > 2 else 1.0
     own = [h / w for h, w in zip(held, weight[0], strict=True)]
+    sides = [np.sqrt(kappa * u) / w for u, w in zip(unsure, weight[0], strict=True)]
     block = np.array([np.sqrt(np.mean(h**2)) for h in own])
-    wide = base * kappa
-    size = np.sqrt(
-        np.minimum(1.0, np.diag(np.linalg.inv(root.T @ root)) / np.diag(wide))
-    )  # no wider than before the log
-    return Fit(z, wide * np.outer(size, size), weight[1], weight[2], kappa, block, tuple(own))
+    return Fit(z, _widened(base, kappa, root), weight[1], weight[2], kappa, block, tuple(own), tuple(sides))
+
+
+def _widened(base: Array, kappa: float, root: Array) -> Array:
+    """The covariance times kappa, in no direction wider than before the log: kappa and 1 where both are diagonal."""
+    values, vectors = np.linalg.eigh(root @ base @ root.T)
+    inner = vectors * np.minimum(1.0, kappa * values) @ vectors.T
+    back = np.linalg.inv(root)
+    return np.asarray(back @ inner @ back.T)
 
 
 def _blocks(task: Problem, run: Run) -> Array:
@@ -187,18 +220,20 @@ def _blocks(task: Problem, run: Run) -> Array:
 
 def _leave_out(
     scaled: list[Array], errors: list[Array], label: list[Array], hessian: Array
-) -> tuple[Array, list[Array]]:
-    """z without each block, less z (blocks, parameters), and the residuals of each block under the others' parameters.
+) -> tuple[Array, list[Array], list[Array]]:
+    """z without each block, less z (blocks, parameters); residuals of each block under the others' parameters, with variances.
 
-    One Gauss-Newton step: (H - J_b^T J_b) dz = -J_b^T r_b.
+    One Gauss-Newton step: (H - J_b^T J_b) dz = -J_b^T r_b;  variance J_b (H - J_b^T J_b)^-1 J_b^T.
     """
-    moved, held = [], [np.zeros_like(e) for e in errors]
+    moved, held, unsure = [], [np.zeros_like(e) for e in errors], [np.zeros_like(e) for e in errors]
     for block in np.unique(np.concatenate(label)):
         rows = [k == block for k in label]
         inside = [j[r] for j, r in zip(scaled, rows, strict=True)]
         pull = sum((j.T @ e[r] for j, e, r in zip(inside, errors, rows, strict=True)), np.zeros(len(hessian)))
-        step = -np.linalg.solve(hessian - sum((j.T @ j for j in inside), np.zeros_like(hessian)), pull)
+        without = np.linalg.inv(hessian - sum((j.T @ j for j in inside), np.zeros_like(hessian)))
+        step = -without @ pull
         moved.append(step)
-        for h, e, j, r in zip(held, errors, inside, rows, strict=True):
+        for h, u, e, j, r in zip(held, unsure, errors, inside, rows, strict=True):
             h[r] = e[r] - j @ step
-    return np.array(moved), held
+            u[r] = np.einsum("tp,pq,tq->t", j, without, j)
+    return np.array(moved), held, unsure

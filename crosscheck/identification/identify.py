@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.identification.bands import Judged, Prediction, factors, judge, predict
+from crosscheck.identification.bands import Judged, Prediction, factors, judge, judged, predict
 from crosscheck.identification.checks import doubts
 from crosscheck.identification.fit import Fit, Problem, fit, problem
 from crosscheck.identification.log import Log, read_log
@@ -30,7 +30,8 @@ class Identified:
     """A machine identified from logs.
 
     factors : (channels,) half width of a band in standard deviations [-]; parameters : with intervals, in the unit of each
-    judged : how well the logs that identified, and those held out, are explained; words : doubts and what cannot be told
+    seen, judged : how well the logs that identified, and those held out, are explained; shown, held : with their predictions
+    words : doubts and what cannot be told
     """
 
     machine: Machine
@@ -40,6 +41,8 @@ class Identified:
     parameters: list[Row]
     seen: list[Judged]
     judged: list[Judged]
+    shown: list[tuple[Run, Prediction]]
+    held: list[tuple[Run, Prediction]]
     words: list[str]
 
     def predict(self, log: Log) -> Prediction:
@@ -90,11 +93,12 @@ def identify(
     table = rows(machine.space, found)
     words += untold(table)
 
-    def judged(some: Sequence[Run]) -> list[Judged]:
-        return [row for run in some for row in judge(machine, run, predict(machine, found, q, run))]
+    def told_of(some: Sequence[Run]) -> list[tuple[Run, Prediction]]:
+        return [(run, predict(machine, found, q, run)) for run in some]
 
+    shown, others = told_of(runs), told_of([make_run(machine, log) for log in held])
     return Identified(
-        machine, task, found, q, table, judged(runs), judged([make_run(machine, log) for log in held]), words
+        machine, task, found, q, table, judged(machine, shown), judged(machine, others), shown, others, words
     )
 
 

@@ -99,6 +99,11 @@ def _columns(path: Path) -> dict[str, Array]:
             raise InputError(f"{path.name}: Parquet needs pyarrow; write pip install pyarrow, or export CSV") from error
     if name.endswith(".mat"):
         return _of_mat(path)
+    if name.endswith((".mcap", ".db3", ".bag")):
+        raise InputError(
+            f"{path.name}: bags of messages are not read, their topics have times of their own; export the joint states to CSV, "
+            "resampled evenly, with a column time_s"
+        )
     raise InputError(f"{path.name}: format unknown; write .csv, .csv.gz, .parquet or .mat")
 
 

@@ -6,7 +6,7 @@ value = known exp(error z)  for what is positive by its nature,   value = known 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,10 +106,14 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Space:
-    """All free parameters of a mechanism; factors : L (4, 4) of the mass properties of links that are free."""
+    """All free parameters of a mechanism.
+
+    factors : L (4, 4) of the mass properties of links that are free; more : m, h, I (10,) beside them [kg], [kg m], [kg m^2]
+    """
 
     parameters: tuple[Parameter, ...]
     factors: Mapping[str, Array]
+    more: Mapping[str, Array] = field(default_factory=dict)
 
     def values(self, z: Array) -> Values:
         """Return the values [units of the parameters] at coordinates z (parameters,) [-]."""
@@ -209,6 +213,11 @@ def before(mechanism: Mechanism, settings: IdentifyTable, kind: Kind, place: str
     if kind.name == "beam length":
         beam = mechanism.link_of[place].beam
         return beam.length if beam else 0.0
+    if kind.name == "beam damping":
+        section = getattr(mechanism.link_of[place].beam, "section", None)
+        if section is None or section.damping is None:
+            return 0.0
+        return float(section.damping[0, 5] / section.stiffness[0, 5])
     if kind.name == "place x" and joint is not None:
         return float(joint.placement.position[0])
     return kind.known(joint) if joint is not None else 0.0
@@ -219,9 +228,9 @@ def with_values(mechanism: Mechanism, values: Mapping[Key, float]) -> Mechanism:
 
     def joint_with(joint: Joint) -> Joint:
         changes: dict[str, object] = {}
-        for kind, field in (("joint stiffness", "stiffness"), ("joint damping", "damping")):
+        for kind, name in (("joint stiffness", "stiffness"), ("joint damping", "damping")):
             if (kind, joint.name) in values:
-                changes[field] = values[kind, joint.name]
+                changes[name] = values[kind, joint.name]
         if ("place x", joint.name) in values:
             position = joint.placement.position.copy()
             position[0] = values["place x", joint.name]

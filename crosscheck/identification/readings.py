@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
+from crosscheck.identification.filters import lag, low_pass
 from crosscheck.identification.log import Log
 from crosscheck.identification.parameters import KINDS, Key, Space, before
 from crosscheck.identification.response import Measured, Response, response
 from crosscheck.identification.settings import ANGLES, EFFORTS, IdentifyTable
-from crosscheck.measured.filters import lag, low_pass
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Mechanism
 
@@ -109,7 +109,7 @@ def motion_of(machine: Machine, log: Log) -> Measured:
     Raises InputError: a column missing, constant numbers where every joint stands, angles in degrees that are said to be radians.
     """
     settings, time = machine.settings, log.time - log.time[0]
-    bandwidth = min(WIDER * settings.bandwidth_Hz, HIGHEST / log.spacing)
+    bandwidth = min(settings.motion_Hz or WIDER * settings.bandwidth_Hz, HIGHEST / log.spacing)
     if settings.bandwidth_Hz > HIGHEST / log.spacing:
         raise InputError(
             f"{log.name}: sampled at {1 / log.spacing:.4g} Hz, too slow for a bandwidth of {settings.bandwidth_Hz:g} Hz; "
@@ -171,20 +171,30 @@ def measured_of(machine: Machine, log: Log) -> Array:
 
 def readings(machine: Machine, run: Run, values: Mapping[Key, float]) -> Array:
     """Return the expected readings (samples, channels) [units of the channels]."""
-    effort, moment = run.response(values)
+    raw = sensed(machine, run.motion, run.response, values)
     spacing = float(run.motion.time[1] - run.motion.time[0])
+    columns = [
+        column if channel.is_gauge else low_pass(column, spacing, machine.settings.bandwidth_Hz)
+        for channel, column in zip(machine.channels, raw.T, strict=True)
+    ]
+    return np.column_stack(columns)
+
+
+def sensed(machine: Machine, motion: Measured, respond: Response, values: Mapping[Key, float]) -> Array:
+    """Return the raw signals of the sensors, before any low-pass of ours (samples, channels) [units of the channels]."""
+    effort, moment = respond(values)
+    spacing = float(motion.time[1] - motion.time[0])
     columns = []
     for channel in machine.channels:
         if channel.is_gauge:
-            columns.append(_gauge(machine, run, channel, moment, values, spacing))
+            columns.append(_gauge(machine, motion, channel, moment, values, spacing))
             continue
-        at = run.motion.names.index(channel.place)
-        own = effort[:, at] + drive_effort(machine, channel.place, run.motion.qd[:, at], run.motion.qdd[:, at], values)
+        at = motion.names.index(channel.place)
+        own = effort[:, at] + drive_effort(machine, channel.place, motion.qd[:, at], motion.qdd[:, at], values)
         told = own / channel.ratio + _get(machine, values, "effort offset", channel.place)
         told = lagged(told, spacing, _get(machine, values, "effort lag", channel.place))
         told = delayed(told, spacing, _get(machine, values, "effort delay", channel.place))
-        told = _get(machine, values, "effort gain", channel.place) * told
-        columns.append(low_pass(told, spacing, machine.settings.bandwidth_Hz))
+        columns.append(_get(machine, values, "effort gain", channel.place) * told)
     return np.column_stack(columns)
 
 
@@ -214,15 +224,15 @@ def _get(machine: Machine, values: Mapping[Key, float], kind: str, place: str) -
 
 
 def _gauge(
-    machine: Machine, run: Run, channel: Channel, moment: Array, values: Mapping[Key, float], spacing: float
+    machine: Machine, motion: Measured, channel: Channel, moment: Array, values: Mapping[Key, float], spacing: float
 ) -> Array:
     table = machine.settings.gauges[channel.place]
     told = _get(machine, values, "gauge gain", channel.place) * flexibility(machine, channel.place) * moment[
         :, list(machine.settings.gauges).index(channel.place)
     ] + _get(machine, values, "gauge zero", channel.place)
     if table.slope_joint:
-        at = run.motion.names.index(table.slope_joint)
-        told = told + _get(machine, values, "gauge slope", channel.place) * run.motion.q[:, at]
+        at = motion.names.index(table.slope_joint)
+        told = told + _get(machine, values, "gauge slope", channel.place) * motion.q[:, at]
     return lag(told, spacing, table.lag_Hz, table.lag_damping) if table.lag_Hz else told
 
 

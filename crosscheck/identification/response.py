@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +63,7 @@ def ten_of(space: Space, mechanism: Mechanism, values: Mapping[Key, float]) -> A
     for k, link in enumerate(mechanism.links):
         if link.name in space.factors:
             x = np.array([values.get((MASS, f"{link.name}.{n}"), 0.0) for n in NAMES])
-            out[k] = moved(space.factors[link.name], x)
+            out[k] = moved(space.factors[link.name], x) + space.more.get(link.name, 0.0)
         elif link.beam is None:
             out[k] = link_parameters(link)
     return out
@@ -93,7 +94,8 @@ def response(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion
     Raises InputError: a joint of a rigid tree that no column moves.
     """
     alone = bare(mechanism, motion.names)
-    if mechanism.is_rigid and not mechanism.closures and not settings.gauges:
+    passive = any(j.nv and j.name not in motion.names and not j.actuated for j in mechanism.joints)
+    if mechanism.is_rigid and not mechanism.closures and not settings.gauges and not passive:
         return _of_tree(alone, space, motion)
     return _by_solve(alone, space, settings, motion)
 
@@ -110,9 +112,10 @@ def _of_tree(mechanism: Mechanism, space: Space, motion: Measured) -> Response:
     def matrix(gravity: Array) -> Array:
         return torque_regressor(replace(mechanism, gravity=gravity), q, qd, qdd).matrix[:, rows]
 
-    gravity = np.asarray(mechanism.gravity)
+    gravity, known = np.asarray(mechanism.gravity), {p.key for p in space.parameters}
     level = matrix(gravity)
-    slopes = [(matrix(tilted(gravity, *(TILT * e))) - level) / TILT for e in np.eye(2)]
+    free_tilts = [f"gravity tilt {axis}" for axis in "xy" if (f"gravity tilt {axis}", "world") in known]
+    slopes = [(matrix(tilted(gravity, *(TILT * np.eye(2)["xy".index(k[-1])]))) - level) / TILT for k in free_tilts]
     free = joint_torques(replace(mechanism, springs=(), forces=()), q, qd, qdd, passive=False)
     held = joint_torques(replace(mechanism, springs=()), q, qd, qdd)[:, rows] - free[:, rows]
     pulls = {
@@ -120,15 +123,21 @@ def _of_tree(mechanism: Mechanism, space: Space, motion: Measured) -> Response:
         for s in mechanism.springs
     }
 
-    def evaluate(values: Mapping[Key, float]) -> tuple[Array, Array]:
-        pi = ten_of(space, mechanism, values).ravel()
+    @lru_cache(maxsize=4)  # friction and sensors leave it as it was
+    def by_numbers(masses: bytes, tilts: tuple[float, ...], forces: tuple[float, ...]) -> Array:
+        pi = np.frombuffer(masses)
         out = level @ pi + held
-        for axis, slope in zip("xy", slopes, strict=True):
-            if tilt := values.get((f"gravity tilt {axis}", "world"), 0.0):
+        for tilt, slope in zip(tilts, slopes, strict=True):
+            if tilt:
                 out = out + tilt * (slope @ pi)
-        for name, pull in pulls.items():
-            out = out + values.get(("spring force", name), 1.0) * pull
-        return out, np.zeros((len(q), 0))
+        for force, pull in zip(forces, pulls.values(), strict=True):
+            out = out + force * pull
+        return np.asarray(out)
+
+    def evaluate(values: Mapping[Key, float]) -> tuple[Array, Array]:
+        tilts = tuple(values[kind, "world"] for kind in free_tilts)
+        forces = tuple(values.get(("spring force", name), 1.0) for name in pulls)
+        return by_numbers(ten_of(space, mechanism, values).tobytes(), tilts, forces), np.zeros((len(q), 0))
 
     return evaluate
 
@@ -151,7 +160,10 @@ def _by_solve(mechanism: Mechanism, space: Space, settings: IdentifyTable, motio
     kept: dict[tuple[float, ...], tuple[Array, Array]] = {}
     solved = [p.key for p in space.parameters if KINDS[p.kind].solved or p.kind.startswith(("gravity", "spring"))]
     masses = [p.key for p in space.parameters if p.kind == MASS]
-    linear = mechanism.is_rigid and bool(masses)
+    moved = [j for j in mechanism.joints if j.nv and j.name not in motion.names]
+    swings = any(j.stiffness for j in moved) or (bool(moved) and not mechanism.closures)
+    linear = mechanism.is_rigid and bool(masses) and not swings
+    start = {name: table.value for name, table in settings.start.items()}
 
     def once(values: Mapping[Key, float], ten: Mapping[str, Array]) -> tuple[Array, Array]:
         changed = with_masses(with_values(coarse, values), ten)
@@ -165,7 +177,7 @@ def _by_solve(mechanism: Mechanism, space: Space, settings: IdentifyTable, motio
             for s in changed.springs
         )
         changed = replace(changed, gravity=tilted(np.asarray(changed.gravity), *tilt), springs=springs)
-        solution = solve(changed, given, step, every=settings.every)
+        solution = solve(changed, given, step, every=settings.every, initial=settings.initial, start=start or None)
         rows = [changed.v_slices[name].start for name in motion.names]
         moments = [-solution.wrench[g.joint][:, 5] for g in settings.gauges.values()]
         return solution.torque_all[:, rows], np.column_stack([np.zeros((len(motion.time), 0)), *moments])

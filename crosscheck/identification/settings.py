@@ -88,7 +88,32 @@ class FreeTable(Table):
     )
 
 
+class StartTable(Table):
+    """Coordinate of a passive joint at the first sample."""
+
+    deg: Number | None = key("its angle [deg]", "deg = -85", default=None)
+    rad: Number | None = key("its angle [rad]", "rad = -1.48", default=None)
+    m: Number | None = key("its way [m]", "m = 0.1", default=None)
+
+    @property
+    def value(self) -> float:
+        """The coordinate [rad], [m]."""
+        return self.rad or self.m or (self.deg or 0.0) * ANGLES["deg"]
+
+
 Window = Annotated[list[Number], Field(min_length=2, max_length=2)]
+
+
+class LimitTable(Table):
+    """Limits for the logs that judge."""
+
+    channel: list[Text] = key("sensors; patterns such as torque/axis*", 'channel = ["torque/*"]', default=["*"])
+    explained: Number | None = key("least part that is explained [-]", "explained = 0.95", default=None)
+    coverage: Window | None = key(
+        "least and largest part of samples inside the 90 % bands [-]", "coverage = [0.8, 0.97]", default=None
+    )
+    width: Positive | None = key("largest mean width of a band over the RMS error [-]", "width = 5", default=None)
+    reason: Text = key("why so", 'reason = "what the controller needs"', default="")
 
 
 class IdentifyTable(Table):
@@ -98,6 +123,11 @@ class IdentifyTable(Table):
     time: Text = key("name of the column of times [s]", 'time = "time_s"', default="time_s")
     bandwidth_Hz: Positive = key(
         "of the zero-phase low-pass behind which efforts are compared [Hz]", "bandwidth_Hz = 10"
+    )
+    motion_Hz: Positive | None = key(
+        "of the zero-phase low-pass of the motion; 2.5 times that of efforts when absent [Hz]",
+        "motion_Hz = 25",
+        default=None,
     )
     window_s: Window | None = key("the seconds that count; all when absent [s]", "window_s = [1.8, 8.2]", default=None)
     block_s: Positive = key("length of the blocks that leave-one-out takes away [s]", "block_s = 1.28", default=1.0)
@@ -116,9 +146,16 @@ class IdentifyTable(Table):
         "elements and order of beams while they are identified [-]", "mesh = [1, 2]", default=None
     )
     every: int = key("steps of the march per sample [-]", "every = 1", default=1)
+    start: dict[str, StartTable] = key(
+        "coordinates of passive joints of loops at the first sample", "start.left_elbow = { deg = -85 }", default={}
+    )
+    initial: Literal["consistent", "static"] = key(
+        "how beams and springs begin: without force, or in equilibrium", 'initial = "static"', default="consistent"
+    )
     joints: dict[str, JointTable] = key("what the log says of a joint", "[joints.axis1]")
     gauges: dict[str, GaugeTable] = key("strain gauges", "[gauges.gauge1]", default={})
     free: list[FreeTable] = key("free parameters", "[[free]]")
+    limits: list[LimitTable] = key("what logs that judge have to reach", "[[limits]]", default=[])
 
 
 def read_settings(path: Path, mechanism: Mechanism) -> IdentifyTable:

@@ -69,6 +69,34 @@ def _largest(texts: Iterable[str | None]) -> float:
     return float(np.nanmax(sizes))
 
 
+def printed_of_sdf(root: Element) -> dict[tuple[str, str], float]:
+    """Return the half digits of an SDF: [kg], [m], [kg m^2], [rad]; a joint's come from the poses of both of its links."""
+    found: dict[tuple[str, str], float] = {}
+    poses: dict[str, tuple[float, float]] = {}
+    for link in root.iter("link"):
+        name, inertial = link.get("name", ""), link.find("inertial")
+        poses[name] = _pose_digits(link)
+        if inertial is not None:
+            way, turn = _pose_digits(inertial)
+            texts = [inertial.findtext(f"inertia/{key}") for key in INERTIAS]
+            found[name, "mass"] = half_digit(inertial.findtext("mass"))
+            found[name, "com"] = way
+            found[name, "tensor"] = max(map(half_digit, texts)) + turn * _largest(texts)
+    for joint in root.iter("joint"):
+        name, none = joint.get("name", ""), (0.0, 0.0)
+        ends = [poses.get((joint.findtext(end) or "").strip(), none) for end in ("parent", "child")]
+        way, turn = (sum(digits[k] for digits in (*ends, _pose_digits(joint))) for k in (0, 1))
+        found[name, "rotation"] = turn
+        found[name, "position"] = way + turn  # a link a metre away turns with its pose
+        found[name, "axis"] = half_digit(joint.findtext("axis/xyz")) + turn
+    return found
+
+
+def _pose_digits(element: Element) -> tuple[float, float]:
+    words = (element.findtext("pose") or "").split()
+    return half_digit(" ".join(words[:3])), half_digit(" ".join(words[3:]))
+
+
 def printed_of_mjcf(root: Element) -> dict[tuple[str, str], float]:
     """Return the half digits that an MJCF's bodies and joints state themselves: [kg], [m], [kg m^2], [-]."""
     found: dict[tuple[str, str], float] = {}

@@ -31,6 +31,5 @@ STUDIES: dict[str, Study] = {
         Study("incremental", "The paper's incremental mode", "crosscheck.studies.incremental"),
         Study("feedforward", "Feed-forward replayed in other engines", "crosscheck.studies.feedforward"),
         Study("switching", "Phases of mechanisms that open and close", "crosscheck.studies.switching"),
-        Study("measured", "A measured arm, rigid and flexible", "crosscheck.studies.measured_arm"),
     )
 }

@@ -1,7 +1,7 @@
 """Derive the case of the measured arm from its record: python docs/studies/derive_quanser_case.py.
 
-Identifies the flexible model on the first 10 s of models/quanser_2dsfl/record.csv, prints what stands in the mechanism
-files (some 30 s of one core), and writes motion.csv and measured.csv of the next 5 s, which the identification has not seen.
+Identifies the flexible model on the first 10 s of models/quanser_2dsfl/record.csv by its identify.toml (a minute of one core),
+prints what was found, and writes motion.csv and measured.csv of the next 5 s, which the identification has not seen.
 """
 
 from __future__ import annotations
@@ -10,64 +10,72 @@ from pathlib import Path
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
-from crosscheck.measured import arm
-from crosscheck.measured.filters import low_pass, undo_lag
-from crosscheck.measured.fit import Fit, identify
-from crosscheck.measured.recording import read_recording
-from crosscheck.studies.measured_arm import AGREE, FLEXIBLE, MESH, RECORD, RIGID, SPLITS, Array, parts, together
-from flexinv.files.load_mechanism import load_mechanism
-from flexinv.model.mechanism import Mechanism
+import crosscheck
+from crosscheck.identification.filters import low_pass, undo_lag
+from crosscheck.identification.identify import Identified
+from crosscheck.identification.table import Row
 
+Array = NDArray[np.float64]
 MODELS = Path(__file__).parents[2] / "models"
+FLEXIBLE, RIGID = "quanser_2dsfl", "quanser_2dsfl_rigid"
+LOG = f"{MODELS / FLEXIBLE / 'record.csv'}@"
 EVERY = 2  # of the record's samples one: 8 ms
-SPLIT = SPLITS[1]  # the same moves again
+NORMAL = 1.6448536269514722  # half width of 90 % of a normal distribution, in standard deviations
+Table = dict[tuple[str, str], Row]
 
 
 def main() -> None:
     """Write the CSV files [rad], [N m], [m] and say what was identified."""
-    flexible = load_mechanism(MODELS / FLEXIBLE)
-    record = read_recording(MODELS / FLEXIBLE / RECORD, arm.COLUMNS)
-    seen = parts(record, SPLIT.seen, flexible)
-    predict = arm.predictor(flexible.with_mesh(*MESH), seen, arm.flexibilities(flexible))
-    open_ = (*arm.mechanical(True), *arm.of_sensors())
-    lags = round(AGREE / record.spacing)
-    fit = identify(predict, together(seen, "measured"), together(seen, "used"), open_, lags)
-    click.echo("\n".join(f"{name} = {value:.4g} +- {fit.uncertainty[name]:.2g}" for name, value in fit.value.items()))
-    shown = parts(record, SPLIT.unseen[:1], flexible)[0]
-    torque, deflection = torques(shown, fit), deflections(shown, fit, flexible)
+    found = crosscheck.identify(MODELS / FLEXIBLE, [f"{LOG}0:5", f"{LOG}5:10"], [f"{LOG}10:15"])
+    for row in found.parameters:
+        click.echo(f"{row.parameter} of {row.place} = {row.value:.4g} +- {deviation(row):.2g} {row.unit}")
+    table = {(row.parameter, row.place): row for row in found.parameters}
+    torque, deflection = torques(found, table), deflections(found, table)
+    motion = found.held[0][0].motion
     for folder, measured in ((FLEXIBLE, torque | deflection), (RIGID, torque)):
-        motion = {f"{name}_rad": column for name, column in zip(arm.DRIVES, shown.q.T, strict=True)}
-        write(MODELS / folder / "motion.csv", {"time_s": shown.part.time, **motion})
-        write(MODELS / folder / "measured.csv", {"time [s]": shown.part.time, **measured})
+        columns = {f"{name}_rad": column for name, column in zip(motion.names, motion.q.T, strict=True)}
+        write(MODELS / folder / "motion.csv", {"time_s": motion.time, **columns})
+        write(MODELS / folder / "measured.csv", {"time [s]": motion.time, **measured})
 
 
-def torques(shown: arm.Sensed, fit: Fit) -> dict[str, Array]:
+def deviation(row: Row) -> float:
+    """Return the standard deviation [unit of the parameter] of a 90 % interval."""
+    return (row.high - row.low) / 2.0 / NORMAL
+
+
+def torques(found: Identified, table: Table) -> dict[str, Array]:
     """Return what the drives give to the mechanism, less offset and dry friction, with bars [N m].
 
     A joint that stands may hold as much as its dry friction: the bar there.
     """
-    columns = {}
-    for k, name in enumerate(arm.DRIVES):
-        coulomb, offset = fit.value[f"coulomb {k + 1}"], fit.value[f"offset {k + 1}"]
-        slides = np.tanh(shown.qd[:, k] / arm.STILL)
-        columns[f"torque/{name} [N m]"] = shown.measured[:, k] - offset - coulomb * slides
-        unsure = np.hypot(fit.uncertainty[f"coulomb {k + 1}"], fit.uncertainty[f"offset {k + 1}"])
-        columns[f"torque/{name} error [N m]"] = unsure + coulomb * (1.0 - np.abs(slides))
+    run, columns = found.held[0][0], {}
+    assert run.measured is not None
+    for k, name in enumerate(run.motion.names):
+        coulomb, offset = table["coulomb friction", name], table["effort offset", name]
+        slides = np.tanh(run.motion.qd[:, k] / found.machine.settings.still_rad_per_s)
+        columns[f"torque/{name} [N m]"] = run.measured[:, k] - offset.value - coulomb.value * slides
+        unsure = np.hypot(deviation(coulomb), deviation(offset))
+        columns[f"torque/{name} error [N m]"] = unsure + coulomb.value * (1.0 - np.abs(slides))
     return columns
 
 
-def deflections(shown: arm.Sensed, fit: Fit, flexible: Mechanism) -> dict[str, Array]:
+def deflections(found: Identified, table: Table) -> dict[str, Array]:
     """Return the deflection at the tips [m] from the gauges, without the rig's filter, with bars."""
-    columns, h = {}, shown.part.spacing
-    for k, link in enumerate(flexible.beams):
-        seen = undo_lag(low_pass(shown.measured[:, 2 + k], h, arm.BANDWIDTH), h, arm.GAUGE_HZ, arm.GAUGE_DAMPING)
-        gain, zero, slope = (fit.value[f"{n} {k + 1}"] for n in ("gain", "zero", "slope"))
-        length = 0.0 if link.beam is None else link.beam.length
-        tip = length / gain * (seen - zero - slope * shown.q[:, 0])
-        unsure = length / gain * fit.uncertainty[f"zero {k + 1}"]
-        columns[f"deflection/{link.name}/y [m]"] = tip
-        columns[f"deflection/{link.name}/y error [m]"] = unsure + np.abs(tip) * fit.uncertainty[f"gain {k + 1}"] / gain
+    run, columns = found.held[0][0], {}
+    assert run.measured is not None
+    spacing = float(run.time[1] - run.time[0])
+    for k, (name, gauge) in enumerate(found.machine.settings.gauges.items()):
+        smooth = low_pass(run.measured[:, len(run.motion.names) + k], spacing, found.machine.settings.bandwidth_Hz)
+        seen = undo_lag(smooth, spacing, gauge.lag_Hz or 0.0, gauge.lag_damping)
+        gain, zero, slope = (table[f"gauge {n}", name] for n in ("gain", "zero", "slope"))
+        beam = found.machine.mechanism.link_of[gauge.beam].beam
+        length = 0.0 if beam is None else beam.length
+        tip = length / gain.value * (seen - zero.value - slope.value * run.motion.q[:, 0])
+        unsure = length / gain.value * deviation(zero) + np.abs(tip) * deviation(gain) / gain.value
+        columns[f"deflection/{gauge.beam}/y [m]"] = tip
+        columns[f"deflection/{gauge.beam}/y error [m]"] = unsure
     return columns
 
 

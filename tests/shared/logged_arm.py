@@ -68,19 +68,19 @@ TRUTH = {"upper": 5.0, "fore": 3.0, "viscous": 4.0}
 KNOWN = {"upper": 6.0, "fore": 2.4, "viscous": 3.0}
 
 
-def write_arm(folder: Path, numbers: dict[str, float] | None = None) -> Path:
+def write_arm(folder: Path, numbers: dict[str, float] | None = None, text: str = MECHANISM) -> Path:
     """Write mechanism and identify.toml of the arm as somebody knows it [kg], [N m s/rad]; return the folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "mechanism.toml").write_text(
-        MECHANISM.format(**(KNOWN if numbers is None else numbers)), encoding="utf-8"
-    )
+    (folder / "mechanism.toml").write_text(text.format(**(KNOWN if numbers is None else numbers)), encoding="utf-8")
     (folder / "identify.toml").write_text(IDENTIFY, encoding="utf-8")
     return folder
 
 
-def frame(folder: Path, seed: int = 0, seconds: float = 8.0, noise: float = 0.05) -> pd.DataFrame:
+def frame(
+    folder: Path, seed: int = 0, seconds: float = 8.0, noise: float = 0.05, text: str = MECHANISM
+) -> pd.DataFrame:
     """Return a log [s, rad, N m] of the true arm on a motion of four harmonics, with noise on the torques."""
-    truth = load_mechanism(write_arm(folder / "truth", TRUTH))
+    truth = load_mechanism(write_arm(folder / "truth", TRUTH, text))
     random, time = np.random.default_rng(seed), np.arange(0.0, seconds, 0.004)
     q, qd, qdd = np.zeros((3, len(time), 2))
     for k in range(2):

@@ -13,11 +13,18 @@ from click.testing import CliRunner
 import crosscheck
 from crosscheck.cli import Main
 from crosscheck.identification.bands import factors, judge, predict
+from crosscheck.identification.checks import doubts
+from crosscheck.identification.excitation import proposed_motion
+from crosscheck.identification.filters import low_pass
 from crosscheck.identification.fit import fit, problem
+from crosscheck.identification.identified_file import write_identified
 from crosscheck.identification.identify import Identified, blocks, machine_of
-from crosscheck.identification.log import read_log
+from crosscheck.identification.log import Log, read_log
 from crosscheck.identification.readings import make_run
+from crosscheck.identification.settings import read_settings
 from flexinv.errors import InputError
+from flexinv.files.load_mechanism import load_mechanism
+from flexinv.rigid.joint_torques import joint_torques
 
 
 @pytest.fixture(scope="module")
@@ -45,10 +52,11 @@ def test_the_truth_lies_in_the_intervals(found: Identified) -> None:
 
 
 def test_what_no_torque_shows_keeps_its_prior(found: Identified) -> None:
-    """The mass of the upper arm beside its static moment: a revolute joint on the ground never shows it."""
-    row = next(r for r in found.parameters if (r.parameter, r.place) == ("Ixx", "upper"))
-    assert not row.identifiable
-    assert any("Ixx" in words and words.startswith("upper") for words in found.words)
+    """Products of inertia of the upper arm with its axis: a joint on the ground never shows them."""
+    for name in ("Ixy", "Iyz"):
+        row = next(r for r in found.parameters if (r.parameter, r.place) == (name, "upper"))
+        assert not row.identifiable
+        assert any(name in words and words.startswith("upper") for words in found.words)
 
 
 def test_an_unseen_motion_is_predicted_inside_its_bands(found: Identified) -> None:
@@ -108,6 +116,12 @@ def spoiled(folder: Path, tmp_path: Path, change: str) -> Path:
         table["t1"] = 1.0
     elif change == "still":
         table["q1"] = 0.5
+    elif change == "degrees":
+        table["q1"] = np.degrees(table["q1"])
+    elif change == "slow":
+        table = table[::20]
+    elif change == "words":
+        table["time_s"] = table["time_s"].map("{:.3f} s".format)
     table.to_csv(tmp_path / "bad.csv", index=False)
     return tmp_path / "bad.csv"
 
@@ -121,6 +135,9 @@ def spoiled(folder: Path, tmp_path: Path, change: str) -> Path:
         ("nan", "has no number at 2 s"),
         ("constant", "is constant"),
         ("still", "hardly moves"),
+        ("degrees", 'write unit = "deg"'),
+        ("slow", "too slow for a bandwidth of 10 Hz; write bandwidth_Hz = 3.75 or less"),
+        ("words", "holds words such as '"),
     ],
 )
 def test_logs_that_cannot_be_used_are_refused_in_words(folder: Path, tmp_path: Path, change: str, says: str) -> None:
@@ -142,6 +159,25 @@ def test_a_clipped_torque_is_said(folder: Path, tmp_path: Path) -> None:
     assert any("clipped" in words for words in crosscheck.identify(folder, [tmp_path / "clipped.csv"]).words)
 
 
+def test_formats_that_cannot_be_read_are_refused_in_words(tmp_path: Path) -> None:
+    for name, says in (("run.mcap", "export the joint states to CSV"), ("run.xyz", "format unknown")):
+        (tmp_path / name).write_bytes(b"x")
+        with pytest.raises(InputError, match=says):
+            read_log(tmp_path / name)
+
+
+def test_a_parquet_file_is_read_or_says_what_it_needs(folder: Path, tmp_path: Path) -> None:
+    table = pd.read_csv(folder / "one.csv")
+    try:
+        table.to_parquet(tmp_path / "one.parquet")
+    except ImportError:
+        (tmp_path / "one.parquet").write_bytes(b"PAR1")
+        with pytest.raises(InputError, match="pip install pyarrow"):
+            read_log(tmp_path / "one.parquet")
+        return
+    assert np.array_equal(read_log(tmp_path / "one.parquet").column("t1"), table["t1"])
+
+
 def test_a_mat_file_is_read(folder: Path, tmp_path: Path) -> None:
     from scipy.io import savemat
 
@@ -149,6 +185,146 @@ def test_a_mat_file_is_read(folder: Path, tmp_path: Path) -> None:
     savemat(tmp_path / "one.mat", {name: table[name].to_numpy() for name in table.columns})
     log = read_log(tmp_path / "one.mat")
     assert np.array_equal(log.column("t1"), table["t1"])
+
+
+def test_logs_that_overlap_and_other_rates_are_said(folder: Path) -> None:
+    log = folder / "one.csv"
+    machine = machine_of(folder)
+    half = [read_log(f"{log}@0:5"), read_log(f"{log}@4:8")]
+    assert any("hold the same samples over 0.996 s" in words for words in doubts(machine, half, []))
+    one, two = read_log(log), read_log(folder / "two.csv")
+    other = Log("every second", two.time[::2], {k: v[::2] for k, v in two.columns.items()})
+    assert any("sampled at 125 Hz" in words for words in doubts(machine, [one, other], []))
+    assert doubts(machine, [one, two], []) == []
+
+
+@pytest.mark.parametrize(
+    ("line", "instead", "says"),
+    [
+        ('parameter = "viscous friction"', 'parameter = "viscous fricton"', 'write parameter = "viscous friction"'),
+        (
+            'parameter = "viscous friction"',
+            'parameter = "beam stiffness"',
+            "expected a mechanism that has a place for it",
+        ),
+        ("relative = 0.3", "relative = 0", "greater than 0"),
+        ("error = 0.5", "error = 0.0", "greater than 0"),
+        ('parameter = "viscous friction"', 'parameter = "joint stiffness"', "nothing is known of it before"),
+        ("[joints.elbow]", "[joints.elbo]", r"\[joints.elbow\]"),
+    ],
+)
+def test_settings_that_cannot_be_used_are_refused_in_words(tmp_path: Path, line: str, instead: str, says: str) -> None:
+    base = logged_arm.write_arm(tmp_path / "arm")
+    text = (base / "identify.toml").read_text()
+    assert line in text
+    (base / "identify.toml").write_text(text.replace(line, instead, 1))
+    with pytest.raises(InputError, match=says):
+        machine_of(base)
+
+
+def test_a_parameter_that_nothing_shows_keeps_its_prior_in_words(folder: Path, tmp_path: Path) -> None:
+    base = logged_arm.write_arm(tmp_path / "arm")
+    text = (base / "identify.toml").read_text()
+    free = '[[free]]\nparameter = "gravity tilt x"\nerror = 0.01\n'
+    (base / "identify.toml").write_text(text + free.replace("tilt x", "tilt y") + free)
+    found = crosscheck.identify(base, [folder / "one.csv"])
+    row = next(r for r in found.parameters if r.parameter == "gravity tilt x")
+    assert not row.identifiable
+    assert any(words.startswith("world: gravity tilt x") for words in found.words)
+
+
+def test_what_was_identified_loads_like_any_mechanism(folder: Path, found: Identified, tmp_path: Path) -> None:
+    """Its torques with rotors and friction are those that were predicted, less the offsets of the sensors."""
+    write_identified(found, folder / "mechanism.toml", tmp_path / "identified.toml")
+    arm = load_mechanism(tmp_path / "identified.toml")
+    assert arm.name == "arm"
+    assert "identified from one.csv" in arm.source
+    run, told = found.held[0]
+    table = {(row.parameter, row.place): row.value for row in found.parameters}
+    assert arm.joint_of["shoulder"].damping == pytest.approx(table["viscous friction", "shoulder"])
+    motion = run.motion
+    torque = joint_torques(arm, motion.q, motion.qd, motion.qdd, passive=False)
+    for k, name in enumerate(("shoulder", "elbow")):
+        v, joint = motion.qd[:, k], arm.joint_of[name]
+        drive = joint.damping * v + joint.friction * np.tanh(v / 0.02)
+        own = low_pass(torque[:, k] + drive + table["effort offset", name], 0.004, 10.0)
+        assert np.abs(own - told.value[:, k]).max() < 1e-6 * np.ptp(own)  # nine digits are written
+    text = (tmp_path / "identified.toml").read_text()
+    assert "before 3" in text
+    assert "effort offset of shoulder" in text
+
+
+def test_a_page_says_it_all_and_limits_decide(folder: Path, tmp_path: Path) -> None:
+    base = logged_arm.write_arm(tmp_path / "models" / "arm")
+    text = (base / "identify.toml").read_text()
+    files = [str(folder / "one.csv"), str(folder / "two.csv")]
+    codes = []
+    for least in (0.9, 0.99999999):
+        (base / "identify.toml").write_text(f'{text}[[limits]]\nchannel = ["torque/*"]\nexplained = {least}\n')
+        out = tmp_path / f"out{least}"
+        done = CliRunner().invoke(
+            Main(),
+            [
+                "identify",
+                "arm",
+                "--models",
+                str(base.parent),
+                "--log",
+                files[0],
+                "--hold-out",
+                files[1],
+                "--out",
+                str(out),
+            ],
+        )
+        codes.append(done.exit_code)
+    assert codes == [0, 1]
+    junit = (out / "junit.xml").read_text()
+    assert 'failures="2"' in junit
+    assert "expected 1 or more" in junit or "expected 0.99999999" in junit
+    page = next((out / "studies").glob("*.html")).read_text()
+    for words in (
+        "Parameters before and after",
+        "What cannot be told",
+        "From run to run",
+        "What remains, by frequency",
+    ):
+        assert words in page
+    assert (out / "index.html").is_file()
+
+
+def test_a_proposed_motion_tells_more_and_keeps_the_limits(folder: Path, found: Identified) -> None:
+    log = read_log(folder / "one.csv")
+    proposal = proposed_motion(found.machine, found.fit, log, 8.0)
+    seen = found.shown[0][0].motion
+    assert np.all(np.ptp(proposal.q, axis=0) <= np.ptp(seen.q, axis=0))
+    rate = np.gradient(proposal.q, proposal.time, axis=0)
+    assert np.all(np.abs(rate).max(axis=0) <= np.abs(seen.qd).max(axis=0))
+    assert np.abs(rate[[0, -1]]).max() < 1e-3
+    assert any("no motion that was tried tells" in words and "upper" in words for words in proposal.words)
+
+
+def test_a_first_identify_toml_is_proposed(folder: Path, tmp_path: Path) -> None:
+    """Columns by joint name, number and unit; the proposal identifies at once."""
+    base = logged_arm.write_arm(tmp_path / "models" / "arm")
+    (base / "identify.toml").unlink()
+    names = {"q1": "shoulder_angle_deg", "q2": "elbow_angle_deg", "t1": "torque1 [N m]", "t2": "torque2 [N m]"}
+    table = pd.read_csv(folder / "one.csv")
+    table[["q1", "q2"]] = np.degrees(table[["q1", "q2"]])
+    table.rename(columns=names).to_csv(tmp_path / "log.csv", index=False)
+    run("arm", "--models", str(base.parent), "--log", str(tmp_path / "log.csv"), "--propose")
+    settings = read_settings(base, load_mechanism(base))
+    assert settings.joints["elbow"].angle.column == "elbow_angle_deg"
+    assert settings.joints["elbow"].angle.unit == "deg"
+    assert settings.joints["shoulder"].effort is not None
+    assert settings.joints["shoulder"].effort.column == "torque1 [N m]"
+    found = crosscheck.identify(base, [tmp_path / "log.csv"])
+    assert all(row.explained > 0.99 for row in found.seen)
+    done = CliRunner().invoke(
+        Main(), ["identify", "arm", "--models", str(base.parent), "--log", str(tmp_path / "log.csv"), "--propose"]
+    )
+    assert done.exit_code == 2
+    assert "is there already" in done.output
 
 
 @pytest.mark.slow

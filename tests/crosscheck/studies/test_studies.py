@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crosscheck.studies import STUDIES, feedforward, incremental, measured_arm, robots, switching
+from crosscheck.studies import STUDIES, feedforward, incremental, robots, switching
 from crosscheck.studies.robot_sweep import LARGEST_ERROR, RobotRow
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
@@ -93,8 +93,7 @@ def test_one_robot_in_all_engines() -> None:
 
 def test_every_study_names_a_function_that_is_there() -> None:
     modules = {
-        f"crosscheck.studies.{m.__name__.rsplit('.', 1)[1]}": m
-        for m in (robots, incremental, switching, measured_arm, feedforward)
+        f"crosscheck.studies.{m.__name__.rsplit('.', 1)[1]}": m for m in (robots, incremental, switching, feedforward)
     }
     for one in STUDIES.values():
         assert callable(getattr(modules[one.module], one.function))

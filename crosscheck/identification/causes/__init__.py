@@ -1,0 +1,1 @@
+"""Causes of what a model leaves unexplained in a measured log, named with size and evidence."""

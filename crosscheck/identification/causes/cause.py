@@ -1,0 +1,62 @@
+"""A cause of what remains: a change of the log or of the mechanism with one number, and one that was named with its evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.identification.log import Log
+from flexinv.model.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+Undo = Callable[[Log, Mechanism, float], tuple[Log, Mechanism]]
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A fault with one number: its name, where, unit and step of phi, and the log and mechanism with the fault phi undone.
+
+    moves : the model's side changes with it, too, and not only what an effort column says
+    """
+
+    name: str
+    place: str
+    unit: str
+    step: float
+    undone: Undo
+    moves: bool = True
+
+
+@dataclass(frozen=True)
+class Named:
+    """A cause with its size and its standard error [unit], the drop of the cost that speaks for it [-], and its evidence."""
+
+    name: str
+    place: str
+    unit: str
+    size: float
+    error: float
+    drop: float
+    evidence: str
+
+    @property
+    def words(self) -> str:
+        """The cause as a sentence [-]."""
+        bar = f" +- {self.error:.2g}" if self.error else ""
+        number = f"{self.size:.4g}{bar} {self.unit}".removesuffix(" -")
+        return f"{self.name} of {self.place}: {number} ({self.evidence})"
+
+
+def column_changed(log: Log, name: str, change: Callable[[Array], Array]) -> Log:
+    """Return a log with another column of that name [any unit]; it stays as it is where it has no such column."""
+    if name not in log.columns:
+        return log
+    return replace(log, columns={**log.columns, name: change(log.columns[name])})
+
+
+def columns_swapped(log: Log, one: str, other: str) -> Log:
+    """Return a log in which two columns have each other's name [any unit]."""
+    return replace(log, columns={**log.columns, one: log.columns[other], other: log.columns[one]})

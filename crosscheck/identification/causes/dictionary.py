@@ -1,0 +1,83 @@
+"""Dictionary of causes with one number that may be small: delays, lags, scales, tilted gravity, payload; phi = 0 is no fault."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.identification.causes.cause import Cause, Undo, column_changed
+from crosscheck.identification.filters import low_pass
+from crosscheck.identification.log import Log
+from crosscheck.identification.readings import Machine, delayed
+from flexinv.model.links import Body, Inertia
+from flexinv.model.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+
+
+def dictionary(machine: Machine) -> Iterator[Cause]:
+    """Yield all causes with one number that are possible here: phi = 0 is no fault [unit of each]."""
+    for channel in machine.channels:
+        kind = "gauge" if channel.is_gauge else "effort"
+        yield Cause(f"delay of the {kind}", channel.place, "s", 1e-3, _shifted(channel.column), False)
+        if channel.is_gauge:
+            yield Cause("gain of the gauge, relative error", channel.place, "-", 1e-3, _scaled(channel.column), False)
+        else:
+            yield Cause("torque constant, relative error", channel.place, "-", 1e-3, _scaled(channel.column), False)
+        lag = _unlagged(channel.column, machine.settings.bandwidth_Hz)
+        yield Cause(f"first-order lag of the {kind}", channel.place, "s", 1e-3, lag, False)
+    for name, table in machine.settings.joints.items():
+        yield Cause("delay of the angle", name, "s", 1e-3, _shifted(table.angle.column))
+        yield Cause("scale of the angle (gear), relative error", name, "-", 1e-3, _scaled(table.angle.column))
+    if np.linalg.norm(machine.mechanism.gravity):
+        for axis in range(2):
+            yield Cause("tilt of gravity", f"the world's {'xy'[axis]} axis", "rad", 1e-3, _tilt(axis))
+    for link in machine.mechanism.links:
+        if link.beam is None and len(link.bodies) > 1:
+            yield Cause(
+                "payload beside what is known", f"{link.name}/{link.bodies[-1].name}", "kg", 0.1, _payload(link.name)
+            )
+
+
+def _shifted(column: str) -> Undo:
+    return lambda log, m, phi: (column_changed(log, column, lambda v: delayed(v, log.spacing, -phi)), m)
+
+
+def _scaled(column: str) -> Undo:
+    return lambda log, m, phi: (column_changed(log, column, lambda v: v / (1.0 + phi)), m)
+
+
+def _unlagged(column: str, bandwidth: float) -> Undo:
+    """x = y + T y', y' of the part of the signal that is compared."""
+
+    def undone(log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
+        def without(values: Array) -> Array:
+            smooth = low_pass(values, log.spacing, min(2.0 * bandwidth, 0.4 / log.spacing))
+            return np.asarray(values + phi * np.gradient(smooth, log.spacing))
+
+        return column_changed(log, column, without), mechanism
+
+    return undone
+
+
+def _tilt(axis: int) -> Undo:
+    def tilted(log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
+        g = np.asarray(mechanism.gravity)
+        turn = np.eye(3)[axis]
+        return log, replace(mechanism, gravity=g * np.cos(phi) + np.cross(turn, g) * np.sin(phi))
+
+    return tilted
+
+
+def _payload(link: str) -> Undo:
+    """One more mass at the last body of a link; below 0 less of it."""
+
+    def loaded(log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
+        more = Body("more", Inertia(phi, mechanism.link_of[link].bodies[-1].inertia.com))
+        links = tuple(replace(k, bodies=(*k.bodies, more)) if k.name == link else k for k in mechanism.links)
+        return log, replace(mechanism, links=links)
+
+    return loaded

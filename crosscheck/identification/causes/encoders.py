@@ -1,0 +1,95 @@
+"""Two encoders of one joint, at the motor and behind the gear: how they disagree, and by what.
+
+q_link - q_motor = c - T qd - tau / k - (b / 2) sign(tau) - (h / 2) sign(qd) + e q
+
+T how much later the link angle is [s], k stiffness of the drive, b backlash, h hysteresis, e relative error of the gear ratio or
+of a scale.  Terms enter one after the other, the one with the most evidence first, as long as there is any.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.identification.causes.cause import Named
+from crosscheck.identification.filters import low_pass
+from crosscheck.identification.fit import Fit, agreeing
+from crosscheck.identification.log import Log
+from crosscheck.identification.readings import Machine, Run, make_run
+from crosscheck.identification.settings import ANGLES
+
+Array = NDArray[np.float64]
+EVIDENCE = 12.0  # drop of the cost, as of any other cause
+DELAY, TWIST, BACKLASH = "link angle later than the motor's", "twist of the drive, stiffness", "backlash"
+HYSTERESIS, SCALE = "hysteresis between motor and link angle", "scale of link over motor angle (gear), relative error"
+
+
+def two_encoders(machine: Machine, found: Fit, log: Log) -> list[Named]:
+    """Return by what motor and link angles disagree [unit of each], joint by joint, the most evident first."""
+    tables = {n: t.link_angle for n, t in machine.settings.joints.items() if t.link_angle is not None}
+    tables = {n: t for n, t in tables.items() if t.column in log.columns}
+    if not tables:
+        return []
+    run = make_run(machine, log, efforts=False)
+    effort = run.response(machine.space.values(found.z))[0]
+    out: list[Named] = []
+    for name, table in tables.items():
+        link = log.column(table.column) * (ANGLES[table.unit] / table.over)
+        out += _of_joint(machine, run, name, link, effort[:, run.motion.names.index(name)])
+    return sorted(out, key=lambda one: -one.drop)
+
+
+def _of_joint(machine: Machine, run: Run, name: str, link: Array, effort: Array) -> Iterator[Named]:
+    at, spacing = run.motion.names.index(name), float(run.time[1] - run.time[0])
+    q, qd = run.motion.q[:, at], run.motion.qd[:, at]
+    slides = machine.mechanism.joint_of[name].kind == "prismatic"
+    own = low_pass(link, spacing, machine.settings.bandwidth_Hz) - low_pass(q, spacing, machine.settings.bandwidth_Hz)
+    wide = np.sqrt(np.mean(effort**2)) / 10.0 + 1e-12
+    terms = {
+        DELAY: ("s", -qd),
+        TWIST: ("", -effort),
+        BACKLASH: ("m" if slides else "rad", -0.5 * np.tanh(effort / wide)),
+        HYSTERESIS: ("m" if slides else "rad", -0.5 * np.tanh(qd / machine.settings.still_rad_per_s)),
+        SCALE: ("-", q - q.mean()),
+    }
+    columns = [c for c, channel in enumerate(machine.channels) if channel.place == name and not channel.is_gauge]
+    counted = run.counted[:, columns[0]] if columns else run.counted.any(axis=1)
+    for kind, size, error, drop, left in _stepwise(own[counted], {k: v[1][counted] for k, v in terms.items()}):
+        unit = terms[kind][0]
+        if kind == TWIST:
+            unit, size, error = ("N/m" if slides else "N m/rad"), 1.0 / size, error / size**2
+        words = f"their difference scatters by {left:.2g} of what it does without; the cost falls by {drop:.0f}"
+        yield Named(kind, name, unit, size, error, drop, words)
+
+
+def _stepwise(own: Array, terms: dict[str, Array]) -> Iterator[tuple[str, float, float, float, float]]:
+    """Kind, size, its error, drop, and the part of the scatter that is left, of each term that enters."""
+    chosen: list[str] = []
+    drops: list[tuple[float, float]] = []
+    left = _left(own, [])[0]
+    while len(chosen) < len(terms):
+        tried = {k: _left(own, [*(terms[c] for c in chosen), terms[k]]) for k in terms if k not in chosen}
+        kind = min(tried, key=lambda k: float(np.sum(tried[k][0] ** 2)))
+        rest, size, _ = tried[kind]
+        drop = len(own) / agreeing(rest) * np.log(np.sum(left**2) / np.sum(rest**2))
+        if drop < EVIDENCE or (kind in (TWIST, BACKLASH, HYSTERESIS) and size[-1] <= 0.0):
+            break
+        drops.append((float(drop), float(np.sqrt(np.sum(rest**2) / np.sum(left**2)))))
+        chosen.append(kind)
+        left = rest
+    if chosen:
+        _, size, error = _left(own, [terms[c] for c in chosen])
+        yield from zip(chosen, size.tolist(), error.tolist(), *zip(*drops, strict=True), strict=True)
+
+
+def _left(own: Array, columns: list[Array]) -> tuple[Array, Array, Array]:
+    """Rest of a regression on a constant and columns, their sizes and standard errors."""
+    matrix = np.column_stack([*columns, np.ones(len(own))])
+    scale = np.sqrt(np.mean(matrix**2, axis=0)) + 1e-300
+    size = np.linalg.lstsq(matrix / scale, own, rcond=None)[0] / scale
+    rest = own - matrix @ size
+    base = np.linalg.pinv((matrix / scale).T @ (matrix / scale))
+    error = np.sqrt(np.diag(base) * np.mean(rest**2) * agreeing(rest)) / scale
+    return rest, size[:-1], error[:-1]

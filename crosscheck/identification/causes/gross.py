@@ -1,0 +1,128 @@
+"""Faults that are not small: a sign, a unit, the wrong side of the gear, two columns that have changed places.
+
+Each is a hypothesis; the one under which least remains unexplained is named, if it is better than none by far:
+
+score = sum_c n_c log(1 - R_c) + |z - z_0|^2 (by the precision known before),   R_c the part of channel c that is explained
+
+after the parameters have moved as far as pays; n_c samples of news.  R_c has no unit, so units and signs compare.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.identification.causes.cause import Undo, column_changed, columns_swapped
+from crosscheck.identification.readings import Channel, Machine
+from crosscheck.identification.settings import ANGLES
+
+Array = NDArray[np.float64]
+ROUNDS = 3  # the weights are known when the residuals are
+DEGREE = float(np.pi / 180.0)
+
+
+@dataclass(frozen=True)
+class Gross:
+    """A fault of one size: its name, where, what it is [unit], and the log with the fault undone.
+
+    places : of the channels that it spoils; moves : the model's side changes with it
+    """
+
+    name: str
+    place: str
+    unit: str
+    size: float
+    undone: Undo
+    places: tuple[str, ...]
+    moves: bool
+
+
+def hypotheses(machine: Machine) -> Iterator[Gross]:
+    """Yield the gross faults that are possible here [unit of each]."""
+    for channel in machine.channels:
+        yield from _of_effort(machine, channel)
+    for name, table in machine.settings.joints.items():
+        column, wrong = table.angle.column, {"rad": DEGREE, "deg": 1.0 / DEGREE, "m": 1e-3, "mm": 1e3}[table.angle.unit]
+        yield Gross("wrong sign of the angle", name, "-", -1.0, _times(column, -1.0), (name,), True)
+        factor = ANGLES[table.angle.unit]
+        size = f"the column is not in {table.angle.unit}"
+        yield Gross(f"wrong unit of the angle, {size}", name, "-", 1.0 / wrong, _times(column, wrong), (name,), True)
+        drive = machine.mechanism.joint_of[name].drive
+        if drive is not None and abs(drive.ratio) != 1.0 and factor:
+            known = drive.ratio if table.angle.over == 1.0 else 1.0 / table.angle.over
+            what = "wrong gear before the angle"
+            yield Gross(what, name, "-", known, _times(column, 1.0 / known), (name,), True)
+    yield from _swaps(machine)
+
+
+def _of_effort(machine: Machine, channel: Channel) -> Iterator[Gross]:
+    kind = "gauge" if channel.is_gauge else "effort"
+    place, column = channel.place, channel.column
+    yield Gross(f"wrong sign of the {kind}", place, "-", -1.0, _times(column, -1.0), (place,), False)
+    factors = {1e3: "wrong unit", 1e-3: "wrong unit"}
+    if channel.is_gauge:
+        factors = {1.0 / DEGREE: "wrong unit", DEGREE: "wrong unit"}
+    else:
+        drive = machine.mechanism.joint_of[place].drive
+        ratio, constant = (drive.ratio, drive.torque_constant) if drive is not None else (1.0, None)
+        if ratio != 1.0:
+            factors |= {ratio: "wrong side of the gear", 1.0 / ratio: "wrong side of the gear"}
+        if constant:
+            factors |= {1.0 / constant: "current in the place of torque, or torque of current"}
+    for factor, what in factors.items():
+        yield Gross(f"{what} of the {kind}", place, "-", factor, _times(column, 1.0 / factor), (place,), False)
+
+
+def _swaps(machine: Machine) -> Iterator[Gross]:
+    alike: dict[str, list[tuple[str, str, bool]]] = {"efforts": [], "gauges": [], "angles": []}
+    for channel in machine.channels:
+        alike["gauges" if channel.is_gauge else "efforts"].append((channel.place, channel.column, False))
+    for name, table in machine.settings.joints.items():
+        alike["angles"].append((name, table.angle.column, True))
+    for kind, columns in alike.items():
+        for (one, first, moves), (other, second, _) in combinations(columns, 2):
+            undone = _swapped(first, second)
+            name = f"swapped columns of the {kind}"
+            yield Gross(name, f"{one} and {other}", "-", 1.0, undone, (one, other), moves)
+
+
+def _times(column: str, factor: float) -> Undo:
+    return lambda log, m, phi: (column_changed(log, column, lambda v: v * factor), m)
+
+
+def _swapped(first: str, second: str) -> Undo:
+    return lambda log, m, phi: (columns_swapped(log, first, second), m)
+
+
+@dataclass(frozen=True)
+class Score:
+    """A hypothesis judged: the score and what stays unexplained of each channel (channels,), both [-]."""
+
+    value: float
+    unexplained: Array
+
+
+def score(measured: list[Array], told: list[Array], slopes: list[Array], agree: Array, root: Array) -> Score:
+    """Return the rest after the parameters have moved by the slopes as far as pays [-].
+
+    measured, told : (counted,) per channel [units of the channels]; slopes : (counted, parameters)
+    agree : (channels,) samples that agree [-]; root : square root of the precision of the parameters (parameters, parameters)
+    """
+    spread = np.array([float(np.sum((m - m.mean()) ** 2)) for m in measured])
+    news = np.array([len(m) for m in measured]) / agree
+    z, prior = np.zeros(len(root)), root.T @ root
+    left = np.array([float(np.sum((m - p) ** 2)) for m, p in zip(measured, told, strict=True)])
+    for _ in range(ROUNDS):
+        weight = news / left
+        hessian, pull = prior.copy(), np.zeros(len(z))
+        for w, m, p, j in zip(weight, measured, told, slopes, strict=True):
+            hessian += w * j.T @ j
+            pull += w * j.T @ (m - p)
+        z = np.asarray(np.linalg.solve(hessian, pull))
+        left = np.array([float(np.sum((m - p - j @ z) ** 2)) for m, p, j in zip(measured, told, slopes, strict=True)])
+    share = left / spread
+    return Score(float(np.sum(news * np.log(share)) + np.sum((root @ z) ** 2)), share)

@@ -1,0 +1,86 @@
+"""Signals that show their own fault: clipped at an extreme, or written in steps that are larger than what remains."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.identification.causes.cause import Named
+from crosscheck.identification.checks import stands_at
+from crosscheck.identification.filters import low_pass
+from crosscheck.identification.fit import Fit
+from crosscheck.identification.log import Log
+from crosscheck.identification.readings import Machine, make_run, readings
+from crosscheck.identification.settings import ANGLES
+
+Array = NDArray[np.float64]
+REACH = 1.0  # periods of the bandwidth over which the low-pass carries a clipped sample
+LEVELS = 5000  # a signal of more of them is no coarse one
+EXACT = 1e-3  # part of a step by which values may miss its multiples
+HALF = 0.5  # of what remains: an angle's steps that make more of the readings are named
+
+
+def clipped(machine: Machine, log: Log) -> Iterator[Named]:
+    """Yield columns that stand at an extreme as a clipped signal does [unit of the channel]."""
+    for channel in machine.channels:
+        values = log.columns.get(channel.column, np.zeros(0))
+        for side, share in stands_at(values):
+            kind = "gauge" if channel.is_gauge else "effort"
+            words = f"{share:.0%} of the samples stand there, and next to none close to it"
+            yield Named(f"clipped {kind}", channel.place, channel.unit, side * channel.factor, 0.0, np.inf, words)
+
+
+def clipped_samples(machine: Machine, log: Log) -> NDArray[np.bool_]:
+    """Return the samples that a clipped stretch spoils behind the low-pass (samples, channels) [-]."""
+    out = np.zeros((len(log.time), len(machine.channels)), dtype=bool)
+    reach = max(1, round(REACH / (machine.settings.bandwidth_Hz * log.spacing)))
+    for c, channel in enumerate(machine.channels):
+        values = log.columns.get(channel.column, np.zeros(0))
+        for side, _ in stands_at(values):
+            near = np.convolve((values == side).astype(float), np.ones(2 * reach + 1), mode="same")
+            out[:, c] |= near > 0.5
+    return out
+
+
+def step_of(values: Array) -> float:
+    """Return the step of which all values (samples,) are multiples [any unit]; 0 where there is none, or many levels."""
+    levels = np.unique(values[np.isfinite(values)])
+    if len(levels) < 3 or len(levels) > LEVELS:
+        return 0.0
+    step = float(np.diff(levels).min())
+    multiples = (levels - levels[0]) / step
+    return step if np.abs(multiples - np.round(multiples)).max() < EXACT * len(levels) else 0.0
+
+
+def quantised(machine: Machine, found: Fit, log: Log) -> Iterator[Named]:
+    """Yield columns whose steps are larger than what remains [unit of the channel], [rad], [m]."""
+    for channel, spread in zip(machine.channels, found.spread, strict=True):
+        values = log.columns.get(channel.column, np.zeros(0))
+        step = step_of(values) * abs(channel.factor)
+        if step > spread:
+            kind = "gauge" if channel.is_gauge else "effort"
+            words = f"{len(np.unique(values))} levels; {spread:.3g} {channel.unit} remain"
+            yield Named(f"quantisation of the {kind}", channel.place, channel.unit, step, 0.0, np.inf, words)
+    for name, table in machine.settings.joints.items():
+        column, factor = log.column(table.angle.column), abs(ANGLES[table.angle.unit] / table.angle.over)
+        if step := step_of(column):
+            part = _of_steps(machine, found, log, table.angle.column, step)
+            if part > HALF:
+                words = f"{len(np.unique(column))} levels make {part:.3g} of what remains, through the accelerations"
+                slides = machine.mechanism.joint_of[name].kind == "prismatic"
+                unit = "m" if slides else "rad"
+                yield Named("quantisation of the angle", name, unit, step * factor, 0.0, np.inf, words)
+
+
+def _of_steps(machine: Machine, found: Fit, log: Log, column: str, step: float) -> float:
+    """Largest part of what remains [-] that values anywhere inside their steps make."""
+    random = np.random.default_rng(0)
+    values = log.columns[column]
+    moved = replace(log, columns={**log.columns, column: values + step * random.uniform(-0.5, 0.5, len(values))})
+    at = machine.space.values(found.z)
+    one, other = (readings(machine, make_run(machine, each, efforts=False), at) for each in (log, moved))
+    change = np.column_stack([low_pass(c, log.spacing, machine.settings.bandwidth_Hz) for c in (other - one).T])
+    return float((np.sqrt(np.mean(change**2, axis=0)) / found.spread).max())

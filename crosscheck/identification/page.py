@@ -1,0 +1,226 @@
+"""Page of an identification: a study of the report, with bands over time, spectra of what remains, parameters and verdicts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.identification.bands import Judged, Prediction
+from crosscheck.identification.causes.cause import Named
+from crosscheck.identification.identify import Identified
+from crosscheck.identification.readings import Machine, Run
+from crosscheck.identification.settings import LimitTable, matching
+from crosscheck.identification.table import Row
+from crosscheck.report import render
+from crosscheck.report.words import short
+from crosscheck.verdicts.results import Results, StudyRow, machine, now, versions, write
+
+Array = NDArray[np.float64]
+POINTS = 800  # of a curve: what a screen shows
+FREQUENCIES = 400
+COLUMNS = (
+    ("channel", "sensor", ""),
+    ("log", "log", ""),
+    ("part", "log is", ""),
+    ("explained", "explained", ""),
+    ("spread_explained", "explained, less a constant", ""),
+    ("explained_all", "explained, all samples", ""),
+    ("coverage", "inside the 90 % band", ""),
+    ("width", "mean width of the band over RMS error", ""),
+    ("rms", "RMS error", "unit"),
+    ("unit", "unit", ""),
+    ("samples", "samples that count", ""),
+    ("message", "limit", ""),
+)
+TEXT = """{count} of {all} parameters are told by the logs: their intervals are narrower than what was known before. Values and
+bands are those of the readings behind the zero-phase low-pass at {bandwidth:g} Hz. Bands hold 90 %. They are made of the
+uncertainty of the parameters, of what remains, and of friction that differs between runs, and are calibrated on blocks of time
+that were left out. The estimates scatter {kappa:.2g} times as much from block to block as the formula says, in variance;
+intervals are widened by that."""
+
+
+def write_page(found: Identified, causes: Sequence[tuple[str, list[Named]]], command: str, out: Path) -> Results:
+    """Write index.html, the page of the study, results.json, junit.xml and summary.md into a folder; return the results [-].
+
+    causes : name of a log and what it shows beside the model
+    """
+    study = study_of(found, causes)
+    results = Results(now(), command, finished=True, machine=machine(), versions=versions(), studies=(study,))
+    write(results, out / "results.json")
+    render(results, out)
+    return results
+
+
+def study_of(found: Identified, causes: Sequence[tuple[str, list[Named]]]) -> StudyRow:
+    """Return all that the page shows [unit of each]."""
+    name = found.machine.mechanism.name
+    told = sum(row.identifiable for row in found.parameters)
+    text = TEXT.format(
+        count=told, all=len(found.parameters), bandwidth=found.machine.settings.bandwidth_Hz, kappa=found.fit.kappa
+    )
+    figures = [*_bands(found), *_spectra(found)]
+    tables = [_causes(causes), _parameters(found.parameters), _untold(found.words), _scatter(found)]
+    return StudyRow(
+        f"identify {name}",
+        f"{name}, identified",
+        text.replace("\n", " "),
+        COLUMNS,
+        tuple(_rows(found)),
+        figures=tuple(figures),
+        tables=tuple(tables),
+    )
+
+
+def verdict(limits: Sequence[LimitTable], row: Judged) -> tuple[str, str]:
+    """Return verdict and message of a judged channel by the limits that are stated for it [-]."""
+    own = [limit for limit in limits if matching(limit.channel, [row.channel])]
+    if not own:
+        return "skipped", "no limit is stated"
+    broken = []
+    for limit in own:
+        if limit.explained is not None and not row.explained >= limit.explained:
+            broken.append(f"explains {row.explained:.4f}, expected {limit.explained:g} or more")
+        if limit.coverage is not None and not limit.coverage[0] <= row.coverage <= limit.coverage[1]:
+            broken.append(
+                f"{row.coverage:.1%} inside the band, expected {limit.coverage[0]:g} to {limit.coverage[1]:g}"
+            )
+        if limit.width is not None and not row.width <= limit.width:
+            broken.append(f"a band of {row.width:.3g} RMS errors, expected {limit.width:g} or less")
+    return ("deviation", "; ".join(broken)) if broken else ("within", "")
+
+
+def _rows(found: Identified) -> Iterator[dict[str, Any]]:
+    limits = found.machine.settings.limits
+    for part, some in (("held out", found.judged), ("identified from", found.seen)):
+        judges = part == "held out" or not found.judged
+        for row in some:
+            word, message = verdict(limits, row) if judges else ("skipped", "other logs judge")
+            yield vars(row) | {"part": part, "verdict": word, "message": message}
+
+
+# ------------------------------------------------------------------------------------------------------------ figures
+
+
+def _bands(found: Identified) -> Iterator[dict[str, Any]]:
+    """One figure per sensor: of the first log held out, or the first one."""
+    run, told = (found.held or found.shown)[0]
+    every = max(1, len(run.time) // POINTS)
+    time = run.time[::every].round(4).tolist()
+    for c, channel in enumerate(found.machine.channels):
+        lines = {} if run.measured is None else {"measured": run.measured[:, c]}
+        lines |= {"predicted": told.value[:, c], "low": told.low[:, c], "high": told.high[:, c]}
+        curves = {n: {"x": time, "y": _digits(v[::every])} for n, v in lines.items()}
+        held = "held out" if found.held else "which identified"
+        yield {
+            "title": f"{channel.name}: {run.name}, {held}",
+            "x": "time [s]",
+            "y": f"{channel.name} [{channel.unit}]",
+            "curves": curves,
+        }
+
+
+def _spectra(found: Identified) -> Iterator[dict[str, Any]]:
+    """Amplitude spectra of what remains, each over the RMS of what was measured."""
+    run, told = (found.held or found.shown)[0]
+    if run.measured is None:
+        return
+    spacing = float(run.time[1] - run.time[0])
+    frequency = np.fft.rfftfreq(len(run.time), spacing)
+    kept = frequency <= 1.5 * found.machine.settings.bandwidth_Hz
+    every = max(1, int(kept.sum()) // FREQUENCIES)
+    curves = {}
+    for c, channel in enumerate(found.machine.channels):
+        rest = np.where(run.counted[:, c], run.measured[:, c] - told.value[:, c], 0.0)
+        whole = np.where(run.counted[:, c], run.measured[:, c], 0.0)
+        amplitude = 2.0 * np.abs(np.fft.rfft(rest * np.hanning(len(rest)))) / max(1.0, 0.5 * run.counted[:, c].sum())
+        curves[channel.name] = {
+            "x": frequency[kept][::every].round(4).tolist(),
+            "y": _digits(amplitude[kept][::every] / (np.std(whole[run.counted[:, c]]) + 1e-300)),
+        }
+    yield {
+        "title": f"What remains, by frequency: {run.name}",
+        "x": "frequency [Hz]",
+        "y": "amplitude over spread of the reading [-]",
+        "curves": curves,
+    }
+
+
+def _digits(values: Array) -> list[float]:
+    return [float(f"{x:.5g}") for x in values]
+
+
+# ------------------------------------------------------------------------------------------------------------- tables
+
+
+def _causes(causes: Sequence[tuple[str, list[Named]]]) -> dict[str, Any]:
+    rows = []
+    for log, named in causes:
+        rows += [
+            {"log": log, "name": one.name, "place": one.place, "size": one.size, "error": one.error or None,
+             "unit": one.unit, "evidence": one.evidence}
+            for one in named
+        ] or [{"log": log, "name": "unknown", "place": "", "size": None, "error": None, "unit": "",
+               "evidence": "no cause of the dictionary explains what remains"}]  # fmt: skip
+    columns = [
+        ("log", "log", ""), ("name", "cause", ""), ("place", "place", ""), ("size", "size", "unit"),
+        ("error", "standard error", "unit"), ("unit", "unit", ""), ("evidence", "evidence", ""),
+    ]  # fmt: skip
+    return {"title": "Causes of what remains", "columns": columns, "rows": rows}
+
+
+def _parameters(table: Sequence[Row]) -> dict[str, Any]:
+    columns = [
+        ("parameter", "parameter", ""), ("place", "place", ""), ("value", "value", "unit"), ("interval", "90 % interval", ""),
+        ("before", "before", "unit"), ("known", "90 % interval before", ""), ("ratio", "width over width before", "-"),
+        ("unit", "unit", ""), ("told", "told by the logs", ""),
+    ]  # fmt: skip
+    rows = [
+        {
+            "parameter": row.parameter,
+            "place": row.place,
+            "value": row.value,
+            "interval": f"{short(row.low)} to {short(row.high)}",
+            "before": row.before,
+            "known": f"{short(row.before_low)} to {short(row.before_high)}",
+            "ratio": (row.high - row.low) / max(row.before_high - row.before_low, 1e-300),
+            "unit": row.unit,
+            "told": "yes" if row.identifiable else "no",
+        }
+        for row in table
+    ]
+    return {"title": "Parameters before and after", "columns": columns, "rows": rows}
+
+
+def _untold(words: Sequence[str]) -> dict[str, Any]:
+    return {
+        "title": "What cannot be told, and what is doubtful",
+        "columns": [("words", "in words", "")],
+        "rows": [{"words": text} for text in words],
+    }
+
+
+def _scatter(found: Identified) -> dict[str, Any]:
+    """Mean and RMS error of every sensor in every log: how much runs differ beside what scatters inside of one."""
+    rows = []
+    for part, some in (("identified from", found.shown), ("held out", found.held)):
+        for run, told in some:
+            rows += list(_errors(found.machine, part, run, told))
+    columns = [
+        ("log", "log", ""), ("part", "log is", ""), ("channel", "sensor", ""), ("mean", "mean error", "unit"),
+        ("rms", "RMS error", "unit"), ("unit", "unit", ""),
+    ]  # fmt: skip
+    return {"title": "From run to run", "columns": columns, "rows": rows}
+
+
+def _errors(machine: Machine, part: str, run: Run, told: Prediction) -> Iterator[dict[str, Any]]:
+    if run.measured is None:
+        return
+    for c, channel in enumerate(machine.channels):
+        error = (run.measured - told.value)[run.counted[:, c], c]
+        if len(error):
+            own = {"mean": float(error.mean()), "rms": float(np.sqrt(np.mean(error**2))), "unit": channel.unit}
+            yield {"log": run.name, "part": part, "channel": channel.name} | own

@@ -1,1 +1,0 @@
-"""Records of real machines: read, cut, smoothed, and models identified from them."""
