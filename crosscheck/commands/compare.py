@@ -105,6 +105,8 @@ def _show(console: Console, found: Comparison, out: Path | None) -> None:
             console.print(_table(title, group))
     for line in [*rounding(found), repaired(found)]:
         console.print(escape(line), highlight=False, soft_wrap=True)
+    if found.suspects:
+        console.print(f"[bold]{escape(found.suspects)}[/]", highlight=False, soft_wrap=True)
     for place, lines in found.advice:
         console.print(f"[bold]{escape(place)}[/]", highlight=False, soft_wrap=True)
         for line in lines:

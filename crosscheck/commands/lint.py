@@ -4,24 +4,31 @@ from __future__ import annotations
 
 import json
 import sys
-from xml.etree import ElementTree as ET
+from pathlib import Path
 
 import click
 from rich.markup import escape
 from rich.table import Table
 
-from crosscheck.commands.shared.terminal import Console, Failure
+from crosscheck.commands.shared.terminal import FOLDER, Console, Failure
 from crosscheck.linting.lint import Linted, lint
-from crosscheck.report.junit import FORBIDDEN
+from crosscheck.linting.output import junit as written_junit
+from crosscheck.linting.output import write
 from flexinv.errors import InputError
 
 
 @click.command("lint", short_help="Say what is suspicious in one description.")
 @click.argument("files", nargs=-1, required=True)
 @click.option("--strict", is_flag=True, help="Warnings count for the exit code, too: for CI.")
+@click.option(
+    "--meshes/--no-meshes", default=True, show_default=True, help="Look at shapes, too; at meshes with trimesh."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
+@click.option("--out", type=FOLDER, help="Folder for a page, results.json, junit.xml and summary.md.")
 @click.option("--junit", type=click.Path(dir_okay=False), help="Write the findings as JUnit XML.")
-def command(files: tuple[str, ...], strict: bool, as_json: bool, junit: str | None) -> None:
+def command(
+    files: tuple[str, ...], strict: bool, meshes: bool, as_json: bool, out: Path | None, junit: str | None
+) -> None:
     """Say what in a description no machine can have, or what its readers make different things of.
 
     \b
@@ -32,19 +39,23 @@ def command(files: tuple[str, ...], strict: bool, as_json: bool, junit: str | No
     Exit codes: 0 nothing found (without --strict: no error), 1 findings, 2 a file cannot be read
     """
     try:
-        found = [lint(file, strict) for file in files]
+        found = [lint(file, strict, meshes) for file in files]
+        if out is not None:
+            write(found, out)
         if junit is not None:
             with open(junit, "wb") as stream:
-                stream.write(_junit(found))
+                stream.write(written_junit(found))
     except InputError as problem:
         raise Failure(str(problem)) from problem
     except OSError as problem:
-        raise Failure(f"{junit or files[0]}: {problem}") from problem
+        raise Failure(f"{out or junit or files[0]}: {problem}") from problem
     if as_json:
         click.echo(json.dumps([one.plain for one in found], indent=1))
     else:
         for one in found:
             _show(Console(), one)
+        if out is not None:
+            Console().print(f"page: {out / 'index.html'}", highlight=False, soft_wrap=True)
     sys.exit(0 if all(one.clean for one in found) else 1)
 
 
@@ -58,28 +69,4 @@ def _show(console: Console, found: Linted) -> None:
             cells = map(escape, (one.check, one.place, one.given, one.why, one.write))
             table.add_row(f"[{colour}]{one.level}[/]", *cells)
         console.print(table)
-    errors = sum(one.level == "error" for one in found.findings)
-    words = f"{errors} errors, {len(found.findings) - errors} warnings" if found.findings else "nothing found"
-    console.print(f"{escape(found.label)}: {words}", highlight=False, soft_wrap=True)
-
-
-def _junit(found: list[Linted]) -> bytes:
-    root = ET.Element("testsuites", name="crosscheck lint")
-    for one in found:
-        suite = ET.SubElement(root, "testsuite", name=_clean(one.label), tests=str(len(one.findings) or 1))
-        counted = [f for f in one.findings if f.level == "error" or one.strict]
-        suite.set("failures", str(len(counted)))
-        for finding in one.findings:
-            case = ET.SubElement(suite, "testcase", classname=finding.check, name=_clean(finding.place))
-            if finding in counted:
-                message = _clean(f"{finding.given}: {finding.why}; write {finding.write}")
-                ET.SubElement(case, "failure", message=message)
-        if not one.findings:
-            ET.SubElement(suite, "testcase", classname="lint", name="nothing found")
-    ET.indent(root)
-    text: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
-    return text
-
-
-def _clean(words: str) -> str:
-    return FORBIDDEN.sub("\N{REPLACEMENT CHARACTER}", words)
+    console.print(f"{escape(found.label)}: {found.words}", highlight=False, soft_wrap=True)

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crosscheck.equivalence.rigid import angle, angle_about, between, inverse, moved, turned
 from crosscheck.equivalence.tree import SCALARS, Member, Tree
-from crosscheck.kit.tree import on
+from crosscheck.lifting.rigid import angle, angle_about, between, inverse, moved, on, turned
 from flexinv.model.mechanism import Array, Placement
 
 SEEN = 1e-6  # relative: what agrees better than that is the same for the choice of an alignment

@@ -12,8 +12,8 @@ import numpy as np
 
 from crosscheck.equivalence.align import Aligned
 from crosscheck.equivalence.efforts import States, efforts, mapped, mapped_back, states_of
-from crosscheck.equivalence.rigid import moved
 from crosscheck.equivalence.tree import PASSIVE, SCALARS, Tree, mechanism_of
+from crosscheck.lifting.rigid import moved
 from crosscheck.measures.certificate import EXACT, Check
 from flexinv.model.mechanism import Array
 

@@ -11,14 +11,15 @@ import numpy as np
 
 from crosscheck.equivalence.align import SAME, Aligned, aligned
 from crosscheck.equivalence.certificates import lines
-from crosscheck.equivalence.couplings import closure_differences, coupling_differences
+from crosscheck.equivalence.couplings import coupling_differences
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.efforts import efforts, mapped, mapped_back, states_of
-from crosscheck.equivalence.groups import BODY, exchanged, missing_links, scaled
+from crosscheck.equivalence.groups import BODY, alike, exchanged, missing_links, scaled
 from crosscheck.equivalence.judge import Bench, judge, rounded
+from crosscheck.equivalence.loops import loop_differences
 from crosscheck.equivalence.match import Match, match
 from crosscheck.equivalence.members import Pair, body_differences, drive_differences, joint_differences
-from crosscheck.equivalence.output.advice import advice
+from crosscheck.equivalence.output.advice import Sides, advice
 from crosscheck.equivalence.reduce import Reduced, reduced
 from crosscheck.equivalence.result import JUDGED, Comparison
 from crosscheck.equivalence.sources import describe_pair
@@ -79,7 +80,7 @@ def compared(first: Description, second: Description, tolerance: float, stated: 
     trees, seats = found.trees, {found.trees.first.members[s.first].joint: s for s in found.seats}
     moving = {joint: seats[joint] for joint in trees.first.moving if trees.first.moving[joint] in dict(trees.pairs)}
     every = [*found.differences, *coupling_differences(one, two, pairs.pairs, moving)]
-    every += closure_differences(first.mechanism, second.mechanism)
+    every += loop_differences((first.mechanism, second.mechanism), (one, two), pairs.pairs, moving, size)
     states = states_of(trees.first)
     names = {joint: trees.second.members[seat.second].joint for joint, seat in moving.items()}
     wanted: dict[str, Any] = {}
@@ -88,11 +89,12 @@ def compared(first: Description, second: Description, tolerance: float, stated: 
         wanted = mapped_back(theirs, trees.first, moving)
     bound = max(tolerance, SINGLE * max(first.precision, second.precision))
     judged = judge(Bench(trees.first, states, wanted), every, bound)
+    sides = Sides((first, second), (trees.first, trees.second), {s.first: s for s in found.seats})
     return Comparison(
         first=first.label, second=second.label, matched=pairs.words, judged=judged,
         certificate=lines(trees.first, trees.second, moving), notes=tuple(_notes(one, two, pairs, found)),
         dropped=tuple((d.label, d.dropped) for d in (first, second) if d.dropped),
-        advice=advice(judged, first, second), tolerance=bound,
+        advice=advice(judged, sides), tolerance=bound,
     )  # fmt: skip
 
 
@@ -133,7 +135,7 @@ def _found(
         lost = missing_links(pair) if any(d.cause in BODY for d in own) else None
         found += [*joint_differences(pair), *([lost] if lost else own), *drive_differences(pair)]
     found = exchanged(trees.first, trees.second, pairs, found)
-    found = [*trees.found, *_gravity(trees), *scaled(trees.first, found)]
+    found = [*trees.found, *_gravity(trees), *alike(scaled(trees.first, found))]
     return Found(trees, seats, found)
 
 

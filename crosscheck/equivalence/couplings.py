@@ -1,15 +1,12 @@
-"""Differences of couplings and of closures: mimic joints, gears between joints, loops."""
+"""Differences of couplings: mimic joints, gears between joints."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-import numpy as np
-
 from crosscheck.equivalence.align import SAME, Aligned
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.tree import Tree
-from flexinv.model.mechanism import Closure, Mechanism
 
 Law = tuple[dict[str, float], float]
 
@@ -66,28 +63,3 @@ def _mapped(law: Law, back: Mapping[str, str], seats: Mapping[str, Aligned]) -> 
 
 def _words(law: Law) -> str:
     return " + ".join(f"{factor:.6g} {name}" for name, factor in sorted(law[0].items())) + f" = {law[1]:.6g}"
-
-
-def closure_differences(one: Mechanism, two: Mechanism) -> Iterator[Difference]:
-    """Yield loops that only one closes, by kind and links [-]; of those of both the points that they hold are compared [m]."""
-    ours, theirs = ({_key(c): c for c in m.closures if c.kind != "coupling"} for m in (one, two))
-    for key in [*ours, *(k for k in theirs if k not in ours)]:
-        place = f"{key[0]} between {' and '.join(sorted(key[1]))}"
-        if key not in theirs or key not in ours:
-            side = "A" if key in ours else "B"
-            yield Difference("rigid", f"loop that only {side} closes", place, 1.0, "-", "", "", structural=True)
-            continue
-        gap = max(_gap(ours[key], theirs[key], name) for name in ("first", "second"))
-        if gap > SAME:
-            yield Difference("rigid", "point of closure", place, gap, "m", "", "")
-
-
-def _key(closure: Closure) -> tuple[str, frozenset[str]]:
-    return closure.kind, frozenset((closure.first.link, closure.second.link))
-
-
-def _gap(one: Closure, two: Closure, name: str) -> float:
-    a, b = getattr(one, name), getattr(two, name)
-    if a.link != b.link:
-        b = two.second if name == "first" else two.first
-    return float(np.linalg.norm(a.placement.position - b.placement.position))

@@ -42,7 +42,13 @@ class Difference:
         """Return the difference in a line."""
         size = f" by {self.size:.6g} {self.unit}" if self.unit != "-" else ""
         values = f": {self.first} in A, {self.second} in B" if self.first or self.second else ""
-        return f"{self.cause} of {self.place}{size if not values or self.size else ''}{values}"
+        return f"{self.subject}{size if not values or self.size else ''}{values}"
+
+    @property
+    def subject(self) -> str:
+        """Return cause and place in words: "position of joint elbow", "mass of link lower"."""
+        kind = self.place.partition(" ")[0].removesuffix("s")
+        return f"{self.cause.removesuffix(f' of {kind}')} of {self.place}"
 
     @property
     def plain(self) -> dict[str, Any]:

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from crosscheck.equivalence.align import Aligned
-from crosscheck.equivalence.rigid import between, inverse, quaternion, turned, twist_map
 from crosscheck.equivalence.tree import SCALARS, Member, Tree, mechanism_of
-from crosscheck.kit.tree import on
+from crosscheck.lifting.rigid import between, inverse, on, quaternion, turned, twist_map
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Array, Mechanism, Placement
 from flexinv.rigid.joint_torques import joint_torques

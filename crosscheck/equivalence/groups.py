@@ -10,8 +10,8 @@ import numpy as np
 from crosscheck.equivalence.align import SAME
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.members import Pair
-from crosscheck.equivalence.rigid import moved
 from crosscheck.equivalence.tree import Member, Tree, sum_of
+from crosscheck.lifting.rigid import moved
 from flexinv.model.mechanism import Array, Inertia
 
 BODY = ("mass", "centre of mass", "inertia tensor")
@@ -105,6 +105,23 @@ def scaled(first: Tree, found: list[Difference]) -> list[Difference]:
     return found
 
 
+def alike(found: list[Difference]) -> list[Difference]:
+    """Return the differences with the same two numbers of drives in several joints as one each [unit of each]."""
+    for cause in ("rotor inertia", "damping", "dry friction", "spring stiffness"):
+        own = [d for d in found if d.cause == cause and d.place.startswith("joint ")]
+        for pair in dict.fromkeys((d.first, d.second) for d in own):
+            same = [d for d in own if (d.first, d.second) == pair]
+            if len(same) < ALL or len({d.unit for d in same}) > 1:
+                continue
+            names = ", ".join(d.place.removeprefix("joint ") for d in same)
+            changes = tuple(change for d in same for change in d.changes)
+            found = [d for d in found if d not in same]
+            found.append(
+                replace(same[0], place=f"joints {names}", changes=changes, printed=max(d.printed for d in same))
+            )
+    return found
+
+
 def _value(member: Member, name: str) -> Array:
     record, _, part = name.partition(" ")
     value = getattr(member, record)
@@ -130,5 +147,5 @@ def _together(own: list[Difference], factor: float) -> Difference:
     largest = max(own, key=lambda d: d.size)
     return replace(
         largest, place=f"all {kind} with one ({len(own)})", changes=tuple(c for d in own for c in d.changes), hints=hints,
-        first="1", second=f"{factor:.9g} times that of A", size=abs(factor - 1.0), unit="of it",
+        first="stated", second=f"{factor:.9g} times that of A" if factor else "none", size=abs(factor - 1.0), unit="of it",
     )  # fmt: skip

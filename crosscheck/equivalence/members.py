@@ -11,9 +11,8 @@ import numpy as np
 from crosscheck.equivalence.align import SAME, Aligned
 from crosscheck.equivalence.difference import Change, Difference
 from crosscheck.equivalence.hints import factor_hints, tensor_hints
-from crosscheck.equivalence.rigid import angle, moved
 from crosscheck.equivalence.tree import SCALARS, Member
-from crosscheck.kit.tree import on
+from crosscheck.lifting.rigid import angle, moved, on
 from flexinv.model.mechanism import Array, Limits
 
 DRIVES = {
@@ -23,6 +22,9 @@ DRIVES = {
     "stiffness": ("spring stiffness", "N m/rad", "N/m"),
 }
 BOUNDS = ("lower", "upper", "effort", "velocity")
+NOISE = 1e-12  # [m], [-], [kg m^2] as shown: rounding of frames that are turned there and back
+# A limit that large binds no machine [rad], [m], [N m], [N], [1/s]; formats that demand one are given such.
+UNBOUND = 1e8
 
 
 @dataclass(frozen=True)
@@ -157,7 +159,7 @@ def _limits(pair: Pair) -> Iterator[Difference]:
     unit = "m" if pair.one.kind == "prismatic" else "rad"
     units = dict(zip(BOUNDS, (unit, unit, "N" if unit == "m" else "N m", f"{unit}/s"), strict=True))
     for name in BOUNDS:
-        a, b = getattr(ours, name), getattr(theirs, name)
+        a, b = _binding(getattr(ours, name)), _binding(getattr(theirs, name))
         if name in BOUNDS[:2] and np.isfinite(a) != np.isfinite(b):
             values = ("none", f"{b:.9g}") if np.isfinite(b) else (f"{a:.9g}", "none")
             changes = (pair.change(f"limits {name}", b),)
@@ -169,6 +171,10 @@ def _limits(pair: Pair) -> Iterator[Difference]:
                 "limits", f"{name} limit", pair.joint, abs(b - a), units[name], f"{a:.9g}", f"{b:.9g}", changes,
                 factor_hints(b, a), printed=digits,
             )  # fmt: skip
+
+
+def _binding(limit: float) -> float:
+    return limit if abs(limit) < UNBOUND else float(np.copysign(np.inf, limit))
 
 
 def _left_limits(pair: Pair) -> tuple[str, ...]:
@@ -202,7 +208,7 @@ def _scalar(pair: Pair, family: str, cause: str, name: str, value: float, unit: 
 
 
 def _vector(numbers: Array) -> str:
-    return " ".join(f"{x:.9g}" for x in np.where(np.abs(numbers) < 1e-15, 0.0, numbers))
+    return " ".join(f"{x:.9g}" for x in np.where(np.abs(numbers) < NOISE, 0.0, numbers))
 
 
 def _rpy(rotation: Array) -> str:

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from crosscheck.equivalence.difference import Difference
-from crosscheck.equivalence.rigid import between
 from crosscheck.equivalence.tree import Tree, merged
+from crosscheck.lifting.rigid import between
 from flexinv.model.mechanism import Placement
 
 

@@ -72,6 +72,17 @@ class Comparison:
             parts.append(f"{self.judged.after:.2g} of the range of an effort is not explained")
         return f"{head}: " + ", ".join(parts) + "."
 
+    @property
+    def suspects(self) -> str:
+        """Return in a sentence how many numbers of either description look wrong by themselves; "" where none do."""
+        counts = {
+            side: sum(line.startswith(f"mend {side}") for _, lines in self.advice for line in lines) for side in "AB"
+        }
+        if not any(counts.values()):
+            return ""
+        words = [f"{count} of {side}'s" for side, count in counts.items() if count]
+        return f"Of the numbers that differ {' and '.join(words)} look wrong by themselves: see what to write."
+
     def frame(self) -> pd.DataFrame:
         """Return the differences as a table: family, cause, place, size, unit, values, effect [N m], share [-]."""
         import pandas as pd

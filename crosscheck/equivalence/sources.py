@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from crosscheck.doors.packages import installed
 from crosscheck.engines import ENGINES, Engine, loaded, missing
 from crosscheck.engines.base import offered
@@ -15,13 +17,20 @@ from crosscheck.lifting.description import Description
 from crosscheck.lifting.kit import lift_kit
 from crosscheck.lifting.toml import lift_toml
 from crosscheck.lifting.urdf import lift_urdf
+from crosscheck.lifting.usd import PACKAGE as USD_PACKAGE
+from crosscheck.lifting.usd import lift_usd, reads_usd
 from flexinv.errors import InputError
 from flexinv.files.toml_tables import complaint
 from flexinv.files.urdf_xml import read_xml
 from flexinv.model.mechanism import WORLD, Mechanism
 
 # Readers of files that this project does not read itself, the first that is installed: by format.
-READERS = {"mjcf": ("mujoco",), "sdf": ("drake", "dart"), "usd": ("newton",)}
+READERS = {"mjcf": ("mujoco",), "sdf": ("drake",), "usd": ()}
+INSTALL = {
+    "mjcf": "python -m pip install mujoco",
+    "sdf": "python -m pip install --no-deps drake, and the package plugins/crosscheck-drake of this project",
+    "usd": f"python -m pip install {USD_PACKAGE}",
+}
 ROOTS = {"robot": "urdf", "mujoco": "mjcf", "sdf": "sdf"}
 USD = (b"PXR-USDC", b"#usda", b"PK\x03\x04")
 WRITE = "a URDF, MJCF, SDF or mechanism.toml, a folder with mechanism.toml or case.json, or FILE@ENGINE"
@@ -53,12 +62,13 @@ def describe(source: Any, base: str = "fixed") -> Description:
 def describe_pair(a: Any, b: Any) -> tuple[Description, Description]:
     """Return two descriptions; where one says that its root is free and the other says nothing, that is taken to be free, too.
 
-    Two of one name are told apart by their folders.  Raises InputError.
+    So is gravity [m/s^2], which a URDF does not state.  Two of one name are told apart by their folders.  Raises InputError.
     """
     first, second = describe(a), describe(b)
     if _floats(first) != _floats(second):
         first = _freed(first, a) if not first.root_stated and _floats(second) else first
         second = _freed(second, b) if not second.root_stated and _floats(first) else second
+    first, second = _pulled(first, second), _pulled(second, first)
     if first.label == second.label:
         labels = [str(source) if isinstance(source, str | Path) else d.label for source, d in ((a, first), (b, second))]
         if labels[0] == labels[1]:
@@ -78,6 +88,15 @@ def _freed(description: Description, source: Any) -> Description:
     free = describe(source, "free")
     words = "its root: a URDF does not say whether it is held; taken to be free, as in the other description"
     return replace(free, dropped=(*free.dropped, words))
+
+
+def _pulled(one: Description, other: Description) -> Description:
+    """A description under the other's gravity, where it states none itself."""
+    theirs = other.mechanism.gravity
+    if one.gravity_stated or not other.gravity_stated or np.array_equal(one.mechanism.gravity, theirs):
+        return one
+    words = f"gravity: {one.format.upper()} does not state it; taken to be {theirs.tolist()} m/s^2, as in the other description"
+    return replace(one, mechanism=replace(one.mechanism, gravity=theirs), dropped=(*one.dropped, words))
 
 
 def _split(text: str) -> tuple[str, str]:
@@ -104,7 +123,10 @@ def _file(path: Path, base: str) -> Description:
     if path.suffix == ".json":
         return lift_kit(path)
     kind = kind_of(path)
-    found = lift_urdf(path, base) if kind == "urdf" else _by_engine(path, _reader(path, kind))
+    if kind == "urdf":
+        found = lift_urdf(path, base)
+    else:
+        found = lift_usd(path) if kind == "usd" and reads_usd() else _by_engine(path, _reader(path, kind))
     return replace(found, label=path.name, dropped=(*_suffix(path, kind), *found.dropped))
 
 
@@ -146,10 +168,9 @@ def _reader(path: Path, kind: str) -> str:
     for name in READERS[kind]:
         if name in engines and missing(engines[name]) is None:
             return name
-    packages = " or ".join(f"crosscheck-{n}" if n not in ENGINES else n for n in READERS[kind])
     raise InputError(
-        f"{path}\n  given:    {kind.upper()}\n  expected: a reader of it: {' or '.join(READERS[kind])}\n"
-        f"  write:    python -m pip install {packages}, which is not installed here"
+        f"{path}\n  given:    {kind.upper()}, and no reader of it is installed\n"
+        f"  expected: one that is kept well: {' or '.join(READERS[kind]) or USD_PACKAGE}\n  write:    {INSTALL[kind]}"
     )
 
 

@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.equivalence.rigid import moved
-from crosscheck.kit.tree import on
+from crosscheck.lifting.rigid import moved, on
 from flexinv.model.mechanism import WORLD, Array, Body, Inertia, Joint, Limits, Link, Mechanism, Placement
 
 SCALARS = ("revolute", "prismatic", "helical")

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from crosscheck.lifting.rigid import on
 from flexinv.model.mechanism import WORLD, Inertia, Mechanism, Placement
 
 Array = NDArray[np.float64]
@@ -53,11 +54,6 @@ def placed(mechanism: Mechanism) -> dict[str, tuple[str, Placement]]:
         carrier, place = seats[joint.parent]
         seats[joint.child] = (joint.child, Placement()) if joint.nv else (carrier, on(place, joint.placement))
     return seats
-
-
-def on(outer: Placement, inner: Placement) -> Placement:
-    """Return a frame that is stated in another one in the frame of that one [m]."""
-    return Placement(outer.position + outer.rotation @ inner.position, outer.rotation @ inner.rotation)
 
 
 def merged(mechanism: Mechanism, carrier: str, seats: dict[str, tuple[str, Placement]]) -> Inertia:

@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 MOTION = "the motion: time, then q, qd and qdd of every coordinate that is given"
 PROBE = "configurations at which `certificate.json` is asked, one a row"
 TREE = "the tree once more, one line per moving joint, fixed joints merged: for programs that want no JSON"
-ROBOT = "the mechanism as URDF, without what that format has no words for (springs, closures, rotors)"
+ROBOT = "the mechanism as URDF, without what that format has no words for (springs, closures: said at its head)"
 EXPECTED = "the series with error bars, and the certificate, of the reference"
 
 

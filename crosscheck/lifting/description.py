@@ -24,7 +24,7 @@ class Description:
     dropped : what the source says and the mechanism does not, a line each
     printed : by (element, quantity) half of the last printed digit [unit of the quantity]: what rounding explains
     precision : relative rounding of the reader's own numbers [-]
-    root_stated : False where the source does not say whether its root is held, as a URDF
+    root_stated, gravity_stated : False where the source does not say whether its root is held, or what pulls it, as a URDF
     """
 
     label: str
@@ -37,3 +37,4 @@ class Description:
     precision: float = 0.0
     file: Path | None = None
     root_stated: bool = True
+    gravity_stated: bool = True

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from crosscheck.lifting.description import Description
 from crosscheck.measures.mechanisms import read_mechanism
-from flexinv.model.drive_expansion import expanded
+from flexinv.model.mechanism import Joint
 
 
 def lift_toml(path: Path) -> Description:
@@ -17,12 +17,16 @@ def lift_toml(path: Path) -> Description:
         warnings.simplefilter("always")
         stated = read_mechanism(path)
     gears = {joint.name: joint.drive.ratio for joint in stated.joints if joint.drive is not None}
-    mechanism = expanded(stated)
     dropped = [str(one.message) for one in caught]
+    dropped += [f"drive of joint {j.name}: an elastic one whose link is moved" for j in stated.joints if _elastic(j)]
     dropped += [
         f"{len(getattr(stated, key))} {key}: not compared" for key in ("springs", "forces") if getattr(stated, key)
     ]
     label = f"{path.parent.name}/{path.name}" if path.suffix else path.name
     return Description(
-        label, replace(mechanism, springs=(), forces=()), "toml", "flexinv", gears, tuple(dropped), file=path
+        label, replace(stated, springs=(), forces=()), "toml", "flexinv", gears, tuple(dropped), file=path
     )
+
+
+def _elastic(joint: Joint) -> bool:
+    return joint.drive is not None and bool(joint.drive.stiffness) and joint.drive.moves == "link"

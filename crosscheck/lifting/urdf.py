@@ -15,6 +15,7 @@ from xml.etree.ElementTree import Element
 
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.printed import printed_of_urdf
+from flexinv.errors import InputError
 from flexinv.files.from_urdf import STANDARD_GRAVITY, read_urdf
 from flexinv.files.urdf_xml import location, number, read_robot
 from flexinv.model.mechanism import COUPLED, WORLD, Attachment, Closure, Mechanism
@@ -33,7 +34,7 @@ def lift_urdf(path: Path, base: str = "fixed") -> Description:
         warnings.simplefilter("always")
         mechanism, warned = read_urdf(path, [], base, STANDARD_GRAVITY, ())
     robot = read_robot(path)
-    couplings, dropped = _mimics(robot, mechanism, path)
+    couplings, dropped = mimics(robot, mechanism, path)
     gears, rotors, lost = _transmissions(robot, path)
     joints = tuple(replace(j, rotor_inertia=rotors.get(j.name, 0.0)) for j in mechanism.joints)
     lost = [*lost, *(f"actuator of {name}: there is no such joint" for name in gears if name not in mechanism.joint_of)]
@@ -48,11 +49,12 @@ def lift_urdf(path: Path, base: str = "fixed") -> Description:
         printed=printed_of_urdf(robot),
         file=path,
         root_stated=False,
+        gravity_stated=False,
     )
 
 
-def _mimics(robot: Element, mechanism: Mechanism, path: Path) -> tuple[tuple[Closure, ...], list[str]]:
-    """Couplings  q - multiplier q_of = offset;  a joint whose coordinate is not one that counts turns becomes none."""
+def mimics(robot: Element, mechanism: Mechanism, path: Path) -> tuple[tuple[Closure, ...], list[str]]:
+    """Return couplings  q - multiplier q_of = offset [-], [rad], [m],  and in words those of joints that cannot be coupled."""
     made, dropped, here = [], [], Attachment(WORLD)
     for element in robot.findall("joint"):
         mimic, name = element.find("mimic"), element.get("name", "")
@@ -89,7 +91,10 @@ def _transmissions(robot: Element, path: Path) -> tuple[dict[str, float], dict[s
         name, ratio = joints[0].get("name", ""), 1.0
         for place in (element, *joints, *element.findall("actuator")):
             if text := _text(place.find("mechanicalReduction")):
-                ratio = _float(text, location(path, element, "mechanicalReduction"))
+                try:
+                    ratio = _float(text, location(path, element, "mechanicalReduction"))
+                except InputError:
+                    dropped.append(f"transmission of {name}: its mechanicalReduction {text[:60]!r} is no number")
         gears[name] = ratio
         for actuator in element.findall("actuator"):
             inertia, gear = (

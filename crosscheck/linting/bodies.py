@@ -10,13 +10,14 @@ import numpy as np
 
 from crosscheck.linting.finding import Finding, error, warning
 from flexinv.files.bodies import impossible
-from flexinv.model.mechanism import Inertia
+from flexinv.model.mechanism import Array, Inertia
 
 HEAVY, LIGHT = 1000.0, 1e-6  # [kg]: heavier or lighter links look like grams or tonnes
 FAR = 10.0  # [m]: a centre of mass that far from its joint looks like mm
 WIDE = 10.0  # radius of gyration over the size of the machine from which on a tensor looks like g mm^2, or like a typing error
 SIDE = 0.02  # relative: how much left and right may differ
 NOISE = 1e-12  # [m^2]: moments over the mass, the square of a micrometre, are a program's rounding
+DEFAULTS = (1.0, 0.1, 0.01, 1e-3)  # [kg m^2]
 COPIES = 3  # links with one tensor and different masses
 # Words for sides: a name with the first has a partner with the second.
 SIDES = (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT"), ("l", "r"), ("L", "R"), ("FL", "FR"), ("RL", "RR"),
@@ -92,7 +93,7 @@ def _units(link: Stated, size: float) -> Iterator[Finding]:
         )
     if body.mass > 0:
         radius = float(np.sqrt(max(np.trace(body.tensor), 0.0) / 2 / body.mass))
-        if size and radius > WIDE * size:
+        if size and radius > WIDE * size and _placeholder(body.tensor) is None:
             why = f"its radius of gyration is {radius:.3g} m, the machine extends {size:.3g} m: looks like g mm^2"
             yield warning("tensor", place, _moments(body), why, "kg m^2, about the centre of mass")
 
@@ -104,19 +105,24 @@ def _defaults(links: Mapping[str, Stated]) -> Iterator[Finding]:
         if link.written and link.inertia.mass > 0 and link.inertia.tensor.any():
             groups.setdefault(tuple(link.inertia.tensor.ravel()), []).append(link)
     for key, same in groups.items():
-        tensor = np.array(key).reshape(3, 3)
-        moment = float(f"{tensor[0, 0]:.9g}")  # a turned unit tensor is one to rounding
-        equal = bool(np.abs(tensor - moment * np.eye(3)).max() <= 1e-9 * abs(moment))
+        moment = _placeholder(np.array(key).reshape(3, 3))
         masses = {link.inertia.mass for link in same}
         names = ", ".join(link.name for link in same[:6]) + (" ..." if len(same) > 6 else "")
         given = f"one tensor for {len(same)} links of {len(masses)} masses"
-        if equal and moment in (1.0, 0.1, 0.01, 1e-3):
+        if moment is not None:
             shown = f"{moment:g} kg m^2 about every axis"
             yield warning(
                 "default tensor", f"link {names}", shown, "looks like a placeholder", "the moments of the shape"
             )
         elif len(same) >= COPIES and len(masses) >= COPIES:
             yield warning("default tensor", f"link {names}", given, "looks like a copy", "the moments of each shape")
+
+
+def _placeholder(tensor: Array) -> float | None:
+    """The moment [kg m^2] of a tensor that is the same power of ten about every axis; None for any other."""
+    moment = float(f"{tensor[0, 0]:.9g}")  # a turned unit tensor is one to rounding
+    equal = bool(np.abs(tensor - moment * np.eye(3)).max() <= 1e-9 * abs(moment))
+    return moment if equal and moment in DEFAULTS else None
 
 
 def _sides(links: Mapping[str, Stated]) -> Iterator[Finding]:

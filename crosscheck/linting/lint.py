@@ -33,6 +33,12 @@ class Linted:
         return not any(finding.level == "error" or self.strict for finding in self.findings)
 
     @property
+    def words(self) -> str:
+        """Return the numbers of errors and warnings in words."""
+        errors = sum(one.level == "error" for one in self.findings)
+        return f"{errors} errors, {len(self.findings) - errors} warnings" if self.findings else "nothing found"
+
+    @property
     def plain(self) -> dict[str, Any]:
         """Return the findings as JSON values."""
         return {
@@ -43,14 +49,16 @@ class Linted:
         }
 
 
-def lint(source: Any, strict: bool = False) -> Linted:
-    """List the suspicious parts of a description, as `compare` takes it; strict : warnings count.
+def lint(source: Any, strict: bool = False, meshes: bool = True) -> Linted:
+    """List the suspicious parts of a description, as `compare` takes it.
+
+    strict : warnings count; meshes : look at the shapes of a URDF's links, too, where trimesh is installed
 
     Raises InputError for what cannot be read at all.
     """
     path = Path(source) if isinstance(source, str | Path) else None
     if path is not None and path.is_file() and path.suffix not in (".toml", ".json") and kind_of(path) == "urdf":
-        found = [*urdf_findings(read_xml(path), path)]
+        found = [*urdf_findings(read_xml(path), path, meshes)]
         if not any(one.level == "error" for one in found):
             found += _unread(path)
         return Linted(path.name, _sorted(found), strict)

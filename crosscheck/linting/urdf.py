@@ -12,6 +12,7 @@ import numpy as np
 
 from crosscheck.linting.bodies import Stated, body_findings
 from crosscheck.linting.finding import Finding, error, warning
+from crosscheck.linting.meshes import mesh_findings, mesh_path
 from flexinv.files.joints import rotation_from_rpy
 from flexinv.model.mechanism import Array, Inertia
 
@@ -23,8 +24,8 @@ FAR, LONG = 20.0, 10.0  # [m] of a joint's origin, and of a sliding joint's limi
 STRONG = 1e5  # [N m], [N]
 
 
-def urdf_findings(robot: Element, path: Path) -> Iterator[Finding]:
-    """Yield findings of a URDF [m, kg, rad]."""
+def urdf_findings(robot: Element, path: Path, meshes: bool = True) -> Iterator[Finding]:
+    """Yield findings of a URDF [m, kg, rad]; meshes : look at the shapes of links, too."""
     yield from _names(robot)
     yield from _tree(robot)
     links, problems = _links(robot)
@@ -36,6 +37,8 @@ def urdf_findings(robot: Element, path: Path) -> Iterator[Finding]:
     yield from _mimics(robot)
     yield from _transmissions(robot)
     yield from _meshes(robot, path)
+    if meshes:
+        yield from mesh_findings(robot, path, links, _size(robot))
 
 
 def values(element: Element | None, key: str, default: tuple[float, ...]) -> Array | None:
@@ -331,6 +334,11 @@ def _transmissions(robot: Element) -> Iterator[Finding]:
                     "there is no such joint",
                     "a joint of the file",
                 )
+        for part in element.iter("mechanicalReduction"):
+            text = (part.text or "").strip()
+            if values(Element("x", value=text), "value", (1.0,)) is None:
+                where, given = f"transmission {element.get('name')}", f"mechanicalReduction {text[:60]!r}"
+                yield error("transmission", where, given, "readers take 1, or refuse the file", "the gear as a number")
         kind = (element.findtext("type") or element.get("type") or "").strip()
         if len(named) > 1 or (kind and "Simple" not in kind):
             why = "readers other than its controller drop it, with its gear"
@@ -345,7 +353,7 @@ def _transmissions(robot: Element) -> Iterator[Finding]:
 
 def _meshes(robot: Element, path: Path) -> Iterator[Finding]:
     lost = sorted(
-        {name for mesh in robot.iter("mesh") if (name := mesh.get("filename", "")) and not _there(name, path)}
+        {name for mesh in robot.iter("mesh") if (name := mesh.get("filename", "")) and mesh_path(name, path) is None}
     )
     if lost:
         given = f"{len(lost)} meshes, such as {lost[0][:100]}"
@@ -356,16 +364,3 @@ def _meshes(robot: Element, path: Path) -> Iterator[Finding]:
             "not found beside the file: DART and MuJoCo refuse it then",
             "paths that lead from the file, or the package's folder given to the reader",
         )
-
-
-def _there(name: str, path: Path) -> bool:
-    """Return True if a mesh is beside the file, or in the package whose folder is above the file."""
-    plain = name.removeprefix("file://")
-    if "://" not in plain:
-        return (path.parent / plain).is_file()
-    inside = plain.partition("://")[2].lstrip("/")
-    package, _, rest = inside.partition("/")
-    return any(
-        (above / inside).is_file() or (above.name == package and (above / rest).is_file())
-        for above in path.resolve().parents
-    )

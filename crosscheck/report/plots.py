@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck import output_folder as owned
-from crosscheck.measures.limits import DEFAULT_REFERENCE
+from crosscheck.measures.limits import REFERENCE
 from crosscheck.measures.record import Record, load
 from crosscheck.measures.spectrum import RINGING, ringing
 from crosscheck.report import animation
@@ -65,7 +65,7 @@ def quantities(case: CaseRow, records: Mapping[str, Record]) -> list[str]:
 
 def reference(records: Mapping[str, Record]) -> str:
     """Return the engine that differences are taken from: flexinv, or the first one."""
-    return DEFAULT_REFERENCE if DEFAULT_REFERENCE in records else next(iter(records), "")
+    return REFERENCE if REFERENCE in records else next(iter(records), "")
 
 
 def quantity_data(results: Results, case: CaseRow, records: Mapping[str, Record], quantity: str) -> dict[str, Any]:

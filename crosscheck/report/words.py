@@ -156,7 +156,8 @@ def sentence(results: Results) -> str:
         if judged:
             return _all_within(judged, *_COMPARISONS) + ("; " if named else "") + named + "."
         done = sum(s.verdict == "within" for s in results.studies)
-        return _all_within(done, *_STUDIES) + "." if done else "Nothing was compared."
+        nothing = "Nothing was judged." if results.studies and not results.cases else "Nothing was compared."
+        return _all_within(done, *_STUDIES) + "." if done else nothing
     if not results.finished and not results.message:
         wrong.append("the run has not finished")
     if results.studies and not results.cases:  # of the selftest, of the benchmark

@@ -19,7 +19,7 @@ from flexinv.files.joints import read_joint, read_placement
 from flexinv.files.overlay import overlaid
 from flexinv.files.schema import BeamLinkTable, DampingTable, MechanismTable, RigidLinkTable, UrdfTable
 from flexinv.files.sections import CrossSection, read_section, section_along
-from flexinv.files.toml_tables import Location, check_names, one_of, read_toml, validate
+from flexinv.files.toml_tables import Location, check_names, one_of, read_toml, toml_text, validate
 from flexinv.files.tree_order import depth_first
 from flexinv.files.urdf_table import find_urdf
 from flexinv.model.damping import ModalDamping, with_retardation
@@ -39,15 +39,47 @@ def load_mechanism(path: str | Path) -> Mechanism:
     """
     file = toml_file(path, "mechanism.toml")
     top = Location(file)
-    table = validate(MechanismTable, read_toml(file), top)
+    data, base = read_layers(file)
+    table = validate(MechanismTable, data, top)
     named = ("sections", "links", "joints", "closures", "springs", "forces")
     check_names(file, **{kind: getattr(table, kind) for kind in named})
     sections = {name: read_section(data, top.inner(f"sections.{name}")) for name, data in table.sections.items()}
-    mechanism = _native(table, sections, top) if table.urdf is None else _from_urdf(table, table.urdf, sections, top)
+    home = Location(base)
+    mechanism = _native(table, sections, top) if table.urdf is None else _from_urdf(table, table.urdf, sections, home)
     mechanism = with_drives(mechanism, file)
     mechanism = _damped(_with_loads(mechanism, table, top), table.damping, top.inner("damping"))
-    name = table.name or (file.stem if file.name != "mechanism.toml" else file.resolve().parent.name)
+    name = table.name or (base.stem if base.name != "mechanism.toml" else base.resolve().parent.name)
     return replace(mechanism, name=name, title=table.title, source=table.source, notes=(*table.notes, *mechanism.notes))
+
+
+SHAPES = ("rod", "box", "cylinder", "sphere")
+
+
+def read_layers(file: Path) -> tuple[dict[str, Any], Path]:
+    """Read a file [any unit], laid over the mechanism file that its key ``over`` names; return the data and that file.
+
+    Tables are merged key by key, all else replaces what was there; a body with an inertia of its own has no shape any more.
+    """
+    data = read_toml(file)
+    name = data.get("over")
+    if name is None:
+        return data, file
+    where, expected = Location(file), "the path of a mechanism file, from this file's folder, that is over no other one"
+    if not isinstance(name, str) or not name.endswith(".toml") or not (file.parent / name).is_file():
+        raise where.wrong("over", toml_text(name), expected, 'over = "mechanism.toml"')
+    base = file.parent / name
+    under = read_toml(base)
+    if "over" in under:
+        raise where.wrong("over", f"{name}, which is over {toml_text(under['over'])}", expected, "one layer")
+    return _laid(under, {key: value for key, value in data.items() if key != "over"}), base
+
+
+def _laid(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    out = {key: value for key, value in under.items() if "inertia_kgm2" not in over or key not in SHAPES}
+    for key, value in over.items():
+        both = isinstance(value, dict) and isinstance(under.get(key), dict) and key != "inertia_kgm2"
+        out[key] = _laid(under[key], value) if both else value
+    return out
 
 
 def with_drives(mechanism: Mechanism, file: Path) -> Mechanism:

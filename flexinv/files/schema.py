@@ -351,6 +351,7 @@ class MechanismTable(Table):
     """The whole file."""
 
     format: Format = key("the version of the file's format, 1 when absent", "format = 1", default=1)
+    over: Text | None = optional("the mechanism file that this one is laid over", 'over = "mechanism.toml"')
     name: Name | None = optional("the name of the mechanism; the folder's when absent", 'name = "arm"')
     title: Text = key("one line that says what it is", 'title = "Two flexible links"', default="")
     source: Text = key("where the data come from, a text", 'source = "Isobe et al., case 3"')

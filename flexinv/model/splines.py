@@ -10,8 +10,8 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its parts are loaded when they are asked for: reading a mechanism needs none
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline, make_interp_spline
 
 from flexinv.errors import InputError, ModelWarning
 from flexinv.model.time_laws import SNAP
@@ -38,12 +38,12 @@ class Sampling:
     degree: int = 5
     rest: bool = False
 
-    def spline(self, values: Array) -> BSpline:
+    def spline(self, values: Array) -> scipy.interpolate.BSpline:
         """Return the interpolating spline of values (samples, columns) [any unit]."""
         zero = np.zeros(values.shape[1])
         at_rest = [(order, zero) for order in range(1, (self.degree + 1) // 2)]
         ends = (at_rest, at_rest) if self.rest else None
-        return make_interp_spline(self.time, values, k=self.degree, bc_type=ends)
+        return scipy.interpolate.make_interp_spline(self.time, values, k=self.degree, bc_type=ends)
 
 
 def check_sampling(sampling: Sampling, max_gap: float | None) -> None:
@@ -130,7 +130,9 @@ def continuous_signs(quaternions: Array, where: str) -> Array:
     return continued
 
 
-def _rest_outside(sampling: Sampling, spline: BSpline, at: Array, left: Mask, where: str, path: Triple) -> Triple:
+def _rest_outside(
+    sampling: Sampling, spline: scipy.interpolate.BSpline, at: Array, left: Mask, where: str, path: Triple
+) -> Triple:
     """Rest before and after the samples; the stop itself belongs to the rest unless ``left`` asks for the move."""
     end = sampling.time[-1]
     snap = SNAP * end

@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy  # its parts are loaded when they are asked for: reading a mechanism needs none
 from numpy.typing import ArrayLike
-from scipy.interpolate import PchipInterpolator
 
 from flexinv.model.frozen import Frozen
 from flexinv.typing import Array
@@ -54,7 +54,7 @@ class TableLaw(Frozen):
 
     def pieces(self) -> Array:
         """Return start [m] and coefficients of falling powers of l - start [N/m^3], [N/m^2], [N/m], [N], (rows + 1, 5)."""
-        inner = PchipInterpolator(self.length, self.force)
+        inner = scipy.interpolate.PchipInterpolator(self.length, self.force)
         ends = inner.derivative()(self.length[[0, -1]])
         before = [-np.inf, 0.0, 0.0, ends[0], self.force[0]]
         after = [self.length[-1], 0.0, 0.0, ends[1], self.force[-1]]

@@ -15,7 +15,7 @@ import numpy as np
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.mujoco import adapter
 from crosscheck.engines.mujoco import loops as mujoco_loops
-from crosscheck.engines.mujoco.joints import Built, State, effort_from_engine, from_engine
+from crosscheck.engines.mujoco.joints import Built, State, effort_from_engine, from_engine, joint_trouble
 from crosscheck.engines.mujoco.mjcf import mjcf
 from crosscheck.engines.mujoco.model import build
 from crosscheck.engines.shared.export_files import Array, Motion, NotExported, check_rigid, forces, sharing, write
@@ -31,22 +31,40 @@ PLACE = {"free": (".x", ".y", ".z", ".qw", ".qx", ".qy", ".qz"), "spherical": ("
          "universal": (".1", ".2")}  # fmt: skip
 
 
+UNBOUND = 1e9  # [rad], [m]: the other end of a range of which one end is stated
+
+
+def text_of(mechanism: Mechanism) -> tuple[Built, str]:
+    """Return the model of a rigid mechanism and its MJCF: joints with limits, drives, closures, springs.
+
+    Raises NotExported for beams, for what MJCF has no word for, and with MuJoCo's words where it refuses the mechanism.
+    """
+    check_rigid(mechanism, "mujoco")
+    if strange := mujoco_loops.without_equality(mechanism):
+        raise NotExported(f"closures ({', '.join(strange)}) have no equality constraint in MJCF: see pinocchio")
+    for joint in mechanism.joints:
+        if (reason := joint_trouble(mechanism, joint)) is not None:
+            raise NotExported(reason)
+    try:
+        built = build(mechanism, extend=_furnished(mechanism))
+    except ValueError as error:
+        raise NotExported(f"MuJoCo refuses it: {' '.join(str(error).split())}") from error
+    if built.model.nv != mechanism.nv:
+        raise NotExported(
+            "a joint is made up of several of MuJoCo's that move in a ratio, which MJCF alone does not keep"
+        )
+    return built, mjcf(built.model, mechanism.name)
+
+
 def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder: Path) -> None:
     """Write ``model.xml`` and what goes with it; effort : (samples, nv) [N m] or [N] expected, in mechanism order.
 
     Raises NotExported for beams and for closures that none of MuJoCo's equalities makes up.
     """
-    check_rigid(mechanism, engine)
-    if strange := mujoco_loops.without_equality(mechanism):
-        raise NotExported(f"closures ({', '.join(strange)}) have no equality constraint in MJCF: see pinocchio")
+    built, text = text_of(mechanism)
     if (reason := adapter.unsupported(mechanism, case, engine)) is not None:
         raise NotExported(reason)
     time = sample_times(case)
-    built = build(mechanism, extend=_furnished(mechanism))
-    if built.model.nv != mechanism.nv:
-        raise NotExported(
-            "a joint is made up of several of MuJoCo's that move in a ratio, which MJCF alone does not keep"
-        )
     followed = adapter.follow_phases(mechanism, case, built, time)
     state = State(*(np.concatenate(part) for part in zip(*(state for _, state in followed), strict=True)))
     q_names, v_names = [""] * built.model.nq, [""] * built.model.nv
@@ -63,15 +81,19 @@ def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder:
     given = [{"site": _site(f), "follower": f.follower} for f in mechanism.forces]
     settings = {"engine": engine, "forces": given, **sharing(mechanism, order, spans)}
     forces(folder, mechanism, time)
-    write(folder, motion, "run_mujoco.py.txt", {"model.xml": mjcf(built.model, mechanism.name)}, settings)
+    write(folder, motion, "run_mujoco.py.txt", {"model.xml": text}, settings)
 
 
 def _furnished(mechanism: Mechanism) -> Callable[[Any], None]:
-    """Return a function that adds closures, springs, and a site for every given force, to an MjSpec."""
+    """Return a function that adds closures, springs, limits, and a site for every given force, to an MjSpec."""
     furnish = mujoco_loops.furnish(mechanism)
 
     def extend(spec: Any) -> None:
         furnish(spec)
+        for joint in mechanism.joints:
+            if joint.kind in ("revolute", "prismatic") and np.isfinite([joint.limits.lower, joint.limits.upper]).any():
+                made = spec.joint(joint.name)
+                made.limited, made.range = True, np.clip([joint.limits.lower, joint.limits.upper], -UNBOUND, UNBOUND)
         for force in mechanism.forces:
             mujoco_loops.add_site(spec, force.at, _site(force), np.zeros(3))
 

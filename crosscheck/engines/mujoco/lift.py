@@ -4,7 +4,8 @@
     joints        one after the other in one body: links without mass between them
     ref           a joint's coordinate is ``ref`` where the file draws it: the placement is turned back by it
     inertia       about the centre of mass, R diag(I) R^T with R of ``iquat``
-    equality      joint: a coupling (its linear part), connect: a spherical closure, weld: a fixed one
+    equality      joint: a coupling (its linear part), connect: a spherical closure, two of them between the same bodies: a
+                  revolute one, weld: a fixed one; between bodies or sites
 
 Defaults, ``fusestatic``, ``inertiafromgeom`` and classes are the compiler's.  Source: mujoco 4.0.0, mjmodel.h.
 """
@@ -64,7 +65,8 @@ def lift(source: Any, label: str = "") -> Description:
     kind = "urdf" if root.tag == "robot" else "mjcf"
     found = _described(model, label or path.name, kind, dropped)
     printed = printed_of_mjcf(root) if kind == "mjcf" else {}
-    return replace(found, file=path, root_stated=kind != "urdf", printed=printed)
+    stated = kind != "urdf"
+    return replace(found, file=path, root_stated=stated, gravity_stated=stated, printed=printed)
 
 
 def _read(path: Path) -> tuple[Any, tuple[str, ...]]:
@@ -228,11 +230,60 @@ def _closures(model: Any, joints: dict[str, Joint]) -> tuple[list[Closure], list
             made.append(_coupling(model, k, name))
             if np.any(model.eq_data[k][2:5]):
                 dropped.append(f"equality {name!r}: of its polynomial the linear part is read")
-        elif kind in (EQUALITY.mjEQ_CONNECT, EQUALITY.mjEQ_WELD) and model.eq_objtype[k] == OBJECT.mjOBJ_BODY:
-            made.append(_tie(model, k, name, kind == EQUALITY.mjEQ_WELD))
+        elif kind in (EQUALITY.mjEQ_CONNECT, EQUALITY.mjEQ_WELD):
+            tie = _tie if model.eq_objtype[k] == OBJECT.mjOBJ_BODY else _tie_of_sites
+            made.append(tie(model, k, name, kind == EQUALITY.mjEQ_WELD))
         else:
             dropped.append(f"equality {name!r}: {kind.name.removeprefix('mjEQ_').lower()} is not part of a mechanism")
-    return made, dropped
+    return _hinges(made), dropped
+
+
+def _hinges(closures: list[Closure]) -> list[Closure]:
+    """Make one revolute closure of two points that hold the same two bodies: whatever turns about their line stays free."""
+    made: list[Closure] = []
+    for closure in closures:
+        ends = closure.first.link, closure.second.link
+        like = [k for k, one in enumerate(made) if one.kind == "spherical" == closure.kind]
+        same = next((k for k in like if (made[k].first.link, made[k].second.link) == ends), None)
+        if same is None or (hinge := _hinge(made[same], closure)) is None:
+            made.append(closure)
+        else:
+            made[same] = hinge
+    return made
+
+
+def _hinge(one: Closure, two: Closure) -> Closure | None:
+    """The hinge through two points; None where they are one, or farther apart on one body than on the other."""
+    seats = []
+    for a, b in ((one.first, two.first), (one.second, two.second)):
+        along = b.placement.position - a.placement.position
+        seats.append((a, along, float(np.linalg.norm(along))))
+    (first, u, length), (second, w, other) = seats
+    if length == 0.0 or abs(length - other) > 1e-9 * length:
+        return None
+    ends = [
+        Attachment(at.link, Placement(at.placement.position, _onto(line))) for at, line in ((first, u), (second, w))
+    ]
+    return Closure(one.name, "revolute", ends[0], ends[1])
+
+
+def _onto(line: Array) -> Array:
+    """The rotation (3, 3) [-] whose third column is the direction of a line."""
+    z = line / np.linalg.norm(line)
+    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def _tie_of_sites(model: Any, k: int, name: str, weld: bool) -> Closure:
+    ends = []
+    for site in (int(model.eq_obj1id[k]), int(model.eq_obj2id[k])):
+        body, point, turn = int(model.site_bodyid[site]), model.site_pos[site], _rotation(model.site_quat[site])
+        link, anchor = (
+            (_name(model, OBJECT.mjOBJ_BODY, body, "body"), _anchor(model, body)) if body else (WORLD, np.zeros(3))
+        )
+        ends.append(Attachment(link, Placement(point - anchor, turn)))
+    return Closure(name, "fixed" if weld else "spherical", ends[0], ends[1])
 
 
 def _coupling(model: Any, k: int, name: str) -> Closure:

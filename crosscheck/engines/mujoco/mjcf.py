@@ -69,6 +69,8 @@ def _joint(model: Any, j: int) -> dict[str, str]:
     out |= {key: text(values[dof]) for key, values in numbers.items() if np.any(values[dof])}
     if model.dof_frictionloss[dof]:
         out["solreffriction"] = text(model.dof_solref[dof])
+    if model.jnt_limited[j]:
+        out |= {"limited": "true", "range": text(model.jnt_range[j])}
     if np.any(model.jnt_stiffness[j]):
         out |= {"stiffness": text(model.jnt_stiffness[j]), "springref": text(model.qpos_spring[model.jnt_qposadr[j]])}
     return out

@@ -19,7 +19,7 @@ from crosscheck.engines.pinocchio import adapter
 from crosscheck.engines.pinocchio import phases as pinocchio_phases
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared.export_files import Array, Motion, NotExported, check_rigid, forces, sharing, write
-from crosscheck.engines.shared.urdf_text import urdf
+from crosscheck.engines.shared.urdf_text import left_to_the_reader, urdf
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import COORDINATES, Attachment, Closure, Joint, Mechanism
 
@@ -36,7 +36,7 @@ def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder:
     if (reason := adapter.unsupported(mechanism, case, engine)) is not None:
         raise NotExported(reason)
     time = sample_times(case)
-    free = mechanism.joints[0].kind == "free"
+    free = left_to_the_reader(mechanism)
     model = pin.buildModelFromXML(text, *([pin.JointModelFreeFlyer()] if free else []))
     q_order, v_order = _order(mechanism, model)
     followed = pinocchio_phases.follow_phases(mechanism, case, adapter.build(mechanism), time)
@@ -104,7 +104,7 @@ def _order(mechanism: Mechanism, model: pin.Model) -> tuple[Indices, Indices]:
     q, v = np.zeros(model.nq, dtype=np.intp), np.zeros(model.nv, dtype=np.intp)
     for joint in mechanism.joints:
         first_q, first_v = mechanism.q_slices[joint.name].start, mechanism.v_slices[joint.name].start
-        for name, nq, nv in _parts(mechanism, joint):
+        for name, nq, nv in _parts(joint, left_to_the_reader(mechanism) and joint is mechanism.joints[0]):
             theirs = model.joints[model.getJointId(name)]
             q[theirs.idx_q : theirs.idx_q + nq] = first_q + np.arange(nq)
             v[theirs.idx_v : theirs.idx_v + nv] = first_v + np.arange(nv)
@@ -112,9 +112,9 @@ def _order(mechanism: Mechanism, model: pin.Model) -> tuple[Indices, Indices]:
     return q, v
 
 
-def _parts(mechanism: Mechanism, joint: Joint) -> list[tuple[str, int, int]]:
-    """Return name, nq and nv of the model's joints that make up one of the mechanism."""
-    if joint.kind == "free" and joint is mechanism.joints[0]:
+def _parts(joint: Joint, root: bool) -> list[tuple[str, int, int]]:
+    """Return name, nq and nv of the model's joints that make up one of the mechanism; root : the reader adds it."""
+    if root:
         return [("root_joint", 7, 6)]
     if joint.kind == "universal":
         return [(f"{joint.name}.{k}", 1, 1) for k in (1, 2)]

@@ -80,7 +80,8 @@ def _described(model: Any, label: str, kind: str, path: Path | None) -> Descript
         gravity=np.array(model.gravity.linear),
         closures=tuple(closures),
     )
-    return Description(label, mechanism, kind, "pinocchio", file=path, root_stated=kind != "urdf")
+    stated = kind != "urdf"
+    return Description(label, mechanism, kind, "pinocchio", file=path, root_stated=stated, gravity_stated=stated)
 
 
 def _bodies(model: Any) -> list[str]:

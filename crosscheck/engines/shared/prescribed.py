@@ -14,13 +14,16 @@ Array = NDArray[np.float64]
 SPRING = ("stiffness", "rest", "damping")  # of a spring between points; one in a joint has the first two
 
 
-def beyond_a_tree(mechanism: Mechanism) -> str | None:
-    """Return the parts that are neither link nor joint of a tree, in words, for engines that overlook them, or None."""
+def beyond_a_tree(mechanism: Mechanism, sprung: bool = False) -> str | None:
+    """Return the parts that are neither link nor joint of a tree, in words, for engines that overlook them, or None.
+
+    sprung : springs in joints are taken care of (`spring_effort`)
+    """
     kinds = {
         "closed loops": [c.name for c in mechanism.closures],
         "springs": [s.name for s in mechanism.springs],
         "applied forces": [f.name for f in mechanism.forces],
-        "springs in joints": [j.name for j in mechanism.joints if j.stiffness],
+        "springs in joints": [j.name for j in mechanism.joints if j.stiffness and not sprung],
     }
     found = [f"{kind} ({', '.join(names)})" for kind, names in kinds.items() if names]
     return f"this formulation has open trees and their drives only; here: {'; '.join(found)}" if found else None
@@ -31,6 +34,19 @@ def missing_motion(mechanism: Mechanism, case: Case) -> str | None:
     given = case.motion.joints(mechanism)
     free = [j.name for j in mechanism.joints if j.nv and j.name not in given]
     return f"every joint must be given a motion here; left to the dynamics: {', '.join(free)}" if free else None
+
+
+def scalar_positions(mechanism: Mechanism, q: Array) -> Array:
+    """Return one number per velocity (samples, nv) [rad], [m], of a continuous joint its angle in -pi .. pi.
+
+    q : (samples, nq)
+    """
+    columns = []
+    for joint in mechanism.joints:
+        own = q[:, mechanism.q_slices[joint.name]]
+        if joint.nv:
+            columns.append(np.arctan2(own[:, 1], own[:, 0]) if joint.kind == "continuous" else own[:, 0])
+    return np.stack(columns, axis=1)
 
 
 def passive_effort(mechanism: Mechanism, qd: Array) -> Array:

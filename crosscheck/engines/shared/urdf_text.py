@@ -1,33 +1,99 @@
 """A mechanism as URDF, for engines and viewers that read nothing else; no engine is used here.
 
-A link with one body carries it; further bodies, payloads of a URDF among them, are links of their own on fixed joints,
-so that no inertia is composed on the way.  A universal joint is two revolute ones with a link without mass between.
-A free joint of the root is left to the reader (Pinocchio adds its own); spherical joints have no name in URDF.
+bodies        a link with one body carries it; further bodies, payloads of a URDF among them, are links of their own on fixed
+              joints, so that no inertia is composed on the way
+joints        a universal joint is two revolute ones with a link without mass between; spherical and helical ones have no name
+              in URDF.  A free joint that alone hangs on the world is left to the reader (Pinocchio adds its own), any other
+              one of the world is a floating joint
+drives        damping and dry friction as ``dynamics``; the reflected rotor as ``drake:rotor_inertia`` of a transmission
+limits        those that are not stated are written as UNBOUND, since revolute and sliding joints have to have some
+couplings     of two joints: ``mimic``
+left out      gravity, other closures, springs, forces (`unsaid`); the file says so at its head
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
 from defusedxml.ElementTree import parse
 
-from crosscheck.engines.shared.export_files import NotExported
+from crosscheck.engines.shared.export_files import NotExported, check_rigid
 from crosscheck.engines.shared.urdf_source import read_source
-from flexinv.model.mechanism import WORLD, Body, Joint, Limits, Mechanism, Placement
+from flexinv.model.mechanism import COUPLED, WORLD, Body, Closure, Joint, Limits, Mechanism, Placement
 
-KINDS = {"revolute": "revolute", "continuous": "continuous", "prismatic": "prismatic", "fixed": "fixed"}
+KINDS = {
+    "revolute": "revolute", "continuous": "continuous", "prismatic": "prismatic", "fixed": "fixed", "free": "floating",
+}  # fmt: skip
+UNBOUND = 1e9  # [rad], [m], [N m], [N], [rad/s], [m/s]: what binds no machine
+DRAKE = "{http://drake.mit.edu}"
+ET.register_namespace("drake", DRAKE[1:-1])
 
 
 def urdf(mechanism: Mechanism) -> str:
     """Return the URDF of a rigid tree; of one that came from a URDF that text, with what was laid over it.
 
-    Raises NotExported where the format has no word for something.
+    Raises NotExported where the format has no word for something that moves.
     """
+    check_rigid(mechanism, "URDF")
     root = _laid_over(mechanism) if mechanism.urdf else _from_data(mechanism)
+    for joint in mechanism.joints:
+        _rotor(root, joint)
+    for element in root.findall("joint"):
+        for closure in _mimicking(mechanism, element.get("name", "")):
+            _mimic(element, closure)
+    for words in reversed(unsaid(mechanism)):
+        root.insert(0, ET.Comment(f" not said here: {words.replace('--', '- -')} "))
     ET.indent(root)
     return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def unsaid(mechanism: Mechanism) -> list[str]:
+    """List the parts of a mechanism that a URDF has no words for, a line each [any unit]."""
+    lost = [f"gravity {_text(mechanism.gravity)} m/s^2"]
+    lost += [f"spring of joint {j.name}" for j in mechanism.joints if j.stiffness]
+    lost += [
+        f"damping, friction or rotor of joint {j.name} (free)"
+        for j in mechanism.joints
+        if j.kind == "free" and _driven(j)
+    ]
+    mimicked = {c.name for j in mechanism.joints for c in _mimicking(mechanism, j.name)}
+    lost += [f"closure {c.name} ({c.kind})" for c in mechanism.closures if c.name not in mimicked]
+    lost += [f"spring {spring.name}" for spring in mechanism.springs]
+    return lost + [f"force {force.name}" for force in mechanism.forces]
+
+
+def left_to_the_reader(mechanism: Mechanism) -> bool:
+    """Return True if the root's free joint is not in the text: it alone hangs on the world, at its frame."""
+    first = mechanism.joints[0]
+    if first.kind != "free" or first.parent != WORLD:
+        return False
+    here = not np.any(first.placement.position) and not np.any(first.placement.rotation != np.eye(3))
+    return mechanism.urdf is not None or (here and sum(j.parent == WORLD for j in mechanism.joints) == 1)
+
+
+def _driven(joint: Joint) -> bool:
+    return bool(joint.damping or joint.friction or joint.rotor_inertia)
+
+
+def _mimicking(mechanism: Mechanism, name: str) -> Iterator[Closure]:
+    """Yield the coupling that a joint mimics another one by: the first that names it first, of two joints, always active."""
+    kinds = {joint.name: joint.kind for joint in mechanism.joints}
+    for closure in mechanism.closures:
+        if closure.kind != "coupling" or len(closure.factors) != 2 or closure.active:
+            continue
+        if closure.factors[0][0] == name and {kinds[n] for n, _ in closure.factors} <= {*COUPLED} - {"helical"}:
+            yield closure
+            return
+
+
+def _mimic(element: ET.Element, closure: Closure) -> None:
+    """f1 q1 + f2 q2 = offset  as  q1 = multiplier q2 + offset / f1."""
+    (_, own), (other, factor) = closure.factors
+    told = {"multiplier": repr(float(-factor / own)), "offset": repr(float(closure.offset / own))}
+    ET.SubElement(element, "mimic", {"joint": other} | told)
 
 
 def _laid_over(mechanism: Mechanism) -> ET.Element:
@@ -38,24 +104,34 @@ def _laid_over(mechanism: Mechanism) -> ET.Element:
             robot.remove(part)
         for shape in [d for d in part if d.tag in ("visual", "collision")]:  # they name files that are not here
             part.remove(shape)
+    for element in robot.findall("joint"):
+        if (joint := mechanism.joint_of.get(element.get("name", ""))) is not None:
+            _as_the_mechanism(element, joint)
     for link, body in source.overlays:
         _hang(robot, source.named[link], body, f"{link}.{body.name}")
     return robot
 
 
+def _as_the_mechanism(element: ET.Element, joint: Joint) -> None:
+    """Give a joint of a URDF the kind, limits and drive that the mechanism has, which may lock it or state others."""
+    if joint.kind not in KINDS:
+        raise NotExported(f"joint {joint.name!r}: URDF has no {joint.kind} joint")
+    element.set("type", KINDS[joint.kind])
+    kept = ("origin", "parent", "child") if joint.kind in ("fixed", "free") else ("origin", "parent", "child", "axis")
+    for part in [d for d in element if d.tag not in kept]:
+        element.remove(part)
+    _limits(element, joint.kind, joint.limits)
+    _dynamics(element, joint)
+
+
 def _from_data(mechanism: Mechanism) -> ET.Element:
     robot = ET.Element("robot", name=mechanism.name)
-    first = mechanism.joints[0]
-    floating = first.kind == "free" and first.parent == WORLD
-    if not floating:
+    skipped = mechanism.joints[0] if left_to_the_reader(mechanism) else None
+    if skipped is None:
         ET.SubElement(robot, "link", name=WORLD)
-    elif np.any(first.placement.position) or np.any(first.placement.rotation != np.eye(3)):
-        raise NotExported(
-            f"joint {first.name!r}: a free base of a URDF begins at the world's frame; its placement is not"
-        )
     for joint in mechanism.joints:
         link = mechanism.link_of[joint.child]
-        if not (floating and joint is first):
+        if joint is not skipped:
             _joint(robot, joint)
         own = ET.SubElement(robot, "link", name=joint.child)
         for k, body in enumerate(link.bodies):
@@ -70,15 +146,18 @@ def _joint(robot: ET.Element, joint: Joint) -> None:
     if joint.kind == "universal":
         between = f"{joint.name}.between"
         ET.SubElement(robot, "link", name=between)
-        _write(robot, f"{joint.name}.1", "revolute", (joint.parent, between), joint.placement, joint.axis)
-        _write(robot, f"{joint.name}.2", "revolute", (between, joint.child), Placement(), joint.second_axis)
+        first = _write(robot, f"{joint.name}.1", "revolute", (joint.parent, between), joint.placement, joint.axis)
+        second = _write(robot, f"{joint.name}.2", "revolute", (between, joint.child), Placement(), joint.second_axis)
+        for made in (first, second):
+            _dynamics(made, joint)
         return
-    if joint.kind not in KINDS:
+    if joint.kind not in KINDS or (joint.kind == "free" and joint.parent != WORLD):
         raise NotExported(
-            f"joint {joint.name!r}: URDF has no {joint.kind} joint (but a free one at the root); see mujoco"
+            f"joint {joint.name!r}: URDF has no {joint.kind} joint (but a free one of the world); see mujoco"
         )
     ends = joint.parent, joint.child
-    _write(robot, joint.name, KINDS[joint.kind], ends, joint.placement, joint.axis, joint.limits)
+    made = _write(robot, joint.name, KINDS[joint.kind], ends, joint.placement, joint.axis, joint.limits)
+    _dynamics(made, joint)
 
 
 def _write(
@@ -89,17 +168,48 @@ def _write(
     at: Placement,
     axis: Any,
     limits: Limits | None = None,
-) -> None:
+) -> ET.Element:
     made = ET.SubElement(robot, "joint", name=name, type=kind)
     ET.SubElement(made, "origin", xyz=_text(at.position), rpy=_text(roll_pitch_yaw(at.rotation)))
     ET.SubElement(made, "parent", link=ends[0])
     ET.SubElement(made, "child", link=ends[1])
-    if kind != "fixed":
+    if kind not in ("fixed", "floating"):
         ET.SubElement(made, "axis", xyz=_text(axis))
-    if kind in ("revolute", "prismatic"):  # required; what is not stated does not bind
-        stated = limits or Limits()
-        bounds = {"lower": stated.lower, "upper": stated.upper, "effort": stated.effort, "velocity": stated.velocity}
-        ET.SubElement(made, "limit", {key: repr(float(np.clip(x, -1e9, 1e9))) for key, x in bounds.items()})
+    _limits(made, kind, limits or Limits())
+    return made
+
+
+def _limits(element: ET.Element, kind: str, limits: Limits) -> None:
+    """Write limits: all of a revolute or sliding joint, of a continuous one effort and speed where one is stated."""
+    bounds = {"effort": limits.effort, "velocity": limits.velocity}
+    if kind in ("revolute", "prismatic"):
+        bounds = {"lower": limits.lower, "upper": limits.upper, **bounds}
+    elif kind != "continuous" or not np.isfinite([*bounds.values()]).any():
+        return
+    ET.SubElement(element, "limit", {key: repr(float(np.clip(x, -UNBOUND, UNBOUND))) for key, x in bounds.items()})
+
+
+def _dynamics(element: ET.Element, joint: Joint) -> None:
+    if joint.kind in ("free", "fixed"):
+        return
+    stated = {"damping": joint.damping, "friction": joint.friction}
+    if any(stated.values()):
+        ET.SubElement(element, "dynamics", {key: repr(float(value)) for key, value in stated.items()})
+
+
+def _rotor(robot: ET.Element, joint: Joint) -> None:
+    """Add a transmission with the gear of a drive and the rotor: rotor_inertia gear_ratio^2 = that of the joint."""
+    if not (joint.rotor_inertia or joint.drive) or joint.kind in ("free", "fixed"):
+        return
+    ratio = joint.drive.ratio if joint.drive is not None else 1.0
+    for name in (f"{joint.name}.1", f"{joint.name}.2") if joint.kind == "universal" else (joint.name,):
+        made = ET.SubElement(robot, "transmission", name=f"{name}.transmission")
+        ET.SubElement(made, "type").text = "transmission_interface/SimpleTransmission"
+        ET.SubElement(made, "joint", name=name)
+        actuator = ET.SubElement(made, "actuator", name=f"{name}.actuator")
+        ET.SubElement(actuator, "mechanicalReduction").text = repr(float(ratio))
+        ET.SubElement(actuator, DRAKE + "rotor_inertia", value=repr(float(joint.rotor_inertia / ratio**2)))
+        ET.SubElement(actuator, DRAKE + "gear_ratio", value=repr(float(ratio)))
 
 
 def _hang(robot: ET.Element, parent: str, body: Body, name: str) -> None:

@@ -1,12 +1,23 @@
-"""Advice: what to write in which of two files so that a difference is gone, in the words of that file's format."""
+"""Advice: which of two files looks wrong, and what to write in it, in its format's words, its own frames and names.
+
+A file is suspected where `crosscheck.linting.bodies` finds the link's numbers odd and those of the other file not.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
+import numpy as np
+
+from crosscheck.equivalence.align import SAME, Aligned
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.judge import Judged
+from crosscheck.equivalence.tree import Member, Tree, sum_of
 from crosscheck.lifting.description import Description
+from crosscheck.lifting.rigid import inverse, moved
+from crosscheck.linting.bodies import Stated, body_findings
+from flexinv.model.mechanism import Array
 
 INERTIAS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 URDF = {
@@ -14,6 +25,7 @@ URDF = {
     "centre of mass": '<inertial> <origin xyz="{}" .../>',
     "joint axis": '<axis xyz="{}"/>',
     "position of joint": '<origin xyz="{}" .../>',
+    "orientation of joint": '<origin rpy="{}" .../>',
     "damping": '<dynamics damping="{}" .../>',
     "dry friction": '<dynamics friction="{}" .../>',
     "rotor inertia": '<transmission> <actuator> <drake:rotor_inertia value="{}"/>',
@@ -23,13 +35,13 @@ URDF = {
     "upper limit": '<limit upper="{}" .../>',
     "effort limit": '<limit effort="{}" .../>',
     "velocity limit": '<limit velocity="{}" .../>',
+    "sign of coordinate": '<axis xyz="..."/> with the opposite sign, and the limits exchanged with it',
 }
 MJCF = {
     "mass": '<inertial mass="{}" .../>',
-    "centre of mass": '<inertial pos="{}" .../>, in the frame of the body',
-    "inertia tensor": '<inertial fullinertia="{}" .../> (order xx yy zz xy xz yz)',
+    "centre of mass": '<inertial pos="{}" .../>, counted from the anchor of the body\'s joint',
     "joint axis": '<joint axis="{}"/>',
-    "position of joint": '<body pos="{}">',
+    "position of joint": '<body pos="{}">, counted from joint to joint',
     "damping": '<joint damping="{}"/>',
     "dry friction": '<joint frictionloss="{}"/>',
     "rotor inertia": '<joint armature="{}"/>',
@@ -38,47 +50,171 @@ MJCF = {
     "gravity": '<option gravity="{}"/>',
     "lower limit": '<joint range="{} ..."/>',
     "upper limit": '<joint range="... {}"/>',
+    "sign of coordinate": '<joint axis="..."/> with the opposite sign, and the range exchanged with it',
 }
+TENSOR = {
+    "urdf": ("<inertial> <inertia {}/>, along the axes of the link (origin rpy 0 0 0)", (0, 1, 2, 3, 4, 5)),
+    "mjcf": ('<inertial fullinertia="{}" .../>, in the order xx yy zz xy xz yz', (0, 3, 5, 1, 2, 4)),
+}
+# By cause what `body_findings` says of it.
+CHECKS = {
+    "mass": {"mass", "left and right"},
+    "centre of mass": {"com", "left and right"},
+    "inertia tensor": {"tensor", "default tensor", "mass without tensor", "tensor without mass", "left and right"},
+}
+NOISE = 1e-12  # [m], [-], [kg m^2]: rounding of frames that are turned there and back
+FRAMED = ("position of joint", "orientation of joint")  # of joints: they depend on the frames of two links
 
 
-def advice(judged: Judged, first: Description, second: Description) -> tuple[tuple[str, tuple[str, ...]], ...]:
-    """Return by difference what to write in A to have B's machine, and in B to have A's."""
+@dataclass(frozen=True)
+class Sides:
+    """Both descriptions, their reduced trees, and the alignment by member of the first."""
+
+    descriptions: tuple[Description, Description]
+    trees: tuple[Tree, Tree]
+    seats: Mapping[int, Aligned]
+
+    def members(self, difference: Difference) -> tuple[Member, Member, Aligned] | None:
+        """Return the members of both that a difference is about, and their alignment; None for one of several or of none."""
+        k = self._number(difference)
+        if k is None or k not in self.seats:
+            return None
+        seat = self.seats[k]
+        return self.trees[0].members[k], self.trees[1].members[seat.second], seat
+
+    def _number(self, difference: Difference) -> int | None:
+        numbers = {index for index, _, _ in difference.changes}
+        if len(numbers) == 1:
+            return numbers.pop()
+        name = difference.place.partition(" ")[2]
+        return next((k for k, one in enumerate(self.trees[0].members) if f"joint {one.joint}" == f"joint {name}"), None)
+
+
+def advice(judged: Judged, sides: Sides) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    """Return by difference which file looks wrong, and what to write in A to have B's machine, in B to have A's [any unit]."""
+    odd = [_odd(description) for description in sides.descriptions]
     found = []
     for difference in (*judged.causes, *judged.conventions, *judged.limits):
-        lines = [
-            *_line("A", first, difference, difference.second),
-            *_line("B", second, difference, difference.first),
-        ]
+        both = sides.members(difference)
+        if both is None or difference.place.startswith("all "):
+            lines = list(_of_many(difference, sides))
+        else:
+            doubts = [_doubt(difference.cause, odd[0], both[0]), _doubt(difference.cause, odd[1], both[1])]
+            lines = [*_verdict(doubts), *_lines(difference, sides, both)]
         if lines:
-            found.append((f"{difference.cause} of {difference.place}", tuple(lines)))
+            found.append((difference.subject, tuple(lines)))
     return tuple(found)
 
 
-def _line(side: str, description: Description, difference: Difference, value: str) -> Iterator[str]:
-    text = written(description.format, difference.cause, value)
-    if text:
-        other = "B" if side == "A" else "A"
-        yield f"to make {side} ({description.label}) like {other}, in {difference.place}: {text}"
+def _verdict(doubts: list[str]) -> Iterator[str]:
+    """Yield which file to mend, where the numbers of one look wrong by themselves."""
+    for n, side in enumerate("AB"):
+        if doubts[n] and not doubts[1 - n]:
+            yield f"mend {side}: {doubts[n]}"
+
+
+def _odd(description: Description) -> dict[str, list[tuple[str, str]]]:
+    """By link the check and the words of what looks odd in its numbers."""
+    mechanism = description.mechanism
+    links = {
+        link.name: Stated(link.name, sum_of([part.inertia for part in link.bodies]), True, bool(link.bodies))
+        for link in mechanism.links
+    }
+    lengths = sorted(float(np.linalg.norm(joint.placement.position)) for joint in mechanism.joints)
+    found: dict[str, list[tuple[str, str]]] = {}
+    for one in body_findings(links, float(sum(lengths[-6:])) or 1.0):
+        for name in one.place.partition(" ")[2].split(", "):
+            found.setdefault(name, []).append((one.check, f"{one.given}: {one.why}"))
+    return found
+
+
+def _doubt(cause: str, odd: Mapping[str, list[tuple[str, str]]], member: Member) -> str:
+    words = [text for check, text in odd.get(member.name, ()) if check in CHECKS.get(cause, ())]
+    return f"{member.name}, {words[0]}" if words else ""
+
+
+def _of_many(difference: Difference, sides: Sides) -> Iterator[str]:
+    """Yield the lines for one factor on all numbers of a kind, or for the same number in several joints."""
+    if difference.place.startswith("joints ") and difference.changes:
+        members = [sides.trees[0].members[k] for k, _, _ in difference.changes]
+        others = [sides.trees[1].members[sides.seats[k].second] for k, _, _ in difference.changes]
+        for n, (side, other, own, value) in enumerate(
+            (("A", "B", members, difference.second), ("B", "A", others, difference.first))
+        ):
+            description = sides.descriptions[n]
+            if text := written(description.format, difference.cause, value):
+                names = ", ".join(member.joint for member in own)
+                yield f"to make {side} ({description.label}) like {other}, in each of the joints {names}: {text}"
+    factor = difference.second.partition(" ")[0]
+    if difference.second.endswith("times that of A"):
+        yield f"to make A like B, multiply it by {factor} everywhere"
+        yield f"to make B like A, divide it by {factor} everywhere"
+
+
+def _lines(difference: Difference, sides: Sides, both: tuple[Member, Member, Aligned]) -> Iterator[str]:
+    one, two, seat = both
+    values = _values(difference, both)
+    for n, (side, other, member) in enumerate((("A", "B", one), ("B", "A", two))):
+        description, place = sides.descriptions[n], difference.place.partition(" ")[0]
+        called = member.joint if place == "joint" else member.name
+        head = f"to make {side} ({description.label}) like {other}, in {place} {called}"
+        parts = [name for name, body in member.parts if body.mass or body.tensor.any()]
+        if difference.cause in CHECKS and len(parts) > 1:
+            yield f"{head}, together with what is fixed to it ({', '.join(parts[:6])}): {difference.cause} {values[n]}"
+        elif n and difference.cause in FRAMED and _turned(sides, both):
+            continue  # the number would be one in A's frames
+        elif difference.cause == "zero of coordinate" and not n:
+            yield f"{head}, turn or shift the joint's frame along its axis by {values[n]} {difference.unit}, and the limits back"
+        elif text := written(description.format, _named(difference.cause, seat, n), values[n]):
+            yield f"{head}: {text}"
+
+
+def _turned(sides: Sides, both: tuple[Member, Member, Aligned]) -> bool:
+    """Return True if a frame of the member or of its carrier stands elsewhere in B."""
+    carrier = sides.seats.get(both[0].parent)
+    return any(not _same_frame(seat) for seat in (both[2], carrier) if seat is not None)
+
+
+def _same_frame(seat: Aligned) -> bool:
+    off = max(np.abs(seat.frame.position).max(), np.abs(seat.frame.rotation - np.eye(3)).max())
+    return bool(off <= SAME) and seat.sign > 0 and not seat.offset
+
+
+def _named(cause: str, seat: Aligned, side: int) -> str:
+    """The cause as a side calls it: B's lower limit is A's upper one where the coordinate counts the other way."""
+    if side and seat.sign < 0 and cause in ("lower limit", "upper limit"):
+        return "upper limit" if cause == "lower limit" else "lower limit"
+    return cause
+
+
+def _values(difference: Difference, both: tuple[Member, Member, Aligned]) -> tuple[str, str]:
+    """Return the value of B in A's frame and coordinate, and that of A in B's."""
+    one, _, seat = both
+    cause, back = difference.cause, inverse(seat.frame)
+    there = moved(back, one.inertia)
+    if cause == "centre of mass":
+        return difference.second, _text(there.com)
+    if cause == "inertia tensor":
+        return difference.second, _text(there.tensor[np.triu_indices(3)])
+    if cause == "joint axis":
+        return difference.second, _text(seat.sign * back.rotation @ one.axis)
+    if cause in ("lower limit", "upper limit") and difference.first != "none":
+        return difference.second, f"{seat.sign * (float(difference.first) - seat.offset):.9g}"
+    return difference.second, difference.first
+
+
+def _text(numbers: Array) -> str:
+    return " ".join(f"{x:.9g}" for x in np.where(np.abs(numbers) < NOISE, 0.0, numbers))
 
 
 def written(kind: str, cause: str, value: str) -> str:
     """Return a format's words for a quantity [any unit]; "" where it has none."""
-    if not value or value == "none":
+    if not value or value == "none" or kind not in ("urdf", "mjcf"):
         return ""
     if cause == "inertia tensor":
-        numbers = value.split()
-        if kind == "urdf":
-            entries = " ".join(f'{name}="{x}"' for name, x in zip(INERTIAS, numbers, strict=True))
-            return f"<inertial> <inertia {entries}/>, along the axes of the link (origin rpy 0 0 0)"
-        numbers = [numbers[k] for k in (0, 3, 5, 1, 2, 4)]
-        return MJCF[cause].format(" ".join(numbers)) if kind == "mjcf" else ""
-    if cause == "orientation of joint":
-        return f'<origin rpy="{value.removesuffix(" rpy")}" .../>' if kind == "urdf" else ""
-    if cause == "sign of coordinate":
-        return (
-            '<axis xyz="..."/> with the opposite sign (and limits exchanged with it)'
-            if kind in ("urdf", "mjcf")
-            else ""
-        )
-    words = {"urdf": URDF, "mjcf": MJCF}.get(kind, {}).get(cause, "")
-    return words.format(value) if words else ""
+        pattern, order = TENSOR[kind]
+        numbers = [value.split()[k] for k in order]
+        entries = [f'{name}="{x}"' for name, x in zip(INERTIAS, numbers, strict=True)] if kind == "urdf" else numbers
+        return pattern.format(" ".join(entries))
+    words = {"urdf": URDF, "mjcf": MJCF}[kind].get(cause, "")
+    return words.format(value.removesuffix(" rpy")) if words else ""

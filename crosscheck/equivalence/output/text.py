@@ -24,6 +24,7 @@ def text(found: Comparison) -> str:
         if group:
             lines += [f"{title}:", *(f"  {line(d)}" for d in group)]
     lines += [*rounding(found), repaired(found)]
+    lines += [found.suspects] if found.suspects else []
     for place, written in found.advice:
         lines += [f"{place}:", *(f"  {w}" for w in written)]
     lines += [f"note: {note}" for note in found.notes]
@@ -65,25 +66,26 @@ def markdown(found: Comparison) -> str:
 
 
 def _markdown(found: Comparison) -> Iterator[str]:
-    yield f"## {'✓' if found.equal else '✗'} {_cell(found.sentence)}"
+    yield f"## {'✓' if found.equal else '✗'} {cell(found.sentence)}"
     yield ""
-    yield f"A: `{found.first}` · B: `{found.second}` · joints matched: {_cell(found.matched)}"
+    yield f"A: `{found.first}` · B: `{found.second}` · joints matched: {cell(found.matched)}"
     for name, title in GROUPS:
         group: tuple[Difference, ...] = getattr(found.judged, name)
         if group:
             yield from ("", f"### {title}", "", *_table(group))
     yield ""
-    yield from (f"{_cell(words)}\n" for words in [*rounding(found), repaired(found)])
+    yield from (f"{cell(words)}\n" for words in [*rounding(found), repaired(found)])
     if found.advice:
         yield "### What to write"
         yield ""
+        yield f"{found.suspects}\n" if found.suspects else ""
     for place, written in found.advice:
-        yield f"* {_cell(place)}"
+        yield f"* {cell(place)}"
         yield from (f"  * {_code(words)}" for words in written)
-    yield from (f"* note: {_cell(note)}" for note in found.notes)
+    yield from (f"* note: {cell(note)}" for note in found.notes)
     for side, lines in found.dropped:
-        yield f"\n<details><summary>what the mechanism of {_cell(side)} leaves out</summary>\n"
-        yield from (f"* {_cell(words)}" for words in lines)
+        yield f"\n<details><summary>what the mechanism of {cell(side)} leaves out</summary>\n"
+        yield from (f"* {cell(words)}" for words in lines)
         yield "\n</details>"
 
 
@@ -95,11 +97,11 @@ def _table(group: Iterable[Difference]) -> Iterator[str]:
         cells = [
             f"{WORDS[d.family]}: {d.cause}", d.place, d.first, d.second, f"{d.size:.6g} {d.unit}", effect, "; ".join(d.hints)
         ]  # fmt: skip
-        yield "| " + " | ".join(map(_cell, cells)) + " |"
+        yield "| " + " | ".join(map(cell, cells)) + " |"
 
 
-def _cell(words: str) -> str:
-    """Text that is no Markdown and no HTML."""
+def cell(words: str) -> str:
+    """Return text as text: nothing in it is Markdown or HTML."""
     for sign in "\\`*_[]|":
         words = words.replace(sign, "\\" + sign)
     return " ".join(words.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;").split())
@@ -107,4 +109,4 @@ def _cell(words: str) -> str:
 
 def _code(words: str) -> str:
     before, colon, code = words.partition(": ")
-    return f"{_cell(before)}: `{code.replace('`', ' ')}`" if colon else _cell(words)
+    return f"{cell(before)}: `{code.replace('`', ' ')}`" if colon and code.startswith("<") else cell(words)

@@ -206,3 +206,18 @@ def test_a_body_without_joints_is_compared_by_its_numbers(tmp_path: Path) -> Non
         (tmp_path / name).write_text(base.replace("4.125", mass))
     assert compare(tmp_path / "a.urdf", tmp_path / "a.urdf").equal
     assert [d.cause for d in compare(tmp_path / "a.urdf", tmp_path / "b.urdf").judged.unseen] == ["mass"]
+
+
+def test_the_same_number_in_several_joints_is_one_difference(tmp_path: Path) -> None:
+    """Damping of 0.5 in four joints that have none: one line, and what to write in each; in two of them: two lines."""
+    plain = ARM.replace('<dynamics damping="0.3" friction="0.1"/>', "").replace('type="prismatic"', 'type="revolute"')
+    (tmp_path / "a.urdf").write_text(plain)
+    for count, name in ((2, "two.urdf"), (4, "four.urdf")):
+        (tmp_path / name).write_text(plain.replace("<limit", '<dynamics damping="0.5"/><limit', count))
+    two, four = (compare(tmp_path / "a.urdf", tmp_path / name) for name in ("two.urdf", "four.urdf"))
+    assert sorted(d.place for d in two.differences) == ["joint elbow", "joint shoulder"]
+    assert [sorted(d.place.replace(",", "").split()) for d in four.differences] == [
+        ["elbow", "grip", "grip_mirror", "joints", "shoulder"]
+    ]
+    assert four.judged.after <= REPAIRED
+    assert any("in each of the joints" in line for _, lines in four.advice for line in lines)

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from arm_texts import ARM, arm
 from click.testing import CliRunner
+from lint_campaign import table
 
 from crosscheck.cli import main
 from crosscheck.linting.lint import lint
@@ -35,6 +36,9 @@ WRONG = {
     "no effort": ((ELBOW, ELBOW.replace('effort="30"', 'effort="0"')), "limit", "joint elbow", "nothing"),
     "axis of zero": (('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>'), "axis", "joint elbow", "direction"),
     "long axis": (('<axis xyz="0 0 1"/>', '<axis xyz="0 0 2"/>'), "axis", "joint elbow", "normalise"),
+    "gear in words": (("</robot>", '<transmission name="t"><type>Simple</type><joint name="elbow"/><actuator name="a">'
+        '<mechanicalReduction>reduction</mechanicalReduction></actuator></transmission></robot>'),
+        "transmission", "transmission t", "refuse"),
     "twice": (('link name="lower"', 'link name="upper"'), "name", "link 'upper'", "refuse"),
     "loop": (('<child link="finger"/>', '<child link="upper"/>'), "tree", "link upper", "loops"),
     "no such link": (('<child link="finger"/>', '<child link="thumb"/>'), "tree", "joint grip", "no such link"),
@@ -106,3 +110,57 @@ def test_the_command_says_what_it_found_and_leaves_with_its_code(tmp_path: Path)
     assert json.loads(run.output)[0]["findings"][0]["check"] == "mass"
     assert b"<failure" in (tmp_path / "j.xml").read_bytes()
     assert CliRunner().invoke(main, ["lint", str(tmp_path / "none.urdf")]).exit_code == 2
+
+
+def shaped(folder: Path, inertial: str, shape: str) -> list[str]:
+    """The checks that speak of shapes, for the arm whose upper link is another one."""
+    start, end = ARM.index('<link name="upper">'), ARM.index('<link name="lower">')
+    drawn = f'<visual><origin xyz="0 0 0.15"/><geometry>{shape}</geometry></visual>'
+    link = f'<link name="upper"><inertial>{inertial}</inertial>{drawn}</link>'
+    (folder / "arm.urdf").write_text(ARM[:start] + link + ARM[end:])
+    return [
+        f.check for f in lint(folder / "arm.urdf").findings if f.check in ("centre outside", "moments of shape", "mesh")
+    ]
+
+
+ROD = (
+    '<origin xyz="0 0 0.15"/><mass value="3.25"/><inertia ixx="0.031" ixy="0" ixz="0" iyy="0.031" iyz="0" izz="0.004"/>'
+)
+OTHER_SIGN = ROD.replace("0 0 0.15", "0 0 -0.15")
+ABOUT_FRAME = ROD.replace('"0.031"', '"0.154"')  # + 3.25 kg (0.195 m)^2
+BOX = '<box size="0.1 0.1 0.3"/>'
+
+
+def test_shapes_tell_of_centres_and_moments(tmp_path: Path) -> None:
+    assert shaped(tmp_path, OTHER_SIGN, BOX) == ["centre outside"]
+    for shape in (BOX, '<cylinder radius="0.05" length="0.3"/>', '<sphere radius="0.15"/>'):
+        assert shaped(tmp_path, ROD, shape) == []
+        assert shaped(tmp_path, ABOUT_FRAME, shape) == ["moments of shape"]
+
+
+def test_meshes_are_read_and_their_units_seen(tmp_path: Path) -> None:
+    trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed (python -m pip install trimesh)")
+    trimesh.creation.box((0.1, 0.1, 0.3)).export(tmp_path / "upper.stl")
+    assert shaped(tmp_path, ROD, '<mesh filename="upper.stl"/>') == []
+    assert shaped(tmp_path, OTHER_SIGN, '<mesh filename="upper.stl"/>') == ["centre outside"]
+    assert shaped(tmp_path, ROD, '<mesh filename="upper.stl" scale="1000 1000 1000"/>') == ["mesh"]
+    (tmp_path / "upper.stl").write_bytes(b"no mesh at all")
+    assert shaped(tmp_path, OTHER_SIGN, '<mesh filename="upper.stl"/>') == []  # what is not read is not judged
+
+
+def test_a_table_of_findings_over_many_files(tmp_path: Path) -> None:
+    file = arm(tmp_path, ('value="3.25"', 'value="-3.25"'))
+    assert "| arm.urdf | 1 | 1 | mass, mimic |" in list(table([file], tmp_path))
+
+
+def test_the_page_shows_names_as_they_are(tmp_path: Path) -> None:
+    odd = [(f'{tag}="upper"', f'{tag}="up&lt;b&gt;per"') for tag in ("link name", "child link", "parent link")]
+    file = arm(tmp_path, *odd, ('value="3.25"', 'value="-3.25"'))
+    run = CliRunner().invoke(main, ["lint", str(file), "--out", str(tmp_path / "out")])
+    assert run.exit_code == 1
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert "up&lt;b&gt;per" in page
+    assert "<b>per" not in page
+    assert json.loads((tmp_path / "out" / "results.json").read_text())["files"][0]["clean"] is False
+    assert b"<failure" in (tmp_path / "out" / "junit.xml").read_bytes()
+    assert "up&lt;b&gt;per" in (tmp_path / "out" / "summary.md").read_text()

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from crosscheck.kit.tree import on
 from flexinv.model.mechanism import Array, Inertia, Placement
+
+
+def on(outer: Placement, inner: Placement) -> Placement:
+    """Return a frame that is stated in another one in the frame of that one [m]."""
+    return Placement(outer.position + outer.rotation @ inner.position, outer.rotation @ inner.rotation)
 
 
 def inverse(frame: Placement) -> Placement:

@@ -1,0 +1,137 @@
+"""Lift of Exudyn's kinematic trees in memory: ``KinematicTree66``, ``ObjectKinematicTree``, ``Robot``, a ``MainSystem``.
+
+    joints        one of Rx, Ry, Rz, Px, Py, Pz each, at the offset and with the rotation from the parent's joint frame
+    links         their frame is that of their joint; a robot's link stands at ``localHT`` behind it
+    inertia       about the centre of mass; of a ``KinematicTree66`` (6, 6) about the frame's origin, brought to the centre
+    names         Exudyn has none: joint 0, joint 1, ..., to be matched by structure
+
+Source: exudyn 1.13.6, kinematicTree.py, robotics/roboticsCore.py, ObjectKinematicTree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import exudyn as exu
+import numpy as np
+from exudyn.itemInterface import ObjectKinematicTree
+from exudyn.kinematicTree import KinematicTree66
+from exudyn.rigidBodyUtilities import T66toHT
+from exudyn.robotics import Robot
+
+from crosscheck.lifting.assembly import Between, assembled
+from crosscheck.lifting.description import Description
+from crosscheck.lifting.rigid import inverse, moved, on
+from flexinv.errors import InputError
+from flexinv.model.mechanism import WORLD, Inertia, Placement
+
+KINDS = {"R": "revolute", "P": "prismatic"}
+AXES = {"x": np.array([1.0, 0.0, 0.0]), "y": np.array([0.0, 1.0, 0.0]), "z": np.array([0.0, 0.0, 1.0])}
+WORDS = {"Revolute": "R", "Prismatic": "P"}
+READS = ()  # formats of files: none, models come in memory
+
+
+class Part(NamedTuple):
+    """A joint with its link: type such as Rz, number of the parent or -1, placement [m], inertia in the joint's frame."""
+
+    type: str
+    parent: int
+    placement: Placement
+    inertia: Inertia
+
+
+def lifts(source: Any) -> bool:
+    """Return True for a kinematic tree of Exudyn in memory."""
+    return isinstance(source, KinematicTree66 | ObjectKinematicTree | Robot | exu.MainSystem)
+
+
+def lift(source: Any, label: str = "") -> Description:
+    """Return the description of a tree in memory [m, kg, rad].  Raises InputError for a system without one tree."""
+    if not lifts(source):
+        raise InputError(
+            f"{source}: Exudyn reads no files of robots; give a kinematic tree, a Robot or a MainSystem in Python"
+        )
+    parts, gravity = _parts(source)
+    name = label or type(source).__name__
+    joints = [
+        Between(
+            f"joint {k}", KINDS[one.type[0]], f"link {one.parent}" if one.parent >= 0 else WORLD, f"link {k}",
+            one.placement, axis=AXES[one.type[1].lower()],
+        )
+        for k, one in enumerate(parts)
+    ]  # fmt: skip
+    bodies = {f"link {k}": one.inertia for k, one in enumerate(parts)}
+    return Description(name, assembled(name, bodies, joints, np.array(gravity, dtype=float), {}), "live", "exudyn")
+
+
+def _parts(source: Any) -> tuple[list[Part], Any]:
+    if isinstance(source, KinematicTree66):
+        return list(_of_tree66(source)), source.gravity
+    if isinstance(source, Robot):
+        return list(_of_robot(source)), source.gravity
+    told = _of_system(source) if isinstance(source, exu.MainSystem) else vars(source)
+    return list(_of_item(told)), told["gravity"]
+
+
+def _of_tree66(tree: Any) -> Iterator[Part]:
+    for k, kind in enumerate(tree.jointTypes):
+        back = np.asarray(T66toHT(np.asarray(tree.transformations[k])))  # child X parent: the parent in the child
+        about = np.asarray(tree.inertias[k])
+        mass = float(about[5, 5])
+        first = about[:3, 3:]  # m [c]x
+        com = np.array([first[2, 1], first[0, 2], first[1, 0]]) / (mass or 1.0)
+        tensor = about[:3, :3] - mass * (com @ com * np.eye(3) - np.outer(com, com))
+        at = inverse(Placement(back[:3, 3], back[:3, :3]))
+        yield Part(kind, int(tree.parents[k]), at, Inertia(mass, com, tensor))
+
+
+def _of_robot(robot: Any) -> Iterator[Part]:
+    behind = [_placement(link.localHT) for link in robot.links]
+    for k, link in enumerate(robot.links):
+        parent = int(robot.GetParentIndex(k)) if robot.HasParent(k) else -1
+        carrier = behind[parent] if parent >= 0 else _placement(robot.GetBaseHT())
+        own = Inertia(float(link.mass), np.array(link.COM, dtype=float), np.array(link.inertia, dtype=float))
+        yield Part(link.jointType, parent, on(carrier, _placement(link.preHT)), moved(behind[k], own))
+
+
+def _placement(transformation: Any) -> Placement:
+    full = transformation.HT44() if hasattr(transformation, "HT44") else transformation
+    pose = np.array(full, dtype=float)
+    return Placement(pose[:3, 3], pose[:3, :3])
+
+
+def _of_system(system: Any) -> dict[str, Any]:
+    count = system.systemData.NumberOfObjects()
+    trees = [told for k in range(count) if (told := system.GetObject(k))["objectType"] == "KinematicTree"]
+    if len(trees) != 1:
+        raise InputError(
+            f"a MainSystem with {len(trees)} kinematic trees: expected one; give the ObjectKinematicTree itself"
+        )
+    found: dict[str, Any] = trees[0]
+    return found
+
+
+def _of_item(told: dict[str, Any]) -> Iterator[Part]:
+    base = Placement(np.array(told.get("baseOffset", np.zeros(3)), dtype=float))
+    for k, kind in enumerate(told["jointTypes"]):
+        word = str(kind).rpartition(".")[2]
+        name = next((letter + word[-1].lower() for start, letter in WORDS.items() if word.startswith(start)), None)
+        if name is None:
+            raise InputError(f"joint {k} of the tree is {word}: expected Revolute or Prismatic about X, Y or Z")
+        parent = int(told["linkParents"][k])
+        at = _joint_frame(told, k)
+        own = [np.array(_listed(told[key])[k], dtype=float) for key in ("linkCOMs", "linkInertiasCOM")]
+        yield Part(name, parent, at if parent >= 0 else on(base, at), Inertia(float(told["linkMasses"][k]), *own))
+
+
+def _joint_frame(told: dict[str, Any], k: int) -> Placement:
+    if told.get("jointHTs") is not None and len(_listed(told["jointHTs"])):
+        return _placement(_listed(told["jointHTs"])[k])
+    offset, turn = (np.array(_listed(told[key])[k], dtype=float) for key in ("jointOffsets", "jointTransformations"))
+    return Placement(offset, turn)
+
+
+def _listed(items: Any) -> Any:
+    """Exudyn's lists of vectors and matrices as plain ones."""
+    return items.GetPythonObject() if hasattr(items, "GetPythonObject") else items

@@ -1,0 +1,151 @@
+"""Differences of closures: loops that only one description closes, and points and axes that stand elsewhere.
+
+Links have other names and frames in another file, and fixed ones are merged.  So both ends of a closure are put into the frames
+of the moving members that carry them: X and Y of its two frames at zero, B's mapped into A's.
+
+    spherical     the points of X and Y
+    revolute      their lines, and how far apart the points stand along them
+    fixed         X Y^-1: which frames are used to say it is a convention
+    others        both frames
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from crosscheck.equivalence.align import SAME, Aligned
+from crosscheck.equivalence.difference import Difference
+from crosscheck.equivalence.tree import Tree
+from crosscheck.lifting.rigid import angle, between, inverse, on
+from flexinv.model.mechanism import WORLD, Array, Attachment, Closure, Mechanism, Placement
+
+
+@dataclass(frozen=True)
+class Tied:
+    """A closure between two members of A, "" the world: kind, and its frames there [m]; axis (3,) [-] in both frames."""
+
+    kind: str
+    joints: tuple[str, str]
+    first: Placement
+    second: Placement
+    axis: Array
+    links: tuple[str, str]
+
+    @property
+    def key(self) -> tuple[str, tuple[str, str]]:
+        """Return kind and joints [-], which have to agree for two of them to be compared."""
+        return self.kind, self.joints
+
+    @property
+    def place(self) -> str:
+        """Return the closure in words."""
+        return f"{self.kind} closure of links {' and '.join(self.links)}"
+
+
+@dataclass(frozen=True)
+class Side:
+    """A mechanism and its tree; joints by which A calls them; frames : of a member in A's, by joint of A [m]."""
+
+    mechanism: Mechanism
+    tree: Tree
+    names: Mapping[str, str]
+    frames: Mapping[str, Placement]
+
+
+def loop_differences(
+    mechanisms: tuple[Mechanism, Mechanism],
+    trees: tuple[Tree, Tree],
+    pairs: Mapping[str, str],
+    seats: Mapping[str, Aligned],
+    size: float,
+) -> Iterator[Difference]:
+    """Yield loops that only one closes [-], and those of both whose points or axes differ [m], [rad].
+
+    mechanisms, trees : of both, not reduced; pairs : joints of A by those of B; seats : alignment by joint of A; size : [m]
+    """
+    frames = {joint: seat.frame for joint, seat in seats.items()}
+    own = {joint: joint for joint in pairs}
+    back = {theirs: ours for ours, theirs in pairs.items()}
+    ours = list(_tied(Side(mechanisms[0], trees[0], own, {})))
+    theirs = list(_tied(Side(mechanisms[1], trees[1], back, frames)))
+    for one in ours:
+        like = [other for other in theirs if other.key == one.key]
+        if not like:
+            yield _alone("A", one)
+            continue
+        nearest = min(like, key=lambda other: sum(_gaps(one, other)))
+        theirs.remove(nearest)
+        yield from _compared(one, nearest, size)
+    for other in theirs:
+        yield _alone("B", other)
+
+
+def _alone(side: str, one: Tied) -> Difference:
+    a, b = (one.place, "none") if side == "A" else ("none", one.place)
+    return Difference("rigid", f"loop that only {side} closes", one.place, 1.0, "-", a, b, structural=True)
+
+
+def _compared(one: Tied, other: Tied, size: float) -> Iterator[Difference]:
+    way, turn = _gaps(one, other)
+    if way > SAME * size:
+        shown = [" and ".join(map(_point, (tied.first, tied.second))) for tied in (one, other)]
+        yield Difference("rigid", "point of closure", one.place, way, "m", shown[0], shown[1])
+    if turn > SAME:
+        yield Difference("rigid", "axis of closure", one.place, turn, "rad", "", "")
+
+
+def _point(end: Placement) -> str:
+    return " ".join(f"{x:.9g}" for x in end.position)
+
+
+def _gaps(one: Tied, other: Tied) -> tuple[float, float]:
+    """Distance [m] and angle [rad] by which two closures of one kind differ."""
+    if one.kind == "fixed":
+        ways = [on(tied.first, inverse(tied.second)) for tied in (one, other)]
+        apart = between(*ways)
+        return float(np.linalg.norm(apart.position)), angle(apart.rotation)
+    ends = ((one.first, other.first), (one.second, other.second))
+    gaps = [b.position - a.position for a, b in ends]
+    if one.kind == "spherical":
+        return max(float(np.linalg.norm(gap)) for gap in gaps), 0.0
+    if one.kind != "revolute":
+        return max(float(np.linalg.norm(gap)) for gap in gaps), max(angle(a.rotation.T @ b.rotation) for a, b in ends)
+    lines = [(a.rotation @ one.axis, b.rotation @ other.axis) for a, b in ends]
+    sign = 1.0 if lines[0][0] @ lines[0][1] >= 0.0 else -1.0  # a line may be said by either of its directions
+    along = [float(gap @ u) for gap, (u, _) in zip(gaps, lines, strict=True)]
+    off = [float(np.linalg.norm(np.cross(u, gap))) for gap, (u, _) in zip(gaps, lines, strict=True)]
+    turns = [float(np.arctan2(np.linalg.norm(np.cross(u, w)), sign * (u @ w))) for u, w in lines]
+    return max(*off, abs(along[0] - along[1])), max(turns)
+
+
+def _tied(side: Side) -> Iterator[Tied]:
+    """Closures of one side, each with its ends in A's frames, the joint that comes first in the alphabet first."""
+    poses, number = side.tree.poses(), {member.name: k for k, member in enumerate(side.tree.members)}
+    for closure in side.mechanism.closures:
+        if closure.kind == "coupling":
+            continue
+        ends = [_seated(side, poses, number, at) for at in (closure.first, closure.second)]
+        yield _ordered(closure, ends)
+
+
+def _ordered(closure: Closure, ends: list[tuple[str, Placement]]) -> Tied:
+    links = (closure.first.link, closure.second.link)
+    if ends[1][0] < ends[0][0]:
+        ends, links = ends[::-1], links[::-1]
+    return Tied(closure.kind, (ends[0][0], ends[1][0]), ends[0][1], ends[1][1], closure.axis, links)
+
+
+def _seated(side: Side, poses: list[Placement], number: Mapping[str, int], at: Attachment) -> tuple[str, Placement]:
+    """The matched joint of A that carries an attachment, "" for the world, and its frame in that member of A [m]."""
+    k = -1 if at.link == WORLD else number[at.link]
+    place = at.placement if k < 0 else on(poses[k], at.placement)
+    while k >= 0 and side.tree.members[k].joint not in side.names:
+        k = side.tree.members[k].parent
+    if k < 0:
+        return "", place
+    joint = side.names[side.tree.members[k].joint]
+    within = between(poses[k], place)
+    return joint, on(side.frames[joint], within) if joint in side.frames else within

@@ -1,0 +1,166 @@
+"""Assembly of a mechanism from bodies with frames of their own, and joints that stand somewhere on both of their bodies.
+
+Readers of SDF and USD, and most models in memory, tell bodies and joints in any order, joints also from the child to the parent,
+and joints that close loops.  Here they become a tree whose link frames sit at the joints, and closures:
+
+    X_PF, X_CM    the joint's frames on the bodies that it joins; the mechanism's link frame of C is M, its joint's placement in
+                  the link frame of P is  X_PM^-1 X_PF
+    reversed      a joint whose child is nearer to the world turns about -axis, so that its coordinate stays what it was
+    loose         a body that no joint leads to hangs on the world by a free joint, where it stands
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from crosscheck.lifting.rigid import inverse, moved, on
+from flexinv.errors import InputError
+from flexinv.model.mechanism import (
+    CLOSURES,
+    WORLD,
+    Array,
+    Attachment,
+    Body,
+    Closure,
+    Inertia,
+    Joint,
+    Link,
+    Mechanism,
+    Placement,
+)  # fmt: skip
+
+Bodies = Mapping[str, Inertia]
+
+
+@dataclass(frozen=True)
+class Between:
+    """A joint between two bodies, WORLD one of them perhaps.
+
+    on_parent, on_child : its frame on each [m]; axis, second_axis : (3,) [-] in that frame
+    own : further fields of a `Joint` (limits, damping [N m s], ...); closes : it is stated to close a loop
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    on_parent: Placement = field(default_factory=Placement)
+    on_child: Placement = field(default_factory=Placement)
+    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    second_axis: Array = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
+    own: Mapping[str, Any] = field(default_factory=dict)
+    closes: bool = False
+
+    @property
+    def turned(self) -> Between:
+        """Return the same joint from its child to its parent; its coordinate stays what it was [rad], [m]."""
+        if self.kind == "universal":
+            raise InputError(
+                f"joint {self.name!r}: a universal joint is stated from the wrong end; exchange its bodies"
+            )
+        return replace(
+            self,
+            parent=self.child,
+            child=self.parent,
+            on_parent=self.on_child,
+            on_child=self.on_parent,
+            axis=-self.axis,
+        )
+
+
+def assembled(
+    label: str, bodies: Bodies, joints: Iterable[Between], gravity: Array, poses: Mapping[str, Placement]
+) -> Mechanism:
+    """Return the mechanism of bodies and joints [m, kg, rad], what closes loops as closures.
+
+    bodies : inertia of each in its own frame [kg, m, kg m^2]; gravity : (3,) [m/s^2]
+    joints : those that are stated to close a loop do
+    poses : where bodies stand that no joint leads to, in the world [m]
+    Raises InputError for a loop that a joint closes for which there is no closure.
+    """
+    every = list(joints)
+    waiting, spare = [one for one in every if not one.closes], [one for one in every if one.closes]
+    frames: dict[str, Placement] = {WORLD: Placement()}
+    made: list[Joint] = []
+    stack = [WORLD]
+    loose = [name for name in bodies if not any(name == one.child for one in waiting)]
+    loose += [name for name in bodies if name not in loose]
+    while stack or waiting or any(name not in frames for name in loose):
+        if not stack:
+            root = next((name for name in loose if name not in frames), None)
+            if root is None:
+                break
+            frames[root] = Placement()
+            made.append(_free(root, poses.get(root, Placement()), {one.name for one in waiting}))
+            stack = [root]
+        carrier = stack.pop()
+        touching = [one for one in waiting if carrier in (one.parent, one.child)]
+        waiting = [one for one in waiting if one not in touching]
+        reached = []
+        for one in touching:
+            ordered = one if one.parent == carrier else one.turned
+            if ordered.child in frames:
+                spare.append(one)
+                continue
+            frames[ordered.child] = ordered.on_child
+            made.append(_joint(ordered, frames[carrier]))
+            reached.append(ordered.child)
+        stack += reached[::-1]
+    links = tuple(_link(joint.child, bodies[joint.child], frames[joint.child]) for joint in _depth_first(made))
+    closures = tuple(_closure(one, frames) for one in spare)
+    return Mechanism(label, links, _depth_first(made), gravity=gravity, closures=closures)
+
+
+def _free(body: str, pose: Placement, names: set[str]) -> Joint:
+    name = "root_joint"
+    while name in names:
+        name += "_"
+    return Joint(name if body == "" else f"{name} {body}", "free", WORLD, body, pose, actuated=False)
+
+
+def _joint(one: Between, carrier: Placement) -> Joint:
+    at = on(inverse(carrier), one.on_parent)
+    own = dict(one.own)
+    if one.kind not in ("revolute", "prismatic", "continuous", "helical"):
+        own.pop("limits", None)
+    return Joint(
+        one.name, one.kind, one.parent, one.child, at, axis=one.axis, second_axis=one.second_axis,
+        actuated=one.kind not in ("fixed", "free"), **own,
+    )  # fmt: skip
+
+
+def _link(name: str, body: Inertia, frame: Placement) -> Link:
+    if not body.mass and not body.tensor.any():
+        return Link(name)
+    return Link(name, (Body(name, moved(inverse(frame), body)),))
+
+
+def _closure(one: Between, frames: Mapping[str, Placement]) -> Closure:
+    kind = "revolute" if one.kind == "continuous" else one.kind
+    if kind not in CLOSURES:
+        raise InputError(
+            f"joint {one.name!r} closes a loop, and no closure is {one.kind}; known: {', '.join(CLOSURES)}"
+        )
+    ends = [
+        Attachment(body, on(inverse(frames[body]), at))
+        for body, at in ((one.parent, one.on_parent), (one.child, one.on_child))
+    ]
+    return Closure(one.name, kind, ends[0], ends[1], axis=one.axis, second_axis=one.second_axis)
+
+
+def _depth_first(joints: list[Joint]) -> tuple[Joint, ...]:
+    """Joints parents first, the subtree of each before its next sibling."""
+    children: dict[str, list[Joint]] = {}
+    for joint in joints:
+        children.setdefault(joint.parent, []).append(joint)
+    ordered: list[Joint] = []
+    stack = children.get(WORLD, [])[::-1]
+    while stack:
+        joint = stack.pop()
+        ordered.append(joint)
+        stack += children.get(joint.child, [])[::-1]
+    return tuple(ordered)

@@ -1,0 +1,272 @@
+"""USD by the reader of its authors (package usd-core): the bodies, masses and joints of UsdPhysics as a mechanism.
+
+    bodies        prims with RigidBodyAPI; their frame is the prim's, without its scale, which lengths are multiplied with
+    masses        as `ComputeMassProperties` of UsdPhysics gives them: what MassAPI states, else density and shapes
+    joints        revolute, prismatic, spherical, fixed; limits of revolute ones are in degrees; a joint that is excluded from
+                  the articulation closes a loop
+    armature      ``physxJoint:armature``, ``newton:armature``, ``mjc:armature``; the last two also damping and friction
+    drives        DriveAPI states gains of a controller, per degree: they are told, and are no part of a mechanism
+    units         of the stage: metersPerUnit, kilogramsPerUnit; a stage whose up axis is Y is turned to Z
+
+Source: https://openusd.org/release/api/usd_physics_page_front.html
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crosscheck.lifting.assembly import Between, assembled
+from crosscheck.lifting.description import Description
+from crosscheck.lifting.rigid import between, on, turned
+from flexinv.errors import InputError
+from flexinv.model.mechanism import WORLD, Array, Inertia, Limits, Placement
+
+PACKAGE = "usd-core"
+AXES = {"X": np.array([1.0, 0.0, 0.0]), "Y": np.array([0.0, 1.0, 0.0]), "Z": np.array([0.0, 0.0, 1.0])}
+EARTH = 9.81  # [m/s^2], what a scene without a magnitude means
+SINGLE = float(np.finfo(np.float32).eps)
+PASSIVE = {
+    "rotor_inertia": ("physxJoint:armature", "newton:armature", "mjc:armature"),
+    "damping": ("newton:damping", "mjc:damping"),
+    "friction": ("newton:friction", "mjc:frictionloss"),
+}
+DEGREE = np.pi / 180
+
+
+def reads_usd() -> bool:
+    """Return True if usd-core is installed."""
+    return importlib.util.find_spec("pxr") is not None
+
+
+def lift_usd(path: Path) -> Description:
+    """Return the mechanism of a USD stage [m, kg, rad] and what it drops.  Raises InputError."""
+    from pxr import Tf, Usd  # an extra, and 30 MB: loaded when a stage is read
+
+    try:
+        stage = Usd.Stage.Open(str(path))
+    except Tf.ErrorException as error:
+        raise InputError(f"{path}: USD refuses it: {_words(error)}") from None
+    return _Stage(stage, path).description()
+
+
+def _words(error: Exception) -> str:
+    return " ".join(str(error).split())[:300]
+
+
+@dataclass
+class _Stage:
+    """One stage: its units, bodies by prim path and what is dropped on the way."""
+
+    stage: Any
+    path: Path
+    dropped: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        from pxr import UsdGeom, UsdPhysics
+
+        self.meter = float(UsdGeom.GetStageMetersPerUnit(self.stage))
+        self.kilogram = float(UsdPhysics.GetStageKilogramsPerUnit(self.stage))
+        self.up = UsdGeom.GetStageUpAxis(self.stage)
+        self.world = turned(AXES["X"], np.pi / 2) if self.up == "Y" else np.eye(3)
+        self.cache = UsdGeom.XformCache()
+        bodies = [p for p in self.stage.Traverse() if p.HasAPI(UsdPhysics.RigidBodyAPI) and _enabled(p)]
+        short = [p.GetName() for p in bodies]
+        self.names = {
+            p.GetPath(): p.GetName() if short.count(p.GetName()) == 1 else str(p.GetPath()).lstrip("/") for p in bodies
+        }
+
+    def description(self) -> Description:
+        """Return the description of the stage [m, kg, rad]."""
+        from pxr import UsdPhysics
+
+        if not self.names:
+            raise InputError(
+                f"{self.path}\n  given:    a stage without bodies\n  expected: prims with PhysicsRigidBodyAPI\n"
+                "  write:    the file with the physics, if this one holds shapes only"
+            )
+        if self.up == "Y":
+            self.dropped.append("up axis Y: the world is turned so that Z is up")
+        bodies = {name: self.inertia(self.stage.GetPrimAtPath(path)) for path, name in self.names.items()}
+        poses = {name: self.pose(self.stage.GetPrimAtPath(path))[0] for path, name in self.names.items()}
+        joints = [self.joint(p) for p in self.stage.Traverse() if p.IsA(UsdPhysics.Joint) and _on(p)]
+        gravity, stated = self.gravity()
+        label = self.path.name
+        mechanism = assembled(label, bodies, [j for j in joints if j is not None], gravity, poses)
+        return Description(
+            label, mechanism, "usd", "usd-core", {}, tuple(self.dropped), file=self.path, gravity_stated=stated,
+            precision=SINGLE,  # its vectors and masses are single precision
+        )  # fmt: skip
+
+    def pose(self, prim: Any) -> tuple[Placement, Array]:
+        """Return a prim's frame in the world [m], and its scale (3,) [-]."""
+        matrix = np.array(self.cache.GetLocalToWorldTransform(prim))
+        scale = np.linalg.norm(matrix[:3, :3], axis=1)
+        rotation = (matrix[:3, :3] / scale[:, None]).T
+        return Placement(self.world @ matrix[3, :3] * self.meter, self.world @ rotation), scale
+
+    def inertia(self, prim: Any) -> Inertia:
+        """Return mass [kg], centre [m] and tensor [kg m^2] of a body, in its frame."""
+        stated = [prim.GetAttribute(f"physics:{key}").Get() for key in ("mass", "diagonalInertia", "centerOfMass")]
+        mass, moments, com = (np.zeros(3) if value is None else np.array(value, dtype=float) for value in stated)
+        turn = _rotation(prim.GetAttribute("physics:principalAxes").Get())
+        there = {
+            "mass": mass.any(),
+            "inertia": moments.any(),
+            "centre": stated[2] is not None and np.isfinite(com).all(),
+        }
+        missing = [key for key, known in there.items() if not known]
+        if missing:
+            mass, moments, com, turn = self.computed(prim, missing, turn)
+        unit = self.kilogram * self.meter**2
+        tensor = turn @ np.diag(moments) @ turn.T
+        scale = self.pose(prim)[1]
+        return Inertia(float(np.ravel(mass)[0]) * self.kilogram, com * scale * self.meter, unit * tensor)
+
+    def computed(self, prim: Any, missing: list[str], turn: Array) -> tuple[Any, Array, Array, Array]:
+        """Return mass, moments, centre and axes as UsdPhysics computes them from what is stated and from shapes."""
+        from pxr import UsdPhysics
+
+        from crosscheck.lifting.usd_shapes import mass_of_shape
+
+        shapes: list[Any] = []
+
+        def measured(shape: Any) -> Any:
+            shapes.append(shape)
+            return mass_of_shape(shape, prim, self.cache)
+
+        found = UsdPhysics.RigidBodyAPI(prim).ComputeMassProperties(measured)
+        mass, moments, com = found[0], np.array(found[1], dtype=float), np.array(found[2], dtype=float)
+        if not shapes and ("mass" in missing or "inertia" in missing):
+            raise InputError(
+                f"{self.path}\n  given:    body {prim.GetName()!r} without {' and '.join(missing)}, and without colliders\n"
+                "  expected: a mass and moments of inertia\n  write:    physics:mass, physics:diagonalInertia"
+            )
+        return mass, moments, com, _rotation(found[3]) if "inertia" in missing else turn
+
+    def joint(self, prim: Any) -> Between | None:
+        """Return a joint between two bodies; None, with a line on what is dropped, for one that ties none."""
+        from pxr import UsdPhysics
+
+        name, kind = prim.GetName(), prim.GetTypeName().removeprefix("Physics").removesuffix("Joint").lower()
+        kind, word = self.free_axes(prim) if kind == "" else (kind, prim.GetAttribute("physics:axis").Get() or "Z")
+        if kind not in ("revolute", "prismatic", "spherical", "fixed"):
+            raise InputError(
+                f"{self.path}\n  given:    joint {name!r} of type {prim.GetTypeName()} {kind}\n"
+                "  expected: a revolute, prismatic, spherical or fixed joint\n"
+                "  write:    its free axes as revolute and prismatic joints, one after the other"
+            )
+        joint = UsdPhysics.Joint(prim)
+        first, second = self.end(joint, 0), self.end(joint, 1)
+        if first[0] == second[0]:
+            self.dropped.append(f"joint {name}: both of its ends are on {first[0]}")
+            return None
+        own = self.drive(prim, kind, word) if kind in ("revolute", "prismatic") else {}
+        closes = bool(joint.GetExcludeFromArticulationAttr().Get())
+        return Between(name, kind, *(first[0], second[0]), first[1], second[1], AXES[word], own=own, closes=closes)
+
+    def free_axes(self, prim: Any) -> tuple[str, str]:
+        """Return kind and axis of a joint of six axes, from those that its limits do not lock (low above high) [-]."""
+        free = [f"{way}{axis}" for way in ("trans", "rot") for axis in AXES if self._moves(prim, f"{way}{axis}")]
+        if len(free) == 1:
+            return ("revolute" if free[0].startswith("rot") else "prismatic"), free[0][-1]
+        return {(): "fixed", ("rotX", "rotY", "rotZ"): "spherical"}.get(
+            tuple(free), f"with free {', '.join(free)}"
+        ), "Z"
+
+    def _moves(self, prim: Any, axis: str) -> bool:
+        low, high = (prim.GetAttribute(f"limit:{axis}:physics:{end}").Get() for end in ("low", "high"))
+        return low is None or high is None or low <= high
+
+    def end(self, joint: Any, which: int) -> tuple[str, Placement]:
+        """Return the body of one end of a joint, and the joint's frame there [m]."""
+        targets = (joint.GetBody0Rel() if which == 0 else joint.GetBody1Rel()).GetTargets()
+        place, turn = (joint.GetPrim().GetAttribute(f"physics:{key}{which}").Get() for key in ("localPos", "localRot"))
+        prim = self.stage.GetPrimAtPath(targets[0]) if targets else None
+        if prim is None or not prim.IsValid():
+            return WORLD, Placement(
+                self.world @ np.array(place, dtype=float) * self.meter, self.world @ _rotation(turn)
+            )
+        frame, scale = self.pose(prim)
+        local = Placement(np.array(place, dtype=float) * scale * self.meter, _rotation(turn))
+        while prim.IsValid() and prim.GetPath() not in self.names and not prim.IsPseudoRoot():
+            prim = prim.GetParent()
+        if prim.GetPath() not in self.names:
+            return WORLD, on(frame, local)
+        return self.names[prim.GetPath()], on(between(self.pose(prim)[0], frame), local)
+
+    def drive(self, prim: Any, kind: str, axis: str) -> dict[str, Any]:
+        """Return limits [rad], [m] and passive numbers of a joint; gains of its drive are dropped."""
+        unit = DEGREE if kind == "revolute" else self.meter
+        turn, keys = ("angular" if kind == "revolute" else "linear"), ("physics:lowerLimit", "physics:upperLimit")
+        if prim.GetTypeName() == "PhysicsJoint":
+            turn = f"{'rot' if kind == 'revolute' else 'trans'}{axis}"
+            keys = (f"limit:{turn}:physics:low", f"limit:{turn}:physics:high")
+        stated = [prim.GetAttribute(key).Get() for key in keys]
+        low, high = (end if value is None else value for value, end in zip(stated, (-np.inf, np.inf), strict=True))
+        force = self.kilogram * self.meter ** (2 if kind == "revolute" else 1)
+        effort = np.inf
+        if prim.HasAttribute(f"drive:{turn}:physics:stiffness") or prim.HasAttribute(f"drive:{turn}:physics:damping"):
+            gains = [prim.GetAttribute(f"drive:{turn}:physics:{key}").Get() or 0.0 for key in ("stiffness", "damping")]
+            told = [f"{float(gain) * force / unit:.6g}" for gain in gains]
+            words = f"stiffness {told[0]}, damping {told[1]} per {'radian' if kind == 'revolute' else 'metre'}"
+            self.dropped.append(f"drive of joint {prim.GetName()}: {words} are gains of a controller")
+            most = prim.GetAttribute(f"drive:{turn}:physics:maxForce").Get()
+            effort = np.inf if most is None or not np.isfinite(most) or most <= 0 else float(most) * force
+        limits = Limits(effort, np.inf, *(float(x) * unit if np.isfinite(x) else float(x) for x in (low, high)))
+        return {"limits": limits, **dict(self.passive(prim))}
+
+    def passive(self, prim: Any) -> Iterator[tuple[str, float]]:
+        """Yield armature [kg m^2], damping [N m s/rad] and friction [N m] where an engine's own attribute states them."""
+        for name, keys in PASSIVE.items():
+            stated = [v for key in keys if prim.HasAttribute(key) and (v := prim.GetAttribute(key).Get())]
+            if stated:
+                yield name, float(np.ravel(stated[0])[0]) * self.kilogram * self.meter**2
+
+    def gravity(self) -> tuple[Array, bool]:
+        """Return gravity (3,) [m/s^2] as the scene states it, and whether there is a scene that does."""
+        from pxr import UsdPhysics
+
+        scenes = [p for p in self.stage.Traverse() if p.IsA(UsdPhysics.Scene)]
+        down = -AXES[self.up]
+        if not scenes:
+            return self.world @ down * EARTH, False
+        scene = UsdPhysics.Scene(scenes[0])
+        along = np.array(scene.GetGravityDirectionAttr().Get(), dtype=float)
+        size = float(scene.GetGravityMagnitudeAttr().Get())
+        length = float(np.linalg.norm(along))
+        pull = size * self.meter if np.isfinite(size) and size >= 0 else EARTH
+        return self.world @ (along / length if length else down) * pull, True
+
+
+def _enabled(prim: Any) -> bool:
+    value = prim.GetAttribute("physics:rigidBodyEnabled").Get()
+    return value is None or bool(value)
+
+
+def _on(prim: Any) -> bool:
+    value = prim.GetAttribute("physics:jointEnabled").Get()
+    return value is None or bool(value)
+
+
+def _rotation(quaternion: Any) -> Array:
+    """The rotation (3, 3) [-] of one of Gf's quaternions; of none, or of zeros, which mean that, the identity."""
+    if quaternion is None:
+        return np.eye(3)
+    w, (x, y, z) = float(quaternion.GetReal()), (float(c) for c in quaternion.GetImaginary())
+    size = np.sqrt(w * w + x * x + y * y + z * z)
+    if size == 0.0:
+        return np.eye(3)
+    w, x, y, z = (c / size for c in (w, x, y, z))
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )

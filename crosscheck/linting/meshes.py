@@ -1,0 +1,145 @@
+"""Findings in the shapes of links: units, centres of mass outside, moments that nothing within them has.
+
+About its centre of mass no body has more than  m r_max^2,  r_max the distance of the farthest point of its shapes.  Meshes are
+looked at where they are there and trimesh is installed; a link is judged if all of its shapes are read.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from crosscheck.linting.bodies import Stated
+from crosscheck.linting.finding import Finding, warning
+from flexinv.files.joints import rotation_from_rpy
+from flexinv.model.mechanism import Array
+
+WIDE = 20.0  # extent of a mesh over that of the machine from which on it looks like mm
+OUTSIDE = 0.25  # of the diagonal of a link's shapes: how far beyond their box a centre of mass may be
+BEYOND = 1.5  # largest moment over m r_max^2
+LIGHT = 1e-4  # of the machine's mass: lighter links are sensors and marks, whose numbers nothing feels
+LARGEST = 64 << 20  # [byte] of a mesh file that is read
+READ = (".stl", ".obj", ".ply", ".off")
+ROUND = np.linspace(0.0, 2 * np.pi, 16, endpoint=False)
+
+
+def reads_meshes() -> bool:
+    """Return True if trimesh is installed."""
+    return importlib.util.find_spec("trimesh") is not None
+
+
+def mesh_path(name: str, path: Path) -> Path | None:
+    """Return the file of a mesh: beside the URDF, or in the package whose folder is above it; None where it is not."""
+    plain = name.removeprefix("file://")
+    if "://" not in plain:
+        found = path.parent / plain
+        return found if found.is_file() else None
+    inside = plain.partition("://")[2].lstrip("/")
+    package, _, rest = inside.partition("/")
+    for above in path.resolve().parents:
+        for found in (above / inside, *([above / rest] if above.name == package else [])):
+            if found.is_file():
+                return found
+    return None
+
+
+def mesh_findings(robot: Element, path: Path, links: Mapping[str, Stated], size: float) -> Iterator[Finding]:
+    """Yield findings of links whose shapes are all there [m, kg m^2]; size : of the machine [m]."""
+    total = sum(link.inertia.mass for link in links.values() if link.written and link.inertia.mass > 0)
+    for element in robot.findall("link"):
+        link = links.get(element.get("name", ""))
+        points = _shape(element, path)
+        if link is not None and points is not None and link.inertia.mass >= LIGHT * total:
+            yield from _of_link(link, points, size)
+
+
+def _shape(element: Element, path: Path) -> Array | None:
+    """All points of what is drawn of a link and of what collides (n, 3) [m]; of the one of them that is all there."""
+    found = []
+    for kind in ("visual", "collision"):
+        parts = [_points(part, path) for part in element.findall(kind)]
+        there = [points for points in parts if points is not None]
+        if there and len(there) == len(parts):
+            found += there
+    return np.vstack(found) if found else None
+
+
+def _of_link(link: Stated, points: Array, size: float) -> Iterator[Finding]:
+    place, body = f"link {link.name}", link.inertia
+    low, high = points.min(axis=0), points.max(axis=0)
+    diagonal = float(np.linalg.norm(high - low))
+    if size and diagonal > WIDE * size:
+        why = f"the machine extends {size:.3g} m: looks like mm"
+        yield warning("mesh", place, f"shapes of {diagonal:.3g} m", why, '<mesh scale="0.001 0.001 0.001" .../>')
+        return
+    if not link.written or not body.mass > 0 or not diagonal:
+        return
+    beyond = float(np.linalg.norm(np.maximum(0.0, np.maximum(low - body.com, body.com - high))))
+    if beyond > OUTSIDE * diagonal:
+        given = f"{' '.join(f'{x:.4g}' for x in body.com)} m"
+        why = f"{beyond:.3g} m outside of its shapes, whose diagonal is {diagonal:.3g} m"
+        yield warning("centre outside", place, given, why, "the centre of mass in the link's frame, m")
+        return
+    reach = float(np.linalg.norm(points - body.com, axis=1).max())
+    largest = float(np.linalg.eigvalsh((body.tensor + body.tensor.T) / 2)[-1])
+    if largest > BEYOND * body.mass * reach**2:
+        given = f"largest moment {largest:.4g} kg m^2, {body.mass:g} kg"
+        why = f"no body within its shapes has more than {body.mass * reach**2:.3g} kg m^2"
+        about = body.tensor - body.mass * (body.com @ body.com * np.eye(3) - np.outer(body.com, body.com))
+        moved = np.linalg.eigvalsh((about + about.T) / 2)
+        hint = "the moments about the centre of mass"
+        if moved[0] >= 0 and moved[-1] <= body.mass * reach**2:
+            hint = f"the moments about the centre of mass; if these are about the link's frame, {moved[-1]:.4g} kg m^2 at most"
+        yield warning("moments of shape", place, given, why, hint)
+
+
+def _points(part: Element, path: Path) -> Array | None:
+    """Points of a shape in the link's frame (n, 3) [m]; None for one that is not there or not read."""
+    shape = next(iter(part.find("geometry") or ()), None)
+    if shape is None:
+        return None
+    try:
+        found = _mesh(shape, path) if shape.tag == "mesh" else _solid(shape)
+        origin = part.find("origin")
+        xyz, rpy = (_numbers(origin, key, "0 0 0") for key in ("xyz", "rpy"))
+    except ValueError:
+        return None
+    return None if found is None else found @ rotation_from_rpy(rpy).T + xyz
+
+
+def _numbers(element: Element | None, key: str, default: str) -> Array:
+    text = default if element is None else element.get(key, default)
+    return np.array([float(word) for word in text.split()])
+
+
+def _solid(shape: Element) -> Array | None:
+    corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T
+    if shape.tag == "box":
+        return corners * _numbers(shape, "size", "0 0 0") / 2
+    radius = float(shape.get("radius", "nan"))
+    circle = radius * np.column_stack([np.cos(ROUND), np.sin(ROUND)])
+    if shape.tag == "cylinder":
+        half = float(shape.get("length", "nan")) / 2
+        return np.vstack([np.column_stack([circle, np.full(len(ROUND), end)]) for end in (-half, half)])
+    if shape.tag == "sphere":
+        return np.vstack([np.roll(np.column_stack([circle, np.zeros(len(ROUND))]), k, axis=1) for k in range(3)])
+    return None
+
+
+def _mesh(shape: Element, path: Path) -> Array | None:
+    file = mesh_path(shape.get("filename", ""), path)
+    if not reads_meshes() or file is None or file.suffix.lower() not in READ or file.stat().st_size > LARGEST:
+        return None
+    import trimesh
+
+    try:
+        loaded: Any = trimesh.load(file, force="mesh", process=False)
+        points = np.asarray(loaded.vertices, dtype=float)
+    except Exception:  # whatever a mesh's parser says: no finding without a shape
+        return None
+    return points * _numbers(shape, "scale", "1 1 1") if len(points) else None

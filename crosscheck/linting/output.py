@@ -1,0 +1,79 @@
+"""Files of findings: a page, JSON, JUnit and Markdown in one folder."""
+
+from __future__ import annotations
+
+import datetime
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+from crosscheck import output_folder as owned
+from crosscheck.equivalence.output.text import cell
+from crosscheck.linting.lint import Linted
+from crosscheck.report.html import environment, style, write_page
+from crosscheck.report.junit import FORBIDDEN
+from crosscheck.verdicts.results import versions
+
+
+def write(found: Sequence[Linted], out: Path) -> None:
+    """Write index.html, results.json, junit.xml and summary.md into a folder.  Raises OSError."""
+    out.mkdir(parents=True, exist_ok=True)
+    style(out)
+    stamp = {"started": datetime.datetime.now().isoformat(timespec="seconds"), "versions": versions()}
+    view = {
+        "found": found,
+        "clean": all(one.clean for one in found),
+        "sentence": sentence(found),
+        "results": stamp,
+        "root": "",
+    }
+    write_page(environment(), "lint.html.j2", out / "index.html", **view)
+    plain = {"format": "crosscheck-lint/1", "files": [one.plain for one in found]} | stamp
+    owned.write(out / "results.json", json.dumps(plain, indent=1, ensure_ascii=False))
+    owned.write(out / "junit.xml", junit(found))
+    owned.write(out / "summary.md", markdown(found))
+
+
+def sentence(found: Sequence[Linted]) -> str:
+    """Return the numbers of findings and of files in a sentence."""
+    files = "one file" if len(found) == 1 else f"{len(found)} files"
+    with_any = sum(bool(one.findings) for one in found)
+    if not with_any:
+        return f"Nothing found in {files}."
+    return f"{sum(len(one.findings) for one in found)} findings in {with_any} of {files}."
+
+
+def markdown(found: Sequence[Linted]) -> str:
+    """Return findings as Markdown: a table for each file."""
+    lines = [f"## {sentence(found)}"]
+    for one in found:
+        lines += ["", f"### {cell(one.label)}: {one.words}"]
+        if one.findings:
+            lines += ["", "| check | where | given | why | write |", "|---|---|---|---|---|"]
+        for f in one.findings:
+            lines.append("| " + " | ".join(map(cell, (f.check, f.place, f.given, f.why, f.write))) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def junit(found: Sequence[Linted]) -> bytes:
+    """Return findings as JUnit XML: a suite for each file, a failure for each finding that counts."""
+    root = ET.Element("testsuites", name="crosscheck lint")
+    for one in found:
+        suite = ET.SubElement(root, "testsuite", name=_clean(one.label), tests=str(len(one.findings) or 1))
+        counted = [f for f in one.findings if f.level == "error" or one.strict]
+        suite.set("failures", str(len(counted)))
+        for finding in one.findings:
+            case = ET.SubElement(suite, "testcase", classname=finding.check, name=_clean(finding.place))
+            if finding in counted:
+                message = _clean(f"{finding.given}: {finding.why}; write {finding.write}")
+                ET.SubElement(case, "failure", message=message)
+        if not one.findings:
+            ET.SubElement(suite, "testcase", classname="lint", name="nothing found")
+    ET.indent(root)
+    text: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
+    return text
+
+
+def _clean(words: str) -> str:
+    return FORBIDDEN.sub("\N{REPLACEMENT CHARACTER}", words)

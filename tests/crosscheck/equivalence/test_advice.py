@@ -1,0 +1,67 @@
+"""Advice: the file whose numbers look wrong by themselves is to be mended; what is written is in its own frames and names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from arm_texts import arm
+
+from crosscheck.equivalence.compare import compare
+from crosscheck.equivalence.output.text import markdown
+
+UPPER = 'ixx="0.031" ixy="0.001" ixz="0.002" iyy="0.029" iyz="0.0005" izz="0.008"'
+LOWER = '<origin xyz="0.11 0.01 0.02"/><mass value="2.375"/>'
+
+
+def lines(a: Path, b: Path) -> list[str]:
+    return [line for _, written in compare(a, b).advice for line in written]
+
+
+def test_a_placeholder_is_what_to_mend(tmp_path: Path) -> None:
+    placeholder = arm(tmp_path, (UPPER, 'ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"'), name="b.urdf")
+    found = compare(arm(tmp_path), placeholder)
+    assert found.suspects == "Of the numbers that differ 1 of B's look wrong by themselves: see what to write."
+    said = [line for _, written in found.advice for line in written]
+    assert said[0] == "mend B: upper, 0.1 kg m^2 about every axis: looks like a placeholder"
+    assert "mend B" in markdown(found)
+    assert compare(placeholder, arm(tmp_path)).suspects.startswith("Of the numbers that differ 1 of A's")
+    ordinary = arm(tmp_path, (LOWER, LOWER.replace("2.375", "2.5")), name="c.urdf")
+    assert not any(line.startswith("mend") for line in lines(arm(tmp_path), ordinary))
+
+
+def test_what_to_write_gives_the_other_file(tmp_path: Path) -> None:
+    """In B the lower link has another name, another frame and another centre: written as advised, B is A."""
+    frame = ('xyz="0.05 0 0.3" rpy="0 0.3 0.1"', 'xyz="0.05 0 0.3" rpy="0 0.3 0.1"')
+    turned = (
+        '<axis xyz="0 0 1"/><limit lower="-2.5" upper="2.0"',
+        '<axis xyz="0 0 -1"/><limit lower="-1.75" upper="2.5"',
+    )
+    b = arm(tmp_path, frame, turned, name="b.urdf")
+    said = lines(arm(tmp_path), b)
+    assert 'to make B (b.urdf) like A, in joint elbow: <limit lower="-2" .../>' in said
+    renamed = b.read_text().replace('"lower"', '"forearm"').replace(LOWER, LOWER.replace("0.11", "0.21"))
+    b.write_text(renamed)
+    wanted = 'to make B (b.urdf) like A, in link forearm: <inertial> <origin xyz="0.11 0.01 0.02" .../>'
+    assert wanted in lines(arm(tmp_path), b)
+
+
+def test_one_factor_on_everything_is_one_line(tmp_path: Path) -> None:
+    text = arm(tmp_path).read_text()
+    for mass in ("4.125", "3.25", "2.375", "0.8125", "0.125"):
+        text = text.replace(f'mass value="{mass}"', f'mass value="{float(mass) * 1000}"')
+    (tmp_path / "b.urdf").write_text(text)
+    found = compare(arm(tmp_path), tmp_path / "b.urdf")
+    said = [line for place, written in found.advice for line in written if "mass" in place]
+    assert said == [
+        "to make A like B, multiply it by 1000 everywhere",
+        "to make B like A, divide it by 1000 everywhere",
+    ]
+
+
+def test_what_is_fixed_together_is_written_together(tmp_path: Path) -> None:
+    """B has no flange of its own: its body is in the lower link, and what the two have to have together is said."""
+    start = arm(tmp_path).read_text()
+    merged = start.replace('<mass value="0.8125"/>', '<mass value="0.9375"/>').replace('"flange"', '"tool_plate"')
+    (tmp_path / "b.urdf").write_text(merged)
+    said = lines(arm(tmp_path), tmp_path / "b.urdf")
+    assert any("together with what is fixed to it (lower, flange)" in line for line in said)

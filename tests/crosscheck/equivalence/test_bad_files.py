@@ -1,0 +1,74 @@
+"""Hostile, broken and misnamed files: each is one clear error, of `compare` and of `lint`, and none of them takes long."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+from arm_texts import ARM, arm
+from click.testing import CliRunner
+
+from crosscheck.cli import main
+from crosscheck.equivalence.sources import describe
+from crosscheck.linting.lint import lint
+from flexinv.errors import InputError
+
+DEEP = 50_000
+BILLION = "<!DOCTYPE r [<!ENTITY a 'x'><!ENTITY b '&a;&a;'>]><robot name='&b;'/>"
+MESHED = """<mujoco><asset><mesh name="m" file="none.stl"/></asset><worldbody><body name="b">{}<joint/>
+  <geom type="mesh" mesh="m"/></body></worldbody></mujoco>"""
+INERTIAL = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+FILES = {
+    "entities": ("arm.urdf", BILLION, "DOCTYPE or ENTITY"),
+    "names of 15 MB": ("arm.urdf", ARM.replace('"lower"', f'"{"x" * 5_000_000}"'), "1 to 100 printable characters"),
+    "more than the largest file": ("arm.urdf", f"<robot><!--{'x' * (17 << 20)}--></robot>", "at most"),
+    "depth": ("arm.urdf", "<robot>" + "<a>" * DEEP + "</a>" * DEEP + "</robot>", "a robot without links"),
+    "an infinite number": ("arm.urdf", ARM.replace('value="2.375"', 'value="inf"'), "lower.*mass"),
+    "a loop of joints": ("arm.urdf", ARM.replace('child link="finger"', 'child link="upper"'), "2 links that no joint carries"),
+    "only loops": ("arm.urdf", "<robot><link name='a'><inertial><mass value='1'/></inertial></link><joint name='j' type='fixed'>"
+                   "<parent link='a'/><child link='a'/></joint></robot>", "parent and child are both"),
+    "a joint twice": ("arm.urdf", ARM.replace('joint name="elbow"', 'joint name="shoulder"'), "this joint twice"),
+    "no masses": ("arm.urdf", "<robot><link name='a'/></robot>", "no link with a mass"),
+    "a xacro": ("arm.urdf.xacro", ARM, r"xacro arm\.urdf\.xacro > arm\.urdf"),
+    "a xacro under another name": ("arm.urdf", "<robot xmlns:x='http://www.ros.org/wiki/xacro'><x:include/></robot>", "xacro"),
+    "blanks": ("arm.urdf", "  \n ", "an empty file"),
+    "no text": ("arm.urdf", "\x00\x01\x02", "does not parse"),
+    "another format": ("arm.urdf", "<COLLADA/>", "<COLLADA>"),
+    "a table": ("arm.csv", "time,q\n0,1\n", "does not parse"),
+    "a JSON that is no kit": ("case.json", "{}", "case kit"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_a_bad_file_is_one_clear_error(kind: str, tmp_path: Path) -> None:
+    name, text, words = FILES[kind]
+    (tmp_path / name).write_text(text)
+    begun = time.perf_counter()
+    with pytest.raises(InputError, match=words) as caught:
+        describe(tmp_path / name)
+    assert len(str(caught.value)) < 3000
+    assert time.perf_counter() - begun < 60  # a guard, not a measurement
+    run = CliRunner().invoke(main, ["compare", str(tmp_path / name), str(arm(tmp_path, name="good.urdf"))])
+    assert run.exit_code == 2
+    assert "Traceback" not in run.output
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_lint_finds_it_or_refuses_it(kind: str, tmp_path: Path) -> None:
+    name, text, _ = FILES[kind]
+    (tmp_path / name).write_text(text)
+    try:
+        found = lint(tmp_path / name)
+    except InputError:
+        return
+    assert not found.clean
+
+
+def test_missing_meshes_matter_where_masses_come_from_them(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    (tmp_path / "stated.xml").write_text(MESHED.format(INERTIAL))
+    assert any("does not find it" in words for words in describe(tmp_path / "stated.xml").dropped)
+    (tmp_path / "shaped.xml").write_text(MESHED.format(""))
+    with pytest.raises(InputError, match="put the mesh where the file says"):
+        describe(tmp_path / "shaped.xml")
