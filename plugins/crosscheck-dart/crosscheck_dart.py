@@ -20,8 +20,15 @@ import dartpy as dart
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.engines.base import sample_times
-from crosscheck.engines.shared.prescribed import beyond_a_tree, missing_motion, passive_effort, rotor_effort
+from crosscheck.engines.base import beside, sample_times
+from crosscheck.engines.shared.prescribed import (
+    beyond_a_tree,
+    missing_motion,
+    passive_effort,
+    rotor_effort,
+    scalar_positions,
+    spring_effort,
+)
 from crosscheck.engines.shared.probe_states import configurations
 from crosscheck.measures.certificate import Certificate
 from crosscheck.measures.record import Record, torque_series, vector_series
@@ -36,6 +43,9 @@ KINDS = {
     "prismatic": "createPrismaticJointAndBodyNodePair",
     "fixed": "createWeldJointAndBodyNodePair",
 }
+
+READS = ("urdf", "sdf")  # formats of files that `lift` takes
+lift, lifts = beside("crosscheck_dart_lift", "lift"), beside("crosscheck_dart_lift", "lifts")
 
 
 @dataclass(frozen=True)
@@ -66,11 +76,7 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     others = sorted({joint.kind for joint in mechanism.joints} - set(KINDS))
     if others:
         return f"this adapter has no {', '.join(others)} joints"
-    sprung = {joint.name for joint in mechanism.joints if joint.stiffness}
-    beyond = beyond_a_tree(mechanism)
-    if beyond and (mechanism.closures or mechanism.springs or mechanism.forces or not sprung):
-        return beyond
-    return missing_motion(mechanism, case)
+    return beyond_a_tree(mechanism, sprung=True) or missing_motion(mechanism, case)
 
 
 def run(mechanism: Mechanism, case: Case, engine: str, options: Mapping[str, Any]) -> Record:
@@ -79,7 +85,7 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Mapping[str, Any
     start = clock.perf_counter()
     built = build(mechanism)
     q, v, a = case.motion.evaluate(mechanism, time)
-    angles = positions(mechanism, q)
+    angles = scalar_positions(mechanism, q)
     bodies, tips = (
         np.empty((time.size, mechanism.nv)),
         {link.name: np.empty((time.size, 3)) for link in mechanism.links},
@@ -89,10 +95,8 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Mapping[str, Any
         for link in mechanism.links:
             tips[link.name][k] = (built.bodies[link.name].getWorldTransform().matrix() @ [*link.tip, 1.0])[:3]
     wall = clock.perf_counter() - start
-    springs = np.array([j.stiffness for j in mechanism.joints if j.nv]) * (
-        angles - [j.rest for j in mechanism.joints if j.nv]
-    )
-    series = torque_series(mechanism, bodies + passive_effort(mechanism, v) + rotor_effort(mechanism, a) + springs)
+    drives = passive_effort(mechanism, v) + rotor_effort(mechanism, a) + spring_effort(mechanism, q)
+    series = torque_series(mechanism, bodies + drives)
     for name, place in tips.items():
         series |= vector_series(f"tip/{name}", "m", place)
     return Record(engine, version=version(), time=time, series=series, wall_time=wall)
@@ -105,7 +109,7 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     weights = {name: float(built.bodies[name].getMass()) for name in moving}
     com, matrices, gravity = [], [], []
     axes: dict[str, list[Array]] = {j.name: [] for j in mechanism.joints if j.nv}
-    for angles in positions(mechanism, configurations(mechanism, case)):
+    for angles in scalar_positions(mechanism, configurations(mechanism, case)):
         place(built, angles, 0.0 * angles)
         total = sum(weights.values()) or 1.0
         com.append(sum(weights[n] * np.ravel(built.bodies[n].getCOM()) for n in moving) / total)
@@ -163,16 +167,6 @@ def isometry(placement: Placement) -> Any:
     made = np.eye(4)
     made[:3, :3], made[:3, 3] = placement.rotation, placement.position
     return dart.math.Isometry3(made)
-
-
-def positions(mechanism: Mechanism, q: Array) -> Array:
-    """Return one number per velocity (samples, nv) [rad], [m]: of a continuous joint its angle."""
-    columns = []
-    for joint in mechanism.joints:
-        part = q[:, mechanism.q_slices[joint.name]]
-        if joint.nv:
-            columns.append(np.arctan2(part[:, 1], part[:, 0]) if joint.kind == "continuous" else part[:, 0])
-    return np.stack(columns, axis=1)
 
 
 def place(built: Built, q: Array, v: Array) -> None:

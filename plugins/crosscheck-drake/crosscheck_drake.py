@@ -24,8 +24,15 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody import plant as multibody
 from pydrake.multibody import tree
 
-from crosscheck.engines.base import sample_times
-from crosscheck.engines.shared.prescribed import beyond_a_tree, missing_motion, passive_effort, rotor_effort
+from crosscheck.engines.base import beside, sample_times
+from crosscheck.engines.shared.prescribed import (
+    beyond_a_tree,
+    missing_motion,
+    passive_effort,
+    rotor_effort,
+    scalar_positions,
+    spring_effort,
+)
 from crosscheck.engines.shared.probe_states import configurations
 from crosscheck.measures.certificate import Certificate
 from crosscheck.measures.record import Record, torque_series, vector_series
@@ -34,6 +41,9 @@ from flexinv.model.mechanism import WORLD, Body, Joint, Mechanism
 
 Array = NDArray[np.float64]
 KINDS = ("revolute", "continuous", "prismatic", "fixed")
+
+READS = ("urdf", "sdf", "mjcf")  # formats of files that `lift` takes
+lift, lifts = beside("crosscheck_drake_lift", "lift"), beside("crosscheck_drake_lift", "lifts")
 
 
 @dataclass(frozen=True)
@@ -64,9 +74,7 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
         return f"Drake has rigid bodies only here; flexible: {', '.join(link.name for link in mechanism.beams)}"
     if others := sorted({joint.kind for joint in mechanism.joints} - set(KINDS)):
         return f"this adapter has no {', '.join(others)} joints"
-    if mechanism.closures or mechanism.springs or mechanism.forces:
-        return beyond_a_tree(mechanism)
-    return missing_motion(mechanism, case)
+    return beyond_a_tree(mechanism, sprung=True) or missing_motion(mechanism, case)
 
 
 def run(mechanism: Mechanism, case: Case, engine: str, options: Mapping[str, Any]) -> Record:
@@ -75,7 +83,7 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Mapping[str, Any
     start = clock.perf_counter()
     built = build(mechanism)
     q, v, a = case.motion.evaluate(mechanism, time)
-    angles, joints = positions(mechanism, q), [j for j in mechanism.joints if j.nv]
+    angles = scalar_positions(mechanism, q)
     bodies, tips = (
         np.empty((time.size, mechanism.nv)),
         {link.name: np.empty((time.size, 3)) for link in mechanism.links},
@@ -86,8 +94,8 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Mapping[str, Any
             pose = built.plant.EvalBodyPoseInWorld(built.context, built.bodies[link.name])
             tips[link.name][k] = pose.multiply(link.tip)
     wall = clock.perf_counter() - start
-    springs = np.array([j.stiffness for j in joints]) * (angles - np.array([j.rest for j in joints]))
-    series = torque_series(mechanism, bodies + passive_effort(mechanism, v) + rotor_effort(mechanism, a) + springs)
+    drives = passive_effort(mechanism, v) + rotor_effort(mechanism, a) + spring_effort(mechanism, q)
+    series = torque_series(mechanism, bodies + drives)
     for name, place in tips.items():
         series |= vector_series(f"tip/{name}", "m", place)
     return Record(engine, version=version(), time=time, series=series, wall_time=wall)
@@ -99,7 +107,7 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     rotors = np.diag([j.rotor_inertia for j in mechanism.joints if j.nv])
     matrices, gravity = [], []
     axes: dict[str, list[Array]] = {j.name: [] for j in mechanism.joints if j.nv}
-    for angles in positions(mechanism, configurations(mechanism, case)):
+    for angles in scalar_positions(mechanism, configurations(mechanism, case)):
         put(built, angles, 0.0 * angles)
         matrices.append(built.plant.CalcMassMatrix(built.context)[np.ix_(built.order, built.order)] + rotors)
         gravity.append(-built.plant.CalcGravityGeneralizedForces(built.context)[built.order])
@@ -157,15 +165,6 @@ def inertia(parts: tuple[Body, ...]) -> Any:
 
 def _moving(mechanism: Mechanism) -> list[Joint]:
     return [joint for joint in mechanism.joints if joint.nv]
-
-
-def positions(mechanism: Mechanism, q: Array) -> Array:
-    """Return one number per velocity (samples, nv) [rad], [m]: of a continuous joint its angle."""
-    columns = []
-    for joint in _moving(mechanism):
-        part = q[:, mechanism.q_slices[joint.name]]
-        columns.append(np.arctan2(part[:, 1], part[:, 0]) if joint.kind == "continuous" else part[:, 0])
-    return np.stack(columns, axis=1)
 
 
 def put(built: Built, q: Array, v: Array) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from crosscheck.measures.record import Record, save
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Mechanism
+from flexinv.model.motion import Motion
 
 CLIMBED = ("double_pendulum", "tree", "drives")
 EXACT = 1e-12  # of the range: closed formulas of a few links on both sides
@@ -56,6 +58,18 @@ def test_it_agrees_and_its_model_is_the_same(rung: str) -> None:
     lines = checks("", "", "", dart_engine.certify(mechanism, case, "dart"), said)
     assert {line.what for line in lines} >= {"total mass", "joint-space mass matrix", "gravity torque", "joint axes"}
     assert all(line.holds for line in lines)
+
+
+def test_a_spring_in_a_joint_that_turns_without_end_is_followed_over_whole_turns() -> None:
+    mechanism, case = scene("drives")
+    joints = tuple(replace(j, kind="continuous") if j.name == "elbow" else j for j in mechanism.joints)
+    mechanism = replace(mechanism, joints=joints)
+    there, then = {"shoulder": 0.0, "elbow": 0.2}, {"shoulder": 0.3, "elbow": 12.0}
+    case = replace(case, motion=Motion.point_to_point(there, then, 0.8, law="quintic"))
+    ours, theirs = reference(mechanism, case)[0], dart_engine.run(mechanism, case, "dart", {})
+    expected = ours.series["torque/elbow"].values
+    # Of the spring a whole turn more or less would be 2 pi times its stiffness: a quarter of the range.
+    assert np.abs(theirs.series["torque/elbow"].values - expected).max() <= EXACT * np.ptp(expected)
 
 
 # --- eight mistakes in this adapter, and what they may be called -----------------------------------------------------
