@@ -16,12 +16,13 @@ from crosscheck.beyond.catalogue import Drawn, draw
 from crosscheck.beyond.judge import is_new, shares
 from crosscheck.beyond.trial import Place
 from crosscheck.engines import ENGINES, missing
+from crosscheck.measures.limits import REFERENCE
 from crosscheck.run.isolation import Children, ask, scratch
-from crosscheck.run.questions import REFERENCE
 
 MODULE = "crosscheck.beyond.trial"
 ENOUGH = 0.5  # of the faults above the bars are named, alone or in a set
-CHUNK = 4  # faults that one process tries: to start one and to compile takes some seconds
+# Faults that one process tries: they share the columns of all causes, which take most of the time of a march.
+CHUNK = 12
 PATIENCE = 900.0  # [s] that one fault may take: a beam in space with three refinements, and some hundred trial models
 
 

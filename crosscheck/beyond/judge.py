@@ -268,7 +268,7 @@ def fits(named: Mapping[str, Any], truth: Truth) -> bool:
     target = str(named.get("target", ""))
     if not truth.places:
         return True
-    if not target or target.lower() == ALL:
+    if not target or target.lower() == ALL or "all efforts" in str(named.get("words", "")):
         return ALL in truth.places
     words = {target, *re.split(r"[\s,:;()/]+", target), *target.split(", "), *target.split(": ")}
     return any(place in words or re.search(rf"(?<![\w.]){re.escape(place)}(?![\w])", target) for place in truth.places)

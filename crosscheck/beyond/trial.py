@@ -17,16 +17,19 @@ from crosscheck.beyond.catalogue import Drawn, made
 from crosscheck.beyond.fault import Fault, Scene
 from crosscheck.beyond.judge import outcome
 from crosscheck.beyond.planting import planted
+from crosscheck.causes.fit import Columns
 from crosscheck.engines import ENGINES
 from crosscheck.measures.certificate import Check
-from crosscheck.measures.limits import find
+from crosscheck.measures.limits import REFERENCE, find
 from crosscheck.measures.record import Record, RecordError, check, load
 from crosscheck.run.child import run_case
 from crosscheck.run.isolation import Attempt
-from crosscheck.run.questions import REFERENCE, certificates, questions
+from crosscheck.run.questions import questions
 from crosscheck.run.result_rows import compare_all, run_row
+from crosscheck.verdicts.certificates import by_certificate, certificates
 from crosscheck.verdicts.compare import Comparison, error_bar, fraction, group, scale_of
 from crosscheck.verdicts.plan import Plan, Task, case_row, discover
+from crosscheck.verdicts.repeatability import by_repetition, doubtful
 from crosscheck.verdicts.results import Results
 
 Effect = Literal["above", "between", "below"]
@@ -83,15 +86,15 @@ def trials(place: Mapping[str, str], drawn: Sequence[Mapping[str, Any]], lines: 
     A fault of number 0 is none: the unharmed engine, which has to be left alone.
     """
     here = Place(**place)
-    scene = here.scene()
+    scene, columns = here.scene(), Columns()
     for words in drawn:
         one = Drawn(**{**words, "recipes": tuple(words["recipes"]), "sizes": tuple(words["sizes"])})
         with Path(lines).open("a", encoding="utf-8") as file:
-            file.write(json.dumps(trial(here, scene, one, Path(scratch))) + "\n")
+            file.write(json.dumps(trial(here, scene, one, Path(scratch), columns)) + "\n")
     return len(drawn)
 
 
-def trial(place: Place, scene: Scene, drawn: Drawn, scratch: Path) -> dict[str, Any]:
+def trial(place: Place, scene: Scene, drawn: Drawn, scratch: Path, columns: Columns | None = None) -> dict[str, Any]:
     """Return everything about one fault: what was planted, what it changed, what was said, and the outcome."""
     start = clock.perf_counter()
     fault = made(drawn, scene) if drawn.number else Fault("nothing", ())
@@ -110,14 +113,14 @@ def trial(place: Place, scene: Scene, drawn: Drawn, scratch: Path) -> dict[str, 
     }
     try:
         with planted(fault, place.engine):
-            row |= _said(place, scene, fault, scratch / f"fault{drawn.number}-{place.engine}")
+            row |= _said(place, scene, fault, scratch / f"fault{drawn.number}-{place.engine}", columns)
     except Exception as error:
         traceback.print_exc()
         row |= {"outcome": "failed", "words": f"{type(error).__name__}: {error}"}
     return row | {"seconds": round(clock.perf_counter() - start, 2)}
 
 
-def _said(place: Place, scene: Scene, fault: Fault, stem: Path) -> dict[str, Any]:
+def _said(place: Place, scene: Scene, fault: Fault, stem: Path, columns: Columns | None) -> dict[str, Any]:
     """Run the harmed engine, compare, ask why; return what came out.  The fault is planted meanwhile."""
     task = place.task
     stem.parent.mkdir(parents=True, exist_ok=True)
@@ -129,9 +132,14 @@ def _said(place: Place, scene: Scene, fault: Fault, stem: Path) -> dict[str, Any
     records = {REFERENCE: reference, place.engine: record}
     rows, _ = compare_all(task, records)
     lines = certificates(task, records)
+    rows = by_certificate(rows, lines)
+    if any(map(doubtful, rows)):  # as a run does: bars that explain a difference are those of an engine that repeats
+        run_case(place.job(place.engine, twice := stem.with_name(f"{stem.name}-again")))
+        again = {REFERENCE: reference, place.engine: _read(twice, task)}
+        rows = [by_repetition(row, records, again) if doubtful(row) else row for row in rows]
     series = {REFERENCE: str(place.stem(REFERENCE).resolve()), place.engine: str(stem.resolve())}
     results = _results(task, records, rows, lines, series)
-    answers = [_asked(question.job) for question in questions(results, Plan((task,)), Path("/"))]
+    answers = [_asked(question.job, columns) for question in questions(results, Plan((task,)), Path("/"))]
     named = [one for answer in answers for one in answer.get("named", ())]
     effect, most = size_of(fault, task, reference, unharmed, record)
     failed = [line.what for line in lines if not line.holds]
@@ -193,10 +201,10 @@ def _results(
     )
 
 
-def _asked(job: Mapping[str, Any]) -> dict[str, Any]:
+def _asked(job: Mapping[str, Any], columns: Columns | None) -> dict[str, Any]:
     """Return the answer of a question, asked in this process, where the fault is planted."""
     function = getattr(importlib.import_module(job["module"]), job["function"])
-    answer: dict[str, Any] = json.loads(json.dumps(function(**job["options"])))
+    answer: dict[str, Any] = json.loads(json.dumps(function(**job["options"], columns=columns)))
     return answer
 
 

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.causes.dictionary import all_causes
 from crosscheck.causes.evidence import Evidence
-from crosscheck.causes.fit import IMPOSSIBLE, Fit, amount
+from crosscheck.causes.fit import IMPOSSIBLE, Columns, Fit, amount
 from crosscheck.causes.model import Model, answered, model_of
 from crosscheck.causes.naming import MOST, NOISE, Naming, name, named_beside
 from crosscheck.causes.quantities import quantities
@@ -28,11 +29,18 @@ ROUNDING = 1e-9
 
 
 def diagnose(
-    folder: str, case: str, engine: str, ours: str, theirs: str, door: Mapping[str, Any] | None = None
+    folder: str,
+    case: str,
+    engine: str,
+    ours: str,
+    theirs: str,
+    door: Mapping[str, Any] | None = None,
+    columns: Columns | None = None,
 ) -> dict[str, Any]:
     """Return the diagnosis of two saved records (stems of their files) of a case [-] as JSON values.
 
     door : where the engine's adapter is (`crosscheck.engines.opened`), None for one of ours
+    columns : those of the diagnosis before, where several are asked for in one process
     """
     mechanism = read_mechanism(folder)
     subject = Subject(mechanism, load_cases(folder, mechanism)[case])
@@ -47,7 +55,8 @@ def diagnose(
         quantities(model, record, reference),
     )
     bars, limit = noise_of(model, record, reference), agreed(model, record, reference)
-    naming = name(model, residual, bars, evidence=evidence, agreed=limit)
+    known = None if columns is None else columns.of(model, all_causes())
+    naming = name(model, residual, bars, known, evidence, limit)
     shown = naming.found
     naming = naming if shown else named_beside(evidence, naming)
     fits = naming.named

@@ -140,8 +140,14 @@ class Evidence:
 
     def _lines(self, fit: Fit, said: Certificate, sure: float) -> tuple[str, ...]:
         part = min(AGREES, SURE_PART + max(sure, fit.left))
-        kept = ((what, _line(name, limit, self.theirs, self.ours, said, part)) for name, (what, limit) in LINES.items())
-        return tuple(what for what, holds in kept if not holds)
+        kept = (
+            (name, what, _line(name, limit, self.theirs, self.ours, said, part))
+            for name, (what, limit) in LINES.items()
+        )
+        return tuple(
+            what for name, what, holds in kept
+            if not holds or (what in self.failing and _is_left(name, self.theirs, self.ours, said))
+        )  # fmt: skip
 
     def _predicted(self, fit: Fit, size: Array) -> Certificate:
         """Return the reference's certificate of a harmed mechanism, of its tree: closures have lines of their own."""
@@ -207,6 +213,15 @@ def _line(name: str, limit: float, theirs: Certificate, ours: Certificate, said:
         if float(np.abs(measured - predicted).max(initial=0.0)) > LIMITS * limit * (own or 1.0) + part * scale:
             return False
     return True
+
+
+def _is_left(name: str, theirs: Certificate, ours: Certificate, said: Certificate) -> bool:
+    """Return True if a cause leaves a line of the certificate as it is, to AGREES of what is wrong there [-]."""
+    a, b, c = (_parts(getattr(one, name)) for one in (theirs, ours, said))
+    known = [key for key in b if key in a and key in c and a[key].shape == b[key].shape == c[key].shape]
+    return bool(known) and all(
+        np.abs(c[key] - b[key]).max(initial=0.0) <= AGREES * np.abs(a[key] - b[key]).max(initial=0.0) for key in known
+    )
 
 
 def _parts(value: Any) -> dict[str, Array]:

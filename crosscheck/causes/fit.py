@@ -8,7 +8,7 @@ unexplained = |r - d(p)| / |r|
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from flexinv.errors import ConvergenceError, InputError
 PROBE = {True: 1e-5, False: 1e-4}
 # Of the range: a column below this, for a size that matters, is what the probes leave and does not show in this motion.
 NOTHING = {True: 1e-9, False: 1e-5}
+ROUNDING = 1e-12  # of the largest component of a size: less is none
 LARGEST = 5.0  # times a size that matters: no fit goes beyond by itself
 # Of |r|: what leaves less by its columns at size zero alone is proportional to its size, and may be as large as it likes.
 PROPORTIONAL = 0.01
@@ -65,6 +66,24 @@ class Candidate:
     target: str
     scale: float
     columns: Array
+
+
+@dataclass
+class Columns:
+    """Candidates of the model that was asked about last: many engines, or many faults of one, are held against the same.
+
+    model, dictionary : what they belong to; found : (candidates,), which are the same for equal motions, efforts and scales
+    """
+
+    model: Model | None = None
+    dictionary: dict[str, Cause] = field(default_factory=dict)
+    found: list[Candidate] = field(default_factory=list)
+
+    def of(self, model: Model, dictionary: dict[str, Cause]) -> list[Candidate]:
+        """Return `candidates` of a model, computed where it or the dictionary is another one than before."""
+        if self.model is None or dictionary != self.dictionary or not self.model.is_like(model):
+            self.model, self.dictionary, self.found = model, dictionary, candidates(model, dictionary)
+        return self.found
 
 
 def candidates(model: Model, dictionary: dict[str, Cause]) -> list[Candidate]:
@@ -132,8 +151,9 @@ def _guessed(model: Model, residual: Array, candidate: Candidate, total: float) 
 
 
 def amount(size: Array, unit: str) -> str:
-    """Return a size in words, with its unit."""
-    numbers = ", ".join(f"{x:.4g}" for x in size)
+    """Return a size in words, with its unit; beside larger components of one unit rounding is nothing."""
+    least = 0.0 if ";" in unit else ROUNDING * float(np.abs(size).max(initial=0.0))
+    numbers = ", ".join(f"{x if abs(x) > least else 0.0:.4g}" for x in size)
     text = f"({numbers})" if len(size) > 1 else numbers
     return f"{text} {unit}".strip()
 

@@ -12,7 +12,7 @@ from crosscheck.causes.apply import with_efforts
 from crosscheck.causes.subject import Array, States, Subject
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.flexinv.adapter import solved
-from crosscheck.measures.record import Record, Series, effort_units
+from crosscheck.measures.record import Record, Series, effort_units, fingerprint
 from crosscheck.verdicts.compare import signal_range
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
@@ -69,6 +69,13 @@ class Model:
         names = [f"torque/{name}" for name in self.base.mechanism.velocity_names]
         pairs = [(engine.series[n].values, reference.series[n].values) for n in names]
         return self.weighted(np.array([(a - b)[self.rows] for a, b in pairs]).T)
+
+    def is_like(self, other: Model) -> bool:
+        """Return True if another model has the same mechanism, case, samples, efforts and scale, number by number."""
+        same = all(np.array_equal(getattr(self, name), getattr(other, name)) for name in ("rows", "torque", "scale"))
+        return same and fingerprint(self.base.mechanism, self.base.case) == fingerprint(
+            other.base.mechanism, other.base.case
+        )
 
     def _everywhere(self, subject: Subject) -> tuple[States, Array]:
         """Return joint motion and efforts (samples, nv) [N m], [N] at all sample times of the case."""

@@ -71,10 +71,8 @@ def _rest(subject: Subject, target: str, size: Array) -> Subject:
 
 
 def _bare(model: Model) -> list[str]:
-    """Return the driven scalar joints without a spring, of rigid mechanisms: their march takes springs in joints."""
-    mechanism = model.base.mechanism
-    free = [n for n in driven(model) if n in scalar(model) and not mechanism.joint_of[n].stiffness]
-    return free if mechanism.is_rigid else []
+    """Return the driven scalar joints without a spring."""
+    return [n for n in driven(model) if n in scalar(model) and not model.base.mechanism.joint_of[n].stiffness]
 
 
 def _sprung_elsewhere(subject: Subject, target: str, size: Array) -> Subject:

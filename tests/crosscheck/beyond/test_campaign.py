@@ -97,6 +97,14 @@ def test_a_fault_of_all_places_is_not_named_by_one() -> None:
     assert judge.answers(answer("rotor inertia", "joint1"), lost) == "wrong"
 
 
+def test_what_is_said_of_all_efforts_is_said_of_all_places() -> None:
+    tared = Fault("means taken off", ((Truth(("effort offset",), (ALL, "joint1")),),))
+    said = answer("effort offset taken off", "the mean", "of all efforts the mean is taken off")
+    assert judge.answers(said, tared) == "right"
+    assert judge.answers({**said, "words": "of one effort the mean is taken off"}, tared) == "wrong"
+    assert judge.answers(said, Fault("offset", ((Truth(("effort offset",), ("joint1",)),),))) == "wrong"
+
+
 def test_which_stiffness_is_read_from_the_target() -> None:
     softer = Fault("EI_z", ((Truth(("EI_z",), ("link",)),),))
     assert judge.answers(answer("section stiffness", "link: EI_z"), softer) == "right"

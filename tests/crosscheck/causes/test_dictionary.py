@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from crosscheck.causes.dictionary import DICTIONARY
-from crosscheck.causes.fit import candidates, effect, fit
+from crosscheck.causes.fit import Columns, candidates, effect, fit
 from crosscheck.causes.model import Model, model_of
 from crosscheck.causes.naming import UNEXPLAINED, name
 from crosscheck.causes.subject import Subject
@@ -162,3 +162,33 @@ def test_the_samples_that_a_fit_looks_at_meet_the_instants_at_which_closures_swi
         assert np.abs(here.states.time - instant).min() < 1e-9
     assert len(here.rows) == samples
     assert np.abs(here.difference(DICTIONARY["gravity off"].change(here.base, "", np.ones(1)))).max() > 0.1
+
+
+def test_columns_are_shared_by_equal_models_only() -> None:
+    causes = {"payload": DICTIONARY["payload"]}
+    columns, one = Columns(), model.__wrapped__()
+    found = columns.of(one, causes)
+    assert columns.of(model.__wrapped__(), dict(causes)) is found
+    more = columns.of(one, {**causes, "body mass": DICTIONARY["body mass"]})
+    assert {c.cause.name for c in more} == {"payload", "body mass"}
+    assert {c.cause.name for c in columns.of(one, causes)} == {"payload"}
+    for other in (replace(one, scale=2.0 * one.scale), model.__wrapped__("rigid_3r", "quintic")):
+        again = columns.of(other, causes)
+        assert again is not found
+        fresh = candidates(other, causes)
+        assert [(c.target, c.scale) for c in again] == [(c.target, c.scale) for c in fresh]
+        assert all(np.array_equal(a.columns, b.columns) for a, b in zip(again, fresh, strict=True))
+
+
+@pytest.mark.parametrize("mechanism", ["double_pendulum/swing", "flex_one_link/cycloid"])
+def test_a_spring_in_a_driven_joint_shows_in_rigid_and_in_flexible_mechanisms(mechanism: str) -> None:
+    here = model(*mechanism.split("/"))
+    cause = DICTIONARY["spring in a joint"]
+    name = next(iter(cause.targets(here)))
+    size = 0.1 * np.array([cause.scale(here, name), 0.0])
+    joint = here.base.mechanism.v_slices[name]
+    expected = np.zeros_like(here.torque)
+    expected[:, joint] = size[0] * here.states.q[:, here.base.mechanism.q_slices[name]]
+    found = effect(here, cause, name, size)
+    # Marches repeat to what their Newton iterations leave, 1e-9 of the range; the spring is some hundredth of it.
+    assert np.abs(found - here.weighted(expected)).max() < 1e-7

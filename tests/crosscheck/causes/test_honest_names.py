@@ -15,6 +15,7 @@ import pytest
 from crosscheck.causes.diagnosis import diagnose
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.engines.base import offered
+from crosscheck.measures.certificate import EXACT
 from crosscheck.measures.record import Record, save
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
@@ -184,3 +185,18 @@ def test_where_the_certificate_contradicts_every_cause_none_is_named(tmp_path: P
     answer = told(tmp_path, "double_pendulum/swing", "pinocchio", after=lambda _: replace(damped, certificate=said))
     assert answer["named"] == []
     assert "total mass" in answer["words"]
+
+
+def test_a_failing_line_that_a_cause_leaves_as_it_is_contradicts_it(tmp_path: Path) -> None:
+    """A centre of mass that is out by twice what is allowed fails; a scale of all torques says nothing of it."""
+
+    def change(record: Record) -> Record:
+        said = dict(record.certificate)
+        com = np.asarray(said["com"], dtype=float)
+        said["com"] = (com + 2.0 * EXACT * np.abs(com).max()).tolist()
+        return scaled(1.02)(replace(record, certificate=said))
+
+    assert names(told(tmp_path, "rigid_3r/quintic", "pinocchio", after=scaled(1.02))) == {"effort scale of all"}
+    answer = told(tmp_path, "rigid_3r/quintic", "pinocchio", after=change)
+    assert "effort scale of all" not in names(answer)
+    assert "effort scale of all (centre of mass)" in answer["words"]  # ruled out, with what contradicts it
