@@ -49,6 +49,8 @@ WRONG = {
     f"p.low has another line: write {LOW}": (LOW.replace("Low.", "It was low."), HIGH, SUB, OWN),
     f"p.high has another line: write {HIGH}": (LOW, "| [high](low.py) | High. |", SUB, OWN),
     "p.high imports p.low, which stands below": (HIGH, LOW, SUB, OWN),
+    "the heading `sub/` stands 2 times": ("## `sub/`", LOW, HIGH, "## `sub/`", SUB, OWN),
+    "a table has no row": ("| module | what |", "|---|---|", "", LOW, HIGH, SUB, OWN),
 }
 
 

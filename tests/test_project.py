@@ -56,3 +56,21 @@ def test_continuous_integration_is_make_test(root: Path) -> None:
     assert run.stat().st_mode & 0o111
     assert run.read_text().splitlines()[1:] == ['cd "$(dirname "$0")/.." && exec make test']
     assert re.search(r"^test: lint$", (root / "Makefile").read_text(), re.M)
+
+
+def stated(text: str) -> list[tuple[int, int]]:
+    """Versions of Python 3.x that a text states, "3.11 to 3.13" among them."""
+    return [(int(first), int(last)) for first, last in re.findall(r"Python 3\.(\d+) to 3\.(\d+)", text)]
+
+
+def test_pages_classifiers_and_wheels_name_the_same_pythons(root: Path) -> None:
+    project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
+    named = re.findall(r"Python :: 3\.(\d+)", "\n".join(project["classifiers"]))
+    minors = [int(minor) for minor in named]
+    assert minors == list(range(minors[0], minors[-1] + 1))
+    assert project["requires-python"] == f">=3.{minors[0]}"
+    for name in ("README.md", "Makefile", "docs/start.md"):
+        assert stated((root / name).read_text()) == [(minors[0], minors[-1])], name
+    recipe = (root / "docs" / "release" / "wheels.yml").read_text()
+    assert re.findall(r"python: (\[.*\])", recipe) == [str([f"3.{minor}" for minor in minors]).replace("'", '"')]
+    assert stated("Python 3.11 to 3.14") != stated("Python 3.11 to 3.13")  # a difference is seen

@@ -43,12 +43,12 @@ def stands(foot: str) -> NDArray[np.bool_]:
 
 
 def test_the_samples_are_what_the_script_writes() -> None:
-    """Up to the last digits of another machine's mathematical functions."""
+    """Up to the last digits of another machine: coefficients of `walker.soft` add up to 1e4, so its end is known to 2e-12."""
     kept = (FOLDER / "gait.csv").read_text(encoding="utf-8").splitlines()
     made = walker.rows()
     assert kept[0] == made[0]
     numbers = [np.array([row.split(",") for row in rows[1:]], dtype=float) for rows in (kept, made)]
-    assert numbers[0] == pytest.approx(numbers[1], abs=1e-13)
+    assert numbers[0] == pytest.approx(numbers[1], abs=1e-11)
 
 
 def test_masses_are_the_tables() -> None:

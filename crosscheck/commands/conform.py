@@ -30,9 +30,9 @@ from crosscheck.conform import blind as rounds
 from crosscheck.conform import ladder
 from crosscheck.doors.registry import COMMAND, RECORD
 from crosscheck.engines import Engine
+from crosscheck.measures.limits import REFERENCE
 from crosscheck.report import render
 from crosscheck.run.isolation import scratch
-from crosscheck.run.questions import REFERENCE
 from crosscheck.run.run_state import RESULTS
 from crosscheck.run.runner import run
 from crosscheck.run.work import Options, Work

@@ -9,7 +9,8 @@ import click
 from crosscheck.commands.shared.options import CONFIG, doors_of, one_task
 from crosscheck.commands.shared.terminal import MODELS, TIMEOUT, Failure
 from crosscheck.engines import ENGINES, missing
-from crosscheck.run.reproduce import REFERENCE, reproduce
+from crosscheck.measures.limits import REFERENCE
+from crosscheck.run.reproduce import reproduce
 from flexinv.errors import InputError
 
 EXPORTED = [name for name, engine in ENGINES.items() if name != REFERENCE and engine.exports]

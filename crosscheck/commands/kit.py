@@ -10,8 +10,8 @@ from crosscheck.commands.shared.options import one_task
 from crosscheck.commands.shared.terminal import MODELS, TIMEOUT, Failure
 from crosscheck.engines import ENGINES
 from crosscheck.kit.write import write
+from crosscheck.measures.limits import REFERENCE
 from crosscheck.run.isolation import Children, run_engine
-from crosscheck.run.questions import REFERENCE
 
 
 @click.command("kit", short_help="Write one case as a folder for any program to answer.")

@@ -13,9 +13,9 @@ from packaging.version import InvalidVersion
 from flexinv.files.load_cases import Limit
 
 Verdict = Literal["within", "skipped", "explained", "unjudged", "deviation", "error"]
-# In the order of gravity: of several the worst is the one that stands last.
+# From the mildest to the most severe: of several verdicts the one that stands last is the worst.
 VERDICTS: tuple[Verdict, ...] = ("skipped", "within", "explained", "unjudged", "deviation", "error")
-DEFAULT_REFERENCE = "flexinv"
+REFERENCE = "flexinv"
 # Of the range of the signal.  Wider error bars excuse nothing: they say that the runs are too coarse to be compared (a
 # tenth is what an untrained eye sees in a plot of both).
 WIDEST_BAR = 0.1
@@ -25,8 +25,8 @@ BY_DISCRETISATION = "by discretisation: "
 def references(limits: Iterable[Limit], engine: str) -> tuple[str, ...]:
     """Return the engines that ``engine`` is compared with: those its limits name, or flexinv."""
     named = {limit.reference for limit in limits if _names(limit, engine)}
-    if engine != DEFAULT_REFERENCE:
-        named.add(DEFAULT_REFERENCE)
+    if engine != REFERENCE:
+        named.add(REFERENCE)
     return tuple(sorted(named - {engine}))
 
 
@@ -47,7 +47,7 @@ def expired(limit: Limit, today: datetime.date) -> bool:
     return limit.expires is not None and limit.expires < today
 
 
-def judge(fraction: float, limit: Limit | None, today: datetime.date, cause: str = "") -> tuple[Verdict, str]:
+def by_limit(fraction: float, limit: Limit | None, today: datetime.date, cause: str = "") -> tuple[Verdict, str]:
     """Return verdict and message of an error.
 
     fraction : largest error over the range of the signal [-]; cause : why this engine's own result is known to differ:
@@ -64,7 +64,7 @@ def judge(fraction: float, limit: Limit | None, today: datetime.date, cause: str
     return "deviation", f"{fraction:.3g} of the range, the limit is {limit.maximum:.3g}"
 
 
-def discretised(fraction: float, bars: float, message: str, unordered: str = "") -> tuple[Verdict, str]:
+def by_bars(fraction: float, bars: float, message: str, unordered: str = "") -> tuple[Verdict, str]:
     """Return verdict and message of an error beyond its limit that both engines' error bars cover.
 
     fraction, bars : largest error and the error bars added up, over the range of the signal [-]

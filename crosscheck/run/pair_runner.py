@@ -13,14 +13,16 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck.engines import ENGINES, Engine
+from crosscheck.measures.limits import REFERENCE
 from crosscheck.report.explanations import why
 from crosscheck.run.isolation import Attempt, Children, ask, run_engine
-from crosscheck.run.questions import REFERENCE, asked, certificates, certified, diagnosis, question
+from crosscheck.run.questions import asked, diagnosis, question
 from crosscheck.run.run_cache import Attempts
-from crosscheck.verdicts.baseline import METRICS, Baseline, find, is_worse, judged
+from crosscheck.verdicts.baseline import METRICS, Baseline, by_baseline, find, is_worse
+from crosscheck.verdicts.certificates import by_certificate, certificates
 from crosscheck.verdicts.compare import Comparison, Pair, compare
 from crosscheck.verdicts.plan import Task
-from crosscheck.verdicts.repeatability import SHAKEN, doubtful, repeated, scattered
+from crosscheck.verdicts.repeatability import SHAKEN, by_repetition, doubtful, scattered
 from crosscheck.verdicts.results import Diagnosis
 
 FIRST: Mapping[str, Any] = {}
@@ -56,15 +58,15 @@ def compared(shared: Shared, task: Task, engine: Engine, reference: Engine) -> l
     if any(map(doubtful, rows)):
         first = {engine.name: ours, reference.name: theirs}
         again = {one.name: _attempt(shared, task, one, AGAIN).record for one in (engine, reference)}
-        rows = [repeated(row, first, again) if doubtful(row) else row for row in rows]
+        rows = [by_repetition(row, first, again) if doubtful(row) else row for row in rows]
     flexinv = _attempt(shared, task, ENGINES[REFERENCE]).record if reference.name != REFERENCE else theirs
     records = {REFERENCE: flexinv, reference.name: theirs, engine.name: ours}
-    rows = certified(rows, certificates(task, records))
+    rows = by_certificate(rows, certificates(task, records))
     known = blessed(shared.baseline)
     if any(is_worse(row, known) for row in rows):
         moved = [_attempt(shared, task, engine, {**AGAIN, "error": False, "shake": way}).record for way in SHAKEN]
         rows = [scattered(row, theirs, moved) if is_worse(row, known) else row for row in rows]
-    return rows if known is None else [judged(row, known) for row in rows]
+    return rows if known is None else [by_baseline(row, known) for row in rows]
 
 
 def blessed(folder: Path | None) -> Baseline | None:

@@ -1,22 +1,19 @@
-"""Certificates before the comparisons, and questions for causes after them (both in the parent)."""
+"""Questions for causes: which deviations are asked about, and with what (in the parent)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 from crosscheck.engines import ENGINES, Engine
-from crosscheck.measures.certificate import Check, certificate, checks
-from crosscheck.measures.limits import BY_DISCRETISATION
-from crosscheck.measures.record import Record
+from crosscheck.measures.limits import REFERENCE
 from crosscheck.verdicts.baseline import UNBLESSED
 from crosscheck.verdicts.compare import COMPARED, Comparison
-from crosscheck.verdicts.plan import Plan, Task
-from crosscheck.verdicts.results import NO_CERTIFICATE, Diagnosis, Results, fails
+from crosscheck.verdicts.plan import Plan
+from crosscheck.verdicts.results import Diagnosis, Results
 
-REFERENCE = "flexinv"
 ASKED = ("deviation", "unjudged", "explained")  # verdicts after which a reader asks why
 
 
@@ -39,50 +36,6 @@ class Question:
             "function": "diagnose",
             "options": dict(self.options),
         }
-
-
-def certificates(task: Task, records: Mapping[str, Record]) -> tuple[Check, ...]:
-    """Return every line of every engine's certificate against the reference's; an engine without one has one line."""
-    reference = records.get(REFERENCE)
-    if reference is None or reference.status != "ok":
-        return ()
-    ours = certificate(reference.certificate)
-    found: list[Check] = []
-    for name, record in records.items():
-        if name == REFERENCE or record.status == "skipped" or not record.certificate:
-            continue
-        here = (task.folder.name, task.case.name, name)
-        lines = checks(*here, certificate(record.certificate), ours)
-        missing = str(record.certificate.get("problem", "the engine gives nothing that the reference has"))
-        found += lines or (Check(*here, NO_CERTIFICATE, "-", False, words=missing),)
-    return tuple(found)
-
-
-def certified(rows: Iterable[Comparison], lines: Iterable[Check]) -> list[Comparison]:
-    """Return the comparisons, those of engines whose certificate does not hold as deviations: they have another mechanism.
-
-    Where an engine has no certificate nothing is known, and nothing changes.
-    """
-    failed: dict[tuple[str, str, str], list[str]] = {}
-    for line in lines:
-        if fails(line):
-            failed.setdefault((line.mechanism, line.case, line.engine), []).append(line.what)
-    return [_certified(row, failed) for row in rows]
-
-
-def _certified(row: Comparison, failed: Mapping[tuple[str, str, str], list[str]]) -> Comparison:
-    found = {e: failed.get((row.mechanism, row.case, e)) for e in (row.engine, row.reference)}
-    parts = [f"{engine} has another {', '.join(what)}" for engine, what in found.items() if what]
-    if not parts or row.verdict in ("skipped", "error"):
-        return row
-    words = f"the certificate does not hold: {'; '.join(parts)}"
-    verdict = row.verdict if row.verdict == "unjudged" else "deviation"
-    return replace(
-        row,
-        verdict=verdict,
-        message="; ".join(filter(None, [row.message.removeprefix(BY_DISCRETISATION), words])),
-        uncertified=words,
-    )
 
 
 def questions(results: Results, plan: Plan, out: Path, engines: Mapping[str, Engine] | None = None) -> list[Question]:

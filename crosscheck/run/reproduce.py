@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from crosscheck.engines import ENGINES, Engine
+from crosscheck.measures.limits import REFERENCE
 from crosscheck.measures.record import save
 from crosscheck.run.isolation import Children, ask, run_engine, scratch
 from crosscheck.verdicts.plan import Task
 from flexinv.errors import InputError
 
-REFERENCE = "flexinv"
 README = """# {mechanism}/{case} in {engine}
 
 {title}

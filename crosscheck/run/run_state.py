@@ -15,15 +15,16 @@ from crosscheck.measures.certificate import Check
 from crosscheck.measures.record import Record, RecordError, load, save
 from crosscheck.run.abilities import Abilities, skipped
 from crosscheck.run.isolation import Attempt
-from crosscheck.run.questions import certificates, certified, diagnosis, questions
+from crosscheck.run.questions import diagnosis, questions
 from crosscheck.run.result_rows import compare_all, run_row, study_row
 from crosscheck.run.work import Event, Notify, Work
 from crosscheck.studies import Study
 from crosscheck.verdicts import baseline
 from crosscheck.verdicts import results as store
+from crosscheck.verdicts.certificates import by_certificate, certificates
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.plan import Task, case_row
-from crosscheck.verdicts.repeatability import SHAKEN, doubtful, repeated, scattered
+from crosscheck.verdicts.repeatability import SHAKEN, by_repetition, doubtful, scattered
 from crosscheck.verdicts.results import CaseRow, Diagnosis, EngineRow, Results, RunRow, StudyRow, slug
 
 RESULTS = "results.json"
@@ -94,7 +95,7 @@ class State:
             if doubtful(row):
                 again = self.again.get((row.mechanism, row.case), {})
                 first = {e: _loaded(stems.get((row.mechanism, row.case, e)), e) for e in (row.engine, row.reference)}
-                row = repeated(row, first, {e: again.get(e, UNREPEATED) for e in first})
+                row = by_repetition(row, first, {e: again.get(e, UNREPEATED) for e in first})
             if baseline.is_worse(row, self.work.options.baseline):
                 other = _loaded(stems.get((row.mechanism, row.case, row.reference)), row.reference)
                 row = scattered(row, other, self.shaken.get((row.mechanism, row.case, row.engine), []))
@@ -210,7 +211,7 @@ class State:
         self.results = replace(
             self.results,
             cases=cases,
-            comparisons=(*self.results.comparisons, *certified(rows, lines)),
+            comparisons=(*self.results.comparisons, *by_certificate(rows, lines)),
             certificates=(*self.results.certificates, *lines),
         )
 

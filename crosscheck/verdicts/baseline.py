@@ -108,7 +108,7 @@ def noise(blessed: float, limit: float | None) -> float:
     return max(SHARE_OF_BLESSED * blessed, share * allowed)
 
 
-def judged(row: Comparison, baseline: Baseline) -> Comparison:
+def by_baseline(row: Comparison, baseline: Baseline) -> Comparison:
     """Return a comparison with its blessed value; one that has become worse is a deviation."""
     share = row.fraction
     if share is None or not _is_judged(row):
@@ -189,7 +189,7 @@ def write(folder: Path, results: Results, rows: Iterable[Comparison], reason: st
 
 def apply(results: Results, baseline: Baseline, whole: bool) -> Results:
     """Return the results judged against the baseline; whole: everything was run, so what is missing is gone."""
-    rows = tuple(judged(row, baseline) for row in results.comparisons)
+    rows = tuple(by_baseline(row, baseline) for row in results.comparisons)
     missing = gone(rows, baseline) if whole else []
     words = {
         **{"reason": baseline.reason, "date": baseline.date, "versions": dict(baseline.versions)},

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from crosscheck.engines import ENGINES
 from crosscheck.measures.budget import no_order
-from crosscheck.measures.limits import Verdict, discretised, find, judge
+from crosscheck.measures.limits import Verdict, by_bars, by_limit, find
 from crosscheck.measures.metrics import sprague_geers
 from crosscheck.measures.record import Record, Series
 from crosscheck.measures.spectrum import dominant_frequency
@@ -199,10 +199,10 @@ def _judged(
     limit = find(pair.case.limits, quantity, pair.engine.engine, pair.reference.engine, pair.engine.version)
     share = fraction(measured.maximum, measured.scale)
     known = pair.engine.engine in ENGINES and ENGINES[pair.engine.engine].native
-    verdict, message = judge(share, limit, pair.today, pair.engine.message if known else "")
+    verdict, message = by_limit(share, limit, pair.today, pair.engine.message if known else "")
     if verdict == "deviation" and limit is not None and bars.covered and measured.error_bar is not None:
         doubt = next((_unordered(pair, n) for n, part in bars.doubts.items() if part > limit.maximum), "")
-        verdict, message = discretised(share, fraction(measured.error_bar, measured.scale), message, doubt)
+        verdict, message = by_bars(share, fraction(measured.error_bar, measured.scale), message, doubt)
     if gap:
         verdict = "error" if quantity in WHOLE else verdict
         message = "; ".join(filter(None, [message, gap]))

@@ -49,7 +49,7 @@ def doubtful(row: Comparison) -> bool:
     return row.verdict == "explained" and row.limit is not None and row.maximum is not None
 
 
-def repeated(row: Comparison, first: Mapping[str, Record], again: Mapping[str, Record]) -> Comparison:
+def by_repetition(row: Comparison, first: Mapping[str, Record], again: Mapping[str, Record]) -> Comparison:
     """Return a doubtful comparison as it is where both engines repeat, else as a deviation that says which does not.
 
     first, again : records of both engines, by name

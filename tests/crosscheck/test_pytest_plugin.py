@@ -22,7 +22,7 @@ from crosscheck.measures.record import Record
 from crosscheck.report.failure import failure
 from crosscheck.run.isolation import Attempt
 from crosscheck.run.run_cache import Attempts
-from crosscheck.verdicts.baseline import Baseline, judged, key
+from crosscheck.verdicts.baseline import Baseline, by_baseline, key
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.plan import discover
 
@@ -75,7 +75,7 @@ def test_a_comparison_without_limit_asks_for_one() -> None:
 
 def test_a_comparison_that_has_become_worse_says_since_when_it_is_blessed() -> None:
     known = Baseline({key(ROW): 0.001}, "looked at", "2026-03-01T01:00:00+00:00")
-    row = judged(replace(ROW, verdict="within", message="", limit=0.05), known)
+    row = by_baseline(replace(ROW, verdict="within", message="", limit=0.05), known)
     assert failure(row, "the viscous damping of hub differs by 0.05 N m s/rad").split("\n") == [
         "arm/swing, torque: exudyn-ge differs from flexinv by more than when it was blessed",
         "  difference    0.013 N m, 0.013 of the range of 1 N m",
@@ -92,7 +92,7 @@ def test_a_comparison_that_has_become_worse_says_since_when_it_is_blessed() -> N
 
 
 def test_a_comparison_that_nobody_has_blessed_says_how() -> None:
-    row = judged(replace(ROW, verdict="within", message="", limit=0.05), Baseline())
+    row = by_baseline(replace(ROW, verdict="within", message="", limit=0.05), Baseline())
     lines = failure(row).split("\n")
     assert lines[0] == "arm/swing, torque: exudyn-ge is compared with flexinv, but nothing is blessed yet"
     accept = '  to accept     crosscheck run arm/swing, look at its report, then crosscheck bless --reason "..."'

@@ -35,7 +35,18 @@ def faults(page: str, package: str, sources: Mapping[str, str]) -> list[str]:
         else:
             below = [lower for lower in _imported(module, sources) if place.get(lower, -1) > k]
             broken += [f"{module} imports {lower}, which stands below" for lower in below]
-    return sorted(broken)
+    return sorted([*broken, *_headings(page)])
+
+
+def _headings(page: str) -> list[str]:
+    """Headings that stand more than once, and tables without a row."""
+    headings = re.findall(r"^## (.*)$", page, re.MULTILINE)
+    twice = [
+        f"the heading {one} stands {headings.count(one)} times"
+        for one in sorted(set(headings))
+        if headings.count(one) > 1
+    ]
+    return [*twice, *(["a table has no row"] if re.search(r"^\|---.*\n(?!\|)", page + "\n", re.MULTILINE) else [])]
 
 
 def unknown(page: str, package: str, sources: Mapping[str, str]) -> list[str]:

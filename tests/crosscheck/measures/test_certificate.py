@@ -23,7 +23,7 @@ from crosscheck.engines.base import offered
 from crosscheck.measures.certificate import Certificate, Check, certificate, checks, holds
 from crosscheck.measures.record import Record
 from crosscheck.run.child import given
-from crosscheck.run.questions import certificates
+from crosscheck.verdicts.certificates import certificates
 from crosscheck.verdicts.plan import task
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism

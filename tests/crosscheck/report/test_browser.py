@@ -14,7 +14,7 @@ import pytest
 from crosscheck_examples import Night, night_run
 
 from crosscheck.report import render
-from crosscheck.run.questions import certified
+from crosscheck.verdicts.certificates import by_certificate
 
 pytestmark = [
     pytest.mark.browser,
@@ -77,7 +77,8 @@ def test_no_column_of_a_case_is_lost_also_where_a_certificate_fails(
     )
     assert lines != night.results.certificates
     render(
-        replace(night.results, certificates=lines, comparisons=tuple(certified(night.results.comparisons, lines))), out
+        replace(night.results, certificates=lines, comparisons=tuple(by_certificate(night.results.comparisons, lines))),
+        out,
     )
     for folder in (night.out, out):
         page.open(address(folder / "cases" / case_file(night).name), 1400)

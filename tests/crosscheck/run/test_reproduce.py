@@ -77,19 +77,19 @@ def run(folder: Path) -> dict[str, float]:
     }
 
 
-def grounded() -> Mechanism:
-    """The tree of every joint but the spherical one, its free base where URDF wants it."""
+def grounded(placed: bool = False) -> Mechanism:
+    """The tree of every joint but the spherical one, its free base at the world's frame or placed elsewhere."""
     kinds = (
         ("base", "free", "world"), ("shoulder", "revolute", "base"), ("wrist", "universal", "shoulder"),
         ("slider", "prismatic", "wrist"), ("flange", "fixed", "shoulder"), ("wheel", "continuous", "base"),
     )  # fmt: skip
     made = tree(kinds)
-    return replace(made, joints=(replace(made.joints[0], placement=Placement()), *made.joints[1:]))
+    return made if placed else replace(made, joints=(replace(made.joints[0], placement=Placement()), *made.joints[1:]))
 
 
 @pytest.mark.parametrize(
     ("engine", "mechanism"),
-    [("pinocchio", grounded()), ("mujoco", tree()), ("exudyn", tree())],
+    [("pinocchio", grounded()), ("pinocchio", grounded(placed=True)), ("mujoco", tree()), ("exudyn", tree())],
     ids=lambda x: str(x)[:9],
 )
 def test_every_joint_of_a_tree(engine: str, mechanism: Mechanism, tmp_path: Path) -> None:
@@ -251,7 +251,6 @@ def test_what_cannot_be_exported_is_said(tmp_path: Path) -> None:
         ),
         ("pinocchio", r"beams \(link\) are exported for exudyn-ancf and exudyn-ge, not for pinocchio", arm(), case),
         ("pinocchio", "URDF has no spherical joint .* see mujoco", chain("spherical"), case),
-        ("pinocchio", "a free base of a URDF begins at the world's frame", tree(), case),
         (
             "exudyn-dae",
             "depend on the position of a spherical joint; for models in time revolute",

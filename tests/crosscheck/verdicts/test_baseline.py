@@ -51,21 +51,21 @@ def blessed(fraction: float, row: Comparison = ROW) -> Baseline:
     ],
 )
 def test_worse_than_blessed_by_more_than_noise_is_a_deviation(row: Comparison, before: float, verdict: str) -> None:
-    found = baseline.judged(row, blessed(before, row))
+    found = baseline.by_baseline(row, blessed(before, row))
     assert found.verdict == verdict
     assert found.blessed == before
     assert ("worse than blessed" in found.message) == (verdict == "deviation")
 
 
 def test_the_message_says_what_it_was_and_how_to_bless() -> None:
-    assert baseline.judged(ROW, blessed(1e-5)).message == (
+    assert baseline.by_baseline(ROW, blessed(1e-5)).message == (
         "worse than blessed: 0.0002 of the range, on 2026-02-01 it was 1e-05 (noise 1e-05); mend the cause, or "
         'crosscheck bless --reason "..."'
     )
 
 
 def test_a_missing_value_fails_and_says_how_to_bless(tmp_path: Path) -> None:
-    found = baseline.judged(ROW, baseline.find(tmp_path))
+    found = baseline.by_baseline(ROW, baseline.find(tmp_path))
     assert found.verdict == "unjudged"
     assert 'no blessed value for it yet: crosscheck bless --reason "..."' in found.message
     assert night(found).exit_code == 1
@@ -74,9 +74,9 @@ def test_a_missing_value_fails_and_says_how_to_bless(tmp_path: Path) -> None:
 def test_what_deviates_is_skipped_or_has_no_limit_is_left_as_it_is() -> None:
     explained = replace(ROW, verdict="explained", limit=None)
     for row in (DEVIATION, SKIPPED, explained):
-        assert baseline.judged(row, Baseline()) is row
+        assert baseline.by_baseline(row, Baseline()) is row
     bars = replace(ROW, verdict="explained", maximum=2e-3, message="by discretisation: ...")
-    assert baseline.judged(bars, blessed(1e-3, bars)).verdict == "deviation"
+    assert baseline.by_baseline(bars, blessed(1e-3, bars)).verdict == "deviation"
 
 
 def test_what_is_no_longer_compared_is_missed_after_a_run_over_everything() -> None:

@@ -227,13 +227,13 @@ def test_references_are_those_that_limits_name_and_flexinv() -> None:
 
 
 def test_without_a_limit_or_with_an_expired_one_nothing_is_within() -> None:
-    assert limits.judge(0.0, None, TODAY)[0] == "unjudged"
+    assert limits.by_limit(0.0, None, TODAY)[0] == "unjudged"
     until = limit("torque", 1.0, expires=TODAY)
-    assert limits.judge(0.5, until, TODAY)[0] == "within"
-    verdict, message = limits.judge(0.0, until, TODAY + datetime.timedelta(days=1))
+    assert limits.by_limit(0.5, until, TODAY)[0] == "within"
+    verdict, message = limits.by_limit(0.0, until, TODAY + datetime.timedelta(days=1))
     assert verdict == "unjudged"
     assert "expired on 2026-03-01" in message
-    assert limits.judge(float("nan"), limit("torque", 1.0), TODAY)[0] == "deviation"
+    assert limits.by_limit(float("nan"), limit("torque", 1.0), TODAY)[0] == "deviation"
 
 
 def test_limits_that_nobody_asked_for_are_found() -> None:
@@ -258,7 +258,7 @@ def test_the_worst_verdict_gives_the_exit_code(verdicts: list[limits.Verdict], w
 
 def test_a_native_result_is_explained_by_its_cause_and_only_without_a_limit() -> None:
     today = datetime.date(2026, 1, 1)
-    assert limits.judge(0.9, None, today, "soft") == ("explained", "0.9 of the range: soft")
-    assert limits.judge(0.9, None, today)[0] == "unjudged"
+    assert limits.by_limit(0.9, None, today, "soft") == ("explained", "0.9 of the range: soft")
+    assert limits.by_limit(0.9, None, today)[0] == "unjudged"
     strict = Limit("torque", ("*",), 0.1, "a reason")
-    assert limits.judge(0.9, strict, today, "soft")[0] == "deviation"
+    assert limits.by_limit(0.9, strict, today, "soft")[0] == "deviation"

@@ -35,7 +35,7 @@ def test_what_last_digits_change_is_no_deterioration() -> None:
     assert baseline.is_worse(ROW, NIGHT)
     row = scattered(ROW, REFERENCE, [record(off) for off in (9.2e-8, 1.08e-7, 9.9e-8)])
     assert row.scatter == pytest.approx(1.08e-7 - 9.2e-8)
-    found = baseline.judged(row, NIGHT)
+    found = baseline.by_baseline(row, NIGHT)
     assert found.verdict == "within"
     assert "the last digits of the input alone change it by 2e-08" in found.message
 
@@ -51,7 +51,7 @@ def test_what_last_digits_change_is_no_deterioration() -> None:
     ],
 )
 def test_what_is_worse_by_more_is_a_deviation(shaken: list[Record]) -> None:
-    found = baseline.judged(scattered(ROW, REFERENCE, shaken), NIGHT)
+    found = baseline.by_baseline(scattered(ROW, REFERENCE, shaken), NIGHT)
     assert found.verdict == "deviation"
     assert "worse than blessed" in found.message
 
@@ -60,7 +60,7 @@ def test_scatter_does_not_lift_a_limit() -> None:
     """Beyond its limit a comparison deviates however it scatters."""
     beyond = replace(ROW, maximum=1e-5, verdict="deviation")
     assert not baseline.is_worse(beyond, NIGHT)
-    assert baseline.judged(replace(beyond, scatter=1.0), NIGHT).verdict == "deviation"
+    assert baseline.by_baseline(replace(beyond, scatter=1.0), NIGHT).verdict == "deviation"
 
 
 def test_inputs_are_moved_by_last_digits_only_and_in_other_ways(root: object) -> None:
