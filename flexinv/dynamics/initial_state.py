@@ -126,7 +126,7 @@ FIRST, FACTOR, MOST_SHORTER = 0.25, 4.0, 16
 FARTHEST = 0.5
 # Where a step goes less than NEAR, Newton's method is asked for the rest position itself; below STILL nothing moves.
 NEAR, STILL = 1e-3, 1e-10
-# Newton's last increment closes loops a little better (2.6e-10 in one of 1e-6 m, whatever the step), up or down: less is no climb.
+# Newton's last increment closes loops a little better (2.6e-10 in one of 1e-6 m, whatever the step), up or down: no climb.
 CLOSING = 1e-9
 # Leaving an unstable position by a part of 1e-10 takes some fifty steps.
 MOST_STEPS = 500
