@@ -14,7 +14,18 @@ from crosscheck.beyond.fault import ALL, Fault, Truth
 
 LARGEST = 3  # names in a set that helps a reader
 Outcome = Literal[
-    "right", "in set", "near", "unknown", "wide", "wrong", "accepted", "silent", "false alarm", "refused", "failed"
+    "right",
+    "in set",
+    "near",
+    "unknown",
+    "wide",
+    "wrong",
+    "accepted",
+    "silent",
+    "seen",
+    "false alarm",
+    "refused",
+    "failed",
 ]
 GOOD: tuple[Outcome, ...] = ("right", "in set")
 BAD: tuple[Outcome, ...] = ("wrong", "accepted", "wide", "false alarm", "failed")

@@ -19,6 +19,7 @@ ORDER = (
     "accepted",
     "refused",
     "silent",
+    "seen",
     "false alarm",
     "failed",
 )

@@ -15,7 +15,7 @@ import numpy as np
 
 from crosscheck.beyond.catalogue import Drawn, made
 from crosscheck.beyond.fault import Fault, Scene
-from crosscheck.beyond.judge import outcome
+from crosscheck.beyond.judge import Outcome, outcome
 from crosscheck.beyond.planting import planted
 from crosscheck.causes.fit import Columns
 from crosscheck.engines import ENGINES
@@ -132,6 +132,7 @@ def _said(place: Place, scene: Scene, fault: Fault, stem: Path, columns: Columns
     records = {REFERENCE: reference, place.engine: record}
     rows, _ = compare_all(task, records)
     lines = certificates(task, records)
+    deviate = any(row.verdict in TOLD for row in rows)
     rows = by_certificate(rows, lines)
     if any(map(doubtful, rows)):  # as a run does: bars that explain a difference are those of an engine that repeats
         run_case(place.job(place.engine, twice := stem.with_name(f"{stem.name}-again")))
@@ -144,6 +145,7 @@ def _said(place: Place, scene: Scene, fault: Fault, stem: Path, columns: Columns
     effect, most = size_of(fault, task, reference, unharmed, record)
     failed = [line.what for line in lines if not line.holds]
     alarm = results.exit_code != 0 or bool(failed)
+    deviate |= any(row.verdict in TOLD and not row.uncertified for row in rows)
     return {
         "effect": effect,
         "times_the_bar": most,
@@ -152,7 +154,7 @@ def _said(place: Place, scene: Scene, fault: Fault, stem: Path, columns: Columns
         "certificate_fails": failed,
         "named": [{k: one.get(k) for k in ("cause", "target", "words")} for one in named],
         "words": " ".join(str(answer.get("words", "")) for answer in answers),
-        "outcome": _outcome(named, fault, effect, alarm, rows, failed),
+        "outcome": _outcome(named, fault, effect, alarm, deviate, failed),
     }
 
 
@@ -161,15 +163,19 @@ def _outcome(
     fault: Fault,
     effect: Effect,
     alarm: bool,
-    rows: Sequence[Comparison],
+    deviate: bool,
     failed: Sequence[str],
-) -> str:
-    """Return the outcome; a comparison that deviates although the fault is below the bars is a false alarm."""
-    told = [row.verdict for row in rows if row.verdict in TOLD]
+) -> Outcome:
+    """Return the outcome; a comparison that deviates although the fault is below the bars is a false alarm.
+
+    A line of the certificate that fails there is none: it looks at the mechanism itself, sharper than the bars of a motion.
+    """
     if not fault.parts:  # nothing was planted
-        return "wrong" if named else "false alarm" if told or failed else "silent"
+        return "wrong" if named else "false alarm" if deviate or failed else "silent"
     found = outcome(named, fault, effect, alarm)
-    return "false alarm" if effect == "below" and told and found == "silent" else found
+    if effect != "below" or found != "silent":
+        return found
+    return "false alarm" if deviate else "seen" if failed else "silent"
 
 
 def _read(stem: Path, task: Task) -> Record:

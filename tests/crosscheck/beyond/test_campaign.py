@@ -19,7 +19,7 @@ from crosscheck.beyond.catalogue import RECIPES, draw, made
 from crosscheck.beyond.fault import ALL, Fault, Scene, Truth, both
 from crosscheck.beyond.planting import RUNS, planted
 from crosscheck.beyond.shown import text
-from crosscheck.beyond.trial import size_of
+from crosscheck.beyond.trial import _outcome, size_of
 from crosscheck.commands.selftest import command
 from crosscheck.engines import ENGINES
 from crosscheck.measures.mechanisms import read_mechanism
@@ -248,6 +248,23 @@ def test_an_effect_is_measured_against_the_bars(by: float, expected: str) -> Non
     assert size_of(HEAVY, here, record("flexinv", 0.0), unharmed, harmed)[0] == expected
 
 
+@pytest.mark.parametrize(
+    ("planted_one", "deviate", "failed", "expected"),
+    [
+        (True, False, (), "silent"),
+        (True, False, ("total mass",), "seen"),
+        (True, True, ("total mass",), "false alarm"),
+        (False, False, ("total mass",), "false alarm"),
+        (False, True, (), "false alarm"),
+    ],
+)
+def test_a_certificate_may_see_what_no_motion_shows(
+    planted_one: bool, deviate: bool, failed: tuple[str, ...], expected: str
+) -> None:
+    fault = HEAVY if planted_one else replace(HEAVY, parts=())
+    assert _outcome((), fault, "below", bool(failed) or deviate, deviate, failed) == expected
+
+
 def test_sums_count_and_judge() -> None:
     rows = [
         {"number": k, "mechanism": "m", "case": "c", "engine": "mujoco", "topic": "t", "outcome": o, "effect": e, "fault": "f"}
@@ -273,7 +290,8 @@ def test_a_small_campaign_runs_for_real(tmp_path: Path) -> None:
     assert sorted(file.name for file in tmp_path.iterdir()) == ["beyond.json"]  # nothing else is written or removed
     assert [row["number"] for row in results["rows"]] == [0, 0, 1, 2, 3, 4, 5]
     assert all(
-        row["outcome"] in (*judge.GOOD, *judge.BAD, "near", "unknown", "silent", "refused") for row in results["rows"]
+        row["outcome"] in (*judge.GOOD, *judge.BAD, "near", "unknown", "silent", "seen", "refused")
+        for row in results["rows"]
     )
     assert "failed" not in results["sums"]["counts"], results["rows"]
     alone = run(replace(Wanted(chosen, MODELS, tmp_path, jobs=1), only=(3,)))["rows"]
