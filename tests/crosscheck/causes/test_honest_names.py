@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 
 from crosscheck.causes.diagnosis import diagnose
+from crosscheck.causes.evidence import _is_left
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.engines.base import offered
-from crosscheck.measures.certificate import EXACT
+from crosscheck.measures.certificate import EXACT, Certificate
 from crosscheck.measures.record import Record, save
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
@@ -185,6 +186,16 @@ def test_where_the_certificate_contradicts_every_cause_none_is_named(tmp_path: P
     answer = told(tmp_path, "double_pendulum/swing", "pinocchio", after=lambda _: replace(damped, certificate=said))
     assert answer["named"] == []
     assert "total mass" in answer["words"]
+
+
+def test_a_line_that_an_engine_does_not_state_is_not_left_as_it_is() -> None:
+    """Nothing is known of it, so it contradicts nothing; what it states, and a cause does not change, is left."""
+    ours = Certificate(masses={"a": 1.0, "b": 2.0})
+    assert not _is_left("masses", Certificate(), ours, ours)
+    assert not _is_left("masses", Certificate(masses={"c": 1.0}), ours, ours)
+    theirs = Certificate(masses={"a": 1.1, "b": 2.0})
+    assert _is_left("masses", theirs, ours, ours)
+    assert not _is_left("masses", theirs, ours, theirs)
 
 
 def test_a_failing_line_that_a_cause_leaves_as_it_is_contradicts_it(tmp_path: Path) -> None:
