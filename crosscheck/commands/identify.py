@@ -16,6 +16,7 @@ from crosscheck.commands.shared.terminal import MODELS, Console, Failure
 from crosscheck.identification.bands import Judged
 from crosscheck.identification.causes.cause import Named
 from crosscheck.identification.causes.name_causes import name_causes
+from crosscheck.identification.combinations import told_directions
 from crosscheck.identification.excitation import Proposal, proposed_motion
 from crosscheck.identification.files import write_judged, write_parameters, write_prediction
 from crosscheck.identification.identified_file import write_identified
@@ -137,7 +138,10 @@ def _located(folder: Path, logs: tuple[str, ...]) -> list[str]:
 def _say(console: Console, found: Identified) -> None:
     told = [row for row in found.parameters if row.identifiable]
     console.print(
-        f"{len(told)} of {len(found.parameters)} parameters are told by the logs; intervals hold 90 %", highlight=False
+        f"{len(told)} of {len(found.parameters)} parameters are told by the logs, which narrow {told_directions(found.fit)} "
+        "independent combinations of them; intervals hold 90 %",
+        highlight=False,
+        soft_wrap=True,
     )
     table = Table("parameter", "place", "value", "90 % interval", "before", "unit", box=None, header_style="dim")
     for row in told:

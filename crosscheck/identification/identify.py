@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from crosscheck.identification.bands import Judged, Prediction, factors, judge, judged, predict
 from crosscheck.identification.checks import doubts
+from crosscheck.identification.combinations import combinations
 from crosscheck.identification.fit import Fit, Problem, fit, problem
 from crosscheck.identification.log import Log, read_log
 from crosscheck.identification.parameters import space
@@ -91,7 +92,7 @@ def identify(
     found = fit(task)
     q = factors(task, found)
     table = rows(machine.space, found)
-    words += untold(table)
+    words += [*untold(table), *(one.words for one in combinations(machine.space, found))]
 
     def told_of(some: Sequence[Run]) -> list[tuple[Run, Prediction]]:
         return [(run, predict(machine, found, q, run)) for run in some]
