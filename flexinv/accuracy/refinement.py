@@ -95,6 +95,7 @@ class Answer:
     """Answer of a refinement: levels to combine, their weights [-], and bars (samples, quantities) in parts of the ranges [-].
 
     kept : samples to a coarsest step; apart : largest difference of two answers of three rungs; order : that they show [-]
+    longest : of the three rungs, 1/``longest`` of the coarsest step [-]
     """
 
     levels: tuple[Level, ...]
@@ -104,6 +105,7 @@ class Answer:
     ranges: Ranges
     apart: float
     order: float
+    longest: int
 
     @property
     def bar(self) -> float:
@@ -141,11 +143,12 @@ def meshed(mechanism: Mechanism, mesh: int) -> Mechanism:
 class Refinement:
     """Runs of one problem that are already made, by mesh and refinement; None where Newton failed at so long steps.
 
-    failure : of Newton, the last; seen : refinements [-] and how far answers were apart [-]
+    mechanisms : by mesh; failure : of Newton, the last; seen : refinements [-] and how far answers were apart [-]
     """
 
     problem: Problem
     levels: dict[tuple[int, int], Level | None] = field(default_factory=dict)
+    mechanisms: dict[int, Mechanism] = field(default_factory=dict)
     failure: ConvergenceError | None = None
     seen: list[tuple[int, float]] = field(default_factory=list)
 
@@ -161,9 +164,16 @@ class Refinement:
             self.levels[mesh, finer] = self._run(mesh, finer)
         return self.levels[mesh, finer]
 
+    def mechanism(self, mesh: int) -> Mechanism:
+        """Return the mechanism with a mesh of `MESHES` [-]: the same one for all steps, which keeps what is made of it."""
+        if mesh not in self.mechanisms:
+            given = self.problem.mechanism
+            self.mechanisms[mesh] = meshed(given, mesh) if given.beams else given
+        return self.mechanisms[mesh]
+
     def _run(self, mesh: int, finer: int) -> Level | None:
         p, grid = self.problem, self.problem.grid
-        mechanism = meshed(p.mechanism, mesh) if p.mechanism.beams else p.mechanism
+        mechanism = self.mechanism(mesh)
         kept = max(1, 2 ** int(np.log2(finer)) // 2)
         whole = bool(mechanism.closures) and not mechanism.is_rigid  # of which every step is kept
         settings = replace(p.settings, step=grid.spacing(finer), every=1 if whole else finer // kept)
@@ -255,7 +265,7 @@ def extrapolated_answer(three: tuple[Level, Level, Level], before: Answer | None
         order = float(np.log(before.apart / apart) / np.log(b.finer / before.levels[0].finer))
     contraction = (c.finer / a.finer) ** (max(order, LEAST_ORDER) / 2)
     bars = bars * max(1.0, MARGIN / (contraction - 1.0))
-    return Answer((b, c), weights((b.finer, c.finer)), a.kept, bars, scale, apart, order)
+    return Answer((b, c), weights((b.finer, c.finer)), a.kept, bars, scale, apart, order, a.finer)
 
 
 def plain_answer(three: tuple[Level, Level, Level]) -> Answer:
@@ -267,7 +277,7 @@ def plain_answer(three: tuple[Level, Level, Level]) -> Answer:
         widest(scale.errors(mixed((found[k], found[j]), minus))) for k, j in ((1, 0), (2, 1), (2, 0))
     )
     bars = both if second.max() < first.max() else np.full_like(both, np.inf)
-    return Answer((c,), np.ones(1), a.kept, bars, scale, float(both.max()), 1.0)
+    return Answer((c,), np.ones(1), a.kept, bars, scale, float(both.max()), 1.0, a.finer)
 
 
 def mixed(found: Sequence[Quantities], weight: Array) -> Quantities:
@@ -276,9 +286,13 @@ def mixed(found: Sequence[Quantities], weight: Array) -> Quantities:
 
 
 def mesh_bars(refinement: Refinement, mesh: int, answer: Answer) -> Array:
-    """Return the bars (samples, quantities) [-] of a mesh, from the next one with the shortest steps of the answer."""
-    here, there = answer.finest, refinement.level(mesh + 1, answer.finest.finer)
-    if there is None:
+    """Return the bars (samples, quantities) [-] of a mesh, from the next one, at the longest steps of the answer's three rungs.
+
+    What meshes differ by hardly depends on the step, or falls with it; only where something jumps undamped it grows, 1 to 2 times
+    from these steps to the shortest.
+    """
+    here, there = refinement.level(mesh, answer.longest), refinement.level(mesh + 1, answer.longest)
+    if here is None or there is None:
         return np.full_like(answer.bars, np.inf)
     return OF_MESH * _mesh_apart(here, there)[:: here.kept // answer.kept]
 
