@@ -39,6 +39,9 @@ PARTS: Mapping[str, Part] = {
         name: Part(f"Time and error of an arm that bends, {name}", "flexible", "study", {"arms": [model]}, _QUICK_ARM)
         for name, model in _ARMS.items()
     },
+    "accuracy": Part(
+        "Time to a torque error", "accuracy", quick={"arms": ["flex_one_link"], "errors": [1e-3, 1e-6], "seconds": 0.5}
+    ),
     "elements": Part("More elements", "marches", "elements", quick={"orders": {"1": [16, 64, 128]}, "seconds": 0.5}),
     "others": Part("Closed loops and threads", "marches", "others", quick={"seconds": 0.5}),
     "runs": Part("Whole runs", "runs", quick={"whole": False}),

@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 from crosscheck_examples import write_models
 
-from crosscheck.bench import first, flexible, latency, marches, parts, rigid, runs, single, targets
+from crosscheck.bench import accuracy, first, flexible, latency, marches, parts, rigid, runs, single, targets
 from crosscheck.bench.cores import SHARED, Cores, whole
 from crosscheck.bench.timing import BUSY, HALVES, LONG, Call, Spread, Times, disturbed, in_turns, ratio
 from crosscheck.cli import main
@@ -314,3 +314,20 @@ def test_first_torques_cold_and_warm() -> None:
     assert cold["processor"] > 1.5 * warm["processor"]
     assert imported["what"] == "import flexinv"
     assert 0 < imported["clock"] < warm["clock"]
+
+
+@pytest.mark.slow
+def test_every_way_to_a_torque_error_reaches_it() -> None:
+    head, *rows = accuracy.study(str(MODELS), ["flex_one_link"], [1e-3], SHORT)["rows"]
+    assert head["error"] < 1e-3 / 20
+    assert [row["method"] for row in rows] == ["plain", "one extrapolation", "accuracy="]
+    assert all(0.0 < row["error"] <= 1e-3 for row in rows)
+    assert rows[1]["steps"] < rows[0]["steps"]  # order 4 beside order 2
+    assert "faster" not in rows[0]
+
+
+def test_a_reference_that_is_not_known_well_enough_judges_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(accuracy, "reference", lambda problem, least: (np.ones((2, 1)), least))
+    (row,) = accuracy.study(str(MODELS), ["flex_one_link"], [1e-3], SHORT)["rows"]
+    assert row["verdict"] == "deviation"
+    assert row["message"] == "no reference: it is known to 0.001 of the range only"

@@ -1,0 +1,254 @@
+"""Accuracy: time to a torque error, by plain steps, by one extrapolation, and by ``accuracy=``, which finds both itself.
+
+All three use flexinv's own march; the reference is an extrapolation on the finest mesh, by steps far shorter, whose own error is
+shown.  Exudyn beside it, by tips, stands in the parts one-link, two-link and spatial.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.bench.targets import judged, metric
+from crosscheck.bench.timing import Call, Times, in_turns, ratio
+from crosscheck.measures.mechanisms import read_mechanism
+from flexinv.accuracy.accurate_solve import solve_problem
+from flexinv.accuracy.extrapolation import extrapolated, thinned, weights
+from flexinv.accuracy.refinement import Problem, Refinement, Run, mixed
+from flexinv.analysis.evaluation import FirstStep, second_step
+from flexinv.analysis.settings import Settings
+from flexinv.analysis.solution import Solution
+from flexinv.analysis.solve import solve
+from flexinv.errors import ConvergenceError
+from flexinv.files.load_cases import load_cases
+from flexinv.model.damping import with_retardation
+from flexinv.model.mechanism import Mechanism
+from flexinv.model.motion import Motion
+
+Array = NDArray[np.float64]
+ASKED = 8.0  # times as fast as plain steps at an error of 1e-6, by one extrapolation
+ERRORS = (1e-3, 1e-4, 1e-5, 1e-6)  # of the range of the torque
+KEPT = 4  # samples to a coarsest step at which torques are compared; refinements are multiples of it
+MOST = 4096  # refinement of plain steps
+SECONDS = 6.0  # for each mechanism and error
+
+TEXT = """Time to a torque error, over the range of each torque, for a smooth law ('nonic'). Plain: steps so short that the march
+reaches the error, on the mesh that accuracy= has chosen for it. One extrapolation: two marches with steps of which one is 3/2 of
+the other, as few as reach the error. accuracy=: flexinv.solve finds steps, mesh and error bar itself, which takes several
+marches, and knows nothing of the reference. All times are of whole calls, to torques."""
+
+COLUMNS = (
+    ("arm", "mechanism", ""),
+    ("asked_error", "error asked", "of the range"),
+    ("method", "method", ""),
+    ("mesh", "elements x order", ""),
+    ("steps", "steps", ""),
+    ("error", "true error", "of the range"),
+    ("time", "time", "s"),
+    ("faster", "times as fast as plain", "-"),
+    ("asked", "asked", "-"),
+)
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A case that is solved, by the law 'nonic'; retardation [s] of its beams; target: least ratio at 1e-6 [-], or None."""
+
+    model: str
+    case: str
+    initial: str
+    retardation: float
+    target: float | None
+
+
+ARMS = (
+    Arm("flex_one_link", "cycloid", "consistent", 0.0, ASKED),
+    Arm("flex_two_link", "cycloid", "consistent", 0.0, None),
+    Arm("spatial_arm", "reach", "static", 1e-3, ASKED),
+    Arm("four_bar_flexible", "turn", "static", 1e-4, None),
+)
+
+
+def study(
+    models: str, arms: list[str] | None = None, errors: list[float] | None = None, seconds: float = SECONDS
+) -> dict[str, Any]:
+    """Return the table: time [s] and true error [-] of each method, mechanism and error asked."""
+    rows: list[dict[str, Any]] = []
+    for arm in ARMS:
+        if arm.model in (arms or [a.model for a in ARMS]):
+            rows += arm_rows(arm, Path(models), tuple(errors or ERRORS), seconds)
+    return {"text": TEXT, "columns": COLUMNS, "rows": rows}
+
+
+def arm_rows(arm: Arm, models: Path, errors: tuple[float, ...], seconds: float) -> Iterator[dict[str, Any]]:
+    """Yield the rows of one mechanism: its reference first, then each method by error [-]; seconds [s] of timing by error."""
+    mechanism, motion = subject(arm, models)
+    problem = solve_problem(mechanism, motion, min(errors), Settings(initial=arm.initial), {})
+    known, apart = reference(problem, min(errors))
+    head = {"arm": arm.model, "method": "reference", "error": apart}
+    if not apart < min(errors) / 20.0:
+        yield head | {"verdict": "deviation", "message": f"no reference: it is known to {apart:.1g} of the range only"}
+        return
+    yield head | {"verdict": "within"}
+    for asked in errors:
+        yield from _beside(arm, Marches(problem, known), motion, asked, seconds)
+
+
+def subject(arm: Arm, models: Path) -> tuple[Mechanism, Motion]:
+    """Return the mechanism, and its motion by the law 'nonic'."""
+    mechanism = read_mechanism(models / arm.model)
+    motion = load_cases(models / arm.model, mechanism)[arm.case].motion
+    if arm.retardation:
+        mechanism = with_retardation(mechanism, arm.retardation)
+    tracks = tuple(replace(track, law="nonic") if hasattr(track, "law") else track for track in motion.tracks)
+    return mechanism, replace(motion, tracks=tracks)
+
+
+def reference(problem: Problem, least: float) -> tuple[Array, float]:
+    """Return the torques (samples, drives) [N m], [N] at `KEPT` samples to a coarsest step, and their own error [-].
+
+    Steps are halved until two answers are closer than a fortieth of the ``least`` error [-], or no shorter ones can be paid for.
+    """
+    refinement, before = Refinement(problem), None
+    apart = np.inf
+    for mesh, finer in ((5, 32), (6, 64), (7, 128), (7, 192), (7, 256), (7, 384), (7, 512)):
+        pair = [refinement.level(mesh, n) for n in (finer // 2, finer)]
+        if any(one is None for one in pair):
+            continue
+        found = mixed(
+            [one.found.rows(one.kept // KEPT) for one in pair if one is not None], weights((finer // 2, finer))
+        )
+        if before is not None:
+            apart = distance(before, found.torque)
+        before = found.torque
+        if apart < least / 40.0:
+            break
+    if before is None:
+        raise refinement.failure or ConvergenceError(f"mechanism '{problem.mechanism.name}': no reference")
+    return before, apart
+
+
+def distance(torque: Array, known: Array) -> float:
+    """Return the largest error of a torque (samples, drives) [N m], [N] over the range of each [-]."""
+    return float((np.abs(torque - known).max(axis=0) / np.ptp(known, axis=0)).max())
+
+
+@dataclass(frozen=True)
+class Marches:
+    """Marches of one problem on one mesh, held against ``known`` torques (samples, drives) [N m], [N]."""
+
+    problem: Problem
+    known: Array
+    mechanism: Mechanism | None = None
+
+    def first(self, finer: int) -> tuple[Run, FirstStep]:
+        """Return a march at 1/``finer`` of the coarsest step [-], and its samples that are compared [m, rad, s, N]."""
+        p, mechanism = self.problem, self.mechanism or self.problem.mechanism
+        whole = bool(mechanism.closures)
+        own = replace(p.settings, step=p.grid.spacing(finer), every=1 if whole else finer // KEPT)
+        made = p.run(mechanism, p.grid.steps(finer), p.grid.seams(finer), own)
+        return made, thinned(made.first, finer // KEPT if whole else 1)
+
+    def plain(self, finer: int) -> Array:
+        """Return the torques [N m], [N] of one march."""
+        made, first = self.first(finer)
+        return np.asarray(second_step(made.mesh, first).tau[:, made.mesh.mechanism.actuated])
+
+    def pair(self, finer: tuple[int, int]) -> Array:
+        """Return the torques [N m], [N] of two marches, extrapolated."""
+        (_, rough), (made, fine) = (self.first(n) for n in finer)
+        first = extrapolated(made.mesh.mechanism, [rough, fine], weights(finer))
+        return np.asarray(second_step(made.mesh, first).tau[:, made.mesh.mechanism.actuated])
+
+    def error(self, torque: Array) -> float:
+        """Return the error of torques [N m], [N] over their ranges [-]."""
+        return distance(torque, self.known)
+
+    def longest_plain(self, asked: float) -> int | None:
+        """Return the refinement at which a march reaches an error [-]: by its order of 2, then by trial."""
+        known = 16 * KEPT
+        finer = _multiple(known * np.sqrt(self.error(self.plain(known)) / asked))
+        while finer <= MOST:
+            if self.error(self.plain(finer)) <= asked:
+                return finer
+            finer = _multiple(1.1 * finer + 1)
+        return None
+
+    def longest_pair(self, asked: float) -> tuple[int, int] | None:
+        """Return the refinements of which two marches, extrapolated, reach an error [-]."""
+        finer = 2 * KEPT
+        while finer <= MOST:
+            pair = (finer, _multiple(1.5 * finer))
+            try:
+                if self.error(self.pair(pair)) <= asked:
+                    return pair
+            except ConvergenceError:
+                pass
+            finer = _multiple(1.15 * finer + 1)
+        return None
+
+
+def _multiple(finer: float) -> int:
+    return max(KEPT, KEPT * int(np.ceil(finer / KEPT)))
+
+
+def _beside(arm: Arm, marches: Marches, motion: Motion, asked: float, seconds: float) -> Iterator[dict[str, Any]]:
+    """Yield the rows of one mechanism and error [-]; seconds [s] of timing."""
+    mechanism = marches.problem.mechanism
+
+    def accurate() -> Solution:
+        return solve(mechanism, motion, accuracy=asked, initial=arm.initial)
+
+    named = {"arm": arm.model, "asked_error": asked}
+    try:
+        answer = accurate()
+    except ConvergenceError as refused:
+        yield named | {"method": "accuracy=", "verdict": "skipped", "message": str(refused)}
+        return
+    here = replace(marches, mechanism=answer.mechanism)
+    plain, pair = here.longest_plain(asked), here.longest_pair(asked)
+    calls, told = (
+        {"accuracy=": Call(accurate)},
+        {"accuracy=": (0, _error(here, answer.torque))},
+    )
+    grid = here.problem.grid.total
+    if plain is not None:
+        calls["plain"], told["plain"] = Call(lambda: here.plain(plain)), (plain * grid, here.error(here.plain(plain)))
+    if pair is not None:
+        calls["one extrapolation"] = Call(lambda: here.pair(pair))
+        told["one extrapolation"] = (sum(pair) * grid, here.error(here.pair(pair)))
+    times = in_turns(calls, seconds)
+    beams = {(link.beam.elements, link.beam.order) for link in answer.mechanism.links if link.beam}
+    mesh = ", ".join(f"{count} x {order}" for count, order in sorted(beams))
+    for method in ("plain", "one extrapolation", "accuracy="):
+        if method not in times:
+            yield named | {"method": method, "verdict": "skipped", "message": f"{asked:g} is not reached"}
+            continue
+        steps, error = told[method]
+        row = named | {"method": method, "mesh": mesh, "steps": steps or None, "error": error}
+        row |= {"time": times[method].spread().median}
+        yield judged(row | _ratio(arm, asked, method, times))
+
+
+def _ratio(arm: Arm, asked: float, method: str, times: dict[str, Times]) -> dict[str, Any]:
+    """The time of plain steps over that of a method, judged where something is asked."""
+    if method == "plain" or "plain" not in times:
+        return {}
+    found = ratio(times["plain"], times[method])
+    least = arm.target if method == "one extrapolation" and asked == min(ERRORS) else None
+    name = f"{arm.model}: torque error {asked:g} by {method}, times as fast as plain steps"
+    one = metric(name, found.median, "-", lower=least, spread=f"{found.low:.3g} .. {found.high:.3g}")
+    return {"faster": found.median, "asked": least, "metric": one}
+
+
+def _error(marches: Marches, torque: Array) -> float:
+    """Return the error [-] of torques (samples, drives) [N m], [N] at a multiple or a part of the samples that are compared."""
+    there, here = len(torque) - 1, len(marches.known) - 1
+    if there >= here:
+        return distance(torque[:: there // here], marches.known)
+    return distance(torque, marches.known[:: here // there])
