@@ -2,10 +2,10 @@
 
 A cause is named when three things are true.  It explains the efforts down to the engines' error bars.  What it changes in the
 mechanism is what is wrong in the engine's own certificate, line by line.  It explains every other quantity that both engines
-gave.  Causes of which only the amplitude is known (a long step) are held against UNEXPLAINED instead of the bars.  Every cause
-of which all that is true stands beside it, at most MOST: of more, none is printed.  Where no cause alone will do, pairs are
-tried (`pairs`).  Otherwise nothing is named, and the words say which lines of the certificate fail.  Where the difference of
-the efforts is inside the error bars, what other quantities show is named alone (`named_beside`).
+gave.  Causes of which only the amplitude is known (a long step) may leave UNEXPLAINED where the bars are less.  Every cause
+of which all that is true stands beside it, at most MOST names, or MOST pairs: of more, none is printed.  Where no cause alone
+will do, pairs are tried (`pairs`).  Otherwise nothing is named, and the words say which lines of the certificate fail.  Where
+the difference of the efforts is inside the error bars, what other quantities show is named alone (`named_beside`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from crosscheck.causes.dictionary import all_causes
 from crosscheck.causes.evidence import Evidence, Heard
 from crosscheck.causes.fit import IMPOSSIBLE, Candidate, Fit, candidates, fit, possible, scan, sensible
 from crosscheck.causes.model import Model, is_tree
-from crosscheck.causes.pairs import pairs, parts
+from crosscheck.causes.pairs import AND, pairs, parts
 from crosscheck.causes.quantities import Quantities
 from crosscheck.causes.subject import Array
 
@@ -127,10 +127,12 @@ class Question:
         return np.maximum(NOISE * self.bars, max(self.agreed, part))
 
     def explains(self, one: Fit) -> bool:
-        """Return True if a fit explains the efforts."""
+        """Return True if a fit explains the efforts: to the bars at every sample, or to UNEXPLAINED by its amplitude alone."""
         if one.left > self.most or self.given < NOTHING:
             return False
-        return one.cause.linear or bool((np.abs(self.residual - one.column) <= self.allowed).all())
+        if one.cause.linear and one.left <= UNEXPLAINED * min(1.0, self.given):
+            return True
+        return bool((np.abs(self.residual - one.column) <= self.allowed).all())
 
 
 def name(
@@ -227,13 +229,19 @@ def chosen(asked: Question, fits: list[Fit], heard: tuple[Heard, ...], evidence:
     out = tuple(one for one in heard if one.against)
     best = fits[0] if fits else None
     good = alike(asked, [one.fit for one in agreeing(heard)])
-    if (count := len({part for f in good for part in parts(f.cause.name)})) > MOST:
+    if (count := _answers(good)) > MOST:
         words = f"the cause is unknown: {count} explain it, and nothing that the engine gave tells them apart"
         return Naming((), good[0], size, largest, words, out, failing)
     if good:
         rest = next((f for f in fits if f.key not in {g.key for g in good}), None)
         return Naming(good, rest, size, largest, "", out, failing)
     return Naming((), best, size, largest, unknown(asked, best, out), out, failing)
+
+
+def _answers(good: Iterable[Fit]) -> int:
+    """Return the number of answers: names, for one name at several places says what is wrong; of pairs, which say less, all."""
+    names = {part for f in good for part in parts(f.cause.name)}
+    return max(len(names), sum(AND in f.cause.name for f in good))
 
 
 def alike(asked: Question, fits: list[Fit]) -> tuple[Fit, ...]:

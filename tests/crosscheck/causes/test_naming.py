@@ -10,6 +10,11 @@ import pytest
 
 from crosscheck.causes.diagnosis import diagnose
 from crosscheck.causes.dictionary import DICTIONARY
+from crosscheck.causes.evidence import Heard
+from crosscheck.causes.fit import Fit
+from crosscheck.causes.model import model_of
+from crosscheck.causes.naming import MOST, UNEXPLAINED, Question, chosen
+from crosscheck.causes.pairs import AND
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.measures.record import Record, load, save
@@ -73,3 +78,46 @@ def test_tips_that_no_mechanism_has_are_unknown(tmp_path: Path) -> None:
     assert any(
         words in answer["words"] for words in ("no cause of the dictionary shows", "no single cause", "is contradicted")
     )
+
+
+@pytest.mark.parametrize(
+    ("missed", "bar", "expected"),
+    [
+        pytest.param(0.0, 0.26, True, id="all of it is within the bars"),
+        pytest.param(4.0, 0.26, False, id="one peak is not, though the bars add up to more than what is left"),
+        pytest.param(0.0, 0.0, False, id="without bars half of it is too much to leave"),
+    ],
+)
+def test_an_amplitude_explains_what_it_leaves_within_the_bars_or_a_tenth(
+    missed: float, bar: float, expected: bool
+) -> None:
+    """Of a long step only the amplitude is fitted: it may leave UNEXPLAINED, or what the bars cover sample by sample."""
+    found = load_mechanism(MODELS / "flex_one_link")
+    model = model_of(Subject(found, load_cases(MODELS / "flex_one_link", found)["cycloid"]))
+    residual = np.ones(model.torque.size)
+    residual[7] += missed
+    asked = Question(model, residual, np.full(residual.size, bar))
+    half = 0.55 * np.ones(residual.size)
+    left = float(np.linalg.norm(residual - half) / np.linalg.norm(residual))
+    assert UNEXPLAINED < left < 0.5
+    assert asked.explains(Fit(DICTIONARY["time step"], "", np.ones(1), left, half)) is expected
+    nearly = Fit(DICTIONARY["time step"], "", np.ones(1), UNEXPLAINED / 2, residual * (1 - UNEXPLAINED / 2))
+    assert asked.explains(nearly)
+
+
+PAIR = f"payload{AND}rotor inertia"
+
+
+@pytest.mark.parametrize(
+    ("name", "count", "named"), [("payload", 5, 5), ("payload", 2, 2), (PAIR, MOST, MOST), (PAIR, MOST + 1, 0)]
+)
+def test_one_name_at_many_places_is_an_answer_and_many_pairs_are_none(name: str, count: int, named: int) -> None:
+    found = load_mechanism(MODELS / "rigid_3r")
+    model = model_of(Subject(found, load_cases(MODELS / "rigid_3r", found)["quintic"]))
+    residual = np.ones(model.torque.size)
+    cause = replace(DICTIONARY["payload"], name=name)
+    heard = tuple(Heard(Fit(cause, f"place {k}", np.ones(cause.parameters), 0.0, residual)) for k in range(count))
+    naming = chosen(Question(model, residual, np.zeros(residual.size)), [one.fit for one in heard], heard, None)
+    unknown = f"the cause is unknown: {count} explain it, and nothing that the engine gave tells them apart"
+    assert len(naming.named) == named
+    assert naming.words == ("" if named else unknown)
