@@ -52,10 +52,44 @@ MJCF = {
     "upper limit": '<joint range="... {}"/>',
     "sign of coordinate": '<joint axis="..."/> with the opposite sign, and the range exchanged with it',
 }
+SDF = {
+    "mass": "<inertial> <mass>{}</mass>",
+    "centre of mass": "<inertial> <pose>{} ...</pose>, along the axes of the link",
+    "damping": "<axis> <dynamics> <damping>{}</damping>",
+    "dry friction": "<axis> <dynamics> <friction>{}</friction>",
+    "spring stiffness": "<axis> <dynamics> <spring_stiffness>{}</spring_stiffness>",
+    "kind of joint": '<joint type="{}">',
+    "lower limit": "<axis> <limit> <lower>{}</lower>",
+    "upper limit": "<axis> <limit> <upper>{}</upper>",
+    "effort limit": "<axis> <limit> <effort>{}</effort>",
+    "velocity limit": "<axis> <limit> <velocity>{}</velocity>",
+    "gravity": "<world> <gravity>{}</gravity>",
+}
+# In metres and kilograms: a stage that states metersPerUnit or kilogramsPerUnit has its numbers over these.
+USD = {
+    "mass": "float physics:mass = {} (of a stage in kilograms)",
+    "centre of mass": "point3f physics:centerOfMass = ({}) (of a stage in metres)",
+    "rotor inertia": "float physxJoint:armature = {} (of a stage in kilograms and metres)",
+}
+TOML = {
+    "mass": "mass_kg = {}",
+    "centre of mass": "com_m = [{}]",
+    "joint axis": "axis = [{}]",
+    "gravity": "gravity_m_per_s2 = [{}]",
+}
+WORDS = {"urdf": URDF, "mjcf": MJCF, "sdf": SDF, "usd": USD, "toml": TOML}
+COMMAS = ("usd", "toml")  # formats whose vectors have commas
 TENSOR = {
     "urdf": ("<inertial> <inertia {}/>, along the axes of the link (origin rpy 0 0 0)", (0, 1, 2, 3, 4, 5)),
     "mjcf": ('<inertial fullinertia="{}" .../>, in the order xx yy zz xy xz yz', (0, 3, 5, 1, 2, 4)),
+    "sdf": (
+        "<inertial> <inertia> {}, along the axes of the link (no rotation in the inertial's <pose>)",
+        (0, 1, 2, 3, 4, 5),
+    ),
+    "toml": ("inertia_kgm2 = {{ {} }}", (0, 1, 2, 3, 4, 5)),
 }
+# An entry of a tensor in the format's words: name, number.
+ENTRY = {"urdf": '{}="{}"', "mjcf": "{1}", "sdf": "<{0}>{1}</{0}>", "toml": "{0} = {1}"}
 # By cause what `body_findings` says of it.
 CHECKS = {
     "mass": {"mass", "left and right"},
@@ -209,12 +243,15 @@ def _text(numbers: Array) -> str:
 
 def written(kind: str, cause: str, value: str) -> str:
     """Return a format's words for a quantity [any unit]; "" where it has none."""
-    if not value or value == "none" or kind not in ("urdf", "mjcf"):
+    if not value or value == "none" or kind not in WORDS:
         return ""
     if cause == "inertia tensor":
+        if kind not in TENSOR:
+            return ""
         pattern, order = TENSOR[kind]
         numbers = [value.split()[k] for k in order]
-        entries = [f'{name}="{x}"' for name, x in zip(INERTIAS, numbers, strict=True)] if kind == "urdf" else numbers
-        return pattern.format(" ".join(entries))
-    words = {"urdf": URDF, "mjcf": MJCF}[kind].get(cause, "")
-    return words.format(value.removesuffix(" rpy")) if words else ""
+        names = [name.removeprefix("i") for name in INERTIAS] if kind == "toml" else INERTIAS
+        entries = [ENTRY[kind].format(name, x) for name, x in zip(names, numbers, strict=True)]
+        return pattern.format((", " if kind in COMMAS else " ").join(entries))
+    words, value = WORDS[kind].get(cause, ""), value.removesuffix(" rpy")
+    return words.format(", ".join(value.split()) if kind in COMMAS else value) if words else ""

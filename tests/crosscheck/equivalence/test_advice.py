@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from arm_texts import arm
 
 from crosscheck.equivalence.compare import compare
+from crosscheck.equivalence.output.advice import written
 from crosscheck.equivalence.output.text import markdown
 
 UPPER = 'ixx="0.031" ixy="0.001" ixz="0.002" iyy="0.029" iyz="0.0005" izz="0.008"'
@@ -43,6 +45,60 @@ def test_what_to_write_gives_the_other_file(tmp_path: Path) -> None:
     b.write_text(renamed)
     wanted = 'to make B (b.urdf) like A, in link forearm: <inertial> <origin xyz="0.11 0.01 0.02" .../>'
     assert wanted in lines(arm(tmp_path), b)
+
+
+@pytest.mark.parametrize(
+    ("kind", "cause", "value", "expected"),
+    [
+        ("sdf", "mass", "2.5", "<inertial> <mass>2.5</mass>"),
+        ("sdf", "damping", "0.1", "<axis> <dynamics> <damping>0.1</damping>"),
+        (
+            "sdf",
+            "inertia tensor",
+            "1 2 3 4 5 6",
+            "<inertial> <inertia> <ixx>1</ixx> <ixy>2</ixy> <ixz>3</ixz> <iyy>4</iyy> <iyz>5</iyz> <izz>6</izz>, "
+            "along the axes of the link (no rotation in the inertial's <pose>)",
+        ),
+        ("usd", "centre of mass", "0.1 0 0.2", "point3f physics:centerOfMass = (0.1, 0, 0.2) (of a stage in metres)"),
+        ("usd", "inertia tensor", "1 2 3 4 5 6", ""),  # a diagonal and its axes: not one number to write
+        ("mjcf", "effort limit", "none", ""),
+        ("kit", "mass", "2.5", ""),
+    ],
+)
+def test_every_format_has_its_own_words(kind: str, cause: str, value: str, expected: str) -> None:
+    assert written(kind, cause, value) == expected
+
+
+def test_what_is_written_into_a_toml_file_gives_the_other(tmp_path: Path) -> None:
+    """Each line of advice replaces the line of the file that says so; then both are the same machine."""
+    for name, numbers in (("a", ("2", "[0.1, 0, 0.02]", "xy = 0.001, ")), ("b", ("2.5", "[0.12, 0.01, 0.02]", ""))):
+        folder = tmp_path / name
+        folder.mkdir()
+        mass, com, product = numbers
+        (folder / "mechanism.toml").write_text(
+            f"""source = "test"
+gravity_m_per_s2 = [0, 0, -9.81]
+[links.arm]
+kind = "rigid"
+mass_kg = {mass}
+com_m = {com}
+inertia_kgm2 = {{ xx = 0.02, {product}yy = 0.03, zz = 0.04 }}
+[joints.hub]
+kind = "revolute"
+parent = "world"
+child = "arm"
+axis = [0, 1, 0]
+"""
+        )
+    found = compare(tmp_path / "a", tmp_path / "b")
+    assert not found.equal
+    text = (tmp_path / "a" / "mechanism.toml").read_text()
+    for line in (line for _, some in found.advice for line in some if line.startswith("to make A")):
+        new = line.partition(": ")[2]
+        key = new.partition(" = ")[0]
+        text = "\n".join(new if own.startswith(f"{key} = ") else own for own in text.splitlines())
+    (tmp_path / "a" / "mechanism.toml").write_text(text)
+    assert compare(tmp_path / "a", tmp_path / "b").equal
 
 
 def test_one_factor_on_everything_is_one_line(tmp_path: Path) -> None:
