@@ -39,7 +39,8 @@ CONTRAST = """(() => {
     const [a, b] = [light(seen), light(ground)].sort((x, y) => y - x);
     const size = parseFloat(style.fontSize), large = size >= 24 || (size >= 18.66 && Number(style.fontWeight) >= 700);
     const ratio = (a + 0.05) / (b + 0.05);
-    if (ratio < (large ? 3 : 4.5)) found.push(`${ratio.toFixed(2)} : 1, ${one.tagName} .${one.className}: ${node.data.trim().slice(0, 40)}`);
+    const what = `${one.tagName} .${one.className}: ${node.data.trim().slice(0, 40)}`;
+    if (ratio < (large ? 3 : 4.5)) found.push(`${ratio.toFixed(2)} : 1, ${what}`);
   }
   return [...new Set(found)];
 })()"""
@@ -51,9 +52,10 @@ ACTS = """(() => {
     if (!one.checkVisibility({ checkVisibilityCSS: true }) || one.type === 'hidden' || one.matches(':disabled')) continue;
     const what = `${one.tagName} .${one.className} ${one.textContent.trim().slice(0, 30)}`;
     if (one.tabIndex > 0) found.push(`before its turn: ${what}`);
-    const name = [one.textContent, one.getAttribute('aria-label'), one.title, one.placeholder, one.value]
-      .concat(Array.from(one.labels || [], l => l.textContent), Array.from(one.querySelectorAll('img, svg'), i => i.alt || i.getAttribute('aria-label')),
-              (one.getAttribute('aria-labelledby') || '').split(' ').map(i => document.getElementById(i)?.textContent));
+    const by = (one.getAttribute('aria-labelledby') || '').split(' ').map(i => document.getElementById(i)?.textContent);
+    const pictures = Array.from(one.querySelectorAll('img, svg'), i => i.alt || i.getAttribute('aria-label'));
+    const own = [one.textContent, one.getAttribute('aria-label'), one.title, one.placeholder, one.value];
+    const name = own.concat(Array.from(one.labels || [], l => l.textContent), pictures, by);
     if (!name.some(text => (text || '').trim())) found.push(`without a name: ${what}`);
     if (one.tabIndex < 0) continue;
     one.focus({ preventScroll: true, focusVisible: true });
