@@ -98,6 +98,17 @@ def test_the_gallery_has_its_nine_examples() -> None:
     assert len(GALLERY) >= 9
 
 
+def draws(text: str) -> bool:
+    """Return True if the last part of an example with code makes a picture or a view in space."""
+    parts = [part for part in re.split(r"^# %%.*$", text, flags=re.M) if re.search(r"^[^#\s]", part, re.M)]
+    return bool(re.search(r"plt\.|\baxes\b|go\.Figure|\.plot\b", parts[-1]))
+
+
+def test_every_example_ends_in_a_picture() -> None:
+    assert [path.stem for path in GALLERY if not draws(path.read_text())] == []
+    assert not draws("# %%\nfigure, axes = plt.subplots()\n# %%\nprint(1)\n# %%\n# words\n")
+
+
 def test_make_targets_on_the_page_exist() -> None:
     makefile = (ROOT / "Makefile").read_text()
     targets = set(re.findall(r"^(\w+):", makefile, re.M))

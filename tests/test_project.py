@@ -69,8 +69,47 @@ def test_pages_classifiers_and_wheels_name_the_same_pythons(root: Path) -> None:
     minors = [int(minor) for minor in named]
     assert minors == list(range(minors[0], minors[-1] + 1))
     assert project["requires-python"] == f">=3.{minors[0]}"
-    for name in ("README.md", "Makefile", "docs/start.md"):
+    for name in ("README.md", "Makefile", "docs/start.md", "docs/release/publish.md"):
         assert stated((root / name).read_text()) == [(minors[0], minors[-1])], name
-    recipe = (root / "docs" / "release" / "wheels.yml").read_text()
-    assert re.findall(r"python: (\[.*\])", recipe) == [str([f"3.{minor}" for minor in minors]).replace("'", '"')]
+    named_alike = str([f"3.{minor}" for minor in minors]).replace("'", '"')
+    for recipe, count in (("wheels.yml", 1), ("platforms.yml", 3)):  # Linux, macOS, Windows
+        text = (root / "docs" / "release" / recipe).read_text()
+        assert re.findall(r"python: (\[.*\])", text) == [named_alike] * count, recipe
     assert stated("Python 3.11 to 3.14") != stated("Python 3.11 to 3.13")  # a difference is seen
+
+
+def test_the_version_has_one_place_and_its_copies_agree(root: Path) -> None:
+    version = tomllib.loads((root / "pyproject.toml").read_text())["project"]["version"]
+    assert re.findall(r"^version: (.+)$", (root / "CITATION.cff").read_text(), re.M) == [version]
+    assert re.search(rf"^## {re.escape(version)}\b", (root / "CHANGELOG.md").read_text(), re.M)
+    elsewhere = [
+        p for p in (root / "flexinv", root / "crosscheck") if "__version__ =" in (p / "__init__.py").read_text()
+    ]
+    assert elsewhere == []  # the packages ask the installation
+
+
+def invented(project: dict[str, object]) -> list[str]:
+    """Addresses of the project that nobody can have: of example domains, with gaps to fill, without https."""
+    urls = project.get("urls", {})
+    assert isinstance(urls, dict)
+    return [u for u in urls.values() if not re.fullmatch(r"https://[\w.-]+\.\w+(/[\w./-]*)?", u) or "example" in u]
+
+
+def test_no_address_is_invented(root: Path) -> None:
+    """What is not known yet is left out; docs/release/publish.md says what to write once it is."""
+    assert invented(tomllib.loads((root / "pyproject.toml").read_text())["project"]) == []
+    assert "[project.urls]" in (root / "docs" / "release" / "publish.md").read_text()
+    for wrong in (
+        "https://example.org/flexinv",
+        "(address of the site)",
+        "http://flexinv.dev",
+        "https://OWNER/flexinv",
+    ):
+        assert invented({"urls": {"Homepage": wrong}}) == [wrong]
+
+
+def test_the_page_on_publishing_names_the_oldest_numpy(root: Path) -> None:
+    (numpy,) = [one for one in requirements(root)[""] if one.name == "numpy"]
+    assert f"NumPy from {str(numpy.specifier).removeprefix('>=')} are allowed" in (
+        root / "docs" / "release" / "publish.md"
+    ).read_text().replace("\n", " ")

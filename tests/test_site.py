@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import subprocess
@@ -12,6 +13,7 @@ from pathlib import Path
 
 import chromium
 import pytest
+import readable
 
 pytest.importorskip("sphinx")
 pytestmark = pytest.mark.slow
@@ -79,6 +81,17 @@ def test_every_mechanism_has_its_page(site: Path) -> None:
         assert (site / "mechanisms" / f"{folder.parent.name}.html").is_file(), folder.parent.name
 
 
+def test_every_example_can_be_taken_along_as_a_script_and_as_a_notebook(site: Path) -> None:
+    for example in sorted((ROOT / "docs" / "gallery").glob("0*.py")):
+        shown = (site / "examples" / f"{example.stem}.html").read_text(encoding="utf-8")
+        for suffix in (".py", ".ipynb"):
+            links = re.findall(rf'href="([^"]+/{example.stem}\{suffix})"', shown)
+            assert links, f"{example.stem}{suffix}"
+            assert all((site / "examples" / link).is_file() for link in links)
+        cells = json.loads(next((site / "_downloads").rglob(f"{example.stem}.ipynb")).read_text())["cells"]
+        assert {cell["cell_type"] for cell in cells} == {"code", "markdown"}
+
+
 @pytest.fixture(scope="module")
 def page() -> Iterator[chromium.Browser]:
     program = chromium.find()
@@ -105,6 +118,19 @@ def test_pages_fit_and_are_quiet(page: chromium.Browser, site: Path, width: int,
             Path(urllib.parse.unquote(r.removeprefix("file://").partition("?")[0])).stat().st_size for r in asked
         )
         assert weight < WEIGHT, file
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("dark", [False, True])
+def test_every_text_has_contrast_and_everything_that_acts_is_reached_by_keyboard(
+    page: chromium.Browser, site: Path, dark: bool
+) -> None:
+    found = {}
+    for file in pages(site):
+        page.open(address(file), 1400, 900, dark)
+        if wrong := readable.faint(page) + readable.unreachable(page):
+            found[str(file.relative_to(site))] = wrong
+    assert found == {}
 
 
 @pytest.mark.browser

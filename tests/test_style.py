@@ -92,7 +92,6 @@ ALONE = {
     "crosscheck.equivalence.match": COMPARED,
     "crosscheck.lifting.usd_shapes": "solids of a format, apart from the bodies and joints that it states",
     "crosscheck.equivalence.reduce": COMPARED,
-    "crosscheck.report.animation": DRAWING,
     "crosscheck.report.plots": DRAWING,
 }
 

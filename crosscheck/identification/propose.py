@@ -11,6 +11,7 @@ import numpy as np
 from crosscheck.identification.log import Log
 from crosscheck.identification.settings import ANGLES, EFFORTS
 from flexinv.errors import InputError
+from flexinv.files.values import FORMAT
 from flexinv.model.mechanism import Joint, Mechanism
 
 # How a header writes units -> unit of identify.toml; a rate is no angle.
@@ -80,6 +81,7 @@ def _unit(name: str) -> str:
 
 def _head(log: Log, found: Found) -> Iterator[str]:
     rate = max(_rates(log, found).values())
+    yield f"format = {FORMAT}"
     yield f"source = {json.dumps(f'proposed for {log.name} by crosscheck identify --propose: read every line')}"
     yield f"bandwidth_Hz = {min(10.0, 0.1 / log.spacing):.3g}      # above it nothing is compared"
     yield f"still_rad_per_s = {QUICK * rate:.2g}   # slower than this a joint stands"

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from flexinv.errors import InputError
 from flexinv.files.toml_tables import Location, Table, key, read_toml, validate
-from flexinv.files.values import NotNegative, Number, Positive, Text
+from flexinv.files.values import Format, NotNegative, Number, Positive, Text
 from flexinv.model.mechanism import Mechanism
 from flexinv.validation import nearest
 
@@ -119,6 +119,7 @@ class LimitTable(Table):
 class IdentifyTable(Table):
     """All of identify.toml."""
 
+    format: Format = key("the version of the file's format, 1 when absent", "format = 1", default=1)
     source: Text = key("where the log comes from", 'source = "our test bench"', default="")
     time: Text = key("name of the column of times [s]", 'time = "time_s"', default="time_s")
     bandwidth_Hz: Positive = key(

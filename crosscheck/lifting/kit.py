@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from crosscheck.kit.tables import BodyData, CaseFile, ClosureData, End, Frame, JointData, MechanismData
+from crosscheck.kit.tables import FORMAT, BodyData, CaseFile, ClosureData, End, Frame, JointData, MechanismData
 from crosscheck.lifting.description import Description
 from flexinv.errors import InputError
 from flexinv.files.toml_tables import complaint
@@ -24,9 +24,12 @@ def lift_kit(path: Path) -> Description:
     try:
         said = CaseFile.model_validate_json(path.read_bytes()).mechanism
     except ValidationError as error:
-        first = error.errors()[0]
+        first = next((one for one in error.errors() if one["loc"] == ("format",)), error.errors()[0])
         where = ".".join(map(str, first["loc"])) or "the top of the file"
         advice = "crosscheck kit NAME --case CASE, which writes one"
+        if where == "format" and str(first["input"]).startswith("crosscheck-case/"):
+            given, known = f'format "{first["input"]}"', f'"{FORMAT}": this crosscheck knows no other'
+            raise complaint(str(path), given, known, f"{advice}, or install a newer crosscheck") from None
         raise complaint(f"{path}: {where}", first["msg"], "the case.json of a case kit", advice) from None
     if beams := [link.name for link in said.links if link.beam is not None]:
         raise InputError(f"{path}: links that bend are not compared yet: {', '.join(beams)}")

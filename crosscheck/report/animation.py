@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from crosscheck import output_folder as owned
 from crosscheck.measures.record import XYZ, Record
+from crosscheck.report import drawing
 from crosscheck.report.encoding import encode
 from crosscheck.verdicts.results import CaseRow
 
@@ -39,10 +41,10 @@ def picture(skeleton: Sequence[Mapping[str, Any]], records: Mapping[str, Record]
     links : {"name", "parent" (index or -1), "bends", "points": how many}; base : (frames, points, 3) of all links one
     after another, the last point of each its tip; tips : engine -> (frames, links, 3), and what is known: engine -> links
     """
-    main = next((r for r in records.values() if _points(r, skeleton)), None)
+    main = next((r for r in records.values() if points_of(r, skeleton)), None)
     if main is None:
         return None
-    points = _points(main, skeleton)
+    points = points_of(main, skeleton)
     assert points is not None
     count = sum(len(p) for p in points)
     frames = int(np.clip(MOST / (12 * max(1, count + len(records) * len(points))), 20, FRAMES))
@@ -68,6 +70,17 @@ def picture(skeleton: Sequence[Mapping[str, Any]], records: Mapping[str, Record]
     }
 
 
+def still(skeleton: Sequence[Mapping[str, Any]], records: Mapping[str, Record]) -> Markup | None:
+    """Return a small drawing of the motion, or None where no record has tips."""
+    points = next((found for record in records.values() if (found := points_of(record, skeleton))), None)
+    if points is None:
+        return None
+    lines = [np.stack(link, axis=1) for link in points]  # (sample, point, xyz) of every link
+    parts = list(zip(lines, (bool(part["bends"]) for part in skeleton), strict=True))
+    instants = [[(line[k], bends) for line, bends in parts] for k in drawing.samples(len(lines[0]))]
+    return drawing.svg(instants, "the mechanism in motion")
+
+
 def tips(record: Record, names: Sequence[str], rows: NDArray[np.intp]) -> Array | None:
     """Return the tips of the links (frames, links, 3) [m], NaN where a link has none; None where none has one."""
     found = [_vector(record, f"tip/{name}") for name in names]
@@ -77,7 +90,7 @@ def tips(record: Record, names: Sequence[str], rows: NDArray[np.intp]) -> Array 
     return np.stack([(missing if one is None else one)[rows] for one in found], axis=1)  # (frame, link, xyz)
 
 
-def _points(record: Record, skeleton: Sequence[Mapping[str, Any]]) -> list[list[Array]] | None:
+def points_of(record: Record, skeleton: Sequence[Mapping[str, Any]]) -> list[list[Array]] | None:
     """Return the points (samples, 3) [m] of every link from its joint to its tip, or None where they are not known."""
     shapes: dict[str, list[str]] = {}
     for name in record.series:

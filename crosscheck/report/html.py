@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -17,9 +17,9 @@ from markupsafe import Markup
 
 from crosscheck import output_folder as owned
 from crosscheck.measures.limits import Verdict, worst
-from crosscheck.report import changed, words
+from crosscheck.report import animation, changed, words
 from crosscheck.report import explanations as reasons
-from crosscheck.report.plots import write_case
+from crosscheck.report.plots import read_records, write_case
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.results import CaseRow, Results, StudyRow, slug
 
@@ -38,7 +38,10 @@ def render(results: Results, out: Path) -> None:
     for study in results.studies:
         write_page(pages, "study.html.j2", out / "studies" / f"{slug(study.name)}.html", **study_view(results, study))
     write_page(
-        pages, "index.html.j2", out / "index.html", **index_view(results, (out / "trends" / "index.html").is_file())
+        pages,
+        "index.html.j2",
+        out / "index.html",
+        **index_view(results, out, (out / "trends" / "index.html").is_file()),
     )
 
 
@@ -84,17 +87,15 @@ def assets(out: Path) -> None:
     owned.write(folder / "plotly.min.js", library.read_bytes())
 
 
-def index_view(results: Results, trends: bool = False) -> dict[str, Any]:
-    """Return the contents of the first page."""
+def index_view(results: Results, out: Path, trends: bool = False) -> dict[str, Any]:
+    """Return the contents of the first page; the drawings are of the series below ``out``."""
     groups = words.by_mechanism(results.cases)
-    matrix = {
-        mechanism: [(case, [words.cell(results, case, e.name) for e in results.engines]) for case in cases]
-        for mechanism, cases in groups.items()
-    }
+    matrix = [block(results, mechanism, cases, out) for mechanism, cases in groups.items()]
     return {
         "results": results,
         "root": "",
         "sentence": words.sentence(results),
+        "scope": words.scope(results),
         "unchanged": words.unchanged(results),
         "counts": words.counts(results),
         "troubles": [(v, link(where), label(where), what, text) for v, where, what, text in words.troubles(results)],
@@ -103,6 +104,23 @@ def index_view(results: Results, trends: bool = False) -> dict[str, Any]:
         "limits": [(c, line) for c in results.cases for line in c.unused_limits],
         "changed": changed.sentence(results.changes),
         "trends": trends,
+    }
+
+
+def block(results: Results, mechanism: str, cases: Sequence[CaseRow], out: Path) -> dict[str, Any]:
+    """Return the part of the matrix for one mechanism: a field for every case and every engine that takes part."""
+    read = [case for case in cases if not case.problem]
+    rows = [(case, [words.cell(results, case, e.name) for e in results.engines]) for case in read]
+    columns = [k for k in range(len(results.engines)) if words.takes_part(cells[k] for _, cells in rows)]
+    stills = (animation.still(case.skeleton, read_records(results, case, out)) for case in read if case.skeleton)
+    return {
+        "mechanism": mechanism,
+        "title": next((case.mechanism_title for case in read if case.mechanism_title), ""),
+        "problems": [case.problem for case in cases if case.problem],
+        "engines": [results.engines[k].name for k in columns],
+        "rows": [(case, [cells[k] for k in columns]) for case, cells in rows],
+        "absent": words.left_out(results, read) if read else [],
+        "drawing": next((one for one in stills if one is not None), None),
     }
 
 
@@ -115,7 +133,10 @@ def case_view(results: Results, case: CaseRow, out: Path) -> dict[str, Any]:
         "case": case,
         "verdict": standing(cells),
         "cells": cells,
-        "comparisons": words.gathered(sorted((c for one in cells for c in one.comparisons), key=skipped_last)),
+        "comparisons": words.gathered(
+            sorted((c for one in cells if words.takes_part([one]) for c in one.comparisons), key=skipped_last)
+        ),
+        "absent": words.left_out(results, [case]),
         "runs": [one.run for one in cells if one.run is not None],
         "manifest": write_case(results, case, out),
         "neighbours": neighbours(results, case),

@@ -106,6 +106,39 @@ def cell(results: Results, case: CaseRow, engine: str) -> Cell:
     return Cell(case, engine, verdict, leading, run, rows, diagnosed(results, *here), certificate)
 
 
+def takes_part(cells: Iterable[Cell]) -> bool:
+    """Return True if an engine did anything in these cases: it ran or failed; only then it has a field in the matrix."""
+    return any(one.run is not None and one.run.status != "skipped" for one in cells)
+
+
+def left_out(results: Results, cases: Sequence[CaseRow]) -> list[tuple[str, list[str]]]:
+    """Return the reasons of engines that have no field for a mechanism with these cases, each with the engines that gave it."""
+    reasons: dict[str, list[str]] = {}
+    for engine in results.engines:
+        cells = [cell(results, case, engine.name) for case in cases]
+        if not takes_part(cells):
+            said = dict.fromkeys(one.run.message or "skipped" if one.run is not None else "not run" for one in cells)
+            reasons.setdefault("; ".join(said), []).append(engine.name)
+    return list(reasons.items())
+
+
+def scope(results: Results) -> str:
+    """Return in words what was compared with what, "" for a run without cases."""
+    cases = [case for case in results.cases if not case.problem]
+    if not cases:
+        return ""
+    names = [e.name for e in results.engines if takes_part(cell(results, case, e.name) for case in cases)]
+    said = f"{_count(len(by_mechanism(cases)), 'mechanism', 'mechanisms')}, {_count(len(cases), 'case', 'cases')}"
+    said += f", in {_count(len(names), 'engine', 'engines')} ({', '.join(names)})." if names else ", in no engine."
+    compared = dict.fromkeys(c.quantity for c in results.comparisons if c.maximum is not None)
+    if compared:
+        against = " and ".join(dict.fromkeys(c.reference for c in results.comparisons if c.maximum is not None))
+        said += (
+            f" Every engine builds them by itself from the same data; compared with {against}: {', '.join(compared)}."
+        )
+    return said
+
+
 def nearness(row: Comparison) -> tuple[int, float]:
     """Return a key to sort comparisons by: graver verdicts first, then the part of the limit that is used."""
     share = row.fraction or 0.0

@@ -14,6 +14,7 @@ by name, and a value outside [lower, upper] is a deviation there.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ from crosscheck.secrets import without, without_passwords
 from crosscheck.verdicts import results as store
 from crosscheck.verdicts.results import Results
 
+FORMAT = 1  # of the tables below; a change that an older version would misread raises it
 PATIENCE = 30.0  # [s] to wait for somebody else's transaction: adding a night takes a second
 _meta = sql.MetaData()
 
@@ -74,6 +76,10 @@ METRIC = _table(
 )
 
 
+# Apart from the others: a history of before it had a number is one of format 1, and stays as it is until a night is added.
+_FORMAT = sql.Table("history_format", sql.MetaData(), sql.Column("number", sql.Integer, primary_key=True))
+
+
 class HistoryError(RuntimeError):
     """The history cannot be read or written; the message says which and why.  Nothing was changed."""
 
@@ -117,11 +123,31 @@ def connect(url: str) -> sql.Engine:
         kind = sql.make_url(url).get_backend_name()
         waiting = {"timeout": PATIENCE} if kind == "sqlite" else {}
         database = sql.create_engine(url, connect_args=waiting)
+        _check_format(database, url)
         _check_tables(database, url)
         _meta.create_all(database)
     except (sql.exc.SQLAlchemyError, ImportError, ValueError, OSError) as error:
         raise HistoryError(f"cannot open the history {_shown(url)}: {_words(error, url)}") from None
     return database
+
+
+def _check_format(database: sql.Engine, url: str) -> None:
+    """Raise HistoryError where the history is of a newer format; nothing is changed there."""
+    if sql.inspect(database).has_table(_FORMAT.name):
+        with database.connect() as link:
+            number = max(link.scalars(sql.select(_FORMAT.c.number)), default=FORMAT)
+        if number > FORMAT:
+            raise HistoryError(
+                f"cannot open the history {_shown(url)}: it is of format {number}, and this crosscheck knows {FORMAT}; "
+                "install a newer crosscheck, or write --history with another database"
+            )
+
+
+def _stamp(link: sql.Connection) -> None:
+    """Write the number of the format beside the first night."""
+    _FORMAT.create(link, checkfirst=True)
+    if link.scalar(sql.select(_FORMAT.c.number)) is None:
+        link.execute(_FORMAT.insert(), {"number": FORMAT})
 
 
 def _check_tables(database: sql.Engine, url: str) -> None:
@@ -239,12 +265,15 @@ def _added(database: sql.Engine, night: dict[str, Any], tables: dict[sql.Table, 
             for table, rows in tables.items():
                 if rows:
                     connection.execute(sql.insert(table), [{**row, "night": number[0]} for row in rows])
-            return int(number[0])
     except sql.exc.SQLAlchemyError as error:
         raise HistoryError(
             f"the night could not be added to the history {_shown(database.url)}: {_words(error, database.url)}; it is as it was "
             "before, and the next night adds what is missing"
         ) from None
+    # Somebody else may write the number at this moment; a history without it is one of format 1.
+    with contextlib.suppress(sql.exc.SQLAlchemyError), database.begin() as connection:
+        _stamp(connection)
+    return int(number[0])
 
 
 def _finite(value: float | None) -> float | None:

@@ -9,18 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from crosscheck.report import drawing
 from crosscheck.verdicts.plan import Task
 from flexinv.analysis.overview import link_mass, mobility_line, start_of
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
 from flexinv.errors import FlexinvError
-from flexinv.kinematics.mesh import Mesh
 from flexinv.linearized.natural_modes import natural_modes
+from flexinv.model.joint_kinds import SECTION
 
 Array = NDArray[np.float64]
 SHOWN = 4  # frequencies
-FRAMES = 6  # positions in the picture
-FLAT = 1e-6  # of the size: a mechanism that leaves its plane by less is drawn as a plane one
 NARROWEST = 0.3  # of the longest side: there six numbers along an axis of the picture stand apart
 
 
@@ -90,23 +89,21 @@ def picture(one: Portrait, file: Path) -> None:
     from matplotlib.figure import Figure
 
     solution = one.solution
-    flat = plane_of(solution.nodes.x)
+    flat = drawing.plane_of(solution.nodes.x)
     figure = Figure(figsize=(10, 4.6), layout="constrained")
     last = len(solution.time) - 1
+    moving = drawing.samples(last + 1)
     views: list[Any] = []
     for title, samples in (
         ("at rest, where the case starts", [0]),
-        (
-            f"in motion, 0 to {solution.time[-1]:g} s (darker is later)",
-            [last * k // (FRAMES - 1) for k in range(FRAMES)],
-        ),
+        (f"in motion, 0 to {solution.time[-1]:g} s (darker is later)", moving),
     ):
         shared = {"sharex": views[0], "sharey": views[0]} if views and flat else {}
         axes: Any = figure.add_subplot(1, 2, len(views) + 1, projection=None if flat else "3d", **shared)
         views.append(axes)
         for k in samples:
             shade = 0.2 + 0.8 * k / max(last, 1) if len(samples) > 1 else 1.0
-            for points in strokes(solution.mesh, solution.nodes.x[k], {n: t[k] for n, t in solution.tip.items()}):
+            for points, _ in strokes(solution, k):
                 line = points[:, list(flat)] if flat else points
                 axes.plot(*line.T, color="#1f5fa8", alpha=shade, linewidth=1.6, marker=".", markersize=3)
         axes.set_title(title, fontsize=10)
@@ -130,20 +127,21 @@ def share(views: list[Any]) -> None:
             getattr(axes, f"set_{name}lim")(centre - room, centre + room)
 
 
-def plane_of(x: Array) -> tuple[int, int] | None:
-    """Return the two world axes in which all nodes (samples, nodes, 3) [m] move, or None in space."""
-    spread = np.ptp(x.reshape(-1, 3), axis=0)
-    thin = int(np.argmin(spread))
-    if spread[thin] > FLAT * spread.max():
-        return None
-    return tuple(k for k in range(3) if k != thin)  # type: ignore[return-value]
+def small(one: Portrait) -> str:
+    """Return the small drawing (`crosscheck.report.drawing`) of the motion, as SVG."""
+    solution = one.solution
+    instants = [strokes(solution, k) for k in drawing.samples(len(solution.time))]
+    return str(drawing.svg(instants, f"{solution.mesh.mechanism.name} in motion"))
 
 
-def strokes(mesh: Mesh, x: Array, tip: dict[str, Array]) -> list[Array]:
-    """Return the lines to draw of one instant: (2, 3) [m] from every node to its parent, and on to the tips."""
-    lines = [np.stack([x[p], x[n]]) for n, p in enumerate(mesh.parent) if p >= 0]
-    lines += [np.stack([np.zeros(3), x[n]]) for n, p in enumerate(mesh.parent) if p < 0]
+def strokes(solution: Solution, k: int) -> list[drawing.Stroke]:
+    """Return the lines to draw of sample ``k``: (2, 3) [m] from every node to its parent, and on to the tips."""
+    mesh, x = solution.mesh, solution.nodes.x[k]
+    lines = [
+        (np.stack([x[p] if p >= 0 else np.zeros(3), x[n]]), bool(mesh.kind[n] == SECTION))
+        for n, p in enumerate(mesh.parent)
+    ]
     for joint in mesh.mechanism.joints:
         if mesh.mechanism.link_of[joint.child].beam is None:
-            lines.append(np.stack([x[mesh.joint_node[joint.name]], tip[joint.child]]))
-    return [line for line in lines if np.ptp(line, axis=0).any()]
+            lines.append((np.stack([x[mesh.joint_node[joint.name]], solution.tip[joint.child][k]]), False))
+    return [(line, bent) for line, bent in lines if np.ptp(line, axis=0).any()]

@@ -13,7 +13,6 @@ from typing import Any
 
 import jinja2
 import pandas as pd
-from PIL import Image
 from sphinx.application import Sphinx
 from sphinx.util.display import progress_message, status_iterator
 
@@ -21,7 +20,7 @@ from crosscheck.causes.dictionary import DICTIONARY, TABLES
 from crosscheck.engines import ENGINES
 from crosscheck.kit.schemas import schema
 from crosscheck.verdicts.plan import Task, discover
-from crosscheck.workflows.model_summary import picture, portrait
+from crosscheck.workflows.model_summary import picture, portrait, small
 from flexinv.errors import FlexinvError
 
 DOCS = Path(__file__).resolve().parent.parent
@@ -29,7 +28,6 @@ ROOT = DOCS.parent
 MODELS = ROOT / "models"
 PICTURES = DOCS / "_build" / "pictures"  # drawn once for the same files
 ROW = re.compile(r"^\| \[(\w+)\]\(\w+\) \| (.+?) \| (.+?) \| (.+?) \|$", re.M)
-WIDTH = 420  # [px] of a picture in the list of mechanisms
 FILES = {"mechanism": "mechanism.toml", "cases": "cases.toml"}
 _templates = jinja2.Environment(
     loader=jinja2.FileSystemLoader(DOCS / "templates"), trim_blocks=True, lstrip_blocks=True, autoescape=False,
@@ -71,23 +69,22 @@ def write_mechanisms() -> None:
 
 
 def drawn(task: Task) -> list[tuple[str, str]]:
-    """Draw a mechanism (docs/mechanisms/NAME.png) and return words about it; both are kept for the same files."""
+    """Draw a mechanism (docs/mechanisms/NAME.png, small NAME.svg) and return words about it; both are kept for the same files."""
     name = task.folder.name
     said = b"".join(path.read_bytes() for path in sorted(task.folder.glob("*.toml")))
     kept = PICTURES / f"{name}-{hashlib.sha256(said).hexdigest()[:16]}"
-    image, words = kept.with_suffix(".png"), kept.with_suffix(".txt")
-    if not (image.exists() and words.exists()):
+    image, words, sketch = (kept.with_suffix(end) for end in (".png", ".txt", ".svg"))
+    if not (image.exists() and words.exists() and sketch.exists()):
         PICTURES.mkdir(parents=True, exist_ok=True)
         try:
             seen = portrait(task)
         except FlexinvError as error:
             raise RuntimeError(f"{name} cannot be drawn: {error}") from error
         picture(seen, image)
+        sketch.write_text(small(seen))
         words.write_text("\n".join(f"{what}\t{text}" for what, text in seen.lines))
     shutil.copy(image, DOCS / "mechanisms" / f"{name}.png")
-    with Image.open(image) as drawing:
-        drawing.thumbnail((WIDTH, WIDTH))
-        drawing.quantize(32).save(DOCS / "mechanisms" / f"{name}-small.png", optimize=True)
+    shutil.copy(sketch, DOCS / "mechanisms" / f"{name}.svg")
     return [(what, text) for what, _, text in (line.partition("\t") for line in words.read_text().splitlines())]
 
 

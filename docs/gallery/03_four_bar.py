@@ -32,5 +32,11 @@ axes[1].set(aspect="equal", xlabel="x [m]", ylabel="y [m]", title="the linkage i
 # %%
 # Every solution carries its balance of power: what the drive gives is what the linkage gains.
 
-given = abs(solution.torque * solution.qd[:, : solution.torque.shape[1]]).max()
-print(f"largest error of the power balance: {abs(solution.power_residual).max() / given:.1e} of the drive's power")
+drive = solution.torque * solution.qd[:, : solution.torque.shape[1]]  # [W]
+error = abs(solution.power_residual).max() / abs(drive).max()
+print(f"largest error of the power balance: {error:.1e} of the drive's power")
+figure, axes = plt.subplots(figsize=(6, 3), layout="constrained")
+axes.plot(solution.time, drive, label="the drive gives")
+axes.plot(solution.time, solution.power_residual, "--", label="what the balance leaves")
+axes.set(xlabel="time [s]", ylabel="power [W]", title="nothing gets lost")
+axes.legend(frameon=False)

@@ -15,7 +15,7 @@ from pydantic.fields import FieldInfo
 
 from flexinv.errors import InputError
 from flexinv.files.unit_keys import correction
-from flexinv.files.values import clean_name
+from flexinv.files.values import FORMAT, clean_name
 from flexinv.validation import nearest
 
 LARGEST_FILE = 1 << 20  # [byte]: the largest hand-written mechanism is a thousand times smaller
@@ -109,7 +109,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     smaller = "sampled motions as CSV; geometry is not needed at all"
     data = read_bytes(path, LARGEST_FILE, "a TOML file", _existing(path), smaller)
     try:
-        return tomllib.loads(data.decode("utf-8"))
+        tables = tomllib.loads(data.decode("utf-8"))
     except UnicodeDecodeError as error:
         raise complaint(str(path), f"byte {error.start} is not UTF-8", advice, "the file in UTF-8") from None
     except RecursionError:
@@ -117,6 +117,19 @@ def read_toml(path: Path) -> dict[str, Any]:
     except ValueError as error:
         given = re.sub(r"\('(.*?)',?\)", lambda m: "[" + m[1].replace("', '", ".") + "]", str(error))
         raise complaint(str(path), given, "TOML, each table and key once", _syntax(given)) from None
+    _check_format(path, tables)
+    return tables
+
+
+def _check_format(path: Path, tables: dict[str, Any]) -> None:
+    """Refuse a newer format before anything else in the file is judged: its other keys may mean something else there."""
+    said = tables.get("format", FORMAT)
+    if isinstance(said, int) and said > FORMAT:
+        given, write = (
+            f"format = {toml_text(said)}",
+            "the file in this format, or install a newer flexinv, which reads it",
+        )
+        raise Location(path).wrong("format", given, f"format {FORMAT} or older: this flexinv knows no newer one", write)
 
 
 def check_names(file: Path, **tables: dict[str, Any]) -> None:

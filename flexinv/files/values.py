@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BeforeValidator, Field
 
 LARGEST = 1e30  # no length, mass or stiffness in SI is larger; powers of larger numbers overflow
-FORMAT = 1  # of mechanism.toml and cases.toml; a change that an older version would misread raises it
+FORMAT = 1  # of mechanism.toml, cases.toml and identify.toml; a change that an older version would misread raises it
 LONGEST_NAME, LONGEST_TEXT = 100, 4000  # [characters]
 
 
@@ -36,8 +36,8 @@ def _clean_text(text: str) -> str:
 
 
 def _known_format(version: int) -> int:
-    if version != FORMAT:
-        raise ValueError(f"this version of flexinv reads format {FORMAT}; a newer format needs a newer flexinv")
+    if not 1 <= version <= FORMAT:
+        raise ValueError(f"this version of flexinv reads formats 1 to {FORMAT}; a newer format needs a newer flexinv")
     return version
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import chromium
 import pytest
+import readable
 from crosscheck_examples import Night, night_run
 
 from crosscheck.report import render
@@ -63,6 +64,44 @@ def test_every_page_fits_and_is_quiet(page: chromium.Browser, night: Night, widt
         assert page.evaluate(WIDE), file
         assert page.evaluate("document.documentElement.dataset.theme") == ("dark" if dark else "light")
         quiet(page)
+
+
+OPEN = "document.querySelectorAll('details').forEach(d => d.open = true)"
+WEIGHT = (
+    2_000_000  # [bytes] of a page with what it loads, without the plotting script and without the data of its plots
+)
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_every_text_has_contrast_and_everything_that_acts_is_reached_by_keyboard(
+    page: chromium.Browser, night: Night, dark: bool
+) -> None:
+    for file in sorted(night.out.rglob("*.html")):
+        page.open(address(file), 1400, 900, dark)
+        if page.evaluate("!!document.querySelector('.plot')"):
+            page.wait("!!document.querySelector('[data-drawn]')")
+        page.evaluate(OPEN)
+        assert readable.faint(page) == [], file
+        assert readable.unreachable(page) == [], file
+        loaded = [
+            Path(urllib.parse.unquote(r.removeprefix("file://"))) for r in page.requests() if r.startswith("file")
+        ]
+        assert sum(f.stat().st_size for f in loaded if f.name != "plotly.min.js" and "data" not in f.parts) < WEIGHT, (
+            file
+        )
+
+
+def test_a_faint_text_and_a_thing_for_mice_alone_would_be_seen(page: chromium.Browser, tmp_path: Path) -> None:
+    file = tmp_path / "faint.html"
+    file.write_text(
+        "<!doctype html><p style='color: #999'>pale</p><p style='opacity: .5'>half</p><p style='color: #888; font-size: 30px'>"
+        "large enough</p><p style='color: #bbb; font-size: 30px'>large</p><p>plain</p><div onclick='1'>mouse</div>"
+        "<button></button><a href='#' tabindex='3'>first</a><a href='#' style='outline: none'>blind</a>"
+    )
+    page.open(address(file))
+    assert [line.rpartition(": ")[2] for line in readable.faint(page)] == ["pale", "half", "large"]
+    said = [line.partition(":")[0] for line in readable.unreachable(page)]
+    assert said == ["cannot be reached", "without a name", "before its turn", "focus is not seen"]
 
 
 LOST = "Array.from(document.querySelectorAll('.comparisons'), t => t.parentElement.scrollWidth - t.parentElement.clientWidth)"

@@ -17,9 +17,10 @@ from rigid_trees import urdf
 
 from crosscheck.cli import main
 from crosscheck.engines import ENGINES
+from crosscheck.report.drawing import plane_of
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.plan import discover
-from crosscheck.workflows.model_summary import picture, plane_of, portrait, share
+from crosscheck.workflows.model_summary import picture, portrait, share
 from crosscheck.workflows.proposals import MARK, Proposal, propose, rounded_up, toml, write
 from crosscheck.workflows.scaffold import TEMPLATES, from_template, from_urdf
 from flexinv.errors import InputError

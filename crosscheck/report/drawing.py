@@ -1,0 +1,82 @@
+"""Drawing of a mechanism in motion, small, as SVG: a few instants over each other, the last one dark, links that bend in blue.
+
+The first page of a report and the list of mechanisms in the documentation show it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from markupsafe import Markup, escape
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Stroke = tuple[Array, bool]  # points (points, 3) [m] of a link, and whether it bends
+FRAMES = 6  # instants in a drawing
+FLAT = 1e-6  # of the size: a mechanism that leaves its plane by less is drawn as a plane one
+WIDTH, HEIGHT, MARGIN = 160.0, 120.0, 8.0  # [px] of the drawing
+FAINTEST = 0.15  # of the first instant; 1 is the last one's
+AZIMUTH, ELEVATION = np.radians(-60.0), np.radians(25.0)  # from where a mechanism in space is seen
+RIGID, BENDS = "#646c76", "#2a78d0"  # 3 : 1 at least on white and on the dark page, as graphics need it (WCAG 1.4.11)
+
+
+def samples(count: int) -> list[int]:
+    """Return the numbers of the samples that are drawn out of ``count``: the first, the last, and some between them."""
+    return np.unique(np.linspace(0, count - 1, FRAMES).round().astype(int)).tolist()
+
+
+def svg(instants: Sequence[Sequence[Stroke]], what: str) -> Markup:
+    """Return the drawing as an SVG element; ``what`` is read out where it is not seen.
+
+    instants : what stands where, in the order of time
+    """
+    everything = np.concatenate([np.reshape(line, (-1, 3)) for strokes in instants for line, _ in strokes])
+    axes = plane_of(everything)
+    place = fitted(seen(everything, axes))
+    parts = []
+    for k, strokes in enumerate(instants):
+        shade = FAINTEST + (1 - FAINTEST) * (k / (len(instants) - 1)) ** 2 if len(instants) > 1 else 1.0
+        lines = "".join(_line(place(seen(line, axes)), bends) for line, bends in strokes)
+        parts.append(f'<g opacity="{shade:.2g}">{lines}</g>')
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="img" aria-label="{escape(what)}"'
+    pen = 'fill="none" stroke-width="1.6" stroke-linecap="round" stroke-linejoin="round"'
+    return Markup(f"{head} {pen}>{''.join(parts)}</svg>")  # numbers of ours, and what was escaped
+
+
+def plane_of(x: Array) -> tuple[int, int] | None:
+    """Return the two world axes in which all points (..., 3) [m] move, or None in space."""
+    spread = np.ptp(x.reshape(-1, 3), axis=0)
+    thin = int(np.argmin(spread))
+    if spread[thin] > FLAT * spread.max():
+        return None
+    return tuple(k for k in range(3) if k != thin)  # type: ignore[return-value]
+
+
+def seen(x: Array, axes: tuple[int, int] | None) -> Array:
+    """Return points (points, 3) [m] as a viewer sees them: (points, 2) [m] to the right and up."""
+    if axes is not None:
+        return x[:, list(axes)]
+    right = np.array([-np.sin(AZIMUTH), np.cos(AZIMUTH), 0.0])
+    away = np.array([np.cos(AZIMUTH) * np.cos(ELEVATION), np.sin(AZIMUTH) * np.cos(ELEVATION), np.sin(ELEVATION)])
+    up: Array = np.cross(away, right)
+    return x @ np.stack([right, up], axis=1)
+
+
+def fitted(x: Array) -> Callable[[Array], Array]:
+    """Return the map of points (points, 2) [m] into the drawing [px], by one scale in both directions."""
+    low, high = x.min(axis=0), x.max(axis=0)
+    room = np.array([WIDTH, HEIGHT]) - 2 * MARGIN
+    size = np.maximum(high - low, np.finfo(float).tiny)
+    scale = float((room / size).min()) if (high - low).any() else 1.0
+    middle = (low + high) / 2
+
+    def place(points: Array) -> Array:
+        return np.array([WIDTH, HEIGHT]) / 2 + scale * (points - middle) * [1.0, -1.0]
+
+    return place
+
+
+def _line(points: Array, bends: bool) -> str:
+    path = "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
+    return f'<path d="M{path}" stroke="{BENDS if bends else RIGID}"/>'
