@@ -23,7 +23,7 @@ RIGID, BENDS = "#646c76", "#2a78d0"  # 3 : 1 at least on white and on the dark p
 
 def samples(count: int) -> list[int]:
     """Return the numbers of the samples that are drawn out of ``count``: the first, the last, and some between them."""
-    return np.unique(np.linspace(0, count - 1, FRAMES).round().astype(int)).tolist()
+    return [int(k) for k in np.unique(np.linspace(0, count - 1, FRAMES).round())]
 
 
 def svg(instants: Sequence[Sequence[Stroke]], what: str) -> Markup:
@@ -60,7 +60,7 @@ def seen(x: Array, axes: tuple[int, int] | None) -> Array:
     right = np.array([-np.sin(AZIMUTH), np.cos(AZIMUTH), 0.0])
     away = np.array([np.cos(AZIMUTH) * np.cos(ELEVATION), np.sin(AZIMUTH) * np.cos(ELEVATION), np.sin(ELEVATION)])
     up: Array = np.cross(away, right)
-    return x @ np.stack([right, up], axis=1)
+    return np.asarray(x @ np.stack([right, up], axis=1))
 
 
 def fitted(x: Array) -> Callable[[Array], Array]:
@@ -72,7 +72,7 @@ def fitted(x: Array) -> Callable[[Array], Array]:
     middle = (low + high) / 2
 
     def place(points: Array) -> Array:
-        return np.array([WIDTH, HEIGHT]) / 2 + scale * (points - middle) * [1.0, -1.0]
+        return np.asarray(np.array([WIDTH, HEIGHT]) / 2 + scale * (points - middle) * [1.0, -1.0])
 
     return place
 
