@@ -57,11 +57,12 @@ ACTS = """(() => {
     const own = [one.textContent, one.getAttribute('aria-label'), one.title, one.placeholder, one.value];
     const name = own.concat(Array.from(one.labels || [], l => l.textContent), pictures, by);
     if (!name.some(text => (text || '').trim())) found.push(`without a name: ${what}`);
-    if (one.tabIndex < 0) continue;
+    if (one.tabIndex < 0 && !one.matches('[onclick]')) continue;
     one.focus({ preventScroll: true, focusVisible: true });
     if (document.activeElement !== one) { found.push(`cannot be reached: ${what}`); continue; }
     const style = getComputedStyle(one);
-    if (style.outlineStyle === 'none' && style.boxShadow === 'none') found.push(`focus is not seen: ${what}`);
+    const around = getComputedStyle(one, '::after'), outlined = [style, around].some(s => s.outlineStyle !== 'none');
+    if (!outlined && style.boxShadow === 'none') found.push(`focus is not seen: ${what}`);
   }
   document.activeElement.blur();
   return [...new Set(found)];
