@@ -1,8 +1,8 @@
 """Audit of error bars: the same engines with twice the resolution, and how many of their values lie inside the first bars.
 
-An engine that integrates in time, or meshes beams, runs again with half the step and half the mesh width.  Closed formulas
-have no resolution: they run again with other last digits in their input, by a factor that stays instead of one that alternates.  The bars
-are those that the consensus is made of, with their floor.
+An engine that integrates in time, or meshes beams, runs again with half the step and half the mesh width.  Closed formulas have
+no resolution: they run again with other last digits in their input, by a factor that stays instead of one that alternates.
+The bars are those that the consensus is made of, with their floor.
 """
 
 from __future__ import annotations

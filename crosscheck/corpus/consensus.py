@@ -199,7 +199,7 @@ def _hindrance(task: Task, name: str, record: Record, size: float, panel: Panel)
     if panel.engines[record.engine].native:
         return record.message or "its own result, which is known to differ"
     if one.error is None:
-        return "it gives no error bar"
+        return "" if panel.authors[record.engine].closed_form else "it gives no error bar"
     if no_order(record.budget.get(name, {})):
         return "its refinement has no order, so that its bar is none"
     widest, span = float(one.error.max()), signal_range([one.values])

@@ -1,9 +1,8 @@
 """Intervals in which engines put a series, and where the intervals of different authors meet.
 
 An engine puts a value into [v - b, v + b] with its error bar b.  Two engines agree on a series where their intervals meet at
-every sample.
-Intervals on a line that meet pair by pair have a point in common (Helly's theorem in one dimension, Helly 1923), so the
-engines that agree are a clique, and the consensus is the intersection of their intervals.
+every sample.  Intervals on a line that meet pair by pair have a point in common (Helly's theorem in one dimension, Helly 1923),
+so the engines that agree are a clique, and the consensus is the intersection of their intervals.
 """
 
 from __future__ import annotations

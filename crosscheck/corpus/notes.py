@@ -104,7 +104,11 @@ def read_notes(models: Path) -> CorpusTable:
     file = models / FILE
     if not file.is_file():
         return CorpusTable()
-    return validate(CorpusTable, read_toml(file), Location(file))
+    plain = read_toml(file)
+    for name, model in (("mechanisms", MechanismNote), ("engines", EngineNote)):
+        for one, table in dict(plain.get(name, {})).items():
+            validate(model, table, Location(file, f"{name}.{one}"))  # its complaints name its own keys
+    return validate(CorpusTable, plain, Location(file))
 
 
 def check_published(notes: CorpusTable, tasks: Iterable[Task], models: Path, whole: bool) -> None:
