@@ -120,6 +120,7 @@ def test_pages_escape_and_ask_nobody(written: Path) -> None:
 def answers(written: Path, folder: Path) -> Path:
     """A program that has never heard of this project answers the one kit that is there."""
     kit, out = written / "kits" / "double_pendulum-swing", folder / "double_pendulum-swing"
+    folder.mkdir()
     blind = folder.parent / "blind"
     shutil.copytree(kit, blind, ignore=shutil.ignore_patterns("expected", "consensus.json"))
     words = [sys.executable, "-c", ALONE, str(PROGRAMS / "rigid.py"), str(blind), str(out)]
@@ -144,7 +145,9 @@ def test_answers_to_the_kits_alone_are_judged_from_the_corpus_alone(written: Pat
     assert "outside  double_pendulum-swing torque/knee, 0.826 % of the samples" in done.output  # 1 of 121
 
 
-def test_answers_that_cannot_be_judged_are_explained(written: Path, tmp_path: Path) -> None:
+def test_answers_that_cannot_be_judged_are_explained(
+    written: Path, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     with pytest.raises(InputError, match="holds no answer"):
         judged(tmp_path, written)
     (tmp_path / "double_pendulum-swin").mkdir()
@@ -159,7 +162,7 @@ def test_answers_that_cannot_be_judged_are_explained(written: Path, tmp_path: Pa
     assert corpus("--judge", str(tmp_path), "--against", str(tmp_path)).exit_code == 2
     (tmp_path / "double_pendulum-swing" / "meta.json").write_text('{"skipped": "too hard"}')
     assert corpus("--judge", str(tmp_path), "--against", str(written)).exit_code == 2  # skipped is not passed
-    changed = tmp_path / "changed"
+    changed = tmp_path_factory.mktemp("corpus") / "changed"
     shutil.copytree(written, changed)
     with (changed / "kits" / "double_pendulum-swing" / "consensus.json").open("a") as file:
         file.write("\n")
