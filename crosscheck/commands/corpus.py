@@ -174,5 +174,6 @@ def _judge(answers: Path, corpus: Path) -> NoReturn:
         click.echo(f"{row.verdict:<8} {row.id} {row.series}{apart}{': ' + row.words if row.words else ''}")
     inside = sum(row.verdict == INSIDE for row in rows)
     counted = sum(row.verdict != SKIPPED for row in rows)
-    click.echo(f"{inside} of {counted} series lie inside the consensus, in {len({row.id for row in rows})} cases.")
+    among = len({row.id for row in rows if row.verdict != SKIPPED})
+    click.echo(f"{inside} of {counted} series lie inside the consensus, in {among} cases.")
     sys.exit(exit_code(rows))
