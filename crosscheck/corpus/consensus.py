@@ -212,7 +212,8 @@ def _voice(task: Task, one: Series, record: Record, hindrance: str, found: Found
     """Return the part of an engine in what was found on a series."""
     who = record.engine, panel.authors[record.engine].name, record.version
     if found.interval is None:
-        return Voice(*who, part=NO_PART if hindrance else ALONE, reason=hindrance or _cause(task, one, record, panel))
+        why_not = _cause(task, one, record, panel) if found.status == DISAGREEMENT else ""
+        return Voice(*who, part=NO_PART if hindrance else ALONE, reason=hindrance or why_not)
     off = 1.0 - float(inside(one.values, found.interval).mean())
     if record.engine in found.agree:
         return Voice(*who, part=AGREES, outside=off)
