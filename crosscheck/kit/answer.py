@@ -31,7 +31,7 @@ def answered(folder: Path, mechanism: Mechanism, case: Case, engine: str) -> Rec
 
     Raises InputError that says what is wrong: missing or doubled columns, other units, times, coordinates or cases.
     """
-    meta = _json(inside(folder, "meta.json"), MetaFile) or MetaFile()
+    meta = read_table(inside(folder, "meta.json"), MetaFile) or MetaFile()
     made: dict[str, Any] = {"engine": engine, "version": meta.version, "settings": _settings(meta)}
     _check_addressed(folder, meta, mechanism, case)
     if meta.skipped:
@@ -61,7 +61,7 @@ def inside(folder: Path, name: str) -> Path:
     return file
 
 
-def _json(path: Path, model: type[T]) -> T | None:
+def read_table(path: Path, model: type[T]) -> T | None:
     """Return a JSON file as a table, None where there is none.  Raises InputError."""
     try:
         if not path.is_file():
@@ -136,7 +136,7 @@ def _check_finite(file: Path, found: dict[str, Series], time: np.ndarray) -> Non
 def certified(file: Path, mechanism: Mechanism) -> dict[str, Any]:
     """Return the certificate in a file; {} without one, {"problem": ...} where it cannot be read or compared."""
     try:
-        found = _json(file, CertificateFile)
+        found = read_table(file, CertificateFile)
         if found is None:
             return {}
         _check_shapes(file, found, mechanism)

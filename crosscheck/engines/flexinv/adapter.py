@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib import metadata
 
 import numpy as np
@@ -62,9 +63,11 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
 def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
     """Return torque and wrench [N], [N m], tip and deflection [m], axial and internal forces on the sample times.
 
-    options : "error" False leaves the error bars of a march away (they take four more runs)
+    options : "error" False leaves the error bars of a march away (they take four more runs); "refinement" k takes steps and
+    meshes 2^k times as fine [-]
     """
-    mechanism = case.meshed(mechanism)
+    finer = 2 ** int(options.get("refinement", 0))
+    mechanism, case = meshed(case.meshed(mechanism), finer), replace(case, step=case.step / finer)
     start = clock.perf_counter()
     solution, made = solved(mechanism, case)
     wall = clock.perf_counter() - start
@@ -114,9 +117,15 @@ def refinements(mechanism: Mechanism, case: Case, made: Mapping[str, Series]) ->
     step = Family("step", (made, solved(mechanism, case, 2)[1], solved(mechanism, case, 4)[1]), 0)
     if mechanism.is_rigid:
         return [step]
+    return [step, Family("mesh", (made, *(solved(meshed(mechanism, k), case)[1] for k in (2, 4))), 0)]
+
+
+def meshed(mechanism: Mechanism, finer: int) -> Mechanism:
+    """Return the mechanism with beams meshed so many times as fine [-]: more order, or more elements where the order is 1."""
+    if mechanism.is_rigid or finer == 1:
+        return mechanism
     linear = max(link.beam.order for link in mechanism.beams if link.beam is not None) == 1
-    meshes = [mechanism.refined(elements=k) if linear else mechanism.refined(order=k) for k in (2, 4)]
-    return [step, Family("mesh", (made, *(solved(mesh, case)[1] for mesh in meshes)), 0)]
+    return mechanism.refined(elements=finer) if linear else mechanism.refined(order=finer)
 
 
 def settings(mechanism: Mechanism, solution: Solution) -> dict[str, object]:

@@ -84,10 +84,11 @@ def _trouble(mechanism: Mechanism, link: Link) -> str | None:
 def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
     """Return torque, wrench [N m], [N], tip, deflection [m], axial force [N], each with its bar, on the sample times.
 
-    options : "elements", edges of the finest mesh (a multiple of 4); "error" False leaves out the coarsest of three
+    options : "elements", edges of the finest mesh (a multiple of 4), doubled "refinement" times; "error" False leaves out the
+    coarsest of three
     """
     check_resolved(mechanism)
-    elements = int(options.get("elements", ELEMENTS))
+    elements = int(options.get("elements", ELEMENTS)) * 2 ** int(options.get("refinement", 0))
     meshes = [elements // 4, elements // 2, elements] if options.get("error", True) else [elements // 2, elements]
     start = clock.perf_counter()
     with warnings_caught() as words:

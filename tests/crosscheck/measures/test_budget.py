@@ -10,7 +10,7 @@ import pytest
 
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.engines.shared import rounding as rounding_bars
-from crosscheck.measures.budget import UNORDERED, Family, estimate, extrapolated, limit_of, no_order, with_bars
+from crosscheck.measures.budget import FORMAL, UNORDERED, Family, estimate, extrapolated, limit_of, no_order, with_bars
 from crosscheck.measures.metrics import sprague_geers
 from crosscheck.measures.record import Record, series
 from flexinv.files.load_cases import load_cases
@@ -29,13 +29,26 @@ def levels(order: float, size: float = 1e-2, count: int = 3) -> list[np.ndarray]
 @pytest.mark.parametrize("order", [1.0, 2.0, 3.7])
 @pytest.mark.parametrize("value", [0, 1, 2])
 def test_the_order_is_found_and_the_bar_is_the_error(order: float, value: int) -> None:
+    """Up to order 2; of a higher one the bar believes 2 all the same: it is longer, by the extrapolation's own error."""
     runs = levels(order)
     found = estimate(runs, value)
     assert found.how == "Richardson"
     assert found.order == pytest.approx(order, abs=1e-9)  # the error has one power of h, so only rounding is left
     error = np.abs(runs[value] - EXACT)
     assert (found.bar >= error * (1 - 1e-9)).all()  # equal at the largest values, wider at zeros
-    assert found.bar.max() == pytest.approx(error.max(), rel=1e-6)
+    if order <= FORMAL:
+        assert found.bar.max() == pytest.approx(error.max(), rel=1e-6)
+
+
+def test_an_order_that_is_too_high_makes_no_short_bar() -> None:
+    """A mesh error of order 5 covers a step error of order 2 in the first runs; the next run stays inside the bar."""
+    runs = [EXACT + SHAPE * (1e-2 * h**5 + 1e-5 * h**2) for h in (1.0, 0.5, 0.25, 0.125)]
+    found = estimate(runs[:3])
+    assert found.order == pytest.approx(5.0, abs=0.2)
+    assert found.order is not None
+    assert (np.abs(runs[3] - runs[2]) <= found.bar).all()
+    believed = np.abs(runs[2] - runs[1]) / (2.0**found.order - 1.0)  # what Richardson's formula would say
+    assert np.abs(runs[3] - runs[2]).max() > 0.9 * believed.max()
 
 
 def test_runs_that_do_not_converge_get_the_largest_difference() -> None:

@@ -1,0 +1,138 @@
+"""Judge answers to the kits of a corpus from its files alone: no engine and no folder of models is needed.
+
+An answer lies in a folder called by the id of its case.  A value is inside where its own interval, that of its stated error bar
+with the floor of the corpus, meets the consensus; a bar wider than a tenth of the range excuses nothing.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crosscheck.corpus.consensus import REACHED
+from crosscheck.corpus.entry import FORMAT
+from crosscheck.corpus.folder import KITS, MANIFEST, digest
+from crosscheck.corpus.intervals import Given, Interval, interval
+from crosscheck.kit.answer import inside as file_inside
+from crosscheck.kit.answer import read_table
+from crosscheck.kit.tables import MetaFile
+from crosscheck.measures.limits import WIDEST_BAR
+from crosscheck.measures.record import Series
+from crosscheck.measures.series_csv import check_times, read
+from crosscheck.verdicts.compare import WHOLE
+from flexinv.errors import InputError
+from flexinv.validation import nearest
+
+INSIDE, OUTSIDE, MISSING, SKIPPED = "inside", "outside", "missing", "skipped"
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One series of an answer: its verdict, the share of samples outside [-], and the largest distance over the range [-]."""
+
+    id: str
+    series: str
+    verdict: str
+    outside: float = 0.0
+    distance: float = 0.0
+    words: str = ""
+
+
+def judged(answers: Path, corpus: Path) -> list[Judged]:
+    """Return the judgement of every series of the answers in a folder [-].
+
+    Raises InputError where there is no corpus, no answer, an unknown id, or an answer that cannot be read.
+    """
+    known = manifest(corpus)
+    folders = sorted(f for f in answers.iterdir() if f.is_dir()) if answers.is_dir() else []
+    if not folders:
+        raise InputError(f"{answers} holds no answer; expected folders named by the ids of {corpus / MANIFEST}")
+    found: list[Judged] = []
+    for folder in folders:
+        if folder.name not in known:
+            near = nearest(folder.name, sorted(known)) or next(iter(known))
+            raise InputError(f"{folder}: no case has the id {folder.name!r}; write {near!r}")
+        found += _answer(folder, known[folder.name], corpus)
+    return found
+
+
+def manifest(corpus: Path) -> dict[str, Mapping[str, Any]]:
+    """Return the cases of a corpus by id.  Raises InputError where there is none, or it is of another format."""
+    file = corpus / MANIFEST
+    try:
+        plain = json.loads(file.read_text(encoding="utf-8"))
+        if plain["format"] != FORMAT:
+            raise InputError(f"{file} has format {plain['format']!r}, expected {FORMAT!r}")
+        return {one["id"]: one for one in plain["cases"]}
+    except (OSError, ValueError, LookupError, TypeError) as error:
+        raise InputError(
+            f"{file} is no manifest of a corpus: {error}; write one with crosscheck corpus --out"
+        ) from None
+
+
+def _answer(folder: Path, case: Mapping[str, Any], corpus: Path) -> Iterator[Judged]:
+    """Yield the judgement of one answer, series by series."""
+    kit = corpus / KITS / case["id"]
+    said = json.loads(_unchanged(corpus, case, "consensus.json").read_text(encoding="utf-8"))
+    rows = {row["name"]: row for row in said["series"] if row["status"] in REACHED}
+    meta = read_table(file_inside(folder, "meta.json"), MetaFile) or MetaFile()
+    if meta.case and meta.case != case["case.json"]:
+        raise InputError(
+            f"{folder / 'meta.json'}: an answer for the case {meta.case}, but {case['id']} is {case['case.json']}: "
+            f"answer the kit in {kit}"
+        )
+    if meta.skipped or not rows:
+        yield Judged(case["id"], "all", SKIPPED, words=meta.skipped or "no series of this case has a consensus")
+        return
+    time, consensus = read(_unchanged(corpus, case, "expected/series.csv"))
+    file = file_inside(folder, "series.csv")
+    if not file.is_file():
+        raise InputError(f"{folder} holds no series.csv: nothing was answered")
+    given, series = read(file)
+    check_times(file, given, time, float(time[1] - time[0]) if time.size > 1 else 1.0)
+    for name, row in rows.items():
+        if name in series:
+            yield _series(case["id"], series[name], consensus[name], row, file)
+        elif name.split("/", 1)[0] in WHOLE:
+            yield Judged(case["id"], name, MISSING, words="every torque has to be answered")
+
+
+def _series(id_: str, one: Series, consensus: Series, row: Mapping[str, Any], file: Path) -> Judged:
+    """Return the judgement of one series [unit of it]."""
+    if one.unit != consensus.unit:
+        raise InputError(f"{file}: column {one.name!r} is in {one.unit}, expected {consensus.unit}")
+    assert consensus.error is not None
+    where = Interval(consensus.values - consensus.error, consensus.values + consensus.error)
+    bar = np.zeros_like(one.values) if one.error is None else one.error
+    for what, values in (("values", one.values), ("half-widths", bar)):
+        if not np.isfinite(values).all() or (what != "values" and (values < 0.0).any()):
+            raise InputError(f"{file}: column {one.name!r} holds {what} that are no finite {what}")
+    span = row["range"] or row["size"] or 1.0
+    if wide := float(bar.max()) > WIDEST_BAR * span:
+        bar = np.zeros_like(bar)
+    own = interval(Given("answer", "", one.values, bar), row["size"])
+    gap = np.maximum(np.maximum(own.low - where.high, where.low - own.high), 0.0)
+    off = float((gap > 0.0).mean())
+    words = f"its bar is wider than {WIDEST_BAR:g} of the range and excuses nothing" if wide else ""
+    return Judged(id_, one.name, OUTSIDE if off else INSIDE, off, float(gap.max()) / span, words)
+
+
+def _unchanged(corpus: Path, case: Mapping[str, Any], name: str) -> Path:
+    """Return a file of a kit.  Raises InputError where it is not what the manifest says."""
+    stated = f"{KITS}/{case['id']}/{name}"
+    file = corpus / stated
+    if not file.is_file() or digest(file) != case["files"].get(stated):
+        raise InputError(f"{file} is not what {corpus / MANIFEST} says: it was changed or lost; write the corpus anew")
+    return file
+
+
+def exit_code(rows: list[Judged]) -> int:
+    """Return 0 where all that was answered lies inside, 1 where not, 2 where nothing was judged."""
+    if not any(row.verdict in (INSIDE, OUTSIDE, MISSING) for row in rows):
+        return 2
+    return 1 if any(row.verdict in (OUTSIDE, MISSING) for row in rows) else 0

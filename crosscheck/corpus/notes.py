@@ -1,0 +1,136 @@
+"""``corpus.toml`` beside the mechanisms: licences, recipes, authors of engines, and published values.
+
+format = 1
+licence = "BSD-3-Clause"                  # of mechanisms without a table of their own
+
+[mechanisms.ur5]
+licence = "BSD"
+attribution = "ros-industrial/universal_robot"
+
+[engines.simscape]
+author = "MathWorks"
+
+[[published]]
+mechanism = "andrews_squeezer"
+case = "spin_up"
+series = "torque/beta"
+at_s = 0.03
+value = 0.033
+unit = "N m"
+source = "Test Set for IVP Solvers, problem andrews"
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from crosscheck.verdicts.plan import Task
+from flexinv.files.toml_tables import Location, Table, key, optional, read_toml, validate
+from flexinv.files.values import Format, NotNegative, Number, Positive, Text
+
+FILE = "corpus.toml"
+NOT_STATED = "not stated: ask who made it"
+FOREIGN = (
+    "the mechanism is made from the file of a package whose licence corpus.toml does not state: install the package, then run "
+    "the command below"
+)
+
+
+class MechanismNote(Table):
+    """Licence of one mechanism: what its kit contains."""
+
+    licence: Text = key("the licence of its data, a name", 'licence = "Apache-2.0"')
+    attribution: Text = key("who has to be named, a text", 'attribution = "github.com/..."', default="")
+    licence_files: list[Text] = key(
+        "files of the folder of models that go with the kit", 'licence_files = ["licences/MIT.txt"]', default=[]
+    )
+    redistribute: bool = key("false: its data may not be passed on", "redistribute = false", default=True)
+    recipe: Text = key("how to get it where it may not be passed on", 'recipe = "install ..."', default="")
+
+
+class EngineNote(Table):
+    """Author of an engine: a record, a program, or one of ours."""
+
+    author: Text = key("who wrote it, a name", 'author = "MathWorks"')
+    closed_form: bool = key("true: its series are a closed form", "closed_form = true", default=False)
+
+
+class PublishedValue(Table):
+    """A published number of a case: a series at a time, or its largest magnitude."""
+
+    mechanism: Text = key("a folder of the models", 'mechanism = "andrews_squeezer"')
+    case: Text = key("a case of it", 'case = "spin_up"')
+    series: Text = key("name of a series", 'series = "torque/beta"')
+    value: Number = key("the number [unit]", "value = 0.033")
+    unit: Text = key("its unit", 'unit = "N m"')
+    source: Text = key("where it was published", 'source = "..."')
+    at_s: NotNegative | None = optional("time [s]; without it the largest magnitude is meant", "at_s = 0.03")
+    digits: Positive | None = optional(
+        "half of the last published digit [unit]; without it the digits of value", "digits = 5e-4"
+    )
+
+
+class CorpusTable(Table):
+    """The whole file."""
+
+    format: Format = key("format of this file: 1", "format = 1", default=1)
+    licence: Text = key("of mechanisms without a table of their own", 'licence = "BSD-3-Clause"', default="")
+    licence_files: list[Text] = key(
+        "its texts, files of the folder of models", 'licence_files = ["licences/MIT.txt"]', default=[]
+    )
+    mechanisms: dict[str, MechanismNote] = key("tables [mechanisms.NAME]", "[mechanisms.ur5]", default={})
+    engines: dict[str, EngineNote] = key("tables [engines.NAME]", "[engines.simscape]", default={})
+    published: list[PublishedValue] = key("tables [[published]]", "[[published]]", default=[])
+
+    def licence_of(self, task: Task) -> MechanismNote:
+        """Return the licence of a mechanism: its own table, that of the file, or that nobody has stated one."""
+        if (own := self.mechanisms.get(task.folder.name)) is not None:
+            return own
+        if packaged(task.folder):
+            return MechanismNote(licence=NOT_STATED, redistribute=False, recipe=FOREIGN)
+        return MechanismNote(licence=self.licence or NOT_STATED, licence_files=self.licence_files)
+
+
+def packaged(folder: Path) -> bool:
+    """Return True if a mechanism is made from a file of a package."""
+    table: Any = read_toml(folder / "mechanism.toml").get("urdf")
+    return isinstance(table, dict) and "package" in table
+
+
+def read_notes(models: Path) -> CorpusTable:
+    """Return the contents of ``corpus.toml`` in a folder of models, an empty table where there is none.  Raises InputError."""
+    file = models / FILE
+    if not file.is_file():
+        return CorpusTable()
+    plain = read_toml(file)
+    for name, model in (("mechanisms", MechanismNote), ("engines", EngineNote)):
+        for one, table in dict(plain.get(name, {})).items():
+            validate(model, table, Location(file, f"{name}.{one}"))  # its complaints name its own keys
+    return validate(CorpusTable, plain, Location(file))
+
+
+def check_published(notes: CorpusTable, tasks: Iterable[Task], models: Path, whole: bool) -> None:
+    """Raise InputError where a published value belongs to no case, or to no sample time [s] of its case.
+
+    whole : the tasks are all of the folder; of a part of them a case that is not there may be another one
+    """
+    known = {(task.folder.name, task.case.name): task for task in tasks}
+    for k, one in enumerate(notes.published):
+        task = known.get((one.mechanism, one.case))
+        if task is None:
+            if whole and any(name == one.mechanism for name, _ in known):
+                cases = sorted(case for name, case in known if name == one.mechanism)
+                raise Location(models / FILE, f"published[{k}]").wrong(
+                    "case", f'case = "{one.case}"', f"a case of {one.mechanism}", f'case = "{cases[0]}"'
+                )
+            continue
+        if one.at_s is not None and abs(task.time - one.at_s).min() > 1e-6 * task.case.sample:
+            near = float(task.time[abs(task.time - one.at_s).argmin()])
+            raise Location(models / FILE, f"published[{k}]").wrong(
+                "at_s",
+                f"at_s = {one.at_s:g}",
+                f"a sample of the case, every {task.case.sample:g} s",
+                f"at_s = {near:.9g}",
+            )

@@ -1,0 +1,112 @@
+"""Pages of a corpus: one of every case, one of all, and one of the audit; they look as those of a report and ask nobody."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.corpus.audit import Audited
+from crosscheck.corpus.consensus import AGREES, CLOSED_FORM, CONSENSUS, DISAGREEMENT, REACHED, SINGLE, CaseConsensus
+from crosscheck.corpus.entry import CLASSES, FLOOR_REASON
+from crosscheck.corpus.folder import Corpus
+from crosscheck.report.html import environment, style, write_page
+from crosscheck.verdicts.compare import WHOLE
+
+Array = NDArray[np.float64]
+VERDICTS = {CONSENSUS: "within", CLOSED_FORM: "within", DISAGREEMENT: "deviation", SINGLE: "skipped"}
+MEANINGS = {
+    CONSENSUS: "engines of two authors at least put every torque into intervals that meet at every sample",
+    CLOSED_FORM: "a formula gives every torque",
+    DISAGREEMENT: "intervals of different authors do not meet: who, and why, is on its page",
+    SINGLE: "one author alone gives it with an error bar: no check case yet, and not counted",
+}
+WIDTH, HEIGHT, POINTS = 640.0, 150.0, 400  # of a sketch [px], [px], [-]
+
+
+def render(corpus: Corpus, cases: Iterable[CaseConsensus], audited: Sequence[Audited] = ()) -> None:
+    """Write ``index.html``, a page per case, and the audit's page where there is one, below a corpus that is ours."""
+    env = environment()
+    env.globals |= {"STATUS": VERDICTS, "STATUSES": MEANINGS}
+    style(corpus.folder)
+    (corpus.folder / "cases").mkdir(exist_ok=True)
+    entries = list(corpus.entries)
+    for case, one, before, after in zip(cases, entries, [None, *entries], [*entries[1:], None], strict=False):
+        view: dict[str, Any] = {
+            "root": "../",
+            "one": one,
+            "groups": groups(one),
+            "sketches": sketches(case),
+            "neighbours": (before, after),
+        }
+        write_page(env, "corpus_case.html.j2", corpus.folder / "cases" / f"{one['id']}.html", **view)
+    by_class = {name: [one for one in entries if one["class"] == name] for name in CLASSES}
+    tally = Counter(one["status"] for one in entries)
+    view = {
+        "root": "",
+        "corpus": corpus,
+        "classes": by_class,
+        "tally": tally,
+        "floor": FLOOR_REASON,
+        "audited": audited,
+    }
+    write_page(env, "corpus_index.html.j2", corpus.folder / "index.html", **view)
+
+
+def groups(one: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the series of a case gathered: those of one quantity and unit with the same status and the same voices."""
+    found: dict[Any, list[Mapping[str, Any]]] = {}
+    for row in one["series"]:
+        heard = tuple((v["engine"], v["part"], v.get("reason", "")) for v in row["engines"])
+        key = row["name"].split("/", 1)[0], row["unit"], row["status"], heard, row.get("cause", "")
+        found.setdefault(key, []).append(row)
+    return [_group(rows) for rows in found.values()]
+
+
+def _group(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    first = rows[0]
+    widths = [row["half-width"] for row in rows if "half-width" in row]
+    shares = [row["half-width"] / row["size"] for row in rows if "half-width" in row and row["size"] > 0.0]
+    return {
+        "quantity": first["name"].split("/", 1)[0],
+        "names": [row["name"] for row in rows],
+        "unit": first["unit"],
+        "status": first["status"],
+        "cause": first.get("cause", ""),
+        "half": max(widths, default=None),
+        "share": max(shares, default=None),
+        "agree": [v["engine"] for v in first["engines"] if v["part"] == AGREES],
+        "others": [v for v in first["engines"] if v["part"] != AGREES],
+    }
+
+
+def sketches(case: CaseConsensus) -> list[dict[str, Any]]:
+    """Return a sketch of every torque that has a consensus: points of its band in a picture [px], and its ends [unit]."""
+    found = []
+    for one in case.series:
+        if one.quantity in WHOLE and one.status in REACHED and one.interval is not None:
+            low, high = float(one.interval.low.min()), float(one.interval.high.max())
+            edge, line = band(case.task.time, one.interval.low, one.interval.high)
+            end = float(case.task.time[-1])
+            found.append(
+                {"name": one.name, "unit": one.unit, "low": low, "high": high, "end": end, "band": edge, "line": line}
+            )
+    return found
+
+
+def band(time: Array, low: Array, high: Array) -> tuple[str, str]:
+    """Return the points of a band and of its middle in a picture [px]; time : (samples,) [s], low, high : (samples,) [unit]."""
+    rows = np.unique(np.linspace(0, time.size - 1, min(time.size, POINTS)).astype(int))
+    bottom, top = float(low.min()), float(high.max())
+    span = (top - bottom) or 1.0
+    x = WIDTH * (time[rows] - time[0]) / ((time[-1] - time[0]) or 1.0)
+    y = [HEIGHT * (top - values[rows]) / span for values in (low, high, 0.5 * (low + high))]
+    edge = [*zip(x, y[1], strict=True), *reversed(list(zip(x, y[0], strict=True)))]
+    return _points(edge), _points(zip(x, y[2], strict=True))
+
+
+def _points(pairs: Iterable[tuple[float, float]]) -> str:
+    return " ".join(f"{x:.1f},{y:.1f}" for x, y in pairs)
