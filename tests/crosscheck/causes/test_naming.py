@@ -13,7 +13,7 @@ from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.evidence import Heard
 from crosscheck.causes.fit import Fit
 from crosscheck.causes.model import model_of
-from crosscheck.causes.naming import MOST, UNEXPLAINED, Question, chosen
+from crosscheck.causes.naming import MOST, UNEXPLAINED, Question, chosen, name
 from crosscheck.causes.pairs import AND
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
@@ -121,3 +121,22 @@ def test_one_name_at_many_places_is_an_answer_and_many_pairs_are_none(name: str,
     unknown = f"the cause is unknown: {count} explain it, and nothing that the engine gave tells them apart"
     assert len(naming.named) == named
     assert naming.words == ("" if named else unknown)
+
+
+@pytest.mark.slow
+def test_a_rotary_inertia_is_found_whatever_its_size() -> None:
+    """A thin strip has so little of it that a user may be wrong by orders of magnitude: width for thickness, mm^4 for m^4.
+
+    Without error bars what is left of a march's column may be MARCHED, of its largest difference.
+    """
+    found = load_mechanism(MODELS / "flex_one_link")
+    subject = Subject(found, load_cases(MODELS / "flex_one_link", found)["cycloid"])
+    model = model_of(subject)
+    (link,) = found.beams
+    for factor in (2.0, 100.0):
+        harmed = DICTIONARY["rotary inertia of the section"].change(
+            subject, link.name, np.array([max(factor, 1e-3) - 1.0])
+        )
+        naming = name(model, model.difference(harmed), 1e-9)
+        assert [f.cause.name for f in naming.named] == ["rotary inertia of the section"]
+        assert float(naming.named[0].size[0]) == pytest.approx(factor - 1.0, rel=0.02)
