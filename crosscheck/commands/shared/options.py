@@ -89,7 +89,9 @@ class Asked:
         """Return the options of a study: the folder of models, and to one that asks for them the project's engines."""
         models = self.models.resolve()
         strangers = [engine for name, engine in engines.items() if name not in ENGINES]
-        doors = [{**engine.door, "engine": engine.name, "stamp": stamp(engine, models)} for engine in strangers]
+        folders = sorted(file.parent for file in models.glob("*/mechanism.toml"))
+        stamps = {engine.name: [stamp(engine, folder) for folder in folders] for engine in strangers}
+        doors = [{**engine.door, "engine": engine.name, "stamp": stamps[engine.name]} for engine in strangers]
         return {"models": str(models), **({"engines": doors} if study.asks and doors else {})}
 
 

@@ -12,6 +12,7 @@ import tree_fmu
 from numpy.typing import NDArray
 
 import flexinv
+from crosscheck.commands.shared.options import Asked
 from crosscheck.doors import fmu, registry
 from crosscheck.doors.fmu_replay import ForwardFmu, tips_of
 from crosscheck.engines import ENGINES, adapter
@@ -146,6 +147,30 @@ def test_mechanisms_that_it_is_not_for_are_refused(root: Path, arm: Task, tmp_pa
 
 def test_only_who_asks_is_told_of_the_projects_engines() -> None:
     assert [study.name for study in STUDIES.values() if study.asks] == ["feedforward"]
+
+
+@pytest.mark.parametrize("stated", ["rigid_3r.fmu", "{mechanism}.fmu"])
+def test_a_run_tells_it_of_them_with_the_content_of_their_files(root: Path, tmp_path: Path, stated: str) -> None:
+    words = {"scheduler": "", "resume": False, "jobs": 1, "timeout": 1.0, "engine": (), "trust_commands": True}
+    told = []
+    for content in (b"one", b"two"):
+        (tmp_path / "rigid_3r.fmu").write_bytes(content)
+        config(tmp_path, stated)
+        asked = Asked(
+            names=("rigid_3r/quintic",),
+            models=root / "models",
+            engines="flexinv,plants",
+            studies="feedforward,robots",
+            config=tmp_path / "crosscheck.toml",
+            **words,
+        )
+        work, _ = asked.work(lambda _: None)
+        options = {study.name: study.options for study in work.studies}
+        assert set(options["robots"]) == {"models"}
+        (job,) = options["feedforward"]["engines"]
+        assert (job["engine"], job["module"]) == ("plants", registry.FMU)
+        told.append(job)
+    assert told[0] != told[1]  # what was kept of the other file is not taken
 
 
 def config(folder: Path, stated: str) -> registry.Doors:
