@@ -1,6 +1,7 @@
-"""An FMU as an engine: inverse dynamics behind the Functional Mock-up Interface 2.0, called by FMPy.
+"""An FMU as an engine: inverse or forward dynamics behind the Functional Mock-up Interface 2.0, called by FMPy.
 
-Inputs NAME.q, NAME.qd, NAME.qdd and outputs NAME.tau of every velocity NAME, each with its unit; no states, no events, and every
+Which of the two its variables say; a forward one replays torques (`crosscheck.doors.fmu_replay`).  An inverse one has
+inputs NAME.q, NAME.qd, NAME.qdd and outputs NAME.tau of every velocity NAME, each with its unit; no states, no events, and every
 output depends on its inputs directly.  A model exchange FMU is a function of its inputs: set, get.  One for co-simulation alone
 may answer later: then its inputs are held until its outputs stand, and the number of steps that takes is reported.
 """
@@ -18,6 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.doors.config import does
+from crosscheck.doors.fmu_description import (
+    PLACE,
+    check_feedthrough,
+    check_stateless,
+    is_forward,
+    read_description,
+    variables,
+)
+from crosscheck.doors.fmu_replay import ForwardFmu
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.kit.resolved import UNITS, asked_series, idle
 from crosscheck.measures.record import Record, effort_units, torque_series
@@ -26,24 +36,20 @@ from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]
-# Ways to write a unit of ours in an FMU.
-SAME_UNIT = {
-    "rad": ("rad",),
-    "m": ("m",),
-    "rad/s": ("rad/s",),
-    "m/s": ("m/s",),
-    "rad/s^2": ("rad/s2", "rad/s^2"),
-    "m/s^2": ("m/s2", "m/s^2"),
-    "N m": ("N.m", "N m", "Nm", "N*m"),
-    "N": ("N",),
-}
 MOST_STEPS = 4  # that a co-simulation FMU may take to answer: a chain of as many unit delays
 STANDS = 1e-12  # of the largest output: an answer that changes less from one step to the next has come
 
 
-def opened(name: str, mechanism: str, settings: Mapping[str, Any]) -> Fmu:
-    """Return the adapter of an FMU; mechanism : its folder; settings : fmu (path), cases, version, abilities."""
-    return Fmu(Path(mechanism).name, settings)
+def opened(name: str, mechanism: str, settings: Mapping[str, Any]) -> Fmu | ForwardFmu:
+    """Return the adapter of an FMU; mechanism : its folder; settings : fmu (path), cases, version, abilities.
+
+    In the path ``{mechanism}`` is the name of the mechanism's folder: FMUs of many mechanisms are one engine.
+    """
+    folder = Path(mechanism).name
+    path = Path(settings["fmu"].replace(PLACE, folder))
+    if path.is_file() and is_forward(read_description(path)):
+        return ForwardFmu(path, folder, settings)
+    return Fmu(path, folder, settings)
 
 
 class Fmu:
@@ -51,36 +57,40 @@ class Fmu:
 
     repeatable = False
 
-    def __init__(self, mechanism: str, settings: Mapping[str, Any]) -> None:
-        """Keep the name of the mechanism's folder and the settings."""
-        self._mechanism, self._settings = mechanism, settings
+    def __init__(self, path: Path, mechanism: str, settings: Mapping[str, Any]) -> None:
+        """Keep the file, the name of the mechanism's folder, and the settings."""
+        self._path, self._mechanism, self._settings = path, mechanism, settings
 
     def version(self) -> str:
         """Return the version that crosscheck.toml states, else that of the FMU's model description."""
-        description = _read(self._settings["fmu"])
-        return str(self._settings.get("version", "") or description.version or description.generationTool or "")
+        if (said := str(self._settings.get("version", ""))) or not self._path.is_file():
+            return said
+        description = read_description(self._path)
+        return str(description.version or description.generationTool or "")
 
     def abilities(self) -> str:
         """Return one sentence: what it can do."""
-        return str(
-            self._settings.get("abilities", "") or f"the FMU {Path(self._settings['fmu']).name}, inverse dynamics"
-        )
+        said = str(self._settings.get("abilities", ""))
+        return said or f"the FMU {Path(self._settings['fmu']).name}, inverse dynamics"
 
     def unsupported(self, mechanism: Mechanism, case: Case, engine: str) -> str | None:
         """Return the reason why it is not asked, or None where it is."""
         patterns = list(self._settings.get("cases", ["*"]))
         if not does(patterns, self._mechanism or mechanism.name, case.name):
             return f"crosscheck.toml asks it for {', '.join(patterns)} only"
+        if not self._path.is_file():
+            return f"there is no FMU {self._path.name}"
         others = [j.name for j in mechanism.joints if j.nv and (j.nv > 1 or j.kind == "continuous")]
         return f"joints with more than one coordinate have no names in an FMU: {', '.join(others)}" if others else None
 
     def run(self, mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
         """Return its torques [N m], [N] on the sample times.  Raises InputError where it is not what the door asks for."""
-        description, time = _read(self._settings["fmu"]), sample_times(case)
+        description, time = read_description(self._path), sample_times(case)
+        check_stateless(description, self._path)
         names, wanted, table = ports(mechanism, case, time)
-        inputs, outputs = _variables(description, names), _variables(description, wanted)
-        _check_feedthrough(description, inputs, outputs)
-        folder = importlib.import_module("fmpy").extract(self._settings["fmu"])
+        inputs, outputs = variables(description, names, "input"), variables(description, wanted, "output")
+        check_feedthrough(description, inputs, outputs)
+        folder = importlib.import_module("fmpy").extract(str(self._path))
         try:
             start = clock.perf_counter()
             with Instance(description, folder) as instance:
@@ -90,7 +100,7 @@ class Fmu:
             shutil.rmtree(folder, ignore_errors=True)
         torque = np.zeros((time.size, mechanism.nv))
         torque[:, [mechanism.velocity_names.index(name.removesuffix(".tau")) for name in wanted]] = got
-        said = {"file": Path(self._settings["fmu"]).name, "interface": instance.kind, "steps until it answers": steps}
+        said = {"file": self._path.name, "interface": instance.kind, "steps until it answers": steps}
         return Record(engine, settings=said, time=time, series=torque_series(mechanism, torque), wall_time=wall)
 
 
@@ -110,50 +120,6 @@ def ports(mechanism: Mechanism, case: Case, time: Array) -> tuple[dict[str, str]
     asked = [n.removeprefix("torque/") for n in asked_series(mechanism, case, "torque")]
     assert not set(asked) & set(idle(mechanism, case))
     return names, {f"{name}.tau": efforts[name] for name in asked}, np.hstack(columns)
-
-
-def _read(path: str) -> Any:
-    """Return the model description of an FMU.  Raises InputError where it is none of FMI 2.0, or has states."""
-    try:
-        description = importlib.import_module("fmpy").read_model_description(path, validate=False)
-    except Exception as error:
-        raise InputError(f"{Path(path).name} is no FMU: {error}") from error
-    if not str(description.fmiVersion).startswith("2."):
-        raise InputError(f"{Path(path).name} is of FMI {description.fmiVersion}; expected 2.0")
-    states = description.numberOfContinuousStates
-    if states or description.numberOfEventIndicators:
-        raise InputError(f"{Path(path).name} has {states} states; expected a function of its inputs: inverse dynamics")
-    return description
-
-
-def _variables(description: Any, wanted: Mapping[str, str]) -> list[Any]:
-    """Return the variables of the names, in their order.  Raises InputError for one that is missing or in another unit."""
-    known = {variable.name: variable for variable in description.modelVariables}
-    found = []
-    for name, unit in wanted.items():
-        variable = known.get(name)
-        causality = "output" if name.endswith(".tau") else "input"
-        if variable is None or variable.causality != causality:
-            have = ", ".join(n for n, v in known.items() if v.causality == causality) or "none"
-            raise InputError(f"the FMU has no {causality} {name!r}; it has {have}")
-        said = variable.unit or (variable.declaredType.unit if variable.declaredType is not None else None)
-        if said not in SAME_UNIT[unit]:
-            raise InputError(f"the FMU's {name!r} is in {said or 'no unit'}, expected {SAME_UNIT[unit][0]}")
-        found.append(variable)
-    return found
-
-
-def _check_feedthrough(description: Any, inputs: list[Any], outputs: list[Any]) -> None:
-    """Raise InputError where an output does not depend on the acceleration of its own joint: it is no inverse dynamics."""
-    names = {variable.name for variable in inputs}
-    stated = {unknown.variable.name: unknown.dependencies for unknown in description.outputs}
-    for output in outputs:
-        own = output.name.removesuffix(".tau") + ".qdd"
-        depends = stated.get(output.name)
-        if depends is not None and own in names and own not in {variable.name for variable in depends}:
-            raise InputError(
-                f"the FMU's {output.name!r} does not depend on {own!r} directly; state it in ModelStructure"
-            )
 
 
 class Instance:

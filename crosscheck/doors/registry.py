@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck.doors import config, packages, record, trust
+from crosscheck.doors.fmu_description import INSTALL, PLACE
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.measures.record import fingerprint
 from crosscheck.verdicts.plan import Plan, Task
@@ -97,17 +98,25 @@ def _of(name: str, row: config.EngineRow, file: Path) -> tuple[Engine, Program]:
         engine = Engine(name, COMMAND, "", "", settings=told)
         return replace(engine, limits=config.limits(name, row)), Program(name, shlex.join(row.command), _digest(told))
     if row.fmu is not None:
-        path = (folder / row.fmu).resolve()
-        if os.path.isabs(row.fmu) or not path.is_relative_to(folder) or not path.is_file():
+        path, every = folder / row.fmu, _files(folder, row.fmu)
+        if not every:
             raise InputError(f'{file}: [engines.{name}] fmu = "{row.fmu}": expected a file inside {folder}')
         told |= {"fmu": str(path)}
-        engine = Engine(name, FMU, "fmpy", "python -m pip install fmpy", settings=told)
-        stamp = _digest(told) + hashlib.sha256(path.read_bytes()).hexdigest()
+        engine = Engine(name, FMU, "fmpy", INSTALL, settings=told)
+        stamp = _digest(told) + "".join(hashlib.sha256(one.read_bytes()).hexdigest() for one in every)
         return replace(engine, limits=config.limits(name, row)), Program(name, f"the native code in {path.name}", stamp)
     engine = packages.referred(f"{name}={row.python}", folder)
     return replace(engine, limits=config.limits(name, row)), Program(
         name, f"the Python object {row.python}", engine.module
     )
+
+
+def _files(folder: Path, stated: str) -> list[Path]:
+    """Return the FMUs that a path in crosscheck.toml names, with PLACE of all mechanisms; [] for one elsewhere."""
+    if os.path.isabs(stated) or not (folder / stated).resolve().is_relative_to(folder.resolve()):
+        return []
+    found = folder.glob(stated.replace(PLACE, "*")) if PLACE in stated else [folder / stated]
+    return sorted(f for f in found if f.is_file() and f.resolve().is_relative_to(folder.resolve()))
 
 
 def _digest(told: Mapping[str, Any]) -> str:
@@ -135,6 +144,6 @@ def stamp(engine: Engine, folder: Path) -> str:
         if engine.module == RECORD
         else []
     )
-    named = (engine.settings.get("fmu", ""), *engine.settings.get("command", ()))
+    named = (engine.settings.get("fmu", "").replace(PLACE, folder.name), *engine.settings.get("command", ()))
     files += [f for word in named if word and (f := Path(engine.settings.get("folder", "")) / word).is_file()]
     return fingerprint(dict(engine.settings), [hashlib.sha256(f.read_bytes()).hexdigest() for f in files])

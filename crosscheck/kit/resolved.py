@@ -58,7 +58,7 @@ MEANINGS = {
     "tip": "place of the tip of a link in the world",
     "deflection": "tip of a beam less the tip of the undeformed beam that moves with its root section, in the axes of the "
     "root section",
-    "axial": "axial force at the root of a beam, tension positive",
+    "axial": "force of a beam's joint on the beam, along x of the joint's child: below 0 where the beam is pulled outward",
     "internal": "force and moment in a section of a beam, along its axes: internal/BEAM/STATION/PART, with the stations (four "
     "digits) of expected/series.csv",
     "frequency": "is taken from the deflection (else the torque) after the motion: nothing more is asked",

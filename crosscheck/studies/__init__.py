@@ -15,13 +15,17 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Study:
-    """A named study: the function of a module, and what it is called with (JSON values)."""
+    """A named study: the function of a module, and what it is called with (JSON values).
+
+    asks : its function is told the project's own engines, too (``engines``: jobs of `crosscheck.engines.opened`)
+    """
 
     name: str
     title: str
     module: str
     function: str = "study"
     options: Mapping[str, Any] = field(default_factory=dict)
+    asks: bool = False
 
 
 STUDIES: dict[str, Study] = {
@@ -29,7 +33,7 @@ STUDIES: dict[str, Study] = {
     for s in (
         Study("robots", "Every robot of example-robot-data", "crosscheck.studies.robots"),
         Study("incremental", "The paper's incremental mode", "crosscheck.studies.incremental"),
-        Study("feedforward", "Feed-forward replayed in other engines", "crosscheck.studies.feedforward"),
+        Study("feedforward", "Feed-forward replayed in other engines", "crosscheck.studies.feedforward", asks=True),
         Study("switching", "Phases of mechanisms that open and close", "crosscheck.studies.switching"),
     )
 }

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import functools
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path as Folder
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.engines import ENGINES, adapter, missing
+from crosscheck.engines import ENGINES, adapter, missing, opened
 from crosscheck.engines.base import offered
 from crosscheck.engines.shared.replay import Drive
 from crosscheck.measures.mechanisms import read_mechanism
@@ -41,8 +42,11 @@ COLUMNS = (
 )
 
 
-def study(models: str) -> dict[str, Any]:
-    """Return the table of the report; distances over the length of the path [-]."""
+def study(models: str, engines: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
+    """Return the table of the report; distances over the length of the path [-].
+
+    engines : jobs of the project's own engines (`crosscheck.engines.opened`), of which those take part that replay
+    """
     rows: list[dict[str, Any]] = []
     for folder in sorted(file.parent for file in Folder(models).glob("*/mechanism.toml")):
         try:
@@ -51,20 +55,30 @@ def study(models: str) -> dict[str, Any]:
         except InputError:
             continue  # the matrix of models says so
         for task in tasks.values():
-            rows += task_rows(mechanism, task)
+            rows += task_rows(mechanism, task, [{**job, "mechanism": str(folder)} for job in engines])
     if not rows:
         return {"status": "skipped", "message": "no model has a task: a table [tasks.NAME] in its cases.toml"}
     return {"text": TEXT, "columns": COLUMNS, "rows": rows}
 
 
-def task_rows(mechanism: Mechanism, task: Task) -> Iterator[dict[str, Any]]:
+def task_rows(mechanism: Mechanism, task: Task, engines: Sequence[Mapping[str, Any]] = ()) -> Iterator[dict[str, Any]]:
     """Yield one row per engine and feed-forward; distances over the length of the path [-]."""
     flexible = not mechanism.is_rigid
     mechanism = task.meshed(mechanism)
     found = followed(mechanism, task)
-    for engine, replayed in replays(flexible).items():
-        names = found.feed_forwards if flexible else (RIGID,)
-        errors = {name: error(found, replayed(mechanism, found, name)[found.frame.name]) for name in names}
+    names = found.feed_forwards if flexible else (RIGID,)
+    for engine, replayed in {**replays(flexible), **outside(engines)}.items():
+        try:
+            errors = {name: error(found, replayed(mechanism, found, name)[found.frame.name]) for name in names}
+        except InputError as why:  # of an engine that was not asked for this mechanism, or cannot do it
+            yield {
+                "mechanism": mechanism.name,
+                "task": task.name,
+                "engine": engine,
+                "verdict": "skipped",
+                "message": str(why),
+            }
+            continue
         for name in names:
             yield row(mechanism.name, task.name, engine, name, errors)
 
@@ -110,6 +124,20 @@ def replays(flexible: bool) -> dict[str, Replayed]:
         if missing(ENGINES[engine]) is None:
             out[engine] = {"exudyn-ge": _exudyn, "pinocchio": _pinocchio, "mujoco": _mujoco}[engine]
     return out
+
+
+def outside(engines: Sequence[Mapping[str, Any]]) -> dict[str, Replayed]:
+    """Return the replays of the project's own engines, by name, of those that have one: tips by link (samples, 3) [m]."""
+    out: dict[str, Replayed] = {}
+    for job in engines:
+        replay = offered(opened(job), "replay")
+        if replay is not None:
+            out[str(job["engine"])] = functools.partial(_outside, replay)
+    return out
+
+
+def _outside(replay: Callable[..., dict[str, Array]], m: Mechanism, found: Following, name: str) -> dict[str, Array]:
+    return replay(m, _drive(found, name))
 
 
 def _drive(found: Following, name: str) -> Drive:

@@ -64,3 +64,15 @@ def build(folder: Path, flags: tuple[str, ...] = (), **words: object) -> Path:
         archive.writestr("modelDescription.xml", description(**{"kinds": ("ModelExchange", "CoSimulation"), **words}))  # type: ignore[arg-type]
         archive.write(library, "binaries/linux64/pendulum.so")
     return file
+
+
+def rewrite(file: Path, old: str, new: str) -> None:
+    """Exchange words of the model description of an FMU."""
+    with zipfile.ZipFile(file) as archive:
+        parts = {name: archive.read(name) for name in archive.namelist()}
+    text = parts["modelDescription.xml"].decode()
+    assert old in text
+    parts["modelDescription.xml"] = text.replace(old, new).encode()
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, data in parts.items():
+            archive.writestr(name, data)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -11,9 +11,10 @@ from typing import Any
 import click
 
 from crosscheck.commands.shared.terminal import JOBS, MODELS, PATTERNS, TIMEOUT, Failure, chosen, compared, plan_of
-from crosscheck.doors.registry import Doors, doors, limited
+from crosscheck.doors.registry import Doors, doors, limited, stamp
+from crosscheck.engines import ENGINES, Engine
 from crosscheck.run.work import Options, Work
-from crosscheck.studies import STUDIES
+from crosscheck.studies import STUDIES, Study
 from crosscheck.verdicts.plan import Task
 from flexinv.errors import InputError
 from flexinv.files.toml_tables import read_toml
@@ -80,9 +81,18 @@ class Asked:
         # a reader who names mechanisms wants those; the studies belong to the whole
         wanted = ("" if self.names else declared(self.models)) if self.studies is None else self.studies
         tables = chosen(STUDIES, wanted, "study")
-        studies = (replace(study, options={"models": str(self.models.resolve())}) for study in tables.values())
+        studies = (replace(study, options=self._told(study, engines)) for study in tables.values())
         plan = limited(plan_of(self.models, self.names), engines)
         return Work(plan, engines, tuple(studies), options), len(engines) == len(known.engines)
+
+    def _told(self, study: Study, engines: Mapping[str, Engine]) -> dict[str, Any]:
+        """Return the options of a study: the folder of models, and to one that asks for them the project's engines."""
+        models = self.models.resolve()
+        strangers = [engine for name, engine in engines.items() if name not in ENGINES]
+        folders = sorted(file.parent for file in models.glob("*/mechanism.toml"))
+        stamps = {engine.name: [stamp(engine, folder) for folder in folders] for engine in strangers}
+        doors = [{**engine.door, "engine": engine.name, "stamp": stamps[engine.name]} for engine in strangers]
+        return {"models": str(models), **({"engines": doors} if study.asks and doors else {})}
 
 
 def doors_of(models: Path, config: Path | None = None, named: Iterable[str] = ()) -> Doors:

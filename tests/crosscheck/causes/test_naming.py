@@ -30,10 +30,10 @@ def records(folder: Path, mechanism: str, case: str, cause: str, target: str, si
     found = load_mechanism(MODELS / mechanism)
     subject = Subject(found, load_cases(MODELS / mechanism, found)[case])
     harmed = DICTIONARY[cause].change(subject, target, np.array(size))
-    for name, one in (("pinocchio", harmed), ("flexinv", subject)):
-        engine = adapter(ENGINES[name])
-        record = engine.run(one.mechanism, one.case, name, {"error": False})
-        save(replace(record, certificate=certified(engine, one.mechanism, one.case, name)), folder / name)
+    for called, one in (("pinocchio", harmed), ("flexinv", subject)):
+        engine = adapter(ENGINES[called])
+        record = engine.run(one.mechanism, one.case, called, {"error": False})
+        save(replace(record, certificate=certified(engine, one.mechanism, one.case, called)), folder / called)
     return {
         "folder": str(MODELS / mechanism), "case": case, "engine": "pinocchio",
         "ours": str(folder / "pinocchio"), "theirs": str(folder / "flexinv"),

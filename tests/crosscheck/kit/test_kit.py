@@ -13,6 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from crosscheck.cli import main
+from crosscheck.engines import ENGINES, adapter
 from crosscheck.kit import schemas
 from crosscheck.kit.answer import answered
 from crosscheck.kit.resolved import case_file
@@ -77,6 +78,16 @@ def test_a_kit_is_enough_for_numpy_alone(
     said = json.loads((folder / "expected" / "certificate.json").read_text())
     assert all(line.holds for line in checks("", "", "", certificate(theirs.certificate), certificate(said)))
     assert bool(theirs.certificate) == (program == "rigid.py")
+
+
+def test_the_sign_of_an_axial_force_is_the_one_that_the_kit_states(root: Path) -> None:
+    """A beam that spins fast is pulled outward: its joint pulls it inward, against x."""
+    task = one(root, "flex_one_link", "cycloid")
+    (asked,) = [one for one in case_file(task.mechanism, task.case).case.asked if one.quantity == "axial"]
+    assert asked.meaning.endswith("below 0 where the beam is pulled outward")
+    record = adapter(ENGINES["flexinv"]).run(task.mechanism, task.case, "flexinv", {"error": False})
+    fastest = int(np.argmin(np.abs(record.time - 0.1)))
+    assert record.series["axial/link"].values[fastest] < -4.0  # rho A omega^2 L^2 / 2 of the rigid turn is 4.4 N
 
 
 def test_the_same_case_gives_the_same_files_and_a_blind_kit_no_values(root: Path, tmp_path: Path) -> None:

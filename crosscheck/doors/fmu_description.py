@@ -1,0 +1,82 @@
+"""Model descriptions of FMUs, read by FMPy: direction, and variables by name, causality and unit, each refused in words.
+
+An inverse FMU has inputs NAME.q, NAME.qd, NAME.qdd and outputs NAME.tau; a forward one inputs NAME.tau and outputs NAME.q.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from flexinv.errors import InputError
+
+INSTALL = 'python -m pip install "flexinv[fmu]" (or fmpy)'
+PLACE = "{mechanism}"  # in the path of an FMU: the name of the mechanism's folder, so that many are one engine
+# Ways to write a unit of ours in an FMU.
+SAME_UNIT = {
+    "rad": ("rad",),
+    "m": ("m",),
+    "rad/s": ("rad/s",),
+    "m/s": ("m/s",),
+    "rad/s^2": ("rad/s2", "rad/s^2"),
+    "m/s^2": ("m/s2", "m/s^2"),
+    "N m": ("N.m", "N m", "Nm", "N*m"),
+    "N": ("N",),
+}
+
+
+def read_description(path: Path) -> Any:
+    """Return the model description of an FMU.  Raises InputError where it is none of FMI 2.0."""
+    try:
+        description = importlib.import_module("fmpy").read_model_description(str(path), validate=False)
+    except Exception as error:
+        raise InputError(f"{path.name} is no FMU: {error}") from error
+    if not str(description.fmiVersion).startswith("2."):
+        raise InputError(f"{path.name} is of FMI {description.fmiVersion}; expected 2.0")
+    return description
+
+
+def is_forward(description: Any) -> bool:
+    """Return True if torques are inputs: an FMU that moves by itself."""
+    return any(v.causality == "input" and v.name.endswith(".tau") for v in description.modelVariables)
+
+
+def check_stateless(description: Any, path: Path) -> None:
+    """Raise InputError where an FMU has states or events: it is no function of its inputs."""
+    states = description.numberOfContinuousStates
+    if states or description.numberOfEventIndicators:
+        raise InputError(f"{path.name} has {states} states; expected a function of its inputs: inverse dynamics")
+
+
+def variables(description: Any, wanted: Mapping[str, str], causality: str) -> list[Any]:
+    """Return the variables of these names, in their order; wanted : unit by name; causality : input, output.
+
+    Raises InputError for one that is missing or in another unit.
+    """
+    known = {variable.name: variable for variable in description.modelVariables}
+    found = []
+    for name, unit in wanted.items():
+        variable = known.get(name)
+        if variable is None or variable.causality != causality:
+            have = ", ".join(n for n, v in known.items() if v.causality == causality) or "none"
+            raise InputError(f"the FMU has no {causality} {name!r}; it has {have}")
+        said = variable.unit or (variable.declaredType.unit if variable.declaredType is not None else None)
+        if said not in SAME_UNIT[unit]:
+            raise InputError(f"the FMU's {name!r} is in {said or 'no unit'}, expected {SAME_UNIT[unit][0]}")
+        found.append(variable)
+    return found
+
+
+def check_feedthrough(description: Any, inputs: list[Any], outputs: list[Any]) -> None:
+    """Raise InputError where an output does not depend on the acceleration of its own joint: it is no inverse dynamics."""
+    names = {variable.name for variable in inputs}
+    stated = {unknown.variable.name: unknown.dependencies for unknown in description.outputs}
+    for output in outputs:
+        own = output.name.removesuffix(".tau") + ".qdd"
+        depends = stated.get(output.name)
+        if depends is not None and own in names and own not in {variable.name for variable in depends}:
+            raise InputError(
+                f"the FMU's {output.name!r} does not depend on {own!r} directly; state it in ModelStructure"
+            )

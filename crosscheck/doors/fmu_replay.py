@@ -1,0 +1,186 @@
+"""A forward FMU: torques drive it, and where its joints go the tips of the mechanism's links go.
+
+Inputs NAME.tau of every drive, outputs NAME.q of every joint, which begin where they are set (initial = "exact"), at rest.
+
+    model exchange   dx/dt = f(x, tau) of the FMU, by Runge and Kutta's method of order 4; the torque is linear between samples
+    co-simulation    the FMU integrates by itself; it gets the torque of a step's middle throughout the step: error of order h^2
+"""
+
+from __future__ import annotations
+
+import ctypes
+import importlib
+import shutil
+from collections.abc import Iterator, Mapping
+from fnmatch import fnmatchcase
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crosscheck.doors.fmu_description import read_description, variables
+from crosscheck.engines.shared.replay import Array, Drive
+from crosscheck.kit.resolved import UNITS
+from crosscheck.lifting.rigid import on, turned
+from crosscheck.measures.record import effort_units
+from flexinv.errors import InputError
+from flexinv.files.load_cases import Case
+from flexinv.model.mechanism import WORLD, Joint, Mechanism, Placement
+
+TURN = 2.0 * np.pi  # [rad]: what a helical joint's pitch counts
+
+
+class ForwardFmu:
+    """The adapter of one forward FMU: it is asked for no torques, but replays those of others."""
+
+    repeatable = False
+
+    def __init__(self, path: Path, mechanism: str, settings: Mapping[str, Any]) -> None:
+        """Keep the file, the name of the mechanism's folder, and the settings: cases, version, abilities."""
+        self._path, self._mechanism, self._settings = path, mechanism, settings
+
+    def version(self) -> str:
+        """Return the version that crosscheck.toml states, else that of the FMU's model description."""
+        description = read_description(self._path)
+        return str(self._settings.get("version", "") or description.version or description.generationTool or "")
+
+    def abilities(self) -> str:
+        """Return one sentence: what it can do."""
+        return str(self._settings.get("abilities", "") or f"the FMU {self._path.name}, forward dynamics: replay alone")
+
+    def unsupported(self, mechanism: Mechanism, case: Case, engine: str) -> str | None:
+        """Return the reason why it gives no torques."""
+        return "a forward FMU: torques drive it, in the table of feed-forwards (--studies feedforward)"
+
+    def run(self, mechanism: Mechanism, case: Case, engine: str, options: Mapping[str, Any]) -> Any:
+        """Raise InputError: it gives no torques."""
+        raise InputError(self.unsupported(mechanism, case, engine))
+
+    def replay(self, mechanism: Mechanism, drive: Drive) -> dict[str, Array]:
+        """Return the paths of the links' tips, by link (samples, 3) [m], at the times of the torque.
+
+        Raises InputError where the FMU is not what the door asks for, or is another mechanism's.
+        """
+        patterns = [str(p).partition("/")[0] for p in self._settings.get("cases", ["*"])]
+        name = self._mechanism or mechanism.name
+        if not any(fnmatchcase(name, pattern) for pattern in patterns):
+            raise InputError(f"crosscheck.toml asks it for {', '.join(self._settings['cases'])} only")
+        if others := [j.name for j in mechanism.joints if j.nq > 1]:
+            raise InputError(f"joints with more than one coordinate have no names in an FMU: {', '.join(others)}")
+        if not mechanism.is_rigid or mechanism.closures:
+            raise InputError("tips are those of open trees of rigid links here")
+        places = _replayed(self._path, mechanism, drive)
+        tips = [tips_of(mechanism, q) for q in places]
+        return {link.name: np.array([at[link.name] for at in tips]) for link in mechanism.links}
+
+
+def _replayed(path: Path, mechanism: Mechanism, drive: Drive) -> Array:
+    """Return the coordinates (samples, nq) [rad], [m] to which the torques move an FMU."""
+    description = read_description(path)
+    moving = [joint for joint in mechanism.joints if joint.nv]
+    efforts = dict(zip(mechanism.velocity_names, effort_units(mechanism), strict=True))
+    driven = {f"{j.name}.tau": efforts[j.name] for j in moving if j.actuated}
+    inputs = variables(description, driven, "input")
+    outputs = variables(description, {f"{j.name}.q": UNITS[j.kind][0][0] for j in moving}, "output")
+    for output in outputs:
+        if output.initial != "exact":
+            raise InputError(f'the FMU\'s {output.name!r} cannot be set where it starts; write initial="exact" there')
+    folder = importlib.import_module("fmpy").extract(str(path))
+    try:
+        with Moving(description, folder) as fmu:
+            fmu.begin([one.valueReference for one in outputs], drive.q)
+            refs = [one.valueReference for one in inputs], [one.valueReference for one in outputs]
+            return np.array(list(fmu.steps(refs, drive.torque, drive.spacing)))
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+class Moving:
+    """One instance of a forward FMU; for model exchange where it can, else for co-simulation."""
+
+    def __init__(self, description: Any, folder: str) -> None:
+        """Instantiate.  Raises InputError for an FMU for model exchange with events."""
+        fmi = importlib.import_module("fmpy.fmi2")
+        self._states = description.numberOfContinuousStates
+        self._exchange = description.modelExchange is not None
+        if self._exchange and description.numberOfEventIndicators:
+            raise InputError("the FMU has events; write it for co-simulation, where it integrates over them by itself")
+        part = description.modelExchange or description.coSimulation
+        make = fmi.FMU2Model if self._exchange else fmi.FMU2Slave
+        self._fmu = make(
+            guid=description.guid,
+            unzipDirectory=folder,
+            modelIdentifier=part.modelIdentifier,
+            instanceName="crosscheck",
+        )
+        self._fmu.instantiate()
+
+    def __enter__(self) -> Moving:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End and free it."""
+        self._fmu.terminate()
+        self._fmu.freeInstance()
+
+    def begin(self, places: list[int], q: Array) -> None:
+        """Let it begin at coordinates [rad], [m] of these variables."""
+        self._fmu.setupExperiment(startTime=0.0)
+        self._fmu.setReal(places, q.tolist())
+        self._fmu.enterInitializationMode()
+        self._fmu.exitInitializationMode()
+        if self._exchange:
+            while self._fmu.newDiscreteStates()[0]:
+                pass
+            self._fmu.enterContinuousTimeMode()
+
+    def steps(self, refs: tuple[list[int], list[int]], torque: Array, h: float) -> Iterator[list[float]]:
+        """Yield outputs [rad], [m] at every sample; refs : of inputs, outputs; torque (samples, drives); h : between two [s]."""
+        to, of = refs
+        yield self._fmu.getReal(of)
+        for k, (now, then) in enumerate(pairwise(torque)):
+            if self._exchange:
+                self._runge_kutta(to, now, then, k * h, h)
+            else:
+                self._fmu.setReal(to, (0.5 * (now + then)).tolist())
+                self._fmu.doStep(currentCommunicationPoint=k * h, communicationStepSize=h)
+            yield self._fmu.getReal(of)
+
+    def _runge_kutta(self, to: list[int], now: Array, then: Array, t: float, h: float) -> None:
+        n, middle = self._states, 0.5 * (now + then)
+        store = (ctypes.c_double * n)()
+        self._fmu.getContinuousStates(store, n)
+        x = np.array(store)
+
+        def rate(time: float, at: Array, effort: Array) -> Array:
+            self._fmu.setTime(time)
+            self._fmu.setContinuousStates((ctypes.c_double * n)(*at), n)
+            self._fmu.setReal(to, effort.tolist())
+            self._fmu.getDerivatives(store, n)
+            return np.array(store)
+
+        a = rate(t, x, now)
+        b = rate(t + h / 2, x + h / 2 * a, middle)
+        c = rate(t + h / 2, x + h / 2 * b, middle)
+        d = rate(t + h, x + h * c, then)
+        self._fmu.setContinuousStates((ctypes.c_double * n)(*(x + h / 6 * (a + 2 * b + 2 * c + d))), n)
+        self._fmu.completedIntegratorStep()
+
+
+def tips_of(mechanism: Mechanism, q: Array) -> dict[str, Array]:
+    """Return the tips of all links (3,) [m] in the world, at coordinates (nq,) [rad], [m] of an open tree of rigid links."""
+    frames = {WORLD: Placement()}
+    for joint in mechanism.joints:
+        place = on(frames[joint.parent], joint.placement)
+        frames[joint.child] = on(place, moved_by(joint, q[mechanism.q_slices[joint.name]])) if joint.nv else place
+    return {x.name: frames[x.name].position + frames[x.name].rotation @ x.tip for x in mechanism.links}
+
+
+def moved_by(joint: Joint, q: Array) -> Placement:
+    """Return the frame of a child in its joint's frame; q : (1,) [rad], [m]."""
+    if joint.kind == "prismatic":
+        return Placement(joint.axis * q[0], np.eye(3))
+    way = joint.axis * (joint.pitch / TURN * q[0]) if joint.kind == "helical" else np.zeros(3)
+    return Placement(way, turned(joint.axis, float(q[0])))
