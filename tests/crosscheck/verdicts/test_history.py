@@ -132,7 +132,7 @@ def test_values_versions_models_and_times_that_changed_are_named(database: sql.E
     )
 
 
-def test_causes_that_came_and_went_are_named_where_the_engine_ran_in_both(database: sql.Engine) -> None:
+def test_causes_that_came_and_went_are_named_where_the_engine_ran_in_both(database: sql.Engine, tmp_path: Path) -> None:
     def because(cause: str, target: str, engine: str = "mujoco") -> Diagnosis:
         named = ({"cause": cause, "target": target, "words": f"{cause} of {target} differs", "left": 0.0},)
         return Diagnosis("arm", "swing", engine, "flexinv", named=named)
@@ -154,7 +154,7 @@ def test_causes_that_came_and_went_are_named_where_the_engine_ran_in_both(databa
     assert changed.sentence({k: v for k, v in found.items() if k != "causes"}) == "Since old: 1 comparison appeared."
     night = replace(FIRST, changes=found)
     assert "| appeared | arm/swing mujoco against flexinv: rotor inertia (hub) |" in markdown.render(night)
-    page = html.environment().get_template("index.html.j2").render(**html.index_view(night))
+    page = html.environment().get_template("index.html.j2").render(**html.index_view(night, tmp_path))
     assert "cause vanished: <b>arm/swing mujoco against flexinv: gravity</b>" in page
 
 

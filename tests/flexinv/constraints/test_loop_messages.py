@@ -86,7 +86,8 @@ def test_a_motion_of_too_many_joints_is_named(model: Path, capsys: pytest.Captur
 def test_a_motion_of_too_few_joints_is_named(root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     model = Path(shutil.copytree(root / "models" / "five_bar", tmp_path / "four_bar"))
     right = "joints.right = { from_deg = 60, to_deg = 20, duration_s = 0.6, delay_s = 0.1 }\n"
-    edit(model, "cases.toml", (right, ""), ("start.left_elbow", "start.right = { deg = 60 }\nstart.left_elbow"))
+    head = "start.right_elbow = { deg = 85 }\n\n[cases.reach.motion]"
+    edit(model, "cases.toml", (right, ""), (head, f"start.right = {{ deg = 60 }}\n{head}"))
     said = complaint(capsys, "solve", str(model), "--case", "reach")
     assert "the motion gives 1 of the coordinates, fewer than the mobility of 2" in said
     assert "give a motion to exactly 2 of left, left_elbow, right, right_elbow" in said
