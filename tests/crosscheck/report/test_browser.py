@@ -225,6 +225,7 @@ def test_the_mechanism_moves_by_mouse_and_by_keyboard(
     page.evaluate("document.getElementById('theme').click()")
     assert page.evaluate("document.getElementById('animation').toDataURL()") != before  # drawn in the other colours
     page.evaluate("document.getElementById('theme').click()")
+    page.evaluate("localStorage.clear()")  # else the next page has the theme that was chosen here
     quiet(page)
 
 
@@ -261,6 +262,7 @@ def test_the_theme_changes_and_redraws(page: chromium.Browser, night: Night) -> 
     page.wait(f"{DRAWN} && document.getElementById('overlay').layout.font.color !== {json.dumps(light)}")
     assert page.evaluate("document.documentElement.dataset.theme") == "dark"
     page.evaluate("document.getElementById('theme').click()")
+    page.evaluate("localStorage.clear()")
     quiet(page)
 
 
