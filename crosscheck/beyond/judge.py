@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from crosscheck.beyond.fault import ALL, Fault, Truth
 
@@ -21,12 +21,13 @@ Outcome = Literal[
     "wide",
     "wrong",
     "accepted",
+    "refused",
     "silent",
     "seen",
     "false alarm",
-    "refused",
     "failed",
 ]
+OUTCOMES: tuple[Outcome, ...] = get_args(Outcome)
 GOOD: tuple[Outcome, ...] = ("right", "in set")
 BAD: tuple[Outcome, ...] = ("wrong", "accepted", "wide", "false alarm", "failed")
 

@@ -7,29 +7,15 @@ from typing import Any
 
 from rich.table import Table
 
-from crosscheck.beyond.judge import BAD, GOOD
+from crosscheck.beyond.judge import BAD, GOOD, OUTCOMES
 
-ORDER = (
-    "right",
-    "in set",
-    "near",
-    "unknown",
-    "wide",
-    "wrong",
-    "accepted",
-    "refused",
-    "silent",
-    "seen",
-    "false alarm",
-    "failed",
-)
 SHORT = 110  # [characters] of what was named in a line
 
 
 def sums_table(results: Mapping[str, Any], key: str) -> Table:
     """Return the outcomes by topic, engine or mechanism ("by topic", ...)."""
     table = Table(key.removeprefix("by "), box=None, header_style="dim", padding=(0, 1, 0, 0))
-    used = [o for o in ORDER if o in results["sums"]["counts"]]
+    used = [o for o in OUTCOMES if o in results["sums"]["counts"]]
     for word in (*used, "above", "right or in set"):
         table.add_column(word, justify="right")
     for name, one in (*results[key].items(), ("all", results["sums"])):
@@ -66,7 +52,7 @@ def text(results: Mapping[str, Any]) -> Iterator[str]:
 def verdict(results: Mapping[str, Any]) -> str:
     """Return the last line: how many faults ended how, and whether that is good enough."""
     sums = results["sums"]
-    counts = ", ".join(f"{sums['counts'][o]} {o}" for o in ORDER if o in sums["counts"])
+    counts = ", ".join(f"{sums['counts'][o]} {o}" for o in OUTCOMES if o in sums["counts"])
     unharmed = results["unharmed"]
     return (
         f"campaign {results['campaign']}, seed {results['seed']}: {sums['faults']} faults, {counts}; "
