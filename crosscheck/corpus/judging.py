@@ -63,16 +63,17 @@ def judged(answers: Path, corpus: Path) -> list[Judged]:
 
 def manifest(corpus: Path) -> dict[str, Mapping[str, Any]]:
     """Return the cases of a corpus by id.  Raises InputError where there is none, or it is of another format."""
-    file = corpus / MANIFEST
+    file, write = corpus / MANIFEST, "write one with crosscheck corpus --out"
+    if not file.is_file():
+        raise InputError(f"{file}: there is no such file, expected the manifest of a corpus; {write}")
     try:
         plain = json.loads(file.read_text(encoding="utf-8"))
-        if plain["format"] != FORMAT:
-            raise InputError(f"{file} has format {plain['format']!r}, expected {FORMAT!r}")
-        return {one["id"]: one for one in plain["cases"]}
+        said, cases = plain["format"], {one["id"]: one for one in plain["cases"]}
     except (OSError, ValueError, LookupError, TypeError) as error:
-        raise InputError(
-            f"{file} is no manifest of a corpus: {error}; write one with crosscheck corpus --out"
-        ) from None
+        raise InputError(f"{file} is no manifest of a corpus: {error}; {write}") from None
+    if said != FORMAT:
+        raise InputError(f"{file} has format {said!r}, expected {FORMAT!r}; {write}")
+    return cases
 
 
 def _answer(folder: Path, case: Mapping[str, Any], corpus: Path) -> Iterator[Judged]:

@@ -14,8 +14,8 @@ from click.testing import CliRunner, Result
 
 from crosscheck.cli import main
 from crosscheck.corpus.audit import Audited, by_class, holds
-from crosscheck.corpus.folder import digest
-from crosscheck.corpus.judging import judged
+from crosscheck.corpus.folder import MANIFEST, digest
+from crosscheck.corpus.judging import judged, manifest
 from crosscheck.measures.series_csv import read, table
 from crosscheck.verdicts.plan import discover
 from flexinv.errors import InputError
@@ -200,3 +200,24 @@ def test_an_audit_misses_its_target_by_class() -> None:
     assert not holds(rows)
     assert holds(rows[:1])
     assert not holds([])
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (None, "there is no such file, expected the manifest of a corpus"),
+        ("{", "is no manifest of a corpus"),
+        ("[]", "is no manifest of a corpus"),
+        ('{"format": "corpus/99", "cases": []}', "has format 'corpus/99', expected"),
+    ],
+)
+def test_what_is_no_manifest_is_refused_in_words(text: str | None, expected: str, tmp_path: Path) -> None:
+    if text is not None:
+        (tmp_path / MANIFEST).write_text(text)
+    with pytest.raises(InputError) as refused:
+        manifest(tmp_path)
+    said = str(refused.value)
+    assert said.startswith(f"{tmp_path / MANIFEST}")
+    assert expected in said
+    assert said.count(MANIFEST) == 1  # one clear error, none wrapped into another
+    assert said.endswith("write one with crosscheck corpus --out")
