@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from crosscheck.causes.cause import Cause
-from crosscheck.causes.fit import SMALL, Candidate, Fit, amount, candidates, fit
+from crosscheck.causes.fit import SMALL, Candidate, Fit, amount, candidates, fit, fit_from
 from crosscheck.causes.model import Model, is_tree
 from crosscheck.causes.subject import Array, Subject
 
@@ -28,16 +28,37 @@ DEPENDENT = 1e-6  # of a column: what another one leaves of it is rounding
 def pairs(
     model: Model, residual: Array, known: list[Candidate], explains: Callable[[Fit], bool], noise: float
 ) -> list[Fit]:
-    """Return the pairs that explain a residual (samples nv,) [-], what explains most first; noise : part of |r| [-]."""
+    """Return the pairs that explain a residual (samples nv,) [-], what explains most first; noise : part of |r| [-].
+
+    In the place of a pair of which one part explains it at the size that the pair found for it stands that part alone.
+    """
     usable = [c for c in known if not c.cause.linear and c.cause.guess is None]
     quick = is_tree(model.base)
-    found = []
+    found: dict[tuple[str, str], Fit] = {}
     likely = _likely(usable, residual)[: TRIED[quick]]
     for a, b in (*likely, *(_after(model, residual, usable) if quick else [])):
         one = fit(model, residual, together(a, b), ROUNDS[model.base.mechanism.is_rigid], noise)
         if explains(one):
-            found.append(_worded(one, a, b))
-    return sorted(found, key=lambda f: f.left)
+            enough = [f for f in _alone(model, residual, one, (a, b), noise) if explains(f)]
+            found |= {f.key: f for f in enough or [_worded(one, a, b)]}
+    return sorted(found.values(), key=lambda f: f.left)
+
+
+def _alone(model: Model, residual: Array, both: Fit, of: tuple[Candidate, Candidate], noise: float) -> Iterator[Fit]:
+    """Yield the fit of each part of a pair by itself, from the size that it has in the pair."""
+    for one, size in _sizes(both, *of):
+        if one.cause.sized:
+            own = fit_from(model, residual, one, size, ROUNDS[model.base.mechanism.is_rigid], noise)
+            if own is not None:
+                yield own
+
+
+def _sizes(both: Fit, first: Candidate, second: Candidate) -> Iterator[tuple[Candidate, Array]]:
+    """Yield the two causes of a pair in its order, each with its size [its unit]."""
+    first, second = sorted((first, second), key=lambda c: (c.cause.name, c.target))
+    count = first.cause.parameters
+    yield first, _own(first, both.size[:count])
+    yield second, _own(second, both.size[count:])
 
 
 def together(first: Candidate, second: Candidate) -> Candidate:
@@ -76,11 +97,9 @@ def _own(one: Candidate, size: Array) -> Array:
 
 def _worded(one: Fit, first: Candidate, second: Candidate) -> Fit:
     """Return the fit of a pair whose cause says both sizes in their units."""
-    first, second = sorted((first, second), key=lambda c: (c.cause.name, c.target))
-    count = first.cause.parameters
     words = [
-        c.cause.words.format(target=c.target or "all", size=amount(_own(c, size), c.cause.unit))
-        for c, size in ((first, one.size[:count]), (second, one.size[count:]))
+        c.cause.words.format(target=c.target or "all", size=amount(size, c.cause.unit))
+        for c, size in _sizes(one, first, second)
     ]
     made = Cause(**{**vars(one.cause), "words": "two at once: " + "; and ".join(words)})
     return Fit(made, one.target, one.size, one.left, one.column)

@@ -12,6 +12,7 @@ from dataclasses import replace
 from importlib import metadata
 
 import numpy as np
+from numpy.typing import NDArray
 
 from crosscheck.engines.base import Options, beside, sample_times
 from crosscheck.measures.budget import Family, with_bars
@@ -152,9 +153,7 @@ def all_series(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[st
         made |= vector_series(f"tip/{link}", "m", tip[rows])
     for link, deflection in solution.deflection.items():
         made |= vector_series(f"deflection/{link}", "m", deflection[rows])
-    for name, wrench in solution.wrench.items():
-        made |= wrench_series(name, wrench[rows])
-    made |= reactions(mechanism, solution, rows)
+    made |= wrenches(mechanism, solution, rows)
     for joint in mechanism.joints:
         if mechanism.link_of[joint.child].beam is not None:
             made |= series(f"axial/{joint.child}", "N", solution.wrench[joint.name][rows, 0])
@@ -164,19 +163,24 @@ def all_series(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[st
     return made
 
 
-def reactions(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, Series]:
-    """Return the wrench of every closure on its second frame [N], [N m]: the components that are determinate, no others."""
+def wrenches(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, Series]:
+    """Return the wrenches of joints and, on its second frame, of every closure [N], [N m]: only determinate components."""
     if solution.loops is None:
-        return {}
+        return {k: s for name, own in solution.wrench.items() for k, s in wrench_series(name, own[rows]).items()}
     sure = determinate(solution.mesh, solution.nodes, solution.time)
     made: dict[str, Series] = {}
+    for name, own in solution.wrench.items():
+        made |= _picked(wrench_series(name, own[rows]), sure.wrench[name])
     for closure in mechanism.closures:
         if closure.second.link == WORLD:
             continue  # there it is said at the first frame; a coupling has none
-        wrench = solution.loops.reaction[closure.name][rows]
-        all_six = reaction_series(closure.name, wrench)
-        made |= {name: one for (name, one), there in zip(all_six.items(), sure[closure.name], strict=True) if there}
+        own = solution.loops.reaction[closure.name][rows]
+        made |= _picked(reaction_series(closure.name, own), sure.reaction[closure.name])
     return made
+
+
+def _picked(six: dict[str, Series], sure: NDArray[np.bool_]) -> dict[str, Series]:
+    return {name: one for (name, one), there in zip(six.items(), sure, strict=True) if there}
 
 
 def shapes(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, Series]:

@@ -11,10 +11,10 @@ import pytest
 from crosscheck.causes.diagnosis import diagnose
 from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.evidence import Heard
-from crosscheck.causes.fit import Fit
+from crosscheck.causes.fit import Fit, candidates
 from crosscheck.causes.model import model_of
 from crosscheck.causes.naming import MOST, UNEXPLAINED, Question, chosen, name
-from crosscheck.causes.pairs import AND
+from crosscheck.causes.pairs import AND, pairs
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.measures.record import Record, load, save
@@ -121,6 +121,19 @@ def test_one_name_at_many_places_is_an_answer_and_many_pairs_are_none(name: str,
     unknown = f"the cause is unknown: {count} explain it, and nothing that the engine gave tells them apart"
     assert len(naming.named) == named
     assert naming.words == ("" if named else unknown)
+
+
+def test_a_pair_of_which_one_part_explains_all_is_that_part_alone() -> None:
+    """Where a pair finds the size of one cause, and rounding for the other, it is the first."""
+    found = load_mechanism(MODELS / "double_pendulum")
+    subject = Subject(found, load_cases(MODELS / "double_pendulum", found)["swing"])
+    model = model_of(subject)
+    causes = ("time offset", "rotor inertia")
+    known = candidates(model, {n: DICTIONARY[n] for n in causes})
+    residual = model.difference(DICTIONARY["time offset"].change(subject, "", np.array([0.01])))
+    asked = Question(model, residual, np.full(residual.size, 1e-9))
+    (one,) = pairs(model, residual, known, asked.explains, asked.part)
+    assert (one.cause.name, one.size[0]) == ("time offset", pytest.approx(0.01, rel=1e-6))
 
 
 @pytest.mark.slow
