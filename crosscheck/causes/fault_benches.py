@@ -19,7 +19,7 @@ from crosscheck.causes.rows import signals as signal_rows
 from crosscheck.causes.separate import TRIALS
 from crosscheck.causes.subject import Subject
 from flexinv.files.load_cases import Case
-from flexinv.model.mechanism import Attachment, Beam, Force, Mechanism, Placement
+from flexinv.model.mechanism import Attachment, Beam, Body, Force, Inertia, Joint, Link, Mechanism, Placement
 from flexinv.model.motion import Motion
 
 BASIC = (joint_rows, body_rows, convention_rows, beam_rows)
@@ -116,6 +116,34 @@ def _sprung(mechanism: Mechanism) -> Mechanism:
     return replace(mechanism, joints=tuple(joints), forces=(force,))
 
 
+def _loaded(mechanism: Mechanism) -> Mechanism:
+    """A body half-way along every beam, half as heavy as the beam."""
+    links = []
+    for link in mechanism.links:
+        if link.beam is not None:
+            mass = float(0.5 * link.beam.length * link.beam.section.mass_per_length.mean())
+            link = replace(link, bodies=(*link.bodies, Body("load", Inertia(mass), station=0.5)))
+        links.append(link)
+    return replace(mechanism, links=tuple(links))
+
+
+def _holding(mechanism: Mechanism) -> Mechanism:
+    """A tool on every hinge that closes a loop, held by the link on its other side: frames that may be turned."""
+    tools, hinges, held = [], [], []
+    for closure in mechanism.closures:
+        name = f"{closure.name}_tool"
+        tools.append(Link(name, bodies=(Body("tool", TOOL),)))
+        second = closure.second
+        hinges.append(Joint(name, "revolute", second.link, name, second.placement, axis=closure.axis, actuated=False))
+        held.append(replace(closure, kind="fixed", second=Attachment(name, Placement())))
+    return replace(
+        mechanism,
+        links=(*mechanism.links, *tools),
+        joints=(*mechanism.joints, *hinges),
+        closures=tuple(held),
+    )
+
+
 def _with_damper(mechanism: Mechanism) -> Mechanism:
     """Springs between points with dampers beside them that take some per cent of what they give."""
     springs = (replace(s, damping=DAMPER * s.stiffness) for s in mechanism.springs)
@@ -152,6 +180,7 @@ def _bent(beam: Beam) -> Beam:
 RUB = 1.0  # [N m], [N m s/rad], [N m/rad]
 DAMPER = 1e-4  # [s]
 ROTOR = 0.5  # [kg m^2]: 5e-5 kg m^2 on the motor's side of a gear of 100
+TOOL = Inertia(0.2, np.array([0.05, 0.08, 0.0]), 1e-4 * np.eye(3))  # [kg], [m], [kg m^2]: its weight is on one side
 THICKER = 30.0  # a strip of 1.95 mm, 0.4 m long, is then 15 % as thick as long
 QUICK = ("quick", _quick)
 FLICK, SNAP = ("flick", _turn(0.1, 0.02, 0.13)), ("snap", _turn(0.01, 0.001, 0.0065))
@@ -184,6 +213,7 @@ OF_SPRINGS = ("spring stiffness", "spring rest length", "spring damping", "sprin
 OF_FORCES = ("rest of a joint spring", "given force", "given force missing", "axes of a given force", "joint stiffness")
 OF_GEARS = ("coupling ratio", "coupling offset")
 OF_WAVES = ("time step", "numerical damping", "beam damping", "lumped mass", "section stiffness")
+SLID = ("body along the beam",)
 OF_DAMPING = ("beam damping", "beam damping dropped")
 OF_SECTIONS = ("section stiffness", "shear factor", "rotary inertia of the section", "beam mass")
 OF_JOINTS = tuple(cause.name for cause in friction_rows.ROWS)
@@ -191,7 +221,6 @@ OF_BODIES = tuple(cause.name for cause in mixup_rows.ROWS)
 OF_UNITS = tuple(cause.name for cause in scale_rows.ROWS)
 OF_SIGNALS = tuple(cause.name for cause in signal_rows.ROWS)
 OF_PLACES = ("link length", "joint frame turned", "force at the tip")
-OF_CLOSURES = ("closure point misplaced", "closure frame turned")
 OF_MATERIAL = (
     "modulus of elasticity",
     "shear modulus",
@@ -201,11 +230,11 @@ OF_MATERIAL = (
     "section height",
     "section size",
 )
-OF_CLAMPS = ("clamp misplaced", "clamp turned", "initial curvature", "body along the beam")
+OF_CLAMPS = ("clamp misplaced", "clamp turned")
 BENCHES = (
     Bench("double_pendulum", "swing", "pinocchio", more=(*OF_JOINTS, *OF_SIGNALS)),
     Bench("rigid_3r", "quintic", "exudyn", more=(*OF_BODIES, *OF_UNITS, *OF_PLACES)),
-    Bench("ur5", "reach", "mujoco"),
+    Bench("ur5", "reach", "mujoco", more=("bodies exchanged", "force at the tip")),
     Bench("ur5", "reach", "pinocchio", causes=OF_INERTIA, motion=QUICK),
     Bench("ur5", "reach", "pinocchio", causes=OF_DRIVES, shape=GEARED),
     Bench("ur5", "reach", "mujoco", causes=(*OF_FRICTION, "spring in a joint"), shape=("rubbing", _rubbing)),
@@ -217,15 +246,19 @@ BENCHES = (
     Bench("panda", "pick", "exudyn", causes=OF_INERTIA, motion=QUICK, more=("sign of products of inertia",)),
     Bench("talos_arm", "wave", "pinocchio"),
     Bench("talos", "squat", "pinocchio", causes=OF_THE_BASE),
-    Bench("four_bar", "turn", "mujoco", more=OF_CLOSURES),
-    Bench("five_bar", "reach", "pinocchio", more=OF_CLOSURES),
+    Bench("four_bar", "turn", "mujoco", more=("closure point misplaced",)),
+    Bench("four_bar", "turn", "pinocchio", causes=("closure frame turned",), shape=("holding a tool", _holding)),
+    Bench("five_bar", "reach", "pinocchio", more=("closure point misplaced",)),
     Bench("bricard", "fold", "pinocchio"),
     Bench("flex_one_link", "cycloid", "exudyn-ge", COARSE, steps=8),
     Bench("flex_one_link", "bang_bang", "exudyn-ge", FINE, OF_WAVES, steps=20, motion=FLICK),
+    Bench("flex_one_link", "bang_bang", "exudyn-ge", FINE, SLID, steps=20, motion=FLICK, shape=("loaded", _loaded)),
     Bench("flex_one_link", "bang_bang", "exudyn-ge", FINE, OF_SECTIONS, steps=20, motion=SNAP, shape=STOUT),
+    Bench("flex_two_link", "cycloid", "exudyn-ge", FINE, ("density",), steps=20, motion=SNAP, shape=STOUT),
     Bench("flex_one_link", "cycloid", "exudyn-ge", FINE, ("curvature dropped",), steps=8, shape=ARC),
     Bench("flex_one_link", "cycloid", "exudyn-ge", COARSE, ("wall thickness",), steps=8, shape=TUBE),
     Bench("flex_one_link_damped", "cycloid", "exudyn-ge", COARSE, OF_DAMPING, steps=8),
+    Bench("flex_two_link", "cycloid", "exudyn-ge", FINE, ("initial curvature",), steps=8),
     Bench("flex_two_link", "cycloid", "exudyn-ancf", COARSE, steps=8, more=(*OF_MATERIAL, *OF_CLAMPS)),
     Bench("spatial_arm", "reach", "exudyn-ge", COARSE, more=(*OF_MATERIAL, *OF_CLAMPS)),
 )

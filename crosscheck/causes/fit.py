@@ -171,10 +171,18 @@ def _columns(model: Model, cause: Cause, target: str, scale: float) -> Array:
         return effect(model, cause, target, 0.1 * scale * np.ones(1))[:, None]
     step = PROBE[model.base.mechanism.is_rigid]
     units = np.eye(cause.parameters) * step * scale
-    found = [_column(model, cause, target, unit) for unit in units]
+    found = [_either_way(model, cause, target, unit) for unit in units]
     if all(one is None for one in found):
         raise InputError(f"no {cause.name} of {target or 'it'} leaves a mechanism that runs")
     return np.stack([0.0 * model.torque.ravel() if one is None else one / step for one in found], axis=1)
+
+
+def _either_way(model: Model, cause: Cause, target: str, size: Array) -> Array | None:
+    """Return the effect of a size, or of its opposite with its sign turned: at the end of a beam a body can only go back."""
+    there = _column(model, cause, target, size)
+    if there is not None or (back := _column(model, cause, target, -size)) is None:
+        return there
+    return -back
 
 
 def _column(model: Model, cause: Cause, target: str, size: Array) -> Array | None:

@@ -21,7 +21,7 @@ from crosscheck.causes.dictionary import all_causes
 from crosscheck.causes.evidence import Evidence, Heard
 from crosscheck.causes.fit import IMPOSSIBLE, Candidate, Fit, candidates, fit, possible, scan, sensible
 from crosscheck.causes.model import Model, is_tree
-from crosscheck.causes.pairs import AND, pairs, parts
+from crosscheck.causes.pairs import AND, pairs, parts, within
 from crosscheck.causes.quantities import Quantities
 from crosscheck.causes.subject import Array
 
@@ -273,9 +273,9 @@ def _share(left: float) -> str:
 
 
 def _special(fits: list[Fit]) -> list[Fit]:
-    """Return the fits without causes of which a special case is among them."""
+    """Return the fits without causes of which a special case is among them, and pairs of which a part is."""
     names = {f.cause.name for f in fits}
-    return [f for f in fits if not names & set(f.cause.covers)]
+    return [f for f in fits if not names & set(f.cause.covers) and not any(within(f, one) for one in fits)]
 
 
 def named_beside(evidence: Evidence, before: Naming) -> Naming:

@@ -30,7 +30,7 @@ def pairs(
 ) -> list[Fit]:
     """Return the pairs that explain a residual (samples nv,) [-], what explains most first; noise : part of |r| [-].
 
-    In the place of a pair of which one part explains it at the size that the pair found for it stands that part alone.
+    With them come parts that explain it alone, at the size that the pair found for them.
     """
     usable = [c for c in known if not c.cause.linear and c.cause.guess is None]
     quick = is_tree(model.base)
@@ -39,8 +39,8 @@ def pairs(
     for a, b in (*likely, *(_after(model, residual, usable) if quick else [])):
         one = fit(model, residual, together(a, b), ROUNDS[model.base.mechanism.is_rigid], noise)
         if explains(one):
-            enough = [f for f in _alone(model, residual, one, (a, b), noise) if explains(f)]
-            found |= {f.key: f for f in enough or [_worded(one, a, b)]}
+            alone = [f for f in _alone(model, residual, one, (a, b), noise) if explains(f)]
+            found |= {f.key: f for f in (*alone, _worded(one, a, b))}
     return sorted(found.values(), key=lambda f: f.left)
 
 
@@ -165,6 +165,12 @@ def _gain(block: Array, rest: Array) -> float:
 def _orthonormal(columns: Array) -> Array:
     left, values, _ = np.linalg.svd(columns, full_matrices=False)
     return np.asarray(left[:, values > SMALL * values.max(initial=0.0)])
+
+
+def within(both: Fit, alone: Fit) -> bool:
+    """Return True if a fit is one of the two parts of a pair."""
+    both_keys = zip(both.cause.name.split(AND), both.target.split(AND), strict=False)
+    return AND in both.cause.name and alone.key in both_keys
 
 
 def parts(name: str) -> Iterator[str]:

@@ -8,11 +8,13 @@ Where the mechanism is unharmed, no cause may be named.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.evidence import Evidence
@@ -166,28 +168,43 @@ def plant(setting: Setting, candidate: Candidate, size: float) -> Planted | None
 
     A fault that makes a plane mechanism spatial gives Exudyn other elements with other errors: it is planted elsewhere.
     """
-    cause, target = candidate.cause, candidate.target
-    numbers = (
-        np.ones(1)
-        if not cause.sized or cause.linear
-        else size * candidate.scale * DIRECTION[: cause.parameters] / _length(cause.parameters)
-    )
-    subject = setting.subject
-    try:
-        if cause.name == SOFT:
-            harmed = softened(setting, size)
-            setting = widened(setting, harmed)
-        else:
-            subject = (cause.plant or cause.change)(setting.subject, target, numbers)
-            engine = adapter(ENGINES[setting.bench.engine])
-            if engine.unsupported(subject.mechanism, subject.case, setting.bench.engine):
-                return None  # it would leave out what was planted
-            if _element(setting, subject) != setting.clean.settings.get("element"):
-                return None
-            harmed = ask(setting.bench, subject)
-        if harmed.status != "ok":
+    for numbers in _numbers(candidate, size):
+        with suppress(*IMPOSSIBLE, RuntimeError, KeyError):
+            if (found := _planted(setting, candidate, size, numbers)) is not None:
+                return found
+    return None
+
+
+def _numbers(candidate: Candidate, size: float) -> list[NDArray[np.float64]]:
+    """Return the sizes to plant [unit], the first that can be: along no axis, where it shows, where it shows most, backwards.
+
+    Out of its plane a loop does not close, and a body at the end of its beam can only go back.
+    """
+    cause = candidate.cause
+    if not cause.sized or cause.linear:
+        return [np.ones(1)]
+    shows = np.abs(candidate.columns).max(axis=0)
+    usual = DIRECTION[: cause.parameters]
+    some = (usual, usual * (shows > 0.0), usual * (shows == shows.max()))
+    units = [part / np.linalg.norm(part) for part in some if part.any()]
+    return [sign * size * candidate.scale * unit for sign in (1.0, -1.0) for unit in units]
+
+
+def _planted(setting: Setting, candidate: Candidate, size: float, numbers: NDArray[np.float64]) -> Planted | None:
+    """Plant numbers [unit] of a cause; raises like a run."""
+    cause, target, subject = candidate.cause, candidate.target, setting.subject
+    if cause.name == SOFT:
+        harmed = softened(setting, size)
+        setting = widened(setting, harmed)
+    else:
+        subject = (cause.plant or cause.change)(setting.subject, target, numbers)
+        engine = adapter(ENGINES[setting.bench.engine])
+        if engine.unsupported(subject.mechanism, subject.case, setting.bench.engine):
+            return None  # it would leave out what was planted
+        if _element(setting, subject) != setting.clean.settings.get("element"):
             return None
-    except (*IMPOSSIBLE, RuntimeError, KeyError):
+        harmed = ask(setting.bench, subject)
+    if harmed.status != "ok":
         return None
     naming = named(setting, harmed, subject)
     change = float(np.abs(setting.model.residual(harmed, setting.clean)).max())
@@ -231,10 +248,6 @@ def certifier(engine: str) -> Callable[..., Any]:
     certify = offered(adapter(ENGINES[engine]), "certify")
     assert certify is not None
     return certify
-
-
-def _length(parameters: int) -> float:
-    return float(np.linalg.norm(DIRECTION[:parameters]))
 
 
 def outcome(naming: Naming, cause: str, target: str) -> str:
@@ -310,10 +323,11 @@ def run_bench(
     bench: Bench, models: Path, sizes: Sequence[float] = SIZES, causes: Sequence[str] = (), targets: int = 2
 ) -> list[Planted]:
     """Return the rows of one bench: the unharmed mechanism, then every fault; sizes [-] of the sizes that matter."""
-    setting, causes = prepare(bench, models), causes or bench.causes
+    setting = prepare(bench, models)
     rows = [unharmed(setting)]
     rows += [
         row for one, size in faults(setting, sizes, causes, targets) if (row := plant(setting, one, size)) is not None
     ]
-    ranked = wrong_rank(setting) if not causes or RANK in causes else None
+    wanted = causes or bench.causes
+    ranked = wrong_rank(setting) if not wanted or RANK in wanted else None
     return rows if ranked is None else [*rows, ranked]

@@ -19,6 +19,7 @@ SLOW = "this joint moved very slowly, then quickly: friction that falls off with
 MANY = 8  # joints up to which every pair is tried; beyond, neighbours only
 ARROW = " <-> "
 FALLS = 0.1  # part of a joint's largest speed over which Stribeck's friction falls off, or a smoothed one rises
+RISING = 0.01  # of the dry friction: what is nearer to none or all of it says little about the speed
 Law = Callable[[Array, Array, Joint], Array]
 
 
@@ -77,6 +78,17 @@ def _efficient(subject: Subject, target: str, size: Array) -> Subject:
 
 def _rubbing(model: Model) -> list[str]:
     return [n for n in driven(model) if model.base.mechanism.joint_of[n].friction]
+
+
+def _rise(model: Model, target: str, seen: Array) -> list[Array]:
+    """Return the speed over which the friction in given efforts (samples, nv) rises, if it does: tanh(v / v_s) says it."""
+    mechanism = model.base.mechanism
+    part = mechanism.v_slices[target]
+    qd, law = model.states.qd[:, part], (seen - model.torque)[:, part] / mechanism.joint_of[target].friction
+    part_of_friction = np.sign(qd) * law + 1.0
+    rising = (qd != 0.0) & (part_of_friction > RISING) & (part_of_friction < 1.0 - RISING)
+    speeds = np.abs(qd[rising]) / np.arctanh(part_of_friction[rising])
+    return [np.array([np.median(speeds)])] if speeds.size else []
 
 
 def _slow(model: Model, target: str) -> float:
@@ -155,6 +167,7 @@ ROWS = (
         _slow,
         "rad/s or m/s",
         shows=SLOW,
+        guess=_rise,
     ),
     Cause(
         "quadratic damping",

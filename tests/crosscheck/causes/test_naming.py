@@ -132,7 +132,8 @@ def test_a_pair_of_which_one_part_explains_all_is_that_part_alone() -> None:
     known = candidates(model, {n: DICTIONARY[n] for n in causes})
     residual = model.difference(DICTIONARY["time offset"].change(subject, "", np.array([0.01])))
     asked = Question(model, residual, np.full(residual.size, 1e-9))
-    (one,) = pairs(model, residual, known, asked.explains, asked.part)
+    explaining = pairs(model, residual, known, asked.explains, asked.part)
+    (one,) = chosen(asked, explaining, tuple(map(Heard, explaining)), None).named
     assert (one.cause.name, one.size[0]) == ("time offset", pytest.approx(0.01, rel=1e-6))
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import asdict
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from crosscheck.causes.dictionary import DICTIONARY
-from crosscheck.causes.fault_benches import BENCHES
+from crosscheck.causes.fault_benches import BENCHES, Bench
+from crosscheck.causes.fit import Candidate
 from crosscheck.causes.model import model_of
-from crosscheck.causes.selftest import CLEAN, FOUND, MATTERS, RANK, Planted, run_bench
+from crosscheck.causes.selftest import CLEAN, FOUND, MATTERS, RANK, Planted, _numbers, run_bench
 from crosscheck.causes.subject import Subject
 from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.studies.selftest import ALL, figures, summary, targets, verdict
@@ -49,6 +51,29 @@ def test_planted_causes_are_named_on_a_rigid_mechanism() -> None:
         "gravity sign",
         "order of efforts",
     }
+
+
+def test_a_dry_friction_that_is_smoothed_is_named_with_the_speed_over_which_it_rises() -> None:
+    """At a speed of nothing it is no change, so that no derivative leads to it: the efforts themselves say the speed."""
+    rows = run_bench(BY_LABEL["ur5 (rubbing)/reach in mujoco"], MODELS, (0.1,), ("smoothed friction",))
+    assert [row.outcome for row in rows] == ["silent", "alone", "alone"]
+
+
+def test_what_cannot_be_along_no_axis_is_planted_where_it_shows() -> None:
+    """A point out of a planar loop's plane leaves no loop, and a body at the end of its beam can only go back."""
+    (*_, row) = run_bench(BY_LABEL["four_bar/turn in mujoco"], MODELS, (0.1,), ("closure point misplaced",), 1)
+    assert row.outcome == "alone"
+    columns = np.array([[1e-7, 0.5, 0.0], [0.0, 0.1, 0.0]])
+    one = Candidate(DICTIONARY["closure point misplaced"], "C: first", 2.0, columns)
+    for numbers in (tries := _numbers(one, 0.1)):
+        assert np.linalg.norm(numbers) == pytest.approx(0.2)
+    assert [int(np.count_nonzero(numbers)) for numbers in tries] == [3, 2, 1] * 2
+    assert np.array_equal(tries[5], -tries[2])
+
+
+def test_what_a_bench_has_besides_is_planted_too() -> None:
+    bench = Bench("rigid_3r", "quintic", "pinocchio", causes=("payload",), more=("rotor inertia",))
+    assert {row.cause for row in run_bench(bench, MODELS, (0.1,))} == {CLEAN, "payload", "rotor inertia"}
 
 
 @pytest.mark.slow
