@@ -15,11 +15,12 @@ from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any
 
-from numba import njit
+from numba import njit, types
 from numba.core.registry import CPUDispatcher
 
 from flexinv.kernels.code_stamp import source_stamp
 from flexinv.kernels.compile_lock import CompileLock
+from flexinv.kernels.inner_library import InnerCompiler, OuterCompiler
 from flexinv.kernels.shipped_code import shipped
 
 # What reading a file raises that names a class that has moved, or that ends in the middle.
@@ -32,7 +33,7 @@ KERNELS: list[Any] = []
 def compiler(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Return Numba's decorator with these options [-]; machine code is kept until a source of its family changes."""
     inner = bool(options.get("no_cpython_wrapper"))
-    options = {"error_model": "numpy", **options}
+    options = {"error_model": "numpy", "pipeline_class": InnerCompiler if inner else OuterCompiler, **options}
 
     def decorate(function: Callable[..., Any]) -> Any:
         kernel: Any
@@ -47,7 +48,7 @@ def compiler(**options: Any) -> Callable[[Callable[..., Any]], Any]:
             return kernel
         kernel.__class__ = InnerKernel if inner else Kernel
         if hasattr(kernel._cache, "_cache_file"):
-            _keep(kernel, inner)
+            _keep(kernel)
         return kernel
 
     return decorate
@@ -57,6 +58,11 @@ class Kernel(CPUDispatcher):
     """A kernel of which one process compiles what others wait for."""
 
     lock: CompileLock | None = None
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Return what a caller needs to know, of the types [-] and not of the numbers that stand in the call."""
+        plain = tuple(types.unliteral(one) for one in args), {k: types.unliteral(one) for k, one in kws.items()}
+        return super().get_call_template(*plain)
 
     def compile(self, signature: Any) -> Any:
         """Compile for arguments of these types [-], or take what is kept."""
@@ -87,7 +93,7 @@ def _tell() -> None:
     )
 
 
-def _keep(kernel: Any, inner: bool) -> None:
+def _keep(kernel: Any) -> None:
     """Let a kernel hold the stamp of its sources, wait for others, and go without what cannot be read or written."""
     cache, module = kernel._cache, kernel.py_func.__module__
     file, load, save = cache._cache_file, cache.load_overload, cache.save_overload
@@ -97,11 +103,10 @@ def _keep(kernel: Any, inner: bool) -> None:
     file.load = forgiving(file.load, None)
     lock = CompileLock(Path(file._index_path).with_suffix(".lock"))
     kernel.lock = lock
-    if not inner:
-        KERNELS.append(kernel)
+    KERNELS.append(kernel)
 
     def loaded(signature: Any, target: Any) -> Any:
-        brought = None if inner else shipped(module, kernel.py_func.__qualname__, str(signature), stamp)
+        brought = shipped(module, kernel.py_func.__qualname__, str(signature), stamp)
         if brought is not None:
             target.refresh()
             return cache._impl.rebuild(target, brought)

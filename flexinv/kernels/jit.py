@@ -2,8 +2,8 @@
 
 Kernels work on scalars, tuples of three floats (`vec3`) and arrays that Python allocated and keeps; they allocate
 nothing themselves.  So arrays need no reference counting in there (`_nrt`): that alone makes the march twice as fast.
-Division by zero gives infinity, which Newton's loop finds.  Wrappers for Python are compiled only for `jit`, a third of
-the time of compiling otherwise; a kernel of `jit_inner` called from Python raises a TypeError: call it from a kernel.
+Division by zero gives infinity, which Newton's loop finds.  Machine code is made only of kernels of `jit`, with all that they
+call linked in once (`inner_library`); a kernel of `jit_inner` called from Python raises a TypeError: call it from a kernel.
 
 Machine code is kept on disk until a source of its family changes (`code_stamp`, `code_cache`).
 """
@@ -23,9 +23,9 @@ _Function = TypeVar("_Function", bound=Callable[..., object])
 jit = compiler(cache=True, nogil=True, _nrt=False, no_cfunc_wrapper=True)
 # For kernels that only other kernels call.  The machine's compiler takes them into their callers (`forceinline`): records of
 # many arrays are not handed over in memory, which makes the march in space 1.4 times as fast and compiling a third longer.
-jit_inner = compiler(forceinline=True, cache=True, _nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True)
+jit_inner = compiler(forceinline=True, _nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True)
 # The same for kernels that are larger than what they are for: one copy that all callers share stays in the cache of instructions.
-jit_shared = compiler(cache=True, _nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True)
+jit_shared = compiler(_nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True)
 # For kernels with a single caller, which takes in their text: no second copy of all that they call is compiled.
 jit_inline = compiler(_nrt=False, inline="always")
 # The same for loops over lanes, whose products and sums may fuse.

@@ -1,0 +1,79 @@
+"""Kernels within kernels: linked once into what Python calls, compiled once for all numbers in the call, kept with it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from flexinv.kernels.inner_library import InnerLibrary, OuterLibrary
+from flexinv.kernels.jit import jit, jit_inner, jit_shared
+
+MODULE = """
+import numpy as np
+from flexinv.kernels.jit import jit, jit_inner, jit_shared
+
+@jit_shared
+def deepest(values, k):
+    return np.sum(values[k:])
+
+@jit_inner
+def between(values, k):
+    return deepest(values, k) + deepest(values, 0)
+
+@jit
+def called(values):
+    return between(values, 1) + between(values, values.size - 1)
+"""
+USER = """
+import json
+import numpy as np
+import chain
+print(json.dumps([chain.called(np.arange(4.0)), sum(chain.called.stats.cache_hits.values())]))
+"""
+
+
+@jit_shared
+def squared(x: Any, power: int) -> Any:
+    return x**2 if power == 2 else x
+
+
+@jit_inner
+def summed(x: Any) -> Any:
+    return squared(x, 2) + squared(x, 1)
+
+
+@jit
+def doubled(x: Any) -> Any:
+    return summed(x) + summed(x)
+
+
+def test_what_only_kernels_call_is_text_and_what_python_calls_links_all_of_it() -> None:
+    assert doubled(3.0) == 24.0
+    (outer,) = (one.library for one in doubled.overloads.values())
+    (inner,) = (one.library for one in summed.overloads.values())
+    assert isinstance(outer, OuterLibrary)
+    assert isinstance(inner, InnerLibrary)
+    deep = [one for one in outer._linking_libraries if isinstance(one, InnerLibrary)]
+    assert [one.name for one in deep] == ["summed", "squared"]  # each once, at any depth
+    assert not inner._codegen._engine.is_symbol_defined(next(iter(summed.overloads.values())).fndesc.mangled_name)
+
+
+def test_a_number_in_a_call_is_no_other_kernel() -> None:
+    assert doubled(2.0) == 12.0
+    assert len(squared.overloads) == 1  # not one for 2 and one for 1
+
+
+def test_the_next_process_reads_what_was_linked(tmp_path: Path) -> None:
+    (tmp_path / "chain.py").write_text(MODULE)
+    told = [
+        json.loads(
+            subprocess.run(
+                [sys.executable, "-c", USER], cwd=tmp_path, capture_output=True, text=True, check=True
+            ).stdout
+        )
+        for _ in range(2)
+    ]
+    assert told == [[21.0, 0], [21.0, 1]]
