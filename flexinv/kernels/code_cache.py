@@ -60,7 +60,7 @@ class Kernel(CPUDispatcher):
     lock: CompileLock | None = None
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """Return what a caller needs to know, of the types [-] and not of the numbers that stand in the call."""
+        """Return the template of a call by the types [-] of its arguments, not by the numbers that stand in it."""
         plain = tuple(types.unliteral(one) for one in args), {k: types.unliteral(one) for k, one in kws.items()}
         return super().get_call_template(*plain)
 

@@ -31,7 +31,7 @@ class InnerLibrary(JITCodeLibrary):
 
     @property
     def codegen(self) -> Any:
-        """Return what writes the address of an environment, which is nowhere until the text is linked."""
+        """Return a writer of addresses that writes none: an environment is nowhere until the text is linked."""
         return SimpleNamespace(set_env=lambda *_: None)
 
 
