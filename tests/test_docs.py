@@ -12,15 +12,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from reader_pages import PAGES, ROOT, blocks, project, with_blocks
 
-ROOT = Path(__file__).resolve().parent.parent
-GENERATED = ("_build", "mechanisms", "examples", "reference/generated")
-SITE = sorted(
-    path.relative_to(ROOT).as_posix()
-    for path in (ROOT / "docs").rglob("*.md")
-    if not path.relative_to(ROOT / "docs").as_posix().startswith(GENERATED)
-)
-PAGES = ("README.md", "NOTATION.md", *SITE)
 GALLERY = sorted((ROOT / "docs" / "gallery").glob("*.py"))
 MODULES = sorted(
     ".".join(path.relative_to(ROOT).with_suffix("").parts)
@@ -30,24 +23,6 @@ MODULES = sorted(
 COMMANDS = ("flexinv", "crosscheck")
 # What a page shows of a shell without running it: installation, other machines, whole nights.  Such a block is called text.
 FILE = re.compile(r"^`(models/\S+\.toml)`:?\n\n```toml\n(.*?)^```$", re.M | re.S)
-
-
-def blocks(text: str, language: str) -> list[str]:
-    """Fenced blocks of one language, padded so that line numbers in tracebacks are the page's."""
-    found = re.finditer(rf"^```{language}\n(.*?)^```$", text, re.M | re.S)
-    return ["\n" * (text[: block.start()].count("\n") + 1) + block.group(1) for block in found]
-
-
-def with_blocks(language: str) -> list[str]:
-    return [page for page in PAGES if blocks((ROOT / page).read_text(), language)]
-
-
-def project(folder: Path) -> Path:
-    """A folder in which all models lie, as a reader's checkout has them; what is written goes into the folder."""
-    (folder / "models").mkdir()
-    for model in (ROOT / "models").iterdir():
-        (folder / "models" / model.name).symlink_to(model)
-    return folder
 
 
 @pytest.mark.parametrize("page", with_blocks("python"))

@@ -94,7 +94,8 @@ def _voice(voice: Voice) -> dict[str, Any]:
 def _published(one: Beside) -> dict[str, Any]:
     value = one.value
     said = {"series": value.series, "when": one.when, "value": value.value, "unit": value.unit, "source": value.source}
-    return {**said, "low": one.low, "high": one.high, "agrees": one.agrees, "distance": one.distance}
+    why = {"note": value.note} if value.note else {}
+    return {**said, **why, "low": one.low, "high": one.high, "agrees": one.agrees, "distance": one.distance}
 
 
 def expected(case: CaseConsensus, reference: Record | None) -> Record:

@@ -1,0 +1,33 @@
+"""The pages that readers see, the blocks of code on them, and the folder in which a reader tries them."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+GENERATED = ("_build", "mechanisms", "examples", "reference/generated")
+SITE = sorted(
+    path.relative_to(ROOT).as_posix()
+    for path in (ROOT / "docs").rglob("*.md")
+    if not path.relative_to(ROOT / "docs").as_posix().startswith(GENERATED)
+)
+PAGES = ("README.md", "NOTATION.md", *SITE)
+
+
+def blocks(text: str, language: str) -> list[str]:
+    """Fenced blocks of one language, padded so that line numbers in tracebacks are the page's."""
+    found = re.finditer(rf"^```{language}\n(.*?)^```$", text, re.M | re.S)
+    return ["\n" * (text[: block.start()].count("\n") + 1) + block.group(1) for block in found]
+
+
+def with_blocks(language: str) -> list[str]:
+    return [page for page in PAGES if blocks((ROOT / page).read_text(), language)]
+
+
+def project(folder: Path) -> Path:
+    """A folder in which all models lie, as a reader's checkout has them; what is written goes into the folder."""
+    (folder / "models").mkdir()
+    for model in (ROOT / "models").iterdir():
+        (folder / "models" / model.name).symlink_to(model)
+    return folder
