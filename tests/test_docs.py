@@ -1,12 +1,15 @@
-"""What README, site, NOTATION and the docstrings show runs in a fresh process, and says what it says."""
+"""What README, site, NOTATION, notebooks and docstrings show runs in a fresh process, and says what it says."""
 
 from __future__ import annotations
 
+import ast
 import doctest
 import importlib
+import json
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -58,14 +61,44 @@ def test_commands_on_the_page_run(page: str, tmp_path: Path) -> None:
         assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
 
 
+# The cells of a notebook, one after another, in one process and with the names that a notebook has.
+NOTEBOOK = """
+import json
+cells = [cell for cell in json.load(open({file!r}))["cells"] if cell["cell_type"] == "code"]
+names = {{"__name__": "__main__"}}
+for k, cell in enumerate(cells):
+    exec(compile("".join(cell["source"]), f"cell {{k}}", "exec"), names)
+"""
+
+
+def notebook(example: Path, folder: Path) -> Path:
+    """The notebook of an example, made by what makes those of the site."""
+    maker = pytest.importorskip("sphinx_gallery.notebook")
+    script = shutil.copy(example, folder)
+    maker.python_to_jupyter_cli([str(script)])
+    return Path(script).with_suffix(".ipynb")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("example", GALLERY, ids=lambda path: path.stem)
-def test_an_example_of_the_gallery_runs(example: Path, tmp_path: Path) -> None:
+def test_a_notebook_of_the_gallery_runs(example: Path, tmp_path: Path) -> None:
+    file = notebook(example, project(tmp_path))
     done = subprocess.run(
-        [sys.executable, str(example)], cwd=project(tmp_path), capture_output=True, text=True, timeout=600,
+        [sys.executable, "-c", NOTEBOOK.format(file=file.name)], cwd=tmp_path, capture_output=True, text=True, timeout=600,
         env=os.environ | {"MPLBACKEND": "agg"},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
+
+
+def test_notebook_and_script_are_one_program(tmp_path: Path) -> None:
+    """Nor does one of them ask for what only a script has: what runs as a notebook runs as a script."""
+    for example in GALLERY:
+        cells = json.loads(notebook(example, tmp_path).read_text())["cells"]
+        shown = "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
+        said = ast.parse(example.read_text())
+        said.body = said.body[1:]  # the docstring is a cell of words
+        assert ast.dump(ast.parse(shown)) == ast.dump(said), example.stem
+        assert "__file__" not in shown, example.stem
 
 
 def test_the_gallery_has_its_nine_examples() -> None:

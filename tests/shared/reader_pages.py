@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -27,7 +28,5 @@ def with_blocks(language: str) -> list[str]:
 
 def project(folder: Path) -> Path:
     """A folder in which all models lie, as a reader's checkout has them; what is written goes into the folder."""
-    (folder / "models").mkdir()
-    for model in (ROOT / "models").iterdir():
-        (folder / "models" / model.name).symlink_to(model)
+    shutil.copytree(ROOT / "models", folder / "models")
     return folder
