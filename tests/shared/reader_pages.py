@@ -27,6 +27,12 @@ def with_blocks(language: str) -> list[str]:
 
 
 def project(folder: Path) -> Path:
-    """A folder in which all models lie, as a reader's checkout has them; what is written goes into the folder."""
+    """A folder with all models, as a reader's checkout has them, and with a robot of the reader's own as URDF and MJCF.
+
+    The robot is models/rigid_3r, as its case kit and `crosscheck export` write it.
+    """
     shutil.copytree(ROOT / "models", folder / "models")
+    (folder / "robots").mkdir()
+    for name in ("arm.urdf", "arm.xml", "robots/arm.urdf"):
+        shutil.copy(ROOT / "tests" / "data" / Path(name).name, folder / name)
     return folder

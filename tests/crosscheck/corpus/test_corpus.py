@@ -105,6 +105,9 @@ def test_what_may_not_be_passed_on_is_a_recipe(written: Path) -> None:
     assert "Ask <nobody>" in recipe
     (one,) = (x for x in json.loads((written / "manifest.json").read_text())["cases"] if x["id"] == kit.name)
     assert f'"digest": "{one["case.json"]}"' in recipe
+    assert one["redistribute"] is False
+    assert one["recipe"] == ["Ask <nobody>", "crosscheck kit rigid_one_link --case cycloid --blind --out kit"]
+    assert all(step in recipe for step in one["recipe"])
     assert "Do what you like" in (written / "kits" / "double_pendulum-swing" / "text.txt").read_text()
 
 
