@@ -132,7 +132,12 @@ def answers(written: Path, folder: Path) -> Path:
     return folder
 
 
-def test_answers_to_the_kits_alone_are_judged_from_the_corpus_alone(written: Path, tmp_path: Path) -> None:
+def test_answers_to_the_kits_alone_are_judged_from_the_corpus_alone(
+    written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where there are no models: what is judged from is the corpus, and nothing else."""
+    monkeypatch.chdir(tmp_path)
+    assert "Directory 'models' does not exist" in corpus("--out", "new").output
     folder = answers(written, tmp_path / "answers")
     done = corpus("--judge", str(folder), "--against", str(written))
     assert done.exit_code == 0, done.output
