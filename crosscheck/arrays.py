@@ -18,4 +18,5 @@ def write_arrays(file: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
     for name, values in arrays.items():
         if np.asarray(values).dtype.hasobject:
             raise ValueError(f"{file.name}: the array {name!r} holds objects, expected numbers or texts of one length")
-    np.savez_compressed(file, **arrays)
+    named: dict[str, Any] = dict(arrays)  # typed so that no name is taken for a keyword
+    np.savez_compressed(file, **named)
