@@ -1,26 +1,22 @@
-"""What README, site, NOTATION and the docstrings show runs in a fresh process, and says what it says."""
+"""What README, site, NOTATION, notebooks and docstrings show runs in a fresh process, and says what it says."""
 
 from __future__ import annotations
 
+import ast
 import doctest
 import importlib
+import json
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from reader_pages import PAGES, ROOT, blocks, project, with_blocks
 
-ROOT = Path(__file__).resolve().parent.parent
-GENERATED = ("_build", "mechanisms", "examples", "reference/generated")
-SITE = sorted(
-    path.relative_to(ROOT).as_posix()
-    for path in (ROOT / "docs").rglob("*.md")
-    if not path.relative_to(ROOT / "docs").as_posix().startswith(GENERATED)
-)
-PAGES = ("README.md", "NOTATION.md", *SITE)
 GALLERY = sorted((ROOT / "docs" / "gallery").glob("*.py"))
 MODULES = sorted(
     ".".join(path.relative_to(ROOT).with_suffix("").parts)
@@ -30,24 +26,6 @@ MODULES = sorted(
 COMMANDS = ("flexinv", "crosscheck")
 # What a page shows of a shell without running it: installation, other machines, whole nights.  Such a block is called text.
 FILE = re.compile(r"^`(models/\S+\.toml)`:?\n\n```toml\n(.*?)^```$", re.M | re.S)
-
-
-def blocks(text: str, language: str) -> list[str]:
-    """Fenced blocks of one language, padded so that line numbers in tracebacks are the page's."""
-    found = re.finditer(rf"^```{language}\n(.*?)^```$", text, re.M | re.S)
-    return ["\n" * (text[: block.start()].count("\n") + 1) + block.group(1) for block in found]
-
-
-def with_blocks(language: str) -> list[str]:
-    return [page for page in PAGES if blocks((ROOT / page).read_text(), language)]
-
-
-def project(folder: Path) -> Path:
-    """A folder in which all models lie, as a reader's checkout has them; what is written goes into the folder."""
-    (folder / "models").mkdir()
-    for model in (ROOT / "models").iterdir():
-        (folder / "models" / model.name).symlink_to(model)
-    return folder
 
 
 @pytest.mark.parametrize("page", with_blocks("python"))
@@ -78,19 +56,52 @@ def test_commands_on_the_page_run(page: str, tmp_path: Path) -> None:
     for line in shown:
         words = shlex.split(line, comments=True)
         assert words[0] in COMMANDS, f"{page} shows {line!r}: write ```text where a command is not to be run"
+        words = [
+            one for word in words for one in (sorted(map(str, folder.glob(word))) if "*" in word else []) or [word]
+        ]
         command = [sys.executable, "-m", *words]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=600)
         assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
 
 
+# The cells of a notebook, one after another, in one process and with the names that a notebook has.
+NOTEBOOK = """
+import json
+cells = [cell for cell in json.load(open({file!r}))["cells"] if cell["cell_type"] == "code"]
+names = {{"__name__": "__main__"}}
+for k, cell in enumerate(cells):
+    exec(compile("".join(cell["source"]), f"cell {{k}}", "exec"), names)
+"""
+
+
+def notebook(example: Path, folder: Path) -> Path:
+    """The notebook of an example, made by what makes those of the site."""
+    maker = pytest.importorskip("sphinx_gallery.notebook")
+    script = shutil.copy(example, folder)
+    maker.python_to_jupyter_cli([str(script)])
+    return Path(script).with_suffix(".ipynb")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("example", GALLERY, ids=lambda path: path.stem)
-def test_an_example_of_the_gallery_runs(example: Path, tmp_path: Path) -> None:
+def test_a_notebook_of_the_gallery_runs(example: Path, tmp_path: Path) -> None:
+    file = notebook(example, project(tmp_path))
     done = subprocess.run(
-        [sys.executable, str(example)], cwd=project(tmp_path), capture_output=True, text=True, timeout=600,
+        [sys.executable, "-c", NOTEBOOK.format(file=file.name)], cwd=tmp_path, capture_output=True, text=True, timeout=600,
         env=os.environ | {"MPLBACKEND": "agg"},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
+
+
+def test_notebook_and_script_are_one_program(tmp_path: Path) -> None:
+    """Nor does one of them ask for what only a script has: what runs as a notebook runs as a script."""
+    for example in GALLERY:
+        cells = json.loads(notebook(example, tmp_path).read_text())["cells"]
+        shown = "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
+        said = ast.parse(example.read_text())
+        said.body = said.body[1:]  # the docstring is a cell of words
+        assert ast.dump(ast.parse(shown)) == ast.dump(said), example.stem
+        assert "__file__" not in shown, example.stem
 
 
 def test_the_gallery_has_its_nine_examples() -> None:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import re
+import shutil
+import subprocess
 import tomllib
 from pathlib import Path
 
+import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
@@ -115,3 +118,31 @@ def test_the_page_on_publishing_names_the_oldest_numpy(root: Path) -> None:
     assert f"NumPy from {str(numpy.specifier).removeprefix('>=')} are allowed" in (
         root / "docs" / "release" / "publish.md"
     ).read_text().replace("\n", " ")
+
+
+def distributed(root: Path, files: list[str]) -> set[str]:
+    """Those files of the project that the source distribution has: MANIFEST.in, and what every build takes."""
+    taken = {"pyproject.toml", "setup.py", "MANIFEST.in", "README.md", "LICENSE"}
+    taken |= {file for file in files if file.startswith(("flexinv/", "crosscheck/")) and not file.endswith(".md")}
+    taken |= {file for file in files if file.startswith("crosscheck/skeleton/")}
+    for line in (root / "MANIFEST.in").read_text().splitlines():
+        what, _, rest = line.partition(" ")
+        if what == "include":
+            taken |= set(rest.split())
+        elif what == "graft":
+            taken |= {file for file in files if file.startswith(f"{rest}/")}
+        elif what == "prune":
+            taken -= {file for file in files if file.startswith(f"{rest}/")}
+    return taken
+
+
+def test_the_source_distribution_is_the_project(root: Path) -> None:
+    """All that is tracked is in it, so that its tests, its site and its models are whole."""
+    if not (root / ".git").exists() or shutil.which("git") is None:
+        pytest.skip("this is no clone")
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=root, capture_output=True, text=True, check=True).stdout
+    tracked = [file for file in listed.split("\0") if (root / file).is_file()]
+    taken = distributed(root, tracked)
+    assert sorted(set(tracked) - taken) == []
+    assert sorted(taken - set(tracked)) == []
+    assert "new/file" in {"new/file"} - distributed(root, ["new/file"])  # a folder that nobody named is missed

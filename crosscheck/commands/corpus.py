@@ -18,7 +18,6 @@ from crosscheck.commands.shared.options import DOORS, Asked
 from crosscheck.commands.shared.terminal import (
     FOLDER,
     JOBS,
-    MODELS,
     PATTERNS,
     TIMEOUT,
     Console,
@@ -51,7 +50,13 @@ def _doors(command: click.decorators.FC) -> click.decorators.FC:
 
 @click.command("corpus", short_help="Write every case as a kit with consensus values, or judge answers to them.")
 @click.argument("names", nargs=-1)
-@MODELS
+@click.option(
+    "--models",
+    type=FOLDER,  # answers are judged where there is none
+    default=Path("models"),
+    show_default=True,
+    help="Folder of mechanisms: one folder each, with mechanism.toml and cases.toml.  Not read with --judge.",
+)
 @PATTERNS
 @out_option("corpus")
 @click.option("--fresh", is_flag=True, help="Compute everything, also what has not changed since an earlier run.")
@@ -100,6 +105,8 @@ def command(
     console = Console(stderr=True)
     if judge is not None:
         _judge(judge, against)
+    if not models.is_dir():
+        raise click.BadParameter(f"Directory '{models}' does not exist.", param_hint="'--models'")
     asked = Asked(names, models, engines, "", "", False, jobs, timeout, config, engine, trust_commands)
     work, _ = asked.work(lambda line: console.print(escape(line), soft_wrap=True))
     options = replace(work.options, kept=folder_of_user(), fresh=fresh or bool(os.environ.get("CI")))

@@ -58,10 +58,16 @@ def entry(case: CaseConsensus, note: MechanismNote, numbers: list[Beside]) -> di
         "licence": note.licence,
         "attribution": note.attribution,
         "redistribute": note.redistribute,
+        **({} if note.redistribute else {"recipe": steps(task.folder.name, task.case.name, note)}),
         "floor": {"share": FLOOR, "reason": FLOOR_REASON},
         "series": [_series(one) for one in case.series],
         "published": [_published(one) for one in numbers],
     }
+
+
+def steps(mechanism: str, case: str, note: MechanismNote) -> list[str]:
+    """Return the steps that lead to a kit [-] whose data may not be passed on."""
+    return [note.recipe or "Ask who made it.", f"crosscheck kit {mechanism} --case {case} --blind --out kit"]
 
 
 def _series(one: SeriesConsensus) -> dict[str, Any]:
@@ -94,7 +100,8 @@ def _voice(voice: Voice) -> dict[str, Any]:
 def _published(one: Beside) -> dict[str, Any]:
     value = one.value
     said = {"series": value.series, "when": one.when, "value": value.value, "unit": value.unit, "source": value.source}
-    return {**said, "low": one.low, "high": one.high, "agrees": one.agrees, "distance": one.distance}
+    why = {"note": value.note} if value.note else {}
+    return {**said, **why, "low": one.low, "high": one.high, "agrees": one.agrees, "distance": one.distance}
 
 
 def expected(case: CaseConsensus, reference: Record | None) -> Record:

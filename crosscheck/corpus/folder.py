@@ -45,10 +45,9 @@ The values below `expected/` are computed; who agrees on them is said in `consen
 """
 RECIPE = """# {mechanism}/{case}: a recipe
 
-The data of this mechanism may not be passed on with this corpus ({licence}), so that its kit is not here.
+The data of this mechanism may not be passed on with this corpus: {licence}. So its kit is not here. These steps write it:
 
-1. {recipe}
-2. `crosscheck kit {mechanism} --case {case} --blind --out kit`
+{steps}
 
 `case.json` of that kit says `"digest": "{digest}"`: then it is the case to which the values in `expected/` belong.
 """
@@ -111,7 +110,8 @@ def _kit(case: CaseConsensus, note: MechanismNote, one: Mapping[str, Any], folde
         (kit / "LICENCE.md").write_text(licence(task, note), encoding="utf-8")
         if not note.redistribute:
             words = {"mechanism": task.folder.name, "case": task.case.name, "digest": file.digest}
-            recipe = RECIPE.format(**words, licence=note.licence, recipe=note.recipe or "Ask who made it.")
+            lines = "\n".join(f"{k}. {step}" for k, step in enumerate(one["recipe"], 1))
+            recipe = RECIPE.format(**words, licence=note.licence, steps=lines)
             (kit / "RECIPE.md").write_text(recipe, encoding="utf-8")
         texts = [_text(task.folder.parent, name) for name in note.licence_files]
         for text in texts:

@@ -70,6 +70,7 @@ class PublishedValue(Table):
     digits: Positive | None = optional(
         "half of the last published digit [unit]; without it the digits of value", "digits = 5e-4"
     )
+    note: Text = key("why it may lie beside the consensus", 'note = "computed with eight elements"', default="")
 
 
 class CorpusTable(Table):

@@ -18,6 +18,7 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from crosscheck.arrays import write_arrays
 from flexinv.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]
@@ -205,7 +206,7 @@ def save(record: Record, stem: Path) -> None:
     plain |= {"series": words, "settings": dict(record.settings), "budget": dict(record.budget)}
     plain |= {"certificate": dict(record.certificate)}
     del plain["time"]
-    np.savez_compressed(stem.with_name(stem.name + ".npz"), allow_pickle=False, **arrays)
+    write_arrays(stem.with_name(stem.name + ".npz"), arrays)
     text = json.dumps(plain, indent=1, allow_nan=False)
     stem.with_name(stem.name + ".json").write_text(text + "\n", encoding="utf-8")
 

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.arrays import write_arrays
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.exudyn import adapter
 from crosscheck.engines.exudyn import integration as exudyn_solve
@@ -134,7 +135,7 @@ def _tree(mechanism: Mechanism, motion: Motion, settings: dict[str, Any], folder
         moving[f"moving_{first}"] = np.array([exudyn_rigid.transform66(frame) for frame in frames])
     moving |= {"transforms": np.array(tree.transforms), "inertias": np.array(tree.inertias)}
     moving |= {"share": exudyn_rigid.shares(mechanism, tree), "angle": angle, "rate": rate, "rate2": rate2}
-    np.savez_compressed(folder / "model.npz", allow_pickle=False, **moving)
+    write_arrays(folder / "model.npz", moving)
     settings |= {"types": tree.types, "parents": [int(p) for p in tree.parents], "gravity": mechanism.gravity.tolist()}
     write(folder, motion, "run_exudyn_tree.py.txt", {}, settings)
 
@@ -162,7 +163,7 @@ def _in_time(
                 arrays[f"rate_{k}_{d}"] = _table(run.plan, driver.rate, 0, 0)
         for number, load in run.loads.items():
             arrays[f"load_{k}_{int(number)}"] = _table(run.plan, load, None)
-    np.savez_compressed(folder / "drivers.npz", allow_pickle=False, **arrays)
+    write_arrays(folder / "drivers.npz", arrays)
     settings["runs"] = [_run(mechanism, look, run) for run in kept]
     settings["weights"] = [1.0] if len(kept) == 1 else [-1 / 3, 4 / 3]
     if look.free and not mechanism.is_rigid:
@@ -171,7 +172,7 @@ def _in_time(
     settings |= _passive(mechanism, frozenset() if mechanism.is_rigid else look.free)
     if mechanism.closures and mechanism.is_rigid:
         shares = _shares(mechanism, case, motion.q)
-        np.savez_compressed(folder / "shares.npz", allow_pickle=False, shares=shares)  # (sample, drive, joint)
+        write_arrays(folder / "shares.npz", {"shares": shares})  # (sample, drive, joint)
     text = "\n\n".join([HEAD, told, *texts])
     write(folder, motion, "run_exudyn.py.txt", {"model.py": text}, settings)
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.arrays import write_arrays
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.mujoco import flex as adapter
 from crosscheck.engines.mujoco.mjcf import mjcf
@@ -34,7 +35,7 @@ def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder:
         q, qd, qdd = case.motion.evaluate(mechanism, every)
         steps |= {f"q_{k}": adapter.angles(mechanism, q), f"v_{k}": qd, f"a_{k}": qdd}
         runs.append({"model": f"model_{k}.xml", "stride": stride})
-    np.savez_compressed(folder / "steps.npz", allow_pickle=False, **steps)
+    write_arrays(folder / "steps.npz", steps)
     state = case.motion.evaluate(mechanism, time)
     motion = Motion(time, *state, effort, mechanism.coordinate_names, mechanism.velocity_names)
     settings: dict[str, Any] = {"engine": engine, "runs": runs, "joints": [j.name for j in mechanism.joints if j.nv]}

@@ -105,6 +105,9 @@ def test_what_may_not_be_passed_on_is_a_recipe(written: Path) -> None:
     assert "Ask <nobody>" in recipe
     (one,) = (x for x in json.loads((written / "manifest.json").read_text())["cases"] if x["id"] == kit.name)
     assert f'"digest": "{one["case.json"]}"' in recipe
+    assert one["redistribute"] is False
+    assert one["recipe"] == ["Ask <nobody>", "crosscheck kit rigid_one_link --case cycloid --blind --out kit"]
+    assert all(step in recipe for step in one["recipe"])
     assert "Do what you like" in (written / "kits" / "double_pendulum-swing" / "text.txt").read_text()
 
 
@@ -129,7 +132,12 @@ def answers(written: Path, folder: Path) -> Path:
     return folder
 
 
-def test_answers_to_the_kits_alone_are_judged_from_the_corpus_alone(written: Path, tmp_path: Path) -> None:
+def test_answers_to_the_kits_alone_are_judged_from_the_corpus_alone(
+    written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where there are no models: what is judged from is the corpus, and nothing else."""
+    monkeypatch.chdir(tmp_path)
+    assert "Directory 'models' does not exist" in corpus("--out", "new").output
     folder = answers(written, tmp_path / "answers")
     done = corpus("--judge", str(folder), "--against", str(written))
     assert done.exit_code == 0, done.output

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from crosscheck.arrays import write_arrays
 from crosscheck.measures import record as r
 from flexinv.model.mechanism import Joint, Link, Mechanism
 
@@ -33,6 +34,17 @@ def test_a_record_comes_back_from_disk_as_it_was(tmp_path: Path) -> None:
         np.testing.assert_array_equal(back.series[name].values, one.values)
         assert back.series[name].unit == one.unit
     assert back.series["torque/shoulder"].error is not None
+
+
+def test_a_file_has_the_arrays_that_were_given_and_no_objects(tmp_path: Path) -> None:
+    """Not one more, which a keyword is that the oldest NumPy does not know; and nothing that is read back as a program."""
+    write_arrays(tmp_path / "a.npz", {"time": TIME, "names": np.array(["a", "bc"])})
+    with np.load(tmp_path / "a.npz", allow_pickle=False) as back:
+        assert back.files == ["time", "names"]
+        np.testing.assert_array_equal(back["time"], TIME)
+    with pytest.raises(ValueError, match="'odd' holds objects"):
+        write_arrays(tmp_path / "b.npz", {"time": TIME, "odd": np.array([object()])})
+    assert not (tmp_path / "b.npz").exists()
 
 
 def test_no_pickle_is_read(tmp_path: Path) -> None:
