@@ -9,10 +9,10 @@ import numpy as np
 
 from crosscheck.equivalence.align import SAME
 from crosscheck.equivalence.difference import Difference
-from crosscheck.equivalence.members import Pair
+from crosscheck.equivalence.members import Pair, body_differences
 from crosscheck.equivalence.tree import Member, Tree, sum_of
 from crosscheck.lifting.rigid import moved
-from flexinv.model.mechanism import Array, Inertia
+from flexinv.model.mechanism import Array, Inertia, Placement
 
 BODY = ("mass", "centre of mass", "inertia tensor")
 ALL = 3  # differences of one kind and factor from which on they are one
@@ -36,6 +36,28 @@ def missing_links(pair: Pair) -> Difference | None:
             if _same(left, target, pair.size):
                 return _missing(pair, side, lost, mine, there)
     return None
+
+
+def one_body(pair: Pair) -> list[Difference]:
+    """Return the differences of one body of several that make up a member, where that body is all that differs."""
+    ours, theirs = dict(pair.one.parts), {n: moved(pair.seat.frame, body) for n, body in pair.two.parts}
+    if len(ours) < max(2, len(pair.one.parts)) or list(ours) != list(theirs):
+        return []
+    found = {name: list(_of_part(pair, name, ours[name], theirs[name])) for name in ours}
+    other = [own for own in found.values() if own]
+    return other[0] if len(other) == 1 else []
+
+
+def _of_part(pair: Pair, name: str, one: Inertia, two: Inertia) -> Iterator[Difference]:
+    """Yield the differences of one body of a member, each with a change of that body."""
+    seat = replace(pair.seat, frame=Placement())
+    for d in body_differences(replace(pair, one=_of_body(pair, name, one), two=_of_body(pair, name, two), seat=seat)):
+        changes = tuple((index, f"part {field_name} {name}", value) for index, field_name, value in d.changes)
+        yield replace(d, place=f"body {name} (on link {pair.one.name})", changes=changes)
+
+
+def _of_body(pair: Pair, name: str, body: Inertia) -> Member:
+    return replace(pair.one, name=name, mass=body.mass, com=body.com, tensor=body.tensor, parts=((name, body),))
 
 
 def _alone(mine: dict[str, Inertia], others: dict[str, Inertia]) -> Iterator[tuple[str, ...]]:

@@ -6,7 +6,7 @@ A file is suspected where `crosscheck.linting.bodies` finds the link's numbers o
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -76,6 +76,21 @@ TOML = {
     "centre of mass": "com_m = [{}]",
     "joint axis": "axis = [{}]",
     "gravity": "gravity_m_per_s2 = [{}]",
+    "length of beam": "length_m = {}",
+    "initial twist": "curvature_per_m = {{ twist = {}, ... }}",
+    "initial curvature about y": "curvature_per_m = {{ y = {}, ... }}",
+    "initial curvature about z": "curvature_per_m = {{ z = {}, ... }}",
+    "axial stiffness EA": "[sections....] EA_N = {}",
+    "shear stiffness GA_y": "[sections....] GA_N = {{ y = {}, ... }}",
+    "shear stiffness GA_z": "[sections....] GA_N = {{ z = {}, ... }}",
+    "torsional stiffness GJ": "[sections....] GJ_Nm2 = {}",
+    "bending stiffness EI_y": "[sections....] EI_Nm2 = {{ y = {}, ... }}",
+    "bending stiffness EI_z": "[sections....] EI_Nm2 = {{ z = {}, ... }}",
+    "mass per length": "[sections....] mass_per_length_kg_per_m = {}",
+    "rotary inertia about y": "[sections....] rho_I_kgm = {{ y = {}, ... }}",
+    "rotary inertia about z": "[sections....] rho_I_kgm = {{ z = {}, ... }}",
+    "station of joint": "station = {}",
+    "station of body": "station = {}",
 }
 WORDS = {"urdf": URDF, "mjcf": MJCF, "sdf": SDF, "usd": USD, "toml": TOML}
 COMMAS = ("usd", "toml")  # formats whose vectors have commas
@@ -88,6 +103,7 @@ TENSOR = {
     ),
     "toml": ("inertia_kgm2 = {{ {} }}", (0, 1, 2, 3, 4, 5)),
 }
+BEAMS = [cause for cause, words in TOML.items() if words.startswith("[sections")]
 # An entry of a tensor in the format's words: name, number.
 ENTRY = {"urdf": '{}="{}"', "mjcf": "{1}", "sdf": "<{0}>{1}</{0}>", "toml": "{0} = {1}"}
 # By cause what `body_findings` says of it.
@@ -114,14 +130,25 @@ class Sides:
         if k is None or k not in self.seats:
             return None
         seat = self.seats[k]
-        return self.trees[0].members[k], self.trees[1].members[seat.second], seat
+        one, two = self.trees[0].members[k], self.trees[1].members[seat.second]
+        part = difference.place.partition(" ")[2].partition(" (on link ")
+        return (only(one, part[0]), only(two, part[0]), seat) if part[1] else (one, two, seat)
 
     def _number(self, difference: Difference) -> int | None:
         numbers = {index for index, _, _ in difference.changes}
         if len(numbers) == 1:
             return numbers.pop()
-        name = difference.place.partition(" ")[2]
-        return next((k for k, one in enumerate(self.trees[0].members) if f"joint {one.joint}" == f"joint {name}"), None)
+        kind, _, name = difference.place.partition(" ")
+        if kind == "body":
+            kind, name = "link", name.partition(" (on link ")[2].removesuffix(")")
+        called = {k: one.name if kind == "link" else one.joint for k, one in enumerate(self.trees[0].members)}
+        return next((k for k, own in called.items() if own == name), None)
+
+
+def only(member: Member, part: str) -> Member:
+    """Return a member as one of the bodies that make it up [kg, m, kg m^2]."""
+    body = dict(member.parts)[part]
+    return replace(member, name=part, mass=body.mass, com=body.com, tensor=body.tensor, parts=((part, body),))
 
 
 def advice(judged: Judged, sides: Sides) -> tuple[tuple[str, tuple[str, ...]], ...]:
@@ -195,6 +222,9 @@ def _lines(difference: Difference, sides: Sides, both: tuple[Member, Member, Ali
         parts = [name for name, body in member.parts if body.mass or body.tensor.any()]
         if difference.cause in CHECKS and len(parts) > 1:
             yield f"{head}, together with what is fixed to it ({', '.join(parts[:6])}): {difference.cause} {values[n]}"
+        elif place == "body" and difference.cause in CHECKS and difference.cause != "mass":
+            link = (sides.trees[n].members[seat.second if n else seat.first]).name
+            yield f"{head}, in the frame of link {link}: {difference.cause} {values[n]}"
         elif n and difference.cause in FRAMED and _turned(sides, both):
             continue  # the number would be one in A's frames
         elif difference.cause == "zero of coordinate" and not n:
@@ -243,7 +273,8 @@ def _text(numbers: Array) -> str:
 
 def written(kind: str, cause: str, value: str) -> str:
     """Return a format's words for a quantity [any unit]; "" where it has none."""
-    if not value or value == "none" or kind not in WORDS:
+    varies = cause in BEAMS and " " in value  # numbers at several stations: the section says them in a table
+    if not value or value == "none" or kind not in WORDS or varies:
         return ""
     if cause == "inertia tensor":
         if kind not in TENSOR:
