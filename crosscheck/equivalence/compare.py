@@ -85,8 +85,7 @@ def compared(first: Description, second: Description, tolerance: float, stated: 
     bent = felt(beams)
     size = max(_size(one), _size(two))
     printed = _printed(first, second, pairs)
-    kept, whole = (_found(one, two, dict(pairs.pairs), links, size, printed) for links in (True, False))
-    found = kept if _count(kept) <= _count(whole) else whole
+    found = _least(one, two, dict(pairs.pairs), size, printed)
     trees, seats = found.trees, {found.trees.first.members[s.first].joint: s for s in found.seats}
     moving = {joint: seats[joint] for joint in trees.first.moving if trees.first.moving[joint] in dict(trees.pairs)}
     every = [*found.differences, *coupling_differences(one, two, pairs.pairs, moving)]
@@ -134,6 +133,18 @@ def _size(tree: Tree) -> float:
     return float(np.ptp(places, axis=0).max()) or 1.0
 
 
+def _least(
+    one: Tree, two: Tree, joints: dict[str, str], size: float, printed: Mapping[tuple[str, str], float]
+) -> Found:
+    """The explanation with the fewest differences: fixed links kept or merged, zeros of joints turned or where they were."""
+    kept, whole = (_found(one, two, joints, (links, True), size, printed) for links in (True, False))
+    best = kept if _count(kept) <= _count(whole) else whole
+    if _count(best) > 1:
+        plain = _found(one, two, joints, (best is kept, False), size, printed)
+        best = plain if _count(plain) < _count(best) else best
+    return best
+
+
 def _count(found: Found) -> int:
     """Differences that are no rounding, beside those of links welded to the world, which merging loses."""
     held = {f"link {m.name}" for m in found.trees.first.members if m.kind == "fixed" and m.parent < 0}
@@ -143,10 +154,11 @@ def _count(found: Found) -> int:
 
 
 def _found(
-    one: Tree, two: Tree, joints: dict[str, str], links: bool, size: float, printed: Mapping[tuple[str, str], float]
-) -> Found:
-    trees = reduced(one, two, joints, links)
-    seats = aligned(trees.first, trees.second, trees.pairs, size)
+    one: Tree, two: Tree, joints: dict[str, str], links_zeros: tuple[bool, bool], size: float,
+    printed: Mapping[tuple[str, str], float],
+) -> Found:  # fmt: skip
+    trees = reduced(one, two, joints, links_zeros[0])
+    seats = aligned(trees.first, trees.second, trees.pairs, size, links_zeros[1])
     pairs = [Pair(trees.first.members[s.first], trees.second.members[s.second], s, size, printed) for s in seats]
     found: list[Difference] = []
     for pair in pairs:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from crosscheck.equivalence.align import SAME
+from crosscheck.equivalence.align import SAME, SEEN
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.members import Pair, body_differences
 from crosscheck.equivalence.tree import Member, Tree, sum_of
@@ -70,13 +70,13 @@ def _alone(mine: dict[str, Inertia], others: dict[str, Inertia]) -> Iterator[tup
             yield from ((name,) for name in lost)
 
 
-def _same(one: Inertia, two: Inertia, size: float) -> bool:
+def _same(one: Inertia, two: Inertia, size: float, tolerance: float = SAME) -> bool:
     scale = max(one.mass, two.mass)
     largest = max(float(np.abs(one.tensor).max()), float(np.abs(two.tensor).max()))
     return (
-        abs(one.mass - two.mass) <= SAME * scale
-        and (not scale or float(np.linalg.norm(one.com - two.com)) <= SAME * size)
-        and float(np.abs(one.tensor - two.tensor).max()) <= 10 * SAME * largest
+        abs(one.mass - two.mass) <= tolerance * scale
+        and (not scale or float(np.linalg.norm(one.com - two.com)) <= tolerance * size)
+        and float(np.abs(one.tensor - two.tensor).max()) <= 10 * tolerance * largest
     )
 
 
@@ -107,11 +107,13 @@ def exchanged(first: Tree, second: Tree, pairs: Iterable[Pair], found: list[Diff
 
 
 def _crossed(one: Pair, two: Pair) -> bool:
-    return _equal(one.one, two.two, one.size) and _equal(two.one, one.two, one.size)
+    """Return True if each has the other's body, and not its own to rounding: two alike are not exchanged."""
+    alike = _equal(one.one, one.two, one.size, SEEN) and _equal(two.one, two.two, one.size, SEEN)
+    return _equal(one.one, two.two, one.size) and _equal(two.one, one.two, one.size) and not alike
 
 
-def _equal(one: Member, two: Member, size: float) -> bool:
-    return bool(one.mass) and _same(one.inertia, two.inertia, size)
+def _equal(one: Member, two: Member, size: float, tolerance: float = SAME) -> bool:
+    return bool(one.mass) and _same(one.inertia, two.inertia, size, tolerance)
 
 
 def scaled(first: Tree, found: list[Difference]) -> list[Difference]:

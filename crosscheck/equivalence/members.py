@@ -76,7 +76,7 @@ def joint_differences(pair: Pair) -> Iterator[Difference]:
     axis = seat.frame.rotation @ two.axis * seat.sign
     tilt = float(np.arctan2(np.linalg.norm(np.cross(one.axis, axis)), one.axis @ axis))
     if tilt > SAME:
-        digits = pair.digits(one.joint, "axis")
+        digits = pair.digits(one.joint, "axis") + np.sqrt(3) * pair.digits(one.joint, "rotation")
         changes = (pair.change("axis", axis),)
         shown = _vector(one.axis), _vector(axis)
         yield Difference("rigid", "joint axis", pair.joint, tilt, "rad", *shown, changes, printed=digits)
@@ -154,11 +154,11 @@ def drive_differences(pair: Pair) -> Iterator[Difference]:
 def _limits(pair: Pair) -> Iterator[Difference]:
     """Limits, B's in A's coordinate; one that a file does not state is none."""
     ours, theirs = pair.one.limits, _mapped(pair.two.limits, pair.seat)
-    if (pair.seat.sign < 0 or pair.seat.offset) and _close(ours, pair.two.limits):
-        return  # the coordinate counts otherwise and its limits were left: one thing, which the convention says
+    # Where the coordinate counts otherwise and its range was left, that is one thing, which the convention says.
+    left = (pair.seat.sign < 0 or pair.seat.offset) and _close(ours, pair.two.limits)
     unit = "m" if pair.one.kind == "prismatic" else "rad"
     units = dict(zip(BOUNDS, (unit, unit, "N" if unit == "m" else "N m", f"{unit}/s"), strict=True))
-    for name in BOUNDS:
+    for name in BOUNDS[2:] if left else BOUNDS:
         a, b = _binding(getattr(ours, name)), _binding(getattr(theirs, name))
         if name in BOUNDS[:2] and np.isfinite(a) != np.isfinite(b):
             values = ("none", f"{b:.9g}") if np.isfinite(b) else (f"{a:.9g}", "none")

@@ -13,7 +13,13 @@ if TYPE_CHECKING:
     import pandas as pd
 
 JUDGED = FAMILIES
-WORDS = {"rigid": "rigid bodies", "beam": "links that bend", "drive": "drive data", "convention": "conventions", "limits": "limits"}
+WORDS = {
+    "rigid": "rigid bodies",
+    "beam": "links that bend",
+    "drive": "drive data",
+    "convention": "conventions",
+    "limits": "limits",
+}
 REPAIRED = 1e-9  # of range: what a repair may leave
 
 

@@ -8,7 +8,17 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from crosscheck.kit.tables import FORMAT, BeamData, BodyData, CaseFile, ClosureData, End, Frame, JointData, MechanismData
+from crosscheck.kit.tables import (
+    FORMAT,
+    BeamData,
+    BodyData,
+    CaseFile,
+    ClosureData,
+    End,
+    Frame,
+    JointData,
+    MechanismData,
+)
 from crosscheck.lifting.description import Description
 from flexinv.errors import InputError
 from flexinv.files.toml_tables import complaint

@@ -198,7 +198,9 @@ class _Stage:
 
         Translations come first, along the axes of the first body.  Of two rotations USD states no order.
         """
-        slides, turns = ([f"{way}{axis}" for axis in AXES if self._moves(prim, f"{way}{axis}")] for way in ("trans", "rot"))
+        slides, turns = (
+            [f"{way}{axis}" for axis in AXES if self._moves(prim, f"{way}{axis}")] for way in ("trans", "rot")
+        )
         name, steps = prim.GetName(), [("prismatic", axis) for axis in slides]
         if len(turns) == 2:
             one, two = (axis[-1] for axis in turns)

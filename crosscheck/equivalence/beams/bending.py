@@ -85,7 +85,7 @@ def torques(mechanism: Mechanism) -> dict[str, Array]:
     Raises ConvergenceError, InputError.
     """
     joints = tuple(replace(joint, actuated=True) for joint in mechanism.joints)
-    tree = replace(mechanism, joints=joints, closures=(), springs=(), forces=())
+    tree = replace(damped(mechanism), joints=joints, closures=(), springs=(), forces=())
     found = solve(tree, motion_of(tree), step=DURATION / STEPS).torque_all
     return {joint.name: found[:, tree.v_slices[joint.name]] for joint in tree.joints if joint.nv}
 
@@ -109,4 +109,6 @@ def _ends(joint: Joint, rng: np.random.Generator) -> tuple[Array, Array]:
     low, high = joint.limits.lower, joint.limits.upper
     first = np.clip(np.zeros(joint.nv), low, high)
     last = np.clip(first + size * REACH.get(joint.kind, TURN), low, high)
-    return first, np.where(np.abs(last - first) > 0, last, np.clip(first - size * REACH.get(joint.kind, TURN), low, high))
+    return first, np.where(
+        np.abs(last - first) > 0, last, np.clip(first - size * REACH.get(joint.kind, TURN), low, high)
+    )

@@ -1,8 +1,8 @@
 """Beams held in their stress-free shape: a mechanism of rigid links with the same joints, masses and frames.
 
-    section at s    X(s) = X_root exp(s (e_1, kappa))  in the link frame
-    body            rho A(s) ds at X(s), with rho I(s) ds along its axes, summed by Gauss points between the section's stations
-    what stands on a section is stated in the link frame: X(s) X_stated
+section at s    X(s) = X_root exp(s (e_1, kappa))  in the link frame
+body            rho A(s) ds at X(s), with rho I(s) ds along its axes, summed by Gauss points between the section's stations
+what stands on a section is stated in the link frame: X(s) X_stated
 """
 
 from __future__ import annotations
@@ -46,7 +46,9 @@ def _link(link: Link, beam: Beam | None) -> Link:
     if beam is None:
         return link
     bodies = [
-        Body(body.name, body.inertia if body.station is None else moved(section_frame(beam, body.station), body.inertia))
+        Body(
+            body.name, body.inertia if body.station is None else moved(section_frame(beam, body.station), body.inertia)
+        )
         for body in link.bodies
     ]
     return Link(link.name, (Body(link.name, sum_of(_slices(beam))), *bodies), tip=section_frame(beam, None).position)

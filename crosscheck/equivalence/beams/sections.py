@@ -14,6 +14,7 @@ from crosscheck.equivalence.align import SAME
 from crosscheck.equivalence.beams.sampled import Sampled, sampled, shared
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.hints import factor_hints
+from flexinv.model.damping import ModalDamping
 from flexinv.model.mechanism import Array, Beam, Joint, Link, Mechanism
 
 # By field of a beam's numbers: quantity and unit of each column.
@@ -89,14 +90,20 @@ class Beams:
 
     def base(self) -> Mechanism:
         """Return B with A's beams, stations and stated modal damping, on B's mesh: what differs then is no matter of a beam."""
-        shapes, stations = self._shapes(), {theirs: self.first.joint_of[ours].station for ours, theirs in self.joints.items()}
-        links = {theirs: _with_stations(self.second.link_of[theirs], self.first.link_of[ours]) for ours, theirs in self.links.items()}
+        shapes, stations = (
+            self._shapes(),
+            {theirs: self.first.joint_of[ours].station for ours, theirs in self.joints.items()},
+        )
+        links = {
+            theirs: _with_stations(self.second.link_of[theirs], self.first.link_of[ours])
+            for ours, theirs in self.links.items()
+        }
         made = [links.get(link.name, link) for link in self.second.links]
         return replace(
             self.second,
             links=tuple(replace(link, beam=shapes.get(link.name, link.beam)) for link in made),
             joints=tuple(_at_station(joint, stations.get(joint.name)) for joint in self.second.joints),
-            modal_damping=self.first.modal_damping,
+            modal_damping=_asked(self.first.modal_damping),
         )  # fmt: skip
 
     def differences(self) -> Iterator[Bent]:
@@ -104,7 +111,7 @@ class Beams:
         for ours, theirs, a, b in self.both:
             stations = shared(a, b)
             tables = sampled(a, stations), sampled(b, stations)
-            for name in COLUMNS:
+            for name in COLUMNS if not self._stated else [name for name in COLUMNS if name != "retardation"]:
                 yield from _of_table(ours, theirs, name, *tables)
             yield from self._stations(ours, theirs)
         yield from self._damping()
@@ -122,14 +129,27 @@ class Beams:
                 found = _moved("station of joint", f"joint {joint}", _end(one.station), _end(two.station))
                 yield Bent(found, _joint_edit(partner, two.station))
 
+    @property
+    def _stated(self) -> bool:
+        """Both state the ratio of a mode: retardation times follow from it."""
+        return self.first.modal_damping is not None and self.second.modal_damping is not None
+
     def _damping(self) -> Iterator[Bent]:
         one, two = self.first.modal_damping, self.second.modal_damping
         if one is None or two is None or (one.ratio, one.mode) == (two.ratio, two.mode):
             return
-        size, shown = abs(two.ratio - one.ratio), (f"{one.ratio:.9g} at mode {one.mode}", f"{two.ratio:.9g} at mode {two.mode}")
+        size, shown = (
+            abs(two.ratio - one.ratio),
+            (f"{one.ratio:.9g} at mode {one.mode}", f"{two.ratio:.9g} at mode {two.mode}"),
+        )
         hints = factor_hints(two.ratio, one.ratio) if one.mode == two.mode else ()
         found = Difference("beam", "modal damping", "all beams", size, "-", *shown, hints=hints)
-        yield Bent(found, lambda mechanism: replace(mechanism, modal_damping=two))
+        yield Bent(found, lambda mechanism: replace(mechanism, modal_damping=_asked(two)))
+
+
+def _asked(stated: ModalDamping | None) -> ModalDamping | None:
+    """A stated ratio whose time is to be computed for the mechanism that it is put into."""
+    return None if stated is None else replace(stated, seconds=None)
 
 
 def _of_table(ours: str, theirs: str, name: str, one: Sampled, two: Sampled) -> Iterator[Bent]:
@@ -198,7 +218,10 @@ def _at_station(joint: Joint, station: float | None) -> Joint:
 def _with_stations(link: Link, like: Link) -> Link:
     """A link whose bodies stand where those of the other link of the same names do."""
     at = {body.name: body.station for body in like.bodies if body.station is not None}
-    moved = [replace(body, station=at.get(body.name, body.station)) if body.station is not None else body for body in link.bodies]
+    moved = [
+        replace(body, station=at.get(body.name, body.station)) if body.station is not None else body
+        for body in link.bodies
+    ]
     return replace(link, bodies=tuple(moved))  # fmt: skip
 
 

@@ -50,6 +50,7 @@ MJCF = {
     "gravity": '<option gravity="{}"/>',
     "lower limit": '<joint range="{} ..."/>',
     "upper limit": '<joint range="... {}"/>',
+    "effort limit": '<joint actuatorfrcrange="-{0} {0}"/>, or the forcerange of its actuator over its gear',
     "sign of coordinate": '<joint axis="..."/> with the opposite sign, and the range exchanged with it',
 }
 SDF = {
