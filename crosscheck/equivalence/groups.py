@@ -15,6 +15,7 @@ from crosscheck.lifting.rigid import moved
 from flexinv.model.mechanism import Array, Inertia, Placement
 
 BODY = ("mass", "centre of mass", "inertia tensor")
+TURNED = 10.0  # rounding errors of a tensor that is turned and summed over those of a number
 ALL = 3  # differences of one kind and factor from which on they are one
 FIELDS = {
     "mass": "mass",
@@ -76,7 +77,7 @@ def _same(one: Inertia, two: Inertia, size: float, tolerance: float = SAME) -> b
     return (
         abs(one.mass - two.mass) <= tolerance * scale
         and (not scale or float(np.linalg.norm(one.com - two.com)) <= tolerance * size)
-        and float(np.abs(one.tensor - two.tensor).max()) <= 10 * tolerance * largest
+        and float(np.abs(one.tensor - two.tensor).max()) <= TURNED * tolerance * largest
     )
 
 

@@ -57,7 +57,8 @@ class Member:
         """
         record, _, part = name.partition(" ")
         if record == "part":
-            return self._with_part(*part.split(" ", 1), value)
+            own, _, body = part.partition(" ")
+            return self._with_part(own, body, value)
         return replace(self, **{record: replace(getattr(self, record), **{part: value}) if part else value})
 
     def _with_part(self, name: str, part: str, value: Any) -> Member:

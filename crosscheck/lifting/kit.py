@@ -49,7 +49,12 @@ def _mechanism(said: MechanismData) -> Mechanism:
     return Mechanism(
         said.name,
         tuple(
-            Link(link.name, tuple(map(_body, link.bodies)), link.beam and _beam(link.beam), np.array(link.tip))
+            Link(
+                link.name,
+                tuple(map(_body, link.bodies)),
+                None if link.beam is None else _beam(link.beam),
+                np.array(link.tip),
+            )
             for link in said.links
         ),
         tuple(map(_joint, said.joints)),

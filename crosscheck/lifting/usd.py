@@ -164,7 +164,7 @@ class _Stage:
             self.dropped.append(f"joint {name}: {words}")
             return
         closes, ends = bool(joint.GetExcludeFromArticulationAttr().Get()), [first]
-        for kind, axis in steps[:-1]:
+        for _, axis in steps[:-1]:
             between = f"{name} after {axis}"
             self.between.append(between)
             ends.append((between, Placement()))

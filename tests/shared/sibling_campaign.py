@@ -1,4 +1,4 @@
-"""Campaign: files of several formats and origins that should be one robot; equal, or named differences whose repair leaves nothing.
+"""Campaign: files of several formats and origins that should be one robot: equal, or repaired by named differences.
 
 The files of others stay where they are: in installed packages, or in unpacked wheels that are given.  What is not there is said.
 
@@ -26,6 +26,7 @@ GENESIS = "genesis/assets"
 PANDA, PANDA_XML = f"{DATA}/panda_description/urdf/panda.urdf", f"{GENESIS}/xml/franka_emika_panda/panda.xml"
 IIWA_XML = f"{ROBOSUITE}/iiwa/robot.xml"
 BULLET_PANDA, BULLET_IIWA = f"{GENESIS}/urdf/panda_bullet", f"{GENESIS}/urdf/kuka_iiwa"
+ANYMAL = f"{DATA}/anymal_b_simple_description/robots"
 TALOS, UR, DRONES = f"{DATA}/talos_data/robots", f"{DATA}/ur_description/urdf", f"{GENESIS}/urdf/drones"
 
 
@@ -65,7 +66,7 @@ PAIRS = (
     Pair(f"{DATA}/xarm_description/urdf/xarm7.urdf", f"{ROBOSUITE}/xarm7/robot.xml"),
     Pair(f"{DATA}/go2_description/urdf/go2.urdf", f"{GENESIS}/urdf/go2/urdf/go2.urdf"),
     Pair(f"{DATA}/anymal_c_simple_description/urdf/anymal.urdf", f"{GENESIS}/urdf/anymal_c/urdf/anymal_c.urdf"),
-    Pair(f"{DATA}/anymal_b_simple_description/robots/anymal.urdf", f"{DATA}/anymal_b_simple_description/robots/anymal-kinova.urdf"),
+    Pair(f"{ANYMAL}/anymal.urdf", f"{ANYMAL}/anymal-kinova.urdf"),
     Pair(f"{DATA}/tiago_description/robots/tiago_no_hand.urdf", f"{ROBOSUITE}/tiago/robot.xml"),
     Pair(f"{TALOS}/talos_full_v2.urdf", f"{TALOS}/talos_reduced.urdf"),
     Pair(f"{TALOS}/talos_reduced.urdf", f"{TALOS}/talos_reduced_corrected.urdf"),

@@ -14,8 +14,8 @@ import numpy as np
 from crosscheck.equivalence.beams.sections import Beams, Bent
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.judge import Share, share_of
-from flexinv.errors import FlexinvError
 from flexinv.analysis.solve import solve
+from flexinv.errors import FlexinvError
 from flexinv.linearized.damping_ratio import damped
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Array, Joint, Mechanism
@@ -30,13 +30,13 @@ TURN = 0.7  # [rad]
 class Felt:
     """Differences of beams with their effects; the largest difference of a torque before and after all are put right.
 
-    words : why torques could not be computed, "" where they are
+    notes : what has to be said of them: why torques could not be computed, which beams the certificate has
     """
 
     differences: tuple[Difference, ...] = ()
     before: Share = (0.0, 0.0, "")
     after: Share = (0.0, 0.0, "")
-    words: str = ""
+    notes: tuple[str, ...] = ()
 
 
 def felt(beams: Beams) -> Felt:
@@ -55,8 +55,9 @@ def felt(beams: Beams) -> Felt:
         found = [_measured(base, bent, one, whole, wanted) for one in bent]
     except FlexinvError as error:
         words = f"torques of links that bend are not compared: {' '.join(str(error).split())[:300]}"
-        return Felt((*alone, *(one.difference for one in bent)), words=words)
-    return Felt((*alone, *found), share_of(before, wanted, wanted), share_of(whole, wanted, wanted))
+        return Felt((*alone, *(one.difference for one in bent)), notes=(words,))
+    notes = ("the certificate has A's beams on both sides: what beams differ by is in the table",) if found else ()
+    return Felt((*alone, *found), share_of(before, wanted, wanted), share_of(whole, wanted, wanted), notes)
 
 
 def _stated(mechanism: Mechanism) -> Mechanism:

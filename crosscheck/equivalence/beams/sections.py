@@ -207,7 +207,8 @@ def _apart(one: float | None, two: float | None) -> bool:
 
 
 def _moved(cause: str, place: str, one: float | None, two: float | None) -> Difference:
-    assert one is not None and two is not None
+    assert one is not None
+    assert two is not None
     return Difference("beam", cause, place, abs(two - one), "of the length", f"{one:.9g}", f"{two:.9g}")
 
 

@@ -26,7 +26,7 @@ EDITS = {
     "bending": ("flex_two_link", "z = 0.046", "z = 0.05", "bending stiffness EI_z", "link link2", 0.004),
     "axial": ("flex_two_link", "EA_N = 1.452e6", "EA_N = 1.452e3", "axial stiffness EA", "link link1", 1.452e6 - 1.452e3),
     "length": ("flex_two_link", "length_m = 0.2", "length_m = 0.21", "length of beam", "link link1", 0.01),
-    "mass": ("flex_two_link", "mass_per_length_kg_per_m = 0.056", "mass_per_length_kg_per_m = 0.06", "mass per length", "link link1", 0.004),
+    "mass": ("flex_two_link", "kg_per_m = 0.056", "kg_per_m = 0.06", "mass per length", "link link1", 0.004),
     "modulus": (ARM, "E_Pa = 70e9", "E_Pa = 77e9", "stiffness of section", "link forearm", 0.1),
     "density": (ARM, "2700", "2970", "inertia of section", "link forearm", 0.1),
     "where a payload is": (ARM, "station = 1.0", "station = 0.75", "station of body", "body tool (on link forearm)", 0.25),

@@ -122,7 +122,7 @@ def universal(order: list[tuple[str, str]]) -> str:
     start, end = URDF.index('<joint name="swing"'), URDF.index("</joint>") + len("</joint>")
     one, two = (
         f'<joint name="{name}" type="{"revolute" if "rotY" in name else "continuous"}"><axis xyz="{axis}"/>'
-        + f'<limit lower="-1.5707963267948966" upper="0.7853981633974483" effort="0" velocity="0"/>'
+        + '<limit lower="-1.5707963267948966" upper="0.7853981633974483" effort="0" velocity="0"/>'
         for name, axis in order
     )
     first = f'{one}<origin xyz="0.125 0 0.5"/><parent link="base"/><child link="cross"/></joint><link name="cross"/>'
