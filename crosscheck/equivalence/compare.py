@@ -101,7 +101,8 @@ def compared(first: Description, second: Description, tolerance: float, stated: 
     sides = Sides((first, second), (trees.first, trees.second), {s.first: s for s in found.seats})
     return Comparison(
         first=first.label, second=second.label, matched=pairs.words, judged=judged,
-        certificate=lines(trees.first, trees.second, moving), notes=(*_notes(one, two, pairs, found), *beams.meshes(), *bent.notes),
+        certificate=lines(trees.first, trees.second, moving),
+        notes=(*_notes(one, two, pairs, found), *beams.meshes(), *bent.notes),
         dropped=tuple((d.label, d.dropped) for d in (first, second) if d.dropped),
         advice=advice(judged, sides), tolerance=bound, bends=not all(side.is_rigid for side in flexible),
     )  # fmt: skip
