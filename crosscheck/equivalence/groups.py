@@ -17,6 +17,8 @@ from flexinv.model.mechanism import Array, Inertia, Placement
 BODY = ("mass", "centre of mass", "inertia tensor")
 TURNED = 10.0  # rounding errors of a tensor that is turned and summed over those of a number
 ALL = 3  # differences of one kind and factor from which on they are one
+# Numbers of drives that many joints share.
+ALIKE = ("rotor inertia", "damping", "dry friction", "spring stiffness", "gear", "effort limit", "velocity limit")
 FIELDS = {
     "mass": "mass",
     "centre of mass": "com",
@@ -132,7 +134,7 @@ def scaled(first: Tree, found: list[Difference]) -> list[Difference]:
 
 def alike(found: list[Difference]) -> list[Difference]:
     """Return the differences with the same two numbers of drives in several joints as one each [unit of each]."""
-    for cause in ("rotor inertia", "damping", "dry friction", "spring stiffness"):
+    for cause in ALIKE:
         own = [d for d in found if d.cause == cause and d.place.startswith("joint ")]
         for pair in dict.fromkeys((d.first, d.second) for d in own):
             same = [d for d in own if (d.first, d.second) == pair]
