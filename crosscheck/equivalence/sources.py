@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from crosscheck.lifting.usd import lift_usd, reads_usd
 from flexinv.errors import InputError
 from flexinv.files.toml_tables import complaint
 from flexinv.files.urdf_xml import read_xml
+from flexinv.files.values import LONGEST_TEXT
 from flexinv.model.mechanism import WORLD, Mechanism
 
 # Readers of files that this project does not read itself, the first that is installed: by format.
@@ -146,11 +148,23 @@ def kind_of(path: Path) -> str:
             f"{path}\n  given:    a xacro, which is a program that writes a URDF\n  expected: the URDF itself\n"
             f"  write:    xacro {path.name} > {path.name.removesuffix('.xacro').removesuffix('.urdf')}.urdf"
         )
+    _check_words(path, root)
     kind = ROOTS.get(root.tag)
     if kind is None:
         expected = ", ".join(f"<{tag}>" for tag in ROOTS)
         raise InputError(f"{path}\n  given:    <{root.tag[:60]}>\n  expected: {expected}\n  write:    {WRITE}")
     return kind
+
+
+def _check_words(path: Path, root: Element) -> None:
+    """Refuse names and numbers without end: every later message would repeat them."""
+    for part in root.iter():
+        for key, text in (("tag", part.tag), ("text", part.text or ""), *part.attrib.items()):
+            if len(text) > LONGEST_TEXT and len(text[: LONGEST_TEXT + 1].split(maxsplit=1)) == 1 and text.strip():
+                raise InputError(
+                    f"{path}: <{part.tag[:60]}>, {key[:60]}\n  given:    a word of {len(text)} characters, {text[:40]!r}...\n"
+                    f"  expected: names and numbers of at most {LONGEST_TEXT} characters\n  write:    a shorter one"
+                )
 
 
 def _suffix(path: Path, kind: str) -> Iterator[str]:

@@ -96,9 +96,8 @@ def _table(group: Iterable[Difference]) -> Iterator[str]:
     yield "|---|---|---|---|--:|--:|---|"
     for d in group:
         effect = f"{short(d.effect)} ({short(d.share)} times its range)" if d.effect else ""
-        cells = [
-            f"{WORDS[d.family]}: {d.cause}", d.place, d.first, d.second, f"{d.size:.6g} {d.unit}".removesuffix(" -"), effect, "; ".join(d.hints)
-        ]  # fmt: skip
+        size = f"{d.size:.6g} {d.unit}".removesuffix(" -")
+        cells = [f"{WORDS[d.family]}: {d.cause}", d.place, d.first, d.second, size, effect, "; ".join(d.hints)]
         yield "| " + " | ".join(map(cell, cells)) + " |"
 
 
