@@ -168,7 +168,10 @@ def _check_words(path: Path, root: Element) -> None:
 
 
 def _suffix(path: Path, kind: str) -> Iterator[str]:
-    wrong = {".urdf": "urdf", ".sdf": "sdf", ".mjcf": "mjcf"}.get(path.suffix.lower(), kind)
+    suffixes = {".urdf": "urdf", ".sdf": "sdf", ".mjcf": "mjcf"} | dict.fromkeys(
+        (".usd", ".usda", ".usdc", ".usdz"), "usd"
+    )
+    wrong = suffixes.get(path.suffix.lower(), kind)
     if wrong != kind:
         yield f"suffix {path.suffix}: the file is {kind.upper()}, and is read as that"
 

@@ -64,6 +64,11 @@ def lift(source: Any, label: str = "") -> Description:
     path = Path(source)
     root = read_xml(path)
     model, dropped = _read(path)
+    if model.nbody < 2:
+        raise InputError(
+            f"{path}\n  given:    a model without bodies\n  expected: <worldbody> with at least one <body>\n"
+            "  write:    the file that holds the machine, if this one holds a scene or settings only"
+        )
     kind = "urdf" if root.tag == "robot" else "mjcf"
     found = _described(model, label or path.name, kind, dropped)
     printed = printed_of_mjcf(root) if kind == "mjcf" else {}

@@ -37,6 +37,9 @@ FILES = {
     "blanks": ("arm.urdf", "  \n ", "an empty file"),
     "no text": ("arm.urdf", "\x00\x01\x02", "does not parse"),
     "another format": ("arm.urdf", "<COLLADA/>", "<COLLADA>"),
+    "an MJCF without bodies": ("arm.xml", "<mujoco><worldbody><geom size='1'/></worldbody></mujoco>", "a model without bodies"),
+    "an MJCF with NaN": ("arm.xml", MESHED.format(INERTIAL.replace('mass="1"', 'mass="nan"')), "MuJoCo refuses it"),
+    "an MJCF that no body has": ("arm.xml", MESHED.format(INERTIAL.replace("1 1 1", "1 1 9")), "MuJoCo refuses it: inertia"),
     "a table": ("arm.csv", "time,q\n0,1\n", "does not parse"),
     "a JSON that is no kit": ("case.json", "{}", "case kit"),
 }  # fmt: skip
@@ -44,6 +47,8 @@ FILES = {
 
 @pytest.mark.parametrize("kind", FILES)
 def test_a_bad_file_is_one_clear_error(kind: str, tmp_path: Path) -> None:
+    if kind.startswith("an MJCF"):
+        pytest.importorskip("mujoco")
     name, text, words = FILES[kind]
     (tmp_path / name).write_text(text)
     begun = time.perf_counter()
@@ -73,3 +78,10 @@ def test_missing_meshes_matter_where_masses_come_from_them(tmp_path: Path) -> No
     (tmp_path / "shaped.xml").write_text(MESHED.format(""))
     with pytest.raises(InputError, match="put the mesh where the file says"):
         describe(tmp_path / "shaped.xml")
+
+
+def test_a_suffix_of_another_format_is_told(tmp_path: Path) -> None:
+    for suffix in ("usda", "sdf", "mjcf"):
+        file = arm(tmp_path, name=f"arm.{suffix}")
+        assert f"suffix .{suffix}: the file is URDF, and is read as that" in describe(file).dropped
+    assert not any("suffix" in words for words in describe(arm(tmp_path, name="arm.xml")).dropped)
