@@ -78,7 +78,7 @@ def joint_differences(pair: Pair) -> Iterator[Difference]:
     if tilt > SAME:
         digits = pair.digits(one.joint, "axis") + np.sqrt(3) * pair.digits(one.joint, "rotation")
         changes = (pair.change("axis", axis),)
-        shown = _vector(one.axis), _vector(axis)
+        shown = vector_text(one.axis), vector_text(axis)
         yield Difference("rigid", "joint axis", pair.joint, tilt, "rad", *shown, changes, printed=digits)
     if one.kind == "helical" and abs(one.pitch - two.pitch) > SAME * abs(one.pitch):
         yield _scalar(pair, "rigid", "pitch", "pitch", two.pitch, "m")
@@ -99,7 +99,7 @@ def _placement(pair: Pair) -> Iterator[Difference]:
     target = on(one.placement, rest)
     if way > SAME * pair.size:
         changes = (pair.change("placement position", target.position),)
-        shown = _vector(one.placement.position), _vector(target.position)
+        shown = vector_text(one.placement.position), vector_text(target.position)
         hints = factor_hints(float(np.linalg.norm(target.position)), float(np.linalg.norm(one.placement.position)))
         digits = np.sqrt(3) * pair.digits(one.joint, "position")
         yield Difference("rigid", "position of joint", pair.joint, way, "m", *shown, changes, hints, printed=digits)
@@ -117,7 +117,7 @@ def body_differences(pair: Pair) -> Iterator[Difference]:
         yield _scalar(pair, "rigid", "mass", "mass", there.mass, "kg", pair.link)
     gap = float(np.linalg.norm(there.com - one.com))
     if there.mass and (one.mass or one.tensor.any()) and gap > SAME * pair.size:
-        shown = _vector(one.com), _vector(there.com)
+        shown = vector_text(one.com), vector_text(there.com)
         hints = factor_hints(float(np.linalg.norm(there.com)), float(np.linalg.norm(one.com)))
         changes, digits = (pair.change("com", there.com),), np.sqrt(3) * pair.digits(one.name, "com")
         yield Difference("rigid", "centre of mass", pair.link, gap, "m", *shown, changes, hints, printed=digits)
@@ -207,15 +207,17 @@ def _scalar(pair: Pair, family: str, cause: str, name: str, value: float, unit: 
     )  # fmt: skip
 
 
-def _vector(numbers: Array) -> str:
-    return " ".join(f"{x:.9g}" for x in np.where(np.abs(numbers) < NOISE, 0.0, numbers))
+def vector_text(numbers: Array) -> str:
+    """Return numbers as text [any unit]; what is rounding beside the largest of them is zero."""
+    small = max(NOISE, SAME * float(np.abs(numbers).max(initial=0.0)))
+    return " ".join(f"{x:.9g}" for x in np.where(np.abs(numbers) < small, 0.0, numbers))
 
 
 def _rpy(rotation: Array) -> str:
     from crosscheck.engines.shared.urdf_text import roll_pitch_yaw
 
-    return _vector(np.array(roll_pitch_yaw(rotation))) + " rpy"
+    return vector_text(np.array(roll_pitch_yaw(rotation))) + " rpy"
 
 
 def _tensor(tensor: Array) -> str:
-    return _vector(tensor[np.triu_indices(3)])
+    return vector_text(tensor[np.triu_indices(3)])

@@ -72,11 +72,22 @@ def describe_pair(a: Any, b: Any) -> tuple[Description, Description]:
         second = _freed(second, b) if not second.root_stated and _floats(first) else second
     first, second = _pulled(first, second), _pulled(second, first)
     if first.label == second.label:
-        labels = [str(source) if isinstance(source, str | Path) else d.label for source, d in ((a, first), (b, second))]
+        names = [str(source) if isinstance(source, str | Path) else d.label for source, d in ((a, first), (b, second))]
+        labels = list(_apart(*names))
         if labels[0] == labels[1]:
             labels = [f"{labels[0]} (A)", f"{labels[1]} (B)"]
         first, second = replace(first, label=labels[0]), replace(second, label=labels[1])
     return first, second
+
+
+def _apart(one: str, two: str) -> tuple[str, str]:
+    """The ends of two paths from the folder on in which they differ."""
+    parts = [Path(name).parts for name in (one, two)]
+    for count in range(2, max(map(len, parts))):
+        short = [str(Path(*own[-count:])) for own in parts]
+        if short[0] != short[1]:
+            return short[0], short[1]
+    return one, two
 
 
 def _floats(description: Description) -> bool:

@@ -13,11 +13,11 @@ import numpy as np
 from crosscheck.equivalence.align import SAME, Aligned
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.judge import Judged
+from crosscheck.equivalence.members import vector_text
 from crosscheck.equivalence.tree import Member, Tree, sum_of
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.rigid import inverse, moved
 from crosscheck.linting.bodies import Stated, body_findings
-from flexinv.model.mechanism import Array
 
 INERTIAS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 URDF = {
@@ -113,7 +113,6 @@ CHECKS = {
     "centre of mass": {"com", "left and right"},
     "inertia tensor": {"tensor", "default tensor", "mass without tensor", "tensor without mass", "left and right"},
 }
-NOISE = 1e-12  # [m], [-], [kg m^2]: rounding of frames that are turned there and back
 FRAMED = ("position of joint", "orientation of joint")  # of joints: they depend on the frames of two links
 
 
@@ -191,8 +190,9 @@ def _odd(description: Description) -> dict[str, list[tuple[str, str]]]:
 
 
 def _doubt(cause: str, odd: Mapping[str, list[tuple[str, str]]], member: Member) -> str:
-    words = [text for check, text in odd.get(member.name, ()) if check in CHECKS.get(cause, ())]
-    return f"{member.name}, {words[0]}" if words else ""
+    names = [member.name, *(name for name, _ in member.parts if name != member.name)]
+    words = [f"{n}, {text}" for n in names for check, text in odd.get(n, ()) if check in CHECKS.get(cause, ())]
+    return words[0] if words else ""
 
 
 def _of_many(difference: Difference, sides: Sides) -> Iterator[str]:
@@ -258,18 +258,14 @@ def _values(difference: Difference, both: tuple[Member, Member, Aligned]) -> tup
     cause, back = difference.cause, inverse(seat.frame)
     there = moved(back, one.inertia)
     if cause == "centre of mass":
-        return difference.second, _text(there.com)
+        return difference.second, vector_text(there.com)
     if cause == "inertia tensor":
-        return difference.second, _text(there.tensor[np.triu_indices(3)])
+        return difference.second, vector_text(there.tensor[np.triu_indices(3)])
     if cause == "joint axis":
-        return difference.second, _text(seat.sign * back.rotation @ one.axis)
+        return difference.second, vector_text(seat.sign * back.rotation @ one.axis)
     if cause in ("lower limit", "upper limit") and difference.first != "none":
         return difference.second, f"{seat.sign * (float(difference.first) - seat.offset):.9g}"
     return difference.second, difference.first
-
-
-def _text(numbers: Array) -> str:
-    return " ".join(f"{x:.9g}" for x in np.where(np.abs(numbers) < NOISE, 0.0, numbers))
 
 
 def written(kind: str, cause: str, value: str) -> str:
