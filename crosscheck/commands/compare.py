@@ -123,8 +123,8 @@ def _show(console: Console, found: Comparison, out: Path | None) -> None:
 
 def _table(title: str, group: tuple[Difference, ...]) -> Table:
     table = Table(title=title, title_justify="left")
-    for name in ("what", "where", "A", "B", "size", "effect / range", "looks like"):
-        table.add_column(name, justify="right" if name in ("size", "effect / range") else "left", overflow="fold")
+    for name in ("what", "where", "A", "B", "size", "times its range", "looks like"):
+        table.add_column(name, justify="right" if name in ("size", "times its range") else "left", overflow="fold")
     for d in group:
         size = "" if d.unit == "-" else f"{d.size:.4g} {d.unit}"
         cells = (

@@ -38,32 +38,33 @@ class Aligned:
     offset: float = 0.0
 
 
-def aligned(first: Tree, second: Tree, pairs: list[tuple[int, int]], size: float) -> list[Aligned]:
-    """Return the alignment of every pair of members, parents first; size : of the machines [m]."""
+def aligned(first: Tree, second: Tree, pairs: list[tuple[int, int]], size: float, zeros: bool = True) -> list[Aligned]:
+    """Return the alignment of every pair of members, parents first; size : of the machines [m]; zeros : they may be turned."""
     found: dict[int, Aligned] = {}
     partner = dict(pairs)
     for a, b in pairs:
         carrier = first.members[a].parent
         before = found[carrier].frame if carrier >= 0 else Placement()
-        found[a] = Pairing(first, second, partner, size).align(a, b, before)
+        found[a] = Pairing(first, second, partner, size, zeros).align(a, b, before)
     return list(found.values())
 
 
 @dataclass(frozen=True)
 class Pairing:
-    """Two trees whose members are matched: partner by number in the first."""
+    """Two trees whose members are matched: partner by number in the first; zeros : poses with turned zeros are tried."""
 
     first: Tree
     second: Tree
     partner: dict[int, int]
     size: float
+    zeros: bool = True
 
     def align(self, a: int, b: int, before: Placement) -> Aligned:
         """Return the alignment of one pair [m]; before : of the members that carry them."""
         one, two = self.first.members[a], self.second.members[b]
         standing = on(before, two.placement)  # B's joint frame in the frame of A's carrier
         still = between(one.placement, standing)
-        choices = [still, Placement(), *self._turned_zeros(a, b, still)]
+        choices = [still, Placement(), *(self._turned_zeros(a, b, still) if self.zeros else ())]
         best = max(choices, key=lambda frame: self._seen(a, b, self._on_axis(one, two, frame)))
         frame = self._on_axis(one, two, best)
         shift = on(between(one.placement, standing), inverse(frame))
@@ -165,8 +166,9 @@ def _coordinate(
     axis = sign * axis
     if one.kind == "prismatic":
         offset = float(axis @ shift.rotation.T @ shift.position)
-        return sign, offset, on(shift, Placement(-offset * axis))
-    offset = angle_about(shift.rotation, axis)
-    rest = on(shift, Placement(rotation=turned(axis, -offset)))
+        rest = on(shift, Placement(-offset * axis))
+    else:
+        offset = angle_about(shift.rotation, axis)
+        rest = on(shift, Placement(rotation=turned(axis, -offset)))
     far = angle(rest.rotation) > ROUGH or np.linalg.norm(rest.position) > ROUGH * size
     return (sign, 0.0, shift) if far or one.kind == "helical" else (sign, offset, rest)

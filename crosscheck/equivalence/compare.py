@@ -10,12 +10,15 @@ from typing import Any
 import numpy as np
 
 from crosscheck.equivalence.align import SAME, Aligned, aligned
+from crosscheck.equivalence.beams.bending import Felt, felt
+from crosscheck.equivalence.beams.held import held
+from crosscheck.equivalence.beams.sections import Beams
 from crosscheck.equivalence.certificates import lines
 from crosscheck.equivalence.couplings import coupling_differences
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.efforts import efforts, mapped, mapped_back, states_of
-from crosscheck.equivalence.groups import BODY, alike, exchanged, missing_links, scaled
-from crosscheck.equivalence.judge import Bench, judge, rounded
+from crosscheck.equivalence.groups import BODY, alike, exchanged, missing_links, one_body, scaled
+from crosscheck.equivalence.judge import Bench, Judged, judge, rounded
 from crosscheck.equivalence.loops import loop_differences
 from crosscheck.equivalence.match import Match, match
 from crosscheck.equivalence.members import Pair, body_differences, drive_differences, joint_differences
@@ -71,12 +74,18 @@ class Found:
 
 def compared(first: Description, second: Description, tolerance: float, stated: Mapping[str, str]) -> Comparison:
     """Return the comparison of two descriptions; tolerance : relative to the range of an effort [-]."""
-    one, two = (_tree(description) for description in (first, second))
+    flexible = first.mechanism, second.mechanism
+    first, second = (replace(side, mechanism=held(side.mechanism)) for side in (first, second))
+    one, two = (tree_of(side.mechanism, side.gears) for side in (first, second))
     pairs = match(one, two, stated)
+    beams = _beams(flexible, pairs)
+    if any(True for _ in beams.both):
+        second = replace(second, mechanism=held(beams.base()))
+        two = tree_of(second.mechanism, second.gears)
+    bent = felt(beams)
     size = max(_size(one), _size(two))
     printed = _printed(first, second, pairs)
-    kept, whole = (_found(one, two, dict(pairs.pairs), links, size, printed) for links in (True, False))
-    found = kept if _count(kept) <= _count(whole) else whole
+    found = _least(one, two, dict(pairs.pairs), size, printed)
     trees, seats = found.trees, {found.trees.first.members[s.first].joint: s for s in found.seats}
     moving = {joint: seats[joint] for joint in trees.first.moving if trees.first.moving[joint] in dict(trees.pairs)}
     every = [*found.differences, *coupling_differences(one, two, pairs.pairs, moving)]
@@ -88,22 +97,32 @@ def compared(first: Description, second: Description, tolerance: float, stated: 
         theirs = efforts(_cut(second.mechanism), mapped(states, trees.first, moving), names)
         wanted = mapped_back(theirs, trees.first, moving)
     bound = max(tolerance, SINGLE * max(first.precision, second.precision))
-    judged = judge(Bench(trees.first, states, wanted), every, bound)
+    judged = _with_beams(judge(Bench(trees.first, states, wanted), [*every, *bent.differences], bound), bent)
     sides = Sides((first, second), (trees.first, trees.second), {s.first: s for s in found.seats})
     return Comparison(
         first=first.label, second=second.label, matched=pairs.words, judged=judged,
-        certificate=lines(trees.first, trees.second, moving), notes=tuple(_notes(one, two, pairs, found)),
+        certificate=lines(trees.first, trees.second, moving),
+        notes=(*_notes(one, two, pairs, found), *beams.meshes(), *bent.notes),
         dropped=tuple((d.label, d.dropped) for d in (first, second) if d.dropped),
-        advice=advice(judged, sides), tolerance=bound,
+        advice=advice(judged, sides), tolerance=bound, bends=not all(side.is_rigid for side in flexible),
     )  # fmt: skip
 
 
-def _tree(description: Description) -> Tree:
-    mechanism = description.mechanism
-    if not mechanism.is_rigid:
-        beams = ", ".join(link.name for link in mechanism.beams)
-        raise InputError(f"{description.label}: links that bend are not compared yet: {beams}")
-    return tree_of(mechanism, description.gears)
+def _beams(mechanisms: tuple[Mechanism, Mechanism], pairs: Match) -> Beams:
+    """The beams of both, by links whose joints are matched."""
+    first, second = mechanisms
+    joints = {a: b for a, b in pairs.pairs.items() if a in first.joint_of and b in second.joint_of}
+    fixed = {j.child for m in mechanisms for j in m.joints if j.kind == "fixed"}
+    links = {first.joint_of[a].child: second.joint_of[b].child for a, b in joints.items()}
+    links |= {name: name for name in fixed if name in first.link_of and name in second.link_of and name not in links}
+    return Beams(first, second, links, joints)
+
+
+def _with_beams(judged: Judged, bent: Felt) -> Judged:
+    """The judgement with the torques of links that bend, where those differ more."""
+    worst = max((judged.before, judged.before_effort, judged.worst_joint), bent.before)
+    after = max(judged.after, bent.after[0])
+    return replace(judged, before=worst[0], before_effort=worst[1], worst_joint=worst[2], after=after)
 
 
 def _cut(mechanism: Mechanism) -> Mechanism:
@@ -115,6 +134,18 @@ def _size(tree: Tree) -> float:
     return float(np.ptp(places, axis=0).max()) or 1.0
 
 
+def _least(
+    one: Tree, two: Tree, joints: dict[str, str], size: float, printed: Mapping[tuple[str, str], float]
+) -> Found:
+    """The explanation with the fewest differences: fixed links kept or merged, zeros of joints turned or where they were."""
+    kept, whole = (_found(one, two, joints, (links, True), size, printed) for links in (True, False))
+    best = kept if _count(kept) <= _count(whole) else whole
+    if _count(best) > 1:
+        plain = _found(one, two, joints, (best is kept, False), size, printed)
+        best = plain if _count(plain) < _count(best) else best
+    return best
+
+
 def _count(found: Found) -> int:
     """Differences that are no rounding, beside those of links welded to the world, which merging loses."""
     held = {f"link {m.name}" for m in found.trees.first.members if m.kind == "fixed" and m.parent < 0}
@@ -124,16 +155,17 @@ def _count(found: Found) -> int:
 
 
 def _found(
-    one: Tree, two: Tree, joints: dict[str, str], links: bool, size: float, printed: Mapping[tuple[str, str], float]
-) -> Found:
-    trees = reduced(one, two, joints, links)
-    seats = aligned(trees.first, trees.second, trees.pairs, size)
+    one: Tree, two: Tree, joints: dict[str, str], links_zeros: tuple[bool, bool], size: float,
+    printed: Mapping[tuple[str, str], float],
+) -> Found:  # fmt: skip
+    trees = reduced(one, two, joints, links_zeros[0])
+    seats = aligned(trees.first, trees.second, trees.pairs, size, links_zeros[1])
     pairs = [Pair(trees.first.members[s.first], trees.second.members[s.second], s, size, printed) for s in seats]
     found: list[Difference] = []
     for pair in pairs:
         own = [*body_differences(pair)]
         lost = missing_links(pair) if any(d.cause in BODY for d in own) else None
-        found += [*joint_differences(pair), *([lost] if lost else own), *drive_differences(pair)]
+        found += [*joint_differences(pair), *([lost] if lost else one_body(pair) or own), *drive_differences(pair)]
     found = exchanged(trees.first, trees.second, pairs, found)
     found = [*trees.found, *_gravity(trees), *alike(scaled(trees.first, found))]
     return Found(trees, seats, found)

@@ -62,4 +62,5 @@ def _mapped(law: Law, back: Mapping[str, str], seats: Mapping[str, Aligned]) -> 
 
 
 def _words(law: Law) -> str:
-    return " + ".join(f"{factor:.6g} {name}" for name, factor in sorted(law[0].items())) + f" = {law[1]:.6g}"
+    parts = [f"{'-' if factor < 0 else '+'} {abs(factor):.6g} {name}" for name, factor in sorted(law[0].items())]
+    return f"{' '.join(parts).removeprefix('+ ')} = {law[1] + 0.0:.6g}"

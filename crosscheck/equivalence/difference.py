@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-# What is judged apart: rigid bodies and how they hang together, what drives add, how coordinates count, and limits.
-FAMILIES = ("rigid", "drive", "convention", "limits")
+# What is judged apart: rigid bodies and how they hang together, links that bend, what drives add, how coordinates count, limits.
+FAMILIES = ("rigid", "beam", "drive", "convention", "limits")
 Change = tuple[int, str, Any]
 
 

@@ -7,15 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from crosscheck.equivalence.align import SAME
+from crosscheck.equivalence.align import SAME, SEEN
 from crosscheck.equivalence.difference import Difference
-from crosscheck.equivalence.members import Pair
+from crosscheck.equivalence.members import Pair, body_differences
 from crosscheck.equivalence.tree import Member, Tree, sum_of
 from crosscheck.lifting.rigid import moved
-from flexinv.model.mechanism import Array, Inertia
+from flexinv.model.mechanism import Array, Inertia, Placement
 
 BODY = ("mass", "centre of mass", "inertia tensor")
+TURNED = 10.0  # rounding errors of a tensor that is turned and summed over those of a number
 ALL = 3  # differences of one kind and factor from which on they are one
+# Numbers of drives that many joints share.
+ALIKE = ("rotor inertia", "damping", "dry friction", "spring stiffness", "gear", "effort limit", "velocity limit")
 FIELDS = {
     "mass": "mass",
     "centre of mass": "com",
@@ -38,6 +41,28 @@ def missing_links(pair: Pair) -> Difference | None:
     return None
 
 
+def one_body(pair: Pair) -> list[Difference]:
+    """Return the differences of one body of several that make up a member, where that body is all that differs."""
+    ours, theirs = dict(pair.one.parts), {n: moved(pair.seat.frame, body) for n, body in pair.two.parts}
+    if len(ours) < max(2, len(pair.one.parts)) or list(ours) != list(theirs):
+        return []
+    found = {name: list(_of_part(pair, name, ours[name], theirs[name])) for name in ours}
+    other = [own for own in found.values() if own]
+    return other[0] if len(other) == 1 else []
+
+
+def _of_part(pair: Pair, name: str, one: Inertia, two: Inertia) -> Iterator[Difference]:
+    """Yield the differences of one body of a member, each with a change of that body."""
+    seat = replace(pair.seat, frame=Placement())
+    for d in body_differences(replace(pair, one=_of_body(pair, name, one), two=_of_body(pair, name, two), seat=seat)):
+        changes = tuple((index, f"part {field_name} {name}", value) for index, field_name, value in d.changes)
+        yield replace(d, place=f"body {name} (on link {pair.one.name})", changes=changes)
+
+
+def _of_body(pair: Pair, name: str, body: Inertia) -> Member:
+    return replace(pair.one, name=name, mass=body.mass, com=body.com, tensor=body.tensor, parts=((name, body),))
+
+
 def _alone(mine: dict[str, Inertia], others: dict[str, Inertia]) -> Iterator[tuple[str, ...]]:
     """Candidates: all links with a mass that the other has not, then each alone."""
     empty = [name for name, body in others.items() if not body.mass and not body.tensor.any()]
@@ -48,13 +73,13 @@ def _alone(mine: dict[str, Inertia], others: dict[str, Inertia]) -> Iterator[tup
             yield from ((name,) for name in lost)
 
 
-def _same(one: Inertia, two: Inertia, size: float) -> bool:
+def _same(one: Inertia, two: Inertia, size: float, tolerance: float = SAME) -> bool:
     scale = max(one.mass, two.mass)
     largest = max(float(np.abs(one.tensor).max()), float(np.abs(two.tensor).max()))
     return (
-        abs(one.mass - two.mass) <= SAME * scale
-        and (not scale or float(np.linalg.norm(one.com - two.com)) <= SAME * size)
-        and float(np.abs(one.tensor - two.tensor).max()) <= 10 * SAME * largest
+        abs(one.mass - two.mass) <= tolerance * scale
+        and (not scale or float(np.linalg.norm(one.com - two.com)) <= tolerance * size)
+        and float(np.abs(one.tensor - two.tensor).max()) <= TURNED * tolerance * largest
     )
 
 
@@ -85,11 +110,13 @@ def exchanged(first: Tree, second: Tree, pairs: Iterable[Pair], found: list[Diff
 
 
 def _crossed(one: Pair, two: Pair) -> bool:
-    return _equal(one.one, two.two, one.size) and _equal(two.one, one.two, one.size)
+    """Return True if each has the other's body, and not its own to rounding: two alike are not exchanged."""
+    alike = _equal(one.one, one.two, one.size, SEEN) and _equal(two.one, two.two, one.size, SEEN)
+    return _equal(one.one, two.two, one.size) and _equal(two.one, one.two, one.size) and not alike
 
 
-def _equal(one: Member, two: Member, size: float) -> bool:
-    return bool(one.mass) and _same(one.inertia, two.inertia, size)
+def _equal(one: Member, two: Member, size: float, tolerance: float = SAME) -> bool:
+    return bool(one.mass) and _same(one.inertia, two.inertia, size, tolerance)
 
 
 def scaled(first: Tree, found: list[Difference]) -> list[Difference]:
@@ -107,7 +134,7 @@ def scaled(first: Tree, found: list[Difference]) -> list[Difference]:
 
 def alike(found: list[Difference]) -> list[Difference]:
     """Return the differences with the same two numbers of drives in several joints as one each [unit of each]."""
-    for cause in ("rotor inertia", "damping", "dry friction", "spring stiffness"):
+    for cause in ALIKE:
         own = [d for d in found if d.cause == cause and d.place.startswith("joint ")]
         for pair in dict.fromkeys((d.first, d.second) for d in own):
             same = [d for d in own if (d.first, d.second) == pair]

@@ -19,6 +19,7 @@ from flexinv.model.mechanism import Array
 # A coordinate whose efforts are that small beside the largest of all is judged against those: rounding sums over the whole tree.
 FLOOR = 1e-6
 KINEMATIC = ("position of joint", "orientation of joint", "joint axis", "pitch", "kind of joint")
+Share = tuple[float, float, str]
 ROUNDED = 1e-3  # relative: a number is not a rounded other one where it is farther off
 
 
@@ -49,26 +50,30 @@ class Bench:
     states: States
     wanted: Mapping[str, Array]
 
-    @property
-    def ranges(self) -> dict[str, Array]:
-        """Return the size of each effort (nv,) [N m], [N], that of the smallest ones FLOOR times the largest."""
-        sizes = {name: np.abs(rows).max(axis=0) for name, rows in self.wanted.items()}
-        largest = max((float(size.max(initial=0.0)) for size in sizes.values()), default=0.0) or 1.0
-        return {name: np.maximum(size, FLOOR * largest) for name, size in sizes.items()}
-
     def efforts(self, differences: Iterable[Difference]) -> dict[str, Array]:
         """Return the efforts of A with the changes of differences [N m], [N]."""
         return of_tree(self.tree.changed(c for d in differences for c in d.changes), self.states)
 
-    def share(self, found: Mapping[str, Array], wanted: Mapping[str, Array]) -> tuple[float, float, str]:
-        """Return the largest difference over the range of its effort [-], the difference there [N m], [N], and its joint."""
-        worst = (0.0, 0.0, "")
-        for name, size in self.ranges.items():
-            gap = np.abs(found[name] - wanted[name]).max(axis=0, initial=0.0)
-            k = int(np.argmax(gap / size)) if gap.size else 0
-            if gap.size and gap[k] / size[k] > worst[0]:
-                worst = (float(gap[k] / size[k]), float(gap[k]), name)
-        return worst
+    def share(self, found: Mapping[str, Array], wanted: Mapping[str, Array]) -> Share:
+        """Return the largest difference over the range of B's effort [-], the difference there [N m], [N], and its joint."""
+        return share_of(found, wanted, self.wanted)
+
+
+def share_of(found: Mapping[str, Array], wanted: Mapping[str, Array], scale: Mapping[str, Array]) -> Share:
+    """Return the largest difference over the range of its effort [-], the difference there [N m], [N], and its joint.
+
+    scale : efforts by joint (samples, nv) whose sizes are the ranges [N m], [N]; of the smallest ones FLOOR times the largest
+    """
+    sizes = {name: np.abs(rows).max(axis=0) for name, rows in scale.items()}
+    largest = max((float(size.max(initial=0.0)) for size in sizes.values()), default=0.0) or 1.0
+    worst = (0.0, 0.0, "")
+    for name, own in sizes.items():
+        size = np.maximum(own, FLOOR * largest)
+        gap = np.abs(found[name] - wanted[name]).max(axis=0, initial=0.0)
+        k = int(np.argmax(gap / size)) if gap.size else 0
+        if gap.size and gap[k] / size[k] > worst[0]:
+            worst = (float(gap[k] / size[k]), float(gap[k]), name)
+    return worst
 
 
 def judge(bench: Bench, found: Iterable[Difference], tolerance: float) -> Judged:
@@ -89,6 +94,9 @@ def judge(bench: Bench, found: Iterable[Difference], tolerance: float) -> Judged
     rest, unseen = _minimal(bench, silent + rounding + placed, [d for d in rest if d not in placed], whole, tolerance)
     rest = [*placed, *rest]
     small = bench.efforts([*silent, *rest, *unseen]) if rounding else whole
+    bent = [d for d in found if d.family == "beam"]  # measured already, with torques of their own
+    stated += [d for d in bent if d.share is None or d.share > tolerance]
+    unseen += [d for d in bent if d.share is not None and d.share <= tolerance]
     conventions = [d for d in found if d.family == "convention"]
     limits = [d for d in found if d.family == "limits"]
     causes = sorted([*stated, *rest], key=lambda d: (d.family != "rigid", not d.structural, -(d.share or 0.0)))

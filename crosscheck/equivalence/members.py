@@ -76,9 +76,9 @@ def joint_differences(pair: Pair) -> Iterator[Difference]:
     axis = seat.frame.rotation @ two.axis * seat.sign
     tilt = float(np.arctan2(np.linalg.norm(np.cross(one.axis, axis)), one.axis @ axis))
     if tilt > SAME:
-        digits = pair.digits(one.joint, "axis")
+        digits = pair.digits(one.joint, "axis") + np.sqrt(3) * pair.digits(one.joint, "rotation")
         changes = (pair.change("axis", axis),)
-        shown = _vector(one.axis), _vector(axis)
+        shown = vector_text(one.axis), vector_text(axis)
         yield Difference("rigid", "joint axis", pair.joint, tilt, "rad", *shown, changes, printed=digits)
     if one.kind == "helical" and abs(one.pitch - two.pitch) > SAME * abs(one.pitch):
         yield _scalar(pair, "rigid", "pitch", "pitch", two.pitch, "m")
@@ -99,7 +99,7 @@ def _placement(pair: Pair) -> Iterator[Difference]:
     target = on(one.placement, rest)
     if way > SAME * pair.size:
         changes = (pair.change("placement position", target.position),)
-        shown = _vector(one.placement.position), _vector(target.position)
+        shown = vector_text(one.placement.position), vector_text(target.position)
         hints = factor_hints(float(np.linalg.norm(target.position)), float(np.linalg.norm(one.placement.position)))
         digits = np.sqrt(3) * pair.digits(one.joint, "position")
         yield Difference("rigid", "position of joint", pair.joint, way, "m", *shown, changes, hints, printed=digits)
@@ -117,7 +117,7 @@ def body_differences(pair: Pair) -> Iterator[Difference]:
         yield _scalar(pair, "rigid", "mass", "mass", there.mass, "kg", pair.link)
     gap = float(np.linalg.norm(there.com - one.com))
     if there.mass and (one.mass or one.tensor.any()) and gap > SAME * pair.size:
-        shown = _vector(one.com), _vector(there.com)
+        shown = vector_text(one.com), vector_text(there.com)
         hints = factor_hints(float(np.linalg.norm(there.com)), float(np.linalg.norm(one.com)))
         changes, digits = (pair.change("com", there.com),), np.sqrt(3) * pair.digits(one.name, "com")
         yield Difference("rigid", "centre of mass", pair.link, gap, "m", *shown, changes, hints, printed=digits)
@@ -154,11 +154,11 @@ def drive_differences(pair: Pair) -> Iterator[Difference]:
 def _limits(pair: Pair) -> Iterator[Difference]:
     """Limits, B's in A's coordinate; one that a file does not state is none."""
     ours, theirs = pair.one.limits, _mapped(pair.two.limits, pair.seat)
-    if (pair.seat.sign < 0 or pair.seat.offset) and _close(ours, pair.two.limits):
-        return  # the coordinate counts otherwise and its limits were left: one thing, which the convention says
+    # Where the coordinate counts otherwise and its range was left, that is one thing, which the convention says.
+    left = (pair.seat.sign < 0 or pair.seat.offset) and _close(ours, pair.two.limits)
     unit = "m" if pair.one.kind == "prismatic" else "rad"
     units = dict(zip(BOUNDS, (unit, unit, "N" if unit == "m" else "N m", f"{unit}/s"), strict=True))
-    for name in BOUNDS:
+    for name in BOUNDS[2:] if left else BOUNDS:
         a, b = _binding(getattr(ours, name)), _binding(getattr(theirs, name))
         if name in BOUNDS[:2] and np.isfinite(a) != np.isfinite(b):
             values = ("none", f"{b:.9g}") if np.isfinite(b) else (f"{a:.9g}", "none")
@@ -207,15 +207,17 @@ def _scalar(pair: Pair, family: str, cause: str, name: str, value: float, unit: 
     )  # fmt: skip
 
 
-def _vector(numbers: Array) -> str:
-    return " ".join(f"{x:.9g}" for x in np.where(np.abs(numbers) < NOISE, 0.0, numbers))
+def vector_text(numbers: Array) -> str:
+    """Return numbers as text [any unit]; what is rounding beside the largest of them is zero."""
+    small = max(NOISE, SAME * float(np.abs(numbers).max(initial=0.0)))
+    return " ".join(f"{x:.9g}" for x in np.where(np.abs(numbers) < small, 0.0, numbers))
 
 
 def _rpy(rotation: Array) -> str:
     from crosscheck.engines.shared.urdf_text import roll_pitch_yaw
 
-    return _vector(np.array(roll_pitch_yaw(rotation))) + " rpy"
+    return vector_text(np.array(roll_pitch_yaw(rotation))) + " rpy"
 
 
 def _tensor(tensor: Array) -> str:
-    return _vector(tensor[np.triu_indices(3)])
+    return vector_text(tensor[np.triu_indices(3)])

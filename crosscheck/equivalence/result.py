@@ -5,15 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from crosscheck.equivalence.difference import Difference
+from crosscheck.equivalence.difference import FAMILIES, Difference
 from crosscheck.equivalence.judge import Judged
 from crosscheck.measures.certificate import Check
 
 if TYPE_CHECKING:
     import pandas as pd
 
-JUDGED = ("rigid", "drive", "convention", "limits")
-WORDS = {"rigid": "rigid bodies", "drive": "drive data", "convention": "conventions", "limits": "limits"}
+JUDGED = FAMILIES
+WORDS = {
+    "rigid": "rigid bodies",
+    "beam": "links that bend",
+    "drive": "drive data",
+    "convention": "conventions",
+    "limits": "limits",
+}
 REPAIRED = 1e-9  # of range: what a repair may leave
 
 
@@ -24,7 +30,7 @@ class Comparison:
     first, second : what they are called; matched : how joints were matched, in words
     judged : the differences, sorted; certificate : line by line, B against A; notes : conventions that change no coordinate,
     and what was dropped when the files were lifted, by side
-    tolerance : relative to the range of an effort [-]; families : of differences that count
+    tolerance : relative to the range of an effort [-]; families : of differences that count; bends : one of them has beams
     """
 
     first: str
@@ -39,6 +45,7 @@ class Comparison:
     families: tuple[str, ...] = JUDGED
     strict: bool = False
     elapsed: float = 0.0
+    bends: bool = False
 
     @property
     def differences(self) -> tuple[Difference, ...]:
@@ -58,6 +65,11 @@ class Comparison:
         """Return True if efforts differ by more than the tolerance although every named difference is put right."""
         return self.judged.after > self.tolerance
 
+    @property
+    def told(self) -> tuple[str, ...]:
+        """Return the families of which there is something to tell: links that bend only where there are any."""
+        return tuple(family for family in JUDGED if family != "beam" or self.bends)
+
     def verdict(self, family: str) -> str:
         """Return "equal" or "different" for one family of differences."""
         every = [*self.judged.causes, *self.judged.conventions, *self.judged.limits]
@@ -66,7 +78,7 @@ class Comparison:
     @property
     def sentence(self) -> str:
         """Return the result in a sentence."""
-        parts = [f"{WORDS[family]} {self.verdict(family)}" for family in JUDGED]
+        parts = [f"{WORDS[family]} {self.verdict(family)}" for family in self.told]
         head = "The same machine" if self.equal else "Different"
         if self.unexplained:
             parts.append(f"{self.judged.after:.2g} of the range of an effort is not explained")
@@ -96,7 +108,7 @@ class Comparison:
         groups = ("causes", "conventions", "limits", "rounding", "unseen")
         return {
             "format": "crosscheck-compare/1", "a": self.first, "b": self.second, "equal": self.equal, "tolerance": self.tolerance,
-            "verdicts": {family: self.verdict(family) for family in JUDGED}, "matched": self.matched,
+            "verdicts": {family: self.verdict(family) for family in self.told}, "matched": self.matched,
             "effort_before": self.judged.before, "effort_after": self.judged.after,
             "rounding_effort": self.judged.rounding_effort,
             **{name: [d.plain for d in getattr(self.judged, name)] for name in groups},

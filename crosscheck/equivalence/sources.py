@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from crosscheck.lifting.usd import lift_usd, reads_usd
 from flexinv.errors import InputError
 from flexinv.files.toml_tables import complaint
 from flexinv.files.urdf_xml import read_xml
+from flexinv.files.values import LONGEST_TEXT
 from flexinv.model.mechanism import WORLD, Mechanism
 
 # Readers of files that this project does not read itself, the first that is installed: by format.
@@ -70,11 +72,22 @@ def describe_pair(a: Any, b: Any) -> tuple[Description, Description]:
         second = _freed(second, b) if not second.root_stated and _floats(first) else second
     first, second = _pulled(first, second), _pulled(second, first)
     if first.label == second.label:
-        labels = [str(source) if isinstance(source, str | Path) else d.label for source, d in ((a, first), (b, second))]
+        names = [str(source) if isinstance(source, str | Path) else d.label for source, d in ((a, first), (b, second))]
+        labels = list(_apart(*names))
         if labels[0] == labels[1]:
             labels = [f"{labels[0]} (A)", f"{labels[1]} (B)"]
         first, second = replace(first, label=labels[0]), replace(second, label=labels[1])
     return first, second
+
+
+def _apart(one: str, two: str) -> tuple[str, str]:
+    """The ends of two paths from the folder on in which they differ."""
+    parts = [Path(name).parts for name in (one, two)]
+    for count in range(2, max(map(len, parts))):
+        short = [str(Path(*own[-count:])) for own in parts]
+        if short[0] != short[1]:
+            return short[0], short[1]
+    return one, two
 
 
 def _floats(description: Description) -> bool:
@@ -146,6 +159,7 @@ def kind_of(path: Path) -> str:
             f"{path}\n  given:    a xacro, which is a program that writes a URDF\n  expected: the URDF itself\n"
             f"  write:    xacro {path.name} > {path.name.removesuffix('.xacro').removesuffix('.urdf')}.urdf"
         )
+    _check_words(path, root)
     kind = ROOTS.get(root.tag)
     if kind is None:
         expected = ", ".join(f"<{tag}>" for tag in ROOTS)
@@ -153,8 +167,22 @@ def kind_of(path: Path) -> str:
     return kind
 
 
+def _check_words(path: Path, root: Element) -> None:
+    """Refuse names and numbers without end: every later message would repeat them."""
+    for part in root.iter():
+        for key, text in (("tag", part.tag), ("text", part.text or ""), *part.attrib.items()):
+            if len(text) > LONGEST_TEXT and len(text[: LONGEST_TEXT + 1].split(maxsplit=1)) == 1 and text.strip():
+                raise InputError(
+                    f"{path}: <{part.tag[:60]}>, {key[:60]}\n  given:    a word of {len(text)} characters, {text[:40]!r}...\n"
+                    f"  expected: names and numbers of at most {LONGEST_TEXT} characters\n  write:    a shorter one"
+                )
+
+
 def _suffix(path: Path, kind: str) -> Iterator[str]:
-    wrong = {".urdf": "urdf", ".sdf": "sdf", ".mjcf": "mjcf"}.get(path.suffix.lower(), kind)
+    suffixes = {".urdf": "urdf", ".sdf": "sdf", ".mjcf": "mjcf"} | dict.fromkeys(
+        (".usd", ".usda", ".usdc", ".usdz"), "usd"
+    )
+    wrong = suffixes.get(path.suffix.lower(), kind)
     if wrong != kind:
         yield f"suffix {path.suffix}: the file is {kind.upper()}, and is read as that"
 

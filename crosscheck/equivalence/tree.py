@@ -51,9 +51,20 @@ class Member:
     gear: float = 0.0
 
     def changed(self, name: str, value: Any) -> Member:
-        """Return the member with another field; "placement position", "limits lower" are parts of one [unit of the field]."""
+        """Return the member with another field [unit of the field].
+
+        "placement position", "limits lower" are parts of one; "part mass NAME" is that of one of the bodies that make it up.
+        """
         record, _, part = name.partition(" ")
+        if record == "part":
+            own, _, body = part.partition(" ")
+            return self._with_part(own, body, value)
         return replace(self, **{record: replace(getattr(self, record), **{part: value}) if part else value})
+
+    def _with_part(self, name: str, part: str, value: Any) -> Member:
+        parts = tuple((own, replace(body, **{name: value}) if own == part else body) for own, body in self.parts)
+        whole = sum_of([body for _, body in parts])
+        return replace(self, parts=parts, mass=whole.mass, com=whole.com, tensor=whole.tensor)
 
     @property
     def inertia(self) -> Inertia:
@@ -112,7 +123,7 @@ def _members(mechanism: Mechanism, joint: Joint, parent: int, count: int, gear: 
     link = mechanism.link_of[joint.child]
     body = sum_of([part.inertia for part in link.bodies])
     passive: dict[str, Any] = {name: getattr(joint, name) for name in PASSIVE}
-    own: dict[str, Any] = {"mass": body.mass, "com": body.com, "tensor": body.tensor, "parts": ((link.name, body),)}
+    own: dict[str, Any] = {"mass": body.mass, "com": body.com, "tensor": body.tensor, "parts": _parts(link, body)}
     if joint.kind == "universal":
         names = joint.name + ".1", joint.name + ".2"
         yield Member(f"{joint.name}.between", names[0], "revolute", parent, joint.placement, joint.axis, **passive)
@@ -123,6 +134,14 @@ def _members(mechanism: Mechanism, joint: Joint, parent: int, count: int, gear: 
         link.name, joint.name, kind, parent, joint.placement, joint.axis, joint.pitch, limits=joint.limits, gear=gear,
         **passive, **own,
     )  # fmt: skip
+
+
+def _parts(link: Link, body: Inertia) -> tuple[tuple[str, Inertia], ...]:
+    """The bodies of a link by their names, which a payload has of its own; one body has that of its link."""
+    names = [part.name for part in link.bodies]
+    if len(names) < 2 or len(set(names)) < len(names):
+        return ((link.name, body),)
+    return tuple((part.name, part.inertia) for part in link.bodies)
 
 
 def sum_of(parts: Iterable[Inertia]) -> Inertia:

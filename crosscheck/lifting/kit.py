@@ -8,11 +8,21 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from crosscheck.kit.tables import FORMAT, BodyData, CaseFile, ClosureData, End, Frame, JointData, MechanismData
+from crosscheck.kit.tables import (
+    FORMAT,
+    BeamData,
+    BodyData,
+    CaseFile,
+    ClosureData,
+    End,
+    Frame,
+    JointData,
+    MechanismData,
+)
 from crosscheck.lifting.description import Description
 from flexinv.errors import InputError
 from flexinv.files.toml_tables import complaint
-from flexinv.model.mechanism import Attachment, Body, Closure, Inertia, Joint, Link, Mechanism, Placement
+from flexinv.model.mechanism import Attachment, Beam, Body, Closure, Inertia, Joint, Link, Mechanism, Placement, Section
 
 LARGEST = 64 << 20  # [byte]
 
@@ -31,8 +41,6 @@ def lift_kit(path: Path) -> Description:
             given, known = f'format "{first["input"]}"', f'"{FORMAT}": this crosscheck knows no other'
             raise complaint(str(path), given, known, f"{advice}, or install a newer crosscheck") from None
         raise complaint(f"{path}: {where}", first["msg"], "the case.json of a case kit", advice) from None
-    if beams := [link.name for link in said.links if link.beam is not None]:
-        raise InputError(f"{path}: links that bend are not compared yet: {', '.join(beams)}")
     dropped = tuple(f"{len(getattr(said, k))} {k}: not compared" for k in ("springs", "forces") if getattr(said, k))
     return Description(f"{path.parent.name}/{path.name}", _mechanism(said), "kit", dropped=dropped, file=path)
 
@@ -40,7 +48,15 @@ def lift_kit(path: Path) -> Description:
 def _mechanism(said: MechanismData) -> Mechanism:
     return Mechanism(
         said.name,
-        tuple(Link(link.name, tuple(map(_body, link.bodies)), tip=np.array(link.tip)) for link in said.links),
+        tuple(
+            Link(
+                link.name,
+                tuple(map(_body, link.bodies)),
+                None if link.beam is None else _beam(link.beam),
+                np.array(link.tip),
+            )
+            for link in said.links
+        ),
         tuple(map(_joint, said.joints)),
         gravity=np.array(said.gravity),
         closures=tuple(map(_closure, said.closures)),
@@ -49,7 +65,16 @@ def _mechanism(said: MechanismData) -> Mechanism:
 
 
 def _body(said: BodyData) -> Body:
-    return Body(said.name, Inertia(said.mass, np.array(said.com), np.array(said.inertia)))
+    return Body(said.name, Inertia(said.mass, np.array(said.com), np.array(said.inertia)), said.station)
+
+
+def _beam(said: BeamData) -> Beam:
+    s = said.section
+    stiffness = np.column_stack([s.EA, s.GA_y, s.GA_z, s.GJ, s.EI_y, s.EI_z])
+    rotary = np.column_stack([s.rho_I_x, s.rho_I_y, s.rho_I_z])
+    damping = np.array(s.damping) if s.damping else None
+    section = Section(np.array(s.station), stiffness, np.array(s.rho_A), rotary, damping)
+    return Beam(said.length, section, said.elements, said.order, np.array(said.curvature), _frame(said.root))
 
 
 def _frame(said: Frame) -> Placement:
@@ -62,11 +87,11 @@ def _joint(said: JointData) -> Joint:
         for name in ("rotor_inertia", "damping", "friction", "stiffness", "rest", "actuated", "weight", "pitch")
     }
     axes: dict[str, Any] = {"axis": np.array(said.axis), "second_axis": np.array(said.second_axis)}
-    return Joint(said.name, said.kind, said.parent, said.child, _frame(said.frame), **axes, **own)
+    return Joint(said.name, said.kind, said.parent, said.child, _frame(said.frame), said.station, **axes, **own)
 
 
 def _end(said: End) -> Attachment:
-    return Attachment(said.link, _frame(said.frame))
+    return Attachment(said.link, _frame(said.frame), said.station)
 
 
 def _closure(said: ClosureData) -> Closure:

@@ -2,7 +2,8 @@
 
     bodies        prims with RigidBodyAPI; their frame is the prim's, without its scale, which lengths are multiplied with
     masses        as `ComputeMassProperties` of UsdPhysics gives them: what MassAPI states, else density and shapes
-    joints        revolute, prismatic, spherical, fixed; limits of revolute ones are in degrees; a joint that is excluded from
+    joints        revolute, prismatic, spherical, fixed; one of six axes by those that are free, slides first, with bodies
+                  without mass between; limits of revolute ones are in degrees; a joint that is excluded from
                   the articulation closes a loop
     armature      ``physxJoint:armature``, ``newton:armature``, ``mjc:armature``; the last two also damping and friction
     drives        DriveAPI states gains of a controller, per degree: they are told, and are no part of a mechanism
@@ -61,11 +62,12 @@ def _words(error: Exception) -> str:
 
 @dataclass
 class _Stage:
-    """One stage: its units, bodies by prim path and what is dropped on the way."""
+    """One stage: its units, bodies by prim path, bodies without mass between axes of one joint, and what is dropped."""
 
     stage: Any
     path: Path
     dropped: list[str] = field(default_factory=list)
+    between: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         from pxr import UsdGeom, UsdPhysics
@@ -94,10 +96,11 @@ class _Stage:
             self.dropped.append("up axis Y: the world is turned so that Z is up")
         bodies = {name: self.inertia(self.stage.GetPrimAtPath(path)) for path, name in self.names.items()}
         poses = {name: self.pose(self.stage.GetPrimAtPath(path))[0] for path, name in self.names.items()}
-        joints = [self.joint(p) for p in self.stage.Traverse() if p.IsA(UsdPhysics.Joint) and _on(p)]
+        joints = [one for p in self.stage.Traverse() if p.IsA(UsdPhysics.Joint) and _on(p) for one in self.joints(p)]
+        bodies |= {name: Inertia(0.0) for name in self.between}
         gravity, stated = self.gravity()
         label = self.path.name
-        mechanism = assembled(label, bodies, [j for j in joints if j is not None], gravity, poses)
+        mechanism = assembled(label, bodies, joints, gravity, poses)
         return Description(
             label, mechanism, "usd", "usd-core", {}, tuple(self.dropped), file=self.path, gravity_stated=stated,
             precision=SINGLE,  # its vectors and masses are single precision
@@ -149,35 +152,75 @@ class _Stage:
             )
         return mass, moments, com, _rotation(found[3]) if "inertia" in missing else turn
 
-    def joint(self, prim: Any) -> Between | None:
-        """Return a joint between two bodies; None, with a line on what is dropped, for one that ties none."""
+    def joints(self, prim: Any) -> Iterator[Between]:
+        """Yield a joint between two bodies, by axis where it has several; none, with a line on that, where it ties none."""
         from pxr import UsdPhysics
 
-        name, kind = prim.GetName(), prim.GetTypeName().removeprefix("Physics").removesuffix("Joint").lower()
-        kind, word = self.free_axes(prim) if kind == "" else (kind, prim.GetAttribute("physics:axis").Get() or "Z")
-        if kind not in ("revolute", "prismatic", "spherical", "fixed"):
-            raise InputError(
-                f"{self.path}\n  given:    joint {name!r} of type {prim.GetTypeName()} {kind}\n"
-                "  expected: a revolute, prismatic, spherical or fixed joint\n"
-                "  write:    its free axes as revolute and prismatic joints, one after the other"
-            )
+        name, steps = prim.GetName(), self.steps(prim)
         joint = UsdPhysics.Joint(prim)
         first, second = self.end(joint, 0), self.end(joint, 1)
-        if first[0] == second[0]:
-            self.dropped.append(f"joint {name}: both of its ends are on {first[0]}")
-            return None
-        own = self.drive(prim, kind, word) if kind in ("revolute", "prismatic") else {}
-        closes = bool(joint.GetExcludeFromArticulationAttr().Get())
-        return Between(name, kind, *(first[0], second[0]), first[1], second[1], AXES[word], own=own, closes=closes)
+        if first[0] == second[0] or not steps:
+            words = f"both of its ends are on {first[0]}" if steps else "all of its axes are free"
+            self.dropped.append(f"joint {name}: {words}")
+            return
+        closes, ends = bool(joint.GetExcludeFromArticulationAttr().Get()), [first]
+        for _, axis in steps[:-1]:
+            between = f"{name} after {axis}"
+            self.between.append(between)
+            ends.append((between, Placement()))
+        ends.append((second[0], Placement()))
+        for k, (kind, axis) in enumerate(steps):
+            own = self.drive(prim, kind, axis[-1:]) if kind in ("revolute", "prismatic") else {}
+            on_child, last = (second[1], True) if k == len(steps) - 1 else (Placement(), False)
+            yield Between(
+                f"{name}.{axis}" if len(steps) > 1 else name, kind, ends[k][0], ends[k + 1][0], ends[k][1], on_child,
+                AXES[axis[-1:] if kind != "spherical" else "Z"], own=own, closes=closes and last,
+            )  # fmt: skip
 
-    def free_axes(self, prim: Any) -> tuple[str, str]:
-        """Return kind and axis of a joint of six axes, from those that its limits do not lock (low above high) [-]."""
-        free = [f"{way}{axis}" for way in ("trans", "rot") for axis in AXES if self._moves(prim, f"{way}{axis}")]
-        if len(free) == 1:
-            return ("revolute" if free[0].startswith("rot") else "prismatic"), free[0][-1]
-        return {(): "fixed", ("rotX", "rotY", "rotZ"): "spherical"}.get(
-            tuple(free), f"with free {', '.join(free)}"
-        ), "Z"
+    def steps(self, prim: Any) -> list[tuple[str, str]]:
+        """Return kind and axis of the joints, one after the other, that a joint is [-]; none where all is free."""
+        name, kind = prim.GetName(), prim.GetTypeName().removeprefix("Physics").removesuffix("Joint").lower()
+        if kind == "":
+            return self.free_axes(prim)
+        if kind not in ("revolute", "prismatic", "spherical", "fixed"):
+            raise InputError(
+                f"{self.path}\n  given:    joint {name!r} of type {prim.GetTypeName()}\n"
+                "  expected: a revolute, prismatic, spherical or fixed joint, or a PhysicsJoint with limits\n"
+                "  write:    its free axes as such joints, one after the other"
+            )
+        cones = [prim.GetAttribute(f"physics:coneAngle{k}Limit").Get() for k in (0, 1)]
+        if kind == "spherical" and any(cone is not None and 0 <= cone < np.inf for cone in cones):
+            self.dropped.append(f"joint {name}: the cone that limits a ball joint is no part of a mechanism")
+        return [(kind, prim.GetAttribute("physics:axis").Get() or "Z")]
+
+    def free_axes(self, prim: Any) -> list[tuple[str, str]]:
+        """Return the free axes of a joint of six: those that its limits do not lock (low above high) [-].
+
+        Translations come first, along the axes of the first body.  Of two rotations USD states no order.
+        """
+        slides, turns = (
+            [f"{way}{axis}" for axis in AXES if self._moves(prim, f"{way}{axis}")] for way in ("trans", "rot")
+        )
+        name, steps = prim.GetName(), [("prismatic", axis) for axis in slides]
+        if len(turns) == 2:
+            one, two = (axis[-1] for axis in turns)
+            self.dropped.append(
+                f"joint {name}: USD states no order of its two free rotations; taken as about {one} of the first body, then "
+                f"about {two} of the second"
+            )
+        if len(turns) == 3 and len(slides) < 3:
+            if any(np.isfinite(end) for axis in turns for end in self._limits(prim, axis)):
+                self.dropped.append(f"joint {name}: the limits of its three rotations are no part of a ball joint")
+            return [*steps, ("spherical", "rot")]
+        if len(turns) == 3:
+            return []
+        steps += [("revolute", axis) for axis in turns]
+        return steps or [("fixed", "Z")]
+
+    def _limits(self, prim: Any, axis: str) -> list[float]:
+        """The low and the high end of a free axis [degree], [unit of the stage]; infinite where it is not stated."""
+        stated = [prim.GetAttribute(f"limit:{axis}:physics:{end}").Get() for end in ("low", "high")]
+        return [np.inf if end is None else float(end) for end in stated]
 
     def _moves(self, prim: Any, axis: str) -> bool:
         low, high = (prim.GetAttribute(f"limit:{axis}:physics:{end}").Get() for end in ("low", "high"))

@@ -107,15 +107,17 @@ def _defaults(links: Mapping[str, Stated]) -> Iterator[Finding]:
     for key, same in groups.items():
         moment = _placeholder(np.array(key).reshape(3, 3))
         masses = {link.inertia.mass for link in same}
-        names = ", ".join(link.name for link in same[:6]) + (" ..." if len(same) > 6 else "")
         given = f"one tensor for {len(same)} links of {len(masses)} masses"
-        if moment is not None:
-            shown = f"{moment:g} kg m^2 about every axis"
-            yield warning(
-                "default tensor", f"link {names}", shown, "looks like a placeholder", "the moments of the shape"
-            )
-        elif len(same) >= COPIES and len(masses) >= COPIES:
-            yield warning("default tensor", f"link {names}", given, "looks like a copy", "the moments of each shape")
+        for link in same:  # findings that say the same are put together where they are shown
+            if moment is not None:
+                shown = f"{moment:g} kg m^2 about every axis"
+                yield warning(
+                    "default tensor", f"link {link.name}", shown, "looks like a placeholder", "the moments of the shape"
+                )
+            elif len(same) >= COPIES and len(masses) >= COPIES:
+                yield warning(
+                    "default tensor", f"link {link.name}", given, "looks like a copy", "the moments of each shape"
+                )
 
 
 def _placeholder(tensor: Array) -> float | None:

@@ -210,7 +210,7 @@ class _Builder:
         at_points = start + 0.5 * (end - start) * (1 + ref.points)
         own = [nodes[-1]]
         for previous, here in pairwise(at_nodes):
-            step = _arc(beam, (here - previous) * beam.length)
+            step = arc(beam, (here - previous) * beam.length)
             own.append(self.node(own[-1], SECTION, step, link))
         nodes += own[1:]
         stations += list(at_nodes[1:])
@@ -253,8 +253,8 @@ def _element_bounds(beam: Beam, wanted: list[float]) -> list[float]:
         bounds = np.sort(np.append(bounds, between[0]))
 
 
-def _arc(beam: Beam, length: float) -> Placement:
-    """Section frame after ``length`` of the stress-free beam: R = exp(s kappa), x = H(s kappa)^T s e1."""
+def arc(beam: Beam, length: float) -> Placement:
+    """Return the section frame [m] after ``length`` [m] of the stress-free beam: R = exp(s kappa), x = H(s kappa)^T s e1."""
     psi = length * beam.curvature
     return Placement(tangent3(psi).T @ np.array([length, 0.0, 0.0]), exp_so3(psi))
 
@@ -272,7 +272,7 @@ def _interpolate(beam: Beam, at: Array, *tables: Array) -> list[Array]:
 
 def _stress_free_strains(beam: Beam, at_nodes: Array, shape: Array, slope: Array) -> tuple[Array, Array]:
     """Strains that the element's own interpolation sees in the undeformed shape: they are subtracted."""
-    places = [_arc(beam, (s - at_nodes[0]) * beam.length) for s in at_nodes]
+    places = [arc(beam, (s - at_nodes[0]) * beam.length) for s in at_nodes]
     x = np.array([p.position for p in places])
     psi = log_so3(np.array([p.rotation for p in places]))
     gamma, kappa = np.empty((len(shape), 3)), np.empty((len(shape), 3))

@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from xml.etree.ElementTree import parse, tostring
+from xml.etree.ElementTree import SubElement, fromstring, parse, tostring
 
 from description_faults import Fault, Unfit, plant
 
@@ -109,14 +109,39 @@ def across(count: int, seed: int, robots: tuple[str, ...] = ARMS) -> Iterator[Tr
             spec = mujoco.MjSpec.from_string(geometry_free(original))
             spec.compiler.fusestatic = False
             spec.compile()
+            geared, text = with_transmissions(original, folder), with_motors(spec.to_xml())
             try:
-                text, faults = plant(spec.to_xml(), seed * 100000 + draw)
+                text, faults = plant(text, seed * 100000 + draw)
             except Unfit:
                 continue
             file = Path(folder) / f"{original.stem}.xml"
             file.write_text(text)
             made += 1
-            yield tried(file, original, faults)
+            yield tried(file, geared, faults)
+
+
+def with_motors(text: str) -> str:
+    """An MJCF whose joints all have a motor, of gear 50."""
+    root = fromstring(text)
+    motors = SubElement(root, "actuator")
+    for joint in root.iter("joint"):
+        if joint.get("name") and joint.get("type", "hinge") in ("hinge", "slide"):
+            SubElement(motors, "motor", joint=joint.get("name", ""), gear="50")
+    return tostring(root, encoding="unicode")
+
+
+def with_transmissions(original: Path, folder: str) -> Path:
+    """A copy of a URDF whose joints all have a simple transmission, of reduction 50."""
+    root = parse(original).getroot()
+    for one in root.findall("transmission"):
+        root.remove(one)
+    for joint in root.findall("joint"):
+        part = SubElement(root, "transmission", name=f"of {joint.get('name')}")
+        SubElement(part, "type").text = "transmission_interface/SimpleTransmission"
+        SubElement(SubElement(part, "joint", name=joint.get("name", "")), "mechanicalReduction").text = "50"
+    file = Path(folder) / original.name
+    file.write_text(tostring(root, encoding="unicode"))
+    return file
 
 
 def geometry_free(file: Path) -> str:

@@ -70,6 +70,15 @@ def to_rpy(r: list[Vector]) -> Vector:
     return [math.atan2(r[2][1], r[2][2]), pitch, math.atan2(r[1][0], r[0][0])]
 
 
+def of_quaternion(q: Vector) -> list[Vector]:
+    w, x, y, z = (c / norm(q) for c in q)
+    return [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+
+
 def turn_between(a: list[Vector], b: list[Vector]) -> float:
     """The angle between two rotations [rad]."""
     r = times([[a[j][i] for j in range(3)] for i in range(3)], b)
@@ -233,6 +242,23 @@ class Urdf:
         joint.set("type", "fixed")
         return Fault("merged joint", "joint that moves in A only", joint.get("name", ""), 1.0, "-")
 
+    def plant_gear(self) -> Fault:
+        """The reduction of a simple transmission, where one is stated."""
+        names = {j.get("name") for j in self.joints}
+        simple = [
+            t
+            for t in self.root.findall("transmission")
+            if len(t.findall("joint")) == 1 and "Simple" in (t.findtext("type") or "")
+        ]
+        places = [(t.find("joint").get("name", ""), entry) for t in simple for entry in t.iter("mechanicalReduction")]  # type: ignore[union-attr]
+        places = [(name, entry) for name, entry in places if name in names]
+        if not places:
+            raise Unfit
+        name, entry = self.dice.choice(places)
+        before, factor = float(entry.text or "1"), self.dice.choice([-1.0, 0.5, 10.0])
+        entry.text = repr(before * factor)
+        return Fault("gear", "gear", name, abs(before * (factor - 1)), "-")
+
     def plant_mimic(self) -> Fault:
         joints = [j for j in self.root.findall("joint") if j.find("mimic") is not None and j.get("type") in MOVING]
         if not joints:
@@ -266,6 +292,37 @@ class Mjcf:
         before = numbers(inertial.get("pos"))  # type: ignore[union-attr]
         inertial.set("pos", shown([a + b for a, b in zip(before, shift, strict=True)]))  # type: ignore[union-attr]
         return Fault("com", "centre of mass", body.get("name", ""), norm(shift), "m")
+
+    def plant_tensor(self) -> Fault:
+        body, factor = self.dice.choice(self.bodies), self.dice.choice([0.5, 1.5, 3.0])
+        inertial = body.find("inertial")
+        assert inertial is not None
+        key = "diaginertia" if inertial.get("diaginertia") else "fullinertia"
+        before = numbers(inertial.get(key), "")
+        if not any(before):
+            raise Unfit
+        inertial.set(key, shown([factor * x for x in before]))
+        if key == "fullinertia":
+            tensor = [
+                [before[0], before[3], before[4]],
+                [before[3], before[1], before[5]],
+                [before[4], before[5], before[2]],
+            ]
+        else:
+            tensor = [[before[i] if i == j else 0.0 for j in range(3)] for i in range(3)]
+        r = of_quaternion(numbers(inertial.get("quat"), "1 0 0 0"))
+        turned = times(times(r, tensor), [[r[j][i] for j in range(3)] for i in range(3)])
+        size = abs(factor - 1) * max(abs(x) for row in turned for x in row)
+        return Fault("tensor", "inertia tensor", body.get("name", ""), size, "kg m^2")
+
+    def plant_gear(self) -> Fault:
+        motors = [m for m in self.root.iter("motor") if m.get("joint") and m.get("gear")]
+        if not motors:
+            raise Unfit
+        motor, factor = self.dice.choice(motors), self.dice.choice([-1.0, 0.5, 10.0])
+        before = numbers(motor.get("gear"))
+        motor.set("gear", shown([before[0] * factor, *before[1:]]))
+        return Fault("gear", "gear", motor.get("joint", ""), abs(before[0] * (factor - 1)), "-")
 
     def scalar(self, key: str, quantity: str, unit: str) -> Fault:
         joint, value = self.dice.choice(self.joints), self.dice.choice([0.05, 0.5, 2.0])

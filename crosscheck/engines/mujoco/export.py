@@ -94,6 +94,9 @@ def _furnished(mechanism: Mechanism) -> Callable[[Any], None]:
             if joint.kind in ("revolute", "prismatic") and np.isfinite([joint.limits.lower, joint.limits.upper]).any():
                 made = spec.joint(joint.name)
                 made.limited, made.range = True, np.clip([joint.limits.lower, joint.limits.upper], -UNBOUND, UNBOUND)
+            if joint.kind in ("revolute", "prismatic", "continuous") and np.isfinite(joint.limits.effort):
+                made = spec.joint(joint.name)
+                made.actfrclimited, made.actfrcrange = True, [-joint.limits.effort, joint.limits.effort]
         for force in mechanism.forces:
             mujoco_loops.add_site(spec, force.at, _site(force), np.zeros(3))
 

@@ -4,6 +4,7 @@
     joints        one after the other in one body: links without mass between them
     ref           a joint's coordinate is ``ref`` where the file draws it: the placement is turned back by it
     inertia       about the centre of mass, R diag(I) R^T with R of ``iquat``
+    effort        the largest that actuators and joint allow (`effort_limits`)
     equality      joint: a coupling (its linear part), connect: a spherical closure, two of them between the same bodies: a
                   revolute one, weld: a fixed one; between bodies or sites
 
@@ -20,6 +21,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from crosscheck.engines.mujoco.effort_limits import ON_JOINT, effort_limits
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.printed import printed_of_mjcf
 from flexinv.errors import InputError
@@ -62,6 +64,11 @@ def lift(source: Any, label: str = "") -> Description:
     path = Path(source)
     root = read_xml(path)
     model, dropped = _read(path)
+    if model.nbody < 2:
+        raise InputError(
+            f"{path}\n  given:    a model without bodies\n  expected: <worldbody> with at least one <body>\n"
+            "  write:    the file that holds the machine, if this one holds a scene or settings only"
+        )
     kind = "urdf" if root.tag == "robot" else "mjcf"
     found = _described(model, label or path.name, kind, dropped)
     printed = printed_of_mjcf(root) if kind == "mjcf" else {}
@@ -118,6 +125,9 @@ def _without_files(spec: Any, path: Path) -> None:
 
 def _described(model: Any, label: str, kind: str, dropped: tuple[str, ...]) -> Description:
     links, joints = _tree(model)
+    efforts, uneven = effort_limits(model)
+    names = {_name(model, OBJECT.mjOBJ_JOINT, index, "joint"): effort for index, effort in efforts.items()}
+    joints = [replace(j, limits=replace(j.limits, effort=names.get(j.name, np.inf))) for j in joints]
     closures, lost = _closures(model, {joint.name: joint for joint in joints})
     mechanism = Mechanism(
         name=label,
@@ -127,7 +137,7 @@ def _described(model: Any, label: str, kind: str, dropped: tuple[str, ...]) -> D
         closures=tuple(closures),
     )
     gears = dict(_gears(model))
-    return Description(label, mechanism, kind, "mujoco", gears, (*dropped, *lost, *_others(model)))
+    return Description(label, mechanism, kind, "mujoco", gears, (*dropped, *lost, *uneven, *_others(model)))
 
 
 def _name(model: Any, kind: Any, index: int, default: str) -> str:
@@ -212,7 +222,7 @@ def _about(axis: Array, angle: float) -> Array:
 def _gears(model: Any) -> Iterator[tuple[str, float]]:
     """Yield joint and gear [-] of every actuator that drives one joint."""
     for k in range(model.nu):
-        if model.actuator_trntype[k] in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
+        if mujoco.mjtTrn(int(model.actuator_trntype[k])) in ON_JOINT:
             yield (
                 _name(model, OBJECT.mjOBJ_JOINT, int(model.actuator_trnid[k][0]), "joint"),
                 float(model.actuator_gear[k][0]),

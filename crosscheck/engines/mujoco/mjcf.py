@@ -71,6 +71,8 @@ def _joint(model: Any, j: int) -> dict[str, str]:
         out["solreffriction"] = text(model.dof_solref[dof])
     if model.jnt_limited[j]:
         out |= {"limited": "true", "range": text(model.jnt_range[j])}
+    if model.jnt_actfrclimited[j]:
+        out |= {"actuatorfrclimited": "true", "actuatorfrcrange": text(model.jnt_actfrcrange[j])}
     if np.any(model.jnt_stiffness[j]):
         out |= {"stiffness": text(model.jnt_stiffness[j]), "springref": text(model.qpos_spring[model.jnt_qposadr[j]])}
     return out

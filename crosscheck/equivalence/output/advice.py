@@ -6,18 +6,18 @@ A file is suspected where `crosscheck.linting.bodies` finds the link's numbers o
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from crosscheck.equivalence.align import SAME, Aligned
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.judge import Judged
+from crosscheck.equivalence.members import vector_text
 from crosscheck.equivalence.tree import Member, Tree, sum_of
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.rigid import inverse, moved
 from crosscheck.linting.bodies import Stated, body_findings
-from flexinv.model.mechanism import Array
 
 INERTIAS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 URDF = {
@@ -50,6 +50,7 @@ MJCF = {
     "gravity": '<option gravity="{}"/>',
     "lower limit": '<joint range="{} ..."/>',
     "upper limit": '<joint range="... {}"/>',
+    "effort limit": '<joint actuatorfrcrange="-{0} {0}"/>, or the forcerange of its actuator over its gear',
     "sign of coordinate": '<joint axis="..."/> with the opposite sign, and the range exchanged with it',
 }
 SDF = {
@@ -76,6 +77,21 @@ TOML = {
     "centre of mass": "com_m = [{}]",
     "joint axis": "axis = [{}]",
     "gravity": "gravity_m_per_s2 = [{}]",
+    "length of beam": "length_m = {}",
+    "initial twist": "curvature_per_m = {{ twist = {}, ... }}",
+    "initial curvature about y": "curvature_per_m = {{ y = {}, ... }}",
+    "initial curvature about z": "curvature_per_m = {{ z = {}, ... }}",
+    "axial stiffness EA": "[sections....] EA_N = {}",
+    "shear stiffness GA_y": "[sections....] GA_N = {{ y = {}, ... }}",
+    "shear stiffness GA_z": "[sections....] GA_N = {{ z = {}, ... }}",
+    "torsional stiffness GJ": "[sections....] GJ_Nm2 = {}",
+    "bending stiffness EI_y": "[sections....] EI_Nm2 = {{ y = {}, ... }}",
+    "bending stiffness EI_z": "[sections....] EI_Nm2 = {{ z = {}, ... }}",
+    "mass per length": "[sections....] mass_per_length_kg_per_m = {}",
+    "rotary inertia about y": "[sections....] rho_I_kgm = {{ y = {}, ... }}",
+    "rotary inertia about z": "[sections....] rho_I_kgm = {{ z = {}, ... }}",
+    "station of joint": "station = {}",
+    "station of body": "station = {}",
 }
 WORDS = {"urdf": URDF, "mjcf": MJCF, "sdf": SDF, "usd": USD, "toml": TOML}
 COMMAS = ("usd", "toml")  # formats whose vectors have commas
@@ -88,6 +104,7 @@ TENSOR = {
     ),
     "toml": ("inertia_kgm2 = {{ {} }}", (0, 1, 2, 3, 4, 5)),
 }
+BEAMS = [cause for cause, words in TOML.items() if words.startswith("[sections")]
 # An entry of a tensor in the format's words: name, number.
 ENTRY = {"urdf": '{}="{}"', "mjcf": "{1}", "sdf": "<{0}>{1}</{0}>", "toml": "{0} = {1}"}
 # By cause what `body_findings` says of it.
@@ -96,7 +113,6 @@ CHECKS = {
     "centre of mass": {"com", "left and right"},
     "inertia tensor": {"tensor", "default tensor", "mass without tensor", "tensor without mass", "left and right"},
 }
-NOISE = 1e-12  # [m], [-], [kg m^2]: rounding of frames that are turned there and back
 FRAMED = ("position of joint", "orientation of joint")  # of joints: they depend on the frames of two links
 
 
@@ -114,14 +130,25 @@ class Sides:
         if k is None or k not in self.seats:
             return None
         seat = self.seats[k]
-        return self.trees[0].members[k], self.trees[1].members[seat.second], seat
+        one, two = self.trees[0].members[k], self.trees[1].members[seat.second]
+        part = difference.place.partition(" ")[2].partition(" (on link ")
+        return (only(one, part[0]), only(two, part[0]), seat) if part[1] else (one, two, seat)
 
     def _number(self, difference: Difference) -> int | None:
         numbers = {index for index, _, _ in difference.changes}
         if len(numbers) == 1:
             return numbers.pop()
-        name = difference.place.partition(" ")[2]
-        return next((k for k, one in enumerate(self.trees[0].members) if f"joint {one.joint}" == f"joint {name}"), None)
+        kind, _, name = difference.place.partition(" ")
+        if kind == "body":
+            kind, name = "link", name.partition(" (on link ")[2].removesuffix(")")
+        called = {k: one.name if kind == "link" else one.joint for k, one in enumerate(self.trees[0].members)}
+        return next((k for k, own in called.items() if own == name), None)
+
+
+def only(member: Member, part: str) -> Member:
+    """Return a member as one of the bodies that make it up [kg, m, kg m^2]."""
+    body = dict(member.parts)[part]
+    return replace(member, name=part, mass=body.mass, com=body.com, tensor=body.tensor, parts=((part, body),))
 
 
 def advice(judged: Judged, sides: Sides) -> tuple[tuple[str, tuple[str, ...]], ...]:
@@ -163,8 +190,9 @@ def _odd(description: Description) -> dict[str, list[tuple[str, str]]]:
 
 
 def _doubt(cause: str, odd: Mapping[str, list[tuple[str, str]]], member: Member) -> str:
-    words = [text for check, text in odd.get(member.name, ()) if check in CHECKS.get(cause, ())]
-    return f"{member.name}, {words[0]}" if words else ""
+    names = [member.name, *(name for name, _ in member.parts if name != member.name)]
+    words = [f"{n}, {text}" for n in names for check, text in odd.get(n, ()) if check in CHECKS.get(cause, ())]
+    return words[0] if words else ""
 
 
 def _of_many(difference: Difference, sides: Sides) -> Iterator[str]:
@@ -195,6 +223,9 @@ def _lines(difference: Difference, sides: Sides, both: tuple[Member, Member, Ali
         parts = [name for name, body in member.parts if body.mass or body.tensor.any()]
         if difference.cause in CHECKS and len(parts) > 1:
             yield f"{head}, together with what is fixed to it ({', '.join(parts[:6])}): {difference.cause} {values[n]}"
+        elif place == "body" and difference.cause in CHECKS and difference.cause != "mass":
+            link = (sides.trees[n].members[seat.second if n else seat.first]).name
+            yield f"{head}, in the frame of link {link}: {difference.cause} {values[n]}"
         elif n and difference.cause in FRAMED and _turned(sides, both):
             continue  # the number would be one in A's frames
         elif difference.cause == "zero of coordinate" and not n:
@@ -227,23 +258,20 @@ def _values(difference: Difference, both: tuple[Member, Member, Aligned]) -> tup
     cause, back = difference.cause, inverse(seat.frame)
     there = moved(back, one.inertia)
     if cause == "centre of mass":
-        return difference.second, _text(there.com)
+        return difference.second, vector_text(there.com)
     if cause == "inertia tensor":
-        return difference.second, _text(there.tensor[np.triu_indices(3)])
+        return difference.second, vector_text(there.tensor[np.triu_indices(3)])
     if cause == "joint axis":
-        return difference.second, _text(seat.sign * back.rotation @ one.axis)
+        return difference.second, vector_text(seat.sign * back.rotation @ one.axis)
     if cause in ("lower limit", "upper limit") and difference.first != "none":
         return difference.second, f"{seat.sign * (float(difference.first) - seat.offset):.9g}"
     return difference.second, difference.first
 
 
-def _text(numbers: Array) -> str:
-    return " ".join(f"{x:.9g}" for x in np.where(np.abs(numbers) < NOISE, 0.0, numbers))
-
-
 def written(kind: str, cause: str, value: str) -> str:
     """Return a format's words for a quantity [any unit]; "" where it has none."""
-    if not value or value == "none" or kind not in WORDS:
+    varies = cause in BEAMS and " " in value  # numbers at several stations: the section says them in a table
+    if not value or value == "none" or kind not in WORDS or varies:
         return ""
     if cause == "inertia tensor":
         if kind not in TENSOR:

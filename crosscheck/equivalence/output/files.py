@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 
 from crosscheck import output_folder as owned
 from crosscheck.equivalence.output.text import GROUPS, line, markdown, repaired, rounding
-from crosscheck.equivalence.result import JUDGED, WORDS, Comparison
+from crosscheck.equivalence.result import WORDS, Comparison
 from crosscheck.report.html import environment, style, write_page
 from crosscheck.report.junit import FORBIDDEN
 from crosscheck.verdicts.results import versions
@@ -24,7 +24,7 @@ def write(found: Comparison, out: Path) -> None:
     stamp = {"started": now, "versions": versions()}
     view: dict[str, Any] = {
         "found": found, "groups": [(title, getattr(found.judged, name)) for name, title in GROUPS], "words": WORDS,
-        "verdicts": [(WORDS[f], found.verdict(f)) for f in JUDGED], "repaired": repaired(found), "rounding": rounding(found),
+        "verdicts": [(WORDS[f], found.verdict(f)) for f in found.told], "repaired": repaired(found), "rounding": rounding(found),
         "results": stamp, "root": "",
     }  # fmt: skip
     write_page(environment(), "compare.html.j2", out / "index.html", **view)
@@ -38,7 +38,7 @@ def junit(found: Comparison) -> bytes:
     counted = found.differences
     root = ET.Element("testsuites", name="crosscheck compare", time=f"{found.elapsed:.3f}")
     suite = ET.SubElement(root, "testsuite", name=_clean(f"{found.first} and {found.second}"))
-    cases = [(WORDS[f], [line(d) for d in counted if d.family == f]) for f in found.families]
+    cases = [(WORDS[f], [line(d) for d in counted if d.family == f]) for f in found.families if f in found.told]
     cases.append(("efforts", [repaired(found)] if found.unexplained else []))
     for name, lines in cases:
         case = ET.SubElement(suite, "testcase", classname="compare", name=name)

@@ -36,7 +36,7 @@ def line(difference: Difference) -> str:
     parts = [difference.words, *difference.hints]
     if difference.effect:
         parts.append(
-            f"changes an effort by {short(difference.effect)} N m or N, {short(difference.share)} of its range"
+            f"changes an effort by {short(difference.effect)} N m or N, {short(difference.share)} times its range"
         )
     return "; ".join(parts)
 
@@ -55,9 +55,11 @@ def repaired(found: Comparison) -> str:
     judged = found.judged
     if judged.before <= found.tolerance and not judged.causes:
         return f"efforts agree to {short(judged.before)} of their ranges"
-    before = f"efforts differ by up to {short(judged.before)} of their ranges ({short(judged.before_effort)} N m or N"
-    where = f" at joint {judged.worst_joint})" if judged.worst_joint else ")"
-    return f"{before}{where}; with the differences put right, {short(judged.after)} is left"
+    where = f" at joint {judged.worst_joint}" if judged.worst_joint else ""
+    before = (
+        f"efforts differ by up to {short(judged.before_effort)} N m or N{where}, {short(judged.before)} times its range"
+    )
+    return f"{before}; with the differences put right, {short(judged.after)} of it is left"
 
 
 def markdown(found: Comparison) -> str:
@@ -93,10 +95,9 @@ def _table(group: Iterable[Difference]) -> Iterator[str]:
     yield "| what | where | A | B | size | effect | looks like |"
     yield "|---|---|---|---|--:|--:|---|"
     for d in group:
-        effect = f"{short(d.effect)} ({short(d.share)} of range)" if d.effect else ""
-        cells = [
-            f"{WORDS[d.family]}: {d.cause}", d.place, d.first, d.second, f"{d.size:.6g} {d.unit}", effect, "; ".join(d.hints)
-        ]  # fmt: skip
+        effect = f"{short(d.effect)} ({short(d.share)} times its range)" if d.effect else ""
+        size = f"{d.size:.6g} {d.unit}".removesuffix(" -")
+        cells = [f"{WORDS[d.family]}: {d.cause}", d.place, d.first, d.second, size, effect, "; ".join(d.hints)]
         yield "| " + " | ".join(map(cell, cells)) + " |"
 
 

@@ -7,9 +7,11 @@ from pathlib import Path
 import pytest
 from arm_texts import arm
 
+import crosscheck
 from crosscheck.equivalence.compare import compare
 from crosscheck.equivalence.output.advice import written
 from crosscheck.equivalence.output.text import markdown
+from crosscheck.linting.lint import lint
 
 UPPER = 'ixx="0.031" ixy="0.001" ixz="0.002" iyy="0.029" iyz="0.0005" izz="0.008"'
 LOWER = '<origin xyz="0.11 0.01 0.02"/><mass value="2.375"/>'
@@ -121,3 +123,25 @@ def test_what_is_fixed_together_is_written_together(tmp_path: Path) -> None:
     (tmp_path / "b.urdf").write_text(merged)
     said = lines(arm(tmp_path), tmp_path / "b.urdf")
     assert any("together with what is fixed to it (lower, flange)" in line for line in said)
+
+
+def test_every_placeholder_is_what_to_mend_however_many_there_are(tmp_path: Path) -> None:
+    """Eight links of one unit tensor in B: each is said to be B's to mend, and lint tells them in one line."""
+    body = '<inertial><mass value="{}"/><inertia ixx="{}" ixy="0" ixz="0" iyy="{}" iyz="0" izz="{}"/></inertial>'
+    joint = (
+        '<joint name="j{0}" type="continuous"><origin xyz="0 0.1 0.2"/><parent link="l{1}"/><child link="l{0}"/>'
+        '<axis xyz="{2}"/></joint>'
+    )
+    for name in "ab":
+        tensors = [(1.0, 1.0, 1.0) if name == "b" else (0.02 + k / 1000, 0.03, 0.04) for k in range(9)]
+        links = "".join(f'<link name="l{k}">{body.format(1 + k / 8, *tensors[k])}</link>' for k in range(9))
+        joints = "".join(joint.format(k, k - 1, "1 0 0" if k % 2 else "0 1 0") for k in range(1, 9))
+        (tmp_path / f"{name}.urdf").write_text(f'<robot name="snake">{links}{joints}</robot>')
+    found = crosscheck.compare(tmp_path / "a.urdf", tmp_path / "b.urdf")
+    named = [d for d in found.judged.causes if d.cause == "inertia tensor"]
+    mended = [lines[0] for place, lines in found.advice if place.startswith("inertia tensor")]
+    assert len(named) == 8
+    assert all(line.startswith("mend B: l") and "placeholder" in line for line in mended)
+    assert "8 of B's" in found.suspects
+    told = [one.place for one in lint(tmp_path / "b.urdf").findings if one.check == "default tensor"]
+    assert told == ["links l0, l1, l2, l3, l4, l5 ... (9)"]

@@ -9,6 +9,7 @@ import pytest
 from arm_texts import arm
 from click.testing import CliRunner
 from description_campaign import campaign
+from sibling_campaign import PAIRS, folders, outcomes
 
 from crosscheck.cli import main
 
@@ -57,3 +58,16 @@ def test_planted_faults_are_named_first(tmp_path: Path) -> None:
     trials = list(campaign(16, seed=3))
     assert [t.words for t in trials if not t.good] == []
     assert [t.others for t in trials if t.others] == []
+
+
+def test_siblings_are_equal_or_repaired() -> None:
+    """Three pairs of the campaign, `python tests/shared/sibling_campaign.py`; a pair that is not there is said to be absent."""
+    pytest.importorskip("pinocchio")  # whose wheels bring the robots
+    chosen = [pair for pair in PAIRS if "panda_collision" in pair.b or "joint_limited" in pair.b or "b1-z1" in pair.b]
+    found = list(outcomes(chosen, folders([])))
+    assert [one.words for one in found if not one.good] == []
+    assert {one.words for one in found} == {"equal", "different"}
+    lost = next(outcomes([pair for pair in PAIRS if "robosuite" in pair.b], {"data": folders([])["data"]}))
+    assert lost.absent
+    assert "not on this machine" in lost.words
+    assert not lost.good

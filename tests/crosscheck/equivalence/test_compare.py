@@ -31,6 +31,7 @@ EDITS = {
     "tensor": ([('ixx="0.004"', 'ixx="0.006"')], "inertia tensor", "link lower", 0.002),
     "fixed": ([('rpy="0 1.2 0"', 'rpy="0 1.3 0"')], "orientation of joint", "joint to_flange", 0.1),
     "moved": ([('xyz="0.05 0 0.3"', 'xyz="0.05 0.02 0.3"')], "position of joint", "joint elbow", 0.02),
+    "moved slide": ([('xyz="0.02 0 0.05"', 'xyz="0.05 0.04 0.05"')], "position of joint", "joint grip", 0.05),
     "axis": ([('<axis xyz="0 0 1"/>', '<axis xyz="0 0.6 0.8"/>')], "joint axis", "joint elbow", np.arcsin(0.6)),
     "damping": ([('damping="0.3"', 'damping="0.5"')], "damping", "joint shoulder", 0.2),
     "friction": ([('friction="0.1"', 'friction="0.4"')], "dry friction", "joint shoulder", 0.3),
@@ -221,3 +222,49 @@ def test_the_same_number_in_several_joints_is_one_difference(tmp_path: Path) -> 
     ]
     assert four.judged.after <= REPAIRED
     assert any("in each of the joints" in line for _, lines in four.advice for line in lines)
+
+
+LEG = """<link name="{side}_hip"><inertial><origin xyz="0.05 {y} 0"/><mass value="0.25"/>
+    <inertia ixx="0.001" iyy="0.002" izz="0.003" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="{side}_knee"><inertial><origin xyz="0.02 0.03 -0.125"/><mass value="0.5"/>
+    <inertia ixx="0.004" iyy="0.005" izz="0.006" ixy="0.0001" ixz="0" iyz="0.0002"/></inertial></link>
+  <joint name="{side}_hip" type="continuous"><origin xyz="0 {y}1 0"/><parent link="trunk"/><child link="{side}_hip"/>
+    <axis xyz="1 0 0"/></joint>
+  <joint name="{side}_knee" type="continuous"><origin xyz="0.125 0 0"/><parent link="{side}_hip"/><child link="{side}_knee"/>
+    <axis xyz="1 0 0"/></joint>"""
+
+
+def legs(left: str, right: str) -> str:
+    """Two legs whose hips are mirror images, which half a turn of the joint makes of one another."""
+    parts = [LEG.format(side=side, y=y) for side, y in (("left", "0.0625"), ("right", "-0.0625"))]
+    parts[0] = parts[0].replace('"0.05 0.0625 0"', f'"0.05 {left} 0"')
+    parts[1] = parts[1].replace('"0.05 -0.0625 0"', f'"0.05 {right} 0"')
+    return f'<robot name="legs"><link name="trunk"/>{"".join(parts)}</robot>'
+
+
+def test_exchanged_mirror_images_are_no_turned_frames(tmp_path: Path) -> None:
+    """One exchange says as much as two turned zeros and two moved knees; one mirrored centre alone is a centre."""
+    (tmp_path / "a.urdf").write_text(legs("0.01", "-0.01"))
+    (tmp_path / "b.urdf").write_text(legs("-0.01", "0.01"))
+    (tmp_path / "c.urdf").write_text(legs("0.01", "0.01"))
+    exchanged = [("bodies exchanged", "link left_hip and link right_hip")]
+    assert named(tmp_path / "a.urdf", tmp_path / "b.urdf") == exchanged
+    assert named(tmp_path / "a.urdf", tmp_path / "c.urdf") == [("centre of mass", "link right_hip")]
+
+
+def test_efforts_are_compared_where_a_coordinate_counts_the_other_way(tmp_path: Path) -> None:
+    """The range was left as it was, which the convention says; the effort limit is another thing."""
+    turned, weaker = ('<axis xyz="0 1 0"/>', '<axis xyz="0 -1 0"/>'), ('effort="50"', 'effort="40"')
+    found = named(arm(tmp_path), arm(tmp_path, turned, weaker, name="b.urdf"))
+    assert found == [("sign of coordinate", "joint shoulder"), ("effort limit", "joint shoulder")]
+    assert named(arm(tmp_path), arm(tmp_path, turned, name="c.urdf")) == found[:1]
+
+
+def test_two_bodies_that_are_alike_are_not_exchanged_by_rounding(tmp_path: Path) -> None:
+    """A frame turned by the ninth digit of pi / 2 turns a tensor by as little: rounding, whatever else has that tensor."""
+    (tmp_path / "a.urdf").write_text(legs("0.01", "0.01").replace('"0.125 0 0"', '"0.125 0 0" rpy="0 1.57079632679 0"'))
+    (tmp_path / "b.urdf").write_text(legs("0.01", "0.01").replace('"0.125 0 0"', '"0.125 0 0" rpy="0 1.57079632 0"'))
+    found = compare(tmp_path / "a.urdf", tmp_path / "b.urdf")
+    assert found.equal
+    assert "bodies exchanged" not in {d.cause for d in found.judged.unseen}
+    assert found.judged.rounding

@@ -92,6 +92,44 @@ BOX = """        float physics:density = 0.0005
 """
 
 
+SWING = """def PhysicsRevoluteJoint "swing"
+    {
+        rel physics:body1 = </crane/boom>
+        point3f physics:localPos0 = (12.5, 0, 50)
+        point3f physics:localPos1 = (1, 0, 0)
+        uniform token physics:axis = "Y"
+        float physics:lowerLimit = -90
+        float physics:upperLimit = 45
+    }"""
+AT = """ (
+        prepend apiSchemas = [APIS]
+    )
+    {
+        rel physics:body1 = </crane/boom>
+        point3f physics:localPos0 = (12.5, 0, 50)
+        point3f physics:localPos1 = (1, 0, 0)
+"""
+AT = AT.replace("APIS", ", ".join(f'"PhysicsLimitAPI:{way}{axis}"' for way in ("trans", "rot") for axis in "XYZ"))
+
+
+def limits(axis: str, low: float, high: float) -> str:
+    """The range of one of a joint's six axes; low above high locks it."""
+    return f"        float limit:{axis}:physics:low = {low}\n        float limit:{axis}:physics:high = {high}\n"
+
+
+def universal(order: list[tuple[str, str]]) -> str:
+    """The URDF with two joints, one after the other, in place of the swing; the limits are those about Y."""
+    start, end = URDF.index('<joint name="swing"'), URDF.index("</joint>") + len("</joint>")
+    one, two = (
+        f'<joint name="{name}" type="{"revolute" if "rotY" in name else "continuous"}"><axis xyz="{axis}"/>'
+        + '<limit lower="-1.5707963267948966" upper="0.7853981633974483" effort="0" velocity="0"/>'
+        for name, axis in order
+    )
+    first = f'{one}<origin xyz="0.125 0 0.5"/><parent link="base"/><child link="cross"/></joint><link name="cross"/>'
+    second = f'{two}<parent link="cross"/><child link="boom"/></joint>'
+    return URDF[:start] + first + second + URDF[end:]
+
+
 def both(folder: Path, before: str = "", after: str = "") -> tuple[Path, Path]:
     """The URDF, and the stage with a part of its text exchanged."""
     assert before in STAGE
@@ -144,9 +182,33 @@ class TestWithUsd:
         with pytest.raises(InputError, match="without colliders"):
             describe(both(tmp_path, STATED)[1])
 
+    def test_two_free_rotations_are_one_after_the_other_and_their_order_is_told(self, tmp_path: Path) -> None:
+        """About X of the first body, then about Y of the second; a URDF in the other order is another machine."""
+        locked = "".join(limits(axis, 1, -1) for axis in ("transX", "transY", "transZ", "rotZ"))
+        names = [("swing.rotX", "1 0 0"), ("swing.rotY", "0 1 0")]
+        stage = both(tmp_path, SWING, f'def PhysicsJoint "swing"{AT}{locked}{limits("rotY", -90, 45)}    }}')[1]
+        for order, same in ((names, True), (names[::-1], False)):
+            (tmp_path / "crane.urdf").write_text(universal(order))
+            found = crosscheck.compare(tmp_path / "crane.urdf", stage)
+            assert (not [d.words for d in found.differences if d.place != "joint slide"]) is same
+        assert any("no order of its two free rotations" in words for words in describe(stage).dropped)
+
+    def test_a_slide_and_a_turn_of_one_joint_are_two_joints(self, tmp_path: Path) -> None:
+        locked = "".join(limits(axis, 1, -1) for axis in ("transX", "transY", "rotX", "rotY"))
+        stage = both(tmp_path, SWING, f'def PhysicsJoint "swing"{AT}{locked}{limits("transZ", -5, 20)}    }}')[1]
+        joints = {joint.name: joint for joint in describe(stage).mechanism.joints}
+        assert [joints[name].kind for name in ("swing.transZ", "swing.rotZ")] == ["prismatic", "revolute"]
+        assert (joints["swing.transZ"].limits.lower, joints["swing.transZ"].limits.upper) == pytest.approx((-0.05, 0.2))
+        assert joints["swing.rotZ"].parent == joints["swing.transZ"].child
+
+    def test_a_joint_whose_axes_are_all_free_ties_nothing(self, tmp_path: Path) -> None:
+        found = describe(both(tmp_path, "PhysicsPrismaticJoint", "PhysicsJoint")[1])
+        assert {joint.kind for joint in found.mechanism.joints} == {"revolute", "free"}
+        assert any("all of its axes are free" in words for words in found.dropped)
+
     def test_joints_without_a_word_and_stages_without_bodies_are_refused(self, tmp_path: Path) -> None:
-        with pytest.raises(InputError, match="with free transX"):
-            describe(both(tmp_path, "PhysicsPrismaticJoint", "PhysicsJoint")[1])
+        with pytest.raises(InputError, match="'slide' of type PhysicsDistanceJoint"):
+            describe(both(tmp_path, "PhysicsPrismaticJoint", "PhysicsDistanceJoint")[1])
         (tmp_path / "none.usda").write_text("#usda 1.0\n")
         with pytest.raises(InputError, match="a stage without bodies"):
             describe(tmp_path / "none.usda")

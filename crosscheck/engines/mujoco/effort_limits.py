@@ -1,0 +1,76 @@
+"""Largest efforts of joints as MuJoCo's actuators and joints state them: forcerange, ctrlrange of motors, actuatorfrcrange.
+
+    actuator      its force, within forcerange and, of a motor, gain times ctrlrange, times its gear
+    joint         the sum of its actuators, within actuatorfrcrange; bounded only where all of them are
+
+A mechanism has one number for both directions: the larger; where they differ, that is said.  Source: mujoco 4.0.0, mjmodel.h.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import mujoco
+import numpy as np
+
+Range = tuple[float, float]
+FREE: Range = (-np.inf, np.inf)
+ON_JOINT = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+SCALAR = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+SAME = 1e-9  # relative
+
+
+def effort_limits(model: Any) -> tuple[dict[int, float], list[str]]:
+    """Return by number of a hinge or slide its largest effort [N m], [N], and in words those that one direction has less of."""
+    found: dict[int, float] = {}
+    words: list[str] = []
+    for joint in range(model.njnt):
+        if mujoco.mjtJoint(int(model.jnt_type[joint])) not in SCALAR:
+            continue
+        low, high = _range(model, joint)
+        if not (np.isfinite(low) or np.isfinite(high)):
+            continue
+        found[joint] = largest = max(abs(low), abs(high))
+        if abs(low + high) > SAME * largest:
+            name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, joint) or f"joint{joint}"
+            words.append(
+                f"effort of joint {name}: {low:.6g} to {high:.6g}; a mechanism has one limit for both directions"
+            )
+    return found, words
+
+
+def _range(model: Any, joint: int) -> Range:
+    own = FREE
+    if model.jnt_actfrclimited[joint]:
+        own = (float(model.jnt_actfrcrange[joint][0]), float(model.jnt_actfrcrange[joint][1]))
+    acting = list(_acting(model, joint))
+    if not acting:
+        return own
+    return max(own[0], sum(low for low, _ in acting)), min(own[1], sum(high for _, high in acting))
+
+
+def _acting(model: Any, joint: int) -> Iterator[Range]:
+    """Yield the range of effort of every actuator that drives one joint alone."""
+    for k in range(model.nu):
+        if mujoco.mjtTrn(int(model.actuator_trntype[k])) not in ON_JOINT or int(model.actuator_trnid[k][0]) != joint:
+            continue
+        gear, (low, high) = float(model.actuator_gear[k][0]), _force(model, k)
+        ends = sorted((gear * low, gear * high)) if gear else [0.0, 0.0]
+        yield ends[0], ends[1]
+
+
+def _force(model: Any, k: int) -> Range:
+    low, high = FREE
+    if model.actuator_forcelimited[k]:
+        low, high = (float(x) for x in model.actuator_forcerange[k])
+    motor = (
+        model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_FIXED
+        and model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_NONE
+        and model.actuator_dyntype[k] == mujoco.mjtDyn.mjDYN_NONE
+    )
+    if motor and model.actuator_ctrllimited[k]:
+        gain = float(np.ravel(model.actuator_gainprm[k])[0])
+        ends = sorted(gain * float(x) for x in model.actuator_ctrlrange[k])
+        low, high = max(low, ends[0]), min(high, ends[1])
+    return low, high

@@ -1,0 +1,115 @@
+"""Torques of machines that bend, and what each difference of their beams does to them.
+
+B with A's beams has to have B's torques once every difference is given its value of B.  Both run the same motion on the same
+mesh: from the stress-free shape, within the limits of the joints, springs, forces and loops cut, so that their ringing is felt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from crosscheck.equivalence.beams.sections import Beams, Bent
+from crosscheck.equivalence.difference import Difference
+from crosscheck.equivalence.judge import Share, share_of
+from flexinv.analysis.solve import solve
+from flexinv.errors import FlexinvError
+from flexinv.linearized.damping_ratio import damped
+from flexinv.model.joint_kinds import KINDS
+from flexinv.model.mechanism import Array, Joint, Mechanism
+from flexinv.model.motion import Motion
+
+DURATION, STEPS, SEED = 1.0, 100, 17  # [s], [-]
+REACH = {"prismatic": 0.2}  # [m]; others turn:
+TURN = 0.7  # [rad]
+
+
+@dataclass(frozen=True)
+class Felt:
+    """Differences of beams with their effects; the largest difference of a torque before and after all are put right.
+
+    notes : what has to be said of them: why torques could not be computed, which beams the certificate has
+    """
+
+    differences: tuple[Difference, ...] = ()
+    before: Share = (0.0, 0.0, "")
+    after: Share = (0.0, 0.0, "")
+    notes: tuple[str, ...] = ()
+
+
+def felt(beams: Beams) -> Felt:
+    """Return the differences of two machines' beams, each with what it alone does to a torque [N m], [N]."""
+    alone, bent = tuple(beams.alone()), list(beams.differences())
+    if not any(True for _ in beams.both):
+        return Felt(alone)
+    mixed = beams.first.modal_damping is None or beams.second.modal_damping is None
+    if mixed and (beams.first.modal_damping or beams.second.modal_damping):
+        beams = replace(beams, first=damped(beams.first), second=damped(beams.second))
+        beams = replace(beams, first=_stated(beams.first), second=_stated(beams.second))
+        bent = list(beams.differences())
+    try:
+        base, wanted = beams.base(), torques(beams.second)
+        before, whole = (torques(_edited(base, some)) for some in ([], bent))
+        found = [_measured(base, bent, one, whole, wanted) for one in bent]
+    except FlexinvError as error:
+        words = f"torques of links that bend are not compared: {' '.join(str(error).split())[:300]}"
+        return Felt((*alone, *(one.difference for one in bent)), notes=(words,))
+    notes = ("the certificate has A's beams on both sides: what beams differ by is in the table",) if found else ()
+    return Felt((*alone, *found), share_of(before, wanted, wanted), share_of(whole, wanted, wanted), notes)
+
+
+def _stated(mechanism: Mechanism) -> Mechanism:
+    """A mechanism whose damping its sections state."""
+    return replace(mechanism, modal_damping=None)
+
+
+def _edited(base: Mechanism, bent: Iterable[Bent]) -> Mechanism:
+    for one in bent:
+        base = one.edit(base)
+    return base
+
+
+def _measured(
+    base: Mechanism, bent: list[Bent], one: Bent, whole: dict[str, Array], wanted: dict[str, Array]
+) -> Difference:
+    """The difference with what leaving it out, alone, changes."""
+    without = torques(_edited(base, (other for other in bent if other is not one)))
+    share, effort, _ = share_of(without, whole, wanted)
+    return replace(one.difference, effect=effort, share=share)
+
+
+def torques(mechanism: Mechanism) -> dict[str, Array]:
+    """Return the efforts by joint (samples, nv) [N m], [N] of a mechanism that bends, loops cut, along the motion of all joints.
+
+    Raises ConvergenceError, InputError.
+    """
+    joints = tuple(replace(joint, actuated=True) for joint in mechanism.joints)
+    tree = replace(damped(mechanism), joints=joints, closures=(), springs=(), forces=())
+    found = solve(tree, motion_of(tree), step=DURATION / STEPS).torque_all
+    return {joint.name: found[:, tree.v_slices[joint.name]] for joint in tree.joints if joint.nv}
+
+
+def motion_of(mechanism: Mechanism) -> Motion:
+    """Return a motion from near zero, within limits, that every joint of one coordinate takes part in [rad], [m]."""
+    rng = np.random.default_rng(SEED)
+    start, end = {}, {}
+    for joint in mechanism.joints:
+        if joint.nv:
+            start[joint.name], end[joint.name] = _ends(joint, rng)
+    return Motion.point_to_point(start, end, DURATION, law="septic")
+
+
+def _ends(joint: Joint, rng: np.random.Generator) -> tuple[Array, Array]:
+    size, kind = rng.uniform(0.5, 1.0, joint.nv) * rng.choice([-1.0, 1.0], joint.nv), KINDS[joint.kind]
+    if kind.has_quaternion:
+        still = np.zeros(joint.nq)
+        still[-1] = 1.0
+        return still, still
+    low, high = joint.limits.lower, joint.limits.upper
+    first = np.clip(np.zeros(joint.nv), low, high)
+    last = np.clip(first + size * REACH.get(joint.kind, TURN), low, high)
+    return first, np.where(
+        np.abs(last - first) > 0, last, np.clip(first - size * REACH.get(joint.kind, TURN), low, high)
+    )

@@ -1,0 +1,79 @@
+"""Beams held in their stress-free shape: a mechanism of rigid links with the same joints, masses and frames.
+
+section at s    X(s) = X_root exp(s (e_1, kappa))  in the link frame
+body            rho A(s) ds at X(s), with rho I(s) ds along its axes, summed by Gauss points between the section's stations
+what stands on a section is stated in the link frame: X(s) X_stated
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from crosscheck.equivalence.tree import sum_of
+from crosscheck.lifting.rigid import moved, on
+from flexinv.kinematics.mesh import arc
+from flexinv.model.mechanism import WORLD, Attachment, Beam, Body, Inertia, Joint, Link, Mechanism, Placement
+
+POINTS = 8  # of Gauss on each half of a stretch: exact for straight beams, to rounding for arcs of a turn
+
+
+def held(mechanism: Mechanism) -> Mechanism:
+    """Return the rigid mechanism of a flexible one [m, kg]; a rigid one is returned itself."""
+    if mechanism.is_rigid:
+        return mechanism
+    beams = {link.name: link.beam for link in mechanism.beams}
+    return replace(
+        mechanism,
+        links=tuple(_link(link, beams.get(link.name)) for link in mechanism.links),
+        joints=tuple(_joint(joint, beams.get(joint.parent)) for joint in mechanism.joints),
+        closures=tuple(
+            replace(one, first=_end(one.first, beams), second=_end(one.second, beams)) for one in mechanism.closures
+        ),
+        modal_damping=None,
+    )
+
+
+def section_frame(beam: Beam, station: float | None) -> Placement:
+    """Return a section's frame [m] in the link frame, at a fraction 0..1 of the length [-]; None : at the end."""
+    return on(beam.placement, arc(beam, beam.length * (1.0 if station is None else station)))
+
+
+def _link(link: Link, beam: Beam | None) -> Link:
+    if beam is None:
+        return link
+    bodies = [
+        Body(
+            body.name, body.inertia if body.station is None else moved(section_frame(beam, body.station), body.inertia)
+        )
+        for body in link.bodies
+    ]
+    return Link(link.name, (Body(link.name, sum_of(_slices(beam))), *bodies), tip=section_frame(beam, None).position)
+
+
+def _slices(beam: Beam) -> Iterator[Inertia]:
+    nodes, weights = np.polynomial.legendre.leggauss(POINTS)
+    section = beam.section
+    bounds = np.union1d(np.linspace(0.0, 1.0, 3), np.clip(section.stations, 0.0, 1.0))
+    for low, high in pairwise(bounds):
+        for at, weight in zip((low + high) / 2 + (high - low) / 2 * nodes, weights * (high - low) / 2, strict=True):
+            mass = np.interp(at, section.stations, section.mass_per_length)
+            rotary = [np.interp(at, section.stations, column) for column in section.rotary_inertia.T]
+            ds = weight * beam.length
+            yield moved(section_frame(beam, float(at)), Inertia(float(mass) * ds, np.zeros(3), np.diag(rotary) * ds))
+
+
+def _joint(joint: Joint, beam: Beam | None) -> Joint:
+    if beam is None or joint.parent == WORLD:
+        return joint
+    return replace(joint, station=None, placement=on(section_frame(beam, joint.station), joint.placement))
+
+
+def _end(end: Attachment, beams: Mapping[str, Beam | None]) -> Attachment:
+    beam = beams.get(end.link)
+    if beam is None or end.station is None:
+        return end
+    return Attachment(end.link, on(section_frame(beam, end.station), end.placement))

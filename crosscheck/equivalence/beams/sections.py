@@ -1,0 +1,256 @@
+"""Differences of links that bend: length, curvature, stiffness, masses, damping, and the stations of what stands on them.
+
+One factor on a whole table is one difference: another modulus, another density.  Meshes are no part of the machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from crosscheck.equivalence.align import SAME
+from crosscheck.equivalence.beams.sampled import Sampled, sampled, shared
+from crosscheck.equivalence.difference import Difference
+from crosscheck.equivalence.hints import factor_hints
+from flexinv.model.damping import ModalDamping
+from flexinv.model.mechanism import Array, Beam, Joint, Link, Mechanism
+
+# By field of a beam's numbers: quantity and unit of each column.
+COLUMNS: dict[str, tuple[tuple[str, str], ...]] = {
+    "length": (("length of beam", "m"),),
+    "curvature": (("initial twist", "1/m"), ("initial curvature about y", "1/m"), ("initial curvature about z", "1/m")),
+    "stiffness": (
+        ("axial stiffness EA", "N"), ("shear stiffness GA_y", "N"), ("shear stiffness GA_z", "N"),
+        ("torsional stiffness GJ", "N m^2"), ("bending stiffness EI_y", "N m^2"), ("bending stiffness EI_z", "N m^2"),
+    ),
+    "inertia": (
+        ("mass per length", "kg/m"), ("rotary inertia about x", "kg m"), ("rotary inertia about y", "kg m"),
+        ("rotary inertia about z", "kg m"),
+    ),
+    "retardation": tuple((f"damping of {strain}", "s") for strain in ("stretching", "shear along y", "shear along z", "twist",
+                                                                      "bending about y", "bending about z")),
+}  # fmt: skip
+# A whole table that has one factor: what it is called, and what that looks like.
+WHOLE = {
+    "stiffness": ("stiffness of section", "EA, GA, GJ and EI by one factor: another modulus"),
+    "inertia": ("inertia of section", "mass and rotary inertia by one factor: another density"),
+    "retardation": ("damping of section", "all strains alike"),
+}
+Edit = Callable[[Mechanism], Mechanism]
+
+
+@dataclass(frozen=True)
+class Bent:
+    """A difference of beams, and the edit that gives B's value to a mechanism with A's."""
+
+    difference: Difference
+    edit: Edit
+
+
+@dataclass(frozen=True)
+class Beams:
+    """Two mechanisms and B's links by those of A, where both are matched; joints : B's by those of A."""
+
+    first: Mechanism
+    second: Mechanism
+    links: Mapping[str, str]
+    joints: Mapping[str, str]
+
+    @property
+    def both(self) -> Iterator[tuple[str, str, Beam, Beam]]:
+        """Yield links of A and of B that bend in both, with their beams."""
+        for ours, theirs in self.links.items():
+            a, b = self.first.link_of[ours].beam, self.second.link_of[theirs].beam
+            if a is not None and b is not None:
+                yield ours, theirs, a, b
+
+    def _shapes(self) -> dict[str, Beam]:
+        """B's beams with A's numbers at B's root, by link of B."""
+        return {theirs: sampled(a, shared(a, b)).beam(b) for _, theirs, a, b in self.both}
+
+    def alone(self) -> Iterator[Difference]:
+        """Yield the links that bend in one of both only; the other holds their shape."""
+        for ours, theirs in self.links.items():
+            bends = [self.first.link_of[ours].beam is not None, self.second.link_of[theirs].beam is not None]
+            if bends[0] != bends[1]:
+                values = ("beam", "rigid") if bends[0] else ("rigid", "beam")
+                cause = f"link that bends in {'A' if bends[0] else 'B'} only"
+                yield Difference("beam", cause, f"link {ours}", 1.0, "-", *values, structural=True)
+
+    def meshes(self) -> list[str]:
+        """Return in words which beams have another mesh: that is discretisation, and not the machine."""
+        words = [
+            f"{ours} {a.elements} of order {a.order} in A, {b.elements} of order {b.order} in B"
+            for ours, _, a, b in self.both
+            if (a.elements, a.order) != (b.elements, b.order)
+        ]
+        return [f"elements of beams, which are no part of the machine: {', '.join(words)}"] if words else []
+
+    def base(self) -> Mechanism:
+        """Return B with A's beams, stations and stated modal damping, on B's mesh: what differs then is no matter of a beam."""
+        shapes, stations = (
+            self._shapes(),
+            {theirs: self.first.joint_of[ours].station for ours, theirs in self.joints.items()},
+        )
+        links = {
+            theirs: _with_stations(self.second.link_of[theirs], self.first.link_of[ours])
+            for ours, theirs in self.links.items()
+        }
+        made = [links.get(link.name, link) for link in self.second.links]
+        return replace(
+            self.second,
+            links=tuple(replace(link, beam=shapes.get(link.name, link.beam)) for link in made),
+            joints=tuple(_at_station(joint, stations.get(joint.name)) for joint in self.second.joints),
+            modal_damping=_asked(self.first.modal_damping),
+        )  # fmt: skip
+
+    def differences(self) -> Iterator[Bent]:
+        """Yield every difference of beams with its edit [unit of each]."""
+        for ours, theirs, a, b in self.both:
+            stations = shared(a, b)
+            tables = sampled(a, stations), sampled(b, stations)
+            for name in COLUMNS if not self._stated else [name for name in COLUMNS if name != "retardation"]:
+                yield from _of_table(ours, theirs, name, *tables)
+            yield from self._stations(ours, theirs)
+        yield from self._damping()
+
+    def _stations(self, ours: str, theirs: str) -> Iterator[Bent]:
+        mine, other = self.first.link_of[ours], self.second.link_of[theirs]
+        at = {body.name: body.station for body in other.bodies}
+        for body in mine.bodies:
+            if body.name in at and _apart(body.station, at[body.name]):
+                found = _moved("station of body", f"body {body.name} (on link {ours})", body.station, at[body.name])
+                yield Bent(found, _body_edit(theirs, body.name, at[body.name]))
+        for joint, partner in self.joints.items():
+            one, two = self.first.joint_of[joint], self.second.joint_of[partner]
+            if one.parent == ours and two.parent == theirs and _apart(_end(one.station), _end(two.station)):
+                found = _moved("station of joint", f"joint {joint}", _end(one.station), _end(two.station))
+                yield Bent(found, _joint_edit(partner, two.station))
+
+    @property
+    def _stated(self) -> bool:
+        """Both state the ratio of a mode: retardation times follow from it."""
+        return self.first.modal_damping is not None and self.second.modal_damping is not None
+
+    def _damping(self) -> Iterator[Bent]:
+        one, two = self.first.modal_damping, self.second.modal_damping
+        if one is None or two is None or (one.ratio, one.mode) == (two.ratio, two.mode):
+            return
+        size, shown = (
+            abs(two.ratio - one.ratio),
+            (f"{one.ratio:.9g} at mode {one.mode}", f"{two.ratio:.9g} at mode {two.mode}"),
+        )
+        hints = factor_hints(two.ratio, one.ratio) if one.mode == two.mode else ()
+        found = Difference("beam", "modal damping", "all beams", size, "-", *shown, hints=hints)
+        yield Bent(found, lambda mechanism: replace(mechanism, modal_damping=_asked(two)))
+
+
+def _asked(stated: ModalDamping | None) -> ModalDamping | None:
+    """A stated ratio whose time is to be computed for the mechanism that it is put into."""
+    return None if stated is None else replace(stated, seconds=None)
+
+
+def _of_table(ours: str, theirs: str, name: str, one: Sampled, two: Sampled) -> Iterator[Bent]:
+    """Yield the differences of one field of a beam's numbers: as one where a factor is common, else by column."""
+    a, b = getattr(one, name), getattr(two, name)
+    place, factor = f"link {ours}", _factor(a, b)
+    if np.abs(b - a).max() <= SAME * max(np.abs(a).max(), np.abs(b).max()):
+        return
+    if name in WHOLE and factor is not None:
+        cause, words = WHOLE[name]
+        hints = (words, *factor_hints(factor, 1.0))
+        shown = ("stated", f"{factor:.9g} times that of A")
+        found = Difference("beam", cause, place, abs(factor - 1.0), "of it", *shown, hints=hints)
+        yield Bent(found, _table_edit(theirs, name, slice(None), b))
+        return
+    for k, (cause, unit) in enumerate(COLUMNS[name]):
+        mine, other = a[:, k], b[:, k]
+        size = float(np.abs(other - mine).max())
+        if size > SAME * max(np.abs(mine).max(), np.abs(other).max()):
+            worst = int(np.argmax(np.abs(other - mine)))
+            hints = (*factor_hints(float(other[worst]), float(mine[worst])), *_exchanged(name, k, a, b))
+            found = Difference("beam", cause, place, size, unit, _row(mine), _row(other), hints=hints)
+            yield Bent(found, _table_edit(theirs, name, slice(k, k + 1), other[:, None]))
+
+
+def _factor(a: Array, b: Array) -> float | None:
+    """The factor of a whole table; None where its numbers have none in common."""
+    if a.size < 2 or not a.any() or np.any((a == 0) != (b == 0)):
+        return None
+    factors = b[a != 0] / a[a != 0]
+    return float(factors[0]) if np.ptp(factors) <= SAME * abs(factors[0]) else None
+
+
+def _exchanged(name: str, column: int, a: Array, b: Array) -> tuple[str, ...]:
+    """Words where bending about y in one file is that about z in the other."""
+    pair = {"stiffness": (4, 5), "inertia": (2, 3)}.get(name, ())
+    if column not in pair:
+        return ()
+    turned = all(np.abs(a[:, k] - b[:, pair[1 - n]]).max() <= SAME * np.abs(a[:, k]).max() for n, k in enumerate(pair))
+    return ("y and z are exchanged",) if turned else ()
+
+
+def _row(values: Array) -> str:
+    """One number of a uniform beam, else those at the stations."""
+    same = np.ptp(values) <= SAME * np.abs(values).max(initial=0.0)
+    return " ".join(f"{x:.9g}" for x in (values[:1] if same else values))
+
+
+def _end(station: float | None) -> float:
+    return 1.0 if station is None else station
+
+
+def _apart(one: float | None, two: float | None) -> bool:
+    return one is not None and two is not None and abs(one - two) > SAME
+
+
+def _moved(cause: str, place: str, one: float | None, two: float | None) -> Difference:
+    assert one is not None
+    assert two is not None
+    return Difference("beam", cause, place, abs(two - one), "of the length", f"{one:.9g}", f"{two:.9g}")
+
+
+def _at_station(joint: Joint, station: float | None) -> Joint:
+    return joint if station is None or joint.station is None else replace(joint, station=station)
+
+
+def _with_stations(link: Link, like: Link) -> Link:
+    """A link whose bodies stand where those of the other link of the same names do."""
+    at = {body.name: body.station for body in like.bodies if body.station is not None}
+    moved = [
+        replace(body, station=at.get(body.name, body.station)) if body.station is not None else body
+        for body in link.bodies
+    ]
+    return replace(link, bodies=tuple(moved))  # fmt: skip
+
+
+def _on_link(mechanism: Mechanism, name: str, change: Callable[[Link], Link]) -> Mechanism:
+    return replace(mechanism, links=tuple(change(link) if link.name == name else link for link in mechanism.links))
+
+
+def _table_edit(link: str, name: str, columns: slice, values: Array) -> Edit:
+    def change(one: Link) -> Link:
+        assert one.beam is not None
+        table = sampled(one.beam, one.beam.section.stations).with_column(name, columns, values)
+        return replace(one, beam=table.beam(one.beam))
+
+    return lambda mechanism: _on_link(mechanism, link, change)
+
+
+def _body_edit(link: str, name: str, station: float | None) -> Edit:
+    def change(one: Link) -> Link:
+        return replace(
+            one, bodies=tuple(replace(b, station=station) if b.name == name else b for b in one.bodies)
+        )  # fmt: skip
+
+    return lambda mechanism: _on_link(mechanism, link, change)
+
+
+def _joint_edit(name: str, station: float | None) -> Edit:
+    def edit(mechanism: Mechanism) -> Mechanism:
+        joints = tuple(replace(j, station=station) if j.name == name else j for j in mechanism.joints)
+        return replace(mechanism, joints=joints)
+
+    return edit
