@@ -160,7 +160,7 @@ def _causes(
 ) -> list[tuple[str, list[Named]]]:
     out = []
     for log in _located(source, hold_out) or _located(source, logs[:1]):
-        named = name_causes(found.machine, found.fit, read_log(log, found.machine.settings.time), not hold_out)
+        named = name_causes(found, read_log(log, found.machine.settings.time), not hold_out)
         console.print(f"\n[bold]what remains of {escape(Path(log).name)}[/bold]")
         for words in [one.words for one in named] or ["no cause of the dictionary explains what remains: unknown"]:
             console.print(escape(words), highlight=False, soft_wrap=True)

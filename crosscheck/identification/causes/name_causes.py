@@ -23,10 +23,12 @@ from crosscheck.identification.causes.dictionary import dictionary
 from crosscheck.identification.causes.encoders import two_encoders
 from crosscheck.identification.causes.gross import Gross, Score, hypotheses, score
 from crosscheck.identification.causes.signals import clipped, clipped_samples, quantised
-from crosscheck.identification.fit import Fit, Problem, jacobian, problem
+from crosscheck.identification.causes.wide import WideRows, wide_rows
+from crosscheck.identification.fit import Fit, Problem, agreeing, jacobian, problem
+from crosscheck.identification.identify import Identified
 from crosscheck.identification.log import Log
 from crosscheck.identification.parameters import Space
-from crosscheck.identification.readings import Machine, make_run, measured_of
+from crosscheck.identification.readings import Machine, Run, make_run, measured_of, wide_of
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.torque_regressor import link_parameters
 
@@ -42,13 +44,15 @@ ALIKE = 4.0  # of drops that differ by less than this neither is the better one:
 LARGEST = 4  # causes named at most
 
 
-def name_causes(machine: Machine, found: Fit, log: Log, seen: bool = False) -> list[Named]:
+def name_causes(known: Identified, log: Log, seen: bool = False) -> list[Named]:
     """Return the causes that a log shows beside what was identified [unit of each], the most certain first.
 
     seen : the parameters come from this very log: a gross fault has spoiled them, and is looked for under what was known before.
         What may be small is looked for beside the parameters as they are: under less, what was wrongly known looks like a fault
     """
-    search = _Search(machine, found, clipped_samples(machine, log), seen)
+    machine, found = known.machine, known.fit
+    before = () if seen else known.task.runs
+    search = _Search(machine, found, clipped_samples(machine, log), seen, before)
     named = [*clipped(machine, log), *quantised(machine, found, log)]
     for _ in range(LARGEST):
         one = _gross(search, log)
@@ -62,12 +66,16 @@ def name_causes(machine: Machine, found: Fit, log: Log, seen: bool = False) -> l
 
 @dataclass(frozen=True)
 class _Search:
-    """A machine with the parameters found; cut : samples that are clipped (samples, channels)."""
+    """A machine with the parameters found; cut : samples that are clipped (samples, channels).
+
+    before : runs that say what efforts look like above the bandwidth
+    """
 
     machine: Machine
     found: Fit
     cut: NDArray[np.bool_]
     seen: bool
+    before: tuple[Run, ...] = ()
 
     @property
     def root(self) -> Array:
@@ -78,16 +86,19 @@ class _Search:
 
     def task(self, log: Log, mechanism: Mechanism, level: Problem | None = None, moves: bool = True) -> Problem:
         """Return a log of a mechanism; samples count as in ``level``, motions are its own if they move."""
-        changed = Machine(mechanism, self.machine.settings, _carried(self.machine, mechanism))
+        changed = Machine(mechanism, self.machine.settings, carried(self.machine, mechanism))
         if level is None:
             run = make_run(changed, log)
             return problem(changed, (run,), (run.counted & ~self.cut,))
-        run = make_run(changed, log) if moves else replace(level.runs[0], measured=measured_of(changed, log))
+        if moves:
+            run = make_run(changed, log)
+        else:
+            run = replace(level.runs[0], measured=measured_of(changed, log), wide=wide_of(changed, log))
         return replace(level, machine=changed, runs=(run,))
 
 
-def _carried(machine: Machine, mechanism: Mechanism) -> Space:
-    """Parameters as before, with the masses that the changed mechanism has beside those of the first one."""
+def carried(machine: Machine, mechanism: Mechanism) -> Space:
+    """Return the parameters as before, with the masses [kg] that the changed mechanism has beside those of the first one."""
     if mechanism is machine.mechanism:
         return machine.space
     own = machine.space.factors
@@ -143,9 +154,10 @@ def _scored(search: _Search, task: Problem, told: Linear) -> Score:
 
 def _small(search: _Search, log: Log) -> Iterator[Named]:
     causes = list(dictionary(search.machine))
-    at, known = np.zeros(len(causes)), set[str]()
+    at, known, wide = np.zeros(len(causes)), set[str](), None
     for _ in range(LARGEST):
-        best = _strongest(_Round(search, log, causes, at), at, known)
+        here = _Round(search, log, causes, at, wide)
+        best, wide = _strongest(here, at, known), here.wide
         if best is None:
             return
         k, one = best
@@ -155,21 +167,29 @@ def _small(search: _Search, log: Log) -> Iterator[Named]:
 
 
 class _Round:
-    """A log under the causes named so far: residual and directions that the parameters cannot make up for."""
+    """A log under the causes named so far: residual and directions that the parameters cannot make up for.
 
-    def __init__(self, search: _Search, log: Log, causes: list[Cause], at: Array) -> None:
+    Rows of all channels behind the low-pass come first, those above the bandwidth then, and the parameters at the end.
+    """
+
+    def __init__(self, search: _Search, log: Log, causes: list[Cause], at: Array, wide: list[WideRows] | None) -> None:
         self.search, self.log, self.causes = search, log, causes
-        self.task = self._task(at, None)
+        self.task = self.task_at(at, None)
         found = search.found
         residual = self._residual(self.task)
         spread = np.array([np.sqrt(np.mean(r**2)) for r in residual])
         self.weight = 1.0 / (spread * np.sqrt(found.agree))
-        self.ends = np.cumsum([len(r) for r in residual])
-        self.news = np.array([len(r) / a for r, a in zip(residual, found.agree, strict=True)])
+        self.wide = wide_rows(self.task.runs[0], search.before) if wide is None else wide
+        sizes = [len(r) for r in residual] + [2 * len(w.weights) for w in self.wide]
+        self.ends = np.cumsum(sizes)
+        news = [len(r) / a for r, a in zip(residual, found.agree, strict=True)]
+        self.news = np.array(news + [w.news for w in self.wide])
         scaled = [w * j for w, j in zip(self.weight, jacobian(self.task, found.z), strict=True)]
-        self.basis = np.linalg.qr(np.vstack([*scaled, search.root]))[0]
+        beside = np.zeros((sum(sizes[len(residual) :]), len(found.z)))
+        self.basis = np.linalg.qr(np.vstack([*scaled, beside, search.root]))[0]
 
-    def _task(self, at: Array, level: Problem | None) -> Problem:
+    def task_at(self, at: Array, level: Problem | None) -> Problem:
+        """Return the log and the mechanism at sizes ``at`` of all causes [unit of each]."""
         log, mechanism, moves = self.log, self.search.machine.mechanism, False
         for cause, phi in zip(self.causes, at, strict=True):
             if phi:
@@ -183,41 +203,75 @@ class _Round:
 
     def rest(self, at: Array) -> Array:
         """Return the weighed residual (rows,) [-] at sizes ``at`` of all causes, less what the parameters can make up for."""
-        told = self._residual(self._task(at, self.task))
-        r = np.concatenate(
-            [*(w * e for w, e in zip(self.weight, told, strict=True)), np.zeros(len(self.search.found.z))]
-        )
+        task = self.task_at(at, self.task)
+        told = [w * e for w, e in zip(self.weight, self._residual(task), strict=True)]
+        above = [w.rows(task.runs[0]) for w in self.wide]
+        r = np.concatenate([*told, *above, np.zeros(len(self.search.found.z))])
         return np.asarray(r - self.basis @ (self.basis.T @ r))
 
+    def above(self, at: Array) -> float:
+        """Return the cost above the bandwidth alone [-]: it needs the log only, and no torque of the model."""
+        log = self.log
+        for cause, phi in zip(self.causes, at, strict=True):
+            log = cause.undone(log, self.search.machine.mechanism, float(phi))[0] if phi else log
+        run = replace(self.task.runs[0], wide=wide_of(self.search.machine, log))
+        return float(sum(np.sum(w.rows(run) ** 2) for w in self.wide))
+
     def drop(self, before: Array, left: Array) -> float:
-        """Return by how much the cost falls [-] from one weighed residual (rows,) to another: each channel by its own scatter."""
-        parts = zip(np.split(before, self.ends), np.split(left, self.ends), strict=True)
+        """Return by how much the cost falls [-] from one weighed residual (rows,) to another: each channel by its own scatter.
+
+        Where what is left hangs together for longer than the logs that identified made believe, there is less news.  Above the
+        bandwidth the scatter is known, and to leave less than it is no merit.
+        """
+        parts = list(zip(np.split(before, self.ends), np.split(left, self.ends), strict=True))
         one, other = np.array([[float(a @ a), float(b @ b)] for a, b in parts]).T
-        return float(np.sum(self.news * np.log(one[:-1] / other[:-1])) + one[-1] - other[-1])
+        most = [len(b) / agreeing(b) for _, b in parts[: len(self.weight)]] + [w.news for w in self.wide]
+        floor = np.concatenate([np.zeros(len(self.weight)), [w.news for w in self.wide], [0.0]])
+        one, other = np.maximum(one, floor), np.maximum(other, floor)
+        some = (one[:-1] > 0.0) & (other[:-1] > 0.0)
+        news = np.minimum(self.news, most)[some]
+        return float(np.sum(news * np.log(one[:-1][some] / other[:-1][some])) + one[-1] - other[-1])
 
 
 def _strongest(here: _Round, at: Array, known: set[str]) -> tuple[int, Named] | None:
     level = here.rest(at)
     first: list[tuple[float, int, float]] = []
     for k, cause in enumerate(here.causes):
-        if cause.name + cause.place in known:
-            continue
-        slope = (here.rest(at + cause.step * np.eye(len(at))[k]) - level) / cause.step
-        square = float(slope @ slope)
-        if square <= 0.0:
-            continue
-        drop = float(slope @ level) ** 2 / square
-        if drop > ASKED:
-            first.append((drop, k, -float(slope @ level) / square))
-    followed = [_sized(here, at, k, size, level) for _, k, size in sorted(first, reverse=True)[:NEAREST]]
+        if cause.name + cause.place not in known:
+            first += [(drop, k, size) for drop, size in _starts(here, at, k, level) if drop > ASKED]
+    chosen: dict[int, float] = {}
+    for _, k, size in sorted(first, reverse=True):
+        chosen.setdefault(k, size)
+    followed = [_sized(here, at, k, size, level) for k, size in list(chosen.items())[:NEAREST]]
+    followed = [one for one in followed if one[1].size > here.causes[one[0]].least]
     most = max((one.drop for _, one in followed), default=0.0)
     if most < EVIDENCE:
         return None
-    alike = sorted((one for one in followed if one[1].drop > most - ALIKE), key=lambda one: one[0])
+    alike = sorted((one for one in followed if one[1].drop > most - ALIKE), key=lambda one: _order(here, *one))
     k, likely = alike[0]
     others = [f"{one.name} of {one.place}, {one.size:.3g} {one.unit}" for _, one in alike[1:]]
     words = likely.evidence + (f"; next to as likely: {'; '.join(others)}" if others else "")
     return k, replace(likely, evidence=words)
+
+
+def _order(here: _Round, k: int, one: Named) -> tuple[bool, int]:
+    """What can be comes before what is against nature, and what stands first in the dictionary before the rest."""
+    return here.causes[k].one_sided and one.size < 0.0, k
+
+
+def _starts(here: _Round, at: Array, k: int, level: Array) -> list[tuple[float, float]]:
+    """Sizes of a cause at which the way to the best one may start, each with about how much the cost falls."""
+    cause, one = here.causes[k], np.eye(len(at))[k]
+    slope = (here.rest(at + cause.step * one) - level) / cause.step
+    square, out = float(slope @ slope), []
+    if square > 0.0:
+        out.append((float(slope @ level) ** 2 / square, -float(slope @ level) / square))
+    if here.wide and cause.tries:
+        costs = [here.above(at + size * one) for size in cause.tries]
+        best = int(np.argmin(costs))
+        left = here.rest(at + cause.tries[best] * one)
+        out.append((float(level @ level - left @ left), cause.tries[best]))
+    return out
 
 
 def _sized(here: _Round, at: Array, k: int, size: float, before: Array) -> tuple[int, Named]:

@@ -50,12 +50,12 @@ def without_encoder(log: Log) -> Log:
 
 def test_nothing_is_named_on_an_untouched_log(known: tuple[Identified, Log]) -> None:
     found, log = known
-    assert name_causes(found.machine, found.fit, without_encoder(log)) == []
+    assert name_causes(found, without_encoder(log)) == []
 
 
 def test_motor_and_link_angle_disagree_by_twist_and_delay(known: tuple[Identified, Log]) -> None:
     found, log = known
-    named = {one.name: one for one in name_causes(found.machine, found.fit, log)}
+    named = {one.name: one for one in name_causes(found, log)}
     assert set(named) == {TWIST, DELAY}
     assert named[TWIST].size == pytest.approx(STIFF, rel=0.05)
     assert named[DELAY].size == pytest.approx(LATER, rel=0.05)
@@ -94,7 +94,7 @@ def test_a_planted_fault_is_named_first_with_its_size(
     found, log = known
     values = SPOIL[spoiled](log.columns[column])
     size = float(values.max()) if size is None else size
-    first = name_causes(found.machine, found.fit, without_encoder(changed(log, column, values)))[0]
+    first = name_causes(found, without_encoder(changed(log, column, values)))[0]
     assert (first.name.split(", the column")[0], first.place) == (name, place)
     assert first.size == pytest.approx(size, rel=0.1)
     assert name in first.words
@@ -104,7 +104,7 @@ def test_swapped_columns_are_named(known: tuple[Identified, Log]) -> None:
     found, log = known
     for one, other, kind in (("t1", "t2", "efforts"), ("q1", "q2", "angles")):
         swapped = changed(changed(log, one, log.columns[other]), other, log.columns[one])
-        named = name_causes(found.machine, found.fit, without_encoder(swapped))
+        named = name_causes(found, without_encoder(swapped))
         assert (named[0].name, named[0].place) == (f"swapped columns of the {kind}", "shoulder and elbow")
         assert len(named) == 1
 
@@ -116,7 +116,7 @@ def test_a_tilted_base_is_named_with_its_angle(known: tuple[Identified, Log], tm
     tilted = f"gravity_m_per_s2 = [{-9.81 * np.sin(tilt)}, 0, {-9.81 * np.cos(tilt)}]"
     table = logged_arm.frame(tmp_path, 1, text=logged_arm.MECHANISM.replace("gravity_m_per_s2 = [0, 0, -9.81]", tilted))
     spoiled = replace(log, columns={name: table[name].to_numpy() for name in ("q1", "q2", "t1", "t2")})
-    first = name_causes(found.machine, found.fit, spoiled)[0]
+    first = name_causes(found, spoiled)[0]
     assert (first.name, first.place) == ("tilt of gravity", "the world's y axis")
     assert abs(first.size) == pytest.approx(tilt, rel=0.15)
 
@@ -127,8 +127,8 @@ def test_a_delay_of_two_samples_in_a_real_log_is_named(root: Path, column: str) 
     folder = root / "models" / "kuka_kr300"
     found = crosscheck.identify(folder, [folder / "run_A.csv.gz"])
     log = read_log(folder / "run_A.csv.gz")
-    as_it_is = name_causes(found.machine, found.fit, log)
-    assert {one.name for one in name_causes(found.machine, found.fit, log, seen=True)} == {one.name for one in as_it_is}
+    as_it_is = name_causes(found, log)
+    assert {one.name for one in name_causes(found, log, seen=True)} == {one.name for one in as_it_is}
     later = {one.place: one.size for one in as_it_is if one.name == DELAY}
     assert all(
         size == pytest.approx(0.003, abs=2e-4) for size in later.values()

@@ -1,0 +1,79 @@
+"""Rows of evidence above the bandwidth: what the wide responses of efforts are beside what they should be.
+
+A row weighs one over its standard error.  What no delay, lag or gain takes away of a channel is how wrong the expectation is: rows
+weigh less by it, and by the number of neighbours that miss alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.identification.fit import agreeing
+from crosscheck.identification.readings import Run
+from crosscheck.identification.wide_response import Expected, WideResponse, difference, expected, weights
+
+Array = NDArray[np.float64]
+DELAYS = np.arange(-0.02, 0.0201, 0.001)  # [s]
+LAGS = np.array([0.0, 0.001, 0.002, 0.004, 0.007, 0.012, 0.02])  # [s]
+
+
+@dataclass(frozen=True)
+class WideRows:
+    """A channel above the bandwidth: what is expected of it, weights (frequencies,), and how many of its rows are news [-]."""
+
+    channel: int
+    told: Expected
+    weights: Array
+    news: float
+
+    def rows(self, run: Run) -> Array:
+        """Return what the channel of a run shows beside what is expected (rows,) [-]."""
+        seen = run.wide[self.channel]
+        return np.zeros(2 * len(self.weights)) if seen is None else difference(seen, self.told, self.weights)
+
+
+def wide_rows(run: Run, before: Sequence[Run]) -> list[WideRows]:
+    """Return the rows of all efforts of a run that show something above the bandwidth [-]; before : runs that tell what to expect."""
+    out = []
+    for c, seen in enumerate(run.wide):
+        if seen is None:
+            continue
+        known = [w for w in (b.wide[c] for b in before if b.wide) if w is not None]
+        told = expected(seen, known)
+        weight = weights(seen, told)
+        if (weight > 0.0).sum() < 10:
+            continue
+        best = _settled(seen, told, weight)
+        alike = max(agreeing(best[0::2]), agreeing(best[1::2]), 1.0 if told.known else _smooth(seen.frequency))
+        scale = max(1.0, float(np.mean(best[best != 0.0] ** 2)))
+        news = 2.0 * float((weight > 0.0).sum()) / alike
+        out.append(WideRows(c, told, weight / np.sqrt(scale * alike), news))
+    return out
+
+
+def _smooth(frequency: Array) -> float:
+    """The number of frequencies [Hz] over which a drive that is more than its rotor misses the phase alike: half an octave's [-]."""
+    return len(frequency) / max(1.0, 2.0 * float(np.log2(frequency[-1] / frequency[0])))
+
+
+def _settled(seen: WideResponse, told: Expected, weight: Array) -> Array:
+    """The differences (rows,) under the delay, lag and gain that leave least of them."""
+    w, best = 2.0 * np.pi * seen.frequency, difference(seen, told, weight)
+    for lag in LAGS:
+        for delay in DELAYS:
+            both = seen.both * np.exp(1j * w * delay) * (1.0 + 1j * w * lag)
+            if told.known:
+                ratio = both / seen.acceleration / told.ratio
+                both = both * _gain(ratio, weight)
+            left = difference(replace(seen, both=both), told, weight)
+            best = left if left @ left < best @ best else best
+    return best
+
+
+def _gain(ratio: NDArray[np.complex128], weight: Array) -> float:
+    """The factor that brings a ratio (frequencies,) closest to 1 [-]."""
+    return float(np.sum(weight**2 * ratio.real) / max(float(np.sum(weight**2 * np.abs(ratio) ** 2)), 1e-300))
