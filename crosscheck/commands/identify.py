@@ -14,8 +14,8 @@ from rich.table import Table
 from crosscheck import output_folder as owned
 from crosscheck.commands.shared.terminal import MODELS, Console, Failure
 from crosscheck.identification.bands import Judged
-from crosscheck.identification.causes.cause import Named
-from crosscheck.identification.causes.name_causes import name_causes
+from crosscheck.identification.causes.least_seen import by_name
+from crosscheck.identification.causes.name_causes import Remains, what_remains
 from crosscheck.identification.combinations import told_directions
 from crosscheck.identification.excitation import Proposal, proposed_motion
 from crosscheck.identification.files import write_judged, write_parameters, write_prediction
@@ -157,14 +157,19 @@ def _say(console: Console, found: Identified) -> None:
 
 def _causes(
     console: Console, found: Identified, source: Path, logs: tuple[str, ...], hold_out: tuple[str, ...]
-) -> list[tuple[str, list[Named]]]:
+) -> list[tuple[str, Remains]]:
     out = []
     for log in _located(source, hold_out) or _located(source, logs[:1]):
-        named = name_causes(found, read_log(log, found.machine.settings.time), not hold_out)
+        rest = what_remains(found, read_log(log, found.machine.settings.time), not hold_out)
         console.print(f"\n[bold]what remains of {escape(Path(log).name)}[/bold]")
-        for words in [one.words for one in named] or ["no cause of the dictionary explains what remains: unknown"]:
+        for words in [one.words for one in rest.named] or ["no cause of the dictionary explains what remains: unknown"]:
             console.print(escape(words), highlight=False, soft_wrap=True)
-        out.append((Path(log).name, named))
+        console.print(
+            "what is smaller than this would hide in that log (– : nothing that was tried would be seen):", style="dim"
+        )
+        for words in by_name(rest.least):
+            console.print(escape(words), highlight=False, soft_wrap=True, style="dim")
+        out.append((Path(log).name, rest))
     return out
 
 

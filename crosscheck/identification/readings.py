@@ -165,7 +165,8 @@ def _window(settings: IdentifyTable, log: Log) -> NDArray[np.bool_]:
 
 def wide_of(machine: Machine, log: Log) -> tuple[WideResponse | None, ...]:
     """Return the response of every effort to its joint's acceleration above the bandwidth [units of the channels]."""
-    window, out = _window(machine.settings, log), []
+    window = _window(machine.settings, log)
+    out: list[WideResponse | None] = []
     for channel in machine.channels:
         table = None if channel.is_gauge else machine.settings.joints[channel.place].angle
         if table is None:

@@ -111,11 +111,13 @@ def expected(seen: WideResponse, before: Sequence[WideResponse]) -> Expected:
         variance = np.interp(seen.frequency, own.frequency, own.variance)
         variance[np.interp(seen.frequency, own.frequency, own.coherence) < SEEN] = np.inf
         return Expected(seen.frequency, ratio, variance, True)
-    return Expected(seen.frequency, np.ones(len(seen.frequency), dtype=complex), np.full(len(seen.frequency), PHASE**2), False)
+    return Expected(
+        seen.frequency, np.ones(len(seen.frequency), dtype=complex), np.full(len(seen.frequency), PHASE**2), False
+    )
 
 
 def difference(seen: WideResponse, told: Expected, weights: Array) -> Array:
-    """Return what H is beside what it should be, real and imaginary parts in turn (2 frequencies,) times weights (frequencies,)."""
+    """Return what H misses by, real and imaginary parts in turn (2 frequencies,) times weights (frequencies,) [-]."""
     ratio = seen.ratio if told.known else seen.ratio / np.abs(seen.ratio)
     rest = (ratio / told.ratio - 1.0) * weights
     return np.column_stack([rest.real, rest.imag]).ravel()

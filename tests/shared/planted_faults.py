@@ -19,14 +19,19 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 import crosscheck
 from crosscheck.identification.causes.cause import Named
 from crosscheck.identification.causes.dictionary import dictionary
-from crosscheck.identification.causes.name_causes import carried, name_causes
+from crosscheck.identification.causes.name_causes import name_causes
+from crosscheck.identification.causes.rounds import carried
 from crosscheck.identification.identify import Identified
 from crosscheck.identification.log import Log, read_log
 from crosscheck.identification.readings import Machine, delayed, lagged, make_run, sensed
 
 Array = NDArray[np.float64]
 MODELS = Path(__file__).parents[2] / "models"
-LOGS = {"kuka_kr300": "run_A.csv.gz", "quanser_2dsfl": "record.csv", "quanser_2dsfl_rigid": "../quanser_2dsfl/record.csv"}
+LOGS = {
+    "kuka_kr300": "run_A.csv.gz",
+    "quanser_2dsfl": "record.csv",
+    "quanser_2dsfl_rigid": "../quanser_2dsfl/record.csv",
+}
 SAMPLES, LAG, CONSTANT, TILT, PAYLOAD = 2, 0.005, 0.3, np.radians(3.0), 10.0
 
 

@@ -25,10 +25,8 @@ def dictionary(machine: Machine) -> Iterator[Cause]:
     for channel in machine.channels:
         kind = "gauge" if channel.is_gauge else "effort"
         yield Cause(f"delay of the {kind}", channel.place, "s", 1e-3, _shifted(channel.column), False, LATE, True)
-        if channel.is_gauge:
-            yield Cause("gain of the gauge, relative error", channel.place, "-", 1e-3, _scaled(channel.column), False)
-        else:
-            yield Cause("torque constant, relative error", channel.place, "-", 1e-3, _scaled(channel.column), False)
+        what = "gain of the gauge, relative error" if channel.is_gauge else "torque constant, relative error"
+        yield Cause(what, channel.place, "-", 1e-3, _scaled(channel.column), False, scales=channel.column)
         lag = _unlagged(channel.column)
         yield Cause(f"first-order lag of the {kind}", channel.place, "s", 1e-3, lag, False, SLOW, True, 0.0)
     for name, table in machine.settings.joints.items():

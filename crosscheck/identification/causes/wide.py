@@ -1,7 +1,7 @@
 """Rows of evidence above the bandwidth: what the wide responses of efforts are beside what they should be.
 
-A row weighs one over its standard error.  What no delay, lag or gain takes away of a channel is how wrong the expectation is: rows
-weigh less by it, and by the number of neighbours that miss alike.
+A row weighs one over its standard error.  What no delay, lag or gain takes away of a channel is how wrong the expectation is:
+rows weigh less by it, and by the number of neighbours that miss alike.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class WideRows:
 
 
 def wide_rows(run: Run, before: Sequence[Run]) -> list[WideRows]:
-    """Return the rows of all efforts of a run that show something above the bandwidth [-]; before : runs that tell what to expect."""
+    """Return the rows of efforts that show something above the bandwidth [-]; before : runs that tell what to expect."""
     out = []
     for c, seen in enumerate(run.wide):
         if seen is None:
@@ -56,7 +56,7 @@ def wide_rows(run: Run, before: Sequence[Run]) -> list[WideRows]:
 
 
 def _smooth(frequency: Array) -> float:
-    """The number of frequencies [Hz] over which a drive that is more than its rotor misses the phase alike: half an octave's [-]."""
+    """The number of frequencies [Hz] over which a drive that is more than its rotor misses alike: half an octave's [-]."""
     return len(frequency) / max(1.0, 2.0 * float(np.log2(frequency[-1] / frequency[0])))
 
 
