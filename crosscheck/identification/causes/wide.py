@@ -11,14 +11,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from crosscheck.identification.fit import agreeing
 from crosscheck.identification.readings import Run
 from crosscheck.identification.wide_response import Expected, WideResponse, difference, expected, weights
 
 Array = NDArray[np.float64]
-DELAYS = np.arange(-0.02, 0.0201, 0.001)  # [s]
-LAGS = np.array([0.0, 0.001, 0.002, 0.004, 0.007, 0.012, 0.02])  # [s]
+# Where the way to the best one starts [s], and what is one on it: [s], [s], of the logarithm [-].
+DELAYS = np.arange(-0.02, 0.0201, 0.002)
+LAGS = np.array([0.0, 0.005, 0.02])
+SCALES = np.array([1e-3, 1e-3, 0.1])
+STEPS = 60
 
 
 @dataclass(frozen=True)
@@ -62,18 +66,13 @@ def _smooth(frequency: Array) -> float:
 
 def _settled(seen: WideResponse, told: Expected, weight: Array) -> Array:
     """The differences (rows,) under the delay, lag and gain that leave least of them."""
-    w, best = 2.0 * np.pi * seen.frequency, difference(seen, told, weight)
-    for lag in LAGS:
-        for delay in DELAYS:
-            both = seen.both * np.exp(1j * w * delay) * (1.0 + 1j * w * lag)
-            if told.known:
-                ratio = both / seen.acceleration / told.ratio
-                both = both * _gain(ratio, weight)
-            left = difference(replace(seen, both=both), told, weight)
-            best = left if left @ left < best @ best else best
-    return best
+    w = 2.0 * np.pi * seen.frequency
 
+    def left(x: Array) -> Array:
+        delay, lag, gain = x * SCALES
+        turned = np.exp(1j * w * delay) * (1.0 + 1j * w * lag) * (np.exp(-gain) if told.known else 1.0)
+        return difference(replace(seen, both=seen.both * turned), told, weight)
 
-def _gain(ratio: NDArray[np.complex128], weight: Array) -> float:
-    """The factor that brings a ratio (frequencies,) closest to 1 [-]."""
-    return float(np.sum(weight**2 * ratio.real) / max(float(np.sum(weight**2 * np.abs(ratio) ** 2)), 1e-300))
+    starts = [np.array([delay, lag, 0.0]) / SCALES for lag in LAGS for delay in DELAYS]
+    start = min(starts, key=lambda x: float(np.sum(left(x) ** 2)))
+    return left(least_squares(left, start, method="lm", max_nfev=STEPS).x)
