@@ -21,9 +21,9 @@ from crosscheck.identification.excitation import Proposal, proposed_motion
 from crosscheck.identification.files import write_judged, write_parameters, write_prediction
 from crosscheck.identification.identified_file import write_identified
 from crosscheck.identification.identify import Identified, blocks, identify, machine_of
-from crosscheck.identification.log import read_log
+from crosscheck.identification.log import column_names, read_log
 from crosscheck.identification.page import write_page
-from crosscheck.identification.propose import proposed
+from crosscheck.identification.propose import proposed, time_of
 from crosscheck.identification.settings import FILE
 from crosscheck.report.words import short
 from flexinv.errors import FlexinvError, InputError
@@ -110,7 +110,9 @@ def _propose(console: Console, source: Path, log: str) -> None:
     try:
         if file.exists():
             raise InputError(f"{file} is there already: move it away, or mend it by hand")
-        text = proposed(load_mechanism(source), read_log(_located(source, (log,))[0]))
+        path = _located(source, (log,))[0]
+        time = time_of(column_names(path))
+        text = proposed(load_mechanism(source), read_log(path, time), time)
         file.write_text(text, encoding="utf-8")
     except (FlexinvError, OSError) as error:
         raise Failure(str(error)) from error

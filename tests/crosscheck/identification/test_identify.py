@@ -324,11 +324,12 @@ def test_a_first_identify_toml_is_proposed(folder: Path, tmp_path: Path) -> None
     names = {"q1": "shoulder_angle_deg", "q2": "elbow_angle_deg", "t1": "torque1 [N m]", "t2": "torque2 [N m]"}
     table = pd.read_csv(folder / "one.csv")
     table[["q1", "q2"]] = np.degrees(table[["q1", "q2"]])
-    table.rename(columns=names).to_csv(tmp_path / "log.csv", index=False)
+    table.rename(columns=names | {"time_s": "Time [s]"}).to_csv(tmp_path / "log.csv", index=False)
     run("arm", "--models", str(base.parent), "--log", str(tmp_path / "log.csv"), "--propose")
     settings = read_settings(base, load_mechanism(base))
     assert settings.joints["elbow"].angle.column == "elbow_angle_deg"
     assert settings.joints["elbow"].angle.unit == "deg"
+    assert settings.time == "Time [s]"
     assert settings.joints["shoulder"].effort is not None
     assert settings.joints["shoulder"].effort.column == "torque1 [N m]"
     found = crosscheck.identify(base, [tmp_path / "log.csv"])
