@@ -31,11 +31,11 @@ def study(models: str) -> dict[str, Any]:
 
 def _rows(folder: Path) -> Iterator[dict[str, Any]]:
     try:
-        machine = machine_of(folder)
-        if machine.settings.night is None:
+        settings = machine_of(folder).settings
+        if settings.night is None:
             return
         for row in judged(folder):
-            word, message = verdict(machine.settings.limits, row)
+            word, message = verdict([*settings.limits, *settings.night.limits], row)
             yield vars(row) | {"mechanism": folder.name, "verdict": word, "message": message}
     except InputError as error:
         yield {"mechanism": folder.name, "verdict": "error", "message": str(error)}

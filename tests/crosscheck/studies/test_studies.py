@@ -152,7 +152,9 @@ def test_a_night_identifies_and_judges_logs_of_machines(tmp_path: Path) -> None:
     judges = {"held": 'hold_out = ["two.csv"]', "parts": "blocks = 4", "lost": 'hold_out = ["three.csv"]', "none": ""}
     for name, judge in judges.items():
         base = logged_arm.write_arm(tmp_path / name)
-        night = f'[night]\nlog = ["one.csv"]\n{judge}\n[[limits]]\nchannel = ["*/elbow"]\nexplained = 0.99999999\n'
+        night = (
+            f'[night]\nlog = ["one.csv"]\n{judge}\n[[night.limits]]\nchannel = ["*/elbow"]\nexplained = 0.99999999\n'
+        )
         text = (base / "identify.toml").read_text()
         (base / "identify.toml").write_text(text + night if judge else text)
         for seed, log in enumerate(("one", "two")):
