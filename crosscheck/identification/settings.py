@@ -126,6 +126,9 @@ class NightTable(Table):
         "blocks = 5",
         default=None,
     )
+    limits: list[LimitTable] = key(
+        "what judges have to reach in a night, beside [[limits]]", "[[night.limits]]", default=[]
+    )
 
 
 class IdentifyTable(Table):
