@@ -134,7 +134,7 @@ def _beams(rows: Mapping[Any, Row], data: Mapping[str, Any], tables: Tables) -> 
 
 
 def _of_section(kind: str, data: Mapping[str, Any], table: Mapping[str, Any]) -> bool:
-    """Whether a parameter can be written as a section: GJ apart from EI only where the section states it as a number."""
+    """Return true for parameters of a section: GJ apart from EI only where the section states it as a number."""
     if not isinstance(table.get("section"), str):
         return False
     stated = data["sections"][table["section"]]

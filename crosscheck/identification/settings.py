@@ -117,7 +117,7 @@ class LimitTable(Table):
 
 
 class NightTable(Table):
-    """What every night identifies and judges: logs beside the mechanism."""
+    """Logs beside the mechanism that every night identifies and judges."""
 
     log: list[Text] = key("logs that identify, as --log takes them", 'log = ["run_A.csv.gz@0:6.9"]')
     hold_out: list[Text] = key("logs that judge", 'hold_out = ["run_B.csv.gz"]', default=[])

@@ -95,7 +95,7 @@ def together(some: Sequence[WideResponse]) -> WideResponse:
 
 @dataclass(frozen=True)
 class Expected:
-    """What H (frequencies,) should be, and its variance over |H|^2; ``known`` its size and not only its phase."""
+    """Expectation of H (frequencies,), and its variance over |H|^2; ``known`` : its size and not only its phase."""
 
     frequency: Array
     ratio: NDArray[np.complex128]
@@ -104,7 +104,7 @@ class Expected:
 
 
 def expected(seen: WideResponse, before: Sequence[WideResponse]) -> Expected:
-    """Return what H should be: that of logs before, or in phase with the acceleration, as that of a rotor inertia is [-]."""
+    """Return the expectation of H: that of logs before, or in phase with the acceleration, as that of a rotor inertia is [-]."""
     if before:
         own = together(before)
         ratio = np.interp(seen.frequency, own.frequency, own.ratio)
@@ -117,7 +117,7 @@ def expected(seen: WideResponse, before: Sequence[WideResponse]) -> Expected:
 
 
 def difference(seen: WideResponse, told: Expected, weights: Array) -> Array:
-    """Return what H misses by, real and imaginary parts in turn (2 frequencies,) times weights (frequencies,) [-]."""
+    """Return the error of H, real and imaginary parts in turn (2 frequencies,) times weights (frequencies,) [-]."""
     ratio = seen.ratio if told.known else seen.ratio / np.abs(seen.ratio)
     rest = (ratio / told.ratio - 1.0) * weights
     return np.column_stack([rest.real, rest.imag]).ravel()

@@ -42,7 +42,7 @@ def _rows(folder: Path) -> Iterator[dict[str, Any]]:
 
 
 def judged(folder: Path) -> list[Judged]:
-    """Return how well the logs of a mechanism's [night] are explained that did not identify [-].  Raises InputError."""
+    """Return the judged channels of a mechanism's [night], of logs that did not identify [-].  Raises InputError."""
     machine = machine_of(folder)
     night = machine.settings.night
     assert night is not None

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from crosscheck.identification.causes.cause import Named
 from crosscheck.identification.causes.dictionary import dictionary
@@ -29,8 +30,9 @@ from crosscheck.identification.identify import Identified
 from crosscheck.identification.log import Log
 
 Array = NDArray[np.float64]
-# Drop of the cost that chance does not give: beyond 12 it is one in two thousand for each cause that is asked for.
-EVIDENCE = 12.0
+# Drop of the cost that chance does not give: 12 is one in two thousand for one cause, and of all that are asked for together
+# chance names one in so many logs.
+EVIDENCE, CHANCE = 12.0, 1.0 / 200.0
 # A gross fault takes away most of what is unexplained, and leaves little.
 HALF, LITTLE = 0.5, 0.4
 FOLLOWED = 4  # steps on the way to a size
@@ -42,7 +44,7 @@ LARGEST = 4  # causes named at most
 
 @dataclass(frozen=True)
 class Remains:
-    """What remains of a log: causes, the most certain first, and the least sizes that it would show of those not named."""
+    """Causes of a log, the most certain first, and the least sizes of those not named that it would show."""
 
     named: list[Named]
     least: list[Least]
@@ -75,7 +77,7 @@ def what_remains(known: Identified, log: Log, seen: bool = False, hidden: bool =
         named.append(told)
         log = fault.undone(log, machine.mechanism, fault.size)[0]
     small, here, at = _small(replace(search, seen=False), log)
-    least = least_seen(here, at, EVIDENCE) if hidden else []
+    least = least_seen(here, at, enough(len(here.causes))) if hidden else []
     return Remains([*named, *small, *two_encoders(machine, found, log)], least)
 
 
@@ -152,7 +154,7 @@ def _strongest(here: Round, at: Array, known: set[str]) -> tuple[int, Named] | N
         chosen.setdefault(k, size)
     followed = [_sized(here, at, k, size, level) for k, size in list(chosen.items())[:NEAREST]]
     followed = [one for one in followed if one[1].size > here.causes[one[0]].least]
-    followed = [one for one in followed if one[1].drop >= EVIDENCE]
+    followed = [one for one in followed if one[1].drop >= enough(len(here.causes))]
     if not followed:
         return None
     most = max(_worth(here, *one) for one in followed)
@@ -161,6 +163,11 @@ def _strongest(here: Round, at: Array, known: set[str]) -> tuple[int, Named] | N
     others = [f"{one.name} of {one.place}, {one.size:.3g} {one.unit}" for _, one in alike[1:]]
     words = likely.evidence + (f"; next to as likely: {'; '.join(others)}" if others else "")
     return k, replace(likely, evidence=words)
+
+
+def enough(count: int) -> float:
+    """Return the drop of the cost [-] that is evidence where so many causes are asked for."""
+    return max(EVIDENCE, float(chi2.isf(CHANCE / count, 1)))
 
 
 def _worth(here: Round, k: int, one: Named) -> float:

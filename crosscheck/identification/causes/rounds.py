@@ -109,7 +109,7 @@ class Round:
         return np.asarray(r - self.basis @ (self.basis.T @ r))
 
     def _factors(self, at: Array) -> Array:
-        """How many times too large the column of each channel is (channels,) [-]."""
+        """Factors by which the column of each channel is too large (channels,) [-]."""
         columns = [c.column for c in self.search.machine.channels]
         out = np.ones(len(columns))
         for cause, phi in zip(self.causes, at, strict=True):

@@ -35,7 +35,7 @@ class WideRows:
     news: float
 
     def rows(self, run: Run) -> Array:
-        """Return what the channel of a run shows beside what is expected (rows,) [-]."""
+        """Return the difference between the channel of a run and its expectation (rows,) [-]."""
         seen = run.wide[self.channel]
         return np.zeros(2 * len(self.weights)) if seen is None else difference(seen, self.told, self.weights)
 
