@@ -32,7 +32,8 @@ LOGS = {
     "quanser_2dsfl": "record.csv",
     "quanser_2dsfl_rigid": "../quanser_2dsfl/record.csv",
 }
-SAMPLES, LAG, CONSTANT, TILT, PAYLOAD = 2, 0.005, 0.3, np.radians(3.0), 10.0
+# Payload: of the mass of all rigid links.
+SAMPLES, LAG, CONSTANT, TILT, PAYLOAD = 2, 0.005, 0.3, np.radians(3.0), 0.01
 
 
 @dataclass(frozen=True)
@@ -59,8 +60,10 @@ def planted(found: Identified, log: Log) -> Iterator[Planted]:
             spoiled["torque constant, relative error", CONSTANT] = (1.0 + CONSTANT) * values
         for (name, size), column in spoiled.items():
             yield Planted(name, channel.place, size, replace(log, columns={**log.columns, channel.column: column}))
-    for cause in dictionary(found.machine):
-        size = {"tilt of gravity": TILT, "payload beside what is known": PAYLOAD}.get(cause.name, 0.0)
+    for cause in dictionary(found.machine):  # no tilt where the mechanism states no gravity
+        mass = sum(b.inertia.mass for link in found.machine.mechanism.links for b in link.bodies if link.beam is None)
+        sizes = {"tilt of gravity": TILT, "payload beside what is known": float(f"{PAYLOAD * mass:.1g}")}
+        size = sizes.get(cause.name, 0.0)
         if size:
             mechanism = cause.undone(log, found.machine.mechanism, size)[1]
             other = replace(found.machine, mechanism=mechanism, space=carried(found.machine, mechanism))
