@@ -83,6 +83,7 @@ ALONE = {
     "crosscheck.identification.causes.dictionary": "a table of causes, beside others",
     "crosscheck.identification.causes.encoders": EQUATIONS,
     "crosscheck.identification.causes.gross": EQUATIONS,
+    "crosscheck.identification.causes.wide": EQUATIONS,
     "crosscheck.identification.causes.signals": "faults that need no model",
     "crosscheck.kit.tree": "a file of kits for programs that want no JSON",
     "crosscheck.kit.page": "the page of a kit in words, apart from its data",

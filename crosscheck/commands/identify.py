@@ -14,16 +14,16 @@ from rich.table import Table
 from crosscheck import output_folder as owned
 from crosscheck.commands.shared.terminal import MODELS, Console, Failure
 from crosscheck.identification.bands import Judged
-from crosscheck.identification.causes.cause import Named
-from crosscheck.identification.causes.name_causes import name_causes
+from crosscheck.identification.causes.least_seen import by_name
+from crosscheck.identification.causes.name_causes import Remains, what_remains
 from crosscheck.identification.combinations import told_directions
 from crosscheck.identification.excitation import Proposal, proposed_motion
 from crosscheck.identification.files import write_judged, write_parameters, write_prediction
 from crosscheck.identification.identified_file import write_identified
 from crosscheck.identification.identify import Identified, blocks, identify, machine_of
-from crosscheck.identification.log import read_log
+from crosscheck.identification.log import column_names, read_log
 from crosscheck.identification.page import write_page
-from crosscheck.identification.propose import proposed
+from crosscheck.identification.propose import proposed, time_of
 from crosscheck.identification.settings import FILE
 from crosscheck.report.words import short
 from flexinv.errors import FlexinvError, InputError
@@ -110,7 +110,9 @@ def _propose(console: Console, source: Path, log: str) -> None:
     try:
         if file.exists():
             raise InputError(f"{file} is there already: move it away, or mend it by hand")
-        text = proposed(load_mechanism(source), read_log(_located(source, (log,))[0]))
+        path = _located(source, (log,))[0]
+        time = time_of(column_names(path))
+        text = proposed(load_mechanism(source), read_log(path, time), time)
         file.write_text(text, encoding="utf-8")
     except (FlexinvError, OSError) as error:
         raise Failure(str(error)) from error
@@ -157,20 +159,28 @@ def _say(console: Console, found: Identified) -> None:
 
 def _causes(
     console: Console, found: Identified, source: Path, logs: tuple[str, ...], hold_out: tuple[str, ...]
-) -> list[tuple[str, list[Named]]]:
+) -> list[tuple[str, Remains]]:
     out = []
     for log in _located(source, hold_out) or _located(source, logs[:1]):
-        named = name_causes(found.machine, found.fit, read_log(log, found.machine.settings.time), not hold_out)
+        rest = what_remains(found, read_log(log, found.machine.settings.time), not hold_out)
         console.print(f"\n[bold]what remains of {escape(Path(log).name)}[/bold]")
-        for words in [one.words for one in named] or ["no cause of the dictionary explains what remains: unknown"]:
+        for words in [one.words for one in rest.named] or ["no cause of the dictionary explains what remains: unknown"]:
             console.print(escape(words), highlight=False, soft_wrap=True)
-        out.append((Path(log).name, named))
+        console.print(
+            "what is smaller than this would hide in that log (– : nothing that was tried would be seen):", style="dim"
+        )
+        for words in by_name(rest.least):
+            console.print(escape(words), highlight=False, soft_wrap=True, style="dim")
+        out.append((Path(log).name, rest))
     return out
 
 
 def _table(console: Console, title: str, rows: list[Judged]) -> None:
     heads = ("log", "channel", "explained", "all samples", "in 90 % band", "width / RMS error", "RMS error", "unit")
-    table = Table(*heads, box=None)
+    table = Table(box=None)
+    longest = max((len(r.channel) for r in rows), default=0)
+    for head in heads:  # which joint it is must not be cut off where the terminal is narrow
+        table.add_column(head, no_wrap=head == "channel", min_width=longest if head == "channel" else None)
     for r in rows:
         whole = f"{r.explained_all:.4f}" if np.isfinite(r.explained_all) else "–"  # of blocks only their window is told
         numbers = (f"{r.explained:.4f}", whole, f"{r.coverage:.1%}", f"{r.width:.2f}", short(r.rms))

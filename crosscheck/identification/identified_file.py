@@ -115,7 +115,7 @@ def _beams(rows: Mapping[Any, Row], data: Mapping[str, Any], tables: Tables) -> 
         table = data.get("links", {}).get(place, {})
         if kind == "beam length" and table:
             tables.setdefault(f"links.{_key(place)}", {})["length_m"] = (row.value, _words(row))
-        elif kind in ("beam stiffness", "beam damping") and isinstance(table.get("section"), str):
+        elif _of_section(kind, data, table):
             name = f"{table['section']} of {place}"
             tables.setdefault(f"links.{_key(place)}", {})["section"] = (name, "as identified")
             section = tables.setdefault(f"sections.{_key(name)}", {})
@@ -123,12 +123,22 @@ def _beams(rows: Mapping[Any, Row], data: Mapping[str, Any], tables: Tables) -> 
                 section.setdefault(key, (value, ""))
             if kind == "beam damping":
                 section["retardation_s"] = (row.value, _words(row))
-            else:
-                for key in OF_SECTION & section.keys():
-                    section[key] = (_times(section[key][0], row.value), f"times {short(row.value)}; {_words(row)}")
+                yield kind, place
+                continue
+            for key in ({"GJ_Nm2"} if kind == "torsion stiffness" else OF_SECTION) & section.keys():
+                before = f"{section[key][1]}; " if section[key][1] else ""
+                section[key] = (_times(section[key][0], row.value), f"{before}times {short(row.value)}; {_words(row)}")
         else:
             continue
         yield kind, place
+
+
+def _of_section(kind: str, data: Mapping[str, Any], table: Mapping[str, Any]) -> bool:
+    """Return true for parameters of a section: GJ apart from EI only where the section states it as a number."""
+    if not isinstance(table.get("section"), str):
+        return False
+    stated = data["sections"][table["section"]]
+    return kind in ("beam stiffness", "beam damping") or (kind == "torsion stiffness" and "GJ_Nm2" in stated)
 
 
 def _loads(

@@ -74,7 +74,10 @@ def read_log(source: str | Path, time: str = "time_s") -> Log:
         raise InputError(f"log {text}: there is no such file; write the path of a .csv, .csv.gz, .parquet or .mat file")
     columns = _columns(path)
     if time not in columns:
-        raise InputError(f"{path.name}: no column {time!r} of times [s]; it has {', '.join(list(columns)[:40])}")
+        raise InputError(
+            f"{path.name}: no column {time!r} of times [s]; it has {', '.join(list(columns)[:40])}; "
+            'write time = "NAME" into identify.toml'
+        )
     log = Log(path.name, columns.pop(time), columns)
     _check_times(log)
     if not part:
@@ -84,6 +87,14 @@ def read_log(source: str | Path, time: str = "time_s") -> Log:
     except ValueError as error:
         raise InputError(f"log {source}: @{part}, expected @START:END in seconds; write {text}@0:5") from error
     return log.cut(start, end)
+
+
+def column_names(source: str | Path) -> list[str]:
+    """Return the names of the columns of a log.  Raises InputError: no such file, unknown format."""
+    path = Path(str(source).partition("@")[0])
+    if not path.is_file():
+        raise InputError(f"log {path}: there is no such file; write the path of a .csv, .csv.gz, .parquet or .mat file")
+    return list(_columns(path))
 
 
 def _columns(path: Path) -> dict[str, Array]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.identification.bands import Judged, Prediction
-from crosscheck.identification.causes.cause import Named
+from crosscheck.identification.causes.name_causes import Remains
 from crosscheck.identification.identify import Identified
 from crosscheck.identification.readings import Machine, Run
 from crosscheck.identification.settings import LimitTable, matching
@@ -43,7 +43,7 @@ that were left out. The estimates scatter {kappa:.2g} times as much from block t
 intervals are widened by that."""
 
 
-def write_page(found: Identified, causes: Sequence[tuple[str, list[Named]]], command: str, out: Path) -> Results:
+def write_page(found: Identified, causes: Sequence[tuple[str, Remains]], command: str, out: Path) -> Results:
     """Write index.html, the page of the study, results.json, junit.xml and summary.md into a folder; return the results [-].
 
     causes : name of a log and what it shows beside the model
@@ -55,7 +55,7 @@ def write_page(found: Identified, causes: Sequence[tuple[str, list[Named]]], com
     return results
 
 
-def study_of(found: Identified, causes: Sequence[tuple[str, list[Named]]]) -> StudyRow:
+def study_of(found: Identified, causes: Sequence[tuple[str, Remains]]) -> StudyRow:
     """Return all that the page shows [unit of each]."""
     name = found.machine.mechanism.name
     told = sum(row.identifiable for row in found.parameters)
@@ -63,7 +63,7 @@ def study_of(found: Identified, causes: Sequence[tuple[str, list[Named]]]) -> St
         count=told, all=len(found.parameters), bandwidth=found.machine.settings.bandwidth_Hz, kappa=found.fit.kappa
     )
     figures = [*_bands(found), *_spectra(found)]
-    tables = [_causes(causes), _parameters(found.parameters), _untold(found.words), _scatter(found)]
+    tables = [_causes(causes), _least(causes), _parameters(found.parameters), _untold(found.words), _scatter(found)]
     return StudyRow(
         f"identify {name}",
         f"{name}, identified",
@@ -156,13 +156,13 @@ def _digits(values: Array) -> list[float]:
 # ------------------------------------------------------------------------------------------------------------- tables
 
 
-def _causes(causes: Sequence[tuple[str, list[Named]]]) -> dict[str, Any]:
+def _causes(causes: Sequence[tuple[str, Remains]]) -> dict[str, Any]:
     rows = []
-    for log, named in causes:
+    for log, rest in causes:
         rows += [
             {"log": log, "name": one.name, "place": one.place, "size": one.size, "error": one.error or None,
              "unit": one.unit, "evidence": one.evidence}
-            for one in named
+            for one in rest.named
         ] or [{"log": log, "name": "unknown", "place": "", "size": None, "error": None, "unit": "",
                "evidence": "no cause of the dictionary explains what remains"}]  # fmt: skip
     columns = [
@@ -170,6 +170,23 @@ def _causes(causes: Sequence[tuple[str, list[Named]]]) -> dict[str, Any]:
         ("error", "standard error", "unit"), ("unit", "unit", ""), ("evidence", "evidence", ""),
     ]  # fmt: skip
     return {"title": "Causes of what remains", "columns": columns, "rows": rows}
+
+
+def _least(causes: Sequence[tuple[str, Remains]]) -> dict[str, Any]:
+    rows = [
+        {"log": log, "name": one.name, "place": one.place, "size": one.size if np.isfinite(one.size) else None, "unit": one.unit}
+        for log, rest in causes
+        for one in rest.least
+    ]  # fmt: skip
+    columns = [
+        ("log", "log", ""), ("name", "cause", ""), ("place", "where", ""),
+        ("size", "least size that would be seen", "unit"), ("unit", "unit", ""),
+    ]  # fmt: skip
+    return {
+        "title": "What would hide: the least size of each cause that the log would show",
+        "columns": columns,
+        "rows": rows,
+    }
 
 
 def _parameters(table: Sequence[Row]) -> dict[str, Any]:

@@ -16,11 +16,22 @@ from crosscheck.identification.settings import IdentifyTable, matching
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.rigid.torque_regressor import link_parameters
+from flexinv.validation import nearest
 
 Array = NDArray[np.float64]
 Key = tuple[str, str]
 Values = dict[Key, float]
 MASS = "mass properties"
+GJ = 3  # column of a section's stiffness
+# What is asked for under a name that is no parameter here -> where it is.
+ELSEWHERE = {
+    "backlash": "it is read off two encoders: write link_angle in [joints.NAME] and ask for --causes",
+    "torque constant": 'it is the gain of the effort: write parameter = "effort gain"',
+    "gravity direction": 'write parameter = "gravity tilt x", and another table with "gravity tilt y"',
+    "angle offset": "angles are taken as they are: correct the column, or the placement of the joint in mechanism.toml",
+    "marker position": "markers are not read: give joint angles",
+    "payload": f'it is part of the link that carries it: write parameter = "{MASS}" with that link as place',
+}
 
 
 @dataclass(frozen=True)
@@ -71,6 +82,7 @@ KINDS = {
         ),
         _kind("place x", "m", True, "any joint", "beams", solved=True),
         _kind("beam stiffness", "-", True, "beam", "beams", solved=True),
+        _kind("torsion stiffness", "-", True, "beam", "beams", solved=True),
         _kind("beam damping", "s", True, "beam", "beams", solved=True),
         _kind("beam length", "m", True, "beam", "beams", solved=True),
         _kind("spring force", "-", True, "spring", "drives"),
@@ -132,15 +144,7 @@ def space(mechanism: Mechanism, settings: IdentifyTable) -> Space:
     parameters: dict[Key, Parameter] = {}
     factors: dict[str, Array] = {}
     for free in settings.free:
-        kind = KINDS.get(free.parameter)
-        if kind is None:
-            from flexinv.validation import nearest
-
-            near = nearest(free.parameter, list(KINDS))
-            raise InputError(
-                f"identify.toml, [[free]]: parameter {free.parameter!r}, expected one of {', '.join(KINDS)}; "
-                f'write parameter = "{near or MASS}"'
-            )
+        kind = _kind_of(free.parameter)
         names = places(mechanism, settings, kind)
         chosen = matching(free.place, names)
         if not chosen:
@@ -161,6 +165,13 @@ def space(mechanism: Mechanism, settings: IdentifyTable) -> Space:
                 made = [_one(mechanism, settings, kind, place, free.value, free.relative, free.error)]
             parameters |= {p.key: p for p in made}
     return Space(tuple(parameters.values()), factors)
+
+
+def _kind_of(name: str) -> Kind:
+    if name in KINDS:
+        return KINDS[name]
+    hint = ELSEWHERE.get(name, f'write parameter = "{nearest(name, list(KINDS)) or MASS}"')
+    raise InputError(f"identify.toml, [[free]]: parameter {name!r}, expected one of {', '.join(KINDS)}; {hint}")
 
 
 def places(mechanism: Mechanism, settings: IdentifyTable, kind: Kind) -> list[str]:
@@ -208,7 +219,7 @@ def before(mechanism: Mechanism, settings: IdentifyTable, kind: Kind, place: str
     joint = mechanism.joint_of.get(place)
     if kind.name in ("transition rate", "stribeck rate"):
         return settings.still_rad_per_s * (1.0 if kind.name == "transition rate" else 10.0)
-    if kind.name in ("beam stiffness", "spring force", "gauge gain"):
+    if kind.name in ("beam stiffness", "torsion stiffness", "spring force", "gauge gain"):
         return 1.0
     if kind.name == "beam length":
         beam = mechanism.link_of[place].beam
@@ -244,6 +255,7 @@ def with_values(mechanism: Mechanism, values: Mapping[Key, float]) -> Mechanism:
             factor, section = values.get(("beam stiffness", link.name), 1.0), beam.section
             rate = values.get(("beam damping", link.name))
             stiff = section.stiffness * factor
+            stiff[:, GJ] *= values.get(("torsion stiffness", link.name), 1.0)
             damping = stiff * rate if rate is not None else section.damping
             length = values.get(("beam length", link.name), beam.length)
             beam = replace(beam, length=length, section=replace(section, stiffness=stiff, damping=damping))

@@ -24,12 +24,22 @@ TOLD = re.compile(r"ref|des|cmd|command|target|setpoint|error", re.IGNORECASE)
 SECOND = re.compile(r"link|secondary|output|joint_side", re.IGNORECASE)
 ANGLE = re.compile(r"angle|pos|^q\d*|theta|phi", re.IGNORECASE)
 EFFORT = re.compile(r"torque|effort|current|tau|force|^i\d+|^t\d+", re.IGNORECASE)
+TIME = re.compile(r"^(t|time|timestamp|stamp|clock)\b|^time|_time$", re.IGNORECASE)
 SMALL = 0.05  # of the effort's spread: a first value of friction where the mechanism has none
 QUICK = 0.02  # of the largest rate: slower joints stand
 
 
-def proposed(mechanism: Mechanism, log: Log) -> str:
-    """Return the text of a first identify.toml [unit of each key].  Raises InputError where no column is an angle of a joint."""
+def time_of(names: Sequence[str]) -> str:
+    """Return the column that looks like times [s]; "time_s" where none does, which the reader of logs then misses in words."""
+    like = [name for name in names if name == "time_s"] or [name for name in names if TIME.search(name)]
+    return like[0] if like else "time_s"
+
+
+def proposed(mechanism: Mechanism, log: Log, time: str = "time_s") -> str:
+    """Return the text of a first identify.toml [unit of each key]; time : name of the column of times.
+
+    Raises InputError where no column is an angle of a joint.
+    """
     joints = [j for j in mechanism.joints if j.nv == 1 and j.actuated] or [j for j in mechanism.joints if j.nv == 1]
     found = {j.name: _columns(j, k, joints, log) for k, j in enumerate(joints)}
     found = {name: own for name, own in found.items() if "angle" in own}
@@ -38,7 +48,7 @@ def proposed(mechanism: Mechanism, log: Log) -> str:
             f"{log.name}: no column looks like the angle of a joint ({', '.join(j.name for j in joints)}); it has "
             f"{', '.join(list(log.columns)[:40])}; write {joints[0].name if joints else 'q1'}_rad or _deg into the header"
         )
-    return "\n".join([*_head(log, found), *_joints(mechanism, found), *_free(mechanism, log, found)]) + "\n"
+    return "\n".join([*_head(log, found, time), *_joints(mechanism, found), *_free(mechanism, log, found)]) + "\n"
 
 
 Found = Mapping[str, Mapping[str, tuple[str, str]]]
@@ -79,10 +89,12 @@ def _unit(name: str) -> str:
     return UNITS.get(last.strip().lower().replace("*", " "), "")
 
 
-def _head(log: Log, found: Found) -> Iterator[str]:
+def _head(log: Log, found: Found, time: str) -> Iterator[str]:
     rate = max(_rates(log, found).values())
     yield f"format = {FORMAT}"
     yield f"source = {json.dumps(f'proposed for {log.name} by crosscheck identify --propose: read every line')}"
+    if time != "time_s":
+        yield f"time = {json.dumps(time)}      # [s]"
     yield f"bandwidth_Hz = {min(10.0, 0.1 / log.spacing):.3g}      # above it nothing is compared"
     yield f"still_rad_per_s = {QUICK * rate:.2g}   # slower than this a joint stands"
     yield f"block_s = {max(0.5, (log.time[-1] - log.time[0]) / 8.0):.3g}"

@@ -21,6 +21,7 @@ from crosscheck.identification.log import Log
 from crosscheck.identification.parameters import KINDS, Key, Space, before
 from crosscheck.identification.response import Measured, Response, response
 from crosscheck.identification.settings import ANGLES, EFFORTS, IdentifyTable
+from crosscheck.identification.wide_response import WideResponse, wide_response
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Mechanism
 
@@ -52,6 +53,7 @@ class Run:
     time : (samples,) [s] of the log; motion : of the measured joints; response : of the mechanism alone
     measured : (samples, channels) [units of the channels], low-passed; None without effort columns
     sliding, counted : (samples, channels) the joint is not standing; it is, and inside the window
+    wide : of each channel its response above the bandwidth; None of gauges, and where the log has no room for one
     """
 
     name: str
@@ -61,6 +63,7 @@ class Run:
     measured: Array | None
     sliding: NDArray[np.bool_]
     counted: NDArray[np.bool_]
+    wide: tuple[WideResponse | None, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -145,14 +148,34 @@ def make_run(machine: Machine, log: Log, efforts: bool = True) -> Run:
             for c in machine.channels
         ]
     )
-    window = np.ones(len(log.time), dtype=bool)
-    if settings.window_s is not None:
-        window = (log.time >= settings.window_s[0] - 1e-9) & (log.time <= settings.window_s[1] + 1e-9)
+    window = _window(settings, log)
     edge = EDGE / settings.bandwidth_Hz
     window &= (motion.time >= edge) & (motion.time <= motion.time[-1] - edge)
     measured = measured_of(machine, log) if efforts else None
     told = response(machine.mechanism, machine.space, settings, motion)
-    return Run(log.name, log.time, motion, told, measured, sliding, sliding & window[:, None])
+    wide = wide_of(machine, log) if efforts else ()
+    return Run(log.name, log.time, motion, told, measured, sliding, sliding & window[:, None], wide)
+
+
+def _window(settings: IdentifyTable, log: Log) -> NDArray[np.bool_]:
+    if settings.window_s is None:
+        return np.ones(len(log.time), dtype=bool)
+    return np.asarray((log.time >= settings.window_s[0] - 1e-9) & (log.time <= settings.window_s[1] + 1e-9))
+
+
+def wide_of(machine: Machine, log: Log) -> tuple[WideResponse | None, ...]:
+    """Return the response of every effort to its joint's acceleration above the bandwidth [units of the channels]."""
+    window = _window(machine.settings, log)
+    out: list[WideResponse | None] = []
+    for channel in machine.channels:
+        table = None if channel.is_gauge else machine.settings.joints[channel.place].angle
+        if table is None:
+            out.append(None)
+            continue
+        angle = log.column(table.column)[window] * (ANGLES[table.unit] / table.over)
+        effort = log.column(channel.column)[window] * channel.factor
+        out.append(wide_response(angle, effort, log.spacing, machine.settings.bandwidth_Hz))
+    return tuple(out)
 
 
 def measured_of(machine: Machine, log: Log) -> Array:
@@ -262,7 +285,20 @@ def lagged(values: Array, spacing: float, constant: float) -> Array:
     """Return a signal (samples,) [any unit] behind a first-order lag [s] that stood still before; exact for linear pieces."""
     if constant <= 0.0:
         return values
+    b, a = _first_order(spacing, constant)
+    return np.asarray(lfilter(b, a, values, zi=[values[0] * (1.0 - b[0])])[0])
+
+
+def unlagged(values: Array, spacing: float, constant: float) -> Array:
+    """Return the signal (samples,) [any unit] of which `lagged` makes ``values``."""
+    if constant <= 0.0:
+        return values
+    b, a = _first_order(spacing, constant)
+    return np.asarray(lfilter(np.array(a) / b[0], [1.0, b[1] / b[0]], values, zi=[values[0] * (1.0 - 1.0 / b[0])])[0])
+
+
+def _first_order(spacing: float, constant: float) -> tuple[list[float], list[float]]:
+    """Numerator and denominator of a first-order lag [s] of what is linear between samples [s]."""
     r = spacing / constant
-    e = np.exp(-r)
-    b = [1.0 - (1.0 - e) / r, (1.0 - e) / r - e]
-    return np.asarray(lfilter(b, [1.0, -e], values, zi=[values[0] * (1.0 - b[0])])[0])
+    e = float(np.exp(-r))
+    return [1.0 - (1.0 - e) / r, (1.0 - e) / r - e], [1.0, -e]

@@ -116,6 +116,21 @@ class LimitTable(Table):
     reason: Text = key("why so", 'reason = "what the controller needs"', default="")
 
 
+class NightTable(Table):
+    """Logs beside the mechanism that every night identifies and judges."""
+
+    log: list[Text] = key("logs that identify, as --log takes them", 'log = ["run_A.csv.gz@0:6.9"]')
+    hold_out: list[Text] = key("logs that judge", 'hold_out = ["run_B.csv.gz"]', default=[])
+    blocks: Annotated[int, Field(ge=2)] | None = key(
+        "instead of logs that judge: into how many blocks the window of the first log is cut",
+        "blocks = 5",
+        default=None,
+    )
+    limits: list[LimitTable] = key(
+        "what judges have to reach in a night, beside [[limits]]", "[[night.limits]]", default=[]
+    )
+
+
 class IdentifyTable(Table):
     """All of identify.toml."""
 
@@ -157,6 +172,7 @@ class IdentifyTable(Table):
     gauges: dict[str, GaugeTable] = key("strain gauges", "[gauges.gauge1]", default={})
     free: list[FreeTable] = key("free parameters", "[[free]]")
     limits: list[LimitTable] = key("what logs that judge have to reach", "[[limits]]", default=[])
+    night: NightTable | None = key("what `crosscheck nightly` identifies and judges", "[night]", default=None)
 
 
 def read_settings(path: Path, mechanism: Mechanism) -> IdentifyTable:
@@ -182,6 +198,9 @@ def read_settings(path: Path, mechanism: Mechanism) -> IdentifyTable:
                 "relative [-] or error [unit]: a believable error",
             )
             raise top.inner("free").wrong("relative", given, expected, "relative = 0.3")
+    if table.night is not None and bool(table.night.hold_out) == (table.night.blocks is not None):
+        given = "both" if table.night.hold_out else "neither hold_out nor blocks"
+        raise top.inner("night").wrong("hold_out", given, "one of them: what judges", 'hold_out = ["other.csv"]')
     return table
 
 

@@ -34,6 +34,7 @@ STUDIES: dict[str, Study] = {
         Study("robots", "Every robot of example-robot-data", "crosscheck.studies.robots"),
         Study("incremental", "The paper's incremental mode", "crosscheck.studies.incremental"),
         Study("feedforward", "Feed-forward replayed in other engines", "crosscheck.studies.feedforward", asks=True),
+        Study("identifications", "Logs of machines, identified and judged", "crosscheck.studies.identifications"),
         Study("switching", "Phases of mechanisms that open and close", "crosscheck.studies.switching"),
     )
 }

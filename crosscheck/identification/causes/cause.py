@@ -20,6 +20,11 @@ class Cause:
     """A fault with one number: its name, where, unit and step of phi, and the log and mechanism with the fault phi undone.
 
     moves : the model's side changes with it, too, and not only what an effort column says
+    tries : sizes from which the way to the best one starts, beside the linear estimate [unit]
+    one_sided : below 0 it is against nature (a signal comes before what it tells), and has to explain more than what can be
+    least : it is never named below this [unit]
+    scales : the column of an effort or a gauge that is 1 + phi times too large; what remains is measured in its units, or a
+        column that is noise would best be made small
     """
 
     name: str
@@ -28,6 +33,10 @@ class Cause:
     step: float
     undone: Undo
     moves: bool = True
+    tries: tuple[float, ...] = ()
+    one_sided: bool = False
+    least: float = -np.inf
+    scales: str = ""
 
 
 @dataclass(frozen=True)

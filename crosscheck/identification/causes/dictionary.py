@@ -9,28 +9,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.identification.causes.cause import Cause, Undo, column_changed
-from crosscheck.identification.filters import low_pass
 from crosscheck.identification.log import Log
-from crosscheck.identification.readings import Machine, delayed
+from crosscheck.identification.readings import Machine, delayed, lagged, unlagged
 from flexinv.model.links import Body, Inertia
 from flexinv.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]
+# Sizes that are tried [s]: above the bandwidth a delay turns the phase by whole turns, and the way from 0 ends in the wrong one.
+LATE = tuple(0.002 * k for k in range(-10, 11) if k)
+SLOW = (0.001, 0.002, 0.005, 0.01, 0.02)
 
 
 def dictionary(machine: Machine) -> Iterator[Cause]:
     """Yield all causes with one number that are possible here: phi = 0 is no fault [unit of each]."""
     for channel in machine.channels:
         kind = "gauge" if channel.is_gauge else "effort"
-        yield Cause(f"delay of the {kind}", channel.place, "s", 1e-3, _shifted(channel.column), False)
-        if channel.is_gauge:
-            yield Cause("gain of the gauge, relative error", channel.place, "-", 1e-3, _scaled(channel.column), False)
-        else:
-            yield Cause("torque constant, relative error", channel.place, "-", 1e-3, _scaled(channel.column), False)
-        lag = _unlagged(channel.column, machine.settings.bandwidth_Hz)
-        yield Cause(f"first-order lag of the {kind}", channel.place, "s", 1e-3, lag, False)
+        yield Cause(f"delay of the {kind}", channel.place, "s", 1e-3, _shifted(channel.column), False, LATE, True)
+        what = "gain of the gauge, relative error" if channel.is_gauge else "torque constant, relative error"
+        yield Cause(what, channel.place, "-", 1e-3, _scaled(channel.column), False, scales=channel.column)
+        lag = _unlagged(channel.column)
+        yield Cause(f"first-order lag of the {kind}", channel.place, "s", 1e-3, lag, False, SLOW, True, 0.0)
     for name, table in machine.settings.joints.items():
-        yield Cause("delay of the angle", name, "s", 1e-3, _shifted(table.angle.column))
+        yield Cause("delay of the angle", name, "s", 1e-3, _shifted(table.angle.column), True, LATE, True)
         yield Cause("scale of the angle (gear), relative error", name, "-", 1e-3, _scaled(table.angle.column))
     if np.linalg.norm(machine.mechanism.gravity):
         for axis in range(2):
@@ -50,15 +50,12 @@ def _scaled(column: str) -> Undo:
     return lambda log, m, phi: (column_changed(log, column, lambda v: v / (1.0 + phi)), m)
 
 
-def _unlagged(column: str, bandwidth: float) -> Undo:
-    """x = y + T y', y' of the part of the signal that is compared."""
+def _unlagged(column: str) -> Undo:
+    """The input of a first-order lag; below 0 what the lag makes of the signal, so that small sizes meet."""
 
     def undone(log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
-        def without(values: Array) -> Array:
-            smooth = low_pass(values, log.spacing, min(2.0 * bandwidth, 0.4 / log.spacing))
-            return np.asarray(values + phi * np.gradient(smooth, log.spacing))
-
-        return column_changed(log, column, without), mechanism
+        change = unlagged if phi > 0.0 else lagged
+        return column_changed(log, column, lambda v: change(v, log.spacing, abs(phi))), mechanism
 
     return undone
 

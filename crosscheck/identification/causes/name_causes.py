@@ -12,27 +12,27 @@ The strongest ones are followed to their optimum, the best is named and undone, 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
-from crosscheck.identification.causes.cause import Cause, Named
+from crosscheck.identification.causes.cause import Named
 from crosscheck.identification.causes.dictionary import dictionary
 from crosscheck.identification.causes.encoders import two_encoders
 from crosscheck.identification.causes.gross import Gross, Score, hypotheses, score
+from crosscheck.identification.causes.least_seen import Least, least_seen
+from crosscheck.identification.causes.rounds import Round, Search
 from crosscheck.identification.causes.signals import clipped, clipped_samples, quantised
-from crosscheck.identification.fit import Fit, Problem, jacobian, problem
+from crosscheck.identification.fit import Problem, jacobian
+from crosscheck.identification.identify import Identified
 from crosscheck.identification.log import Log
-from crosscheck.identification.parameters import Space
-from crosscheck.identification.readings import Machine, make_run, measured_of
-from flexinv.model.mechanism import Mechanism
-from flexinv.rigid.torque_regressor import link_parameters
 
 Array = NDArray[np.float64]
-# Drop of the cost that chance does not give: beyond 12 it is one in two thousand for each cause that is asked for.
-EVIDENCE = 12.0
+# Drop of the cost that chance does not give: 12 is one in two thousand for one cause, and of all that are asked for together
+# chance names one in so many logs.
+EVIDENCE, CHANCE = 12.0, 1.0 / 200.0
 # A gross fault takes away most of what is unexplained, and leaves little.
 HALF, LITTLE = 0.5, 0.4
 FOLLOWED = 4  # steps on the way to a size
@@ -42,13 +42,32 @@ ALIKE = 4.0  # of drops that differ by less than this neither is the better one:
 LARGEST = 4  # causes named at most
 
 
-def name_causes(machine: Machine, found: Fit, log: Log, seen: bool = False) -> list[Named]:
+@dataclass(frozen=True)
+class Remains:
+    """Causes of a log, the most certain first, and the least sizes of those not named that it would show."""
+
+    named: list[Named]
+    least: list[Least]
+
+
+def name_causes(known: Identified, log: Log, seen: bool = False) -> list[Named]:
     """Return the causes that a log shows beside what was identified [unit of each], the most certain first.
 
+    seen : the parameters come from this very log, `what_remains`
+    """
+    return what_remains(known, log, seen, hidden=False).named
+
+
+def what_remains(known: Identified, log: Log, seen: bool = False, hidden: bool = True) -> Remains:
+    """Return the causes that a log shows beside what was identified, and what it cannot show [unit of each].
+
+    hidden : the least sizes are looked for, too
     seen : the parameters come from this very log: a gross fault has spoiled them, and is looked for under what was known before.
         What may be small is looked for beside the parameters as they are: under less, what was wrongly known looks like a fault
     """
-    search = _Search(machine, found, clipped_samples(machine, log), seen)
+    machine, found = known.machine, known.fit
+    before = () if seen else known.task.runs
+    search = Search(machine, found, clipped_samples(machine, log), seen, before)
     named = [*clipped(machine, log), *quantised(machine, found, log)]
     for _ in range(LARGEST):
         one = _gross(search, log)
@@ -57,42 +76,9 @@ def name_causes(machine: Machine, found: Fit, log: Log, seen: bool = False) -> l
         fault, told = one
         named.append(told)
         log = fault.undone(log, machine.mechanism, fault.size)[0]
-    return [*named, *_small(replace(search, seen=False), log), *two_encoders(machine, found, log)]
-
-
-@dataclass(frozen=True)
-class _Search:
-    """A machine with the parameters found; cut : samples that are clipped (samples, channels)."""
-
-    machine: Machine
-    found: Fit
-    cut: NDArray[np.bool_]
-    seen: bool
-
-    @property
-    def root(self) -> Array:
-        """Square root of the precision with which the parameters are known beside this log (parameters, parameters)."""
-        if self.seen:
-            return np.eye(len(self.found.z))
-        return np.asarray(np.linalg.cholesky(np.linalg.inv(self.found.covariance)).T)
-
-    def task(self, log: Log, mechanism: Mechanism, level: Problem | None = None, moves: bool = True) -> Problem:
-        """Return a log of a mechanism; samples count as in ``level``, motions are its own if they move."""
-        changed = Machine(mechanism, self.machine.settings, _carried(self.machine, mechanism))
-        if level is None:
-            run = make_run(changed, log)
-            return problem(changed, (run,), (run.counted & ~self.cut,))
-        run = make_run(changed, log) if moves else replace(level.runs[0], measured=measured_of(changed, log))
-        return replace(level, machine=changed, runs=(run,))
-
-
-def _carried(machine: Machine, mechanism: Mechanism) -> Space:
-    """Parameters as before, with the masses that the changed mechanism has beside those of the first one."""
-    if mechanism is machine.mechanism:
-        return machine.space
-    own = machine.space.factors
-    more = {n: link_parameters(mechanism.link_of[n]) - link_parameters(machine.mechanism.link_of[n]) for n in own}
-    return replace(machine.space, more=more)
+    small, here, at = _small(replace(search, seen=False), log)
+    least = least_seen(here, at, enough(len(here.causes))) if hidden else []
+    return Remains([*named, *small, *two_encoders(machine, found, log)], least)
 
 
 # ----------------------------------------------------------------------------------------------------- gross faults
@@ -101,7 +87,7 @@ def _carried(machine: Machine, mechanism: Mechanism) -> Space:
 Linear = tuple[list[Array], list[Array]]  # readings, and their slopes by the parameters
 
 
-def _gross(search: _Search, log: Log) -> tuple[Gross, Named] | None:
+def _gross(search: Search, log: Log) -> tuple[Gross, Named] | None:
     mechanism = search.machine.mechanism
     level = search.task(log, mechanism)
     told = _linear(search, level)
@@ -124,16 +110,16 @@ def _gross(search: _Search, log: Log) -> tuple[Gross, Named] | None:
     return fault, Named(fault.name, fault.place, fault.unit, fault.size, 0.0, base.value - one.value, evidence)
 
 
-def _spoiled(search: _Search, fault: Gross) -> list[int]:
+def _spoiled(search: Search, fault: Gross) -> list[int]:
     return [k for k, c in enumerate(search.machine.channels) if c.place in fault.places]
 
 
-def _linear(search: _Search, task: Problem) -> Linear:
+def _linear(search: Search, task: Problem) -> Linear:
     z = np.zeros(len(search.found.z)) if search.seen else search.found.z
     return task.pick(task.predict(z)), jacobian(task, z)
 
 
-def _scored(search: _Search, task: Problem, told: Linear) -> Score:
+def _scored(search: Search, task: Problem, told: Linear) -> Score:
     measured = task.pick([run.measured for run in task.runs if run.measured is not None])
     return score(measured, *told, search.found.agree, search.root)
 
@@ -141,86 +127,70 @@ def _scored(search: _Search, task: Problem, told: Linear) -> Score:
 # ---------------------------------------------------------------------------------------------- what may be small
 
 
-def _small(search: _Search, log: Log) -> Iterator[Named]:
+def _small(search: Search, log: Log) -> tuple[list[Named], Round, Array]:
+    """Causes by their evidence, and the log under them with their sizes."""
     causes = list(dictionary(search.machine))
-    at, known = np.zeros(len(causes)), set[str]()
-    for _ in range(LARGEST):
-        best = _strongest(_Round(search, log, causes, at), at, known)
+    at, named = np.zeros(len(causes)), list[Named]()
+    here = Round(search, log, causes, at, None)
+    while len(named) < LARGEST:
+        best = _strongest(here, at, {one.name + one.place for one in named})
         if best is None:
-            return
+            break
         k, one = best
         at[k] = one.size
-        known.add(one.name + one.place)
-        yield one
+        named.append(one)
+        here = Round(search, log, causes, at, here.wide)
+    return named, here, at
 
 
-class _Round:
-    """A log under the causes named so far: residual and directions that the parameters cannot make up for."""
-
-    def __init__(self, search: _Search, log: Log, causes: list[Cause], at: Array) -> None:
-        self.search, self.log, self.causes = search, log, causes
-        self.task = self._task(at, None)
-        found = search.found
-        residual = self._residual(self.task)
-        spread = np.array([np.sqrt(np.mean(r**2)) for r in residual])
-        self.weight = 1.0 / (spread * np.sqrt(found.agree))
-        self.ends = np.cumsum([len(r) for r in residual])
-        self.news = np.array([len(r) / a for r, a in zip(residual, found.agree, strict=True)])
-        scaled = [w * j for w, j in zip(self.weight, jacobian(self.task, found.z), strict=True)]
-        self.basis = np.linalg.qr(np.vstack([*scaled, search.root]))[0]
-
-    def _task(self, at: Array, level: Problem | None) -> Problem:
-        log, mechanism, moves = self.log, self.search.machine.mechanism, False
-        for cause, phi in zip(self.causes, at, strict=True):
-            if phi:
-                log, mechanism = cause.undone(log, mechanism, float(phi))
-                moves = moves or cause.moves
-        return self.search.task(log, mechanism, level, moves)
-
-    def _residual(self, task: Problem) -> list[Array]:
-        measured = task.pick([run.measured for run in task.runs if run.measured is not None])
-        return [m - p for m, p in zip(measured, task.pick(task.predict(self.search.found.z)), strict=True)]
-
-    def rest(self, at: Array) -> Array:
-        """Return the weighed residual (rows,) [-] at sizes ``at`` of all causes, less what the parameters can make up for."""
-        told = self._residual(self._task(at, self.task))
-        r = np.concatenate(
-            [*(w * e for w, e in zip(self.weight, told, strict=True)), np.zeros(len(self.search.found.z))]
-        )
-        return np.asarray(r - self.basis @ (self.basis.T @ r))
-
-    def drop(self, before: Array, left: Array) -> float:
-        """Return by how much the cost falls [-] from one weighed residual (rows,) to another: each channel by its own scatter."""
-        parts = zip(np.split(before, self.ends), np.split(left, self.ends), strict=True)
-        one, other = np.array([[float(a @ a), float(b @ b)] for a, b in parts]).T
-        return float(np.sum(self.news * np.log(one[:-1] / other[:-1])) + one[-1] - other[-1])
-
-
-def _strongest(here: _Round, at: Array, known: set[str]) -> tuple[int, Named] | None:
+def _strongest(here: Round, at: Array, known: set[str]) -> tuple[int, Named] | None:
     level = here.rest(at)
     first: list[tuple[float, int, float]] = []
     for k, cause in enumerate(here.causes):
-        if cause.name + cause.place in known:
-            continue
-        slope = (here.rest(at + cause.step * np.eye(len(at))[k]) - level) / cause.step
-        square = float(slope @ slope)
-        if square <= 0.0:
-            continue
-        drop = float(slope @ level) ** 2 / square
-        if drop > ASKED:
-            first.append((drop, k, -float(slope @ level) / square))
-    followed = [_sized(here, at, k, size, level) for _, k, size in sorted(first, reverse=True)[:NEAREST]]
-    most = max((one.drop for _, one in followed), default=0.0)
-    if most < EVIDENCE:
+        if cause.name + cause.place not in known:
+            first += [(drop, k, size) for drop, size in _starts(here, at, k, level) if drop > ASKED]
+    chosen: dict[int, float] = {}
+    for _, k, size in sorted(first, reverse=True):
+        chosen.setdefault(k, size)
+    followed = [_sized(here, at, k, size, level) for k, size in list(chosen.items())[:NEAREST]]
+    followed = [one for one in followed if one[1].size > here.causes[one[0]].least]
+    followed = [one for one in followed if one[1].drop >= enough(len(here.causes))]
+    if not followed:
         return None
-    alike = sorted((one for one in followed if one[1].drop > most - ALIKE), key=lambda one: one[0])
+    most = max(_worth(here, *one) for one in followed)
+    alike = sorted((one for one in followed if _worth(here, *one) > most - ALIKE), key=lambda one: one[0])
     k, likely = alike[0]
     others = [f"{one.name} of {one.place}, {one.size:.3g} {one.unit}" for _, one in alike[1:]]
     words = likely.evidence + (f"; next to as likely: {'; '.join(others)}" if others else "")
     return k, replace(likely, evidence=words)
 
 
-def _sized(here: _Round, at: Array, k: int, size: float, before: Array) -> tuple[int, Named]:
+def enough(count: int) -> float:
+    """Return the drop of the cost [-] that is evidence where so many causes are asked for."""
+    return max(EVIDENCE, float(chi2.isf(CHANCE / count, 1)))
+
+
+def _worth(here: Round, k: int, one: Named) -> float:
+    """The drop of the cost; what is against nature has to explain more than what can be, by as much as counts as evidence."""
+    return one.drop - (EVIDENCE if here.causes[k].one_sided and one.size < 0.0 else 0.0)
+
+
+def _starts(here: Round, at: Array, k: int, level: Array) -> list[tuple[float, float]]:
+    """Sizes of a cause at which the way to the best one may start, each with about how much the cost falls."""
+    cause, one = here.causes[k], np.eye(len(at))[k]
+    slope = (here.rest(at + cause.step * one) - level) / cause.step
+    square, out = float(slope @ slope), []
+    if square > 0.0:
+        out.append((float(slope @ level) ** 2 / square, -float(slope @ level) / square))
+    if here.wide and cause.tries:
+        costs = [here.above(at + size * one) for size in cause.tries]
+        best = int(np.argmin(costs))
+        left = here.rest(at + cause.tries[best] * one)
+        out.append((float(level @ level - left @ left), cause.tries[best]))
+    return out
+
+
+def _sized(here: Round, at: Array, k: int, size: float, before: Array) -> tuple[int, Named]:
     """Follow the size of a cause where it is not linear: Gauss and Newton in one number."""
     cause, one = here.causes[k], np.eye(len(at))[k]
     square = 1.0

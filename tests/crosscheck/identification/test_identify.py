@@ -20,6 +20,7 @@ from crosscheck.identification.fit import fit, problem
 from crosscheck.identification.identified_file import write_identified
 from crosscheck.identification.identify import Identified, blocks, machine_of
 from crosscheck.identification.log import Log, read_log
+from crosscheck.identification.parameters import with_values
 from crosscheck.identification.readings import make_run
 from crosscheck.identification.settings import read_settings
 from flexinv.errors import InputError
@@ -207,6 +208,9 @@ def test_logs_that_overlap_and_other_rates_are_said(folder: Path) -> None:
             'parameter = "beam stiffness"',
             "expected a mechanism that has a place for it",
         ),
+        ('parameter = "viscous friction"', 'parameter = "backlash"', "read off two encoders"),
+        ('parameter = "viscous friction"', 'parameter = "torque constant"', 'write parameter = "effort gain"'),
+        ("[[free]]", '[night]\nlog = ["one.csv"]\n[[free]]', "one of them: what judges"),
         ("relative = 0.3", "relative = 0", "greater than 0"),
         ("error = 0.5", "error = 0.0", "greater than 0"),
         ('parameter = "viscous friction"', 'parameter = "joint stiffness"', "nothing is known of it before"),
@@ -220,6 +224,15 @@ def test_settings_that_cannot_be_used_are_refused_in_words(tmp_path: Path, line:
     (base / "identify.toml").write_text(text.replace(line, instead, 1))
     with pytest.raises(InputError, match=says):
         machine_of(base)
+
+
+def test_torsion_is_a_parameter_apart_from_bending(root: Path) -> None:
+    """GJ takes both factors, EI the one of the beam."""
+    arm = load_mechanism(root / "models" / "spatial_arm")
+    name = arm.beams[0].name
+    changed = with_values(arm, {("beam stiffness", name): 2.0, ("torsion stiffness", name): 1.5})
+    before, after = (m.link_of[name].beam.section.stiffness for m in (arm, changed))  # type: ignore[union-attr]
+    assert np.allclose(after / before, [2.0, 2.0, 2.0, 3.0, 2.0, 2.0], rtol=1e-12)  # rounding
 
 
 def test_a_parameter_that_nothing_shows_keeps_its_prior_in_words(folder: Path, tmp_path: Path) -> None:
@@ -311,11 +324,12 @@ def test_a_first_identify_toml_is_proposed(folder: Path, tmp_path: Path) -> None
     names = {"q1": "shoulder_angle_deg", "q2": "elbow_angle_deg", "t1": "torque1 [N m]", "t2": "torque2 [N m]"}
     table = pd.read_csv(folder / "one.csv")
     table[["q1", "q2"]] = np.degrees(table[["q1", "q2"]])
-    table.rename(columns=names).to_csv(tmp_path / "log.csv", index=False)
+    table.rename(columns=names | {"time_s": "Time [s]"}).to_csv(tmp_path / "log.csv", index=False)
     run("arm", "--models", str(base.parent), "--log", str(tmp_path / "log.csv"), "--propose")
     settings = read_settings(base, load_mechanism(base))
     assert settings.joints["elbow"].angle.column == "elbow_angle_deg"
     assert settings.joints["elbow"].angle.unit == "deg"
+    assert settings.time == "Time [s]"
     assert settings.joints["shoulder"].effort is not None
     assert settings.joints["shoulder"].effort.column == "torque1 [N m]"
     found = crosscheck.identify(base, [tmp_path / "log.csv"])

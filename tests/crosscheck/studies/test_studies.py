@@ -7,10 +7,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import logged_arm
 import numpy as np
 import pytest
 
-from crosscheck.studies import STUDIES, feedforward, incremental, robots, switching
+from crosscheck.studies import STUDIES, feedforward, identifications, incremental, robots, switching
 from crosscheck.studies.robot_sweep import LARGEST_ERROR, RobotRow
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
@@ -144,3 +145,30 @@ def test_another_bar_is_a_deviation_of_the_closed_phase(root: Path) -> None:
 
 def test_without_switched_closures_the_study_is_skipped(tmp_path: Path) -> None:
     assert switching.study(str(tmp_path))["status"] == "skipped"
+
+
+def test_a_night_identifies_and_judges_logs_of_machines(tmp_path: Path) -> None:
+    """By another log, and by blocks in turn; limits decide, a log that is not there is an error of that row alone."""
+    judges = {"held": 'hold_out = ["two.csv"]', "parts": "blocks = 4", "lost": 'hold_out = ["three.csv"]', "none": ""}
+    for name, judge in judges.items():
+        base = logged_arm.write_arm(tmp_path / name)
+        night = (
+            f'[night]\nlog = ["one.csv"]\n{judge}\n[[night.limits]]\nchannel = ["*/elbow"]\nexplained = 0.99999999\n'
+        )
+        text = (base / "identify.toml").read_text()
+        (base / "identify.toml").write_text(text + night if judge else text)
+        for seed, log in enumerate(("one", "two")):
+            logged_arm.frame(base, seed).to_csv(base / f"{log}.csv", index=False)
+    rows = identifications.study(str(tmp_path))["rows"]
+    told = {(row["mechanism"], row.get("channel")): row for row in rows}
+    for name in ("held", "parts"):
+        assert told[name, "torque/shoulder"]["verdict"] == "skipped"  # it has no limit
+        assert told[name, "torque/elbow"]["verdict"] == "deviation"
+        assert told[name, "torque/elbow"]["explained"] > 0.999
+    assert told["lost", None]["verdict"] == "error"
+    assert "no such file" in told["lost", None]["message"]
+    assert not any(row["mechanism"] == "none" for row in rows)
+
+
+def test_models_without_logs_are_skipped(tmp_path: Path) -> None:
+    assert identifications.study(str(tmp_path))["status"] == "skipped"

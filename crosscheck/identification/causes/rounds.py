@@ -1,0 +1,141 @@
+"""A log held against what was identified: residuals behind the low-pass and above it, under faults that are undone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.identification.causes.cause import Cause
+from crosscheck.identification.causes.wide import WideRows, wide_rows
+from crosscheck.identification.fit import Fit, Problem, agreeing, jacobian, problem
+from crosscheck.identification.log import Log
+from crosscheck.identification.parameters import Space
+from crosscheck.identification.readings import Machine, Run, make_run, measured_of, wide_of
+from flexinv.model.mechanism import Mechanism
+from flexinv.rigid.torque_regressor import link_parameters
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Search:
+    """A machine with the parameters found; cut : samples that are clipped (samples, channels).
+
+    before : runs that say what efforts look like above the bandwidth
+    """
+
+    machine: Machine
+    found: Fit
+    cut: NDArray[np.bool_]
+    seen: bool
+    before: tuple[Run, ...] = ()
+
+    @property
+    def root(self) -> Array:
+        """Square root of the precision with which the parameters are known beside this log (parameters, parameters)."""
+        if self.seen:
+            return np.eye(len(self.found.z))
+        return np.asarray(np.linalg.cholesky(np.linalg.inv(self.found.covariance)).T)
+
+    def task(self, log: Log, mechanism: Mechanism, level: Problem | None = None, moves: bool = True) -> Problem:
+        """Return a log of a mechanism; samples count as in ``level``, motions are its own if they move."""
+        changed = Machine(mechanism, self.machine.settings, carried(self.machine, mechanism))
+        if level is None:
+            run = make_run(changed, log)
+            return problem(changed, (run,), (run.counted & ~self.cut,))
+        if moves:
+            run = make_run(changed, log)
+        else:
+            run = replace(level.runs[0], measured=measured_of(changed, log), wide=wide_of(changed, log))
+        return replace(level, machine=changed, runs=(run,))
+
+
+def carried(machine: Machine, mechanism: Mechanism) -> Space:
+    """Return the parameters as before, with the masses [kg] that the changed mechanism has beside those of the first one."""
+    if mechanism is machine.mechanism:
+        return machine.space
+    own = machine.space.factors
+    more = {n: link_parameters(mechanism.link_of[n]) - link_parameters(machine.mechanism.link_of[n]) for n in own}
+    return replace(machine.space, more=more)
+
+
+class Round:
+    """A log under the causes named so far: residual and directions that the parameters cannot make up for.
+
+    Rows of all channels behind the low-pass come first, those above the bandwidth then, and the parameters at the end.
+    """
+
+    def __init__(
+        self, search: Search, log: Log, causes: Sequence[Cause], at: Array, wide: list[WideRows] | None
+    ) -> None:
+        self.search, self.log, self.causes = search, log, causes
+        self.task = self.task_at(at, None)
+        found = search.found
+        residual = self._residual(self.task)
+        spread = np.array([np.sqrt(np.mean(r**2)) for r in residual])
+        self.weight = 1.0 / (spread * np.sqrt(found.agree))
+        self.wide = wide_rows(self.task.runs[0], search.before) if wide is None else wide
+        sizes = [len(r) for r in residual] + [2 * len(w.weights) for w in self.wide]
+        self.ends = np.cumsum(sizes)
+        news = [len(r) / a for r, a in zip(residual, found.agree, strict=True)]
+        self.news = np.array(news + [w.news for w in self.wide])
+        scaled = [w * j for w, j in zip(self.weight, jacobian(self.task, found.z), strict=True)]
+        beside = np.zeros((sum(sizes[len(residual) :]), len(found.z)))
+        self.basis = np.linalg.qr(np.vstack([*scaled, beside, search.root]))[0]
+
+    def task_at(self, at: Array, level: Problem | None) -> Problem:
+        """Return the log and the mechanism at sizes ``at`` of all causes [unit of each]."""
+        log, mechanism, moves = self.log, self.search.machine.mechanism, False
+        for cause, phi in zip(self.causes, at, strict=True):
+            if phi:
+                log, mechanism = cause.undone(log, mechanism, float(phi))
+                moves = moves or cause.moves
+        return self.search.task(log, mechanism, level, moves)
+
+    def _residual(self, task: Problem) -> list[Array]:
+        measured = task.pick([run.measured for run in task.runs if run.measured is not None])
+        return [m - p for m, p in zip(measured, task.pick(task.predict(self.search.found.z)), strict=True)]
+
+    def rest(self, at: Array) -> Array:
+        """Return the weighed residual (rows,) [-] at sizes ``at`` of all causes, less what the parameters can make up for."""
+        task = self.task_at(at, self.task)
+        factor = self._factors(at)
+        told = [f * w * e for f, w, e in zip(factor, self.weight, self._residual(task), strict=True)]
+        above = [factor[w.channel] * w.rows(task.runs[0]) for w in self.wide]
+        r = np.concatenate([*told, *above, np.zeros(len(self.search.found.z))])
+        return np.asarray(r - self.basis @ (self.basis.T @ r))
+
+    def _factors(self, at: Array) -> Array:
+        """Factors by which the column of each channel is too large (channels,) [-]."""
+        columns = [c.column for c in self.search.machine.channels]
+        out = np.ones(len(columns))
+        for cause, phi in zip(self.causes, at, strict=True):
+            if cause.scales and phi:
+                out[columns.index(cause.scales)] *= 1.0 + phi
+        return out
+
+    def above(self, at: Array) -> float:
+        """Return the cost above the bandwidth alone [-]: it needs the log only, and no torque of the model."""
+        log = self.log
+        for cause, phi in zip(self.causes, at, strict=True):
+            log = cause.undone(log, self.search.machine.mechanism, float(phi))[0] if phi else log
+        run = replace(self.task.runs[0], wide=wide_of(self.search.machine, log))
+        return float(sum(np.sum(w.rows(run) ** 2) for w in self.wide))
+
+    def drop(self, before: Array, left: Array) -> float:
+        """Return by how much the cost falls [-] from one weighed residual (rows,) to another: each channel by its own scatter.
+
+        Where what is left hangs together for longer than the logs that identified made believe, there is less news.  Above the
+        bandwidth the scatter is known, and to leave less than it is no merit.
+        """
+        parts = list(zip(np.split(before, self.ends), np.split(left, self.ends), strict=True))
+        one, other = np.array([[float(a @ a), float(b @ b)] for a, b in parts]).T
+        most = [len(b) / agreeing(b) for _, b in parts[: len(self.weight)]] + [w.news for w in self.wide]
+        floor = np.concatenate([np.zeros(len(self.weight)), [w.news for w in self.wide], [0.0]])
+        one, other = np.maximum(one, floor), np.maximum(other, floor)
+        some = (one[:-1] > 0.0) & (other[:-1] > 0.0)
+        news = np.minimum(self.news, most)[some]
+        return float(np.sum(news * np.log(one[:-1][some] / other[:-1][some])) + one[-1] - other[-1])

@@ -1,0 +1,78 @@
+"""Rows of evidence above the bandwidth: what the wide responses of efforts are beside what they should be.
+
+A row weighs one over its standard error.  What no delay, lag or gain takes away of a channel is how wrong the expectation is:
+rows weigh less by it, and by the number of neighbours that miss alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from crosscheck.identification.fit import agreeing
+from crosscheck.identification.readings import Run
+from crosscheck.identification.wide_response import Expected, WideResponse, difference, expected, weights
+
+Array = NDArray[np.float64]
+# Where the way to the best one starts [s], and what is one on it: [s], [s], of the logarithm [-].
+DELAYS = np.arange(-0.02, 0.0201, 0.002)
+LAGS = np.array([0.0, 0.005, 0.02])
+SCALES = np.array([1e-3, 1e-3, 0.1])
+STEPS = 60
+
+
+@dataclass(frozen=True)
+class WideRows:
+    """A channel above the bandwidth: what is expected of it, weights (frequencies,), and how many of its rows are news [-]."""
+
+    channel: int
+    told: Expected
+    weights: Array
+    news: float
+
+    def rows(self, run: Run) -> Array:
+        """Return the difference between the channel of a run and its expectation (rows,) [-]."""
+        seen = run.wide[self.channel]
+        return np.zeros(2 * len(self.weights)) if seen is None else difference(seen, self.told, self.weights)
+
+
+def wide_rows(run: Run, before: Sequence[Run]) -> list[WideRows]:
+    """Return the rows of efforts that show something above the bandwidth [-]; before : runs that tell what to expect."""
+    out = []
+    for c, seen in enumerate(run.wide):
+        if seen is None:
+            continue
+        known = [w for w in (b.wide[c] for b in before if b.wide) if w is not None]
+        told = expected(seen, known)
+        weight = weights(seen, told)
+        if (weight > 0.0).sum() < 10:
+            continue
+        best = _settled(seen, told, weight)
+        alike = max(agreeing(best[0::2]), agreeing(best[1::2]), 1.0 if told.known else _smooth(seen.frequency))
+        scale = max(1.0, float(np.mean(best[best != 0.0] ** 2)))
+        news = 2.0 * float((weight > 0.0).sum()) / alike
+        out.append(WideRows(c, told, weight / np.sqrt(scale * alike), news))
+    return out
+
+
+def _smooth(frequency: Array) -> float:
+    """The number of frequencies [Hz] over which a drive that is more than its rotor misses alike: half an octave's [-]."""
+    return len(frequency) / max(1.0, 2.0 * float(np.log2(frequency[-1] / frequency[0])))
+
+
+def _settled(seen: WideResponse, told: Expected, weight: Array) -> Array:
+    """The differences (rows,) under the delay, lag and gain that leave least of them."""
+    w = 2.0 * np.pi * seen.frequency
+
+    def left(x: Array) -> Array:
+        delay, lag, gain = x * SCALES
+        turned = np.exp(1j * w * delay) * (1.0 + 1j * w * lag) * (np.exp(-gain) if told.known else 1.0)
+        return difference(replace(seen, both=seen.both * turned), told, weight)
+
+    starts = [np.array([delay, lag, 0.0]) / SCALES for lag in LAGS for delay in DELAYS]
+    start = min(starts, key=lambda x: float(np.sum(left(x) ** 2)))
+    return left(least_squares(left, start, method="lm", max_nfev=STEPS).x)

@@ -1,0 +1,129 @@
+"""Wide response: from a joint's acceleration to its effort above the bandwidth, where a drive shakes its own rotor.
+
+H = S_ae / S_aa,   coherence^2 = |S_ae|^2 / (S_aa S_ee),   var(H / |H|) = (1 - coherence^2) / (n coherence^2)
+
+S : spectra averaged over n segments (Hann, half overlapping) of raw columns [N m, N; rad/s^2, m/s^2].  Delays and lags, which are
+next to nothing below the bandwidth, turn the phase of H by whole radians here.  Source: J. S. Bendat, A. G. Piersol, "Random
+Data", 4th ed., Wiley 2010, sections 9.2.3 and 9.2.4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal.windows import hann
+
+Array = NDArray[np.float64]
+PERIODS = (3.0, 8.0)  # of the bandwidth in a segment, at least and at most
+HIGHEST = 0.4  # of the sampling rate
+SEGMENTS, LEAST = 13, 6  # that make a good spectrum of a short log, and one at all
+SEEN = 0.2  # least coherence^2 of a frequency that says anything
+NEIGHBOURS = 1.5  # frequencies that say the same behind a Hann window
+PHASE = 0.5  # [rad] by which a rotor inertia alone misses the phase of a drive
+
+
+@dataclass(frozen=True)
+class WideResponse:
+    """Spectra of a joint: of the acceleration, the effort, and both (frequencies,) at frequency [Hz], of so many segments."""
+
+    frequency: Array
+    acceleration: Array
+    effort: Array
+    both: NDArray[np.complex128]
+    segments: float
+
+    @property
+    def ratio(self) -> NDArray[np.complex128]:
+        """H (frequencies,) [kg m^2], [kg], or per ampere what the effort's column is in."""
+        return np.asarray(self.both / self.acceleration)
+
+    @property
+    def coherence(self) -> Array:
+        """Squared coherence (frequencies,) [-]."""
+        return np.asarray(np.abs(self.both) ** 2 / (self.acceleration * self.effort + 1e-300))
+
+    @property
+    def variance(self) -> Array:
+        """Variance of H over |H|^2 (frequencies,) [-]."""
+        seen = np.clip(self.coherence, 1e-6, 1.0 - 1e-6)
+        return np.asarray((1.0 - seen) / (seen * self.segments))
+
+
+def wide_response(angle: Array, effort: Array, spacing: float, bandwidth: float) -> WideResponse | None:
+    """Return the response of an effort to its joint's acceleration above a bandwidth [Hz]; None where there is no room for one.
+
+    angle, effort : (samples,) raw [rad], [m]; [any unit]; spacing : [s]
+    """
+    least, most = (round(periods / (bandwidth * spacing)) for periods in PERIODS)
+    count = max(least, min(most, 2 * len(angle) // (SEGMENTS + 1)))
+    segments = 2 * len(angle) // max(count, 1) - 1
+    if segments < LEAST or bandwidth > 0.5 * HIGHEST / spacing:
+        return None
+    bend = np.diff(angle, 2) / spacing**2
+    a, e = _segments(bend.tobytes(), count), _segments(effort[1:-1].tobytes(), count)
+    frequency = np.fft.rfftfreq(count, spacing)
+    own, other, both = (np.mean(s, axis=0) for s in (np.abs(a) ** 2, np.abs(e) ** 2, a.conj() * e))
+    kept = (frequency >= bandwidth) & (frequency <= HIGHEST / spacing) & (own > 0.0)
+    if not kept.any():
+        return None
+    true = np.sinc(frequency[kept] * spacing) ** 2  # what a second difference makes of an acceleration
+    return WideResponse(frequency[kept], own[kept] / true**2, other[kept], both[kept] / true, segments / NEIGHBOURS)
+
+
+@lru_cache(maxsize=64)  # undoing a fault leaves most columns as they were
+def _segments(values: bytes, count: int) -> NDArray[np.complex128]:
+    """Spectra (segments, frequencies) of segments of so many samples, each without its mean."""
+    parts = np.lib.stride_tricks.sliding_window_view(np.frombuffer(values), count)[:: count // 2]
+    return np.asarray(np.fft.rfft((parts - parts.mean(axis=1, keepdims=True)) * hann(count, sym=False)))
+
+
+def together(some: Sequence[WideResponse]) -> WideResponse:
+    """Return the response of several logs, at the frequencies of the first one [Hz]."""
+    first = some[0]
+
+    def added(values: list[NDArray[np.complex128]]) -> NDArray[np.complex128]:
+        parts = [np.interp(first.frequency, s.frequency, v) * s.segments for s, v in zip(some, values, strict=True)]
+        return np.asarray(np.sum(parts, axis=0) / sum(s.segments for s in some))
+
+    own, other = (added([getattr(s, name) for s in some]).real for name in ("acceleration", "effort"))
+    return WideResponse(first.frequency, own, other, added([s.both for s in some]), sum(s.segments for s in some))
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Expectation of H (frequencies,), and its variance over |H|^2; ``known`` : its size and not only its phase."""
+
+    frequency: Array
+    ratio: NDArray[np.complex128]
+    variance: Array
+    known: bool
+
+
+def expected(seen: WideResponse, before: Sequence[WideResponse]) -> Expected:
+    """Return the expectation of H: that of logs before, or in phase with the acceleration, as that of a rotor inertia is [-]."""
+    if before:
+        own = together(before)
+        ratio = np.interp(seen.frequency, own.frequency, own.ratio)
+        variance = np.interp(seen.frequency, own.frequency, own.variance)
+        variance[np.interp(seen.frequency, own.frequency, own.coherence) < SEEN] = np.inf
+        return Expected(seen.frequency, ratio, variance, True)
+    return Expected(
+        seen.frequency, np.ones(len(seen.frequency), dtype=complex), np.full(len(seen.frequency), PHASE**2), False
+    )
+
+
+def difference(seen: WideResponse, told: Expected, weights: Array) -> Array:
+    """Return the error of H, real and imaginary parts in turn (2 frequencies,) times weights (frequencies,) [-]."""
+    ratio = seen.ratio if told.known else seen.ratio / np.abs(seen.ratio)
+    rest = (ratio / told.ratio - 1.0) * weights
+    return np.column_stack([rest.real, rest.imag]).ravel()
+
+
+def weights(seen: WideResponse, told: Expected) -> Array:
+    """Return one over the standard error of each difference (frequencies,) [-]; 0 where nothing is seen."""
+    variance = 0.5 * (seen.variance + told.variance)
+    return np.asarray(np.where(seen.coherence < SEEN, 0.0, 1.0 / np.sqrt(variance)))

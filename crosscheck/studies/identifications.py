@@ -1,0 +1,53 @@
+"""Identifications that nights repeat: every mechanism whose identify.toml says by [night] which logs identify and which judge."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from crosscheck.identification.bands import Judged
+from crosscheck.identification.identify import blocks, identify, machine_of
+from crosscheck.identification.log import read_log
+from crosscheck.identification.page import COLUMNS, verdict
+from crosscheck.identification.settings import FILE
+from flexinv.errors import InputError
+
+TEXT = """Mechanisms with logs of their own: parameters are identified from logs, and what these have not seen judges the
+predicted torques and their bands, against the limits of identify.toml. In blocks means that each part of a log is
+judged by what the others tell, and that all parts are pooled."""
+HEADS = (("mechanism", "mechanism", ""), *(c for c in COLUMNS if c[0] not in ("part",)))
+
+
+def study(models: str) -> dict[str, Any]:
+    """Return the table of the report: how well logs held out are explained [-], with verdicts by the limits."""
+    rows: list[dict[str, Any]] = []
+    for folder in sorted(file.parent for file in Path(models).glob(f"*/{FILE}")):
+        rows += _rows(folder)
+    if not rows:
+        return {"status": "skipped", "message": f"no {FILE} among the models has a table [night]"}
+    return {"text": TEXT.replace("\n", " "), "columns": HEADS, "rows": rows}
+
+
+def _rows(folder: Path) -> Iterator[dict[str, Any]]:
+    try:
+        settings = machine_of(folder).settings
+        if settings.night is None:
+            return
+        for row in judged(folder):
+            word, message = verdict([*settings.limits, *settings.night.limits], row)
+            yield vars(row) | {"mechanism": folder.name, "verdict": word, "message": message}
+    except InputError as error:
+        yield {"mechanism": folder.name, "verdict": "error", "message": str(error)}
+
+
+def judged(folder: Path) -> list[Judged]:
+    """Return the judged channels of a mechanism's [night], of logs that did not identify [-].  Raises InputError."""
+    machine = machine_of(folder)
+    night = machine.settings.night
+    assert night is not None
+    logs = [str(folder / log) for log in night.log]
+    if night.blocks is not None:
+        return blocks(machine, read_log(logs[0], machine.settings.time), night.blocks)
+    found = identify(folder, logs, [str(folder / log) for log in night.hold_out])
+    return [row for row in found.judged if row.log != "together"] if len(night.hold_out) == 1 else found.judged

@@ -1,0 +1,115 @@
+"""Faults planted in measured logs: is each named first, with its size?  python tests/shared/planted_faults.py kuka_kr300
+
+One log identifies as it is, and the same log with a fault in it is judged: what is named beside what the untouched log shows.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+import crosscheck
+from crosscheck.identification.causes.cause import Named
+from crosscheck.identification.causes.dictionary import dictionary
+from crosscheck.identification.causes.name_causes import name_causes
+from crosscheck.identification.causes.rounds import carried
+from crosscheck.identification.identify import Identified
+from crosscheck.identification.log import Log, read_log
+from crosscheck.identification.readings import Machine, delayed, lagged, make_run, sensed
+
+Array = NDArray[np.float64]
+MODELS = Path(__file__).parents[2] / "models"
+LOGS = {
+    "kuka_kr300": "run_A.csv.gz",
+    "quanser_2dsfl": "record.csv",
+    "quanser_2dsfl_rigid": "../quanser_2dsfl/record.csv",
+}
+# Payload: of the mass of all rigid links.
+SAMPLES, LAG, CONSTANT, TILT, PAYLOAD = 2, 0.005, 0.3, np.radians(3.0), 0.01
+
+
+@dataclass(frozen=True)
+class Planted:
+    """A fault in a log: the cause that has to be named, its place, its size [unit of the cause], and the log that has it."""
+
+    name: str
+    place: str
+    size: float
+    log: Log
+
+
+def planted(found: Identified, log: Log) -> Iterator[Planted]:
+    """Yield logs with one fault each: delays, lags, constants and signs of every effort, tilts of gravity, a payload."""
+    for channel in found.machine.channels:
+        values, kind = log.columns[channel.column], "gauge" if channel.is_gauge else "effort"
+        delay = SAMPLES * log.spacing
+        spoiled = {
+            (f"delay of the {kind}", delay): delayed(values, log.spacing, delay),
+            (f"first-order lag of the {kind}", LAG): lagged(values, log.spacing, LAG),
+            (f"wrong sign of the {kind}", -1.0): -values,
+        }
+        if not channel.is_gauge:
+            spoiled["torque constant, relative error", CONSTANT] = (1.0 + CONSTANT) * values
+        for (name, size), column in spoiled.items():
+            yield Planted(name, channel.place, size, replace(log, columns={**log.columns, channel.column: column}))
+    for cause in dictionary(found.machine):  # no tilt where the mechanism states no gravity
+        mass = sum(b.inertia.mass for link in found.machine.mechanism.links for b in link.bodies if link.beam is None)
+        sizes = {"tilt of gravity": TILT, "payload beside what is known": float(f"{PAYLOAD * mass:.1g}")}
+        size = sizes.get(cause.name, 0.0)
+        if size:
+            mechanism = cause.undone(log, found.machine.mechanism, size)[1]
+            other = replace(found.machine, mechanism=mechanism, space=carried(found.machine, mechanism))
+            yield Planted(cause.name, cause.place, size, _of_another(found, other, log))
+
+
+def _of_another(found: Identified, other: Machine, log: Log) -> Log:
+    """Return the log with efforts of another mechanism: what it would have needed more is added [N m], [N]."""
+    values, columns = found.machine.space.values(found.fit.z), dict(log.columns)
+    run = make_run(found.machine, log, efforts=False)
+    changed = make_run(other, log, efforts=False)
+    more = sensed(other, run.motion, changed.response, values) - sensed(found.machine, run.motion, run.response, values)
+    for channel, change in zip(found.machine.channels, more.T, strict=True):
+        columns[channel.column] = columns[channel.column] + change / channel.factor
+    return replace(log, columns=columns)
+
+
+def verdict(one: Planted, named: list[Named], known: set[tuple[str, str]]) -> tuple[bool, str]:
+    """Return whether the fault is the first that the untouched log does not show, and all that is named in words."""
+    news = [n for n in named if (n.name, n.place) not in known]
+    first = bool(news) and (news[0].name, news[0].place) == (one.name, one.place)
+    close = first and (not news[0].error or abs(news[0].size - one.size) < 3.0 * news[0].error + 0.05 * abs(one.size))
+    return close, "; ".join(n.words for n in news)
+
+
+@click.command()
+@click.argument("name", type=click.Choice(list(LOGS)))
+@click.option("--only", default="", help="Faults whose name and place contain this.")
+@click.option("--itself", is_flag=True, help="The log with the fault identifies, too, instead of the one as it is.")
+def main(name: str, only: str, itself: bool) -> None:
+    """Plant faults in the log of NAME, one after the other, and print what is named."""
+    path = MODELS / name / LOGS[name]
+    found = crosscheck.identify(MODELS / name, [path])
+    log = read_log(path, found.machine.settings.time)
+    untouched = name_causes(found, log, itself)
+    click.echo("untouched: " + "; ".join(one.words for one in untouched))
+    known = {(one.name, one.place) for one in untouched}
+    counts = []
+    for one in planted(found, log):
+        if only in f"{one.name} of {one.place}":
+            told = crosscheck.identify(MODELS / name, [one.log]) if itself else found
+            good, words = verdict(one, name_causes(told, one.log, itself), known)
+            counts.append(good)
+            click.echo(f"{'ok  ' if good else 'MISS'} {one.name} of {one.place}, {one.size:.4g}: {words}")
+    click.echo(f"{sum(counts)} of {len(counts)} named first with their size")
+
+
+if __name__ == "__main__":
+    main()
