@@ -44,7 +44,7 @@ class Determinate:
 
 
 def determinate(mesh: Mesh, motion: NodalMotion, time: Array) -> Determinate:
-    """Return which components of the wrenches of closures and joints are determinate.
+    """Return the components of the wrenches of closures and joints that are determinate [-].
 
     time : (samples,) [s] of a uniform grid.  With beams: nodes of beams move by themselves, so that nothing is redundant at
     a closure that holds one; of the others nothing is said (False), nor of joints that may carry what they exert.
