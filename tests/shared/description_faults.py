@@ -145,11 +145,8 @@ class Urdf:
             raise Unfit
         for name, value in before.items():
             entry.set(name, repr(value * factor))  # type: ignore[union-attr]
-        r = of_rpy(
-            numbers(
-                (link.find("inertial/origin").attrib if link.find("inertial/origin") is not None else {}).get("rpy")
-            )
-        )  # type: ignore[union-attr]
+        origin = link.find("inertial/origin")
+        r = of_rpy(numbers(None if origin is None else origin.get("rpy")))
         b = before
         t = [[b["ixx"], b["ixy"], b["ixz"]], [b["ixy"], b["iyy"], b["iyz"]], [b["ixz"], b["iyz"], b["izz"]]]
         turned = times(times(r, t), [[r[j][i] for j in range(3)] for i in range(3)])
