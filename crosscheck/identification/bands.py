@@ -3,7 +3,6 @@
 sd^2 = J cov J^T (parameters) + s^2 (residuals) + (between_runs friction)^2 + coulomb^2 (a joint that stands)
 band = value +- q sd,   q such that `HOLD` of the residuals of blocks left out lie inside, and at most `WIDEST` of their RMS
 
-The most is that of the median sd: where a joint nearly stands its band is wider, and is no reason for narrow ones elsewhere.
 Each residual left out is held against its own sd, with the larger cov of the parameters that have not seen its block.
 """
 
@@ -58,7 +57,7 @@ def factors(task: Problem, found: Fit) -> Array:
     out = []
     for c, more in enumerate(extra):
         sd = np.sqrt(found.unsure[c] ** 2 + found.spread[c] ** 2 + more**2)
-        out.append(min(np.quantile(np.abs(found.held[c]) / sd, HOLD), WIDEST * found.block[c] / float(np.median(sd))))
+        out.append(min(np.quantile(np.abs(found.held[c]) / sd, HOLD), WIDEST * found.block[c] / sd.mean()))
     return np.array(out)
 
 

@@ -231,6 +231,16 @@ def test_wrenches_of_joints_of_a_planar_loop_in_space_are_unique_in_its_plane() 
     assert all(sure[name][[0, 1, 5]].all() for name in sure)
 
 
+def test_a_loop_with_a_beam_leaves_nothing_open() -> None:
+    """The same loop with a coupler that bends: what would press its hinges out of the plane strains the coupler."""
+    mechanism = flexinv.load_mechanism(MODELS / "four_bar_flexible")
+    case = next(iter(load_cases(MODELS / "four_bar_flexible", mechanism).values()))
+    s = flexinv.solve(mechanism, case.motion, 1e-3, end=5e-3, start=case.start)
+    sure = determinate(s.mesh, s.nodes, s.time)
+    assert all(found.all() for found in sure.wrench.values())
+    assert sure.reaction["C"].tolist() == [True] * 5 + [False]  # a hinge exerts no moment about its axis
+
+
 def test_reactions_carry_the_bar() -> None:
     """While the hands hold it, what they put on the bar is its mass times its acceleration less gravity."""
     mechanism, case = model("two_arms")

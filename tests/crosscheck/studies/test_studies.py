@@ -94,7 +94,8 @@ def test_one_robot_in_all_engines() -> None:
 
 def test_every_study_names_a_function_that_is_there() -> None:
     modules = {
-        f"crosscheck.studies.{m.__name__.rsplit('.', 1)[1]}": m for m in (robots, incremental, switching, feedforward)
+        f"crosscheck.studies.{m.__name__.rsplit('.', 1)[1]}": m
+        for m in (robots, incremental, switching, feedforward, identifications)
     }
     for one in STUDIES.values():
         assert callable(getattr(modules[one.module], one.function))
