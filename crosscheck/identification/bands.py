@@ -3,6 +3,7 @@
 sd^2 = J cov J^T (parameters) + s^2 (residuals) + (between_runs friction)^2 + coulomb^2 (a joint that stands)
 band = value +- q sd,   q such that `HOLD` of the residuals of blocks left out lie inside, and at most `WIDEST` of their RMS
 
+The most is that of a usual sd (`USUAL`): where a joint nearly stands its band is wider, and no reason for narrow ones elsewhere.
 Each residual left out is held against its own sd, with the larger cov of the parameters that have not seen its block.
 """
 
@@ -21,6 +22,7 @@ Array = NDArray[np.float64]
 NOMINAL = 0.9
 HOLD = 0.94  # of residuals left out, more than promised: another run differs by more than a block does
 WIDEST = 2.0  # half width of 95 % of a normal distribution: more would be a band that says nothing
+USUAL = 0.6  # of the samples have at most the sd that is meant by it: where a joint nearly stands it is wider
 NORMAL = 1.6448536269514722  # half width of 90 % of a normal distribution, in standard deviations
 
 
@@ -57,7 +59,9 @@ def factors(task: Problem, found: Fit) -> Array:
     out = []
     for c, more in enumerate(extra):
         sd = np.sqrt(found.unsure[c] ** 2 + found.spread[c] ** 2 + more**2)
-        out.append(min(np.quantile(np.abs(found.held[c]) / sd, HOLD), WIDEST * found.block[c] / sd.mean()))
+        out.append(
+            min(np.quantile(np.abs(found.held[c]) / sd, HOLD), WIDEST * found.block[c] / float(np.quantile(sd, USUAL)))
+        )
     return np.array(out)
 
 
