@@ -33,7 +33,9 @@ KERNELS: list[Any] = []
 def compiler(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Return Numba's decorator with these options [-]; machine code is kept until a source of its family changes."""
     inner = bool(options.get("no_cpython_wrapper"))
-    options = {"error_model": "numpy", "pipeline_class": InnerCompiler if inner else OuterCompiler, **options}
+    # Loops over lanes are optimised one by one before they are linked: that they become vectors is tested of each.
+    text = inner and "fastmath" not in options
+    options = {"error_model": "numpy", "pipeline_class": InnerCompiler if text else OuterCompiler, **options}
 
     def decorate(function: Callable[..., Any]) -> Any:
         kernel: Any
