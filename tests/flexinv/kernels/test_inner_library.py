@@ -10,7 +10,7 @@ from typing import Any
 
 from flexinv.kernels.code_cache import compiler
 from flexinv.kernels.inner_library import InnerLibrary, OuterLibrary
-from flexinv.kernels.jit import jit_inner, jit_shared
+from flexinv.kernels.jit import jit, jit_inner, jit_shared
 
 MODULE = """
 import numpy as np
