@@ -10,11 +10,11 @@ from typing import Any
 
 from flexinv.kernels.code_cache import compiler
 from flexinv.kernels.inner_library import InnerLibrary, OuterLibrary
-from flexinv.kernels.jit import jit, jit_inner, jit_shared
+from flexinv.kernels.jit import jit_inner, jit_shared
 
 MODULE = """
 import numpy as np
-from flexinv.kernels.jit import jit_inner, jit_shared
+from flexinv.kernels.jit import jit, jit_inner, jit_shared
 
 @jit_shared
 def deepest(values, k):
