@@ -118,11 +118,14 @@ def explained(measured: Array, told: Array) -> float:
 
 
 def judge(machine: Machine, run: Run, told: Prediction, chosen: NDArray[np.bool_] | None = None) -> list[Judged]:
-    """Judge a prediction by the measurement [-]; chosen : (samples, channels), by default `Run.counted`."""
+    """Judge a prediction by the measurement [-]; chosen : (samples, channels), by default `Run.counted`.
+
+    A prediction is nan where there is none, outside of all blocks: "all samples" are those that it has.
+    """
     assert run.measured is not None
     counted, out = run.counted if chosen is None else chosen, []
     for c, channel in enumerate(machine.channels):
-        u, y = counted[:, c], run.measured[:, c]
+        u, y, known = counted[:, c], run.measured[:, c], np.isfinite(told.value[:, c])
         if u.sum() < 10:
             continue
         e = y[u] - told.value[u, c]
@@ -132,7 +135,7 @@ def judge(machine: Machine, run: Run, told: Prediction, chosen: NDArray[np.bool_
         shares = (
             explained(y[u], told.value[u, c]),
             1.0 - float(np.var(e) / np.var(y[u])),
-            explained(y, told.value[:, c]),
+            explained(y[known], told.value[known, c]),
             float(inside.mean()),
         )
         out.append(Judged(run.name, channel.name, channel.unit, int(u.sum()), *shares, width, rms))
