@@ -153,6 +153,8 @@ def _of_mat(path: Path) -> dict[str, Array]:
         raw = {k: np.squeeze(v) for k, v in loadmat(path).items() if not k.startswith("__") and np.size(v) > 1}
     except NotImplementedError as error:
         raise InputError(f"{path.name}: MAT file of version 7.3; save it with -v7 in MATLAB, or export CSV") from error
+    except Exception as error:  # scipy raises whatever the damage of a file leads to
+        raise InputError(f"{path.name}: no MAT file that can be read ({error}); save it anew, or export CSV") from error
     numbers = {k: v.astype(np.float64) for k, v in raw.items() if v.dtype.kind in "fiub"}
     if not numbers:
         raise InputError(f"{path.name}: no arrays of numbers at the top level; save vectors of equal length")

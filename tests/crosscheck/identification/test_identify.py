@@ -188,6 +188,13 @@ def test_a_mat_file_is_read(folder: Path, tmp_path: Path) -> None:
     assert np.array_equal(log.column("t1"), table["t1"])
 
 
+@pytest.mark.parametrize("damaged", [b"hello", bytes(range(256)) * 8])
+def test_a_damaged_mat_file_is_one_error(damaged: bytes, tmp_path: Path) -> None:
+    (tmp_path / "one.mat").write_bytes(damaged)
+    with pytest.raises(InputError, match=r"one\.mat: no MAT file that can be read .*; save it anew, or export CSV"):
+        read_log(tmp_path / "one.mat")
+
+
 def test_logs_that_overlap_and_other_rates_are_said(folder: Path) -> None:
     log = folder / "one.csv"
     machine = machine_of(folder)
