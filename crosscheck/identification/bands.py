@@ -81,7 +81,7 @@ def _of_runs(machine: Machine, found: Fit, run: Run) -> Array:
     values, spacing = machine.space.values(found.z), float(run.time[1] - run.time[0])
     columns = []
     for channel in machine.channels:
-        if channel.is_gauge:
+        if channel.sense != "effort":
             columns.append(np.zeros(len(run.time)))
             continue
         v = run.motion.qd[:, run.motion.names.index(channel.place)]

@@ -99,7 +99,7 @@ def _score(
     motion = Measured(time, tuple(machine.settings.joints), *_series(coefficients, time, seconds, bounds))
     tell = response(machine.mechanism, machine.space, machine.settings, motion)
     moving = np.column_stack([
-        np.ones(len(time), dtype=bool) if c.is_gauge
+        np.ones(len(time), dtype=bool) if c.sense != "effort"
         else np.abs(motion.qd[:, motion.names.index(c.place)]) > machine.settings.still_rad_per_s
         for c in machine.channels
     ])  # fmt: skip

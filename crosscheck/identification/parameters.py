@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from crosscheck.identification.points import point_sensors
 from crosscheck.identification.pseudo_inertia import NAMES, believable, pseudo_inertia, upper_factor, widths
 from crosscheck.identification.settings import IdentifyTable, matching
 from flexinv.errors import InputError
@@ -22,6 +23,7 @@ Array = NDArray[np.float64]
 Key = tuple[str, str]
 Values = dict[Key, float]
 MASS = "mass properties"
+ZEROS = {"marker": "m", "accelerometer": "m/s^2"}  # units of the zeros of sensors at points
 GJ = 3  # column of a section's stiffness
 # What is asked for under a name that is no parameter here -> where it is.
 ELSEWHERE = {
@@ -29,7 +31,7 @@ ELSEWHERE = {
     "torque constant": 'it is the gain of the effort: write parameter = "effort gain"',
     "gravity direction": 'write parameter = "gravity tilt x", and another table with "gravity tilt y"',
     "angle offset": "angles are taken as they are: correct the column, or the placement of the joint in mechanism.toml",
-    "marker position": "markers are not read: give joint angles",
+    "marker position": 'it is the zero of the marker: write parameter = "marker zero"',
     "payload": f'it is part of the link that carries it: write parameter = "{MASS}" with that link as place',
 }
 
@@ -39,7 +41,8 @@ class Kind:
     """A kind of parameter.
 
     unit : of one that turns and of one that slides; positive : by its nature
-    places : "joint" measured, "any joint", "link", "beam", "spring", "gauge", "world"; class_ : of the synthetic campaign
+    places : "joint" measured, "any joint", "link", "beam", "spring", "gauge", "marker", "accelerometer",
+        "world"; class_ : of the synthetic campaign
     known : joint -> value before, where the mechanism has one
     """
 
@@ -68,12 +71,14 @@ KINDS = {
         _kind("stribeck rate", "rad/s", True, "joint", "friction", "m/s"),
         _kind("friction asymmetry", "N m", False, "joint", "friction", "N"),
         _kind("effort offset", "N m", False, "joint", "sensors", "N"),
-        _kind("effort gain", "-", True, "joint", "sensors", known=lambda j: 1.0),
-        _kind("effort delay", "s", False, "joint", "sensors"),
-        _kind("effort lag", "s", True, "joint", "sensors"),
-        _kind("gauge gain", "-", True, "gauge", "sensors", known=lambda j: 1.0),
+        *(
+            _kind(f"{sense} {name}", unit, positive, "joint" if sense == "effort" else sense, "sensors")
+            for sense in ("effort", "gauge", *ZEROS)
+            for name, unit, positive in (("gain", "-", True), ("delay", "s", False), ("lag", "s", True))
+        ),
         _kind("gauge zero", "rad", False, "gauge", "sensors"),
         _kind("gauge slope", "rad/rad", False, "gauge", "sensors"),
+        *(_kind(f"{sense} zero", unit, False, sense, "sensors") for sense, unit in ZEROS.items()),
         _kind(
             "joint stiffness", "N m/rad", True, "any joint", "drives", "N/m", known=lambda j: j.stiffness, solved=True
         ),
@@ -185,6 +190,7 @@ def places(mechanism: Mechanism, settings: IdentifyTable, kind: Kind) -> list[st
         "beam": [link.name for link in mechanism.beams],
         "spring": [s.name for s in mechanism.springs],
         "gauge": list(settings.gauges),
+        **{kind: [one.place for one in point_sensors(settings) if one.kind == kind] for kind in ZEROS},
         "world": ["world"],
     }[kind.places]
 
@@ -219,7 +225,7 @@ def before(mechanism: Mechanism, settings: IdentifyTable, kind: Kind, place: str
     joint = mechanism.joint_of.get(place)
     if kind.name in ("transition rate", "stribeck rate"):
         return settings.still_rad_per_s * (1.0 if kind.name == "transition rate" else 10.0)
-    if kind.name in ("beam stiffness", "torsion stiffness", "spring force", "gauge gain"):
+    if kind.name in ("beam stiffness", "torsion stiffness", "spring force") or kind.name.endswith(" gain"):
         return 1.0
     if kind.name == "beam length":
         beam = mechanism.link_of[place].beam

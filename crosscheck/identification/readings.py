@@ -3,7 +3,8 @@
 effort at the joint   tau(mechanism) + rotor qdd + viscous v + dry
 dry                   coulomb tanh(v / v_t) (1 + share exp(-(v / v_s)^2)) + asymmetry |tanh(v / v_t)|
 its sensor            gain * delayed(lagged(effort / ratio + offset)),   both sides behind the same zero-phase low-pass
-gauge                 lagged(gain * M L / (3 EI) + zero + slope q)
+gauge                 gain * delayed(lagged(M L / (3 EI))) + zero + slope q,   through the rig's own low-pass
+marker, accelerometer gain * delayed(lagged(signal)) + zero
 """
 
 from __future__ import annotations
@@ -19,8 +20,9 @@ from scipy.signal import lfilter
 from crosscheck.identification.filters import lag, low_pass
 from crosscheck.identification.log import Log
 from crosscheck.identification.parameters import KINDS, Key, Space, before
+from crosscheck.identification.points import PointSensor, point_sensors
 from crosscheck.identification.response import Measured, Response, response
-from crosscheck.identification.settings import ANGLES, EFFORTS, IdentifyTable
+from crosscheck.identification.settings import ACCELERATIONS, ANGLES, EFFORTS, LENGTHS, RATES, IdentifyTable, RateTable
 from crosscheck.identification.wide_response import WideResponse, wide_response
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Mechanism
@@ -28,6 +30,9 @@ from flexinv.model.mechanism import Mechanism
 Array = NDArray[np.float64]
 # The motion keeps more than the efforts are compared at, so that both sides pass the same low-pass once.
 WIDER = 2.5
+# A rate is the slope of its angle to this part: quantised angles and delays of some samples change it by less.
+SLOPE = 0.2
+POINT_UNITS = {"marker": "m", "accelerometer": "m/s^2"}
 # At the ends of a log the low-pass knows one side only: so many periods of the bandwidth do not count.
 EDGE = 1.5
 HIGHEST = 0.4  # of the sampling rate: no filter above
@@ -35,12 +40,15 @@ HIGHEST = 0.4  # of the sampling rate: no filter above
 
 @dataclass(frozen=True)
 class Channel:
-    """A sensor: its name with what it measures, the unit it is compared in, its joint or gauge, and the gear before it."""
+    """A sensor: its name with what it measures, the unit it is compared in, its joint, gauge or point, and the gear before it.
+
+    sense : "effort", "gauge", "marker" or "accelerometer"
+    """
 
     name: str
     unit: str
     place: str
-    is_gauge: bool = False
+    sense: str = "effort"
     ratio: float = 1.0
     factor: float = 1.0
     column: str = ""
@@ -85,10 +93,18 @@ class Machine:
             slides = joint.kind == "prismatic"
             ratio = joint.drive.ratio if joint.drive is not None and table.effort.side == "motor" else 1.0
             unit = "N" if slides and ratio == 1.0 else "N m"
-            out.append(Channel(f"torque/{name}", unit, name, False, ratio, self._factor(name), table.effort.column))
+            out.append(Channel(f"torque/{name}", unit, name, "effort", ratio, self._factor(name), table.effort.column))
         for name, gauge in self.settings.gauges.items():
-            out.append(Channel(f"gauge/{name}", "rad", name, True, 1.0, ANGLES[gauge.unit], gauge.column))
+            out.append(Channel(f"gauge/{name}", "rad", name, "gauge", 1.0, ANGLES[gauge.unit], gauge.column))
+        for one in point_sensors(self.settings):
+            name, unit = f"{one.kind}/{one.place}", POINT_UNITS[one.kind]
+            out.append(Channel(name, unit, one.place, one.kind, 1.0, self._point_factor(one), one.column))
         return tuple(out)
+
+    def _point_factor(self, one: PointSensor) -> float:
+        if one.kind == "marker":
+            return LENGTHS[self.settings.markers[one.name].unit]
+        return ACCELERATIONS[self.settings.accelerometers[one.name].unit]
 
     def _factor(self, name: str) -> float:
         effort, joint = self.settings.joints[name].effort, self.mechanism.joint_of[name]
@@ -118,13 +134,31 @@ def motion_of(machine: Machine, log: Log) -> Measured:
             f"{log.name}: sampled at {1 / log.spacing:.4g} Hz, too slow for a bandwidth of {settings.bandwidth_Hz:g} Hz; "
             f"write bandwidth_Hz = {0.3 / log.spacing:.3g} or less in identify.toml"
         )
-    columns = []
-    for name, table in settings.joints.items():
+    columns, rates = [], {}
+    for k, (name, table) in enumerate(settings.joints.items()):
         raw = log.column(table.angle.column) * (ANGLES[table.angle.unit] / table.angle.over)
         _check_angle(machine, log, name, raw)
         columns.append(low_pass(raw, log.spacing, bandwidth))
+        if table.rate is not None:
+            rates[k] = low_pass(_rate(log, name, table.rate, raw), log.spacing, bandwidth)
     spline = CubicSpline(time, np.column_stack(columns))
-    return Measured(time, tuple(settings.joints), spline(time), spline(time, 1), spline(time, 2))
+    qd, qdd = spline(time, 1), spline(time, 2)
+    for k, rate in rates.items():
+        qd[:, k], qdd[:, k] = rate, CubicSpline(time, rate)(time, 1)
+    return Measured(time, tuple(settings.joints), spline(time), qd, qdd)
+
+
+def _rate(log: Log, name: str, table: RateTable, angle: Array) -> Array:
+    """The rate [rad/s], [m/s] of a joint that a column states; it has to be the slope of the angle (samples,)."""
+    rate = log.column(table.column) * (RATES[table.unit] / table.over)
+    slope = np.gradient(angle, log.spacing)
+    size = float(rate @ slope) / float(slope @ slope)
+    if abs(size - 1.0) > SLOPE:
+        raise InputError(
+            f"{log.name}: column {table.column!r} of joint {name} is {size:.4g} times the slope of its angle, expected 1; "
+            f"write its unit ({', '.join(RATES)}) or over = the gear ratio into [joints.{name}] rate, or leave rate away"
+        )
+    return rate
 
 
 def _check_angle(machine: Machine, log: Log, name: str, raw: Array) -> None:
@@ -143,7 +177,7 @@ def make_run(machine: Machine, log: Log, efforts: bool = True) -> Run:
     sliding = np.column_stack(
         [
             np.ones(len(log.time), dtype=bool)
-            if c.is_gauge
+            if c.sense != "effort"
             else np.abs(motion.qd[:, motion.names.index(c.place)]) > settings.still_rad_per_s
             for c in machine.channels
         ]
@@ -168,7 +202,7 @@ def wide_of(machine: Machine, log: Log) -> tuple[WideResponse | None, ...]:
     window = _window(machine.settings, log)
     out: list[WideResponse | None] = []
     for channel in machine.channels:
-        table = None if channel.is_gauge else machine.settings.joints[channel.place].angle
+        table = None if channel.sense != "effort" else machine.settings.joints[channel.place].angle
         if table is None:
             out.append(None)
             continue
@@ -188,7 +222,7 @@ def measured_of(machine: Machine, log: Log) -> Array:
                 f"{log.name}: column {channel.column!r} is constant ({raw[0]:g}), expected what {channel.name} measured; "
                 "remove the effort from identify.toml, or export the right column"
             )
-        columns.append(raw if channel.is_gauge else low_pass(raw, log.spacing, machine.settings.bandwidth_Hz))
+        columns.append(raw if channel.sense == "gauge" else low_pass(raw, log.spacing, machine.settings.bandwidth_Hz))
     return np.column_stack(columns)
 
 
@@ -197,7 +231,7 @@ def readings(machine: Machine, run: Run, values: Mapping[Key, float]) -> Array:
     raw = sensed(machine, run.motion, run.response, values)
     spacing = float(run.motion.time[1] - run.motion.time[0])
     columns = [
-        column if channel.is_gauge else low_pass(column, spacing, machine.settings.bandwidth_Hz)
+        column if channel.sense == "gauge" else low_pass(column, spacing, machine.settings.bandwidth_Hz)
         for channel, column in zip(machine.channels, raw.T, strict=True)
     ]
     return np.column_stack(columns)
@@ -205,20 +239,31 @@ def readings(machine: Machine, run: Run, values: Mapping[Key, float]) -> Array:
 
 def sensed(machine: Machine, motion: Measured, respond: Response, values: Mapping[Key, float]) -> Array:
     """Return the raw signals of the sensors, before any low-pass of ours (samples, channels) [units of the channels]."""
-    effort, moment = respond(values)
+    effort, moment, points = respond(values)
     spacing = float(motion.time[1] - motion.time[0])
+    places = [(one.kind, one.place) for one in point_sensors(machine.settings)]
     columns = []
     for channel in machine.channels:
-        if channel.is_gauge:
+        if channel.sense == "effort":
+            at = motion.names.index(channel.place)
+            own = effort[:, at] + drive_effort(machine, channel.place, motion.qd[:, at], motion.qdd[:, at], values)
+            offset = _get(machine, values, "effort offset", channel.place)
+            columns.append(_through(machine, channel, own / channel.ratio + offset, values, spacing))
+        elif channel.sense == "gauge":
             columns.append(_gauge(machine, motion, channel, moment, values, spacing))
-            continue
-        at = motion.names.index(channel.place)
-        own = effort[:, at] + drive_effort(machine, channel.place, motion.qd[:, at], motion.qdd[:, at], values)
-        told = own / channel.ratio + _get(machine, values, "effort offset", channel.place)
-        told = lagged(told, spacing, _get(machine, values, "effort lag", channel.place))
-        told = delayed(told, spacing, _get(machine, values, "effort delay", channel.place))
-        columns.append(_get(machine, values, "effort gain", channel.place) * told)
+        else:
+            signal = points[:, places.index((channel.sense, channel.place))]
+            zero = _get(machine, values, f"{channel.sense} zero", channel.place)
+            columns.append(_through(machine, channel, signal, values, spacing) + zero)
     return np.column_stack(columns)
+
+
+def _through(machine: Machine, channel: Channel, signal: Array, values: Mapping[Key, float], spacing: float) -> Array:
+    """A signal (samples,) [any unit] through what every sensor may have: lag, delay, gain."""
+    lag_s, delay, gain = (
+        _get(machine, values, f"{channel.sense} {k}", channel.place) for k in ("lag", "delay", "gain")
+    )
+    return gain * delayed(lagged(signal, spacing, lag_s), spacing, delay)
 
 
 def drive_effort(machine: Machine, joint: str, v: Array, a: Array, values: Mapping[Key, float]) -> Array:
@@ -250,9 +295,8 @@ def _gauge(
     machine: Machine, motion: Measured, channel: Channel, moment: Array, values: Mapping[Key, float], spacing: float
 ) -> Array:
     table = machine.settings.gauges[channel.place]
-    told = _get(machine, values, "gauge gain", channel.place) * flexibility(machine, channel.place) * moment[
-        :, list(machine.settings.gauges).index(channel.place)
-    ] + _get(machine, values, "gauge zero", channel.place)
+    bent = flexibility(machine, channel.place) * moment[:, list(machine.settings.gauges).index(channel.place)]
+    told = _through(machine, channel, bent, values, spacing) + _get(machine, values, "gauge zero", channel.place)
     if table.slope_joint:
         at = motion.names.index(table.slope_joint)
         told = told + _get(machine, values, "gauge slope", channel.place) * motion.q[:, at]

@@ -1,4 +1,5 @@
-"""Response of a mechanism alone to a measured motion: efforts of its joints and moments at its gauges, by the free parameters.
+"""Response of a mechanism alone to a measured motion, by the free parameters: efforts of its joints, moments at its gauges, and
+the signals of markers and accelerometers.
 
 Rigid trees: tau = (Y + x Y_x + y Y_y) pi + f tau_spring, Y by `flexinv.torque_regressor`, Y_x, Y_y its derivatives by a tilt of
 gravity about the world's axes x and y, pi (links x 10) by log-Cholesky.  Loops and beams: `flexinv.solve`; for rigid loops with
@@ -15,10 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.identification.parameters import KINDS, MASS, Key, Space, with_values
+from crosscheck.identification.points import point_motion, with_points
 from crosscheck.identification.pseudo_inertia import COLUMNS, NAMES, ROWS, moved
 from crosscheck.identification.settings import IdentifyTable
 from flexinv.analysis.solve import solve
 from flexinv.errors import InputError
+from flexinv.kinematics.mesh import build
+from flexinv.kinematics.rigid_motion import rigid_motion
 from flexinv.model.links import Body, Inertia
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.motion import Motion
@@ -26,7 +30,8 @@ from flexinv.rigid.joint_torques import joint_torques
 from flexinv.rigid.torque_regressor import link_parameters, torque_regressor
 
 Array = NDArray[np.float64]
-Response = Callable[[Mapping[Key, float]], tuple[Array, Array]]
+Told = tuple[Array, Array, Array]
+Response = Callable[[Mapping[Key, float]], Told]
 PARAMETERS = len(NAMES)
 TILT = 1e-3  # [rad]; the torque is linear in gravity, so the difference quotient errs by its square
 KEPT = 64  # responses that are remembered: one for each parameter that needs a solution of its own
@@ -88,19 +93,24 @@ def tilted(gravity: Array, x: float, y: float) -> Array:
     return np.asarray(gravity + np.cross([x, y, 0.0], gravity))
 
 
+def _gravity(gravity: Array, values: Mapping[Key, float]) -> Array:
+    return tilted(gravity, *(values.get((f"gravity tilt {axis}", "world"), 0.0) for axis in "xy"))
+
+
 def response(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured) -> Response:
-    """Return the function from values to efforts (samples, joints) [N m], [N] and root moments (samples, gauges) [N m].
+    """Return the function from values to efforts (samples, joints) [N m], [N], root moments (samples, gauges) [N m] and the
+    signals of points (samples, sensors) [m], [m/s^2].
 
     Raises InputError: a joint of a rigid tree that no column moves.
     """
     alone = bare(mechanism, motion.names)
     passive = any(j.nv and j.name not in motion.names and not j.actuated for j in mechanism.joints)
     if mechanism.is_rigid and not mechanism.closures and not settings.gauges and not passive:
-        return _of_tree(alone, space, motion)
+        return _of_tree(alone, space, settings, motion)
     return _by_solve(alone, space, settings, motion)
 
 
-def _of_tree(mechanism: Mechanism, space: Space, motion: Measured) -> Response:
+def _of_tree(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured) -> Response:
     if still := [j.name for j in mechanism.joints if j.nv and j.name not in motion.names]:
         raise InputError(
             f"joint {still[0]} moves and no column says how; write [joints.{still[0]}] with angle = {{ column = ... }} in "
@@ -112,6 +122,8 @@ def _of_tree(mechanism: Mechanism, space: Space, motion: Measured) -> Response:
     def matrix(gravity: Array) -> Array:
         return torque_regressor(replace(mechanism, gravity=gravity), q, qd, qdd).matrix[:, rows]
 
+    mesh = build(with_points(mechanism, settings))
+    points = point_motion(settings, mesh, rigid_motion(mesh, q, qd, qdd))
     gravity, known = np.asarray(mechanism.gravity), {p.key for p in space.parameters}
     level = matrix(gravity)
     free_tilts = [f"gravity tilt {axis}" for axis in "xy" if (f"gravity tilt {axis}", "world") in known]
@@ -134,10 +146,11 @@ def _of_tree(mechanism: Mechanism, space: Space, motion: Measured) -> Response:
             out = out + force * pull
         return np.asarray(out)
 
-    def evaluate(values: Mapping[Key, float]) -> tuple[Array, Array]:
+    def evaluate(values: Mapping[Key, float]) -> Told:
         tilts = tuple(values[kind, "world"] for kind in free_tilts)
         forces = tuple(values.get(("spring force", name), 1.0) for name in pulls)
-        return by_numbers(ten_of(space, mechanism, values).tobytes(), tilts, forces), np.zeros((len(q), 0))
+        effort = by_numbers(ten_of(space, mechanism, values).tobytes(), tilts, forces)
+        return effort, np.zeros((len(q), 0)), points.readings(_gravity(gravity, values))
 
     return evaluate
 
@@ -157,7 +170,7 @@ def _by_solve(mechanism: Mechanism, space: Space, settings: IdentifyTable, motio
     coarse = mechanism.with_mesh(*settings.mesh) if settings.mesh and mechanism.beams else mechanism
     given = Motion.from_samples(motion.time, {name: motion.q[:, k] for k, name in enumerate(motion.names)})
     step = float(motion.time[1] - motion.time[0]) / settings.every
-    kept: dict[tuple[float, ...], tuple[Array, Array]] = {}
+    kept: dict[tuple[float, ...], Told] = {}
     solved = [p.key for p in space.parameters if KINDS[p.kind].solved or p.kind.startswith(("gravity", "spring"))]
     masses = [p.key for p in space.parameters if p.kind == MASS]
     moved = [j for j in mechanism.joints if j.nv and j.name not in motion.names]
@@ -165,9 +178,8 @@ def _by_solve(mechanism: Mechanism, space: Space, settings: IdentifyTable, motio
     linear = mechanism.is_rigid and bool(masses) and not swings
     start = {name: table.value for name, table in settings.start.items()}
 
-    def once(values: Mapping[Key, float], ten: Mapping[str, Array]) -> tuple[Array, Array]:
-        changed = with_masses(with_values(coarse, values), ten)
-        tilt = [values.get((f"gravity tilt {axis}", "world"), 0.0) for axis in "xy"]
+    def once(values: Mapping[Key, float], ten: Mapping[str, Array]) -> Told:
+        changed = with_points(with_masses(with_values(coarse, values), ten), settings)
         springs = tuple(
             replace(
                 s,
@@ -176,13 +188,15 @@ def _by_solve(mechanism: Mechanism, space: Space, settings: IdentifyTable, motio
             )
             for s in changed.springs
         )
-        changed = replace(changed, gravity=tilted(np.asarray(changed.gravity), *tilt), springs=springs)
+        gravity = _gravity(np.asarray(changed.gravity), values)
+        changed = replace(changed, gravity=gravity, springs=springs)
         solution = solve(changed, given, step, every=settings.every, initial=settings.initial, start=start or None)
         rows = [changed.v_slices[name].start for name in motion.names]
         moments = [-solution.wrench[g.joint][:, 5] for g in settings.gauges.values()]
-        return solution.torque_all[:, rows], np.column_stack([np.zeros((len(motion.time), 0)), *moments])
+        points = point_motion(settings, solution.mesh, solution.nodes).readings(gravity)
+        return solution.torque_all[:, rows], np.column_stack([np.zeros((len(motion.time), 0)), *moments]), points
 
-    def remembered(values: Mapping[Key, float], keys: list[Key], ten: Mapping[str, Array]) -> tuple[Array, Array]:
+    def remembered(values: Mapping[Key, float], keys: list[Key], ten: Mapping[str, Array]) -> Told:
         at = tuple(values[k] for k in keys)
         if at not in kept:
             if len(kept) >= KEPT:
@@ -192,7 +206,7 @@ def _by_solve(mechanism: Mechanism, space: Space, settings: IdentifyTable, motio
 
     if not linear:
 
-        def nonlinear(values: Mapping[Key, float]) -> tuple[Array, Array]:
+        def nonlinear(values: Mapping[Key, float]) -> Told:
             ten = ten_of(space, mechanism, values)
             own = {link.name: ten[k] for k, link in enumerate(mechanism.links) if link.name in space.factors}
             return remembered(values, solved + masses, own)
@@ -205,15 +219,15 @@ def _linear_in_masses(
     mechanism: Mechanism,
     space: Space,
     solved: list[Key],
-    once: Callable[[Mapping[Key, float], Mapping[str, Array]], tuple[Array, Array]],
+    once: Callable[[Mapping[Key, float], Mapping[str, Array]], Told],
 ) -> Response:
     """Rigid loops: tau = tau_0 + Y (pi - pi_0), columns by differences, kept for each set of the other values."""
     known = {link.name: link_parameters(link) for link in mechanism.links if link.name in space.factors}
     known = {name: moved(space.factors[name], np.zeros(PARAMETERS)) for name in known}
-    kept: dict[tuple[float, ...], tuple[Array, Array]] = {}
+    kept: dict[tuple[float, ...], Told] = {}
 
-    def columns(values: Mapping[Key, float]) -> tuple[Array, Array]:
-        level = once(values, known)[0]
+    def columns(values: Mapping[Key, float]) -> Told:
+        level, _, points = once(values, known)
         out = []
         for name, ten in known.items():
             for k in range(PARAMETERS):
@@ -221,16 +235,16 @@ def _linear_in_masses(
                 changed = ten.copy()
                 changed[k] += size
                 out.append((once(values, {**known, name: changed})[0] - level) / size)
-        return level, np.stack(out, axis=-1)  # (sample, joint), (sample, joint, parameter)
+        return level, np.stack(out, axis=-1), points  # (sample, joint), (sample, joint, parameter), (sample, sensor)
 
-    def evaluate(values: Mapping[Key, float]) -> tuple[Array, Array]:
+    def evaluate(values: Mapping[Key, float]) -> Told:
         at = tuple(values[k] for k in solved)
         if at not in kept:
             kept[at] = columns(values)
-        level, matrix = kept[at]
+        level, matrix, points = kept[at]
         ten = ten_of(space, mechanism, values)
         number = {link.name: k for k, link in enumerate(mechanism.links)}
         change = np.concatenate([ten[number[name]] - known[name] for name in known])
-        return level + matrix @ change, np.zeros((len(level), 0))
+        return level + matrix @ change, np.zeros((len(level), 0)), points
 
     return evaluate

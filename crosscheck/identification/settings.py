@@ -9,15 +9,20 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from flexinv.errors import InputError
+from flexinv.files.closures import EndTable, read_end
 from flexinv.files.toml_tables import Location, Table, key, read_toml, validate
 from flexinv.files.values import Format, NotNegative, Number, Positive, Text
+from flexinv.model.frames import WORLD
 from flexinv.model.mechanism import Mechanism
 from flexinv.validation import nearest
 
 FILE = "identify.toml"
 # unit in a log -> factor to SI
 ANGLES = {"rad": 1.0, "deg": 0.017453292519943295, "m": 1.0, "mm": 1e-3}
+RATES = {f"{unit}/s": factor for unit, factor in ANGLES.items()}
 EFFORTS = {"N m": 1.0, "N": 1.0, "A": 1.0, "mN m": 1e-3}
+LENGTHS = {"m": 1.0, "mm": 1e-3}
+ACCELERATIONS = {"m/s^2": 1.0, "g": 9.80665}
 
 
 class AngleTable(Table):
@@ -25,6 +30,16 @@ class AngleTable(Table):
 
     column: Text = key("name of the column", 'column = "axis1_angle_rad"')
     unit: Literal["rad", "deg", "m", "mm"] = key("its unit", 'unit = "rad"', default="rad")
+    over: Number = key(
+        "what the column is divided by: a gear ratio if it is the motor's [-]", "over = 100", default=1.0
+    )
+
+
+class RateTable(Table):
+    """A column with the rate of a joint."""
+
+    column: Text = key("name of the column", 'column = "axis1_rate_rad_per_s"')
+    unit: Literal["rad/s", "deg/s", "m/s", "mm/s"] = key("its unit", 'unit = "rad/s"', default="rad/s")
     over: Number = key(
         "what the column is divided by: a gear ratio if it is the motor's [-]", "over = 100", default=1.0
     )
@@ -49,6 +64,11 @@ class JointTable(Table):
     """Columns of a joint."""
 
     angle: AngleTable = key("the coordinate that moves the model", 'angle = { column = "q1", unit = "deg" }')
+    rate: RateTable | None = key(
+        "its rate, where a sensor measures it: else the angle is differentiated",
+        'rate = { column = "qd1", unit = "deg/s" }',
+        default=None,
+    )
     link_angle: AngleTable | None = key(
         "a second encoder behind the gear", 'link_angle = { column = "q1_link" }', default=None
     )
@@ -72,6 +92,33 @@ class GaugeTable(Table):
         "frequency of the rig's own low-pass of second order [Hz]", "lag_Hz = 2", default=None
     )
     lag_damping: Positive = key("its damping ratio [-]", "lag_damping = 0.9", default=0.9)
+
+
+class AxesTable(Table):
+    """Columns of a sensor that measures along axes."""
+
+    x: Text | None = key("column along x", 'x = "tip_x"', default=None)
+    y: Text | None = key("column along y", 'y = "tip_y"', default=None)
+    z: Text | None = key("column along z", 'z = "tip_z"', default=None)
+
+    @property
+    def named(self) -> dict[str, str]:
+        """Axis -> column, of those that there are."""
+        return {axis: column for axis in "xyz" if (column := getattr(self, axis)) is not None}
+
+
+class MarkerTable(EndTable):
+    """A marker on a link, which a camera or tracker sees: its position in the world, along the world's axes."""
+
+    columns: AxesTable = key("its columns, one of x, y and z or more", 'columns = { x = "tip_x", z = "tip_z" }')
+    unit: Literal["m", "mm"] = key("their unit", 'unit = "mm"', default="m")
+
+
+class AccelerometerTable(EndTable):
+    """An accelerometer on a link: its acceleration less gravity, along its own axes."""
+
+    columns: AxesTable = key("its columns, one of x, y and z or more", 'columns = { z = "acc_z" }')
+    unit: Literal["m/s^2", "g"] = key("their unit", 'unit = "g"', default="m/s^2")
 
 
 class FreeTable(Table):
@@ -170,6 +217,8 @@ class IdentifyTable(Table):
     )
     joints: dict[str, JointTable] = key("what the log says of a joint", "[joints.axis1]")
     gauges: dict[str, GaugeTable] = key("strain gauges", "[gauges.gauge1]", default={})
+    markers: dict[str, MarkerTable] = key("markers on links", "[markers.tip]", default={})
+    accelerometers: dict[str, AccelerometerTable] = key("accelerometers on links", "[accelerometers.wrist]", default={})
     free: list[FreeTable] = key("free parameters", "[[free]]")
     limits: list[LimitTable] = key("what logs that judge have to reach", "[[limits]]", default=[])
     night: NightTable | None = key("what `crosscheck nightly` identifies and judges", "[night]", default=None)
@@ -191,6 +240,9 @@ def read_settings(path: Path, mechanism: Mechanism) -> IdentifyTable:
             raise top.inner("joints").wrong(
                 name, f'"{name}"', expected, f"[joints.{nearest(name, joints) or joints[0]}]"
             )
+    for kind, points in (("markers", table.markers), ("accelerometers", table.accelerometers)):
+        for name, point in points.items():
+            _check_point(point, mechanism, top.inner(kind).inner(name))
     for free in table.free:
         if free.relative is None and free.error is None:
             given, expected = (
@@ -202,6 +254,16 @@ def read_settings(path: Path, mechanism: Mechanism) -> IdentifyTable:
         given = "both" if table.night.hold_out else "neither hold_out nor blocks"
         raise top.inner("night").wrong("hold_out", given, "one of them: what judges", 'hold_out = ["other.csv"]')
     return table
+
+
+def _check_point(point: MarkerTable | AccelerometerTable, mechanism: Mechanism, where: Location) -> None:
+    if read_end(point, mechanism.link_of, where).link == WORLD:
+        moving = ", ".join(list(mechanism.link_of)[:20])
+        raise where.wrong(
+            "link", f'link = "{WORLD}"', f"a link that moves: {moving}", f'link = "{mechanism.links[-1].name}"'
+        )
+    if not point.columns.named:
+        raise where.wrong("columns", "no column", "one of x, y and z or more", 'columns = { x = "NAME" }')
 
 
 def matching(patterns: list[str], names: list[str]) -> list[str]:

@@ -243,7 +243,7 @@ def read_force(data: Any, links: Mapping[str, Link], where: Location, name: str)
     if table.force_N is None and table.moment_Nm is None:
         raise where.wrong("force_N", "nothing", "force_N [N], moment_Nm [N m] or both", "force_N = [0, 0, -10]")
     parts = [_of_time(getattr(table, k), len(time), k, where) for k in ("force_N", "moment_Nm")]
-    return Force(name, _end(table.at, links, where.inner("at")), np.hstack(parts), time, table.follower)
+    return Force(name, read_end(table.at, links, where.inner("at")), np.hstack(parts), time, table.follower)
 
 
 def _of_time(rows: list[list[float]] | None, count: int, name: str, where: Location) -> Array:
@@ -255,14 +255,15 @@ def _of_time(rows: list[list[float]] | None, count: int, name: str, where: Locat
 
 
 def _pair(table: PairTable, links: Mapping[str, Link], where: Location) -> tuple[Attachment, Attachment]:
-    ends = tuple(_end(getattr(table, k), links, where.inner(k)) for k in ("first", "second"))
+    ends = tuple(read_end(getattr(table, k), links, where.inner(k)) for k in ("first", "second"))
     if ends[0].link == ends[1].link:
         given, write = f'first and second are both on "{ends[1].link}"', 'second = { link = "world" }, or another link'
         raise where.inner("second").wrong("link", given, "two different links", write)
     return ends[0], ends[1]
 
 
-def _end(table: EndTable, links: Mapping[str, Link], where: Location) -> Attachment:
+def read_end(table: EndTable, links: Mapping[str, Link], where: Location) -> Attachment:
+    """Return the frame on a link or the world [m], [rad], [-].  Raises InputError: no such link, or a station off a beam."""
     if table.link != WORLD and table.link not in links:
         near = nearest(table.link, [WORLD, *links])
         expected = f'"{WORLD}" or one of the links ' + ", ".join(list(links)[:20])

@@ -23,9 +23,9 @@ SLOW = (0.001, 0.002, 0.005, 0.01, 0.02)
 def dictionary(machine: Machine) -> Iterator[Cause]:
     """Yield all causes with one number that are possible here: phi = 0 is no fault [unit of each]."""
     for channel in machine.channels:
-        kind = "gauge" if channel.is_gauge else "effort"
+        kind = channel.sense
         yield Cause(f"delay of the {kind}", channel.place, "s", 1e-3, _shifted(channel.column), False, LATE, True)
-        what = "gain of the gauge, relative error" if channel.is_gauge else "torque constant, relative error"
+        what = "torque constant, relative error" if kind == "effort" else f"gain of the {kind}, relative error"
         yield Cause(what, channel.place, "-", 1e-3, _scaled(channel.column), False, scales=channel.column)
         lag = _unlagged(channel.column)
         yield Cause(f"first-order lag of the {kind}", channel.place, "s", 1e-3, lag, False, SLOW, True, 0.0)

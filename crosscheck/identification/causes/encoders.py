@@ -54,7 +54,7 @@ def _of_joint(machine: Machine, run: Run, name: str, link: Array, effort: Array)
         HYSTERESIS: ("m" if slides else "rad", -0.5 * np.tanh(qd / machine.settings.still_rad_per_s)),
         SCALE: ("-", q - q.mean()),
     }
-    columns = [c for c, channel in enumerate(machine.channels) if channel.place == name and not channel.is_gauge]
+    columns = [c for c, channel in enumerate(machine.channels) if channel.place == name and channel.sense == "effort"]
     counted = run.counted[:, columns[0]] if columns else run.counted.any(axis=1)
     for kind, size, error, drop, left in _stepwise(own[counted], {k: v[1][counted] for k, v in terms.items()}):
         unit = terms[kind][0]

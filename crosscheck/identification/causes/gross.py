@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 
 from crosscheck.identification.causes.cause import Undo, column_changed, columns_swapped
 from crosscheck.identification.readings import Channel, Machine
-from crosscheck.identification.settings import ANGLES
+from crosscheck.identification.settings import ACCELERATIONS, ANGLES
 
 Array = NDArray[np.float64]
 ROUNDS = 3  # the weights are known when the residuals are
 DEGREE = float(np.pi / 180.0)
+# What a sensor's other unit is in its own: degrees in radians, g in m/s^2.
+UNITS = {"gauge": DEGREE, "accelerometer": ACCELERATIONS["g"]}
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ class Gross:
 def hypotheses(machine: Machine) -> Iterator[Gross]:
     """Yield the gross faults that are possible here [unit of each]."""
     for channel in machine.channels:
-        yield from _of_effort(machine, channel)
+        yield from _of_channel(machine, channel)
     for name, table in machine.settings.joints.items():
         column, wrong = table.angle.column, {"rad": DEGREE, "deg": 1.0 / DEGREE, "m": 1e-3, "mm": 1e3}[table.angle.unit]
         yield Gross("wrong sign of the angle", name, "-", -1.0, _times(column, -1.0), (name,), True)
@@ -59,14 +61,14 @@ def hypotheses(machine: Machine) -> Iterator[Gross]:
     yield from _swaps(machine)
 
 
-def _of_effort(machine: Machine, channel: Channel) -> Iterator[Gross]:
-    kind = "gauge" if channel.is_gauge else "effort"
+def _of_channel(machine: Machine, channel: Channel) -> Iterator[Gross]:
+    kind = channel.sense
     place, column = channel.place, channel.column
     yield Gross(f"wrong sign of the {kind}", place, "-", -1.0, _times(column, -1.0), (place,), False)
     factors = {1e3: "wrong unit", 1e-3: "wrong unit"}
-    if channel.is_gauge:
-        factors = {1.0 / DEGREE: "wrong unit", DEGREE: "wrong unit"}
-    else:
+    if kind in UNITS:
+        factors = {1.0 / UNITS[kind]: "wrong unit", UNITS[kind]: "wrong unit"}
+    if kind == "effort":
         drive = machine.mechanism.joint_of[place].drive
         ratio, constant = (drive.ratio, drive.torque_constant) if drive is not None else (1.0, None)
         if ratio != 1.0:
@@ -78,11 +80,11 @@ def _of_effort(machine: Machine, channel: Channel) -> Iterator[Gross]:
 
 
 def _swaps(machine: Machine) -> Iterator[Gross]:
-    alike: dict[str, list[tuple[str, str, bool]]] = {"efforts": [], "gauges": [], "angles": []}
+    alike: dict[str, list[tuple[str, str, bool]]] = {}
     for channel in machine.channels:
-        alike["gauges" if channel.is_gauge else "efforts"].append((channel.place, channel.column, False))
+        alike.setdefault(f"{channel.sense}s", []).append((channel.place, channel.column, False))
     for name, table in machine.settings.joints.items():
-        alike["angles"].append((name, table.angle.column, True))
+        alike.setdefault("angles", []).append((name, table.angle.column, True))
     for kind, columns in alike.items():
         for (one, first, moves), (other, second, _) in combinations(columns, 2):
             undone = _swapped(first, second)

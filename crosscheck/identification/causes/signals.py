@@ -28,9 +28,10 @@ def clipped(machine: Machine, log: Log) -> Iterator[Named]:
     for channel in machine.channels:
         values = log.columns.get(channel.column, np.zeros(0))
         for side, share in stands_at(values):
-            kind = "gauge" if channel.is_gauge else "effort"
             words = f"{share:.0%} of the samples stand there, and next to none close to it"
-            yield Named(f"clipped {kind}", channel.place, channel.unit, side * channel.factor, 0.0, np.inf, words)
+            yield Named(
+                f"clipped {channel.sense}", channel.place, channel.unit, side * channel.factor, 0.0, np.inf, words
+            )
 
 
 def clipped_samples(machine: Machine, log: Log) -> NDArray[np.bool_]:
@@ -61,9 +62,8 @@ def quantised(machine: Machine, found: Fit, log: Log) -> Iterator[Named]:
         values = log.columns.get(channel.column, np.zeros(0))
         step = step_of(values) * abs(channel.factor)
         if step > spread:
-            kind = "gauge" if channel.is_gauge else "effort"
             words = f"{len(np.unique(values))} levels; {spread:.3g} {channel.unit} remain"
-            yield Named(f"quantisation of the {kind}", channel.place, channel.unit, step, 0.0, np.inf, words)
+            yield Named(f"quantisation of the {channel.sense}", channel.place, channel.unit, step, 0.0, np.inf, words)
     for name, table in machine.settings.joints.items():
         column, factor = log.column(table.angle.column), abs(ANGLES[table.angle.unit] / table.angle.over)
         if step := step_of(column):
