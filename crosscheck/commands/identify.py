@@ -21,7 +21,7 @@ from crosscheck.identification.excitation import Proposal, proposed_motion
 from crosscheck.identification.files import write_judged, write_parameters, write_prediction
 from crosscheck.identification.identified_file import write_identified
 from crosscheck.identification.identify import Identified, blocks, identify, machine_of
-from crosscheck.identification.log import column_names, read_log
+from crosscheck.identification.logs.log import column_names, read_log
 from crosscheck.identification.page import write_page
 from crosscheck.identification.propose import proposed, time_of
 from crosscheck.identification.settings import FILE

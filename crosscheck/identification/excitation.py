@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.identification.fit import PER_PERIOD, TOLD, Fit, jacobian, problem
-from crosscheck.identification.log import Log
+from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import Machine, Run, motion_of
 from crosscheck.identification.response import Measured, response
 

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.identification.bands import Judged, Prediction, factors, judge, judged, predict
-from crosscheck.identification.checks import doubts
 from crosscheck.identification.combinations import combinations
 from crosscheck.identification.fit import Fit, Problem, fit, problem
-from crosscheck.identification.log import Log, read_log
+from crosscheck.identification.logs.doubts import doubts
+from crosscheck.identification.logs.log import Log, read_log
 from crosscheck.identification.parameters import space
 from crosscheck.identification.readings import Machine, Run, make_run
 from crosscheck.identification.settings import IdentifyTable, read_settings

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from crosscheck.identification.log import Log
+from crosscheck.identification.logs.log import Log
 from crosscheck.identification.settings import ANGLES, EFFORTS
 from flexinv.errors import InputError
 from flexinv.files.values import FORMAT

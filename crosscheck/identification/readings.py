@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
 from crosscheck.identification.filters import lag, low_pass
-from crosscheck.identification.log import Log
+from crosscheck.identification.logs.log import Log
 from crosscheck.identification.parameters import KINDS, Key, Space, before
 from crosscheck.identification.points import PointSensor, point_sensors
 from crosscheck.identification.response import Measured, Response, response

@@ -8,7 +8,7 @@ from typing import Any
 
 from crosscheck.identification.bands import Judged
 from crosscheck.identification.identify import blocks, identify, machine_of
-from crosscheck.identification.log import read_log
+from crosscheck.identification.logs.log import read_log
 from crosscheck.identification.page import COLUMNS, verdict
 from crosscheck.identification.settings import FILE
 from flexinv.errors import InputError

@@ -10,7 +10,7 @@ of it identifies masses, inertias and friction; the rest is predicted, with band
 import matplotlib.pyplot as plt
 
 import crosscheck
-from crosscheck.identification.log import read_log
+from crosscheck.identification.logs.log import read_log
 
 log = "models/kuka_kr300/run_A.csv.gz"
 found = crosscheck.identify("models/kuka_kr300", [f"{log}@0:6.9"], hold_out=[f"{log}@6.9:8.2"])

@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from crosscheck.identification.bands import factors, judge, predict
 from crosscheck.identification.fit import fit, problem
 from crosscheck.identification.identify import machine_of
-from crosscheck.identification.log import Log
+from crosscheck.identification.logs.log import Log
 from crosscheck.identification.parameters import KINDS, MASS
 from crosscheck.identification.pseudo_inertia import NAMES, QUANTITIES, about_com, moved
 from crosscheck.identification.readings import Machine, make_run, sensed

@@ -22,7 +22,7 @@ from crosscheck.identification.causes.dictionary import dictionary
 from crosscheck.identification.causes.name_causes import name_causes
 from crosscheck.identification.causes.rounds import carried
 from crosscheck.identification.identify import Identified
-from crosscheck.identification.log import Log, read_log
+from crosscheck.identification.logs.log import Log, read_log
 from crosscheck.identification.readings import Machine, delayed, lagged, make_run, sensed
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.identification.log import Log
+from crosscheck.identification.logs.log import Log
 from flexinv.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.identification.causes.cause import Cause, Undo, column_changed
-from crosscheck.identification.log import Log
+from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import Machine, delayed, lagged, unlagged
 from flexinv.model.links import Body, Inertia
 from flexinv.model.mechanism import Mechanism

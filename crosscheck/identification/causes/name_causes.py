@@ -27,7 +27,7 @@ from crosscheck.identification.causes.rounds import Round, Search
 from crosscheck.identification.causes.signals import clipped, clipped_samples, quantised
 from crosscheck.identification.fit import Problem, jacobian
 from crosscheck.identification.identify import Identified
-from crosscheck.identification.log import Log
+from crosscheck.identification.logs.log import Log
 
 Array = NDArray[np.float64]
 # Drop of the cost that chance does not give: 12 is one in two thousand for one cause, and of all that are asked for together

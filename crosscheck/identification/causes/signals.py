@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.identification.causes.cause import Named
-from crosscheck.identification.checks import stands_at
 from crosscheck.identification.filters import low_pass
 from crosscheck.identification.fit import Fit
-from crosscheck.identification.log import Log
+from crosscheck.identification.logs.doubts import stands_at
+from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import Machine, make_run, readings
 from crosscheck.identification.settings import ANGLES
 

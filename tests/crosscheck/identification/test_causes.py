@@ -16,7 +16,7 @@ from crosscheck.identification.causes.cause import Named
 from crosscheck.identification.causes.encoders import DELAY, SCALE, TWIST
 from crosscheck.identification.causes.name_causes import name_causes, what_remains
 from crosscheck.identification.identify import Identified
-from crosscheck.identification.log import Log, read_log
+from crosscheck.identification.logs.log import Log, read_log
 from crosscheck.identification.readings import delayed, lagged
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from crosscheck.identification.fit import fit, problem
 from crosscheck.identification.identify import machine_of
-from crosscheck.identification.log import Log, read_log
+from crosscheck.identification.logs.log import Log, read_log
 from crosscheck.identification.readings import Machine, make_run, readings
 from crosscheck.identification.settings import read_settings
 from flexinv.analysis.solve import solve

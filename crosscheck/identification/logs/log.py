@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from crosscheck.identification.logs.bag import SUFFIXES, bag_columns, is_bag
 from flexinv.errors import InputError
 from flexinv.validation import nearest
 
@@ -70,9 +71,8 @@ def read_log(source: str | Path, time: str = "time_s") -> Log:
     """
     text, _, part = str(source).partition("@")
     path = Path(text)
-    if not path.is_file():
-        raise InputError(f"log {text}: there is no such file; write the path of a .csv, .csv.gz, .parquet or .mat file")
-    columns = _columns(path)
+    _check_there(path)
+    columns = _columns(path, time)
     if time not in columns:
         raise InputError(
             f"{path.name}: no column {time!r} of times [s]; it has {', '.join(list(columns)[:40])}; "
@@ -92,12 +92,19 @@ def read_log(source: str | Path, time: str = "time_s") -> Log:
 def column_names(source: str | Path) -> list[str]:
     """Return the names of the columns of a log.  Raises InputError: no such file, unknown format."""
     path = Path(str(source).partition("@")[0])
-    if not path.is_file():
-        raise InputError(f"log {path}: there is no such file; write the path of a .csv, .csv.gz, .parquet or .mat file")
-    return list(_columns(path))
+    _check_there(path)
+    return list(_columns(path, "time_s"))
 
 
-def _columns(path: Path) -> dict[str, Array]:
+def _check_there(path: Path) -> None:
+    if not path.is_file() and not (path.is_dir() and is_bag(path)):
+        kinds = ".csv, .csv.gz, .parquet or .mat file, or of a bag of ROS"
+        raise InputError(f"log {path}: there is no such file; write the path of a {kinds}")
+
+
+def _columns(path: Path, time: str) -> dict[str, Array]:
+    if is_bag(path):
+        return bag_columns(path, time)
     name = path.name.lower()
     if name.endswith((".csv", ".csv.gz")):
         return _of_frame(path, _read_csv(path))
@@ -110,12 +117,9 @@ def _columns(path: Path) -> dict[str, Array]:
             raise InputError(f"{path.name}: Parquet needs pyarrow; write pip install pyarrow, or export CSV") from error
     if name.endswith(".mat"):
         return _of_mat(path)
-    if name.endswith((".mcap", ".db3", ".bag")):
-        raise InputError(
-            f"{path.name}: bags of messages are not read, their topics have times of their own; export the joint states to CSV, "
-            "resampled evenly, with a column time_s"
-        )
-    raise InputError(f"{path.name}: format unknown; write .csv, .csv.gz, .parquet or .mat")
+    raise InputError(
+        f"{path.name}: format unknown; write .csv, .csv.gz, .parquet, .mat or a bag of ROS ({', '.join(SUFFIXES)})"
+    )
 
 
 def _read_csv(path: Path) -> Any:

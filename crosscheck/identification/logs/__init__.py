@@ -1,0 +1,1 @@
+"""Logs of machines: read from files, and doubted in words."""
