@@ -77,6 +77,7 @@ def _numbers(topic: str, kind: str, message: Any) -> Iterator[tuple[str, float]]
 
 
 def _fields(value: Any, name: str = "") -> Iterator[tuple[str, float]]:
+    """Numbers of a message's fields; "data" of the standard messages has no name of its own."""
     if isinstance(value, (bool, int, float, np.number)):
         yield name, float(value)
     elif isinstance(value, np.ndarray):
@@ -85,8 +86,8 @@ def _fields(value: Any, name: str = "") -> Iterator[tuple[str, float]]:
     elif hasattr(value, "__dataclass_fields__"):
         for field in value.__dataclass_fields__:
             if field not in ("header", "__msgtype__"):
-                inner = f"{name}.{field}" if name and field != "data" else (name or (field if field != "data" else ""))
-                yield from _fields(getattr(value, field), inner)
+                parts = (name, "" if field == "data" else field)
+                yield from _fields(getattr(value, field), ".".join(filter(None, parts)))
 
 
 def _signal(path: Path, topic: str, rows: list[tuple[float, dict[str, float]]]) -> tuple[Array, dict[str, Array]]:
