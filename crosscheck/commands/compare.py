@@ -115,7 +115,7 @@ def _show(console: Console, found: Comparison, out: Path | None) -> None:
         console.print(f"[dim]{escape(note)}[/]", highlight=False, soft_wrap=True)
     for side, lines in found.dropped:
         for line in lines:
-            console.print(f"[dim]{escape(side)} leaves out {escape(line)}[/]", highlight=False, soft_wrap=True)
+            console.print(f"[dim]{escape(side)}: {escape(line)}[/]", highlight=False, soft_wrap=True)
     console.print(f"[bold {colour}]{escape(found.sentence)}[/]", soft_wrap=True)
     if out is not None:
         console.print(f"page: {out / 'index.html'}", highlight=False, soft_wrap=True)
