@@ -54,14 +54,20 @@ def compare(
     Raises InputError for what cannot be read, matched or compared.
     """
     begun = clock.perf_counter()
+    families = checked(tolerance, judge)
+    first, second = describe_pair(a, b)
+    found = compared(first, second, tolerance, match or {})
+    return replace(found, families=families, strict=strict, elapsed=clock.perf_counter() - begun)
+
+
+def checked(tolerance: float, judge: Iterable[str]) -> tuple[str, ...]:
+    """Return the families of differences [-] that count.  Raises InputError for one unknown, or a tolerance that is none."""
     families = tuple(judge)
     if unknown := [name for name in families if name not in JUDGED]:
         raise InputError(f"judge = {unknown[0]!r}: expected some of {', '.join(JUDGED)}")
     if not (np.isfinite(tolerance) and tolerance > 0.0):
         raise InputError(f"tolerance = {tolerance}: expected a positive number, relative to the range of an effort [-]")
-    first, second = describe_pair(a, b)
-    found = compared(first, second, tolerance, match or {})
-    return replace(found, families=families, strict=strict, elapsed=clock.perf_counter() - begun)
+    return families
 
 
 @dataclass(frozen=True)
