@@ -22,7 +22,7 @@ def write_table(file: str, rows: Sequence[Loaded], out: Path) -> None:
     style(out)
     stamp = {"started": datetime.datetime.now().isoformat(timespec="seconds"), "versions": versions()}
     view = {
-        "file": Path(file).name,
+        "name": Path(file).name,
         "rows": rows,
         "sentence": sentence(rows),
         "results": stamp,
