@@ -15,8 +15,9 @@ from crosscheck.commands.shared.terminal import FOLDER, Console, Failure
 from crosscheck.equivalence.compare import TOLERANCE, compare
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.output.files import write
+from crosscheck.equivalence.output.readers import markdown_table, sentence, write_table
 from crosscheck.equivalence.output.text import GROUPS, markdown, repaired, rounding
-from crosscheck.equivalence.readers import Loaded, by_readers
+from crosscheck.equivalence.readers import Loaded, Measure, by_readers
 from crosscheck.equivalence.result import JUDGED, Comparison
 from crosscheck.report.words import short
 from flexinv.errors import InputError
@@ -65,7 +66,11 @@ def command(
     """
     try:
         if readers is not None:
-            sys.exit(_table_of_readers(a, readers, tolerance, as_json))
+            if b is not None or stated:
+                raise Failure("--readers compares the readers of one file: leave out B and --match")
+            rows = by_readers(a, readers, Measure(tolerance, _families(judge), strict))
+            _tell_readers(a, rows, out, "json" if as_json else "markdown" if as_markdown else "")
+            sys.exit(_code(rows))
         if b is None:
             raise Failure("one description is given: write a second one, or --readers all")
         found = compare(a, b, tolerance, _matches(stated), _families(judge), strict)
@@ -75,9 +80,7 @@ def command(
         raise Failure(str(error)) from error
     except OSError as error:
         raise Failure(f"{out or a}: {error}") from error
-    if page := os.environ.get("GITHUB_STEP_SUMMARY"):
-        with open(page, "a", encoding="utf-8") as file:
-            file.write(markdown(found))
+    _add_summary(markdown(found))
     if as_json or as_markdown:
         click.echo(json.dumps(found.plain, indent=1) if as_json else markdown(found))
     else:
@@ -115,7 +118,7 @@ def _show(console: Console, found: Comparison, out: Path | None) -> None:
         console.print(f"[dim]{escape(note)}[/]", highlight=False, soft_wrap=True)
     for side, lines in found.dropped:
         for line in lines:
-            console.print(f"[dim]{escape(side)} leaves out {escape(line)}[/]", highlight=False, soft_wrap=True)
+            console.print(f"[dim]{escape(side)}: {escape(line)}[/]", highlight=False, soft_wrap=True)
     console.print(f"[bold {colour}]{escape(found.sentence)}[/]", soft_wrap=True)
     if out is not None:
         console.print(f"page: {out / 'index.html'}", highlight=False, soft_wrap=True)
@@ -140,12 +143,30 @@ def _table(title: str, group: tuple[Difference, ...]) -> Table:
     return table
 
 
-def _table_of_readers(file: str, wanted: str, tolerance: float, as_json: bool) -> int:
-    rows = by_readers(file, wanted, tolerance)
-    if as_json:
-        click.echo(json.dumps([row.plain for row in rows], indent=1))
-    else:
-        Console().print(_readers_table(file, rows))
+def _tell_readers(file: str, rows: list[Loaded], out: Path | None, form: str) -> None:
+    if out is not None:
+        write_table(file, rows, out)
+    _add_summary(markdown_table(file, rows))
+    if form:
+        click.echo(json.dumps([row.plain for row in rows], indent=1) if form == "json" else markdown_table(file, rows))
+        return
+    Console().print(_readers_table(file, rows))
+    for row in rows:
+        for words in row.dropped:
+            Console().print(f"[dim]{escape(row.reader)}: {escape(words)}[/]", highlight=False, soft_wrap=True)
+    Console().print(escape(sentence(rows)), highlight=False, soft_wrap=True)
+    if out is not None:
+        Console().print(f"page: {out / 'index.html'}", highlight=False, soft_wrap=True)
+
+
+def _add_summary(words: str) -> None:
+    """Add Markdown to the page of a step of GitHub's workflows, where there is one."""
+    if page := os.environ.get("GITHUB_STEP_SUMMARY"):
+        with open(page, "a", encoding="utf-8") as file:
+            file.write(words)
+
+
+def _code(rows: list[Loaded]) -> int:
     if any(row.found is None for row in rows):
         return 2
     return 0 if all(row.found is not None and row.found.equal for row in rows) else 1

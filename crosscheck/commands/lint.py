@@ -11,10 +11,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from crosscheck.commands.shared.terminal import FOLDER, Console, Failure
-from crosscheck.linting.lint import Linted, lint
+from crosscheck.linting.lint import Linted, lint_each
 from crosscheck.linting.output import junit as written_junit
 from crosscheck.linting.output import write
-from flexinv.errors import InputError
 
 
 @click.command("lint", short_help="Say what is suspicious in one description.")
@@ -39,23 +38,24 @@ def command(
     Exit codes: 0 nothing found (without --strict: no error), 1 findings, 2 a file cannot be read
     """
     try:
-        found = [lint(file, strict, meshes) for file in files]
+        found = lint_each(files, strict, meshes)
         if out is not None:
             write(found, out)
         if junit is not None:
             with open(junit, "wb") as stream:
                 stream.write(written_junit(found))
-    except InputError as problem:
-        raise Failure(str(problem)) from problem
     except OSError as problem:
         raise Failure(f"{out or junit or files[0]}: {problem}") from problem
     if as_json:
         click.echo(json.dumps([one.plain for one in found], indent=1))
     else:
         for one in found:
-            _show(Console(), one)
+            if not one.refused:
+                _show(Console(), one)
         if out is not None:
             Console().print(f"page: {out / 'index.html'}", highlight=False, soft_wrap=True)
+    if refused := [one.refused for one in found if one.refused]:
+        raise Failure("\n".join(refused))
     sys.exit(0 if all(one.clean for one in found) else 1)
 
 

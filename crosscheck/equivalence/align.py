@@ -64,7 +64,8 @@ class Pairing:
         one, two = self.first.members[a], self.second.members[b]
         standing = on(before, two.placement)  # B's joint frame in the frame of A's carrier
         still = between(one.placement, standing)
-        choices = [still, Placement(), *(self._turned_zeros(a, b, still) if self.zeros else ())]
+        choices = [still, Placement(), *self._hung_alike(a, b)]
+        choices += self._turned_zeros(a, b, still) if self.zeros else ()
         best = max(choices, key=lambda frame: self._seen(a, b, self._on_axis(one, two, frame)))
         frame = self._on_axis(one, two, best)
         shift = on(between(one.placement, standing), inverse(frame))
@@ -77,6 +78,13 @@ class Pairing:
             return Placement(np.zeros(3), frame.rotation) if one.kind == "spherical" else frame
         axis = frame.rotation @ two.axis
         return Placement(float(frame.position @ axis) * axis, frame.rotation)
+
+    def _hung_alike(self, a: int, b: int) -> Iterator[Placement]:
+        """Poses of a body that floats in which a joint that it carries stands where A has it: its own frame may be anywhere."""
+        if self.first.members[a].kind == "free":
+            for k in self.first.children(a):
+                if k in self.partner:
+                    yield on(self.first.members[k].placement, inverse(self.second.members[self.partner[k]].placement))
 
     def _turned_zeros(self, a: int, b: int, still: Placement) -> Iterator[Placement]:
         """Poses turned about the axis, or moved along it, until a centre of mass or a carried axis agrees."""

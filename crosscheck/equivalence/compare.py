@@ -21,10 +21,11 @@ from crosscheck.equivalence.groups import BODY, alike, exchanged, missing_links,
 from crosscheck.equivalence.judge import Bench, Judged, judge, rounded
 from crosscheck.equivalence.loops import loop_differences
 from crosscheck.equivalence.match import Match, match
-from crosscheck.equivalence.members import Pair, body_differences, drive_differences, joint_differences
+from crosscheck.equivalence.members import START, Pair, body_differences, drive_differences, joint_differences
 from crosscheck.equivalence.output.advice import Sides, advice
 from crosscheck.equivalence.reduce import Reduced, reduced
 from crosscheck.equivalence.result import JUDGED, Comparison
+from crosscheck.equivalence.roots import rooted_alike
 from crosscheck.equivalence.sources import describe_pair
 from crosscheck.equivalence.tree import Tree, tree_of
 from crosscheck.lifting.description import Description
@@ -53,14 +54,20 @@ def compare(
     Raises InputError for what cannot be read, matched or compared.
     """
     begun = clock.perf_counter()
+    families = checked(tolerance, judge)
+    first, second = describe_pair(a, b)
+    found = compared(first, second, tolerance, match or {})
+    return replace(found, families=families, strict=strict, elapsed=clock.perf_counter() - begun)
+
+
+def checked(tolerance: float, judge: Iterable[str]) -> tuple[str, ...]:
+    """Return the families of differences [-] that count.  Raises InputError for one unknown, or a tolerance that is none."""
     families = tuple(judge)
     if unknown := [name for name in families if name not in JUDGED]:
         raise InputError(f"judge = {unknown[0]!r}: expected some of {', '.join(JUDGED)}")
     if not (np.isfinite(tolerance) and tolerance > 0.0):
         raise InputError(f"tolerance = {tolerance}: expected a positive number, relative to the range of an effort [-]")
-    first, second = describe_pair(a, b)
-    found = compared(first, second, tolerance, match or {})
-    return replace(found, families=families, strict=strict, elapsed=clock.perf_counter() - begun)
+    return families
 
 
 @dataclass(frozen=True)
@@ -74,6 +81,8 @@ class Found:
 
 def compared(first: Description, second: Description, tolerance: float, stated: Mapping[str, str]) -> Comparison:
     """Return the comparison of two descriptions; tolerance : relative to the range of an effort [-]."""
+    rooted = rooted_alike(first.mechanism, second.mechanism, stated)
+    second = replace(second, mechanism=rooted.mechanism)
     flexible = first.mechanism, second.mechanism
     first, second = (replace(side, mechanism=held(side.mechanism)) for side in (first, second))
     one, two = (tree_of(side.mechanism, side.gears) for side in (first, second))
@@ -88,7 +97,12 @@ def compared(first: Description, second: Description, tolerance: float, stated: 
     found = _least(one, two, dict(pairs.pairs), size, printed)
     trees, seats = found.trees, {found.trees.first.members[s.first].joint: s for s in found.seats}
     moving = {joint: seats[joint] for joint in trees.first.moving if trees.first.moving[joint] in dict(trees.pairs)}
-    every = [*found.differences, *coupling_differences(one, two, pairs.pairs, moving)]
+    placed = first.root_stated and second.root_stated
+    every = [
+        *rooted.found,
+        *(d for d in found.differences if placed or d.cause != START),
+        *coupling_differences(one, two, pairs.pairs, moving),
+    ]
     every += loop_differences((first.mechanism, second.mechanism), (one, two), pairs.pairs, moving, size)
     states = states_of(trees.first)
     names = {joint: trees.second.members[seat.second].joint for joint, seat in moving.items()}
@@ -98,7 +112,7 @@ def compared(first: Description, second: Description, tolerance: float, stated: 
         wanted = mapped_back(theirs, trees.first, moving)
     bound = max(tolerance, SINGLE * max(first.precision, second.precision))
     judged = _with_beams(judge(Bench(trees.first, states, wanted), [*every, *bent.differences], bound), bent)
-    sides = Sides((first, second), (trees.first, trees.second), {s.first: s for s in found.seats})
+    sides = Sides((first, second), (trees.first, trees.second), {s.first: s for s in found.seats}, rooted.links)
     return Comparison(
         first=first.label, second=second.label, matched=pairs.words, judged=judged,
         certificate=lines(trees.first, trees.second, moving),

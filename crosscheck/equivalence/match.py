@@ -16,7 +16,7 @@ from itertools import combinations, takewhile
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from crosscheck.equivalence.tree import Tree
+from crosscheck.equivalence.tree import SCALARS, Tree
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Array, Placement
 
@@ -59,7 +59,8 @@ def match(first: Tree, second: Tree, stated: Mapping[str, str]) -> Match:
     Raises InputError for names that do not exist, and where two joints could be exchanged.
     """
     _check(first, second, stated)
-    names = _by_name(first.moving, second.moving, stated)
+    named = by_name(first.moving, second.moving, stated)
+    names = {a: (b, way) for a, (b, way) in named.items() if _countable(first, second, a, b)}
     pairs, how = {a: b for a, (b, _) in names.items()}, {a: way for a, (_, way) in names.items()}
     certainty = dict.fromkeys(pairs, 1.0)
     Assignment(first, second, pairs, how, certainty).extend(-1, -1)
@@ -73,11 +74,24 @@ def _check(first: Tree, second: Tree, stated: Mapping[str, str]) -> None:
                 raise InputError(
                     f"--match: {side} has no moving joint {name!r}; it has {', '.join(list(tree.moving)[:30])}"
                 )
+    for a, b in stated.items():
+        if not _countable(first, second, a, b):
+            kinds = first.members[first.moving[a]].kind, second.members[second.moving[b]].kind
+            raise InputError(
+                f"--match {a}={b}: a {kinds[0]} joint and a {kinds[1]} one: no coordinate of one is the other's"
+            )
     if len(set(stated.values())) < len(stated):
         raise InputError("--match: a joint of B is named twice; write each once")
 
 
-def _by_name(first: Iterable[str], second: Iterable[str], stated: Mapping[str, str]) -> dict[str, tuple[str, str]]:
+def _countable(first: Tree, second: Tree, a: str, b: str) -> bool:
+    """Return True if two joints have coordinates that can be those of one another: of one kind, or one number each."""
+    kinds = first.members[first.moving[a]].kind, second.members[second.moving[b]].kind
+    return kinds[0] == kinds[1] or all(kind in SCALARS for kind in kinds)
+
+
+def by_name(first: Iterable[str], second: Iterable[str], stated: Mapping[str, str]) -> dict[str, tuple[str, str]]:
+    """Return by name of the first the one of the second [-], and how: "stated", "name", "prefix"."""
     found = {a: (b, "stated") for a, b in stated.items()}
     rest_a, rest_b = [a for a in first if a not in stated], [b for b in second if b not in stated.values()]
     found |= {a: (a, "name") for a in rest_a if a in rest_b}

@@ -13,7 +13,7 @@ from crosscheck.equivalence.difference import Change, Difference
 from crosscheck.equivalence.hints import factor_hints, tensor_hints
 from crosscheck.equivalence.tree import SCALARS, Member
 from crosscheck.lifting.rigid import angle, moved, on
-from flexinv.model.mechanism import Array, Limits
+from flexinv.model.mechanism import Array, Limits, Placement
 
 DRIVES = {
     "rotor_inertia": ("rotor inertia", "kg m^2", "kg"),
@@ -21,6 +21,7 @@ DRIVES = {
     "friction": ("dry friction", "N m", "N"),
     "stiffness": ("spring stiffness", "N m/rad", "N/m"),
 }
+START = "pose at zero"
 BOUNDS = ("lower", "upper", "effort", "velocity")
 NOISE = 1e-12  # [m], [-], [kg m^2] as shown: rounding of frames that are turned there and back
 # A limit that large binds no machine [rad], [m], [N m], [N], [1/s]; formats that demand one are given such.
@@ -80,6 +81,8 @@ def joint_differences(pair: Pair) -> Iterator[Difference]:
         changes = (pair.change("axis", axis),)
         shown = vector_text(one.axis), vector_text(axis)
         yield Difference("rigid", "joint axis", pair.joint, tilt, "rad", *shown, changes, printed=digits)
+    elif tilt > 0.0:
+        yield _silent(pair, "axis", axis)
     if one.kind == "helical" and abs(one.pitch - two.pitch) > SAME * abs(one.pitch):
         yield _scalar(pair, "rigid", "pitch", "pitch", two.pitch, "m")
     unit = "m" if one.kind == "prismatic" else "rad"
@@ -97,17 +100,43 @@ def _placement(pair: Pair) -> Iterator[Difference]:
     one, rest = pair.one, pair.seat.rest
     way, turn = float(np.linalg.norm(rest.position)), angle(rest.rotation)
     target = on(one.placement, rest)
+    if one.kind == "free":
+        yield from _start(pair, target, way, turn)
+        return
     if way > SAME * pair.size:
         changes = (pair.change("placement position", target.position),)
         shown = vector_text(one.placement.position), vector_text(target.position)
         hints = factor_hints(float(np.linalg.norm(target.position)), float(np.linalg.norm(one.placement.position)))
         digits = np.sqrt(3) * pair.digits(one.joint, "position")
         yield Difference("rigid", "position of joint", pair.joint, way, "m", *shown, changes, hints, printed=digits)
+    elif way > 0.0:
+        yield _silent(pair, "placement position", target.position)
     if turn > SAME:
         changes = (pair.change("placement rotation", target.rotation),)
         digits = np.sqrt(3) * pair.digits(one.joint, "rotation")
         shown = _rpy(one.placement.rotation), _rpy(target.rotation)
         yield Difference("rigid", "orientation of joint", pair.joint, turn, "rad", *shown, changes, printed=digits)
+    elif turn > 0.0:
+        yield _silent(pair, "placement rotation", target.rotation)
+
+
+def _silent(pair: Pair, name: str, value: Any) -> Difference:
+    """What is too small to be named, put right all the same: many of them add up."""
+    return Difference("rigid", "", pair.joint, 0.0, "-", "", "", (pair.change(name, value),))
+
+
+def _start(pair: Pair, target: Placement, way: float, turn: float) -> Iterator[Difference]:
+    """Where a base that floats stands at zero [m], [rad]: its coordinates count from there, and what acts on it is the same."""
+    one = pair.one
+    yield _silent(pair, "placement position", target.position)
+    yield _silent(pair, "placement rotation", target.rotation)
+    for size, unit, bound, a, b in (
+        (way, "m", SAME * pair.size, vector_text(one.placement.position), vector_text(target.position)),
+        (turn, "rad", SAME, _rpy(one.placement.rotation), _rpy(target.rotation)),
+    ):
+        if size > bound:
+            hints = ("where the base begins: no torque feels it",)
+            yield Difference("convention", START, pair.joint, size, unit, a, b, hints=hints)
 
 
 def body_differences(pair: Pair) -> Iterator[Difference]:

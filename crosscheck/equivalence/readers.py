@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from crosscheck.equivalence.compare import compared
-from crosscheck.equivalence.result import Comparison
-from crosscheck.equivalence.sources import describe, describe_pair, kind_of, readers
+from crosscheck.equivalence.compare import TOLERANCE, checked, compared
+from crosscheck.equivalence.result import JUDGED, Comparison
+from crosscheck.equivalence.sources import describe, describe_pair, is_xml, kind_of, readers
+from crosscheck.lifting.usd import SUFFIXES as USD_SUFFIXES
 from flexinv.errors import InputError
 
 REFERENCE = {"urdf": "flexinv"}  # by format the reader that the others are compared with; else the first that reads it
@@ -16,7 +17,10 @@ REFERENCE = {"urdf": "flexinv"}  # by format the reader that the others are comp
 
 @dataclass(frozen=True)
 class Loaded:
-    """One row: a reader, its moving joints, their mass [kg], and what differs from the first reader; words where it refuses."""
+    """One row: a reader, its moving joints, their mass [kg], and what differs from the first reader; words where it refuses.
+
+    dropped : what the reader leaves out or takes for granted, a line each
+    """
 
     reader: str
     joints: str
@@ -24,6 +28,7 @@ class Loaded:
     result: str
     words: str
     found: Comparison | None = None
+    dropped: tuple[str, ...] = ()
 
     @property
     def plain(self) -> dict[str, Any]:
@@ -34,29 +39,56 @@ class Loaded:
             "mass": self.mass,
             "result": self.result,
             "words": self.words,
+            "dropped": list(self.dropped),
         }
         return own | ({"comparison": self.found.plain} if self.found is not None else {})
 
 
-def by_readers(file: str, wanted: str, tolerance: float) -> list[Loaded]:
-    """Return a row for every reader of a file; tolerance : of efforts relative to their range [-].  Raises InputError."""
-    path = Path(file)
+@dataclass(frozen=True)
+class Measure:
+    """How readers are compared: tolerance of efforts relative to their range [-], families that count, strictness."""
+
+    tolerance: float = TOLERANCE
+    families: tuple[str, ...] = JUDGED
+    strict: bool = False
+
+
+def by_readers(file: str, wanted: str = "all", measure: Measure | None = None) -> list[Loaded]:
+    """Return a row for every reader of a file; wanted : "all", or engines by comma.  Raises InputError."""
+    path, measure = Path(file), measure or Measure()
+    checked(measure.tolerance, measure.families)
     if not path.is_file():
         describe(file)  # says what is wrong
+    if path.is_dir() or not (is_xml(path) or path.suffix.lower() in USD_SUFFIXES):
+        raise InputError(
+            f"{path}: no engine has a reader of its own for it; expected a URDF, MJCF, SDF or USD for --readers"
+        )
     kind = kind_of(path)
     known = readers(kind)
+    if not (known or REFERENCE.get(kind)):
+        describe(file)  # says which reader to install, or reads it by the only one, which is no engine's
+        raise InputError(
+            f"{path}: {kind.upper()} has one reader here, which is no engine's; there is nothing to compare it with"
+        )
     names = known if wanted == "all" else [name.strip() for name in wanted.split(",") if name.strip()]
+    if not names and wanted != "all":
+        raise InputError(
+            f"--readers {wanted!r}: expected 'all', or engines by comma; here {', '.join(known)} read {kind.upper()}"
+        )
     first = REFERENCE.get(kind) or known[0]
-    return [_row(file, first, name, tolerance) for name in (first, *(n for n in names if n != first))]
+    return [_row(file, first, name, measure) for name in (first, *(n for n in names if n != first))]
 
 
-def _row(file: str, first: str, name: str, tolerance: float) -> Loaded:
+def _row(file: str, first: str, name: str, measure: Measure) -> Loaded:
     try:
         one, two = describe_pair(f"{file}@{first}", f"{file}@{name}")
-        found = compared(one, two, tolerance, {})
+        found = compared(one, two, measure.tolerance, {})
     except InputError as error:
         return Loaded(name, "", "", "cannot", " ".join(str(error).split()))
+    found = replace(found, families=measure.families, strict=measure.strict)
     moving = [joint for joint in two.mechanism.joints if joint.nv]
     mass = sum(body.inertia.mass for link in two.mechanism.links for body in link.bodies)
     words = "; ".join(d.words for d in found.differences[:6]) or "; ".join(found.notes[:2])
-    return Loaded(name, str(len(moving)), f"{mass:.6g}", "equal" if found.equal else "different", words, found)
+    return Loaded(
+        name, str(len(moving)), f"{mass:.6g}", "equal" if found.equal else "different", words, found, two.dropped
+    )

@@ -64,6 +64,10 @@ def _held(tree: Tree, other: Tree, joints: dict[str, str], side: str) -> Iterato
         if name in joints:
             continue
         kind, without = tree.members[k].kind, "fixed" if name in fixed else "none"
+        if name in other.moving and other.members[other.moving[name]].kind != kind:
+            if side == "A":
+                yield _other_kind(name, kind, other.members[other.moving[name]].kind)
+            continue
         a, b = (kind, without) if side == "A" else (without, kind)
         hint = f"{there} holds it" if name in fixed else f"{there} has no joint of this name, and none that could be it"
         yield Difference(
@@ -77,6 +81,14 @@ def _held(tree: Tree, other: Tree, joints: dict[str, str], side: str) -> Iterato
             hints=(hint,),
             structural=True,
         )
+
+
+def _other_kind(name: str, ours: str, theirs: str) -> Difference:
+    """A joint of one name whose coordinates cannot be those of the other, such as a hinge and a ball: both are held."""
+    hint = "their coordinates are none of one another: both are held at zero for the rest of the comparison"
+    return Difference(
+        "rigid", "kind of joint", f"joint {name}", 1.0, "-", ours, theirs, hints=(hint,), structural=True
+    )  # fmt: skip
 
 
 def _rehung(one: Tree, two: Tree, pairs: dict[int, int]) -> tuple[Tree, dict[int, int], list[Difference]]:

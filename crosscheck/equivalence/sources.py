@@ -19,6 +19,7 @@ from crosscheck.lifting.kit import lift_kit
 from crosscheck.lifting.toml import lift_toml
 from crosscheck.lifting.urdf import lift_urdf
 from crosscheck.lifting.usd import PACKAGE as USD_PACKAGE
+from crosscheck.lifting.usd import SUFFIXES as USD_SUFFIXES
 from crosscheck.lifting.usd import lift_usd, reads_usd
 from flexinv.errors import InputError
 from flexinv.files.toml_tables import complaint
@@ -131,16 +132,22 @@ def _file(path: Path, base: str) -> Description:
         raise InputError(
             f"{path}\n  given:    no such file\n  expected: a description of a machine\n  write:    {WRITE}"
         )
-    if path.suffix == ".toml":
-        return lift_toml(path)
-    if path.suffix == ".json":
-        return lift_kit(path)
+    tables = {".toml": lift_toml, ".json": lift_kit}
+    if path.suffix in tables and not is_xml(path):
+        return tables[path.suffix](path)
     kind = kind_of(path)
     if kind == "urdf":
         found = lift_urdf(path, base)
     else:
         found = lift_usd(path) if kind == "usd" and reads_usd() else _by_engine(path, _reader(path, kind))
     return replace(found, label=path.name, dropped=(*_suffix(path, kind), *found.dropped))
+
+
+def is_xml(path: Path) -> bool:
+    """Return True if a file begins as XML does, whatever its name says."""
+    with path.open("rb") as stream:
+        start = stream.read(4096)
+    return start.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<") or start[:2] in (b"\xff\xfe", b"\xfe\xff")
 
 
 def kind_of(path: Path) -> str:
@@ -157,7 +164,7 @@ def kind_of(path: Path) -> str:
     if root is None or any(str(part.tag).partition("}")[0].endswith("/xacro") for part in root.iter()):
         raise InputError(
             f"{path}\n  given:    a xacro, which is a program that writes a URDF\n  expected: the URDF itself\n"
-            f"  write:    xacro {path.name} > {path.name.removesuffix('.xacro').removesuffix('.urdf')}.urdf"
+            f"  write:    xacro {path.name} > {_expanded(path.name)}, and give that"
         )
     _check_words(path, root)
     kind = ROOTS.get(root.tag)
@@ -165,6 +172,12 @@ def kind_of(path: Path) -> str:
         expected = ", ".join(f"<{tag}>" for tag in ROOTS)
         raise InputError(f"{path}\n  given:    <{root.tag[:60]}>\n  expected: {expected}\n  write:    {WRITE}")
     return kind
+
+
+def _expanded(name: str) -> str:
+    """The name of what a xacro writes: never its own, which the shell would empty first."""
+    plain = f"{name.removesuffix('.xacro').removesuffix('.urdf')}.urdf"
+    return plain if plain != name else f"{name.removesuffix('.urdf')}.expanded.urdf"
 
 
 def _check_words(path: Path, root: Element) -> None:
@@ -179,8 +192,8 @@ def _check_words(path: Path, root: Element) -> None:
 
 
 def _suffix(path: Path, kind: str) -> Iterator[str]:
-    suffixes = {".urdf": "urdf", ".sdf": "sdf", ".mjcf": "mjcf"} | dict.fromkeys(
-        (".usd", ".usda", ".usdc", ".usdz"), "usd"
+    suffixes = {f".{name}": name for name in ("urdf", "sdf", "mjcf", "toml", "json")} | dict.fromkeys(
+        USD_SUFFIXES, "usd"
     )
     wrong = suffixes.get(path.suffix.lower(), kind)
     if wrong != kind:

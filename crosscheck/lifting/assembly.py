@@ -110,9 +110,9 @@ def assembled(
             made.append(_joint(ordered, frames[carrier]))
             reached.append(ordered.child)
         stack += reached[::-1]
-    links = tuple(_link(joint.child, bodies[joint.child], frames[joint.child]) for joint in _depth_first(made))
+    links = tuple(_link(joint.child, bodies[joint.child], frames[joint.child]) for joint in depth_first(made))
     closures = tuple(_closure(one, frames) for one in spare)
-    return Mechanism(label, links, _depth_first(made), gravity=gravity, closures=closures)
+    return Mechanism(label, links, depth_first(made), gravity=gravity, closures=closures)
 
 
 def _free(body: str, pose: Placement, names: set[str]) -> Joint:
@@ -152,8 +152,8 @@ def _closure(one: Between, frames: Mapping[str, Placement]) -> Closure:
     return Closure(one.name, kind, ends[0], ends[1], axis=one.axis, second_axis=one.second_axis)
 
 
-def _depth_first(joints: list[Joint]) -> tuple[Joint, ...]:
-    """Joints parents first, the subtree of each before its next sibling."""
+def depth_first(joints: list[Joint]) -> tuple[Joint, ...]:
+    """Return joints parents first [m], the subtree of each before its next sibling."""
     children: dict[str, list[Joint]] = {}
     for joint in joints:
         children.setdefault(joint.parent, []).append(joint)

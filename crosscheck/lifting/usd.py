@@ -15,6 +15,7 @@ Source: https://openusd.org/release/api/usd_physics_page_front.html
 from __future__ import annotations
 
 import importlib.util
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,6 +30,7 @@ from flexinv.errors import InputError
 from flexinv.model.mechanism import WORLD, Array, Inertia, Limits, Placement
 
 PACKAGE = "usd-core"
+SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 AXES = {"X": np.array([1.0, 0.0, 0.0]), "Y": np.array([0.0, 1.0, 0.0]), "Z": np.array([0.0, 0.0, 1.0])}
 EARTH = 9.81  # [m/s^2], what a scene without a magnitude means
 SINGLE = float(np.finfo(np.float32).eps)
@@ -49,15 +51,27 @@ def lift_usd(path: Path) -> Description:
     """Return the mechanism of a USD stage [m, kg, rad] and what it drops.  Raises InputError."""
     from pxr import Tf, Usd  # an extra, and 30 MB: loaded when a stage is read
 
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(
+            f"{path}\n  given:    what begins as USD, under the suffix {path.suffix or 'none'}\n"
+            f"  expected: one of {', '.join(SUFFIXES)}, by which USD's own library knows its formats\n"
+            "  write:    the file under its own suffix; or, if it is no USD, the file of the machine"
+        )
     try:
         stage = Usd.Stage.Open(str(path))
     except Tf.ErrorException as error:
-        raise InputError(f"{path}: USD refuses it: {_words(error)}") from None
+        raise InputError(
+            f"{path}\n  given:    what USD refuses: {_words(error)}\n  expected: a stage that USD's own library opens\n"
+            "  write:    usdcat FILE, which shows where it breaks; or the file as it was exported"
+        ) from None
     return _Stage(stage, path).description()
 
 
 def _words(error: Exception) -> str:
-    return " ".join(str(error).split())[:300]
+    """What the library says, without the places of its own code."""
+    said = re.findall(r" : '(.*?)'\s*$", str(error), re.DOTALL | re.MULTILINE) or [str(error)]
+    plain = [re.sub(r"pxrInternal\w*?__", "", " ".join(words.split())) for words in said]
+    return "; ".join(dict.fromkeys(plain))[:300]
 
 
 @dataclass

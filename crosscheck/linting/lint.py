@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from crosscheck.equivalence.sources import describe, kind_of
+from crosscheck.equivalence.sources import describe, is_xml, kind_of
 from crosscheck.equivalence.tree import sum_of
 from crosscheck.lifting.description import Description
 from crosscheck.linting.bodies import Stated, body_findings
@@ -21,11 +21,12 @@ from flexinv.files.urdf_xml import read_xml
 
 @dataclass(frozen=True)
 class Linted:
-    """Findings of one description; strict : warnings count, too."""
+    """Findings of one description; strict : warnings count, too; refused : why it cannot be read at all, "" if it can."""
 
     label: str
     findings: tuple[Finding, ...]
     strict: bool = False
+    refused: str = ""
 
     @property
     def clean(self) -> bool:
@@ -57,13 +58,29 @@ def lint(source: Any, strict: bool = False, meshes: bool = True) -> Linted:
     Raises InputError for what cannot be read at all.
     """
     path = Path(source) if isinstance(source, str | Path) else None
-    if path is not None and path.is_file() and path.suffix not in (".toml", ".json") and kind_of(path) == "urdf":
+    if path is not None and path.is_file() and is_xml(path) and kind_of(path) == "urdf":
         found = [*urdf_findings(read_xml(path), path, meshes)]
         if not any(one.level == "error" for one in found):
             found += _unread(path)
         return Linted(path.name, _sorted(found), strict)
     description = describe(source)
     return Linted(description.label, _sorted([*machine_findings(description)]), strict)
+
+
+def lint_each(sources: Iterable[Any], strict: bool = False, meshes: bool = True) -> list[Linted]:
+    """List the findings of several descriptions; one that cannot be read is a finding of its own, and keeps none back.
+
+    strict, meshes : of `lint`
+    """
+    found = []
+    for source in sources:
+        try:
+            found.append(lint(source, strict, meshes))
+        except InputError as problem:
+            words, name = str(problem), Path(str(source)).name
+            finding = error("file", name, " ".join(words.split()), "it cannot be read", "as it says")
+            found.append(Linted(name, (finding,), strict, words))
+    return found
 
 
 def _unread(path: Path) -> Iterator[Finding]:

@@ -38,8 +38,18 @@ def read_xml(path: Path) -> Element:
         expected = "XML without DOCTYPE and entities: they could swell without end or read other files"
         raise complaint(str(path), "a DOCTYPE or ENTITY", expected, "the file with its entities written out") from None
     except (ParseError, ValueError, LookupError) as error:
-        raise complaint(str(path), f"XML that does not parse: {error}", "well-formed XML", "each tag closed") from None
+        given = f"XML that does not parse: {error}"
+        raise complaint(str(path), given, "well-formed XML", _mended(data, str(error))) from None
     return root
+
+
+def _mended(data: bytes, error: str) -> str:
+    """What to write where XML does not parse: another file, another encoding, or tags that are closed."""
+    if b"<" not in data[:256]:
+        return "a file of XML: this one does not begin as XML, so another format perhaps bears its name"
+    if "invalid token" in error:
+        return "text in UTF-8, or its encoding in the first line; & as &amp; and < as &lt; in names"
+    return "each tag closed"
 
 
 def location(path: Path, element: Element, key: str = "") -> str:
@@ -71,7 +81,10 @@ def numbers(
         values = []
     if len(values) != count or not all(abs(value) <= largest for value in values) or "_" in text:
         expected = f"{count} finite number{'s' if count > 1 else ''}, at most {largest:g} in size"
-        raise complaint(where, f'{attribute}="{text[:60]}"', expected, f'{attribute}="{" ".join(["0"] * count)}"')
+        write = f'{attribute}="{" ".join(["0"] * count)}"'
+        if "$" in text:
+            write = "what xacro makes of this expression: xacro robot.urdf.xacro > robot.urdf"
+        raise complaint(where, f'{attribute}="{text[:60]}"', expected, write)
     return np.array(values)
 
 

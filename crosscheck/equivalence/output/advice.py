@@ -114,15 +114,20 @@ CHECKS = {
     "inertia tensor": {"tensor", "default tensor", "mass without tensor", "tensor without mass", "left and right"},
 }
 FRAMED = ("position of joint", "orientation of joint")  # of joints: they depend on the frames of two links
+PLACED = (*FRAMED, "joint axis", "sign of coordinate", "zero of coordinate", "centre of mass", "inertia tensor")
 
 
 @dataclass(frozen=True)
 class Sides:
-    """Both descriptions, their reduced trees, and the alignment by member of the first."""
+    """Both descriptions, their reduced trees, and the alignment by member of the first.
+
+    rehung : links of the second whose frames stand elsewhere than in its file, because it is told from another root
+    """
 
     descriptions: tuple[Description, Description]
     trees: tuple[Tree, Tree]
     seats: Mapping[int, Aligned]
+    rehung: frozenset[str] = frozenset()
 
     def members(self, difference: Difference) -> tuple[Member, Member, Aligned] | None:
         """Return the members of both that a difference is about, and their alignment; None for one of several or of none."""
@@ -221,6 +226,8 @@ def _lines(difference: Difference, sides: Sides, both: tuple[Member, Member, Ali
         called = member.joint if place == "joint" else member.name
         head = f"to make {side} ({description.label}) like {other}, in {place} {called}"
         parts = [name for name, body in member.parts if body.mass or body.tensor.any()]
+        if n and difference.cause in PLACED and _rehung(sides, seat):
+            continue  # the number would be one in frames that B's file has not
         if difference.cause in CHECKS and len(parts) > 1:
             yield f"{head}, together with what is fixed to it ({', '.join(parts[:6])}): {difference.cause} {values[n]}"
         elif place == "body" and difference.cause in CHECKS and difference.cause != "mass":
@@ -238,6 +245,13 @@ def _turned(sides: Sides, both: tuple[Member, Member, Aligned]) -> bool:
     """Return True if a frame of the member or of its carrier stands elsewhere in B."""
     carrier = sides.seats.get(both[0].parent)
     return any(not _same_frame(seat) for seat in (both[2], carrier) if seat is not None)
+
+
+def _rehung(sides: Sides, seat: Aligned) -> bool:
+    """Return True if B's link or the one that carries it has another frame here than in its file."""
+    members = sides.trees[1].members
+    own = members[seat.second]
+    return own.name in sides.rehung or (own.parent >= 0 and members[own.parent].name in sides.rehung)
 
 
 def _same_frame(seat: Aligned) -> bool:

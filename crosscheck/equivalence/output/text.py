@@ -86,7 +86,7 @@ def _markdown(found: Comparison) -> Iterator[str]:
         yield from (f"  * {_code(words)}" for words in written)
     yield from (f"* note: {cell(note)}" for note in found.notes)
     for side, lines in found.dropped:
-        yield f"\n<details><summary>what the mechanism of {cell(side)} leaves out</summary>\n"
+        yield f"\n<details><summary>what was not compared of {cell(side)}, and what was taken for it</summary>\n"
         yield from (f"* {cell(words)}" for words in lines)
         yield "\n</details>"
 

@@ -34,6 +34,13 @@ FILES = {
     "no masses": ("arm.urdf", "<robot><link name='a'/></robot>", "no link with a mass"),
     "a xacro": ("arm.urdf.xacro", ARM, r"xacro arm\.urdf\.xacro > arm\.urdf"),
     "a xacro under another name": ("arm.urdf", "<robot xmlns:x='http://www.ros.org/wiki/xacro'><x:include/></robot>", "xacro"),
+    "a xacro that would overwrite itself": ("arm.urdf", "<robot xmlns:x='http://www.ros.org/wiki/xacro'><x:include/></robot>",
+                                            r"xacro arm\.urdf > arm\.expanded\.urdf"),
+    "an expression of xacro": ("arm.urdf", ARM.replace('value="2.375"', 'value="${m}"'), "what xacro makes of this expression"),
+    "a table of ours": ("arm.urdf", 'source = "us"\n', "does not begin as XML"),
+    "a control character": ("arm.urdf", "<robot name='\x07'/>", "text in UTF-8"),
+    "a stage under another name": ("arm.urdf", "#usda 1.0\n", "what begins as USD, under the suffix .urdf"),
+    "an archive": ("arm.usdz", "PK\x03\x04 no archive", "what USD refuses"),
     "blanks": ("arm.urdf", "  \n ", "an empty file"),
     "no text": ("arm.urdf", "\x00\x01\x02", "does not parse"),
     "another format": ("arm.urdf", "<COLLADA/>", "<COLLADA>"),
@@ -47,8 +54,9 @@ FILES = {
 
 @pytest.mark.parametrize("kind", FILES)
 def test_a_bad_file_is_one_clear_error(kind: str, tmp_path: Path) -> None:
-    if kind.startswith("an MJCF"):
-        pytest.importorskip("mujoco")
+    for start, package in (("an MJCF", "mujoco"), ("a stage", "pxr"), ("an archive", "pxr")):
+        if kind.startswith(start):
+            pytest.importorskip(package)
     name, text, words = FILES[kind]
     (tmp_path / name).write_text(text)
     begun = time.perf_counter()
@@ -81,7 +89,7 @@ def test_missing_meshes_matter_where_masses_come_from_them(tmp_path: Path) -> No
 
 
 def test_a_suffix_of_another_format_is_told(tmp_path: Path) -> None:
-    for suffix in ("usda", "sdf", "mjcf"):
+    for suffix in ("usda", "sdf", "mjcf", "toml", "json"):
         file = arm(tmp_path, name=f"arm.{suffix}")
         assert f"suffix .{suffix}: the file is URDF, and is read as that" in describe(file).dropped
     assert not any("suffix" in words for words in describe(arm(tmp_path, name="arm.xml")).dropped)

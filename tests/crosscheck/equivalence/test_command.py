@@ -52,6 +52,40 @@ def test_readers_are_compared_with_ours(tmp_path: Path) -> None:
     assert "coupling" in rows["pinocchio"]["words"]  # its parser leaves the mimic joint independent
 
 
+def test_the_table_of_readers_is_written_in_every_form(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    file, out = str(arm(tmp_path, ('<mimic joint="grip"/>', ""))), tmp_path / "out"
+    run = CliRunner().invoke(main, ["compare", file, "--readers", "mujoco", "--out", str(out)])
+    assert run.exit_code == 0
+    assert "mujoco: the same machine" in run.output
+    assert "mujoco" in (out / "index.html").read_text()
+    assert [row["result"] for row in json.loads((out / "results.json").read_text())["readers"]] == ["equal", "equal"]
+    assert b'tests="2" failures="0" errors="0"' in (out / "junit.xml").read_bytes()
+    table = (out / "summary.md").read_text()
+    assert "| mujoco | 4 |" in table
+    said = CliRunner().invoke(main, ["compare", file, "--readers", "mujoco", "--markdown"]).output
+    assert said == table
+    refused = CliRunner().invoke(main, ["compare", file, "--readers", "mujoco,gazebo", "--out", str(out)])
+    assert refused.exit_code == 2
+    assert b'errors="1"' in (out / "junit.xml").read_bytes()
+
+
+def test_readers_take_one_file_that_engines_read(tmp_path: Path) -> None:
+    file = str(arm(tmp_path))
+    (tmp_path / "mechanism.toml").write_text('source = "us"')
+    for words in (
+        [file, file, "--readers", "all"],
+        [file, "--readers", ","],
+        [str(tmp_path / "mechanism.toml"), "--readers", "all"],
+        [file, "--readers", "all", "--judge", "everything"],
+        [file, "--readers", "all", "--match", "a=b"],
+    ):
+        run = CliRunner().invoke(main, ["compare", *words])
+        assert run.exit_code == 2
+        assert "Error: " in run.output
+        assert "Traceback" not in run.output
+
+
 def test_planted_faults_are_named_first(tmp_path: Path) -> None:
     """Sixteen of the campaign's faults, `python tests/shared/description_campaign.py`: all named, nothing else."""
     pytest.importorskip("pinocchio")

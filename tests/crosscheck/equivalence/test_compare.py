@@ -201,6 +201,17 @@ def test_a_joint_on_another_link_is_named(tmp_path: Path) -> None:
     assert found.judged.after <= REPAIRED
 
 
+def test_a_hinge_and_a_ball_of_one_name_are_of_another_kind(tmp_path: Path) -> None:
+    """No coordinate of one is one of the other: both are held at zero, and the rest is compared."""
+    pytest.importorskip("mujoco")
+    text = """<mujoco><worldbody><body name="b"><joint name="j" {}/><geom size="0.1"/>
+      <body name="c" pos="0 0 1"><joint name="k"/><geom size="0.1"/></body></body></worldbody></mujoco>"""
+    (tmp_path / "a.xml").write_text(text.format("axis='0 1 0'"))
+    (tmp_path / "b.xml").write_text(text.format("type='ball'"))
+    for a, b in (("a.xml", "b.xml"), ("b.xml", "a.xml")):
+        assert named(tmp_path / a, tmp_path / b) == [("kind of joint", "joint j")]
+
+
 def test_a_body_without_joints_is_compared_by_its_numbers(tmp_path: Path) -> None:
     base = ARM[: ARM.index('<link name="upper">')] + "</robot>"
     for name, mass in (("a.urdf", "4.125"), ("b.urdf", "4.5")):

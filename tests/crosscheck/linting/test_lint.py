@@ -164,3 +164,22 @@ def test_the_page_shows_names_as_they_are(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "out" / "results.json").read_text())["files"][0]["clean"] is False
     assert b"<failure" in (tmp_path / "out" / "junit.xml").read_bytes()
     assert "up&lt;b&gt;per" in (tmp_path / "out" / "summary.md").read_text()
+
+
+def test_a_file_that_cannot_be_read_keeps_no_findings_back(tmp_path: Path) -> None:
+    """Of three files one is empty: the findings of the others are shown and written, and the exit code is 2."""
+    (tmp_path / "empty.urdf").write_text("")
+    files = [
+        arm(tmp_path, WRONG["grams"][0]),
+        tmp_path / "empty.urdf",
+        arm(tmp_path, WRONG["negative mass"][0], name="c.urdf"),
+    ]
+    run = CliRunner().invoke(main, ["lint", *map(str, files), "--out", str(tmp_path / "out")])
+    assert run.exit_code == 2
+    assert all(word in run.output for word in ("arm.urdf: 0 errors", "c.urdf: 1 errors", "an empty file"))
+    written = json.loads((tmp_path / "out" / "results.json").read_text())["files"]
+    assert [[f["check"] for f in one["findings"] if f["level"] == "error"] for one in written] == [
+        [],
+        ["file"],
+        ["mass"],
+    ]

@@ -1,0 +1,83 @@
+"""Table of readers in Markdown, as a page, as JSON and as JUnit: what each engine's own reader made of one file."""
+
+from __future__ import annotations
+
+import datetime
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+from crosscheck import output_folder as owned
+from crosscheck.equivalence.output.text import cell, line
+from crosscheck.equivalence.readers import Loaded
+from crosscheck.report.html import environment, style, write_page
+from crosscheck.report.junit import FORBIDDEN
+from crosscheck.verdicts.results import versions
+
+
+def write_table(file: str, rows: Sequence[Loaded], out: Path) -> None:
+    """Write index.html, results.json, summary.md and junit.xml of the readers of a file into a folder.  Raises OSError."""
+    out.mkdir(parents=True, exist_ok=True)
+    style(out)
+    stamp = {"started": datetime.datetime.now().isoformat(timespec="seconds"), "versions": versions()}
+    view = {
+        "name": Path(file).name,
+        "rows": rows,
+        "sentence": sentence(rows),
+        "results": stamp,
+        "root": "",
+        "line": line,
+    }
+    write_page(environment(), "readers.html.j2", out / "index.html", **view)
+    plain = {"format": "crosscheck-readers/1", "file": file, "readers": [row.plain for row in rows]} | stamp
+    owned.write(out / "results.json", json.dumps(plain, indent=1, ensure_ascii=False))
+    owned.write(out / "summary.md", markdown_table(file, rows))
+    owned.write(out / "junit.xml", _junit(file, rows))
+
+
+def sentence(rows: Sequence[Loaded]) -> str:
+    """Return how many readers make the same machine of the file as the first, in a sentence."""
+    counts = {word: [row.reader for row in rows[1:] if row.result == word] for word in ("equal", "different", "cannot")}
+    words = {"equal": "the same machine", "different": "another one", "cannot": "nothing: it cannot read it"}
+    parts = [f"{', '.join(names)}: {words[word]}" for word, names in counts.items() if names]
+    return f"Against the reader {rows[0].reader}, {'; '.join(parts)}." if parts else f"Read by {rows[0].reader} alone."
+
+
+def markdown_table(file: str, rows: Sequence[Loaded]) -> str:
+    """Return the table for a pull request or the summary of a CI step."""
+    return "\n".join(_markdown(file, rows)) + "\n"
+
+
+def _markdown(file: str, rows: Sequence[Loaded]) -> Iterator[str]:
+    yield f"## {cell(Path(file).name)}, as each engine reads it"
+    yield ""
+    yield cell(sentence(rows))
+    yield ""
+    yield "| reader | joints | mass [kg] | result | differences |"
+    yield "|---|--:|--:|---|---|"
+    for row in rows:
+        yield "| " + " | ".join(map(cell, (row.reader, row.joints, row.mass, row.result, row.words))) + " |"
+    for row in rows:
+        if row.dropped:
+            yield f"\n<details><summary>what {cell(row.reader)} leaves out or takes for granted</summary>\n"
+            yield from (f"* {cell(words)}" for words in row.dropped)
+            yield "\n</details>"
+
+
+def _junit(file: str, rows: Sequence[Loaded]) -> bytes:
+    root = ET.Element("testsuites", name="crosscheck compare --readers")
+    suite = ET.SubElement(root, "testsuite", name=_clean(file), tests=str(len(rows)))
+    suite.set("failures", str(sum(row.result == "different" for row in rows)))
+    suite.set("errors", str(sum(row.result == "cannot" for row in rows)))
+    for row in rows:
+        case = ET.SubElement(suite, "testcase", classname="readers", name=row.reader)
+        if row.result != "equal":
+            ET.SubElement(case, "error" if row.found is None else "failure", message=_clean(row.words))
+    ET.indent(root)
+    text: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
+    return text
+
+
+def _clean(words: str) -> str:
+    return FORBIDDEN.sub("\N{REPLACEMENT CHARACTER}", words)

@@ -1,0 +1,148 @@
+"""Roots: a machine that floats may be told from any of its bodies; B is told anew from the one that A is told from.
+
+Nothing that floats has a first body: a chain from the pelvis to the torso is one from the torso to the pelvis.  Each joint
+between is turned about,  X -> X^-1, axis -> -axis,  so that its coordinate stays; the base has another body's coordinates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+from crosscheck.equivalence.difference import Difference
+from crosscheck.equivalence.match import by_name
+from crosscheck.lifting.assembly import depth_first
+from crosscheck.lifting.rigid import inverse, moved, on
+from flexinv.model.mechanism import WORLD, Attachment, Joint, Link, Mechanism, Placement
+
+TURNED = (
+    "revolute",
+    "continuous",
+    "prismatic",
+    "helical",
+    "fixed",
+)  # joints whose coordinate stays when they are turned about
+
+
+@dataclass(frozen=True)
+class Rooted:
+    """B as told from A's root; links : those whose frames stand elsewhere for it; found : the convention that differs."""
+
+    mechanism: Mechanism
+    links: frozenset[str] = frozenset()
+    found: tuple[Difference, ...] = ()
+
+
+def rooted_alike(first: Mechanism, second: Mechanism, stated: Mapping[str, str]) -> Rooted:
+    """Return the second mechanism told from the first's root, where both float and more joints then hang as in the first [m].
+
+    stated : joints of the second by those of the first
+    """
+    bases = [_base(one) for one in (first, second)]
+    if bases[0] is None or bases[1] is None or not (first.is_rigid and second.is_rigid):
+        return Rooted(second)
+    names = [
+        [j.name for j in one.joints if j.nv and j is not base] for one, base in zip((first, second), bases, strict=True)
+    ]
+    pairs = {a: b for a, (b, _) in by_name(names[0], names[1], stated).items() if a in names[0] and b in names[1]}
+    root, old = _best(first, second, bases[0].child, bases[1].child, pairs), bases[1].child
+    way = _way(second, old, root)
+    if root == old or any(joint.kind not in TURNED or joint.station is not None for joint in way):
+        return Rooted(second)
+    hints = ("the coordinates of its base are those of another body; the joints between count as before",)
+    found = Difference("convention", "root", "the tree", 1.0, "-", bases[0].child, old, hints=hints)
+    return Rooted(_told_from(second, bases[1], way), frozenset(joint.parent for joint in way), (found,))
+
+
+def _base(mechanism: Mechanism) -> Joint | None:
+    """The free joint that alone stands on the world; None for a machine that is held, and for several."""
+    on_world = [joint for joint in mechanism.joints if joint.parent == WORLD]
+    return on_world[0] if len(on_world) == 1 and on_world[0].kind == "free" else None
+
+
+def _best(first: Mechanism, second: Mechanism, ours: str, theirs: str, pairs: Mapping[str, str]) -> str:
+    """The link of the second from which the most joints hang as in the first; of several the one named so, else its own."""
+    wanted = {pairs[a]: pairs.get(above, "") for a, above in _above(first, ours, set(pairs)).items()}
+    scores = {}
+    for link in second.links:
+        above = _above(second, link.name, set(pairs.values()))
+        same = sum(above.get(b) == carrier for b, carrier in wanted.items())
+        scores[link.name] = (same, link.name == ours, link.name == theirs)
+    return (
+        max(scores, key=lambda name: scores[name])
+        if scores[theirs][0] < max(scores.values())[0] or _lonely(pairs)
+        else theirs
+    )
+
+
+def _lonely(pairs: Mapping[str, str]) -> bool:
+    """Return True for one joint only, from both of whose ends it hangs alike: then names say which is the root."""
+    return len(pairs) == 1
+
+
+def _above(mechanism: Mechanism, root: str, among: set[str]) -> dict[str, str]:
+    """By joint the next one towards a root, "" where there is none; both of some joints only."""
+    touching: dict[str, list[Joint]] = {}
+    for joint in mechanism.joints:
+        for end in (joint.parent, joint.child):
+            touching.setdefault(end, []).append(joint)
+    found: dict[str, str] = {}
+    seen, stack = {WORLD, root}, [(root, "")]
+    while stack:
+        link, carrier = stack.pop()
+        for joint in touching.get(link, ()):
+            other = joint.child if joint.parent == link else joint.parent
+            if other in seen:
+                continue
+            seen.add(other)
+            if joint.name in among:
+                found[joint.name] = carrier
+            stack.append((other, joint.name if joint.name in among else carrier))
+    return found
+
+
+def _way(mechanism: Mechanism, root: str, link: str) -> list[Joint]:
+    """The joints from the root to a link."""
+    carried = {joint.child: joint for joint in mechanism.joints}
+    found: list[Joint] = []
+    while link != root:
+        found.append(carried[link])
+        link = carried[link].parent
+    return found[::-1]
+
+
+def _told_from(mechanism: Mechanism, base: Joint, way: list[Joint]) -> Mechanism:
+    """The same machine with the joints of a way from its root turned about; links before them have their frames at them [m]."""
+    back = {joint.parent: inverse(joint.placement) for joint in way}
+    pose = base.placement
+    for joint in way:
+        pose = on(pose, joint.placement)
+    turned = {id(joint): made for joint, made in zip(way, _turned(way, back), strict=True)}
+    joints = [replace(base, child=way[-1].child, placement=pose)]
+    for joint in mechanism.joints:
+        if joint is not base:
+            at = on(back.get(joint.parent, Placement()), joint.placement)
+            joints.append(turned.get(id(joint)) or replace(joint, placement=at))
+    ends = ((one, _end(one.first, back), _end(one.second, back)) for one in mechanism.closures)
+    return replace(
+        mechanism, links=tuple(_links(mechanism.links, back)), joints=depth_first(joints),
+        closures=tuple(replace(one, first=a, second=b) for one, a, b in ends), springs=(), forces=(),
+    )  # fmt: skip
+
+
+def _turned(way: list[Joint], back: Mapping[str, Placement]) -> Iterator[Joint]:
+    for joint in way:
+        at = back.get(joint.child, Placement())  # the link that now carries it stands at the next joint of the way
+        yield replace(joint, parent=joint.child, child=joint.parent, placement=at, axis=-joint.axis)
+
+
+def _links(links: Iterable[Link], back: Mapping[str, Placement]) -> Iterator[Link]:
+    for link in links:
+        at = back.get(link.name)
+        bodies = link.bodies if at is None else tuple(replace(b, inertia=moved(at, b.inertia)) for b in link.bodies)
+        yield replace(link, bodies=bodies)
+
+
+def _end(end: Attachment, back: Mapping[str, Placement]) -> Attachment:
+    at = back.get(end.link)
+    return end if at is None else replace(end, placement=on(at, end.placement))
