@@ -166,7 +166,8 @@ def test_from_the_matrix_to_a_drawn_case_and_through_all_its_series(page: chromi
 LABELS = "Array.from(document.querySelectorAll('#spectrum .annotation-text'), a => a.getBoundingClientRect().toJSON())"
 OVER = f"""(boxes => boxes.some((a, k) => boxes.slice(k + 1).some(
   b => a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom)))({LABELS})"""
-MOVED = "Plotly.relayout('spectrum', {'annotations[1].yshift': document.getElementById('spectrum').layout.annotations[0].yshift})"
+MOVED = """(p => Plotly.relayout(p, {'annotations[1].yshift': p.layout.annotations[0].yshift}).then(() => true))(
+  document.getElementById('spectrum'))"""
 
 
 @pytest.mark.parametrize("width", [1400, 400])
