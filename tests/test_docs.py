@@ -31,16 +31,21 @@ FILE = re.compile(r"^`(models/\S+\.toml)`:?\n\n```toml\n(.*?)^```$", re.M | re.S
 @pytest.mark.parametrize("page", with_blocks("python"))
 def test_python_on_the_page_runs(page: str, tmp_path: Path) -> None:
     """Blocks run one after another, as a reader would type them, from the project's folder; files go elsewhere."""
-    read(blocks((ROOT / page).read_text(), "python"), page, project(tmp_path))
+    code = blocks((ROOT / page).read_text(), "python")
+    assert ends_with(code, page, project(tmp_path)) == (len(code), "")
 
 
-def read(code: list[str], page: str, folder: Path) -> None:
-    """Run blocks in a process of their own, which has imported nothing that the reader has not."""
+def ends_with(code: list[str], page: str, folder: Path) -> tuple[int, str]:
+    """Return how many blocks ran, and what stopped the next one; "" where nothing did.
+
+    They run in a process of their own, which has imported nothing that the reader has not.
+    """
     script = folder / "reader.py"
-    lines = "".join(f"exec(compile({block!r}, {page!r}, 'exec'), names)\n" for block in code)
-    script.write_text(f"names = {{'__name__': 'reader'}}\n{lines}")
+    lines = "".join(f"exec(compile({block!r}, {page!r}, 'exec'), names)\nran.append(1)\n" for block in code)
+    told = "import atexit, pathlib\nran = []\natexit.register(lambda: pathlib.Path('ran').write_text(str(len(ran))))\n"
+    script.write_text(f"{told}names = {{'__name__': 'reader'}}\n{lines}")
     done = subprocess.run([sys.executable, script.name], cwd=folder, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    return int((folder / "ran").read_text()), done.stderr if done.returncode else ""
 
 
 @pytest.mark.slow
@@ -169,11 +174,19 @@ def test_docstring_examples_run(module: str) -> None:
 def test_a_wrong_example_is_found(tmp_path: Path) -> None:
     code = blocks("text\n```python\nassert 1 + 1 == 3\n```\n", "python")
     assert len(code) == 1
-    with pytest.raises(AssertionError, match="assert 1"):
-        read(code, "page", tmp_path)
+    ran, words = ends_with(["\nx = 1\n", *code, "\nx = 2\n"], "page", tmp_path)
+    assert ran == 1
+    assert 'File "page", line 3' in words  # the line of the page, where a reader looks
+    assert "AssertionError" in words
+
+
+def test_a_page_that_leaves_before_its_end_is_found(tmp_path: Path) -> None:
+    """An end without an error is no proof that the rest was run."""
+    assert ends_with(["\nraise SystemExit\n", "\nassert False\n"], "page", tmp_path) == (0, "")
 
 
 def test_a_name_that_only_tests_have_imported_is_found(tmp_path: Path) -> None:
     """The module `flexinv.cli` imports all of flexinv: a reader has not."""
-    with pytest.raises(AssertionError, match="no attribute 'drives'"):
-        read(["\nimport flexinv\nflexinv.drives\n"], "page", tmp_path)
+    ran, words = ends_with(["\nimport flexinv\nflexinv.drives\n"], "page", tmp_path)
+    assert ran == 0
+    assert "no attribute 'drives'" in words

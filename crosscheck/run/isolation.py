@@ -25,8 +25,9 @@ from numpy.typing import NDArray
 from crosscheck.engines import Engine, missing
 from crosscheck.measures.record import Record, RecordError, Status, check, load
 from crosscheck.run.forking import Forked, ForkServers, Lost, Refused
-from crosscheck.run.processes import environment, kill_group
+from crosscheck.run.processes import environment, kill_group, waited
 
+BUSY = 0.5  # of the time limit: whoever had to wait longer for a processor may not be slow
 TAIL = 4000  # [characters] of what the engine printed that a report keeps
 
 
@@ -196,22 +197,28 @@ def _called(job: Mapping[str, Any], folder: Path, limit: float, children: Childr
             process = children.begin(job, job_file, work, log.fileno())
         except InterruptedError as error:
             return Ending("error", str(error), "", 0.0)
-        start = clock.monotonic()
+        start, late = clock.monotonic(), ""
         try:
             process.wait(limit)
         except subprocess.TimeoutExpired:
-            late = True
-        else:
-            late = False
+            late = too_late(limit, waited(process.pid))
         finally:
             children.end(process)
     elapsed = clock.monotonic() - start
     printed = tail(log_file)
     if late:
-        return Ending("timeout", f"stopped after the time limit of {limit:g} s", printed, elapsed)
+        return Ending("timeout", late, printed, elapsed)
     if children.stopped:
         return Ending("error", "interrupted", printed, elapsed)
     return Ending(*verdict(process.returncode or 0, printed), printed, elapsed)
+
+
+def too_late(limit: float, without: float) -> str:
+    """Return what is said of a process stopped after ``limit`` [s], of which it waited ``without`` [s] for a processor."""
+    words = f"stopped after the time limit of {limit:g} s"
+    if without <= BUSY * limit:
+        return words
+    return f"{words}, of which it waited {without:.0f} s for a processor: too much runs on this machine"
 
 
 def command(job_file: Path) -> list[str]:

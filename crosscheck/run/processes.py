@@ -28,6 +28,15 @@ def kill_group(leader: int) -> None:
         os.killpg(leader, signal.SIGKILL)
 
 
+def waited(process: int) -> float:
+    """Return how long a process wanted a processor and got none [s], of the thread that waited longest; 0 where nobody says."""
+    longest = 0
+    with contextlib.suppress(OSError, ValueError, IndexError):
+        for thread in Path(f"/proc/{process}/task").iterdir():
+            longest = max(longest, int((thread / "schedstat").read_text(encoding="ascii").split()[1]))
+    return 1e-9 * longest
+
+
 def die_with_parent() -> None:
     """Ask Linux to kill this process when its parent dies, however it dies; elsewhere do nothing."""
     if sys.platform == "linux":

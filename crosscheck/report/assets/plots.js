@@ -127,7 +127,6 @@
       document.getElementById("caption-spectrum").textContent = manifest.spectrum;
       const x = decode(one.spectrum.frequency);
       const traces = [];
-      const annotations = [];
       let marked = null;
       for (const engine of shown(one)) {
         if (!one.spectrum.amplitude[engine]) continue;
@@ -137,14 +136,34 @@
           marker: { color: colour(engine), symbol: "triangle-down", size: 9 }, hoverinfo: "skip" });
         if (marked === null) marked = marks;
       }
-      for (const mark of marked || []) {
-        annotations.push({ x: mark[0], y: Math.log10(mark[1]), text: mark[0].toPrecision(4) + " Hz", showarrow: false, yshift: 14 });
-      }
       // Lines far below the largest peak are the window's and the solver's: nothing to see.
       const tops = traces.filter((t) => t.mode === "lines").map((t) => Math.log10(t.y.reduce((a, b) => Math.max(a, b), 0)));
-      const top = Math.max(...tops);
+      const range = [Math.max(...tops) - 6, Math.max(...tops) + 0.7];
+      const { labels, higher } = named(marked || [], x[x.length - 1] - x[0], range, figure);
+      range[1] += higher;
       return draw("spectrum", traces, layout("frequency [Hz]", "amplitude [" + one.unit + "]", {
-        annotations, yaxis: { type: "log", range: [top - 6, top + 0.7], dtick: 1 } }));
+        annotations: labels, yaxis: { type: "log", range, dtick: 1 } }));
+    }
+
+    // Frequencies over their peaks [frequency, amplitude]; where two would lie over one another the smaller peak's stands higher,
+    // and the axis goes up with it.  span [Hz] and range [decades] are those of the axes.
+    function named(marks, span, range, figure) {
+      const WIDE = 72, HIGH = 16, BESIDE = 105, BELOW = 120; // [px]: of a label; of what stands around the curves
+      const across = Math.max(figure.clientWidth - BESIDE, WIDE) / span;
+      const up = Math.max(figure.clientHeight - BELOW, 5 * HIGH) / (range[1] - range[0]);
+      const placed = [];
+      for (const mark of marks.slice().sort((a, b) => b[1] - a[1])) {
+        const one = { mark, x: mark[0] * across, y: (Math.log10(mark[1]) - range[0]) * up + HIGH };
+        const over = (p) => Math.abs(p.x - one.x) < WIDE && Math.abs(p.y - one.y) < HIGH;
+        for (let p; (p = placed.find(over));) one.y = p.y + HIGH;
+        placed.push(one);
+      }
+      const labels = placed.map((p) => ({
+        x: p.mark[0], y: Math.log10(p.mark[1]), text: p.mark[0].toPrecision(4) + " Hz", showarrow: false,
+        yshift: p.y - (Math.log10(p.mark[1]) - range[0]) * up,
+      }));
+      const excess = Math.max(0, ...placed.map((p) => p.y + HIGH - (range[1] - range[0]) * up));
+      return { labels, higher: excess / up };
     }
 
     const shown = (one) => manifest.engines.filter((e) => one.engines[e] && !state.hidden.has(e));

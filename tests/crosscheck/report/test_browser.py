@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import urllib.parse
 from collections.abc import Iterator
@@ -159,6 +160,35 @@ def test_from_the_matrix_to_a_drawn_case_and_through_all_its_series(page: chromi
             )
             seen.append(series)
     assert len(seen) == 2 + 2 * 3 + 2 * 6
+    quiet(page)
+
+
+LABELS = "Array.from(document.querySelectorAll('#spectrum .annotation-text'), a => a.getBoundingClientRect().toJSON())"
+OVER = f"""(boxes => boxes.some((a, k) => boxes.slice(k + 1).some(
+  b => a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom)))({LABELS})"""
+MOVED = """(p => Plotly.relayout(p, {'annotations[1].yshift': p.layout.annotations[0].yshift}).then(() => true))(
+  document.getElementById('spectrum'))"""
+
+
+@pytest.mark.parametrize("width", [1400, 400])
+def test_frequencies_that_lie_close_do_not_lie_over_one_another(
+    page: chromium.Browser, night: Night, tmp_path: Path, width: int
+) -> None:
+    """Four peaks within a tenth of the axis, in a copy of the report."""
+    out = shutil.copytree(night.out, tmp_path / "out")
+    file = out / "data" / case_file(night).stem / "torque.js"
+    before, data, after = re.split(r"(\{.*\})", file.read_text(), flags=re.S)
+    series = json.loads(data)
+    for one in series["series"].values():
+        for engine in one["spectrum"]["peaks"]:
+            one["spectrum"]["peaks"][engine] = [[3.0 + 0.4 * k, 0.1] for k in range(4)]
+    file.write_text(before + json.dumps(series) + after)
+    page.open(address(out / "cases" / case_file(night).name), width)
+    page.wait(DRAWN)
+    page.wait(f"{LABELS}.length === 4")
+    assert not page.evaluate(OVER)
+    page.evaluate(MOVED)
+    page.wait(OVER)  # labels that lie over one another would be seen
     quiet(page)
 
 

@@ -63,7 +63,8 @@ def test_a_process_that_does_not_answer_leaves_what_it_said(
     said = abilities(engine("fine"), pairs, Children())
     assert said.described is not None
     assert said.refused == {0: "has no legs"}
-    assert said.message == f"asked in one process what it can do in all cases: {why}; 2 cases were asked one by one"
+    assert said.message.startswith(f"asked in one process what it can do in all cases: {why}")
+    assert said.message.endswith("; 2 cases were asked one by one")
 
 
 def test_an_engine_that_cannot_be_imported_is_not_there(plan: Plan) -> None:

@@ -18,7 +18,8 @@ import pytest
 import rogue_engines as rogue
 
 from crosscheck.engines import Engine
-from crosscheck.run.isolation import Attempt, Children, ask, run_engine
+from crosscheck.run.isolation import Attempt, Children, ask, run_engine, too_late
+from crosscheck.run.processes import waited
 from crosscheck.verdicts.plan import Task, discover
 
 LIMIT = 60.0  # [s]: no test waits for it; a child needs a second or two to import on a busy machine
@@ -123,8 +124,39 @@ def test_a_hang_ends_at_the_time_limit_with_all_it_started(
     assert len(family) >= (2 if kind == "breeding" else 1)
     worker.join()
     assert done[0].record.status == "timeout"
-    assert done[0].record.message == f"stopped after the time limit of {limit} s"
+    assert done[0].record.message.startswith(f"stopped after the time limit of {limit} s")
     wait_for(lambda: all(map(gone, family)), 5.0)
+
+
+# Programs that share one processor: it is a busy machine for all of them.
+SHARED = "import os, time\nos.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
+SPIN = SHARED + "while True:\n    pass\n"
+SLEEP = SHARED + "print('asleep', flush=True)\ntime.sleep(600)\n"
+
+
+@pytest.mark.skipif(
+    not Path("/proc/self/schedstat").exists(), reason="this system does not say who waits for a processor"
+)
+def test_who_waits_for_a_processor_is_told_from_who_sleeps() -> None:
+    programs = [["nice", "-n", "19", sys.executable, "-c", SPIN], *([[sys.executable, "-c", SPIN]] * 2)]
+    with subprocess.Popen([sys.executable, "-c", SLEEP], stdout=subprocess.PIPE) as asleep:
+        assert asleep.stdout is not None
+        assert asleep.stdout.readline() == b"asleep\n"
+        before = waited(asleep.pid)
+        spinning = [subprocess.Popen(words) for words in programs]
+        try:
+            wait_for(lambda: waited(spinning[0].pid) > 2.0)
+            assert waited(asleep.pid) - before < 0.5
+        finally:
+            for one in (asleep, *spinning):
+                one.kill()
+                one.wait()
+    assert waited(spinning[0].pid) == 0.0  # it is gone
+
+
+def test_a_late_process_that_had_no_processor_is_not_said_to_hang() -> None:
+    assert too_late(900.0, 3.0) == "stopped after the time limit of 900 s"
+    assert too_late(900.0, 850.0).endswith("of which it waited 850 s for a processor: too much runs on this machine")
 
 
 def group(pid: int) -> int:
