@@ -168,7 +168,7 @@ def ports(kit: Kit, forward: bool) -> dict[tuple[int, str], str]:
     """Return the variables by joint and part: "input" or "output"; what nobody gives and nobody asks for is left out."""
     if forward:  # q and qd are states, set where they begin; qdd is the rate of qd
         return {(k, p): "input" if p == "tau" else "output" for k in range(len(kit.rows)) for p in PARTS}
-    made = {}
+    made: dict[tuple[int, str], str] = {}
     for k, (given, driven) in enumerate(zip(kit.given, kit.driven, strict=True)):
         made |= {(k, part): "input" for part in PARTS[:3] if given}
         made |= {(k, "tau"): "output"} if driven else {}
