@@ -2,6 +2,7 @@
 # make test     ruff, mypy and all tests
 # make check    the fast tests only
 # make wheel    a wheel for this system's Python with machine code -> dist
+# make outside  every mechanism in our engines and in those of plugins/ -> build/outside/report/index.html
 # make docs     the site -> docs/_build/html/index.html
 #
 # Needs Python 3.11 to 3.13 with pip; everything else is installed into .venv, once.
@@ -15,10 +16,15 @@ JOBS   ?= 2
 # Levels of processor that a wheel has machine code for; on aarch64: make wheel LEVELS=generic
 LEVELS ?= x86-64-v3 x86-64-v4
 
-.PHONY: report test check docs lint wheel clean
+.PHONY: report outside test check docs lint wheel clean
 
 report: $(STAMP)
 	$(BIN)/crosscheck run --out $(OUT) --jobs $(JOBS) --baseline reports/baseline
+
+# Engines of others have an environment of their own, 2.5 GB below build/, made once.
+outside:
+	$(PYTHON) plugins/outside.py prepare
+	$(PYTHON) plugins/outside.py report --jobs $(JOBS)
 
 test: lint
 	$(BIN)/pytest -n $(JOBS)

@@ -30,7 +30,10 @@ from flexinv.model.mechanism import Mechanism
 Array = NDArray[np.float64]
 MOTION = "the motion: time, then q, qd and qdd of every coordinate that is given"
 PROBE = "configurations at which `certificate.json` is asked, one a row"
-TREE = "the tree once more, one line per moving joint, fixed joints merged: for programs that want no JSON"
+TREE = (
+    "the tree once more, one line per moving joint, fixed joints merged: for programs that want no JSON; `parent` is the line "
+    "of the joint before, counted from 0, -1 the world; closures, springs and forces stand in `case.json` alone"
+)
 ROBOT = "the mechanism as URDF, without what that format has no words for (springs, closures: said at its head)"
 EXPECTED = "the series with error bars, and the certificate, of the reference"
 

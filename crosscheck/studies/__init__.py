@@ -35,6 +35,7 @@ STUDIES: dict[str, Study] = {
         Study("incremental", "The paper's incremental mode", "crosscheck.studies.incremental"),
         Study("feedforward", "Feed-forward replayed in other engines", "crosscheck.studies.feedforward", asks=True),
         Study("identifications", "Logs of machines, identified and judged", "crosscheck.studies.identifications"),
+        Study("ladder", "Which rungs of the ladder every engine holds", "crosscheck.conform.study", asks=True),
         Study("switching", "Phases of mechanisms that open and close", "crosscheck.studies.switching"),
     )
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path as Folder
 from typing import Any
@@ -24,6 +25,9 @@ Array = NDArray[np.float64]
 REACHED, BETTER = 1e-3, 30.0
 # Rigid arms: the torque is linear between samples, an error of h^2 / 8 times its second derivative, 1e-5 of the path.
 OF_RIGID = 1e-4
+LONGEST = (
+    120.0  # [s] of one replay of an engine from outside: a hang costs its own rows, and leaves time for the others
+)
 
 TEXT = f"""The tip of an arm shall run along a path. flexinv finds the torques, and they drive the same arm, all joints
 free, in another engine, built there from primary data. Three feed-forwards stand side by side: torques of the rigid
@@ -71,13 +75,10 @@ def task_rows(mechanism: Mechanism, task: Task, engines: Sequence[Mapping[str, A
         try:
             errors = {name: error(found, replayed(mechanism, found, name)[found.frame.name]) for name in names}
         except InputError as why:  # of an engine that was not asked for this mechanism, or cannot do it
-            yield {
-                "mechanism": mechanism.name,
-                "task": task.name,
-                "engine": engine,
-                "verdict": "skipped",
-                "message": str(why),
-            }
+            yield no_row(mechanism.name, task.name, engine, "skipped", str(why))
+            continue
+        except ReplayError as why:
+            yield no_row(mechanism.name, task.name, engine, "error", str(why))
             continue
         for name in names:
             yield row(mechanism.name, task.name, engine, name, errors)
@@ -86,6 +87,11 @@ def task_rows(mechanism: Mechanism, task: Task, engines: Sequence[Mapping[str, A
 def followed(mechanism: Mechanism, task: Task) -> Following:
     """Return the solution that follows the path of a task [m, rad, s, N m]; the mechanism has the task's mesh already."""
     return follow(mechanism, task.path, task.frame, task.step, task.before, task.after, task.start)
+
+
+def no_row(model: str, task: str, engine: str, verdict: str, message: str) -> dict[str, Any]:
+    """Return a row of the table without numbers [-], and why: an engine that cannot do the task, or failed."""
+    return {"mechanism": model, "task": task, "engine": engine, "verdict": verdict, "message": message}
 
 
 def row(model: str, task: str, engine: str, name: str, errors: Mapping[str, float]) -> dict[str, Any]:
@@ -126,18 +132,56 @@ def replays(flexible: bool) -> dict[str, Replayed]:
     return out
 
 
+class ReplayError(RuntimeError):
+    """A replay that came to no end, in words: its engine crashed, hung or gave no numbers."""
+
+
 def outside(engines: Sequence[Mapping[str, Any]]) -> dict[str, Replayed]:
-    """Return the replays of the project's own engines, by name, of those that have one: tips by link (samples, 3) [m]."""
-    out: dict[str, Replayed] = {}
-    for job in engines:
-        replay = offered(opened(job), "replay")
-        if replay is not None:
-            out[str(job["engine"])] = functools.partial(_outside, replay)
-    return out
+    """Return the replays of the project's own engines, by name: tips by link (samples, 3) [m].
+
+    Each runs in a process of its own: native code that crashes or hangs there is a row of the table and no more.
+    """
+    return {str(job["engine"]): functools.partial(_outside, job) for job in engines if _replays(job)}
 
 
-def _outside(replay: Callable[..., dict[str, Array]], m: Mechanism, found: Following, name: str) -> dict[str, Array]:
-    return replay(m, _drive(found, name))
+def _replays(job: Mapping[str, Any]) -> bool:
+    """Return True if an engine has a replay, or cannot even be opened: then its row says why."""
+    try:
+        return offered(opened(job), "replay") is not None
+    except Exception:
+        return True
+
+
+def _outside(job: Mapping[str, Any], m: Mechanism, found: Following, name: str) -> dict[str, Array]:
+    """Return the tips of a replay in a child process.  Raises InputError where it cannot do that, and ReplayError."""
+    from crosscheck.run.isolation import Children, ask, scratch
+
+    drive = _drive(found, name)
+    with scratch() as folder:
+        given = folder / "given.pickle"
+        given.write_bytes(pickle.dumps((dict(job), m, drive)))
+        module = {"kind": "study", "module": __name__, "function": "replay_given"}
+        answer, ending = ask({**module, "options": {"file": str(given)}}, LONGEST, Children())
+    if ending.status != "ok":
+        raise ReplayError(ending.message)
+    if "refused" in answer:
+        raise InputError(answer["refused"])
+    return {link: np.array(tip) for link, tip in answer["tips"].items()}
+
+
+def replay_given(file: str) -> dict[str, Any]:
+    """Return what a child process answers about the replay in a file: tips by link (samples, 3) [m], or why there are none."""
+    job, mechanism, drive = pickle.loads(Folder(file).read_bytes())
+    replay = offered(opened(job), "replay")
+    assert replay is not None
+    try:
+        tips = replay(mechanism, drive)
+    except InputError as why:
+        return {"refused": str(why)}
+    broken = [name for name, tip in tips.items() if not np.isfinite(tip).all()]
+    if broken:
+        raise ReplayError(f"its tip of {broken[0]} is no finite number")
+    return {"tips": {name: np.asarray(tip).tolist() for name, tip in tips.items()}}
 
 
 def _drive(found: Following, name: str) -> Drive:

@@ -1,6 +1,7 @@
-/* A rigid tree of revolute and prismatic joints as an FMU (FMI 2.0, model exchange and co-simulation).
+/* A rigid mechanism of revolute and prismatic joints as an FMU (FMI 2.0, model exchange and co-simulation).
  *
  * Its numbers are those of tree.h, which make_fmu.py writes from a case kit: COUNT, JOINTS, GRAVITY.
+ * With closures (CLOSED of them) ties.h has those, and loop.h what they ask for; joints that are not given have no inputs.
  *     without -DFORWARD   inverse dynamics: inputs q, qd, qdd of every joint, outputs tau; a function, without states
  *     with -DFORWARD      forward dynamics: inputs tau, outputs q, states q, qd; co-simulation by Runge and Kutta's method of order 4
  * Value references: joint k has 4 k (q), 4 k + 1 (qd), 4 k + 2 (qdd), 4 k + 3 (tau).  Newton and Euler's equations in the world's
@@ -17,7 +18,7 @@ typedef struct {
 #include "tree.h"
 
 #define STEPS 4 /* of Runge and Kutta's method within a communication step */
-typedef struct { double value[4 * COUNT]; } Model;
+typedef struct { double value[4 * COUNT], guess[COUNT]; } Model;
 typedef struct { double x[3], r[9], w[3], alpha[3], acc[3], f[3], n[3], axis[3]; } Seat;
 
 static void cross(const double *a, const double *b, double *c) {
@@ -46,9 +47,8 @@ static void carry(const double *w, const double *alpha, const double *d, double 
     for (int i = 0; i < 3; i++) acc[i] += a[i] + b[i];
 }
 
-static void inverse(const double *q, const double *v, const double *a, double *tau) {
+static void inverse(const double *q, const double *v, const double *a, double *tau, Seat *seats) {
     static const double one[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, zero[3] = {0, 0, 0};
-    Seat seats[COUNT];
 #ifdef WEIGHTLESS /* a mistake, for tests */
     const double up[3] = {0, 0, 0};
 #else
@@ -106,14 +106,22 @@ static void inverse(const double *q, const double *v, const double *a, double *t
     }
 }
 
+#if CLOSED
+#include "loop.h"
+#endif
+
 #ifdef FORWARD
 static void rate(const double *state, const double *tau, double *out) { /* state q, qd: M qdd = tau - bias, by Cholesky's factors */
     double zero[COUNT] = {0}, unit[COUNT], bias[COUNT], m[COUNT][COUNT], *a = out + COUNT;
-    inverse(state, state + COUNT, zero, bias);
+#ifdef CRASHING /* a mistake, for tests */
+    abort();
+#endif
+    Seat seats[COUNT];
+    inverse(state, state + COUNT, zero, bias, seats);
     for (int k = 0; k < COUNT; k++) {
         memset(unit, 0, sizeof unit);
         unit[k] = 1.0;
-        inverse(state, state + COUNT, unit, m[k]);
+        inverse(state, state + COUNT, unit, m[k], seats);
         for (int i = 0; i < COUNT; i++) m[k][i] -= bias[i];
     }
     memcpy(out, state + COUNT, COUNT * sizeof(double));
@@ -152,7 +160,13 @@ static void step(Model *m, double h) {
 #endif
 
 fmi2Component fmi2Instantiate(fmi2String n, fmi2Type t, fmi2String g, fmi2String r, const fmi2CallbackFunctions *f, fmi2Boolean v,
-                              fmi2Boolean l) { return calloc(1, sizeof(Model)); }
+                              fmi2Boolean l) {
+    Model *m = calloc(1, sizeof(Model));
+#if CLOSED
+    if (m) memcpy(m->guess, GUESS, sizeof m->guess);
+#endif
+    return m;
+}
 void fmi2FreeInstance(fmi2Component c) { free(c); }
 fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real x[]) {
     for (size_t k = 0; k < n; k++) if (vr[k] < 4 * COUNT) ((Model *)c)->value[vr[k]] = x[k]; else return fmi2Error;
@@ -163,7 +177,14 @@ fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n,
 #ifndef FORWARD
     double q[COUNT], v[COUNT], a[COUNT], tau[COUNT];
     for (int k = 0; k < COUNT; k++) { q[k] = m->value[4 * k]; v[k] = m->value[4 * k + 1]; a[k] = m->value[4 * k + 2]; }
-    inverse(q, v, a, tau);
+#if CLOSED
+    for (int k = 0; k < COUNT; k++) if (!GIVEN[k]) q[k] = m->guess[k];
+    if (!closed(q, v, a, tau)) return fmi2Error;
+    memcpy(m->guess, q, sizeof q);
+#else
+    Seat seats[COUNT];
+    inverse(q, v, a, tau, seats);
+#endif
     for (int k = 0; k < COUNT; k++) m->value[4 * k + 3] = tau[k];
 #endif
     for (size_t k = 0; k < n; k++) if (vr[k] < 4 * COUNT) x[k] = m->value[vr[k]]; else return fmi2Error;
@@ -211,7 +232,7 @@ ANSWER(fmi2SetupExperiment, fmi2OK, fmi2Component c, fmi2Boolean a, fmi2Real b, 
 ANSWER(fmi2EnterInitializationMode, fmi2OK, fmi2Component c)
 ANSWER(fmi2ExitInitializationMode, fmi2OK, fmi2Component c)
 ANSWER(fmi2Terminate, fmi2OK, fmi2Component c)
-fmi2Status fmi2Reset(fmi2Component c) { memset(c, 0, sizeof(Model)); return fmi2OK; }
+fmi2Status fmi2Reset(fmi2Component c) { memset(((Model *)c)->value, 0, sizeof ((Model *)c)->value); return fmi2OK; }
 ANSWER(fmi2GetFMUstate, fmi2Error, fmi2Component c, fmi2FMUstate *s)
 ANSWER(fmi2SetFMUstate, fmi2Error, fmi2Component c, fmi2FMUstate s)
 ANSWER(fmi2FreeFMUstate, fmi2Error, fmi2Component c, fmi2FMUstate *s)

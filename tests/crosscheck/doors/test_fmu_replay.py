@@ -95,6 +95,21 @@ def test_it_stands_in_the_table_of_feed_forwards(root: Path, tmp_path: Path, kin
 
 @compiled
 @pytest.mark.slow
+def test_native_code_that_crashes_is_a_row_and_no_more(root: Path, tmp_path: Path) -> None:
+    file = tree_fmu.build(tmp_path, "rigid_3r/quintic", forward=True, flags=("-DCRASHING",))
+    folder = root / "models" / "rigid_3r"
+    mechanism = flexinv.load_mechanism(folder)
+    (task,) = load_tasks(folder, mechanism).values()
+    door = {"module": registry.FMU, "settings": {"fmu": str(file), "cases": ["*"]}, "engine": "plant"}
+    rows = {
+        str(row["engine"]): row for row in feedforward.task_rows(mechanism, task, [{**door, "mechanism": str(folder)}])
+    }
+    assert (rows["plant"]["verdict"], rows["plant"]["message"]) == ("error", "killed by signal 6 (SIGABRT)")
+    assert {rows[name]["verdict"] for name in ("flexinv", "pinocchio", "mujoco")} == {"within"}
+
+
+@compiled
+@pytest.mark.slow
 def test_a_plant_that_is_another_one_is_seen(arm: Task, tmp_path: Path) -> None:
     """Without gravity the arm is somewhere else: far beyond the bound of the table."""
     plant = opened(tree_fmu.build(tmp_path, "rigid_3r/quintic", forward=True, flags=("-DWEIGHTLESS",)))
@@ -146,7 +161,7 @@ def test_mechanisms_that_it_is_not_for_are_refused(root: Path, arm: Task, tmp_pa
 
 
 def test_only_who_asks_is_told_of_the_projects_engines() -> None:
-    assert [study.name for study in STUDIES.values() if study.asks] == ["feedforward"]
+    assert [study.name for study in STUDIES.values() if study.asks] == ["feedforward", "ladder"]
 
 
 @pytest.mark.parametrize("stated", ["rigid_3r.fmu", "{mechanism}.fmu"])

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rogue_replays
 
 from crosscheck.engines.mujoco import replay as mujoco_replay
 from crosscheck.engines.pinocchio import replay as pinocchio_replay
@@ -78,3 +79,37 @@ def test_what_exudyn_cannot_be_given_is_said(root: Path) -> None:
 
 def test_without_its_models_the_study_is_skipped(tmp_path: Path) -> None:
     assert feedforward.study(str(tmp_path))["status"] == "skipped"
+
+
+@pytest.fixture(scope="module")
+def of_rogues(root: Path) -> dict[str, dict[str, object]]:
+    """The rows of a table in which engines from outside behave badly, by engine."""
+    mechanism = load_mechanism(root / "models" / "rigid_3r")
+    (task,) = load_tasks(root / "models" / "rigid_3r", mechanism).values()
+    here = str(Path(rogue_replays.__file__).parent)
+    names = ("Crashing", "Hanging", "Failing", "Blurred", "Refusing", "Missing", "Replaying")
+    jobs = [{"module": f"rogue_replays:{name}", "path": here, "engine": name} for name in names]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(feedforward, "LONGEST", 10.0)  # [s]: a child process begins within some of them
+        return {str(row["engine"]): row for row in feedforward.task_rows(mechanism, task, jobs)}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("engine", "verdict", "words"),
+    [
+        ("Crashing", "error", "killed by signal 6 (SIGABRT)"),
+        ("Hanging", "error", "stopped after the time limit of 10 s"),
+        ("Failing", "error", "ArithmeticError: singular"),
+        ("Blurred", "error", "is no finite number"),
+        ("Missing", "error", "rogue_replays has no 'Missing'"),
+        ("Refusing", "skipped", "no arms of three joints"),
+        ("Replaying", "deviation", "more than 0.0001"),
+    ],
+)
+def test_a_replay_that_behaves_badly_is_a_row_in_words(
+    of_rogues: dict[str, dict[str, object]], engine: str, verdict: str, words: str
+) -> None:
+    assert of_rogues[engine]["verdict"] == verdict
+    assert words in str(of_rogues[engine]["message"])
+    assert {of_rogues[name]["verdict"] for name in ("flexinv", "pinocchio", "mujoco")} == {"within"}  # nothing is lost

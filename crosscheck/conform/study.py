@@ -1,0 +1,91 @@
+"""The ladder as a table of a report: every engine that is installed climbs it, and every engine of the project.
+
+Engines run as in `crosscheck conform`, each in a process of its own; records and measurements cannot be asked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from crosscheck.conform import ladder
+from crosscheck.doors.registry import RECORD
+from crosscheck.engines import ENGINES, Engine, missing
+from crosscheck.measures.limits import REFERENCE, worst
+from crosscheck.run.isolation import scratch
+from crosscheck.run.runner import run
+from crosscheck.run.work import Options, Work
+from crosscheck.verdicts.plan import discover
+from crosscheck.verdicts.results import Results
+
+LONGEST = 600.0  # [s] of one engine on one rung: the slowest takes ten seconds, on a machine that is busy a hundred
+UNASKED = (REFERENCE, "measured")
+TEXT = f"""What `crosscheck conform ENGINE` says, of every engine ({ladder.VERSION}): {len(ladder.RUNGS)} small mechanisms,
+each harder than the one before, and what an engine's own model says of itself over all of them. An engine is judged on what it
+climbs; what it cannot do is no fault. Difference: the largest of all rungs that hold, over the range of the signal."""
+COLUMNS = (
+    ("engine", "engine", ""),
+    ("holds", "rungs that hold", ""),
+    ("difference", "largest difference over the range", "-"),
+    ("time", "its own time", "s"),
+    ("message", "which", ""),
+)
+
+
+def study(models: str, engines: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
+    """Return the tables of the report: differences over the range [-], times [s].
+
+    models : not asked, the ladder has its own; engines : jobs of the project's own engines (`crosscheck.engines.opened`)
+    """
+    wanted = climbing(engines)
+    taking = {REFERENCE: ENGINES[REFERENCE], **wanted}
+    with scratch() as folder:
+        results = run(Work(discover(ladder.FOLDER), taking, (), Options(LONGEST)), folder / "report")
+    return tables(results, tuple(wanted))
+
+
+def climbing(jobs: Sequence[Mapping[str, Any]] = ()) -> dict[str, Engine]:
+    """Return the engines that can be asked, by name: ours that are installed, then those of jobs."""
+    ours = {name: one for name, one in ENGINES.items() if name not in UNASKED and missing(one) is None}
+    theirs = (
+        Engine(str(j["engine"]), j["module"], "", "", False, False, j.get("settings"), j.get("path", "")) for j in jobs
+    )
+    return ours | {one.name: one for one in theirs if one.module != RECORD}
+
+
+def tables(results: Results, engines: tuple[str, ...]) -> dict[str, Any]:
+    """Return a row for each engine, and a table with each of its rungs; differences over the range [-], times [s]."""
+    rows = list(summaries(results, engines))
+    if not rows:
+        return {"status": "skipped", "message": f"no engine beside {REFERENCE} climbs a rung"}
+    climbed = {row["engine"] for row in rows}
+    idle = [name for name in engines if name not in climbed]
+    text = TEXT + (f"\n\nOn no rung: {', '.join(idle)}." if idle else "")
+    every = ladder.table(results, tuple(name for name in engines if name in climbed), "")
+    said = [row for row in every.rows if row["verdict"] != "skipped"]
+    table = {"title": "Each rung that was climbed", "columns": list(every.columns), "rows": said}
+    return {"text": text, "columns": COLUMNS, "rows": rows, "tables": [table]}
+
+
+def summaries(results: Results, engines: tuple[str, ...]) -> Iterator[dict[str, Any]]:
+    """Yield the row of each engine that climbed a rung; difference over the range [-], time [s]."""
+    for name in engines:
+        climbed = [rung for rung in ladder.rungs(results, name) if rung.verdict != "skipped"]
+        held = [rung for rung in climbed if rung.holds]
+        if not climbed:
+            continue
+        shares = [rung.difference for rung in held if rung.difference is not None]
+        fallen = [f"{_plain(rung.name)}: {rung.message}" for rung in climbed if not rung.holds]
+        words = ", ".join(_plain(rung.name) for rung in held) or "none"
+        yield {
+            "engine": name,
+            "holds": f"{len(held)} of {len(climbed)}",
+            **({"difference": max(shares)} if shares else {}),
+            "time": sum(rung.time or 0.0 for rung in climbed),
+            "message": "; ".join([words, *fallen]),
+            "verdict": worst(rung.verdict for rung in climbed),
+        }
+
+
+def _plain(rung: str) -> str:
+    return rung.replace("_", " ")
