@@ -50,6 +50,7 @@ COMPARED = "a step of the comparison, in a file of its own name"
 DRAWING = "loads what draws, or what the page is written with, when it is asked for"
 # Modules that one other imports and that fit into it, and why they stay apart.
 ALONE = {
+    "crosscheck.identification.logs.bag": "a file format of its own",
     "crosscheck.doors.fmu_replay": "FMUs that move, which know nothing of those that answer",
     "crosscheck.run.cluster": "workers on other machines, which few runs have",
     "crosscheck.run.shelves": "answers of earlier runs, apart from the doing of jobs",
@@ -90,9 +91,9 @@ ALONE = {
     "crosscheck.equivalence.beams.sampled": "numbers of a beam, apart from what differs in them",
     "crosscheck.equivalence.certificates": COMPARED,
     "crosscheck.equivalence.couplings": COMPARED,
-    "crosscheck.equivalence.groups": COMPARED,
     "crosscheck.equivalence.loops": COMPARED,
     "crosscheck.equivalence.reduce": COMPARED,
+    "crosscheck.equivalence.roots": COMPARED,
     "crosscheck.report.plots": DRAWING,
 }
 

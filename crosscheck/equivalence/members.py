@@ -121,12 +121,12 @@ def _placement(pair: Pair) -> Iterator[Difference]:
 
 
 def _silent(pair: Pair, name: str, value: Any) -> Difference:
-    """What is too small to be named, put right all the same: many of them add up."""
+    """Put right a difference too small to be named: many of them add up."""
     return Difference("rigid", "", pair.joint, 0.0, "-", "", "", (pair.change(name, value),))
 
 
 def _start(pair: Pair, target: Placement, way: float, turn: float) -> Iterator[Difference]:
-    """Where a base that floats stands at zero [m], [rad]: its coordinates count from there, and what acts on it is the same."""
+    """Compare the pose of a floating base at zero [m], [rad]: its coordinates count from there; what acts on it is the same."""
     one = pair.one
     yield _silent(pair, "placement position", target.position)
     yield _silent(pair, "placement rotation", target.rotation)

@@ -46,7 +46,7 @@ class Loaded:
 
 @dataclass(frozen=True)
 class Measure:
-    """How readers are compared: tolerance of efforts relative to their range [-], families that count, strictness."""
+    """Settings of a comparison of readers: tolerance of efforts relative to their range [-], families that count, strictness."""
 
     tolerance: float = TOLERANCE
     families: tuple[str, ...] = JUDGED

@@ -1,5 +1,4 @@
-"""Response of a mechanism alone to a measured motion, by the free parameters: efforts of its joints, moments at its gauges, and
-the signals of markers and accelerometers.
+"""Response of a mechanism alone to a measured motion, by the free parameters: efforts of joints, readings of all sensors.
 
 Rigid trees: tau = (Y + x Y_x + y Y_y) pi + f tau_spring, Y by `flexinv.torque_regressor`, Y_x, Y_y its derivatives by a tilt of
 gravity about the world's axes x and y, pi (links x 10) by log-Cholesky.  Loops and beams: `flexinv.solve`; for rigid loops with

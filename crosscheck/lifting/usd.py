@@ -68,7 +68,7 @@ def lift_usd(path: Path) -> Description:
 
 
 def _words(error: Exception) -> str:
-    """What the library says, without the places of its own code."""
+    """Return the library's message without the places of its own code."""
     said = re.findall(r" : '(.*?)'\s*$", str(error), re.DOTALL | re.MULTILINE) or [str(error)]
     plain = [re.sub(r"pxrInternal\w*?__", "", " ".join(words.split())) for words in said]
     return "; ".join(dict.fromkeys(plain))[:300]

@@ -214,7 +214,7 @@ def _called(job: Mapping[str, Any], folder: Path, limit: float, children: Childr
 
 
 def too_late(limit: float, without: float) -> str:
-    """Return what is said of a process stopped after ``limit`` [s], of which it waited ``without`` [s] for a processor."""
+    """Return the message for a process stopped after ``limit`` [s], of which it waited ``without`` [s] for a processor."""
     words = f"stopped after the time limit of {limit:g} s"
     if without <= BUSY * limit:
         return words

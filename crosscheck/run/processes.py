@@ -29,7 +29,7 @@ def kill_group(leader: int) -> None:
 
 
 def waited(process: int) -> float:
-    """Return how long a process wanted a processor and got none [s], of the thread that waited longest; 0 where nobody says."""
+    """Return the time that a process wanted a processor and got none [s], of its longest waiting thread; 0 where unknown."""
     longest = 0
     with contextlib.suppress(OSError, ValueError, IndexError):
         for thread in Path(f"/proc/{process}/task").iterdir():

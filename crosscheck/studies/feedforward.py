@@ -170,7 +170,7 @@ def _outside(job: Mapping[str, Any], m: Mechanism, found: Following, name: str) 
 
 
 def replay_given(file: str) -> dict[str, Any]:
-    """Return what a child process answers about the replay in a file: tips by link (samples, 3) [m], or why there are none."""
+    """Return the answer of a child process about the replay in a file: tips by link (samples, 3) [m], or why there are none."""
     job, mechanism, drive = pickle.loads(Folder(file).read_bytes())
     replay = offered(opened(job), "replay")
     assert replay is not None

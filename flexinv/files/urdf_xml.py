@@ -44,7 +44,7 @@ def read_xml(path: Path) -> Element:
 
 
 def _mended(data: bytes, error: str) -> str:
-    """What to write where XML does not parse: another file, another encoding, or tags that are closed."""
+    """Return the advice for XML that does not parse: another file, another encoding, or tags that are closed."""
     if b"<" not in data[:256]:
         return "a file of XML: this one does not begin as XML, so another format perhaps bears its name"
     if "invalid token" in error:

@@ -116,7 +116,9 @@ def off(mechanism: Mechanism, case: Case, name: str, options: Mapping[str, Any])
 
 
 def scattered(mechanism: Mechanism, case: Case, name: str, options: Mapping[str, Any], seed: int | None) -> Record:
-    """Pinocchio with white noise of 1.6 % of the range in its torques; with a seed it is the same in every process.
+    """Pinocchio with white noise of +-1.6 % of the range in its torques; with a seed it is the same in every process.
+
+    Noise that is never larger is covered by what it does to refinement, whatever is drawn; a normal one sometimes is not.
 
     The noise of "steady" differs between its three refinements only, as that of an engine that depends on its step.
     """
@@ -125,7 +127,7 @@ def scattered(mechanism: Mechanism, case: Case, name: str, options: Mapping[str,
 
     def noise(one: Series) -> Series:
         size = 0.016 * float(np.ptp(one.values)) if one.quantity == "torque" else 0.0
-        return replace(one, values=one.values + size * random.standard_normal(one.values.size))
+        return replace(one, values=one.values + size * random.choice([-1.0, 1.0], one.values.size))
 
     levels = [{n: noise(s) for n, s in good.series.items()} for _ in range(3)]
     if seed is None:

@@ -37,7 +37,7 @@ def write_table(file: str, rows: Sequence[Loaded], out: Path) -> None:
 
 
 def sentence(rows: Sequence[Loaded]) -> str:
-    """Return how many readers make the same machine of the file as the first, in a sentence."""
+    """Return the number of readers that make the same machine of the file as the first, in a sentence."""
     counts = {word: [row.reader for row in rows[1:] if row.result == word] for word in ("equal", "different", "cannot")}
     words = {"equal": "the same machine", "different": "another one", "cannot": "nothing: it cannot read it"}
     parts = [f"{', '.join(names)}: {words[word]}" for word, names in counts.items() if names]

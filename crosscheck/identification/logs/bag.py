@@ -27,7 +27,7 @@ NANO = 1e-9
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path is that of a bag [-]: by its suffix, or a folder with metadata.yaml."""
+    """Return True if a path is that of a bag [-]: by its suffix, or a folder with metadata.yaml."""
     return path.suffix.lower() in SUFFIXES or (path / "metadata.yaml").is_file()
 
 

@@ -51,7 +51,7 @@ def truth(q: np.ndarray, time: np.ndarray, zero: float, gain: float) -> dict[str
         return np.column_stack([along, -0.4 * np.sin(one) - x * np.sin(both) + y * np.cos(both)])
 
     tip, wrist = place(0.3, 0.01), place(0.25, 0.0)
-    felt = [*CubicSpline(time, wrist)(time, 2), 0.0, 9.81]
+    felt = np.array([0.0, 9.81]) + CubicSpline(time, wrist)(time, 2)
     turned = q.sum(axis=1) + np.pi / 2.0
     axes = {
         "x": np.column_stack([np.cos(turned), -np.sin(turned)]),
