@@ -14,6 +14,8 @@ from flexinv.constraints.continuation import mobility
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.model.mechanism import Mechanism
 
+pytestmark = pytest.mark.slow  # what they share is computed once, and takes seconds
+
 Array = NDArray[np.float64]
 STEP, END, DRIVE = 1e-4, 0.03, andrews.P["drive"]
 

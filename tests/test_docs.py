@@ -28,6 +28,7 @@ COMMANDS = ("flexinv", "crosscheck")
 FILE = re.compile(r"^`(models/\S+\.toml)`:?\n\n```toml\n(.*?)^```$", re.M | re.S)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", with_blocks("python"))
 def test_python_on_the_page_runs(page: str, tmp_path: Path) -> None:
     """Blocks run one after another, as a reader would type them, from the project's folder; files go elsewhere."""

@@ -24,7 +24,7 @@ WEIGHT = 2_000_000  # [bytes] of a page with what it shows, without the script o
 WIDE = "document.documentElement.scrollWidth <= innerWidth + 1"
 # What a new user asks in whole sentences: the page that answers, and words of the answer.
 QUESTIONS = {
-    "How do I add a payload?": ("howto/payload", "entry of the link's table payload"),
+    "How do I add a payload?": ("howto/payload", "entry of the link\u2019s table payload"),
     "Why is my torque noisy?": ("howto/noisy-torque", "A torque that rings or jumps has one of these reasons"),
     'What does "explained" mean?': ("explanation/verdicts", "the error bars of both engines cover it"),
     "How do I start in equilibrium?": ("howto/static-start", "flexinv finds the equilibrium under gravity first"),

@@ -148,7 +148,8 @@ def _tell_readers(file: str, rows: list[Loaded], out: Path | None, form: str) ->
         write_table(file, rows, out)
     _add_summary(markdown_table(file, rows))
     if form:
-        click.echo(json.dumps([row.plain for row in rows], indent=1) if form == "json" else markdown_table(file, rows))
+        plain = [row.plain for row in rows]
+        click.echo(json.dumps(plain, indent=1) + "\n" if form == "json" else markdown_table(file, rows), nl=False)
         return
     Console().print(_readers_table(file, rows))
     for row in rows:

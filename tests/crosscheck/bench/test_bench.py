@@ -235,6 +235,7 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(parts, "PARTS", {"rigid": replace(parts.PARTS["rigid"], quick=TINY)})
 
 
+@pytest.mark.slow
 def test_the_command_leaves_a_page_and_ratios(tiny: None, tmp_path: Path) -> None:
     url = f"sqlite:///{tmp_path / 'history.sqlite'}"
     where = ["--models", str(MODELS), "--out", str(tmp_path / "out"), "--history", url]
@@ -274,6 +275,7 @@ def test_a_night_may_measure_speed_at_its_end(tiny: None, monkeypatch: pytest.Mo
     assert "times as fast as rneaInParallel" in (tmp_path / "reports" / "latest" / "trends" / "index.html").read_text()
 
 
+@pytest.mark.slow
 def test_a_run_that_nothing_has_changed_for_takes_less(root: Path, tmp_path: Path) -> None:
     write_models(tmp_path / "models", root, "pendulum")
     first, again = runs.study(str(tmp_path / "models"), whole=False, names=("pendulum",))["rows"]

@@ -50,6 +50,7 @@ def harmed_question(folder: Path, place: str, cause: str, target: str, size: flo
     return Question((mechanism, case, "pinocchio", "flexinv"), options | stems)
 
 
+@pytest.mark.slow
 def test_a_cause_is_named_with_its_size_and_taken_out(tmp_path: Path) -> None:
     asked = harmed_question(tmp_path, "double_pendulum/swing", "viscous damping", "knee", 0.05)
     answer, ending = ask(asked.job, 120.0, Children())
@@ -97,6 +98,7 @@ def test_one_question_for_each_engine_that_deviates_from_the_reference(tmp_path:
     assert not questions(Results("now", runs=runs[:1], comparisons=rows), plan, tmp_path)  # its series was not saved
 
 
+@pytest.mark.slow
 def test_the_cause_stands_in_the_matrix_and_in_every_summary(root: Path, tmp_path: Path) -> None:
     """From a run with an engine that has a damper too many to the cell, the list of troubles, Markdown and JUnit."""
     write_models(tmp_path / "models", root)

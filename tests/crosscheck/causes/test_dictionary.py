@@ -101,6 +101,7 @@ def test_a_cause_that_leaves_more_than_the_bars_is_not_named() -> None:
     assert name(here, more, 0.01 * np.abs(damped).max() + 3e-2 * np.abs(more - damped).max()).names  # inside wide bars
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 0.02])
 def test_an_engine_that_gives_something_else_is_not_taken_for_a_mechanism_almost_without_mass(share: float) -> None:
     """A sine in the place of efforts ten times as large: a mass scale of -0.9 or so leaves little of the *difference*."""

@@ -170,6 +170,7 @@ def test_a_stiffer_material_is_a_cause_with_stiffness(tmp_path: Path) -> None:
     assert not names(answer) - {"modulus of elasticity", "section stiffness"}
 
 
+@pytest.mark.slow
 def test_where_the_certificate_contradicts_every_cause_none_is_named(tmp_path: Path) -> None:
     """Torques of a damper too many from an engine whose model says that a body is heavier: two faults, or another one."""
     mechanism, case = load("double_pendulum/swing")
@@ -198,6 +199,7 @@ def test_a_line_that_an_engine_does_not_state_is_not_left_as_it_is() -> None:
     assert not _is_left("masses", theirs, ours, theirs)
 
 
+@pytest.mark.slow
 def test_a_failing_line_that_a_cause_leaves_as_it_is_contradicts_it(tmp_path: Path) -> None:
     """A centre of mass that is out by twice what is allowed fails; a scale of all torques says nothing of it."""
 

@@ -86,6 +86,7 @@ def test_planted_causes_are_named_on_a_flexible_mechanism() -> None:
     check(run_bench(BY_NAME["flex_one_link"], MODELS, (0.1,), FLEXIBLE, targets=1), least=4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cause", ["inertial frame rotated", "rotary inertia dropped", "fixed joint fused wrongly"])
 def test_inertias_are_told_apart_by_a_quick_motion_and_the_certificate(cause: str) -> None:
     rows = run_bench(BY_LABEL["panda/quick in exudyn"], MODELS, (0.1,), (cause,))

@@ -333,6 +333,7 @@ def test_what_is_not_installed_is_said_with_what_to_install(module: str) -> None
     assert "'rich>=13'" in done.stderr
 
 
+@pytest.mark.slow
 def test_without_a_database_everything_but_nights_runs() -> None:
     done = without("sqlalchemy", "--help")
     assert done.returncode == 0
@@ -343,6 +344,7 @@ def test_without_a_database_everything_but_nights_runs() -> None:
     assert "flexinv[history]" in night.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="/dev/full")
 def test_a_reader_that_goes_away_is_no_deviation() -> None:
     command = [sys.executable, "-m", "crosscheck", "engines"]

@@ -20,6 +20,8 @@ from crosscheck.measures.series_csv import read, table
 from crosscheck.verdicts.plan import discover
 from flexinv.errors import InputError
 
+pytestmark = pytest.mark.slow  # what they share is computed once, and takes seconds
+
 PROGRAMS = Path(__file__).parents[2] / "shared" / "kit_programs"
 ALONE = "import sys, runpy; sys.modules['flexinv'] = sys.modules['crosscheck'] = None; sys.argv = sys.argv[1:]; "
 ALONE += "runpy.run_path(sys.argv[0], run_name='__main__')"
@@ -186,7 +188,6 @@ def test_a_folder_of_others_is_left_alone(models: Path, tmp_path: Path) -> None:
     assert (tmp_path / "thesis.txt").read_text() == "mine"
 
 
-@pytest.mark.slow
 def test_the_same_input_gives_the_same_bytes_and_the_audit_holds(models: Path, written: Path, tmp_path: Path) -> None:
     cases = ("double_pendulum/swing", "rigid_one_link/cycloid")
     words = ("--models", str(models), "--engines", "flexinv,pinocchio,formula", "--out", str(tmp_path), "--jobs", "1")

@@ -106,6 +106,7 @@ def test_a_program_with_a_mistake_answers_all_the_same(go: Go, kind: str) -> Non
     assert bool(record.certificate.get("mass")) == (kind == "heavy")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "kind",
     ["hanging", pytest.param("stubborn", marks=pytest.mark.slow), pytest.param("breeding", marks=pytest.mark.slow)],

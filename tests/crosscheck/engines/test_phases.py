@@ -63,6 +63,7 @@ def apart(record: Record, other: Record, quantity: str, samples: slice = slice(N
     return float(gap / scale)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", ["pinocchio", "mujoco"])
 @pytest.mark.parametrize("name", SWITCHED)
 def test_an_engine_agrees_with_flexinv_through_the_switches(name: str, which: str) -> None:
@@ -70,6 +71,7 @@ def test_an_engine_agrees_with_flexinv_through_the_switches(name: str, which: st
         assert apart(by(name, which), by(name, "flexinv"), quantity) < NEAR
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", ["pinocchio", "mujoco"])
 def test_a_closure_that_ceases_too_early_is_seen(which: str) -> None:
     """One hand holds the bar alone for 0.1 s."""

@@ -69,6 +69,7 @@ def test_the_mesh_is_no_part_of_the_machine(tmp_path: Path) -> None:
     assert any("forearm 1 of order 4 in A, 4 of order 4 in B" in note for note in found.notes)
 
 
+@pytest.mark.slow
 def test_a_case_kit_is_its_mechanism(tmp_path: Path) -> None:
     """Stations, sections and curvatures of a kit's case.json are those of mechanism.toml."""
     run = CliRunner().invoke(main, ["kit", ARM, "--case", "reach", "--out", str(tmp_path / "kit")])

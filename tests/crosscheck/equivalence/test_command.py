@@ -86,6 +86,7 @@ def test_readers_take_one_file_that_engines_read(tmp_path: Path) -> None:
         assert "Traceback" not in run.output
 
 
+@pytest.mark.slow
 def test_planted_faults_are_named_first(tmp_path: Path) -> None:
     """Sixteen of the campaign's faults, `python tests/shared/description_campaign.py`: all named, nothing else."""
     pytest.importorskip("pinocchio")

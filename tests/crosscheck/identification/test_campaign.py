@@ -33,6 +33,7 @@ relative = 1.0
 """
 
 
+@pytest.mark.slow
 def test_intervals_of_a_random_chain_hold_the_truth() -> None:
     """34 or so 90 % intervals, of which neighbours hang together: fewer than three quarters would be a mistake."""
     told, covered, _ = campaign.trial("rigid", 1)

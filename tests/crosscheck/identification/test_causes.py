@@ -74,6 +74,7 @@ SPOIL: dict[str, Callable[[Array], Array]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "place", "column", "spoiled", "size"),
     [

@@ -51,6 +51,7 @@ def ask(program: str, kit: Path, out: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "case", "program", "enough"),
     [
@@ -90,6 +91,7 @@ def test_the_sign_of_an_axial_force_is_the_one_that_the_kit_states(root: Path) -
     assert record.series["axial/link"].values[fastest] < -4.0  # rho A omega^2 L^2 / 2 of the rigid turn is 4.4 N
 
 
+@pytest.mark.slow
 def test_the_same_case_gives_the_same_files_and_a_blind_kit_no_values(root: Path, tmp_path: Path) -> None:
     first = kit(root, tmp_path / "1", "double_pendulum", "swing")
     again = kit(root, tmp_path / "2", "double_pendulum", "swing")

@@ -244,6 +244,7 @@ def test_a_plane_motion_and_the_certificate_tell_inertias_apart(cause: str) -> N
     assert row.parameters > 1 or found.size == pytest.approx(size, rel=1e-6)  # rounding over the change
 
 
+@pytest.mark.slow
 def test_where_the_certificate_contradicts_every_cause_none_is_named() -> None:
     """A damper explains the motion, and the engine's model says that a body is heavier: it is neither of them alone."""
     model = model_at("double_pendulum/swing")

@@ -50,6 +50,7 @@ def test_all_cases_are_asked_in_one_process(plan: Plan) -> None:
     assert said.message == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "why"),
     [("killed", "killed by signal 6 (SIGABRT)"), ("hanging", "stopped after the time limit of 5 s")],

@@ -134,6 +134,7 @@ def living(leader: int) -> list[str]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("module", "why"),
     [
@@ -153,6 +154,7 @@ def test_an_engine_that_cannot_be_imported_says_so_itself(task: Task, children: 
     assert record.message == "ModuleNotFoundError: No module named 'no_such_module'"
 
 
+@pytest.mark.slow
 def test_a_job_whose_prepared_process_dies_is_done_again(task: Task, children: Children, tmp_path: Path) -> None:
     done: list[Attempt] = []
     engine, limit = rogue.engine("hanging"), patience(task, Children())

@@ -104,6 +104,7 @@ def test_what_an_engine_prints_is_kept_and_harmless(attempt: Callable[..., Attem
     assert "\0" not in loud.printed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "kind",
     ["hanging", pytest.param("stubborn", marks=pytest.mark.slow), pytest.param("breeding", marks=pytest.mark.slow)],

@@ -276,6 +276,7 @@ def night(plan: Plan, out: Path, **options: object) -> tuple[Results, list[Event
     return run(work, out, events.append), events
 
 
+@pytest.mark.slow
 def test_an_unchanged_run_starts_no_process_and_says_so(
     plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -302,6 +303,7 @@ def test_an_unchanged_run_starts_no_process_and_says_so(
     assert {row.kept for row in (*fresh.runs, *fresh.studies)} == {""}
 
 
+@pytest.mark.slow
 def test_a_damaged_entry_is_computed_again_and_the_report_says_so(plan: Plan, tmp_path: Path) -> None:
     night(plan, tmp_path / "out")
     for file in (tmp_path / "kept").glob(f"*/*{ENDING}"):
@@ -311,6 +313,7 @@ def test_a_damaged_entry_is_computed_again_and_the_report_says_so(plan: Plan, tm
     assert "was damaged and is computed again" in again.settings["kept results"]
 
 
+@pytest.mark.slow
 def test_the_command_line_takes_what_is_kept_but_not_in_ci(plan: Plan, tmp_path: Path) -> None:
     models = plan.tasks[0].folder.parent
 

@@ -25,6 +25,7 @@ def rows_of(root: Path, model: str) -> dict[tuple[str, str], dict[str, object]]:
     return {(str(row["engine"]), str(row["feed_forward"])): row for row in rows}
 
 
+@pytest.mark.slow
 def test_rigid_arm_on_a_line_in_every_rigid_engine(root: Path) -> None:
     rows = rows_of(root, "rigid_3r")
     assert {engine for engine, _ in rows} == {"flexinv", "pinocchio", "mujoco"}

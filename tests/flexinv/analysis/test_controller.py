@@ -106,6 +106,7 @@ def test_a_rigid_step_is_joint_torques() -> None:
     np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["panda", "flex_two_link", "spatial_arm"])
 def test_nothing_is_allocated(root: Path, model: str) -> None:
     """Steps leave nothing behind, and none holds an array for a while."""

@@ -12,6 +12,8 @@ from two_arms_example import FROM, GRASP, LOWER, RELEASE, START, TO, motion, two
 import flexinv
 from flexinv.model.mechanism import Beam, Joint, Link, Mechanism, Section
 
+pytestmark = pytest.mark.slow  # what they share is computed once, and takes seconds
+
 STEP = 1e-3
 # 3.75 kg/m as the rigid forearm; a solid bar of aluminium with EI = 800 N m^2 sags by 1.2 mm under its own hand and bar
 EI = 800.0

@@ -15,6 +15,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow  # what they share is computed once, and takes seconds
+
 Paths = dict[str, list[list[str]]]
 
 SOLVE = "analysis/solve.solve"

@@ -39,6 +39,7 @@ def test_the_linearisation_is_the_derivative_of_the_residual(mechanism: Mechanis
     assert np.abs(slopes - exact).max() < DIFFERENCE * np.abs(exact).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mechanism", MECHANISMS, ids=lambda m: m.name)
 def test_elimination_equals_the_dense_solution(mechanism: Mechanism) -> None:
     case = scene(mechanism)

@@ -204,6 +204,7 @@ def hanging(count: int) -> Mechanism:
     return Mechanism("chain", links, joints, gravity=np.array([G, 0.0, 0.0]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [3, 10, 20, 40])
 def test_a_chain_of_ball_joints_swings_as_about_a_steady_motion(count: int) -> None:
     """Spins without stiffness, a third of all motions, take nothing from the others; 1e-7 of 40 links are left by both."""
@@ -233,6 +234,7 @@ def test_a_rigid_rotation_is_zero_and_no_instability(root: Path) -> None:
     assert found.frequency[1] == 0.0
 
 
+@pytest.mark.slow
 def test_damping_leaves_what_solvers_share_alone() -> None:
     """A mechanism's topology is kept for all solvers: friction is no damping here, and stays in it."""
     dry = pendulum(2)

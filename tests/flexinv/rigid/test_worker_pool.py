@@ -195,6 +195,7 @@ for _ in range(5 if sys.argv[1] == "fork" else 0):
 """  # and the program ends while its helpers watch
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", ["fork", "end"])
 def test_helpers_neither_outlive_a_fork_nor_the_program(way: str) -> None:
     if way == "fork" and not hasattr(os, "fork"):
@@ -229,6 +230,7 @@ def switched(root: Path, out: Path, **environment: str) -> subprocess.CompletedP
     return subprocess.run([sys.executable, "-c", SWITCHED, str(out)], env=variables, capture_output=True, text=True)
 
 
+@pytest.mark.slow
 def test_the_switch_leaves_no_helper(root: Path, tmp_path: Path) -> None:
     """FLEXINV_THREADS=1: no thread beside the caller's, and the same torques to the last bit."""
     on, off = (switched(root, tmp_path / f"{n}.npy", FLEXINV_THREADS=n) for n in ("2", "1"))

@@ -109,6 +109,7 @@ def test_elimination_along_time_solves_the_blocks() -> None:
 # -------------------------------------------------------------------------------------------------------------- theorems
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("elastic", [True, False])
 def test_linear_arm_against_the_exact_inverse(elastic: bool) -> None:
     """Euler-Bernoulli's beam inverted term by term of a Fourier series: what remains falls with the square of the step."""

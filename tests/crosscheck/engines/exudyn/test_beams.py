@@ -176,6 +176,7 @@ def test_signs_and_frames_in_space_are_those_of_a_rigid_rod() -> None:
         )
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("in_space")
 @pytest.mark.parametrize("engine", BEAMS)
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
@@ -232,6 +233,7 @@ def test_what_separates_cable_and_beam_is_shear_and_rotary_inertia() -> None:
 PAYLOAD = Body("tool", Inertia(0.01, np.array([0.02, 0.01, 0.0]), 1e-6 * np.eye(3)), 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", BEAMS)
 def test_space_and_plane_agree(engine: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The strip with a payload beside its axis: other elements, other joints, another integrator, the same motion."""

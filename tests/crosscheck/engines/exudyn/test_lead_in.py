@@ -37,6 +37,7 @@ def off(record: Record, other: Record, quantity: str) -> float:
     return float(max(np.abs(record.series[n].values - other.series[n].values).max() for n in names) / span)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rate", "acceleration"), [(0.0, 8.0), (5.0, 0.0), (-3.0, 6.0)])
 def test_a_loop_that_starts_in_motion(rate: float, acceleration: float) -> None:
     """Springs, dampers and forces with tables that go with the time, at every sample, the first one included."""

@@ -60,6 +60,7 @@ def apart(record: Record, other: Record, quantity: str) -> tuple[float, float]:
     return float(max(a.max() for a in off) / span), float(max(beyond) / span)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_exudyn_agrees_with_pinocchio(name: str) -> None:
     example = EXAMPLES[name]()

@@ -54,6 +54,7 @@ def apart(record: Record, other: Record, quantity: str, sample: int | None = Non
     return float((gap.max() if sample is None else gap[sample]) / scale)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["two_arms", pytest.param("walker", marks=pytest.mark.slow)])
 def test_exudyn_agrees_with_flexinv_through_the_switches(name: str) -> None:
     mechanism, case, other = model(name)
@@ -97,6 +98,7 @@ def test_a_phase_begins_with_its_instant() -> None:
 # -------------------------------------------------------------------------------------------- faults that must show
 
 
+@pytest.mark.slow
 def test_a_switch_one_step_late_is_seen_at_the_instant(monkeypatch: pytest.MonkeyPatch) -> None:
     """The step that arrives at the instant would be made with the constraints of before."""
     mechanism, case, other = model("two_arms")
