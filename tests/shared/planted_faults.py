@@ -49,14 +49,14 @@ class Planted:
 def planted(found: Identified, log: Log) -> Iterator[Planted]:
     """Yield logs with one fault each: delays, lags, constants and signs of every effort, tilts of gravity, a payload."""
     for channel in found.machine.channels:
-        values, kind = log.columns[channel.column], "gauge" if channel.is_gauge else "effort"
+        values, kind = log.columns[channel.column], channel.sense
         delay = SAMPLES * log.spacing
         spoiled = {
             (f"delay of the {kind}", delay): delayed(values, log.spacing, delay),
             (f"first-order lag of the {kind}", LAG): lagged(values, log.spacing, LAG),
             (f"wrong sign of the {kind}", -1.0): -values,
         }
-        if not channel.is_gauge:
+        if kind == "effort":
             spoiled["torque constant, relative error", CONSTANT] = (1.0 + CONSTANT) * values
         for (name, size), column in spoiled.items():
             yield Planted(name, channel.place, size, replace(log, columns={**log.columns, channel.column: column}))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import logged_arm
 import numpy as np
+import planted_faults
 import pytest
 from numpy.typing import NDArray
 
@@ -100,6 +101,20 @@ def test_a_planted_fault_is_named_first_with_its_size(
     assert (first.name.split(", the column")[0], first.place) == (name, place)
     assert first.size == pytest.approx(size, rel=0.1)
     assert name in first.words
+
+
+def test_the_campaign_plants_every_kind_and_judges_it(known: tuple[Identified, Log]) -> None:
+    """What `python tests/shared/planted_faults.py` does with a real log: one of its faults, found and not found."""
+    found, log = known
+    every = {(one.name, one.place): one for one in planted_faults.planted(found, without_encoder(log))}
+    kinds = {name for name, _ in every}
+    assert {"delay of the effort", "first-order lag of the effort", "wrong sign of the effort"} <= kinds
+    assert {"torque constant, relative error", "tilt of gravity"} <= kinds
+    sign = every["wrong sign of the effort", "elbow"]
+    named = name_causes(found, sign.log)
+    assert planted_faults.verdict(sign, named, set())[0]
+    assert not planted_faults.verdict(every["wrong sign of the effort", "shoulder"], named, set())[0]
+    assert not planted_faults.verdict(sign, [], set())[0]
 
 
 def test_swapped_columns_are_named(known: tuple[Identified, Log]) -> None:
