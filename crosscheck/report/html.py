@@ -104,7 +104,15 @@ def index_view(results: Results, out: Path, trends: bool = False) -> dict[str, A
         "limits": [(c, line) for c in results.cases for line in c.unused_limits],
         "changed": changed.sentence(results.changes),
         "trends": trends,
+        **alone(results),
     }
+
+
+def alone(results: Results) -> dict[str, Any]:
+    """Return what the first page shows of a study that is all there is; nothing of it beside others."""
+    if results.cases or len(results.studies) != 1:
+        return {"study": None}
+    return study_view(results, results.studies[0]) | {"root": ""}
 
 
 def block(results: Results, mechanism: str, cases: Sequence[CaseRow], out: Path) -> dict[str, Any]:
