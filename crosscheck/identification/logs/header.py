@@ -161,8 +161,9 @@ def _names(joints: Sequence[Joint]) -> dict[str, tuple[str, ...]]:
     before, after = _common(words), _common([w[::-1] for w in words])
     out: dict[str, tuple[str, ...]] = {}
     for word in words:
-        bare = word[len(before) : len(word) - len(after)].strip("_-. /")
-        out[word] = (word, bare) if len(joints) > 1 and len(bare) > SHORT and not bare.isdigit() else (word,)
+        cuts = (word[: len(word) - len(after)], word[len(before) : len(word) - len(after)]) if len(joints) > 1 else ()
+        bare = [cut.strip("_-. /") for cut in cuts]
+        out[word] = tuple(dict.fromkeys((word, *(b for b in bare if len(b) > SHORT and not b.isdigit()))))
     return out
 
 

@@ -136,7 +136,7 @@ def _read_csv(path: Path) -> Any:
             first, second = stream.readline(), stream.readline()
     except UnicodeDecodeError as error:
         raise InputError(f"{path.name}: the header is not UTF-8 ({error}); save it as UTF-8") from error
-    mark = max(",;\t", key=first.count)
+    mark = max(";\t,", key=lambda one: len(next(csv.reader([first], delimiter=one), [])))
     header = [cell.strip() for cell in next(csv.reader([first.strip()], delimiter=mark), [])]
     if doubled := sorted({cell for cell in header if header.count(cell) > 1}):
         raise InputError(f"{path.name}: column {doubled[0]!r} stands there twice; rename one of them")
