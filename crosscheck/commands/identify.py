@@ -84,6 +84,7 @@ def command(
         return
     try:
         with owned.report(folder):
+            owned.adopt(folder)  # what is written first is ours, too: the next run may write over it
             found = identify(source, _located(source, logs), _located(source, hold_out))
             write_parameters(found.parameters, owned.claim(folder / "parameters.csv"))
             write_judged(found.seen, found.judged, owned.claim(folder / "judged.csv"))

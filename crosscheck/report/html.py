@@ -109,7 +109,7 @@ def index_view(results: Results, out: Path, trends: bool = False) -> dict[str, A
 
 
 def alone(results: Results) -> dict[str, Any]:
-    """Return what the first page shows of a study that is all there is; nothing of it beside others."""
+    """Return the contents of a study for the first page of a run that has nothing else; no study beside others."""
     if results.cases or len(results.studies) != 1:
         return {"study": None}
     return study_view(results, results.studies[0]) | {"root": ""}

@@ -97,7 +97,7 @@ def columns_of(joints: Sequence[Joint], columns: Mapping[str, Array]) -> dict[st
 
 
 def _sense(name: str, rest: str, values: Array) -> tuple[str, Column] | None:
-    """What a column measures; rest : its name without that of its joint."""
+    """The sense of a column, and the column with its unit; rest : its name without that of its joint."""
     unit = _unit(rest, UNITS)
     if TOLD.search(rest):
         return None
@@ -168,7 +168,7 @@ def _names(joints: Sequence[Joint]) -> dict[str, tuple[str, ...]]:
 
 
 def _common(words: Sequence[str]) -> str:
-    """What all words begin with, up to the last mark between words."""
+    """The beginning that all words share, up to the last mark between words."""
     length = 0
     while words and all(len(w) > length and w[length] == words[0][length] for w in words):
         length += 1
