@@ -20,10 +20,11 @@ from crosscheck.identification.combinations import told_directions
 from crosscheck.identification.excitation import Proposal, proposed_motion
 from crosscheck.identification.files import write_judged, write_parameters, write_prediction
 from crosscheck.identification.identified_file import write_identified
-from crosscheck.identification.identify import Identified, blocks, identify, machine_of
+from crosscheck.identification.identify import Identified, blocks, identify, machine_of, read_of
+from crosscheck.identification.logs.header import time_of, time_unit
 from crosscheck.identification.logs.log import column_names, read_log
 from crosscheck.identification.page import write_page
-from crosscheck.identification.propose import proposed, time_of
+from crosscheck.identification.propose import proposed
 from crosscheck.identification.settings import FILE
 from crosscheck.report.words import short
 from flexinv.errors import FlexinvError, InputError
@@ -83,20 +84,21 @@ def command(
         return
     try:
         with owned.report(folder):
+            owned.adopt(folder)  # what is written first is ours, too: the next run may write over it
             found = identify(source, _located(source, logs), _located(source, hold_out))
             write_parameters(found.parameters, owned.claim(folder / "parameters.csv"))
             write_judged(found.seen, found.judged, owned.claim(folder / "judged.csv"))
             write_identified(found, toml_file(source, "mechanism.toml"), owned.claim(folder / "identified.toml"))
             if wanted is not None:
-                log = read_log(_located(source, (wanted,))[0], found.machine.settings.time)
+                log = read_of(found.machine, _located(source, (wanted,))[0])
                 write_prediction(found.machine, found.predict(log), owned.claim(folder / "prediction.csv"))
             _say(console, found)
             causes = _causes(console, found, source, logs, hold_out) if asked else []
             if count is not None:
-                log = read_log(_located(source, logs[:1])[0], found.machine.settings.time)
+                log = read_of(found.machine, _located(source, logs[:1])[0])
                 _table(console, f"{count} blocks in turn", blocks(machine_of(source), log, count))
             if seconds is not None:
-                log = read_log(_located(source, logs[:1])[0], found.machine.settings.time)
+                log = read_of(found.machine, _located(source, logs[:1])[0])
                 _motion(console, proposed_motion(found.machine, found.fit, log, seconds), folder)
             results = write_page(found, causes, " ".join(sys.argv[1:]), folder)
     except (FlexinvError, OSError) as error:
@@ -112,7 +114,8 @@ def _propose(console: Console, source: Path, log: str) -> None:
             raise InputError(f"{file} is there already: move it away, or mend it by hand")
         path = _located(source, (log,))[0]
         time = time_of(column_names(path))
-        text = proposed(load_mechanism(source), read_log(path, time), time)
+        unit = time_unit(time, read_log(path.partition("@")[0], time).spacing)
+        text = proposed(load_mechanism(source), read_log(path, time, unit[0]), time, unit)
         file.write_text(text, encoding="utf-8")
     except (FlexinvError, OSError) as error:
         raise Failure(str(error)) from error
@@ -162,7 +165,7 @@ def _causes(
 ) -> list[tuple[str, Remains]]:
     out = []
     for log in _located(source, hold_out) or _located(source, logs[:1]):
-        rest = what_remains(found, read_log(log, found.machine.settings.time), not hold_out)
+        rest = what_remains(found, read_of(found.machine, log), not hold_out)
         console.print(f"\n[bold]what remains of {escape(Path(log).name)}[/bold]")
         for words in [one.words for one in rest.named] or ["no cause of the dictionary explains what remains: unknown"]:
             console.print(escape(words), highlight=False, soft_wrap=True)

@@ -22,6 +22,8 @@ FACTORS = {
     -1.0: "the opposite sign",
     2.0: "twice as much",
     0.5: "half as much",
+    10.0: "times ten: looks like a decimal point that moved",
+    0.1: "a tenth: looks like a decimal point that moved",
 }
 ANGLES = {np.pi: "half a turn", np.pi / 2: "a quarter turn"}
 
@@ -33,7 +35,30 @@ def factor_hints(value: float, before: float) -> tuple[str, ...]:
     if value == 0.0:
         return ("B has none",)
     ratio = value / before
-    return tuple(words for factor, words in FACTORS.items() if abs(ratio - factor) <= NEAR * abs(factor))
+    found = tuple(words for factor, words in FACTORS.items() if abs(ratio - factor) <= NEAR * abs(factor))
+    return found or (("the same digits in another order",) if _digits(value) == _digits(before) else ())
+
+
+def vector_hints(value: Array, before: Array) -> tuple[str, ...]:
+    """Return words for the way from one vector to another (3,) [any unit]: signs, exchanged or mistyped entries, a factor."""
+    near = NEAR * max(float(np.abs(value).max()), float(np.abs(before).max()))
+    other = [k for k in range(3) if abs(value[k] - before[k]) > near]
+    if other and len(other) < 3 and all(abs(value[k] + before[k]) <= near for k in other):
+        return (f"the opposite sign of {' and '.join('xyz'[k] for k in other)}",)
+    if len(other) == 2:
+        a, b = other
+        if abs(value[a] - before[b]) <= near and abs(value[b] - before[a]) <= near:
+            return (f"{'xyz'[a]} and {'xyz'[b]} are exchanged",)
+    if len(other) == 1:
+        hints = factor_hints(float(value[other[0]]), float(before[other[0]])) if before[other[0]] else ()
+        return tuple(f"its {'xyz'[other[0]]}: {words}" for words in hints)
+    return factor_hints(float(np.linalg.norm(value)), float(np.linalg.norm(before)))
+
+
+def _digits(value: float) -> list[str]:
+    """The digits of a number as files print it, in order of size; none where there are too few to be an accident."""
+    digits = sorted(f"{abs(value):.6e}".partition("e")[0].replace(".", "").rstrip("0"))
+    return digits if len(set(digits)) > 1 else [f"{value!r}"]
 
 
 def tensor_hints(one: Inertia, two: Inertia) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from crosscheck.equivalence.align import SAME, Aligned
 from crosscheck.equivalence.difference import Change, Difference
-from crosscheck.equivalence.hints import factor_hints, tensor_hints
+from crosscheck.equivalence.hints import factor_hints, tensor_hints, vector_hints
 from crosscheck.equivalence.tree import SCALARS, Member
 from crosscheck.lifting.rigid import angle, moved, on
 from flexinv.model.mechanism import Array, Limits, Placement
@@ -106,7 +106,7 @@ def _placement(pair: Pair) -> Iterator[Difference]:
     if way > SAME * pair.size:
         changes = (pair.change("placement position", target.position),)
         shown = vector_text(one.placement.position), vector_text(target.position)
-        hints = factor_hints(float(np.linalg.norm(target.position)), float(np.linalg.norm(one.placement.position)))
+        hints = vector_hints(target.position, one.placement.position)
         digits = np.sqrt(3) * pair.digits(one.joint, "position")
         yield Difference("rigid", "position of joint", pair.joint, way, "m", *shown, changes, hints, printed=digits)
     elif way > 0.0:
@@ -147,7 +147,7 @@ def body_differences(pair: Pair) -> Iterator[Difference]:
     gap = float(np.linalg.norm(there.com - one.com))
     if there.mass and (one.mass or one.tensor.any()) and gap > SAME * pair.size:
         shown = vector_text(one.com), vector_text(there.com)
-        hints = factor_hints(float(np.linalg.norm(there.com)), float(np.linalg.norm(one.com)))
+        hints = vector_hints(there.com, one.com)
         changes, digits = (pair.change("com", there.com),), np.sqrt(3) * pair.digits(one.name, "com")
         yield Difference("rigid", "centre of mass", pair.link, gap, "m", *shown, changes, hints, printed=digits)
     elif gap > 0.0:

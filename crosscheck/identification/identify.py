@@ -84,8 +84,8 @@ def identify(
     if not logs:
         raise InputError("identify: no log, expected one at least; write logs=['run.csv']")
     machine = machine_of(mechanism, settings)
-    given = [_log(machine, log) for log in logs]
-    held = [_log(machine, log) for log in hold_out]
+    given = [read_of(machine, log) for log in logs]
+    held = [read_of(machine, log) for log in hold_out]
     words = doubts(machine, given, held)
     runs = tuple(make_run(machine, log) for log in given)
     task = problem(machine, runs)
@@ -103,8 +103,9 @@ def identify(
     )
 
 
-def _log(machine: Machine, log: Log | str | Path) -> Log:
-    return log if isinstance(log, Log) else read_log(log, machine.settings.time)
+def read_of(machine: Machine, log: Log | str | Path) -> Log:
+    """Return a log [s] with the times that identify.toml names; one that is read already as it is."""
+    return log if isinstance(log, Log) else read_log(log, machine.settings.time, machine.settings.time_unit)
 
 
 def blocks(machine: Machine, log: Log, count: int) -> list[Judged]:

@@ -41,6 +41,9 @@ bands are those of the readings behind the zero-phase low-pass at {bandwidth:g} 
 uncertainty of the parameters, of what remains, and of friction that differs between runs, and are calibrated on blocks of time
 that were left out. The estimates scatter {kappa:.2g} times as much from block to block as the formula says, in variance;
 intervals are widened by that."""
+UNJUDGED = """
+
+No limit is stated, so that nothing is judged: write [[limits]] into identify.toml, and give a log that is held out."""
 
 
 def write_page(found: Identified, causes: Sequence[tuple[str, Remains]], command: str, out: Path) -> Results:
@@ -62,12 +65,13 @@ def study_of(found: Identified, causes: Sequence[tuple[str, Remains]]) -> StudyR
     text = TEXT.format(
         count=told, all=len(found.parameters), bandwidth=found.machine.settings.bandwidth_Hz, kappa=found.fit.kappa
     )
+    text = text.replace("\n", " ") + ("" if found.machine.settings.limits else UNJUDGED)
     figures = [*_bands(found), *_spectra(found)]
-    tables = [_causes(causes), _least(causes), _parameters(found.parameters), _untold(found.words), _scatter(found)]
+    tables = [_causes(causes), _untold(found.words), _parameters(found.parameters), _least(causes), _scatter(found)]
     return StudyRow(
         f"identify {name}",
         f"{name}, identified",
-        text.replace("\n", " "),
+        text,
         COLUMNS,
         tuple(_rows(found)),
         figures=tuple(figures),
@@ -207,7 +211,7 @@ def _parameters(table: Sequence[Row]) -> dict[str, Any]:
             "unit": row.unit,
             "told": "yes" if row.identifiable else "no",
         }
-        for row in table
+        for row in sorted(table, key=lambda row: not row.identifiable)  # what the logs tell comes first
     ]
     return {"title": "Parameters before and after", "columns": columns, "rows": rows}
 

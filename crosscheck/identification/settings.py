@@ -22,6 +22,7 @@ ANGLES = {"rad": 1.0, "deg": 0.017453292519943295, "m": 1.0, "mm": 1e-3}
 RATES = {f"{unit}/s": factor for unit, factor in ANGLES.items()}
 EFFORTS = {"N m": 1.0, "N": 1.0, "A": 1.0, "mN m": 1e-3}
 LENGTHS = {"m": 1.0, "mm": 1e-3}
+TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 ACCELERATIONS = {"m/s^2": 1.0, "g": 9.80665}
 
 
@@ -183,7 +184,8 @@ class IdentifyTable(Table):
 
     format: Format = key("the version of the file's format, 1 when absent", "format = 1", default=1)
     source: Text = key("where the log comes from", 'source = "our test bench"', default="")
-    time: Text = key("name of the column of times [s]", 'time = "time_s"', default="time_s")
+    time: Text = key("name of the column of times", 'time = "time_s"', default="time_s")
+    time_unit: Literal["s", "ms", "us", "ns"] = key("unit of the times", 'time_unit = "ms"', default="s")
     bandwidth_Hz: Positive = key(
         "of the zero-phase low-pass behind which efforts are compared [Hz]", "bandwidth_Hz = 10"
     )

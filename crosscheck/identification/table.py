@@ -37,13 +37,16 @@ class Row:
 
 
 def untold(table: list[Row]) -> list[str]:
-    """Return in words which parameters the logs cannot tell, place by place [-]."""
-    places = dict.fromkeys(row.place for row in table if not row.identifiable)
-    out = []
-    for place in places:
-        names = ", ".join(row.parameter for row in table if row.place == place and not row.identifiable)
-        out.append(f"{place}: {names} cannot be told from these logs: the intervals are nearly what was known before")
-    return out
+    """Return in words which parameters the logs cannot tell [-]: places of which the same is said together."""
+    places: dict[tuple[str, ...], list[str]] = {}
+    for place in dict.fromkeys(row.place for row in table if not row.identifiable):
+        names = tuple(row.parameter for row in table if row.place == place and not row.identifiable)
+        places.setdefault(names, []).append(place)
+    return [
+        f"{', '.join(where)}: {', '.join(names)} cannot be told {'one by one ' if len(names) > 1 else ''}from these logs: "
+        "the intervals are nearly what was known before"
+        for names, where in places.items()
+    ]
 
 
 def rows(space: Space, found: Fit) -> list[Row]:

@@ -104,7 +104,15 @@ def index_view(results: Results, out: Path, trends: bool = False) -> dict[str, A
         "limits": [(c, line) for c in results.cases for line in c.unused_limits],
         "changed": changed.sentence(results.changes),
         "trends": trends,
+        **alone(results),
     }
+
+
+def alone(results: Results) -> dict[str, Any]:
+    """Return the contents of a study for the first page of a run that has nothing else; no study beside others."""
+    if results.cases or len(results.studies) != 1:
+        return {"study": None}
+    return study_view(results, results.studies[0]) | {"root": ""}
 
 
 def block(results: Results, mechanism: str, cases: Sequence[CaseRow], out: Path) -> dict[str, Any]:

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck.identification.bands import Judged
-from crosscheck.identification.identify import blocks, identify, machine_of
-from crosscheck.identification.logs.log import read_log
+from crosscheck.identification.identify import blocks, identify, machine_of, read_of
 from crosscheck.identification.page import COLUMNS, verdict
 from crosscheck.identification.settings import FILE
 from flexinv.errors import InputError
@@ -48,6 +47,6 @@ def judged(folder: Path) -> list[Judged]:
     assert night is not None
     logs = [str(folder / log) for log in night.log]
     if night.blocks is not None:
-        return blocks(machine, read_log(logs[0], machine.settings.time), night.blocks)
+        return blocks(machine, read_of(machine, logs[0]), night.blocks)
     found = identify(folder, logs, [str(folder / log) for log in night.hold_out])
     return [row for row in found.judged if row.log != "together"] if len(night.hold_out) == 1 else found.judged

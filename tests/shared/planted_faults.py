@@ -21,8 +21,8 @@ from crosscheck.identification.causes.cause import Named
 from crosscheck.identification.causes.dictionary import dictionary
 from crosscheck.identification.causes.name_causes import name_causes
 from crosscheck.identification.causes.rounds import carried
-from crosscheck.identification.identify import Identified
-from crosscheck.identification.logs.log import Log, read_log
+from crosscheck.identification.identify import Identified, read_of
+from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import Machine, delayed, lagged, make_run, sensed
 
 Array = NDArray[np.float64]
@@ -97,7 +97,7 @@ def main(name: str, only: str, itself: bool) -> None:
     """Plant faults in the log of NAME, one after the other, and print what is named."""
     path = MODELS / name / LOGS[name]
     found = crosscheck.identify(MODELS / name, [path])
-    log = read_log(path, found.machine.settings.time)
+    log = read_of(found.machine, path)
     untouched = name_causes(found, log, itself)
     click.echo("untouched: " + "; ".join(one.words for one in untouched))
     known = {(one.name, one.place) for one in untouched}

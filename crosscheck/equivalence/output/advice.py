@@ -41,7 +41,7 @@ MJCF = {
     "mass": '<inertial mass="{}" .../>',
     "centre of mass": '<inertial pos="{}" .../>, counted from the anchor of the body\'s joint',
     "joint axis": '<joint axis="{}"/>',
-    "position of joint": '<body pos="{}">, counted from joint to joint',
+    "position of joint": '<body pos="{}"> of the body that holds the joint, counted from joint to joint',
     "damping": '<joint damping="{}"/>',
     "dry friction": '<joint frictionloss="{}"/>',
     "rotor inertia": '<joint armature="{}"/>',
@@ -97,7 +97,10 @@ WORDS = {"urdf": URDF, "mjcf": MJCF, "sdf": SDF, "usd": USD, "toml": TOML}
 COMMAS = ("usd", "toml")  # formats whose vectors have commas
 TENSOR = {
     "urdf": ("<inertial> <inertia {}/>, along the axes of the link (origin rpy 0 0 0)", (0, 1, 2, 3, 4, 5)),
-    "mjcf": ('<inertial fullinertia="{}" .../>, in the order xx yy zz xy xz yz', (0, 3, 5, 1, 2, 4)),
+    "mjcf": (
+        '<inertial fullinertia="{}" .../>, in the order xx yy zz xy xz yz, instead of diaginertia and any turn of the inertial',
+        (0, 3, 5, 1, 2, 4),
+    ),
     "sdf": (
         "<inertial> <inertia> {}, along the axes of the link (no rotation in the inertial's <pose>)",
         (0, 1, 2, 3, 4, 5),

@@ -1,4 +1,4 @@
-"""Doubts about logs that can be read: overlaps, copies, other rates, constant and saturated columns; each in words."""
+"""Doubts about logs that can be read: overlaps, copies, slow and other rates, constant and saturated columns; each in words."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from crosscheck.identification.logs.header import SLOW
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import Machine
 
@@ -23,6 +24,12 @@ def doubts(machine: Machine, logs: list[Log], held: list[Log]) -> list[str]:
     words = [w for log in (*logs, *held) for w in _saturated(machine, log)]
     words += [_twice(machine, a, b, "both identify: samples count twice") for a, b in combinations(logs, 2)]
     words += [_twice(machine, a, b, "the hold-out was seen: what it says is no test") for a in logs for b in held]
+    words += [
+        f"{log.name}: its samples are {log.spacing:g} s apart, which is slow for a machine that moves: if its times are "
+        'milliseconds, write time_unit = "ms" in identify.toml'
+        for log in (*logs, *held)
+        if log.spacing > SLOW
+    ]
     rate = logs[0].spacing
     words += [
         f"{log.name} is sampled at {1 / log.spacing:.4g} Hz, {logs[0].name} at {1 / rate:.4g} Hz: "

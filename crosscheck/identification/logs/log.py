@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.identification.logs.bag import SUFFIXES, bag_columns, is_bag
+from crosscheck.identification.settings import TIMES
 from flexinv.errors import InputError
 from flexinv.validation import nearest
 
@@ -63,10 +64,10 @@ class Log:
         )
 
 
-def read_log(source: str | Path, time: str = "time_s") -> Log:
+def read_log(source: str | Path, time: str = "time_s", unit: str = "s") -> Log:
     """Read a log [s]; ``source`` may end in ``@START:END``, which takes these seconds of it.
 
-    time : name of the column of times [s]
+    time, unit : name of the column of times, and their unit: "s", "ms", "us" or "ns"
     Raises InputError: no such file, unknown format, columns missing or doubled, times that jump or run backwards.
     """
     text, _, part = str(source).partition("@")
@@ -78,7 +79,7 @@ def read_log(source: str | Path, time: str = "time_s") -> Log:
             f"{path.name}: no column {time!r} of times [s]; it has {', '.join(list(columns)[:40])}; "
             'write time = "NAME" into identify.toml'
         )
-    log = Log(path.name, columns.pop(time), columns)
+    log = Log(path.name, columns.pop(time) * TIMES[unit], columns)
     _check_times(log)
     if not part:
         return log
@@ -123,16 +124,26 @@ def _columns(path: Path, time: str) -> dict[str, Array]:
 
 
 def _read_csv(path: Path) -> Any:
+    """Commas, semicolons or tabs between columns; a decimal comma where no column is divided by commas."""
+    import csv
     import gzip
 
     import pandas as pd
 
     opener: Any = gzip.open if path.name.endswith(".gz") else open
-    with opener(path, "rt", encoding="utf-8") as stream:
-        header = [cell.strip() for cell in stream.readline().strip().split(",")]
+    try:
+        with opener(path, "rt", encoding="utf-8-sig", newline="") as stream:
+            first, second = stream.readline(), stream.readline()
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path.name}: the header is not UTF-8 ({error}); save it as UTF-8") from error
+    mark = max(";\t,", key=lambda one: len(next(csv.reader([first], delimiter=one), [])))
+    header = [cell.strip() for cell in next(csv.reader([first.strip()], delimiter=mark), [])]
     if doubled := sorted({cell for cell in header if header.count(cell) > 1}):
         raise InputError(f"{path.name}: column {doubled[0]!r} stands there twice; rename one of them")
-    return pd.read_csv(path, names=header, skiprows=1, skipinitialspace=True)
+    decimal = "," if mark != "," and "," in second and "." not in second else "."
+    return pd.read_csv(
+        path, names=header, skiprows=1, skipinitialspace=True, sep=mark, decimal=decimal, encoding="utf-8-sig"
+    )
 
 
 def _of_frame(path: Path, frame: Any) -> dict[str, Array]:

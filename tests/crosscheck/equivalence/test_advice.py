@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from arm_texts import arm
 
 import crosscheck
 from crosscheck.equivalence.compare import compare
+from crosscheck.equivalence.hints import vector_hints
 from crosscheck.equivalence.output.advice import written
 from crosscheck.equivalence.output.text import markdown
 from crosscheck.linting.lint import lint
@@ -19,6 +21,26 @@ LOWER = '<origin xyz="0.11 0.01 0.02"/><mass value="2.375"/>'
 
 def lines(a: Path, b: Path) -> list[str]:
     return [line for _, written in compare(a, b).advice for line in written]
+
+
+@pytest.mark.parametrize(
+    ("value", "before", "said"),
+    [
+        ((0.1, 0.2140001, 0.3), (0.1, -0.214, 0.3), "the opposite sign of y"),
+        ((0.1, 0.3, 0.2), (0.1, 0.2, 0.3), "y and z are exchanged"),
+        ((0.076, 0.079, 0.0), (0.076, 0.097, 0.0), "its y: the same digits in another order"),
+        ((0.0, 0.0, 2.5), (0.0, 0.0, 0.25), "its z: times ten: looks like a decimal point that moved"),
+        ((0.1, 0.2, 0.31), (0.1, 0.2, 0.3), ""),
+        ((0.0, 0.0, 0.5), (0.0, 0.0, 0.0), ""),
+    ],
+)
+def test_what_a_slip_of_the_hand_looks_like(value: tuple[float, ...], before: tuple[float, ...], said: str) -> None:
+    assert "; ".join(vector_hints(np.array(value), np.array(before))) == said
+
+
+def test_digits_of_a_mass_that_were_exchanged(tmp_path: Path) -> None:
+    found = compare(arm(tmp_path), arm(tmp_path, (LOWER, LOWER.replace("2.375", "2.735")), name="b.urdf"))
+    assert found.differences[0].hints == ("the same digits in another order",)
 
 
 def test_a_placeholder_is_what_to_mend(tmp_path: Path) -> None:

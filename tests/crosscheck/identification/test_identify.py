@@ -23,6 +23,7 @@ from crosscheck.identification.logs.log import Log, read_log
 from crosscheck.identification.parameters import with_values
 from crosscheck.identification.readings import make_run
 from crosscheck.identification.settings import read_settings
+from crosscheck.output_folder import listed
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.rigid.joint_torques import joint_torques
@@ -297,6 +298,7 @@ def test_a_page_says_it_all_and_limits_decide(folder: Path, tmp_path: Path) -> N
             ],
         )
         codes.append(done.exit_code)
+    assert {"parameters.csv", "judged.csv", "identified.toml"} <= listed(out)  # a third run may write over them
     assert codes == [0, 1]
     junit = (out / "junit.xml").read_text()
     assert 'failures="2"' in junit
@@ -309,7 +311,7 @@ def test_a_page_says_it_all_and_limits_decide(folder: Path, tmp_path: Path) -> N
         "What remains, by frequency",
     ):
         assert words in page
-    assert (out / "index.html").is_file()
+    assert "Parameters before and after" in (out / "index.html").read_text()  # a run that is one study: no click away
 
 
 def test_a_proposed_motion_tells_more_and_keeps_the_limits(folder: Path, found: Identified) -> None:
@@ -338,6 +340,8 @@ def test_a_first_identify_toml_is_proposed(folder: Path, tmp_path: Path) -> None
     assert settings.time == "Time [s]"
     assert settings.joints["shoulder"].effort is not None
     assert settings.joints["shoulder"].effort.column == "torque1 [N m]"
+    widths = {tuple(f.place): f.relative for f in settings.free if f.parameter == "mass properties"}
+    assert widths == {("*",): 0.2, ("fore",): pytest.approx(np.log1p(0.1 * 8.4 / 2.4), rel=0.01)}
     found = crosscheck.identify(base, [tmp_path / "log.csv"])
     assert all(row.explained > 0.99 for row in found.seen)
     done = CliRunner().invoke(
