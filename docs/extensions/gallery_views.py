@@ -43,6 +43,7 @@ def scrape(block: Any, names: dict[str, Any], gallery: dict[str, Any]) -> str:
         text += (
             "\n.. raw:: html\n\n"
             f'    <details class="view"><summary>Open the view in space</summary>'
-            f'<iframe src="../_static/views/{page}" loading="lazy" title="A view that turns with the mouse" width="100%" height="520"></iframe></details>\n'
+            f'<iframe src="../_static/views/{page}" loading="lazy" title="A view that turns with the mouse" width="100%" '
+            'height="520"></iframe></details>\n'
         )
     return text
