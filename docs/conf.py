@@ -59,6 +59,7 @@ autodoc_member_order = "bysource"
 autodoc_default_options = {"members": True, "undoc-members": True}
 copybutton_prompt_text = r"\$ "
 copybutton_prompt_is_regexp = True
+smartquotes = False  # an option is typed --out, not –out
 suppress_warnings = ["config.cache"]
 linkcheck_ignore = [r"https?://localhost", r"tcp://.*"]
 

@@ -124,6 +124,13 @@ def test_every_example_can_be_taken_along_as_a_script_and_as_a_notebook(site: Pa
         assert {cell["cell_type"] for cell in cells} == {"code", "markdown"}
 
 
+def test_options_of_commands_stand_as_they_are_typed(site: Path) -> None:
+    """Typography makes of two hyphens a dash, which no shell understands."""
+    shown = "".join((site / "reference" / f"{name}-command.html").read_text() for name in ("flexinv", "crosscheck"))
+    assert re.findall(r"[–—]\w+", shown) == []
+    assert "crosscheck corpus --out corpus" in shown
+
+
 @pytest.fixture(scope="module")
 def page() -> Iterator[chromium.Browser]:
     program = chromium.find()
