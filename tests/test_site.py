@@ -125,10 +125,10 @@ def test_every_example_can_be_taken_along_as_a_script_and_as_a_notebook(site: Pa
 
 
 def test_options_of_commands_stand_as_they_are_typed(site: Path) -> None:
-    """Typography makes of two hyphens a dash, which no shell understands."""
+    """Typography makes of two hyphens a dash, which no shell understands; lines that a help lays out by hand are code."""
     shown = "".join((site / "reference" / f"{name}-command.html").read_text() for name in ("flexinv", "crosscheck"))
     assert re.findall(r"[–—]\w+", shown) == []
-    assert re.findall(r"<p>\|.*|<cite>.*", shown) == []  # what a help lays out by hand stays so; names in backquotes are code
+    assert re.findall(r"<p>\|.*|<cite>.*", shown) == []
     assert "crosscheck corpus --out corpus" in shown
 
 
