@@ -47,6 +47,7 @@ html_math_renderer = "mathml"  # the browser draws formulas itself: no script, n
 html_theme = "furo"
 html_title = "flexinv and crosscheck"
 html_static_path = ["_static"]
+html_favicon = "_static/icon.svg"  # without one a browser asks the server for a file that is not there
 html_css_files = ["site.css"]
 html_show_sourcelink = False
 html_theme_options = {
@@ -58,6 +59,7 @@ autodoc_member_order = "bysource"
 autodoc_default_options = {"members": True, "undoc-members": True}
 copybutton_prompt_text = r"\$ "
 copybutton_prompt_is_regexp = True
+smartquotes = False  # an option is typed --out, not –out
 suppress_warnings = ["config.cache"]
 linkcheck_ignore = [r"https?://localhost", r"tcp://.*"]
 
@@ -72,6 +74,7 @@ sphinx_gallery_conf = {
     "min_reported_time": 3600,
     "write_computation_times": False,
     "capture_repr": ("_repr_html_",),
+    "ignore_repr_types": r"plotly",  # else the page itself holds the figure, and loads a script from another machine
     "abort_on_example_error": True,
     "matplotlib_animations": False,
     "image_scrapers": ("matplotlib", "gallery_views.scrape"),

@@ -12,6 +12,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -132,9 +133,15 @@ def test_make_targets_on_the_page_exist() -> None:
     shown = {
         name
         for page in PAGES
-        for name in re.findall(r"\bmake (report|test|check|docs|lint|wheel|clean)\b", (ROOT / page).read_text())
+        for name in re.findall(r"\bmake (report|outside|test|check|docs|lint|wheel|clean)\b", (ROOT / page).read_text())
     }
-    assert {"report", "test", "docs"} <= shown <= targets
+    assert {"report", "outside", "test", "docs"} <= shown <= targets
+
+
+def test_every_extra_of_the_package_is_on_the_first_page() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    rows = " ".join(re.findall(r"^\| (`.*?`) \|", (ROOT / "docs" / "start.md").read_text(), re.M))
+    assert [name for name in extras if f"`{name}`" not in rows] == []
 
 
 def test_links_on_the_pages_lead_somewhere() -> None:

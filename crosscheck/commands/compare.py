@@ -52,8 +52,8 @@ def command(
 ) -> None:
     """Say whether A and B describe the same machine, and name what differs.
 
-    A and B are URDF, MJCF, SDF, a mechanism of ours, a case kit, or FILE@ENGINE: what that engine's own reader makes of the file
-    as it is shipped.
+    A and B are URDF, MJCF, SDF, USD, a mechanism of ours, a case kit, or FILE@ENGINE: what that engine's own reader makes of the
+    file as it is shipped.
 
     \b
       crosscheck compare arm.urdf arm.xml

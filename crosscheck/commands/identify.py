@@ -41,7 +41,7 @@ FOLD = "Cut the window of the first log into so many blocks; each is judged by w
     "logs",
     multiple=True,
     required=True,
-    help="Log that identifies (.csv, .csv.gz, .parquet, .mat); LOG@START:END takes these seconds of it. Repeatable.",
+    help="Log that identifies (.csv, .csv.gz, .parquet, .mat, bag of ROS); LOG@START:END: these seconds. Repeatable.",
 )
 @click.option("--hold-out", multiple=True, help="Log that only judges. Repeatable.")
 @click.option("--predict", "wanted", help="Log whose efforts are predicted; its own efforts are not looked at.")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -57,21 +57,27 @@ NAMES = (*KIT, *OURS)
 def schema(name: str) -> dict[str, Any]:
     """Return the JSON Schema of one of ``NAMES``."""
     root, places = (KIT[name], {}) if name in KIT else OURS[name]
-    models = dict.fromkeys([root, *(table for kinds in places.values() for table in kinds.values()), *MOTORS.values()])
-    _, made = models_json_schema([(model, "validation") for model in models], ref_template="#/$defs/{model}")
-    definitions = copy.deepcopy(made["$defs"])
+    definitions = described([root, *(table for kinds in places.values() for table in kinds.values()), *MOTORS.values()])
     for (table, key, decides), kinds in places.items():
         definitions[table]["properties"][key]["additionalProperties"] = _alternatives(decides, kinds)
     if name == "mechanism":
         for drive in DRIVES.values():  # laid over a URDF they may have a motor
             motors = [{"$ref": f"#/$defs/{motor.__name__}"} for motor in dict.fromkeys(MOTORS.values())]
             definitions[drive.__name__]["properties"]["drive"] = {"anyOf": motors}
+    whole = {"$schema": DRAFT, "title": f"{name} ({root.__name__})", "$ref": f"#/$defs/{root.__name__}"}
+    return {**whole, "$defs": _reached(root.__name__, definitions)}
+
+
+def described(tables: Iterable[type[BaseModel]]) -> dict[str, Any]:
+    """Return the JSON Schemas of tables and of what they hold: name -> schema, with what to write in the descriptions."""
+    models = dict.fromkeys(tables)
+    _, made = models_json_schema([(model, "validation") for model in models], ref_template="#/$defs/{model}")
+    definitions: dict[str, Any] = copy.deepcopy(made["$defs"])
     for part in _parts(definitions):
         if isinstance(examples := part.get("examples"), list) and len(examples) == 1 and isinstance(examples[0], str):
             part["description"] = f"{part.get('description', '')}; write {examples[0]}".removeprefix("; ")
             del part["examples"]  # a line of TOML is no value of the key
-    whole = {"$schema": DRAFT, "title": f"{name} ({root.__name__})", "$ref": f"#/$defs/{root.__name__}"}
-    return {**whole, "$defs": _reached(root.__name__, definitions)}
+    return definitions
 
 
 def _alternatives(decides: str, kinds: Alternatives) -> dict[str, Any]:

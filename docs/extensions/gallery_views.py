@@ -27,6 +27,7 @@ def scrape(block: Any, names: dict[str, Any], gallery: dict[str, Any]) -> str:
     """
     shown = names.setdefault("_shown", set())
     figures = {name: value for name, value in names["example_globals"].items() if isinstance(value, go.Figure)}
+    figures = dict(sorted(figures.items(), key=lambda item: item[0].startswith("_")))  # an example's own names first
     folder = Path(gallery["src_dir"]) / "_static" / "views"
     text = ""
     for name, figure in figures.items():
@@ -42,6 +43,7 @@ def scrape(block: Any, names: dict[str, Any], gallery: dict[str, Any]) -> str:
         text += (
             "\n.. raw:: html\n\n"
             f'    <details class="view"><summary>Open the view in space</summary>'
-            f'<iframe src="../_static/views/{page}" loading="lazy" title="{name}" width="100%" height="520"></iframe></details>\n'
+            f'<iframe src="../_static/views/{page}" loading="lazy" title="A view that turns with the mouse" width="100%" '
+            'height="520"></iframe></details>\n'
         )
     return text

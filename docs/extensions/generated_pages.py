@@ -17,8 +17,11 @@ from sphinx.application import Sphinx
 from sphinx.util.display import progress_message, status_iterator
 
 from crosscheck.causes.dictionary import DICTIONARY, TABLES
+from crosscheck.corpus.notes import CorpusTable
+from crosscheck.doors.config import ConfigTable, EngineRow
 from crosscheck.engines import ENGINES
-from crosscheck.kit.schemas import schema
+from crosscheck.identification.settings import IdentifyTable
+from crosscheck.kit.schemas import OURS, described, schema
 from crosscheck.verdicts.plan import Task, discover
 from crosscheck.workflows.model_summary import picture, portrait, small
 from flexinv.errors import FlexinvError
@@ -28,7 +31,8 @@ ROOT = DOCS.parent
 MODELS = ROOT / "models"
 PICTURES = DOCS / "_build" / "pictures"  # drawn once for the same files
 ROW = re.compile(r"^\| \[(\w+)\]\(\w+\) \| (.+?) \| (.+?) \| (.+?) \|$", re.M)
-FILES = {"mechanism": "mechanism.toml", "cases": "cases.toml"}
+# Files that people write beside those of the schemas: name -> the table that is the file, and those that it reads later.
+FILES = {"identify": (IdentifyTable,), "corpus": (CorpusTable,), "crosscheck": (ConfigTable, EngineRow)}
 _templates = jinja2.Environment(
     loader=jinja2.FileSystemLoader(DOCS / "templates"), trim_blocks=True, lstrip_blocks=True, autoescape=False,
     undefined=jinja2.StrictUndefined,
@@ -44,8 +48,11 @@ def write(app: Sphinx, config: Any) -> None:
     with progress_message("writing the pages of engines, causes and files"):
         _page("reference/generated/engines.md", "engines.md.j2", engines=ENGINES.values(), gives=_compared())
         _page("reference/generated/causes.md", "causes.md.j2", tables=_causes(), count=len(DICTIONARY))
-        for name, file in FILES.items():
-            _page(f"reference/generated/{name}.md", "keys.md.j2", file=file, tables=keys(schema(name)))
+        said = {name: (root, schema(name)["$defs"]) for name, (root, _) in OURS.items()}
+        said |= {name: (tables[0], described(tables)) for name, tables in FILES.items()}
+        for name, (root, parts) in said.items():
+            tables = keys(parts, root.__name__)
+            _page(f"reference/generated/{name}.md", "keys.md.j2", file=f"{name}.toml", tables=tables)
 
 
 def write_mechanisms() -> None:
@@ -101,24 +108,27 @@ def matrix(name: str) -> list[list[str]]:
     return rows
 
 
-def keys(whole: dict[str, Any]) -> list[tuple[str, str, list[tuple[str, str, str, str]]]]:
-    """Return the tables of a file from its JSON Schema: name, description, rows of key, kind, needed, description."""
+def keys(parts: dict[str, Any], root: str) -> list[tuple[str, str, list[tuple[str, str, str, str]]]]:
+    """Return the tables of a file from their JSON Schemas: name, description, rows of key, kind, needed, description.
+
+    root : name of the table that is the file; it comes first
+    """
     tables = []
-    for name, part in whole["$defs"].items():
+    for name, part in sorted(parts.items(), key=lambda item: (item[0] != root, item[0])):
         needed = part.get("required", ())
         rows = [
             (key, _kind(said), "needed" if key in needed else "", _cell(said.get("description", "")))
             for key, said in part.get("properties", {}).items()
         ]
         if rows:
-            tables.append((name.removesuffix("Table"), _cell(part.get("description", "")), rows))
+            tables.append((_named(name), _cell(part.get("description", "")), rows))
     return tables
 
 
 def _kind(said: dict[str, Any]) -> str:
     """Return what a value may be, in words."""
     if "$ref" in said:
-        return "table " + said["$ref"].rpartition("/")[2].removesuffix("Table")
+        return "table " + _named(said["$ref"].rpartition("/")[2])
     if "const" in said:
         return f'`"{said["const"]}"`'
     if "enum" in said:
@@ -129,6 +139,10 @@ def _kind(said: dict[str, Any]) -> str:
     if kind == "array" and isinstance(said.get("items"), dict):
         return f"list of {_kind(said['items'])}"
     return {"object": "tables", "array": "list"}.get(kind, kind)
+
+
+def _named(table: str) -> str:
+    return table.removesuffix("Table").removesuffix("Row")
 
 
 def _cell(text: str) -> str:

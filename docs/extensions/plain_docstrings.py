@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import re
+import textwrap
 from typing import Any
 
 from sphinx.application import Sphinx
 
 ENTRY = re.compile(r"^([\w.*`\"()/]+(?:, [\w.*`\"()/]+)*) : (.+)$")
 SPECIAL = re.compile(r"([\\*|_])")
+NAMED = re.compile(r"(^|[\s(])`([^`]+)`(?!`)")
 LISTED = re.compile(r"^(\w[\w, .]*) : ")
 
 
@@ -49,12 +52,26 @@ def _escaped(text: str) -> str:
 
 
 def unmarked(app: Sphinx, context: object, lines: list[str]) -> None:
-    """Let stars, bars and underscores in the text of a command be themselves, in place."""
-    lines[:] = [SPECIAL.sub(r"\\\1", line) for line in lines]
+    """Turn the text of a command into reStructuredText, in place: what is laid out by hand (after \\b) stays as it stands."""
+    out: list[str] = []
+    for by_hand, rows in itertools.groupby(lines, lambda row: row.startswith("| ")):
+        text = [*rows]
+        if by_hand:
+            laid = textwrap.dedent("\n".join(row[2:] for row in text)).split("\n")
+            out += ["", ".. code-block:: text", "", *(f"    {row}" for row in laid), ""]
+        else:
+            out += [_escaped(row) for row in text]
+    lines[:] = out
+
+
+def named(app: Sphinx, context: object, lines: list[str]) -> None:
+    """Let what stands in backquotes in the text of an option be code, in place."""
+    lines[:] = [NAMED.sub(r"\1``\2``", line) for line in lines]
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
     """Convert before any other extension reads the docstring."""
     app.connect("autodoc-process-docstring", convert, priority=1)
     app.connect("sphinx-click-process-description", unmarked)
+    app.connect("sphinx-click-process-options", named)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
