@@ -112,7 +112,7 @@ def test_public_functions_give_units() -> None:
 
 
 def test_functions_are_annotated() -> None:
-    check(PACKAGES, lambda path: rules.annotations(path.read_text()))
+    check(PACKAGES, lambda path: rules.unannotated(path.read_text()))
 
 
 def test_modules_and_functions_are_short() -> None:
@@ -199,8 +199,8 @@ BAD = {
         rules.units_in_docstrings,
         'class A:\n    @property\n    def p(self) -> float:\n        "Peak."',
     ),
-    "f has no annotation of x, return": (rules.annotations, "def f(x): pass"),
-    "f has no annotation of y": (rules.annotations, "def f(x: int, *, y=1) -> int: return x"),
+    "f has no annotation of x, return": (rules.unannotated, "def f(x): pass"),
+    "f has no annotation of y": (rules.unannotated, "def f(x: int, *, y=1) -> int: return x"),
     f"{rules.MODULE_LINES + 1} lines, at most": (rules.sizes, "x = 1\n" * (rules.MODULE_LINES + 1)),
     f"f has {rules.FUNCTION_LINES + 1} lines": (rules.sizes, LONG),
     "print outside": (rules.prints, "def f():\n    print('x')"),

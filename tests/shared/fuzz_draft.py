@@ -62,11 +62,12 @@ def rigid_link(d: Draft, name: str, along: str = "x") -> None:
     c, length, mass = d.chance, d.size * d.chance.uniform(0.5, 1.5), spread(d.chance, 0.05, 5.0) * d.size
     d.length[name], d.mass[name] = length, mass
     thick = length * c.uniform(0.02, 0.2)
-    shape: dict[str, Any] = {
+    shapes: dict[str, dict[str, Any]] = {
         "rod": {"rod": {"length_m": length, "axial_inertia_kgm2": mass * thick**2 / 8}},
         "box": {"box": {"size_m": [length, thick, thick * c.uniform(0.5, 1)]}, "com_m": [length / 2, 0, 0]},
         "cylinder": {"cylinder": {"length_m": length, "radius_m": thick, "along": along}},
-    }[c.choice(["rod", "box", "cylinder"])]
+    }
+    shape = shapes[c.choice(["rod", "box", "cylinder"])]
     d.links[name] = {"kind": "rigid", "mass_kg": mass, **shape, "tip_m": [length, 0, 0]}
 
 
@@ -130,7 +131,8 @@ def chain(d: Draft, flexible: list[bool], kinds: list[str], parents: list[int]) 
 
 def joint(d: Draft, name: str, kind: str, parent: str, child: str) -> None:
     """Add a joint at the end of its parent."""
-    c, table = d.chance, {"kind": kind, "parent": parent, "child": child}
+    c = d.chance
+    table: dict[str, Any] = {"kind": kind, "parent": parent, "child": child}
     turned: dict[str, Any] = {}
     if not d.plane and c.random() < 0.4:
         turned = {"rpy_deg": [c.choice([0, 90, c.uniform(-60, 60)]) for _ in range(3)]}

@@ -53,11 +53,11 @@ def loose(d: Draft, name: str) -> None:
     d.slow(1.5 * math.sqrt(30 / (0.4 * d.size)) / 2 / math.pi)
     if c.random() < 0.6:
         turn = {"rad": c.uniform(-1, 1)}
-        start = {
+        start: dict[str, dict[str, Any]] = {
             "prismatic": {"m": c.uniform(-0.3, 0.3) * d.size},
             "universal": {"rad": [c.uniform(-1, 1), c.uniform(-1, 1)]},
         }
-        body = {"rpy_deg": [c.uniform(-50, 50) for _ in range(3)]}
+        body: dict[str, Any] = {"rpy_deg": [c.uniform(-50, 50) for _ in range(3)]}
         start |= {"spherical": body, "free": body | {"xyz_m": [0, 0, d.size]}}
         d.start[name] = start.get(table["kind"], turn)
 

@@ -45,7 +45,7 @@ def example(number: int, seed: int) -> Example:
     """Return the case of a number [-], the same one every time."""
     chance = random.Random(f"{seed}/{number}")
     size = spread(chance, 0.05, 2.0)
-    gravity = chance.choice([[0, 0, 0], [0, -9.81, 0], [0, 0, -9.81], [0, -9.81, 0]])
+    gravity = chance.choice([[0.0, 0.0, 0.0], [0.0, -9.81, 0.0], [0.0, 0.0, -9.81], [0.0, -9.81, 0.0]])
     family = pick(chance, tree=55, loop=22, geared=6, grasp=9, pinned=8)
     d = Draft(chance, size, gravity, plane=family != "tree" or chance.random() < 0.5)
     d.parts.add(family)
@@ -174,7 +174,7 @@ def _way(table: dict[str, Any]) -> float:
     if "from_rad" in table:
         first, last = table["from_rad"], table["to_rad"]
         return max(
-            abs(b - a) for a, b in zip(*([v] if isinstance(v, float) else v for v in (first, last)), strict=True)
+            float(abs(b - a)) for a, b in zip(*([v] if isinstance(v, float) else v for v in (first, last)), strict=True)
         )
     return 1.0
 

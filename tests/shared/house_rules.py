@@ -33,7 +33,7 @@ def units_in_docstrings(source: str) -> list[str]:
     return broken
 
 
-def annotations(source: str) -> list[str]:
+def unannotated(source: str) -> list[str]:
     """Every function is annotated completely, unless numba compiles it."""
     broken = []
     for function in _functions(ast.parse(source)):

@@ -44,13 +44,13 @@ def turning(start: Array, phi1: Array, phi2: Array) -> Array:
 def about(axis: Array, angle: float) -> Array:
     """exp([axis] angle): Rodrigues' formula."""
     k = skew(axis)
-    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
+    return np.asarray(np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k)
 
 
 def quaternion(q: Array) -> Array:
     x, y, z, w = q
     v = np.array([x, y, z])
-    return np.eye(3) + 2 * w * skew(v) + 2 * skew(v) @ skew(v)
+    return np.asarray(np.eye(3) + 2 * w * skew(v) + 2 * skew(v) @ skew(v))
 
 
 def joint_pose(joint: Joint, q: Array, v: Array, a: Array) -> Pose:
@@ -169,4 +169,4 @@ def tip(mechanism: Mechanism, link: Link, q: Array) -> Array:
     """Position of a link's tip, world frame, (3,)."""
     zero = np.zeros(mechanism.nv)
     pose = poses(mechanism, q, zero, zero)[link.name]
-    return pose.x[0] + pose.rotation[0] @ link.tip
+    return np.asarray(pose.x[0] + pose.rotation[0] @ link.tip)

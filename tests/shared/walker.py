@@ -62,7 +62,7 @@ def angles(time: Array) -> Array:
 
 def rows() -> list[str]:
     """Lines of the file, times [s] and angles [rad]."""
-    time = np.arange(round(END / STEP) + 1) * STEP
+    time = np.arange(round(END / STEP) + 1, dtype=np.float64) * STEP
     head = ",".join(["time_s", *(f"{name}_rad" for name in JOINTS)])
     return [
         head,
