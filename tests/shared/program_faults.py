@@ -95,7 +95,9 @@ def campaign(names: Iterable[str], folder: Path) -> dict[str, Found]:
     rungs = sorted({MISTAKES[name].rung for name in chosen})
     words = ["run", *rungs, "--models", str(LADDER), "--config", "crosscheck.toml", "--trust-commands", "--jobs", "1"]
     words += ["--engines", "flexinv,program*", "--out", "report"]
-    subprocess.run([sys.executable, "-m", "crosscheck", *words], cwd=folder, capture_output=True, text=True, check=False)
+    subprocess.run(
+        [sys.executable, "-m", "crosscheck", *words], cwd=folder, capture_output=True, text=True, check=False
+    )
     said = json.loads((folder / "report" / "results.json").read_text(encoding="utf-8"))
     found = {one["engine"]: one for one in said["diagnoses"]}
     assert len(found) == len(chosen), [run["message"] for run in said["runs"]]
