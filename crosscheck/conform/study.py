@@ -11,7 +11,7 @@ from typing import Any
 from crosscheck.conform import ladder
 from crosscheck.doors.registry import RECORD
 from crosscheck.engines import ENGINES, Engine, missing
-from crosscheck.measures.limits import REFERENCE, worst
+from crosscheck.measures.limits import REFERENCE, Verdict, worst
 from crosscheck.run.isolation import scratch
 from crosscheck.run.runner import run
 from crosscheck.run.work import Options, Work
@@ -22,7 +22,8 @@ LONGEST = 600.0  # [s] of one engine on one rung: the slowest takes ten seconds,
 UNASKED = (REFERENCE, "measured")
 TEXT = f"""What `crosscheck conform ENGINE` says, of every engine ({ladder.VERSION}): {len(ladder.RUNGS)} small mechanisms,
 each harder than the one before, and what an engine's own model says of itself over all of them. An engine is judged on what it
-climbs; what it cannot do is no fault. Difference: the largest of all rungs that hold, over the range of the signal."""
+climbs; what it cannot do is no fault, and a rung that does not hold is explained where an engine of the project states why.
+Difference: the largest of all rungs that hold, over the range of the signal."""
 COLUMNS = (
     ("engine", "engine", ""),
     ("holds", "rungs that hold", ""),
@@ -83,8 +84,15 @@ def summaries(results: Results, engines: tuple[str, ...]) -> Iterator[dict[str, 
             **({"difference": max(shares)} if shares else {}),
             "time": sum(rung.time or 0.0 for rung in climbed),
             "message": "; ".join([words, *fallen]),
-            "verdict": worst(rung.verdict for rung in climbed),
+            "verdict": worst(_verdict(results, rung) for rung in climbed),
         }
+
+
+def _verdict(results: Results, rung: ladder.Rung) -> Verdict:
+    """The verdict of a rung; as in cases without a limit, what one of our engines says of its method explains a difference."""
+    known = rung.engine in ENGINES and ENGINES[rung.engine].native
+    said = any(run.message for run in results.runs if (run.mechanism, run.engine) == (rung.name, rung.engine))
+    return "explained" if rung.verdict == "deviation" and known and said else rung.verdict
 
 
 def _plain(rung: str) -> str:
