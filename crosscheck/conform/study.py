@@ -63,7 +63,11 @@ def tables(results: Results, engines: tuple[str, ...]) -> dict[str, Any]:
     idle = [name for name in engines if name not in climbed]
     text = TEXT + (f"\n\nOn no rung: {', '.join(idle)}." if idle else "")
     every = ladder.table(results, tuple(name for name in engines if name in climbed), "")
-    said = [row for row in every.rows if row["verdict"] != "skipped"]
+    verdicts = {
+        (_plain(rung.name), name): _verdict(results, rung) for name in climbed for rung in ladder.rungs(results, name)
+    }
+    judged = [{**row, "verdict": verdicts[row["rung"], row["engine"]]} for row in every.rows]
+    said = [row for row in judged if row["verdict"] != "skipped"]
     table = {"title": "Each rung that was climbed", "columns": list(every.columns), "rows": said}
     return {"text": text, "columns": COLUMNS, "rows": rows, "tables": [table]}
 

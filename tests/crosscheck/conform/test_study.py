@@ -30,7 +30,9 @@ def climbed(engine: str, message: str, verdict: str) -> Results:
     ],
 )
 def test_who_explains_a_rung(engine: str, message: str, verdict: str, expected: str) -> None:
-    (row,) = study.tables(climbed(engine, message, verdict), (engine,))["rows"]
+    said = study.tables(climbed(engine, message, verdict), (engine,))
+    (row,), ((rung,),) = said["rows"], [table["rows"] for table in said["tables"]]
+    assert rung["verdict"] == expected
     assert row["verdict"] == expected
     assert row["holds"] == f"{int(verdict == 'within')} of 1"
 
