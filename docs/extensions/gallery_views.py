@@ -10,6 +10,8 @@ import plotly.graph_objects as go
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 SCRIPT = "plotly.min.js"
+# A browser may read what a closed view shows, also where it is called lazy: the address is given when it is opened.
+OPENED = "for (const f of this.querySelectorAll('iframe:not([src])')) f.src = f.dataset.view"
 
 
 def in_the_project(gallery: dict[str, Any], file: str, when: str) -> None:
@@ -42,8 +44,8 @@ def scrape(block: Any, names: dict[str, Any], gallery: dict[str, Any]) -> str:
         figure.write_html(folder / page, include_plotlyjs=SCRIPT, auto_play=False)
         text += (
             "\n.. raw:: html\n\n"
-            f'    <details class="view"><summary>Open the view in space</summary>'
-            f'<iframe src="../_static/views/{page}" loading="lazy" title="A view that turns with the mouse" width="100%" '
+            f'    <details class="view" ontoggle="{OPENED}"><summary>Open the view in space</summary>'
+            f'<iframe data-view="../_static/views/{page}" title="A view that turns with the mouse" width="100%" '
             'height="520"></iframe></details>\n'
         )
     return text
