@@ -14,12 +14,14 @@ from importlib import metadata
 from pathlib import Path
 
 import click
+import logged_arm
 import pytest
 from reader_pages import PAGES, ROOT, blocks, project
 
 import crosscheck.cli
 import flexinv.cli.commands
 from crosscheck.corpus.notes import read_notes
+from crosscheck.identification.settings import read_settings
 from flexinv.files.load_mechanism import load_mechanism
 
 PROGRAMS = {"crosscheck": crosscheck.cli.main, "flexinv": flexinv.cli.commands.app}
@@ -28,6 +30,7 @@ OWN = re.compile(r"^[\w/*-]+\.(urdf|xml|csv|toml|sdf|usd|gz)(@.*)?$")  # a reade
 TABLES = {  # a page's tables in capitals are parts of files: what they are laid over
     "docs/howto/payload.md": ("docs/tutorials/own-mechanism.md", "models/ur5/mechanism.toml"),
     "docs/howto/corpus.md": ("", ""),
+    "docs/howto/identify.md": ("", ""),
 }
 
 
@@ -125,6 +128,21 @@ def test_payloads_that_are_shown_are_read(tmp_path: Path) -> None:
         (folder / "mechanism.toml").write_text(f"{without}\n{table.strip()}\n")
         bodies = [one.name for link in load_mechanism(folder).links for one in link.bodies]
         assert body in bodies
+
+
+def test_sensors_that_are_shown_are_read(tmp_path: Path) -> None:
+    """As identify.toml of the arm of the identification's tests, under the names that the page uses."""
+    (table,) = blocks((ROOT / "docs/howto/identify.md").read_text(), "TOML")
+    arm = load_mechanism(logged_arm.write_arm(tmp_path / "arm"))
+    file = tmp_path / "arm" / "identify.toml"
+    text = "bandwidth_Hz = 10\n" + table.replace('"forearm"', f'"{arm.links[-1].name}"')
+    file.write_text(text)
+    read = read_settings(file, arm)
+    assert set(read.markers) == {"tip"}
+    assert set(read.accelerometers) == {"wrist"}
+    file.write_text(text.replace("xyz_m", "xyz_mm", 1))
+    with pytest.raises(Exception, match="xyz_mm"):
+        read_settings(file, arm)
 
 
 def test_the_notes_of_a_corpus_that_are_shown_are_read(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ VIEW = "02_ur5_flexible_forearm"  # the example with a view in space
 WIDE = "document.documentElement.scrollWidth <= innerWidth + 1"
 # Where the answers are, and words of them; how new users ask for each, in whole sentences and in words of their own.
 ANSWERS = {
-    "howto/payload": "entry of the link\u2019s table payload",
+    "howto/payload": "entry of the link's table payload",
     "howto/noisy-torque": "A torque that rings or jumps has one of these reasons",
     "explanation/verdicts": "the error bars of both engines cover it",
     "howto/static-start": "flexinv finds the equilibrium under gravity first",
