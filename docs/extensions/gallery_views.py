@@ -10,6 +10,8 @@ import plotly.graph_objects as go
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 SCRIPT = "plotly.min.js"
+# No button of a view leads to another machine: the same as in the reports (crosscheck/report/assets/plots.js).
+QUIET = {"showSendToCloud": False, "plotlyServerURL": "", "displaylogo": False}
 # A browser may read what a closed view shows, also where it is called lazy: the address is given when it is opened.
 OPENED = "for (const f of this.querySelectorAll('iframe:not([src])')) f.src = f.dataset.view"
 
@@ -41,7 +43,7 @@ def scrape(block: Any, names: dict[str, Any], gallery: dict[str, Any]) -> str:
         if not script.exists():
             script.write_text(plotly.offline.get_plotlyjs(), encoding="utf-8")
         page = f"{Path(names['src_file']).stem}_{name}.html"
-        figure.write_html(folder / page, include_plotlyjs=SCRIPT, auto_play=False)
+        figure.write_html(folder / page, include_plotlyjs=SCRIPT, auto_play=False, config=QUIET)
         text += (
             "\n.. raw:: html\n\n"
             f'    <details class="view" ontoggle="{OPENED}"><summary>Open the view in space</summary>'

@@ -13,6 +13,7 @@ from typing import Any
 
 import jinja2
 import pandas as pd
+from pydantic import BaseModel
 from sphinx.application import Sphinx
 from sphinx.util.display import progress_message, status_iterator
 
@@ -32,7 +33,11 @@ MODELS = ROOT / "models"
 PICTURES = DOCS / "_build" / "pictures"  # drawn once for the same files
 ROW = re.compile(r"^\| \[(\w+)\]\(\w+\) \| (.+?) \| (.+?) \| (.+?) \|$", re.M)
 # Files that people write beside those of the schemas: name -> the table that is the file, and those that it reads later.
-FILES = {"identify": (IdentifyTable,), "corpus": (CorpusTable,), "crosscheck": (ConfigTable, EngineRow)}
+FILES: dict[str, tuple[type[BaseModel], ...]] = {
+    "identify": (IdentifyTable,),
+    "corpus": (CorpusTable,),
+    "crosscheck": (ConfigTable, EngineRow),
+}
 _templates = jinja2.Environment(
     loader=jinja2.FileSystemLoader(DOCS / "templates"), trim_blocks=True, lstrip_blocks=True, autoescape=False,
     undefined=jinja2.StrictUndefined,
@@ -48,7 +53,9 @@ def write(app: Sphinx, config: Any) -> None:
     with progress_message("writing the pages of engines, causes and files"):
         _page("reference/generated/engines.md", "engines.md.j2", engines=ENGINES.values(), gives=_compared())
         _page("reference/generated/causes.md", "causes.md.j2", tables=_causes(), count=len(DICTIONARY))
-        said = {name: (root, schema(name)["$defs"]) for name, (root, _) in OURS.items()}
+        said: dict[str, tuple[type[BaseModel], Any]] = {
+            name: (root, schema(name)["$defs"]) for name, (root, _) in OURS.items()
+        }
         said |= {name: (tables[0], described(tables)) for name, tables in FILES.items()}
         for name, (root, parts) in said.items():
             tables = keys(parts, root.__name__)
