@@ -28,6 +28,7 @@ from crosscheck.identification.causes.signals import clipped, clipped_samples, q
 from crosscheck.identification.fit import Problem, jacobian
 from crosscheck.identification.identify import Identified
 from crosscheck.identification.logs.log import Log
+from flexinv.errors import ConvergenceError
 
 Array = NDArray[np.float64]
 # Drop of the cost that chance does not give: 12 is one in two thousand for one cause, and of all that are asked for together
@@ -98,7 +99,10 @@ def _gross(search: Search, log: Log) -> tuple[Gross, Named] | None:
         if not at or base.unexplained[at].max() < LITTLE / 2.0:
             continue
         task = search.task(fault.undone(log, mechanism, fault.size)[0], mechanism, level, fault.moves)
-        one = _scored(search, task, _linear(search, task) if fault.moves else told)
+        try:
+            one = _scored(search, task, _linear(search, task) if fault.moves else told)
+        except ConvergenceError:  # nothing can follow this motion: beams would roll up along an angle in another unit
+            continue
         better = one.unexplained[at].max() < min(LITTLE, HALF * base.unexplained[at].max())
         if better and base.value - one.value > EVIDENCE and (best is None or one.value < best[1].value):
             best = fault, one

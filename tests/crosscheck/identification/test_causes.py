@@ -16,7 +16,7 @@ import crosscheck
 from crosscheck.identification.causes.cause import Named
 from crosscheck.identification.causes.encoders import DELAY, SCALE, TWIST
 from crosscheck.identification.causes.name_causes import name_causes, what_remains
-from crosscheck.identification.identify import Identified
+from crosscheck.identification.identify import Identified, read_of
 from crosscheck.identification.logs.log import Log, read_log
 from crosscheck.identification.readings import delayed, lagged
 
@@ -101,6 +101,17 @@ def test_a_planted_fault_is_named_first_with_its_size(
     assert (first.name.split(", the column")[0], first.place) == (name, place)
     assert first.size == pytest.approx(size, rel=0.1)
     assert name in first.words
+
+
+@pytest.mark.slow
+def test_a_motion_that_no_solver_can_follow_is_no_hypothesis(root: Path) -> None:
+    """The beams of a measured arm roll up along an angle in another unit; the sign of an effort is found all the same."""
+    folder = root / "models" / "quanser_2dsfl"
+    found = crosscheck.identify(folder, [folder / "record.csv"])
+    log = read_of(found.machine, folder / "record.csv")
+    column = found.machine.channels[0].column
+    first = name_causes(found, changed(log, column, -log.columns[column]))[0]
+    assert (first.name, first.place) == ("wrong sign of the effort", "shoulder")
 
 
 def test_the_campaign_plants_every_kind_and_judges_it(known: tuple[Identified, Log]) -> None:

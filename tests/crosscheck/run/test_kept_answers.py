@@ -63,6 +63,19 @@ def test_what_was_kept_comes_back_with_its_time(task: Task, good: Attempt, tmp_p
     assert kept.trouble == []
 
 
+def test_a_study_depends_on_the_folders_that_it_names_and_not_on_words_that_are_no_path(tmp_path: Path) -> None:
+    """Jobs of outside engines are longer in words than a file's name may be."""
+    (tmp_path / "one.csv").write_text("1")
+    jobs = [{"module": "theirs", "stamp": ["0" * 64] * 20}]
+    study = Study("x", "X", "m", "f", {"models": str(tmp_path), "engines": jobs, "words": "w" * 1000})
+    kept = KeptAnswers(tmp_path / "kept")
+    module, function, plain, folders = kept.study(study)
+    assert (module, function, plain) == ("m", "f", {"engines": jobs, "words": "w" * 1000})
+    assert list(folders) == ["models"]  # type: ignore[call-overload]
+    (tmp_path / "one.csv").write_text("2")
+    assert KeptAnswers(tmp_path / "kept").study(study)[3] != folders
+
+
 def test_what_failed_is_not_kept(task: Task, good: Attempt, tmp_path: Path) -> None:
     kept = KeptAnswers(tmp_path / "kept")
     for status in ("error", "timeout"):
