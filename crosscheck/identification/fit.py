@@ -2,9 +2,9 @@
 
     z^ = argmin  sum_c sum_t (r_ct / s_c)^2 / n_c + |z|^2,   cov z = kappa (J^T J + 1)^-1
 
-z : coordinates that are standard normal before the log; r_ct : residual of channel c; s_c its RMS; n_c the samples that agree,
-1 + 2 sum of its autocorrelations up to the first that is not positive.  So n_c neighbours count as one.  kappa >= 1 is how much
-more the estimates scatter when one block of time after the other is left out than the formula says (median of what is told).
+z : coordinates that are standard normal before the log; r_ct : residual of channel c; s_c, n_c : standard deviation and samples
+that agree of its noise, `noise`.  So n_c neighbours count as one.  kappa >= 1 is how much more the estimates scatter when one block
+of time after the other is left out than the formula says (median of what is told).
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from crosscheck.identification.noise import Noise, noise
 from crosscheck.identification.parameters import KINDS
 from crosscheck.identification.readings import Machine, Run, readings
 from flexinv.errors import InputError
@@ -107,13 +108,13 @@ def fit(task: Problem, start: Array | None = None, prior: tuple[Array, Array] | 
     mean, root = (np.zeros(count), np.eye(count)) if prior is None else prior
     measured = task.pick([_of(run) for run in task.runs])
     z = _scanned(task, measured, z) if start is None else z
-    weight = _weights([m - p for m, p in zip(measured, task.pick(task.predict(z)), strict=True)], None)
+    told = noise(_residuals(task, measured, z), [np.zeros((len(m), count)) for m in measured], root)
     for _ in range(ROUNDS):
-        z, last = _minimum(task, measured, weight[0], z, mean, root), weight[0]
-        weight = _weights([m - p for m, p in zip(measured, task.pick(task.predict(z)), strict=True)], weight)
-        if np.abs(weight[0] / last - 1.0).max() < STEADY:
+        (z, slopes), last = _minimum(task, measured, told.weight, z, mean, root), told.weight
+        told = noise(_residuals(task, measured, z), slopes, root)
+        if np.abs(told.weight / last - 1.0).max() < STEADY:
             break
-    return _posterior(task, z, weight, root)
+    return _posterior(task, z, slopes, told, root)
 
 
 def _scanned(task: Problem, measured: list[Array], z: Array) -> Array:
@@ -137,30 +138,14 @@ def _scanned(task: Problem, measured: list[Array], z: Array) -> Array:
     return z
 
 
+def _residuals(task: Problem, measured: list[Array], z: Array) -> list[Array]:
+    return [m - p for m, p in zip(measured, task.pick(task.predict(z)), strict=True)]
+
+
 def _of(run: Run) -> Array:
     if run.measured is None:
         raise InputError(f"{run.name}: it was read without its efforts, and nothing can be fitted to it")
     return run.measured
-
-
-def _weights(residuals: list[Array], before: tuple[Array, Array, Array] | None) -> tuple[Array, Array, Array]:
-    """1 / (s sqrt(n)), s, n of every channel."""
-    spread = np.array([np.sqrt(np.mean(r**2)) for r in residuals])
-    agree = np.array([agreeing(r) for r in residuals])
-    return 1.0 / (spread * np.sqrt(agree)), spread, agree
-
-
-def agreeing(residual: Array) -> float:
-    """Return the number of neighbouring samples (samples,) that count as one [-]: 1 + 2 sum rho_l up to the first rho_l <= 0."""
-    x = residual - residual.mean()
-    size = 1 << (2 * len(x) - 1).bit_length()
-    power = np.abs(np.fft.rfft(x, size)) ** 2
-    rho = np.fft.irfft(power, size)[: len(x)]
-    if rho[0] <= 0.0:
-        return 1.0
-    rho = rho / rho[0]
-    stop = int(np.argmax(rho <= 0.0)) if (rho <= 0.0).any() else len(rho)
-    return float(max(1.0, 1.0 + 2.0 * rho[1:stop].sum()))
 
 
 def jacobian(task: Problem, z: Array) -> list[Array]:
@@ -174,25 +159,29 @@ def jacobian(task: Problem, z: Array) -> list[Array]:
     return [np.column_stack([c[channel] for c in columns]) for channel in range(len(level))]
 
 
-def _minimum(task: Problem, measured: list[Array], weight: Array, z: Array, mean: Array, root: Array) -> Array:
+def _minimum(
+    task: Problem, measured: list[Array], weight: Array, z: Array, mean: Array, root: Array
+) -> tuple[Array, list[Array]]:
+    """The parameters of least cost, and the slopes there."""
+    last: list[tuple[Array, list[Array]]] = []
+
     def residual(x: Array) -> Array:
-        told = task.pick(task.predict(x))
-        parts = [w * (p - m) for w, p, m in zip(weight, told, measured, strict=True)]
+        parts = [-w * r for w, r in zip(weight, _residuals(task, measured, x), strict=True)]
         return np.concatenate([*parts, root @ (x - mean)])
 
-    def slopes(x: Array) -> Array:
-        return np.vstack([*(w * j for w, j in zip(weight, jacobian(task, x), strict=True)), root])
+    def scaled(x: Array) -> Array:
+        last[:] = [(x.copy(), jacobian(task, x))]
+        return np.vstack([*(w * j for w, j in zip(weight, last[0][1], strict=True)), root])
 
-    found = least_squares(residual, z, slopes, method="lm", ftol=CLOSE, xtol=CLOSE, max_nfev=EVALUATIONS)
-    return np.asarray(found.x)
+    found = least_squares(residual, z, scaled, method="lm", ftol=CLOSE, xtol=CLOSE, max_nfev=EVALUATIONS)
+    x = np.asarray(found.x)
+    return x, last[0][1] if np.array_equal(last[0][0], x) else jacobian(task, x)
 
 
-def _posterior(task: Problem, z: Array, weight: tuple[Array, Array, Array], root: Array) -> Fit:
-    slopes = jacobian(task, z)
-    told = task.predict(z)
-    residual = [m - p for m, p in zip(task.pick([_of(r) for r in task.runs]), task.pick(told), strict=True)]
-    scaled = [w * j for w, j in zip(weight[0], slopes, strict=True)]
-    errors = [w * r for w, r in zip(weight[0], residual, strict=True)]
+def _posterior(task: Problem, z: Array, slopes: list[Array], told: Noise, root: Array) -> Fit:
+    residual = _residuals(task, task.pick([_of(r) for r in task.runs]), z)
+    scaled = [w * j for w, j in zip(told.weight, slopes, strict=True)]
+    errors = [w * r for w, r in zip(told.weight, residual, strict=True)]
     hessian = sum((j.T @ j for j in scaled), root.T @ root)
     label = task.pick([_blocks(task, run) for run in task.runs])
     base = np.linalg.inv(hessian)
@@ -201,10 +190,10 @@ def _posterior(task: Problem, z: Array, weight: tuple[Array, Array, Array], root
     ratio = scatter / np.diag(base)
     told_of = np.sqrt(np.diag(base)) < HALF * np.sqrt(np.diag(np.linalg.inv(root.T @ root)))
     kappa = float(max(1.0, np.median(ratio[told_of]))) if told_of.any() and len(left_out) > 2 else 1.0
-    own = [h / w for h, w in zip(held, weight[0], strict=True)]
-    sides = [np.sqrt(kappa * u) / w for u, w in zip(unsure, weight[0], strict=True)]
+    own = [h / w for h, w in zip(held, told.weight, strict=True)]
+    sides = [np.sqrt(kappa * u) / w for u, w in zip(unsure, told.weight, strict=True)]
     block = np.array([np.sqrt(np.mean(h**2)) for h in own])
-    return Fit(z, _widened(base, kappa, root), weight[1], weight[2], kappa, block, tuple(own), tuple(sides))
+    return Fit(z, _widened(base, kappa, root), told.spread, told.agree, kappa, block, tuple(own), tuple(sides))
 
 
 def _widened(base: Array, kappa: float, root: Array) -> Array:

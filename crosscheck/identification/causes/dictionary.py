@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from crosscheck.identification.causes.cause import Cause, Undo, column_changed
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import Machine, delayed, lagged, unlagged
-from flexinv.model.links import Body, Inertia
+from flexinv.model.links import Body, Inertia, Link
 from flexinv.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]
@@ -32,18 +32,29 @@ def dictionary(machine: Machine) -> Iterator[Cause]:
     for name, table in machine.settings.joints.items():
         yield Cause("delay of the angle", name, "s", 1e-3, _shifted(table.angle.column), True, LATE, True)
         yield Cause("scale of the angle (gear), relative error", name, "-", 1e-3, _scaled(table.angle.column))
+    efforts = tuple(channel.column for channel in machine.channels if channel.sense == "effort")
+    if len(efforts) > 1:
+        yield Cause("delay of the efforts", "all joints", "s", 1e-3, _shifted(*efforts), False, LATE, True)
     if np.linalg.norm(machine.mechanism.gravity):
         for axis in range(2):
             yield Cause("tilt of gravity", f"the world's {'xy'[axis]} axis", "rad", 1e-3, _tilt(axis))
+    parents = {joint.parent for joint in machine.mechanism.joints}
     for link in machine.mechanism.links:
-        if link.beam is None and len(link.bodies) > 1:
-            yield Cause(
-                "payload beside what is known", f"{link.name}/{link.bodies[-1].name}", "kg", 0.1, _payload(link.name)
+        if link.beam is None and link.bodies and (len(link.bodies) > 1 or link.name not in parents):
+            place = (
+                f"{link.name}/{link.bodies[-1].name}" if len(link.bodies) > 1 else f"{link.name}, at its centre of mass"
             )
+            yield Cause("payload beside what is known", place, "kg", 0.1, _payload(link.name))
 
 
-def _shifted(column: str) -> Undo:
-    return lambda log, m, phi: (column_changed(log, column, lambda v: delayed(v, log.spacing, -phi)), m)
+def _shifted(*columns: str) -> Undo:
+    def shifted(log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
+        spacing = log.spacing
+        for column in columns:
+            log = column_changed(log, column, lambda v: delayed(v, spacing, -phi))
+        return log, mechanism
+
+    return shifted
 
 
 def _scaled(column: str) -> Undo:
@@ -69,11 +80,16 @@ def _tilt(axis: int) -> Undo:
     return tilted
 
 
+def _at_tip(link: Link) -> bool:
+    return len(link.bodies) == 1 and bool(np.any(link.tip))
+
+
 def _payload(link: str) -> Undo:
-    """One more mass at the last body of a link; below 0 less of it."""
+    """One more mass at the last body of a link, or at the tip of a single one; below 0 less of it."""
 
     def loaded(log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
-        more = Body("more", Inertia(phi, mechanism.link_of[link].bodies[-1].inertia.com))
+        own = mechanism.link_of[link]
+        more = Body("more", Inertia(phi, own.tip if _at_tip(own) else own.bodies[-1].inertia.com))
         links = tuple(replace(k, bodies=(*k.bodies, more)) if k.name == link else k for k in mechanism.links)
         return log, replace(mechanism, links=links)
 

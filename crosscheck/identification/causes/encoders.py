@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from crosscheck.identification.causes.cause import Named
 from crosscheck.identification.filters import low_pass
-from crosscheck.identification.fit import Fit, agreeing
+from crosscheck.identification.fit import Fit
 from crosscheck.identification.logs.log import Log
+from crosscheck.identification.noise import agreeing
 from crosscheck.identification.readings import Machine, Run, make_run
 from crosscheck.identification.settings import ANGLES
 

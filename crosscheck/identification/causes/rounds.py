@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from crosscheck.identification.causes.cause import Cause
 from crosscheck.identification.causes.wide import WideRows, wide_rows
-from crosscheck.identification.fit import Fit, Problem, agreeing, jacobian, problem
+from crosscheck.identification.fit import Fit, Problem, jacobian, problem
 from crosscheck.identification.logs.log import Log
+from crosscheck.identification.noise import agreeing
 from crosscheck.identification.parameters import Space
 from crosscheck.identification.readings import Machine, Run, make_run, measured_of, wide_of
 from flexinv.model.mechanism import Mechanism

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from crosscheck.identification.fit import agreeing
+from crosscheck.identification.noise import agreeing
 from crosscheck.identification.readings import Run
 from crosscheck.identification.wide_response import Expected, WideResponse, difference, expected, weights
 

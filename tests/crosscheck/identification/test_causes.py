@@ -104,6 +104,29 @@ def test_a_planted_fault_is_named_first_with_its_size(
 
 
 @pytest.mark.slow
+def test_efforts_that_all_come_late_are_one_cause(known: tuple[Identified, Log]) -> None:
+    """A filter of the whole drive amplifier delays every joint: one name, and not one of each joint."""
+    found, log = known
+    late = log
+    for column in ("t1", "t2"):
+        late = changed(late, column, delayed(log.columns[column], log.spacing, 0.008))
+    (only,) = name_causes(found, without_encoder(late))
+    assert (only.name, only.place) == ("delay of the efforts", "all joints")
+    assert only.size == pytest.approx(0.008, rel=0.1)
+
+
+@pytest.mark.slow
+def test_a_payload_forgotten_on_the_last_link_is_named(known: tuple[Identified, Log]) -> None:
+    """That link has one body alone, as every link of a URDF: the payload is told at its centre of mass."""
+    found, log = known
+    every = {one.name: one for one in planted_faults.planted(found, without_encoder(log))}
+    payload = every["payload beside what is known"]
+    assert payload.place.endswith(", at its centre of mass")
+    good, words = planted_faults.verdict(payload, name_causes(found, payload.log), set())
+    assert good, words
+
+
+@pytest.mark.slow
 def test_a_motion_that_no_solver_can_follow_is_no_hypothesis(root: Path) -> None:
     """The beams of a measured arm roll up along an angle in another unit; the sign of an effort is found all the same."""
     folder = root / "models" / "quanser_2dsfl"

@@ -1,0 +1,116 @@
+"""Noise of the channels, told by residuals: its standard deviation, and how many neighbouring samples count as one.
+
+Parameters make up for a part of the noise, of its slow part above all, and what is left is smaller and less alike.  With noise
+e_c of covariance S_c (samples, samples), z^ - z = C (sum_d w_d^2 J_d^T e_d - R u), u the truth less the prior:
+
+    E r_c r_c^T = S_c - w_c^2 (J_c C (S_c J_c)^T + its transpose) + J_c C (G + R) C J_c^T,   G = sum_d w_d^4 J_d^T S_d J_d
+
+C : covariance of the parameters, R : precision of the priors, w_c = 1 / (s_c n_c^0.5).  The autocovariance of the noise is that
+of the residuals and what the parameters take away from it, lag by lag, repeated until it stays; n_c = 1 + 2 sum rho_l up to the
+first that is not positive.  (For white noise: restricted maximum likelihood, Patterson and Thompson, Biometrika 58, 1971.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import next_fast_len
+
+Array = NDArray[np.float64]
+ROUNDS = 8  # at most
+STEADY = 0.01  # relative change of all weights at which they end
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Of each channel: standard deviation s [unit of the channel], and samples that agree n [-], (channels,)."""
+
+    spread: Array
+    agree: Array
+
+    @property
+    def weight(self) -> Array:
+        """1 / (s n^0.5), (channels,) [1 / unit of the channel]."""
+        return 1.0 / (self.spread * np.sqrt(self.agree))
+
+
+def noise(residuals: Sequence[Array], slopes: Sequence[Array], root: Array) -> Noise:
+    """Return the noise behind residuals [units of the channels].
+
+    residuals : (counted,) per channel; slopes : (counted, parameters) by the parameters that were fitted to them
+    root : square root of the precision of the priors (parameters, parameters)
+    """
+    seen = [autocovariance(r) for r in residuals]
+    behind = [_alike(own) for own in seen]
+    lasting = np.array([r.mean() for r in residuals])
+    told = _noise(behind, lasting)
+    for _ in range(ROUNDS):
+        before = told
+        behind = [_alike(own + more) for own, more in zip(seen, _taken(behind, told, slopes, root), strict=True)]
+        told = _noise(behind, lasting)
+        if np.abs(told.weight / before.weight - 1.0).max() < STEADY:
+            break
+    return told
+
+
+def autocovariance(residual: Array) -> Array:
+    """Return ``sum_t r_t r_(t+l) / N`` of each lag l (samples,) [unit^2], r less its mean: a constant is no noise."""
+    own = (residual - residual.mean())[:, None]
+    return _correlated(own, own) / len(own)
+
+
+def agreeing(residual: Array) -> float:
+    """Return the number of neighbouring samples (samples,) that count as one [-]: 1 + 2 sum rho_l up to the first rho_l <= 0."""
+    own = _alike(autocovariance(residual))
+    return _count(own) if own[0] > 0.0 else 1.0
+
+
+def _noise(behind: Sequence[Array], lasting: Array) -> Noise:
+    """What lasts through a log tells nothing of samples that agree, and is as large as it is."""
+    spread = np.sqrt(np.array([own[0] for own in behind]) + lasting**2)
+    return Noise(spread, np.array([_count(own) if own[0] > 0.0 else 1.0 for own in behind]))
+
+
+def _count(alike: Array) -> float:
+    return float(max(1.0, 2.0 * alike.sum() / alike[0] - 1.0))
+
+
+def _alike(own: Array) -> Array:
+    """Lags up to the first that is not positive (lags,) [unit^2]."""
+    return own[: max(1, int(np.argmax(own <= 0.0)) if (own <= 0.0).any() else len(own))]
+
+
+def _taken(behind: Sequence[Array], told: Noise, slopes: Sequence[Array], root: Array) -> list[Array]:
+    """What the parameters take away of the autocovariance, (samples,) per channel [unit^2]."""
+    square = told.weight**2
+    spread = [_spread(own, j) for own, j in zip(behind, slopes, strict=True)]
+    precision = root.T @ root
+    hessian = sum((w * j.T @ j for w, j in zip(square, slopes, strict=True)), precision)
+    covariance = np.linalg.inv(hessian)
+    driven = sum((w**2 * j.T @ s for w, j, s in zip(square, slopes, spread, strict=True)), precision)
+    out = []
+    for w, j, s in zip(square, slopes, spread, strict=True):
+        one = _correlated(w * j @ covariance, s) + _correlated(s, w * j @ covariance)
+        out.append((one - _correlated(j @ (covariance @ driven @ covariance), j)) / len(j))
+    return out
+
+
+def _spread(alike: Array, slopes: Array) -> Array:
+    """The covariance of the noise times slopes: its lags on both sides of each sample (counted, parameters) [unit^2]."""
+    size = next_fast_len(len(slopes) + len(alike), real=True)
+    both = np.zeros(size)
+    both[: len(alike)] = alike
+    both[size - len(alike) + 1 :] = alike[:0:-1]
+    return np.asarray(
+        np.fft.irfft(np.fft.rfft(both)[:, None] * np.fft.rfft(slopes, size, axis=0), size, axis=0)[: len(slopes)]
+    )
+
+
+def _correlated(a: Array, b: Array) -> Array:
+    """``sum_t a_t . b_(t+l)`` of each lag l (samples,)."""
+    size = next_fast_len(2 * len(a), real=True)
+    power = (np.fft.rfft(a, size, axis=0).conj() * np.fft.rfft(b, size, axis=0)).sum(axis=1)
+    return np.asarray(np.fft.irfft(power, size)[: len(a)])
