@@ -146,29 +146,24 @@ def address(file: Path, query: str = "") -> str:
 
 
 @pytest.mark.browser
-@pytest.mark.parametrize(("width", "dark"), [(1400, False), (400, True)])
-def test_pages_fit_and_are_quiet(page: chromium.Browser, site: Path, width: int, dark: bool) -> None:
-    for file in pages(site):
-        page.open(address(file), width, 900, dark)
-        assert page.evaluate(WIDE), file
-        assert page.complaints() == [], file
-        asked = [r for r in page.requests() if not r.startswith("data:")]
-        assert [r for r in asked if not r.startswith("file://")] == [], file
-        weight = sum(
-            Path(urllib.parse.unquote(r.removeprefix("file://").partition("?")[0])).stat().st_size for r in asked
-        )
-        assert weight < WEIGHT, file
-
-
-@pytest.mark.browser
 @pytest.mark.parametrize("dark", [False, True])
-def test_every_text_has_contrast_and_everything_that_acts_is_reached_by_keyboard(
+def test_pages_fit_are_quiet_have_contrast_and_are_reached_by_keyboard(
     page: chromium.Browser, site: Path, dark: bool
 ) -> None:
+    """One visit of each page: at 1400 px all of it, and that it fits 400 px, too."""
     found = {}
     for file in pages(site):
         page.open(address(file), 1400, 900, dark)
-        if wrong := readable.faint(page) + readable.unreachable(page):
+        wrong = page.complaints() + readable.faint(page) + readable.unreachable(page)
+        asked = [r for r in page.requests() if not r.startswith("data:")]
+        wrong += [f"asks another machine: {r}" for r in asked if not r.startswith("file://")]
+        local = (Path(urllib.parse.unquote(r.removeprefix("file://").partition("?")[0])) for r in asked)
+        weight = sum(one.stat().st_size for one in local)
+        wrong += [f"weighs {weight} bytes"] if weight > WEIGHT else []
+        for width in (1400, 400):
+            page.resize(width)
+            wrong += [] if page.evaluate(WIDE) else [f"wider than {width} px"]
+        if wrong:
             found[str(file.relative_to(site))] = wrong
     assert found == {}
 

@@ -19,10 +19,14 @@ CONTRAST = """(() => {
     const [r, g, b] = c.map(v => v / 255).map(v => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
     return 0.2126 * r + 0.7152 * g + 0.0722 * b;
   };
+  const known = new Map([[null, { ground: [255, 255, 255, 1], shade: 1 }]]);
   const behind = one => {
-    const layers = [];
-    for (let e = one; e; e = e.parentElement) layers.push(parse(getComputedStyle(e).backgroundColor));
-    return layers.reverse().reduce((below, top) => over(top, below), [255, 255, 255, 1]);
+    if (!known.has(one)) {
+      const below = behind(one.parentElement), style = getComputedStyle(one);
+      const ground = over(parse(style.backgroundColor), below.ground);
+      known.set(one, { ground, shade: below.shade * Number(style.opacity) });
+    }
+    return known.get(one);
   };
   const found = [];
   const walk = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
@@ -32,9 +36,7 @@ CONTRAST = """(() => {
     if (!one.checkVisibility({ checkOpacity: true, checkVisibilityCSS: true, contentVisibilityAuto: true })) continue;
     const box = one.getBoundingClientRect();
     if (box.width < 2 || box.height < 2 || one.matches(':disabled')) continue;
-    let shade = 1;
-    for (let e = one; e; e = e.parentElement) shade *= Number(getComputedStyle(e).opacity);
-    const ground = behind(one), ink = parse(style.color);
+    const { ground, shade } = behind(one), ink = parse(style.color);
     const seen = over([ink[0], ink[1], ink[2], ink[3] * shade], ground);
     const [a, b] = [light(seen), light(ground)].sort((x, y) => y - x);
     const size = parseFloat(style.fontSize), large = size >= 24 || (size >= 18.66 && Number(style.fontWeight) >= 700);
