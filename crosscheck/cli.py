@@ -57,7 +57,9 @@ def _lacking(name: str, words: str) -> click.Command:
 
     anything = click.Argument(["words"], nargs=-1, type=click.UNPROCESSED)
     loose = {"ignore_unknown_options": True, "allow_extra_args": True}
-    return click.Command(name, loose, say, [anything], help=words, short_help="Not installed: see --help.")
+    return click.Command(
+        name, loose, say, [anything], help=words, short_help="Needs what is not installed; its --help names it."
+    )
 
 
 @click.group(cls=Main, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})

@@ -10,6 +10,8 @@ from importlib import metadata
 
 import click
 
+from flexinv.kernels.compile_lock import NOTE, telling
+
 # Every other package that the commands import is in the extra "report".
 EXTRAS = {
     "sqlalchemy": "history",
@@ -27,7 +29,8 @@ def main() -> None:
         click.echo(f"Error: {needed(error)}", err=True)
         sys.exit(2)
     try:
-        command()
+        with telling(lambda: click.echo(f"crosscheck: {NOTE}", err=True)):
+            command()
     except OSError as error:  # of the terminal itself: what it was sent to is full
         click.echo(f"Error: what crosscheck says cannot be written: {error}", err=True)
         os._exit(2)  # nothing that is left in a buffer could be written either

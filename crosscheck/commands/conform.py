@@ -65,7 +65,12 @@ BLIND = (
     "--blind", is_flag=True, help="Change all numbers by a seed that is drawn now; programs see nothing of ours."
 )
 @click.option("--seed", type=click.IntRange(min=0), help="With --blind: the seed of an earlier round.")
-@click.option("--rungs", default="*", show_default=True, help="Names or patterns of rungs, separated by commas.")
+@click.option(
+    "--rungs",
+    default="*",
+    show_default=True,
+    help=f"Names or patterns of rungs, separated by commas: {', '.join(ladder.RUNGS)}.",
+)
 @out_option("reports/conform")
 @JOBS
 @TIMEOUT
@@ -108,7 +113,7 @@ def command(
         if seed is not None:
             place = folder / "models"
             rounds.written(ladder.FOLDER, place, seed)
-        work = Work(plan_of(place, names), taking, (), Options(timeout, jobs))
+        work = Work(plan_of(place, names), taking, (), Options(timeout, jobs, climbing=True))
         try:
             with owned.report(out), terminated(), progress(console) as notify:
                 results = run(work, out, notify, command_line(sys.argv[1:]))

@@ -9,6 +9,7 @@ from typing import Any
 
 from crosscheck.measures.limits import Verdict, worst
 from crosscheck.report.words import short
+from crosscheck.run.run_state import INTERRUPTED
 from crosscheck.verdicts.results import Results, StudyRow, fails
 
 VERSION = "crosscheck-ladder/1"
@@ -29,6 +30,7 @@ RUNGS = {
     "beam_in_space": "beam that moves in space",
     "damped_beam": "beam with damping",
 }
+UNFINISHED = "not finished: the run was interrupted"
 SAID = {"within": "holds", "explained": "holds within its error bars", "skipped": "not climbed"}
 COLUMNS = (
     ("rung", "rung", ""),
@@ -81,6 +83,8 @@ def _rung(results: Results, name: str, engine: str) -> Rung:
     rows = [row for row in results.comparisons if (row.mechanism, row.engine) == (name, engine)]
     if all(case.mechanism != name for case in results.cases):
         return Rung(name, engine, "skipped", "not asked for")
+    if results.message and all(run.message.startswith(INTERRUPTED) for run in runs):
+        return Rung(name, engine, "error", UNFINISHED)
     if not runs or any(run.verdict == "error" for run in runs):
         said = "; ".join(run.message for run in runs if run.message) or "it did not run"
         return Rung(name, engine, "error", said)
@@ -116,13 +120,16 @@ def quote(results: Results, engine: str, blind: str) -> str:
     """Return one line about an engine that may be quoted; blind : how it was asked, in words."""
     climbed = list(rungs(results, engine))
     held = [rung.name.replace("_", " ") for rung in climbed if rung.holds]
-    failed = [rung.name.replace("_", " ") for rung in climbed if rung.verdict not in ("within", "explained", "skipped")]
+    open_ = [rung for rung in climbed if rung.message == UNFINISHED]
+    wrong = [rung for rung in climbed if rung not in open_ and not rung.holds and rung.verdict != "skipped"]
     versions = {run.version for run in results.runs if run.engine == engine and run.version}
     name = " ".join([engine, *sorted(versions)])
     size = max((rung.difference for rung in climbed if rung.holds and rung.difference is not None), default=None)
     apart = "" if size is None else f", at most {short(size)} of the range apart from {_reference(results)}"
     line = f"{name} holds {len(held)} of {len(climbed)} rungs of {VERSION}{blind}: {', '.join(held) or 'none'}{apart}"
-    return line + (f"; not: {', '.join(failed)}" if failed else "")
+    named = {"not": wrong, "not finished": open_}
+    said = [f"{what}: {', '.join(one.name.replace('_', ' ') for one in some)}" for what, some in named.items() if some]
+    return "; ".join([line, *said])
 
 
 def _reference(results: Results) -> str:

@@ -12,6 +12,7 @@ from typing import Any
 from crosscheck import output_folder as owned
 from crosscheck.engines import Engine, missing
 from crosscheck.measures.certificate import Check
+from crosscheck.measures.limits import REFERENCE
 from crosscheck.measures.record import Record, RecordError, load, save
 from crosscheck.run.abilities import Abilities, skipped
 from crosscheck.run.isolation import Attempt
@@ -28,6 +29,8 @@ from crosscheck.verdicts.repeatability import SHAKEN, by_repetition, doubtful, s
 from crosscheck.verdicts.results import CaseRow, Diagnosis, EngineRow, Results, RunRow, StudyRow, slug
 
 RESULTS = "results.json"
+INTERRUPTED = "interrupted"
+UNCOMPARED = "nothing is compared with it here: no other engine came to an answer"
 PAUSE = 2.0  # [s] between two writings of results.json at least
 Job = tuple[str, Any, Any]  # kind, what, engine
 SHAKES = {f"shaken {way}": way for way in SHAKEN}  # kinds of jobs: an engine with the last digits of its input moved
@@ -75,6 +78,20 @@ class State:
         """Return the attempt of an engine that has said that it cannot do a case, None where it can or has not said."""
         kind, what, engine = job
         return self.refused.get((what.folder.name, what.case.name, engine.name)) if kind == "run" else None
+
+    def of_reference(self, job: Job) -> bool:
+        """Return True for the runs of the engine that others are compared with."""
+        return job[0] == "run" and job[2].name == REFERENCE
+
+    def compared(self, jobs: Iterable[Job]) -> Iterator[Job]:
+        """Yield the runs of the reference, those that nothing is compared with as refused."""
+        answered = {(run.mechanism, run.case) for run in self.results.runs if run.status == "ok"}
+        for job in jobs:
+            _, task, engine = job
+            case = task.folder.name, task.case.name
+            if case not in answered:
+                self.refused[*case, engine.name] = skipped(task, engine, UNCOMPARED, "")
+            yield job
 
     def repeats(self) -> Iterator[Job]:
         """Yield the runs whose error bars explain a difference: they have to repeat; and those that seem worse than blessed."""
@@ -133,9 +150,9 @@ class State:
             if name in have:
                 continue
             if kind == "run":
-                self._run(what, engine, Attempt(Record(engine=engine.name, status="error", message="interrupted")))
+                self._run(what, engine, Attempt(Record(engine=engine.name, status="error", message=INTERRUPTED)))
             else:
-                row = StudyRow(what.name, what.title, status="error", message="interrupted")
+                row = StudyRow(what.name, what.title, status="error", message=INTERRUPTED)
                 self.results = replace(self.results, studies=(*self.results.studies, row))
         self.results = replace(self.results, message="interrupted before everything was run")
 

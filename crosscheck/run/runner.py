@@ -72,7 +72,10 @@ def _stages(state: State, under_way: UnderWay) -> None:
     """Take what is kept, ask what engines can do, run what they can, then repeat and ask why where that is called for."""
     left = under_way.unknown(state, state.jobs())
     under_way.drain(state, under_way.unknown(state, state.asked(left)))
-    able = sorted(under_way.able(state, left), key=under_way.shelves.expected, reverse=True)
+    able = sorted(under_way.able(state, left), key=under_way.shelves.expected, reverse=not under_way.options.climbing)
+    if under_way.options.climbing:
+        under_way.drain(state, [job for job in able if not state.of_reference(job)])
+        able = under_way.able(state, state.compared(job for job in able if state.of_reference(job)))
     under_way.drain(state, able)
     under_way.drain(state, state.repeats())
     state.repeated()

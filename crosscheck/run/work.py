@@ -21,6 +21,7 @@ class Options:
     baseline : the blessed night that judges beside the limits, or None; whole : everything runs, so what it misses is gone
     kept : folder of answers of earlier runs, which are taken where nothing has changed (`crosscheck.run.kept_answers`), or None
     fresh : everything is computed all the same, and kept
+    climbing : what takes least comes first, and the reference runs only where another engine came to an answer
     """
 
     timeout: float = 900.0
@@ -32,6 +33,7 @@ class Options:
     whole: bool = False
     kept: Path | None = None
     fresh: bool = False
+    climbing: bool = False
 
 
 @dataclass(frozen=True)

@@ -5,15 +5,12 @@ from __future__ import annotations
 import difflib
 import sys
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 import numpy as np
 import pandas as pd
-from numba.core import event
 
 from flexinv.analysis.motor_side import motor_side
 from flexinv.analysis.overview import (
@@ -36,6 +33,7 @@ from flexinv.errors import FlexinvError, InputError, ModelWarning
 from flexinv.files.from_urdf import from_urdf
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
+from flexinv.kernels.compile_lock import NOTE, telling
 from flexinv.kinematics.mesh import build
 from flexinv.linearized.natural_modes import natural_modes
 from flexinv.linearized.steady_modes import steady_modes
@@ -281,7 +279,7 @@ def main(arguments: list[str] | None = None) -> None:
             if issubclass(category, ModelWarning)
             else others(message, category, *place)
         )
-        with telling():
+        with telling(lambda: click.echo(f"flexinv: {NOTE}", err=True)):
             complaint = _run(arguments)
     if complaint:
         click.echo(f"flexinv: {complaint}", err=True)
@@ -307,28 +305,3 @@ def _run(arguments: list[str] | None) -> str:
 
 def _one_line(message: object) -> str:
     return "; ".join(" ".join(line.split()) for line in str(message).splitlines() if line.strip())
-
-
-NOTE = "flexinv: compiling kernels, up to a minute; the machine code is kept for the next time"
-
-
-class _Note(event.Listener):
-    """Writes one line when the first kernel is compiled, none where all are read from the disk."""
-
-    told = False
-
-    def on_start(self, event: event.Event) -> None:
-        """Say so, once."""
-        if not self.told:
-            self.told = True
-            click.echo(NOTE, err=True)
-
-    def on_end(self, event: event.Event) -> None:
-        """Nothing."""
-
-
-@contextmanager
-def telling() -> Iterator[None]:
-    """Say on stderr when kernels are compiled in this block."""
-    with event.install_listener("numba:compile", _Note()):
-        yield

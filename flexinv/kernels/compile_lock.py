@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 try:
@@ -19,6 +21,20 @@ PATIENCE = 300.0  # [s]
 PAUSE = 0.02  # [s] between two looks
 
 
+NOTE = "compiling kernels, up to a minute; the machine code is kept for the next time"
+_LISTENERS: list[Callable[[], None]] = []
+
+
+@contextmanager
+def telling(say: Callable[[], None]) -> Iterator[None]:
+    """Call ``say`` when the first kernel of this block is compiled [-]; never where all are read from the disk."""
+    _LISTENERS.append(say)
+    try:
+        yield
+    finally:
+        _LISTENERS.clear()
+
+
 class CompileLock:
     """The right to compile one kernel, by a lock on a file that is never removed."""
 
@@ -28,6 +44,8 @@ class CompileLock:
 
     def take(self, patience: float = PATIENCE) -> bool:
         """Wait for the lock, at most so long [s]; return whether there was somebody to wait for."""
+        while _LISTENERS:
+            _LISTENERS.pop()()
         if fcntl is None or self._held is not None:
             return False
         try:

@@ -44,7 +44,7 @@ def levels(slopes: Array, root: Array) -> tuple[float, float]:
 
 @pytest.mark.parametrize("count", [4, 12, 20])
 def test_what_parameters_take_is_given_back(count: int) -> None:
-    """Effects as slow as the noise: of 20 in 240 samples the residuals show 0.58 of the level, and it comes out within a tenth."""
+    """Effects as slow as the noise: of 20 in 240 samples residuals show 0.58 of the level, and a tenth at most is missing."""
     slopes = np.column_stack([slow(np.random.default_rng(7 + k)) for k in range(count)])
     without, with_ = levels(slopes, 1e-3 * np.eye(count))
     assert without < (0.9 if count < 10 else 0.75) * LEVEL

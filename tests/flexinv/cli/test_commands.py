@@ -12,11 +12,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from numba import njit
 
 from flexinv.analysis.overview import link_mass
 from flexinv.analysis.solve import solve
-from flexinv.cli.commands import NOTE, main, telling
+from flexinv.cli.commands import main
 from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Beam, Body, Inertia, Link, Section
@@ -294,25 +293,6 @@ def test_the_module_is_the_command_line(root: Path) -> None:
         [sys.executable, "-m", "flexinv", "--help"], cwd=root, capture_output=True, text=True, check=True
     )
     assert "solve" in done.stdout
-
-
-def test_kernels_that_are_compiled_are_announced_once(capsys: pytest.CaptureFixture[str]) -> None:
-    """With Numba's real compiler: two functions are compiled, one line is written, and none without compiling."""
-
-    @njit
-    def twice(x: float) -> float:
-        return 2 * x
-
-    @njit
-    def thrice(x: float) -> float:
-        return 3 * x
-
-    with telling():
-        assert (twice(1.0), thrice(1.0)) == (2.0, 3.0)
-    assert capsys.readouterr().err == f"{NOTE}\n"
-    with telling():
-        assert (twice(1.0), thrice(1.0)) == (2.0, 3.0)
-    assert capsys.readouterr().err == ""
 
 
 def test_parameters_of_an_arm_that_bends_say_what_to_write(root: Path, capsys: pytest.CaptureFixture[str]) -> None:

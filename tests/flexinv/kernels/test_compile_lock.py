@@ -99,3 +99,15 @@ def test_a_kernel_that_cannot_be_compiled_keeps_no_lock(tmp_path: Path, monkeypa
         doubled.twice(3.0)
     assert doubled.twice.lock._held is None
     monkeypatch.delitem(sys.modules, "doubled")
+
+
+def test_the_first_kernel_that_is_compiled_is_told_once_and_none_after_the_block(tmp_path: Path) -> None:
+    said: list[str] = []
+    with compile_lock.telling(lambda: said.append("compiling")):
+        assert said == []
+        for name in ("one", "two"):
+            CompileLock(tmp_path / name).take()
+    with compile_lock.telling(lambda: said.append("never")):
+        pass
+    CompileLock(tmp_path / "three").take()
+    assert said == ["compiling"]
