@@ -29,6 +29,24 @@ PACKAGES = {
     "newton": ("newton",),
     "pyelastica": ("pyelastica",),
 }
+# What each may be off: the error bars of those that compute otherwise stand in their own packages.
+ROUNDED = "closed formulas on both sides: rounding"
+RODS = "rods of another formulation, marched explicitly: the error bars of its meshes"
+LIMITS = {
+    "dart": (("torque", 1e-9, ROUNDED), ("tip", 1e-9, ROUNDED)),
+    "drake": (("torque", 1e-9, ROUNDED), ("tip", 1e-9, ROUNDED)),
+    "newton": (
+        ("torque", 2e-5, "single precision: some hundred units in the last place of the forces that it adds up"),
+        ("tip", 1e-5, "single precision: some hundred units in the last place of the largest distance"),
+    ),
+    "pyelastica": (
+        ("torque", 1e-2, f"{RODS}; most where the torque jumps"),
+        ("axial", 1e-2, f"{RODS}; most where the torque jumps"),
+        ("deflection", 2e-3, RODS),
+        ("tip", 2e-4, RODS),
+        ("frequency", 1e-3, RODS),
+    ),
+}
 OURS = "flexinv,pinocchio,mujoco,exudyn*"
 EXTRAS = ".[engines,robots,report,fmu]"
 CONFIG = """# Written by plugins/outside.py.
@@ -83,6 +101,15 @@ def environment(folder: Path) -> list[str]:
 def programs(folder: Path) -> list[str]:
     """Compile Simbody's program and the FMUs, write crosscheck.toml, and return what is missing, in words."""
     missing, text = [], CONFIG
+    for name in installed(folder):
+        for quantity, maximum, reason in LIMITS[name]:
+            row = [
+                f"[[engines.{name}.limits]]",
+                f'quantity = "{quantity}"',
+                f"maximum = {maximum}",
+                f'reason = "{reason}"',
+            ]
+            text += "\n" + "\n".join(row) + "\n"
     for tool in ("make", "g++", "gcc"):
         if shutil.which(tool) is None:
             missing.append(f"there is no {tool}")
@@ -99,12 +126,17 @@ def programs(folder: Path) -> list[str]:
     return missing
 
 
-def engines(folder: Path) -> list[str]:
-    """Return the names of the outside engines that are there."""
+def installed(folder: Path) -> list[str]:
+    """Return the names of the packages that are installed."""
     ask = "import importlib.util as u, sys; print(*[n for n in sys.argv[1:] if u.find_spec('crosscheck_' + n)])"
     done = subprocess.run([python(folder), "-c", ask, *PACKAGES], capture_output=True, text=True, check=False)
+    return done.stdout.split()
+
+
+def engines(folder: Path) -> list[str]:
+    """Return the names of the outside engines that are there."""
     stated = (folder / "crosscheck.toml").read_text(encoding="utf-8")
-    return [*done.stdout.split(), *(name for name in ("simbody", "fmu") if f"[engines.{name}]" in stated)]
+    return [*installed(folder), *(name for name in ("simbody", "fmu") if f"[engines.{name}]" in stated)]
 
 
 def crosscheck(folder: Path, command: str, *words: object) -> int:

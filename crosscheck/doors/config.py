@@ -40,7 +40,7 @@ class LimitRow(Table):
 
 
 class EngineRow(Table):
-    """One engine: a command, an FMU or a Python object."""
+    """One engine: a command, an FMU or a Python object; or the limits of an engine that an installed package brings."""
 
     command: Annotated[list[Text], Field(min_length=1)] | None = key(
         "program and arguments, {kit} and {out} for the folders", 'command = ["./mine", "{kit}", "{out}"]', default=None
@@ -121,7 +121,7 @@ def rows(file: Path) -> dict[str, EngineRow]:
             raise where.wrong("", f"an engine called {name!r}", expected, "[engines.mine]")
         row = validate(EngineRow, data, where)
         kinds = [kind for kind in ("command", "fmu", "python") if getattr(row, kind) is not None]
-        if len(kinds) != 1:
+        if len(kinds) != 1 and (kinds or not row.limits):  # limits alone: of an engine that is installed
             given = " and ".join(kinds) or "none of them"
             raise where.wrong("", given, "one of command, fmu and python", 'command = ["./mine", "{kit}", "{out}"]')
         if row.command is not None and not any("{out}" in word for word in row.command):

@@ -69,6 +69,9 @@ def doors(models: Path, stated: Path | None = None, named: Iterable[str] = ()) -
     programs = []
     for name, row in ({} if file is None else config.rows(file)).items():
         assert file is not None
+        if row.command is None and row.fmu is None and row.python is None:
+            engines[name] = _limited_package(name, row, engines, file)
+            continue
         engine, program = _of(name, row, file)
         _add(engines, [engine], str(file))
         programs.append(program)
@@ -82,6 +85,20 @@ def _add(engines: dict[str, Engine], more: Iterable[Engine], where: str) -> None
         if engine.name in engines:
             raise InputError(f"{where}: an engine is called {engine.name!r}, which is taken; give it another name")
         engines[engine.name] = engine
+
+
+def _limited_package(name: str, row: config.EngineRow, engines: Mapping[str, Engine], file: Path) -> Engine:
+    """Return the engine of an installed package with limits that crosscheck.toml states for it."""
+    if name in ENGINES:
+        raise InputError(
+            f"{file}: [engines.{name}] states limits of an engine of this project: write them into cases.toml of each mechanism"
+        )
+    if name not in engines:
+        raise InputError(
+            f"{file}: [engines.{name}] has limits alone, and no installed package brings an engine of that name; install it, or "
+            'write one of command, fmu and python: command = ["./mine", "{kit}", "{out}"]'
+        )
+    return replace(engines[name], limits=config.limits(name, row))
 
 
 def _of(name: str, row: config.EngineRow, file: Path) -> tuple[Engine, Program]:
