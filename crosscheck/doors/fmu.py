@@ -93,7 +93,7 @@ class Fmu:
         folder = importlib.import_module("fmpy").extract(str(self._path))
         try:
             start = clock.perf_counter()
-            with Instance(description, folder) as instance:
+            with Instance(description, folder, starts(description, mechanism, case)) as instance:
                 got, steps = instance.evaluated(inputs, outputs, time, table)
             wall = clock.perf_counter() - start
         finally:
@@ -122,11 +122,28 @@ def ports(mechanism: Mechanism, case: Case, time: Array) -> tuple[dict[str, str]
     return names, {f"{name}.tau": efforts[name] for name in asked}, np.hstack(columns)
 
 
+def starts(description: Any, mechanism: Mechanism, case: Case) -> dict[int, float]:
+    """Return by value reference where joints start that follow from closures, parameters ``JOINT.start`` [rad], [m].
+
+    A loop closes in more than one way; the case says in which it begins.  Raises InputError for another unit.
+    """
+    units = {f"{joint.name}.start": UNITS[joint.kind][0][0] for joint in mechanism.joints if joint.nv == 1}
+    stated = {v.name for v in description.modelVariables if v.causality == "parameter"}
+    wanted = {name: unit for name, unit in units.items() if name in stated}
+    found = variables(description, wanted, "parameter")
+    begins = {name: np.ravel(case.start.get(name.removesuffix(".start"), 0.0)) for name in wanted}
+    return {one.valueReference: float(begins[one.name][0]) for one in found}
+
+
 class Instance:
     """One instance of an FMU, set up for its inputs; kind : "model exchange" or "co-simulation"."""
 
-    def __init__(self, description: Any, folder: str) -> None:
-        """Instantiate: the interface for model exchange where there is one."""
+    def __init__(self, description: Any, folder: str, starts: Mapping[int, float]) -> None:
+        """Instantiate: the interface for model exchange where there is one.
+
+        starts : by value reference, numbers that are set while it initialises [units of the variables]
+        """
+        self._starts = starts
         fmi = importlib.import_module("fmpy.fmi2")
         exchange = description.modelExchange
         part = exchange or description.coSimulation
@@ -144,6 +161,8 @@ class Instance:
         self._fmu.instantiate()
         self._fmu.setupExperiment(startTime=0.0)
         self._fmu.enterInitializationMode()
+        if self._starts:
+            self._fmu.setReal(list(self._starts), list(self._starts.values()))
         self._fmu.exitInitializationMode()
         return self
 

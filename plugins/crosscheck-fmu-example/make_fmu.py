@@ -190,6 +190,13 @@ def description(kit: Kit, forward: bool, kinds: tuple[str, ...]) -> str:
             f'<ScalarVariable name={name} valueReference="{4 * k + p}" causality="{causality}" variability="continuous"{exact}>'
             f'<Real unit="{unit}"{start}{rate}/></ScalarVariable>'
         )
+    closed = kit.mechanism["closures"] and not forward
+    for k in [k for k, given in enumerate(kit.given) if closed and not given]:  # which of its branches a loop is in
+        name, start = quoteattr(f"{rows[k]['joint']}.start"), float(kit.case["start"].get(rows[k]["joint"], [0.0])[0])
+        lines.append(
+            f'<ScalarVariable name={name} valueReference="{4 * k}" causality="parameter" variability="fixed" initial="exact">'
+            f'<Real unit="{UNITS[rows[k]["kind"]][0]}" start="{start}"/></ScalarVariable>'
+        )
     every = " ".join(
         str(n) for port, n in number.items() if known[port] == "input" or (forward and port[1] in ("q", "qd"))
     )

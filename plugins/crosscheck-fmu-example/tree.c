@@ -169,7 +169,14 @@ fmi2Component fmi2Instantiate(fmi2String n, fmi2Type t, fmi2String g, fmi2String
 }
 void fmi2FreeInstance(fmi2Component c) { free(c); }
 fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real x[]) {
-    for (size_t k = 0; k < n; k++) if (vr[k] < 4 * COUNT) ((Model *)c)->value[vr[k]] = x[k]; else return fmi2Error;
+    Model *m = c;
+    for (size_t k = 0; k < n; k++) {
+        if (vr[k] >= 4 * COUNT) return fmi2Error;
+        m->value[vr[k]] = x[k];
+#if CLOSED
+        if (vr[k] % 4 == 0 && !GIVEN[vr[k] / 4]) m->guess[vr[k] / 4] = x[k]; /* which of its branches a loop is in */
+#endif
+    }
     return fmi2OK;
 }
 fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real x[]) {
