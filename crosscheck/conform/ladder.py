@@ -66,7 +66,7 @@ def rungs(results: Results, engine: str) -> Iterator[Rung]:
     lines = [line for line in results.certificates if line.engine == engine and line.limit is not None]
     wrong = [f"{line.mechanism}: {line.what}" for line in results.certificates if line.engine == engine and fails(line)]
     if wrong:
-        yield Rung(CERTIFICATE, engine, "deviation", f"its own model has another {', '.join(wrong)}")
+        yield Rung(CERTIFICATE, engine, "deviation", f"its own model differs in {', '.join(wrong)}")
     elif lines:
         yield Rung(
             CERTIFICATE,

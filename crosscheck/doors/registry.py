@@ -51,8 +51,7 @@ class Doors:
             if not trusting and not trust.trusted(self.config, program.name, program.stamp):
                 raise InputError(
                     f"{self.config} has the engine {program.name}, which is new or has changed: it runs  {program.words}  "
-                    "on this machine. Look at it; then write crosscheck trust (in CI: --trust-commands), or leave it out with "
-                    "--engines"
+                    "on this machine. Look at it; then write crosscheck trust (in CI: --trust-commands), or leave it out"
                 )
             say(f"{program.name} runs  {program.words}  ({self.config})")
 

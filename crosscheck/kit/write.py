@@ -20,7 +20,7 @@ from crosscheck.kit import tree
 from crosscheck.kit.page import page
 from crosscheck.kit.resolved import case_file
 from crosscheck.kit.schemas import KIT, shipped
-from crosscheck.kit.tables import CaseData, CaseFile
+from crosscheck.kit.tables import CaseData, CaseFile, CertificateFile
 from crosscheck.measures.record import Record
 from crosscheck.measures.series_csv import TIME, table
 from crosscheck.measures.series_csv import write as write_series
@@ -110,7 +110,8 @@ def _expected(folder: Path, record: Record, file: CaseFile) -> None:
     asked = {one.quantity for one in file.case.asked}
     write_series(folder / "series.csv", record.time, [s for s in record.series.values() if s.quantity in asked])
     if "problem" not in record.certificate:
-        _json(folder / "certificate.json", record.certificate)
+        said = {key: value for key, value in record.certificate.items() if key in CertificateFile.model_fields}
+        _json(folder / "certificate.json", said)
     meta = {"tool": record.engine, "version": record.version, "case": file.digest}
     _json(folder / "meta.json", {**meta, "mechanism": file.mechanism.name, "name": file.case.name})
 

@@ -19,7 +19,7 @@ from crosscheck.verdicts.results import RunRow, StudyRow
 
 
 def compare_all(task: Task, records: Mapping[str, Record]) -> tuple[list[Comparison], tuple[str, ...]]:
-    """Return every comparison of one case, and the limits that none of them asked for."""
+    """Return every comparison of one case, and the limits of engines of this run that none of them asked for."""
     rows, used = [], []
     for name, record in records.items():
         for reference in references(task.case.limits, name):
@@ -28,8 +28,8 @@ def compare_all(task: Task, records: Mapping[str, Record]) -> tuple[list[Compari
             rows += compare(pair)
             used += [find(task.case.limits, q, name, reference, record.version) for q in task.case.quantities]
     idle = unused(task.case.limits, [limit for limit in used if limit is not None])
-    named = {n for limit in idle for n in limit.engines}
-    return rows, tuple(f"{i.quantity}, engines {', '.join(i.engines)}, reference {i.reference}" for i in idle if named)
+    here = [limit for limit in idle if not records.keys().isdisjoint(limit.engines)]
+    return rows, tuple(f"{i.quantity}, engines {', '.join(i.engines)}, reference {i.reference}" for i in here)
 
 
 def absent(reference: str) -> Record:

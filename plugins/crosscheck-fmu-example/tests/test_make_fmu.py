@@ -38,9 +38,13 @@ def test_torques_are_those_of_the_reference(rung: str, tmp_path: Path) -> None:
 
 
 def agrees(mechanism: Mechanism, case: Case, tmp_path: Path) -> None:
-    """The torques of the FMU of a case are those of the reference."""
+    """The torques of the FMU that is compiled of a case are those of the reference."""
     write(mechanism, case, tmp_path / "kit")
-    file = make_fmu.make(tmp_path / "kit", tmp_path / "plant.fmu")
+    same(mechanism, case, make_fmu.make(tmp_path / "kit", tmp_path / "plant.fmu"))
+
+
+def same(mechanism: Mechanism, case: Case, file: Path) -> None:
+    """The torques of an FMU at a case are those of the reference."""
     theirs = fmu.opened("plant", "", {"fmu": str(file), "cases": ["*"]}).run(mechanism, case, "plant", {})
     ours = adapter(ENGINES["flexinv"]).run(mechanism, case, "flexinv", {"error": False})
     size = max(float(np.ptp(s.values)) for s in ours.series.values() if s.quantity == "torque")
@@ -79,6 +83,18 @@ def test_loops_of_the_models_are_those_of_the_reference(name: str, tmp_path: Pat
     mechanism = load_mechanism(MODELS / name)
     case = next(iter(load_cases(MODELS / name, mechanism).values()))
     agrees(mechanism, case, tmp_path)
+
+
+@compiled
+@pytest.mark.skipif(not MODELS.is_dir(), reason="the models are not here: this is no checkout")
+def test_one_fmu_computes_a_loop_in_both_of_its_branches(tmp_path: Path) -> None:
+    """A four-bar closes open and crossed: the FMU of one case is told where the others begin."""
+    mechanism = load_mechanism(MODELS / "four_bar")
+    cases = load_cases(MODELS / "four_bar", mechanism)
+    write(mechanism, cases["crossed"], tmp_path / "kit")
+    file = make_fmu.make(tmp_path / "kit", tmp_path / "plant.fmu")
+    for name in ("turn", "crossed"):
+        same(mechanism, cases[name], file)
 
 
 @compiled
