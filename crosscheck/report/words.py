@@ -177,7 +177,11 @@ def sentence(results: Results) -> str:
         _count(len(others), "certificate does not hold", "certificates do not hold"),
         _count(failed, "run failed", "runs failed"),
         _unread([c.mechanism for c in results.cases if c.problem]),
-        _count(sum(s.verdict not in ("within", "skipped") for s in results.studies), "study is off", "studies are off"),
+        _count(
+            sum(s.verdict not in ("within", "explained", "skipped") for s in results.studies),
+            "study is off",
+            "studies are off",
+        ),
         _count(len(results.baseline.get("gone", ())), "blessed comparison is gone", "blessed comparisons are gone"),
         results.message,
     ]

@@ -189,6 +189,7 @@ def test_a_run_of_studies_alone_has_no_empty_matrix(tmp_path: Path) -> None:
         (studies("within"), "The study is within its target."),
         (studies("within", "within"), "All 2 studies are within their targets."),
         (studies("within", "deviation"), "1 of 2 studies is within its target; 1 study is off."),
+        (studies("within", "explained"), "The study is within its target."),  # what has a named cause is not off
     ],
 )
 def test_the_first_sentence(results: Results, sentence: str) -> None:
