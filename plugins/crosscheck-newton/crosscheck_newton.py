@@ -99,7 +99,7 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Mapping[str, Any
         part = slice(first, min(first + AT_ONCE, time.size))
         built = build(mechanism, part.stop - first)
         bodies[part], bars[part], frames = inverse_dynamics(built, angles[part], v[part], a[part])
-        bars[part] += UNIT * CARRIED * carried(mechanism, built, frames, v[part], a[part])
+        bars[part] += UNIT * CARRIED * carried(mechanism, built, frames, time[part])
         for link in mechanism.links:
             places[link.name][part] = moved(frames[:, built.links[link.name]], np.asarray(link.tip, dtype=float))
     wall = clock.perf_counter() - start
@@ -198,22 +198,26 @@ def inverse_dynamics(built: Built, q: Array, v: Array, a: Array) -> tuple[Array,
     return found, LOST * UNIT * np.broadcast_to(added.max(axis=0), found.shape), frames
 
 
-def carried(mechanism: Mechanism, built: Built, frames: Array, v: Array, a: Array) -> Array:
+def carried(mechanism: Mechanism, built: Built, frames: Array, time: Array) -> Array:
     """Return the largest moment about the world's origin [N m] of weight and inertia of what each coordinate moves, (nv,).
 
-    For a slide it is their force [N].  Accelerations are bounded by (sum |a| + (sum |v|)^2) times the largest distance.
+    For a slide it is their force [N].  frames : (samples, bodies, 7) [m], over time (samples,) [s], which gives accelerations
     """
-    distance = np.linalg.norm(frames[:, :, :3], axis=2)  # (samples, bodies)
-    reach = distance.max(axis=1)
-    speed, faster = np.abs(v).sum(axis=1), np.abs(a).sum(axis=1)
-    pull = float((np.linalg.norm(mechanism.gravity) + (faster + speed**2) * reach).max())
-    mass = {link.name: sum(part.inertia.mass for part in link.bodies) for link in mechanism.links}
+    place = frames[:, :, :3]
+    faster = np.zeros_like(place)
+    if time.size > 2:
+        faster = np.gradient(np.gradient(place, time, axis=0), time, axis=0)
+    pull = np.linalg.norm(mechanism.gravity) + np.linalg.norm(faster, axis=2)
+    weighs = {
+        link.name: sum(part.inertia.mass for part in link.bodies) * pull[:, built.links[link.name]]
+        for link in mechanism.links
+    }
     for joint in reversed(mechanism.joints):  # parents stand before children
-        mass[joint.parent] = mass.get(joint.parent, 0.0) + mass[joint.child]
+        weighs[joint.parent] = weighs.get(joint.parent, 0.0) + weighs[joint.child]
     out = []
     for joint in mechanism.joints:
-        arm = 1.0 if joint.kind == "prismatic" else float(distance[:, built.links[joint.child]].max())
-        out += [mass[joint.child] * pull * arm] * joint.nv
+        arm = 1.0 if joint.kind == "prismatic" else np.linalg.norm(place[:, built.links[joint.child]], axis=1)
+        out += [float((weighs[joint.child] * arm).max())] * joint.nv
     return np.array(out)
 
 
