@@ -58,7 +58,6 @@ ALONE = {
     "flexinv.cli.parameters": COMMAND,
     "flexinv.files.case_csv": "a file format of its own",
     "flexinv.files.overlay": "changes of a URDF, apart from the reading of mechanism files",
-    "flexinv.kernels.compile_lock": "waiting for other processes, which knows nothing of Numba",
     "flexinv.kernels.inner_library": "what Numba links, which knows nothing of files on disk",
     "flexinv.model.drive": DATA,
     "flexinv.constraints.allocation_kernel": KERNEL,

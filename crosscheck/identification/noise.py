@@ -69,7 +69,7 @@ def agreeing(residual: Array) -> float:
 
 
 def _noise(behind: Sequence[Array], lasting: Array) -> Noise:
-    """What lasts through a log tells nothing of samples that agree, and is as large as it is."""
+    """Return the noise of samples and of logs: one that lasts through a log tells nothing of samples that agree."""
     spread = np.sqrt(np.array([own[0] for own in behind]) + lasting**2)
     return Noise(spread, np.array([_count(own) if own[0] > 0.0 else 1.0 for own in behind]))
 
@@ -84,7 +84,7 @@ def _alike(own: Array) -> Array:
 
 
 def _taken(behind: Sequence[Array], told: Noise, slopes: Sequence[Array], root: Array) -> list[Array]:
-    """What the parameters take away of the autocovariance, (samples,) per channel [unit^2]."""
+    """Return the part of the autocovariance that the parameters take away, (samples,) per channel [unit^2]."""
     square = told.weight**2
     spread = [_spread(own, j) for own, j in zip(behind, slopes, strict=True)]
     precision = root.T @ root

@@ -77,6 +77,8 @@ def _stages(state: State, under_way: UnderWay) -> None:
         under_way.drain(state, [job for job in able if not state.of_reference(job)])
         able = under_way.able(state, state.compared(job for job in able if state.of_reference(job)))
     under_way.drain(state, able)
+    if not under_way.options.asking:
+        return
     under_way.drain(state, state.repeats())
     state.repeated()
     under_way.drain(state, under_way.unknown(state, state.questions()))
