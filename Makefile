@@ -27,10 +27,10 @@ outside:
 	$(PYTHON) plugins/outside.py report --jobs $(JOBS)
 
 test: lint
-	$(BIN)/pytest -n $(JOBS)
+	$(BIN)/pytest -n $(JOBS) --dist worksteal
 
 check: $(STAMP)
-	$(BIN)/pytest -n $(JOBS) -m "not slow and not browser"
+	$(BIN)/pytest -n $(JOBS) --dist worksteal -m "not slow and not browser"
 
 # A warning is an error; links to files and within the site are checked, too.
 docs: $(STAMP)

@@ -112,8 +112,8 @@ class UnderWay:
             if (no := state.refusal(job)) is None:
                 left.append(job)
             else:
-                state.take(job, no)
                 self.shelves.keep(job, no)
+                state.take(job, no)
         return left
 
     def drain(self, state: State, jobs: Iterable[Job]) -> None:
@@ -123,9 +123,9 @@ class UnderWay:
             for future in wait(self.pending, return_when=FIRST_COMPLETED).done:
                 job = self.pending[future]
                 answer = _answer(future, job)
+                self.shelves.keep(job, answer)  # first: what an interruption finds in the results is there to be resumed
                 state.take(job, answer)
                 del self.pending[future]
-                self.shelves.keep(job, answer)
 
     def _submit(self, job: Job) -> Future[Any]:
         if job[0] in FAR and self.options.scheduler:
