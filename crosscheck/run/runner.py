@@ -123,7 +123,7 @@ class UnderWay:
             for future in wait(self.pending, return_when=FIRST_COMPLETED).done:
                 job = self.pending[future]
                 answer = _answer(future, job)
-                self.shelves.keep(job, answer)  # first: what an interruption finds in the results is there to be resumed
+                self.shelves.keep(job, answer)  # first, so that a run resumes what an interruption finds told
                 state.take(job, answer)
                 del self.pending[future]
 
