@@ -123,9 +123,7 @@ class Program:
         home = Path(self._settings["folder"])
         if os.sep in words[0] and not os.path.isabs(words[0]):
             words[0] = str(home / words[0])
-        if (
-            blind
-        ):  # it runs elsewhere: what its command names beside crosscheck.toml, a script above all, is named in full
+        if blind:  # it runs elsewhere: a script that stands beside crosscheck.toml is named in full
             words = [str(home / word) if (home / word).is_file() else word for word in words]
         log = scratch / "printed.txt"
         try:

@@ -89,9 +89,8 @@ class KeptAnswers:
     def study(self, study: Study) -> tuple[object, ...]:
         """Return the things that a study depends on: its function, its options, and all files in the folders that these name."""
         words = {name: value for name, value in study.options.items() if isinstance(value, str | Path)}
-        folders = {
-            name: Path(value) for name, value in words.items() if os.path.isdir(value)
-        }  # False of what is too long
+        # os.path: a text that is too long for a path is no folder either, and no error.
+        folders = {name: Path(value) for name, value in words.items() if os.path.isdir(value)}
         plain = {name: value for name, value in study.options.items() if name not in folders}
         return study.module, study.function, plain, {name: self.contents(folder) for name, folder in folders.items()}
 
