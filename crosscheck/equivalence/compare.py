@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.equivalence.align import SAME, Aligned, aligned
+from crosscheck.equivalence.bases import moved_base
 from crosscheck.equivalence.beams.bending import Felt, felt
 from crosscheck.equivalence.beams.held import held
 from crosscheck.equivalence.beams.sections import Beams
@@ -20,7 +21,7 @@ from crosscheck.equivalence.efforts import efforts, mapped, mapped_back, states_
 from crosscheck.equivalence.groups import BODY, alike, exchanged, missing_links, one_body, scaled
 from crosscheck.equivalence.judge import Bench, Judged, judge, rounded
 from crosscheck.equivalence.loops import loop_differences
-from crosscheck.equivalence.match import Match, match
+from crosscheck.equivalence.matching.match import Match, match
 from crosscheck.equivalence.members import START, Pair, body_differences, drive_differences, joint_differences
 from crosscheck.equivalence.output.advice import Sides, advice
 from crosscheck.equivalence.reduce import Reduced, reduced
@@ -180,7 +181,7 @@ def _found(
         own = [*body_differences(pair)]
         lost = missing_links(pair) if any(d.cause in BODY for d in own) else None
         found += [*joint_differences(pair), *([lost] if lost else one_body(pair) or own), *drive_differences(pair)]
-    found = exchanged(trees.first, trees.second, pairs, found)
+    found = moved_base(trees.first, exchanged(trees.first, trees.second, pairs, found), size)
     found = [*trees.found, *_gravity(trees), *alike(scaled(trees.first, found))]
     return Found(trees, seats, found)
 

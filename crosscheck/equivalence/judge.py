@@ -18,7 +18,7 @@ from flexinv.model.mechanism import Array
 
 # A coordinate whose efforts are that small beside the largest of all is judged against those: rounding sums over the whole tree.
 FLOOR = 1e-6
-KINEMATIC = ("position of joint", "orientation of joint", "joint axis", "pitch", "kind of joint")
+KINEMATIC = ("pose of base", "position of joint", "orientation of joint", "joint axis", "pitch", "kind of joint")
 Share = tuple[float, float, str]
 ROUNDED = 1e-3  # relative: a number is not a rounded other one where it is farther off
 

@@ -242,6 +242,12 @@ def vector_text(numbers: Array) -> str:
     return " ".join(f"{x:.9g}" for x in np.where(np.abs(numbers) < small, 0.0, numbers))
 
 
+def placement_text(frame: Placement) -> str:
+    """Return a frame as text: position [m], and its turn [rad] where it has one."""
+    turn = angle(frame.rotation)
+    return vector_text(frame.position) + (f", {_rpy(frame.rotation)}" if turn > SAME else "")
+
+
 def _rpy(rotation: Array) -> str:
     from crosscheck.engines.shared.urdf_text import roll_pitch_yaw
 
