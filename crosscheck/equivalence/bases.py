@@ -10,7 +10,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from crosscheck.equivalence.align import SAME
+from crosscheck.equivalence.align import ROUGH, SAME
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.members import placement_text
 from crosscheck.equivalence.tree import Tree
@@ -33,7 +33,7 @@ def moved_base(first: Tree, found: list[Difference], size: float) -> list[Differ
         return found
     before, after = first.poses(), first.changed(c for d in places for c in d.changes).poses()
     motions = {k: on(after[k], inverse(before[k])) for k in standing if own[k]}
-    slack = {k: sum(d.printed for d in own[k]) + SAME * size for k in motions}
+    slack = {k: min(sum(d.printed for d in own[k]), ROUGH * size) + SAME * size for k in motions}
     alike = {k: [m for m in motions if _agree(motions[k], motions[m], slack[k] + slack[m], size)] for k in motions}
     best = max(alike, key=lambda k: len(alike[k]))
     if len(alike[best]) < JOINTS or 2 * len(alike[best]) <= len(standing):

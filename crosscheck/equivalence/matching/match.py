@@ -33,7 +33,8 @@ ALMOST = 1e-6  # costs below that are equal: rounding of printed numbers
 class Match:
     """Pairs of joints of two trees, by joint of the first.
 
-    how : by joint "name", "prefix", "stated", "structure", "numbers" (by structure, against the numbers in names); certainty : by joint, 1 less the cost over that of the next best [-]
+    how : by joint "name", "prefix", "stated", "structure", or "numbers": by structure, against the numbers in names
+    certainty : by joint, 1 less the cost over that of the next best [-]
     """
 
     pairs: Mapping[str, str]

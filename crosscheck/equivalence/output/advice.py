@@ -239,7 +239,10 @@ def _of_base(difference: Difference, sides: Sides) -> Iterator[str]:
         root = next((joint.child for joint in description.mechanism.joints if joint.parent == WORLD), "")
         if words := STANDS.get(description.format, ""):
             x, y, z, w = quaternion(frame.rotation)
-            turns = {"rpy": vector_text(np.array(roll_pitch_yaw(frame.rotation))), "quat": vector_text(np.array([w, x, y, z]))}
+            turns = {
+                "rpy": vector_text(np.array(roll_pitch_yaw(frame.rotation))),
+                "quat": vector_text(np.array([w, x, y, z])),
+            }
             what = words.format(root=root, xyz=vector_text(frame.position), **turns)
             yield f"to make {side} ({description.label}) like {other}: {what}"
 
