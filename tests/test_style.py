@@ -92,7 +92,7 @@ ALONE = {
     "crosscheck.equivalence.couplings": COMPARED,
     "crosscheck.equivalence.loops": COMPARED,
     "crosscheck.equivalence.reduce": COMPARED,
-    "crosscheck.equivalence.roots": COMPARED,
+    "crosscheck.equivalence.matching.roots": COMPARED,
     "crosscheck.report.plots": DRAWING,
 }
 

@@ -10,22 +10,24 @@ from typing import Any
 import numpy as np
 
 from crosscheck.equivalence.align import SAME, Aligned, aligned
+from crosscheck.equivalence.bases import moved_base
 from crosscheck.equivalence.beams.bending import Felt, felt
 from crosscheck.equivalence.beams.held import held
 from crosscheck.equivalence.beams.sections import Beams
 from crosscheck.equivalence.certificates import lines
 from crosscheck.equivalence.couplings import coupling_differences
 from crosscheck.equivalence.difference import Difference
+from crosscheck.equivalence.digits import Digits, Sheet
 from crosscheck.equivalence.efforts import efforts, mapped, mapped_back, states_of
 from crosscheck.equivalence.groups import BODY, alike, exchanged, missing_links, one_body, scaled
 from crosscheck.equivalence.judge import Bench, Judged, judge, rounded
 from crosscheck.equivalence.loops import loop_differences
-from crosscheck.equivalence.match import Match, match
+from crosscheck.equivalence.matching.match import Match, match
+from crosscheck.equivalence.matching.roots import rooted_alike
 from crosscheck.equivalence.members import START, Pair, body_differences, drive_differences, joint_differences
 from crosscheck.equivalence.output.advice import Sides, advice
 from crosscheck.equivalence.reduce import Reduced, reduced
 from crosscheck.equivalence.result import JUDGED, Comparison
-from crosscheck.equivalence.roots import rooted_alike
 from crosscheck.equivalence.sources import describe_pair
 from crosscheck.equivalence.tree import Tree, tree_of
 from crosscheck.lifting.description import Description
@@ -93,7 +95,7 @@ def compared(first: Description, second: Description, tolerance: float, stated: 
         two = tree_of(second.mechanism, second.gears)
     bent = felt(beams)
     size = max(_size(one), _size(two))
-    printed = _printed(first, second, pairs)
+    printed = Digits(Sheet(one, first.printed), Sheet(two, second.printed))
     found = _least(one, two, dict(pairs.pairs), size, printed)
     trees, seats = found.trees, {found.trees.first.members[s.first].joint: s for s in found.seats}
     moving = {joint: seats[joint] for joint in trees.first.moving if trees.first.moving[joint] in dict(trees.pairs)}
@@ -148,9 +150,7 @@ def _size(tree: Tree) -> float:
     return float(np.ptp(places, axis=0).max()) or 1.0
 
 
-def _least(
-    one: Tree, two: Tree, joints: dict[str, str], size: float, printed: Mapping[tuple[str, str], float]
-) -> Found:
+def _least(one: Tree, two: Tree, joints: dict[str, str], size: float, printed: Digits) -> Found:
     """The explanation with the fewest differences: fixed links kept or merged, zeros of joints turned or where they were."""
     kept, whole = (_found(one, two, joints, (links, True), size, printed) for links in (True, False))
     best = kept if _count(kept) <= _count(whole) else whole
@@ -170,7 +170,7 @@ def _count(found: Found) -> int:
 
 def _found(
     one: Tree, two: Tree, joints: dict[str, str], links_zeros: tuple[bool, bool], size: float,
-    printed: Mapping[tuple[str, str], float],
+    printed: Digits,
 ) -> Found:  # fmt: skip
     trees = reduced(one, two, joints, links_zeros[0])
     seats = aligned(trees.first, trees.second, trees.pairs, size, links_zeros[1])
@@ -180,7 +180,7 @@ def _found(
         own = [*body_differences(pair)]
         lost = missing_links(pair) if any(d.cause in BODY for d in own) else None
         found += [*joint_differences(pair), *([lost] if lost else one_body(pair) or own), *drive_differences(pair)]
-    found = exchanged(trees.first, trees.second, pairs, found)
+    found = moved_base(trees.first, exchanged(trees.first, trees.second, pairs, found), size)
     found = [*trees.found, *_gravity(trees), *alike(scaled(trees.first, found))]
     return Found(trees, seats, found)
 
@@ -192,16 +192,6 @@ def _gravity(trees: Reduced) -> list[Difference]:
         return []
     a, b = (" ".join(f"{x:.9g}" for x in g) for g in (ours, theirs))
     return [Difference("rigid", "gravity", "the world", off, "m/s^2", a, b, ((-1, "gravity", theirs),))]
-
-
-def _printed(first: Description, second: Description, pairs: Match) -> dict[tuple[str, str], float]:
-    """Half digits of both files, by the names of the first: the coarser of the two."""
-    back = {theirs: ours for ours, theirs in pairs.pairs.items()}
-    found = dict(first.printed)
-    for (name, quantity), half in second.printed.items():
-        key = (back.get(name, name), quantity)
-        found[key] = max(found.get(key, 0.0), half)
-    return found
 
 
 def _notes(one: Tree, two: Tree, pairs: Match, found: Found) -> list[str]:

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from flexinv.model.mechanism import Placement
+
 # What is judged apart: rigid bodies and how they hang together, links that bend, what drives add, how coordinates count, limits.
 FAMILIES = ("rigid", "beam", "drive", "convention", "limits")
 Change = tuple[int, str, Any]
@@ -19,6 +21,7 @@ class Difference:
     size : of the difference [unit]; first, second : both values as text
     changes : fields of A's tree that become B's; hints : what the numbers look like
     effect : largest change of an effort when it alone is left out [N m], [N]; share : of that effort's range [-]
+    motion : of all that stands on the world, where that is what differs [m]
     printed : half of the last digit that the files print of it [unit], 0 where they print all
     """
 
@@ -36,6 +39,7 @@ class Difference:
     printed: float = 0.0
     structural: bool = False
     names: Mapping[str, str] = field(default_factory=dict)
+    motion: Placement | None = None
 
     @property
     def words(self) -> str:

@@ -13,14 +13,16 @@ import numpy as np
 
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.efforts import States, of_tree
+from crosscheck.equivalence.members import ZERO
 from crosscheck.equivalence.tree import Tree
 from flexinv.model.mechanism import Array
 
 # A coordinate whose efforts are that small beside the largest of all is judged against those: rounding sums over the whole tree.
 FLOOR = 1e-6
-KINEMATIC = ("position of joint", "orientation of joint", "joint axis", "pitch", "kind of joint")
+KINEMATIC = ("pose of base", "position of joint", "orientation of joint", "joint axis", "pitch", "kind of joint")
 Share = tuple[float, float, str]
 ROUNDED = 1e-3  # relative: a number is not a rounded other one where it is farther off
+SIGNIFICANT = 5e-3  # relative: half the last of three significant digits; to those a number may be rounded
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,8 @@ def rounded(difference: Difference) -> bool:
     if not 0.0 < difference.size <= difference.printed * (1.0 + 1e-9):
         return False
     values = [_largest(text) for text in (difference.first, difference.second)]
-    return difference.size <= ROUNDED * max(*values, 1e-300) or difference.unit == "rad"
+    largest = 1.0 if difference.unit == "rad" or difference.cause == ZERO else max(*values, 1e-300)
+    return difference.size <= ROUNDED * largest or difference.printed <= SIGNIFICANT * largest
 
 
 def _largest(text: str) -> float:

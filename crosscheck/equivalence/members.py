@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from crosscheck.equivalence.align import SAME, Aligned
 from crosscheck.equivalence.difference import Change, Difference
+from crosscheck.equivalence.digits import VECTOR, Digits
 from crosscheck.equivalence.hints import factor_hints, tensor_hints, vector_hints
 from crosscheck.equivalence.tree import SCALARS, Member
 from crosscheck.lifting.rigid import angle, moved, on
@@ -21,7 +22,7 @@ DRIVES = {
     "friction": ("dry friction", "N m", "N"),
     "stiffness": ("spring stiffness", "N m/rad", "N/m"),
 }
-START = "pose at zero"
+START, ZERO = "pose at zero", "zero of coordinate"
 BOUNDS = ("lower", "upper", "effort", "velocity")
 NOISE = 1e-12  # [m], [-], [kg m^2] as shown: rounding of frames that are turned there and back
 # A limit that large binds no machine [rad], [m], [N m], [N], [1/s]; formats that demand one are given such.
@@ -30,13 +31,13 @@ UNBOUND = 1e8
 
 @dataclass(frozen=True)
 class Pair:
-    """A member of A with the one of B, and how they are aligned; size : of the machines [m]; printed : by (element, quantity)."""
+    """A member of A with the one of B, and how they are aligned; size : of the machines [m]; printed : digits of both."""
 
     one: Member
     two: Member
     seat: Aligned
     size: float
-    printed: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    printed: Digits
 
     @property
     def joint(self) -> str:
@@ -48,9 +49,13 @@ class Pair:
         """Return the link in words."""
         return f"link {self.one.name}"
 
-    def digits(self, element: str, quantity: str) -> float:
-        """Return half the last digit that a file prints of a quantity, in its unit [any unit]; 0 where it prints none."""
-        return self.printed.get((element, quantity), 0.0)
+    def of_joint(self, quantity: str) -> float:
+        """Return what the printed digits leave open of a joint, in the quantity's unit [any unit]; 0 where none are printed."""
+        return self.printed.joint(self.one, self.two, quantity)
+
+    def of_body(self, quantity: str) -> float:
+        """Return what the printed digits leave open of a body, in the quantity's unit [any unit]; 0 where none are printed."""
+        return self.printed.body(self.one, self.two, quantity)
 
     def change(self, name: str, value: Any) -> Change:
         """Return the change of one field of A's member [unit of the field]."""
@@ -77,7 +82,7 @@ def joint_differences(pair: Pair) -> Iterator[Difference]:
     axis = seat.frame.rotation @ two.axis * seat.sign
     tilt = float(np.arctan2(np.linalg.norm(np.cross(one.axis, axis)), one.axis @ axis))
     if tilt > SAME:
-        digits = pair.digits(one.joint, "axis") + np.sqrt(3) * pair.digits(one.joint, "rotation")
+        digits = pair.of_joint("axis") + pair.of_joint("rotation")
         changes = (pair.change("axis", axis),)
         shown = vector_text(one.axis), vector_text(axis)
         yield Difference("rigid", "joint axis", pair.joint, tilt, "rad", *shown, changes, printed=digits)
@@ -89,9 +94,9 @@ def joint_differences(pair: Pair) -> Iterator[Difference]:
     if seat.sign < 0:
         yield Difference("convention", "sign of coordinate", pair.joint, 2.0, "-", "+", "-", hints=_left_limits(pair))
     if abs(seat.offset) > SAME * (pair.size if unit == "m" else 1.0):
-        digits = pair.digits(one.joint, "position" if unit == "m" else "rotation")
+        digits = pair.of_joint("shift" if unit == "m" else "zero")
         yield Difference(
-            "convention", "zero of coordinate", pair.joint, abs(seat.offset), unit, "0", f"{seat.offset:.9g}",
+            "convention", ZERO, pair.joint, abs(seat.offset), unit, "0", f"{seat.offset:.9g}",
             hints=(*factor_hints(seat.offset, 0.0), *_left_limits(pair)), printed=digits,
         )  # fmt: skip
 
@@ -107,13 +112,13 @@ def _placement(pair: Pair) -> Iterator[Difference]:
         changes = (pair.change("placement position", target.position),)
         shown = vector_text(one.placement.position), vector_text(target.position)
         hints = vector_hints(target.position, one.placement.position)
-        digits = np.sqrt(3) * pair.digits(one.joint, "position")
+        digits = pair.of_joint("position")
         yield Difference("rigid", "position of joint", pair.joint, way, "m", *shown, changes, hints, printed=digits)
     elif way > 0.0:
         yield _silent(pair, "placement position", target.position)
     if turn > SAME:
         changes = (pair.change("placement rotation", target.rotation),)
-        digits = np.sqrt(3) * pair.digits(one.joint, "rotation")
+        digits = pair.of_joint("rotation")
         shown = _rpy(one.placement.rotation), _rpy(target.rotation)
         yield Difference("rigid", "orientation of joint", pair.joint, turn, "rad", *shown, changes, printed=digits)
     elif turn > 0.0:
@@ -148,7 +153,7 @@ def body_differences(pair: Pair) -> Iterator[Difference]:
     if there.mass and (one.mass or one.tensor.any()) and gap > SAME * pair.size:
         shown = vector_text(one.com), vector_text(there.com)
         hints = vector_hints(there.com, one.com)
-        changes, digits = (pair.change("com", there.com),), np.sqrt(3) * pair.digits(one.name, "com")
+        changes, digits = (pair.change("com", there.com),), VECTOR * pair.of_body("com")
         yield Difference("rigid", "centre of mass", pair.link, gap, "m", *shown, changes, hints, printed=digits)
     elif gap > 0.0:
         yield Difference("rigid", "", pair.link, 0.0, "-", "", "", (pair.change("com", there.com),))
@@ -156,7 +161,7 @@ def body_differences(pair: Pair) -> Iterator[Difference]:
     if off > SAME * max(float(np.abs(one.tensor).max()), float(np.abs(there.tensor).max())):
         shown = _tensor(one.tensor), _tensor(there.tensor)
         hints = tensor_hints(one.inertia, there)
-        changes, digits = (pair.change("tensor", there.tensor),), pair.digits(one.name, "tensor")
+        changes, digits = (pair.change("tensor", there.tensor),), pair.of_body("tensor")
         yield Difference("rigid", "inertia tensor", pair.link, off, "kg m^2", *shown, changes, hints, printed=digits)
 
 
@@ -229,7 +234,7 @@ def _close(one: Limits, two: Limits) -> bool:
 
 def _scalar(pair: Pair, family: str, cause: str, name: str, value: float, unit: str, place: str = "") -> Difference:
     ours = float(getattr(pair.one, name))
-    digits = pair.digits(pair.one.name if place else pair.one.joint, name)
+    digits = pair.of_body(name) if place else pair.of_joint(name)
     return Difference(
         family, cause, place or pair.joint, abs(value - ours), unit, f"{ours:.9g}", f"{value:.9g}",
         (pair.change(name, value),), factor_hints(value, ours), printed=digits,
@@ -240,6 +245,12 @@ def vector_text(numbers: Array) -> str:
     """Return numbers as text [any unit]; what is rounding beside the largest of them is zero."""
     small = max(NOISE, SAME * float(np.abs(numbers).max(initial=0.0)))
     return " ".join(f"{x:.9g}" for x in np.where(np.abs(numbers) < small, 0.0, numbers))
+
+
+def placement_text(frame: Placement) -> str:
+    """Return a frame as text: position [m], and its turn [rad] where it has one."""
+    turn = angle(frame.rotation)
+    return vector_text(frame.position) + (f", {_rpy(frame.rotation)}" if turn > SAME else "")
 
 
 def _rpy(rotation: Array) -> str:

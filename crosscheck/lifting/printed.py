@@ -9,6 +9,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 NUMBER = re.compile(r"^[+-]?(\d*)(?:\.(\d*))?(?:[eE]([+-]?\d+))?$")
+TURNS = ("quat", "euler", "axisangle", "xyaxes", "zaxis")
 INERTIAS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
@@ -100,22 +101,35 @@ def _pose_digits(element: Element) -> tuple[float, float]:
 def printed_of_mjcf(root: Element) -> dict[tuple[str, str], float]:
     """Return the half digits that an MJCF's bodies and joints state themselves: [kg], [m], [kg m^2], [-]."""
     found: dict[tuple[str, str], float] = {}
-    for body in root.iter("body"):
+    for body, way, turn in _bodies(root, 0.0, 0.0):
         name, inertial = body.get("name", ""), body.find("inertial")
-        frame = (
-            half_digit(_get(body, "pos")),
-            max(half_digit(_get(body, key)) for key in ("quat", "euler", "axisangle")),
-        )
+        found[name, "position"], found[name, "rotation"] = way, turn
         if inertial is not None:
             texts = (inertial.get("diaginertia"), inertial.get("fullinertia"))
             words = [word for text in texts for word in (text or "").split()]
             found[name, "mass"] = half_digit(inertial.get("mass"))
             found[name, "com"] = half_digit(inertial.get("pos"))
             found[name, "tensor"] = half_digit(" ".join(words)) + 2 * half_digit(inertial.get("quat")) * _largest(words)
-        for joint in body.findall("joint"):
+        for joint in body.iter("joint"):
             own = joint.get("name", "")
-            found[own, "position"], found[own, "rotation"] = frame[0], 2 * frame[1]
+            found[own, "position"], found[own, "rotation"] = way + half_digit(joint.get("pos")), turn
             found[own, "axis"] = half_digit(joint.get("axis"))
             for key, ours in (("armature", "rotor_inertia"), ("damping", "damping"), ("frictionloss", "friction")):
                 found[own, ours] = half_digit(joint.get(key))
     return found
+
+
+def _bodies(element: Element, way: float, turn: float) -> Iterator[tuple[Element, float, float]]:
+    """Bodies with the half digits of their frames on the body before [m], [rad]; a <frame> around one adds its own.
+
+    Bodies are told before those that they carry, whose joints then take the place of what was told of them.
+    """
+    for part in element:
+        own = half_digit(_get(part, "pos")), 2 * max(half_digit(_get(part, key)) for key in TURNS)
+        if part.tag == "body":
+            yield part, way + own[0], turn + own[1]
+            yield from _bodies(part, 0.0, 0.0)
+        elif part.tag == "frame":
+            yield from _bodies(part, way + own[0], turn + own[1])
+        else:
+            yield from _bodies(part, way, turn)

@@ -10,14 +10,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from crosscheck.engines.shared.urdf_text import roll_pitch_yaw
 from crosscheck.equivalence.align import SAME, Aligned
+from crosscheck.equivalence.bases import BASE
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.judge import Judged
 from crosscheck.equivalence.members import vector_text
 from crosscheck.equivalence.tree import Member, Tree, sum_of
 from crosscheck.lifting.description import Description
-from crosscheck.lifting.rigid import inverse, moved
+from crosscheck.lifting.rigid import inverse, moved, quaternion
 from crosscheck.linting.bodies import Stated, body_findings
+from flexinv.model.mechanism import WORLD, Placement
 
 INERTIAS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 URDF = {
@@ -116,6 +119,12 @@ CHECKS = {
     "centre of mass": {"com", "left and right"},
     "inertia tensor": {"tensor", "default tensor", "mass without tensor", "tensor without mass", "left and right"},
 }
+# What stands before all that stands on the world; for these formats there are such words.
+STANDS = {
+    "urdf": 'a fixed joint from a new root link to {root}: <joint type="fixed"> <origin xyz="{xyz}" rpy="{rpy}"/>',
+    "mjcf": 'all bodies of the <worldbody> within <frame pos="{xyz}" quat="{quat}">',
+    "sdf": "<model> <pose>{xyz} {rpy}</pose>",
+}
 FRAMED = ("position of joint", "orientation of joint")  # of joints: they depend on the frames of two links
 PLACED = (*FRAMED, "joint axis", "sign of coordinate", "zero of coordinate", "centre of mass", "inertia tensor")
 
@@ -164,8 +173,10 @@ def advice(judged: Judged, sides: Sides) -> tuple[tuple[str, tuple[str, ...]], .
     odd = [_odd(description) for description in sides.descriptions]
     found = []
     for difference in (*judged.causes, *judged.conventions, *judged.limits):
-        both = sides.members(difference)
-        if both is None or difference.place.startswith("all "):
+        both = sides.members(difference) if difference.cause != BASE else None
+        if difference.cause == BASE:
+            lines = list(_of_base(difference, sides))
+        elif both is None or difference.place.startswith("all "):
             lines = list(_of_many(difference, sides))
         else:
             doubts = [_doubt(difference.cause, odd[0], both[0]), _doubt(difference.cause, odd[1], both[1])]
@@ -219,6 +230,21 @@ def _of_many(difference: Difference, sides: Sides) -> Iterator[str]:
     if difference.second.endswith("times that of A"):
         yield f"to make A like B, multiply it by {factor} everywhere"
         yield f"to make B like A, divide it by {factor} everywhere"
+
+
+def _of_base(difference: Difference, sides: Sides) -> Iterator[str]:
+    """Yield what stands before the root of either file so that it stands as the other does."""
+    motion = difference.motion or Placement()
+    for description, side, other, frame in zip(sides.descriptions, "AB", "BA", (motion, inverse(motion)), strict=True):
+        root = next((joint.child for joint in description.mechanism.joints if joint.parent == WORLD), "")
+        if words := STANDS.get(description.format, ""):
+            x, y, z, w = quaternion(frame.rotation)
+            turns = {
+                "rpy": vector_text(np.array(roll_pitch_yaw(frame.rotation))),
+                "quat": vector_text(np.array([w, x, y, z])),
+            }
+            what = words.format(root=root, xyz=vector_text(frame.position), **turns)
+            yield f"to make {side} ({description.label}) like {other}: {what}"
 
 
 def _lines(difference: Difference, sides: Sides, both: tuple[Member, Member, Aligned]) -> Iterator[str]:

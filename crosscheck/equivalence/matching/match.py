@@ -1,5 +1,7 @@
 """Matching of joints: by name, by name without a prefix, else by structure; what stays ambiguous is asked for.
 
+Where one machine has a joint more, numbers in names may count otherwise: `numbers` says where structure is believed instead.
+
 Structure: children of matched members are assigned so that the sum of costs over whole subtrees is least (Kuhn and Munkres).  The
 cost of a pair is how far their axes lie apart at zero over the size of the machine, and how different their masses are.  An
 assignment whose exchange of two costs about as little is a guess, and no guess is made.
@@ -16,11 +18,12 @@ from itertools import combinations, takewhile
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from crosscheck.equivalence.matching.costs import IMPOSSIBLE, Costs, carried
+from crosscheck.equivalence.matching.numbers import counted_otherwise
 from crosscheck.equivalence.tree import SCALARS, Tree
 from flexinv.errors import InputError
-from flexinv.model.mechanism import Array, Placement
+from flexinv.model.mechanism import Array
 
-IMPOSSIBLE = 1e6  # cost of a pair of joints of different kinds
 # Cost of the best assignment over that with two children exchanged, from which on it is a guess.
 GUESS = 0.5
 ALMOST = 1e-6  # costs below that are equal: rounding of printed numbers
@@ -30,7 +33,8 @@ ALMOST = 1e-6  # costs below that are equal: rounding of printed numbers
 class Match:
     """Pairs of joints of two trees, by joint of the first.
 
-    how : by joint "name", "prefix", "stated", "structure"; certainty : by joint, 1 less the cost over that of the next best [-]
+    how : by joint "name", "prefix", "stated", "structure", or "numbers": by structure, against the numbers in names
+    certainty : by joint, 1 less the cost over that of the next best [-]
     """
 
     pairs: Mapping[str, str]
@@ -45,11 +49,12 @@ class Match:
             "prefix": "by name without prefix",
             "stated": "as stated",
             "structure": "by structure",
+            "numbers": "by structure, against the numbers in their names",
         }
         counted = {way: [j for j, how in self.how.items() if how == way] for way in ways}
         parts = [f"{len(joints)} {ways[way]}" for way, joints in counted.items() if joints]
-        least = min((self.certainty[j] for j in counted["structure"]), default=1.0)
-        return (", ".join(parts) or "none") + (f" (certainty {least:.2f})" if counted["structure"] else "")
+        unsure = [self.certainty[j] for j in (*counted["structure"], *counted["numbers"])]
+        return (", ".join(parts) or "none") + (f" (certainty {min(unsure):.2f})" if unsure else "")
 
 
 def match(first: Tree, second: Tree, stated: Mapping[str, str]) -> Match:
@@ -63,6 +68,11 @@ def match(first: Tree, second: Tree, stated: Mapping[str, str]) -> Match:
     names = {a: (b, way) for a, (b, way) in named.items() if _countable(first, second, a, b)}
     pairs, how = {a: b for a, (b, _) in names.items()}, {a: way for a, (_, way) in names.items()}
     certainty = dict.fromkeys(pairs, 1.0)
+    other, doubt = counted_otherwise(Costs(first, second), pairs) if not stated else ({}, 1.0)
+    if other:
+        kept = {a: b for a, b in pairs.items() if a not in other and b not in other.values()}
+        pairs, how = kept | other, {a: how[a] for a in kept} | dict.fromkeys(other, "numbers")
+        certainty = dict.fromkeys(kept, 1.0) | dict.fromkeys(other, 1.0 - doubt)
     Assignment(first, second, pairs, how, certainty).extend(-1, -1)
     return Match(pairs, how, certainty)
 
@@ -124,19 +134,13 @@ class Assignment:
     certainty: dict[str, float]
 
     @cached_property
-    def poses(self) -> tuple[list[Placement], list[Placement]]:
-        """Return the frames of both trees' members, all joints at zero [m]."""
-        return self.first.poses(), self.second.poses()
-
-    @cached_property
-    def size(self) -> float:
-        """Return the extent of the machines [m]."""
-        places = [pose.position for pose in (*self.poses[0], *self.poses[1])]
-        return float(np.ptp(places, axis=0).max(initial=0.0)) or 1.0 if places else 1.0
+    def costs(self) -> Costs:
+        """Return what pairs of members cost."""
+        return Costs(self.first, self.second)
 
     def extend(self, a: int, b: int) -> None:
         """Assign what two matched members carry to one another, and go on beyond."""
-        ours, theirs = _next(self.first, a), _next(self.second, b)
+        ours, theirs = carried(self.first, a), carried(self.second, b)
         for k in ours:
             joint = self.first.members[k].joint
             if joint in self.pairs:
@@ -179,33 +183,13 @@ class Assignment:
 
     def cost(self, a: int, b: int) -> float:
         """Return the cost [-] of taking two members, and all they carry, for the same."""
-        one, two = self.first.members[a], self.second.members[b]
-        if one.kind != two.kind:
+        own = self.costs.of(a, b)
+        if own >= IMPOSSIBLE:
             return IMPOSSIBLE
-        own = self._apart(a, b) + abs(one.mass - two.mass) / (one.mass + two.mass or 1.0)
-        ours, theirs = _next(self.first, a), _next(self.second, b)
+        ours, theirs = carried(self.first, a), carried(self.second, b)
         lonely = abs(len(ours) - len(theirs))
         if not ours or not theirs:
             return own + lonely
         costs = np.array([[self.cost(k, m) for m in theirs] for k in ours])
         rows, columns = linear_sum_assignment(costs)
         return own + lonely + float(np.minimum(costs[rows, columns], 2.0).sum())
-
-    def _apart(self, a: int, b: int) -> float:
-        """Distance of two axes at zero over the size of the machines, and the sine of the angle between them."""
-        one, two = self.first.members[a], self.second.members[b]
-        first, second = self.poses[0][a], self.poses[1][b]
-        along, other = first.rotation @ one.axis, second.rotation @ two.axis
-        if one.kind not in ("revolute", "prismatic", "helical"):
-            return float(np.linalg.norm(first.position - second.position)) / self.size
-        gap = second.position - first.position
-        off = 0.0 if one.kind == "prismatic" else float(np.linalg.norm(np.cross(along, gap)))
-        return off / self.size + float(np.linalg.norm(np.cross(along, other)))
-
-
-def _next(tree: Tree, index: int) -> list[int]:
-    """The moving members that a member carries, fixed ones between them left out."""
-    found = []
-    for k in tree.children(index):
-        found += _next(tree, k) if tree.members[k].kind == "fixed" else [k]
-    return found

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from crosscheck.equivalence.difference import Difference
-from crosscheck.equivalence.match import by_name
+from crosscheck.equivalence.matching.match import by_name
 from crosscheck.lifting.assembly import depth_first
 from crosscheck.lifting.rigid import inverse, moved, on
 from flexinv.model.mechanism import WORLD, Attachment, Joint, Link, Mechanism, Placement

@@ -1,0 +1,92 @@
+"""Costs of taking a joint of one tree for a joint of another: how far their axes lie apart at zero, how their masses differ.
+
+Where axes stand at zero is a convention.  What is none is how an axis lies to the one before it: the least distance  a  of both
+lines and the angle  alpha  between them, Denavit's and Hartenberg's link length and twist.  `Costs.step` compares these.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from crosscheck.equivalence.tree import SCALARS, Tree
+from flexinv.model.mechanism import Placement
+
+IMPOSSIBLE = 1e6  # cost of a pair of joints of different kinds
+PARALLEL = 1e-6  # sine of the angle between two axes, below which they have no common normal of their own
+
+
+@dataclass(frozen=True)
+class Costs:
+    """Two trees, and what a pair of their members costs."""
+
+    first: Tree
+    second: Tree
+
+    @cached_property
+    def poses(self) -> tuple[list[Placement], list[Placement]]:
+        """Return the frames of both trees' members, all joints at zero [m]."""
+        return self.first.poses(), self.second.poses()
+
+    @cached_property
+    def size(self) -> float:
+        """Return the extent of the machines [m]."""
+        places = [pose.position for pose in (*self.poses[0], *self.poses[1])]
+        return float(np.ptp(places, axis=0).max(initial=0.0)) or 1.0 if places else 1.0
+
+    def of(self, a: int, b: int) -> float:
+        """Return the cost [-] of taking two members for the same, whatever they carry."""
+        one, two = self.first.members[a], self.second.members[b]
+        if one.kind != two.kind:
+            return IMPOSSIBLE
+        return self._apart(a, b) + self._masses(a, b)
+
+    def step(self, before: tuple[int, int], a: int, b: int) -> float:
+        """Return the cost [-] of taking two members for the same, as they lie to a pair before them, -1 and -1 the world."""
+        if self.first.members[a].kind != self.second.members[b].kind:
+            return IMPOSSIBLE
+        if before == (-1, -1):
+            return self.of(a, b)
+        one = _lie(self.first, self.poses[0], before[0], a)
+        two = _lie(self.second, self.poses[1], before[1], b)
+        return abs(one[0] - two[0]) / self.size + abs(np.sin(one[1] - two[1])) + self._masses(a, b)
+
+    def _masses(self, a: int, b: int) -> float:
+        one, two = self.first.members[a].mass, self.second.members[b].mass
+        return abs(one - two) / (one + two or 1.0)
+
+    def _apart(self, a: int, b: int) -> float:
+        """Distance of two axes at zero over the size of the machines, and the sine of the angle between them."""
+        one, two = self.first.members[a], self.second.members[b]
+        first, second = self.poses[0][a], self.poses[1][b]
+        along, other = first.rotation @ one.axis, second.rotation @ two.axis
+        if one.kind not in SCALARS:
+            return float(np.linalg.norm(first.position - second.position)) / self.size
+        gap = second.position - first.position
+        off = 0.0 if one.kind == "prismatic" else float(np.linalg.norm(np.cross(along, gap)))
+        return off / self.size + float(np.linalg.norm(np.cross(along, other)))
+
+
+def _lie(tree: Tree, poses: list[Placement], before: int, index: int) -> tuple[float, float]:
+    """Least distance [m] and angle [rad] of the lines of two joints; of joints without a line, of their places."""
+    members = [tree.members[k] for k in (before, index)]
+    gap = poses[index].position - poses[before].position
+    if any(member.kind not in SCALARS for member in members):
+        return float(np.linalg.norm(gap)), 0.0
+    one, two = (poses[k].rotation @ member.axis for k, member in zip((before, index), members, strict=True))
+    normal = np.cross(one, two)
+    sine = float(np.linalg.norm(normal))
+    turn = float(np.arctan2(sine, abs(one @ two)))
+    if any(member.kind == "prismatic" for member in members):
+        return 0.0, turn
+    return float(abs(gap @ normal)) / sine if sine > PARALLEL else float(np.linalg.norm(np.cross(one, gap))), turn
+
+
+def carried(tree: Tree, index: int) -> list[int]:
+    """Return the moving members that a member carries, fixed ones between them left out; -1 : the world."""
+    found = []
+    for k in tree.children(index):
+        found += carried(tree, k) if tree.members[k].kind == "fixed" else [k]
+    return found

@@ -1,0 +1,120 @@
+"""Numbers in names count joints, they do not name them: where one machine has a joint more, the third of both is two joints.
+
+An arm of six joints and one of seven with a joint more in its upper arm both have a ``joint_3``; the first one's is the other's
+``joint_4``.  Both trees are laid over one another anew: each pair of members costs what `Costs.step` says of it after the pair
+before, p, which zeros of coordinates do not change; a member that is left out of either costs one.  With  F  the least cost of
+what two members carry, over all assignments,
+
+    C(p; a, b) = min( step(p; a, b) + F(a, b),  1 + C(p; next of a, b),  1 + C(p; a, next of b),  joints from a and from b on )
+
+A member is left out between others only where it carries one.  What that gives stands against names only where they are off by
+as much as a whole joint, where it costs less than half of what they do, and where it reads nothing but numbers otherwise.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from crosscheck.equivalence.matching.costs import IMPOSSIBLE, Costs, carried
+from crosscheck.equivalence.tree import Tree
+
+LEFT_OUT = 1.0  # cost of a joint that the other machine has not
+LESS = 0.5  # of the cost of the names, below which structure is believed
+Laid = tuple[float, tuple[tuple[int, int], ...]]
+
+
+def counted_otherwise(costs: Costs, named: Mapping[str, str]) -> tuple[dict[str, str], float]:
+    """Return the joints of the second by those of the first, where structure reads numbers otherwise than names, and the doubt.
+
+    named : joints by name; the doubt is the cost over that of the names [-].  What agrees with the names is left out.
+    """
+    ours, theirs = costs.first.moving, costs.second.moving
+    lonely = len(ours) + len(theirs) - 2 * len(named)
+    if not lonely or not any(_numbered(a, b) for a, b in named.items()):
+        return {}, 1.0
+    off = _off(costs, {ours[a]: theirs[b] for a, b in named.items()})
+    if off < LEFT_OUT:
+        return {}, 1.0
+    least, pairs = Overlay(costs).forests((-1, -1), -1, -1)
+    found = {costs.first.members[a].joint: costs.second.members[b].joint for a, b in pairs}
+    broken = {a for a, b in named.items() if found.get(a) != b}
+    about = broken | {a for a, b in found.items() if b in {named[x] for x in broken}}
+    more = LEFT_OUT * abs(len(ours) - len(theirs))  # left out in any case
+    doubt = (least - more) / (off + LEFT_OUT * lonely - more)
+    if doubt >= LESS or len(found) < len(named) or not all(_numbered(a, named[a]) for a in broken):
+        return {}, 1.0
+    return {a: found[a] for a in ours if a in about and a in found}, doubt
+
+
+def _off(costs: Costs, named: Mapping[int, int]) -> float:
+    """Cost of pairs of members by name [-], those that are left out aside."""
+    total = 0.0
+    for a, b in named.items():
+        before = _above(costs.first, a, set(named)), _above(costs.second, b, set(named.values()))
+        alike = named.get(before[0], -1) == before[1]
+        total += costs.step(before, a, b) if alike else LEFT_OUT
+    return total
+
+
+def _above(tree: Tree, index: int, among: set[int]) -> int:
+    """The nearest member before one that is among some, -1 the world."""
+    index = tree.members[index].parent
+    while index >= 0 and index not in among:
+        index = tree.members[index].parent
+    return index
+
+
+def _numbered(one: str, other: str) -> bool:
+    """Return True if a name of both has a number in it, so that another number would be another joint of the same name."""
+    return bool(re.search(r"\d", one) and re.search(r"\d", other))
+
+
+@dataclass
+class Overlay:
+    """Two trees laid over one another: the least cost and the pairs of two members with all they carry, kept once found."""
+
+    costs: Costs
+    known: dict[tuple[int, int, int, int], Laid] = field(default_factory=dict)
+
+    def laid(self, before: tuple[int, int], a: int, b: int) -> Laid:
+        """Return the least cost [-] and the pairs of what two members are and carry; before : the pair that carries them."""
+        key = (*before, a, b)
+        if key not in self.known:
+            self.known[key] = min(self._choices(before, a, b), key=lambda choice: choice[0])
+        return self.known[key]
+
+    def _choices(self, before: tuple[int, int], a: int, b: int) -> Iterator[Laid]:
+        yield LEFT_OUT * (_joints(self.costs.first, a) + _joints(self.costs.second, b)), ()
+        own = self.costs.step(before, a, b)
+        if own < IMPOSSIBLE:
+            beyond, pairs = self.forests((a, b), a, b)
+            yield own + beyond, ((a, b), *pairs)
+        ours, theirs = carried(self.costs.first, a), carried(self.costs.second, b)
+        for one, two in [*([(ours[0], b)] if len(ours) == 1 else []), *([(a, theirs[0])] if len(theirs) == 1 else [])]:
+            cost, pairs = self.laid(before, one, two)
+            yield LEFT_OUT + cost, pairs
+
+    def forests(self, before: tuple[int, int], a: int, b: int) -> Laid:
+        """Return the least cost [-] and the pairs of all that two members carry, -1 the world; before : the last pair."""
+        ours, theirs = carried(self.costs.first, a), carried(self.costs.second, b)
+        n, m = len(ours), len(theirs)
+        table = np.zeros((n + m, n + m))
+        table[:n, m:] = np.array([_joints(self.costs.first, k) for k in ours]).reshape(n, 1)
+        table[n:, :m] = np.array([_joints(self.costs.second, k) for k in theirs])
+        for i, one in enumerate(ours):
+            for j, two in enumerate(theirs):
+                table[i, j] = self.laid(before, one, two)[0]
+        rows, columns = linear_sum_assignment(table)
+        chosen = [(ours[i], theirs[j]) for i, j in zip(rows, columns, strict=True) if i < n and j < m]
+        pairs = tuple(pair for one, two in chosen for pair in self.laid(before, one, two)[1])
+        return float(table[rows, columns].sum()), pairs
+
+
+def _joints(tree: Tree, index: int) -> int:
+    """Moving members from one on, itself among them."""
+    return 1 + sum(_joints(tree, k) for k in carried(tree, index))
