@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 import crosscheck
 from crosscheck.cli import Main
-from crosscheck.identification.bands import factors, judge, predict
+from crosscheck.identification.bands import judge, margins, predict
 from crosscheck.identification.excitation import proposed_motion
 from crosscheck.identification.filters import low_pass
 from crosscheck.identification.fit import fit, problem
@@ -360,7 +360,7 @@ def test_four_fifths_of_the_measured_arm_predict_the_last(root: Path) -> None:
     last = (run.time >= 6.92)[:, None]
     task = problem(machine, (run,), (run.counted & ~last,))
     found = fit(task)
-    told = predict(machine, found, factors(task, found), run)
+    told = predict(machine, found, margins(task, found), run)
     seen = judge(machine, run, told, run.counted & ~last)
     assert all(row.explained > 0.99 for row in seen[:3])
     assert all(row.explained > 0.95 for row in seen[3:])
