@@ -110,7 +110,7 @@ def _likeliest(shapes: Array, held: Array, unsure: Array) -> tuple[float, Array]
 
 @dataclass(frozen=True)
 class Margins:
-    """What makes bands of predictions: q (channels,) [-], and the scatter of each channel."""
+    """Margins of predictions: q (channels,) [-], and the scatter of each channel."""
 
     factor: Array
     scatters: tuple[Scatter, ...]
@@ -145,11 +145,14 @@ def margins(task: Problem, found: Fit) -> Margins:
 
 
 def _rates(machine: Machine, run: Run) -> Array:
-    """Rates without sign (samples, channels) [rad/s], [m/s] of the joints of efforts; 0 of other sensors."""
+    """Rates without sign (samples, channels) [rad/s], [m/s] of the joints of efforts, at least that of one that stands; else 0."""
     rate = np.zeros((len(run.time), len(machine.channels)))
     for c, channel in enumerate(machine.channels):
         if channel.sense == "effort":
-            rate[:, c] = np.abs(run.motion.qd[:, run.motion.names.index(channel.place)])
+            own = np.abs(run.motion.qd[:, run.motion.names.index(channel.place)])
+            rate[:, c] = np.maximum(
+                own, machine.settings.still_rad_per_s
+            )  # slower ones were not counted: nothing is told of them
     return rate
 
 
