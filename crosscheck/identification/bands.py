@@ -145,7 +145,7 @@ def margins(task: Problem, found: Fit) -> Margins:
 
 
 def _rates(machine: Machine, run: Run) -> Array:
-    """Rates without sign (samples, channels) [rad/s], [m/s] of the joints of efforts, at least that of one that stands; else 0."""
+    """Rates without sign (samples, channels) [rad/s], [m/s] of the joints of efforts, of one that stands the least; else 0."""
     rate = np.zeros((len(run.time), len(machine.channels)))
     for c, channel in enumerate(machine.channels):
         if channel.sense == "effort":
