@@ -1,13 +1,12 @@
 """Bands of predicted readings, and how often they hold: parameter and residual uncertainty apart, measured on blocks left out.
 
 sd^2 = J cov J^T (parameters) + s(v)^2 (residuals) + (between_runs friction)^2 + coulomb^2 (a joint that stands)
-s(v)^2 = a + b / (1 + (v / v_0)^2) + c v^2,   v the rate of the channel's joint; of all other sensors a alone
+s(v)^2 = a + b / (1 + (v / v_0)^2),   v the rate of the channel's joint; of all other sensors a alone
 band = value +- q sd,   q such that `HOLD` of the residuals of blocks left out lie inside, and at most `WIDEST` of their RMS
 
-What remains depends on the rate: friction that turns round leaves more than the model knows, ripple grows.  A log whose joints
-are slower or faster than those that identified has another mix, so s(v) is told by the residuals of blocks left out: the a, b
-and c of the largest likelihood of normal residuals, beside J cov J^T of the others' parameters, with the best of some v_0.  Where
-one s for all rates is about as likely, b = c = 0.
+Friction that turns round leaves more than the model knows.  A log whose joints are slower or faster than those that identified
+has another mix of that, so s(v) is told by the residuals of blocks left out: the a and b of the largest likelihood of normal
+residuals, beside J cov J^T of the others' parameters, with the best of some v_0.  Where one s for all rates is as likely, b = 0.
 
 The most is that of a usual sd (`USUAL`): where a joint nearly stands its band is wider, and no reason for narrow ones elsewhere.
 Each residual left out is held against its own sd, with the larger cov of the parameters that have not seen its block.
@@ -32,8 +31,8 @@ WIDEST = 2.0  # half width of 95 % of a normal distribution: more would be a ban
 USUAL = 0.6  # of the samples have at most the sd that is meant by it: where a joint nearly stands it is wider
 NORMAL = 1.6448536269514722  # half width of 90 % of a normal distribution, in standard deviations
 TURNS = 6  # rates v_0 that are tried: so many steps of 2 from that below which a joint stands
-LEAST, MOST = 1e-4, 1e2  # of the mean square: where a, b and c stop
-MORE = 3  # numbers that s(v) has beside a constant: each is worth 2 of the cost (Akaike), neighbours that agree count as one
+LEAST, MOST = 1e-4, 1e2  # of the mean square: where a and b stop
+MORE = 2  # numbers that s(v) has beside a constant: each is worth 2 of the cost (Akaike), neighbours that agree count as one
 
 
 @dataclass(frozen=True)
@@ -58,22 +57,20 @@ class Prediction:
 class Scatter:
     """Standard deviation of what remains of a channel, by the rate of its joint.
 
-    steady, near, growing : a, b [square of the channel's unit], c [that over the square of the rate's]
-    turn : v_0 [rad/s], [m/s]
+    steady, near : a, b [square of the channel's unit]; turn : v_0 [rad/s], [m/s]
     """
 
     steady: float
     near: float = 0.0
-    growing: float = 0.0
     turn: float = 1.0
 
     def at(self, rate: Array) -> Array:
         """Return s [unit of the channel] at rates (samples,) [rad/s], [m/s]."""
-        return np.asarray(np.sqrt(_shapes(rate, self.turn) @ [self.steady, self.near, self.growing]))
+        return np.asarray(np.sqrt(_shapes(rate, self.turn) @ [self.steady, self.near]))
 
 
 def _shapes(rate: Array, turn: float) -> Array:
-    return np.column_stack([np.ones_like(rate), 1.0 / (1.0 + (rate / turn) ** 2), rate**2])
+    return np.column_stack([np.ones_like(rate), 1.0 / (1.0 + (rate / turn) ** 2)])
 
 
 def scatter(rate: Array, held: Array, unsure: Array, agree: float, slowest: float) -> Scatter | None:
@@ -82,17 +79,16 @@ def scatter(rate: Array, held: Array, unsure: Array, agree: float, slowest: floa
     rate : (samples,) [rad/s], [m/s]; unsure : their standard deviations by the parameters; agree : samples that count as one [-]
     slowest : the first v_0 [rad/s], [m/s]
     """
-    scale = np.array([1.0, 1.0, max(float(np.mean(rate**2)), np.finfo(float).tiny)]) ** -1 * float(np.mean(held**2))
-    if not scale.all():
+    top = float(np.mean(held**2))
+    if top == 0.0:
         return None
     turns = slowest * 2.0 ** np.arange(TURNS)
-    laws = [(*_likeliest(_shapes(rate, turn) * scale, held, unsure), turn) for turn in turns]
-    cost, parts, turn = min(laws, key=lambda law: law[0])
-    steady = _likeliest(_shapes(rate, slowest)[:, :1] * scale[:1], held, unsure)[0]
-    if (steady - cost) / agree < 2.0 * MORE:
+    laws = [(*_likeliest(_shapes(rate, turn) * top, held, unsure), float(turn)) for turn in turns]
+    cost, (steady, near), turn = min(laws, key=lambda law: law[0])
+    alone = _likeliest(np.full((len(held), 1), top), held, unsure)[0]
+    if (alone - cost) / agree < 2.0 * MORE:
         return None
-    steadily, near, growing = (float(k) for k in scale * parts)
-    return Scatter(steadily, near, growing, float(turn))
+    return Scatter(float(top * steady), float(top * near), turn)
 
 
 def _likeliest(shapes: Array, held: Array, unsure: Array) -> tuple[float, Array]:

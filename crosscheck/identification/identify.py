@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from crosscheck.identification.bands import Judged, Margins, Prediction, judge, judged, margins, predict
 from crosscheck.identification.combinations import combinations
 from crosscheck.identification.fit import Fit, Problem, fit, problem
-from crosscheck.identification.logs.doubts import doubts
+from crosscheck.identification.logs.doubts import doubts, failures
 from crosscheck.identification.logs.log import Log, read_log
 from crosscheck.identification.parameters import space
 from crosscheck.identification.readings import Machine, Run, make_run
@@ -98,9 +98,9 @@ def identify(
         return [(run, predict(machine, found, q, run)) for run in some]
 
     shown, others = told_of(runs), told_of([make_run(machine, log) for log in held])
-    return Identified(
-        machine, task, found, q, table, judged(machine, shown), judged(machine, others), shown, others, words
-    )
+    seen, unseen = judged(machine, shown), judged(machine, others)
+    words = failures(machine, [*given, *held], [*seen, *unseen]) + words
+    return Identified(machine, task, found, q, table, seen, unseen, shown, others, words)
 
 
 def read_of(machine: Machine, log: Log | str | Path) -> Log:

@@ -147,6 +147,20 @@ def test_logs_that_cannot_be_used_are_refused_in_words(folder: Path, tmp_path: P
         crosscheck.identify(folder, [spoiled(folder, tmp_path, change)])
 
 
+def test_few_degrees_that_are_promised_as_radians_are_said(folder: Path, tmp_path: Path) -> None:
+    """An arm that moves by half a turn at most: 90 rad are possible by themselves, and no model explains torques with them."""
+    table = pd.read_csv(folder / "two.csv")
+    table["q1"] = np.degrees(0.3 * table["q1"])
+    assert 2.0 * np.pi < np.ptp(table["q1"]) < 20.0 * np.pi
+    table.to_csv(tmp_path / "degrees.csv", index=False)
+    words = crosscheck.identify(folder, [folder / "one.csv"], [tmp_path / "degrees.csv"]).words
+    assert "torque/shoulder" in words[0]
+    assert "worse than a constant" in words[0]
+    assert "column 'q1' goes over" in words[1]
+    assert 'write unit = "deg" in [joints.shoulder] angle' in words[1]
+    assert not any("worse" in text for text in crosscheck.identify(folder, [folder / "one.csv"]).words)
+
+
 def test_a_doubled_column_is_refused(folder: Path, tmp_path: Path) -> None:
     text = (folder / "one.csv").read_text().replace("q2", "q1", 1)
     (tmp_path / "twice.csv").write_text(text)
