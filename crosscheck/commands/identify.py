@@ -179,14 +179,13 @@ def _causes(
 
 
 def _table(console: Console, title: str, rows: list[Judged]) -> None:
-    heads = ("log", "channel", "explained", "all samples", "in 90 % band", "width / RMS error", "RMS error", "unit")
-    table = Table(box=None)
-    longest = max((len(r.channel) for r in rows), default=0)
-    for head in heads:  # which joint it is must not be cut off where the terminal is narrow
-        table.add_column(head, no_wrap=head == "channel", min_width=longest if head == "channel" else None)
+    heads = ("log", "channel", "explained", "all samples", "in 90 % band", "width / RMS", "RMS error")
+    table = Table(box=None, padding=(0, 1, 0, 0))
+    for head in heads:  # which log, and which joint of it, must not be cut off where the terminal is narrow
+        table.add_column(head, no_wrap=head in ("channel", "explained"), overflow="fold")
     for r in rows:
         whole = f"{r.explained_all:.4f}" if np.isfinite(r.explained_all) else "–"  # of blocks only their window is told
-        numbers = (f"{r.explained:.4f}", whole, f"{r.coverage:.1%}", f"{r.width:.2f}", short(r.rms))
-        table.add_row(escape(r.log), r.channel, *numbers, r.unit)
+        numbers = (f"{r.explained:.4f}", whole, f"{r.coverage:.1%}", f"{r.width:.2f}", f"{short(r.rms)} {r.unit}")
+        table.add_row(escape(r.log), r.channel, *numbers)
     console.print(f"\n[bold]{escape(title)}[/bold]")
     console.print(table)

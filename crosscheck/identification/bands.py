@@ -1,7 +1,12 @@
 """Bands of predicted readings, and how often they hold: parameter and residual uncertainty apart, measured on blocks left out.
 
-sd^2 = J cov J^T (parameters) + s^2 (residuals) + (between_runs friction)^2 + coulomb^2 (a joint that stands)
+sd^2 = J cov J^T (parameters) + s(v)^2 (residuals) + (between_runs friction)^2 + coulomb^2 (a joint that stands)
+s(v)^2 = a + b / (1 + (v / v_0)^2),   v the rate of the channel's joint; of all other sensors a alone
 band = value +- q sd,   q such that `HOLD` of the residuals of blocks left out lie inside, and at most `WIDEST` of their RMS
+
+Friction that turns round leaves more than the model knows.  A log whose joints are slower or faster than those that identified
+has another mix of that, so s(v) is told by the residuals of blocks left out: the a and b of the largest likelihood of normal
+residuals, beside J cov J^T of the others' parameters, with the best of some v_0.  Where one s for all rates is as likely, b = 0.
 
 The most is that of a usual sd (`USUAL`): where a joint nearly stands its band is wider, and no reason for narrow ones elsewhere.
 Each residual left out is held against its own sd, with the larger cov of the parameters that have not seen its block.
@@ -13,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize
 
 from crosscheck.identification.filters import low_pass
 from crosscheck.identification.fit import STEP, Fit, Problem
@@ -24,6 +30,9 @@ HOLD = 0.94  # of residuals left out, more than promised: another run differs by
 WIDEST = 2.0  # half width of 95 % of a normal distribution: more would be a band that says nothing
 USUAL = 0.6  # of the samples have at most the sd that is meant by it: where a joint nearly stands it is wider
 NORMAL = 1.6448536269514722  # half width of 90 % of a normal distribution, in standard deviations
+TURNS = 6  # rates v_0 that are tried: so many steps of 2 from that below which a joint stands
+LEAST, MOST = 1e-4, 1e2  # of the mean square: where a and b stop
+MORE = 2  # numbers that s(v) has beside a constant: each is worth 2 of the cost (Akaike), neighbours that agree count as one
 
 
 @dataclass(frozen=True)
@@ -44,25 +53,103 @@ class Prediction:
     sliding: NDArray[np.bool_]
 
 
-def predict(machine: Machine, found: Fit, factor: Array, run: Run) -> Prediction:
-    """Return readings with 90 % bands [units of the channels] of a run; factor : (channels,) of `factors` [-]."""
+@dataclass(frozen=True)
+class Scatter:
+    """Standard deviation of what remains of a channel, by the rate of its joint.
+
+    steady, near : a, b [square of the channel's unit]; turn : v_0 [rad/s], [m/s]
+    """
+
+    steady: float
+    near: float = 0.0
+    turn: float = 1.0
+
+    def at(self, rate: Array) -> Array:
+        """Return s [unit of the channel] at rates (samples,) [rad/s], [m/s]."""
+        return np.asarray(np.sqrt(_shapes(rate, self.turn) @ [self.steady, self.near]))
+
+
+def _shapes(rate: Array, turn: float) -> Array:
+    return np.column_stack([np.ones_like(rate), 1.0 / (1.0 + (rate / turn) ** 2)])
+
+
+def scatter(rate: Array, held: Array, unsure: Array, agree: float, slowest: float) -> Scatter | None:
+    """Return the scatter of the largest likelihood of residuals held (samples,) [unit of the channel], None if one s does.
+
+    rate : (samples,) [rad/s], [m/s]; unsure : their standard deviations by the parameters; agree : samples that count as one [-]
+    slowest : the first v_0 [rad/s], [m/s]
+    """
+    top = float(np.mean(held**2))
+    if top == 0.0:
+        return None
+    turns = slowest * 2.0 ** np.arange(TURNS)
+    laws = [(*_likeliest(_shapes(rate, turn) * top, held, unsure), float(turn)) for turn in turns]
+    cost, (steady, near), turn = min(laws, key=lambda law: law[0])
+    alone = _likeliest(np.full((len(held), 1), top), held, unsure)[0]
+    if (alone - cost) / agree < 2.0 * MORE:
+        return None
+    return Scatter(float(top * steady), float(top * near), turn)
+
+
+def _likeliest(shapes: Array, held: Array, unsure: Array) -> tuple[float, Array]:
+    """Twice the least negative logarithm of the likelihood [-], and the parts of the shapes (samples, parts)."""
+
+    def cost(x: Array) -> tuple[float, Array]:
+        parts = shapes * np.exp(x)
+        variance = unsure**2 + parts.sum(axis=1)
+        return float(np.sum(np.log(variance) + held**2 / variance)), (1.0 / variance - held**2 / variance**2) @ parts
+
+    count = shapes.shape[1]
+    found = minimize(cost, np.zeros(count), jac=True, bounds=[(np.log(LEAST), np.log(MOST))] * count)
+    return float(found.fun), np.exp(found.x)
+
+
+@dataclass(frozen=True)
+class Margins:
+    """Margins of predictions: q (channels,) [-], and the scatter of each channel."""
+
+    factor: Array
+    scatters: tuple[Scatter, ...]
+
+
+def predict(machine: Machine, found: Fit, margin: Margins, run: Run) -> Prediction:
+    """Return readings with 90 % bands [units of the channels] of a run; margin : of `margins`."""
     value = readings(machine, run, machine.space.values(found.z))
     own = _of_parameters(machine, found, run, value)
-    rest = np.sqrt(found.spread**2 + _of_runs(machine, found, run) ** 2)
-    half = factor * np.sqrt(own**2 + rest**2)
+    left = np.column_stack([s.at(v) for s, v in zip(margin.scatters, _rates(machine, run).T, strict=True)])
+    rest = np.sqrt(left**2 + _of_runs(machine, found, run) ** 2)
+    half = margin.factor * np.sqrt(own**2 + rest**2)
     return Prediction(run.name, run.time, value, value - half, value + half, own, rest, run.sliding)
 
 
-def factors(task: Problem, found: Fit) -> Array:
-    """Return q (channels,) [-] with which `HOLD` of the residuals of blocks left out lie inside their bands."""
-    extra = task.pick([_of_runs(task.machine, found, run) for run in task.runs])
-    out = []
-    for c, more in enumerate(extra):
-        sd = np.sqrt(found.unsure[c] ** 2 + found.spread[c] ** 2 + more**2)
-        out.append(
-            min(np.quantile(np.abs(found.held[c]) / sd, HOLD), WIDEST * found.block[c] / float(np.quantile(sd, USUAL)))
-        )
-    return np.array(out)
+def margins(task: Problem, found: Fit) -> Margins:
+    """Return the scatter of each channel, and q [-] with which `HOLD` of the residuals of blocks left out lie inside."""
+    machine = task.machine
+    rates = task.pick([_rates(machine, run) for run in task.runs])
+    extra = task.pick([_of_runs(machine, found, run) for run in task.runs])
+    out, factor = [], []
+    for c, (channel, rate, more) in enumerate(zip(machine.channels, rates, extra, strict=True)):
+        held, unsure = found.held[c], found.unsure[c]
+        slowest = machine.settings.still_rad_per_s
+        known = channel.sense == "effort" and slowest > 0.0
+        law = scatter(rate, held, unsure, float(found.agree[c]), slowest) if known else None
+        out.append(law or Scatter(float(found.spread[c] ** 2)))
+        sd = np.sqrt(unsure**2 + out[-1].at(rate) ** 2 + more**2)
+        widest = WIDEST * found.block[c] / float(np.quantile(sd, USUAL))
+        factor.append(min(float(np.quantile(np.abs(held) / sd, HOLD)), widest))
+    return Margins(np.array(factor), tuple(out))
+
+
+def _rates(machine: Machine, run: Run) -> Array:
+    """Rates without sign (samples, channels) [rad/s], [m/s] of the joints of efforts, of one that stands the least; else 0."""
+    rate = np.zeros((len(run.time), len(machine.channels)))
+    for c, channel in enumerate(machine.channels):
+        if channel.sense == "effort":
+            own = np.abs(run.motion.qd[:, run.motion.names.index(channel.place)])
+            rate[:, c] = np.maximum(
+                own, machine.settings.still_rad_per_s
+            )  # slower ones were not counted: nothing is told of them
+    return rate
 
 
 def _of_parameters(machine: Machine, found: Fit, run: Run, value: Array) -> Array:

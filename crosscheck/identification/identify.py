@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.identification.bands import Judged, Prediction, factors, judge, judged, predict
+from crosscheck.identification.bands import Judged, Margins, Prediction, judge, judged, margins, predict
 from crosscheck.identification.combinations import combinations
 from crosscheck.identification.fit import Fit, Problem, fit, problem
-from crosscheck.identification.logs.doubts import doubts
+from crosscheck.identification.logs.doubts import doubts, failures
 from crosscheck.identification.logs.log import Log, read_log
 from crosscheck.identification.parameters import space
 from crosscheck.identification.readings import Machine, Run, make_run
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 class Identified:
     """A machine identified from logs.
 
-    factors : (channels,) half width of a band in standard deviations [-]; parameters : with intervals, in the unit of each
+    margin : what bands of predictions are made of; parameters : with intervals, in the unit of each
     seen, judged : how well the logs that identified, and those held out, are explained; shown, held : with their predictions
     words : doubts and what cannot be told
     """
@@ -38,7 +38,7 @@ class Identified:
     machine: Machine
     task: Problem
     fit: Fit
-    factors: Array
+    margin: Margins
     parameters: list[Row]
     seen: list[Judged]
     judged: list[Judged]
@@ -48,7 +48,7 @@ class Identified:
 
     def predict(self, log: Log) -> Prediction:
         """Return the readings of a log with 90 % bands [units of the channels]; no effort of it is looked at."""
-        return predict(self.machine, self.fit, self.factors, make_run(self.machine, log, efforts=False))
+        return predict(self.machine, self.fit, self.margin, make_run(self.machine, log, efforts=False))
 
 
 def machine_of(mechanism: Mechanism | str | Path, settings: IdentifyTable | None = None) -> Machine:
@@ -90,7 +90,7 @@ def identify(
     runs = tuple(make_run(machine, log) for log in given)
     task = problem(machine, runs)
     found = fit(task)
-    q = factors(task, found)
+    q = margins(task, found)
     table = rows(machine.space, found)
     words += [*untold(table), *(one.words for one in combinations(machine.space, found))]
 
@@ -98,9 +98,9 @@ def identify(
         return [(run, predict(machine, found, q, run)) for run in some]
 
     shown, others = told_of(runs), told_of([make_run(machine, log) for log in held])
-    return Identified(
-        machine, task, found, q, table, judged(machine, shown), judged(machine, others), shown, others, words
-    )
+    seen, unseen = judged(machine, shown), judged(machine, others)
+    words = failures(machine, [*given, *held], [*seen, *unseen]) + words
+    return Identified(machine, task, found, q, table, seen, unseen, shown, others, words)
 
 
 def read_of(machine: Machine, log: Log | str | Path) -> Log:
@@ -119,7 +119,7 @@ def blocks(machine: Machine, log: Log, count: int) -> list[Judged]:
         inside = ((run.time >= start) & (run.time < end))[:, None]
         task = problem(machine, (run,), (run.counted & ~inside,))
         found = fit(task)
-        parts.append(predict(machine, found, factors(task, found), run))
+        parts.append(predict(machine, found, margins(task, found), run))
         for name, values in told.items():
             values[inside[:, 0]] = getattr(parts[-1], name)[inside[:, 0]]
     whole = Prediction(run.name, run.time, **told, sliding=run.sliding)

@@ -27,20 +27,23 @@ COLUMNS = (
     ("log", "log", ""),
     ("part", "log is", ""),
     ("explained", "explained", ""),
-    ("spread_explained", "explained, less a constant", ""),
-    ("explained_all", "explained, all samples", ""),
-    ("coverage", "inside the 90 % band", ""),
-    ("width", "mean width of the band over RMS error", ""),
+    ("spread_explained", "less a constant", ""),
+    ("explained_all", "all samples", ""),
+    ("coverage", "in 90 % band", ""),
+    ("width", "width / RMS", ""),
     ("rms", "RMS error", "unit"),
     ("unit", "unit", ""),
-    ("samples", "samples that count", ""),
+    ("samples", "samples", ""),
     ("message", "limit", ""),
 )
 TEXT = """{count} of {all} parameters are told by the logs: their intervals are narrower than what was known before. Values and
 bands are those of the readings behind the zero-phase low-pass at {bandwidth:g} Hz. Bands hold 90 %. They are made of the
 uncertainty of the parameters, of what remains, and of friction that differs between runs, and are calibrated on blocks of time
-that were left out. The estimates scatter {kappa:.2g} times as much from block to block as the formula says, in variance;
-intervals are widened by that."""
+that were left out. Explained is the part of the variance, of a joint while it slides; width is that of the band, and RMS the
+error's. {scatter}"""
+SCATTER = "From block to block the estimates scatter {:.2g} times as much as the formula says, in variance; intervals are widened."
+STEADY = "From block to block the estimates scatter no more than the formula says."
+WIDER = 1.05  # times in variance: less is rounded away
 UNJUDGED = """
 
 No limit is stated, so that nothing is judged: write [[limits]] into identify.toml, and give a log that is held out."""
@@ -62,9 +65,9 @@ def study_of(found: Identified, causes: Sequence[tuple[str, Remains]]) -> StudyR
     """Return all that the page shows [unit of each]."""
     name = found.machine.mechanism.name
     told = sum(row.identifiable for row in found.parameters)
-    text = TEXT.format(
-        count=told, all=len(found.parameters), bandwidth=found.machine.settings.bandwidth_Hz, kappa=found.fit.kappa
-    )
+    scatter = SCATTER.format(found.fit.kappa) if found.fit.kappa > WIDER else STEADY
+    bandwidth = found.machine.settings.bandwidth_Hz
+    text = TEXT.format(count=told, all=len(found.parameters), bandwidth=bandwidth, scatter=scatter)
     text = text.replace("\n", " ") + ("" if found.machine.settings.limits else UNJUDGED)
     figures = [*_bands(found), *_spectra(found)]
     tables = [_causes(causes), _untold(found.words), _parameters(found.parameters), _least(causes), _scatter(found)]

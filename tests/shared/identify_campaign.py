@@ -19,7 +19,7 @@ from scipy.interpolate import CubicSpline
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from crosscheck.identification.bands import factors, judge, predict
+from crosscheck.identification.bands import judge, margins, predict
 from crosscheck.identification.fit import fit, problem
 from crosscheck.identification.identify import machine_of
 from crosscheck.identification.logs.log import Log
@@ -200,7 +200,7 @@ def trial(kind: str, seed: int, off: bool = False) -> tuple[list[Told], list[flo
     runs = [make_run(machine, log) for log in logs]
     task = problem(machine, (runs[0],))
     found = fit(task)
-    told = predict(machine, found, factors(task, found), runs[1])
+    told = predict(machine, found, margins(task, found), runs[1])
     return list(_told(machine, found, z, f"{kind}{seed}")), [r.coverage for r in judge(machine, runs[1], told)], ""
 
 

@@ -7,6 +7,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from crosscheck.identification.bands import Judged
 from crosscheck.identification.logs.header import SLOW
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import Machine
@@ -17,6 +18,7 @@ SATURATED = 0.02
 BESIDE = 5.0  # times as many samples stand there as at the next value: the highest level of a coarse signal is no limit
 SAME = 1e-9  # relative, of columns that are copies
 RATE = 0.01  # relative, of sampling rates that agree
+TURN = 2.0 * np.pi  # [rad]: a joint that goes farther, under a model that fails, is likely one in degrees
 
 
 def doubts(machine: Machine, logs: list[Log], held: list[Log]) -> list[str]:
@@ -38,6 +40,25 @@ def doubts(machine: Machine, logs: list[Log], held: list[Log]) -> list[str]:
         if abs(log.spacing / rate - 1.0) > RATE
     ]
     return [w for w in words if w]
+
+
+def failures(machine: Machine, logs: list[Log], rows: list[Judged]) -> list[str]:
+    """Return words about logs that a model explains worse than a constant does [-], with the angles that may be in degrees."""
+    out = []
+    for log in logs:
+        failed = list(dict.fromkeys(row.channel for row in rows if row.log == log.name and row.explained < 0.0))
+        if not failed:
+            continue
+        far = [
+            f'{log.name}: column {t.angle.column!r} goes over {np.ptp(log.column(t.angle.column)):.3g} rad: write unit = "deg" '
+            f"in [joints.{name}] angle if it is in degrees"
+            for name, t in machine.settings.joints.items()
+            if t.angle.unit == "rad" and machine.mechanism.joint_of[name].kind == "revolute"
+            if np.ptp(log.column(t.angle.column)) / t.angle.over > TURN
+        ]
+        rest = [] if far else ["; --causes looks for wrong signs, units, gears and swapped columns"]
+        out += [f"{log.name}: the model explains {', '.join(failed)} worse than a constant does{''.join(rest)}", *far]
+    return out
 
 
 def stands_at(values: Array) -> list[tuple[float, float]]:

@@ -130,8 +130,9 @@ def test_a_payload_forgotten_on_the_last_link_is_named(known: tuple[Identified, 
 def test_a_motion_that_no_solver_can_follow_is_no_hypothesis(root: Path) -> None:
     """The beams of a measured arm roll up along an angle in another unit; the sign of an effort is found all the same."""
     folder = root / "models" / "quanser_2dsfl"
-    found = crosscheck.identify(folder, [folder / "record.csv"])
-    log = read_of(found.machine, folder / "record.csv")
+    part = f"{folder / 'record.csv'}@0:5"
+    found = crosscheck.identify(folder, [part])
+    log = read_of(found.machine, part)
     column = found.machine.channels[0].column
     first = name_causes(found, changed(log, column, -log.columns[column]))[0]
     assert (first.name, first.place) == ("wrong sign of the effort", "shoulder")

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 import crosscheck
 from crosscheck.cli import Main
-from crosscheck.identification.bands import factors, judge, predict
+from crosscheck.identification.bands import judge, margins, predict
 from crosscheck.identification.excitation import proposed_motion
 from crosscheck.identification.filters import low_pass
 from crosscheck.identification.fit import fit, problem
@@ -145,6 +145,20 @@ def spoiled(folder: Path, tmp_path: Path, change: str) -> Path:
 def test_logs_that_cannot_be_used_are_refused_in_words(folder: Path, tmp_path: Path, change: str, says: str) -> None:
     with pytest.raises(InputError, match=says):
         crosscheck.identify(folder, [spoiled(folder, tmp_path, change)])
+
+
+def test_few_degrees_that_are_promised_as_radians_are_said(folder: Path, tmp_path: Path) -> None:
+    """An arm that moves by half a turn at most: 90 rad are possible by themselves, and no model explains torques with them."""
+    table = pd.read_csv(folder / "two.csv")
+    table["q1"] = np.degrees(0.3 * table["q1"])
+    assert 2.0 * np.pi < np.ptp(table["q1"]) < 20.0 * np.pi
+    table.to_csv(tmp_path / "degrees.csv", index=False)
+    words = crosscheck.identify(folder, [folder / "one.csv"], [tmp_path / "degrees.csv"]).words
+    assert "torque/shoulder" in words[0]
+    assert "worse than a constant" in words[0]
+    assert "column 'q1' goes over" in words[1]
+    assert 'write unit = "deg" in [joints.shoulder] angle' in words[1]
+    assert not any("worse" in text for text in crosscheck.identify(folder, [folder / "one.csv"]).words)
 
 
 def test_a_doubled_column_is_refused(folder: Path, tmp_path: Path) -> None:
@@ -360,7 +374,7 @@ def test_four_fifths_of_the_measured_arm_predict_the_last(root: Path) -> None:
     last = (run.time >= 6.92)[:, None]
     task = problem(machine, (run,), (run.counted & ~last,))
     found = fit(task)
-    told = predict(machine, found, factors(task, found), run)
+    told = predict(machine, found, margins(task, found), run)
     seen = judge(machine, run, told, run.counted & ~last)
     assert all(row.explained > 0.99 for row in seen[:3])
     assert all(row.explained > 0.95 for row in seen[3:])
