@@ -90,9 +90,10 @@ ALONE = {
     "crosscheck.equivalence.beams.sampled": "numbers of a beam, apart from what differs in them",
     "crosscheck.equivalence.certificates": COMPARED,
     "crosscheck.equivalence.couplings": COMPARED,
+    "crosscheck.equivalence.groups": COMPARED,
+    "crosscheck.equivalence.matching.numbers": COMPARED,
     "crosscheck.equivalence.loops": COMPARED,
     "crosscheck.equivalence.reduce": COMPARED,
-    "crosscheck.equivalence.matching.roots": COMPARED,
     "crosscheck.report.plots": DRAWING,
 }
 

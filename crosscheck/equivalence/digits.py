@@ -33,17 +33,17 @@ class Sheet:
         return self.halves.get((element, quantity), 0.0)
 
     def turn(self, joint: str) -> float:
-        """Return what is open of a joint's orientation to the link before it that moves [rad]."""
+        """Return the open part of a joint's orientation to the link before it that moves [rad]."""
         return sum((self._own(k, "rotation") for k in self._chain(joint)), 0.0)
 
     def place(self, joint: str) -> float:
-        """Return what is open of a joint's position on the link before it that moves [m]."""
+        """Return the open part of a joint's position on the link before it that moves [m]."""
         return sum(
             (self._own(k, "position") + self._own(k, "rotation") * self._arm(k) for k in self._chain(joint)), 0.0
         )
 
     def zero(self, joint: str) -> float:
-        """Return what is open of the zero of a hinge's coordinate [rad], which its own frame and what its link carries show."""
+        """Return the open part of the zero of a hinge's coordinate [rad], by its own frame and by all that its link carries."""
         k = self._number.get(joint)
         if k is None:
             return 0.0
@@ -59,7 +59,7 @@ class Sheet:
         )
 
     def body(self, member: Member, quantity: str) -> float:
-        """Return what is open of a body that is made up of links: mass [kg], com [m] or tensor [kg m^2]."""
+        """Return the open part of a body that is made up of links: mass [kg], com [m] or tensor [kg m^2]."""
         names = [name for name, _ in member.parts] or [member.name]
         if len(names) == 1:
             return self.of(names[0], quantity)
@@ -86,7 +86,7 @@ class Sheet:
         return self.of(member.joint, quantity) or self.of(member.name, quantity)
 
     def _arm(self, k: int) -> float:
-        """How far what hangs on a member is from it at most, within one moving link [m]: its children's places."""
+        """Largest distance from a member to its children's places, within one moving link [m]."""
         ways = [float(np.linalg.norm(self.tree.members[m].placement.position)) for m in self.tree.children(k)]
         return max(ways, default=0.0) if self.tree.members[k].kind == "fixed" else 0.0
 
@@ -104,7 +104,7 @@ class Sheet:
         return [*own, *(deep for m in own for deep in self._fixed_on(m))]
 
     def _on_carrier(self, link: str) -> tuple[float, float]:
-        """What is open of a fixed link's frame on the link that moves: position [m], orientation [rad]; 0 of that itself."""
+        """Open part of a fixed link's frame on the link that moves: position [m], orientation [rad]; 0 of that itself."""
         k = self._links.get(link, -1)
         if k < 0 or self.tree.members[k].kind != "fixed":
             return 0.0, 0.0
@@ -120,7 +120,7 @@ class Digits:
     second: Sheet
 
     def joint(self, one: Member, two: Member, quantity: str) -> float:
-        """Return what is open of a joint: "position", "shift" of its zero [m], "rotation", "zero" [rad], or a stated number."""
+        """Return the open part of a joint: "position", "shift" of its zero [m], "rotation", "zero" [rad], or a stated number."""
         sides = ((self.first, one.joint), (self.second, two.joint))
         if quantity in ("position", "shift"):
             own = VECTOR * max(sheet.place(name) for sheet, name in sides)
@@ -132,5 +132,5 @@ class Digits:
         return max(sheet.of(name, quantity) for sheet, name in sides)
 
     def body(self, one: Member, two: Member, quantity: str) -> float:
-        """Return what is open of a body: "mass" [kg], "com" [m], "tensor" [kg m^2]."""
+        """Return the open part of a body: "mass" [kg], "com" [m], "tensor" [kg m^2]."""
         return max(self.first.body(one, quantity), self.second.body(two, quantity))

@@ -50,11 +50,11 @@ class Pair:
         return f"link {self.one.name}"
 
     def of_joint(self, quantity: str) -> float:
-        """Return what the printed digits leave open of a joint, in the quantity's unit [any unit]; 0 where none are printed."""
+        """Return the part of a joint that printed digits leave open [the quantity's unit]; 0 where none are printed."""
         return self.printed.joint(self.one, self.two, quantity)
 
     def of_body(self, quantity: str) -> float:
-        """Return what the printed digits leave open of a body, in the quantity's unit [any unit]; 0 where none are printed."""
+        """Return the part of a body that printed digits leave open [the quantity's unit]; 0 where none are printed."""
         return self.printed.body(self.one, self.two, quantity)
 
     def change(self, name: str, value: Any) -> Change:

@@ -41,7 +41,9 @@ bands are those of the readings behind the zero-phase low-pass at {bandwidth:g} 
 uncertainty of the parameters, of what remains, and of friction that differs between runs, and are calibrated on blocks of time
 that were left out. Explained is the part of the variance, of a joint while it slides; width is that of the band, and RMS the
 error's. {scatter}"""
-SCATTER = "From block to block the estimates scatter {:.2g} times as much as the formula says, in variance; intervals are widened."
+SCATTER = (
+    "From block to block the estimates scatter {:.2g} times what the formula says, in variance; intervals are widened."
+)
 STEADY = "From block to block the estimates scatter no more than the formula says."
 WIDER = 1.05  # times in variance: less is rounded away
 UNJUDGED = """

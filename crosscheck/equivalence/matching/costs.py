@@ -51,7 +51,7 @@ class Costs:
             return self.of(a, b)
         one = _lie(self.first, self.poses[0], before[0], a)
         two = _lie(self.second, self.poses[1], before[1], b)
-        return abs(one[0] - two[0]) / self.size + abs(np.sin(one[1] - two[1])) + self._masses(a, b)
+        return abs(one[0] - two[0]) / self.size + float(abs(np.sin(one[1] - two[1]))) + self._masses(a, b)
 
     def _masses(self, a: int, b: int) -> float:
         one, two = self.first.members[a].mass, self.second.members[b].mass

@@ -135,7 +135,7 @@ class Assignment:
 
     @cached_property
     def costs(self) -> Costs:
-        """Return what pairs of members cost."""
+        """Return the costs of pairs of members."""
         return Costs(self.first, self.second)
 
     def extend(self, a: int, b: int) -> None:

@@ -69,7 +69,8 @@ LEG = """<link name="hip_{0}"><inertial><origin xyz="0.01 0.02 -0.1"/><mass valu
   <inertia ixx="0.02" ixy="0.001" ixz="0" iyy="0.03" iyz="0" izz="0.01"/></inertial></link>
 <joint name="hip_{0}" type="revolute"><origin xyz="{2}" rpy="{3}"/><parent link="trunk"/><child link="hip_{0}"/>
   <axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="50" velocity="2"/></joint>"""
-TRUNK = '<robot name="legs">{}<link name="trunk"><inertial><mass value="9"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>{}</robot>'
+TRUNK = """<robot name="legs">{}<link name="trunk"><inertial><mass value="9"/>
+  <inertia ixx="1" iyy="1" izz="1"/></inertial></link>{}</robot>"""
 QUARTER = repr(math.pi / 2)
 
 
