@@ -55,7 +55,7 @@ class Sheet:
         ]
         arms = [(open_, float(np.linalg.norm(np.cross(member.axis, point)))) for open_, point in points]
         return self.turn(joint) + max(
-            [*seen, *(open_ / arm for open_, arm in arms if open_ <= FINE * arm)], default=0.0
+            [*seen, *(open_ / arm for open_, arm in arms if 0 < open_ <= FINE * arm)], default=0.0
         )
 
     def body(self, member: Member, quantity: str) -> float:

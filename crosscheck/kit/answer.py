@@ -68,7 +68,9 @@ def read_table(path: Path, model: type[T]) -> T | None:
             return None
         if (size := path.stat().st_size) > LARGEST_JSON:
             raise InputError(f"{path} has {size / 1e6:.0f} MB, expected at most {LARGEST_JSON / 1e6:.0f} MB")
-        return model.model_validate(json.loads(path.read_text(encoding="utf-8")))
+        return model.model_validate(json.loads(path.read_text(encoding="utf-8-sig")))
+    except InputError:
+        raise
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"]))

@@ -1,7 +1,8 @@
 """Findings in the shapes of links: units, centres of mass outside, moments that nothing within them has.
 
 About its centre of mass no body has more than  m r_max^2,  r_max the distance of the farthest point of its shapes.  Meshes are
-looked at where they are there and trimesh is installed; a link is judged if all of its shapes are read.
+looked at where they are there and trimesh is installed; a link is judged if all of its shapes are read, and if they can hold its
+mass: a sphere of 1 mm is a mark.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from flexinv.model.mechanism import Array
 WIDE = 20.0  # extent of a mesh over that of the machine from which on it looks like mm
 OUTSIDE = 0.25  # of the diagonal of a link's shapes: how far beyond their box a centre of mass may be
 BEYOND = 1.5  # largest moment over m r_max^2
+DENSEST = 23e3  # [kg/m^3]: osmium; shapes in which a link would be denser are marks
 LIGHT = 1e-4  # of the machine's mass: lighter links are sensors and marks, whose numbers nothing feels
 LARGEST = 64 << 20  # [byte] of a mesh file that is read
 READ = (".stl", ".obj", ".ply", ".off")
@@ -59,14 +61,22 @@ def mesh_findings(robot: Element, path: Path, links: Mapping[str, Stated], size:
 
 
 def _shape(element: Element, path: Path) -> Array | None:
-    """All points of what is drawn of a link and of what collides (n, 3) [m]; of the one of them that is all there."""
-    found = []
-    for kind in ("visual", "collision"):
-        parts = [_points(part, path) for part in element.findall(kind)]
-        there = [points for points in parts if points is not None]
-        if there and len(there) == len(parts):
-            found += there
+    """All points of what is drawn of a link and of what collides (n, 3) [m]; of the one of them that is all there.
+
+    Boxes, cylinders and spheres that collide cover what may be hit, not the whole link: alone they do not stand for a drawn mesh.
+    """
+    drawn, colliding = (_all_points(element.findall(kind), path) for kind in ("visual", "collision"))
+    solid = any(part.find("geometry/mesh") is None for part in element.findall("collision"))
+    if drawn is None and element.find("visual") is not None and solid:
+        return None
+    found = [points for points in (drawn, colliding) if points is not None]
     return np.vstack(found) if found else None
+
+
+def _all_points(parts: list[Element], path: Path) -> Array | None:
+    found = [_points(part, path) for part in parts]
+    there = [points for points in found if points is not None]
+    return np.vstack(there) if there and len(there) == len(parts) else None
 
 
 def _of_link(link: Stated, points: Array, size: float) -> Iterator[Finding]:
@@ -79,6 +89,8 @@ def _of_link(link: Stated, points: Array, size: float) -> Iterator[Finding]:
         return
     if not link.written or not body.mass > 0 or not diagonal:
         return
+    if body.mass > DENSEST * float(np.prod(high - low)):
+        return  # a mark, not the body
     beyond = float(np.linalg.norm(np.maximum(0.0, np.maximum(low - body.com, body.com - high))))
     if beyond > OUTSIDE * diagonal:
         given = f"{' '.join(f'{x:.4g}' for x in body.com)} m"

@@ -25,6 +25,8 @@ PROBED = 1e-3
 
 # Lines whose numbers have no size in common: each is measured against its own.
 EACH = ("beam_masses", "beam_moments", "stiffness", "springs")
+# Lines that every mechanism has by its joints: where no name is the same, they are another mechanism's.
+BY_JOINT = ("masses", "moments", "inertias", "axes")
 
 
 @dataclass(frozen=True)
@@ -154,6 +156,9 @@ def _numbers(theirs: Certificate, ours: Certificate) -> Iterator[dict[str, Any]]
         both = [key for key in b if key in a]
         if both:
             yield _worst(what, unit, {k: (np.asarray(a[k]), np.asarray(b[k])) for k in both}, limit, name in EACH)
+        elif a and b and name in BY_JOINT:
+            words = f"of {', '.join(sorted(a))}; expected {', '.join(sorted(b))}"
+            yield {"what": what, "unit": unit, "holds": False, "words": words}
 
 
 def _line(what: str, unit: str, a: Array, b: Array, limit: float, words: str = "") -> dict[str, Any]:
@@ -181,6 +186,8 @@ def _order(theirs: Certificate, ours: Certificate) -> Iterator[dict[str, Any]]:
     if theirs.order and ours.order:
         same = sorted(theirs.order) == sorted(ours.order)
         words = "the same" if tuple(theirs.order) == tuple(ours.order) else "mapped by name: " + ", ".join(theirs.order)
+        if not same:
+            words = f"of {', '.join(theirs.order)}; expected {', '.join(ours.order)}"
         yield {"what": "order of the joints", "unit": "-", "holds": same, "words": words}
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +34,9 @@ def read(path: Path) -> tuple[Array, dict[str, Series]]:
     rows = _cells(path)
     header = [cell.strip() for cell in rows[0]] if rows else []
     if not header or header[0] != TIME:
-        raise InputError(f"{path}: the first column is {header[0] if header else 'missing'!r}, expected {TIME!r}")
+        seen = f"the first column is {header[0]!r}" if header else "there is no header"
+        commas = "; write commas between the columns" if header and re.search(r"[;\t]", header[0]) else ""
+        raise InputError(f"{path}: {seen}, expected {TIME!r}{commas}")
     heads = [HEADER.fullmatch(cell) for cell in header]
     if None in heads:
         wrong = header[heads.index(None)]
@@ -59,7 +61,7 @@ def _cells(path: Path) -> list[list[str]]:
     try:
         if (size := path.stat().st_size) > LARGEST:
             raise InputError(f"{path} has {size / 1e6:.0f} MB, expected at most {LARGEST / 1e6:.0f} MB")
-        with path.open(encoding="utf-8", newline="") as stream:
+        with path.open(encoding="utf-8-sig", newline="") as stream:  # spreadsheets begin a file with a mark
             return list(csv.reader(stream))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path} cannot be read: {error}") from error
@@ -73,8 +75,19 @@ def _numbers(path: Path, header: list[str], rows: list[list[str]]) -> Array:
             raise InputError(f"{path}: row {k + 2} has {len(row)} cells, the header {len(header)}")
     try:
         return np.array(rows, dtype=np.float64).reshape(len(rows), len(header))
-    except ValueError as error:
-        raise InputError(f"{path}: {error}; expected a number in every cell") from None
+    except ValueError:
+        k, one, cell = next(wrong for wrong in _words(header, rows))
+        raise InputError(f"{path}: row {k}, column {one!r}: {cell!r} is no number") from None
+
+
+def _words(header: list[str], rows: list[list[str]]) -> Iterator[tuple[int, str, str]]:
+    """Yield row, column and text of each cell that is no number."""
+    for k, row in enumerate(rows):
+        for one, cell in zip(header, row, strict=True):
+            try:
+                np.array([cell], dtype=np.float64)
+            except ValueError:
+                yield k + 2, one, cell
 
 
 def check_times(path: Path, time: Array, wanted: Array, sample: float) -> None:

@@ -112,11 +112,12 @@ def test_the_command_says_what_it_found_and_leaves_with_its_code(tmp_path: Path)
     assert CliRunner().invoke(main, ["lint", str(tmp_path / "none.urdf")]).exit_code == 2
 
 
-def shaped(folder: Path, inertial: str, shape: str) -> list[str]:
+def shaped(folder: Path, inertial: str, shape: str, colliding: str = "") -> list[str]:
     """The checks that speak of shapes, for the arm whose upper link is another one."""
     start, end = ARM.index('<link name="upper">'), ARM.index('<link name="lower">')
     drawn = f'<visual><origin xyz="0 0 0.15"/><geometry>{shape}</geometry></visual>'
-    link = f'<link name="upper"><inertial>{inertial}</inertial>{drawn}</link>'
+    hit = f"<collision>{drawn.removeprefix('<visual>').split('<geometry>')[0]}<geometry>{colliding}</geometry></collision>"
+    link = f'<link name="upper"><inertial>{inertial}</inertial>{drawn}{hit if colliding else ""}</link>'
     (folder / "arm.urdf").write_text(ARM[:start] + link + ARM[end:])
     return [
         f.check for f in lint(folder / "arm.urdf").findings if f.check in ("centre outside", "moments of shape", "mesh")
@@ -136,6 +137,17 @@ def test_shapes_tell_of_centres_and_moments(tmp_path: Path) -> None:
     for shape in (BOX, '<cylinder radius="0.05" length="0.3"/>', '<sphere radius="0.15"/>'):
         assert shaped(tmp_path, ROD, shape) == []
         assert shaped(tmp_path, ABOUT_FRAME, shape) == ["moments of shape"]
+
+
+def test_marks_and_covers_are_no_bodies(tmp_path: Path) -> None:
+    """A sphere of 1 mm cannot hold 3 kg: it is a mark; a box that collides does not stand for a mesh that is missing."""
+    assert shaped(tmp_path, ROD, '<sphere radius="0.001"/>') == []
+    assert shaped(tmp_path, ROD, '<sphere radius="0.033"/>') == [
+        "moments of shape"
+    ]  # it can hold them, and not their moments
+    missing = '<mesh filename="gone.dae"/>'
+    assert "centre outside" not in shaped(tmp_path, OTHER_SIGN, missing, BOX)
+    assert shaped(tmp_path, OTHER_SIGN, BOX, BOX) == ["centre outside"]
 
 
 def test_meshes_are_read_and_their_units_seen(tmp_path: Path) -> None:

@@ -185,7 +185,7 @@ def test_a_closure_of_another_rank_is_found(place: str, engine: str) -> None:
 @pytest.mark.parametrize(
     ("harm", "what", "words"),
     [
-        ({"order": ("A", "B")}, "order of the joints", "mapped by name: A, B"),
+        ({"order": ("A", "B")}, "order of the joints", "of A, B; expected A, B, "),
         ({"residual": 1e-3}, "closure residual", ""),
         ({"mass_matrix": np.eye(3)}, "joint-space mass matrix", "of shape (3, 3), expected "),
     ],
