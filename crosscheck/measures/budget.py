@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
 
 from crosscheck.measures.record import Series
 
@@ -108,7 +108,7 @@ def no_order(line: Mapping[str, Any]) -> bool:
 
 def widened(bar: Array) -> Array:
     """Return the largest value within ``WINDOW`` of the run on either side, (samples,) [unit]."""
-    return np.asarray(maximum_filter1d(bar, 2 * int(np.ceil(WINDOW * bar.size)) + 1))
+    return np.asarray(scipy.ndimage.maximum_filter1d(bar, 2 * int(np.ceil(WINDOW * bar.size)) + 1))
 
 
 def with_bars(

@@ -1,13 +1,15 @@
-"""The prepared process of an engine: ``python -m crosscheck.run.fork_server SOCKET door.json``.
+"""A prepared process: ``python -m crosscheck.run.fork_server SOCKET``.
 
-It imports the engine's adapter once and forks a process for every job, which then does what a fresh one does
-(`crosscheck.run.child`) without importing anything again.  It computes nothing itself, so that every job finds it as the imports
-left it.  Only a process of one thread may be forked: another thread's locks would stay shut in the copy, and a graphics
-card's context is not copied.  So before every fork the threads and open devices are looked at, and a job is refused in
-words where there are others; the parent (`crosscheck.run.forking`) then starts a fresh process for it.
+The first of a run imports what every job needs and forks a prepared process per engine; that one imports the engine's adapter
+once and forks a process for every job, which then does what a fresh one does (`crosscheck.run.child`) without importing
+anything again.  Neither computes anything itself, so that every job finds it as the imports left it.  Only a process of one
+thread may be forked: another thread's locks would stay shut in the copy, and a graphics card's context is not copied.  So
+before every fork the threads and open devices are looked at, and a job is refused in words where there are others; the parent
+(`crosscheck.run.forking`) then starts a fresh process for it.
 
-A request is one packet, the names of the job's file and of its folder, with two descriptors: a socket for the answers, and
-the file for what is printed.  Answers are lines: ``forked PID``, then ``ended CODE``; or ``refused WHY``.
+A request is one packet, the names of the file of the job or of the door and of the folder, with descriptors: a socket for the
+answers, the file for what is printed, and for a door the socket of its own requests.  Answers are lines: ``forked PID``, then
+``ended CODE``; or ``refused WHY``.
 """
 
 from __future__ import annotations
@@ -36,16 +38,24 @@ from crosscheck.run import child
 from crosscheck.run.processes import die_with_parent, kill_group
 
 LARGEST_REQUEST = 1 << 16  # [bytes]
+LATE = ("scipy.linalg", "scipy.ndimage", "scipy.spatial.transform")  # what most jobs ask for after their imports
+KERNELS = "flexinv.kernels.code_cache"  # whoever has imported it will ask Numba for kernels
 DEVICES = ("/dev/nvidia", "/dev/dri", "/dev/kfd")  # a graphics card's runtime that has started keeps one of these open
 
 
-def main(number: str, door_file: str) -> None:
-    """Prepare, then serve requests of the socket with this number until the parent closes it."""
+def main(number: str) -> None:
+    """Serve requests of the socket with this number until the parent closes it, what every job needs being imported."""
     die_with_parent()
-    refusal = prepare(json.loads(Path(door_file).read_text(encoding="utf-8")))
+    for module in LATE:
+        importlib.import_module(module)
+    serve(int(number), "")
+
+
+def serve(number: int, refusal: str) -> NoReturn:
+    """Serve requests of a socket; refusal : why none is granted, "" where they are."""
     gc.collect()
     gc.freeze()
-    Server(socket.socket(fileno=int(number)), refusal).serve()
+    Server(socket.socket(fileno=number), refusal).serve()
     os._exit(0)
 
 
@@ -59,11 +69,13 @@ def prepare(door: Mapping[str, Any]) -> str:
             sys.path.insert(0, path)
         if "settings" in door or door.get("plain"):
             importlib.import_module(door["module"])
-            return ""
-        adapter = loaded(door["module"])
-        if not forkable(adapter):
-            return "its adapter says that it must not be forked"
-        prepared(adapter)
+        else:
+            adapter = loaded(door["module"])
+            if not forkable(adapter):
+                return "its adapter says that it must not be forked"
+            prepared(adapter)
+        if (kernels := sys.modules.get(KERNELS)) is not None:
+            kernels.prepare()
     except Exception as error:
         traceback.print_exc()
         return f"it could not be prepared: {type(error).__name__}: {error}"
@@ -113,25 +125,28 @@ class Server:
 
     def _request(self, ours: list[socket.socket]) -> bool:
         """Take one request; return False where the parent has closed its side."""
-        packet, descriptors, _, _ = socket.recv_fds(self.requests, LARGEST_REQUEST, 2)
+        packet, descriptors, _, _ = socket.recv_fds(self.requests, LARGEST_REQUEST, 3)
         if not packet:
             return False
-        answer, log = socket.socket(fileno=descriptors[0]), descriptors[1]
+        answer = socket.socket(fileno=descriptors.pop(0))
         if why := self.refusal or trouble():
             _say(answer, f"refused {why}")
             answer.close()
         else:
-            self._fork(answer, log, json.loads(packet), ours)
-        os.close(log)
+            self._fork(answer, descriptors, json.loads(packet), ours)
+        for descriptor in descriptors:
+            os.close(descriptor)
         return True
 
-    def _fork(self, answer: socket.socket, log: int, job: Mapping[str, str], ours: list[socket.socket]) -> None:
+    def _fork(
+        self, answer: socket.socket, descriptors: list[int], job: Mapping[str, str], ours: list[socket.socket]
+    ) -> None:
         leader = os.getpid()
         pid = os.fork()
         if pid == 0:
             for other in (self.requests, answer, *ours, *self.answers.values()):
                 other.close()
-            begin(leader, log, job)
+            begin(leader, job, *descriptors)
         with contextlib.suppress(OSError):  # whoever is first; the parent kills the group, so it has to be one by now
             os.setpgid(pid, pid)
         self.answers[pid] = answer
@@ -154,8 +169,11 @@ def _say(answer: socket.socket, words: str) -> None:
         answer.sendall(f"{words}\n".encode())
 
 
-def begin(leader: int, log: int, job: Mapping[str, str]) -> NoReturn:
-    """Be the process of a job from here on: a group of its own, its own folder, its own printed text; and do the job."""
+def begin(leader: int, job: Mapping[str, str], log: int, requests: int = -1) -> NoReturn:
+    """Be the process of a job or of a door from here on: a group of its own, its own folder, its own printed text.
+
+    requests : the socket of a door
+    """
     code = 1
     try:
         signal.set_wakeup_fd(-1)
@@ -171,6 +189,8 @@ def begin(leader: int, log: int, job: Mapping[str, str]) -> NoReturn:
         sys.path[0] = job["folder"]
         random.seed()
         np.random.seed()  # noqa: NPY002 - for engines that use this generator: each process has its own numbers
+        if "door" in job:
+            serve(requests, prepare(json.loads(Path(job["door"]).read_text(encoding="utf-8"))))
         child.main(job["job"])
     except SystemExit as left:
         code = left.code if isinstance(left.code, int) else int(left.code is not None)

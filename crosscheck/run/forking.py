@@ -1,4 +1,4 @@
-"""Prepared processes as the parent sees them: one per engine's adapter, started when its first job comes.
+"""Prepared processes as the parent sees them: one per engine's adapter, forked from a common one when its first job comes.
 
 Where a job may not be forked, and where a prepared process has died, a fresh process is started instead: `Refused` says why.
 """
@@ -80,20 +80,23 @@ def _line(answers: socket.socket, limit: float | None) -> str | None:
 class Prepared:
     """A prepared process: the process, the socket for requests, its folder, and why it takes no more ("" where it does)."""
 
-    process: subprocess.Popen[bytes]
+    process: subprocess.Popen[bytes] | Forked
     requests: socket.socket
     folder: tempfile.TemporaryDirectory[str]
     refusal: str = ""
 
-    def fork(self, job_file: Path, folder: Path, log: int) -> Forked:
-        """Return the process of a job that runs in ``folder`` and prints into ``log``.  Raises Refused."""
+    def fork(self, what: Mapping[str, Path], *descriptors: int) -> Forked:
+        """Return the process of a job or of a door that runs in a folder and prints into a log.  Raises Refused.
+
+        what : folder, and the file of the job or of the door; descriptors : of the log, and of the socket of a door
+        """
         if self.refusal:
             raise Refused(self.refusal)
         ours, theirs = socket.socketpair()
-        words = json.dumps({"job": str(job_file), "folder": str(folder)}).encode()
+        words = json.dumps({name: str(path) for name, path in what.items()}).encode()
         try:
             with theirs:
-                socket.send_fds(self.requests, [words], [theirs.fileno(), log])
+                socket.send_fds(self.requests, [words], [theirs.fileno(), *descriptors])
             answer = _line(ours, PREPARE)
         except OSError:
             answer = ""
@@ -110,17 +113,21 @@ class Prepared:
         return answer.removeprefix("refused ") or "its prepared process has died"
 
     def end(self) -> None:
-        """End the process, and with it every job that was forked from it."""
-        kill_group(self.process.pid)
-        self.process.wait()
+        """End the process, and with it everything that was forked from it."""
+        if isinstance(self.process, Forked):
+            self.process.end()
+        else:
+            kill_group(self.process.pid)
+            self.process.wait()
         self.requests.close()
         self.folder.cleanup()
 
 
 @dataclass
 class ForkServers:
-    """The prepared processes of a run, by the adapter that each has imported."""
+    """The prepared processes of a run: a common one, and one by each adapter that is imported."""
 
+    common: Prepared | None = None
     known: dict[str, Prepared] = field(default_factory=dict)
     lock: threading.Lock = field(default_factory=threading.Lock)
     stopped: bool = False
@@ -129,7 +136,7 @@ class ForkServers:
         """Return the process of a job.  Raises Refused."""
         if sys.platform != "linux":
             raise Refused("only Linux says how many threads a process has")
-        return self._prepared(job).fork(job_file, folder, log)
+        return self._prepared(job).fork({"job": job_file, "folder": folder}, log)
 
     @property
     def refusals(self) -> dict[str, str]:
@@ -141,38 +148,37 @@ class ForkServers:
         with self.lock:
             if self.stopped:
                 raise Refused("interrupted")
+            self.common = self.common or _started()
             if name not in self.known:
-                self.known[name] = _started(job)
+                self.known[name] = _opened(self.common, job)
             return self.known[name]
 
     def stop(self) -> None:
         """End all of them, and start no more."""
+        self.stopped = True
+        if self.common is not None:
+            kill_group(self.common.process.pid)  # whoever holds the lock waits for it
         with self.lock:
-            self.stopped = True
             for one in self.known.values():
-                if not one.refusal:
-                    kill_group(one.process.pid)
+                kill_group(one.process.pid)
 
     def close(self) -> None:
-        """End all of them and wait until they are gone."""
-        self.stop()
-        for one in self.known.values():
-            if not one.refusal:
-                one.end()
+        """End all of them and wait until they are gone, the common one last: it counts the time that the others took."""
+        self.stopped = True
+        with self.lock:
+            for one in (*self.known.values(), self.common):
+                if one is not None and not one.refusal:
+                    one.end()
 
 
-def _started(job: Mapping[str, Any]) -> Prepared:
-    """Start the prepared process of a job's adapter; it has to be the thread's that lives as long as the run."""
+def _started() -> Prepared:
+    """Start the common process; it has to be by the thread that lives as long as the run."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    door = {name: job[name] for name in ("module", "path", "settings") if name in job}
-    folder = tempfile.TemporaryDirectory(prefix="crosscheck-prepared-", ignore_cleanup_errors=True)
-    told = Path(folder.name) / "door.json"
-    told.write_text(json.dumps({**door, "plain": job["kind"] in PLAIN}), encoding="utf-8")
-    with theirs, (told.parent / "printed.txt").open("wb") as log:
-        words = [sys.executable, "-X", "faulthandler", "-m", "crosscheck.run.fork_server"]
+    folder = _folder()
+    with theirs, (Path(folder.name) / "printed.txt").open("wb") as log:
         process = subprocess.Popen(
-            [*words, str(theirs.fileno()), str(told)],
-            cwd=told.parent,
+            [sys.executable, "-X", "faulthandler", "-m", "crosscheck.run.fork_server", str(theirs.fileno())],
+            cwd=folder.name,
             env=environment(),
             stdin=subprocess.DEVNULL,
             stdout=log,
@@ -181,3 +187,24 @@ def _started(job: Mapping[str, Any]) -> Prepared:
             pass_fds=[theirs.fileno()],
         )
     return Prepared(process, ours, folder)
+
+
+def _opened(common: Prepared, job: Mapping[str, Any]) -> Prepared:
+    """Fork the prepared process of a job's adapter.  Raises Refused."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    door = {name: job[name] for name in ("module", "path", "settings") if name in job}
+    folder = _folder()
+    told = Path(folder.name) / "door.json"
+    told.write_text(json.dumps({**door, "plain": job["kind"] in PLAIN}), encoding="utf-8")
+    with theirs, (told.parent / "printed.txt").open("wb") as log:
+        try:
+            process = common.fork({"door": told, "folder": told.parent}, log.fileno(), theirs.fileno())
+        except Refused:
+            ours.close()
+            folder.cleanup()
+            raise
+    return Prepared(process, ours, folder)
+
+
+def _folder() -> tempfile.TemporaryDirectory[str]:
+    return tempfile.TemporaryDirectory(prefix="crosscheck-prepared-", ignore_cleanup_errors=True)

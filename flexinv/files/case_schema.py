@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+import scipy  # its parts are loaded when they are asked for
 from pydantic import Field
-from scipy.spatial.transform import Rotation
 
 from flexinv import validation as arguments
 from flexinv.files.toml_tables import Location, Table, key, optional, read_toml, validate
@@ -130,7 +130,7 @@ def _radians(value: Any) -> Array:
 
 
 def _quaternion(rpy_deg: Any) -> Array:
-    return np.asarray(Rotation.from_euler("xyz", rpy_deg, degrees=True).as_quat())
+    return np.asarray(scipy.spatial.transform.Rotation.from_euler("xyz", rpy_deg, degrees=True).as_quat())
 
 
 # Units of the velocity coordinates of a kind of joint -> its table, the parts of its coordinates (by their keys), an example.

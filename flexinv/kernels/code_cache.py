@@ -16,7 +16,7 @@ from pickle import UnpicklingError
 from typing import Any
 
 from numba import njit, types
-from numba.core.registry import CPUDispatcher
+from numba.core.registry import CPUDispatcher, cpu_target
 
 from flexinv.kernels.code_stamp import source_stamp
 from flexinv.kernels.compile_lock import CompileLock
@@ -54,6 +54,12 @@ def compiler(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         return kernel
 
     return decorate
+
+
+def prepare() -> None:
+    """Load Numba's tables of types and of code [-], which it loads with the first kernel otherwise (half a second)."""
+    cpu_target.typing_context.refresh()
+    cpu_target.target_context.refresh()
 
 
 class Kernel(CPUDispatcher):

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from flexinv.errors import InputError
 from flexinv.model.joint_kinds import KINDS, POSE, ROTATION
@@ -66,7 +66,7 @@ def joint_path(track: Track, joint: Joint, values: Array, at: Array, left: NDArr
     if kind.layout == POSE:
         position, v, a = _plain(track, values[:, :3], at, left, where)
         quaternion, omega, alpha = _rotation(track, values[:, 3:], at, left, where)
-        to_body = Rotation.from_quat(quaternion).inv()
+        to_body = scipy.spatial.transform.Rotation.from_quat(quaternion).inv()
         v, a = to_body.apply(v), to_body.apply(a)
         a = a - np.cross(omega, v)
         return np.hstack([position, quaternion]), np.hstack([v, omega]), np.hstack([a, alpha])
@@ -90,9 +90,10 @@ def _rotation(track: Track, values: Array, at: Array, left: NDArray[np.bool_], w
     if track.sampling is not None:
         return rotation_path(track.sampling, values, at, left, where)
     u, u1, u2 = _law(track, at, left)
-    first, last = Rotation.from_quat(unit_quaternions(values, where))
+    rotation = scipy.spatial.transform.Rotation
+    first, last = rotation.from_quat(unit_quaternions(values, where))
     vector = (first.inv() * last).as_rotvec()  # (xyz,), along the geodesic
-    return (first * Rotation.from_rotvec(u * vector)).as_quat(), u1 * vector, u2 * vector
+    return (first * rotation.from_rotvec(u * vector)).as_quat(), u1 * vector, u2 * vector
 
 
 def _law(track: Track, at: Array, left: NDArray[np.bool_]) -> Triple:

@@ -114,7 +114,8 @@ def test_a_process_is_prepared_once_and_every_job_has_its_own(task: Task, shared
     (pid,) = [int(f.name) for f in tmp_path.iterdir()]
     wait_for(lambda: not living(pid), 5.0)
     assert attempt(task, rogue.engine("fine"), shared).record.status == "ok"
-    assert (server.process.pid, server.process.poll()) == (first, None)
+    assert server.process.pid == first
+    assert living(first)
 
 
 def patience(task: Task, children: Children) -> float:
@@ -162,7 +163,7 @@ def test_a_job_whose_prepared_process_dies_is_done_again(task: Task, children: C
     worker.start()
     wait_for(lambda: len(list(tmp_path.iterdir())) == 1)
     (server,) = servers_of(children).known.values()
-    server.process.send_signal(signal.SIGKILL)
+    os.kill(server.process.pid, signal.SIGKILL)
     worker.join()
     assert len(list(tmp_path.iterdir())) == 2  # it hung once more, in a fresh process
     assert done[0].record.status == "timeout"
@@ -180,8 +181,32 @@ def test_stopping_ends_forked_jobs_and_prepared_processes(task: Task, children: 
     worker.join(10.0)
     assert done[0].record.message == "interrupted"
     (server,) = servers_of(children).known.values()
-    assert server.process.wait(10.0) == -signal.SIGKILL
+    wait_for(lambda: not living(server.process.pid), 10.0)
     assert attempt(task, rogue.engine("fine"), children).record.message == "interrupted before it started"
+
+
+def test_engines_share_one_common_process(task: Task, shared: Children) -> None:
+    """One process is started; those of the engines are its children, and each imports no engine but its own."""
+    for name in ("pinocchio", "mujoco"):
+        assert attempt(task, ENGINES[name], shared).record.status == "ok"
+    servers = servers_of(shared)
+    assert servers.common is not None
+    for name, other in (("pinocchio", "mujoco"), ("mujoco", "pinocchio")):
+        pid = servers.known[ENGINES[name].module].process.pid
+        assert int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[1]) == servers.common.process.pid
+        mapped = Path(f"/proc/{pid}/maps").read_text()
+        assert f"lib{name}" in mapped
+        assert f"lib{other}" not in mapped
+
+
+def test_without_the_common_process_every_job_starts_afresh(task: Task, children: Children) -> None:
+    servers = servers_of(children)
+    servers.common = forking._started()
+    os.kill(servers.common.process.pid, signal.SIGKILL)
+    for _ in range(2):
+        assert attempt(task, rogue.engine("fine"), children).record.status == "ok"
+    assert servers.known == {}
+    assert servers.common.refusal == "its prepared process has died"
 
 
 def wait_for(condition: Callable[[], Any], seconds: float = LIMIT) -> None:

@@ -328,20 +328,25 @@ def test_a_planted_fault_is_larger_than_the_limit_of_the_comparison(fault: str) 
 SERIES = ("torque/hub", "deflection/link/y", "axial/link")
 
 
+MESHES, STEPS = (4, 8, 16), (2.5e-4, 1.25e-4, 6.25e-5)  # elements; [s]
+
+
 def study(folder: Path) -> dict[str, list[float]]:
     """Largest differences over the range of torque, deflection and axial force on the paper's flexible link.
 
-    16 elements and h = 62.5 us (0), each refinement doubles the elements and halves the step:
+                                            torque   deflection  axial
+        exudyn-ancf  4 -  8 elements        6.6e-4   4.6e-4      4.1e-4    h = 62.5 us
+        exudyn-ancf  8 - 16 elements        4.9e-5   3.0e-5      3.3e-5
+        exudyn-ancf 250 - 125 us            2.1e-4   1.3e-4      1.2e-4    16 elements
+        exudyn-ancf 125 - 62.5 us           6.2e-5   3.3e-5      4.0e-5
+        exudyn-ge    4 -  8 elements        8.4e-4   3.6e-4      3.0e-4
+        exudyn-ge    8 - 16 elements        7.5e-5   2.3e-5      4.0e-5
+        exudyn-ge   250 - 125 us            2.1e-4   1.3e-4      1.2e-4
+        exudyn-ge   125 - 62.5 us           6.2e-5   3.2e-5      3.9e-5
+        ancf - ge                           8.0e-5   5.8e-5      4.7e-5    the cable's lack of shear and rotary inertia
+        ancf - ge, without both             5.0e-6   2.9e-6      5.8e-6    shear stiffness x 1000, rotary inertia / 1000
 
-                                          torque   deflection  axial
-        exudyn-ancf 0 - 1                 1.5e-5   6.5e-6      1.1e-5
-        exudyn-ancf 1 - 2                 5.1e-6   1.9e-6      4.6e-6
-        exudyn-ge 0 - 1                   1.4e-5   6.6e-6      9.7e-6
-        exudyn-ge 1 - 2                   5.8e-6   1.9e-6      4.7e-6
-        ancf - ge, 2                      7.9e-5   5.8e-5      4.7e-5    the cable's lack of shear and rotary inertia
-        ancf - ge, 1, without both        4.3e-7   5.5e-7      1.7e-6    shear stiffness x 1000, rotary inertia / 1000
-
-    Run:  cd tests && python -c "from test_engine_exudyn_beams import *; print(study(Path('../models/flex_one_link')))"
+    The last two with 16 elements and h = 62.5 us.
     """
     mechanism = load_mechanism(folder)
     case = load_cases(folder, mechanism)["cycloid"]
@@ -350,26 +355,41 @@ def study(folder: Path) -> dict[str, list[float]]:
     s = beam.section
     slender = replace(s, stiffness=s.stiffness * (1, 1e3, 1e3, 1, 1, 1), rotary_inertia=s.rotary_inertia / 1e3)
     other = replace(mechanism, links=(replace(mechanism.links[0], beam=replace(beam, section=slender)),))
-    runs = {(e, k): exudyn.run(mechanism, case, e, {"refinement": k, "error": False}) for e in BEAMS for k in range(3)}
-    bare = [exudyn.run(other, case, engine, {"refinement": 1, "error": False}) for engine in BEAMS]
-    pairs = {f"{e} {k} - {k + 1}": (runs[e, k], runs[e, k + 1]) for e in BEAMS for k in range(2)}
-    pairs |= {"ancf - ge, 2": (runs[BEAMS[0], 2], runs[BEAMS[1], 2]), "ancf - ge, 1, without both": (bare[0], bare[1])}
+    ways = [(elements, STEPS[-1]) for elements in MESHES], [(MESHES[-1], step) for step in STEPS]
+
+    def run(m: Mechanism, engine: str, elements: int, step: float) -> Record:
+        return exudyn.run(m, case, engine, {"elements": elements, "step": step, "error": False})
+
+    runs = {(e, *way): run(mechanism, e, *way) for e in BEAMS for way in dict.fromkeys((*ways[0], *ways[1]))}
+    best = ways[0][-1]
+    pairs = {
+        f"{engine} {way[k]} - {way[k + 1]}": (runs[engine, *way[k]], runs[engine, *way[k + 1]])
+        for engine in BEAMS
+        for way in ways
+        for k in range(2)
+    }
+    bare = [run(other, engine, *best) for engine in BEAMS]
+    pairs |= {
+        "ancf - ge": (runs[BEAMS[0], *best], runs[BEAMS[1], *best]),
+        "ancf - ge, without both": (bare[0], bare[1]),
+    }
     table = {what: [off(*pair, name) for name in SERIES] for what, pair in pairs.items()}
-    return table | {e: [float(np.abs(value(runs[e, 2], n)).max()) for n in SERIES] for e in BEAMS}
+    return table | {e: [float(np.abs(value(runs[e, *best], n)).max()) for n in SERIES] for e in BEAMS}
 
 
 @pytest.mark.slow
 def test_the_papers_flexible_link(root: Path) -> None:
-    """Self-convergence of both formulations, their difference and where it comes from, and the peaks of paper case 3."""
+    """Both formulations converge in mesh and step; their difference, where it comes from, and the peaks of paper case 3."""
     table = study(root / "models" / "flex_one_link")
     for engine in BEAMS:
-        first, second = (np.array(table[f"{engine} {k} - {k + 1}"]) for k in range(2))
-        assert (first < 3e-5).all()  # a thirtieth of the limit of the comparison
-        assert (second < 0.5 * first).all()  # order 2 in the step: 0.25, and the sampling of a sharp largest difference
+        coarse, fine, slow, quick = (np.array(v) for k, v in table.items() if k.startswith(f"{engine} "))
+        assert (fine < 0.2 * coarse).all()  # order 4 in the mesh: 0.06, and the sampling of a sharp largest difference
+        assert (quick < 0.4 * slow).all()  # order 2 in the step: 0.25, and the same
+        assert (np.maximum(fine, quick) < 1e-4).all()  # a tenth of the limit of the comparison
         # An elastica of another origin has these peaks; they are given to 0.1 %.
         np.testing.assert_allclose(table[engine], [1.0145, 0.09496, 7.487], rtol=1e-3)
-    assert max(table["ancf - ge, 2"]) < 2e-4  # shear and rotary inertia: GA / 10 makes it 1.2e-3
-    assert max(table["ancf - ge, 1, without both"]) < 1e-5  # what the step leaves, 5e-6
+    assert max(table["ancf - ge"]) < 2e-4  # shear and rotary inertia: GA / 10 makes it 1.2e-3
+    assert max(table["ancf - ge, without both"]) < 1e-5  # what the mesh leaves, 6e-6
 
 
 @pytest.mark.slow

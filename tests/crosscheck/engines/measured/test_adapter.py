@@ -53,12 +53,12 @@ def test_cases_that_nobody_measured_are_skipped(task: tuple[Mechanism, Case]) ->
     ("text", "message"),
     [
         ("t,a [m]\n0,1\n", "the first column is 't', expected 'time \\[s\\]'"),
-        ("", "the first column is 'missing'"),
+        ("", "there is no header, expected 'time \\[s\\]'"),
         (
             "time [s],torque/hub\n0,1\n",
             "column 'torque/hub': expected a series and its unit; write 'torque/hub \\[N m\\]'",
         ),
-        ("time [s],torque/hub [N m]\n0,x\n", "could not convert string to float"),
+        ("time [s],torque/hub [N m]\n0,x\n", "row 2, column 'torque/hub \\[N m\\]': 'x' is no number"),
         ("time [s],torque/hub error [N m]\n0,1\n", "has no column 'torque/hub \\[N m\\]' beside it"),
         (
             "time [s],torque/shoulder [N m]\n0,1\n1,1\n",
