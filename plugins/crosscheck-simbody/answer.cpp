@@ -10,6 +10,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <filesystem>
 #include <fstream>
 #include <iostream>
 #include <map>
@@ -434,6 +435,8 @@ private:
 int main(int count, char** words) {
     if (count != 3) { std::cerr << "usage: answer KIT OUT\n"; return 2; }
     const std::string in = std::string(words[1]) + "/", out = std::string(words[2]) + "/";
+    if (!std::ifstream(in + "case.json")) { std::cerr << in << " holds no case.json: expected a case kit\n"; return 2; }
+    std::filesystem::create_directories(out);
     int version[3];
     SimTK_version_simbody(&version[0], &version[1], &version[2]);
     const json kit = json::parse(std::ifstream(in + "case.json"));

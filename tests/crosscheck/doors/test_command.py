@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from crosscheck.doors.registry import COMMAND, RECORD
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.kit.write import write
 from crosscheck.run.cluster import far, luggage
+from crosscheck.run.forking import ForkServers
 from crosscheck.run.isolation import Attempt, Children, run_engine
 from crosscheck.run.runner import _do
 from crosscheck.run.work import Options
@@ -44,12 +45,20 @@ def engine(name: str, *words: str, **more: Any) -> Engine:
     return Engine(name, COMMAND, "", "", settings=settings)
 
 
+@pytest.fixture(scope="module")
+def children() -> Iterator[Children]:
+    """Processes that are forked, as a run's are."""
+    servers = ForkServers()
+    yield Children(servers=servers)
+    servers.close()
+
+
 @pytest.fixture
-def go(task: Task, tmp_path: Path) -> Go:
+def go(task: Task, tmp_path: Path, children: Children) -> Go:
     def call(kind: str, limit: float = LIMIT, **more: Any) -> Attempt:
         words = ("rogue_program.py", kind, str(task.folder), task.case.name, str(tmp_path), "{kit}", "{out}")
         job = {"mechanism": str(task.folder), "case": task.case.name, "options": {"error": False}}
-        return run_engine(engine(kind, *words, **more), job, task.time, limit, Children())
+        return run_engine(engine(kind, *words, **more), job, task.time, limit, children)
 
     return call
 
@@ -146,25 +155,25 @@ def _alive(pid: int) -> bool:
         return False
 
 
-def test_a_program_that_is_not_there_is_named(task: Task) -> None:
+def test_a_program_that_is_not_there_is_named(task: Task, children: Children) -> None:
     missing = Engine(
         "mine", COMMAND, "", "", settings={"command": ["./no_such_program", "{out}"], "folder": str(SHARED)}
     )
     job = {"mechanism": str(task.folder), "case": task.case.name, "options": {}}
-    record = run_engine(missing, job, task.time, LIMIT, Children()).record
+    record = run_engine(missing, job, task.time, LIMIT, children).record
     assert record.status == "error"
     assert "no_such_program cannot be run: No such file or directory" in record.message
 
 
 @pytest.mark.slow
-def test_three_runs_give_error_bars(root: Path) -> None:
+def test_three_runs_give_error_bars(root: Path, children: Children) -> None:
     """The chain of rods takes no finer steps, whatever it is asked: its three runs agree, and the bar is rounding."""
     task = discover(root / "models", ["flex_one_link/cycloid"]).tasks[0]
     programs = SHARED / "kit_programs"
     words = ("beam.py", "{kit}", "{out}")
     job = {"mechanism": str(task.folder), "case": task.case.name, "options": {}}
     one = engine("chain", *words, folder=str(programs), refine=True)
-    record = run_engine(one, job, task.time, LIMIT, Children()).record
+    record = run_engine(one, job, task.time, LIMIT, children).record
     assert record.status == "ok", record.message
     line = record.budget["torque/hub"]
     # Its steps are halved twice, its rods stay: the difference of the runs is that of Runge and Kutta's steps alone.
@@ -172,19 +181,19 @@ def test_three_runs_give_error_bars(root: Path) -> None:
     assert line["order"]["step and mesh"] > 2.0
 
 
-def test_a_program_is_asked_for_what_it_does(task: Task) -> None:
+def test_a_program_is_asked_for_what_it_does(task: Task, children: Children) -> None:
     job = {"mechanism": str(task.folder), "case": task.case.name, "options": {}}
-    record = run_engine(engine("mine", "-c", "1", cases=["ur5/*"]), job, task.time, LIMIT, Children()).record
+    record = run_engine(engine("mine", "-c", "1", cases=["ur5/*"]), job, task.time, LIMIT, children).record
     assert (record.status, record.message) == ("skipped", "crosscheck.toml asks it for ur5/* only")
 
 
 @pytest.mark.slow
-def test_numpy_answers_loops_and_agrees(root: Path) -> None:
+def test_numpy_answers_loops_and_agrees(root: Path, children: Children) -> None:
     task = discover(root / "models", ["four_bar/turn"]).tasks[0]
     job = {"mechanism": str(task.folder), "case": task.case.name, "options": {}}
-    ours = run_engine(ENGINES["flexinv"], job, task.time, LIMIT, Children()).record
+    ours = run_engine(ENGINES["flexinv"], job, task.time, LIMIT, children).record
     one = engine("numpy", "rigid.py", "{kit}", "{out}", folder=str(SHARED / "kit_programs"))
-    theirs = run_engine(one, job, task.time, LIMIT, Children()).record
+    theirs = run_engine(one, job, task.time, LIMIT, children).record
     assert theirs.status == "ok", theirs.message
     for name in ("torque/A", "torque/B", "tip/rocker/x"):
         np.testing.assert_allclose(theirs.series[name].values, ours.series[name].values, rtol=0, atol=1e-12)
