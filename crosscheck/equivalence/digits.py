@@ -12,7 +12,6 @@ from functools import cached_property
 
 import numpy as np
 
-from crosscheck.equivalence.matching.costs import carried
 from crosscheck.equivalence.tree import Member, Tree
 
 Halves = Mapping[tuple[str, str], float]
@@ -48,7 +47,7 @@ class Sheet:
         if k is None:
             return 0.0
         member = self.tree.members[k]
-        seen = [self.turn(self.tree.members[m].joint) for m in (*carried(self.tree, k), *self._fixed_on(k))]
+        seen = [self.turn(self.tree.members[m].joint) for m in (*self.tree.carried(k), *self._fixed_on(k))]
         points = [(self.body(member, "com"), member.com)]
         points += [
             (self.place(m.joint), m.placement.position) for m in (self.tree.members[n] for n in self.tree.children(k))

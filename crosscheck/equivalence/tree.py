@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -82,7 +83,37 @@ class Tree:
 
     def children(self, index: int) -> list[int]:
         """Return the numbers of the members that a member carries."""
-        return [k for k, member in enumerate(self.members) if member.parent == index]
+        return self._children.get(index, [])
+
+    def carried(self, index: int) -> list[int]:
+        """Return the moving members that a member carries, fixed ones between them left out; -1 : the world."""
+        return self._carried.get(index, [])
+
+    def count(self, index: int) -> int:
+        """Return the number of moving members from one on [-], itself among them."""
+        return self._counts[index]
+
+    @cached_property
+    def _counts(self) -> dict[int, int]:
+        found: dict[int, int] = {}
+        for index in reversed(range(len(self.members))):
+            found[index] = 1 + sum(found[k] for k in self.carried(index))
+        return found
+
+    @cached_property
+    def _children(self) -> dict[int, list[int]]:
+        found: dict[int, list[int]] = {}
+        for k, member in enumerate(self.members):
+            found.setdefault(member.parent, []).append(k)
+        return found
+
+    @cached_property
+    def _carried(self) -> dict[int, list[int]]:
+        found: dict[int, list[int]] = {}
+        for index in range(len(self.members) - 1, -2, -1):  # who is carried comes after who carries it
+            own = [found[k] if self.members[k].kind == "fixed" else [k] for k in self.children(index)]
+            found[index] = [k for some in own for k in some]
+        return found
 
     @property
     def moving(self) -> dict[str, int]:

@@ -6,7 +6,7 @@ lines and the angle  alpha  between them, Denavit's and Hartenberg's link length
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -31,6 +31,10 @@ class Costs:
         return self.first.poses(), self.second.poses()
 
     @cached_property
+    def _lies(self) -> tuple[Lies, Lies]:
+        return Lies(self.first, self.poses[0]), Lies(self.second, self.poses[1])
+
+    @cached_property
     def size(self) -> float:
         """Return the extent of the machines [m]."""
         places = [pose.position for pose in (*self.poses[0], *self.poses[1])]
@@ -49,8 +53,7 @@ class Costs:
             return IMPOSSIBLE
         if before == (-1, -1):
             return self.of(a, b)
-        one = _lie(self.first, self.poses[0], before[0], a)
-        two = _lie(self.second, self.poses[1], before[1], b)
+        one, two = self._lies[0].of(before[0], a), self._lies[1].of(before[1], b)
         return abs(one[0] - two[0]) / self.size + float(abs(np.sin(one[1] - two[1]))) + self._masses(a, b)
 
     def _masses(self, a: int, b: int) -> float:
@@ -69,24 +72,29 @@ class Costs:
         return off / self.size + float(np.linalg.norm(np.cross(along, other)))
 
 
-def _lie(tree: Tree, poses: list[Placement], before: int, index: int) -> tuple[float, float]:
-    """Least distance [m] and angle [rad] of the lines of two joints; of joints without a line, of their places."""
-    members = [tree.members[k] for k in (before, index)]
-    gap = poses[index].position - poses[before].position
-    if any(member.kind not in SCALARS for member in members):
-        return float(np.linalg.norm(gap)), 0.0
-    one, two = (poses[k].rotation @ member.axis for k, member in zip((before, index), members, strict=True))
-    normal = np.cross(one, two)
-    sine = float(np.linalg.norm(normal))
-    turn = float(np.arctan2(sine, abs(one @ two)))
-    if any(member.kind == "prismatic" for member in members):
-        return 0.0, turn
-    return float(abs(gap @ normal)) / sine if sine > PARALLEL else float(np.linalg.norm(np.cross(one, gap))), turn
+@dataclass
+class Lies:
+    """How the joints of a tree lie to one another, all at zero, kept once found; poses : the frames of its members."""
 
+    tree: Tree
+    poses: list[Placement]
+    known: dict[tuple[int, int], tuple[float, float]] = field(default_factory=dict)
 
-def carried(tree: Tree, index: int) -> list[int]:
-    """Return the moving members that a member carries, fixed ones between them left out; -1 : the world."""
-    found = []
-    for k in tree.children(index):
-        found += carried(tree, k) if tree.members[k].kind == "fixed" else [k]
-    return found
+    def of(self, before: int, index: int) -> tuple[float, float]:
+        """Return distance [m] and angle [rad] of the lines of two joints; of joints without a line, of their places."""
+        if (before, index) not in self.known:
+            self.known[before, index] = self._found(before, index)
+        return self.known[before, index]
+
+    def _found(self, before: int, index: int) -> tuple[float, float]:
+        members = [self.tree.members[k] for k in (before, index)]
+        gap = self.poses[index].position - self.poses[before].position
+        if any(member.kind not in SCALARS for member in members):
+            return float(np.linalg.norm(gap)), 0.0
+        one, two = (self.poses[k].rotation @ member.axis for k, member in zip((before, index), members, strict=True))
+        normal = np.cross(one, two)
+        sine = float(np.linalg.norm(normal))
+        turn = float(np.arctan2(sine, abs(one @ two)))
+        if any(member.kind == "prismatic" for member in members):
+            return 0.0, turn
+        return float(abs(gap @ normal)) / sine if sine > PARALLEL else float(np.linalg.norm(np.cross(one, gap))), turn

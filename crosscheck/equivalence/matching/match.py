@@ -18,7 +18,7 @@ from itertools import combinations, takewhile
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from crosscheck.equivalence.matching.costs import IMPOSSIBLE, Costs, carried
+from crosscheck.equivalence.matching.costs import IMPOSSIBLE, Costs
 from crosscheck.equivalence.matching.numbers import counted_otherwise
 from crosscheck.equivalence.tree import SCALARS, Tree
 from flexinv.errors import InputError
@@ -140,7 +140,7 @@ class Assignment:
 
     def extend(self, a: int, b: int) -> None:
         """Assign what two matched members carry to one another, and go on beyond."""
-        ours, theirs = carried(self.first, a), carried(self.second, b)
+        ours, theirs = self.first.carried(a), self.second.carried(b)
         for k in ours:
             joint = self.first.members[k].joint
             if joint in self.pairs:
@@ -186,7 +186,7 @@ class Assignment:
         own = self.costs.of(a, b)
         if own >= IMPOSSIBLE:
             return IMPOSSIBLE
-        ours, theirs = carried(self.first, a), carried(self.second, b)
+        ours, theirs = self.first.carried(a), self.second.carried(b)
         lonely = abs(len(ours) - len(theirs))
         if not ours or not theirs:
             return own + lonely

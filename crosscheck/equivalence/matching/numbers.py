@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from crosscheck.equivalence.matching.costs import IMPOSSIBLE, Costs, carried
+from crosscheck.equivalence.matching.costs import IMPOSSIBLE, Costs
 from crosscheck.equivalence.tree import Tree
 
 LEFT_OUT = 1.0  # cost of a joint that the other machine has not
@@ -89,23 +89,25 @@ class Overlay:
         return self.known[key]
 
     def _choices(self, before: tuple[int, int], a: int, b: int) -> Iterator[Laid]:
-        yield LEFT_OUT * (_joints(self.costs.first, a) + _joints(self.costs.second, b)), ()
+        yield LEFT_OUT * (self.costs.first.count(a) + self.costs.second.count(b)), ()
         own = self.costs.step(before, a, b)
         if own < IMPOSSIBLE:
             beyond, pairs = self.forests((a, b), a, b)
             yield own + beyond, ((a, b), *pairs)
-        ours, theirs = carried(self.costs.first, a), carried(self.costs.second, b)
+        ours, theirs = self.costs.first.carried(a), self.costs.second.carried(b)
         for one, two in [*([(ours[0], b)] if len(ours) == 1 else []), *([(a, theirs[0])] if len(theirs) == 1 else [])]:
             cost, pairs = self.laid(before, one, two)
             yield LEFT_OUT + cost, pairs
 
     def forests(self, before: tuple[int, int], a: int, b: int) -> Laid:
         """Return the least cost [-] and the pairs of all that two members carry, -1 the world; before : the last pair."""
-        ours, theirs = carried(self.costs.first, a), carried(self.costs.second, b)
+        ours, theirs = self.costs.first.carried(a), self.costs.second.carried(b)
         n, m = len(ours), len(theirs)
+        if not n or not m:
+            return LEFT_OUT * (sum(map(self.costs.first.count, ours)) + sum(map(self.costs.second.count, theirs))), ()
         table = np.zeros((n + m, n + m))
-        table[:n, m:] = np.array([_joints(self.costs.first, k) for k in ours]).reshape(n, 1)
-        table[n:, :m] = np.array([_joints(self.costs.second, k) for k in theirs])
+        table[:n, m:] = np.array([self.costs.first.count(k) for k in ours]).reshape(n, 1)
+        table[n:, :m] = np.array([self.costs.second.count(k) for k in theirs])
         for i, one in enumerate(ours):
             for j, two in enumerate(theirs):
                 table[i, j] = self.laid(before, one, two)[0]
@@ -113,8 +115,3 @@ class Overlay:
         chosen = [(ours[i], theirs[j]) for i, j in zip(rows, columns, strict=True) if i < n and j < m]
         pairs = tuple(pair for one, two in chosen for pair in self.laid(before, one, two)[1])
         return float(table[rows, columns].sum()), pairs
-
-
-def _joints(tree: Tree, index: int) -> int:
-    """Moving members from one on, itself among them."""
-    return 1 + sum(_joints(tree, k) for k in carried(tree, index))
