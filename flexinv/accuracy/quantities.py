@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
+import scipy  # its parts are loaded when they are asked for
 
 from flexinv.analysis.evaluation import FirstStep, second_step, with_drives
 from flexinv.analysis.solve import WINDOW
@@ -80,4 +80,4 @@ def ranges(mesh: Mesh, known: Quantities) -> Ranges:
 
 def widest(values: Array) -> Array:
     """Return the largest values near each sample (samples, columns) [any unit]: pointwise differences cross zero."""
-    return np.asarray(maximum_filter1d(values, 2 * int(np.ceil(WINDOW * len(values))) + 1, axis=0))
+    return np.asarray(scipy.ndimage.maximum_filter1d(values, 2 * int(np.ceil(WINDOW * len(values))) + 1, axis=0))

@@ -19,8 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
-from scipy.signal import lfilter
+import scipy  # its parts are loaded when they are asked for
 
 from flexinv.analysis.solution import Solution
 from flexinv.errors import InputError
@@ -105,7 +104,7 @@ def _lag(drive: Drive, time: Array, tau: Array, name: str) -> tuple[Array, Array
 
 
 def _second(drive: Drive, time: Array, tau: Array) -> tuple[Array, Array, Array]:
-    spline = make_interp_spline(time, tau, k=5)
+    spline = scipy.interpolate.make_interp_spline(time, tau, k=5)
     rate, second = (spline.derivative(k)(time) for k in (1, 2))
     k, d, step = drive.stiffness, drive.damping, float(time[1] - time[0])
     if not d:
@@ -119,4 +118,4 @@ def _filtered(k: float, d: float, step: float, force: Array, start: float) -> Ar
     """x of k x + d x' = force (samples,), exact for a force that is linear between samples."""
     part, trend = float(np.exp(-k / d * step)), np.diff(force) / step * d / k
     push = (force[1:] - trend - part * (force[:-1] - trend)) / k
-    return np.append(start, lfilter([1.0], [1.0, -part], push, zi=[part * start])[0])
+    return np.append(start, scipy.signal.lfilter([1.0], [1.0, -part], push, zi=[part * start])[0])

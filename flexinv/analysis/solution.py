@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from flexinv.constraints.impacts import Impact
 from flexinv.errors import ConvergenceError
@@ -20,6 +21,9 @@ from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Link, Mechanism
 from flexinv.typing import Array
 from flexinv.validation import index
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 # What the steps of a march may lose or make of the energy exchanged: torques are off by about as much.  All cases of models/ stay
 # below a thousandth.
@@ -222,7 +226,7 @@ class Solution:
                     columns[f"{label} {name} [{unit}]"] = column
         for name, unit, column in zip(m.velocity_names, effort_units(m), self.torque_all.T, strict=True):
             columns[f"{'torque' if unit == 'N m' else 'force'} {name} [{unit}]"] = column
-        return pd.DataFrame(columns, index=pd.Index(self.time, name="time [s]"))
+        return _over(columns, self.time)
 
     def _scalar_q(self) -> Array:
         """(samples, nv) coordinates as angles or lengths; nan where a joint has none (rotations in space)."""
@@ -239,7 +243,7 @@ class Solution:
         """Return tip positions [m] and deflections [m] of the links over time [s]."""
         columns = {f"tip {k} {c} [m]": v[:, i] for k, v in self.tip.items() for i, c in enumerate("xyz")}
         columns |= {f"deflection {k} {c} [m]": v[:, i] for k, v in self.deflection.items() for i, c in enumerate("xyz")}
-        return pd.DataFrame(columns, index=pd.Index(self.time, name="time [s]"))
+        return _over(columns, self.time)
 
     def internal_frame(self) -> pd.DataFrame:
         """Return the resultants of the beams over time [s], at their roots and Gauss points, by station [N], [N m]."""
@@ -249,7 +253,7 @@ class Solution:
             for station, own in [("root", self.root[link]), *points]:
                 for name, unit, column in zip(RESULTANTS, 3 * ("N",) + 3 * ("N m",), own.T, strict=True):
                     columns[f"{name} {link} at {station} [{unit}]"] = column
-        return pd.DataFrame(columns, index=pd.Index(self.time, name="time [s]"))
+        return _over(columns, self.time)
 
     def whole_frame(self) -> pd.DataFrame:
         """Return `frame` and `tip_frame` over time [s] side by side, and the error bars where there are some [N m], [N], [m]."""
@@ -259,8 +263,8 @@ class Solution:
             for name, column in zip(self.torque_names, self.torque_error.T, strict=True):
                 bars[f"error of {'torque' if units[name] == 'N m' else 'force'} {name} [{units[name]}]"] = column
         bars |= {f"error of tip {link} [m]": column for link, column in (self.tip_error or {}).items()}
-        errors = pd.DataFrame(bars, index=pd.Index(self.time, name="time [s]"))
-        return pd.concat([self.frame(), self.tip_frame(), errors], axis=1)
+        errors = _over(bars, self.time)
+        return self.frame().join([self.tip_frame(), errors])
 
     def wrench_frame(self) -> pd.DataFrame:
         """Return the wrench of every joint over time [s], in the child's link frame [N], [N m]."""
@@ -269,7 +273,7 @@ class Solution:
             for joint, w in self.wrench.items()
             for i, c in enumerate(WRENCH)
         }
-        return pd.DataFrame(columns, index=pd.Index(self.time, name="time [s]"))
+        return _over(columns, self.time)
 
     def summary(self) -> pd.DataFrame:
         """Return peak and RMS torque, speed and power of each coordinate against its limits, a row per coordinate.
@@ -290,7 +294,15 @@ class Solution:
             "effort / limit [-]": np.where(np.isfinite(limit_effort), effort / limit_effort, np.nan),
             "speed / limit [-]": np.where(np.isfinite(limit_speed), speed / limit_speed, np.nan),
         }
-        return pd.DataFrame(rows, index=pd.Index(m.velocity_names, name="coordinate"))
+        return _over(rows, m.velocity_names, "coordinate")
+
+
+def _over(
+    columns: Mapping[str, ArrayLike | list[str]], rows: ArrayLike | list[str], name: str = "time [s]"
+) -> pd.DataFrame:
+    import pandas  # whoever wants no table does not wait for it
+
+    return pandas.DataFrame(columns, index=pandas.Index(rows, name=name))
 
 
 def effort_units(mechanism: Mechanism) -> list[str]:

@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import scipy  # its parts are loaded when they are asked for
 from numpy.typing import ArrayLike
-from scipy.ndimage import maximum_filter1d
 
 from flexinv.analysis.evaluation import second_step, solution_of
 from flexinv.analysis.settings import Settings, checked
@@ -160,6 +160,6 @@ def scaled_difference(solution: Solution, finer: Solution, stride: int, factor: 
     torque = np.abs(solution.torque - finer.torque[::stride][: len(solution.time)])
     tip = {k: np.linalg.norm(v - finer.tip[k][::stride][: len(v)], axis=1) for k, v in solution.tip.items()}
     return (
-        factor * maximum_filter1d(torque, width, axis=0),
-        {k: factor * maximum_filter1d(v, width) for k, v in tip.items()},
+        factor * scipy.ndimage.maximum_filter1d(torque, width, axis=0),
+        {k: factor * scipy.ndimage.maximum_filter1d(v, width) for k, v in tip.items()},
     )

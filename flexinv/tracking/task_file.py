@@ -8,8 +8,8 @@ from pathlib import Path as File
 from typing import Annotated, Any, Literal
 
 import numpy as np
+import scipy  # its parts are loaded when they are asked for
 from pydantic import Field
-from scipy.spatial.transform import Rotation
 
 from flexinv.errors import InputError
 from flexinv.files.case_motion import read_places
@@ -150,7 +150,9 @@ def _path(table: TaskTable, where: Location) -> Path:
         raise where.wrong(stated[0], stated[0], str(error), write) from None
     if table.turn_rpy_deg is None:
         return path
-    return path.turning(*Rotation.from_euler("xyz", table.turn_rpy_deg, degrees=True).as_matrix())
+    return path.turning(
+        *scipy.spatial.transform.Rotation.from_euler("xyz", table.turn_rpy_deg, degrees=True).as_matrix()
+    )
 
 
 def _shape(table: TaskTable, time: Mapping[str, Any]) -> Path:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy  # its parts are loaded when they are asked for
 
 from crosscheck.causes.cause import Cause, Change, bodies, mass, more_than_nothing, pull, pulled, reach, whole
 from crosscheck.causes.model import Model
@@ -36,7 +36,7 @@ def _shifted(inertia: Inertia, size: Array) -> Inertia:
 
 
 def _turned(inertia: Inertia, size: Array) -> Inertia:
-    r = Rotation.from_rotvec(size).as_matrix()
+    r = scipy.spatial.transform.Rotation.from_rotvec(size).as_matrix()
     return replace(inertia, tensor=r @ inertia.tensor @ r.T)
 
 

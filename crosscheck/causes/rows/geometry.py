@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from scipy.spatial.transform import Rotation
+import scipy  # its parts are loaded when they are asked for
 
 from crosscheck.causes.cause import Cause, Change, beams, joints, more_than_nothing, reach
 from crosscheck.causes.model import Model
@@ -20,7 +20,7 @@ ENDS = ("first", "second")
 
 
 def _turned(place: Placement, size: Array) -> Placement:
-    return replace(place, rotation=place.rotation @ Rotation.from_rotvec(size).as_matrix())
+    return replace(place, rotation=place.rotation @ scipy.spatial.transform.Rotation.from_rotvec(size).as_matrix())
 
 
 def _shifted(place: Placement, size: Array) -> Placement:

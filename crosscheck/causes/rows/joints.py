@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy  # its parts are loaded when they are asked for
 
 from crosscheck.causes.cause import (
     Cause,
@@ -66,7 +66,9 @@ def _offset(joint: Joint, size: Array) -> Placement:
     here = joint.placement
     if joint.kind == "prismatic":
         return replace(here, position=here.position + here.rotation @ joint.axis * size[0])
-    return replace(here, rotation=here.rotation @ Rotation.from_rotvec(joint.axis * size[0]).as_matrix())
+    return replace(
+        here, rotation=here.rotation @ scipy.spatial.transform.Rotation.from_rotvec(joint.axis * size[0]).as_matrix()
+    )
 
 
 def _shifted(joint: Joint, size: Array) -> Placement:
@@ -78,7 +80,7 @@ def _tilted(subject: Subject, target: str, size: Array) -> Subject:
         first = np.cross(joint.axis, np.eye(3)[int(np.argmin(np.abs(joint.axis)))])
         first = first / np.linalg.norm(first)
         both = size[0] * first + size[1] * np.cross(joint.axis, first)
-        return replace(joint, axis=Rotation.from_rotvec(both).apply(np.array(joint.axis)))
+        return replace(joint, axis=scipy.spatial.transform.Rotation.from_rotvec(both).apply(np.array(joint.axis)))
 
     return subject.with_joint(target, change)
 

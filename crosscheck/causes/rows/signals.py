@@ -10,7 +10,7 @@ from dataclasses import replace
 from itertools import pairwise, permutations
 
 import numpy as np
-from scipy.signal import butter, filtfilt, lfilter, lfilter_zi
+import scipy  # its parts are loaded when they are asked for
 
 from crosscheck.causes.cause import Cause, Change, driven, effort, whole
 from crosscheck.causes.model import Model, is_tree
@@ -62,14 +62,18 @@ def _filtered(effort: Array, spacing: float, target: str, size: Array) -> Array:
         return effort
     if target == FIRST:
         part = spacing / (lag + spacing)
-        return np.asarray(lfilter([part], [1.0, part - 1.0], effort, axis=0, zi=(1.0 - part) * effort[:1])[0])
+        return np.asarray(
+            scipy.signal.lfilter([part], [1.0, part - 1.0], effort, axis=0, zi=(1.0 - part) * effort[:1])[0]
+        )
     corner = 2.0 * spacing / (2.0 * np.pi * lag)  # of half the sampling frequency
     if not corner < 1.0:
         raise InputError(f"a time constant of {lag:g} s is too short for samples every {spacing:g} s")
-    b, a = butter(2, corner)
+    b, a = scipy.signal.butter(2, corner)
     if target == BOTH:
-        return np.asarray(filtfilt(b, a, effort, axis=0))
-    return np.asarray(lfilter(b, a, effort, axis=0, zi=lfilter_zi(b, a)[:, None] * effort[:1])[0])
+        return np.asarray(scipy.signal.filtfilt(b, a, effort, axis=0))
+    return np.asarray(
+        scipy.signal.lfilter(b, a, effort, axis=0, zi=scipy.signal.lfilter_zi(b, a)[:, None] * effort[:1])[0]
+    )
 
 
 def _interval(model: Model, target: str) -> float:

@@ -74,7 +74,7 @@ class Costs:
 
 @dataclass
 class Lies:
-    """How the joints of a tree lie to one another, all at zero, kept once found; poses : the frames of its members."""
+    """Lines of the joints of a tree against one another, all at zero, kept once found; poses : the frames of its members."""
 
     tree: Tree
     poses: list[Placement]

@@ -16,7 +16,7 @@ from functools import cached_property
 from itertools import combinations, takewhile
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy  # its parts are loaded when they are asked for
 
 from crosscheck.equivalence.matching.costs import IMPOSSIBLE, Costs
 from crosscheck.equivalence.matching.numbers import counted_otherwise
@@ -154,7 +154,7 @@ class Assignment:
 
     def _assigned(self, ours: list[int], theirs: list[int]) -> list[tuple[int, int]]:
         costs = np.array([[self.cost(k, m) for m in theirs] for k in ours])
-        rows, columns = linear_sum_assignment(costs)
+        rows, columns = scipy.optimize.linear_sum_assignment(costs)
         made = []
         for row, column in zip(rows, columns, strict=True):
             if costs[row, column] >= IMPOSSIBLE:
@@ -191,5 +191,5 @@ class Assignment:
         if not ours or not theirs:
             return own + lonely
         costs = np.array([[self.cost(k, m) for m in theirs] for k in ours])
-        rows, columns = linear_sum_assignment(costs)
+        rows, columns = scipy.optimize.linear_sum_assignment(costs)
         return own + lonely + float(np.minimum(costs[rows, columns], 2.0).sum())

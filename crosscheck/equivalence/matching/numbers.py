@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy  # its parts are loaded when they are asked for
 
 from crosscheck.equivalence.matching.costs import IMPOSSIBLE, Costs
 from crosscheck.equivalence.tree import Tree
@@ -111,7 +111,7 @@ class Overlay:
         for i, one in enumerate(ours):
             for j, two in enumerate(theirs):
                 table[i, j] = self.laid(before, one, two)[0]
-        rows, columns = linear_sum_assignment(table)
+        rows, columns = scipy.optimize.linear_sum_assignment(table)
         chosen = [(ours[i], theirs[j]) for i, j in zip(rows, columns, strict=True) if i < n and j < m]
         pairs = tuple(pair for one, two in chosen for pair in self.laid(before, one, two)[1])
         return float(table[rows, columns].sum()), pairs

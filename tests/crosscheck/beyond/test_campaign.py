@@ -282,13 +282,13 @@ def test_sums_count_and_judge() -> None:
 
 @pytest.mark.slow
 def test_a_small_campaign_runs_for_real(tmp_path: Path) -> None:
-    chosen = Campaign("small", (Bench("double_pendulum", "swing", ("pinocchio", "mujoco")),), 5, 11)
+    chosen = Campaign("small", (Bench("double_pendulum", "swing", ("pinocchio", "mujoco")),), 3, 11)
     told: list[int] = []
     results = run(Wanted(chosen, MODELS, tmp_path, jobs=2), lambda done, total, row: told.append(done))
-    assert told == list(range(1, 8))  # five faults, and both engines unharmed
+    assert told == list(range(1, 6))  # three faults, and both engines unharmed
     assert json.loads((tmp_path / "beyond.json").read_text()) == json.loads(json.dumps(results))
     assert sorted(file.name for file in tmp_path.iterdir()) == ["beyond.json"]  # nothing else is written or removed
-    assert [row["number"] for row in results["rows"]] == [0, 0, 1, 2, 3, 4, 5]
+    assert [row["number"] for row in results["rows"]] == [0, 0, 1, 2, 3]
     assert all(
         row["outcome"] in (*judge.GOOD, *judge.BAD, "near", "unknown", "silent", "seen", "refused")
         for row in results["rows"]

@@ -234,16 +234,20 @@ def test_a_rigid_rotation_is_zero_and_no_instability(root: Path) -> None:
     assert found.frequency[1] == 0.0
 
 
-@pytest.mark.slow
-def test_damping_leaves_what_solvers_share_alone() -> None:
-    """A mechanism's topology is kept for all solvers: friction is no damping here, and stays in it."""
+def test_damping_leaves_what_solvers_share_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A mechanism's topology is kept for all solvers: friction is no damping here, and stays in it all the while."""
     dry = pendulum(2)
     dry = replace(dry, joints=tuple(replace(joint, friction=0.3) for joint in dry.joints))
     solver = Solver.of(build(dry), {"q0", "q1"})
-    shared = solver.topology.friction
-    shared.flags.writeable = False  # as a second thread would have it
-    joints = module.rest(solver, np.zeros(2))
-    assert abs(module.matrices_at_rest(solver, joints).damping).max() == 0.0
+    shared, seen, tied = solver.topology.friction, [], module.tied_matrices
+
+    def watched(own: Solver, joints: module.Joints) -> module.Matrices:
+        seen.append((shared.max(), own.topology.friction.max()))
+        return tied(own, joints)
+
+    monkeypatch.setattr(module, "tied_matrices", watched)
+    assert abs(module.matrices_at_rest(solver, module.rest(solver, np.zeros(2))).damping).max() == 0.0
+    assert seen[-1] == (0.3, 0.0)
     assert shared.max() == 0.3
 
 

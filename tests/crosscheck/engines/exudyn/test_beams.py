@@ -348,8 +348,7 @@ def study(folder: Path) -> dict[str, list[float]]:
 
     The last two with 16 elements and h = 62.5 us.
     """
-    mechanism = load_mechanism(folder)
-    case = load_cases(folder, mechanism)["cycloid"]
+    case = load_cases(folder, mechanism := load_mechanism(folder))["cycloid"]
     beam = mechanism.links[0].beam
     assert beam is not None
     s = beam.section
@@ -357,17 +356,13 @@ def study(folder: Path) -> dict[str, list[float]]:
     other = replace(mechanism, links=(replace(mechanism.links[0], beam=replace(beam, section=slender)),))
     ways = [(elements, STEPS[-1]) for elements in MESHES], [(MESHES[-1], step) for step in STEPS]
 
-    def run(m: Mechanism, engine: str, elements: int, step: float) -> Record:
-        return exudyn.run(m, case, engine, {"elements": elements, "step": step, "error": False})
+    def run(m: Mechanism, e: str, elements: int, step: float) -> Record:
+        return exudyn.run(m, case, e, {"elements": elements, "step": step, "error": False})
 
     runs = {(e, *way): run(mechanism, e, *way) for e in BEAMS for way in dict.fromkeys((*ways[0], *ways[1]))}
     best = ways[0][-1]
-    pairs = {
-        f"{engine} {way[k]} - {way[k + 1]}": (runs[engine, *way[k]], runs[engine, *way[k + 1]])
-        for engine in BEAMS
-        for way in ways
-        for k in range(2)
-    }
+    steps = [(e, way[k], way[k + 1]) for e in BEAMS for way in ways for k in range(2)]
+    pairs = {f"{e} {a} - {b}": (runs[e, *a], runs[e, *b]) for e, a, b in steps}
     bare = [run(other, engine, *best) for engine in BEAMS]
     pairs |= {
         "ancf - ge": (runs[BEAMS[0], *best], runs[BEAMS[1], *best]),
