@@ -45,8 +45,8 @@ def commands(page: str, program: str) -> list[list[str]]:
     return [one for one in words if one]
 
 
-def understood(words: list[str], folder: Path) -> None:
-    """Let a program read a command as it stands, without running it; files that a reader has are there, and empty."""
+def understood(words: list[str], folder: Path) -> str | None:
+    """The command that a program reads, as it stands and without running it; files that a reader has are there, and empty."""
     for word in words[1:]:
         if OWN.match(word):
             file = folder / word.partition("@")[0]
@@ -58,7 +58,7 @@ def understood(words: list[str], folder: Path) -> None:
     above = click.Context(group, info_name=words[0])
     command = group.get_command(above, words[1])
     assert command is not None, f"{words[0]} has no command {words[1]}"
-    command.make_context(words[1], list(words[2:]), parent=above)
+    return command.make_context(words[1], list(words[2:]), parent=above).command.name
 
 
 @pytest.mark.parametrize("page", [page for page in SHOWN if any(commands(page, program) for program in PROGRAMS)])
@@ -68,7 +68,7 @@ def test_commands_that_are_only_shown_are_understood(
     monkeypatch.chdir(project(tmp_path))
     for program in PROGRAMS:
         for words in commands(page, program):
-            understood(words, tmp_path)
+            assert understood(words, tmp_path) == words[1]
 
 
 @pytest.mark.parametrize("wrong", ["crosscheck corpse", "crosscheck corpus --autit", "flexinv solve --cases a"])

@@ -89,12 +89,12 @@ class Tree:
         """Return the moving members that a member carries, fixed ones between them left out; -1 : the world."""
         return self._carried.get(index, [])
 
-    def count(self, index: int) -> int:
+    def moving_from(self, index: int) -> int:
         """Return the number of moving members from one on [-], itself among them."""
-        return self._counts[index]
+        return self._moving_from[index]
 
     @cached_property
-    def _counts(self) -> dict[int, int]:
+    def _moving_from(self) -> dict[int, int]:
         found: dict[int, int] = {}
         for index in reversed(range(len(self.members))):
             found[index] = 1 + sum(found[k] for k in self.carried(index))

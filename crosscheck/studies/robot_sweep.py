@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
+from xml.etree.ElementTree import ParseError
 
 import numpy as np
 from defusedxml.ElementTree import parse
@@ -63,6 +64,7 @@ class RobotRow:
     name : the file below the folder of robots; base : "fixed" or "free"; mass : [kg] of all links that move
     mimic : joints that the URDF couples to others, here independent; largest : largest effort [N m] or [N]
     pinocchio, mujoco : error of flexinv against the engine over ``largest`` [-]; None where there is none
+    empty : the file has no link, so that there is nothing to read
     words : why flexinv or Pinocchio does not read the robot; mujoco_words : MuJoCo's, where it refuses
     cause : why MuJoCo differs by more than rounding; "" where it does not, or where the reason is not known
     repaired : the error against MuJoCo after that cause is repaired [-]
@@ -77,6 +79,7 @@ class RobotRow:
     largest: float = 0.0
     pinocchio: float | None = None
     mujoco: float | None = None
+    empty: bool = False
     words: str = ""
     mujoco_words: str = ""
     cause: str = ""
@@ -122,7 +125,8 @@ def robot_row(path: Path, name: str, base: str = "fixed", samples: int = 20, see
             mechanism = _read(path, base)
             built = pinocchio.build(mechanism)
         except (ValueError, RuntimeError) as error:
-            return RobotRow(name, base, words=_words(error, printed()).replace(f"{path.parent}{os.sep}", ""))
+            words = _words(error, printed()).replace(f"{path.parent}{os.sep}", "")
+            return RobotRow(name, base, empty=_empty(path), words=words)
     state = random_states(mechanism, samples, np.random.default_rng(seed))
     tau = joint_torques(mechanism, *state, passive=False)
     theirs = pinocchio.inverse_dynamics(built, *state).torque
@@ -154,6 +158,14 @@ def undamped(mechanism: Mechanism) -> Mechanism:
 def _error(a: Array, b: Array, largest: float) -> float | None:
     """Largest difference over the largest effort; None where there is no effort at all."""
     return float(np.abs(a - b).max()) / largest if largest else None
+
+
+def _empty(path: Path) -> bool:
+    """Return True for a file that is sound XML and has no link in it, whatever a reader says of it."""
+    try:
+        return parse(path).getroot().find("link") is None
+    except ParseError:
+        return False
 
 
 def _words(error: BaseException, printed: str = "") -> str:

@@ -14,9 +14,6 @@ robots that walk or fly have a second row with a free base.
 MuJoCo refuses robots whose inertia no body can have; the row then gives its words. Mimic joints are computed as
 independent ones, and counted."""
 
-# Files that hold no robot: every other one has to be read, by flexinv as by Pinocchio.
-EMPTY = {"ur_description/urdf/ur3.urdf": "the file is a stub: a <robot> without links"}
-
 COLUMNS = (
     ("robot", "robot", ""),
     ("base", "base", ""),
@@ -36,7 +33,7 @@ def study(models: str) -> dict[str, Any]:
 
 def table_row(row: RobotRow) -> dict[str, Any]:
     """Return one line of the table."""
-    notes = [EMPTY.get(row.name, row.words), row.mujoco_words, row.cause]
+    notes = ["the file is a stub: a <robot> without links" if row.empty else row.words, row.mujoco_words, row.cause]
     if row.repaired is not None:
         notes.append(f"repaired: {row.repaired:.1e}")
     if row.mimic:
@@ -61,9 +58,9 @@ def verdict(row: RobotRow) -> Verdict:
     """Return the verdict on a robot's row.
 
     A difference from MuJoCo whose cause is known, and that is gone once the cause is repaired, is within; a robot that
-    flexinv or Pinocchio cannot read is an error.
+    flexinv or Pinocchio cannot read is an error, but for a file that holds none.
     """
-    if row.name in EMPTY:
+    if row.empty:
         return "skipped"
     if row.words or row.pinocchio is None:
         return "error"

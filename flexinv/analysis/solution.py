@@ -226,7 +226,7 @@ class Solution:
                     columns[f"{label} {name} [{unit}]"] = column
         for name, unit, column in zip(m.velocity_names, effort_units(m), self.torque_all.T, strict=True):
             columns[f"{'torque' if unit == 'N m' else 'force'} {name} [{unit}]"] = column
-        return _over(columns, self.time)
+        return _framed(columns, self.time)
 
     def _scalar_q(self) -> Array:
         """(samples, nv) coordinates as angles or lengths; nan where a joint has none (rotations in space)."""
@@ -243,7 +243,7 @@ class Solution:
         """Return tip positions [m] and deflections [m] of the links over time [s]."""
         columns = {f"tip {k} {c} [m]": v[:, i] for k, v in self.tip.items() for i, c in enumerate("xyz")}
         columns |= {f"deflection {k} {c} [m]": v[:, i] for k, v in self.deflection.items() for i, c in enumerate("xyz")}
-        return _over(columns, self.time)
+        return _framed(columns, self.time)
 
     def internal_frame(self) -> pd.DataFrame:
         """Return the resultants of the beams over time [s], at their roots and Gauss points, by station [N], [N m]."""
@@ -253,7 +253,7 @@ class Solution:
             for station, own in [("root", self.root[link]), *points]:
                 for name, unit, column in zip(RESULTANTS, 3 * ("N",) + 3 * ("N m",), own.T, strict=True):
                     columns[f"{name} {link} at {station} [{unit}]"] = column
-        return _over(columns, self.time)
+        return _framed(columns, self.time)
 
     def whole_frame(self) -> pd.DataFrame:
         """Return `frame` and `tip_frame` over time [s] side by side, and the error bars where there are some [N m], [N], [m]."""
@@ -263,8 +263,7 @@ class Solution:
             for name, column in zip(self.torque_names, self.torque_error.T, strict=True):
                 bars[f"error of {'torque' if units[name] == 'N m' else 'force'} {name} [{units[name]}]"] = column
         bars |= {f"error of tip {link} [m]": column for link, column in (self.tip_error or {}).items()}
-        errors = _over(bars, self.time)
-        return self.frame().join([self.tip_frame(), errors])
+        return _beside(self.frame(), self.tip_frame(), _framed(bars, self.time))
 
     def wrench_frame(self) -> pd.DataFrame:
         """Return the wrench of every joint over time [s], in the child's link frame [N], [N m]."""
@@ -273,7 +272,7 @@ class Solution:
             for joint, w in self.wrench.items()
             for i, c in enumerate(WRENCH)
         }
-        return _over(columns, self.time)
+        return _framed(columns, self.time)
 
     def summary(self) -> pd.DataFrame:
         """Return peak and RMS torque, speed and power of each coordinate against its limits, a row per coordinate.
@@ -294,15 +293,21 @@ class Solution:
             "effort / limit [-]": np.where(np.isfinite(limit_effort), effort / limit_effort, np.nan),
             "speed / limit [-]": np.where(np.isfinite(limit_speed), speed / limit_speed, np.nan),
         }
-        return _over(rows, m.velocity_names, "coordinate")
+        return _framed(rows, m.velocity_names, "coordinate")
 
 
-def _over(
+def _framed(
     columns: Mapping[str, ArrayLike | list[str]], rows: ArrayLike | list[str], name: str = "time [s]"
 ) -> pd.DataFrame:
     import pandas  # whoever wants no table does not wait for it
 
     return pandas.DataFrame(columns, index=pandas.Index(rows, name=name))
+
+
+def _beside(*frames: pd.DataFrame) -> pd.DataFrame:
+    import pandas
+
+    return pandas.concat(frames, axis=1)
 
 
 def effort_units(mechanism: Mechanism) -> list[str]:

@@ -56,7 +56,7 @@ def compiler(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     return decorate
 
 
-def prepare() -> None:
+def load_tables() -> None:
     """Load Numba's tables of types and of code [-], which it loads with the first kernel otherwise (half a second)."""
     cpu_target.typing_context.refresh()
     cpu_target.target_context.refresh()

@@ -31,8 +31,8 @@ class Costs:
         return self.first.poses(), self.second.poses()
 
     @cached_property
-    def _lies(self) -> tuple[Lies, Lies]:
-        return Lies(self.first, self.poses[0]), Lies(self.second, self.poses[1])
+    def _axes(self) -> tuple[Axes, Axes]:
+        return Axes(self.first, self.poses[0]), Axes(self.second, self.poses[1])
 
     @cached_property
     def size(self) -> float:
@@ -53,7 +53,7 @@ class Costs:
             return IMPOSSIBLE
         if before == (-1, -1):
             return self.of(a, b)
-        one, two = self._lies[0].of(before[0], a), self._lies[1].of(before[1], b)
+        one, two = self._axes[0].between(before[0], a), self._axes[1].between(before[1], b)
         return abs(one[0] - two[0]) / self.size + float(abs(np.sin(one[1] - two[1]))) + self._masses(a, b)
 
     def _masses(self, a: int, b: int) -> float:
@@ -73,15 +73,15 @@ class Costs:
 
 
 @dataclass
-class Lies:
-    """Lines of the joints of a tree against one another, all at zero, kept once found; poses : the frames of its members."""
+class Axes:
+    """Axes of the joints of a tree in space, all at zero; poses : the frames of its members, known : what `between` has found."""
 
     tree: Tree
     poses: list[Placement]
     known: dict[tuple[int, int], tuple[float, float]] = field(default_factory=dict)
 
-    def of(self, before: int, index: int) -> tuple[float, float]:
-        """Return distance [m] and angle [rad] of the lines of two joints; of joints without a line, of their places."""
+    def between(self, before: int, index: int) -> tuple[float, float]:
+        """Return distance [m] and angle [rad] of the axes of two joints; of joints without an axis, of their places."""
         if (before, index) not in self.known:
             self.known[before, index] = self._found(before, index)
         return self.known[before, index]

@@ -89,7 +89,7 @@ class Overlay:
         return self.known[key]
 
     def _choices(self, before: tuple[int, int], a: int, b: int) -> Iterator[Laid]:
-        yield LEFT_OUT * (self.costs.first.count(a) + self.costs.second.count(b)), ()
+        yield LEFT_OUT * (self.costs.first.moving_from(a) + self.costs.second.moving_from(b)), ()
         own = self.costs.step(before, a, b)
         if own < IMPOSSIBLE:
             beyond, pairs = self.forests((a, b), a, b)
@@ -104,10 +104,12 @@ class Overlay:
         ours, theirs = self.costs.first.carried(a), self.costs.second.carried(b)
         n, m = len(ours), len(theirs)
         if not n or not m:
-            return LEFT_OUT * (sum(map(self.costs.first.count, ours)) + sum(map(self.costs.second.count, theirs))), ()
+            return LEFT_OUT * (
+                sum(map(self.costs.first.moving_from, ours)) + sum(map(self.costs.second.moving_from, theirs))
+            ), ()
         table = np.zeros((n + m, n + m))
-        table[:n, m:] = np.array([self.costs.first.count(k) for k in ours]).reshape(n, 1)
-        table[n:, :m] = np.array([self.costs.second.count(k) for k in theirs])
+        table[:n, m:] = np.array([self.costs.first.moving_from(k) for k in ours]).reshape(n, 1)
+        table[n:, :m] = np.array([self.costs.second.moving_from(k) for k in theirs])
         for i, one in enumerate(ours):
             for j, two in enumerate(theirs):
                 table[i, j] = self.laid(before, one, two)[0]

@@ -50,7 +50,6 @@ def answered(program: Path, corpus: Path, folder: Path) -> set[str]:
     for kit in sorted(file.parent for file in (corpus / "kits").glob("*/case.json")):
         blind, answer = folder / "blind" / kit.name, folder / "answers" / kit.name
         shutil.copytree(kit, blind, ignore=shutil.ignore_patterns(*SECRET))
-        answer.mkdir(parents=True)
         subprocess.run([str(program), str(blind), str(answer)], check=True, cwd=blind, env={"PATH": ""})
     return {file.parent.name for file in (folder / "answers").glob("*/series.csv")}
 
@@ -65,6 +64,13 @@ def test_answers_of_another_author_lie_inside_the_consensus(corpus: Path, tmp_pa
     *lines, last = done.stdout.splitlines()
     assert last.endswith(f"lie inside the consensus, in {len(cases)} cases.")
     assert {line.split()[0] for line in lines} == {"inside"}
+
+
+def test_a_folder_that_is_no_kit_is_said(tmp_path: Path) -> None:
+    program = simbody_build.build(tmp_path / "program")
+    done = subprocess.run([str(program), "nothing", "out"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (2, "nothing/ holds no case.json: expected a case kit\n")
+    assert not (tmp_path / "out").exists()
 
 
 def test_one_wrong_sign_lies_outside(corpus: Path, tmp_path: Path) -> None:

@@ -167,7 +167,7 @@ def test_a_program_that_is_not_there_is_named(task: Task, children: Children) ->
 
 @pytest.mark.slow
 def test_three_runs_give_error_bars(root: Path, children: Children) -> None:
-    """The chain of rods takes no finer steps, whatever it is asked: its three runs agree, and the bar is rounding."""
+    """The chain of rods takes the steps that it is asked for, and keeps its rods: the bar is that of its steps."""
     task = discover(root / "models", ["flex_one_link/cycloid"]).tasks[0]
     programs = SHARED / "kit_programs"
     words = ("beam.py", "{kit}", "{out}")

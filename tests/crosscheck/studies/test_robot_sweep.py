@@ -39,9 +39,27 @@ def test_every_robot_that_pinocchio_loads(table: list[RobotRow]) -> None:
     refused = {row.name: row.words for row in table if row.words}
     assert list(refused) == ["ur_description/urdf/ur3.urdf"]
     assert "without links" in refused["ur_description/urdf/ur3.urdf"]
+    assert {row.name for row in table if row.empty} == set(refused)
     errors = [row.pinocchio for row in table if not row.words]
     assert len({row.name for row in table if row.pinocchio is not None}) == 68
     assert all(error is not None and error <= LARGEST_ERROR for error in errors)
+
+
+@pytest.mark.parametrize(
+    ("text", "empty"),
+    [
+        ("<robot/>", True),
+        ('<robot name="a"><link name="one"><inertial/></link></robot>', False),
+        ("<robot>", False),
+        ("", False),
+    ],
+)
+def test_only_a_sound_file_without_links_is_empty(text: str, empty: bool, tmp_path: Path) -> None:
+    """What is broken, or has a link that cannot be read, is an error of the table and not skipped."""
+    (tmp_path / "a.urdf").write_text(text)
+    row = robot_row(tmp_path / "a.urdf", "a.urdf")
+    assert row.words
+    assert row.empty is empty
 
 
 def test_every_robot_that_mujoco_loads(table: list[RobotRow]) -> None:
