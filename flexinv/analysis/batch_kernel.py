@@ -15,8 +15,9 @@ from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START
 from flexinv.dynamics.system import Histories
 from flexinv.elements.planar_beam import PlanarElements
 from flexinv.inverse.trajectory_pass import Found, Given, Moving, Skeleton, second_step_samples
-from flexinv.kernels.jit import jit, jit_shared
+from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.record_stack import at
+from flexinv.kernels.records import by_address
 from flexinv.kernels.threads.atomics import take
 from flexinv.planar.history import Embedding
 from flexinv.planar.stepper import PlanarSystem, planar_march
@@ -24,6 +25,7 @@ from flexinv.planar.tree import PlanarTree, accept
 from flexinv.typing import Array
 
 
+@by_address
 class Designs(NamedTuple):
     """Mechanisms of one structure, stacked; over : (designs, single, 3) of `planar.constraint_rows.PlanarTies`."""
 
@@ -34,6 +36,7 @@ class Designs(NamedTuple):
     over: Array
 
 
+@by_address
 class Tasks(NamedTuple):
     """Scenarios as the kernel reads them: designs, motions and the time grid.
 
@@ -58,6 +61,7 @@ class Tasks(NamedTuple):
     never: Array
 
 
+@by_address
 class Schemes(NamedTuple):
     """Schemes of the steps, and of the parts of the first ones after a sudden start."""
 
@@ -65,6 +69,7 @@ class Schemes(NamedTuple):
     early: Scheme
 
 
+@by_address
 class Results(NamedTuple):
     """Results of all scenarios, stacked: histories, second steps, and what the march returns, (scenarios, 3) and (scenarios,)."""
 
@@ -104,7 +109,7 @@ def march_alike(ahead, mine, designs, tasks, schemes, room, line, results):
     return len(mine)
 
 
-@jit_shared
+@jit_inner
 def _march_one(system, schemes, tasks, motion, out):
     """March one scenario, the first steps in parts where its start is sudden; return what `planar.stepper.planar_march` returns.
 

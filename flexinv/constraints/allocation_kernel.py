@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from flexinv.kernels.dense import Factor, factorise, solve_lower, solve_upper, turn
 from flexinv.kernels.jit import jit, jit_inner
+from flexinv.kernels.records import by_address
 from flexinv.typing import Array
 
 # Jacobi's rotations square what is left off the diagonal with every sweep: six reach rounding, these are never needed.
@@ -25,6 +26,7 @@ SAMPLES_AT_ONCE = 16
 _TINY = 1e-300  # keeps 0 / 0 away where nothing is to be turned
 
 
+@by_address
 class Efforts(NamedTuple):
     """Results of `share`: see `allocation.Shares`; width : (samples,) of preload, -1 where a rank is in doubt."""
 
@@ -36,6 +38,7 @@ class Efforts(NamedTuple):
     width: NDArray[np.int64]
 
 
+@by_address
 class Place(NamedTuple):
     """Data and work space of the effort allocation kernel.
 

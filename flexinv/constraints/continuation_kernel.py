@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from flexinv.constraints.equations import RowArrays, geared, jacobian, residual
 from flexinv.kernels.dense import Factor, factorise, solve_upper, turn_back
 from flexinv.kernels.jit import jit, jit_inner
+from flexinv.kernels.records import by_address
 from flexinv.kinematics.configuration import Nodes, move_nodes, step_coordinates
 from flexinv.kinematics.tree import Frames, Joints
 from flexinv.typing import Array
@@ -32,6 +33,7 @@ MOST_ITERATIONS = 30
 LARGEST_SURPRISE = 0.05  # [rad] or of the mechanism's length
 
 
+@by_address
 class Chain(NamedTuple):
     """Closed chain of a mechanism: its nodes, the equations of its closures, and room for its motion at one instant."""
 
@@ -49,6 +51,7 @@ class Chain(NamedTuple):
         return cls(nodes, rows, joints, Frames(one[5], turns[1], one[6], one[7], one[8], one[9]))
 
 
+@by_address
 class Problem(NamedTuple):
     """Data and work space of the continuation kernel.
 

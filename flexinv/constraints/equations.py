@@ -8,11 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.kernels.jit import jit, jit_inner
+from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import add, add_to, apply, cross, dot, mat, mul, put, scale, sub, tapply, vec, vec_at
 from flexinv.kinematics.tree import frames_at
 from flexinv.typing import Array
 
 
+@by_address
 class RowArrays(NamedTuple):
     """Constraints, one a row: see `closures.Rows` [m], [-]."""
 
@@ -132,6 +134,7 @@ def residual_samples(rows, frames, phi):
             put(phi[s, k], 0, residual(k, rows, f))
 
 
+@by_address
 class Ends(NamedTuple):
     """Frames in which closures report their wrenches (closures,): the second, or the first where the second is in the world.
 

@@ -24,6 +24,7 @@ from flexinv.constraints.closures import Rows
 from flexinv.constraints.equations import fixed, gap
 from flexinv.kernels.dense import solve_symmetric
 from flexinv.kernels.jit import jit_inner
+from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import ZERO, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
 from flexinv.typing import Array
 
@@ -36,6 +37,7 @@ MOVES_NOTHING = 1e-13
 UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
+@by_address
 class Ties(NamedTuple):
     """Rows of the border: first the constraints of all closures (see `closures.Rows`), then three for each spring.
 

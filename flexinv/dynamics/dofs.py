@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.errors import InputError
+from flexinv.kernels.records import by_address
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import FREE, SECTION, SPHERICAL
 from flexinv.model.mechanism import Joint
@@ -24,6 +25,7 @@ from flexinv.typing import Array
 Indices = NDArray[np.int64]
 
 
+@by_address
 class Topology(NamedTuple):
     """Nodes, blocks and passive freedoms as the march needs them.
 
@@ -58,6 +60,7 @@ class Topology(NamedTuple):
     length: float
 
 
+@by_address
 class ElementArrays(NamedTuple):
     """`mesh.Elements` as the compiled code takes them (same names, shapes and units); damping is empty where no beam has any."""
 

@@ -16,7 +16,6 @@ from flexinv.dynamics.generalized_alpha import (
     generalized_alpha,
     is_sudden,
 )
-from flexinv.dynamics.linearization import linearise
 from flexinv.dynamics.solver import Solver
 from flexinv.dynamics.stepper import CONVERGED, NOT_CONVERGED
 from flexinv.dynamics.system import State
@@ -202,7 +201,7 @@ def _moved(
     s, multiplier = solver.state, solver.border.ties.multiplier
     s.u[:] = s.u0[:] = s.du[:] = s.du0[:] = s.pseudo[:] = s.d[:] = 0.0
     before = [part.copy() for part in (s.x, s.r, s.place, multiplier)]
-    linearise(solver.system, STATICS, joints, True)
+    solver.evaluate(STATICS, joints)
     load = -solver.work.residual[0]
     failed = solver.newton(scheme, joints)
     gone = s.place - before[2]

@@ -17,7 +17,8 @@ from flexinv.dynamics.constraint_rows import PULL
 from flexinv.dynamics.generalized_alpha import DYNAMIC, Scheme
 from flexinv.dynamics.solver import Solver
 from flexinv.dynamics.stepper import evaluate
-from flexinv.kernels.jit import jit, jit_inner
+from flexinv.kernels.jit import jit, jit_formula, jit_inner
+from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import add_scaled, vec_at
 from flexinv.kinematics.tree import Joints
 from flexinv.typing import Array
@@ -27,6 +28,7 @@ from flexinv.typing import Array
 WEIGHT = 2.0**100
 
 
+@by_address
 class Matrices(NamedTuple):
     """M [kg], C [N s/m] and K [N/m], (unknowns, unknowns) in metres and radians."""
 
@@ -38,7 +40,9 @@ class Matrices(NamedTuple):
 def matrices(solver: Solver, joints: Joints) -> Matrices:
     """Return M [kg], C [N s/m] and K [N/m] where the solver stands; forces of springs between points follow the motion."""
     out = np.zeros((3, len(solver.topology.scale), len(solver.topology.scale)))
-    differentiate(solver.system, joints, out)
+    for which in range(3):
+        solver.evaluate(weighed(which), joints)
+        fill(solver.system, which, out)
     return Matrices(out[2], out[1], out[0])
 
 
@@ -49,26 +53,31 @@ def tangent_matrix(solver: Solver) -> Array:
     return out
 
 
-@jit
-def linearise(system, scheme, joints, want_tangent):
-    """Evaluate the residual [N], [N m] and its linearisation; return -1 or the element that turned too much."""
-    return evaluate(system, scheme, joints, want_tangent)
+@jit_formula
+def weighed(which: int) -> Scheme:
+    """Return the scheme [-] of which the linearisation is K (0), K + WEIGHT C (1) or K + WEIGHT M (2)."""
+    return Scheme(DYNAMIC, 0.0, WEIGHT if which == 1 else 0.0, WEIGHT if which == 2 else 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-@jit
+@jit_inner
 def differentiate(system, joints, out):
     """Fill K, C and M (3, unknowns, unknowns) [N/m], [N s/m], [kg]; return -1 or the element that turned too much."""
     for which in range(3):
-        cv, ca = WEIGHT if which == 1 else 0.0, WEIGHT if which == 2 else 0.0
-        bad = linearise(system, Scheme(DYNAMIC, 0.0, cv, ca, 0.0, 0.0, 0.0, 0.0, 0.0), joints, True)
+        bad = evaluate(system, weighed(which), joints, True)
         if bad >= 0:
             return bad
-        _dense_tangent(system, out[which])
-        _add_springs(system.border.ties, out[which])
-        for r in range(out.shape[1] if which > 0 else 0):
-            for c in range(out.shape[2]):
-                out[which, r, c] = (out[which, r, c] - out[0, r, c]) / WEIGHT
+        fill(system, which, out)
     return -1
+
+
+@jit
+def fill(system, which, out):
+    """Fill K (0), C (1) or M (2) of (3, unknowns, unknowns) [N/m], [N s/m], [kg] from the linearisation by `weighed`."""
+    _dense_tangent(system, out[which])
+    _add_springs(system.border.ties, out[which])
+    for r in range(out.shape[1] if which > 0 else 0):
+        for c in range(out.shape[2]):
+            out[which, r, c] = (out[which, r, c] - out[0, r, c]) / WEIGHT
 
 
 @jit

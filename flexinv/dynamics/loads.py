@@ -14,11 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.kernels.jit import jit_inner
+from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import add, add_to, apply, cross, mat, scale, tapply, vec, vec_at
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.typing import Array
 
 
+@by_address
 class Loads(NamedTuple):
     """Loads on points of nodes, one row each.
 

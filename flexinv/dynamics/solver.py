@@ -168,10 +168,21 @@ class Solver:
 
     def newton(self, scheme: Scheme, joints: Joints) -> tuple[int, int, float]:
         """Solve one instant under the present loads; return status, iterations or element, last relative increment [-]."""
-        one, now = Joints(*(part[None] for part in joints)), self.loads.wrench[None].copy()
-        instants = Instants(one, now, np.empty((1, 0)), np.empty((1, 0, 3)))
-        status, _, count, size = self.march(scheme, instants, self.instant)
+        status, _, count, size = self.march(scheme, self._now(joints), self.instant)
         return status, count, size
+
+    def evaluate(self, scheme: Scheme, joints: Joints) -> int:
+        """Evaluate residual [N], [N m] and linearisation at the present unknowns and loads, as ``scheme`` varies them.
+
+        The kernel is the march's own: a second one for this alone would take as long to compile.
+        Return -1 or the element that turned too much.
+        """
+        return int(march(self.system, scheme, self._now(joints), self.increment[:0], self.instant.histories())[2])
+
+    def _now(self, joints: Joints) -> Instants:
+        """One instant under the present loads."""
+        one, wrench = Joints(*(part[None] for part in joints)), self.loads.wrench[None].copy()
+        return Instants(one, wrench, np.empty((1, 0)), np.empty((1, 0, 3)))
 
     def collide(self, joints: Joints) -> Array:
         """Stop the velocities that the acting closures do not allow; return their impulses, (rows,) [N s], [N m s]."""

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from flexinv.constraints.equations import gap
 from flexinv.dynamics.constraint_rows import UNIT, Ties
 from flexinv.kernels.jit import jit_inner
+from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import (
     add,
     add_scaled,
@@ -46,6 +47,7 @@ TINY = float(np.finfo(float).tiny)
 LINEAR, GAS, TABLE = 0, 1, 2
 
 
+@by_address
 class Pulls(NamedTuple):
     """Springs, one row each.
 

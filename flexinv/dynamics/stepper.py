@@ -23,7 +23,7 @@ from flexinv.dynamics.index1 import project_accelerations, solve_masses, weigh_m
 from flexinv.dynamics.loads import add_loads, set_loads
 from flexinv.dynamics.spring_rows import pull_rows, pull_sides, turn_arms
 from flexinv.dynamics.tree_solver import solve_tree
-from flexinv.kernels.jit import jit, jit_inline, jit_inner
+from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.vec3 import apply, dot, mat, put, put_block, scale, sub, tapply, vec, vec_at
 from flexinv.kinematics.tree import Joints
 
@@ -45,7 +45,7 @@ NO_SLIP = 1.0  # [rad]
 HELD = 4e-11
 
 
-@jit_inline
+@jit_inner
 def evaluate(system, scheme, joints, want_tangent):
     """Evaluate residual [N], [N m] (and linearisation) at the present unknowns; return -1 or the element that turned too much."""
     topology, frames, variation, work = system.topology, system.frames, system.variation, system.work
@@ -69,7 +69,7 @@ def evaluate(system, scheme, joints, want_tangent):
     return bad
 
 
-@jit_inline
+@jit_inner
 def newton(system, scheme, joints, y):
     """Solve one instant; return status, iterations (or the bad element), last relative increment [-]."""
     topology, ties, work, size, last = system.topology, system.border.ties, system.work, 0.0, False
@@ -116,7 +116,8 @@ def _hold_loose(topology, diagonal):
 
 @jit
 def march(system, scheme, instants, y, out):
-    """Solve the instants of one chunk, in DYNAMIC mode step after step; fill the histories.
+    """Solve the instants of one chunk, in DYNAMIC mode step after step; fill the histories.  Without room for increments, y
+    (0, unknowns), the first instant is evaluated with its linearisation where the system stands, and nothing moves.
 
     With closures a step finds positions that meet them, and then the accelerations and multipliers that belong to that state
     (`settle`), which are what is recorded; the integrator goes on with its own.
@@ -130,6 +131,9 @@ def march(system, scheme, instants, y, out):
         j = Joints(rel.p[sample], rel.dp[sample], rel.ddp[sample], rel.r[sample], rel.w[sample], rel.al[sample])
         set_loads(system.loads, instants.table[sample], instants.efforts[sample])
         set_given(ties, instants.given[sample])
+        if y.shape[0] == 0:
+            bad = evaluate(system, scheme, j, True)
+            return TURNED_TOO_MUCH if bad >= 0 else CONVERGED, sample, bad, size
         if scheme.mode == DYNAMIC:
             predict(scheme, state)
         status, count, size = newton(system, scheme, j, y)

@@ -12,10 +12,12 @@ from flexinv.dynamics.dofs import ElementArrays, Topology
 from flexinv.dynamics.loads import Loads
 from flexinv.dynamics.spring_rows import Pulls
 from flexinv.elements.beam import Rates, Scratch
+from flexinv.kernels.records import by_address
 from flexinv.kinematics.tree import Frames, Joints, Variation
 from flexinv.typing import Array
 
 
+@by_address
 class State(NamedTuple):
     """Unknowns of a step.
 
@@ -38,6 +40,7 @@ class State(NamedTuple):
     place: Array
 
 
+@by_address
 class Work(NamedTuple):
     """Wrenches, residual and linearisation, allocated once.
 
@@ -66,6 +69,7 @@ class Work(NamedTuple):
     settled: Array
 
 
+@by_address
 class Border(NamedTuple):
     """Bordered system beside the tree: closures and springs between points [m], [N]."""
 
@@ -73,6 +77,7 @@ class Border(NamedTuple):
     pulls: Pulls
 
 
+@by_address
 class System(NamedTuple):
     """A mesh under time integration: what stays constant, the present state, and what kernels fill."""
 
@@ -86,6 +91,7 @@ class System(NamedTuple):
     work: Work
 
 
+@by_address
 class Instants(NamedTuple):
     """Prescribed quantities at the instants of a chunk of steps.
 
@@ -100,6 +106,7 @@ class Instants(NamedTuple):
     given: Array
 
 
+@by_address
 class Histories(NamedTuple):
     """Histories into which samples are written (`dynamics.solver.Trajectory`), with a leading axis of samples.
 

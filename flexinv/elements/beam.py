@@ -29,7 +29,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexinv.kernels.jit import jit_inner, jit_shared
+from flexinv.kernels.jit import jit_inner
+from flexinv.kernels.records import by_address
 from flexinv.kernels.so3 import (
     coefficients,
     exp_with,
@@ -72,6 +73,7 @@ Matrix = tuple[Vector, Vector, Vector]
 UNIT: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
+@by_address
 class Scratch(NamedTuple):
     """One element under evaluation, count = order + 1 nodes; allocated once.
 
@@ -238,6 +240,7 @@ def spread(count, shape, slope, parts, out, whole):
                 out[i, j, k] += ss * parts[0, k] + sn * parts[1, k] + ns * parts[2, k] + nn * parts[3, k]
 
 
+@by_address
 class Rates(NamedTuple):
     """Work space of damping beside `Scratch` for one element, count = order + 1 nodes; empty where no beam is damped.
 
@@ -276,7 +279,7 @@ class Rate(NamedTuple):
     kappa: Vector
 
 
-@jit_shared
+@jit_inner
 def relative_rates(count, scratch, rates):
     """Fill du [m/s], dpsi [rad/s] and how they vary with the nodes' poses; `relative` came before."""
     first, v0, w0 = mat(scratch.r[0]), vec(rates.v[0]), vec(rates.w[0])

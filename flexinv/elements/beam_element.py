@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Any
 
 from flexinv.elements.beam import inverse_tangent_slope, part, point_hessian, point_of, rate_of, rates_by_pose, spread
-from flexinv.kernels.jit import jit_inner, jit_shared
+from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.vec3 import (
     ZERO,
     add,
@@ -94,7 +94,7 @@ def element_gradient(k, count, elements, scratch, rates, internal, want_tangent)
     return energy
 
 
-@jit_shared
+@jit_inner
 def damped_gradient(k, count, elements, scratch, rates, internal, want_tangent):
     """Compute `element_gradient` with damping; return elastic energy [J] and dissipated power [W] of element k."""
     energy, lost = 0.0, 0.0
@@ -205,7 +205,7 @@ def element_tangent(count, scratch, rates, tangent):
             _mirror(tangent, 6 * i, 0)
 
 
-@jit_shared
+@jit_inner
 def damped_tangent(count, scratch, rates, nodes, variation, tangent):
     """Fill how nodal forces vary with the motion of the element's nodes [N/m], [N], [N m].
 

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.kernels.jit import jit_inner
+from flexinv.kernels.records import by_address
 from flexinv.kernels.simd import cos_sin
 from flexinv.typing import Array
 
@@ -46,6 +47,7 @@ D_AXIAL, D_SHEAR, D_BENDING = (np.uint64(POINTS_AT_ONCE * k) for k in range(3))
 COEFFICIENTS = np.uint64(3 * POINTS_AT_ONCE)
 
 
+@by_address
 class PlanarElements(NamedTuple):
     """Elements in a plane.
 

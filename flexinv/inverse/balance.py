@@ -10,6 +10,7 @@ import numpy as np
 from flexinv.errors import ConvergenceError
 from flexinv.inverse.nodal_sums import instant_torques
 from flexinv.kernels.jit import jit
+from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import apply, dot, mat, vec
 from flexinv.kinematics.mesh import Mesh
 from flexinv.typing import Array
@@ -117,6 +118,7 @@ class EnergyGuard:
             )
 
 
+@by_address
 class Instant(NamedTuple):
     """Arrays of one instant of a controller beside the motion, read and written in place.
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from flexinv.elements.joint_law import JointLaw, own_effort
 from flexinv.kernels.jit import jit, jit_inner
+from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import add, add_to, apply, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
 from flexinv.kinematics.configuration import coordinate
 from flexinv.typing import Array
@@ -22,6 +23,7 @@ def own_force(mass, inertia, gravity, rotation, omega, a, alpha):
     return scale(mass, sub(vec(a), gravity)), apply(mat(rotation), body)
 
 
+@by_address
 class Masses(NamedTuple):
     """Inertia of the nodes, mass (nodes,) [kg] and tensor (nodes, 3, 3) [kg m^2] in their frames; gravity (3,) [m/s^2]."""
 
@@ -95,6 +97,7 @@ def sum_in_frames(parent, nodes, x, rotation, force, moment, line, out):
             put(out[k, s], 3, tapply(turn, vec_at(line[nodes[k]], 3)))
 
 
+@by_address
 class Drives(NamedTuple):
     """Joints by node, and what their drives take besides.
 

@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from flexinv.inverse.nodal_sums import own_force, sum_outboard
 from flexinv.kernels.jit import jit, jit_inner
+from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import add, apply, cross, dot, mat, put, sub, tapply, vec, vec_at
 from flexinv.typing import Array
 
 
+@by_address
 class Skeleton(NamedTuple):
     """Data of a mesh that the second step reads.
 
@@ -42,6 +44,7 @@ class Skeleton(NamedTuple):
     straight: Array
 
 
+@by_address
 class Moving(NamedTuple):
     """The arrays of a `NodalMotion`, (samples, nodes, ...) [m, rad, s]."""
 
@@ -53,6 +56,7 @@ class Moving(NamedTuple):
     alpha: Array
 
 
+@by_address
 class Given(NamedTuple):
     """Inputs of the second step: results of the time integration and data of the task.
 
@@ -71,6 +75,7 @@ class Given(NamedTuple):
     time: Array
 
 
+@by_address
 class Found(NamedTuple):
     """Results of the second step.
 

@@ -20,7 +20,8 @@ from numba.core.registry import CPUDispatcher, cpu_target
 
 from flexinv.kernels.code_stamp import source_stamp
 from flexinv.kernels.compile_lock import CompileLock
-from flexinv.kernels.inner_library import InnerCompiler, OuterCompiler
+from flexinv.kernels.kernel_compiler import InnerCompiler, OuterCompiler
+from flexinv.kernels.records import argument_type
 from flexinv.kernels.shipped_code import shipped
 
 # What reading a file raises that names a class that has moved, or that ends in the middle.
@@ -68,9 +69,9 @@ class Kernel(CPUDispatcher):
     lock: CompileLock | None = None
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """Return the template of a call by the types [-] of its arguments, not by the numbers that stand in it."""
-        plain = tuple(types.unliteral(one) for one in args), {k: types.unliteral(one) for k, one in kws.items()}
-        return super().get_call_template(*plain)
+        """Return the template of a call by the types [-] of its arguments, not by the numbers in it; records by address."""
+        by_name = {name: argument_type(types.unliteral(one)) for name, one in kws.items()}
+        return super().get_call_template(tuple(argument_type(types.unliteral(one)) for one in args), by_name)
 
     def compile(self, signature: Any) -> Any:
         """Compile for arguments of these types [-], or take what is kept."""

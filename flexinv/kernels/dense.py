@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.kernels.jit import jit, jit_inner, jit_shared
+from flexinv.kernels.jit import jit, jit_inner
+from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import cross, dot, put, scale, transpose, vec_at
 from flexinv.typing import Array
 
@@ -177,7 +178,7 @@ def _sweep(a, k, size):
                 a[i, c] -= factor * a[k, c]
 
 
-@jit_shared
+@jit_inner
 def invert_scaled(m, rows, least, over, left):
     """Replace m[:rows, :rows] by its inverse [any unit]: the rows with a pivot above ``least``, largest first, zero for others.
 
@@ -210,6 +211,7 @@ def invert_scaled(m, rows, least, over, left):
 SURE_PIVOT, NO_PIVOT = 1e-7, 1e-13
 
 
+@by_address
 class Factor(NamedTuple):
     """Q R of one matrix in each lane, by Householder reflections; lanes share pivots and rank.
 

@@ -1,9 +1,9 @@
 """Kernels within kernels: text for the machine's compiler, linked once into each kernel that Python calls.
 
 Numba optimises and translates every function by itself, with all that it calls taken in: of a chain of ten calls the last one
-ten times.  A kernel that Python never calls needs no machine code.  It stays as it was lowered, each function tidied by itself;
-what Python calls links all of them, however deep, and is optimised and translated as one module.  That halves the time of
-compiling; the march takes as long as before (tidying nothing first would make the module twice as slow to optimise).
+ten times.  A kernel that Python never calls needs no machine code.  It stays as it was lowered; what Python calls links all of
+them, however deep, and is optimised and translated as one module.  There nobody else can call them, and the machine's compiler
+knows it: a kernel with one caller is taken in, others where they are small (`internal`).
 """
 
 from __future__ import annotations
@@ -12,11 +12,37 @@ from types import SimpleNamespace
 from typing import Any
 
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler
+
+# What is promised of a record: nobody writes there while the kernel runs, and its address is not kept.
+PROMISES = "noalias", "captures(none)"
 
 
-class InnerLibrary(JITCodeLibrary):
-    """The lowered text of one kernel, and the libraries that it calls; it has no address."""
+class KernelLibrary(JITCodeLibrary):
+    """The lowered text of one kernel; records : how the text calls those of its arguments that are addresses of records."""
+
+    records: frozenset[str] = frozenset()
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.own: set[str] = set()  # names of the functions that are defined here
+
+    def add_ir_module(self, ir_module: Any) -> None:
+        """Add the text, with what is promised of the records that a kernel gets."""
+        for function in ir_module.functions:
+            if function.blocks:
+                self.own.add(function.name)
+                for argument in function.args:
+                    if argument.name in self.records:
+                        for promise in PROMISES:
+                            argument.add_attribute(promise)
+        super().add_ir_module(ir_module)
+
+
+class InnerLibrary(KernelLibrary):
+    """The text of a kernel that only kernels call, and the libraries that it calls; it has no address."""
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        """Leave the text as it is: it is tidied once, where it is linked."""
 
     def finalize(self) -> None:
         """Close the text; what it calls is linked by whoever is translated."""
@@ -35,7 +61,7 @@ class InnerLibrary(JITCodeLibrary):
         return SimpleNamespace(set_env=lambda *_: None)
 
 
-class OuterLibrary(JITCodeLibrary):
+class OuterLibrary(KernelLibrary):
     """The library of a kernel that Python calls: it links what is called at any depth."""
 
     def add_linking_library(self, library: Any) -> None:
@@ -49,20 +75,10 @@ class OuterLibrary(JITCodeLibrary):
             if isinstance(one, InnerLibrary):
                 waiting += one._linking_libraries
 
-
-def _compiler(library: type[JITCodeLibrary]) -> type[Compiler]:
-    """Numba's compiler with a library of another kind."""
-
-    class WithLibrary(Compiler):
-        def _compile_bytecode(self) -> Any:
-            state = self.state
-            if state.library is None:
-                state.library = library(state.targetctx.codegen(), state.func_id.func_qualname)
-                state.library.enable_object_caching()
-            return super()._compile_bytecode()
-
-    return WithLibrary
-
-
-InnerCompiler = _compiler(InnerLibrary)
-OuterCompiler = _compiler(OuterLibrary)
+    def _optimize_final_module(self) -> None:
+        """Optimise the module as a whole, in one pass: Numba's first of two serves counting of references, which is none here."""
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.name not in self.own:
+                function.linkage = "internal"
+        passes, options = self._codegen._module_pass_manager()
+        passes.run(self._final_module, options)

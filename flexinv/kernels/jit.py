@@ -21,14 +21,11 @@ _Function = TypeVar("_Function", bound=Callable[..., object])
 
 # For kernels that Python calls: other threads of Python run beside them.
 jit = compiler(cache=True, nogil=True, _nrt=False, no_cfunc_wrapper=True)
-# For kernels that only other kernels call.  The machine's compiler takes them into their callers (`forceinline`): records of
-# many arrays are not handed over in memory, which makes the march in space 1.4 times as fast and compiling a third longer.
-jit_inner = compiler(forceinline=True, _nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True)
-# The same for kernels that are larger than what they are for: one copy that all callers share stays in the cache of instructions.
-jit_shared = compiler(_nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True)
-# For kernels with a single caller, which takes in their text: no second copy of all that they call is compiled.
-jit_inline = compiler(_nrt=False, inline="always")
-# The same for loops over lanes, whose products and sums may fuse.
+# For kernels that only other kernels call.  The machine's compiler decides whether it takes one into its callers.
+jit_inner = compiler(_nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True)
+# The same for vectors and matrices in registers, which every caller takes in: handing them over in memory would cost more.
+jit_vector = compiler(forceinline=True, _nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True)
+# The same as `jit` for loops over lanes, whose products and sums may fuse.
 jit_blocks = compiler(cache=True, nogil=True, _nrt=False, no_cfunc_wrapper=True, fastmath={"contract"})
 jit_lanes = compiler(_nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True, fastmath={"contract"})
 # What every lane does, where it is too long for the machine's compiler to take it into the loop by itself.

@@ -11,6 +11,8 @@ from numba import types
 from numba.core.typing.templates import signature
 from numba.extending import intrinsic
 
+from flexinv.kernels.records import field, members
+
 Record = TypeVar("Record", bound=tuple[Any, ...])
 _instruction: Any = intrinsic  # its own type hides that the arguments are those of the call
 
@@ -24,14 +26,15 @@ def stacked(records: Sequence[Record]) -> Record:
 @_instruction
 def at(typing_context: Any, records: Any, number: Any) -> Any:
     """Return one of the records that `stacked` has joined, not copied."""
-    kinds = [whole.copy(ndim=whole.ndim - 1) if whole.ndim > 1 else whole.dtype for whole in records.types]
-    made = types.BaseTuple.from_types(kinds, records.instance_class)
+    wholes = members(records)
+    kinds = [whole.copy(ndim=whole.ndim - 1) if whole.ndim > 1 else whole.dtype for whole in wholes]
+    made = types.BaseTuple.from_types(kinds, records.value.instance_class)
 
     def generate(context: Any, builder: Any, own: Any, arguments: Any) -> Any:
         parts = []
-        for k, (whole, kind) in enumerate(zip(records.types, kinds, strict=True)):
+        for k, (whole, kind) in enumerate(zip(wholes, kinds, strict=True)):
             item = context.get_function(operator.getitem, signature(kind, whole, number))
-            parts.append(item(builder, (builder.extract_value(arguments[0], k), arguments[1])))
+            parts.append(item(builder, (field(context, builder, records, arguments[0], k), arguments[1])))
         return context.make_tuple(builder, made, parts)
 
     return made(records, number), generate

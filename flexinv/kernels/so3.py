@@ -15,7 +15,7 @@ from math import factorial
 
 import numpy as np
 
-from flexinv.kernels.jit import jit, jit_inner
+from flexinv.kernels.jit import jit, jit_vector
 from flexinv.kernels.vec3 import dot, mat, put, put_block, vec
 from flexinv.typing import Array
 
@@ -30,7 +30,7 @@ SERIES_LIMIT = 4.0  # [rad^2] for A and B
 INVERSE_SERIES_LIMIT = 1.0  # [rad^2] for c, whose series converges for s < 4 pi^2 only
 
 
-@jit_inner
+@jit_vector
 def _series(c, s):
     """Value, first and second derivative of sum c_k s^k (Horner)."""
     value = first = second = 0.0
@@ -73,7 +73,7 @@ def inverse_coefficient(s):
     return c, (-dcot_dt / (2 * t) - c) / s
 
 
-@jit_inner
+@jit_vector
 def quadratic(psi, k0, k1, k2):
     """Return k0 I + k1 skew(psi) + k2 psi psi^T, as all maps of this module are [any unit]."""
     x, y, z = psi
@@ -84,7 +84,7 @@ def quadratic(psi, k0, k1, k2):
     )
 
 
-@jit_inner
+@jit_vector
 def exp_with(psi, q):
     """Return the rotation matrix exp(psi) = I + sin t / t skew + A skew^2 [-] from the coefficients q at psi [rad]."""
     a, _, _, b, _, _ = q
@@ -92,20 +92,20 @@ def exp_with(psi, q):
     return quadratic(psi, 1 - a * s, 1 - b * s, a)
 
 
-@jit_inner
+@jit_vector
 def tangent_with(psi, q):
     """Return H(psi) = I - A skew + B skew^2 [-] from the coefficients q at psi [rad]: body increment = H dpsi."""
     a, _, _, b, _, _ = q
     return quadratic(psi, 1 - b * dot(psi, psi), -a, b)
 
 
-@jit_inner
+@jit_vector
 def exp(psi):
     """Return the rotation matrix of a rotation vector [rad]."""
     return exp_with(psi, coefficients(dot(psi, psi)))
 
 
-@jit_inner
+@jit_vector
 def inverse_tangent(psi):
     """Return H(psi)^-1 = I + skew/2 + c skew^2 [-], |psi| < 2 pi."""
     s = dot(psi, psi)
@@ -113,7 +113,7 @@ def inverse_tangent(psi):
     return quadratic(psi, 1 - c * s, 0.5, c)
 
 
-@jit_inner
+@jit_vector
 def log(r):
     """Return the rotation vector [rad] of a rotation matrix, |psi| <= pi, by way of the quaternion (x, y, z), w.
 

@@ -5,36 +5,36 @@ Tuples live in registers: no allocation, no loops.  `vec` and `mat` read them fr
 
 from __future__ import annotations
 
-from flexinv.kernels.jit import jit_inner
+from flexinv.kernels.jit import jit_vector
 
 ZERO = (0.0, 0.0, 0.0)
 
 
-@jit_inner
+@jit_vector
 def vec(a):
     """Return the first three entries of a one-dimensional array [any unit]."""
     return a[0], a[1], a[2]
 
 
-@jit_inner
+@jit_vector
 def vec_at(a, first):
     """Return three entries of a one-dimensional array from ``first`` on [any unit]."""
     return a[first], a[first + 1], a[first + 2]
 
 
-@jit_inner
+@jit_vector
 def mat(a):
     """Return a (3, 3) array as rows [any unit]."""
     return (a[0, 0], a[0, 1], a[0, 2]), (a[1, 0], a[1, 1], a[1, 2]), (a[2, 0], a[2, 1], a[2, 2])
 
 
-@jit_inner
+@jit_vector
 def put(a, first, v):
     """Write a vector into a one-dimensional array from ``first`` on [any unit]."""
     a[first], a[first + 1], a[first + 2] = v
 
 
-@jit_inner
+@jit_vector
 def add_to(a, first, v):
     """Add a vector to three entries of a one-dimensional array [any unit]."""
     a[first] += v[0]
@@ -42,7 +42,7 @@ def add_to(a, first, v):
     a[first + 2] += v[2]
 
 
-@jit_inner
+@jit_vector
 def put_block(a, row, column, m):
     """Write a matrix into a two-dimensional array at ``row``, ``column`` [any unit]."""
     put(a[row], column, m[0])
@@ -50,115 +50,115 @@ def put_block(a, row, column, m):
     put(a[row + 2], column, m[2])
 
 
-@jit_inner
+@jit_vector
 def block(a, row, column):
     """Return the matrix at ``row``, ``column`` of a two-dimensional array [any unit]."""
     return vec_at(a[row], column), vec_at(a[row + 1], column), vec_at(a[row + 2], column)
 
 
-@jit_inner
+@jit_vector
 def add(a, b):
     """Return a + b [any unit]."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-@jit_inner
+@jit_vector
 def sub(a, b):
     """Return a - b [any unit]."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@jit_inner
+@jit_vector
 def sum3(a, b, c):
     """Return a + b + c [any unit]."""
     return a[0] + b[0] + c[0], a[1] + b[1] + c[1], a[2] + b[2] + c[2]
 
 
-@jit_inner
+@jit_vector
 def scale(k, a):
     """Return k a for a number k [any unit]."""
     return k * a[0], k * a[1], k * a[2]
 
 
-@jit_inner
+@jit_vector
 def add_scaled(a, k, b):
     """Return a + k b for a number k [any unit]."""
     return a[0] + k * b[0], a[1] + k * b[1], a[2] + k * b[2]
 
 
-@jit_inner
+@jit_vector
 def times(a, b):
     """Return diag(a) b, the products entry by entry [any unit]."""
     return a[0] * b[0], a[1] * b[1], a[2] * b[2]
 
 
-@jit_inner
+@jit_vector
 def dot(a, b):
     """Return a . b [any unit]."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@jit_inner
+@jit_vector
 def cross(a, b):
     """Return a x b [any unit]."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@jit_inner
+@jit_vector
 def skew(a):
     """Return the matrix of a x [any unit]."""
     return (0.0, -a[2], a[1]), (a[2], 0.0, -a[0]), (-a[1], a[0], 0.0)
 
 
-@jit_inner
+@jit_vector
 def diagonal(k):
     """Return k times the unit matrix [any unit]."""
     return (k, 0.0, 0.0), (0.0, k, 0.0), (0.0, 0.0, k)
 
 
-@jit_inner
+@jit_vector
 def transpose(a):
     """Return a^T [any unit]."""
     return (a[0][0], a[1][0], a[2][0]), (a[0][1], a[1][1], a[2][1]), (a[0][2], a[1][2], a[2][2])
 
 
-@jit_inner
+@jit_vector
 def outer(a, b):
     """Return a b^T [any unit]."""
     return scale(a[0], b), scale(a[1], b), scale(a[2], b)
 
 
-@jit_inner
+@jit_vector
 def madd(a, b):
     """Return a + b for matrices [any unit]."""
     return add(a[0], b[0]), add(a[1], b[1]), add(a[2], b[2])
 
 
-@jit_inner
+@jit_vector
 def msub(a, b):
     """Return a - b for matrices [any unit]."""
     return sub(a[0], b[0]), sub(a[1], b[1]), sub(a[2], b[2])
 
 
-@jit_inner
+@jit_vector
 def mscale(k, a):
     """Return k a for a number k and a matrix [any unit]."""
     return scale(k, a[0]), scale(k, a[1]), scale(k, a[2])
 
 
-@jit_inner
+@jit_vector
 def rows(c, a):
     """Return diag(c) a: the rows of a matrix times the entries of a vector [any unit]."""
     return scale(c[0], a[0]), scale(c[1], a[1]), scale(c[2], a[2])
 
 
-@jit_inner
+@jit_vector
 def apply(a, v):
     """Return a v for a matrix and a vector [any unit]."""
     return dot(a[0], v), dot(a[1], v), dot(a[2], v)
 
 
-@jit_inner
+@jit_vector
 def tapply(a, v):
     """Return a^T v for a matrix and a vector [any unit]."""
     return (
@@ -168,13 +168,13 @@ def tapply(a, v):
     )
 
 
-@jit_inner
+@jit_vector
 def mul(a, b):
     """Return a b for matrices [any unit]."""
     return tapply(b, a[0]), tapply(b, a[1]), tapply(b, a[2])
 
 
-@jit_inner
+@jit_vector
 def tmul(a, b):
     """Return a^T b for matrices [any unit]."""
     return mul(transpose(a), b)

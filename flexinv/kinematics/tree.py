@@ -17,6 +17,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from flexinv.kernels.jit import jit, jit_inner
+from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import (
     add,
     add_scaled,
@@ -35,6 +36,7 @@ from flexinv.kernels.vec3 import (
 from flexinv.typing import Array
 
 
+@by_address
 class Frames(NamedTuple):
     """Motion of all nodes at one instant: x, v, a [m, s] world; r = R_W,node; w, al [rad, s] own frame."""
 
@@ -46,6 +48,7 @@ class Frames(NamedTuple):
     al: Array
 
 
+@by_address
 class Joints(NamedTuple):
     """Relative motion of all nodes at one instant: p, dp, ddp [m, s]; r; w, al [rad, s] (see `joint_motion.Relative`)."""
 
@@ -57,6 +60,7 @@ class Joints(NamedTuple):
     al: Array
 
 
+@by_address
 class Variation(NamedTuple):
     """First variation of all nodes by the unknowns of their block, (nodes, columns, 3) each, columns first.
 

@@ -21,9 +21,9 @@ from numpy.typing import ArrayLike, NDArray
 from flexinv.constraints.closures import constraint_rows, row_scales
 from flexinv.constraints.continuation import closed_near
 from flexinv.constraints.loop_starts import closed_at
-from flexinv.dynamics.generalized_alpha import STATICS, Scheme, advance, correct
+from flexinv.dynamics.generalized_alpha import STATICS, advance, correct
 from flexinv.dynamics.initial_state import equilibrium, start_undeformed
-from flexinv.dynamics.linearization import Matrices, linearise, matrices
+from flexinv.dynamics.linearization import Matrices, matrices
 from flexinv.dynamics.solver import Solver
 from flexinv.dynamics.stepper import CONVERGED
 from flexinv.errors import InputError
@@ -169,7 +169,7 @@ def _load_ties(solver: Solver, joints: Joints) -> None:
     ties, n = solver.border.ties, constraints(solver)
     load_springs(solver, joints)
     if n:
-        evaluate_once(solver, joints)
+        solver.evaluate(STATICS, joints)
         ties.multiplier[:n] = closing_forces(solver, solver.work.residual[0])
 
 
@@ -181,13 +181,8 @@ def constraints(solver: Solver) -> int:
 def load_springs(solver: Solver, joints: Joints) -> None:
     """Give the springs between points the forces that they have where the mechanism stands [N]."""
     n = constraints(solver)
-    evaluate_once(solver, joints)
+    solver.evaluate(STATICS, joints)
     solver.border.ties.multiplier[n:] += solver.border.ties.value[n:]
-
-
-def evaluate_once(solver: Solver, joints: Joints, scheme: Scheme = STATICS) -> None:
-    """Evaluate residual [N], [N m] and linearisation of a solver at its present unknowns, as ``scheme`` varies them."""
-    linearise(solver.system, scheme, joints, True)
 
 
 def matrices_at_rest(solver: Solver, joints: Joints) -> Matrices:
@@ -234,7 +229,7 @@ def stiffness_of_ties(solver: Solver, joints: Joints) -> Array:
 
     def pull(unknown: int, step: float) -> Array:
         solver.state.d[unknown] = step * solver.topology.scale[unknown]
-        evaluate_once(solver, joints)
+        solver.evaluate(STATICS, joints)
         solver.state.d[unknown] = 0.0
         return np.asarray(solver.border.ties.sides[:n].T @ force)
 

@@ -34,7 +34,6 @@ from flexinv.linearized.natural_modes import (
     allowed_motions,
     closing_forces,
     constraints,
-    evaluate_once,
     load_springs,
     rest,
     scaled_gradient,
@@ -96,11 +95,11 @@ def steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: set[st
         sections = solver.topology.independent
         solver.state.x[sections], solver.state.r[sections] = held.state.x[sections], held.state.r[sections]
         joints = _set_rates(solver, q, rates, 1.0)
-    evaluate_once(solver, joints)
+    solver.evaluate(STATICS, joints)
     turning = _turning(solver, rates, 1.0)
     _move_along(solver, turning)
     found = _matrices(tied_matrices(solver, joints), solver, turning)
-    evaluate_once(solver, joints, STATICS._replace(mode=DYNAMIC))
+    solver.evaluate(STATICS._replace(mode=DYNAMIC), joints)
     # what outside efforts hold: forces in closures are none
     return Steady(solver, *found, solver.work.residual[0].copy())
 
@@ -196,7 +195,7 @@ def _move_along(solver: Solver, turning: Turning) -> None:
 def _settle(solver: Solver, q: Array, rates: Mapping[str, float]) -> None:
     """Find the deformed shape, rates raised from zero in steps as large as converge."""
     x, r, place = (part.copy() for part in (solver.state.x, solver.state.r, solver.state.place))
-    evaluate_once(solver, _set_rates(solver, q, rates, 0.0))
+    solver.evaluate(STATICS, _set_rates(solver, q, rates, 0.0))
     reached, step = 0.0, 1.0
     while reached < 1.0:
         part = min(1.0, reached + step)

@@ -21,11 +21,13 @@ from numpy.typing import NDArray
 from flexinv.dynamics.constraint_rows import REDUNDANT_PIVOT
 from flexinv.kernels.dense import invert_scaled
 from flexinv.kernels.jit import jit_inner
+from flexinv.kernels.records import by_address
 from flexinv.kernels.simd import cos_sin
 from flexinv.planar.tree_solver import solve_tree
 from flexinv.typing import Array
 
 
+@by_address
 class PlanarTies(NamedTuple):
     """Rows of the border of a mechanism in a plane.
 

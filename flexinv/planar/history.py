@@ -6,10 +6,12 @@ from typing import NamedTuple
 
 from flexinv.elements.planar_beam import N1, N2, M, dissipated, energy, point
 from flexinv.kernels.jit import jit_inner
+from flexinv.kernels.records import by_address
 from flexinv.kernels.simd import cos_sin
 from flexinv.typing import Array
 
 
+@by_address
 class Embedding(NamedTuple):
     """Embedding of the plane in space.
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from flexinv.dynamics.index1 import MASSLESS
 from flexinv.kernels.dense import invert_scaled
-from flexinv.kernels.jit import jit_inner, jit_shared
+from flexinv.kernels.jit import jit_inner
 from flexinv.planar.constraint_rows import add_step, add_ties, solve_ties, stiffen, tie_rows, tie_sides
 from flexinv.planar.tree import vary_poses
 
 
-@jit_shared
+@jit_inner
 def project_accelerations(tree, constraints, frames, residual):
     """Change multipliers, and the nodes' accelerations and wrenches, into those that belong to the positions and velocities.
 

@@ -41,7 +41,8 @@ from flexinv.elements.planar_beam import (
     point_hessians,
     relax,
 )
-from flexinv.kernels.jit import jit, jit_inner, jit_shared
+from flexinv.kernels.jit import jit, jit_inner
+from flexinv.kernels.records import by_address
 from flexinv.planar.constraint_rows import (
     PlanarTies,
     add_step,
@@ -87,6 +88,7 @@ SLOW = 0.03
 MANY = 12
 
 
+@by_address
 class PlanarWork(NamedTuple):
     """Scratch of the march: points of `planar_beam`, u (count, 3), felt (elements, count, 3), residual and y (unknowns,).
 
@@ -101,6 +103,7 @@ class PlanarWork(NamedTuple):
     y: Array
 
 
+@by_address
 class PlanarSystem(NamedTuple):
     """A mechanism in a plane under time integration, as `dynamics.system.System` in space."""
 
@@ -204,7 +207,7 @@ def start(scheme, state, order):
     update_rates(scheme, state)
 
 
-@jit_shared
+@jit_inner
 def begin_step(system, scheme, given):
     """Let the next step start from the accelerations that were found, as far as a step resolves them: `initial_state.begin_step`.
 

@@ -18,10 +18,12 @@ from numpy.typing import NDArray
 
 from flexinv.elements.joint_law import JointLaw, own_effort, own_slope, smooth_direction
 from flexinv.kernels.jit import jit_inner
+from flexinv.kernels.records import by_address
 from flexinv.kernels.simd import cos_sin
 from flexinv.typing import Array
 
 
+@by_address
 class PlanarTree(NamedTuple):
     """Nodes, blocks and joints of a mechanism in a plane (as `dofs.Topology`).
 
@@ -53,6 +55,7 @@ class PlanarTree(NamedTuple):
     friction: Array
 
 
+@by_address
 class PlanarState(NamedTuple):
     """Unknowns of a step as in `assembly.State`; start : (nodes, 3) pose of independent nodes, coordinate of passive joints.
 
@@ -70,6 +73,7 @@ class PlanarState(NamedTuple):
     du0: Array
 
 
+@by_address
 class PlanarFrames(NamedTuple):
     """Poses, velocities, accelerations (nodes, 3) of all nodes, x, y, theta [m, rad, s], and their variations.
 

@@ -19,12 +19,14 @@ from numpy.typing import NDArray
 from flexinv.elements.planar_beam import pair_stiffness
 from flexinv.kernels.dense import inverse_transposed, invert, subtract
 from flexinv.kernels.jit import jit_inner
+from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import add_to, apply, madd, mat, msub, mul, put, put_block, scale, tapply, transpose, vec_at
 from flexinv.typing import Array
 
 ZERO_MATRIX = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
+@by_address
 class PlanarFactors(NamedTuple):
     """The linearisation of a planar mechanism on its tree, eliminated.
 

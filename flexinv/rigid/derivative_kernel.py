@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.kernels.jit import jit, jit_inner
+from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import (
     ZERO,
     add,
@@ -45,6 +46,7 @@ from flexinv.typing import Array
 UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
+@by_address
 class CarriedBodies(NamedTuple):
     """Bodies as this kernel reads them; body 0 is the world.
 
@@ -64,6 +66,7 @@ class CarriedBodies(NamedTuple):
     inertia: Array
 
 
+@by_address
 class Spatial(NamedTuple):
     """Scratch of one sample; motions and forces are angular part first.
 

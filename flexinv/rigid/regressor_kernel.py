@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.kernels.jit import jit, jit_inner
+from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import ZERO, add, apply, cross, dot, mat, sub, tapply, vec
 from flexinv.typing import Array
 
@@ -22,6 +23,7 @@ PARAMETERS = 10
 UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
+@by_address
 class JointAxes(NamedTuple):
     """Joints of the nodes: parent, v_index, freedoms (nodes,); slide, turn (nodes, 6, 3) their axes in the node's frame [-]."""
 

@@ -7,16 +7,18 @@ from typing import NamedTuple
 import numpy as np
 
 from flexinv.dynamics.generalized_alpha import DYNAMIC, Scheme
-from flexinv.dynamics.linearization import differentiate, linearise
+from flexinv.dynamics.linearization import differentiate
 from flexinv.dynamics.loads import set_loads
-from flexinv.dynamics.stepper import record
+from flexinv.dynamics.stepper import evaluate, record
 from flexinv.dynamics.system import Histories
 from flexinv.kernels.jit import jit, jit_inner
+from flexinv.kernels.records import by_address
 from flexinv.kernels.so3 import inverse_tangent
 from flexinv.kernels.vec3 import mat, put, put_block, vec
 from flexinv.typing import Array
 
 
+@by_address
 class Motion(NamedTuple):
     """Motion of a mechanism whose joints are all free, as `dynamics.system.State` has it, and the loads.
 
@@ -31,6 +33,7 @@ class Motion(NamedTuple):
     table: Array
 
 
+@by_address
 class Evaluated(NamedTuple):
     """Residuals (samples, unknowns) [N], [N m], derivatives (samples, 3, unknowns, unknowns) K, C, M, and histories.
 
@@ -52,7 +55,7 @@ def evaluate_instants(system, joints, motion, frame, out):
     for k in range(motion.x.shape[0]):
         _take(state, motion, k)
         set_loads(system.loads, motion.table[k], state.d[:0])
-        bad = differentiate(system, joints, out.tangent[k]) if want else linearise(system, still, joints, False)
+        bad = differentiate(system, joints, out.tangent[k]) if want else evaluate(system, still, joints, False)
         if bad >= 0:
             return k, bad
         for i in range(len(state.d)):

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.dynamics.generalized_alpha import advance, predict, update_rates
-from flexinv.dynamics.linearization import linearise
 from flexinv.dynamics.tree_solver import solve_tree
 from flexinv.elements.beam import relative, relative_rates
 from flexinv.elements.beam_element import (
@@ -26,7 +25,7 @@ from flexinv.rnea.row_pairs import both, six_forces, solve_row
 
 __all__ = [
     "all_coefficients", "damped_element", "derivative", "element", "eliminate", "inverse_tangent_one",
-    "joined", "linearise", "oscillate", "six", "solved_by",
+    "joined", "oscillate", "six", "solved_by",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]

@@ -10,13 +10,13 @@ from typing import Any
 
 from flexinv.kernels.code_cache import compiler
 from flexinv.kernels.inner_library import InnerLibrary, OuterLibrary
-from flexinv.kernels.jit import jit_inner, jit_shared
+from flexinv.kernels.jit import jit_inner
 
 MODULE = """
 import numpy as np
-from flexinv.kernels.jit import jit, jit_inner, jit_shared
+from flexinv.kernels.jit import jit, jit_inner
 
-@jit_shared
+@jit_inner
 def deepest(values, k):
     return np.sum(values[k:])
 
@@ -36,7 +36,7 @@ print(json.dumps([chain.called(np.arange(4.0)), sum(chain.called.stats.cache_hit
 """
 
 
-@jit_shared
+@jit_inner
 def squared(x: Any, power: int) -> Any:
     return x**2 if power == 2 else x
 

@@ -1,0 +1,193 @@
+"""Records of many arrays, which kernels hand to one another as one address.
+
+Numba hands a named tuple over by value: a record of fifty arrays is 400 numbers in every call, in the text that is compiled and
+on the stack of the machine.  A kind of record that is declared with `by_address` is laid out in memory once, where Python calls a
+kernel or where a kernel makes one, and every kernel below gets its address.  Nobody writes there, so that the machine's compiler
+may keep what it has read (`noalias`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from hashlib import sha256
+from typing import Any, TypeVar
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.core.typeconv.castgraph import Conversion
+from numba.core.typing.templates import AttributeTemplate, infer_getattr
+from numba.core.typing.typeof import Purpose, typeof_impl
+from numba.extending import NativeValue, lower_cast, lower_getattr_generic, models, register_model, unbox
+
+_Kind = TypeVar("_Kind", bound=type)
+
+_WORD = 8  # [bytes]
+_KINDS: set[type] = set()
+_SIZES: dict[Any, int] = {}  # what `_size` has found; it asks LLVM, which takes a while
+
+
+class RecordType(types.Type):
+    """Numba's type of the address of a record; value : the type of the named tuple that lies there."""
+
+    def __init__(self, value: Any) -> None:
+        self.value = value
+        digest = sha256(f"{value.instance_class.__module__}.{value.name}".encode()).hexdigest()[:12]
+        super().__init__(f"{value.instance_class.__name__}_{digest}")
+
+    def unify(self, typing_context: Any, other: Any) -> Any:
+        """Return the address [-] where a variable is now a record that a kernel has made, and now one at an address."""
+        return self if argument_type(other) == self else None
+
+    def can_convert_from(self, typing_context: Any, other: Any) -> Any:
+        """Return how safe [-] it is to lay a record that a kernel has made out in memory."""
+        return Conversion.safe if argument_type(other) == self else None
+
+
+def by_address(kind: _Kind) -> _Kind:
+    """Declare a kind of named tuple [-] that kernels get by address; return it as it is."""
+    _KINDS.add(kind)
+    typeof_impl.register(kind)(_type_of_record)
+    return kind
+
+
+def argument_type(kind: Any) -> Any:
+    """Return the type [-] by which a kernel gets an argument: an address, where it is a record of a declared kind."""
+    is_record = isinstance(kind, types.BaseNamedTuple) and getattr(kind, "instance_class", None) in _KINDS
+    return RecordType(_by_value(kind)) if is_record else kind
+
+
+def members(kind: Any) -> list[Any]:
+    """Return the types [-] of the fields of a record, whether at an address or not, as `field` returns them."""
+    own = kind.value if isinstance(kind, RecordType) else kind
+    return [argument_type(one) for one in own.types]
+
+
+def field(context: Any, builder: Any, kind: Any, given: Any, number: int) -> Any:
+    """Return one of the fields of a record at an address [any unit]; of a record within it the address."""
+    for one, offset in _placed(context, kind.value, 0):
+        if number == 0:
+            place = _at(builder, given, offset)
+            nested = isinstance(argument_type(one), RecordType)
+            return place if nested else builder.load(_as(context, builder, one, place))
+        number -= 1
+    raise IndexError(number)
+
+
+def _type_of_record(value: Any, context: Any) -> Any:
+    """Numba's type of a record that Python hands over."""
+    kinds = [typeof_impl(one, context) for one in value]
+    if any(kind is None for kind in kinds):
+        return None
+    made = _by_value(types.BaseTuple.from_types(kinds, type(value)))
+    return RecordType(made) if context.purpose is Purpose.argument else made
+
+
+def _by_value(kind: Any) -> Any:
+    """The type of a named tuple, and of all records within it, by value."""
+    if isinstance(kind, RecordType):
+        return kind.value
+    maker: Any = getattr(kind, "instance_class", None)
+    return kind if maker is None else types.BaseTuple.from_types([_by_value(one) for one in kind.types], maker)
+
+
+def _placed(context: Any, kind: Any, start: int) -> Iterator[tuple[Any, int]]:
+    """Types of the fields of a named tuple, each with its place [bytes] behind the record's."""
+    for one in kind.types:
+        yield one, start
+        start += _size(context, one)
+
+
+def _size(context: Any, kind: Any) -> int:
+    """What a field takes [bytes], in whole words."""
+    if kind not in _SIZES:
+        if isinstance(argument_type(kind), RecordType):
+            _SIZES[kind] = sum(_size(context, one) for one in kind.types)
+        else:
+            _SIZES[kind] = -(-context.get_abi_sizeof(context.get_value_type(kind)) // _WORD) * _WORD
+    return _SIZES[kind]
+
+
+def _room(context: Any, builder: Any, kind: Any) -> Any:
+    """Memory for a record in the frame of the function that is written."""
+    words = max(_size(context, kind.value) // _WORD, 1)
+    return builder.bitcast(cgutils.alloca_once(builder, ir.ArrayType(ir.IntType(64), words)), cgutils.voidptr_t)
+
+
+def _at(builder: Any, address: Any, offset: int) -> Any:
+    return builder.gep(address, [ir.IntType(64)(offset)], inbounds=True) if offset else address
+
+
+def _as(context: Any, builder: Any, kind: Any, place: Any) -> Any:
+    return builder.bitcast(place, context.get_value_type(kind).as_pointer())
+
+
+@register_model(RecordType)
+class _Model(models.OpaqueModel):
+    """An address."""
+
+
+@infer_getattr
+class _Fields(AttributeTemplate):
+    key = RecordType
+
+    def generic_resolve(self, kind: Any, name: str) -> Any:  # type: ignore[override]  # Numba returns what is none
+        """Return the type [-] of a field."""
+        fields = kind.value.fields
+        return members(kind)[fields.index(name)] if name in fields else None
+
+
+@lower_getattr_generic(RecordType)
+def _read(context: Any, builder: Any, kind: Any, given: Any, name: str) -> Any:
+    return field(context, builder, kind, given, kind.value.fields.index(name))
+
+
+@lower_cast(types.BaseNamedTuple, RecordType)
+def _lay_out(context: Any, builder: Any, have: Any, wanted: Any, given: Any) -> Any:
+    """Write a record that a kernel has made into memory."""
+    room = _room(context, builder, wanted)
+    _write(context, builder, have, given, wanted.value, room)
+    return room
+
+
+def _write(context: Any, builder: Any, have: Any, given: Any, wanted: Any, room: Any) -> None:
+    for k, (one, (kind, offset)) in enumerate(zip(have.types, _placed(context, wanted, 0), strict=True)):
+        part, place = builder.extract_value(given, k), _at(builder, room, offset)
+        if isinstance(one, RecordType):
+            cgutils.raw_memcpy(builder, place, part, ir.IntType(64)(_size(context, kind)), 1, align=_WORD)
+        elif isinstance(argument_type(one), RecordType):
+            _write(context, builder, one, part, kind, place)
+        else:
+            builder.store(context.cast(builder, part, one, kind), _as(context, builder, kind, place))
+
+
+@lower_cast(RecordType, types.BaseNamedTuple)
+def _read_whole(context: Any, builder: Any, have: Any, wanted: Any, given: Any) -> Any:
+    parts = []
+    for k, kind in enumerate(members(have)):
+        part = field(context, builder, have, given, k)
+        parts.append(context.cast(builder, part, kind, wanted.types[k]))
+    return context.make_tuple(builder, wanted, parts)
+
+
+@unbox(RecordType)
+def _from_python(kind: Any, given: Any, c: Any) -> Any:
+    """Lay a record of Python's out in memory."""
+    room = _room(c.context, c.builder, kind)
+    wrong = [cgutils.false_bit, *_put(kind.value, given, room, c)]
+    is_error = wrong[0]
+    for one in wrong[1:]:
+        is_error = c.builder.or_(is_error, one)
+    return NativeValue(room, is_error=is_error)
+
+
+def _put(kind: Any, given: Any, room: Any, c: Any) -> Iterator[Any]:
+    for k, (one, offset) in enumerate(_placed(c.context, kind, 0)):
+        item, place = c.pyapi.tuple_getitem(given, k), _at(c.builder, room, offset)
+        if isinstance(argument_type(one), RecordType):
+            yield from _put(one, item, place, c)
+        else:
+            native = c.unbox(one, item)
+            assert native.cleanup is None  # kernels get arrays and numbers only
+            c.builder.store(native.value, _as(c.context, c.builder, one, place))
+            yield native.is_error
