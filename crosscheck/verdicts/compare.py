@@ -168,7 +168,7 @@ def _unordered(pair: Pair, name: str) -> str:
 
 @dataclass(frozen=True)
 class Bars:
-    """Coverage of every series' error by error bars; doubts: errors [-] of series with a bar that is none (no order)."""
+    """Coverage of every series' error by error bars; doubts: errors [-] of those whose refinement did not converge."""
 
     covered: bool = False
     doubts: Mapping[str, float] = field(default_factory=dict)

@@ -47,7 +47,7 @@ UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 @jit_inner
 def forward_pass(topology, state, joints, frames, variation, cv, ca, want_tangent):
-    """Set motion f and variation d of all nodes from the unknowns s and the prescribed relative motion j [m, rad, s]."""
+    """Set ``frames`` and ``variation`` of all nodes from ``state`` and the prescribed motion of ``joints`` [m, rad, s]."""
     for n in range(len(topology.parent)):
         columns = topology.size[topology.block[n]] if want_tangent else 0
         _clear(n, columns, variation)

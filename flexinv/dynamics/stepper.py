@@ -120,7 +120,7 @@ def march(system, scheme, instants, y, out):
     (0, unknowns), the first instant is evaluated with its linearisation where the system stands, and nothing moves.
 
     With closures a step finds positions that meet them, and then the accelerations and multipliers that belong to that state
-    (`settle`), which are what is recorded; the integrator goes on with its own.
+    (`index1.project_accelerations`), which are what is recorded; the integrator goes on with its own.
 
     system : `system.System`; instants : `system.Instants`; out : `system.Histories`; y : (sides, unknowns) scratch
     Return status, sample reached, element or iterations, last relative increment [-].

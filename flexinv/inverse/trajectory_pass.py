@@ -102,7 +102,7 @@ class Found(NamedTuple):
 
 @jit
 def second_step_samples(skeleton, moving, given, line, out):
-    """Fill ``out`` (Found) from the skeleton k, the motion m and what is given g [m, rad, s, N, J]; line : (nodes, 6) scratch."""
+    """Fill ``out`` (`Found`) from skeleton, motion and what is given [m, rad, s, N, J]; line : (nodes, 6) scratch."""
     supplied, work, start = 0.0, 0.0, 0.0
     for s in range(moving.x.shape[0]):
         outside = _forces(s, skeleton, moving, given, out)

@@ -199,7 +199,7 @@ def step_of(system, scheme, given, slow, most):
 
 
 @jit_inner
-def start(scheme, state, order):
+def predict(scheme, state, order):
     """Start a step where the auxiliary accelerations go on as a parabola (2), a line (1) or as they are (0) [m, rad, s]."""
     for k in range(len(state.d)):
         change = (state.trend[k] if order > 0 else 0.0) + (state.bend[k] if order > 1 else 0.0)
@@ -290,9 +290,9 @@ def advance(tree, scheme, state):
 def planar_march(system, step, start_at, still, given, row, out):
     """March over the instants of one chunk and write the samples that are asked for.
 
-    An instant is the end of a ``step``, a scheme; at the first, where it is to stand ``still``, accelerations are found for the
-    state at hand, and the march goes on from them, or ends there where such a start is sudden.  Where closures act, what is
-    written are the accelerations and multipliers of `planar.index1.project_accelerations`.
+    step : the scheme; an instant is the end of a step.  still : the first instant is no step: only its accelerations are
+    found, at the state at hand, and the march goes on from them, or ends there where such a start is sudden.  Where closures
+    act, what is written are the accelerations and multipliers of `planar.index1.project_accelerations`.
 
     start_at : (nodes, 3) q, q', q'' of all joints [m, rad, s] where the march begins, undeformed; (0, 3) where it goes on
     given : (instants, joints, 3) q, q', q'' of the prescribed joints [m, rad, s]; row : (instants,) of the histories, -1 for none
@@ -309,11 +309,11 @@ def planar_march(system, step, start_at, still, given, row, out):
         if n == 0 or (n == 1 and still):
             vary_independent(tree, frames, scheme.cv, scheme.ca)
         if moves:
-            start(step, state, order)
+            predict(step, state, order)
         keep(constraints)
         status, count, size = step_of(system, scheme, given[n], SLOW, MANY)
         if status != CONVERGED and moves:  # where something has just let go, the past says little about what comes
-            start(step, state, 0)
+            predict(step, state, 0)
             return_to(constraints)
             status, count, size = step_of(system, step, given[n], 0.0, MOST_ITERATIONS)
         if status != CONVERGED:

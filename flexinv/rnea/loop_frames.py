@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import Mesh
-from flexinv.model.joint_kinds import FREE, HELICAL, PRISMATIC, SPHERICAL
+from flexinv.model.joint_kinds import CONTINUOUS, FREE, HELICAL, PRISMATIC, REVOLUTE, SPHERICAL
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import TURNING as TURNS
 from flexinv.rnea.body_table import Bodies, carriers
@@ -223,7 +223,8 @@ def _moving(tables: Tables, above: Frame, own: int, body: int, seat: tuple[Array
     """A body's axes and place: one that slides in space has its parent's axes."""
     r, kind = seat[0], int(tables.bodies.tree[body, 0])
     turn = layout.ROOT_TURN if first else layout.TURN if tables.plane or not _is_tilt(r) else layout.TILT
-    how = {PRISMATIC: layout.SLIDE, SPHERICAL: layout.FLOAT, FREE: layout.FLOAT, HELICAL: layout.SCREW}.get(kind, turn)
+    known = {PRISMATIC: layout.SLIDE, SPHERICAL: layout.FLOAT, FREE: layout.FLOAT, HELICAL: layout.SCREW}
+    how = (known | {REVOLUTE: turn, CONTINUOUS: turn})[kind]
     rows, numbers = int(tables.bodies.tree[body, 2]), tables.numbers(r.T, seat[1], tables.bodies.numbers[body, 37])
     tables.moved.append(BodyRecord(how, own, above.axes, rows, numbers, 0 if tables.plane else above.place))
     if how == layout.SLIDE:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from flexinv.constraints.closures import Rows
 from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import Mesh
-from flexinv.model.joint_kinds import FREE, HELICAL, PRISMATIC, SPHERICAL
+from flexinv.model.joint_kinds import CONTINUOUS, FREE, HELICAL, PRISMATIC, REVOLUTE, SPHERICAL
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import Bodies
 from flexinv.rnea.elimination_order import Step
@@ -241,9 +241,9 @@ def _columns_of(tables: Tables, root: int, body: int, forward: bool) -> list[_Co
     kind, own = int(tables.bodies.tree[body, 0]), tables.frames[root, body]
     slides, turns = ([(how, own.axes + at) for at in _AXES] for how in (layout.SLIDING, layout.TURNING))
     several = {PRISMATIC: [(layout.SLIDING, own.direction)], SPHERICAL: turns, FREE: slides + turns}
-    several[HELICAL] = [(layout.SCREWING, own.axes + int(layout.AXIS_Z))]
+    several |= {HELICAL: [(layout.SCREWING, own.axes + int(layout.AXIS_Z))], REVOLUTE: turns[2:], CONTINUOUS: turns[2:]}
     v = int(tables.mesh.v_index[tables.bodies.node[body]])
-    made = enumerate(several.get(kind, turns[2:]))
+    made = enumerate(several[kind])
     return [_Column(how, axis, own.place, v + j, body, forward) for j, (how, axis) in made]
 
 

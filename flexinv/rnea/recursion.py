@@ -24,7 +24,7 @@ import math
 
 import numpy as np
 
-from flexinv.elements.joint_law import moving_effort, resisting_effort
+from flexinv.elements.joint_law import moving_effort, own_effort, resisting_effort
 from flexinv.kernels.jit import jit_lane, jit_lanes
 from flexinv.kernels.simd import (
     FAR,
@@ -209,7 +209,7 @@ def _float_outboard(state, rows, lanes, body):
         rate, effort = RATES + np.uint64(j) * LANES, EFFORTS + np.uint64(j) * LANES
         for k in range(lanes):
             v = rows[rate + k]
-            rows[effort + k] = moving_effort(law, v, rows[effort + k]) + law.friction * _sign(v)
+            rows[effort + k] = own_effort(law, law.rest, v, rows[effort + k], _sign(v))
 
 
 @jit_lanes
