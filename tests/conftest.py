@@ -13,6 +13,9 @@ os.environ["CROSSCHECK_KEPT"] = ""
 # NumPy reads this when it is imported, which is later; the processes of engines have one thread anyway.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# Some hundreds of processes import the project: what one of them has compiled to bytecode is kept for the others.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 
 @pytest.fixture(scope="session")
 def root() -> Path:
