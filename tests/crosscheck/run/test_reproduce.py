@@ -183,8 +183,9 @@ def test_a_flex_of_mujoco(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["springs and forces in a loop", "springs and forces on a tree", "space"])
-def test_loops_springs_and_forces_in_time(name: str, tmp_path: Path) -> None:
+def test_loops_springs_and_forces_in_time(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The script repeats the run of the adapter to rounding, drives that share the work included."""
+    monkeypatch.setattr(exudyn_loops, "STEPS", 500)
     mechanism, case = LOOPS[name]()
     exported(mechanism, "exudyn-dae", tmp_path, case, posed(mechanism, case))
     assert max(run(tmp_path).values()) < 1e-5  # what test_engine_exudyn_loops asks of its error of h^2
