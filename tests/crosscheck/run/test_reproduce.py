@@ -202,7 +202,7 @@ def test_loops_springs_and_forces_in_time(name: str, tmp_path: Path, monkeypatch
 def test_closures_that_open_and_close_in_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The script switches the connectors as the adapter does; a grasp too late is seen."""
     mechanism, case = opening()
-    case = replace(case, end=0.75)  # [s]: they take the bar at 0.5
+    case = replace(case, end=0.75, sample=0.05)  # [s]: they take the bar at 0.5
     monkeypatch.setattr(exudyn_loops, "STEPS", 300)
     exported(mechanism, "exudyn-dae", tmp_path, case, posed(mechanism, case)[: round(case.end / case.sample) + 1])
     assert max(run(tmp_path).values()) < 1e-5  # what test_engine_exudyn_phases asks of these steps
