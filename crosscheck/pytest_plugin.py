@@ -18,12 +18,14 @@ import pytest
 
 if TYPE_CHECKING:
     from crosscheck.engines import Engine
+    from crosscheck.run.isolation import Children
     from crosscheck.run.pair_runner import Shared
     from crosscheck.verdicts.compare import Comparison
     from crosscheck.verdicts.plan import Task
 
 FOLDER = pytest.StashKey[str]()
 OWNED = pytest.StashKey[bool]()
+CHILDREN = pytest.StashKey["Children"]()
 SAID = pytest.StashKey[set[str]]()
 
 
@@ -73,7 +75,9 @@ def pytest_configure_node(node: Any) -> None:
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
-    """Remove the records."""
+    """End the prepared processes, and remove the records."""
+    if CHILDREN in config.stash and (servers := config.stash[CHILDREN].servers) is not None:
+        servers.close()
     if config.stash.get(OWNED, False) and FOLDER in config.stash:
         shutil.rmtree(config.stash[FOLDER], ignore_errors=True)
 
@@ -82,6 +86,16 @@ def _records(config: pytest.Config) -> Path:
     if FOLDER not in config.stash:
         config.stash[FOLDER] = tempfile.mkdtemp(prefix="crosscheck-records-")
     return Path(config.stash[FOLDER])
+
+
+def _children(config: pytest.Config) -> Children:
+    """Return the processes of this run: what engines need is imported once, not for every run of one."""
+    if CHILDREN not in config.stash:
+        from crosscheck.run.forking import ForkServers
+        from crosscheck.run.isolation import Children
+
+        config.stash[CHILDREN] = Children(servers=ForkServers())
+    return config.stash[CHILDREN]
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
@@ -201,7 +215,8 @@ class ComparisonItem(pytest.Item):
 
         baseline = _baseline(self.config, self.task.folder.parent)
         limit = float(self.config.getoption("--crosscheck-timeout"))
-        return Shared(_records(self.config), baseline, limit, {engine.name: engine for engine in self.pair})
+        engines = {engine.name: engine for engine in self.pair}
+        return Shared(_records(self.config), baseline, limit, engines, _children(self.config))
 
     def _note(self, row: Comparison) -> None:
         """Give the numbers to JUnit."""

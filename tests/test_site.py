@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -12,6 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import chromium
+import filelock
 import pytest
 import readable
 
@@ -66,8 +68,19 @@ FIRST = 3  # results: what a reader sees of them without scrolling
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The site, built from a copy of the project: a build writes pages beside their sources."""
-    home = tmp_path_factory.mktemp("site")
+    """The site, built once for all workers of pytest-xdist: whoever comes second waits, and takes what is there."""
+    own = tmp_path_factory.getbasetemp()
+    home = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "site"
+    with filelock.FileLock(home.with_suffix(".lock")):
+        if not (home / "built").exists():
+            shutil.rmtree(home, ignore_errors=True)  # of a build that failed: each worker says why
+            build(home)
+            (home / "built").touch()
+    return home / "html"
+
+
+def build(home: Path) -> None:
+    """Build the site into ``home``/html from a copy of the project: a build writes pages beside their sources."""
     leave = shutil.ignore_patterns("__pycache__", "_build", "examples", "mechanisms", "generated", "views", "sg_*")
     for part in PARTS:
         shutil.copytree(
@@ -75,13 +88,11 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
         )
     for name in FILES:
         shutil.copy(ROOT / name, home / name)
-    out = home / "html"
     # Examples run in test_docs; here their pages are made without running them, but for the one with a view in space.
     command = [sys.executable, "-m", "sphinx", "--fail-on-warning", "--keep-going", "-q", "-b", "html"]
-    command += ["-D", f"sphinx_gallery_conf.filename_pattern=/{VIEW}", str(home / "docs"), str(out)]
+    command += ["-D", f"sphinx_gallery_conf.filename_pattern=/{VIEW}", str(home / "docs"), str(home / "html")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=900)
     assert done.returncode == 0, done.stderr[-4000:]
-    return out
 
 
 def pages(site: Path) -> list[Path]:

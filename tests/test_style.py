@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import house_rules as rules
@@ -96,6 +96,13 @@ ALONE = {
     "crosscheck.equivalence.reduce": COMPARED,
     "crosscheck.report.plots": DRAWING,
 }
+
+
+@pytest.fixture(scope="module", autouse=True)
+def trees() -> Iterator[None]:
+    """The trees of all texts, parsed once for all rules and kept no longer than these tests run."""
+    yield
+    rules.forget()
 
 
 def name(path: Path) -> str:

@@ -26,22 +26,30 @@ COLUMNS = (
 )
 
 
-def study(models: str, whole: bool = True, names: tuple[str, ...] = (ONE,)) -> dict[str, Any]:
-    """Return the table of runs of ``names``, and with ``whole`` of everything in ``models``: processor time and time [s]."""
+def study(
+    models: str, whole: bool = True, names: tuple[str, ...] = (ONE,), engines: tuple[str, ...] = ()
+) -> dict[str, Any]:
+    """Return the table of runs of ``names``, and with ``whole`` of everything in ``models``: processor time and time [s].
+
+    engines : those that run; none: all of them
+    """
     rows = []
     for what, chosen in ((" ".join(names), tuple(names)), *((("everything", ()),) if whole else ())):
         with tempfile.TemporaryDirectory(prefix="crosscheck-bench-") as folder:
             for when in ("nothing kept", "unchanged"):
-                rows.append(_row(what, when, timed(chosen, Path(models), Path(folder))))
+                rows.append(_row(what, when, timed(chosen, Path(models), Path(folder), engines)))
     return {"text": TEXT, "columns": COLUMNS, "rows": rows}
 
 
-def timed(names: tuple[str, ...], models: Path, folder: Path) -> tuple[float, float, str]:
+def timed(
+    names: tuple[str, ...], models: Path, folder: Path, engines: tuple[str, ...] = ()
+) -> tuple[float, float, str]:
     """Run ``crosscheck run`` and return processor time and time [s], and its last words where it failed.
 
-    folder : of its report and of what it keeps
+    folder : of its report and of what it keeps; engines : those that run, none: all of them
     """
     command = [sys.executable, "-m", "crosscheck", "run", *names, "--models", str(models), "--out", str(folder / "out")]
+    command += ["--engines", ",".join(engines)] if engines else []
     before, start = _used(), perf_counter()
     done = subprocess.run(
         command, env=environment(folder / "kept"), cwd=models.parent, capture_output=True, text=True, check=False

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -45,8 +46,9 @@ def render(results: Results, out: Path) -> None:
     )
 
 
+@cache
 def environment() -> jinja2.Environment:
-    """Return the templates, with everything escaped that is not markup of our own."""
+    """Return the templates, compiled once in a process, with everything escaped that is not markup of our own."""
     env = jinja2.Environment(
         loader=jinja2.PackageLoader("crosscheck.report"),
         autoescape=True,

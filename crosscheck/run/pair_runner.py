@@ -35,12 +35,13 @@ AGAIN: Mapping[str, Any] = {
 class Shared:
     """Data shared by the tests of a run: folder of attempts, blessed night (None: limits alone), limit [s] of a process;
 
-    engines : all that take part."""
+    engines : all that take part; children : processes, forked from prepared ones where it has them."""
 
     folder: Path
     baseline: Path | None
     limit: float
     engines: Mapping[str, Engine] = field(default_factory=dict)
+    children: Children = field(default_factory=Children)
 
     @property
     def kept(self) -> Attempts:
@@ -95,15 +96,17 @@ def cause(shared: Shared, task: Task, rows: Iterable[Comparison]) -> str:
 def _diagnosed(shared: Shared, task: Task, row: Comparison) -> Diagnosis:
     ours, theirs = (shared.kept.stem(task, name) for name in (row.engine, row.reference))
     one = question(row, task.folder, ours, theirs, shared.engines.get(row.engine))
-    answer, ending = ask(one.job, shared.limit, Children())
+    answer, ending = ask(one.job, shared.limit, shared.children)
     return diagnosis(one, answer, ending.message)
 
 
 def _attempt(shared: Shared, task: Task, engine: Engine, options: Mapping[str, Any] = FIRST) -> Attempt:
-    what = {"mechanism": str(task.folder.resolve()), "case": task.case.name, "options": dict(options)}
+    what: dict[str, Any] = {"mechanism": str(task.folder.resolve()), "case": task.case.name, "options": dict(options)}
     with shared.kept.alone(task, engine.name):
         found = shared.kept.find(task, engine.name, options)
         if found is None:
-            found = run_engine(engine, what, task.time, shared.limit, Children())
+            if options is AGAIN:  # in a process that shares nothing with the first, not even what it was forked from
+                what["afresh"] = True
+            found = run_engine(engine, what, task.time, shared.limit, shared.children)
             shared.kept.keep(task, engine.name, found, options)
     return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 import numpy as np
@@ -13,8 +14,9 @@ from flexinv.analysis.solution import effort_units
 from flexinv.cli.output import check_out, write
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
-from flexinv.tracking.follow import follow
-from flexinv.tracking.task_file import Task, load_tasks
+
+if TYPE_CHECKING:
+    from flexinv.tracking.task_file import Task
 
 OVERWRITE = click.option("--overwrite", is_flag=True, help="Replace files that are there already.")
 
@@ -55,6 +57,9 @@ def follow_task(
     The table shows how far the tip of the flexible mechanism is from the path with torques of the rigid mechanism, with
     joints that move as the rigid mechanism's, and with stable inversion, whose joints move before the path begins.
     """
+    from flexinv.tracking.follow import follow  # with it comes SciPy's interpolation, which no other command needs
+    from flexinv.tracking.task_file import load_tasks
+
     check_outputs((out,), overwrite)
     check_out(out)
     mechanism = load_mechanism(model)

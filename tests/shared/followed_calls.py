@@ -19,6 +19,7 @@ from flexible_examples import HALF_TURN, TREE_MOTION, arm, spatial_tree
 from four_bar_example import START, TURN
 
 import flexinv
+from flexinv.model.mechanism import Mechanism
 
 ROOT = Path(flexinv.__file__).parent
 Calls = tuple[str, ...]
@@ -61,17 +62,19 @@ def paths(task: Callable[[], object], begin: str) -> set[Calls]:
     return found
 
 
+def coarse(mechanism: Mechanism) -> Mechanism:
+    """Return it with fewer points on its beams, on which the same calls are made."""
+    links = [replace(link, beam=link.beam and replace(link.beam, order=2)) for link in mechanism.links]
+    return replace(mechanism, links=tuple(links))
+
+
 def main() -> None:
     """Print the paths of `solve` for beams that move in a plane, in space, and in a closed loop."""
-    step, tree = 1e-3, spatial_tree()
-    short = [
-        replace(link, beam=link.beam and replace(link.beam, order=2)) for link in tree.links
-    ]  # fewer points, no other call
-    tree = replace(tree, links=tuple(short))
+    step, end = 1e-3, 1e-3  # [s]: a second step makes no other call
     tasks = {
-        "plane": lambda: flexinv.solve(arm(), HALF_TURN, step=step, end=2 * step),
-        "space": lambda: flexinv.solve(tree, TREE_MOTION, step=step, end=2 * step),
-        "loop": lambda: flexinv.solve(bending(), TURN, step=step, end=2 * step, start=START),
+        "plane": lambda: flexinv.solve(arm(), HALF_TURN, step=step, end=end),
+        "space": lambda: flexinv.solve(coarse(spatial_tree()), TREE_MOTION, step=step, end=end),
+        "loop": lambda: flexinv.solve(coarse(bending()), TURN, step=step, end=end, start=START),
     }
     json.dump({name: sorted(paths(task, "analysis/solve.solve")) for name, task in tasks.items()}, sys.stdout)
 

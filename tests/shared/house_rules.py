@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator, Mapping
+from functools import cache
 
 MODULE_LINES = 400
 FUNCTION_LINES = 60  # of code, without the docstring: what a numerical kernel may take
@@ -19,12 +20,31 @@ GRAPHICS = ("matplotlib", "plotly", "PIL")
 # Primary data and the reading of it; everything else of flexinv computes and would agree with itself.
 PRIMARY = ("errors", "typing", "model", "files")
 Function = ast.FunctionDef | ast.AsyncFunctionDef
+_BLOCKS = (ast.Module, ast.stmt, ast.ExceptHandler, ast.match_case)  # what statements stand in
+
+
+@cache
+def parsed(source: str) -> ast.Module:
+    """Parse a text once for all rules; no rule changes the tree.  `forget` gives the memory back."""
+    return ast.parse(source)
+
+
+@cache
+def walked(source: str) -> tuple[ast.AST, ...]:
+    """Give all nodes of a text, as `ast.walk` does, found once for all rules."""
+    return tuple(ast.walk(parsed(source)))
+
+
+def forget() -> None:
+    """Let go of all trees: those of the whole project take 250 MB."""
+    parsed.cache_clear()
+    walked.cache_clear()
 
 
 def units_in_docstrings(source: str) -> list[str]:
     """Public functions explain themselves; where numbers go in or out they give a unit in brackets."""
     broken = []
-    for owner, function in _public_functions(ast.parse(source)):
+    for owner, function in _public_functions(parsed(source)):
         text, name = ast.get_docstring(function), f"{owner}{function.name}"
         if text is None:
             broken.append(f"line {function.lineno}: {name} has no docstring")
@@ -36,7 +56,7 @@ def units_in_docstrings(source: str) -> list[str]:
 def unannotated(source: str) -> list[str]:
     """Every function is annotated completely, unless numba compiles it."""
     broken = []
-    for function in _functions(ast.parse(source)):
+    for function in _functions(walked(source)):
         if any("jit" in ast.unparse(d) or "vectorize" in ast.unparse(d) for d in function.decorator_list):
             continue
         a = function.args
@@ -52,7 +72,7 @@ def sizes(source: str) -> list[str]:
     """Modules and functions stay short."""
     lines = len(source.splitlines())
     broken = [f"line {MODULE_LINES + 1}: {lines} lines, at most {MODULE_LINES}"] if lines > MODULE_LINES else []
-    for function in _functions(ast.parse(source)):
+    for function in _functions(walked(source)):
         start = function.body[1 if ast.get_docstring(function) and len(function.body) > 1 else 0].lineno
         length = (function.end_lineno or start) - start + 1
         if length > FUNCTION_LINES:
@@ -97,7 +117,7 @@ def prints(source: str) -> list[str]:
     """Nothing but a command line writes to the terminal."""
     return [
         f"line {node.lineno}: {ast.unparse(node.func)} outside a command line"
-        for node in ast.walk(ast.parse(source))
+        for node in walked(source)
         if isinstance(node, ast.Call)
         and ast.unparse(node.func) in ("print", "sys.stdout.write", "sys.stderr.write", "pprint", "pprint.pprint")
     ]
@@ -106,7 +126,7 @@ def prints(source: str) -> list[str]:
 def padded_tolerances(source: str) -> list[str]:
     """A tolerance is not multiplied until the test passes."""
     broken = []
-    for node in ast.walk(ast.parse(source)):
+    for node in walked(source):
         if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult):
             sides = (node.left, node.right)
             factors = [s.value for s in sides if isinstance(s, ast.Constant) and isinstance(s.value, (int, float))]
@@ -122,7 +142,7 @@ def forgotten_raise(source: str) -> list[str]:
     """An exception that is built is raised."""
     return [
         f"line {node.lineno}: {ast.unparse(node.value.func)} is built but not raised"
-        for node in ast.walk(ast.parse(source))
+        for node in walked(source)
         if isinstance(node, ast.Expr)
         and isinstance(node.value, ast.Call)
         and ast.unparse(node.value.func).endswith(("Error", "Exception"))
@@ -136,20 +156,23 @@ def machine_paths(text: str) -> list[str]:
     return [f"line {k}: {found.group()}" for k, line in lines for found in folders.finditer(line)]
 
 
-def imports(source: str) -> Iterator[tuple[int, str, bool]]:
+@cache
+def imports(source: str) -> tuple[tuple[int, str, bool], ...]:
     """Line, dotted name (``from a.b import c`` gives a.b.c), and whether it waits (in a function, or for types)."""
-    tree = ast.parse(source)
-    late = [
-        *_functions(tree),
-        *(n for n in ast.walk(tree) if isinstance(n, ast.If) and "TYPE_CHECKING" in ast.unparse(n.test)),
-    ]
-    inner = {id(node) for scope in late for node in ast.walk(scope)}
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from ((node.lineno, alias.name, id(node) in inner) for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            for alias in node.names:
-                yield node.lineno, f"{'.' * node.level}{node.module or ''}.{alias.name}", id(node) in inner
+    return tuple(_imports(parsed(source), False))
+
+
+def _imports(node: ast.AST, waits: bool) -> Iterator[tuple[int, str, bool]]:
+    """Imports are statements: what an expression holds is not looked at."""
+    if isinstance(node, ast.Import):
+        yield from ((node.lineno, alias.name, waits) for alias in node.names)
+    elif isinstance(node, ast.ImportFrom):
+        for alias in node.names:
+            yield node.lineno, f"{'.' * node.level}{node.module or ''}.{alias.name}", waits
+    elif isinstance(node, _BLOCKS):
+        late = isinstance(node, Function) or (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test))
+        for inner in ast.iter_child_nodes(node):
+            yield from _imports(inner, waits or late)
 
 
 def importers(sources: Mapping[str, str]) -> dict[str, list[str]]:
@@ -198,8 +221,8 @@ def _module_of(name: str, modules: dict[str, str]) -> str | None:
     return name if name in modules else parent if parent in modules else None
 
 
-def _functions(tree: ast.AST) -> Iterator[Function]:
-    return (node for node in ast.walk(tree) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)))
+def _functions(nodes: tuple[ast.AST, ...]) -> Iterator[Function]:
+    return (node for node in nodes if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)))
 
 
 def _public_functions(tree: ast.Module) -> Iterator[tuple[str, Function]]:

@@ -63,7 +63,7 @@ def unknown(page: str, package: str, sources: Mapping[str, str]) -> list[str]:
 
 def first_line(source: str) -> str:
     """The first line of a module's docstring."""
-    return (ast.get_docstring(ast.parse(source)) or "").partition("\n")[0]
+    return (ast.get_docstring(house_rules.parsed(source)) or "").partition("\n")[0]
 
 
 def _dotted(package: str, name: str) -> str:

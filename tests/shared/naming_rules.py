@@ -6,6 +6,8 @@ import ast
 import re
 from collections.abc import Iterable, Mapping
 
+from house_rules import parsed, walked
+
 MODULES = 20  # of a folder: what a reader takes in at once
 PARAMETERS = 8
 LINES = 400  # of a module, as in `house_rules`
@@ -61,8 +63,10 @@ def letter_records(source: str) -> list[str]:
 
 def questions(source: str) -> list[str]:
     """Docstrings that begin as an indirect question; a function's begins with a verb."""
-    tree = ast.parse(source)
-    nodes = [tree, *(n for n in ast.walk(tree) if isinstance(n, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)))]
+    nodes = [
+        parsed(source),
+        *(n for n in walked(source) if isinstance(n, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef))),
+    ]
     return [
         f"line {getattr(node, 'lineno', 1)}: {(ast.get_docstring(node) or '').splitlines()[0]!r} asks"
         for node in nodes
@@ -121,7 +125,7 @@ def lonely(sources: Mapping[str, str], imports: Mapping[str, Iterable[str]], kno
 def _defined(source: str) -> set[str]:
     """Functions and constants of a module."""
     names = set()
-    for node in ast.parse(source).body:
+    for node in parsed(source).body:
         if isinstance(node, ast.FunctionDef) and not _is_command(node):
             names.add(node.name)
         elif isinstance(node, ast.Assign):
@@ -130,7 +134,7 @@ def _defined(source: str) -> set[str]:
 
 
 def _functions(source: str) -> list[ast.FunctionDef]:
-    return [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.FunctionDef)]
+    return [node for node in walked(source) if isinstance(node, ast.FunctionDef)]
 
 
 def _is_command(function: ast.FunctionDef) -> bool:

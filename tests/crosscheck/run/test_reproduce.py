@@ -26,6 +26,7 @@ from crosscheck.cli import main
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.engines.base import offered
 from crosscheck.engines.exudyn import loops as exudyn_loops
+from crosscheck.engines.exudyn import run_in_time
 from crosscheck.engines.mujoco import flex as mujoco_flex
 from crosscheck.engines.shared.export_files import NotExported
 from crosscheck.engines.shared.urdf_text import roll_pitch_yaw
@@ -149,8 +150,9 @@ def test_another_model_is_another_effort(engine: str, file: str, tmp_path: Path)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("engine", ["exudyn-ge", "exudyn-ancf"])
-def test_a_beam_in_time(engine: str, tmp_path: Path) -> None:
+def test_a_beam_in_time(engine: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The script repeats the run of the adapter, which gives the same difference from flexinv to rounding."""
+    monkeypatch.setattr(run_in_time, "STEPS", {True: 1000, False: 1000})
     mechanism = arm()
     motion = Motion.point_to_point([0.0], [0.3], 0.1, law="quintic")
     case = case_of(motion, 0.1, 2e-3)
@@ -183,8 +185,9 @@ def test_a_flex_of_mujoco(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["springs and forces in a loop", "springs and forces on a tree", "space"])
-def test_loops_springs_and_forces_in_time(name: str, tmp_path: Path) -> None:
+def test_loops_springs_and_forces_in_time(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The script repeats the run of the adapter to rounding, drives that share the work included."""
+    monkeypatch.setattr(exudyn_loops, "STEPS", 500)
     mechanism, case = LOOPS[name]()
     exported(mechanism, "exudyn-dae", tmp_path, case, posed(mechanism, case))
     assert max(run(tmp_path).values()) < 1e-5  # what test_engine_exudyn_loops asks of its error of h^2
@@ -199,7 +202,7 @@ def test_loops_springs_and_forces_in_time(name: str, tmp_path: Path) -> None:
 def test_closures_that_open_and_close_in_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The script switches the connectors as the adapter does; a grasp too late is seen."""
     mechanism, case = opening()
-    case = replace(case, end=0.75)  # [s]: they take the bar at 0.5
+    case = replace(case, end=0.75, sample=0.05)  # [s]: they take the bar at 0.5
     monkeypatch.setattr(exudyn_loops, "STEPS", 300)
     exported(mechanism, "exudyn-dae", tmp_path, case, posed(mechanism, case)[: round(case.end / case.sample) + 1])
     assert max(run(tmp_path).values()) < 1e-5  # what test_engine_exudyn_phases asks of these steps
@@ -212,7 +215,8 @@ def test_closures_that_open_and_close_in_time(tmp_path: Path, monkeypatch: pytes
 
 
 @pytest.mark.slow
-def test_a_loop_of_beams_in_time(tmp_path: Path) -> None:
+def test_a_loop_of_beams_in_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(exudyn_loops, "STEPS", 500)
     folder = Path(__file__).resolve().parents[3] / "models" / "four_bar_flexible"
     mechanism = load_mechanism(folder)
     case = replace(load_cases(folder, mechanism)["turn"], end=0.05)
