@@ -17,6 +17,7 @@ from crosscheck.beyond.judge import is_new, shares
 from crosscheck.beyond.trial import Place
 from crosscheck.engines import ENGINES, missing
 from crosscheck.measures.limits import REFERENCE
+from crosscheck.run.forking import ForkServers
 from crosscheck.run.isolation import Children, ask, scratch
 
 MODULE = "crosscheck.beyond.trial"
@@ -124,12 +125,16 @@ class Wanted:
 
 @dataclass
 class _Work:
-    """Work in progress of a campaign: processes, rows that came in, and the callback for them; threads share it."""
+    """Work in progress of a campaign: processes, rows that came in, and the callback for them; threads share it.
+
+    pool : of as many threads as wanted; they live as long as the work, for what they have started dies with them
+    """
 
     wanted: Wanted
     notify: Notify
+    pool: ThreadPoolExecutor
+    children: Children
     total: int = 0
-    children: Children = field(default_factory=Children)
     rows: list[dict[str, Any]] = field(default_factory=list)
     lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -146,16 +151,19 @@ def run(wanted: Wanted, notify: Notify = lambda done, total, row: None) -> dict[
 
     One that is interrupted writes what it has.  Raises RuntimeError where an unharmed engine cannot be run.
     """
-    work = _Work(wanted, notify)
-    start = clock.monotonic()
+    start, servers = clock.monotonic(), ForkServers()
     wanted.out.mkdir(parents=True, exist_ok=True)
-    try:
-        with scratch() as folder:
-            _campaign(work, folder)
-    except KeyboardInterrupt:
-        work.children.stop()
-        _write(wanted, {**summed(wanted, work.rows, clock.monotonic() - start), "met": False, "finished": False})
-        raise
+    with ThreadPoolExecutor(wanted.jobs) as pool:
+        work = _Work(wanted, notify, pool, Children(servers=servers))
+        try:
+            with scratch() as folder:
+                _campaign(work, folder)
+        except KeyboardInterrupt:
+            work.children.stop()
+            _write(wanted, {**summed(wanted, work.rows, clock.monotonic() - start), "met": False, "finished": False})
+            raise
+        finally:
+            servers.close()
     results = {**summed(wanted, work.rows, clock.monotonic() - start), "finished": True}
     _write(wanted, results)
     return results
@@ -208,15 +216,14 @@ def _prepared(work: _Work, places: Sequence[Place]) -> None:
 
 def _each(work: _Work, things: Sequence[Callable[[], None]]) -> None:
     """Do things side by side, as many at a time as wanted; Ctrl-C ends what is under way and begins nothing more."""
-    with ThreadPoolExecutor(work.wanted.jobs) as pool:
-        futures = [pool.submit(thing) for thing in things]
-        try:
-            wait(futures)
-        except KeyboardInterrupt:
-            for future in futures:
-                future.cancel()
-            work.children.stop()
-            raise
+    futures = [work.pool.submit(thing) for thing in things]
+    try:
+        wait(futures)
+    except KeyboardInterrupt:
+        for future in futures:
+            future.cancel()
+        work.children.stop()
+        raise
     for future in futures:
         future.result()
 

@@ -51,10 +51,20 @@ class Model:
             for change in subject.effort:
                 effort = change(subject.mechanism, states, effort)
             return np.asarray(effort[self.rows])
-        effort = _efforts(self, subject)
+        effort = self.torque if self._marches_alike(subject) else _efforts(self, subject)
         for change in subject.effort:
             effort = change(subject.mechanism, self.states, effort)
         return effort
+
+    def _marches_alike(self, subject: Subject) -> bool:
+        """Return True if a march of a subject is that of the unharmed one: what is done to efforts alone needs no other."""
+        a, b = self.base, subject
+        return (
+            not a.mechanism.is_rigid
+            and a.mechanism is b.mechanism
+            and a.case is b.case
+            and dict(a.options) == dict(b.options)
+        )
 
     def difference(self, subject: Subject) -> Array:
         """Return the change of the efforts by the change of a subject, over the scale, (samples nv,) [-]."""

@@ -10,6 +10,9 @@ from scipy.signal import butter, cont2discrete, lfilter, lfilter_zi, sosfilt, so
 
 Array = NDArray[np.float64]
 ORDER = 4  # of the Butterworth filter; forth and back it is 8
+# Signals that are kept: a difference quotient by one parameter leaves most of them as they were.
+MOST = 64
+_KEPT: dict[tuple[bytes, float, float], Array] = {}  # by signal, spacing [s] and bandwidth [Hz]
 
 
 def low_pass(values: Array, spacing: float, bandwidth: float) -> Array:
@@ -19,18 +22,36 @@ def low_pass(values: Array, spacing: float, bandwidth: float) -> Array:
 
     values : (samples,) [any unit]; spacing : [s]; the ends are continued by a point reflection over two periods of the bandwidth
     """
-    return np.frombuffer(_forth_and_back(np.asarray(values, dtype=np.float64).tobytes(), spacing, bandwidth)).copy()
+    return low_pass_all(np.asarray(values, dtype=np.float64)[:, None], spacing, bandwidth)[:, 0]
 
 
-@lru_cache(maxsize=64)  # a difference quotient by one parameter leaves most signals as they were
-def _forth_and_back(values: bytes, spacing: float, bandwidth: float) -> bytes:
-    x = np.frombuffer(values)
+def low_pass_all(values: Array, spacing: float, bandwidth: float) -> Array:
+    """Return several signals (samples, signals) [any unit] without what is faster than the bandwidth [Hz], as `low_pass`."""
+    asked = [(column.tobytes(), spacing, bandwidth) for column in np.asarray(values, dtype=np.float64).T]
+    found = {key: _KEPT[key] for key in asked if key in _KEPT}
+    new = [key for key in dict.fromkeys(asked) if key not in found]
+    if new:
+        found |= zip(
+            new, _forth_and_back(np.array([np.frombuffer(key[0]) for key in new]), spacing, bandwidth), strict=True
+        )
+    for key in dict.fromkeys(asked):  # those asked for last are the last to go
+        _KEPT.pop(key, None)
+        _KEPT[key] = found[key]
+    for old in list(_KEPT)[: max(len(_KEPT) - MOST, 0)]:
+        _KEPT.pop(old, None)
+    return np.column_stack([found[key] for key in asked])
+
+
+def _forth_and_back(x: Array, spacing: float, bandwidth: float) -> Array:
+    """Signals (signals, samples)."""
     sections, rest = _sections(spacing, bandwidth)
-    pad = min(len(x) - 1, int(np.ceil(2.0 / (bandwidth * spacing))))
-    longer = np.concatenate([2.0 * x[0] - x[pad:0:-1], x, 2.0 * x[-1] - x[-2 : -pad - 2 : -1]])
-    forth = sosfilt(sections, longer, zi=rest * longer[0])[0]
-    back = sosfilt(sections, forth[::-1], zi=rest * forth[-1])[0]
-    return np.ascontiguousarray(back[::-1][pad : pad + len(x)]).tobytes()
+    count = x.shape[1]
+    pad = min(count - 1, int(np.ceil(2.0 / (bandwidth * spacing))))
+    ahead, behind = 2.0 * x[:, :1] - x[:, pad:0:-1], 2.0 * x[:, -1:] - x[:, -2 : -pad - 2 : -1]
+    longer, at = np.hstack([ahead, x, behind]), rest[:, None, :]
+    forth = sosfilt(sections, longer, zi=at * longer[:, :1])[0]
+    back = sosfilt(sections, forth[:, ::-1], zi=at * forth[:, -1:])[0]
+    return np.ascontiguousarray(back[:, ::-1][:, pad : pad + count])
 
 
 @lru_cache(maxsize=32)

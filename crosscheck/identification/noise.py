@@ -46,10 +46,10 @@ def noise(residuals: Sequence[Array], slopes: Sequence[Array], root: Array) -> N
     seen = [autocovariance(r) for r in residuals]
     behind = [_alike(own) for own in seen]
     lasting = np.array([r.mean() for r in residuals])
-    told = _noise(behind, lasting)
+    told, spectra = _noise(behind, lasting), [_Slopes.of(j) for j in slopes]
     for _ in range(ROUNDS):
         before = told
-        behind = [_alike(own + more) for own, more in zip(seen, _taken(behind, told, slopes, root), strict=True)]
+        behind = [_alike(own + more) for own, more in zip(seen, _taken(behind, told, spectra, root), strict=True)]
         told = _noise(behind, lasting)
         if np.abs(told.weight / before.weight - 1.0).max() < STEADY:
             break
@@ -83,30 +83,53 @@ def _alike(own: Array) -> Array:
     return own[: max(1, int(np.argmax(own <= 0.0)) if (own <= 0.0).any() else len(own))]
 
 
-def _taken(behind: Sequence[Array], told: Noise, slopes: Sequence[Array], root: Array) -> list[Array]:
+@dataclass(frozen=True)
+class _Slopes:
+    """Slopes (counted, parameters) by the parameters, and their spectrum over ``size`` samples [-], with room for all lags.
+
+    spectrum : (2 frequencies, parameters), real parts and then imaginary ones: products with real matrices are half the work
+    """
+
+    slopes: Array
+    size: int
+    spectrum: Array
+
+    @classmethod
+    def of(cls, slopes: Array) -> _Slopes:
+        size = next_fast_len(2 * len(slopes), real=True)
+        return cls(slopes, size, _parts(np.fft.rfft(slopes, size, axis=0)))
+
+    def spread(self, alike: Array) -> Array:
+        """The covariance of the noise times slopes: its lags on both sides of each sample (counted, parameters) [unit^2]."""
+        both = np.zeros(self.size)
+        both[: len(alike)] = alike
+        both[self.size - len(alike) + 1 :] = alike[:0:-1]
+        real, imaginary = np.split(self.spectrum, 2)
+        own = np.fft.rfft(both).real[:, None]  # symmetric: its imaginary part is nothing
+        all_of = np.fft.irfft(own * real + 1j * (own * imaginary), self.size, axis=0)
+        return np.asarray(all_of[: len(self.slopes)])
+
+
+def _taken(behind: Sequence[Array], told: Noise, slopes: Sequence[_Slopes], root: Array) -> list[Array]:
     """Return the part of the autocovariance that the parameters take away, (samples,) per channel [unit^2]."""
     square = told.weight**2
-    spread = [_spread(own, j) for own, j in zip(behind, slopes, strict=True)]
+    spread = [j.spread(own) for own, j in zip(behind, slopes, strict=True)]
     precision = root.T @ root
-    hessian = sum((w * j.T @ j for w, j in zip(square, slopes, strict=True)), precision)
+    hessian = sum((w * j.slopes.T @ j.slopes for w, j in zip(square, slopes, strict=True)), precision)
     covariance = np.linalg.inv(hessian)
-    driven = sum((w**2 * j.T @ s for w, j, s in zip(square, slopes, spread, strict=True)), precision)
+    driven = sum((w**2 * j.slopes.T @ s for w, j, s in zip(square, slopes, spread, strict=True)), precision)
     out = []
     for w, j, s in zip(square, slopes, spread, strict=True):
-        one = _correlated(w * j @ covariance, s) + _correlated(s, w * j @ covariance)
-        out.append((one - _correlated(j @ (covariance @ driven @ covariance), j)) / len(j))
+        # The sums of both orders of a product are each other's complex conjugates: of their spectra only the real part is left.
+        both = 2.0 * w * np.einsum("fp,fp->f", j.spectrum @ covariance, _parts(np.fft.rfft(s, j.size, axis=0)))
+        own = np.einsum("fp,fp->f", j.spectrum @ (covariance @ driven @ covariance), j.spectrum)
+        out.append(np.fft.irfft(np.sum(np.split(both - own, 2), axis=0), j.size)[: len(s)] / len(s))
     return out
 
 
-def _spread(alike: Array, slopes: Array) -> Array:
-    """The covariance of the noise times slopes: its lags on both sides of each sample (counted, parameters) [unit^2]."""
-    size = next_fast_len(len(slopes) + len(alike), real=True)
-    both = np.zeros(size)
-    both[: len(alike)] = alike
-    both[size - len(alike) + 1 :] = alike[:0:-1]
-    return np.asarray(
-        np.fft.irfft(np.fft.rfft(both)[:, None] * np.fft.rfft(slopes, size, axis=0), size, axis=0)[: len(slopes)]
-    )
+def _parts(spectrum: NDArray[np.complex128]) -> Array:
+    """Real parts of a spectrum (frequencies, parameters), and the imaginary ones below them."""
+    return np.vstack([spectrum.real, spectrum.imag])
 
 
 def _correlated(a: Array, b: Array) -> Array:

@@ -75,6 +75,11 @@ class PointMotion:
     axis: Array
     felt: NDArray[np.bool_]
 
+    @classmethod
+    def nowhere(cls, samples: int) -> PointMotion:
+        """Return the motion of no sensors, of so many samples [-]."""
+        return cls(np.zeros((samples, 0)), np.zeros((samples, 0)), np.zeros((samples, 0, 3)), np.zeros(0, dtype=bool))
+
     def readings(self, gravity: Array) -> Array:
         """Return the readings of the sensors (samples, sensors) [m], [m/s^2] under gravity (3,) [m/s^2]."""
         return np.where(self.felt, self.a - self.axis @ gravity, self.x)

@@ -11,13 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
-from crosscheck.identification.filters import lag, low_pass
+from crosscheck.identification.filters import lag, low_pass, low_pass_all
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.parameters import KINDS, Key, Space, before
 from crosscheck.identification.points import PointSensor, point_sensors
@@ -82,7 +83,7 @@ class Machine:
     settings: IdentifyTable
     space: Space
 
-    @property
+    @cached_property
     def channels(self) -> tuple[Channel, ...]:
         """Sensors in the order of all arrays of readings."""
         out = []
@@ -230,11 +231,10 @@ def readings(machine: Machine, run: Run, values: Mapping[Key, float]) -> Array:
     """Return the expected readings (samples, channels) [units of the channels]."""
     raw = sensed(machine, run.motion, run.response, values)
     spacing = float(run.motion.time[1] - run.motion.time[0])
-    columns = [
-        column if channel.sense == "gauge" else low_pass(column, spacing, machine.settings.bandwidth_Hz)
-        for channel, column in zip(machine.channels, raw.T, strict=True)
-    ]
-    return np.column_stack(columns)
+    passed = [k for k, channel in enumerate(machine.channels) if channel.sense != "gauge"]
+    if passed:
+        raw[:, passed] = low_pass_all(raw[:, passed], spacing, machine.settings.bandwidth_Hz)
+    return raw
 
 
 def sensed(machine: Machine, motion: Measured, respond: Response, values: Mapping[Key, float]) -> Array:
@@ -266,18 +266,28 @@ def _through(machine: Machine, channel: Channel, signal: Array, values: Mapping[
     return gain * delayed(lagged(signal, spacing, lag_s), spacing, delay)
 
 
-def drive_effort(machine: Machine, joint: str, v: Array, a: Array, values: Mapping[Key, float]) -> Array:
-    """Return the effort of rotor and friction of a joint (samples,) [N m], [N] at rates v and accelerations a (samples,)."""
-    rotor, viscous, coulomb, turn, share, wide, skew = (
+def drive_effort(machine: Machine, joint: str, rate: Array, acceleration: Array, values: Mapping[Key, float]) -> Array:
+    """Return the effort of rotor and friction of a joint (samples,) [N m], [N] at its rates and accelerations (samples,)."""
+    numbers = tuple(
         _get(machine, values, kind, joint)
         for kind in (
             *("rotor inertia", "viscous friction", "coulomb friction", "transition rate"),
             *("stribeck share", "stribeck rate", "friction asymmetry"),
         )
     )
+    return _drive_effort(rate.tobytes(), acceleration.tobytes(), numbers)
+
+
+@lru_cache(maxsize=64)  # a difference quotient by one parameter leaves most joints as they were
+def _drive_effort(rate: bytes, acceleration: bytes, numbers: tuple[float, ...]) -> Array:
+    """The effort of a rotor and of friction (samples,) by its seven numbers."""
+    v, a = np.frombuffer(rate), np.frombuffer(acceleration)
+    rotor, viscous, coulomb, turn, share, wide, skew = numbers
     side = np.tanh(v / turn)
     dry = coulomb * side * (1.0 + share * np.exp(-((v / wide) ** 2))) + skew * np.abs(side)
-    return np.asarray(rotor * a + viscous * v + dry)
+    out = np.asarray(rotor * a + viscous * v + dry)
+    out.setflags(write=False)
+    return out
 
 
 def friction(machine: Machine, joint: str, v: Array, values: Mapping[Key, float]) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.identification.parameters import KINDS, MASS, Key, Space, with_values
-from crosscheck.identification.points import point_motion, with_points
+from crosscheck.identification.points import PointMotion, point_motion, point_sensors, with_points
 from crosscheck.identification.pseudo_inertia import COLUMNS, NAMES, ROWS, moved
 from crosscheck.identification.settings import IdentifyTable
 from flexinv.analysis.solve import solve
@@ -25,6 +25,7 @@ from flexinv.kinematics.rigid_motion import rigid_motion
 from flexinv.model.links import Body, Inertia
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.motion import Motion
+from flexinv.model.owned_cache import kept_with_owner
 from flexinv.rigid.joint_torques import joint_torques
 from flexinv.rigid.torque_regressor import link_parameters, torque_regressor
 
@@ -50,6 +51,7 @@ class Measured:
     qdd: Array
 
 
+@kept_with_owner(most=4)
 def bare(mechanism: Mechanism, names: tuple[str, ...]) -> Mechanism:
     """Return the mechanism without rotors and friction [kg m^2], [N m] of measured joints, which are laws of their own."""
 
@@ -67,10 +69,15 @@ def ten_of(space: Space, mechanism: Mechanism, values: Mapping[Key, float]) -> A
     for k, link in enumerate(mechanism.links):
         if link.name in space.factors:
             x = np.array([values.get((MASS, f"{link.name}.{n}"), 0.0) for n in NAMES])
-            out[k] = moved(space.factors[link.name], x) + space.more.get(link.name, 0.0)
+            out[k] = _moved(space.factors[link.name].tobytes(), x.tobytes()) + space.more.get(link.name, 0.0)
         elif link.beam is None:
             out[k] = link_parameters(link)
     return out
+
+
+@lru_cache(maxsize=256)  # a difference quotient by one parameter leaves most links as they were
+def _moved(factor: bytes, x: bytes) -> Array:
+    return moved(np.frombuffer(factor).reshape(4, 4), np.frombuffer(x))
 
 
 def with_masses(mechanism: Mechanism, masses: Mapping[str, Array]) -> Mechanism:
@@ -121,18 +128,18 @@ def _of_tree(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion
     def matrix(gravity: Array) -> Array:
         return torque_regressor(replace(mechanism, gravity=gravity), q, qd, qdd).matrix[:, rows]
 
-    mesh = build(with_points(mechanism, settings))
-    points = point_motion(settings, mesh, rigid_motion(mesh, q, qd, qdd))
+    points = PointMotion.nowhere(len(q))
+    if point_sensors(settings):
+        mesh = build(with_points(mechanism, settings))
+        points = point_motion(settings, mesh, rigid_motion(mesh, q, qd, qdd))
     gravity, known = np.asarray(mechanism.gravity), {p.key for p in space.parameters}
-    level = matrix(gravity)
+    level = torque_regressor(mechanism, q, qd, qdd).matrix[:, rows]
     free_tilts = [f"gravity tilt {axis}" for axis in "xy" if (f"gravity tilt {axis}", "world") in known]
     slopes = [(matrix(tilted(gravity, *(TILT * np.eye(2)["xy".index(k[-1])]))) - level) / TILT for k in free_tilts]
-    free = joint_torques(replace(mechanism, springs=(), forces=()), q, qd, qdd, passive=False)
-    held = joint_torques(replace(mechanism, springs=()), q, qd, qdd)[:, rows] - free[:, rows]
-    pulls = {
-        s.name: (joint_torques(replace(mechanism, springs=(s,), forces=()), q, qd, qdd, passive=False) - free)[:, rows]
-        for s in mechanism.springs
-    }
+    alone, forced, sprung = _parts(mechanism)
+    free = joint_torques(alone, q, qd, qdd, passive=False)
+    held = joint_torques(forced, q, qd, qdd)[:, rows] - free[:, rows]
+    pulls = {name: (joint_torques(one, q, qd, qdd, passive=False) - free)[:, rows] for name, one in sprung.items()}
 
     @lru_cache(maxsize=4)  # friction and sensors leave it as it was
     def by_numbers(masses: bytes, tilts: tuple[float, ...], forces: tuple[float, ...]) -> Array:
@@ -152,6 +159,14 @@ def _of_tree(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion
         return effort, np.zeros((len(q), 0)), points.readings(_gravity(gravity, values))
 
     return evaluate
+
+
+@kept_with_owner()
+def _parts(mechanism: Mechanism) -> tuple[Mechanism, Mechanism, dict[str, Mechanism]]:
+    """The mechanism without springs between points and given forces, with the forces, and with each of the springs."""
+    alone = replace(mechanism, springs=(), forces=())
+    sprung = {s.name: replace(mechanism, springs=(s,), forces=()) for s in mechanism.springs}
+    return alone, replace(mechanism, springs=()), sprung
 
 
 def _states(mechanism: Mechanism, motion: Measured) -> tuple[Array, Array, Array]:

@@ -58,6 +58,12 @@ def wide_response(angle: Array, effort: Array, spacing: float, bandwidth: float)
 
     angle, effort : (samples,) raw [rad], [m]; [any unit]; spacing : [s]
     """
+    return _response(angle.tobytes(), effort.tobytes(), spacing, bandwidth)
+
+
+@lru_cache(maxsize=64)  # undoing a fault leaves most columns as they were
+def _response(columns: bytes, efforts: bytes, spacing: float, bandwidth: float) -> WideResponse | None:
+    angle, effort = np.frombuffer(columns), np.frombuffer(efforts)
     least, most = (round(periods / (bandwidth * spacing)) for periods in PERIODS)
     count = max(least, min(most, 2 * len(angle) // (SEGMENTS + 1)))
     segments = 2 * len(angle) // max(count, 1) - 1

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from shutil import copytree
 from typing import Any
 
 import numpy as np
@@ -29,16 +30,28 @@ Harm = Callable[[Mechanism], Mechanism]
 POUND_FOOT = 1.0 / 1.3558179483314004  # 1 ft lb in N m
 
 
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The paper's arms in a folder of their own: a fifth of a second's rest less, and steps twice as long."""
+    folder: Path = tmp_path_factory.mktemp("models")
+    for name in ("flex_one_link", "flex_two_link"):
+        copytree(MODELS / name, folder / name)
+        cases = folder / name / "cases.toml"
+        text = cases.read_text().replace("step_s = 1e-4", "step_s = 2e-4").replace("hold_s = 0.3", "hold_s = 0.1")
+        cases.write_text(text)
+    return folder
+
+
 @cache
-def load(place: str) -> tuple[Mechanism, Case]:
+def load(place: str, models: Path = MODELS) -> tuple[Mechanism, Case]:
     mechanism, case = place.split("/")
-    found = load_mechanism(MODELS / mechanism)
-    return found, load_cases(MODELS / mechanism, found)[case]
+    found = load_mechanism(models / mechanism)
+    return found, load_cases(models / mechanism, found)[case]
 
 
 @cache
-def reference(place: str) -> Record:
-    mechanism, case = load(place)
+def reference(place: str, models: Path) -> Record:
+    mechanism, case = load(place, models)
     return ran(mechanism, case, "flexinv")
 
 
@@ -53,14 +66,19 @@ def ran(mechanism: Mechanism, case: Case, engine: str) -> Record:
 
 
 def told(
-    folder: Path, place: str, engine: str, harm: Harm | None = None, after: Callable[[Record], Record] | None = None
+    folder: Path,
+    place: str,
+    engine: str,
+    harm: Harm | None = None,
+    after: Callable[[Record], Record] | None = None,
+    models: Path = MODELS,
 ) -> dict[str, Any]:
     """What is said of an engine whose model is harmed, or whose record is changed after it ran."""
-    mechanism, case = load(place)
+    mechanism, case = load(place, models)
     record = ran(mechanism if harm is None else harm(mechanism), case, engine)
     save(record if after is None else after(record), folder / "ours")
-    save(reference(place), folder / "theirs")
-    return diagnose(str(MODELS / mechanism.name), case.name, engine, str(folder / "ours"), str(folder / "theirs"))
+    save(reference(place, models), folder / "theirs")
+    return diagnose(str(models / mechanism.name), case.name, engine, str(folder / "ours"), str(folder / "theirs"))
 
 
 def names(answer: dict[str, Any]) -> set[str]:
@@ -152,21 +170,21 @@ def test_rotors_three_times_as_large_are_no_implicit_damping(tmp_path: Path) -> 
 
 
 @pytest.mark.slow
-def test_a_wider_strip_is_no_gear_ratio(tmp_path: Path) -> None:
-    answer = told(tmp_path, "flex_one_link/cycloid", "exudyn-ge", beams(wider))
+def test_a_wider_strip_is_no_gear_ratio(tmp_path: Path, short: Path) -> None:
+    answer = told(tmp_path, "flex_one_link/cycloid", "exudyn-ge", beams(wider), models=short)
     # The strip is 20 mm along z, which is its height in the words of sections.
     assert not names(answer) - {"section width", "cross-section area", "section height"}
 
 
 @pytest.mark.slow
-def test_a_clamp_beside_the_axis_is_no_stiffness(tmp_path: Path) -> None:
-    answer = told(tmp_path, "flex_one_link/cycloid", "exudyn-ge", beams(shifted))
+def test_a_clamp_beside_the_axis_is_no_stiffness(tmp_path: Path, short: Path) -> None:
+    answer = told(tmp_path, "flex_one_link/cycloid", "exudyn-ge", beams(shifted), models=short)
     assert not names(answer) - {"clamp misplaced"}
 
 
 @pytest.mark.slow
-def test_a_stiffer_material_is_a_cause_with_stiffness(tmp_path: Path) -> None:
-    answer = told(tmp_path, "flex_two_link/cycloid", "exudyn-ge", beams(stiffer, "link1"))
+def test_a_stiffer_material_is_a_cause_with_stiffness(tmp_path: Path, short: Path) -> None:
+    answer = told(tmp_path, "flex_two_link/cycloid", "exudyn-ge", beams(stiffer, "link1"), models=short)
     assert not names(answer) - {"modulus of elasticity", "section stiffness"}
 
 
