@@ -178,7 +178,19 @@ class Evidence:
         return self._with_column(replace(fit, size=self._sized(fit)))
 
     def _sized(self, fit: Fit) -> Array:
-        """Return the size that explains the certificates best (Gauss-Newton from the motion's)."""
+        """Return the size that explains the certificates best; every look at the causes asks for most of them again."""
+        asked = (*fit.key, fit.size.tobytes())
+        if asked not in self._sizes:
+            self._sizes[asked] = self._iterated(fit)
+        return self._sizes[asked]
+
+    @cached_property
+    def _sizes(self) -> dict[tuple[str, str, bytes], Array]:
+        """Sizes [unit] of ``_sized`` by cause, target and the size that the motion says."""
+        return {}
+
+    def _iterated(self, fit: Fit) -> Array:
+        """Gauss-Newton from the motion's size to that which explains the certificates best."""
         zero, size = self._column(self.ours), fit.size
         measured = self._column(self.theirs) - zero
         units, step = np.eye(len(size)), PROBE * fit.cause.scale(self.model, fit.target)

@@ -154,7 +154,7 @@ def stiff(engine: str) -> tuple[Record, dict[str, Array]]:
         "tip/beam/x": length * np.cos(q),
         "tip/beam/y": length * np.sin(q),
     }
-    return exudyn.run(mechanism, case, engine, {"elements": 4, "step": 5e-4}), expected
+    return exudyn.run(mechanism, case, engine, {"elements": 4, "step": 5e-4, "error": False}), expected
 
 
 @pytest.mark.parametrize("engine", BEAMS)
@@ -190,7 +190,7 @@ def test_rotary_inertia_is_right_whatever_the_direction_of_the_beam(engine: str,
     mechanism = replace(mechanism, joints=(replace(mechanism.joints[0], axis=x),))
     case = trees.case_of(Motion.point_to_point([0.0], [1.0], 1.0, law="quintic"), 1.0, 0.1)
     qdd = case.motion.evaluate(mechanism, sample_times(case))[2][:, 0]
-    record = exudyn.run(mechanism, case, engine, {"elements": 2, "step": 2e-3})
+    record = exudyn.run(mechanism, case, engine, {"elements": 2, "step": 2e-3, "error": False})
     # (w h)^2 of a motion of some 6 rad/s at the finer step: 4e-5, extrapolated.
     atol = 4e-5 * 2 * rotary * length * np.abs(qdd).max()
     np.testing.assert_allclose(value(record, "torque/hub"), 2 * rotary * length * qdd, rtol=0, atol=atol)
@@ -210,7 +210,7 @@ def test_cable_and_geometrically_exact_beam_agree_and_converge() -> None:
     mechanism, case = arm(Beam(0.4, thin)), half_turn()
     errors = []
     for elements, step in ((4, 2.5e-4), (8, 1.25e-4)):
-        both = [exudyn.run(mechanism, case, e, {"elements": elements, "step": step}) for e in BEAMS]
+        both = [exudyn.run(mechanism, case, e, {"elements": elements, "step": step, "error": False}) for e in BEAMS]
         errors.append([off(both[0], both[1], n) for n in ("torque/hub", "deflection/beam/y", "axial/beam")])
     # Errors of order h^2 and of the 4th power of the element length: a quarter and less remains.
     assert (np.array(errors[1]) < 0.25 * np.array(errors[0])).all()
@@ -220,7 +220,7 @@ def test_cable_and_geometrically_exact_beam_agree_and_converge() -> None:
 def test_what_separates_cable_and_beam_is_shear_and_rotary_inertia() -> None:
     """The strip of the paper has little of both; ten times more is ten times the difference."""
     case = half_turn()
-    options = {"elements": 8, "step": 2.5e-4}
+    options = {"elements": 8, "step": 2.5e-4, "error": False}
     ga, rotary = STRIP.stiffness[0, 1], STRIP.rotary_inertia[0, 1]
     gaps = []
     for factor in (10.0, 100.0):
@@ -238,10 +238,10 @@ PAYLOAD = Body("tool", Inertia(0.01, np.array([0.02, 0.01, 0.0]), 1e-6 * np.eye(
 def test_space_and_plane_agree(engine: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The strip with a payload beside its axis: other elements, other joints, another integrator, the same motion."""
     mechanism, case = arm(Beam(0.4, STRIP), PAYLOAD), half_turn(0.2)
-    plane = exudyn.run(mechanism, case, "exudyn-ge", {})
+    plane = exudyn.run(mechanism, case, "exudyn-ge", {"error": False})
     assert plane.settings["model"] == "planar bodies"
     monkeypatch.setattr(exudyn_planar, "plane_of", lambda *what: "in space for the test")
-    options = {"elements": 2, "step": 1e-3}
+    options = {"elements": 2, "step": 1e-3, "error": False}
     coarse, fine = (exudyn.run(mechanism, case, engine, {**options, "refinement": k}) for k in (0, 1))
     check(fine, sample_times(case))
     for name in ("torque/hub", "tip/beam/y", "deflection/beam/y"):
@@ -274,7 +274,7 @@ def test_stations_branches_and_offsets_in_both_formulations() -> None:
     mechanism = tree()
     motion = Motion.point_to_point([0.0, 0.1, -0.3], [0.8, 0.9, 0.6], 0.3)
     case = replace(trees.case_of(motion, 0.3, 0.01), initial="static")
-    runs = [exudyn.run(mechanism, case, e, {"elements": 8, "step": 1e-4}) for e in BEAMS]
+    runs = [exudyn.run(mechanism, case, e, {"elements": 8, "step": 1e-4, "error": False}) for e in BEAMS]
     for name in runs[0].series:
         if np.ptp(value(runs[1], name)) > 1e-12:
             # Shear and rotary inertia, which the cable has not, and 8 elements.
@@ -299,7 +299,7 @@ def test_drives_are_part_of_the_effort_of_flexible_arms() -> None:
     joint = replace(bare.joints[0], rotor_inertia=1e-3, damping=0.02, friction=0.1)
     driven = replace(bare, joints=(joint,))
     _, qd, qdd = case.motion.evaluate(bare, sample_times(case))
-    options = {"elements": 4, "step": 5e-4}
+    options = {"elements": 4, "step": 5e-4, "error": False}
     a, b = (exudyn.run(m, case, "exudyn-ancf", options) for m in (driven, bare))
     expected = 1e-3 * qdd[:, 0] + 0.02 * qd[:, 0] + 0.1 * np.sign(qd[:, 0])
     # The engine's own run is the same to the bit; this is the rounding of a sum.
@@ -315,7 +315,7 @@ FAULTS: dict[str, Callable[[Beam], Beam]] = {
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_planted_fault_is_larger_than_the_limit_of_the_comparison(fault: str) -> None:
-    beam, case, options = Beam(0.4, STRIP), half_turn(), {"elements": 8, "step": 2.5e-4}
+    beam, case, options = Beam(0.4, STRIP), half_turn(), {"elements": 8, "step": 2.5e-4, "error": False}
     right = exudyn.run(arm(beam), case, "exudyn-ge", options)
     wrong = exudyn.run(arm(FAULTS[fault](beam)), case, "exudyn-ancf", options)
     assert off(wrong, right, "torque/hub") > 3e-3  # three times the limit of models/flex_one_link
