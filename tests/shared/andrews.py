@@ -104,7 +104,8 @@ def constraints(q: Array, v: Array) -> tuple[Array, Array, Array]:
 def accelerations(q: Array, v: Array) -> tuple[Array, Array]:
     """a (7,) and lambda (6,)."""
     _, jacobian, bend = constraints(q, v)
-    system = np.block([[mass_matrix(q), jacobian.T], [jacobian, np.zeros((6, 6))]])
+    system = np.zeros((13, 13))
+    system[:7, :7], system[:7, 7:], system[7:, :7] = mass_matrix(q), jacobian.T, jacobian
     both = np.linalg.solve(system, np.concatenate([efforts(q, v), -bend]))
     return both[:7], both[7:]
 
@@ -130,7 +131,7 @@ def series(end: float, samples: int) -> Series:
         return np.concatenate([y[7:], accelerations(y[:7], y[7:])[0]])
 
     for a, b in pairwise(time):
-        state = solve_ivp(rate, (a, b), state, method="DOP853", rtol=1e-13, atol=1e-13).y[:, -1]
+        state = solve_ivp(rate, (a, b), state, method="DOP853", rtol=1e-13, atol=1e-13, first_step=b - a).y[:, -1]
         states.append(state)
     y = np.array(states)
     forces = [accelerations(row[:7], row[7:]) for row in y]

@@ -220,7 +220,10 @@ def test_what_could_not_be_measured_stands_on_top_with_its_reason(monkeypatch: p
 
 
 @pytest.mark.slow
-def test_marches_loops_and_threads_are_measured() -> None:
+def test_marches_loops_and_threads_are_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(marches, "RIGID_LOOPS", ("four_bar", "five_bar"))
+    monkeypatch.setattr(marches, "LOOP_SAMPLES", 256)
+    monkeypatch.setattr(marches, "SCENARIOS", {"spatial_arm": 2, "flex_one_link": 2})
     rows = marches.others(str(MODELS), SHORT)["rows"]
     assert {row["what"].split(",")[0] for row in rows} >= {"four-bar with a flexible coupler", "five-bar", "solve_many"}
     table = StudyRow("bench others", "", columns=marches.OTHER_COLUMNS, rows=tuple(rows))
