@@ -25,8 +25,6 @@ MODULES = sorted(
     if path.name != "__init__.py"
 )
 COMMANDS = ("flexinv", "crosscheck")
-# Pages whose commands, all of them, another test runs and looks at: tests/crosscheck/workflows/test_verify.py.
-ELSEWHERE = ("README.md",)
 # What a page shows of a shell without running it: installation, other machines, whole nights.  Such a block is called text.
 FILE = re.compile(r"^`(models/\S+\.toml)`:?\n\n```toml\n(.*?)^```$", re.M | re.S)
 
@@ -53,7 +51,7 @@ def ends_with(code: list[str], page: str, folder: Path) -> tuple[int, str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", [page for page in with_blocks("sh") if page not in ELSEWHERE])
+@pytest.mark.parametrize("page", with_blocks("sh"))
 def test_commands_on_the_page_run(page: str, tmp_path: Path) -> None:
     """Files that a page shows are written, its commands run one after the other, in a folder with all models."""
     folder, text = project(tmp_path), (ROOT / page).read_text()

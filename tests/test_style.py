@@ -50,6 +50,7 @@ COMPARED = "a step of the comparison, in a file of its own name"
 DRAWING = "loads what draws, or what the page is written with, when it is asked for"
 # Modules that one other imports and that fit into it, and why they stay apart.
 ALONE = {
+    "flexinv.kernels.kernel_compiler": "Numba's compiler; keeping what it makes on the disk is another matter",
     "crosscheck.identification.logs.bag": "a file format of its own",
     "crosscheck.doors.fmu_replay": "FMUs that move, which know nothing of those that answer",
     "crosscheck.run.cluster": "workers on other machines, which few runs have",

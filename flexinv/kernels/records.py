@@ -40,7 +40,7 @@ class RecordType(types.Type):
         return self if argument_type(other) == self else None
 
     def can_convert_from(self, typing_context: Any, other: Any) -> Any:
-        """Return how safe [-] it is to lay a record that a kernel has made out in memory."""
+        """Return the grade of a conversion [-] that loses nothing: a record that a kernel has made may be laid out in memory."""
         return Conversion.safe if argument_type(other) == self else None
 
 
@@ -99,7 +99,7 @@ def _placed(context: Any, kind: Any, start: int) -> Iterator[tuple[Any, int]]:
 
 
 def _size(context: Any, kind: Any) -> int:
-    """What a field takes [bytes], in whole words."""
+    """Size of a field [bytes], in whole words."""
     if kind not in _SIZES:
         if isinstance(argument_type(kind), RecordType):
             _SIZES[kind] = sum(_size(context, one) for one in kind.types)
@@ -171,23 +171,23 @@ def _read_whole(context: Any, builder: Any, have: Any, wanted: Any, given: Any) 
 
 
 @unbox(RecordType)
-def _from_python(kind: Any, given: Any, c: Any) -> Any:
+def _from_python(kind: Any, given: Any, native: Any) -> Any:
     """Lay a record of Python's out in memory."""
-    room = _room(c.context, c.builder, kind)
-    wrong = [cgutils.false_bit, *_put(kind.value, given, room, c)]
+    room = _room(native.context, native.builder, kind)
+    wrong = [cgutils.false_bit, *_put(kind.value, given, room, native)]
     is_error = wrong[0]
     for one in wrong[1:]:
-        is_error = c.builder.or_(is_error, one)
+        is_error = native.builder.or_(is_error, one)
     return NativeValue(room, is_error=is_error)
 
 
-def _put(kind: Any, given: Any, room: Any, c: Any) -> Iterator[Any]:
-    for k, (one, offset) in enumerate(_placed(c.context, kind, 0)):
-        item, place = c.pyapi.tuple_getitem(given, k), _at(c.builder, room, offset)
+def _put(kind: Any, given: Any, room: Any, native: Any) -> Iterator[Any]:
+    for k, (one, offset) in enumerate(_placed(native.context, kind, 0)):
+        item, place = native.pyapi.tuple_getitem(given, k), _at(native.builder, room, offset)
         if isinstance(argument_type(one), RecordType):
-            yield from _put(one, item, place, c)
+            yield from _put(one, item, place, native)
         else:
-            native = c.unbox(one, item)
-            assert native.cleanup is None  # kernels get arrays and numbers only
-            c.builder.store(native.value, _as(c.context, c.builder, one, place))
-            yield native.is_error
+            part = native.unbox(one, item)
+            assert part.cleanup is None  # kernels get arrays and numbers only
+            native.builder.store(part.value, _as(native.context, native.builder, one, place))
+            yield part.is_error
