@@ -26,7 +26,10 @@ outside:
 	$(PYTHON) plugins/outside.py prepare
 	$(PYTHON) plugins/outside.py report --jobs $(JOBS)
 
-test: lint
+# Types are checked by tests/test_types.py, beside the other tests.
+test: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
 	$(BIN)/pytest -n $(JOBS) --dist worksteal
 
 check: $(STAMP)

@@ -93,12 +93,16 @@ def _solve(folder: Path, model: str, error: bool = False) -> Any:
 
 
 def _planar_arm(folder: Path) -> None:
+    from flexinv.analysis.controller import Controller
     from flexinv.analysis.simulate import simulate
     from flexinv.analysis.solve_many import solve_many
     from flexinv.linearized.linear_model import linear_model
 
     mechanism, case, found = _solve(folder, "flex_one_link", error=True)
     simulate(mechanism, found.time, found.torque, step=case.step)
+    controller = Controller.of(mechanism, step=case.step)
+    controller.start(found.q[0], found.qd[0], found.qdd[0])
+    controller.step(found.q[1], found.qd[1], found.qdd[1])
     solve_many(mechanism, [case.motion, case.motion], step=case.step, threads=1)
     linear_model(mechanism)
 
@@ -116,6 +120,21 @@ def _spatial_arm(folder: Path) -> None:
 
 def _flexible_loop(folder: Path) -> None:
     _solve(folder, "four_bar_flexible")
+
+
+def _path_of_a_tip(folder: Path) -> None:
+    from flexinv.linearized.steady_modes import steady_modes
+    from flexinv.tracking.follow import follow
+    from flexinv.tracking.frame_path import Path as TipPath
+
+    mechanism, _ = _first_case(folder, "flex_two_link")
+    arc, near = TipPath.arc([0.3, 0, 0], [0.2, 0, 0], np.pi / 2, 0.2), {"joint1": -0.5, "joint2": 1.0}
+    follow(mechanism, arc, "link2", step=2e-3, start=near)
+    steady_modes(mechanism, rates={"joint1": 1.0})
+
+
+def _closures_that_act_in_time(folder: Path) -> None:
+    _solve(folder, "two_arms_flexible")
 
 
 def _rigid_loop(folder: Path) -> None:
@@ -143,7 +162,9 @@ def _rigid_arm(folder: Path) -> None:
 
 # Longest first.
 TASKS = {
+    "a path of a tip": _path_of_a_tip,
     "a flexible loop": _flexible_loop,
+    "closures that act in time": _closures_that_act_in_time,
     "an arm that bends in space": _spatial_arm,
     "an arm that bends in the plane": _planar_arm,
     "a damped arm": _damped_arm,
