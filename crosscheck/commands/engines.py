@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -34,20 +35,19 @@ def command(models: Path, config: Path | None, engine: tuple[str, ...]) -> None:
     table = Table("engine", "version", "what it can do", box=None, header_style="dim")
     known: dict[str, tuple[Any, Any]] = {}
     rows: list[EngineRow] = []
-    servers = ForkServers()  # what all adapters need is imported once
-    for one in doors_of(models, config, engine).engines.values():
-        if (reason := missing(one)) is not None:
-            rows.append(EngineRow(one.name, False, "missing", message=reason))
-            continue
-        if one.adapter_key not in known:
-            job = {"kind": "describe", "engine": one.name, **one.door}
-            known[one.adapter_key] = ask(job, DESCRIBE, Children(servers=servers))
-        answer, ending = known[one.adapter_key]
-        if answer is None:
-            rows.append(EngineRow(one.name, False, "broken", message=ending.message))
-        else:
-            rows.append(EngineRow(one.name, True, answer["version"], answer["abilities"]))
-    servers.close()
+    with closing(ForkServers()) as servers:  # what all adapters need is imported once
+        for one in doors_of(models, config, engine).engines.values():
+            if (reason := missing(one)) is not None:
+                rows.append(EngineRow(one.name, False, "missing", message=reason))
+                continue
+            if one.adapter_key not in known:
+                job = {"kind": "describe", "engine": one.name, **one.door}
+                known[one.adapter_key] = ask(job, DESCRIBE, Children(servers=servers))
+            answer, ending = known[one.adapter_key]
+            if answer is None:
+                rows.append(EngineRow(one.name, False, "broken", message=ending.message))
+            else:
+                rows.append(EngineRow(one.name, True, answer["version"], answer["abilities"]))
     for row, names in engines_alike(rows):
         version = escape(row.version) if row.present else f"[red]{row.version}[/red]"
         table.add_row("\n".join(names), version, escape(row.message or row.abilities))

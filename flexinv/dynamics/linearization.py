@@ -16,7 +16,7 @@ from flexinv.dynamics.assembly import by_root
 from flexinv.dynamics.constraint_rows import PULL
 from flexinv.dynamics.generalized_alpha import DYNAMIC, Scheme
 from flexinv.dynamics.solver import Solver
-from flexinv.dynamics.stepper import evaluate
+from flexinv.dynamics.stepper import TURNED_TOO_MUCH, evaluate
 from flexinv.kernels.jit import jit, jit_formula, jit_inner
 from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import add_scaled, vec_at
@@ -38,10 +38,14 @@ class Matrices(NamedTuple):
 
 
 def matrices(solver: Solver, joints: Joints) -> Matrices:
-    """Return M [kg], C [N s/m] and K [N/m] where the solver stands; forces of springs between points follow the motion."""
+    """Return M [kg], C [N s/m] and K [N/m] where the solver stands; forces of springs between points follow the motion.
+
+    Raises ConvergenceError where an element turns too much to be linearised.
+    """
     out = np.zeros((3, len(solver.topology.scale), len(solver.topology.scale)))
     for which in range(3):
-        solver.evaluate(weighed(which), joints)
+        if (bad := solver.evaluate(weighed(which), joints)) >= 0:
+            raise solver.complain(TURNED_TOO_MUCH, bad, 0.0, "where it is linearised")
         fill(solver.system, which, out)
     return Matrices(out[2], out[1], out[0])
 
