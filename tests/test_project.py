@@ -60,7 +60,13 @@ def test_continuous_integration_is_make_test(root: Path) -> None:
     run = root / ".ci" / "run"
     assert run.stat().st_mode & 0o111
     assert run.read_text().splitlines()[1:] == ['cd "$(dirname "$0")/.." && exec make test']
-    assert re.search(r"^test: lint$", (root / "Makefile").read_text(), re.M)
+    recipe = re.search(r"^test: \$\(STAMP\)\n((?:\t.+\n)+)", (root / "Makefile").read_text(), re.M)
+    assert recipe is not None
+    assert recipe[1].split("\n")[:-1] == [
+        "\t$(BIN)/ruff check .",
+        "\t$(BIN)/ruff format --check .",
+        "\t$(BIN)/pytest -n $(JOBS) --dist worksteal",  # all tests; types are checked by tests/test_types.py
+    ]
 
 
 def stated(text: str) -> list[tuple[int, int]]:
