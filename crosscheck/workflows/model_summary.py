@@ -20,7 +20,7 @@ from flexinv.model.joint_kinds import SECTION
 
 Array = NDArray[np.float64]
 SHOWN = 4  # frequencies
-NARROWEST = 0.3  # of the longest side: there six numbers along an axis of the picture stand apart
+NARROWEST = 0.3  # of the longest side: there four numbers along an axis of the picture stand apart
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,8 @@ def picture(one: Portrait, file: Path) -> None:
 
     solution = one.solution
     flat = drawing.plane_of(solution.nodes.x)
-    figure = Figure(figsize=(10, 4.6), layout="constrained")
+    figure = Figure(figsize=(10, 4.6))
+    figure.subplots_adjust(left=0.06, right=0.98, bottom=0.1, top=0.93, wspace=0.2)
     last = len(solution.time) - 1
     moving = drawing.samples(last + 1)
     views: list[Any] = []
@@ -103,9 +104,8 @@ def picture(one: Portrait, file: Path) -> None:
         views.append(axes)
         for k in samples:
             shade = 0.2 + 0.8 * k / max(last, 1) if len(samples) > 1 else 1.0
-            for points, _ in strokes(solution, k):
-                line = points[:, list(flat)] if flat else points
-                axes.plot(*line.T, color="#1f5fa8", alpha=shade, linewidth=1.6, marker=".", markersize=3)
+            line = _one_line(strokes(solution, k))
+            axes.plot(*line.T[list(flat or (0, 1, 2))], color="#1f5fa8", alpha=shade, linewidth=1.6, marker=".", markersize=3)
         axes.set_title(title, fontsize=10)
         for name, axis in zip("xy" if flat else "xyz", flat or (0, 1, 2), strict=False):
             getattr(axes, f"set_{name}label")(f"{'xyz'[axis]} [m]")
@@ -113,6 +113,7 @@ def picture(one: Portrait, file: Path) -> None:
         share(views)
     for axes in views:
         axes.set_aspect("equal")
+        axes.locator_params(nbins=8 if flat else 4)
     figure.savefig(file, bbox_inches="tight")
 
 
@@ -132,6 +133,11 @@ def small(one: Portrait) -> str:
     solution = one.solution
     instants = [strokes(solution, k) for k in drawing.samples(len(solution.time))]
     return str(drawing.svg(instants, f"{solution.mesh.mechanism.name} in motion"))
+
+
+def _one_line(lines: list[drawing.Stroke]) -> Array:
+    """Return lines as one, (points, 3) [m] with a gap of NaN after each: one line is drawn many times as fast as many."""
+    return np.concatenate([np.vstack([points, np.full(3, np.nan)]) for points, _ in lines])
 
 
 def strokes(solution: Solution, k: int) -> list[drawing.Stroke]:

@@ -166,9 +166,17 @@ def test_a_program_that_is_not_there_is_named(task: Task, children: Children) ->
 
 
 @pytest.mark.slow
-def test_three_runs_give_error_bars(root: Path, children: Children) -> None:
-    """The chain of rods takes the steps that it is asked for, and keeps its rods: the bar is that of its steps."""
-    task = discover(root / "models", ["flex_one_link/cycloid"]).tasks[0]
+def test_three_runs_give_error_bars(root: Path, tmp_path: Path, children: Children) -> None:
+    """The chain of rods takes the steps that it is asked for, and keeps its rods: the bar is that of its steps.
+
+    A move of 0.1 s without a rest has as many steps as an order needs.
+    """
+    folder = tmp_path / "flex_one_link"
+    shutil.copytree(root / "models" / "flex_one_link", folder)
+    cases = (folder / "cases.toml").read_text()
+    (folder / "cases.toml").write_text(cases.replace("duration_s = 0.2\nhold_s = 0.3", "duration_s = 0.1", 1))
+    task = discover(tmp_path, ["flex_one_link/cycloid"]).tasks[0]
+    assert task.time[-1] == 0.1
     programs = SHARED / "kit_programs"
     words = ("beam.py", "{kit}", "{out}")
     job = {"mechanism": str(task.folder), "case": task.case.name, "options": {}}
