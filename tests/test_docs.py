@@ -51,16 +51,18 @@ def ends_with(code: list[str], page: str, folder: Path) -> tuple[int, str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", with_blocks("sh"))
+@pytest.mark.parametrize("page", [page for page in with_blocks("sh") if page != "README.md"])
 def test_commands_on_the_page_run(page: str, tmp_path: Path) -> None:
-    """Files that a page shows are written, its commands run one after the other, in a folder with all models."""
-    folder, text = project(tmp_path), (ROOT / page).read_text()
+    assert typed(page, project(tmp_path))
+
+
+def typed(page: str, folder: Path) -> dict[str, str]:
+    """What each command of a page says.  Files that the page shows are written, then its commands run one after the other."""
+    text, said = (ROOT / page).read_text(), {}
     for name, content in FILE.findall(text):
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_text(content)
-    shown = [line for block in blocks(text, "sh") for line in block.splitlines() if line.strip()]
-    assert shown
-    for line in shown:
+    for line in (line for block in blocks(text, "sh") for line in block.splitlines() if line.strip()):
         words = shlex.split(line, comments=True)
         assert words[0] in COMMANDS, f"{page} shows {line!r}: write ```text where a command is not to be run"
         words = [
@@ -69,6 +71,26 @@ def test_commands_on_the_page_run(page: str, tmp_path: Path) -> None:
         command = [sys.executable, "-m", *words]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=600)
         assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
+        said[" ".join(words)] = done.stdout + done.stderr
+    return said
+
+
+@pytest.mark.slow
+def test_commands_of_the_readme_make_a_mechanism_with_limits_and_find_it_within_them(tmp_path: Path) -> None:
+    said = typed("README.md", project(tmp_path))
+    new, verify, run = (line for line in said if "my_arm" in line)
+    assert [line.split()[:3] for line in (new, verify, run)] == [
+        ["crosscheck", word, "my_arm"] for word in ("new", "verify", "run")
+    ]
+    assert "freedoms" in said[verify]
+    assert re.search(r"^  move mujoco +holds$", said[verify], re.M)
+    assert "wrote them into models/my_arm/cases.toml" in said[verify]
+    limits = tomllib.loads((tmp_path / "models" / "my_arm" / "cases.toml").read_text())["limits"]
+    assert all("error bars" in limit["reason"] for limit in limits)
+    assert not any("measured " in limit["source"] for limit in limits)  # engines that did not run
+    assert (tmp_path / "reports" / "verify" / "my_arm" / "picture-move.svg").is_file()
+    assert "are within their limits." in said[run]
+    assert (tmp_path / "reports" / "latest" / "index.html").is_file()
 
 
 # The cells of a notebook, one after another, in one process and with the names that a notebook has.

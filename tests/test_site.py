@@ -100,7 +100,7 @@ def pages(site: Path) -> list[Path]:
 
 
 def visited(site: Path) -> list[Path]:
-    """Pages that a browser looks at: all, but of mechanisms, whose pages are made by one template, every fourth and their list."""
+    """Pages that a browser looks at: all, but of mechanisms, which one template makes, every fourth and their list."""
     mechanisms = sorted((site / "mechanisms").glob("*.html"))
     left = {page for k, page in enumerate(mechanisms) if k % 4 and page.stem != "index"}
     return [page for page in pages(site) if page not in left]

@@ -29,7 +29,7 @@ from crosscheck.verdicts.results import Results, read
 from flexinv.errors import InputError
 
 # How many cases the cluster gets; `CROSSCHECK_MANY=500 pytest tests/crosscheck/run/test_cluster.py` is the long show.
-MANY = int(os.environ.get("CROSSCHECK_MANY", "3"))
+MANY = int(os.environ.get("CROSSCHECK_MANY", "2"))
 
 
 def cases(root: Path, tmp_path: Path, count: int) -> Plan:

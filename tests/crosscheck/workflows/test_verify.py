@@ -1,10 +1,8 @@
-"""A new mechanism: starters that run, what verify says about them, limits from error bars, and the README's tutorial."""
+"""A new mechanism: starters that run, what verify says about them, and limits from error bars."""
 
 from __future__ import annotations
 
 import datetime
-import re
-import shlex
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -241,30 +239,6 @@ def test_views_in_space_have_the_same_limits_and_room_for_numbers() -> None:
 
 def command(*words: str) -> Result:
     return CliRunner().invoke(main, list(words))
-
-
-@pytest.mark.slow
-def test_the_tutorial_of_the_readme(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its three commands, as they stand there, in an empty folder: the last one finds everything within its limits."""
-    text = (root / "README.md").read_text()
-    section = text.partition("## A mechanism of your own\n")[2].partition("\n## ")[0]
-    commands = re.findall(r"^crosscheck (.*)$", section, re.M)
-    assert [line.split()[0] for line in commands] == ["new", "verify", "run"]
-    monkeypatch.chdir(tmp_path)
-    for line in commands:
-        done = command(*shlex.split(line, comments=True))
-        assert done.exit_code == 0, done.output
-        shown = done.output
-        if line.startswith("verify"):
-            assert "freedoms" in shown
-            assert re.search(r"^  move mujoco +holds$", shown, re.M)
-            assert "wrote them into models/my_arm/cases.toml" in shown
-            limits = tomllib.loads((tmp_path / "models" / "my_arm" / "cases.toml").read_text())["limits"]
-            assert all("error bars" in limit["reason"] for limit in limits)
-            assert not any("measured " in limit["source"] for limit in limits)  # engines that did not run
-            assert (tmp_path / "reports" / "verify" / "my_arm" / "picture-move.svg").is_file()
-    assert "are within their limits." in shown
-    assert (tmp_path / "reports" / "latest" / "index.html").is_file()
 
 
 def test_verify_of_what_cannot_be_read_says_so(tmp_path: Path) -> None:
