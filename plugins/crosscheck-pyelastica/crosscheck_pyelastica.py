@@ -157,7 +157,10 @@ def angle(q: Array) -> Array:
 
 
 class Hub:
-    """The hub's frame and what its half element weighs; dx : length of an element [m]."""
+    """The hub's frame and what its half element weighs; dx : length of an element [m].
+
+    A turn by q is linear in 1, cos q and sin q: axes and directors are sums of three matrices, as millions of steps ask for them.
+    """
 
     def __init__(self, joint: Joint, beam: Beam, count: int) -> None:
         """Keep joint and beam; count : elements, the first of which is half behind the hub."""
@@ -168,18 +171,21 @@ class Hub:
         rho, across = beam.section.mass_per_length[0], 1.0 - own[0] ** 2
         lump = rho * across * (self.dx / 2) ** 3 / 3
         self.inertia = float(lump + self.dx / 2 * beam.section.rotary_inertia[0] @ own**2)
+        ahead, aside, back = (
+            joint.placement.rotation @ turned(joint.axis, quarter * np.pi / 2) @ beam.placement.rotation
+            for quarter in range(3)
+        )
+        mean = (ahead + back) / 2
+        self.columns = mean, (ahead - back) / 2, aside - mean
+        self.rows = tuple(np.array([part[:, 2], -part[:, 1], part[:, 0]]) for part in self.columns)
 
     def axes(self, angle: float) -> Array:
         """Return the axes of the root section at an angle [rad], in columns (3, 3) [-]."""
-        turn: Array = (
-            self.joint.placement.rotation @ turned(self.joint.axis, float(angle)) @ self.beam.placement.rotation
-        )
-        return turn
+        return along(self.columns, np.cos(angle), np.sin(angle))
 
     def directors(self, angle: float) -> Array:
         """Return PyElastica's directors of the root section (3, 3) [-], in rows."""
-        x, y, z = self.axes(angle).T
-        return np.array([z, -y, x])
+        return along(self.rows, np.cos(angle), np.sin(angle))
 
     def efforts(self, inner: Array, q: float, v: float, a: float, gravity: Array) -> Array:
         """Return torque of the hub [N m] and its force on the beam along x of the link's frame [N].
@@ -197,6 +203,11 @@ class Hub:
             moved / 2 - gravity
         )  # and what half of element 0 needs, whose middle moves half as fast
         return np.array([torque, whole @ self.axes(q) @ self.beam.placement.rotation.T[:, 0]])
+
+
+def along(parts: tuple[Array, ...], cosine: float, sine: float) -> Array:
+    """Return the sum of the parts of a turn that are constant, in the cosine and in the sine of its angle."""
+    return parts[0] + cosine * parts[1] + sine * parts[2]
 
 
 def built(hub: Hub, gravity: Array, motion: tuple[Array, Array], h: float) -> tuple[Any, Any]:
@@ -226,6 +237,10 @@ def built(hub: Hub, gravity: Array, motion: tuple[Array, Array], h: float) -> tu
     rod.omega_collection[:] = rate[:, None]
     rod.velocity_collection[:] = np.cross(v[0] * hub.axis, (rod.position_collection - origin[:, None]).T).T
 
+    cosine, sine, half = np.cos(q), np.sin(q), 0.5 * hub.dx
+    spin = hub.directors(q[0]) @ hub.axis  # the same at every angle
+    swing = tuple(half * np.cross(hub.axis, part[2]) for part in hub.rows)  # rate of node 1 by that of the hub
+
     class Turned(elastica.ConstraintBase):  # type: ignore[misc]
         """Nodes 0 and 1 and element 0 turn with the hub."""
 
@@ -233,18 +248,17 @@ def built(hub: Hub, gravity: Array, motion: tuple[Array, Array], h: float) -> tu
             super().__init__(**words)
 
         def constrain_values(self, system: Any, time: float) -> None:
-            k = round(time / (h / 2))
-            directors = hub.directors(q[k])
-            arm = 0.5 * hub.dx * directors[2]
+            k = int(2.0 * time / h + 0.5)
+            directors = along(hub.rows, cosine[k], sine[k])
+            arm = half * directors[2]
             system.position_collection[:, 0], system.position_collection[:, 1] = origin - arm, origin + arm
             system.director_collection[:, :, 0] = directors
 
         def constrain_rates(self, system: Any, time: float) -> None:
-            k = round(time / (h / 2)) + 1  # Verlet's rates are those of the step's end
-            directors = hub.directors(q[k])
-            rate = v[k] * np.cross(hub.axis, 0.5 * hub.dx * directors[2])
+            k = int(2.0 * time / h + 0.5) + 1  # Verlet's rates are those of the step's end
+            rate = v[k] * along(swing, cosine[k], sine[k])
             system.velocity_collection[:, 0], system.velocity_collection[:, 1] = -rate, rate
-            system.omega_collection[:, 0] = directors @ (v[k] * hub.axis)
+            system.omega_collection[:, 0] = v[k] * spin
 
     system = System()
     system.append(rod)
