@@ -28,7 +28,7 @@ from crosscheck.commands.shared.terminal import (
 from crosscheck.commands.shared.terminal import out as out_option
 from crosscheck.conform import blind as rounds
 from crosscheck.conform import ladder
-from crosscheck.doors.registry import COMMAND, RECORD
+from crosscheck.doors.registry import COMMAND, FMU, RECORD
 from crosscheck.engines import Engine
 from crosscheck.measures.limits import REFERENCE
 from crosscheck.report import render
@@ -47,6 +47,7 @@ BLIND = (
     "value left this process.\n\nPrograms ran in an empty folder without this project in reach: {programs}. "
     "Engines inside our process could have asked it: {inside}."
 )
+FIXED = {RECORD: "a record", FMU: "an FMU, whose numbers are compiled in"}  # what answers for one mechanism alone
 
 
 @click.command("conform", short_help="Say which rungs of the ladder an engine holds.")
@@ -101,9 +102,9 @@ def command(
         raise Failure("--seed belongs to --blind")
     admit(known, wanted, trust_commands, lambda line: console.print(escape(line), soft_wrap=True))
     if blind:
-        recorded = [name for name, one in wanted.items() if one.module == RECORD]
-        if recorded:
-            raise Failure(f"{recorded[0]} is a record: it cannot be asked blind")
+        for name, one in wanted.items():
+            if why := FIXED.get(one.module):
+                raise Failure(f"{name} is {why}: it cannot be asked blind")
         seed = secrets.randbits(32) if seed is None else seed
         wanted = {name: _hidden(one) for name, one in wanted.items()}
     names = tuple(chosen(ladder.RUNGS, rungs, "rung"))

@@ -83,7 +83,7 @@ def _rung(results: Results, name: str, engine: str) -> Rung:
     rows = [row for row in results.comparisons if (row.mechanism, row.engine) == (name, engine)]
     if all(case.mechanism != name for case in results.cases):
         return Rung(name, engine, "skipped", "not asked for")
-    if results.message and all(run.message.startswith(INTERRUPTED) for run in runs):
+    if results.message and _cut_short(results, name, {engine, *(row.reference for row in rows)}):
         return Rung(name, engine, "error", UNFINISHED)
     if not runs or any(run.verdict == "error" for run in runs):
         said = "; ".join(run.message for run in runs if run.message) or "it did not run"
@@ -95,6 +95,13 @@ def _rung(results: Results, name: str, engine: str) -> Rung:
     told = ": ".join(filter(None, [words, "; ".join(filter(None, [message, *why]))]))
     shares = [row.fraction for row in rows if row.fraction is not None]
     return Rung(name, engine, verdict, told, max(shares, default=None), sum(run.wall_time for run in runs))
+
+
+def _cut_short(results: Results, name: str, engines: set[str]) -> bool:
+    """Return True if an interrupted run left the engine or what it is compared with without an answer, and neither failed."""
+    runs = [run for run in results.runs if run.mechanism == name and run.engine in engines]
+    said = [run.message.startswith(INTERRUPTED) for run in runs if run.verdict == "error"]
+    return all(said) and (bool(said) or not runs)
 
 
 def code(climbed: Sequence[Rung]) -> int:

@@ -105,7 +105,9 @@ def picture(one: Portrait, file: Path) -> None:
         for k in samples:
             shade = 0.2 + 0.8 * k / max(last, 1) if len(samples) > 1 else 1.0
             line = _one_line(strokes(solution, k))
-            axes.plot(*line.T[list(flat or (0, 1, 2))], color="#1f5fa8", alpha=shade, linewidth=1.6, marker=".", markersize=3)
+            axes.plot(
+                *line.T[list(flat or (0, 1, 2))], color="#1f5fa8", alpha=shade, linewidth=1.6, marker=".", markersize=3
+            )
         axes.set_title(title, fontsize=10)
         for name, axis in zip("xy" if flat else "xyz", flat or (0, 1, 2), strict=False):
             getattr(axes, f"set_{name}label")(f"{'xyz'[axis]} [m]")

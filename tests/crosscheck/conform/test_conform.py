@@ -6,6 +6,7 @@ import json
 import shutil
 import sys
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,10 @@ from click.testing import CliRunner
 
 from crosscheck.cli import main
 from crosscheck.conform import blind, ladder
+from crosscheck.run.run_state import INTERRUPTED
+from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.plan import discover
-from crosscheck.verdicts.results import read
+from crosscheck.verdicts.results import CaseRow, Results, RunRow, read
 from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism
 
@@ -88,7 +91,29 @@ def test_what_cannot_be_asked_is_said(project: Path) -> None:
     assert "--seed belongs to --blind" in conform("mine", "--seed", "1").output
     (project / "models" / "arm" / "records" / "adams").mkdir(parents=True)
     assert "adams is a record: it cannot be asked blind" in conform("adams", "--blind").output
+    with (project / "crosscheck.toml").open("a") as config:
+        config.write('[engines.plant]\nfmu = "plant.fmu"\n')
+    (project / "plant.fmu").touch()
+    assert "plant is an FMU, whose numbers are compiled in: it cannot be asked" in conform("plant", "--blind").output
     assert conform("nobody").exit_code == 2
+
+
+def test_a_rung_whose_reference_was_interrupted_is_not_finished_and_a_failure_stays_one() -> None:
+    here = ("loop", "turn")
+    mine, ours = RunRow(*here, "mine", "ok"), RunRow(*here, "flexinv", "error", INTERRUPTED)
+    row = Comparison(*here, "mine", "flexinv", "torque", "N m", "error", "flexinv: interrupted")
+    cut = Results("", message="interrupted", cases=(CaseRow(*here),), runs=(mine, ours), comparisons=(row,))
+
+    def said(results: Results) -> str:
+        (rung,) = (one for one in ladder.rungs(results, "mine") if one.name == "loop")
+        return rung.message
+
+    assert (
+        said(cut) == said(replace(cut, runs=(replace(mine, status="error", message=INTERRUPTED),))) == ladder.UNFINISHED
+    )
+    assert said(replace(cut, runs=(ours,), comparisons=())) == ladder.UNFINISHED  # interrupted before it began
+    assert said(replace(cut, runs=(replace(mine, status="error", message="singular"), ours))) == "singular"
+    assert said(replace(cut, message="")).startswith("does not hold")  # nothing was interrupted: the reference failed
 
 
 def test_a_seed_changes_every_rung_and_keeps_what_has_to_stay(tmp_path: Path) -> None:
