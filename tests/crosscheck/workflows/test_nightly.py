@@ -109,11 +109,11 @@ def test_a_night_with_a_hang_a_crash_and_nan_is_complete_for_the_rest(
     # The hanging one leaves its process number in a folder, which it is told as an option.
     told = functools.partial(Options, engine={"pids": str(tmp_path)})
     monkeypatch.setattr("crosscheck.commands.shared.options.Options", told)
-    done = nightly("--engines", "*", "--timeout", "15")  # a sound engine takes half a second, on a busy machine three
+    done = nightly("--engines", "*", "--timeout", "8")  # a sound engine takes half a second, on a busy machine three
     assert done.exit_code == 2, done.output
     results = last(reports)
     runs = {r.engine: r for r in results.runs}
-    assert runs["hanging"].message.startswith("stopped after the time limit of 15 s")
+    assert runs["hanging"].message.startswith("stopped after the time limit of 8 s")
     assert runs["crashing"].message == "killed by signal 6 (SIGABRT)"
     assert "not finite" in runs["nan"].message
     sound = [c for c in results.comparisons if c.engine == "pinocchio"]
