@@ -22,6 +22,7 @@ from flexinv.analysis.solve import solve
 from flexinv.errors import InputError
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.model.attachments import Spring
 from flexinv.model.links import Body, Inertia
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.motion import Motion
@@ -96,27 +97,32 @@ def with_masses(mechanism: Mechanism, masses: Mapping[str, Array]) -> Mechanism:
 
 def tilted(gravity: Array, x: float, y: float) -> Array:
     """Return gravity (3,) [m/s^2] turned by small angles x, y [rad] about the world's axes."""
-    return np.asarray(gravity + np.cross([x, y, 0.0], gravity))
+    return np.array(
+        [gravity[0] + y * gravity[2], gravity[1] - x * gravity[2], gravity[2] + x * gravity[1] - y * gravity[0]]
+    )
 
 
 def _gravity(gravity: Array, values: Mapping[Key, float]) -> Array:
     return tilted(gravity, *(values.get((f"gravity tilt {axis}", "world"), 0.0) for axis in "xy"))
 
 
-def response(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured) -> Response:
+def response(
+    mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured, once: bool = False
+) -> Response:
     """Return the function from values to efforts (samples, joints) [N m], [N], root moments (samples, gauges) [N m] and the
     signals of points (samples, sensors) [m], [m/s^2].
 
+    once : one set of values is asked for, so that no regressor of a tree pays: its torques are computed as they are
     Raises InputError: a joint of a rigid tree that no column moves.
     """
     alone = bare(mechanism, motion.names)
     passive = any(j.nv and j.name not in motion.names and not j.actuated for j in mechanism.joints)
     if mechanism.is_rigid and not mechanism.closures and not settings.gauges and not passive:
-        return _of_tree(alone, space, settings, motion)
+        return _of_tree(alone, space, settings, motion, once)
     return _by_solve(alone, space, settings, motion)
 
 
-def _of_tree(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured) -> Response:
+def _of_tree(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured, once: bool) -> Response:
     if still := [j.name for j in mechanism.joints if j.nv and j.name not in motion.names]:
         raise InputError(
             f"joint {still[0]} moves and no column says how; write [joints.{still[0]}] with angle = {{ column = ... }} in "
@@ -125,13 +131,59 @@ def _of_tree(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion
     q, qd, qdd = _states(mechanism, motion)
     rows = [mechanism.v_slices[name].start for name in motion.names]
 
-    def matrix(gravity: Array) -> Array:
-        return torque_regressor(replace(mechanism, gravity=gravity), q, qd, qdd).matrix[:, rows]
-
     points = PointMotion.nowhere(len(q))
     if point_sensors(settings):
         mesh = build(with_points(mechanism, settings))
         points = point_motion(settings, mesh, rigid_motion(mesh, q, qd, qdd))
+    gravity = np.asarray(mechanism.gravity)
+    torques = _as_they_are if once else _by_regressor
+    effort = torques(mechanism, space, (q, qd, qdd), rows)
+
+    def evaluate(values: Mapping[Key, float]) -> Told:
+        return effort(values), np.zeros((len(q), 0)), points.readings(_gravity(gravity, values))
+
+    return evaluate
+
+
+def _as_they_are(
+    mechanism: Mechanism, space: Space, state: tuple[Array, Array, Array], rows: list[int]
+) -> Callable[[Mapping[Key, float]], Array]:
+    """The efforts (samples, joints) of a tree at any values, each from the motion anew."""
+
+    def effort(values: Mapping[Key, float]) -> Array:
+        ten = ten_of(space, mechanism, values)
+        forces = tuple(values.get(("spring force", s.name), 1.0) for s in mechanism.springs)
+        tilts = _gravity(np.asarray(mechanism.gravity), values)
+        changed = _changed(mechanism, tuple(space.factors), ten.tobytes(), tilts.tobytes(), forces)
+        return joint_torques(changed, *state)[:, rows]
+
+    return effort
+
+
+@kept_with_owner(most=4)
+def _changed(
+    mechanism: Mechanism, free: tuple[str, ...], masses: bytes, gravity: bytes, forces: tuple[float, ...]
+) -> Mechanism:
+    """The mechanism with the masses of links that are free, gravity and springs of so many times the force."""
+    ten = np.frombuffer(masses).reshape(-1, PARAMETERS)
+    own = {link.name: ten[k] for k, link in enumerate(mechanism.links) if link.name in free}
+    springs = tuple(_scaled(s, factor) for s, factor in zip(mechanism.springs, forces, strict=True))
+    return replace(with_masses(mechanism, own), gravity=np.frombuffer(gravity), springs=springs)
+
+
+def _scaled(spring: Spring, factor: float) -> Spring:
+    return replace(spring, stiffness=spring.stiffness * factor, law=spring.law and spring.law.scaled(factor))
+
+
+def _by_regressor(
+    mechanism: Mechanism, space: Space, state: tuple[Array, Array, Array], rows: list[int]
+) -> Callable[[Mapping[Key, float]], Array]:
+    """The efforts (samples, joints) of a tree at any values, by matrices of the motion that are made once."""
+    q, qd, qdd = state
+
+    def matrix(gravity: Array) -> Array:
+        return torque_regressor(replace(mechanism, gravity=gravity), q, qd, qdd).matrix[:, rows]
+
     gravity, known = np.asarray(mechanism.gravity), {p.key for p in space.parameters}
     level = torque_regressor(mechanism, q, qd, qdd).matrix[:, rows]
     free_tilts = [f"gravity tilt {axis}" for axis in "xy" if (f"gravity tilt {axis}", "world") in known]
@@ -152,13 +204,12 @@ def _of_tree(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion
             out = out + force * pull
         return np.asarray(out)
 
-    def evaluate(values: Mapping[Key, float]) -> Told:
+    def effort(values: Mapping[Key, float]) -> Array:
         tilts = tuple(values[kind, "world"] for kind in free_tilts)
         forces = tuple(values.get(("spring force", name), 1.0) for name in pulls)
-        effort = by_numbers(ten_of(space, mechanism, values).tobytes(), tilts, forces)
-        return effort, np.zeros((len(q), 0)), points.readings(_gravity(gravity, values))
+        return by_numbers(ten_of(space, mechanism, values).tobytes(), tilts, forces)
 
-    return evaluate
+    return effort
 
 
 @kept_with_owner()
@@ -194,14 +245,7 @@ def _by_solve(mechanism: Mechanism, space: Space, settings: IdentifyTable, motio
 
     def once(values: Mapping[Key, float], ten: Mapping[str, Array]) -> Told:
         changed = with_points(with_masses(with_values(coarse, values), ten), settings)
-        springs = tuple(
-            replace(
-                s,
-                stiffness=s.stiffness * (f := values.get(("spring force", s.name), 1.0)),
-                law=s.law and s.law.scaled(f),
-            )
-            for s in changed.springs
-        )
+        springs = tuple(_scaled(s, values.get(("spring force", s.name), 1.0)) for s in changed.springs)
         gravity = _gravity(np.asarray(changed.gravity), values)
         changed = replace(changed, gravity=gravity, springs=springs)
         solution = solve(changed, given, step, every=settings.every, initial=settings.initial, start=start or None)
