@@ -103,7 +103,7 @@ class Round:
         return self.search.task(log, mechanism, level, moves, once=level is not None)
 
     def _residual(self, task: Problem) -> list[Array]:
-        """What is measured less the readings, which are the round's own where what moves is as it was."""
+        """Measured values less the readings, which are those of the round as long as nothing else moves."""
         measured = task.pick([run.measured for run in task.runs if run.measured is not None])
         same = task.runs[0].response is self.task.runs[0].response
         told = self.told if same else task.pick(task.predict(self.search.found.z))
