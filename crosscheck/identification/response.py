@@ -32,6 +32,7 @@ from flexinv.rigid.torque_regressor import link_parameters, torque_regressor
 
 Array = NDArray[np.float64]
 Told = tuple[Array, Array, Array]
+State = tuple[Array, Array, Array]
 Response = Callable[[Mapping[Key, float]], Told]
 PARAMETERS = len(NAMES)
 TILT = 1e-3  # [rad]; the torque is linear in gravity, so the difference quotient errs by its square
@@ -112,14 +113,14 @@ def response(
     """Return the function from values to efforts (samples, joints) [N m], [N], root moments (samples, gauges) [N m] and the
     signals of points (samples, sensors) [m], [m/s^2].
 
-    once : one set of values is asked for, so that no regressor of a tree pays: its torques are computed as they are
+    once : one set of values is asked for, so that no regressor pays: torques are computed as they are
     Raises InputError: a joint of a rigid tree that no column moves.
     """
     alone = bare(mechanism, motion.names)
     passive = any(j.nv and j.name not in motion.names and not j.actuated for j in mechanism.joints)
     if mechanism.is_rigid and not mechanism.closures and not settings.gauges and not passive:
         return _of_tree(alone, space, settings, motion, once)
-    return _by_solve(alone, space, settings, motion)
+    return _by_solve(alone, space, settings, motion, once)
 
 
 def _of_tree(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured, once: bool) -> Response:
@@ -146,7 +147,7 @@ def _of_tree(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion
 
 
 def _as_they_are(
-    mechanism: Mechanism, space: Space, state: tuple[Array, Array, Array], rows: list[int]
+    mechanism: Mechanism, space: Space, state: State, rows: list[int]
 ) -> Callable[[Mapping[Key, float]], Array]:
     """The efforts (samples, joints) of a tree at any values, each from the motion anew."""
 
@@ -176,7 +177,7 @@ def _scaled(spring: Spring, factor: float) -> Spring:
 
 
 def _by_regressor(
-    mechanism: Mechanism, space: Space, state: tuple[Array, Array, Array], rows: list[int]
+    mechanism: Mechanism, space: Space, state: State, rows: list[int]
 ) -> Callable[[Mapping[Key, float]], Array]:
     """The efforts (samples, joints) of a tree at any values, by matrices of the motion that are made once."""
     q, qd, qdd = state
@@ -231,7 +232,7 @@ def _states(mechanism: Mechanism, motion: Measured) -> tuple[Array, Array, Array
     return q, qd, qdd
 
 
-def _by_solve(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured) -> Response:
+def _by_solve(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured, alone: bool) -> Response:
     coarse = mechanism.with_mesh(*settings.mesh) if settings.mesh and mechanism.beams else mechanism
     given = Motion.from_samples(motion.time, {name: motion.q[:, k] for k, name in enumerate(motion.names)})
     step = float(motion.time[1] - motion.time[0]) / settings.every
@@ -240,26 +241,36 @@ def _by_solve(mechanism: Mechanism, space: Space, settings: IdentifyTable, motio
     masses = [p.key for p in space.parameters if p.kind == MASS]
     moved = [j for j in mechanism.joints if j.nv and j.name not in motion.names]
     swings = any(j.stiffness for j in moved) or (bool(moved) and not mechanism.closures)
-    linear = mechanism.is_rigid and bool(masses) and not swings
+    linear = mechanism.is_rigid and bool(masses) and not swings and not alone
     start = {name: table.value for name, table in settings.start.items()}
 
-    def once(values: Mapping[Key, float], ten: Mapping[str, Array]) -> Told:
+    def changed_by(values: Mapping[Key, float], ten: Mapping[str, Array]) -> Mechanism:
         changed = with_points(with_masses(with_values(coarse, values), ten), settings)
         springs = tuple(_scaled(s, values.get(("spring force", s.name), 1.0)) for s in changed.springs)
-        gravity = _gravity(np.asarray(changed.gravity), values)
-        changed = replace(changed, gravity=gravity, springs=springs)
+        return replace(changed, gravity=_gravity(np.asarray(changed.gravity), values), springs=springs)
+
+    rows = [coarse.v_slices[name].start for name in motion.names]
+
+    def marched(values: Mapping[Key, float], ten: Mapping[str, Array]) -> tuple[Told, State]:
+        changed = changed_by(values, ten)
         solution = solve(changed, given, step, every=settings.every, initial=settings.initial, start=start or None)
-        rows = [changed.v_slices[name].start for name in motion.names]
         moments = [-solution.wrench[g.joint][:, 5] for g in settings.gauges.values()]
-        points = point_motion(settings, solution.mesh, solution.nodes).readings(gravity)
-        return solution.torque_all[:, rows], np.column_stack([np.zeros((len(motion.time), 0)), *moments]), points
+        points = point_motion(settings, solution.mesh, solution.nodes).readings(np.asarray(changed.gravity))
+        told = solution.torque_all[:, rows], np.column_stack([np.zeros((len(motion.time), 0)), *moments]), points
+        return told, (solution.q, solution.qd, solution.qdd)
+
+    def efforts(values: Mapping[Key, float], ten: Mapping[str, Array], state: State) -> Array:
+        try:
+            return joint_torques(changed_by(values, ten), *state)[:, rows]
+        except InputError:  # forces over time, closures that act for a while
+            return marched(values, ten)[0][0]
 
     def remembered(values: Mapping[Key, float], keys: list[Key], ten: Mapping[str, Array]) -> Told:
         at = tuple(values[k] for k in keys)
         if at not in kept:
             if len(kept) >= KEPT:
                 kept.pop(next(iter(kept)))
-            kept[at] = once(values, ten)
+            kept[at] = marched(values, ten)[0]
         return kept[at]
 
     if not linear:
@@ -270,29 +281,33 @@ def _by_solve(mechanism: Mechanism, space: Space, settings: IdentifyTable, motio
             return remembered(values, solved + masses, own)
 
         return nonlinear
-    return _linear_in_masses(mechanism, space, solved, once)
+    return _linear_in_masses(mechanism, space, solved, marched, efforts)
 
 
 def _linear_in_masses(
     mechanism: Mechanism,
     space: Space,
     solved: list[Key],
-    once: Callable[[Mapping[Key, float], Mapping[str, Array]], Told],
+    marched: Callable[[Mapping[Key, float], Mapping[str, Array]], tuple[Told, State]],
+    efforts: Callable[[Mapping[Key, float], Mapping[str, Array], State], Array],
 ) -> Response:
-    """Rigid loops: tau = tau_0 + Y (pi - pi_0), columns by differences, kept for each set of the other values."""
+    """Rigid loops: tau = tau_0 + Y (pi - pi_0), columns by differences, kept for each set of the other values.
+
+    The loops are followed once, as masses do not move them.
+    """
     known = {link.name: link_parameters(link) for link in mechanism.links if link.name in space.factors}
     known = {name: moved(space.factors[name], np.zeros(PARAMETERS)) for name in known}
     kept: dict[tuple[float, ...], Told] = {}
 
     def columns(values: Mapping[Key, float]) -> Told:
-        level, _, points = once(values, known)
-        out = []
+        (level, _, points), state = marched(values, known)
+        base, out = efforts(values, known, state), []
         for name, ten in known.items():
             for k in range(PARAMETERS):
                 size = max(abs(float(ten[k])), 1e-3 * float(ten[0]))
                 changed = ten.copy()
                 changed[k] += size
-                out.append((once(values, {**known, name: changed})[0] - level) / size)
+                out.append((efforts(values, {**known, name: changed}, state) - base) / size)
         return level, np.stack(out, axis=-1), points  # (sample, joint), (sample, joint, parameter), (sample, sensor)
 
     def evaluate(values: Mapping[Key, float]) -> Told:
