@@ -32,9 +32,10 @@ def pseudo_inertia(ten: Array) -> Array:
 
 
 def ten_parameters(pseudo: Array) -> Array:
-    """Return m [kg], h [kg m], I [kg m^2] (10,) of a pseudo-inertia (4, 4)."""
-    tensor = np.trace(pseudo[:3, :3]) * np.eye(3) - pseudo[:3, :3]
-    return np.concatenate([[pseudo[3, 3]], pseudo[:3, 3], tensor[ROWS, COLUMNS]])
+    """Return m [kg], h [kg m], I [kg m^2] (..., 10) of pseudo-inertias (..., 4, 4)."""
+    spread = pseudo[..., :3, :3]
+    tensor = np.trace(spread, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - spread
+    return np.concatenate([pseudo[..., 3:, 3], pseudo[..., :3, 3], tensor[..., ROWS, COLUMNS]], axis=-1)
 
 
 def upper_factor(pseudo: Array) -> Array:
@@ -58,13 +59,13 @@ def believable(ten: Array, radius: float) -> Array:
 
 
 def moved(factor: Array, x: Array) -> Array:
-    """Return mass properties (10,) [kg], [kg m], [kg m^2] for x (10,) [-], in the order of ``NAMES``; factor : L (4, 4)."""
-    a, d1, d2, d3, s12, s23, s13, t1, t2, t3 = x
-    u = np.array(
-        [[np.exp(d1), s12, s13, t1], [0.0, np.exp(d2), s23, t2], [0.0, 0.0, np.exp(d3), t3], [0.0, 0.0, 0.0, 1.0]]
-    )
-    half = factor @ u * np.exp(a)
-    return ten_parameters(half @ half.T)
+    """Return mass properties (..., 10) [kg], [kg m], [kg m^2] for x (..., 10) [-] as ``NAMES``; factor : L (4, 4)."""
+    u = np.zeros((*x.shape[:-1], 4, 4))
+    u[..., [0, 1, 2], [0, 1, 2]] = np.exp(x[..., 1:4])
+    u[..., [0, 1, 0, 0, 1, 2], [1, 2, 2, 3, 3, 3]] = x[..., 4:]
+    u[..., 3, 3] = 1.0
+    half = factor @ u * np.exp(x[..., 0])[..., None, None]
+    return ten_parameters(half @ np.swapaxes(half, -1, -2))
 
 
 def widths(factor: Array, relative: float) -> Array:
@@ -81,7 +82,8 @@ def widths(factor: Array, relative: float) -> Array:
 
 
 def about_com(ten: Array) -> Array:
-    """Return mass [kg], centre of mass [m] and inertia about it [kg m^2], (10,), of m, h, I (10,) about the origin."""
-    mass, c = ten[0], ten[1:4] / ten[0]
-    steiner = mass * (c @ c * np.eye(3) - np.outer(c, c))
-    return np.concatenate([[mass], c, ten[4:] - steiner[ROWS, COLUMNS]])
+    """Return mass [kg], centre of mass [m] and inertia about it [kg m^2], (..., 10), of m, h, I (..., 10) about the origin."""
+    mass, c = ten[..., :1], ten[..., 1:4] / ten[..., :1]
+    outer = c[..., :, None] * c[..., None, :]
+    steiner = np.trace(outer, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - outer
+    return np.concatenate([mass, c, ten[..., 4:] - mass * steiner[..., ROWS, COLUMNS]], axis=-1)

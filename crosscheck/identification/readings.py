@@ -142,11 +142,19 @@ def motion_of(machine: Machine, log: Log) -> Measured:
         columns.append(low_pass(raw, log.spacing, bandwidth))
         if table.rate is not None:
             rates[k] = low_pass(_rate(log, name, table.rate, raw), log.spacing, bandwidth)
-    spline = CubicSpline(time, np.column_stack(columns))
-    qd, qdd = spline(time, 1), spline(time, 2)
+    grid = time.tobytes()
+    q, qd, qdd = (np.column_stack(parts) for parts in zip(*(_splined(grid, c.tobytes()) for c in columns), strict=True))
     for k, rate in rates.items():
         qd[:, k], qdd[:, k] = rate, CubicSpline(time, rate)(time, 1)
-    return Measured(time, tuple(settings.joints), spline(time), qd, qdd)
+    return Measured(time, tuple(settings.joints), q, qd, qdd)
+
+
+@lru_cache(maxsize=64)  # undoing a fault leaves most angles as they were
+def _splined(grid: bytes, values: bytes) -> tuple[Array, Array, Array]:
+    """A spline through samples at times of a grid [s], and its first and second derivatives there (samples,) each."""
+    time = np.frombuffer(grid)
+    spline = CubicSpline(time, np.frombuffer(values))
+    return spline(time), spline(time, 1), spline(time, 2)
 
 
 def _rate(log: Log, name: str, table: RateTable, angle: Array) -> Array:
@@ -172,8 +180,11 @@ def _check_angle(machine: Machine, log: Log, name: str, raw: Array) -> None:
         )
 
 
-def make_run(machine: Machine, log: Log, efforts: bool = True) -> Run:
-    """Return a log made ready [s, rad, N m]; without ``efforts`` no column of an effort or a gauge is looked at."""
+def make_run(machine: Machine, log: Log, efforts: bool = True, once: bool = False) -> Run:
+    """Return a log made ready [s, rad, N m]; without ``efforts`` no column of an effort or a gauge is looked at.
+
+    once : its response is asked for at one set of values
+    """
     settings, motion = machine.settings, motion_of(machine, log)
     sliding = np.column_stack(
         [
@@ -187,7 +198,7 @@ def make_run(machine: Machine, log: Log, efforts: bool = True) -> Run:
     edge = EDGE / settings.bandwidth_Hz
     window &= (motion.time >= edge) & (motion.time <= motion.time[-1] - edge)
     measured = measured_of(machine, log) if efforts else None
-    told = response(machine.mechanism, machine.space, settings, motion)
+    told = response(machine.mechanism, machine.space, settings, motion, once)
     wide = wide_of(machine, log) if efforts else ()
     return Run(log.name, log.time, motion, told, measured, sliding, sliding & window[:, None], wide)
 
@@ -198,12 +209,16 @@ def _window(settings: IdentifyTable, log: Log) -> NDArray[np.bool_]:
     return np.asarray((log.time >= settings.window_s[0] - 1e-9) & (log.time <= settings.window_s[1] + 1e-9))
 
 
-def wide_of(machine: Machine, log: Log) -> tuple[WideResponse | None, ...]:
-    """Return the response of every effort to its joint's acceleration above the bandwidth [units of the channels]."""
+def wide_of(machine: Machine, log: Log, only: int | None = None) -> tuple[WideResponse | None, ...]:
+    """Return the response of every effort to its joint's acceleration above the bandwidth [units of the channels].
+
+    only : of this channel, and None for the others
+    """
     window = _window(machine.settings, log)
     out: list[WideResponse | None] = []
-    for channel in machine.channels:
-        table = None if channel.sense != "effort" else machine.settings.joints[channel.place].angle
+    for c, channel in enumerate(machine.channels):
+        asked = channel.sense == "effort" and only in (None, c)
+        table = machine.settings.joints[channel.place].angle if asked else None
         if table is None:
             out.append(None)
             continue
@@ -332,7 +347,14 @@ def delayed(values: Array, spacing: float, delay: float) -> Array:
     if not delay:
         return values
     time = spacing * np.arange(len(values))
-    return np.asarray(CubicSpline(time, values)(np.clip(time - delay, 0.0, time[-1])))
+    spline = _spline(np.asarray(values, dtype=np.float64).tobytes(), spacing)
+    return np.asarray(spline(np.clip(time - delay, 0.0, time[-1])))
+
+
+@lru_cache(maxsize=64)  # many delays of a signal are tried
+def _spline(values: bytes, spacing: float) -> CubicSpline:
+    signal = np.frombuffer(values)
+    return CubicSpline(spacing * np.arange(len(signal)), signal)
 
 
 def lagged(values: Array, spacing: float, constant: float) -> Array:

@@ -22,6 +22,7 @@ from flexinv.analysis.solve import solve
 from flexinv.errors import InputError
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.model.attachments import Spring
 from flexinv.model.links import Body, Inertia
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.motion import Motion
@@ -31,6 +32,7 @@ from flexinv.rigid.torque_regressor import link_parameters, torque_regressor
 
 Array = NDArray[np.float64]
 Told = tuple[Array, Array, Array]
+State = tuple[Array, Array, Array]
 Response = Callable[[Mapping[Key, float]], Told]
 PARAMETERS = len(NAMES)
 TILT = 1e-3  # [rad]; the torque is linear in gravity, so the difference quotient errs by its square
@@ -96,27 +98,32 @@ def with_masses(mechanism: Mechanism, masses: Mapping[str, Array]) -> Mechanism:
 
 def tilted(gravity: Array, x: float, y: float) -> Array:
     """Return gravity (3,) [m/s^2] turned by small angles x, y [rad] about the world's axes."""
-    return np.asarray(gravity + np.cross([x, y, 0.0], gravity))
+    return np.array(
+        [gravity[0] + y * gravity[2], gravity[1] - x * gravity[2], gravity[2] + x * gravity[1] - y * gravity[0]]
+    )
 
 
 def _gravity(gravity: Array, values: Mapping[Key, float]) -> Array:
     return tilted(gravity, *(values.get((f"gravity tilt {axis}", "world"), 0.0) for axis in "xy"))
 
 
-def response(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured) -> Response:
+def response(
+    mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured, once: bool = False
+) -> Response:
     """Return the function from values to efforts (samples, joints) [N m], [N], root moments (samples, gauges) [N m] and the
     signals of points (samples, sensors) [m], [m/s^2].
 
+    once : one set of values is asked for, so that no regressor pays: torques are computed as they are
     Raises InputError: a joint of a rigid tree that no column moves.
     """
     alone = bare(mechanism, motion.names)
     passive = any(j.nv and j.name not in motion.names and not j.actuated for j in mechanism.joints)
     if mechanism.is_rigid and not mechanism.closures and not settings.gauges and not passive:
-        return _of_tree(alone, space, settings, motion)
-    return _by_solve(alone, space, settings, motion)
+        return _of_tree(alone, space, settings, motion, once)
+    return _by_solve(alone, space, settings, motion, once)
 
 
-def _of_tree(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured) -> Response:
+def _of_tree(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured, once: bool) -> Response:
     if still := [j.name for j in mechanism.joints if j.nv and j.name not in motion.names]:
         raise InputError(
             f"joint {still[0]} moves and no column says how; write [joints.{still[0]}] with angle = {{ column = ... }} in "
@@ -125,13 +132,59 @@ def _of_tree(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion
     q, qd, qdd = _states(mechanism, motion)
     rows = [mechanism.v_slices[name].start for name in motion.names]
 
-    def matrix(gravity: Array) -> Array:
-        return torque_regressor(replace(mechanism, gravity=gravity), q, qd, qdd).matrix[:, rows]
-
     points = PointMotion.nowhere(len(q))
     if point_sensors(settings):
         mesh = build(with_points(mechanism, settings))
         points = point_motion(settings, mesh, rigid_motion(mesh, q, qd, qdd))
+    gravity = np.asarray(mechanism.gravity)
+    torques = _as_they_are if once else _by_regressor
+    effort = torques(mechanism, space, (q, qd, qdd), rows)
+
+    def evaluate(values: Mapping[Key, float]) -> Told:
+        return effort(values), np.zeros((len(q), 0)), points.readings(_gravity(gravity, values))
+
+    return evaluate
+
+
+def _as_they_are(
+    mechanism: Mechanism, space: Space, state: State, rows: list[int]
+) -> Callable[[Mapping[Key, float]], Array]:
+    """The efforts (samples, joints) of a tree at any values, each from the motion anew."""
+
+    def effort(values: Mapping[Key, float]) -> Array:
+        ten = ten_of(space, mechanism, values)
+        forces = tuple(values.get(("spring force", s.name), 1.0) for s in mechanism.springs)
+        tilts = _gravity(np.asarray(mechanism.gravity), values)
+        changed = _changed(mechanism, tuple(space.factors), ten.tobytes(), tilts.tobytes(), forces)
+        return joint_torques(changed, *state)[:, rows]
+
+    return effort
+
+
+@kept_with_owner(most=4)
+def _changed(
+    mechanism: Mechanism, free: tuple[str, ...], masses: bytes, gravity: bytes, forces: tuple[float, ...]
+) -> Mechanism:
+    """The mechanism with the masses of links that are free, gravity and springs of so many times the force."""
+    ten = np.frombuffer(masses).reshape(-1, PARAMETERS)
+    own = {link.name: ten[k] for k, link in enumerate(mechanism.links) if link.name in free}
+    springs = tuple(_scaled(s, factor) for s, factor in zip(mechanism.springs, forces, strict=True))
+    return replace(with_masses(mechanism, own), gravity=np.frombuffer(gravity), springs=springs)
+
+
+def _scaled(spring: Spring, factor: float) -> Spring:
+    return replace(spring, stiffness=spring.stiffness * factor, law=spring.law and spring.law.scaled(factor))
+
+
+def _by_regressor(
+    mechanism: Mechanism, space: Space, state: State, rows: list[int]
+) -> Callable[[Mapping[Key, float]], Array]:
+    """The efforts (samples, joints) of a tree at any values, by matrices of the motion that are made once."""
+    q, qd, qdd = state
+
+    def matrix(gravity: Array) -> Array:
+        return torque_regressor(replace(mechanism, gravity=gravity), q, qd, qdd).matrix[:, rows]
+
     gravity, known = np.asarray(mechanism.gravity), {p.key for p in space.parameters}
     level = torque_regressor(mechanism, q, qd, qdd).matrix[:, rows]
     free_tilts = [f"gravity tilt {axis}" for axis in "xy" if (f"gravity tilt {axis}", "world") in known]
@@ -152,13 +205,12 @@ def _of_tree(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion
             out = out + force * pull
         return np.asarray(out)
 
-    def evaluate(values: Mapping[Key, float]) -> Told:
+    def effort(values: Mapping[Key, float]) -> Array:
         tilts = tuple(values[kind, "world"] for kind in free_tilts)
         forces = tuple(values.get(("spring force", name), 1.0) for name in pulls)
-        effort = by_numbers(ten_of(space, mechanism, values).tobytes(), tilts, forces)
-        return effort, np.zeros((len(q), 0)), points.readings(_gravity(gravity, values))
+        return by_numbers(ten_of(space, mechanism, values).tobytes(), tilts, forces)
 
-    return evaluate
+    return effort
 
 
 @kept_with_owner()
@@ -180,7 +232,7 @@ def _states(mechanism: Mechanism, motion: Measured) -> tuple[Array, Array, Array
     return q, qd, qdd
 
 
-def _by_solve(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured) -> Response:
+def _by_solve(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured, alone: bool) -> Response:
     coarse = mechanism.with_mesh(*settings.mesh) if settings.mesh and mechanism.beams else mechanism
     given = Motion.from_samples(motion.time, {name: motion.q[:, k] for k, name in enumerate(motion.names)})
     step = float(motion.time[1] - motion.time[0]) / settings.every
@@ -189,33 +241,36 @@ def _by_solve(mechanism: Mechanism, space: Space, settings: IdentifyTable, motio
     masses = [p.key for p in space.parameters if p.kind == MASS]
     moved = [j for j in mechanism.joints if j.nv and j.name not in motion.names]
     swings = any(j.stiffness for j in moved) or (bool(moved) and not mechanism.closures)
-    linear = mechanism.is_rigid and bool(masses) and not swings
+    linear = mechanism.is_rigid and bool(masses) and not swings and not alone
     start = {name: table.value for name, table in settings.start.items()}
 
-    def once(values: Mapping[Key, float], ten: Mapping[str, Array]) -> Told:
+    def changed_by(values: Mapping[Key, float], ten: Mapping[str, Array]) -> Mechanism:
         changed = with_points(with_masses(with_values(coarse, values), ten), settings)
-        springs = tuple(
-            replace(
-                s,
-                stiffness=s.stiffness * (f := values.get(("spring force", s.name), 1.0)),
-                law=s.law and s.law.scaled(f),
-            )
-            for s in changed.springs
-        )
-        gravity = _gravity(np.asarray(changed.gravity), values)
-        changed = replace(changed, gravity=gravity, springs=springs)
+        springs = tuple(_scaled(s, values.get(("spring force", s.name), 1.0)) for s in changed.springs)
+        return replace(changed, gravity=_gravity(np.asarray(changed.gravity), values), springs=springs)
+
+    rows = [coarse.v_slices[name].start for name in motion.names]
+
+    def marched(values: Mapping[Key, float], ten: Mapping[str, Array]) -> tuple[Told, State]:
+        changed = changed_by(values, ten)
         solution = solve(changed, given, step, every=settings.every, initial=settings.initial, start=start or None)
-        rows = [changed.v_slices[name].start for name in motion.names]
         moments = [-solution.wrench[g.joint][:, 5] for g in settings.gauges.values()]
-        points = point_motion(settings, solution.mesh, solution.nodes).readings(gravity)
-        return solution.torque_all[:, rows], np.column_stack([np.zeros((len(motion.time), 0)), *moments]), points
+        points = point_motion(settings, solution.mesh, solution.nodes).readings(np.asarray(changed.gravity))
+        told = solution.torque_all[:, rows], np.column_stack([np.zeros((len(motion.time), 0)), *moments]), points
+        return told, (solution.q, solution.qd, solution.qdd)
+
+    def efforts(values: Mapping[Key, float], ten: Mapping[str, Array], state: State) -> Array:
+        try:
+            return joint_torques(changed_by(values, ten), *state)[:, rows]
+        except InputError:  # forces over time, closures that act for a while
+            return marched(values, ten)[0][0]
 
     def remembered(values: Mapping[Key, float], keys: list[Key], ten: Mapping[str, Array]) -> Told:
         at = tuple(values[k] for k in keys)
         if at not in kept:
             if len(kept) >= KEPT:
                 kept.pop(next(iter(kept)))
-            kept[at] = once(values, ten)
+            kept[at] = marched(values, ten)[0]
         return kept[at]
 
     if not linear:
@@ -226,29 +281,33 @@ def _by_solve(mechanism: Mechanism, space: Space, settings: IdentifyTable, motio
             return remembered(values, solved + masses, own)
 
         return nonlinear
-    return _linear_in_masses(mechanism, space, solved, once)
+    return _linear_in_masses(mechanism, space, solved, marched, efforts)
 
 
 def _linear_in_masses(
     mechanism: Mechanism,
     space: Space,
     solved: list[Key],
-    once: Callable[[Mapping[Key, float], Mapping[str, Array]], Told],
+    marched: Callable[[Mapping[Key, float], Mapping[str, Array]], tuple[Told, State]],
+    efforts: Callable[[Mapping[Key, float], Mapping[str, Array], State], Array],
 ) -> Response:
-    """Rigid loops: tau = tau_0 + Y (pi - pi_0), columns by differences, kept for each set of the other values."""
+    """Rigid loops: tau = tau_0 + Y (pi - pi_0), columns by differences, kept for each set of the other values.
+
+    The loops are followed once, as masses do not move them.
+    """
     known = {link.name: link_parameters(link) for link in mechanism.links if link.name in space.factors}
     known = {name: moved(space.factors[name], np.zeros(PARAMETERS)) for name in known}
     kept: dict[tuple[float, ...], Told] = {}
 
     def columns(values: Mapping[Key, float]) -> Told:
-        level, _, points = once(values, known)
-        out = []
+        (level, _, points), state = marched(values, known)
+        base, out = efforts(values, known, state), []
         for name, ten in known.items():
             for k in range(PARAMETERS):
                 size = max(abs(float(ten[k])), 1e-3 * float(ten[0]))
                 changed = ten.copy()
                 changed[k] += size
-                out.append((once(values, {**known, name: changed})[0] - level) / size)
+                out.append((efforts(values, {**known, name: changed}, state) - base) / size)
         return level, np.stack(out, axis=-1), points  # (sample, joint), (sample, joint, parameter), (sample, sensor)
 
     def evaluate(values: Mapping[Key, float]) -> Told:

@@ -69,8 +69,7 @@ def rows(space: Space, found: Fit) -> list[Row]:
     for name, factor in space.factors.items():
         errors = np.array([space.parameters[keys.index((MASS, f"{name}.{n}"))].error for n in NAMES])
         at = [keys.index((MASS, f"{name}.{n}")) for n in NAMES]
-        value = np.array([about_com(moved(factor, errors * z)) for z in after[:, at]])
-        known = np.array([about_com(moved(factor, errors * z)) for z in before[:, at]])
+        value, known = (about_com(moved(factor, errors * drawn[:, at])) for drawn in (after, before))
         here, there = about_com(moved(factor, errors * found.z[at])), about_com(moved(factor, np.zeros(len(NAMES))))
         for k, (quantity, unit) in enumerate(zip(QUANTITIES, UNITS, strict=True)):
             told = bool(np.std(value[:, k]) < TOLD * np.std(known[:, k]))

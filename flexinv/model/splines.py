@@ -14,6 +14,7 @@ import scipy  # its parts are loaded when they are asked for: reading a mechanis
 from numpy.typing import NDArray
 
 from flexinv.errors import InputError, ModelWarning
+from flexinv.model.owned_cache import kept_with_owner
 from flexinv.model.time_laws import SNAP
 from flexinv.typing import Array, Triple
 
@@ -39,11 +40,17 @@ class Sampling:
     rest: bool = False
 
     def spline(self, values: Array) -> scipy.interpolate.BSpline:
-        """Return the interpolating spline of values (samples, columns) [any unit]."""
-        zero = np.zeros(values.shape[1])
-        at_rest = [(order, zero) for order in range(1, (self.degree + 1) // 2)]
-        ends = (at_rest, at_rest) if self.rest else None
-        return scipy.interpolate.make_interp_spline(self.time, values, k=self.degree, bc_type=ends)
+        """Return the interpolating spline of values (samples, columns) [any unit]; it is kept, as motions ask time by time."""
+        return _spline(self, np.asarray(values, dtype=np.float64).tobytes(), values.shape[1])
+
+
+@kept_with_owner()
+def _spline(sampling: Sampling, values: bytes, columns: int) -> scipy.interpolate.BSpline:
+    zero = np.zeros(columns)
+    at_rest = [(order, zero) for order in range(1, (sampling.degree + 1) // 2)]
+    ends = (at_rest, at_rest) if sampling.rest else None
+    rows = np.frombuffer(values).reshape(-1, columns)
+    return scipy.interpolate.make_interp_spline(sampling.time, rows, k=sampling.degree, bc_type=ends)
 
 
 def check_sampling(sampling: Sampling, max_gap: float | None) -> None:

@@ -22,7 +22,7 @@ from flexinv.model.mechanism import Attachment, Mechanism
 from flexinv.model.motion import Motion
 from flexinv.tracking.collocation import Horizon, Layout, Task
 from flexinv.tracking.frame_path import Path
-from flexinv.tracking.inverse_kinematics import Frame, Reach, drive_columns, follow_rigid, frame_of
+from flexinv.tracking.inverse_kinematics import Frame, Reach, RigidWay, drive_columns, frame_of
 from flexinv.tracking.stable_inversion import Inverse, internal_rates, invert, unrest
 from flexinv.typing import Array
 from flexinv.validation import choice, flag, of_kind, seconds
@@ -120,9 +120,9 @@ def follow(
     mesh = build(mechanism)
     _check(mechanism)
     step = seconds("step", step, "a positive number of seconds, for example step=1e-3")
-    at = frame_of(mesh, frame)
-    time = _window(mesh, at, path, step, before, after, start)
-    out = _beside_rigid(mesh, at, path, time, start)
+    way = RigidWay(mesh, frame_of(mesh, frame), path, start)
+    time = _window(way, step, before, after)
+    out = _beside_rigid(way, time)
     if _is_stiff(mechanism):
         return out
     horizon = _horizon(out, mesh, step)
@@ -135,15 +135,13 @@ def follow(
     return _with_error(out, mechanism, path, frame, step, start)
 
 
-def _beside_rigid(
-    mesh: Mesh, frame: Frame, path: Path, time: Array, start: Mapping[str, ArrayLike] | None
-) -> Following:
+def _beside_rigid(way: RigidWay, time: Array) -> Following:
     """A path as if nothing bent: the answer of a rigid mechanism whose joints are all driven, and the guess of all others."""
-    reach = follow_rigid(mesh, frame, path, time, start)
+    mesh, reach = way.mesh, way.reach(time)
     rigid = solution_after(
         mesh, rigid_motion_of(mesh, time, (reach.q, reach.qd, reach.qdd)), _settings(float(time[1] - time[0]))
     )
-    return Following(path, frame, time, path.evaluate(time).x, rigid, rigid, reach, (0.0, 0.0))
+    return Following(way.path, way.frame, time, way.path.evaluate(time).x, rigid, rigid, reach, (0.0, 0.0))
 
 
 def _is_stiff(mechanism: Mechanism) -> bool:
@@ -167,13 +165,13 @@ def _accurately(
     coarsest, (before, after, start) = path.duration / FEWEST_IN_STRETCH, window
     _check(mechanism)
     mesh = build(mechanism)
-    at = frame_of(mesh, frame)
-    ends = _window(mesh, at, path, coarsest, before, after, start)
+    way = RigidWay(mesh, frame_of(mesh, frame), path, start)
+    ends = _window(way, coarsest, before, after)
     left = []
 
     def run(meshed: Mechanism, steps: Array, _: tuple[int, ...], settings: Settings) -> Run:
         own = build(meshed)
-        out = _beside_rigid(own, frame_of(own, frame), path, steps, start)
+        out = _beside_rigid(RigidWay(own, frame_of(own, frame), path, start), steps)
         horizon = _horizon(out, own, settings.step)
         found = invert(horizon)
         left.append((horizon, unrest(steps, found)))
@@ -182,10 +180,10 @@ def _accurately(
 
     grid = StepGrid(ends[[0, -1]], (len(ends) - 1,))
     if _is_stiff(mechanism):
-        return _beside_rigid(mesh, at, path, grid.steps(1), start)
+        return _beside_rigid(way, grid.steps(1))
     solution = accurate(Problem(mechanism, grid, run, _settings(coarsest), asked))
     _check_rest(*left[-1])
-    out = _beside_rigid(solution.mesh, frame_of(solution.mesh, frame), path, solution.time, start)
+    out = _beside_rigid(RigidWay(solution.mesh, frame_of(solution.mesh, frame), path, start), solution.time)
     return replace(out, solution=solution, unrest=left[-1][1])
 
 
@@ -199,11 +197,9 @@ def _check(mechanism: Mechanism) -> None:
             )
 
 
-def _window(
-    mesh: Mesh, frame: Frame, path: Path, step: float, before: float | None, after: float | None,
-    start: Mapping[str, ArrayLike] | None,
-) -> Array:  # fmt: skip
+def _window(way: RigidWay, step: float, before: float | None, after: float | None) -> Array:
     """Instants (samples,) [s], 0 among them."""
+    mesh, frame, path = way.mesh, way.frame, way.path
     for name, value in (("before", before), ("after", after)):
         seconds(name, 0.0 if value is None else value, "a time, 0 or more [s], or None to choose it here", zero=True)
     if step > path.duration / 4:
@@ -212,7 +208,7 @@ def _window(
         )
     ends = np.array([0.0, path.duration])
     if before is None or after is None:
-        reach = follow_rigid(mesh, frame, path, ends, start)
+        reach = way.reach(ends)
         horizon = Horizon(
             Layout.of(mesh), Task(frame, path.evaluate(ends), reach, mesh.length, path.duration), ends, step
         )

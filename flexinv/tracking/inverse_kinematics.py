@@ -13,10 +13,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import make_interp_spline
+from scipy.interpolate import BSpline, make_interp_spline
 
 from flexinv.errors import InputError
 from flexinv.kernels.so3 import log_so3
@@ -52,6 +53,9 @@ class Frame:
     def poses(self, motion: NodalMotion) -> Poses:
         """Return the motion of the frame [m, rad, s]."""
         r, w, al = motion.rotation[:, self.node], motion.omega[:, self.node], motion.alpha[:, self.node]
+        if not self.point.any():  # at the node itself, as a beam's tip
+            x, v, a = (part[:, self.node] for part in (motion.x, motion.v, motion.a))
+            return Poses(x, v, a, r @ self.turn, w @ self.turn, al @ self.turn)
         spin = np.cross(w, self.point)
         swing = np.cross(al, self.point) + np.cross(w, spin)
         return Poses(
@@ -128,17 +132,39 @@ def follow_rigid(
 
     Raises InputError where the path cannot be reached, leads past a limit or through a singular position.
     """
-    chain = _Chain.of(mesh, frame, path)
-    first = chain.guess(start)
-    knots = np.linspace(0.0, path.duration, KNOTS)
-    angles = np.empty((KNOTS, mesh.mechanism.nv))
-    for k, at in enumerate(knots):
-        angles[k] = first = chain.approach(first, path.evaluate(np.array([at])), float(at))
-    spline = make_interp_spline(knots, angles, k=5)
-    inside = np.clip(time, 0.0, path.duration)
-    moving = ((time > 0.0) & (time < path.duration))[:, None]
-    guess = [spline(inside), *(np.where(moving, spline(inside, nu=n), 0.0) for n in (1, 2))]
-    return chain.finish(guess, path.evaluate(time), time)
+    return RigidWay(mesh, frame, path, start).reach(time)
+
+
+@dataclass(frozen=True)
+class RigidWay:
+    """The way of a rigid mechanism along a path, as `follow_rigid` finds it, for several sets of times.
+
+    mesh, frame, path : what follows what; start : guess of joint coordinates at the start [rad], [m]
+    """
+
+    mesh: Mesh
+    frame: Frame
+    path: Path
+    start: Mapping[str, ArrayLike] | None = None
+
+    def reach(self, time: Array) -> Reach:
+        """Return the joint motion at times (samples,) [s].  Raises InputError as `follow_rigid` does."""
+        path, (chain, spline) = self.path, self._knots
+        inside = np.clip(time, 0.0, path.duration)
+        moving = ((time > 0.0) & (time < path.duration))[:, None]
+        guess = [spline(inside), *(np.where(moving, spline(inside, nu=n), 0.0) for n in (1, 2))]
+        return chain.finish(guess, path.evaluate(time), time)
+
+    @cached_property
+    def _knots(self) -> tuple[_Chain, BSpline]:
+        """The chain, and a spline through its angles at places of the path, found one after the other."""
+        chain = _Chain.of(self.mesh, self.frame, self.path)
+        first = chain.guess(self.start)
+        knots = np.linspace(0.0, self.path.duration, KNOTS)
+        angles = np.empty((KNOTS, self.mesh.mechanism.nv))
+        for k, at in enumerate(knots):
+            angles[k] = first = chain.approach(first, self.path.evaluate(np.array([at])), float(at))
+        return chain, make_interp_spline(knots, angles, k=5)
 
 
 @dataclass(frozen=True)

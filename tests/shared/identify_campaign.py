@@ -164,7 +164,7 @@ def logged(
     sizes : spread of each effort that the noise is a part of; written where it is empty, so that the next log has the same noise
     """
     sizes = {} if sizes is None else sizes
-    tell = response(machine.mechanism, machine.space, machine.settings, motion)
+    tell = response(machine.mechanism, machine.space, machine.settings, motion, once=True)
     told = sensed(machine, motion, tell, machine.space.values(z))
     columns = {
         t.angle.column: motion.q[:, k] + ENCODER * random.normal(size=len(motion.time))

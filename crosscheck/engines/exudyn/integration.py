@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
@@ -80,19 +81,24 @@ class Plan:
 class Table:
     """Values of the prescribed motion at every time at which Exudyn may ask.
 
-    step : [s]; values : (steps + 1, columns)
+    step : [s]; values : (steps + 1, columns), or (steps + 1,) for numbers
     """
 
     step: float
     values: Array
 
-    def __call__(self, time: float) -> Array:
+    @cached_property
+    def rows(self) -> list[Any]:
+        """Rows as plain numbers, which the engine reads the fastest [any unit]."""
+        rows: list[Any] = self.values.tolist()
+        return rows
+
+    def __call__(self, time: float) -> Any:
         """Return the row at a multiple of the step.  Raises ExudynFailure at any other time [s]."""
         k = round(time / self.step)
-        if abs(time - k * self.step) > SAME_TIME * self.step or not 0 <= k < len(self.values):
+        if abs(time - k * self.step) > SAME_TIME * self.step or not 0 <= k < len(self.rows):
             raise ExudynFailure(f"Exudyn asks for the motion at t = {time!r} s, no multiple of {self.step:g} s")
-        row: Array = self.values[k]
-        return row
+        return self.rows[k]
 
 
 @dataclass(frozen=True)

@@ -51,6 +51,7 @@ from crosscheck.measures.budget import Family, limit_of, with_bars
 from crosscheck.measures.record import Series, reaction_series, torque_series
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Attachment, Closure, Joint, Mechanism
+from flexinv.model.owned_cache import kept_with_owner
 
 LOOSE = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
 
@@ -77,6 +78,11 @@ class Switching:
 
 def follow_phases(mechanism: Mechanism, case: Case) -> list[tuple[Phase, State]]:
     """Return all phases with q (samples, nq), qd, qdd (samples, nv) [rad or m, s] of all joints."""
+    return list(_followed(case, mechanism))
+
+
+@kept_with_owner(most=2)
+def _followed(case: Case, mechanism: Mechanism) -> list[tuple[Phase, State]]:
     return phases.follow_phases(mechanism, case, sample_times(case), exudyn_chain.closed_motion)
 
 
@@ -291,11 +297,8 @@ def shares(mechanism: Mechanism, followed: list[tuple[Phase, State]]) -> Array:
 def _shared(phase: Phase, q: Array, torque: Array) -> tuple[Array, dict[str, Array]]:
     """Efforts (samples, nv) of the drives, and what this share adds to the closures' wrenches (samples, 6)."""
     m = phase.mechanism
-    tree, rest = exudyn_chain.Tree(m, phase.case), np.zeros(m.nv)
     made, wrench = np.empty_like(torque), np.empty((len(q), len(m.closures), 6))
-    for k, position in enumerate(q):
-        pairs = tree.pairs(position, rest)
-        rows = assembly.rows_of(m.closures, pairs)
+    for k, (pairs, rows) in enumerate(exudyn_chain.closing_rows(m, phase.case, q)):
         made[k] = assembly.share_out(rows.g, torque[k], m.actuated, m.weights)
         change = assembly.multipliers(rows.g, torque[k], made[k])
         wrench[k] = reactions(closing(m, pairs, rows, change), pairs)

@@ -28,8 +28,10 @@ from numpy.typing import NDArray
 from crosscheck.engines.shared.cross import cross
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Closure, Mechanism
+from flexinv.model.owned_cache import kept_with_owner
 
 Array = NDArray[np.float64]
+State = tuple[Array, Array, Array]
 NOTHING = (
     1e-13  # [m/rad], [-]: where all of a Jacobian is below that, it is rounding, as of a second bearing of a shaft
 )
@@ -95,6 +97,7 @@ class Tree(Protocol):
 # --------------------------------------------------------------------------------------------------- the equations
 
 
+@kept_with_owner()
 def equations(closure: Closure) -> tuple[list[Array], list[tuple[Array, Array]]]:
     """Return the vectors u of positions and the pairs u, w of directions [-], in the two frames of a closure."""
     x, y, z = np.eye(3)
@@ -188,15 +191,17 @@ def closed_motion(task: Task, time: Array) -> tuple[Array, Array, Array]:
 
     Raises AssemblyError where the loops do not close, where the branch is lost, and where they stay movable.
     """
-    q = _newton(task, task.tree.given(time[:1])[0][0])
+    given = task.tree.given(time)
+    q = _newton(task, given[0][0])
     if q is None:
         raise AssemblyError(
             f"the loops do not close at t = {time[0]:g} s: another guess of the joints left out is needed"
         )
-    rates = _rates(task, q, float(time[0]))
+    states = [(a, b, c) for a, b, c in zip(*given, strict=True)]
+    rates = _rates(task, q, float(time[0]), states[0])
     out = [(q, *rates)]
-    for before, after in pairwise(time):
-        q, rates = _advance(task, q, rates, float(before), float(after))
+    for (before, after), state in zip(pairwise(time), states[1:], strict=True):
+        q, rates = _advance(task, q, rates, (float(before), float(after)), state)
         out.append((q, *rates))
     columns = zip(*out, strict=True)
     return tuple(np.array(column) for column in columns)  # type: ignore[return-value]
@@ -235,9 +240,9 @@ def _newton(task: Task, guess: Array) -> Array | None:
     return q if np.abs(rows.phi).max() < CLOSED else None
 
 
-def _rates(task: Task, q: Array, time: float) -> tuple[Array, Array]:
-    """Return v and a (nv,) [1/s], [1/s^2]: G v = 0 and G a + bias = 0 with the given coordinates as they are."""
-    _, v, a = (part[0] for part in task.tree.given(np.array([time])))
+def _rates(task: Task, q: Array, time: float, given: State) -> tuple[Array, Array]:
+    """Return v and a (nv,) [1/s], [1/s^2]: G v = 0 and G a + bias = 0 with the given coordinates as they are at a time [s]."""
+    _, v, a = given
     free = task.unknown
     v, a = np.where(free, 0.0, v), np.where(free, 0.0, a)
     rows = rows_of(task.mechanism.closures, task.tree.pairs(q, v))
@@ -255,20 +260,26 @@ def _rates(task: Task, q: Array, time: float) -> tuple[Array, Array]:
     return v, a
 
 
+def _given(task: Task, time: float) -> State:
+    q, v, a = task.tree.given(np.array([time]))
+    return q[0], v[0], a[0]
+
+
 def _advance(
-    task: Task, q: Array, rates: tuple[Array, Array], before: float, after: float
+    task: Task, q: Array, rates: tuple[Array, Array], times: tuple[float, float], end: State
 ) -> tuple[Array, tuple[Array, Array]]:
-    done, part = 0.0, 1.0
+    """Follow the loops from one time to the next, at which the given coordinates are ``end``."""
+    (before, after), done, part = times, 0.0, 1.0
     while done < 1.0:
         target = min(1.0, done + part)
         step = (target - done) * (after - before)
         guess = task.tree.moved(q, step * rates[0] + step**2 / 2 * rates[1])
         time = before + target * (after - before)
-        given = task.tree.given(np.array([time]))[0][0]
-        guess = np.where(task.unknown_q, guess, given)
+        given = end if target == 1.0 else _given(task, time)
+        guess = np.where(task.unknown_q, guess, given[0])
         found = _newton(task, guess)
         if found is not None and np.abs(found - guess).max() < SURPRISE:
-            q, done, rates = found, target, _rates(task, found, time)
+            q, done, rates = found, target, _rates(task, found, time, given)
         elif (part := part / 2) < 0.5**MOST_HALVINGS:
             raise AssemblyError(f"the loops cannot be followed beyond t = {before + done * (after - before):g} s")
     return q, rates

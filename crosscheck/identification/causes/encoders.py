@@ -33,7 +33,7 @@ def two_encoders(machine: Machine, found: Fit, log: Log) -> list[Named]:
     tables = {n: t for n, t in tables.items() if t.column in log.columns}
     if not tables:
         return []
-    run = make_run(machine, log, efforts=False)
+    run = make_run(machine, log, efforts=False, once=True)
     effort = run.response(machine.space.values(found.z))[0]
     out: list[Named] = []
     for name, table in tables.items():

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from crosscheck.identification.causes.cause import Cause
 from crosscheck.identification.causes.rounds import Round
 
 Array = NDArray[np.float64]
@@ -44,11 +43,11 @@ def least_seen(here: Round, at: Array, evidence: float) -> list[Least]:
 
     at : sizes of the causes that were named
     """
-    out = []
+    out, level = [], here.rest(at)
     for k, cause in enumerate(here.causes):
         if at[k] or (cause.moves and cause.tries):
             continue
-        size = _planted(here, at, k, evidence) if cause.tries else _linear(here, at, k, cause, evidence)
+        size = _planted(here, at, k, level, evidence) if cause.tries else _linear(here, at, k, level, evidence)
         out.append(Least(cause.name, cause.place, cause.unit, size))
     return out
 
@@ -61,16 +60,16 @@ def by_name(some: list[Least]) -> Iterator[str]:
         yield f"{name} [{own[0].unit}]: {sizes}"
 
 
-def _planted(here: Round, at: Array, k: int, evidence: float) -> float:
-    level, one = here.rest(at), np.eye(len(at))[k]
+def _planted(here: Round, at: Array, k: int, level: Array, evidence: float) -> float:
+    one = np.eye(len(at))[k]
     for size in TIMES:
         if here.drop(here.rest(at - size * one), level) > evidence:
             return float(size)
     return float("inf")
 
 
-def _linear(here: Round, at: Array, k: int, cause: Cause, evidence: float) -> float:
-    level = here.rest(at)
+def _linear(here: Round, at: Array, k: int, level: Array, evidence: float) -> float:
+    cause = here.causes[k]
     slope = (here.rest(at + cause.step * np.eye(len(at))[k]) - level) / cause.step
     slope = slope - level * float(slope @ level) / max(float(level @ level), 1e-300)
 

@@ -41,16 +41,20 @@ class Search:
             return np.eye(len(self.found.z))
         return np.asarray(np.linalg.cholesky(np.linalg.inv(self.found.covariance)).T)
 
-    def task(self, log: Log, mechanism: Mechanism, level: Problem | None = None, moves: bool = True) -> Problem:
-        """Return a log of a mechanism; samples count as in ``level``, motions are its own if they move."""
+    def task(
+        self, log: Log, mechanism: Mechanism, level: Problem | None = None, moves: bool = True, once: bool = False
+    ) -> Problem:
+        """Return a log of a mechanism; samples count as in ``level``, motions are its own if they move.
+
+        once : its readings are asked for at one set of values
+        """
+        if level is not None and not moves:
+            told = replace(level.runs[0], measured=measured_of(level.machine, log), wide=wide_of(level.machine, log))
+            return replace(level, runs=(told,))
         changed = Machine(mechanism, self.machine.settings, carried(self.machine, mechanism))
+        run = make_run(changed, log, once=once)
         if level is None:
-            run = make_run(changed, log)
             return problem(changed, (run,), (run.counted & ~self.cut,))
-        if moves:
-            run = make_run(changed, log)
-        else:
-            run = replace(level.runs[0], measured=measured_of(changed, log), wide=wide_of(changed, log))
         return replace(level, machine=changed, runs=(run,))
 
 
@@ -72,13 +76,15 @@ class Round:
     def __init__(
         self, search: Search, log: Log, causes: Sequence[Cause], at: Array, wide: list[WideRows] | None
     ) -> None:
-        self.search, self.log, self.causes = search, log, causes
+        self.search, self.log, self.causes, self.at = search, log, causes, at.copy()
         self.task = self.task_at(at, None)
         found = search.found
+        self.told = self.task.pick(self.task.predict(found.z))
         residual = self._residual(self.task)
         spread = np.array([np.sqrt(np.mean(r**2)) for r in residual])
         self.weight = 1.0 / (spread * np.sqrt(found.agree))
         self.wide = wide_rows(self.task.runs[0], search.before) if wide is None else wide
+        self._own_costs: dict[int, float] = {}
         sizes = [len(r) for r in residual] + [2 * len(w.weights) for w in self.wide]
         self.ends = np.cumsum(sizes)
         news = [len(r) / a for r, a in zip(residual, found.agree, strict=True)]
@@ -88,17 +94,20 @@ class Round:
         self.basis = np.linalg.qr(np.vstack([*scaled, beside, search.root]))[0]
 
     def task_at(self, at: Array, level: Problem | None) -> Problem:
-        """Return the log and the mechanism at sizes ``at`` of all causes [unit of each]."""
+        """Return the log and the mechanism at sizes ``at`` of all causes [unit of each]; level : the round's own, if known."""
         log, mechanism, moves = self.log, self.search.machine.mechanism, False
-        for cause, phi in zip(self.causes, at, strict=True):
+        for cause, phi, own in zip(self.causes, at, self.at, strict=True):
             if phi:
                 log, mechanism = cause.undone(log, mechanism, float(phi))
-                moves = moves or cause.moves
-        return self.search.task(log, mechanism, level, moves)
+            moves = moves or (cause.moves and phi != own)
+        return self.search.task(log, mechanism, level, moves, once=level is not None)
 
     def _residual(self, task: Problem) -> list[Array]:
+        """Measured values less the readings, which are those of the round as long as nothing else moves."""
         measured = task.pick([run.measured for run in task.runs if run.measured is not None])
-        return [m - p for m, p in zip(measured, task.pick(task.predict(self.search.found.z)), strict=True)]
+        same = task.runs[0].response is self.task.runs[0].response
+        told = self.told if same else task.pick(task.predict(self.search.found.z))
+        return [m - p for m, p in zip(measured, told, strict=True)]
 
     def rest(self, at: Array) -> Array:
         """Return the weighed residual (rows,) [-] at sizes ``at`` of all causes, less what the parameters can make up for."""
@@ -123,8 +132,20 @@ class Round:
         log = self.log
         for cause, phi in zip(self.causes, at, strict=True):
             log = cause.undone(log, self.search.machine.mechanism, float(phi))[0] if phi else log
-        run = replace(self.task.runs[0], wide=wide_of(self.search.machine, log))
-        return float(sum(np.sum(w.rows(run) ** 2) for w in self.wide))
+        return float(sum(self._cost_above(w, log) for w in self.wide))
+
+    def _cost_above(self, rows: WideRows, log: Log) -> float:
+        """The cost of a channel; where its columns are the log's own, it is computed once."""
+        machine, channel = self.search.machine, self.search.machine.channels[rows.channel]
+        columns = channel.column, machine.settings.joints[channel.place].angle.column
+        own = all(log.columns[c] is self.log.columns[c] for c in columns)
+        if own and rows.channel in self._own_costs:
+            return self._own_costs[rows.channel]
+        run = replace(self.task.runs[0], wide=wide_of(machine, log, rows.channel))
+        cost = float(np.sum(rows.rows(run) ** 2))
+        if own:
+            self._own_costs[rows.channel] = cost
+        return cost
 
     def drop(self, before: Array, left: Array) -> float:
         """Return by how much the cost falls [-] from one weighed residual (rows,) to another: each channel by its own scatter.

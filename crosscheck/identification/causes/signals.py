@@ -64,10 +64,13 @@ def quantised(machine: Machine, found: Fit, log: Log) -> Iterator[Named]:
         if step > spread:
             words = f"{len(np.unique(values))} levels; {spread:.3g} {channel.unit} remain"
             yield Named(f"quantisation of the {channel.sense}", channel.place, channel.unit, step, 0.0, np.inf, words)
+    as_it_is: Array | None = None
     for name, table in machine.settings.joints.items():
         column, factor = log.column(table.angle.column), abs(ANGLES[table.angle.unit] / table.angle.over)
         if step := step_of(column):
-            part = _of_steps(machine, found, log, table.angle.column, step)
+            if as_it_is is None:
+                as_it_is = _readings(machine, found, log)
+            part = _of_steps(machine, found, log, table.angle.column, step, as_it_is)
             if part > HALF:
                 words = f"{len(np.unique(column))} levels make {part:.3g} of what remains, through the accelerations"
                 slides = machine.mechanism.joint_of[name].kind == "prismatic"
@@ -75,12 +78,15 @@ def quantised(machine: Machine, found: Fit, log: Log) -> Iterator[Named]:
                 yield Named("quantisation of the angle", name, unit, step * factor, 0.0, np.inf, words)
 
 
-def _of_steps(machine: Machine, found: Fit, log: Log, column: str, step: float) -> float:
-    """Largest part of what remains [-] that values anywhere inside their steps make."""
+def _readings(machine: Machine, found: Fit, log: Log) -> Array:
+    return readings(machine, make_run(machine, log, efforts=False, once=True), machine.space.values(found.z))
+
+
+def _of_steps(machine: Machine, found: Fit, log: Log, column: str, step: float, one: Array) -> float:
+    """Largest part of what remains [-] that values anywhere inside their steps make; one : the readings as they are."""
     random = np.random.default_rng(0)
     values = log.columns[column]
     moved = replace(log, columns={**log.columns, column: values + step * random.uniform(-0.5, 0.5, len(values))})
-    at = machine.space.values(found.z)
-    one, other = (readings(machine, make_run(machine, each, efforts=False), at) for each in (log, moved))
+    other = _readings(machine, found, moved)
     change = np.column_stack([low_pass(c, log.spacing, machine.settings.bandwidth_Hz) for c in (other - one).T])
     return float((np.sqrt(np.mean(change**2, axis=0)) / found.spread).max())

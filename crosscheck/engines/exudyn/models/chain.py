@@ -14,7 +14,7 @@ outward, in the world; J: seat of a joint, C: its child, p, R, w: the joint's ow
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -23,9 +23,10 @@ from crosscheck.engines.exudyn.models.frames import Array, axis_pose, compose, j
 from crosscheck.engines.exudyn.models.layout import tip_or
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared.cross import cross, cross_columns
-from crosscheck.engines.shared.loop_closure import Moving, Task
+from crosscheck.engines.shared.loop_closure import Moving, Rows, Task
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import WORLD, Attachment, Joint, Mechanism, Placement
+from flexinv.model.owned_cache import kept_with_owner
 
 Given = Callable[[Array], tuple[Array, Array, Array]]
 
@@ -91,21 +92,32 @@ def walk(mechanism: Mechanism, q: Array, v: Array) -> dict[str, Moving]:
 
 def carried(frame: Moving, place: Placement) -> Moving:
     """Return a frame that stands at ``place`` [m] in a moving one."""
-    r = frame.r @ place.position
+    return _placed(frame, place.position, place.rotation)
+
+
+def _placed(frame: Moving, position: Array, rotation: Array) -> Moving:
+    turned_r = frame.r @ rotation
+    if not position.any():
+        return Moving(frame.x, turned_r, frame.linear, frame.angular, frame.v, frame.w, frame.a, frame.alpha)
+    r = frame.r @ position
     w, turned = frame.w, cross(frame.w, r)
     linear = frame.linear + cross_columns(frame.angular, r)
     a = frame.a + cross(frame.alpha, r) + cross(w, turned)
-    return replace(frame, x=frame.x + r, r=frame.r @ place.rotation, linear=linear, v=frame.v + turned, a=a)
+    return Moving(frame.x + r, turned_r, linear, frame.angular, frame.v + turned, w, a, frame.alpha)
 
 
 def _outward(seat: Moving, joint: Joint, q: Array, qd: Array, rates: slice) -> Moving:
     p, r = (part[0] for part in joint_pose(joint, q[None]))
+    child = _placed(seat, p, r)
+    if not joint.nv:
+        return child
     units = [joint_twist(joint, q, unit) for unit in np.eye(joint.nv)]
-    child = carried(seat, Placement(p, r))
     # velocities of a free joint are along the child's axes, the slide of a prismatic one along the seat's: the same there
     linear, angular = child.linear.copy(), child.angular.copy()
     for column, (slide, spin) in zip(range(rates.start, rates.stop), units, strict=True):
         linear[:, column], angular[:, column] = child.r @ slide, child.r @ spin
+    if not qd.any() and not seat.w.any():
+        return Moving(child.x, child.r, linear, angular, child.v, child.w, child.a, child.alpha)
     slide, spin = (child.r @ part for part in joint_twist(joint, q, qd))
     swing = 2 * cross(seat.w, slide) + cross(spin, slide)
     alpha = child.alpha + cross(seat.w, spin) + child.r @ _rate(joint, q, qd)
@@ -145,6 +157,19 @@ def closed_motion(
     """
     if not mechanism.closures:
         return case.motion.evaluate(mechanism, time)
+    return _closed(case, mechanism, time.tobytes()) if history is None else _followed(mechanism, case, time, history)
+
+
+@kept_with_owner(most=8)
+def _closed(case: Case, mechanism: Mechanism, time: bytes) -> tuple[Array, Array, Array]:
+    """The case's own motion: every run of it is shared out on the same one."""
+    made = _followed(mechanism, case, np.frombuffer(time), None)
+    for part in made:
+        part.flags.writeable = False
+    return made
+
+
+def _followed(mechanism: Mechanism, case: Case, time: Array, history: Given | None) -> tuple[Array, Array, Array]:
     free = assembly.left_out(mechanism, case)
     unknown = np.array([j.name in free for j in mechanism.joints for _ in range(j.nv)], dtype=bool)
     unknown_q = np.array([j.name in free for j in mechanism.joints for _ in range(j.nq)], dtype=bool)
@@ -153,9 +178,19 @@ def closed_motion(
 
 def shared(mechanism: Mechanism, case: Case, q: Array, effort: Array) -> Array:
     """Return the drives' efforts (samples, nv) [N m] or [N] of efforts on whichever joints, of least norm."""
-    tree, rest = Tree(mechanism, case), np.zeros(mechanism.nv)
     made = np.empty_like(effort)
-    for k, position in enumerate(q):
-        g = assembly.rows_of(mechanism.closures, tree.pairs(position, rest)).g
-        made[k] = assembly.share_out(g, effort[k], mechanism.actuated, mechanism.weights)
+    for k, (_, rows) in enumerate(closing_rows(mechanism, case, q)):
+        made[k] = assembly.share_out(rows.g, effort[k], mechanism.actuated, mechanism.weights)
     return made
+
+
+def closing_rows(mechanism: Mechanism, case: Case, positions: Array) -> list[tuple[list[tuple[Moving, Moving]], Rows]]:
+    """Return frames and equations of the closures [m], [-] at rest at positions (samples, nq) [rad], [m]."""
+    return _closing_rows(case, mechanism, positions.tobytes())
+
+
+@kept_with_owner(most=8)
+def _closing_rows(case: Case, mechanism: Mechanism, q: bytes) -> list[tuple[list[tuple[Moving, Moving]], Rows]]:
+    tree, rest = Tree(mechanism, case), np.zeros(mechanism.nv)
+    pairs = [tree.pairs(position, rest) for position in np.frombuffer(q).reshape(-1, mechanism.nq)]
+    return [(one, assembly.rows_of(mechanism.closures, one)) for one in pairs]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from flexinv.model.mechanism import Beam, Inertia, Joint, Mechanism, Placement
 
 Array = NDArray[np.float64]
+ONE = np.eye(3)
 
 
 def turn(axis: Array, angle: Array | float) -> Array:
@@ -21,7 +22,7 @@ def turn(axis: Array, angle: Array | float) -> Array:
     """
     n = skew(axis)
     a = np.asarray(angle, dtype=np.float64)[..., None, None]
-    return np.asarray(np.eye(3) + np.sin(a) * n + (1.0 - np.cos(a)) * (n @ n))
+    return np.asarray(ONE + np.sin(a) * n + (1.0 - np.cos(a)) * (n @ n))
 
 
 def skew(v: Array) -> Array:
@@ -93,10 +94,10 @@ def joint_pose(joint: Joint, q: Array) -> tuple[Array, Array]:
     q : (samples, nq of the joint); returns : position (samples, 3) [m], rotation (samples, 3, 3) [-]
     """
     n = len(q)
-    p, r = np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1))
     if joint.kind in ("revolute", "continuous"):
-        r = turn(joint.axis, scalar_coordinate(joint, q))
-    elif joint.kind == "prismatic":
+        return np.zeros((n, 3)), turn(joint.axis, scalar_coordinate(joint, q))
+    p, r = np.zeros((n, 3)), np.tile(ONE, (n, 1, 1))
+    if joint.kind == "prismatic":
         p = q * joint.axis
     elif joint.kind == "helical":  # no joint of Exudyn: its motion and its dual are prescribed
         p, r = joint.pitch / (2 * np.pi) * q * joint.axis, turn(joint.axis, q[:, 0])

@@ -318,7 +318,7 @@ def sign_of(drawing: Drawing, joint: Joint) -> float:
 
 def _user_function(plan: Plan, values: Array) -> Any:
     table = Table(plan.step, values)
-    return lambda mbs, t, item, offset: float(table(t))
+    return lambda mbs, t, item, offset: table(t)
 
 
 def sensors(drawing: Drawing) -> tuple[Sensors, Sensors]:

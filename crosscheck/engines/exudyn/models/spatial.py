@@ -321,7 +321,7 @@ def _offsets(drawing: Drawing, joint: Joint, q: Array) -> list[Array]:
 
 def _user_function(plan: Plan, values: Array) -> Any:
     table = Table(plan.step, values)
-    return lambda mbs, t, item, parameters: list(table(t))
+    return lambda mbs, t, item, parameters: table(t)
 
 
 def _sensors(drawing: Drawing) -> tuple[Sensors, Sensors]:
