@@ -108,7 +108,7 @@ def flexible_motion(task: Task) -> Iterator[FirstStep]:
 
 def in_plane(mesh: Mesh, passive: set[str]) -> PlanarMarch | None:
     """Return the planar march of a mesh that lies in a plane [m], with the named joints free, else None."""
-    return None if isinstance(find_plane(mesh, frozenset(passive)), NotPlanar) else PlanarMarch.ready(mesh, passive)
+    return None if isinstance(find_plane(mesh), NotPlanar) else PlanarMarch.ready(mesh, passive)
 
 
 def _jump_samples(time: Array, jumps: tuple[float, ...]) -> list[int]:

@@ -161,8 +161,7 @@ def info(model: Path) -> None:
             click.echo(f"\n{title}\n{table.to_string(index=False, float_format=lambda x: f'{x:.6g}')}")
     if mechanism.beams:
         mesh = build(mechanism)
-        mechanism = mesh.mechanism  # with what follows from a damping ratio
-        found = find_plane(mesh, frozenset(j.name for j in mechanism.joints if j.nv and not j.actuated))
+        found, mechanism = find_plane(mesh), mesh.mechanism  # with what follows from a damping ratio
         where = f"in space: {found.reason}" if isinstance(found, NotPlanar) else "in a plane, three freedoms per node"
         click.echo(f"\nbeams are solved {where}")
     for note in mechanism.notes:

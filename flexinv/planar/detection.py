@@ -45,16 +45,13 @@ class NotPlanar:
 
 
 @kept_with_owner()
-def find_plane(mesh: Mesh, passive: frozenset[str] | None = None) -> Plane | NotPlanar:
-    """Return the plane [m] in which a mechanism moves whatever its joints do, or why there is none.
-
-    passive : names of the joints that move freely, by default all of them: springs in others do not move anything
-    """
+def find_plane(mesh: Mesh) -> Plane | NotPlanar:
+    """Return the plane [m] in which a mechanism moves whatever its joints do, or why there is none."""
     m = mesh.mechanism
     for what, items in (("springs", m.springs), ("applied forces", m.forces), ("couplings", _couplings(m))):
         if items:
             return NotPlanar(f"it has {what}")
-    if any(joint.stiffness for joint in m.joints if passive is None or joint.name in passive):
+    if any(joint.stiffness for joint in m.joints):
         return NotPlanar("it has springs in joints")
     rotation = _at_zero(mesh)
     found: Plane | NotPlanar = NotPlanar("it has neither revolute joints nor beams")

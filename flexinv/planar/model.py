@@ -81,7 +81,7 @@ class PlanarModel:
 @kept_with_owner()
 def planar_model(mesh: Mesh, passive: frozenset[str]) -> PlanarModel:
     """Return the arrays of a mesh that lies in a plane [m], [rad], with the joints named in ``passive`` free."""
-    plane, t = find_plane(mesh, passive), topology(mesh, passive)
+    plane, t = find_plane(mesh), topology(mesh, passive)
     assert isinstance(plane, Plane)  # else nobody asks
     tree, elements, space = _tree(mesh, t, plane), _elements(mesh, plane), _embedding(mesh, plane)
     pick = _pick(mesh, t, tree, plane, space)
