@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,21 @@ from flexinv.files.load_cases import load_cases
 ROUNDING = 1e-9
 
 
+@dataclass(frozen=True)
+class Answer:
+    """Naming of the difference of two records, with the model that it was found with.
+
+    shown : whether the difference of the efforts is larger than the error bars; limit : what two engines are allowed [-]
+    """
+
+    model: Model
+    record: Record
+    reference: Record
+    naming: Naming
+    shown: bool
+    limit: float
+
+
 def diagnose(
     folder: str,
     case: str,
@@ -42,6 +58,25 @@ def diagnose(
     door : where the engine's adapter is (`crosscheck.engines.opened`), None for one of ours
     columns : those of the diagnosis before, where several are asked for in one process
     """
+    found = named(folder, case, ours, theirs, columns)
+    model, naming, fits = found.model, found.naming, found.naming.named
+    behind = None if door is None else opened({**door, "engine": engine, "mechanism": folder})
+    repaired, where = None, ""
+    if fits and found.shown:
+        repaired, where = repair(model, fits[0], engine, found.reference, found.record, behind)
+    return {
+        "words": sentence(naming, fits, repaired, where, max(found.limit, NOISE * naming.noise)),
+        "named": [described(f) for f in fits],
+        "separate": separating(model, fits) if len({f.cause.name for f in fits}) > 1 else "",
+        "difference": naming.size,
+        "noise": naming.noise,
+        "repaired": repaired,
+        "where": where,
+    }
+
+
+def named(folder: str, case: str, ours: str, theirs: str, columns: Columns | None = None) -> Answer:
+    """Return the naming by two saved records (stems of their files) of a case [-]; no engine is run."""
     mechanism = read_mechanism(folder)
     subject = Subject(mechanism, load_cases(folder, mechanism)[case])
     record, reference = load(Path(ours)), load(Path(theirs))
@@ -59,18 +94,7 @@ def diagnose(
     naming = name(model, residual, bars, known, evidence, limit)
     shown = naming.found
     naming = naming if shown else named_beside(evidence, naming)
-    fits = naming.named
-    behind = None if door is None else opened({**door, "engine": engine, "mechanism": folder})
-    repaired, where = repair(model, fits[0], engine, reference, record, behind) if fits and shown else (None, "")
-    return {
-        "words": sentence(naming, fits, repaired, where, max(limit, NOISE * naming.noise)),
-        "named": [described(f) for f in fits],
-        "separate": separating(model, fits) if len({f.cause.name for f in fits}) > 1 else "",
-        "difference": naming.size,
-        "noise": naming.noise,
-        "repaired": repaired,
-        "where": where,
-    }
+    return Answer(model, record, reference, naming, shown, limit)
 
 
 def noise_of(model: Model, *records: Record) -> Array:

@@ -23,6 +23,7 @@ from flexinv.inverse.inverse_dynamics import drive_efforts, joint_wrenches, noda
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.rigid_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
+from flexinv.model.motion import motion_at
 
 FEWEST = 100  # samples of a rigid mechanism that a fit looks at, or up to twice as many
 # Of a flexible march, at least.  A thick strip that rings in short waves, 10 % softer in shear: with 1,200 steps the column has
@@ -175,7 +176,7 @@ def answered(record: Record, subject: Subject) -> Record:
 
 def _first(subject: Subject, time: Array) -> tuple[States, Array]:
     if is_tree(subject):
-        states = States(time, *subject.case.motion.evaluate(subject.mechanism, time))
+        states = States(time, *motion_at(subject.case.motion, subject.mechanism, time))
         return states, open_tree(subject.mechanism, states)
     solution, rows = _solved(subject, time)
     states = States(time, solution.q[rows], solution.qd[rows], solution.qdd[rows])
@@ -185,7 +186,7 @@ def _first(subject: Subject, time: Array) -> tuple[States, Array]:
 def _efforts(model: Model, subject: Subject) -> Array:
     time = model.states.time
     if is_tree(subject):
-        states = States(time, *subject.case.motion.evaluate(subject.mechanism, time))
+        states = States(time, *motion_at(subject.case.motion, subject.mechanism, time))
         return open_tree(subject.mechanism, states)
     if subject.mechanism.is_rigid and _same_motion(model.base, subject):
         tree = open_tree(subject.mechanism, model.states)

@@ -170,8 +170,14 @@ def motion_table(motion: Motion, mechanism: Mechanism, step: float, samples: int
     """
     if samples > LARGE or type(motion) is not Motion:
         return _evaluated(motion, mechanism, step, samples)
-    joints = tuple((joint.name, joint.kind, joint.actuated) for joint in mechanism.joints)
-    return _kept(motion, _Layout(joints, bool(mechanism.closures), mechanism), step, samples)
+    return _kept(motion, _Layout.of(mechanism), step, samples)
+
+
+def motion_at(motion: Motion, mechanism: Mechanism, time: Array) -> Triple:
+    """Return the arrays of ``motion.evaluate`` at some times (samples,) [s], not to be written into, kept like `motion_table`."""
+    if len(time) > LARGE or type(motion) is not Motion:
+        return motion.evaluate(mechanism, time)
+    return _kept_at(motion, _Layout.of(mechanism), np.asarray(time, dtype=np.float64).tobytes())
 
 
 @dataclass(frozen=True)
@@ -182,14 +188,27 @@ class _Layout:
     closed: bool
     mechanism: Mechanism = field(compare=False)
 
+    @classmethod
+    def of(cls, mechanism: Mechanism) -> _Layout:
+        joints = tuple((joint.name, joint.kind, joint.actuated) for joint in mechanism.joints)
+        return cls(joints, bool(mechanism.closures), mechanism)
+
 
 @kept_with_owner(most=8)
 def _kept(motion: Motion, layout: _Layout, step: float, samples: int) -> Triple:
     return _evaluated(motion, layout.mechanism, step, samples)
 
 
+@kept_with_owner(most=8)
+def _kept_at(motion: Motion, layout: _Layout, time: bytes) -> Triple:
+    return _read_only(motion.evaluate(layout.mechanism, np.frombuffer(time)))
+
+
 def _evaluated(motion: Motion, mechanism: Mechanism, step: float, samples: int) -> Triple:
-    found = motion.evaluate(mechanism, step * np.arange(samples))
+    return _read_only(motion.evaluate(mechanism, step * np.arange(samples)))
+
+
+def _read_only(found: Triple) -> Triple:
     for part in found:
         part.flags.writeable = False
     return found

@@ -157,13 +157,19 @@ def _axes(mesh: Mesh, node: int, other: Array | None) -> Array:
     if mesh.kind[node] in (SPHERICAL, FREE):
         return np.eye(3)
     z = mesh.axis[node]
-    x = np.zeros(3) if other is None else np.cross(z, other)
+    x = np.zeros(3) if other is None else _cross(z, other)
     if not x.any():
         x = np.eye(3)[(int(np.argmax(np.abs(z))) + 1) % 3]
     x = x / np.linalg.norm(x)
     x = x - (x @ z) * z
     x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z], axis=1)
+    return np.stack([x, _cross(z, x), z], axis=1)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Return a x b of two plain vectors: numpy's own takes ten times as long."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def _add_masses(mesh: Mesh, numbers: Array, body: list[int], axes: list[Array], turn: Array, place: Array) -> None:

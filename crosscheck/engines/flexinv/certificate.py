@@ -39,14 +39,15 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     weights = np.where([tree.links[k].name in moving for k in mesh.link], mesh.mass, 0.0)
     rank = _rank(mechanism, case) if mechanism.closures else None
     lumps = {name: _lump(mesh, motion, name, bodies) for name, bodies in carried(tree).items()}
+    gravity, matrix = _efforts(tree, q)
     return Certificate(
         mass=float(weights.sum()),
         masses={name: sum(b.inertia.mass for _, b in bodies) for name, bodies in carried(tree).items()},
         moments={name: moment for name, (moment, _) in lumps.items()},
         inertias={name: tensor for name, (_, tensor) in lumps.items()},
         com=np.einsum("n,snx->sx", weights, motion.x) / (weights.sum() or 1.0),  # (sample, xyz)
-        mass_matrix=_mass_matrix(tree, q),
-        gravity=joint_torques(tree, q, rest, rest, passive=False),
+        mass_matrix=matrix,
+        gravity=gravity,
         axes=_axes(tree, mesh.joint_node, motion),
         order=tuple(j.name for j in tree.joints if j.nv),
         residual=None,
@@ -136,12 +137,17 @@ def _lump(mesh: Mesh, motion: NodalMotion, joint: str, bodies: list[tuple[str, B
     return moment, tensor
 
 
-def _mass_matrix(tree: Mechanism, q: Array) -> Array:
-    """Return tau(q, 0, e_j) without gravity, (configurations, nv, nv) [kg m^2], [kg]."""
-    weightless = replace(tree, gravity=np.zeros(3))
-    rest = np.zeros((len(q), tree.nv))
-    columns = [joint_torques(weightless, q, rest, rest + unit, passive=False) for unit in np.eye(tree.nv)]
-    return np.stack(columns, axis=2) if columns else np.zeros((len(q), 0, 0))
+def _efforts(tree: Mechanism, q: Array) -> tuple[Array, Array]:
+    """Return g = tau(q, 0, 0) (configurations, nv) [N m], [N], and tau(q, 0, e_j) - g (configurations, nv, nv) [kg m^2], [kg].
+
+    One call for all of them: a mechanism that is asked once takes longer to prepare than to be asked.
+    """
+    units = np.concatenate([np.zeros((1, tree.nv)), np.eye(tree.nv)])
+    many, accelerations = np.tile(q, (len(units), 1)), np.repeat(units, len(q), axis=0)
+    efforts = joint_torques(tree, many, np.zeros_like(accelerations), accelerations, passive=False, threads=1)
+    gravity, *columns = efforts.reshape(len(units), len(q), tree.nv)
+    matrix = np.stack([column - gravity for column in columns], axis=2) if columns else np.zeros((len(q), 0, 0))
+    return gravity, matrix
 
 
 def _moving(tree: Mechanism) -> set[str]:

@@ -282,7 +282,7 @@ def test_sums_count_and_judge() -> None:
 
 @pytest.mark.slow
 def test_a_small_campaign_runs_for_real(tmp_path: Path) -> None:
-    chosen = Campaign("small", (Bench("double_pendulum", "swing", ("pinocchio", "mujoco")),), 3, 11)
+    chosen = Campaign("small", (Bench("double_pendulum", "swing", ("pinocchio", "mujoco")),), 3, 4)
     told: list[int] = []
     results = run(Wanted(chosen, MODELS, tmp_path, jobs=2), lambda done, total, row: told.append(done))
     assert told == list(range(1, 6))  # three faults, and both engines unharmed

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crosscheck.causes.diagnosis import diagnose
+from crosscheck.causes.diagnosis import described, named, sentence
 from crosscheck.causes.evidence import _is_left
+from crosscheck.causes.fit import Columns
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.engines.base import offered
 from crosscheck.measures.certificate import EXACT, Certificate
@@ -55,6 +56,12 @@ def reference(place: str, models: Path) -> Record:
     return ran(mechanism, case, "flexinv")
 
 
+@cache
+def columns(place: str, models: Path) -> Columns:
+    """The dictionary's columns, which are those of the unharmed mechanism whatever the harm."""
+    return Columns()
+
+
 def ran(mechanism: Mechanism, case: Case, engine: str) -> Record:
     """What an engine gives, with its certificate, as a run keeps it."""
     options = {"step": case.sample / 8, **COARSE} if engine.startswith("exudyn-") else {}
@@ -73,12 +80,14 @@ def told(
     after: Callable[[Record], Record] | None = None,
     models: Path = MODELS,
 ) -> dict[str, Any]:
-    """What is said of an engine whose model is harmed, or whose record is changed after it ran."""
+    """What is said of an engine whose model is harmed, or whose record is changed after it ran; it is not run again healed."""
     mechanism, case = load(place, models)
     record = ran(mechanism if harm is None else harm(mechanism), case, engine)
     save(record if after is None else after(record), folder / "ours")
     save(reference(place, models), folder / "theirs")
-    return diagnose(str(models / mechanism.name), case.name, engine, str(folder / "ours"), str(folder / "theirs"))
+    stems = (str(folder / "ours"), str(folder / "theirs"))
+    naming = named(str(models / mechanism.name), case.name, *stems, columns(place, models)).naming
+    return {"named": [described(f) for f in naming.named], "words": sentence(naming, naming.named, None, "")}
 
 
 def names(answer: dict[str, Any]) -> set[str]:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from crosscheck.causes.diagnosis import diagnose
-from crosscheck.causes.dictionary import DICTIONARY
+from crosscheck.causes.dictionary import DICTIONARY, all_causes
 from crosscheck.causes.evidence import Heard
 from crosscheck.causes.fit import Fit, candidates
 from crosscheck.causes.model import model_of
@@ -147,10 +147,11 @@ def test_a_rotary_inertia_is_found_whatever_its_size() -> None:
     subject = Subject(found, load_cases(MODELS / "flex_one_link", found)["cycloid"])
     model = model_of(subject)
     (link,) = found.beams
+    known = candidates(model, all_causes())  # of the unharmed model, whatever the harm
     for factor in (2.0, 100.0):
         harmed = DICTIONARY["rotary inertia of the section"].change(
             subject, link.name, np.array([max(factor, 1e-3) - 1.0])
         )
-        naming = name(model, model.difference(harmed), 1e-9)
+        naming = name(model, model.difference(harmed), 1e-9, known)
         assert [f.cause.name for f in naming.named] == ["rotary inertia of the section"]
         assert float(naming.named[0].size[0]) == pytest.approx(factor - 1.0, rel=0.02)
