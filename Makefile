@@ -43,7 +43,6 @@ lint: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	MYPYPATH=tests/shared $(BIN)/mypy tests/shared/*.py
 
 # Where the system's Python comes without ensurepip (Debian), the system's pip fills the environment instead.
 $(STAMP): pyproject.toml constraints.txt
