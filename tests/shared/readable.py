@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import chromium
@@ -48,9 +49,10 @@ CONTRAST = """(() => {
 })()"""
 
 # Everything that acts can have the focus and shows it, has a name, and nothing is put before its turn.
-ACTS = """(() => {
+ACTS = """(within => {
   const found = [];
-  for (const one of document.querySelectorAll('a[href], button, input, select, textarea, summary, [tabindex], [onclick]')) {
+  const acting = 'a[href], button, input, select, textarea, summary, [tabindex], [onclick]';
+  for (const one of document.querySelector(within).querySelectorAll(acting)) {
     if (!one.checkVisibility({ checkVisibilityCSS: true }) || one.type === 'hidden' || one.matches(':disabled')) continue;
     const what = `${one.tagName} .${one.className} ${one.textContent.trim().slice(0, 30)}`;
     if (one.tabIndex > 0) found.push(`before its turn: ${what}`);
@@ -68,7 +70,7 @@ ACTS = """(() => {
   }
   document.activeElement.blur();
   return [...new Set(found)];
-})()"""
+})"""
 
 
 def faint(page: chromium.Browser) -> Any:
@@ -76,6 +78,6 @@ def faint(page: chromium.Browser) -> Any:
     return page.evaluate(CONTRAST)
 
 
-def unreachable(page: chromium.Browser) -> Any:
-    """Return what acts on an open page and cannot be used by keyboard [list of str]."""
-    return page.evaluate(ACTS)
+def unreachable(page: chromium.Browser, within: str = "body") -> Any:
+    """Return what acts on an open page, in one part of it, and cannot be used by keyboard [list of str]."""
+    return page.evaluate(f"{ACTS}({json.dumps(within)})")

@@ -91,7 +91,7 @@ def of_rogues(root: Path) -> dict[str, dict[str, object]]:
     names = ("Crashing", "Hanging", "Failing", "Blurred", "Refusing", "Missing", "Replaying")
     jobs = [{"module": f"rogue_replays:{name}", "path": here, "engine": name} for name in names]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(feedforward, "LONGEST", 10.0)  # [s]: a child process begins within some of them
+        patch.setattr(feedforward, "LONGEST", 6.0)  # [s]: a child process begins within some of them
         return {str(row["engine"]): row for row in feedforward.task_rows(mechanism, task, jobs)}
 
 
@@ -100,7 +100,7 @@ def of_rogues(root: Path) -> dict[str, dict[str, object]]:
     ("engine", "verdict", "words"),
     [
         ("Crashing", "error", "killed by signal 6 (SIGABRT)"),
-        ("Hanging", "error", "stopped after the time limit of 10 s"),
+        ("Hanging", "error", "stopped after the time limit of 6 s"),
         ("Failing", "error", "ArithmeticError: singular"),
         ("Blurred", "error", "is no finite number"),
         ("Missing", "error", "rogue_replays has no 'Missing'"),

@@ -131,7 +131,7 @@ TRANSIENT = 2048
 
 
 def grown(step: Callable[[], object]) -> tuple[int, int]:
-    """What ``OFTEN`` steps leave behind, and the most that they held meanwhile [bytes], the least of twenty times.
+    """What ``OFTEN`` steps leave behind, and the most that they held meanwhile [bytes], the least of eight times.
 
     Python's lists of free tuples, which ``gc.collect`` empties, fill up again now and then; what a step itself leaves behind
     is there every time.
@@ -141,7 +141,7 @@ def grown(step: Callable[[], object]) -> tuple[int, int]:
     tracemalloc.start()
     found = []
     try:
-        for _ in range(20):
+        for _ in range(8):
             before, _ = tracemalloc.get_traced_memory()
             tracemalloc.reset_peak()
             for _ in range(OFTEN):
