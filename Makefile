@@ -13,8 +13,6 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/installed
 OUT    ?= reports/latest
 JOBS   ?= 2
-# Tests often wait for a process that they have started: one worker more than two cores keeps both busy.
-WORKERS ?= 3
 # Levels of processor that a wheel has machine code for; on aarch64: make wheel LEVELS=generic
 LEVELS ?= x86-64-v3 x86-64-v4
 
@@ -32,10 +30,10 @@ outside:
 test: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/pytest -n $(WORKERS) --dist worksteal
+	$(BIN)/pytest -n $(JOBS) --dist worksteal
 
 check: $(STAMP)
-	$(BIN)/pytest -n $(WORKERS) --dist worksteal -m "not slow and not browser"
+	$(BIN)/pytest -n $(JOBS) --dist worksteal -m "not slow and not browser"
 
 # A warning is an error; links to files and within the site are checked, too.
 docs: $(STAMP)
