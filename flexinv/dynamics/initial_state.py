@@ -28,6 +28,8 @@ from flexinv.kinematics.tree import Frames, Joints, carry_samples
 from flexinv.model.joint_kinds import CONTINUOUS
 from flexinv.typing import Array
 
+CERTAIN = 30.0  # times what the last digit of places does: accelerations beyond that are no rounding
+
 
 def instant(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> Joints:
     """Return the relative motion of all nodes at one instant, q (nq,), qd, qdd (nv,) [m, rad, s]."""
@@ -104,10 +106,28 @@ def begin_step(solver: Solver, joints: Joints, scheme: Scheme, when: str) -> boo
             if status != CONVERGED:
                 raise solver.complain(status, count, size, when)
         sudden = is_sudden(scheme, scale, found, s.du)
+        if sudden and np.abs((found - s.du) / scale).max() <= CERTAIN * _unknown(solver, joints, found):
+            sudden = False
     if not sudden:
         s.du[:], multiplier[:] = found, forces
     accept(s)
     return sudden
+
+
+def _unknown(solver: Solver, joints: Joints, found: Array) -> float:
+    """Return by how much accelerations, over the length or in radians [1/s^2], change where nodes move by their last digit.
+
+    So far the accelerations ``found`` are known where the mechanism stands.  The unknowns are left as they were.
+    """
+    s, multiplier = solver.state, solver.border.ties.multiplier
+    before = [part.copy() for part in (s.x, s.du, multiplier)]
+    last = np.finfo(float).eps * solver.mesh.length
+    s.x[::2], s.x[1::2], s.du[:] = s.x[::2] + last, s.x[1::2] - last, found
+    status, _, _ = solver.newton(ACCELERATIONS, joints)
+    change = float(np.abs((s.du - found) / solver.topology.scale).max(initial=0.0)) if status == CONVERGED else 0.0
+    for part, kept in zip((s.x, s.du, multiplier), before, strict=True):
+        part[:] = kept
+    return change
 
 
 def end_early(state: State) -> None:
