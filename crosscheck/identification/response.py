@@ -232,7 +232,7 @@ def _states(mechanism: Mechanism, motion: Measured) -> tuple[Array, Array, Array
     return q, qd, qdd
 
 
-def _by_solve(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured, alone: bool) -> Response:
+def _by_solve(mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured, once: bool) -> Response:
     coarse = mechanism.with_mesh(*settings.mesh) if settings.mesh and mechanism.beams else mechanism
     given = Motion.from_samples(motion.time, {name: motion.q[:, k] for k, name in enumerate(motion.names)})
     step = float(motion.time[1] - motion.time[0]) / settings.every
@@ -241,7 +241,7 @@ def _by_solve(mechanism: Mechanism, space: Space, settings: IdentifyTable, motio
     masses = [p.key for p in space.parameters if p.kind == MASS]
     moved = [j for j in mechanism.joints if j.nv and j.name not in motion.names]
     swings = any(j.stiffness for j in moved) or (bool(moved) and not mechanism.closures)
-    linear = mechanism.is_rigid and bool(masses) and not swings and not alone
+    linear = mechanism.is_rigid and bool(masses) and not swings and not once
     start = {name: table.value for name, table in settings.start.items()}
 
     def changed_by(values: Mapping[Key, float], ten: Mapping[str, Array]) -> Mechanism:

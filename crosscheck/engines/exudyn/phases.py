@@ -83,7 +83,11 @@ def follow_phases(mechanism: Mechanism, case: Case) -> list[tuple[Phase, State]]
 
 @kept_with_owner(most=2)
 def _followed(case: Case, mechanism: Mechanism) -> list[tuple[Phase, State]]:
-    return phases.follow_phases(mechanism, case, sample_times(case), exudyn_chain.closed_motion)
+    found = phases.follow_phases(mechanism, case, sample_times(case), exudyn_chain.closed_motion)
+    for _, state in found:  # several callers share them
+        for part in state:
+            part.flags.writeable = False
+    return found
 
 
 def switching(mechanism: Mechanism, case: Case, followed: list[tuple[Phase, State]]) -> Switching:

@@ -190,10 +190,4 @@ def _table(force: Force, part: slice, axes: Array) -> Any:
     if len(force.time) == 1:
         always = (axes @ wrench_at(force, 0.0)[part]).tolist()
         return lambda mbs, t, vector: always
-    rows = force.wrench[:, part].T
-
-    def table(mbs: Any, t: float, vector: Any) -> list[float]:
-        now = np.array([np.interp(t, force.time, row) for row in rows])
-        return (axes @ now).tolist()  # type: ignore[no-any-return]
-
-    return table
+    return lambda mbs, t, vector: (axes @ wrench_at(force, t)[part]).tolist()
