@@ -106,7 +106,9 @@ def begin_step(solver: Solver, joints: Joints, scheme: Scheme, when: str) -> boo
             if status != CONVERGED:
                 raise solver.complain(status, count, size, when)
         sudden = is_sudden(scheme, scale, found, s.du)
-        if sudden and np.abs((found - s.du) / scale).max() <= CERTAIN * _unknown(solver, joints, found):
+        if sudden and np.abs((found - s.du) / scale).max() <= CERTAIN * _accelerations_of_rounding(
+            solver, joints, found
+        ):
             sudden = False
     if not sudden:
         s.du[:], multiplier[:] = found, forces
@@ -114,7 +116,7 @@ def begin_step(solver: Solver, joints: Joints, scheme: Scheme, when: str) -> boo
     return sudden
 
 
-def _unknown(solver: Solver, joints: Joints, found: Array) -> float:
+def _accelerations_of_rounding(solver: Solver, joints: Joints, found: Array) -> float:
     """Return by how much accelerations, over the length or in radians [1/s^2], change where nodes move by their last digit.
 
     So far the accelerations ``found`` are known where the mechanism stands.  The unknowns are left as they were.
