@@ -100,11 +100,8 @@ def compared(first: Description, second: Description, tolerance: float, stated: 
     trees, seats = found.trees, {found.trees.first.members[s.first].joint: s for s in found.seats}
     moving = {joint: seats[joint] for joint in trees.first.moving if trees.first.moving[joint] in dict(trees.pairs)}
     placed = first.root_stated and second.root_stated
-    every = [
-        *rooted.found,
-        *(d for d in found.differences if placed or d.cause != START),
-        *coupling_differences(one, two, pairs.pairs, moving),
-    ]
+    told = [*rooted.found, *(d for d in found.differences if placed or d.cause != START)]
+    every = coupling_differences(one, two, pairs.pairs, moving, told)
     every += loop_differences((first.mechanism, second.mechanism), (one, two), pairs.pairs, moving, size)
     states = states_of(trees.first)
     names = {joint: trees.second.members[seat.second].joint for joint, seat in moving.items()}

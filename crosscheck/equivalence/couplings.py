@@ -2,22 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from itertools import combinations
 
 from crosscheck.equivalence.align import SAME, Aligned
 from crosscheck.equivalence.difference import Difference
+from crosscheck.equivalence.judge import rounded
+from crosscheck.equivalence.members import SIGN, ZERO
 from crosscheck.equivalence.tree import Tree
 
 Law = tuple[dict[str, float], float]
+Joints = frozenset[str]
+Counted = tuple[str, str]  # a way in which coordinates count, by its cause, and the joint
+Follows = dict[Joints, tuple[Counted, ...]]
+CONVENTIONS = (SIGN, ZERO)
 
 
 def coupling_differences(
-    one: Tree, two: Tree, pairs: Mapping[str, str], seats: Mapping[str, Aligned]
-) -> Iterator[Difference]:
-    """Yield couplings that differ [-], [rad], [m]: each a law  sum factor q = offset  in A's coordinates."""
+    one: Tree, two: Tree, pairs: Mapping[str, str], seats: Mapping[str, Aligned], found: Iterable[Difference]
+) -> list[Difference]:
+    """Return what was found of joints, and couplings that differ [-], [rad], [m]: laws  sum factor q = offset  in A's coordinates.
+
+    A law that both files write alike, over a coordinate that counts another way in B, moves what it couples another way.  That is
+    one difference, of the coordinate, and counts as a difference of what drives add: a convention is what no torque feels.
+    """
     back = {theirs: ours for ours, theirs in pairs.items()}
-    ours = dict(_laws(one))
-    theirs = {key: _mapped(law, back, seats) for key, law in _laws(two, back)}
+    ours, plain = dict(_laws(one)), dict(_laws(two, back))
+    theirs = {key: _mapped(law, back, seats) for key, law in plain.items()}
+    apart = [key for key in ours if key in theirs and not _same(ours[key], theirs[key])]
+    follows = _followed({key: (ours[key], plain[key]) for key in apart}, back, seats)
+    told = [_felt(difference, follows) for difference in found]
     for key in [*ours, *(k for k in theirs if k not in ours)]:
         a, b = ours.get(key), theirs.get(key)
         place = "joints " + ", ".join(sorted(key))
@@ -25,16 +41,63 @@ def coupling_differences(
             side, law = ("A", a) if b is None else ("B", b)
             assert law is not None
             values = (_words(law), "none") if side == "A" else ("none", _words(law))
-            yield Difference("drive", f"coupling that only {side} has", place, 1.0, "-", *values)
-            continue
-        gap = max(abs(a[0][name] - b[0].get(name, 0.0)) for name in a[0])
-        if gap > SAME:
-            yield Difference("drive", "factor of coupling", place, gap, "-", _words(a), _words(b))
-        if abs(a[1] - b[1]) > SAME:
-            yield Difference("drive", "offset of coupling", place, abs(a[1] - b[1]), "rad", _words(a), _words(b))
+            told.append(Difference("drive", f"coupling that only {side} has", place, 1.0, "-", *values))
+        elif key in apart and key not in follows:
+            told += _differences(place, a, b)
+    return told
 
 
-def _laws(tree: Tree, names: Mapping[str, str] | None = None) -> Iterator[tuple[frozenset[str], Law]]:
+def _differences(place: str, a: Law, b: Law) -> Iterator[Difference]:
+    gap = max(abs(a[0][name] - b[0].get(name, 0.0)) for name in a[0])
+    if gap > SAME:
+        yield Difference("drive", "factor of coupling", place, gap, "-", _words(a), _words(b))
+    if abs(a[1] - b[1]) > SAME:
+        yield Difference("drive", "offset of coupling", place, abs(a[1] - b[1]), "rad", _words(a), _words(b))
+
+
+def _same(a: Law, b: Law) -> bool:
+    gaps = [abs(a[0].get(name, 0.0) - b[0].get(name, 0.0)) for name in {*a[0], *b[0]}]
+    return max([*gaps, abs(a[1] - b[1])]) <= SAME
+
+
+def _followed(apart: Mapping[Joints, tuple[Law, Law]], back: Mapping[str, str], seats: Mapping[str, Aligned]) -> Follows:
+    """Couplings that differ because a coordinate counts another way, with the fewest such coordinates, those of most couplings."""
+    ways: dict[Joints, list[tuple[Counted, ...]]] = {}
+    for key, (ours, theirs) in apart.items():
+        counted = [(c, name) for name in sorted(key) if name in seats for c in CONVENTIONS if _counts(c, seats[name])]
+        for number in range(1, len(counted) + 1):
+            tried = combinations(counted, number)
+            alike = [some for some in tried if _same(ours, _mapped(theirs, back, _without(seats, some)))]
+            if alike:
+                ways[key] = alike
+                break
+    often = Counter(one for alike in ways.values() for one in {c for some in alike for c in some})
+    return {key: max(alike, key=lambda some: sum(often[one] for one in some)) for key, alike in ways.items()}
+
+
+def _counts(cause: str, seat: Aligned) -> bool:
+    return seat.sign < 0.0 if cause == SIGN else seat.offset != 0.0
+
+
+def _without(seats: Mapping[str, Aligned], some: Iterable[Counted]) -> dict[str, Aligned]:
+    """The alignments as if some coordinates counted in B as in A."""
+    found = dict(seats)
+    for cause, name in some:
+        found[name] = replace(found[name], **({"sign": 1.0} if cause == SIGN else {"offset": 0.0}))
+    return found
+
+
+def _felt(difference: Difference, follows: Follows) -> Difference:
+    """The difference; that of a coordinate by which others go is one of drives."""
+    counted = (difference.cause, difference.place.removeprefix("joint "))
+    moved = sorted({name for key, some in follows.items() if counted in some for name in key} - {counted[1]})
+    if difference.family != "convention" or not moved or rounded(difference):
+        return difference
+    hint = f"coupled to it by the same law in both: {', '.join(moved)}"
+    return replace(difference, family="drive", hints=(*difference.hints, hint))
+
+
+def _laws(tree: Tree, names: Mapping[str, str] | None = None) -> Iterator[tuple[Joints, Law]]:
     """Couplings by the joints that they tie, the largest factor first made one."""
     for factors, offset in tree.couplings.values():
         key = frozenset((names or {}).get(name, name) for name in factors)

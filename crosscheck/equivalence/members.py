@@ -22,7 +22,7 @@ DRIVES = {
     "friction": ("dry friction", "N m", "N"),
     "stiffness": ("spring stiffness", "N m/rad", "N/m"),
 }
-START, ZERO = "pose at zero", "zero of coordinate"
+START, SIGN, ZERO = "pose at zero", "sign of coordinate", "zero of coordinate"
 BOUNDS = ("lower", "upper", "effort", "velocity")
 NOISE = 1e-12  # [m], [-], [kg m^2] as shown: rounding of frames that are turned there and back
 # A limit that large binds no machine [rad], [m], [N m], [N], [1/s]; formats that demand one are given such.
@@ -92,7 +92,7 @@ def joint_differences(pair: Pair) -> Iterator[Difference]:
         yield _scalar(pair, "rigid", "pitch", "pitch", two.pitch, "m")
     unit = "m" if one.kind == "prismatic" else "rad"
     if seat.sign < 0:
-        yield Difference("convention", "sign of coordinate", pair.joint, 2.0, "-", "+", "-", hints=_left_limits(pair))
+        yield Difference("convention", SIGN, pair.joint, 2.0, "-", "+", "-", hints=_left_limits(pair))
     if abs(seat.offset) > SAME * (pair.size if unit == "m" else 1.0):
         digits = pair.of_joint("shift" if unit == "m" else "zero")
         yield Difference(

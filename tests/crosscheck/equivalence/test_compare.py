@@ -112,6 +112,33 @@ def test_two_causes_are_both_needed(tmp_path: Path) -> None:
     assert all((d.share or 0.0) > found.tolerance for d in found.differences)
 
 
+LEADS = '<axis xyz="1 0 0"/><limit lower="0" upper="0.04" effort="20" velocity="0.2"/></joint>'
+FOLLOWS = '<axis xyz="-1 0 0"/><limit lower="0" upper="0.04" effort="20" velocity="0.2"/><mimic'
+
+
+@pytest.mark.parametrize("joint", ["grip", "grip_mirror"])
+def test_a_turned_axis_of_coupled_joints_is_one_cause(joint: str, tmp_path: Path) -> None:
+    """The law of the coupling stays as it is written: what follows goes the other way, which torques feel."""
+    text, other = (LEADS, "-1 0 0") if joint == "grip" else (FOLLOWS, "1 0 0")
+    xyz = "1 0 0" if joint == "grip" else "-1 0 0"
+    turned = text, text.replace(f'"{xyz}"', f'"{other}"').replace('lower="0" upper="0.04"', 'lower="-0.04" upper="0"')
+    file = arm(tmp_path, turned, name="b.urdf")
+    assert named(arm(tmp_path), file) == [("sign of coordinate", f"joint {joint}")]
+    found = compare(arm(tmp_path), file, judge=["rigid", "drive"])
+    assert not found.equal
+    coupled = "grip_mirror" if joint == "grip" else "grip"
+    assert f"coupled to it by the same law in both: {coupled}" in found.differences[0].hints
+    factor = ('<mimic joint="grip"/>', '<mimic joint="grip" multiplier="-1"/>')  # and the law with it: a convention again
+    assert compare(arm(tmp_path), arm(tmp_path, turned, factor, name="b.urdf"), judge=["rigid", "drive"]).equal
+
+
+def test_a_law_that_differs_beside_a_turned_axis_is_named(tmp_path: Path) -> None:
+    turned = LEADS, LEADS.replace("1 0 0", "-1 0 0").replace('lower="0" upper="0.04"', 'lower="-0.04" upper="0"')
+    factor = ('<mimic joint="grip"/>', '<mimic joint="grip" multiplier="2"/>')
+    found = named(arm(tmp_path), arm(tmp_path, turned, factor, name="b.urdf"))
+    assert found == [("factor of coupling", "joints grip, grip_mirror"), ("sign of coordinate", "joint grip")]
+
+
 def test_renamed_joints_are_found_by_structure(tmp_path: Path) -> None:
     text = ARM.replace('"shoulder"', '"q_a"').replace('"elbow"', '"q_b"')
     (tmp_path / "b.urdf").write_text(text)
