@@ -23,7 +23,7 @@ CONVENTIONS = (SIGN, ZERO)
 def coupling_differences(
     one: Tree, two: Tree, pairs: Mapping[str, str], seats: Mapping[str, Aligned], found: Iterable[Difference]
 ) -> list[Difference]:
-    """Return what was found of joints, and couplings that differ [-], [rad], [m]: laws  sum factor q = offset  in A's coordinates.
+    """Return the differences given and those of couplings [-], [rad], [m]: laws  sum factor q = offset  in A's coordinates.
 
     A law that both files write alike, over a coordinate that counts another way in B, moves what it couples another way.  That is
     one difference, of the coordinate, and counts as a difference of what drives add: a convention is what no torque feels.
@@ -83,7 +83,7 @@ def _without(seats: Mapping[str, Aligned], some: Iterable[Counted]) -> dict[str,
     """The alignments as if some coordinates counted in B as in A."""
     found = dict(seats)
     for cause, name in some:
-        found[name] = replace(found[name], **({"sign": 1.0} if cause == SIGN else {"offset": 0.0}))
+        found[name] = replace(found[name], sign=1.0) if cause == SIGN else replace(found[name], offset=0.0)
     return found
 
 
