@@ -60,8 +60,10 @@ def _same(a: Law, b: Law) -> bool:
     return max([*gaps, abs(a[1] - b[1])]) <= SAME
 
 
-def _followed(apart: Mapping[Joints, tuple[Law, Law]], back: Mapping[str, str], seats: Mapping[str, Aligned]) -> Follows:
-    """Couplings that differ because a coordinate counts another way, with the fewest such coordinates, those of most couplings."""
+def _followed(
+    apart: Mapping[Joints, tuple[Law, Law]], back: Mapping[str, str], seats: Mapping[str, Aligned]
+) -> Follows:
+    """Couplings that differ because coordinates count another way: with the fewest of them, and with those of most couplings."""
     ways: dict[Joints, list[tuple[Counted, ...]]] = {}
     for key, (ours, theirs) in apart.items():
         counted = [(c, name) for name in sorted(key) if name in seats for c in CONVENTIONS if _counts(c, seats[name])]

@@ -25,7 +25,7 @@ def says(words: str, **rules: Any) -> Any:
 class Data(BaseModel):
     """A JSON object: no key is ignored, every number is finite."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, defer_build=True)
 
 
 class Frame(Data):

@@ -39,7 +39,6 @@ from crosscheck.run.processes import die_with_parent, kill_group
 
 LARGEST_REQUEST = 1 << 16  # [bytes]
 LATE = ("scipy.linalg", "scipy.ndimage", "scipy.spatial.transform")  # what most jobs ask for after their imports
-KERNEL_CACHE = "flexinv.kernels.code_cache"  # whoever has imported it will ask Numba for kernels
 DEVICES = ("/dev/nvidia", "/dev/dri", "/dev/kfd")  # a graphics card's runtime that has started keeps one of these open
 
 
@@ -74,8 +73,6 @@ def prepare(door: Mapping[str, Any]) -> str:
             if not forkable(adapter):
                 return "its adapter says that it must not be forked"
             prepared(adapter)
-        if (cache := sys.modules.get(KERNEL_CACHE)) is not None:
-            cache.load_tables()
     except Exception as error:
         traceback.print_exc()
         return f"it could not be prepared: {type(error).__name__}: {error}"

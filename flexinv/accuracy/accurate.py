@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+import scipy  # its parts are loaded when they are asked for
 
 from flexinv.accuracy.extrapolation import extrapolated
 from flexinv.accuracy.refinement import Answer, Problem, Refinement, refine, unreached
@@ -118,7 +118,7 @@ def energy_defect(first: FirstStep, found: Found, seams: Sequence[int], jumps: C
     for start, end in pairwise([0, *seams, len(energy) - 1]):
         own = slice(start, end if end in jumps else end + 1)
         time = first.time[own]
-        spline = make_interp_spline(time, power[own], k=min(5, len(time) - 1)).antiderivative()
+        spline = scipy.interpolate.make_interp_spline(time, power[own], k=min(5, len(time) - 1)).antiderivative()
         worked[start + 1 : end + 1] = (
             worked[start] + spline(first.time[start + 1 : end + 1]) - spline(first.time[start])
         )

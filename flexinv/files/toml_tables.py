@@ -24,7 +24,7 @@ LARGEST_FILE = 1 << 20  # [byte]: the largest hand-written mechanism is a thousa
 class Table(BaseModel):
     """A TOML table: nothing is converted silently, no key is ignored."""
 
-    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, frozen=True)
+    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, frozen=True, defer_build=True)
 
 
 T = TypeVar("T", bound=Table)

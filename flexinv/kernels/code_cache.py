@@ -16,7 +16,8 @@ from pickle import UnpicklingError
 from typing import Any
 
 from numba import njit, types
-from numba.core.registry import CPUDispatcher, cpu_target
+from numba.core.registry import CPUDispatcher
+from numba.core.runtime import rtsys
 
 from flexinv.kernels.code_stamp import source_stamp
 from flexinv.kernels.compile_lock import CompileLock
@@ -55,12 +56,6 @@ def compiler(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         return kernel
 
     return decorate
-
-
-def load_tables() -> None:
-    """Load Numba's tables of types and of code [-], which it loads with the first kernel otherwise (half a second)."""
-    cpu_target.typing_context.refresh()
-    cpu_target.target_context.refresh()
 
 
 class Kernel(CPUDispatcher):
@@ -105,7 +100,7 @@ def _tell() -> None:
 def _keep(kernel: Any) -> None:
     """Let a kernel hold the stamp of its sources, wait for others, and go without what cannot be read or written."""
     cache, module = kernel._cache, kernel.py_func.__module__
-    file, load, save = cache._cache_file, cache.load_overload, cache.save_overload
+    file, save = cache._cache_file, cache.save_overload
     stamp = source_stamp(FOLDER, module.removeprefix("flexinv."))
     file._source_stamp = (file._source_stamp, stamp)
     file._load_index = forgiving(file._load_index, {})
@@ -114,10 +109,15 @@ def _keep(kernel: Any) -> None:
     kernel.lock = lock
     KERNELS.append(kernel)
 
+    def load(signature: Any, target: Any) -> Any:
+        with cache._guard_against_spurious_io_errors():
+            return cache._load_overload(signature, target)
+
     def loaded(signature: Any, target: Any) -> Any:
+        # Machine code needs the memory for arrays and no more: Numba's own load reads all tables of its compiler (half a second).
+        rtsys.initialize(target)
         brought = shipped(module, kernel.py_func.__qualname__, str(signature), stamp)
         if brought is not None:
-            target.refresh()
             return cache._impl.rebuild(target, brought)
         found = load(signature, target)
         if found is None:

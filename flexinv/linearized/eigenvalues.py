@@ -6,7 +6,7 @@ Slow motions are found exactly where K is positive definite; what moves without 
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import LinAlgError, cholesky, eigh, eigvals, eigvalsh, qr
+import scipy  # its parts are loaded when they are asked for
 
 from flexinv.errors import InputError
 from flexinv.typing import Array
@@ -37,11 +37,11 @@ def undamped(stiffness: Array, mass: Array, allowed: Array) -> tuple[Array, Arra
     k, m = (k + k.T) / 2, (m + m.T) / 2
     soft = _soft(k, m)
     # Q^T M x = 0 for the soft motions x: what is left of K moves by Q, and soft motions take no part in it
-    rest = qr(m @ soft)[0][:, soft.shape[1] :] if soft.shape[1] else np.eye(len(k))
+    rest = scipy.linalg.qr(m @ soft)[0][:, soft.shape[1] :] if soft.shape[1] else np.eye(len(k))
     inner, inertia = (rest.T @ part @ rest for part in (k, m))
     shapes = soft
     if rest.shape[1]:
-        values, vectors = eigh((inertia + inertia.T) / 2, (inner + inner.T) / 2)
+        values, vectors = scipy.linalg.eigh((inertia + inertia.T) / 2, (inner + inner.T) / 2)
         use = values > MASSLESS * values.max(initial=0.0)
         shapes = np.hstack([soft, rest @ vectors[:, use][:, ::-1]])
         stiff = _stiff_squares(1.0 / values[use][::-1], k, m, shapes[:, soft.shape[1] :])
@@ -65,9 +65,9 @@ def negative(stiffness: Array) -> int:
     size[size == 0.0] = 1.0  # a spherical joint about the axis of its link: nothing holds it
     unit = stiffness / np.outer(size, size)  # signs stay, and stiff motions hide no soft ones
     if np.abs(unit - unit.T).max() < SYMMETRIC:
-        values = eigvalsh((unit + unit.T) / 2).astype(complex)
+        values = scipy.linalg.eigvalsh((unit + unit.T) / 2).astype(complex)
     else:
-        values = np.asarray(eigvals(unit))
+        values = np.asarray(scipy.linalg.eigvals(unit))
     return int(((values.real < -LEAST * len(k)) & (values.imag == 0.0)).sum())
 
 
@@ -97,7 +97,7 @@ def _soft(k: Array, m: Array) -> Array:
         shift = max(10 * shift, smallest, np.finfo(float).tiny)
     if shift == 0.0:
         return np.empty((len(k), 0))
-    values, vectors = eigh(m, k + shift * m)
+    values, vectors = scipy.linalg.eigh(m, k + shift * m)
     return np.asarray(vectors[:, values > 1.0 / ((1.0 + SOFTER) * shift)])
 
 
@@ -105,7 +105,7 @@ def _soft_squares(k: Array, m: Array, soft: Array) -> tuple[Array, Array]:
     """omega^2 [1/s^2] of the soft motions among each other, zero where it is rounding of K, and their shapes."""
     if not soft.shape[1]:
         return np.empty(0), soft
-    squared, vectors = eigh(soft.T @ k @ soft, soft.T @ m @ soft)
+    squared, vectors = scipy.linalg.eigh(soft.T @ k @ soft, soft.T @ m @ soft)
     shapes = soft @ vectors
     size = np.abs(shapes)  # of unit modal mass
     rounding = (
@@ -116,8 +116,8 @@ def _soft_squares(k: Array, m: Array, soft: Array) -> tuple[Array, Array]:
 
 def _definite(matrix: Array) -> bool:
     try:
-        factor = cholesky(matrix)
-    except LinAlgError:
+        factor = scipy.linalg.cholesky(matrix)
+    except scipy.linalg.LinAlgError:
         return False
     pivots = np.diag(factor) ** 2
     return bool((pivots > SOFT * np.abs(np.diag(matrix))).all())

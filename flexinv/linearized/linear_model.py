@@ -14,8 +14,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its parts are loaded when they are asked for
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import solve
 
 from flexinv.dynamics.solver import Solver, by_unknown
 from flexinv.errors import InputError
@@ -143,7 +143,7 @@ def _basis(motion: Steady, accelerated: Array, modes: int | None) -> tuple[Array
     # where other joints are free K_ff is singular: any Psi is exact, this one is near the slow one
     soft = SOFT * np.abs(held).max() / max(np.abs(inertia).max(), np.finfo(float).tiny)
     across = rest.T @ (k + soft * m) @ accelerated.T
-    follow = accelerated.T - rest @ solve(held + soft * inertia, across)
+    follow = accelerated.T - rest @ scipy.linalg.solve(held + soft * inertia, across)
     _, shapes = undamped(k, m, rest)
     return np.hstack([follow, shapes[:, :modes]]), len(accelerated)
 

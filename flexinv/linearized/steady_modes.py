@@ -6,8 +6,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its parts are loaded when they are asked for
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import eig, lu_factor, lu_solve
 
 from flexinv.kinematics.mesh import Mesh
 from flexinv.linearized.natural_modes import allowed_motions, check_modes, check_rates, chosen, nodal_shapes
@@ -112,9 +112,11 @@ def roots(mass: Array, damping: Array, stiffness: Array) -> tuple[Complex, Compl
     """
     size = len(mass)
     shift = SHIFT * np.sqrt(np.abs(stiffness).max() / max(np.abs(mass).max(), np.finfo(float).tiny)) or 1.0
-    factors = lu_factor(stiffness + shift * damping + shift**2 * mass)
-    below = np.hstack([lu_solve(factors, damping + 2 * shift * mass), lu_solve(factors, mass)])
-    values, vectors = eig(np.vstack([-below, np.eye(size, 2 * size)]))
+    factors = scipy.linalg.lu_factor(stiffness + shift * damping + shift**2 * mass)
+    below = np.hstack(
+        [scipy.linalg.lu_solve(factors, damping + 2 * shift * mass), scipy.linalg.lu_solve(factors, mass)]
+    )
+    values, vectors = scipy.linalg.eig(np.vstack([-below, np.eye(size, 2 * size)]))
     use = np.abs(values) > MASSLESS * np.abs(values).max(initial=0.0)
     root, shapes = shift + 1 / values[use], vectors[:size, use]
     root = np.where(np.abs(root) < ZERO * shift, 0.0, root)

@@ -13,8 +13,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its parts are loaded when they are asked for
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import qr, solve_triangular
 
 from flexinv.elements.joint_law import law_columns
 from flexinv.errors import InputError
@@ -170,10 +170,10 @@ def base_parameters(regressor: Regressor) -> BaseParameters:
     scaled = y[:, seen] / size[seen]
     own = seen[_independent(scaled)]
     rest = np.setdiff1d(seen, own)
-    factor, r = qr(y[:, own] / size[own], mode="economic")
+    factor, r = scipy.linalg.qr(y[:, own] / size[own], mode="economic")
     combination = np.zeros((len(own), len(size)))
     combination[np.arange(len(own)), own] = 1.0
-    by = solve_triangular(r, factor.T @ (y[:, rest] / size[rest]))
+    by = scipy.linalg.solve_triangular(r, factor.T @ (y[:, rest] / size[rest]))
     combination[:, rest] = by * size[rest] / size[own][:, None]
     combination[np.abs(combination) < NOTHING] = 0.0
     unseen = tuple(name for k, name in enumerate(regressor.names) if k not in set(seen.tolist()))

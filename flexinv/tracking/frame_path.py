@@ -13,8 +13,8 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # its parts are loaded when they are asked for
 from numpy.typing import ArrayLike
-from scipy.interpolate import make_interp_spline
 
 from flexinv.errors import InputError
 from flexinv.kernels.so3 import exp_so3, log_so3
@@ -92,7 +92,7 @@ class Path:
             raise InputError(f"points[{int(np.argmin(chords))}] and the next are the same: expected points that differ")
         along = np.concatenate([[0.0], np.cumsum(chords)]) / chords.sum()
         degree = min(5, len(at) - 1)
-        spline = make_interp_spline(along, at, k=degree - (degree == 4))  # odd degrees are symmetric
+        spline = scipy.interpolate.make_interp_spline(along, at, k=degree - (degree == 4))  # odd degrees are symmetric
         return _checked(partial(_spline, spline), duration, law, f"spline through {len(at)} points")
 
     def turning(self, start: ArrayLike, end: ArrayLike) -> Path:

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy  # its parts are loaded when they are asked for
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import BSpline, make_interp_spline
 
 from flexinv.errors import InputError
 from flexinv.kernels.so3 import log_so3
@@ -156,7 +156,7 @@ class RigidWay:
         return chain.finish(guess, path.evaluate(time), time)
 
     @cached_property
-    def _knots(self) -> tuple[_Chain, BSpline]:
+    def _knots(self) -> tuple[_Chain, scipy.interpolate.BSpline]:
         """The chain, and a spline through its angles at places of the path, found one after the other."""
         chain = _Chain.of(self.mesh, self.frame, self.path)
         first = chain.guess(self.start)
@@ -164,7 +164,7 @@ class RigidWay:
         angles = np.empty((KNOTS, self.mesh.mechanism.nv))
         for k, at in enumerate(knots):
             angles[k] = first = chain.approach(first, self.path.evaluate(np.array([at])), float(at))
-        return chain, make_interp_spline(knots, angles, k=5)
+        return chain, scipy.interpolate.make_interp_spline(knots, angles, k=5)
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, eigvals, null_space
 
 from flexinv.dynamics.solver import Trajectory
 from flexinv.errors import ConvergenceError
@@ -79,7 +79,7 @@ def _newton(horizon: Horizon, at: Placed, stiffness: float) -> Inverse | None:
         try:
             now = horizon.evaluate(at, stiffness)
             y, efforts = horizon.step(at, now)
-        except (TurnedTooMuch, LinAlgError):
+        except (TurnedTooMuch, scipy.linalg.LinAlgError):
             return None
         size = horizon.scaled(y)
         if not size < LOST:
@@ -108,9 +108,12 @@ def internal_rates(horizon: Horizon, sample: int) -> NDArray[np.complex128]:
     pick = horizon.layout.pick
     sizes = np.sqrt(pick**2 @ horizon.layout.solver.topology.scale**2)  # lengths over that of the mechanism
     by, efforts = one.by[0] * sizes, sizes[:, None] * (pick @ horizon.layout.drives.T)
-    n, w = (sizes[:, None] * null_space(part / np.abs(part).max(axis=1, keepdims=True)) for part in (by, efforts.T))
+    n, w = (
+        sizes[:, None] * scipy.linalg.null_space(part / np.abs(part).max(axis=1, keepdims=True))
+        for part in (by, efforts.T)
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
-        squared = eigvals(-w.T @ one.k[0] @ n, w.T @ one.m[0] @ n)
+        squared = scipy.linalg.eigvals(-w.T @ one.k[0] @ n, w.T @ one.m[0] @ n)
     squared = squared[np.isfinite(squared)]
     rates = np.sqrt(squared[np.abs(squared) < ENDLESS * np.abs(squared).min(initial=np.inf)].astype(complex))
     return np.asarray(rates[np.argsort(rates.real)])

@@ -128,7 +128,10 @@ def test_a_turned_axis_of_coupled_joints_is_one_cause(joint: str, tmp_path: Path
     assert not found.equal
     coupled = "grip_mirror" if joint == "grip" else "grip"
     assert f"coupled to it by the same law in both: {coupled}" in found.differences[0].hints
-    factor = ('<mimic joint="grip"/>', '<mimic joint="grip" multiplier="-1"/>')  # and the law with it: a convention again
+    factor = (
+        '<mimic joint="grip"/>',
+        '<mimic joint="grip" multiplier="-1"/>',
+    )  # and the law with it: a convention again
     assert compare(arm(tmp_path), arm(tmp_path, turned, factor, name="b.urdf"), judge=["rigid", "drive"]).equal
 
 
