@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
 import subprocess
@@ -13,9 +12,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import chromium
-import filelock
 import pytest
 import readable
+from once import made_once
 
 pytest.importorskip("sphinx")
 pytestmark = pytest.mark.slow
@@ -68,15 +67,8 @@ FIRST = 3  # results: what a reader sees of them without scrolling
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The site, built once for all workers of pytest-xdist: whoever comes second waits, and takes what is there."""
-    own = tmp_path_factory.getbasetemp()
-    home = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "site"
-    with filelock.FileLock(home.with_suffix(".lock")):
-        if not (home / "built").exists():
-            shutil.rmtree(home, ignore_errors=True)  # of a build that failed: each worker says why
-            build(home)
-            (home / "built").touch()
-    return home / "html"
+    """The site, built once for all workers."""
+    return made_once(tmp_path_factory, "site", build) / "html"
 
 
 def build(home: Path) -> None:

@@ -14,6 +14,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from once import made_once
 
 pytestmark = pytest.mark.slow  # what they share is computed once, and takes seconds
 
@@ -25,12 +26,16 @@ _CALL = re.compile(r"`(\w+(?:/\w+)+)\.(\w+)`")
 
 
 @pytest.fixture(scope="module")
-def followed(root: Path) -> Paths:
+def followed(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Paths:
     """Paths of calls from `solve` on, by case."""
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(root / "tests" / "shared")}
     script = root / "tests" / "shared" / "followed_calls.py"
-    done = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, check=True)
-    return json.loads(done.stdout)  # type: ignore[no-any-return]
+
+    def follow(home: Path) -> None:
+        done = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, check=True)
+        (home / "paths.json").write_text(done.stdout)
+
+    return json.loads((made_once(tmp_path_factory, "followed", follow) / "paths.json").read_text())  # type: ignore[no-any-return]
 
 
 @pytest.fixture(scope="module")
