@@ -36,9 +36,11 @@ from crosscheck.engines import loaded
 from crosscheck.engines.base import forkable, prepared
 from crosscheck.run import child
 from crosscheck.run.processes import die_with_parent, kill_group
+from flexinv.files.toml_tables import build_validators
 
 LARGEST_REQUEST = 1 << 16  # [bytes]
 LATE = ("scipy.linalg", "scipy.ndimage", "scipy.spatial.transform")  # what most jobs ask for after their imports
+KERNELS = "flexinv.kernels.code_cache"  # whoever has imported it will call kernels
 DEVICES = ("/dev/nvidia", "/dev/dri", "/dev/kfd")  # a graphics card's runtime that has started keeps one of these open
 
 
@@ -47,6 +49,7 @@ def main(number: str) -> None:
     die_with_parent()
     for module in LATE:
         importlib.import_module(module)
+    build_validators()
     serve(int(number), "")
 
 
@@ -73,6 +76,8 @@ def prepare(door: Mapping[str, Any]) -> str:
             if not forkable(adapter):
                 return "its adapter says that it must not be forked"
             prepared(adapter)
+        if (kernels := sys.modules.get(KERNELS)) is not None:
+            kernels.start_runtime()
     except Exception as error:
         traceback.print_exc()
         return f"it could not be prepared: {type(error).__name__}: {error}"

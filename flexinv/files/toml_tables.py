@@ -22,7 +22,10 @@ LARGEST_FILE = 1 << 20  # [byte]: the largest hand-written mechanism is a thousa
 
 
 class Table(BaseModel):
-    """A TOML table: nothing is converted silently, no key is ignored."""
+    """A TOML table: nothing is converted silently, no key is ignored.
+
+    Its validator is built with the first table that it reads, as few programs read all kinds of tables; see `build_validators`.
+    """
 
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, frozen=True, defer_build=True)
 
@@ -156,6 +159,15 @@ def _syntax(message: str) -> str:
     if "declare" in message or "overwrite" in message:
         return "a link, joint, section or case once; give the second one a name of its own"
     return "TOML as on https://toml.io: strings in quotes, numbers without units, true and false in lower case"
+
+
+def build_validators() -> None:
+    """Build the validators of all kinds of tables [-] that are imported, for a process from which others are forked."""
+    ahead = [Table]
+    while ahead:
+        table = ahead.pop()
+        table.model_rebuild()
+        ahead += table.__subclasses__()
 
 
 def validate(model: type[T], data: Any, where: Location) -> T:

@@ -16,7 +16,7 @@ from pickle import UnpicklingError
 from typing import Any
 
 from numba import njit, types
-from numba.core.registry import CPUDispatcher
+from numba.core.registry import CPUDispatcher, cpu_target
 from numba.core.runtime.nrt import rtsys
 
 from flexinv.kernels.code_stamp import source_stamp
@@ -56,6 +56,11 @@ def compiler(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         return kernel
 
     return decorate
+
+
+def start_runtime() -> None:
+    """Start what kernels take the memory of arrays from [-], which the first of them does otherwise (a twentieth of a second)."""
+    rtsys.initialize(cpu_target.target_context)
 
 
 class Kernel(CPUDispatcher):
