@@ -170,7 +170,7 @@ def _coordinate(
     if one.kind not in SCALARS:
         return 1.0, 0.0, shift
     axis = frame.rotation @ two.axis
-    sign = 1.0 if one.axis @ axis >= 0.0 else -1.0
+    sign = 1.0 if one.axis @ axis >= -SEEN else -1.0  # across each other, neither is the other one turned
     axis = sign * axis
     if one.kind == "prismatic":
         offset = float(axis @ shift.rotation.T @ shift.position)

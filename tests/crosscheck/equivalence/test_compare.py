@@ -112,6 +112,15 @@ def test_two_causes_are_both_needed(tmp_path: Path) -> None:
     assert all((d.share or 0.0) > found.tolerance for d in found.differences)
 
 
+@pytest.mark.parametrize("turn", [-0.4, 0.3, 1.1, 2.0])
+def test_an_axis_across_the_other_one_is_not_turned_round(turn: float, tmp_path: Path) -> None:
+    """The product of both is rounding, of either sign."""
+    c, s = np.cos(turn), np.sin(turn)
+    axis, across = (f'<axis xyz="{x:.17g} {y:.17g} 0"/>' for x, y in ((c, s), (-s, c)))
+    files = [arm(tmp_path, ('<axis xyz="0 0 1"/>', text), name=f"{k}.urdf") for k, text in enumerate((axis, across))]
+    assert named(*files) == named(*files[::-1]) == [("joint axis", "joint elbow")]
+
+
 LEADS = '<axis xyz="1 0 0"/><limit lower="0" upper="0.04" effort="20" velocity="0.2"/></joint>'
 FOLLOWS = '<axis xyz="-1 0 0"/><limit lower="0" upper="0.04" effort="20" velocity="0.2"/><mimic'
 
