@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import shlex
@@ -10,6 +11,7 @@ from importlib import metadata
 
 import click
 
+from crosscheck.run.processes import GARBAGE
 from flexinv.kernels.compile_lock import NOTE, telling
 
 # Every other package that the commands import is in the extra "report".
@@ -20,9 +22,9 @@ EXTRAS = {
     "dask": "cluster",
 }
 
-
 def main() -> None:
     """Run the command line, or say what it needs."""
+    gc.set_threshold(GARBAGE)
     try:
         command = importlib.import_module("crosscheck.cli").main
     except ModuleNotFoundError as error:

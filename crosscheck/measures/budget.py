@@ -19,19 +19,16 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
 
 from crosscheck.measures.record import Series
+from flexinv.analysis.largest_nearby import largest_nearby
 
 Array = NDArray[np.float64]
 SLOWEST = 0.5  # order below which runs do not count as convergent: Richardson would enlarge a difference 2.4 times
 # Highest order that a bar trusts: that of the time integrations.  Where 4.5 was believed, 57 % of the values of the next run lay
 # inside the bars of a beam (exudyn-ge, flex_one_link/quintic; crosscheck corpus --audit).
 FORMAL = 2.0
-# Differences cross zero where the error does not: a bar is their largest value within this part of the run on either
-# side (a beam's first period is some tenth of its motion, so this is a fraction of an oscillation).
-WINDOW = 0.02
 # Differences below this part of a signal's size are its rounding: 1e4 operations of 1e-16 each.  There is no order in it.
 ROUNDING = 1e-12
 
@@ -71,19 +68,19 @@ def estimate(levels: Sequence[Array], value: int = -1) -> Estimate:
     reported = levels[value]
     spread = np.max([np.abs(reported - one) for one in levels], axis=0)
     if len(levels) < 3:
-        return Estimate(widened(spread), None, TWO)
+        return Estimate(largest_nearby(spread), None, TWO)
     first, second = levels[-2] - levels[-3], levels[-1] - levels[-2]
     size = max(_rms(one) for one in levels)
     if max(_rms(first), _rms(second)) <= ROUNDING * size:
-        return Estimate(widened(spread), None, "rounding")
+        return Estimate(largest_nearby(spread), None, "rounding")
     ratio = _rms(second) / _rms(first) if _rms(first) > 0.0 else np.inf
     if ratio > 2.0**-SLOWEST:
-        return Estimate(widened(spread), None, UNORDERED)
+        return Estimate(largest_nearby(spread), None, UNORDERED)
     if ratio == 0.0 or float(first @ second) <= 0.0:
-        return Estimate(widened(spread), None, "largest difference")
+        return Estimate(largest_nearby(spread), None, "largest difference")
     trusted = max(ratio, 2.0**-FORMAL)
     limit = levels[-1] + second * trusted / (1.0 - trusted)
-    return Estimate(widened(np.abs(reported - limit)), float(-np.log2(ratio)), "Richardson")
+    return Estimate(largest_nearby(np.abs(reported - limit)), float(-np.log2(ratio)), "Richardson")
 
 
 def extrapolated(levels: Sequence[Array]) -> Estimate:
@@ -98,17 +95,12 @@ def extrapolated(levels: Sequence[Array]) -> Estimate:
     # Where the runs do not converge, extrapolating them is no better than the runs: the largest difference.
     others = levels if inner.how in ("largest difference", UNORDERED) else [before]
     bar = np.max([np.abs(limit - one) for one in others], axis=0)
-    return Estimate(widened(bar), inner.order, inner.how if len(levels) > 2 else TWO_EXTRAPOLATED)
+    return Estimate(largest_nearby(bar), inner.order, inner.how if len(levels) > 2 else TWO_EXTRAPOLATED)
 
 
 def no_order(line: Mapping[str, Any]) -> bool:
     """Return True if a series' line of budget (see ``with_bars``) shows that some refinement of it has no order."""
     return any(how in NO_ORDER for how in line.get("how", {}).values())
-
-
-def widened(bar: Array) -> Array:
-    """Return the largest value within ``WINDOW`` of the run on either side, (samples,) [unit]."""
-    return np.asarray(scipy.ndimage.maximum_filter1d(bar, 2 * int(np.ceil(WINDOW * bar.size)) + 1))
 
 
 def with_bars(

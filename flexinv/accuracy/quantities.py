@@ -6,10 +6,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # its parts are loaded when they are asked for
 
 from flexinv.analysis.evaluation import FirstStep, second_step, with_drives
-from flexinv.analysis.solve import WINDOW
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
@@ -76,8 +74,3 @@ def ranges(mesh: Mesh, known: Quantities) -> Ranges:
     free = np.maximum(np.ptp(known.free, axis=0), SMALLEST)
     tiny = np.finfo(float).tiny
     return Ranges(np.maximum(torque, tiny), np.maximum(tip, tiny), free)
-
-
-def widest(values: Array) -> Array:
-    """Return the largest values near each sample (samples, columns) [any unit]: pointwise differences cross zero."""
-    return np.asarray(scipy.ndimage.maximum_filter1d(values, 2 * int(np.ceil(WINDOW * len(values))) + 1, axis=0))

@@ -20,9 +20,10 @@ from typing import NamedTuple
 import numpy as np
 
 from flexinv.accuracy.extrapolation import combined, thinned, weights
-from flexinv.accuracy.quantities import Quantities, Ranges, free_coordinates, quantities, ranges, widest
+from flexinv.accuracy.quantities import Quantities, Ranges, free_coordinates, quantities, ranges
 from flexinv.accuracy.step_grid import StepGrid
 from flexinv.analysis.evaluation import FirstStep
+from flexinv.analysis.largest_nearby import largest_nearby
 from flexinv.analysis.settings import Settings
 from flexinv.analysis.task import Task
 from flexinv.analysis.trajectory import first_step
@@ -259,7 +260,7 @@ def extrapolated_answer(three: tuple[Level, Level, Level], before: Answer | None
     found = [level.found.rows(level.kept // a.kept) for level in three]
     coarse, fine = mixed(found[:2], weights((a.finer, b.finer))), mixed(found[1:], weights((b.finer, c.finer)))
     scale = ranges(c.made.mesh, found[2])
-    bars = widest(scale.errors(mixed((fine, coarse), np.array([1.0, -1.0]))))
+    bars = largest_nearby(scale.errors(mixed((fine, coarse), np.array([1.0, -1.0]))))
     apart, order = float(bars.max()), ASSUMED_ORDER if before is None else before.order
     if before is not None and before.levels[0].finer < b.finer and min(apart, before.apart) > 0.0:
         order = float(np.log(before.apart / apart) / np.log(b.finer / before.levels[0].finer))
@@ -274,7 +275,7 @@ def plain_answer(three: tuple[Level, Level, Level]) -> Answer:
     found = [level.found.rows(level.kept // a.kept) for level in three]
     scale, minus = ranges(c.made.mesh, found[2]), np.array([1.0, -1.0])
     first, second, both = (
-        widest(scale.errors(mixed((found[k], found[j]), minus))) for k, j in ((1, 0), (2, 1), (2, 0))
+        largest_nearby(scale.errors(mixed((found[k], found[j]), minus))) for k, j in ((1, 0), (2, 1), (2, 0))
     )
     bars = both if second.max() < first.max() else np.full_like(both, np.inf)
     return Answer((c,), np.ones(1), a.kept, bars, scale, float(both.max()), 1.0, a.finer)
@@ -299,7 +300,7 @@ def mesh_bars(refinement: Refinement, mesh: int, answer: Answer) -> Array:
 
 def _mesh_apart(here: Level, there: Level) -> Array:
     scale = ranges(there.made.mesh, there.found)
-    return widest(scale.errors(mixed((there.found, here.found), np.array([1.0, -1.0]))))
+    return largest_nearby(scale.errors(mixed((there.found, here.found), np.array([1.0, -1.0]))))
 
 
 def _rungs(answer: Answer, asked: float, first: bool) -> int:

@@ -7,10 +7,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import scipy  # its parts are loaded when they are asked for
 from numpy.typing import ArrayLike
 
 from flexinv.analysis.evaluation import second_step, solution_of
+from flexinv.analysis.largest_nearby import largest_nearby
 from flexinv.analysis.settings import Settings, checked
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import Progress, Task, check_task, joint_histories, looked_up, prescribe, time_grid
@@ -150,16 +150,11 @@ def finer_meshes(mechanism: Mechanism) -> list[tuple[Mechanism, float]]:
     return [(mechanism.refined(elements=2), 4 / 3)] if linear else [(mechanism.refined(order=2), 1.0)]
 
 
-# Pointwise differences cross zero; a bar is their largest value within this part of the run on either side.
-WINDOW = 0.02
-
-
 def scaled_difference(solution: Solution, finer: Solution, stride: int, factor: float) -> Bars:
     """Return ``factor`` times the largest differences near each sample: of torque [N m], [N], and of every link's tip [m]."""
-    width = 2 * int(np.ceil(WINDOW * len(solution.time))) + 1
     torque = np.abs(solution.torque - finer.torque[::stride][: len(solution.time)])
     tip = {k: np.linalg.norm(v - finer.tip[k][::stride][: len(v)], axis=1) for k, v in solution.tip.items()}
     return (
-        factor * scipy.ndimage.maximum_filter1d(torque, width, axis=0),
-        {k: factor * scipy.ndimage.maximum_filter1d(v, width) for k, v in tip.items()},
+        factor * largest_nearby(torque),
+        {k: factor * largest_nearby(v) for k, v in tip.items()},
     )

@@ -28,7 +28,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.linalg import qr
+import scipy  # its parts are loaded when they are asked for
 
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.exudyn import lead_in as exudyn_lead
@@ -127,7 +127,7 @@ def drives(phase: Phase, given: list[Joint], q: Array) -> set[str]:
     g = assembly.rows_of(m.closures, tree.pairs(q, np.zeros(m.nv))).g
     motions = assembly.null_space(g)
     columns = np.array([k for j in given for k in range(m.v_slices[j.name].start, m.v_slices[j.name].stop)])
-    _, _, order = qr(motions[columns].T, pivoting=True, mode="economic")
+    _, _, order = scipy.linalg.qr(motions[columns].T, pivoting=True, mode="economic")
     chosen = set(columns[order[: motions.shape[1]]].tolist())
     names = {j.name for j in given if set(range(m.nv)[m.v_slices[j.name]]) <= chosen}
     if sum(m.joint_of[name].nv for name in names) != motions.shape[1]:

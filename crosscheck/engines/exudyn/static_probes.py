@@ -14,8 +14,8 @@ from typing import Any
 
 import exudyn as exu
 import numpy as np
+import scipy  # its parts are loaded when they are asked for
 from exudyn.itemInterface import Force, MarkerNodeRigid, Torque
-from scipy.spatial.transform import Rotation
 
 from crosscheck.engines.exudyn.models import planar as exudyn_planar
 from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
@@ -121,4 +121,5 @@ def _flat(drawing: exudyn_planar.Drawing, node: Any) -> tuple[Array, Array]:
 def _moved(mbs: Any, node: Any) -> tuple[Array, Array]:
     """Return the displacement (3,) [m] and rotation (3,) [rad] of a node in space, along the world's axes."""
     turn = np.array(mbs.GetNodeOutput(node, OUT.RotationMatrix)).reshape(3, 3)
-    return np.array(mbs.GetNodeOutput(node, OUT.Displacement)), Rotation.from_matrix(turn).as_rotvec()
+    rotation = scipy.spatial.transform.Rotation.from_matrix(turn)
+    return np.array(mbs.GetNodeOutput(node, OUT.Displacement)), rotation.as_rotvec()

@@ -24,8 +24,8 @@ from typing import Any
 
 import mujoco
 import numpy as np
+import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from flexinv.model.mechanism import WORLD, Joint, Mechanism
 
@@ -147,9 +147,10 @@ def _position(joint: Joint, q: Array) -> Array:
     return q
 
 
-def _absolute(joint: Joint, q: Array) -> Rotation:
+def _absolute(joint: Joint, q: Array) -> scipy.spatial.transform.Rotation:
     """R0 R of a free joint, all samples."""
-    return Rotation.from_matrix(joint.placement.rotation) * Rotation.from_quat(q[:, 3:])
+    rotation = scipy.spatial.transform.Rotation
+    return rotation.from_matrix(joint.placement.rotation) * rotation.from_quat(q[:, 3:])
 
 
 def from_engine(mechanism: Mechanism, built: Built, position: Array) -> Array:
@@ -165,8 +166,8 @@ def from_engine(mechanism: Mechanism, built: Built, position: Array) -> Array:
         elif joint.kind == "spherical":
             theirs = np.roll(theirs, -1, axis=1)
         elif joint.kind == "free":
-            seat = Rotation.from_matrix(joint.placement.rotation).inv()
-            turn = seat * Rotation.from_quat(np.roll(theirs[:, 3:], -1, axis=1))
+            seat = scipy.spatial.transform.Rotation.from_matrix(joint.placement.rotation).inv()
+            turn = seat * scipy.spatial.transform.Rotation.from_quat(np.roll(theirs[:, 3:], -1, axis=1))
             theirs = np.hstack([seat.apply(theirs[:, :3] - joint.placement.position), turn.as_quat()])
         out[:, own] = theirs
     return out

@@ -1,0 +1,25 @@
+"""Error bars from differences of two solutions: they cross zero, so a bar is the largest of them nearby."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexinv.typing import Array
+
+# Part of a run, on either side: a beam's first period is some tenth of its motion, so this is a fraction of an oscillation.
+NEARBY = 0.02
+
+
+def largest_nearby(values: Array) -> Array:
+    """Return the largest values within ``NEARBY`` of the run on either side of each sample.
+
+    values : (samples, ...) [any unit]; maxima over windows of 1, 2, 4 ... samples, each of two of the one before
+    """
+    half = int(np.ceil(NEARBY * len(values)))
+    outside = np.full((half, *values.shape[1:]), -np.inf)
+    largest, reach, width = np.concatenate([outside, values, outside]), 1, 2 * half + 1
+    while reach < width:
+        more = min(reach, width - reach)
+        largest = np.maximum(largest[:-more], largest[more:])
+        reach += more
+    return largest
