@@ -22,6 +22,7 @@ EXTRAS = {
     "dask": "cluster",
 }
 
+
 def main() -> None:
     """Run the command line, or say what it needs."""
     gc.set_threshold(GARBAGE)
