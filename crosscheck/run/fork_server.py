@@ -35,7 +35,7 @@ import numpy as np
 from crosscheck.engines import loaded
 from crosscheck.engines.base import forkable, prepared
 from crosscheck.run import child
-from crosscheck.run.processes import GARBAGE, die_with_parent, kill_group
+from crosscheck.run.processes import die_with_parent, kill_group
 from flexinv.files.toml_tables import build_validators
 
 LARGEST_REQUEST = 1 << 16  # [bytes]
@@ -46,7 +46,6 @@ DEVICES = ("/dev/nvidia", "/dev/dri", "/dev/kfd")  # a graphics card's runtime t
 def main(number: str) -> None:
     """Serve requests of the socket with this number until the parent closes it, what every job needs being imported."""
     die_with_parent()
-    gc.set_threshold(GARBAGE)
     build_validators()
     serve(int(number), "")
 

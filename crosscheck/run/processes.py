@@ -11,8 +11,6 @@ from pathlib import Path
 
 ONE_THREAD = ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "NUMBA", "VECLIB_MAXIMUM")
 LARGEST_FILE = 1 << 28  # [bytes]; one MuJoCo log was seen to grow without end, a record has a few megabytes
-# New objects after which Python looks for garbage.  What is imported stays: with the usual 700 a seventh of a start goes to that.
-GARBAGE = 50_000
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 

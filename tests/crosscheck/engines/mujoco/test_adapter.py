@@ -11,6 +11,7 @@ import kane
 import numpy as np
 import pytest
 import rigid_trees as trees
+from scipy.spatial.transform import Rotation
 
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.mujoco import adapter as mujoco
@@ -130,7 +131,7 @@ def quaternion_not_rolled(joint: Joint, q: Any) -> Any:
 
 
 def placement_forgotten(joint: Joint, q: Any) -> Any:
-    return mujoco_joints.Rotation.from_quat(q[:, 3:])
+    return Rotation.from_quat(q[:, 3:])
 
 
 def no_bias(mechanism: Mechanism, built: Any, q: Any, qd: Any, qdd: Any) -> Any:
