@@ -18,6 +18,7 @@ Joints = frozenset[str]
 Counted = tuple[str, str]  # a way in which coordinates count, by its cause, and the joint
 Follows = dict[Joints, tuple[Counted, ...]]
 CONVENTIONS = (SIGN, ZERO)
+SHOWN = 4  # names of joints
 
 
 def coupling_differences(
@@ -95,7 +96,8 @@ def _felt(difference: Difference, follows: Follows) -> Difference:
     moved = sorted({name for key, some in follows.items() if counted in some for name in key} - {counted[1]})
     if difference.family != "convention" or not moved or rounded(difference):
         return difference
-    hint = f"coupled to it by the same law in both: {', '.join(moved)}"
+    more = f" and {len(moved) - SHOWN} more" if len(moved) > SHOWN else ""
+    hint = f"coupled to it by the same law in both: {', '.join(moved[:SHOWN])}{more}"
     return replace(difference, family="drive", hints=(*difference.hints, hint))
 
 

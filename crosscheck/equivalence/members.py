@@ -23,6 +23,9 @@ DRIVES = {
     "stiffness": ("spring stiffness", "N m/rad", "N/m"),
 }
 START, SIGN, ZERO = "pose at zero", "sign of coordinate", "zero of coordinate"
+LEFT_LIMITS = (
+    "its limits are the same numbers in both files, so that one of them allows other places: looks like a mistake"
+)
 BOUNDS = ("lower", "upper", "effort", "velocity")
 NOISE = 1e-12  # [m], [-], [kg m^2] as shown: rounding of frames that are turned there and back
 # A limit that large binds no machine [rad], [m], [N m], [N], [1/s]; formats that demand one are given such.
@@ -215,10 +218,7 @@ def _left_limits(pair: Pair) -> tuple[str, ...]:
     """Words where the limits are the same numbers although the coordinate counts otherwise: the sign of a mistake."""
     ours, theirs = pair.one.limits, pair.two.limits
     stated = np.isfinite(ours.lower) and not _close(ours, _mapped(theirs, pair.seat))
-    words = (
-        "its limits are the same numbers in both files, so that one of them allows other places: looks like a mistake"
-    )
-    return (words,) if stated and _close(ours, theirs) else ()
+    return (LEFT_LIMITS,) if stated and _close(ours, theirs) else ()
 
 
 def _mapped(limits: Limits, seat: Aligned) -> Limits:

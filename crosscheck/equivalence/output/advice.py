@@ -15,13 +15,14 @@ from crosscheck.equivalence.align import SAME, Aligned
 from crosscheck.equivalence.bases import BASE
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.judge import Judged
-from crosscheck.equivalence.members import vector_text
+from crosscheck.equivalence.members import LEFT_LIMITS, SIGN, ZERO, vector_text
 from crosscheck.equivalence.tree import Member, Tree, sum_of
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.rigid import inverse, moved, quaternion
 from crosscheck.linting.bodies import Stated, body_findings
 from flexinv.model.mechanism import WORLD, Placement
 
+SIGN_ALONE = f"{SIGN} alone"  # where the limits of both files are the same numbers
 INERTIAS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 URDF = {
     "mass": '<inertial> <mass value="{}"/>',
@@ -38,7 +39,8 @@ URDF = {
     "upper limit": '<limit upper="{}" .../>',
     "effort limit": '<limit effort="{}" .../>',
     "velocity limit": '<limit velocity="{}" .../>',
-    "sign of coordinate": '<axis xyz="..."/> with the opposite sign, and the limits exchanged with it',
+    SIGN: '<axis xyz="..."/> with the opposite sign, and the limits exchanged with it',
+    SIGN_ALONE: '<axis xyz="..."/> with the opposite sign; the limits stay as they are',
 }
 MJCF = {
     "mass": '<inertial mass="{}" .../>',
@@ -54,7 +56,8 @@ MJCF = {
     "lower limit": '<joint range="{} ..."/>',
     "upper limit": '<joint range="... {}"/>',
     "effort limit": '<joint actuatorfrcrange="-{0} {0}"/>, or the forcerange of its actuator over its gear',
-    "sign of coordinate": '<joint axis="..."/> with the opposite sign, and the range exchanged with it',
+    SIGN: '<joint axis="..."/> with the opposite sign, and the range exchanged with it',
+    SIGN_ALONE: '<joint axis="..."/> with the opposite sign; the range stays as it is',
 }
 SDF = {
     "mass": "<inertial> <mass>{}</mass>",
@@ -126,7 +129,7 @@ STANDS = {
     "sdf": "<model> <pose>{xyz} {rpy}</pose>",
 }
 FRAMED = ("position of joint", "orientation of joint")  # of joints: they depend on the frames of two links
-PLACED = (*FRAMED, "joint axis", "sign of coordinate", "zero of coordinate", "centre of mass", "inertia tensor")
+PLACED = (*FRAMED, "joint axis", SIGN, ZERO, "centre of mass", "inertia tensor")
 
 
 @dataclass(frozen=True)
@@ -264,9 +267,9 @@ def _lines(difference: Difference, sides: Sides, both: tuple[Member, Member, Ali
             yield f"{head}, in the frame of link {link}: {difference.cause} {values[n]}"
         elif n and difference.cause in FRAMED and _turned(sides, both):
             continue  # the number would be one in A's frames
-        elif difference.cause == "zero of coordinate" and not n:
+        elif difference.cause == ZERO and not n:
             yield f"{head}, turn or shift the joint's frame along its axis by {values[n]} {difference.unit}, and the limits back"
-        elif text := written(description.format, _named(difference.cause, seat, n), values[n]):
+        elif text := written(description.format, _named(difference, seat, n), values[n]):
             yield f"{head}: {text}"
 
 
@@ -288,8 +291,11 @@ def _same_frame(seat: Aligned) -> bool:
     return bool(off <= SAME) and seat.sign > 0 and not seat.offset
 
 
-def _named(cause: str, seat: Aligned, side: int) -> str:
+def _named(difference: Difference, seat: Aligned, side: int) -> str:
     """The cause as a side calls it: B's lower limit is A's upper one where the coordinate counts the other way."""
+    cause = difference.cause
+    if cause == SIGN and LEFT_LIMITS in difference.hints:
+        return SIGN_ALONE
     if side and seat.sign < 0 and cause in ("lower limit", "upper limit"):
         return "upper limit" if cause == "lower limit" else "lower limit"
     return cause

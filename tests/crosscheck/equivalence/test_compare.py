@@ -121,6 +121,7 @@ def test_an_axis_across_the_other_one_is_not_turned_round(turn: float, tmp_path:
     assert named(*files) == named(*files[::-1]) == [("joint axis", "joint elbow")]
 
 
+SIGN_LINE = '<axis xyz="..."/> with the opposite sign, and the limits exchanged with it'
 LEADS = '<axis xyz="1 0 0"/><limit lower="0" upper="0.04" effort="20" velocity="0.2"/></joint>'
 FOLLOWS = '<axis xyz="-1 0 0"/><limit lower="0" upper="0.04" effort="20" velocity="0.2"/><mimic'
 
@@ -136,12 +137,21 @@ def test_a_turned_axis_of_coupled_joints_is_one_cause(joint: str, tmp_path: Path
     found = compare(arm(tmp_path), file, judge=["rigid", "drive"])
     assert not found.equal
     coupled = "grip_mirror" if joint == "grip" else "grip"
+    (_, lines), *_ = found.advice
+    assert [line.partition(": ")[2] for line in lines] == [SIGN_LINE, SIGN_LINE]
     assert f"coupled to it by the same law in both: {coupled}" in found.differences[0].hints
     factor = (
         '<mimic joint="grip"/>',
         '<mimic joint="grip" multiplier="-1"/>',
     )  # and the law with it: a convention again
     assert compare(arm(tmp_path), arm(tmp_path, turned, factor, name="b.urdf"), judge=["rigid", "drive"]).equal
+
+
+def test_limits_that_were_left_as_they_were_stay(tmp_path: Path) -> None:
+    """Where only the axis was turned, only the axis is to be turned back."""
+    file = arm(tmp_path, (LEADS, LEADS.replace("1 0 0", "-1 0 0")), name="b.urdf")
+    (_, lines), *_ = compare(arm(tmp_path), file).advice
+    assert all(line.endswith("with the opposite sign; the limits stay as they are") for line in lines)
 
 
 def test_a_law_that_differs_beside_a_turned_axis_is_named(tmp_path: Path) -> None:
