@@ -18,6 +18,7 @@ Joints = frozenset[str]
 Counted = tuple[str, str]  # a way in which coordinates count, by its cause, and the joint
 Follows = dict[Joints, tuple[Counted, ...]]
 CONVENTIONS = (SIGN, ZERO)
+MOST = 2  # of them that are tried together
 SHOWN = 4  # names of joints
 
 
@@ -33,8 +34,10 @@ def coupling_differences(
     ours, plain = dict(_laws(one)), dict(_laws(two, back))
     theirs = {key: _mapped(law, back, seats) for key, law in plain.items()}
     apart = [key for key in ours if key in theirs and not _same(ours[key], theirs[key])]
-    follows = _followed({key: (ours[key], plain[key]) for key in apart}, back, seats)
-    told = [_felt(difference, follows) for difference in found]
+    told = list(found)
+    counted = [(d.cause, d.place.removeprefix("joint ")) for d in told if d.cause in CONVENTIONS]
+    follows = _followed({key: (ours[key], plain[key]) for key in apart}, back, seats, counted)
+    told = [_felt(difference, follows) for difference in told]
     for key in [*ours, *(k for k in theirs if k not in ours)]:
         a, b = ours.get(key), theirs.get(key)
         place = "joints " + ", ".join(sorted(key))
@@ -62,24 +65,22 @@ def _same(a: Law, b: Law) -> bool:
 
 
 def _followed(
-    apart: Mapping[Joints, tuple[Law, Law]], back: Mapping[str, str], seats: Mapping[str, Aligned]
+    apart: Mapping[Joints, tuple[Law, Law]],
+    back: Mapping[str, str],
+    seats: Mapping[str, Aligned],
+    counted: list[Counted],
 ) -> Follows:
     """Couplings that differ because coordinates count another way: with the fewest of them, and with those of most couplings."""
     ways: dict[Joints, list[tuple[Counted, ...]]] = {}
     for key, (ours, theirs) in apart.items():
-        counted = [(c, name) for name in sorted(key) if name in seats for c in CONVENTIONS if _counts(c, seats[name])]
-        for number in range(1, len(counted) + 1):
-            tried = combinations(counted, number)
+        for number in range(1, MOST + 1):
+            tried = combinations([one for one in counted if one[1] in key and one[1] in seats], number)
             alike = [some for some in tried if _same(ours, _mapped(theirs, back, _without(seats, some)))]
             if alike:
                 ways[key] = alike
                 break
     often = Counter(one for alike in ways.values() for one in {c for some in alike for c in some})
     return {key: max(alike, key=lambda some: sum(often[one] for one in some)) for key, alike in ways.items()}
-
-
-def _counts(cause: str, seat: Aligned) -> bool:
-    return seat.sign < 0.0 if cause == SIGN else seat.offset != 0.0
 
 
 def _without(seats: Mapping[str, Aligned], some: Iterable[Counted]) -> dict[str, Aligned]:
