@@ -15,7 +15,7 @@ from crosscheck.equivalence.beams.bending import Felt, felt
 from crosscheck.equivalence.beams.held import held
 from crosscheck.equivalence.beams.sections import Beams
 from crosscheck.equivalence.certificates import lines
-from crosscheck.equivalence.couplings import coupling_differences
+from crosscheck.equivalence.couplings import with_couplings
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.digits import Digits, Sheet
 from crosscheck.equivalence.efforts import efforts, mapped, mapped_back, states_of
@@ -101,7 +101,7 @@ def compared(first: Description, second: Description, tolerance: float, stated: 
     moving = {joint: seats[joint] for joint in trees.first.moving if trees.first.moving[joint] in dict(trees.pairs)}
     placed = first.root_stated and second.root_stated
     told = [*rooted.found, *(d for d in found.differences if placed or d.cause != START)]
-    every = coupling_differences(one, two, pairs.pairs, moving, told)
+    every = with_couplings(one, two, pairs.pairs, moving, told)
     every += loop_differences((first.mechanism, second.mechanism), (one, two), pairs.pairs, moving, size)
     states = states_of(trees.first)
     names = {joint: trees.second.members[seat.second].joint for joint, seat in moving.items()}

@@ -22,7 +22,7 @@ MOST = 2  # of them that are tried together
 SHOWN = 4  # names of joints
 
 
-def coupling_differences(
+def with_couplings(
     one: Tree, two: Tree, pairs: Mapping[str, str], seats: Mapping[str, Aligned], found: Iterable[Difference]
 ) -> list[Difference]:
     """Return the differences given and those of couplings [-], [rad], [m]: laws  sum factor q = offset  in A's coordinates.
