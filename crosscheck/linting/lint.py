@@ -37,7 +37,7 @@ class Linted:
     def words(self) -> str:
         """Return the numbers of errors and warnings in words."""
         errors = sum(one.level == "error" for one in self.findings)
-        return f"{errors} errors, {len(self.findings) - errors} warnings" if self.findings else "nothing found"
+        return f"errors: {errors}, warnings: {len(self.findings) - errors}" if self.findings else "nothing found"
 
     @property
     def plain(self) -> dict[str, Any]:

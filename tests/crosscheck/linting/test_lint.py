@@ -103,7 +103,7 @@ def test_the_command_says_what_it_found_and_leaves_with_its_code(tmp_path: Path)
     good, bad = arm(tmp_path), arm(tmp_path, ('value="3.25"', 'value="-3.25"'), name="bad.urdf")
     run = CliRunner().invoke(main, ["lint", str(good)])
     assert run.exit_code == 0
-    assert "0 errors, 1 warnings" in run.output
+    assert "errors: 0, warnings: 1" in run.output
     assert CliRunner().invoke(main, ["lint", str(good), "--strict"]).exit_code == 1
     run = CliRunner().invoke(main, ["lint", str(bad), "--json", "--junit", str(tmp_path / "j.xml")])
     assert run.exit_code == 1
