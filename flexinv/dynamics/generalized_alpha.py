@@ -134,9 +134,11 @@ def is_sudden(scheme, scale, found, resolved):
 
 @jit_inner
 def predict(scheme, state):
-    """Start a step: pseudo acceleration kept, all else by the formulas at the head of the file [m, rad, s]."""
+    """Start a step where auxiliary accelerations go on as a parabola (order 2), a line (1) or as they are (0) [m, rad, s]."""
+    order = state.order[0]
     for k in range(len(state.d)):
-        state.d[k] = scheme.h * state.u0[k] + 0.5 * scheme.h * scheme.h * state.pseudo[k]
+        change = (state.trend[k] if order > 0 else 0.0) + (state.bend[k] if order > 1 else 0.0)
+        state.d[k] = scheme.h * state.u0[k] + scheme.h * scheme.h * (0.5 * state.pseudo[k] + scheme.beta * change)
     update_rates(scheme, state)
 
 
@@ -184,8 +186,28 @@ def correct(topology, scheme, state, y):
 
 
 @jit_inner
+def advance_rates(scheme, state, scale):
+    """Let rates and accelerations at the end of a step start the next [m, rad, s], with the order that would have predicted it.
+
+    scale : (unknowns,) [m], [-], over which predictions are compared
+    """
+    still, line, parabola = 0.0, 0.0, 0.0
+    for k in range(len(state.d)):
+        pseudo = pseudo_acceleration(scheme, state, k)
+        trend = pseudo - state.pseudo[k]
+        bend = trend - state.trend[k]
+        still, line = still + abs(trend) / scale[k], line + abs(bend) / scale[k]
+        parabola += abs(bend - state.bend[k]) / scale[k]
+        state.trend[k], state.bend[k] = trend, bend
+        state.pseudo[k], state.u0[k], state.du0[k] = pseudo, state.u[k], state.du[k]
+    state.order[0] = 0 if still < line else 1 if line < parabola else 2
+
+
+@jit_inner
 def advance(topology, scheme, state):
     """Finish a step: its end becomes the start of the next [m, rad, s]."""
+    if scheme.mode == DYNAMIC:
+        advance_rates(scheme, state, topology.scale)
     for n in range(len(topology.parent)):
         o = topology.offset[topology.block[n]]
         if topology.independent[n]:
@@ -197,8 +219,6 @@ def advance(topology, scheme, state):
                 add_to(state.x[n], 0, scale(state.d[first + k], vec(topology.slide[n, k])))
             put_block(state.r[n], 0, 0, mul(mat(state.r[n]), exp(passive_psi(n, topology, state, first))))
     for k in range(len(state.d)):
-        if scheme.mode == DYNAMIC:
-            state.pseudo[k], state.u0[k], state.du0[k] = pseudo_acceleration(scheme, state, k), state.u[k], state.du[k]
         state.place[k] += state.d[k]
         state.d[k] = 0.0
 

@@ -78,7 +78,7 @@ def _passive_rates(solver: Solver, n: int, joints: Joints, qd: Array, qdd: Array
 def accept(state: State) -> None:
     """Let a step start from the present velocities [m/s] and accelerations [m/s^2]."""
     state.u0[:], state.du0[:], state.pseudo[:] = state.u, state.du, state.du
-    state.d[:] = 0.0
+    state.d[:], state.trend[:], state.bend[:], state.order[:] = 0.0, 0.0, 0.0, 0
 
 
 def consistent_accelerations(solver: Solver, joints: Joints, when: str) -> None:
@@ -134,7 +134,7 @@ def _accelerations_of_rounding(solver: Solver, joints: Joints, found: Array) -> 
 
 def end_early(state: State) -> None:
     """Go on with another scheme: it starts from the present accelerations [m/s^2], [rad/s^2]."""
-    state.pseudo[:] = state.du0
+    state.pseudo[:], state.trend[:], state.bend[:], state.order[:] = state.du0, 0.0, 0.0, 0
 
 
 # A load step is halved at most this often before the equilibrium is called unreachable.
@@ -221,14 +221,16 @@ def _moved(
 ) -> tuple[float | None, tuple[int, int, float]]:
     """Make one step from rest; return how far it went [-], None (and why) where it failed, went too far or climbed."""
     s, multiplier = solver.state, solver.border.ties.multiplier
-    s.u[:] = s.u0[:] = s.du[:] = s.du0[:] = s.pseudo[:] = s.d[:] = 0.0
+    s.u[:], s.du[:] = 0.0, 0.0
+    accept(s)
     before = [part.copy() for part in (s.x, s.r, s.place, multiplier)]
     solver.evaluate(STATICS, joints)
     load = -solver.work.residual[0]
     failed = solver.newton(scheme, joints)
     gone = s.place - before[2]
     moved = float(np.abs(gone / solver.topology.scale).max(initial=0.0))
-    s.u[:] = s.u0[:] = s.du[:] = s.du0[:] = s.pseudo[:] = s.d[:] = 0.0
+    s.u[:], s.du[:] = 0.0, 0.0
+    accept(s)
     if failed[0] == CONVERGED and moved <= farthest and (moved < CLOSING or float(load @ gone) >= 0.0):
         return moved, failed
     for part, kept in zip((s.x, s.r, s.place, multiplier), before, strict=True):

@@ -32,6 +32,9 @@ from flexinv.kinematics.tree import Joints
 # lets it stop earlier.)
 INCREMENT = 1e-8
 MOST_ITERATIONS = 25
+# A step that was predicted and takes more iterations than this is begun anew, without: there may be another solution where it
+# gets to.
+MANY = 12
 
 # SUDDEN_START is no failure: the march stands at its first instant, and what comes begins in parts (`generalized_alpha.EARLY`).
 CONVERGED, NOT_CONVERGED, TURNED_TOO_MUCH, NOT_FINITE, SLIPPED, SUDDEN_START = 0, 1, 2, 3, 4, 5
@@ -70,10 +73,10 @@ def evaluate(system, scheme, joints, want_tangent):
 
 
 @jit_inner
-def newton(system, scheme, joints, y):
-    """Solve one instant; return status, iterations (or the bad element), last relative increment [-]."""
+def newton(system, scheme, joints, y, most):
+    """Solve one instant in at ``most`` so many iterations; return status, iterations or element, last relative increment [-]."""
     topology, ties, work, size, last = system.topology, system.border.ties, system.work, 0.0, False
-    for iteration in range(MOST_ITERATIONS + 1):
+    for iteration in range(most + 1):
         bad = evaluate(system, scheme, joints, not last)
         if bad >= 0:
             return TURNED_TOO_MUCH, bad, size
@@ -94,7 +97,7 @@ def newton(system, scheme, joints, y):
         correct(topology, scheme, system.state, y[0])
         last = size < INCREMENT or SQUARED * size * size < scheme.left
         last = last or scheme.mode == ACCELERATION or scheme.mode == RESOLVED
-    return NOT_CONVERGED, MOST_ITERATIONS, size
+    return NOT_CONVERGED, most, size
 
 
 @jit_inner
@@ -134,14 +137,16 @@ def march(system, scheme, instants, y, out):
         if y.shape[0] == 0:
             bad = evaluate(system, scheme, j, True)
             return TURNED_TOO_MUCH if bad >= 0 else CONVERGED, sample, bad, size
-        if scheme.mode == DYNAMIC:
-            predict(scheme, state)
-        status, count, size = newton(system, scheme, j, y)
+        predicted = scheme.mode == DYNAMIC and state.order[0] > 0
+        if predicted:
+            keep(state, ties)
+        status, count, size = step_of(system, scheme, j, y)
+        if status != CONVERGED and predicted:  # where something has just let go, the past says little about what comes
+            restore(state, ties)
+            state.order[0] = 0
+            status, count, size = step_of(system, scheme, j, y)
         if status != CONVERGED:
             return status, sample, count, size
-        slipped = slips(topology, system.elements, scheme, state, system.frames) if scheme.mode == DYNAMIC else -1
-        if slipped >= 0:
-            return SLIPPED, sample, slipped, size
         settles = scheme.mode == DYNAMIC and any_acts(ties)
         if settles:
             keep(state, ties)
@@ -154,6 +159,20 @@ def march(system, scheme, instants, y, out):
             restore(state, ties)
         advance(topology, scheme, state)
     return CONVERGED, rel.p.shape[0], count, size
+
+
+@jit_inner
+def step_of(system, scheme, joints, y):
+    """Solve one instant by `newton`, in DYNAMIC mode from its prediction; return what that returns, or what has slipped."""
+    state, moves = system.state, scheme.mode == DYNAMIC
+    if moves:
+        predict(scheme, state)
+    status, count, size = newton(system, scheme, joints, y, MANY if moves and state.order[0] > 0 else MOST_ITERATIONS)
+    if moves and status == CONVERGED:
+        slipped = slips(system.topology, system.elements, scheme, state, system.frames)
+        if slipped >= 0:
+            return SLIPPED, slipped, size
+    return status, count, size
 
 
 @jit_inner

@@ -23,7 +23,8 @@ class State(NamedTuple):
 
     x, r : (nodes, 3), (nodes, 3, 3) pose at the start of the step: of independent nodes in the world, of passive joints
         in the parent's frame; d, u, du : (unknowns,) increment since then, velocity, acceleration [m, rad, s]
-    pseudo : (unknowns,) the integrator's auxiliary acceleration at the start of the step
+    pseudo : (unknowns,) the integrator's auxiliary acceleration at the start of the step; trend, bend : (unknowns,) its first
+        and second difference over the steps before; order : (1,) of the prediction that would have been best for the last one
     u0, du0 : (unknowns,) velocity and acceleration at the start of the step; kept : (unknowns,) set aside
     place : (unknowns,) coordinate of a passive scalar joint at the start of the step, against which its spring pulls [rad], [m]
     """
@@ -34,10 +35,13 @@ class State(NamedTuple):
     u: Array
     du: Array
     pseudo: Array
+    trend: Array
+    bend: Array
     u0: Array
     du0: Array
     kept: Array
     place: Array
+    order: NDArray[np.int64]
 
 
 @by_address

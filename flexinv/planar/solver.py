@@ -49,7 +49,7 @@ class PlanarMarch:
         unknowns, widest = len(m.tree.scale), max(int(m.tree.size.max(initial=0)), 1)
         vectors, variations = (mesh.size, 3), (mesh.size, widest, 3)
         shapes = (*(vectors,) * 4, (mesh.size, 4), *(variations,) * 3, vectors, variations)
-        state = PlanarState(cleared(*vectors), *(cleared(unknowns) for _ in range(8)))
+        state = PlanarState(cleared(*vectors), *(cleared(unknowns) for _ in range(8)), np.zeros(1, dtype=np.int64))
         count = mesh.elements.nodes.shape[1]
         work = PlanarWork(
             points=cleared(len(m.elements.constants) // int(CONSTANTS) * int(POINT_BLOCK)),
@@ -89,7 +89,7 @@ class PlanarMarch:
     def end_early(self) -> None:
         """Go on with another scheme: `initial_state.end_early` [m/s^2], [rad/s^2]."""
         s = self.state
-        s.pseudo[:], s.trend[:], s.bend[:] = s.du0, 0.0, 0.0
+        s.pseudo[:], s.trend[:], s.bend[:], s.order[:] = s.du0, 0.0, 0.0, 0
 
     def turned(self, element: int) -> float:
         """Return by how much the sections of an element turn against each other [rad] where the last step has begun."""
@@ -128,9 +128,7 @@ class PlanarMarch:
         pick = self.model.pick
         for name in ("u", "du", "pseudo", "u0", "du0"):
             getattr(here, name)[:] = pick @ getattr(state, name)
-        here.d[:] = 0.0
-        here.trend[:] = 0.0
-        here.bend[:] = 0.0
+        here.d[:], here.trend[:], here.bend[:], here.order[:] = 0.0, 0.0, 0.0, 0
 
     def give(self, state: State, ties: Ties) -> None:
         """Put the spatial solver where this march has come to [m, rad, s, N]."""
@@ -148,7 +146,7 @@ class PlanarMarch:
         pick = self.model.pick
         for name in ("u", "du", "pseudo", "u0", "du0"):
             getattr(state, name)[:] = pick.T @ getattr(here, name)
-        state.d[:] = 0.0
+        state.d[:], state.trend[:], state.bend[:], state.order[:] = 0.0, 0.0, 0.0, 0
 
     def arguments(
         self, scheme: Scheme, start: Instants | None, steps: Instants, row: Indices, out: Histories

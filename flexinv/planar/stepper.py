@@ -16,14 +16,15 @@ from flexinv.dynamics.generalized_alpha import (
     ACCELERATIONS,
     PASSES,
     SQUARED,
+    advance_rates,
     is_sudden,
     largest_increment,
-    pseudo_acceleration,
-    update_rates,
+    predict,
 )
 from flexinv.dynamics.generalized_alpha import ROUNDING as STILL
 from flexinv.dynamics.stepper import (
     CONVERGED,
+    MANY,
     MOST_ITERATIONS,
     NO_SLIP,
     NOT_CONVERGED,
@@ -84,8 +85,6 @@ STALLED = 1e-12
 # A linearisation serves all iterations of a step, unless it shrinks an increment by less than SLOW: a new one costs as much as
 # two iterations or three.  (That of the step before, even turned with the mechanism, costs two iterations more: dearer.)
 SLOW = 0.03
-# A step that takes more iterations than this is begun anew, cautiously: there may be another solution where it gets to.
-MANY = 12
 
 
 @by_address
@@ -199,15 +198,6 @@ def step_of(system, scheme, given, slow, most):
 
 
 @jit_inner
-def predict(scheme, state, order):
-    """Start a step where the auxiliary accelerations go on as a parabola (2), a line (1) or as they are (0) [m, rad, s]."""
-    for k in range(len(state.d)):
-        change = (state.trend[k] if order > 0 else 0.0) + (state.bend[k] if order > 1 else 0.0)
-        state.d[k] = scheme.h * state.u0[k] + scheme.h * scheme.h * (0.5 * state.pseudo[k] + scheme.beta * change)
-    update_rates(scheme, state)
-
-
-@jit_inner
 def begin_step(system, scheme, given):
     """Let the next step start from the accelerations that were found, as far as a step resolves them: `initial_state.begin_step`.
 
@@ -265,7 +255,8 @@ def slips(tree, elements, scheme, state, frames):
 
 @jit_inner
 def advance(tree, scheme, state):
-    """Finish a step: its end becomes the start of the next [m, rad, s]; return the order that would have served best."""
+    """Finish a step: its end becomes the start of the next [m, rad, s]."""
+    advance_rates(scheme, state, tree.scale)
     for n in range(len(tree.parent)):
         o = tree.offset[tree.block[n]]
         if tree.independent[n]:
@@ -273,17 +264,8 @@ def advance(tree, scheme, state):
                 state.start[n, i] += state.d[o + i]
         elif tree.column[n] >= 0:
             state.start[n, 0] += state.d[o + tree.column[n]]
-    still, line, parabola = 0.0, 0.0, 0.0
     for k in range(len(state.d)):
-        pseudo = pseudo_acceleration(scheme, state, k)
-        trend = pseudo - state.pseudo[k]
-        bend = trend - state.trend[k]
-        still, line = still + abs(trend) / tree.scale[k], line + abs(bend) / tree.scale[k]
-        parabola += abs(bend - state.bend[k]) / tree.scale[k]
-        state.trend[k], state.bend[k] = trend, bend
-        state.pseudo[k], state.u0[k], state.du0[k] = pseudo, state.u[k], state.du[k]
         state.d[k] = 0.0
-    return 0 if still < line else 1 if line < parabola else 2
 
 
 @jit
@@ -300,7 +282,7 @@ def planar_march(system, step, start_at, still, given, row, out):
     """
     tree, constraints, state = system.tree, system.constraints, system.state
     frames, work = system.frames, system.work
-    count, size, order, acts = 0, 0.0, 0, any_acts(constraints)
+    count, size, acts = 0, 0.0, any_acts(constraints)
     if start_at.shape[0] > 0:
         begin(system, start_at)
     for n in range(given.shape[0]):
@@ -309,11 +291,12 @@ def planar_march(system, step, start_at, still, given, row, out):
         if n == 0 or (n == 1 and still):
             vary_independent(tree, frames, scheme.cv, scheme.ca)
         if moves:
-            predict(step, state, order)
+            predict(step, state)
         keep(constraints)
         status, count, size = step_of(system, scheme, given[n], SLOW, MANY)
         if status != CONVERGED and moves:  # where something has just let go, the past says little about what comes
-            predict(step, state, 0)
+            state.order[0] = 0
+            predict(step, state)
             return_to(constraints)
             status, count, size = step_of(system, step, given[n], 0.0, MOST_ITERATIONS)
         if status != CONVERGED:
@@ -333,7 +316,7 @@ def planar_march(system, step, start_at, still, given, row, out):
             continue
         if settles:
             return_to(constraints)
-        order = advance(tree, step, state)
+        advance(tree, step, state)
     return CONVERGED, given.shape[0], count, size
 
 

@@ -57,10 +57,7 @@ class PlanarTree(NamedTuple):
 
 @by_address
 class PlanarState(NamedTuple):
-    """Unknowns of a step as in `assembly.State`; start : (nodes, 3) pose of independent nodes, coordinate of passive joints.
-
-    trend : (unknowns,) change of the auxiliary acceleration in the last step [m/s^2], [rad/s^2]
-    """
+    """Unknowns of a step as `dynamics.system.State`; start : (nodes, 3) pose of independent nodes, coordinate of joints."""
 
     start: Array
     d: Array
@@ -71,6 +68,7 @@ class PlanarState(NamedTuple):
     bend: Array
     u0: Array
     du0: Array
+    order: NDArray[np.int64]
 
 
 @by_address
@@ -165,6 +163,7 @@ def accept(state):
     for k in range(len(state.d)):
         state.u0[k], state.du0[k], state.pseudo[k] = state.u[k], state.du[k], state.du[k]
         state.d[k], state.trend[k], state.bend[k] = 0.0, 0.0, 0.0
+    state.order[0] = 0
 
 
 @jit_inner

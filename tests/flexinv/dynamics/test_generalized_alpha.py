@@ -27,7 +27,9 @@ def no_nodes() -> Topology:
 def marched(scheme: Scheme, squared: float, steps: int, starts: Array) -> tuple[Array, State]:
     """x (steps + 1, starts) of u' = -squared x from rows x, u, u', pseudo acceleration of ``starts`` (4, starts)."""
     x, u, du, pseudo = starts
-    state = State(np.zeros((0, 3)), np.zeros((0, 3, 3)), *(np.zeros(len(x)) for _ in range(8)))
+    state = State(
+        np.zeros((0, 3)), np.zeros((0, 3, 3)), *(np.zeros(len(x)) for _ in range(10)), np.zeros(1, dtype=np.int64)
+    )
     state.u0[:], state.du0[:], state.pseudo[:] = u, du, pseudo
     history = np.zeros((steps + 1, len(x)))
     history[0] = x
