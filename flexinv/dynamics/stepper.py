@@ -32,9 +32,10 @@ from flexinv.kinematics.tree import Joints
 # lets it stop earlier.)
 INCREMENT = 1e-8
 MOST_ITERATIONS = 25
-# A step that was predicted and takes more iterations than this is begun anew, without: there may be another solution where it
-# gets to.
-MANY = 12
+# A predicted step that takes more iterations than this is begun anew, without the past: it may lead to another solution, and
+# Newton, whose increments square, needs two or three where the prediction is good (a slider-crank that took eight went on to a
+# rod rolled up by 1.9 rad: tests/flexinv/analysis/test_sudden.py).
+PREDICTED_ITERATIONS = 6
 
 # SUDDEN_START is no failure: the march stands at its first instant, and what comes begins in parts (`generalized_alpha.EARLY`).
 CONVERGED, NOT_CONVERGED, TURNED_TOO_MUCH, NOT_FINITE, SLIPPED, SUDDEN_START = 0, 1, 2, 3, 4, 5
@@ -137,17 +138,26 @@ def march(system, scheme, instants, y, out):
         if y.shape[0] == 0:
             bad = evaluate(system, scheme, j, True)
             return TURNED_TOO_MUCH if bad >= 0 else CONVERGED, sample, bad, size
-        predicted = scheme.mode == DYNAMIC and state.order[0] > 0
+        moves = scheme.mode == DYNAMIC
+        predicted, status = moves and state.order[0] > 0, NOT_CONVERGED
         if predicted:
             keep(state, ties)
-        status, count, size = step_of(system, scheme, j, y)
-        if status != CONVERGED and predicted:  # where something has just let go, the past says little about what comes
-            restore(state, ties)
-            state.order[0] = 0
-            status, count, size = step_of(system, scheme, j, y)
+        while True:
+            if moves:
+                predict(scheme, state)
+            status, count, size = newton(system, scheme, j, y, PREDICTED_ITERATIONS if predicted else MOST_ITERATIONS)
+            slipped = (
+                slips(topology, system.elements, scheme, state, system.frames) if moves and status == CONVERGED else -1
+            )
+            if slipped >= 0:
+                status, count = SLIPPED, slipped
+            if status == CONVERGED or not predicted:
+                break
+            restore(state, ties)  # where something has just let go, the past says little about what comes
+            predicted, state.order[0] = False, 0
         if status != CONVERGED:
             return status, sample, count, size
-        settles = scheme.mode == DYNAMIC and any_acts(ties)
+        settles = moves and any_acts(ties)
         if settles:
             keep(state, ties)
             project_accelerations(system, j, y)
@@ -159,20 +169,6 @@ def march(system, scheme, instants, y, out):
             restore(state, ties)
         advance(topology, scheme, state)
     return CONVERGED, rel.p.shape[0], count, size
-
-
-@jit_inner
-def step_of(system, scheme, joints, y):
-    """Solve one instant by `newton`, in DYNAMIC mode from its prediction; return what that returns, or what has slipped."""
-    state, moves = system.state, scheme.mode == DYNAMIC
-    if moves:
-        predict(scheme, state)
-    status, count, size = newton(system, scheme, joints, y, MANY if moves and state.order[0] > 0 else MOST_ITERATIONS)
-    if moves and status == CONVERGED:
-        slipped = slips(system.topology, system.elements, scheme, state, system.frames)
-        if slipped >= 0:
-            return SLIPPED, slipped, size
-    return status, count, size
 
 
 @jit_inner

@@ -24,7 +24,6 @@ from flexinv.dynamics.generalized_alpha import (
 from flexinv.dynamics.generalized_alpha import ROUNDING as STILL
 from flexinv.dynamics.stepper import (
     CONVERGED,
-    MANY,
     MOST_ITERATIONS,
     NO_SLIP,
     NOT_CONVERGED,
@@ -85,6 +84,8 @@ STALLED = 1e-12
 # A linearisation serves all iterations of a step, unless it shrinks an increment by less than SLOW: a new one costs as much as
 # two iterations or three.  (That of the step before, even turned with the mechanism, costs two iterations more: dearer.)
 SLOW = 0.03
+# A step that takes more iterations than this is begun anew, cautiously: there may be another solution where it gets to.
+MANY = 12
 
 
 @by_address

@@ -9,11 +9,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexinv.accuracy.extrapolation import extrapolated, thinned, weights
 from flexinv.analysis.evaluation import FirstStep, rigid_motion_of, solution_after
 from flexinv.analysis.settings import Settings
 from flexinv.analysis.simulate import simulate
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.solve import finer_meshes, scaled_difference, solve, with_bars
+from flexinv.analysis.solve import OF_STEPS, finer_meshes, scaled_difference, solve, with_bars
 from flexinv.errors import InputError
 from flexinv.inverse.applied_forces import applied_forces
 from flexinv.kinematics.mesh import Mesh, build
@@ -125,14 +126,19 @@ def follow(
     out = _beside_rigid(way, time)
     if _is_stiff(mechanism):
         return out
-    horizon = _horizon(out, mesh, step)
-    found = invert(horizon)
-    left = unrest(time, found)
-    _check_rest(horizon, left)
-    out = replace(out, solution=solution_after(mesh, _first(horizon, found), _settings(step)), unrest=left)
+    out, first = _followed(out, mesh, step)
     if not error:
         return out
-    return _with_error(out, mechanism, path, frame, step, start)
+    return _with_error(out, first, path, frame, step, start)
+
+
+def _followed(out: Following, mesh: Mesh, step: float) -> tuple[Following, FirstStep]:
+    """What a mechanism that bends does along a path, from what it does as if it were rigid; and its first step [m, rad, s, N]."""
+    horizon = _horizon(out, mesh, step)
+    found = invert(horizon)
+    left, first = unrest(out.time, found), _first(horizon, found)
+    _check_rest(horizon, left)
+    return replace(out, solution=solution_after(mesh, first, _settings(step)), unrest=left), first
 
 
 def _beside_rigid(way: RigidWay, time: Array) -> Following:
@@ -282,14 +288,19 @@ def _settings(step: float) -> Settings:
 
 
 def _with_error(
-    out: Following, mechanism: Mechanism, path: Path, frame: str | Attachment, step: float, start: Mapping[str, ArrayLike] | None
+    out: Following, first: FirstStep, path: Path, frame: str | Attachment, step: float, start: Mapping[str, ArrayLike] | None
 ) -> Following:  # fmt: skip
-    """Error bars as in `solve`: 4/3 |s_h - s_(h/2)| (second order in time) + |s - s on the refined mesh|."""
-    before, after = -float(out.time[0]), float(out.time[-1]) - path.duration
-    half = follow(mechanism, path, frame, step / 2, before, after, start).solution
-    bars = [scaled_difference(out.solution, half, 2, 4 / 3)]
-    if not mechanism.is_rigid:
-        for finer, factor in finer_meshes(mechanism):
-            other = follow(finer, path, frame, step, before, after, start).solution
-            bars.append(scaled_difference(out.solution, other, 1, factor))
-    return replace(out, solution=with_bars(out.solution, bars))
+    """The answer extrapolated from steps h and h/2, with error bars as in `solve`."""
+    mechanism, rough, bars = out.solution.mechanism, out.solution, []
+
+    def again(meshed: Mechanism, steps: Array, own: float) -> tuple[Following, FirstStep]:
+        mesh = build(meshed)
+        return _followed(_beside_rigid(RigidWay(mesh, frame_of(mesh, frame), path, start), steps), mesh, own)
+
+    fine, half = again(mechanism, out.time[0] + step / 2 * np.arange(2 * len(out.time) - 1), step / 2)
+    both = extrapolated(mechanism, [first, thinned(half, 2)], weights((1, 2)))
+    better = solution_after(rough.mesh, both, _settings(step))
+    bars.append(scaled_difference(rough, fine.solution, 2, OF_STEPS))
+    for finer, factor in finer_meshes(mechanism):
+        bars.append(scaled_difference(rough, again(finer, out.time, step)[0].solution, 1, factor))
+    return replace(out, solution=with_bars(better, bars))
