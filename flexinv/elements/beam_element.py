@@ -226,10 +226,10 @@ def damped_tangent(count, scratch, rates, nodes, variation, tangent):
             tangent[row, last + k] = by[k]
         for j in range(1, count):
             n, at = nodes[j], 6 * j
-            for k in range(6):
-                tangent[row, at + k] += dot(vec_at(by, at), vec(variation.v[n, k])) + dot(
-                    vec_at(by, at + 3), vec(variation.w[n, k])
-                )
+            turned = vec_at(by, at + 3)
+            for k in range(3):  # a section's places move its velocity alone, its turns its angular velocity
+                tangent[row, at + k] += by[at + k] * variation.v[n, k, k]
+                tangent[row, at + 3 + k] += dot(turned, vec(variation.w[n, 3 + k]))
 
 
 @jit_inner

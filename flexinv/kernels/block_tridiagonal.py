@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexinv.kernels.dense import eliminate_column
+from flexinv.kernels.dense import eliminate
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.typing import Array
 
@@ -28,8 +28,7 @@ def _forward(below, own, above, right, window, kept):
                     window[n + i, j], window[n + i, n + j] = below[k + 1, i, j], own[k + 1, i, j]
                     window[n + i, 2 * n + j] = above[k + 1, i, j]
                 window[n + i, 3 * n] = right[k + 1, i]
-        for c in range(n):
-            eliminate_column(window, c, rows, 3 * n + 1)
+        eliminate(window, n, rows, 3 * n + 1)
         for i in range(n):
             for j in range(3 * n + 1):
                 kept[k, i, j] = window[i, j]

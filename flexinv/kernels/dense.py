@@ -19,16 +19,21 @@ from flexinv.typing import Array
 # --------------------------------------------------------------------------------------------------- Gauss elimination
 
 
+FOUR = 4  # rows that are subtracted at once: what they are subtracted from is read and written once, not four times
+
+
 @jit
 def solve_dense(a, size, wide):
     """Solve a[:size, :size] x = a[:size, size:wide] in place: x replaces the right sides [any unit].
 
-    Gauss elimination with partial pivoting, row by row; a zero pivot leaves infinities, which the caller's test finds.
+    Gauss elimination with partial pivoting; a zero pivot leaves infinities, which the caller's test finds.
     """
-    for k in range(size):
-        eliminate_column(a, k, size, wide)
+    eliminate(a, size, size, wide)
     for k in range(size - 1, -1, -1):
-        for i in range(k + 1, size):
+        fours = k + 1 + (size - k - 1) // FOUR * FOUR
+        for i in range(k + 1, fours, FOUR):
+            subtract_four(a[k], a[k, i : i + FOUR], a[i : i + FOUR], size, wide)
+        for i in range(fours, size):
             subtract(a[k], a[k, i], a[i], size, wide)
         over = 1.0 / a[k, k]
         for c in range(size, wide):
@@ -36,23 +41,52 @@ def solve_dense(a, size, wide):
 
 
 @jit_inner
-def eliminate_column(a, c, rows, wide):
-    """Bring the largest entry of column c below it to the diagonal, and eliminate the column below that [any unit].
+def eliminate(a, columns, rows, wide):
+    """Bring the first columns of a[:rows, :wide] to a triangle, four at a time [any unit]; below it factors are left.
 
-    Entries of the column itself below the diagonal are not written again.
+    The largest entry of a column from its diagonal on becomes the pivot.
     """
+    fours = columns // FOUR * FOUR
+    for k in range(0, fours, FOUR):
+        last = k + FOUR
+        for c in range(k, last):
+            _eliminate_column(a, c, rows, (k, last, wide))
+        for i in range(k + 1, last):
+            for c in range(k, i):
+                subtract(a[i], a[i, c], a[c], last, wide)
+        for i in range(last, rows):
+            subtract_four(a[i], a[i, k:last], a[k:last], last, wide)
+    for c in range(fours, columns):
+        _eliminate_column(a, c, rows, (c, wide, wide))
+
+
+@jit_inner
+def _eliminate_column(a, c, rows, columns):
+    """Bring the largest entry of column c from row c on to the diagonal, and eliminate below it; its factors stay there.
+
+    columns : first and last of those that are changed so far, and the last of a row
+    """
+    first, last, wide = columns
     pivot = c
     for i in range(c + 1, rows):
         if abs(a[i, c]) > abs(a[pivot, c]):
             pivot = i
     if pivot != c:
-        for j in range(c, wide):
+        for j in range(first, wide):
             a[c, j], a[pivot, j] = a[pivot, j], a[c, j]
     over = 1.0 / a[c, c]
     for i in range(c + 1, rows):
-        factor = a[i, c] * over
-        if factor != 0.0:
-            subtract(a[i], factor, a[c], c + 1, wide)
+        a[i, c] *= over
+        if a[i, c] != 0.0:
+            subtract(a[i], a[i, c], a[c], c + 1, last)
+
+
+@jit_inner
+def subtract_four(row, factors, others, first, last):
+    """Subtract multiples of four other rows from a row, from entry ``first`` to before ``last`` [any unit]."""
+    p, q, r, s = factors[0], factors[1], factors[2], factors[3]
+    for c in range(first, last):
+        row[c] -= p * others[0, c] + q * others[1, c] + r * others[2, c] + s * others[3, c]
 
 
 @jit_inner
