@@ -160,11 +160,12 @@ def subject(arm: Arm, models: Path) -> tuple[Mechanism, Motion]:
     mechanism = read_mechanism(models / arm.model)
     motion = load_cases(models / arm.model, mechanism)[arm.case].motion
     if arm.formulation == "ancf":
-        mechanism = _with_beams(mechanism, slender)
+        mechanism = with_beams(mechanism, slender)
     return replace(mechanism, gravity=np.zeros(3)), motion
 
 
-def _with_beams(mechanism: Mechanism, change: Callable[[Beam], Beam]) -> Mechanism:
+def with_beams(mechanism: Mechanism, change: Callable[[Beam], Beam]) -> Mechanism:
+    """Return a mechanism with all its beams changed [-]."""
     links = tuple(link if link.beam is None else replace(link, beam=change(link.beam)) for link in mechanism.links)
     return replace(mechanism, links=links)
 

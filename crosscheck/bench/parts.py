@@ -42,6 +42,11 @@ PARTS: Mapping[str, Part] = {
     "accuracy": Part(
         "Time to a torque error", "accuracy", quick={"arms": ["flex_one_link"], "errors": [1e-3, 1e-6], "seconds": 0.5}
     ),
+    "torque-errors": Part(
+        "Time to a torque error beside Exudyn",
+        "torque_errors",
+        quick={"arms": ["flex_one_link"], "errors": [1e-4], "seconds": 0.5, "longest": 2.0},
+    ),
     "elements": Part("More elements", "marches", "elements", quick={"orders": {"1": [16, 64, 128]}, "seconds": 0.5}),
     "others": Part("Closed loops and threads", "marches", "others", quick={"seconds": 0.5}),
     "runs": Part("Whole runs", "runs", quick={"whole": False}),

@@ -26,6 +26,7 @@ from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.kinematics.rigid_motion import rigid_motion
 from flexinv.kinematics.tree import Frames, Joints, carry_samples
 from flexinv.model.joint_kinds import CONTINUOUS
+from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
 
 CERTAIN = 30.0  # times what the last digit of places does: accelerations beyond that are no rounding
@@ -248,7 +249,11 @@ def settle(solver: Solver, q: Array, when: str) -> None:
     from flexinv.linearized.natural_modes import unstable_motions
 
     joints = equilibrium(solver, q, when)
-    if len(solver.topology.scale) > MOST_JUDGED or not (unstable := unstable_motions(solver, joints)):
+    here, stable = _standing(solver), _stable(solver.mesh)
+    if len(solver.topology.scale) > MOST_JUDGED or here in stable:
+        return
+    if not (unstable := unstable_motions(solver, joints)):
+        stable.add(here)
         return
     mesh, free = solver.mesh, solver.topology.freedoms
     names = ", ".join(j.name for j in mesh.mechanism.joints if free[mesh.joint_node[j.name]])
@@ -264,6 +269,19 @@ def settle(solver: Solver, q: Array, when: str) -> None:
         ModelWarning,
         stacklevel=2,
     )
+
+
+@kept_with_owner()
+def _stable(mesh: Mesh) -> set[bytes]:
+    """Rest positions of a mesh, as `_standing` tells them, that were found stable: marches begin in them again and again."""
+    return set()
+
+
+def _standing(solver: Solver) -> bytes:
+    """All that the stiffness of a rest position follows from, beside the mesh."""
+    s, loads, ties = solver.state, solver.loads, solver.border.ties
+    parts = (s.x, s.r, s.place, loads.wrench, loads.effort, ties.multiplier, ties.acting, solver.topology.freedoms)
+    return b"".join(part.tobytes() for part in (*parts, *solver.frames))
 
 
 def settle_held(solver: Solver, q: Array, time: float, when: str) -> bool:

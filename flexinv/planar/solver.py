@@ -49,7 +49,8 @@ class PlanarMarch:
         unknowns, widest = len(m.tree.scale), max(int(m.tree.size.max(initial=0)), 1)
         vectors, variations = (mesh.size, 3), (mesh.size, widest, 3)
         shapes = (*(vectors,) * 4, (mesh.size, 4), *(variations,) * 3, vectors, variations)
-        state = PlanarState(cleared(*vectors), *(cleared(unknowns) for _ in range(8)), np.zeros(1, dtype=np.int64))
+        series = [cleared(unknowns) for _ in range(8)]
+        state = PlanarState._make([cleared(*vectors), *series, np.zeros(1, dtype=np.int64)])
         count = mesh.elements.nodes.shape[1]
         work = PlanarWork(
             points=cleared(len(m.elements.constants) // int(CONSTANTS) * int(POINT_BLOCK)),

@@ -17,15 +17,17 @@ import numpy as np
 from exudyn.itemInterface import SensorNode
 from numpy.typing import NDArray
 
-from crosscheck.engines.exudyn.integration import ExudynFailure, quiet
+from crosscheck.engines.exudyn.integration import ExudynFailure, Plan, quiet, settings
 from crosscheck.engines.exudyn.models import planar as exudyn_planar
 from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
 from crosscheck.engines.exudyn.models.frames import joint_q, scalar_coordinate
 from crosscheck.engines.exudyn.models.layout import Layout, lay_out
+from crosscheck.engines.exudyn.run_in_time import ANCF, EXACT, Choice, efforts, integrated
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.motion import Motion
 
 Array = NDArray[np.float64]
+RADIUS, INCREMENT = 0.8, 1e-9  # of generalized-alpha, and of Newton where torques are asked for
 TOLERANCES = (1e-6, 1e-5)  # the looser one where the stricter stalls on its own rounding (fine meshes)
 
 
@@ -64,23 +66,25 @@ class March:
 
     def runner(self, setting: Setting) -> Callable[[], None]:
         """Return a function that marches from the start to the end.  Raises ExudynFailure where Newton fails."""
+        return self.runs(_simulation(self, setting), str(setting))
+
+    def runs(self, simulation: Any, setting: str) -> Callable[[], None]:
+        """Return a function that marches by Exudyn's own settings, which errors call ``setting``."""
         mbs, _ = self._built(sensors=False)
-        return self._runner(mbs, setting)
+        return self._runner(mbs, simulation, setting)
 
     def tips(self, setting: Setting, every: float) -> dict[str, Array]:
         """Return the positions of the beams' ends, (samples, 3) [m], every so many seconds [s]."""
         mbs, sensors = self._built(sensors=True)
-        self._runner(mbs, setting)()
+        self._runner(mbs, _simulation(self, setting), str(setting))()
         rows = slice(None, None, round(every / self.step))
         return {name: place(np.array(mbs.GetSensorStoredData(s))[rows, 1:4]) for name, (s, place) in sensors.items()}
 
-    def _runner(self, mbs: Any, setting: Setting) -> Callable[[], None]:
-        s = _simulation(self, setting)
-
+    def _runner(self, mbs: Any, simulation: Any, setting: str) -> Callable[[], None]:
         def run() -> None:
             with quiet():
                 try:
-                    done = mbs.SolveDynamic(s, solverType=exu.DynamicSolverType.GeneralizedAlpha)
+                    done = mbs.SolveDynamic(simulation, solverType=exu.DynamicSolverType.GeneralizedAlpha)
                 except Exception as error:
                     raise ExudynFailure(f"{self.elements} elements, {setting}: {error}") from error
             if done is False:
@@ -97,6 +101,51 @@ class March:
             if isinstance(plane, str):
                 return _spatial(self, layout, q, sensors)
             return _planar(self, layout, plane, q, sensors)
+
+
+@dataclass(frozen=True)
+class TorqueMarch:
+    """A march of a mechanism whose joints all move as told, for its torques; fields as of `March`, samples: that are seen.
+
+    Newton stops on its increments, as in the adapter: where it stops on its residual, torques are off by up to 1e-2 of the range.
+    keeps : the Jacobian lasts while Newton converges, or for one step
+    """
+
+    mechanism: Mechanism
+    motion: Motion
+    formulation: str
+    elements: int
+    steps: int
+    end: float
+    samples: int
+    keeps: bool = True
+
+    @property
+    def plan(self) -> Plan:
+        """Return the settings of the time integration [s], [-]."""
+        return Plan(
+            self.end, self.end / self.steps, self.end / self.samples, False, RADIUS, INCREMENT, keeps=self.keeps
+        )
+
+    def torques(self) -> Array:
+        """Return the efforts (samples + 1, nv) [N m], [N].  Raises ExudynFailure where Newton fails."""
+        q, qd, _ = self.motion.evaluate(self.mechanism, np.zeros(1))
+        layout = lay_out(self.mechanism, q[0], qd[0])
+        plane = exudyn_planar.plane_of(self.mechanism, layout)
+        engine = {"ancf": ANCF, "ge": EXACT}[self.formulation]
+        choice = Choice(engine, None if isinstance(plane, str) else plane, (self.elements,), (self.plan,))
+        with quiet():
+            outcome = integrated(self.mechanism, self.motion, layout, choice, self.elements, self.plan)
+        time = np.asarray(self.plan.sample * np.arange(self.samples + 1), dtype=np.float64)
+        return efforts(self.mechanism, self.motion, time, outcome)
+
+    def runner(self) -> Callable[[], None]:
+        """Return a function that marches from the start to the end, without sensors.  Raises ExudynFailure where Newton fails."""
+        march = March(self.mechanism, self.motion, self.formulation, self.elements, self.end / self.steps, self.end)
+        return march.runs(settings(self.plan), f"{self.steps} steps")
+
+    def __str__(self) -> str:
+        return f"{self.elements} elements, {self.steps} steps, Jacobian {'kept' if self.keeps else 'once a step'}"
 
 
 def _simulation(march: March, setting: Setting) -> Any:

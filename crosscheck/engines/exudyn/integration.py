@@ -54,6 +54,7 @@ class Plan:
     extrapolate : replace the reactions at t = 0 by 2 R(h) - R(2 h), an error of order h^2
     static_start : rest in static equilibrium first, the motion held at its start; its reactions are those at t = 0
     lead : time before 0 at which the run begins [s], a multiple of step; what is seen before 0 is dropped
+    keeps : the Jacobian lasts while Newton converges, not for one step (see the head of this module)
     """
 
     end: float
@@ -65,6 +66,7 @@ class Plan:
     extrapolate: bool = False
     static_start: bool = False
     lead: float = 0.0
+    keeps: bool = False
 
     @property
     def steps(self) -> int:
@@ -141,7 +143,7 @@ def settings(plan: Plan) -> Any:
     t.adaptiveStep = False
     t.generalizedAlpha.spectralRadius = plan.spectral_radius
     t.generalizedAlpha.computeInitialAccelerations = True
-    t.newton.useModifiedNewton = t.newton.modifiedNewtonJacUpdatePerStep = True
+    t.newton.useModifiedNewton, t.newton.modifiedNewtonJacUpdatePerStep = True, not plan.keeps
     s.staticSolver.newton.useModifiedNewton = False
     for solver in (t.newton, s.staticSolver.newton):
         solver.residualMode = 1

@@ -21,6 +21,7 @@ from crosscheck.measures.budget import Family, limit_of, with_bars
 from crosscheck.measures.record import Series, series, torque_series, vector_series, wrench_series
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Beam, Mechanism
+from flexinv.model.motion import Motion
 
 TREE, DAE, ANCF, EXACT = "exudyn", "exudyn-dae", "exudyn-ancf", "exudyn-ge"
 NAMES = {
@@ -150,16 +151,19 @@ def _march(
     plans = [replace(plan, tolerance=plan.tolerance * 10.0**k) for k in range(TRIES)]
     for one in plans[:-1]:
         with contextlib.suppress(NewtonStalled):
-            return _integrate(mechanism, case, layout, choice, n, one), one
-    return _integrate(mechanism, case, layout, choice, n, plans[-1]), plans[-1]
+            return integrated(mechanism, case.motion, layout, choice, n, one), one
+    return integrated(mechanism, case.motion, layout, choice, n, plans[-1]), plans[-1]
 
 
-def _integrate(mechanism: Mechanism, case: Case, layout: Layout, choice: Choice, n: int, plan: Plan) -> Outcome:
-    q, qd, _ = case.motion.evaluate(mechanism, grid(plan))
+def integrated(
+    mechanism: Mechanism, motion: Motion, layout: Layout, choice: Choice, elements: int, plan: Plan
+) -> Outcome:
+    """Return what a model with so many elements per beam [-] does along a motion [m, rad, s, N]."""
+    q, qd, _ = motion.evaluate(mechanism, grid(plan))
     ancf = choice.engine == ANCF
     if choice.plane is None:
-        return exudyn_spatial.run(exudyn_spatial.build(mechanism, layout, ancf, n), plan, q)
-    return exudyn_planar.run(exudyn_planar.build(mechanism, layout, choice.plane, ancf, n), plan, q, qd)
+        return exudyn_spatial.run(exudyn_spatial.build(mechanism, layout, ancf, elements), plan, q)
+    return exudyn_planar.run(exudyn_planar.build(mechanism, layout, choice.plane, ancf, elements), plan, q, qd)
 
 
 def _settings(choice: Choice, plans: list[Plan]) -> dict[str, Any]:
@@ -183,16 +187,23 @@ def _settings(choice: Choice, plans: list[Plan]) -> dict[str, Any]:
 
 def _series(mechanism: Mechanism, case: Case, layout: Layout, outcome: Outcome) -> dict[str, Series]:
     """Return the series of one run."""
-    q, qd, qdd = case.motion.evaluate(mechanism, sample_times(case))
-    torque = rotor_effort(mechanism, qdd) + passive_effort(mechanism, qd)
     made: dict[str, Series] = {}
+    for name, wrench in outcome.wrench.items():
+        made |= wrench_series(name, wrench)
+    torque = efforts(mechanism, case.motion, sample_times(case), outcome)
+    return torque_series(mechanism, torque) | made | link_series(mechanism, layout, outcome)
+
+
+def efforts(mechanism: Mechanism, motion: Motion, time: Array, outcome: Outcome) -> Array:
+    """Return the efforts (samples, nv) [N m], [N] of the drives that give a run's wrenches at ``time`` (samples,) [s]."""
+    q, qd, qdd = motion.evaluate(mechanism, time)
+    torque = rotor_effort(mechanism, qdd) + passive_effort(mechanism, qd)
     for name, wrench in outcome.wrench.items():
         joint = mechanism.joint_of[name]
         force, moment = effort_axes(joint, joint_q(mechanism, joint, q))
         both = np.einsum("svc,sc->sv", np.concatenate([force, moment], axis=2), wrench)  # (sample, coordinate)
         torque[:, mechanism.v_slices[name]] += both
-        made |= wrench_series(name, wrench)
-    return torque_series(mechanism, torque) | made | link_series(mechanism, layout, outcome)
+    return np.asarray(torque)
 
 
 def link_series(mechanism: Mechanism, layout: Layout, outcome: Outcome) -> dict[str, Series]:

@@ -13,7 +13,19 @@ import pytest
 from click.testing import CliRunner
 from crosscheck_examples import write_models
 
-from crosscheck.bench import accuracy, first, flexible, latency, marches, parts, rigid, runs, single, targets
+from crosscheck.bench import (
+    accuracy,
+    first,
+    flexible,
+    latency,
+    marches,
+    parts,
+    rigid,
+    runs,
+    single,
+    targets,
+    torque_errors,
+)
 from crosscheck.bench.cores import SHARED, Cores, whole
 from crosscheck.bench.timing import BUSY, HALVES, LONG, Call, Spread, Times, disturbed, in_turns, ratio
 from crosscheck.cli import main
@@ -259,7 +271,7 @@ def test_the_command_leaves_a_page_and_ratios(tiny: None, tmp_path: Path) -> Non
 def test_a_part_that_there_is_not_is_named() -> None:
     done = CliRunner().invoke(main, ["bench", "rigit"])
     assert done.exit_code == 2
-    known = "rigid, single, first, latency, chains, one-link, two-link, spatial, accuracy, elements, others, runs"
+    known = "rigid, single, first, latency, chains, one-link, two-link, spatial, accuracy, torque-errors, elements, others, runs"
     assert f"no part is called 'rigit'; known: {known}" in done.output
 
 
@@ -336,4 +348,31 @@ def test_a_reference_that_is_not_known_well_enough_judges_nothing(monkeypatch: p
     monkeypatch.setattr(accuracy, "reference", lambda problem, least: (np.ones((2, 1)), least))
     (row,) = accuracy.study(str(MODELS), ["flex_one_link"], [1e-3], SHORT)["rows"]
     assert row["verdict"] == "deviation"
-    assert row["message"] == "no reference: it is known to 0.001 of the range only"
+    assert row["message"] == "no reference: it is known to 0.001 of the peak only"
+
+
+@pytest.mark.slow
+def test_torque_errors_stand_beside_the_fastest_run_of_exudyn_that_reaches_them() -> None:
+    arm = torque_errors.ARMS[0]
+    head, *rows = torque_errors.arm_rows(arm, MODELS, (1e-2, 1e-3), SHORT, longest=1.0)
+    assert head["verdict"] == "within"
+    assert [row["method"] for row in rows] == ["flexinv", "Exudyn"] * 2
+    assert all(0.0 < row["error"] <= row["asked_error"] for row in rows)
+    assert all(row["faster"] > 1.0 and row["metric"]["lower"] is None for row in rows[1::2])  # asked at 1e-6 alone
+
+
+@pytest.mark.slow
+def test_an_error_that_no_run_reaches_is_a_bound() -> None:
+    *_, row = torque_errors.arm_rows(torque_errors.ARMS[0], MODELS, (1e-4,), SHORT, longest=0.02)
+    assert row["method"] == "Exudyn, not reached"
+    assert row["error"] > 1e-4
+    assert row["metric"]["name"].endswith("times as fast as Exudyn, at least")
+
+
+def test_steps_that_are_all_equal_meet_the_breaks_of_a_motion() -> None:
+    mechanism, motion = torque_errors.subject(torque_errors.ARMS[2], MODELS)  # a move of 1 s, 0.5 s at rest
+    problem = torque_errors.solve_problem(mechanism, motion, 1e-3, torque_errors.Settings(), {})
+    assert len(problem.grid.counts) == 2  # steps of two lengths
+    even = torque_errors.evenly(problem).grid
+    assert even.counts == (42,)
+    assert np.abs(even.steps(1) - 1.0).min() < 1e-12

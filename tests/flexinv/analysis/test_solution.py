@@ -95,6 +95,25 @@ def test_error_bars_cover_the_error() -> None:
     assert coarse.tip_error["link"].shape == coarse.time.shape
 
 
+def test_the_answer_of_two_steps_is_better_than_that_of_the_shorter() -> None:
+    smooth = flexinv.Motion.point_to_point([0.0], [np.pi], 0.2, law="nonic")
+    plain, half, fine = (flexinv.solve(arm(1, 8), smooth, step=step) for step in (1e-3, 5e-4, 2e-5))
+    both = flexinv.solve(arm(1, 8), smooth, step=1e-3, error=True)
+    errors = [abs(s.torque[:: len(s.time) // 200] - fine.torque[::50]).max() for s in (plain, half, both)]
+    assert errors[2] < errors[1] / 10 < errors[0] / 30  # fourth order beside second
+    assert both.settings["extrapolated"]
+    assert both.torque_error is not None
+    assert (abs(both.torque - fine.torque[::50]) <= both.torque_error).all()
+
+
+def test_the_papers_incremental_mode_is_not_extrapolated() -> None:
+    plain, barred = (
+        flexinv.solve(arm(), HALF_TURN, step=1e-3, incremental=True, error=error) for error in (False, True)
+    )
+    np.testing.assert_array_equal(barred.torque, plain.torque)
+    assert barred.torque_error is not None
+
+
 def test_summary_against_limits() -> None:
     limited = replace(arm(), joints=(replace(arm().joints[0], limits=Limits(effort=2.0, velocity=40.0)),))
     row = flexinv.solve(limited, HALF_TURN, step=1e-3).summary().loc["hub"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.optimize import brentq
 
@@ -53,3 +55,14 @@ def test_a_pendulum_stops_where_coulomb_says_and_creeps_as_smoothed_friction_doe
     creep = -FRICTION_RATE * np.arctanh(MASS * PULL * ARM * np.cos(s.q[-1, 0]) / FRICTION)
     assert abs(s.qd[-1, 0] - creep) < 1e-3 * abs(creep)
     assert abs(s.q[-1, 0] - stopped) < 1.1 * abs(creep) * HELD
+
+
+def test_what_sticks_is_not_extrapolated() -> None:
+    rest = flexinv.Motion.point_to_point({"drive": 0.0}, {"drive": 0.0}, 0.5)
+    for friction in (FRICTION, 0.0):
+        joints = (replace(pendulum().joints[0], friction=friction), pendulum().joints[1])
+        options = {"step": 1e-3, "start": {"pivot": 1.0 - np.pi / 2}}
+        plain, barred = (
+            flexinv.solve(replace(pendulum(), joints=joints), rest, error=e, **options) for e in (False, True)
+        )
+        assert np.array_equal(plain.q, barred.q) == ("extrapolated" not in barred.settings) == bool(friction)

@@ -1,0 +1,228 @@
+"""Torque errors beside Exudyn: the time in which either reaches an error of the torque, each with its best settings for it.
+
+flexinv: one extrapolation of `accuracy`, on the coarsest mesh that reaches it.  Exudyn: the mesh, the number of steps and the way
+of Newton with which it is fastest, sought on a ladder; where the longest run that can be paid for does not reach an error, it
+takes longer than that run.
+"""
+
+from __future__ import annotations
+
+import sys
+import time as clock
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.bench import accuracy
+from crosscheck.bench.accuracy import KEPT, Marches, distance, reference
+from crosscheck.bench.flexible import slender, with_beams
+from crosscheck.bench.targets import judged, metric
+from crosscheck.bench.timing import Call, in_turns, ratio
+from crosscheck.engines import calls
+from flexinv.accuracy.accurate_solve import solve_problem
+from flexinv.accuracy.refinement import MESHES as MESHES_OF_BEAMS
+from flexinv.accuracy.refinement import Problem, Refinement
+from flexinv.accuracy.step_grid import StepGrid
+from flexinv.analysis.settings import Settings
+from flexinv.model.mechanism import Mechanism
+from flexinv.model.motion import Motion
+
+Array = NDArray[np.float64]
+ASKED = 100.0  # times as fast as Exudyn at an error of 1e-6
+MESHES = (8, 12, 16, 24, 32, 48, 64, 96)  # elements of every beam in Exudyn
+FIRST, MORE = 16, 2**0.5  # steps to a coarsest one with which a mesh begins, and how many more come next
+STUCK = 0.8  # an error that so many more steps leave at this part of it is the mesh's
+LONGEST = 12.0  # [s] of one run of Exudyn
+SHORTEST = 256, 384  # refinements of two marches whose error is the mesh's
+SAME = 1e-9  # of the run: breaks of a motion and samples closer than this are one instant
+
+TEXT = f"""Time to a torque error, over the peak of each torque, for a smooth law ('nonic'), without gravity and damping. flexinv:
+one extrapolation, on the coarsest mesh that reaches the error. Exudyn: of meshes of {MESHES[0]} to {MESHES[-1]} elements, of
+numbers of steps and of a Jacobian that lasts or is made once a step those that reach the error in the shortest time; its fast
+build, generalized-alpha with a spectral radius of 0.8, Newton's increments below 1e-9, SolveDynamic alone, without sensors. Where
+no run of {LONGEST:g} s reaches an error, the longest one stands for it, and Exudyn takes longer than that. In the plane its cable
+knows neither shear nor rotary inertia, and both codes are given little of them. All times are of whole calls."""
+COLUMNS = (
+    ("arm", "mechanism", ""),
+    ("asked_error", "error asked", "of the peak"),
+    ("method", "method", ""),
+    ("setting", "setting", ""),
+    ("error", "true error", "of the peak"),
+    ("time", "time", "s"),
+    ("faster", "flexinv is faster", "-"),
+    ("asked", "asked", "-"),
+)
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A case, Exudyn's formulation ("ancf" or "ge"), and what is asked at 1e-6 [-], or None."""
+
+    model: str
+    case: str
+    formulation: str
+    target: float | None
+
+
+ARMS = (
+    Arm("flex_one_link", "cycloid", "ancf", ASKED),
+    Arm("flex_two_link", "cycloid", "ancf", None),
+    Arm("spatial_arm", "reach", "ge", ASKED),
+)
+
+
+def study(
+    models: str,
+    arms: list[str] | None = None,
+    errors: list[float] | None = None,
+    seconds: float = accuracy.SECONDS,
+    longest: float = LONGEST,
+) -> dict[str, Any]:
+    """Return the table: time [s] and true error [-] of both codes, by mechanism and error asked."""
+    sys.exudynFast = True  # type: ignore[attr-defined]  # before anything imports it: the build without range checks
+    rows: list[dict[str, Any]] = []
+    for arm in ARMS:
+        if arm.model in (arms or [a.model for a in ARMS]):
+            rows += arm_rows(arm, Path(models), tuple(errors or accuracy.ERRORS), seconds, longest)
+    return {"text": TEXT, "columns": COLUMNS, "rows": rows}
+
+
+def arm_rows(
+    arm: Arm, models: Path, errors: tuple[float, ...], seconds: float, longest: float
+) -> Iterator[dict[str, Any]]:
+    """Yield the rows of one mechanism: its reference, then both codes by error [-]; seconds [s] of timing by error."""
+    mechanism, motion = subject(arm, models)
+    problem = evenly(solve_problem(mechanism, motion, min(errors), Settings(), {}))
+    known, apart = reference(problem, min(errors))
+    head = {"arm": arm.model, "method": "reference", "error": apart}
+    if not apart < min(errors) / 20.0:
+        yield head | {"verdict": "deviation", "message": f"no reference: it is known to {apart:.1g} of the peak only"}
+        return
+    yield head | {"verdict": "within"}
+    ladder = Ladder(arm, mechanism, motion, known, problem.grid, longest)
+    for asked in errors:
+        yield from _beside(arm, Marches(problem, known), ladder, asked, seconds)
+
+
+def subject(arm: Arm, models: Path) -> tuple[Mechanism, Motion]:
+    """Return the mechanism as both codes get it, and its motion by the law 'nonic'."""
+    mechanism, motion = accuracy.subject(accuracy.Arm(arm.model, arm.case, "consistent", 0.0, None), models)
+    if arm.formulation == "ancf":
+        mechanism = with_beams(mechanism, slender)
+    return replace(mechanism, gravity=np.zeros(3)), motion
+
+
+def evenly(problem: Problem) -> Problem:
+    """Return the problem with coarsest steps that are all equal, as Exudyn has them, and still meet every break [s]."""
+    ends = problem.grid.ends
+    for count in range(problem.grid.total, 8 * problem.grid.total):
+        at = ends / ends[-1] * count
+        if np.abs(at - np.round(at)).max() < SAME * count:
+            return replace(problem, grid=StepGrid(ends[[0, -1]], (count,)))
+    raise ValueError(f"mechanism '{problem.mechanism.name}': no equal steps meet all breaks of the motion")
+
+
+@dataclass(frozen=True)
+class Reached:
+    """A run of Exudyn: what it was, its torque error [-], and the time it took with its sensors [s]."""
+
+    march: Any
+    error: float
+    time: float
+
+
+@dataclass
+class Ladder:
+    """Runs of Exudyn that were made for one mechanism, by elements and way of Newton, from few steps to many.
+
+    known : torques (samples, drives) [N m], [N]; longest : [s] of one run
+    """
+
+    arm: Arm
+    mechanism: Mechanism
+    motion: Motion
+    known: Array
+    grid: StepGrid
+    longest: float
+    made: dict[tuple[int, bool], list[Reached]] = field(default_factory=dict)
+
+    def best(self, asked: float) -> Reached:
+        """Return the fastest run that reaches an error [-], else the one that took longest."""
+        for elements in MESHES:
+            for keeps in (True, False):
+                self._climb(elements, keeps, asked, min((one.time for one in self._good(asked)), default=self.longest))
+        return min(self._good(asked), key=lambda one: one.time, default=max(self._all(), key=lambda one: one.time))
+
+    def _all(self) -> list[Reached]:
+        return [one for own in self.made.values() for one in own]
+
+    def _good(self, asked: float) -> list[Reached]:
+        return [one for one in self._all() if one.error <= asked]
+
+    def _climb(self, elements: int, keeps: bool, asked: float, longest: float) -> None:
+        """Take more steps until an error is reached, the mesh allows none smaller, or a run takes longer than ``longest`` [s]."""
+        runs = self.made.setdefault((elements, keeps), [])
+        while not runs or runs[-1].error > asked:
+            stuck = len(runs) > 1 and runs[-1].error > STUCK * runs[-2].error
+            if stuck or (runs and MORE * runs[-1].time > longest):
+                return
+            made = self._run(elements, keeps, round(FIRST * MORE ** len(runs)))
+            if made is None:
+                return
+            runs.append(made)
+
+    def _run(self, elements: int, keeps: bool, finer: int) -> Reached | None:
+        exudyn, finer = calls("exudyn"), KEPT * max(1, round(finer / KEPT))
+        steps, end = finer * self.grid.total, float(self.grid.ends[-1])
+        march = exudyn.TorqueMarch(
+            self.mechanism, self.motion, self.arm.formulation, elements, steps, end, len(self.known) - 1, keeps
+        )
+        start = clock.perf_counter()
+        try:
+            torque = march.torques()
+        except exudyn.ExudynFailure:
+            return None
+        return Reached(march, distance(torque[:, self.mechanism.actuated], self.known), clock.perf_counter() - start)
+
+
+def fastest(marches: Marches, asked: float) -> tuple[Marches, tuple[int, int]] | None:
+    """Return the coarsest mesh on which two marches, extrapolated, reach an error [-], and their refinements [-]."""
+    refinement = Refinement(marches.problem)
+    for mesh in range(len(MESHES_OF_BEAMS)):
+        here = replace(marches, mechanism=refinement.mechanism(mesh))
+        if here.error(here.pair(SHORTEST)) <= asked:
+            pair = here.longest_pair(asked)
+            return None if pair is None else (here, pair)
+    return None
+
+
+def _beside(arm: Arm, marches: Marches, ladder: Ladder, asked: float, seconds: float) -> Iterator[dict[str, Any]]:
+    """Yield the rows of one mechanism and error [-]; seconds [s] of timing."""
+    named = {"arm": arm.model, "asked_error": asked}
+    ours, theirs = fastest(marches, asked), ladder.best(asked)
+    if ours is None:
+        yield named | {"method": "flexinv", "verdict": "skipped", "message": f"{asked:g} is not reached"}
+        return
+    here, pair = ours
+    times = in_turns({"flexinv": Call(lambda: here.pair(pair)), "Exudyn": Call(theirs.march.runner())}, seconds)
+    order = max(link.beam.order for link in here.mechanism.beams if link.beam) if here.mechanism else 0
+    setting = f"order {order}, {sum(pair) * here.problem.grid.total} steps"
+    own = {"method": "flexinv", "setting": setting, "error": here.error(here.pair(pair))}
+    yield judged(named | own | {"time": times["flexinv"].spread().median})
+    reaches = theirs.error <= asked
+    found, more = ratio(times["Exudyn"], times["flexinv"]), "" if reaches else ", at least"
+    target = arm.target if asked == min(accuracy.ERRORS) else None
+    name = f"{arm.model}: torque error {asked:g}, times as fast as Exudyn{more}"
+    one = metric(name, found.median, "-", lower=target, spread=f"{found.low:.3g} .. {found.high:.3g}")
+    method = "Exudyn" if reaches else "Exudyn, not reached"
+    row = {
+        "method": method,
+        "setting": str(theirs.march),
+        "error": theirs.error,
+        "time": times["Exudyn"].spread().median,
+    }
+    yield judged(named | row | {"faster": found.median, "asked": target, "metric": one})
