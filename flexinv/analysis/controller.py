@@ -12,11 +12,12 @@ which is carried on like the deformation.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
-from numba.core.errors import NumbaError
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flexinv.dynamics.generalized_alpha import EARLY, SUBSTEPS, Scheme, generalized_alpha, start_up
 from flexinv.dynamics.initial_state import (
@@ -30,13 +31,14 @@ from flexinv.dynamics.initial_state import (
 )
 from flexinv.dynamics.loads import load_table
 from flexinv.dynamics.solver import Solver, complaint
-from flexinv.dynamics.stepper import CONVERGED
-from flexinv.dynamics.system import Histories, Instants
+from flexinv.dynamics.stepper import CONVERGED, march
+from flexinv.dynamics.system import Instants, System
 from flexinv.errors import InputError
 from flexinv.inverse.applied_forces import applied_forces, check_constant
 from flexinv.inverse.balance import EnergyGuard, Instant, guarded_torques, instant_energies
 from flexinv.inverse.inverse_dynamics import joint_wrenches, project
 from flexinv.inverse.nodal_sums import Drives, Masses, instant_torques
+from flexinv.kernels.code_cache import compiled
 from flexinv.kinematics.configuration import Nodes, fill_given, fill_relative, nodes_of
 from flexinv.kinematics.configuration_arrays import between
 from flexinv.kinematics.mesh import Mesh, build
@@ -45,35 +47,45 @@ from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.planar.detection import NotPlanar, find_plane
 from flexinv.planar.solver import PlanarMarch
+from flexinv.planar.stepper import PlanarSystem, planar_march
 from flexinv.rigid.prepare import TorqueFunction, prepare
 from flexinv.typing import Array
 from flexinv.validation import choice, floats, number, of_kind
 
+FLOAT = np.dtype(float)
+
 
 @dataclass(frozen=True, eq=False)
 class Flexible:
-    """State and work space of the time steps of a flexible mechanism, allocated once."""
+    """State and work space of the time steps of a flexible mechanism, allocated once.
+
+    march, rest : the compiled march, and its arguments behind the scheme; torques : what `guarded_torques` is compiled to
+    """
 
     solver: Solver
     flat: PlanarMarch | None
+    system: System | PlanarSystem
     scheme: Scheme
     early: Scheme
     nodes: Nodes
     drives: Drives
     joints: Joints
-    one: Joints
     given: Array
-    row: NDArray[np.int64]
-    written: Histories
     masses: Masses
     frames: Frames
     instant: Instant
-    loads: tuple[Array, Array, Array]
     guard: EnergyGuard
     nq: int
     nv: int
     applied: bool
     wound: bool
+    march: Callable[..., tuple[int, int, int, float]]
+    rest: tuple[Any, ...]
+    torques: Callable[..., tuple[bool, float, float]]
+
+    def is_plain(self, q: Array, qd: Array, qdd: Array) -> bool:
+        """Return True if kernels can take these arrays as they are [-]."""
+        return _is_plain(q, self.nq) and _is_plain(qd, self.nv) and _is_plain(qdd, self.nv)
 
 
 @dataclass(eq=False)
@@ -176,12 +188,9 @@ class Controller:
             )
         if self.early > 0:
             return self._in_parts(f, *self._checked(q, qd, qdd))
-        try:
-            if len(q) != f.nq or not len(qd) == len(qdd) == f.nv:
-                self._checked(q, qd, qdd)
-            _march(f, f.scheme, q, qd, qdd)
-        except (TypeError, NumbaError):  # no arrays of numbers
-            return self.step(*self._checked(q, qd, qdd))
+        if not f.is_plain(q, qd, qdd):
+            q, qd, qdd = self._checked(q, qd, qdd)
+        _march(f, f.scheme, q, qd, qdd)
         return self._looked_at(f, q, qd, qdd)
 
     def _in_parts(self, flexible: Flexible, q: Array, qd: Array, qdd: Array) -> Array:
@@ -207,9 +216,7 @@ class Controller:
             torque = self._torques(f, q, qd, qdd)
             f.guard.look(*self._energies(f, qd), qd)
             return torque
-        doubtful, holds, potential = guarded_torques(
-            f.nodes, f.drives, f.masses, f.frames, (q, qd, qdd), f.instant, self.tau
-        )
+        doubtful, holds, potential = f.torques(f.nodes, f.drives, f.masses, f.frames, (q, qd, qdd), f.instant, self.tau)
         if doubtful:
             f.guard.judge(holds, potential, qd)
         return self.tau
@@ -277,15 +284,17 @@ class Controller:
             self.tau -= np.where(self.mechanism.actuated, brought, 0.0)
 
 
+def _is_plain(a: Array, size: int) -> bool:
+    return type(a) is np.ndarray and a.dtype is FLOAT and a.shape == (size,) and a.flags.c_contiguous
+
+
 def _march(flexible: Flexible, scheme: Scheme, q: Array, qd: Array, qdd: Array) -> None:
     """Make one step, or a part of it, to the motion (nq,), (nv,), (nv,) of the joints."""
     if flexible.flat is not None:
         fill_given(flexible.nodes, q, qd, qdd, flexible.given[0])
-        status, _, count, size = flexible.flat.run(scheme, flexible.given, flexible.row, flexible.written)
     else:
         fill_relative(flexible.nodes, q, qd, qdd, flexible.joints)
-        instants = Instants(flexible.one, *flexible.loads)
-        status, _, count, size = flexible.solver.march(scheme, instants, flexible.solver.instant)
+    status, _, count, size = flexible.march(flexible.system, scheme, *flexible.rest)
     if status != CONVERGED:
         turned = (flexible.solver if flexible.flat is None else flexible.flat).turned(count)
         raise complaint(
@@ -300,17 +309,26 @@ def _flexible(mechanism: Mechanism, scheme: Scheme) -> Flexible:
     in_space = isinstance(plane, NotPlanar) or passive or mechanism.springs or mechanism.forces
     flat = None if in_space else PlanarMarch.of(mesh, set())
     joints = Joints(*(part.copy() for part in instant(mesh, mechanism.neutral, *(2 * [np.zeros(mechanism.nv)]))))
-    out = solver.instant
+    out, one = solver.instant, Joints(*(part[None] for part in joints))
     guard = EnergyGuard(mesh, frozenset(passive), scheme.h)
     driven, line = mechanism.actuated.astype(float), np.zeros((mesh.size, 6))
-    return Flexible(
-        solver, flat, scheme, start_up(scheme), nodes_of(mesh), _drives(mesh), joints, Joints(*(part[None] for part in joints)),
-        np.zeros((1, int((mesh.v_index >= 0).sum()), 3)), np.zeros(1, dtype=np.int64), out.histories(),
-        Masses(mesh.mass, mesh.inertia, solver.topology.gravity), Frames(*(part[0] for part in out.histories()[:6])),
+    loads = load_table(mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))
+    given, row = np.zeros((1, int((mesh.v_index >= 0).sum()), 3)), np.zeros(1, dtype=np.int64)
+    masses = Masses(mesh.mass, mesh.inertia, solver.topology.gravity)
+    frames, here = (
+        Frames(*(part[0] for part in out.histories()[:6])),
         Instant(out.energy[0], driven, line, guard.account),
-        (load_table(mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))),
+    )
+    nodes, drives, motion = nodes_of(mesh), _drives(mesh), (mechanism.neutral.copy(), driven, driven)
+    march_in: Any = march if flat is None else planar_march
+    rest = (Instants(one, *loads), solver.increment) if flat is None else (np.zeros((0, 3)), False, given, row)
+    rest, system = (*rest, out.histories()), solver.system if flat is None else flat.system
+    return Flexible(
+        solver, flat, system, scheme, start_up(scheme), nodes, drives, joints, given, masses, frames, here,
         guard, mechanism.nq, mechanism.nv, bool(mechanism.springs or mechanism.forces),
         any(KINDS[j.kind].circle and j.stiffness and j.actuated for j in mechanism.joints),
+        compiled(march_in, system, scheme, *rest), rest,
+        compiled(guarded_torques, nodes, drives, masses, frames, motion, here, driven),
     )  # fmt: skip
 
 

@@ -21,6 +21,10 @@ from flexinv.typing import Array
 LINE = 8
 # Numbers in a shared piece, 16 MiB: large enough for large pages, which NumPy asks for from 4 MiB on.
 PIECE = 1 << 21
+# The C library (glibc) gives memory back to the system when more than twice its largest freed piece is unused, and a call that
+# takes some megabytes meets fresh pages every time.  A piece of 8 MiB that is freed once, untouched, lets it keep 16 MiB.
+KEPT = 1 << 20
+np.empty(KEPT)
 
 
 class _Piece(local):
