@@ -35,9 +35,9 @@ def rigid_loops(task: Task) -> FirstStep:
     ConvergenceError at singular configurations and lost branches.
     """
     mesh, time, m = task.mesh, task.time, task.mesh.mechanism
-    joints, stretches, impacts, g = _phased_motion(mesh, task.after, time, coordinates(mesh, task.passive))
+    joints, stretches, impacts, given = _phased_motion(mesh, task.after, time, coordinates(mesh, task.passive))
     q, qd, qdd = joints
-    motion = rigid_motion(mesh, q, qd, qdd)
+    g, motion = given or (None, rigid_motion(mesh, q, qd, qdd))
     acting = applied_forces(mesh, motion, time)
     wrenches = joint_wrenches(mesh, motion, nodal_forces(mesh, motion, acting))
     tree = project(mesh, motion, wrenches) + drive_efforts(m, qd, qdd) + joint_springs(m, q)
@@ -60,10 +60,11 @@ def coordinates(mesh: Mesh, names: set[str]) -> NDArray[np.bool_]:
 
 def _phased_motion(
     mesh: Mesh, history: JointHistory, time: Array, unknown: NDArray[np.bool_]
-) -> tuple[tuple[Array, Array, Array], list[Stretch], list[Impact], Array | None]:
+) -> tuple[tuple[Array, Array, Array], list[Stretch], list[Impact], tuple[Array, NodalMotion] | None]:
     """Motion phase by phase, each from where the one before has come to; at a switching instant the right-hand limit.
 
-    Last the constraint Jacobian of all samples, where all closures act and the motion that is given has been held against them.
+    Last the constraint Jacobian and the nodes' motion at all samples, where all closures act and the motion that is given has
+    been held against them.
     """
     m = mesh.mechanism
     pieces, original = phases(m, time), constraint_rows(mesh)
@@ -71,8 +72,8 @@ def _phased_motion(
         only = [Stretch(pieces[0], original)]
         if unknown.any() or not len(original):
             return closed_motion(mesh, history, time, unknown), only, [], None
-        given = history(time)
-        return given, only, [], GivenLoops.of(mesh, original).jacobian(*given)
+        given, motion = history(time), NodalMotion.unwritten(len(time), mesh.size)
+        return given, only, [], (GivenLoops.of(mesh, original).jacobian(*given, motion), motion)
     whole, rows = history(time), original
     stretches: list[Stretch] = []
     impacts: list[Impact] = []

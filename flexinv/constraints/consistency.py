@@ -21,6 +21,8 @@ from flexinv.errors import InputError
 from flexinv.kernels.memory import plain
 from flexinv.kinematics.configuration import Nodes, nodes_of
 from flexinv.kinematics.mesh import Mesh
+from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.kinematics.tree import Frames
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
@@ -70,12 +72,13 @@ class GivenLoops:
         scale = row_scales(mesh, rows)
         return cls(mesh, scale, nodes_of(mesh), row_arrays(rows), rows.closure)
 
-    def jacobian(self, q: Array, qd: Array, qdd: Array) -> Array:
+    def jacobian(self, q: Array, qd: Array, qdd: Array, motion: NodalMotion | None = None) -> Array:
         """Return G (samples, rows, nv) [m/rad], [-] of a consistent motion q (samples, nq), qd, qdd (samples, nv) [rad or m, s].
 
+        motion : of the nodes, which is set, where it is wanted [m, rad, s]
         Raises InputError for a motion that the closures do not allow.
         """
-        g, worst, at = self._closing(q, qd, qdd)
+        g, worst, at = self._closing(q, qd, qdd, motion)
         self._hold(worst, at)
         return g
 
@@ -90,14 +93,17 @@ class GivenLoops:
             worst[:, 1] = np.maximum(worst[:, 1], found[:, 1])
         self._hold(worst, at)
 
-    def _closing(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, NDArray[np.int64]]:
+    def _closing(
+        self, q: Array, qd: Array, qdd: Array, motion: NodalMotion | None = None
+    ) -> tuple[Array, Array, NDArray[np.int64]]:
         """G, how far the motion is from closed, and where: see `continuation_kernel.closing`."""
         g, worst, at = (
             np.empty((len(q), len(self.scale), qd.shape[1])),
             np.zeros((3, 2)),
             np.zeros((3, 2), dtype=np.int64),
         )
-        closing(Chain.of(self.nodes, self.rows), self.scale, plain(q), plain(qd), plain(qdd), g, worst, at)
+        frames = Frames(*(motion or NodalMotion.unwritten(1, self.mesh.size)).parts)
+        closing(Chain.of(self.nodes, self.rows), self.scale, frames, plain(q), plain(qd), plain(qdd), g, worst, at)
         return without_rounding(self.mesh, self.rows.direction, g), worst, at
 
     def _hold(self, worst: Array, at: NDArray[np.int64]) -> None:

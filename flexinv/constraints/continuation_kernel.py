@@ -19,7 +19,7 @@ from flexinv.kernels.dense import Factor, factorise, solve_upper, turn_back
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import by_address
 from flexinv.kinematics.configuration import Nodes, move_nodes, step_coordinates
-from flexinv.kinematics.tree import Frames, Joints
+from flexinv.kinematics.tree import Frames, Joints, frames_at
 from flexinv.typing import Array
 
 # Newton ends with an increment below this, in radians or metres: its error is about the square, which is rounding.
@@ -243,14 +243,16 @@ def _hold(worst, at, kind, value, s, k, size):
 
 
 @jit
-def closing(chain, scale, q, qd, qdd, g, worst, at):
+def closing(chain, scale, motion, q, qd, qdd, g, worst, at):
     """Set G (samples, rows, nv) [m/rad], [-] of a motion that is given, and how far it is from closed.
 
+    motion : of all nodes in the world, (samples, nodes, ...) [m, rad, s], which is set, or room for one sample
     worst : (3, 2) the largest |phi|, |phi'|, |phi''|, and 1, |G| |qd|, |G| |qdd| + |phi'' - G qdd|, all over the scale
     at : (3, 2) their sample and row
     """
-    rows, frames = chain.rows, chain.frames
+    rows, keeps = chain.rows, motion.x.shape[0] > 1
     for s in range(q.shape[0]):
+        frames = frames_at(motion, s if keeps else 0)
         move_nodes(chain.nodes, q[s], qd[s], qdd[s], chain.joints, frames)
         jacobian(chain.nodes, rows, frames, g[s])
         for k in range(scale.shape[0]):

@@ -36,6 +36,9 @@ MOST_ITERATIONS = 25
 # Newton, whose increments square, needs two or three where the prediction is good (a slider-crank that took eight went on to a
 # rod rolled up by 1.9 rad: tests/flexinv/analysis/test_sudden.py).
 PREDICTED_ITERATIONS = 6
+# Where the last increment was below this, K^-1 C of the border (`constraint_rows.solve_border`) stays what it was: it has changed
+# by such a part, and the multipliers' own increments, squared by then, with it.
+BORDER_STAYS = 1e-4
 
 # SUDDEN_START is no failure: the march stands at its first instant, and what comes begins in parts (`generalized_alpha.EARLY`).
 CONVERGED, NOT_CONVERGED, TURNED_TOO_MUCH, NOT_FINITE, SLIPPED, SUDDEN_START = 0, 1, 2, 3, 4, 5
@@ -90,7 +93,8 @@ def newton(system, scheme, joints, y, most):
                 weigh_massless(topology, work.diagonal)
             elif scheme.mode == STATIC and len(ties.a) > 0:
                 _hold_loose(topology, work.diagonal)
-            solve_tree(topology, system.elements, system.variation, work, y)
+            sides = 1 if iteration > 0 and scheme.mode == DYNAMIC and size < BORDER_STAYS else y.shape[0]
+            solve_tree(topology, system.elements, system.variation, work, y[:sides])
         solve_border(ties, scheme.ca if scheme.mode == RESOLVED else 1.0, y)
         size = largest_increment(y[0], topology.scale)
         if not np.isfinite(size):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexinv.kernels.memory import plain
+from flexinv.kernels.memory import plain, together
 from flexinv.kinematics.tree import Frames
 from flexinv.typing import Array
 
@@ -40,6 +40,12 @@ class NodalMotion:
     def frames(self) -> Frames:
         """The motion as kernels take it, all samples [m, rad, s]."""
         return Frames(*(plain(part) for part in self.parts))
+
+    @classmethod
+    def unwritten(cls, samples: int, nodes: int) -> NodalMotion:
+        """Return arrays to be filled [m, rad, s]; nothing is in them."""
+        vector = (samples, nodes, 3)
+        return cls(*together(vector, (*vector, 3), *4 * [vector]))
 
     @classmethod
     def empty(cls, samples: int, nodes: int) -> NodalMotion:

@@ -15,8 +15,7 @@ def rigid_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> NodalMotion:
 
     Each node's pose, velocity and acceleration follow from its parent's by the equations at the head of `kinematics.tree`.
     """
-    vector, one = (len(q), mesh.size, 3), (mesh.size, 3)
-    motion = NodalMotion(*together(vector, (*vector, 3), *4 * [vector]))
+    motion, one = NodalMotion.unwritten(len(q), mesh.size), (mesh.size, 3)
     joints = Joints(*together(*3 * [one], (*one, 3), *2 * [one]))
     motion_samples(nodes_of(mesh), plain(q), plain(qd), plain(qdd), joints, Frames(*motion.parts))
     return motion

@@ -8,7 +8,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from flexinv.kernels.code_cache import compiler
+import numpy as np
+
+from flexinv.kernels.code_cache import compiled, compiler
+from flexinv.kernels.dense import solve_dense
 from flexinv.kernels.inner_library import InnerLibrary, OuterLibrary
 from flexinv.kernels.jit import jit_inner
 
@@ -78,3 +81,25 @@ def test_the_next_process_reads_what_was_linked(tmp_path: Path) -> None:
         for _ in range(2)
     ]
     assert told == [[21.0, 0], [21.0, 1]]
+
+
+@compiler(_nrt=False, no_cfunc_wrapper=True, fastmath={"contract"})
+def over_lanes(x: Any) -> Any:
+    return x + 1.0
+
+
+def test_loops_over_lanes_may_take_the_widest_vectors() -> None:
+    assert over_lanes(1.0) == 2.0
+    wide, narrow = ("\n".join(one.inspect_llvm().values()) for one in (over_lanes, doubled))
+    assert '"prefer-vector-width"="512"' in wide
+    assert "prefer-vector-width" not in narrow  # what is short stays as the machine's compiler has it
+
+
+def test_what_is_compiled_of_a_kernel_gives_what_the_kernel_gives() -> None:
+    values = np.arange(6.0).reshape(2, 3)
+    direct = compiled(solve_dense, np.eye(2, 3), 2, 3)
+    for kernel in (solve_dense, direct):
+        room = np.array([[2.0, 1.0, 3.0], [0.0, 4.0, 8.0]])
+        kernel(room, 2, 3)
+        np.testing.assert_array_equal(room[:, 2], [0.5, 2.0])
+    assert compiled(len, values) is len  # with NUMBA_DISABLE_JIT kernels are functions
