@@ -22,9 +22,9 @@ import numpy as np
 
 import flexinv
 from flexinv.accuracy.accurate_solve import solve_problem
-from flexinv.accuracy.extrapolation import weights
 from flexinv.accuracy.quantities import Quantities, Ranges, ranges
 from flexinv.accuracy.refinement import MESHES, Refinement, mixed
+from flexinv.analysis.extrapolation import weights
 from flexinv.analysis.settings import Settings
 from flexinv.model.damping import ModalDamping, with_retardation
 from flexinv.model.mechanism import Mechanism

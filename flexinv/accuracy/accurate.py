@@ -9,9 +9,9 @@ from itertools import pairwise
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
-from flexinv.accuracy.extrapolation import extrapolated
 from flexinv.accuracy.refinement import Answer, Problem, Refinement, refine, unreached
 from flexinv.analysis.evaluation import FirstStep, second_step, solution_after, solution_of
+from flexinv.analysis.extrapolation import extrapolated
 from flexinv.analysis.solution import Solution
 from flexinv.errors import InputError
 from flexinv.inverse.trajectory_pass import Found

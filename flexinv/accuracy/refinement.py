@@ -19,10 +19,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexinv.accuracy.extrapolation import combined, thinned, weights
 from flexinv.accuracy.quantities import Quantities, Ranges, free_coordinates, quantities, ranges
 from flexinv.accuracy.step_grid import StepGrid
 from flexinv.analysis.evaluation import FirstStep
+from flexinv.analysis.extrapolation import combined, thinned, weights
 from flexinv.analysis.largest_nearby import largest_nearby
 from flexinv.analysis.settings import Settings
 from flexinv.analysis.task import Task

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexinv.accuracy.extrapolation import extrapolated, thinned, weights
 from flexinv.analysis.evaluation import FirstStep, second_step, solution_of
+from flexinv.analysis.extrapolation import extrapolated, thinned, weights
 from flexinv.analysis.largest_nearby import largest_nearby
 from flexinv.analysis.settings import Settings, checked
 from flexinv.analysis.solution import Solution
@@ -103,7 +103,7 @@ def solve(
 
 
 class Told(NamedTuple):
-    """What a march is told beside its mechanism and its instants; start, start_rate as of `solve` [rad], [m], [1/s]."""
+    """Arguments of a march beside its mechanism and its instants; start, start_rate as of `solve` [rad], [m], [1/s]."""
 
     motion: Motion
     settings: Settings

@@ -103,7 +103,7 @@ class GivenLoops:
             np.zeros((3, 2), dtype=np.int64),
         )
         frames = Frames(*(motion or NodalMotion.unwritten(1, self.mesh.size)).parts)
-        closing(Chain.of(self.nodes, self.rows), self.scale, frames, plain(q), plain(qd), plain(qdd), g, worst, at)
+        closing(Chain.of(self.nodes, self.rows), self.scale, frames, (plain(q), plain(qd), plain(qdd)), g, worst, at)
         return without_rounding(self.mesh, self.rows.direction, g), worst, at
 
     def _hold(self, worst: Array, at: NDArray[np.int64]) -> None:

@@ -243,14 +243,15 @@ def _hold(worst, at, kind, value, s, k, size):
 
 
 @jit
-def closing(chain, scale, motion, q, qd, qdd, g, worst, at):
+def closing(chain, scale, motion, given, g, worst, at):
     """Set G (samples, rows, nv) [m/rad], [-] of a motion that is given, and how far it is from closed.
 
     motion : of all nodes in the world, (samples, nodes, ...) [m, rad, s], which is set, or room for one sample
+    given : q (samples, nq), qd, qdd (samples, nv) [rad or m, s]
     worst : (3, 2) the largest |phi|, |phi'|, |phi''|, and 1, |G| |qd|, |G| |qdd| + |phi'' - G qdd|, all over the scale
     at : (3, 2) their sample and row
     """
-    rows, keeps = chain.rows, motion.x.shape[0] > 1
+    rows, keeps, (q, qd, qdd) = chain.rows, motion.x.shape[0] > 1, given
     for s in range(q.shape[0]):
         frames = frames_at(motion, s if keeps else 0)
         move_nodes(chain.nodes, q[s], qd[s], qdd[s], chain.joints, frames)

@@ -59,7 +59,7 @@ def compiler(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
 
 def compiled(kernel: Any, *arguments: Any) -> Callable[..., Any]:
-    """Return what is compiled of a kernel for arguments of just these types [-]: for who hands over the same arrays every time.
+    """Return the compiled function of a kernel [-] for arguments of just these types, for callers with always the same arrays.
 
     A kernel looks at the types of all its arguments, at those of the ninety arrays of a record for a hundredth of a millisecond;
     this looks at none of them, and arguments of other types end the interpreter: never hand it what a user gave.

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexinv.accuracy.extrapolation import extrapolated, thinned, weights
 from flexinv.analysis.evaluation import FirstStep, rigid_motion_of, solution_after
+from flexinv.analysis.extrapolation import extrapolated, thinned, weights
 from flexinv.analysis.settings import Settings
 from flexinv.analysis.simulate import simulate
 from flexinv.analysis.solution import Solution
@@ -133,7 +133,7 @@ def follow(
 
 
 def _followed(out: Following, mesh: Mesh, step: float) -> tuple[Following, FirstStep]:
-    """What a mechanism that bends does along a path, from what it does as if it were rigid; and its first step [m, rad, s, N]."""
+    """The way of a mechanism that bends, from its way as if it were rigid; and its first step [m, rad, s, N]."""
     horizon = _horizon(out, mesh, step)
     found = invert(horizon)
     left, first = unrest(out.time, found), _first(horizon, found)

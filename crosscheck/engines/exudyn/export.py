@@ -197,7 +197,7 @@ def _table(plan: Plan, function: Callable[..., Any], *more: Any) -> Array:
 
 
 TOLD = (
-    *("end", "step", "sample", "steps", "lead", "index2", "spectral_radius", "tolerance", "extrapolate"),
+    *("end", "step", "sample", "steps", "lead", "index2", "spectral_radius", "tolerance", "extrapolate", "keeps"),
     "static_start",
 )
 

@@ -158,7 +158,7 @@ def _march(
 def integrated(
     mechanism: Mechanism, motion: Motion, layout: Layout, choice: Choice, elements: int, plan: Plan
 ) -> Outcome:
-    """Return what a model with so many elements per beam [-] does along a motion [m, rad, s, N]."""
+    """Return the outcome of a model with so many elements per beam [-] along a motion [m, rad, s, N]."""
     q, qd, _ = motion.evaluate(mechanism, grid(plan))
     ancf = choice.engine == ANCF
     if choice.plane is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexinv.accuracy.extrapolation import combined, extrapolated_rotations, weights
+from flexinv.analysis.extrapolation import combined, extrapolated_rotations, weights
 from flexinv.kernels.so3 import exp_so3, log_so3
 
 
