@@ -126,12 +126,13 @@ def test_a_night_with_a_hang_a_crash_and_nan_is_complete_for_the_rest(
 def test_a_locked_history_is_told_and_caught_up_by_the_next_night(
     nightly: Invoke, reports: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(history, "PATIENCE", 0.2)
     reports.mkdir()
     history.connect(f"sqlite:///{reports / 'history.sqlite'}").dispose()
     other = sqlite3.connect(reports / "history.sqlite")
     other.execute("BEGIN EXCLUSIVE")
-    done = nightly()
+    with monkeypatch.context() as hurried:  # a busy machine may need longer to write than this
+        hurried.setattr(history, "PATIENCE", 0.2)
+        done = nightly()
     assert done.exit_code == 2
     assert "database is locked" in done.output
     assert "database is locked" in (reports / "latest" / "index.html").read_text()
