@@ -252,6 +252,7 @@ class Factor(NamedTuple):
     a : (columns, rows, lanes) the columns of the matrices, then reflections and R
     beta, diagonal, sizes : (columns, lanes) of the reflections, of R, squares of what is left of each column
     scale, sums : (lanes,) one over the square of the longest column, scratch; order : (columns,) of the pivots
+    rows : (columns,) the rows that are exchanged with those of the pivots' places before each reflection
     """
 
     a: Array
@@ -261,19 +262,24 @@ class Factor(NamedTuple):
     scale: Array
     sums: Array
     order: NDArray[np.int64]
+    rows: NDArray[np.int64]
 
     @classmethod
     def of(cls, columns: int, rows: int, lanes: int = 1) -> Factor:
         """Return arrays for matrices (rows, columns) [-]."""
         beta, diagonal, sizes = np.zeros((3, columns, lanes))
         scale, sums = np.zeros((2, lanes))
-        order = np.zeros(columns, dtype=np.int64)
-        return cls(np.zeros((columns, rows, lanes)), beta, diagonal, sizes, scale, sums, order)
+        order, places = np.zeros((2, columns), dtype=np.int64)
+        return cls(np.zeros((columns, rows, lanes)), beta, diagonal, sizes, scale, sums, order, places)
 
 
 @jit_inner
 def factorise(qr, columns):
-    """Factor Q R of the first columns with pivoting, in place [any unit]; return the rank, -1 where it is in doubt."""
+    """Factor Q R of the first columns with pivoting, in place [any unit]; return the rank, -1 where it is in doubt.
+
+    In one lane the largest entry of a pivot comes to its diagonal: a reflection then fills no rows but those of its column, and
+    leaves alone the columns that share none with it, as most of a chain of loops do.
+    """
     lanes = qr.scale.shape[0]
     for k in range(lanes):
         qr.scale[k] = 0.0
@@ -289,6 +295,9 @@ def factorise(qr, columns):
         if counts < 1:
             return j if counts == 0 else -1
         own = qr.order[j]
+        qr.rows[j] = _largest_row(qr.a[own], j) if lanes == 1 else j
+        for c in range(j, columns):
+            _exchange_rows(qr.a[qr.order[c]], j, qr.rows[j])
         for k in range(lanes):
             norm, first = math.sqrt(qr.sizes[own, k]), qr.a[own, j, k]
             qr.diagonal[j, k] = -math.copysign(norm, first)
@@ -297,6 +306,23 @@ def factorise(qr, columns):
         for c in range(j + 1, columns):
             _reflect(qr.a[qr.order[c]], qr, j, qr.sizes[qr.order[c]])
     return columns
+
+
+@jit_inner
+def _largest_row(y, j):
+    """Row of the largest entry of a column (rows, 1) from entry j on."""
+    at = j
+    for i in range(j + 1, y.shape[0]):
+        if abs(y[i, 0]) > abs(y[at, 0]):
+            at = i
+    return at
+
+
+@jit_inner
+def _exchange_rows(y, i, j):
+    if i != j:
+        for k in range(y.shape[1]):
+            y[i, k], y[j, k] = y[j, k], y[i, k]
 
 
 @jit_inner
@@ -333,6 +359,9 @@ def _pivot(qr, j, columns):
 def _reflect(y, qr, j, size):
     """y - beta v (v . y) from entry j on, reflection j; set the squares of what then follows entry j."""
     v, beta, sums, lanes = qr.a[qr.order[j]], qr.beta[j], qr.sums, y.shape[1]
+    if lanes == 1:
+        _reflect_one(y, v, j, beta[0], size)
+        return
     for k in range(lanes):
         sums[k] = 0.0
     for i in range(j, y.shape[0]):
@@ -349,16 +378,47 @@ def _reflect(y, qr, j, size):
 
 
 @jit_inner
+def _reflect_one(y, v, j, beta, size):
+    """The same in one lane; a column that has nothing in common with the reflection stays as it is."""
+    rows, p, q, r, s = y.shape[0], 0.0, 0.0, 0.0, 0.0
+    fours = j + (rows - j) // FOUR * FOUR
+    for i in range(j, fours, FOUR):
+        p += v[i, 0] * y[i, 0]
+        q += v[i + 1, 0] * y[i + 1, 0]
+        r += v[i + 2, 0] * y[i + 2, 0]
+        s += v[i + 3, 0] * y[i + 3, 0]
+    for i in range(fours, rows):
+        p += v[i, 0] * y[i, 0]
+    shared = beta * (p + q + r + s)
+    if shared == 0.0 and y[j, 0] == 0.0:
+        return
+    y[j, 0] -= shared * v[j, 0]
+    p = q = 0.0
+    twos = j + 1 + (rows - j - 1) // 2 * 2
+    for i in range(j + 1, twos, 2):
+        y[i, 0] -= shared * v[i, 0]
+        y[i + 1, 0] -= shared * v[i + 1, 0]
+        p += y[i, 0] * y[i, 0]
+        q += y[i + 1, 0] * y[i + 1, 0]
+    for i in range(twos, rows):
+        y[i, 0] -= shared * v[i, 0]
+        p += y[i, 0] * y[i, 0]
+    size[0] = p + q
+
+
+@jit_inner
 def turn(qr, rank, y):
     """Replace y (rows, lanes) by Q y [any unit]."""
     for j in range(rank - 1, -1, -1):
         _reflect(y, qr, j, qr.sizes[qr.order[j]])
+        _exchange_rows(y, j, qr.rows[j])
 
 
 @jit_inner
 def turn_back(qr, rank, y):
     """Replace y (rows, lanes) by Q^T y [any unit]."""
     for j in range(rank):
+        _exchange_rows(y, j, qr.rows[j])
         _reflect(y, qr, j, qr.sizes[qr.order[j]])
 
 
