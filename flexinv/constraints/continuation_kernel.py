@@ -99,9 +99,9 @@ def condition_bound(problem):
         size += qr.diagonal[j, 0] ** 2
         for c in range(j + 1, columns):
             size += qr.a[qr.order[c], j, 0] ** 2
-        for i in range(columns):
+        for i in range(j + 1):
             y[i, 0] = 1.0 if i == j else 0.0
-        solve_upper(qr, columns, y)
+        solve_upper(qr, j + 1, y)  # below the diagonal the inverse has nothing
         for i in range(j + 1):
             inverse += y[i, 0] ** 2
     return math.sqrt(size * inverse)

@@ -253,6 +253,7 @@ class Factor(NamedTuple):
     beta, diagonal, sizes : (columns, lanes) of the reflections, of R, squares of what is left of each column
     scale, sums : (lanes,) one over the square of the longest column, scratch; order : (columns,) of the pivots
     rows : (columns,) the rows that are exchanged with those of the pivots' places before each reflection
+    ends : (columns, 2) in one lane, below the pivots' places, the first row that is not zero, and the one after the last
     """
 
     a: Array
@@ -263,6 +264,7 @@ class Factor(NamedTuple):
     sums: Array
     order: NDArray[np.int64]
     rows: NDArray[np.int64]
+    ends: NDArray[np.int64]
 
     @classmethod
     def of(cls, columns: int, rows: int, lanes: int = 1) -> Factor:
@@ -270,7 +272,8 @@ class Factor(NamedTuple):
         beta, diagonal, sizes = np.zeros((3, columns, lanes))
         scale, sums = np.zeros((2, lanes))
         order, places = np.zeros((2, columns), dtype=np.int64)
-        return cls(np.zeros((columns, rows, lanes)), beta, diagonal, sizes, scale, sums, order, places)
+        ends = np.zeros((columns, 2), dtype=np.int64)
+        return cls(np.zeros((columns, rows, lanes)), beta, diagonal, sizes, scale, sums, order, places, ends)
 
 
 @jit_inner
@@ -286,6 +289,8 @@ def factorise(qr, columns):
     for c in range(columns):
         qr.order[c] = c
         _measure(qr.a[c], qr.sizes[c])
+        if lanes == 1:
+            _find_ends(qr.a[c], qr.ends[c])
         for k in range(lanes):
             qr.scale[k] = max(qr.scale[k], qr.sizes[c, k])
     for k in range(lanes):
@@ -295,27 +300,49 @@ def factorise(qr, columns):
         if counts < 1:
             return j if counts == 0 else -1
         own = qr.order[j]
-        qr.rows[j] = _largest_row(qr.a[own], j) if lanes == 1 else j
+        qr.rows[j] = _largest_row(qr.a[own], j, qr.ends[own]) if lanes == 1 else j
         for c in range(j, columns):
-            _exchange_rows(qr.a[qr.order[c]], j, qr.rows[j])
+            _bring_up(qr.a[qr.order[c]], j, qr.rows[j], qr.ends[qr.order[c]])
         for k in range(lanes):
             norm, first = math.sqrt(qr.sizes[own, k]), qr.a[own, j, k]
             qr.diagonal[j, k] = -math.copysign(norm, first)
             qr.beta[j, k] = 1.0 / (norm * (norm + abs(first)))
             qr.a[own, j, k] = first - qr.diagonal[j, k]
         for c in range(j + 1, columns):
-            _reflect(qr.a[qr.order[c]], qr, j, qr.sizes[qr.order[c]])
+            other = qr.order[c]
+            if lanes == 1:
+                _reflect_one(qr.a[other], qr, j, qr.sizes[other], qr.ends[other])
+            else:
+                _reflect(qr.a[other], qr, j, qr.sizes[other])
     return columns
 
 
 @jit_inner
-def _largest_row(y, j):
+def _find_ends(y, ends):
+    """Set the first row of a column (rows, 1) that is not zero, and the one after the last."""
+    ends[0], ends[1] = y.shape[0], 0
+    for i in range(y.shape[0]):
+        if y[i, 0] != 0.0:
+            ends[0], ends[1] = min(ends[0], i), i + 1
+
+
+@jit_inner
+def _largest_row(y, j, ends):
     """Row of the largest entry of a column (rows, 1) from entry j on."""
     at = j
-    for i in range(j + 1, y.shape[0]):
+    for i in range(max(j + 1, ends[0]), ends[1]):
         if abs(y[i, 0]) > abs(y[at, 0]):
             at = i
     return at
+
+
+@jit_inner
+def _bring_up(y, j, i, ends):
+    """Exchange the rows i and j of a column, and let its ends hold what has come to row i."""
+    if i != j:
+        if y.shape[1] == 1 and y[j, 0] != 0.0:
+            ends[0], ends[1] = min(ends[0], i), max(ends[1], i + 1)
+        _exchange_rows(y, i, j)
 
 
 @jit_inner
@@ -360,7 +387,7 @@ def _reflect(y, qr, j, size):
     """y - beta v (v . y) from entry j on, reflection j; set the squares of what then follows entry j."""
     v, beta, sums, lanes = qr.a[qr.order[j]], qr.beta[j], qr.sums, y.shape[1]
     if lanes == 1:
-        _reflect_one(y, v, j, beta[0], size)
+        _reflect_rows(y, qr, j)
         return
     for k in range(lanes):
         sums[k] = 0.0
@@ -378,32 +405,39 @@ def _reflect(y, qr, j, size):
 
 
 @jit_inner
-def _reflect_one(y, v, j, beta, size):
-    """The same in one lane; a column that has nothing in common with the reflection stays as it is."""
-    rows, p, q, r, s = y.shape[0], 0.0, 0.0, 0.0, 0.0
-    fours = j + (rows - j) // FOUR * FOUR
-    for i in range(j, fours, FOUR):
-        p += v[i, 0] * y[i, 0]
-        q += v[i + 1, 0] * y[i + 1, 0]
-        r += v[i + 2, 0] * y[i + 2, 0]
-        s += v[i + 3, 0] * y[i + 3, 0]
-    for i in range(fours, rows):
-        p += v[i, 0] * y[i, 0]
-    shared = beta * (p + q + r + s)
-    if shared == 0.0 and y[j, 0] == 0.0:
-        return
-    y[j, 0] -= shared * v[j, 0]
-    p = q = 0.0
-    twos = j + 1 + (rows - j - 1) // 2 * 2
-    for i in range(j + 1, twos, 2):
-        y[i, 0] -= shared * v[i, 0]
-        y[i + 1, 0] -= shared * v[i + 1, 0]
-        p += y[i, 0] * y[i, 0]
-        q += y[i + 1, 0] * y[i + 1, 0]
-    for i in range(twos, rows):
-        y[i, 0] -= shared * v[i, 0]
-        p += y[i, 0] * y[i, 0]
-    size[0] = p + q
+def _reflect_one(y, qr, j, size, ends):
+    """Reflect a column (rows, 1) likewise, by rows between the ends of both; one that shares none stays as it is."""
+    own = qr.order[j]
+    v, first, last = qr.a[own], max(qr.ends[own, 0], j + 1), qr.ends[own, 1]
+    shared = v[j, 0] * y[j, 0]
+    for i in range(max(first, ends[0]), min(last, ends[1])):
+        shared += v[i, 0] * y[i, 0]
+    shared *= qr.beta[j, 0]
+    if shared != 0.0:
+        y[j, 0] -= shared * v[j, 0]
+        for i in range(first, last):
+            y[i, 0] -= shared * v[i, 0]
+        if first < last:
+            ends[0], ends[1] = min(ends[0], first), max(ends[1], last)
+    if shared != 0.0 or y[j, 0] != 0.0:
+        size[0] = 0.0
+        for i in range(max(ends[0], j + 1), ends[1]):
+            size[0] += y[i, 0] * y[i, 0]
+
+
+@jit_inner
+def _reflect_rows(y, qr, j):
+    """Reflect any column (rows, 1), by the rows of the reflection alone."""
+    own = qr.order[j]
+    v, first, last = qr.a[own], max(qr.ends[own, 0], j + 1), qr.ends[own, 1]
+    shared = v[j, 0] * y[j, 0]
+    for i in range(first, last):
+        shared += v[i, 0] * y[i, 0]
+    shared *= qr.beta[j, 0]
+    if shared != 0.0:
+        y[j, 0] -= shared * v[j, 0]
+        for i in range(first, last):
+            y[i, 0] -= shared * v[i, 0]
 
 
 @jit_inner

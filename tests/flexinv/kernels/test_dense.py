@@ -54,6 +54,14 @@ def least_squares(qr, y, columns):
 
 
 @jit
+def factor_and_turn(qr, y):
+    """Rank; y becomes Q^T y."""
+    rank = factorise(qr, qr.a.shape[0])
+    turn_back(qr, rank, y)
+    return rank
+
+
+@jit
 def least_norm(qr, y, columns):
     """Rank; y, in the order of the pivots, becomes the solution of A^T x = y of least norm."""
     rank = factorise(qr, columns)
@@ -153,3 +161,27 @@ def test_a_rank_is_told_or_in_doubt() -> None:
         qr.a[:, :, 0] = a.T
         qr.a[2, :, 0] = a[:, 0] + size * a[:, 2]
         assert least_squares(qr, y.copy(), 3) == rank, size
+
+
+@pytest.mark.parametrize("loops", [1, 4])
+def test_one_lane_of_columns_that_share_few_rows_is_factored_as_a_full_matrix(loops: int) -> None:
+    """A chain of loops: every closure has five rows of two unknowns and one of the next, and two of its rows repeat others."""
+    rng = np.random.default_rng(loops)
+    matrix = np.zeros((5 * loops, 2 * loops))
+    for loop in range(loops):
+        own = matrix[5 * loop : 5 * loop + 5, 2 * loop : 2 * loop + 3]
+        own[:3] = rng.normal(size=(3, own.shape[1]))
+        own[3:] = own[:2]
+    right = rng.normal(size=2 * loops)
+    qr = Factor.of(2 * loops, 5 * loops)
+    qr.a[:, :, 0] = matrix.T
+    y = np.zeros((5 * loops, 1))
+    y[: 2 * loops, 0] = right
+    assert factor_and_turn(qr, y) == 2 * loops
+    q_transposed = np.linalg.norm(y) - np.linalg.norm(right)
+    assert abs(q_transposed) < LEVEL  # a reflection keeps lengths
+    full = np.array([qr.a[own, :, 0] for own in qr.order])
+    upper = np.triu(full.T[: 2 * loops], 1) + np.diag(qr.diagonal[:, 0])
+    found = np.linalg.solve(upper, y[: 2 * loops, 0])
+    known = np.linalg.lstsq(matrix[:, qr.order], np.concatenate([right, np.zeros(3 * loops)]), rcond=None)[0]
+    np.testing.assert_allclose(found, known, atol=np.linalg.cond(matrix) * LEVEL)
