@@ -210,7 +210,7 @@ def rows_of(database: sql.Engine, table: sql.Table, night: int) -> list[dict[str
 
 def holds(database: sql.Engine, results: Results) -> bool:
     """Return True if a night is in the history.  Raises HistoryError."""
-    return bool(ask(database, sql.select(NIGHT.c.id).where(NIGHT.c.key == key_of(results))))
+    return bool(ask(database, sql.select(NIGHT.c.id).where(NIGHT.c.key.in_((key_of(results), _older_key(results))))))
 
 
 def ask(database: sql.Engine, question: sql.Select[Any]) -> list[Any]:
@@ -223,9 +223,22 @@ def ask(database: sql.Engine, question: sql.Select[Any]) -> list[Any]:
 
 
 def key_of(results: Results) -> str:
-    """Return a key that no two runs share, of their time, command, machine and number of rows."""
-    text = repr((results.started, results.command, sorted(results.machine.items()), len(results.runs)))
-    return hashlib.sha256(text.encode()).hexdigest()[:32]
+    """Return a key that no two runs share, of their time and duration, command, machine and number of rows.
+
+    Times are known to the second, in which a short night may end and the next begin.
+    """
+    return _digest(
+        results.started, results.elapsed, results.command, sorted(results.machine.items()), len(results.runs)
+    )
+
+
+def _older_key(results: Results) -> str:
+    """The key of nights that were added before the duration was part of it."""
+    return _digest(results.started, results.command, sorted(results.machine.items()), len(results.runs))
+
+
+def _digest(*parts: Any) -> str:
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:32]
 
 
 def _rows(results: Results) -> dict[sql.Table, list[dict[str, Any]]]:

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.kernels.dense import Factor, factorise, solve_lower, solve_upper, turn
 from flexinv.kernels.jit import jit, jit_inner
+from flexinv.kernels.pivoted_qr import Factor, factorise, solve_lower, solve_upper, turn
 from flexinv.kernels.records import by_address
 from flexinv.typing import Array
 

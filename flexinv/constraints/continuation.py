@@ -37,7 +37,7 @@ from flexinv.constraints.continuation_kernel import (
 )
 from flexinv.constraints.phases import acting
 from flexinv.errors import ConvergenceError, InputError
-from flexinv.kernels.dense import Factor
+from flexinv.kernels.pivoted_qr import Factor
 from flexinv.kinematics.configuration import nodes_of
 from flexinv.kinematics.configuration_arrays import moved
 from flexinv.kinematics.joint_motion import JointHistory

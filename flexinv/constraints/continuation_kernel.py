@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.constraints.equations import RowArrays, geared, jacobian, residual
-from flexinv.kernels.dense import Factor, factorise, solve_upper, turn_back
 from flexinv.kernels.jit import jit, jit_inner
+from flexinv.kernels.pivoted_qr import Factor, factorise, solve_upper, turn_back
 from flexinv.kernels.records import by_address
 from flexinv.kinematics.configuration import Nodes, move_nodes, step_coordinates
 from flexinv.kinematics.tree import Frames, Joints, frames_at

@@ -46,6 +46,16 @@ def test_a_night_comes_back_and_is_added_once(database: sql.Engine) -> None:
     assert history.rows_of(database, history.MODEL, number)[0]["hash"] == "aa"
 
 
+def test_two_nights_of_one_second_are_two(database: sql.Engine) -> None:
+    """Times are known to the second, and a night of one small mechanism takes less."""
+    one = FIRST
+    other = replace(one, elapsed=one.elapsed + 0.1)
+    assert history.add_night(database, one) != history.add_night(database, other)
+    assert len(history.nights(database)) == 2
+    assert history.holds(database, one)
+    assert not history.holds(database, replace(one, elapsed=one.elapsed + 0.2))
+
+
 def test_a_night_that_cannot_be_written_as_a_whole_is_not_there_at_all(database: sql.Engine) -> None:
     history.add_night(database, FIRST)
     broken = later(2, runs=(RUN, replace(RUN, wall_time=[1.0])))  # no number: the database refuses this row

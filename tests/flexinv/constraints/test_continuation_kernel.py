@@ -15,8 +15,8 @@ from flexinv.constraints import continuation as loops
 from flexinv.constraints.closures import constraint_jacobian, residuals, row_arrays
 from flexinv.constraints.continuation_kernel import Problem, condition_bound, factor, solve_factored
 from flexinv.constraints.equations import jacobian, residual
-from flexinv.kernels.dense import Factor
 from flexinv.kernels.jit import jit
+from flexinv.kernels.pivoted_qr import Factor
 from flexinv.kinematics.configuration import move_nodes, nodes_of, step_coordinates
 from flexinv.kinematics.configuration_arrays import difference, moved
 from flexinv.kinematics.mesh import Mesh, build

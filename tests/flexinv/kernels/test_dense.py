@@ -5,19 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexinv.kernels.dense import (
-    Factor,
-    factorise,
-    invert,
-    invert_scaled,
-    solve_dense,
-    solve_lower,
-    solve_symmetric,
-    solve_upper,
-    turn,
-    turn_back,
-)
+from flexinv.kernels.dense import invert, invert_scaled, solve_dense, solve_symmetric
 from flexinv.kernels.jit import jit
+from flexinv.kernels.pivoted_qr import Factor, factorise, solve_lower, solve_upper, turn, turn_back
 from flexinv.typing import Array
 
 EPS = np.finfo(float).eps
