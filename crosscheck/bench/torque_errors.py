@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.bench import accuracy
-from crosscheck.bench.accuracy import KEPT, Marches, distance, reference
+from crosscheck.bench.accuracy import KEPT, Marches, distance, reference, reference_row
 from crosscheck.bench.flexible import slender, with_beams
 from crosscheck.bench.targets import judged, metric
 from crosscheck.bench.timing import Call, in_turns, ratio
@@ -98,11 +98,10 @@ def arm_rows(
     mechanism, motion = subject(arm, models)
     problem = evenly(solve_problem(mechanism, motion, min(errors), Settings(), {}))
     known, apart = reference(problem, min(errors))
-    head = {"arm": arm.model, "method": "reference", "error": apart}
-    if not apart < min(errors) / 20.0:
-        yield head | {"verdict": "deviation", "message": f"no reference: it is known to {apart:.1g} of the peak only"}
+    head = reference_row(arm.model, apart, min(errors))
+    yield head
+    if head["verdict"] != "within":
         return
-    yield head | {"verdict": "within"}
     ladder = Ladder(arm, mechanism, motion, known, problem.grid, longest)
     for asked in errors:
         yield from _beside(arm, Marches(problem, known), ladder, asked, seconds)

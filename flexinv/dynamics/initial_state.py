@@ -253,6 +253,7 @@ def settle(solver: Solver, q: Array, when: str) -> None:
     if len(solver.topology.scale) > MOST_JUDGED or here in stable:
         return
     if not (unstable := unstable_motions(solver, joints)):
+        stable.clear()
         stable.add(here)
         return
     mesh, free = solver.mesh, solver.topology.freedoms
@@ -273,7 +274,7 @@ def settle(solver: Solver, q: Array, when: str) -> None:
 
 @kept_with_owner()
 def _stable(mesh: Mesh) -> set[bytes]:
-    """Rest positions of a mesh, as `_standing` tells them, that were found stable: marches begin in them again and again."""
+    """The rest position of a mesh, as `_standing` tells it, that was found stable last: marches begin in it again and again."""
     return set()
 
 

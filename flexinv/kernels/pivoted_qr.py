@@ -163,7 +163,8 @@ def _reflect(y, qr, j, size):
     """y - beta v (v . y) from entry j on, reflection j; set the squares of what then follows entry j."""
     v, beta, sums, lanes = qr.a[qr.order[j]], qr.beta[j], qr.sums, y.shape[1]
     if lanes == 1:
-        _reflect_rows(y, qr, j)
+        own = qr.order[j]
+        _reflect_rows(y, qr, j, max(qr.ends[own, 0], j + 1), qr.ends[own, 1])
         return
     for k in range(lanes):
         sums[k] = 0.0
@@ -182,19 +183,12 @@ def _reflect(y, qr, j, size):
 
 @jit_inner
 def _reflect_one(y, qr, j, size, ends):
-    """Reflect a column (rows, 1) likewise, by rows between the ends of both; one that shares none stays as it is."""
+    """Reflect a column (rows, 1) of the matrix, which ends where ``ends`` says; one that shares no row stays as it is."""
     own = qr.order[j]
-    v, first, last = qr.a[own], max(qr.ends[own, 0], j + 1), qr.ends[own, 1]
-    shared = v[j, 0] * y[j, 0]
-    for i in range(max(first, ends[0]), min(last, ends[1])):
-        shared += v[i, 0] * y[i, 0]
-    shared *= qr.beta[j, 0]
-    if shared != 0.0:
-        y[j, 0] -= shared * v[j, 0]
-        for i in range(first, last):
-            y[i, 0] -= shared * v[i, 0]
-        if first < last:
-            ends[0], ends[1] = min(ends[0], first), max(ends[1], last)
+    first, last = max(qr.ends[own, 0], j + 1), qr.ends[own, 1]
+    shared = _reflect_rows(y, qr, j, max(first, ends[0]), min(last, ends[1]))
+    if shared != 0.0 and first < last:
+        ends[0], ends[1] = min(ends[0], first), max(ends[1], last)
     if shared != 0.0 or y[j, 0] != 0.0:
         size[0] = 0.0
         for i in range(max(ends[0], j + 1), ends[1]):
@@ -202,18 +196,18 @@ def _reflect_one(y, qr, j, size, ends):
 
 
 @jit_inner
-def _reflect_rows(y, qr, j):
-    """Reflect any column (rows, 1), by the rows of the reflection alone."""
+def _reflect_rows(y, qr, j, start, end):
+    """Reflect a column (rows, 1) that shares the rows from ``start`` to before ``end``, beside j; return beta v . y."""
     own = qr.order[j]
-    v, first, last = qr.a[own], max(qr.ends[own, 0], j + 1), qr.ends[own, 1]
-    shared = v[j, 0] * y[j, 0]
-    for i in range(first, last):
+    v, shared = qr.a[own], qr.a[own, j, 0] * y[j, 0]
+    for i in range(start, end):
         shared += v[i, 0] * y[i, 0]
     shared *= qr.beta[j, 0]
     if shared != 0.0:
         y[j, 0] -= shared * v[j, 0]
-        for i in range(first, last):
+        for i in range(max(qr.ends[own, 0], j + 1), qr.ends[own, 1]):
             y[i, 0] -= shared * v[i, 0]
+    return shared
 
 
 @jit_inner
