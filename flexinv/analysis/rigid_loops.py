@@ -11,7 +11,7 @@ from flexinv.analysis.evaluation import FirstStep, rigid_trajectory
 from flexinv.analysis.solution import LoopForces
 from flexinv.analysis.task import Task
 from flexinv.constraints.allocation import Shares, share_out
-from flexinv.constraints.closures import captured, constraint_jacobian, constraint_rows, row_scales
+from flexinv.constraints.closures import captured, closure_fronts, constraint_jacobian, constraint_rows, row_scales
 from flexinv.constraints.consistency import GivenLoops, check_carried
 from flexinv.constraints.continuation import closed_motion
 from flexinv.constraints.impacts import Impact, check_meeting, jump_efforts, kinetic_energy, names_of
@@ -19,6 +19,7 @@ from flexinv.constraints.phases import Stretch, phases
 from flexinv.constraints.reactions import closing, phased_closing
 from flexinv.inverse.applied_forces import applied_forces, joint_springs
 from flexinv.inverse.inverse_dynamics import drive_efforts, joint_wrenches, nodal_forces, project
+from flexinv.kernels.fronts import Fronts
 from flexinv.kinematics.joint_motion import JointHistory
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
@@ -108,7 +109,7 @@ def _impact(
     tree = jump_efforts(mesh, one, two, after - before)[None]
     g = constraint_jacobian(mesh, two, stretch.rows)[:, stretch.pick]
     scale = row_scales(mesh, stretch.rows)[stretch.pick]
-    shares = share_out(g, tree, m.actuated, m.weights[m.actuated], scale)
+    shares = share_out(g, tree, m.actuated, m.weights[m.actuated], scale, _fronts(mesh, stretch))
     multipliers = np.zeros((1, len(stretch.rows)))
     multipliers[:, stretch.pick] = shares.multipliers
     work = float(shares.tau[0] @ (before + after)) / 2
@@ -116,6 +117,12 @@ def _impact(
     shown = closing(mesh, two, stretch.rows, multipliers)[1]
     reaction = {name: values[0] for name, values in shown.items()}
     return Impact(time, names_of(m, begins), shares.tau[0], reaction, work, lost)
+
+
+def _fronts(mesh: Mesh, stretch: Stretch) -> Fronts:
+    """Fronts of G of the closures that act, drives last."""
+    acting, m = stretch.rows.of(stretch.phase.active), mesh.mechanism
+    return closure_fronts(mesh, acting, np.ones(m.nv, dtype=bool), m.actuated)
 
 
 def energy_jumps(time: Array, impacts: list[Impact]) -> Array | None:
@@ -139,7 +146,8 @@ def _phased_shares(
         g = jacobian
         if g is None:
             g = constraint_jacobian(mesh, motion.samples(span), stretch.rows.of(stretch.phase.active))
-        part = share_out(g, tree[span], m.actuated, m.weights[m.actuated], row_scales(mesh, stretch.rows)[pick])
+        scale, fronts = row_scales(mesh, stretch.rows)[pick], _fronts(mesh, stretch)
+        part = share_out(g, tree[span], m.actuated, m.weights[m.actuated], scale, fronts)
         if len(stretches) == 1 and pick.all():
             return part
         multipliers = np.zeros((len(part.tau), len(stretch.rows)))

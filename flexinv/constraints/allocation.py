@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.constraints.allocation_kernel import Efforts, places, share
+from flexinv.kernels.fronts import Fronts, fronts_of
 from flexinv.kernels.memory import plain
 from flexinv.typing import Array
 
@@ -43,16 +44,22 @@ class Shares:
 
 
 def share_out(
-    g: Array, tau_tree: Array, driven: NDArray[np.bool_], weight: Array | None = None, scale: Array | None = None
+    g: Array,
+    tau_tree: Array,
+    driven: NDArray[np.bool_],
+    weight: Array | None = None,
+    scale: Array | None = None,
+    fronts: Fronts | None = None,
 ) -> Shares:
     """Return actuator efforts and multipliers of  S tau_a + G^T lambda = tau_tree  [N m], [N].
 
     g : (samples, rows, nv); tau_tree : (samples, nv); driven : (nv,) bool; weight : (driven,) of the squares of tau_a [-], 1
         by default: the minimum of tau_a^T W tau_a is taken where drives are redundant
     scale : (rows,) [m], [-] of the equations (`closures.row_scales`): over these ranks are told, and redundant multipliers least
+    fronts : of G, drives last (`closures.closure_fronts`); without, G may have entries everywhere
     """
     if scale is not None:
-        found = share_out(g / scale[:, None], tau_tree, driven, weight)
+        found = share_out(g / scale[:, None], tau_tree, driven, weight, fronts=fronts)
         return replace(found, multipliers=found.multipliers / scale)
     samples, rows, nv = g.shape
     drives = np.flatnonzero(driven)
@@ -69,7 +76,8 @@ def share_out(
     )
     width = np.empty(samples, dtype=np.int64)
     efforts = Efforts(made.tau, made.multipliers, made.left, made.preload, made.condition, width)
-    share(places(rows, drives, root, nv), plain(g), plain(tau_tree), efforts)
+    fronts = fronts_of(np.ones((rows, nv), dtype=bool), driven) if fronts is None else fronts
+    share(places(fronts, rows, drives, root), plain(g), plain(tau_tree), efforts)
     doubtful = np.flatnonzero(width < 0)
     if not len(doubtful):
         return replace(made, preload=made.preload[:, :, : int(width.min())])

@@ -1,9 +1,9 @@
 """Torques of the cut tree shared out in compiled code, one sample a lane of a block, as long as no rank is in doubt.
 
-Two pivoted QR factorisations (`kernels.dense`).  G = Q R gives the motions that the closures
-allow, N = [1; -R_d^-1 R_i] of the independent coordinates; N^T S W^-1/2 x = N^T tau_tree, of least norm, gives the drives, and
-G^T lambda = tau_tree - S tau_a, of least norm, the multipliers.  The samples of a block share pivots and ranks; blocks in doubt
-are left to the singular values of `allocation`.
+Two QR factorisations.  G = Q R, sparse (`kernels.sparse_qr`), gives the motions that the closures
+allow, N = [1; -R_d^-1 R_i] of the independent coordinates, drives if they can be; N^T S W^-1/2 x = N^T tau_tree, of least norm
+(`kernels.pivoted_qr`), gives the drives, and G^T lambda = tau_tree - S tau_a, of least norm, the multipliers.  The samples of a
+block share pivots and ranks; blocks in doubt are left to the singular values of `allocation`.
 """
 
 from __future__ import annotations
@@ -14,9 +14,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexinv.kernels import sparse_qr
+from flexinv.kernels.fronts import Fronts
 from flexinv.kernels.jit import jit, jit_inner
-from flexinv.kernels.pivoted_qr import Factor, factorise, solve_lower, solve_upper, turn
+from flexinv.kernels.pivoted_qr import Factor, factorise, solve_lower, turn
 from flexinv.kernels.records import by_address
+from flexinv.kernels.sparse_qr import FrontFactors
 from flexinv.typing import Array
 
 # Jacobi's rotations square what is left off the diagonal with every sweep: six reach rounding, these are never needed.
@@ -47,37 +50,36 @@ class Place(NamedTuple):
 
     drives: NDArray[np.int64]
     root: Array
-    closing: Factor  # (nv, rows)
-    driving: Factor  # (nv, drives), as many columns as freedoms
-    motions: Array  # (nv, nv, lanes) of which as many as freedoms
-    h: Array  # (nv, nv, lanes)
+    fronts: Fronts  # of G
+    closing: FrontFactors
+    driving: Factor  # (freedoms, drives)
+    motions: Array  # (freedoms, nv, lanes)
+    h: Array  # (freedoms, freedoms, lanes)
     y: Array  # (rows + nv, lanes)
+    x: Array  # (nv, lanes)
     turn: Array  # (2, lanes)
 
 
-def places(rows: int, drives: NDArray[np.int64], root: Array, nv: int) -> Place:
-    """Return the arrays of the kernel [any unit] for G of (rows, nv)."""
-    motions, h = np.zeros((2, nv, nv, SAMPLES_AT_ONCE))
-    y, turn = np.zeros((rows + nv, SAMPLES_AT_ONCE)), np.zeros((2, SAMPLES_AT_ONCE))
-    factors = Factor.of(nv, rows, SAMPLES_AT_ONCE), Factor.of(nv, len(drives), SAMPLES_AT_ONCE)
-    return Place(drives, root, *factors, motions, h, y, turn)
+def places(fronts: Fronts, rows: int, drives: NDArray[np.int64], root: Array) -> Place:
+    """Return the arrays of the kernel [any unit] for G of so many rows, with so many freedoms as there are drives at most."""
+    nv, most = fronts.columns, len(drives)
+    motions, h = np.zeros((most, nv, SAMPLES_AT_ONCE)), np.zeros((most, most, SAMPLES_AT_ONCE))
+    y, x, turn = (np.zeros((size, SAMPLES_AT_ONCE)) for size in (rows + nv, nv, 2))
+    factors = FrontFactors.of(fronts, SAMPLES_AT_ONCE), Factor.of(most, most, SAMPLES_AT_ONCE)
+    return Place(drives, root, fronts, *factors, motions, h, y, x, turn)
 
 
 @jit_inner
-def _allowed(place, rank):
+def _allowed(place):
     """Set the motions N^T that the closures allow, each with one independent coordinate at 1."""
-    nv, y = place.motions.shape[0], place.y
-    for n in range(nv - rank):
-        own = place.closing.order[rank + n]
-        for i in range(rank):
-            for k in range(SAMPLES_AT_ONCE):
-                y[i, k] = place.closing.a[own, i, k]
-        solve_upper(place.closing, rank, y)
-        for i in range(rank, nv):
-            place.motions[n, place.closing.order[i]] = 1.0 if i == rank + n else 0.0
-        for i in range(rank):
-            for k in range(SAMPLES_AT_ONCE):
-                place.motions[n, place.closing.order[i], k] = -y[i, k]
+    fronts, n = place.fronts, 0
+    for f in range(fronts.parent.shape[0]):
+        for at in range(fronts.first[f], fronts.first[f] + fronts.own[f]):
+            if place.closing.pivot[at] < 0:
+                place.motions[n] = 0.0
+                place.motions[n, fronts.column[at]] = 1.0
+                sparse_qr.solve_upper(fronts, place.closing, place.motions[n])
+                n += 1
 
 
 @jit_inner
@@ -184,20 +186,30 @@ def _drive(place, freedoms, s, tree, tau, preload):
 
 
 @jit_inner
-def _close(place, rank, s, g, left, multipliers):
+def _close(place, s, g, left, multipliers):
     """Set the multipliers of least norm that carry ``left``, and take from it what they do, samples s and on."""
-    y = place.y[: g.shape[1]]
-    y[:] = 0.0
-    for i in range(rank):
+    y, x, entry = place.y[: g.shape[1]], place.x, place.fronts.entry
+    for i in range(x.shape[0]):
         for k in range(SAMPLES_AT_ONCE):
-            y[i, k] = left[min(s + k, g.shape[0] - 1), place.closing.order[i]]
-    solve_lower(place.closing, rank, y)
-    turn(place.closing, rank, y)
+            x[i, k] = left[min(s + k, g.shape[0] - 1), i]
+    sparse_qr.solve_lower(place.fronts, place.closing, x)
+    y[:] = 0.0
+    sparse_qr.turn(place.fronts, place.closing, x, y)
     for k in range(min(SAMPLES_AT_ONCE, g.shape[0] - s)):
         for r in range(g.shape[1]):
             multipliers[s + k, r] = y[r, k]
-            for i in range(g.shape[2]):
-                left[s + k, i] -= g[s + k, r, i] * y[r, k]
+        for e in range(entry.shape[0]):
+            left[s + k, entry[e, 1]] -= g[s + k, entry[e, 0], entry[e, 1]] * y[entry[e, 0], k]
+
+
+@jit_inner
+def _set_matrix(place, s, g):
+    """Put G of the samples s and on into their lanes."""
+    sparse_qr.clear(place.closing)
+    for e in range(place.fronts.entry.shape[0]):
+        r, i = place.fronts.entry[e, 0], place.fronts.entry[e, 1]
+        for k in range(SAMPLES_AT_ONCE):
+            sparse_qr.set_entry(place.fronts, place.closing, e, k, g[min(s + k, g.shape[0] - 1), r, i])
 
 
 @jit
@@ -211,16 +223,12 @@ def share(place, g, tree, out):
     for s in range(0, samples, SAMPLES_AT_ONCE):
         end = min(s + SAMPLES_AT_ONCE, samples)
         out.width[s:end] = -1
-        for k in range(SAMPLES_AT_ONCE):
-            own = g[min(s + k, samples - 1)]
-            for r in range(g.shape[1]):
-                for i in range(nv):
-                    place.closing.a[i, r, k] = own[r, i]
-        rank = factorise(place.closing, nv)
+        _set_matrix(place, s, g)
+        rank = sparse_qr.factorise(place.fronts, place.closing)
         freedoms = nv - rank
         if rank < 0 or freedoms == 0 or freedoms > drives:
             continue
-        _allowed(place, rank)
+        _allowed(place)
         if not _driving(place, freedoms):
             continue
         out.width[s:end] = drives - freedoms
@@ -228,7 +236,7 @@ def share(place, g, tree, out):
         for k in range(s, end):
             for i in range(nv):
                 out.left[k, i] = tree[k, i] - out.tau[k, i]
-        _close(place, rank, s, g, out.left, out.multipliers)
+        _close(place, s, g, out.left, out.multipliers)
         _condition(place, freedoms)
         for k in range(s, end):
             out.condition[k] = place.y[0, k - s]

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from flexinv.constraints.equations import RowArrays, jacobians, residual_samples
 from flexinv.errors import InputError
+from flexinv.kernels.fronts import Fronts, fronts_of
 from flexinv.kinematics.configuration import nodes_of
 from flexinv.kinematics.configuration_arrays import slides
 from flexinv.kinematics.mesh import Mesh, attachment_node
@@ -198,6 +199,33 @@ def constraint_jacobian(mesh: Mesh, motion: NodalMotion, rows: Rows) -> Array:
     g = np.empty((samples, count, mesh.mechanism.nv))
     jacobians(nodes_of(mesh), row_arrays(rows), motion.frames, g)
     return without_rounding(mesh, rows.direction, g)
+
+
+def closure_fronts(mesh: Mesh, rows: Rows, columns: NDArray[np.bool_], last: NDArray[np.bool_] | None = None) -> Fronts:
+    """Return the fronts of some columns (nv,) of G [-], those of ``last`` (nv,) after all others."""
+    after = np.zeros(len(columns), dtype=bool) if last is None else last
+    return _fronts(mesh, rows.closure.tobytes(), columns.tobytes(), after.tobytes())
+
+
+@kept_with_owner()
+def _fronts(mesh: Mesh, closure: bytes, columns: bytes, last: bytes) -> Fronts:
+    acting = np.zeros(len(mesh.mechanism.closures), dtype=bool)
+    acting[np.frombuffer(closure, dtype=np.int64)] = True
+    own, after = (np.frombuffer(mask, dtype=bool) for mask in (columns, last))
+    return fronts_of(_pattern(mesh, constraint_rows(mesh).of(acting))[:, own], after[own])
+
+
+def _pattern(mesh: Mesh, rows: Rows) -> NDArray[np.bool_]:
+    """Mask (rows, nv) of entries that G may have: joints on one way only from a row's nodes to the world, and of its coupling."""
+    found = np.asarray(rows.gear != 0.0)
+    for k, ends in enumerate(zip(rows.a.tolist(), rows.b.tolist(), strict=True)):
+        for node in ends:
+            while node >= 0:
+                first = mesh.v_index[node]
+                if first >= 0:
+                    found[k, first : first + mesh.freedoms[node]] ^= True
+                node = mesh.parent[node]
+    return found
 
 
 @kept_with_owner()

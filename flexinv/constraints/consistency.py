@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.constraints.allocation import Shares, share_out
-from flexinv.constraints.closures import Rows, row_arrays, row_scales, without_rounding
+from flexinv.constraints.closures import Rows, closure_fronts, row_arrays, row_scales, without_rounding
 from flexinv.constraints.continuation_kernel import Chain, closing
 from flexinv.constraints.equations import RowArrays
 from flexinv.errors import InputError
+from flexinv.kernels.fronts import Fronts
 from flexinv.kernels.memory import plain
 from flexinv.kinematics.configuration import Nodes, nodes_of
 from flexinv.kinematics.mesh import Mesh
@@ -57,7 +58,7 @@ _KINDS = (
 class GivenLoops:
     """The closures of a mechanism, and what the compiled check works with.
 
-    scale : (rows,) what their equations are measured against [m], [-]
+    scale : (rows,) what their equations are measured against [m], [-]; fronts : of G, drives last
     """
 
     mesh: Mesh
@@ -65,12 +66,14 @@ class GivenLoops:
     nodes: Nodes
     rows: RowArrays
     closure: NDArray[np.int64]
+    fronts: Fronts
 
     @classmethod
     def of(cls, mesh: Mesh, rows: Rows) -> GivenLoops:
         """Return the loops of a mesh [m] for the constraints that act."""
         scale = row_scales(mesh, rows)
-        return cls(mesh, scale, nodes_of(mesh), row_arrays(rows), rows.closure)
+        fronts = closure_fronts(mesh, rows, np.ones(mesh.mechanism.nv, dtype=bool), mesh.mechanism.actuated)
+        return cls(mesh, scale, nodes_of(mesh), row_arrays(rows), rows.closure, fronts)
 
     def jacobian(self, q: Array, qd: Array, qdd: Array, motion: NodalMotion | None = None) -> Array:
         """Return G (samples, rows, nv) [m/rad], [-] of a consistent motion q (samples, nq), qd, qdd (samples, nv) [rad or m, s].
@@ -137,7 +140,7 @@ class GivenLoops:
 
     def _shared(self, g: Array, tau: Array, samples: NDArray[np.int64]) -> Shares:
         m = self.mesh.mechanism
-        shares = share_out(g, tau, m.actuated, m.weights[m.actuated], self.scale)
+        shares = share_out(g, tau, m.actuated, m.weights[m.actuated], self.scale, self.fronts)
         largest = max(np.abs(tau).max(initial=0.0), np.abs(shares.multipliers).max(initial=0.0))
         check_carried(m, shares.left, largest, lambda sample: f"sample {samples[sample]}")
         return shares

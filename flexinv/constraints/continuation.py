@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from flexinv.constraints.allocation import REDUNDANT, ranks
 from flexinv.constraints.closures import (
     Rows,
+    closure_fronts,
     constraint_jacobian,
     constraint_rows,
     coupling_residuals,
@@ -37,7 +38,7 @@ from flexinv.constraints.continuation_kernel import (
 )
 from flexinv.constraints.phases import acting
 from flexinv.errors import ConvergenceError, InputError
-from flexinv.kernels.pivoted_qr import Factor
+from flexinv.kernels.sparse_qr import FrontFactors
 from flexinv.kinematics.configuration import nodes_of
 from flexinv.kinematics.configuration_arrays import moved
 from flexinv.kinematics.joint_motion import JointHistory
@@ -232,11 +233,11 @@ def _compiled(mesh: Mesh, rows: Rows, unknown: NDArray[np.bool_]) -> tuple[Chain
     owner = np.zeros(m.nq, dtype=bool)
     for joint in m.joints:
         owner[m.q_slices[joint.name]] = unknown[m.v_slices[joint.name]].any()
-    count, free = len(rows), len(places)
+    count, free, fronts = len(rows), len(places), closure_fronts(mesh, rows, unknown)
     problem = Problem(
         unknown=places, owner=owner, scale=row_scales(mesh, rows), sizes=sizes_of(mesh), g=np.zeros((count, m.nv)),
-        qr=Factor.of(free, count), y=np.zeros((max(count, free), 1)), x=np.zeros(free), step=np.zeros(m.nv),
-        guess=np.zeros(m.nq), rest=np.zeros(m.nv), measure=measures(mesh)[places],
+        fronts=fronts, qr=FrontFactors.of(fronts), y=np.zeros((count, 1)), x=np.zeros((free, 1)), sign=np.zeros((free, 1)),
+        step=np.zeros(m.nv), guess=np.zeros(m.nq), rest=np.zeros(m.nv), measure=measures(mesh)[places],
     )  # fmt: skip
     return Chain.of(nodes_of(mesh), row_arrays(rows)), problem
 

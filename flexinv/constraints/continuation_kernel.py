@@ -1,23 +1,31 @@
 """Following closed loops in compiled code, sample by sample, as long as the configuration is regular.
 
 Newton on phi(q) = 0 with G_u step = -phi, from a prediction along G_u rate_u = -G_g rate_g; then the exact rates.  Every system
-is a least-squares one of full rank (redundant constraints repeat others), solved by a pivoted QR (`kernels.dense`).
+is a least-squares one of full rank (redundant constraints repeat others), solved by a sparse QR (`kernels.sparse_qr`).
 Where it is not of full rank, where Newton fails or goes too far, the kernel stops at that sample: `continuation` decides
 what to do.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.constraints.equations import RowArrays, geared, jacobian, residual
+from flexinv.kernels.fronts import Fronts
 from flexinv.kernels.jit import jit, jit_inner
-from flexinv.kernels.pivoted_qr import Factor, factorise, solve_upper, turn_back
 from flexinv.kernels.records import by_address
+from flexinv.kernels.sparse_qr import (
+    FrontFactors,
+    clear,
+    condition_estimate,
+    factorise,
+    set_entry,
+    solve_upper,
+    turn_back,
+)
 from flexinv.kinematics.configuration import Nodes, move_nodes, step_coordinates
 from flexinv.kinematics.tree import Frames, Joints, frames_at
 from flexinv.typing import Array
@@ -64,9 +72,11 @@ class Problem(NamedTuple):
     scale: Array
     sizes: Array
     g: Array  # (rows, nv)
-    qr: Factor  # of G_u over its scales, one lane
+    fronts: Fronts  # of G_u
+    qr: FrontFactors  # of G_u over its scales, one lane
     y: Array  # (rows, 1) right-hand side
-    x: Array  # (unknown,) solution over its measure
+    x: Array  # (unknown, 1) solution over its measure
+    sign: Array  # (unknown, 1)
     step: Array  # (nv,)
     guess: Array  # (nq,)
     rest: Array  # (nv,) zeros
@@ -76,35 +86,14 @@ class Problem(NamedTuple):
 @jit_inner
 def factor(problem):
     """Factor Q R of problem.qr [any unit]; False where the rank may not be full."""
-    columns, rows, _ = problem.qr.a.shape
-    return rows >= columns and factorise(problem.qr, columns) == columns
+    return factorise(problem.fronts, problem.qr) == problem.x.shape[0]
 
 
 @jit_inner
 def solve_factored(problem):
     """Set problem.x to the least-squares solution of the factored system and the right-hand side problem.y [any unit]."""
-    columns = problem.qr.a.shape[0]
-    turn_back(problem.qr, columns, problem.y)
-    solve_upper(problem.qr, columns, problem.y)
-    for j in range(columns):
-        problem.x[problem.qr.order[j]] = problem.y[j, 0]
-
-
-@jit_inner
-def condition_bound(problem):
-    """Return |R| |R^-1| in Frobenius' norm [-]: at least the condition number, at most that many times the columns."""
-    qr, y, columns = problem.qr, problem.y, problem.qr.a.shape[0]
-    size = inverse = 0.0
-    for j in range(columns):
-        size += qr.diagonal[j, 0] ** 2
-        for c in range(j + 1, columns):
-            size += qr.a[qr.order[c], j, 0] ** 2
-        for i in range(j + 1):
-            y[i, 0] = 1.0 if i == j else 0.0
-        solve_upper(qr, j + 1, y)  # below the diagonal the inverse has nothing
-        for i in range(j + 1):
-            inverse += y[i, 0] ** 2
-    return math.sqrt(size * inverse)
+    turn_back(problem.fronts, problem.qr, problem.y, problem.x)
+    solve_upper(problem.fronts, problem.qr, problem.x)
 
 
 @jit_inner
@@ -120,9 +109,11 @@ def _equations(chain, problem, q):
 
 @jit_inner
 def _set_matrix(problem):
-    for k in range(problem.scale.shape[0]):
-        for i in range(problem.unknown.shape[0]):
-            problem.qr.a[i, k, 0] = problem.g[k, problem.unknown[i]] * problem.measure[i] / problem.scale[k]
+    clear(problem.qr)
+    for e in range(problem.fronts.entry.shape[0]):
+        k, i = problem.fronts.entry[e, 0], problem.fronts.entry[e, 1]
+        value = problem.g[k, problem.unknown[i]] * problem.measure[i] / problem.scale[k]
+        set_entry(problem.fronts, problem.qr, e, 0, value)
 
 
 @jit_inner
@@ -150,9 +141,9 @@ def newton(chain, problem):
         solve_factored(problem)
         problem.step[:] = 0.0
         for i in range(problem.unknown.shape[0]):
-            problem.step[problem.unknown[i]] = -problem.x[i] * problem.measure[i]
+            problem.step[problem.unknown[i]] = -problem.x[i, 0] * problem.measure[i]
         step_coordinates(chain.nodes, problem.guess, problem.step)
-        if _largest(problem.x) < LAST_INCREMENT:
+        if _largest(problem.x[:, 0]) < LAST_INCREMENT:
             _equations(chain, problem, problem.guess)
             return _largest(problem.y[:, 0]) < CLOSED
     return False
@@ -173,7 +164,7 @@ def _predict(chain, problem, q, rate, dt):
         return False
     solve_factored(problem)
     for i in range(problem.unknown.shape[0]):
-        problem.step[problem.unknown[i]] = -problem.x[i] * problem.measure[i]
+        problem.step[problem.unknown[i]] = -problem.x[i, 0] * problem.measure[i]
     for i in range(problem.step.shape[0]):
         problem.step[i] *= dt
     _copy(q, problem.guess)
@@ -206,7 +197,7 @@ def continue_branch(chain, problem, time, q, qd, first):
 
 @jit
 def rates(chain, problem, q, qd, qdd, condition):
-    """Set the unknown rates qd, qdd (samples, nv) [rad, m, s] from the closures, and a bound of each condition number [-].
+    """Set the unknown rates qd, qdd (samples, nv) [rad, m, s] from the closures, and an estimate of each condition number [-].
 
     The unknown columns hold zeros on entry; samples whose condition is infinite afterwards are left to others.
     """
@@ -223,15 +214,15 @@ def rates(chain, problem, q, qd, qdd, condition):
             continue
         solve_factored(problem)
         for i in range(problem.unknown.shape[0]):
-            qd[s, problem.unknown[i]] = -problem.x[i] * problem.measure[i]
+            qd[s, problem.unknown[i]] = -problem.x[i, 0] * problem.measure[i]
         move_nodes(nodes, q[s], qd[s], qdd[s], joints, frames)
         for k in range(problem.scale.shape[0]):
             second = residual(k, rows, frames)[2] + geared(k, rows, q[s], qd[s], qdd[s])[2]
             problem.y[k, 0] = second / problem.scale[k]
         solve_factored(problem)
         for i in range(problem.unknown.shape[0]):
-            qdd[s, problem.unknown[i]] = -problem.x[i] * problem.measure[i]
-        condition[s] = condition_bound(problem)
+            qdd[s, problem.unknown[i]] = -problem.x[i, 0] * problem.measure[i]
+        condition[s] = condition_estimate(problem.fronts, problem.qr, problem.x, problem.sign)
 
 
 @jit_inner

@@ -13,19 +13,17 @@ from pathlib import Path
 
 # The modules, as they are called in the package, whose text or constants are in machine code.
 SOURCES = (
-    "analysis.batch_kernel", "constraints.allocation_kernel",
-    "constraints.continuation_kernel", "constraints.equations", "dynamics.assembly", "dynamics.constraint_rows",
-    "dynamics.dofs", "dynamics.generalized_alpha", "dynamics.index1",
+    "analysis.batch_kernel", "constraints.allocation_kernel", "constraints.continuation_kernel", "constraints.equations",
+    "dynamics.assembly", "dynamics.constraint_rows", "dynamics.dofs", "dynamics.generalized_alpha", "dynamics.index1",
     "dynamics.linearization", "dynamics.loads", "dynamics.spring_rows", "dynamics.stepper", "dynamics.system",
     "dynamics.tree_solver", "elements.beam", "elements.beam_element", "elements.joint_law", "elements.planar_beam",
-    "inverse.balance", "inverse.nodal_sums", "inverse.trajectory_pass", "kernels.block_tridiagonal", "kernels.dense",
-    "kernels.code_cache", "kernels.inner_library", "kernels.jit", "kernels.kernel_compiler", "kernels.pivoted_qr",
-    "kernels.record_stack",
-    "kernels.records", "kernels.simd", "kernels.so3", "kernels.threads.atomics", "kernels.threads.mailbox",
-    "kernels.vec3", "kinematics.configuration", "kinematics.tree", "linearized.natural_modes", "model.joint_kinds",
-    "planar.constraint_rows", "planar.history", "planar.index1", "planar.stepper", "planar.tree",
-    "planar.tree_solver", "rigid.blocks", "rigid.derivative_kernel", "rigid.regressor_kernel", "rnea.body_numbers",
-    "rnea.loop_allocation", "rnea.loop_bodies", "rnea.loop_layout",
+    "inverse.balance", "inverse.nodal_sums", "inverse.trajectory_pass", "kernels.block_tridiagonal", "kernels.code_cache",
+    "kernels.dense", "kernels.fronts", "kernels.inner_library", "kernels.jit", "kernels.kernel_compiler",
+    "kernels.pivoted_qr", "kernels.record_stack", "kernels.records", "kernels.simd", "kernels.so3", "kernels.sparse_qr",
+    "kernels.threads.atomics", "kernels.threads.mailbox", "kernels.vec3", "kinematics.configuration", "kinematics.tree",
+    "linearized.natural_modes", "model.joint_kinds", "planar.constraint_rows", "planar.history", "planar.index1",
+    "planar.stepper", "planar.tree", "planar.tree_solver", "rigid.blocks", "rigid.derivative_kernel",
+    "rigid.regressor_kernel", "rnea.body_numbers", "rnea.loop_allocation", "rnea.loop_bodies", "rnea.loop_layout",
     "rnea.loop_plane", "rnea.loop_reduce", "rnea.loop_space", "rnea.recursion", "rnea.row_pairs",
     "tracking.collocation_kernel",
 )  # fmt: skip

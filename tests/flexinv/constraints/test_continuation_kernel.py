@@ -13,10 +13,11 @@ from crosscheck.studies.robot_sweep import random_states
 from flexinv.analysis.solve import solve
 from flexinv.constraints import continuation as loops
 from flexinv.constraints.closures import constraint_jacobian, residuals, row_arrays
-from flexinv.constraints.continuation_kernel import Problem, condition_bound, factor, solve_factored
+from flexinv.constraints.continuation_kernel import Problem, factor, solve_factored
 from flexinv.constraints.equations import jacobian, residual
+from flexinv.kernels.fronts import fronts_of
 from flexinv.kernels.jit import jit
-from flexinv.kernels.pivoted_qr import Factor
+from flexinv.kernels.sparse_qr import FrontFactors, clear, condition_estimate, set_entry
 from flexinv.kinematics.configuration import move_nodes, nodes_of, step_coordinates
 from flexinv.kinematics.configuration_arrays import difference, moved
 from flexinv.kinematics.mesh import Mesh, build
@@ -51,11 +52,16 @@ def equations(t, c, f, phi, g):
 
 @jit
 def least_squares(p):
-    """Solve p.a x = p.y; whether the rank is full, and the bound of the condition number."""
+    """Solve a x = p.y with p.g = a; whether the rank is full, and the estimate of the condition number, which overwrites x."""
+    clear(p.qr)
+    for e in range(p.fronts.entry.shape[0]):
+        set_entry(p.fronts, p.qr, e, 0, p.g[p.fronts.entry[e, 0], p.fronts.entry[e, 1]])
     if not factor(p):
         return False, np.inf
     solve_factored(p)
-    return True, condition_bound(p)
+    for i in range(p.x.shape[0]):
+        p.step[i] = p.x[i, 0]
+    return True, condition_estimate(p.fronts, p.qr, p.x, p.sign)
 
 
 def frames(size: int) -> tuple[Joints, Frames]:
@@ -120,12 +126,11 @@ def test_equations_of_every_kind() -> None:
 
 
 def problem(a: Array, y: Array) -> Problem:
-    rows, columns = a.shape
-    none, whole, qr = np.zeros(columns), np.zeros(columns, dtype=np.int64), Factor.of(columns, rows)
-    qr.a[:, :, 0] = a.T
+    (rows, columns), fronts = a.shape, fronts_of(a != 0.0)
+    none, x, sign = np.zeros(columns), *np.zeros((2, columns, 1))
     return Problem(
-        whole, np.zeros(1, dtype=bool), np.ones(rows), none, np.zeros((rows, 1)), qr, y[:, None].copy(), none.copy(), none,
-        none, none,
+        np.zeros(columns, dtype=np.int64), np.zeros(1, dtype=bool), np.ones(rows), none, a, fronts, FrontFactors.of(fronts),
+        y[:, None].copy(), x, sign, none.copy(), none, none,
     )  # fmt: skip
 
 
@@ -136,10 +141,10 @@ def test_least_squares(rows: int, columns: int) -> None:
     a[-1] = 2 * a[0] if rows > columns else a[-1]  # a row that repeats another, which nothing contradicts
     y[-1] = 2 * y[0] if rows > columns else y[-1]
     p = problem(a, y)
-    full, bound = least_squares(p)
+    full, estimate = least_squares(p)
     assert full
-    assert abs(p.x - np.linalg.lstsq(a, y, rcond=None)[0]).max() < 1e-11  # conditions of some hundreds
-    assert np.linalg.cond(a) <= bound <= columns * np.linalg.cond(a)
+    assert abs(p.step - np.linalg.lstsq(a, y, rcond=None)[0]).max() < 1e-11  # conditions of some hundreds
+    assert np.linalg.cond(a) <= estimate <= columns**1.5 * np.linalg.cond(a)
 
 
 def test_what_may_lack_rank_is_left_alone() -> None:

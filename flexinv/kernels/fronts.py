@@ -1,0 +1,138 @@
+"""Fronts of a sparse matrix: the order in which `kernels.sparse_qr` eliminates its columns, found once from its pattern."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.kernels.records import by_address
+
+Indices = NDArray[np.int64]
+
+# A front that has no more columns than this takes its child in: one loop of a chain, and no more zeros than that.
+SMALL = 6
+
+
+@by_address
+class Fronts(NamedTuple):
+    """Fronts of a sparse QR, each before the one that takes what it leaves.
+
+    columns : of the matrix; first : (fronts + 1,) of each front's columns in ``column``
+    own : (fronts,) how many of those it eliminates; column : (columns of fronts,) of the matrix
+    place : (columns of fronts,) among those of the parent, -1 for own ones; begin : (fronts + 1,) first row of each front
+    source : (rows of fronts,) row of the matrix, -1 where a child's row comes; start : (fronts + 1,) first value of each front
+    parent : (fronts,) which takes what is left, or -1; base : (fronts,) first row there
+    entry : (entries, 3) row and column of the matrix, and its value's place
+    """
+
+    columns: int
+    first: Indices
+    own: Indices
+    column: Indices
+    place: Indices
+    begin: Indices
+    source: Indices
+    start: Indices
+    parent: Indices
+    base: Indices
+    entry: Indices
+
+
+def fronts_of(pattern: NDArray[np.bool_], last: NDArray[np.bool_] | None = None) -> Fronts:
+    """Return the fronts of a matrix [-] whose entries may stand where ``pattern`` (rows, columns) says.
+
+    last : (columns,) that are eliminated after all others, and so are free where columns depend on each other
+    """
+    count = pattern.shape[1]
+    order, further = _order(pattern, np.zeros(count, dtype=bool) if last is None else last)
+    turn = np.empty(count, dtype=np.int64)
+    turn[order] = np.arange(count)
+    groups = _merged([[c] for c in order], [sorted(f, key=lambda c: turn[c]) for f in further])
+    rows: list[list[int]] = [[] for _ in groups]
+    front = np.empty(count, dtype=np.int64)
+    for f, (own, _) in enumerate(groups):
+        front[own] = f
+    for r, row in enumerate(pattern):
+        where = np.flatnonzero(row)
+        if len(where):
+            rows[int(front[where].min())].append(r)
+    return _laid_out(pattern, groups, rows, front)
+
+
+def _order(pattern: NDArray[np.bool_], last: NDArray[np.bool_]) -> tuple[list[int], list[set[int]]]:
+    """Columns in an order of least degree, and with each those after it that share a row by then."""
+    count = pattern.shape[1]
+    beside: list[set[int]] = [set() for _ in range(count)]
+    for row in pattern:
+        where = set(np.flatnonzero(row).tolist())
+        for c in where:
+            beside[c] |= where
+    for c in range(count):
+        beside[c].discard(c)
+    left, order, further = set(range(count)), [], []
+    while left:
+        c = min(left, key=lambda c: (bool(last[c]), len(beside[c]), c))
+        left.remove(c)
+        order.append(c)
+        further.append(beside[c])
+        for other in beside[c]:
+            beside[other] |= beside[c]
+            beside[other] -= {c, other}
+    return order, further
+
+
+def _merged(own: list[list[int]], further: list[list[int]]) -> list[tuple[list[int], list[int]]]:
+    """Own and other columns of fronts: a child whose columns are its parent's, or few with them, is one front with it."""
+    holder = {column: f for f, columns in enumerate(own) for column in columns}
+    gone = set()
+    for f in range(len(own)):
+        if not further[f]:
+            continue
+        parent = holder[further[f][0]]
+        wide = len(own[parent]) + len(further[parent])
+        if len(further[f]) == wide or len(own[f]) + wide <= SMALL:
+            own[parent] = own[f] + own[parent]
+            for column in own[f]:
+                holder[column] = parent
+            gone.add(f)
+    return [(own[f], further[f]) for f in range(len(own)) if f not in gone]
+
+
+def _laid_out(
+    pattern: NDArray[np.bool_], groups: list[tuple[list[int], list[int]]], rows: list[list[int]], front: Indices
+) -> Fronts:
+    """Return the arrays of the fronts: rows and values one front after the other."""
+    count = len(groups)
+    local = [{column: k for k, column in enumerate(own + others)} for own, others in groups]
+    parent = np.array([front[others[0]] if others else -1 for _, others in groups], dtype=np.int64)
+    source, base = [list(own) for own in rows], np.zeros(count, dtype=np.int64)
+    for f, (_, others) in enumerate(groups):
+        if others:
+            base[f] = len(source[parent[f]])
+            source[parent[f]] += [-1] * min(len(source[f]), len(others))
+    place = [
+        [-1] * len(own) + [local[parent[f]][column] for column in others] for f, (own, others) in enumerate(groups)
+    ]
+    tall, wide = (np.array([len(part) for part in parts], dtype=np.int64) for parts in (source, local))
+    start = _sums(tall * wide)
+    entry = [
+        (r, int(c), int(start[f] + local[f][int(c)] * tall[f] + k))
+        for f in range(count)
+        for k, r in enumerate(rows[f])
+        for c in np.flatnonzero(pattern[r])
+    ]
+    return Fronts(
+        columns=pattern.shape[1], first=_sums(wide), own=np.array([len(own) for own, _ in groups], dtype=np.int64),
+        column=_flat([list(columns) for columns in local]), place=_flat(place), begin=_sums(tall), source=_flat(source),
+        start=start, parent=parent, base=base, entry=np.array(entry, dtype=np.int64).reshape(-1, 3),
+    )  # fmt: skip
+
+
+def _sums(counts: Indices) -> Indices:
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+
+
+def _flat(parts: list[list[int]]) -> Indices:
+    return np.array([item for part in parts for item in part], dtype=np.int64)
