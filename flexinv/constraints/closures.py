@@ -196,7 +196,7 @@ def constraint_jacobian(mesh: Mesh, motion: NodalMotion, rows: Rows) -> Array:
     samples, count = len(motion.x), len(rows)
     if count == 0:
         return np.empty((samples, 0, mesh.mechanism.nv))
-    g = np.empty((samples, count, mesh.mechanism.nv))
+    g = np.zeros((samples, count, mesh.mechanism.nv))
     jacobians(nodes_of(mesh), row_arrays(rows), motion.frames, g)
     return without_rounding(mesh, rows.direction, g)
 
@@ -248,7 +248,7 @@ def without_rounding(mesh: Mesh, direction: NDArray[np.bool_], g: Array) -> Arra
 
     So it is where closures tie nothing: a second bearing of a shaft.  Ranks are told from the largest entry, which then is none.
     """
-    least = ROUNDED * np.where(direction[:, None] | slides(mesh.mechanism), 1.0, mesh.length)
+    least = ROUNDED * np.where(direction[:, None], 1.0, mesh.length / measures(mesh))
     if len(g) and (np.abs(g[0]) <= least).all():  # else there is one that ties something
         g[(np.abs(g) <= least).all(axis=(1, 2))] = 0.0
     return g
@@ -257,7 +257,8 @@ def without_rounding(mesh: Mesh, direction: NDArray[np.bool_], g: Array) -> Arra
 def row_arrays(rows: Rows) -> RowArrays:
     """Return the rows [m], [-] as kernels take them."""
     vectors = rows.place_a, rows.place_b, rows.u, rows.w
-    return RowArrays(rows.direction, rows.a, rows.b, *vectors, rows.gear, rows.offset, rows.place)
+    last = np.searchsorted(rows.closure, rows.closure, side="right")
+    return RowArrays(rows.direction, rows.a, rows.b, *vectors, rows.gear, rows.offset, rows.place, last)
 
 
 @kept_with_owner()

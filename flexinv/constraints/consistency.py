@@ -101,7 +101,7 @@ class GivenLoops:
     ) -> tuple[Array, Array, NDArray[np.int64]]:
         """G, how far the motion is from closed, and where: see `continuation_kernel.closing`."""
         g, worst, at = (
-            np.empty((len(q), len(self.scale), qd.shape[1])),
+            np.zeros((len(q), len(self.scale), qd.shape[1])),
             np.zeros((3, 2)),
             np.zeros((3, 2), dtype=np.int64),
         )

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.constraints.equations import RowArrays, geared, jacobian, residual
+from flexinv.constraints.equations import RowArrays, closure_residuals, geared, jacobian
 from flexinv.kernels.fronts import Fronts
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import by_address
@@ -49,6 +49,7 @@ class Chain(NamedTuple):
     rows: RowArrays
     joints: Joints
     frames: Frames
+    phi: Array  # (rows, 3) closure equations and their rates
 
     @classmethod
     def of(cls, nodes: Nodes, rows: RowArrays) -> Chain:
@@ -56,7 +57,8 @@ class Chain(NamedTuple):
         size = len(nodes.parent)
         one, turns = np.zeros((10, size, 3)), np.zeros((2, size, 3, 3))
         joints = Joints(one[0], one[1], one[2], turns[0], one[3], one[4])
-        return cls(nodes, rows, joints, Frames(one[5], turns[1], one[6], one[7], one[8], one[9]))
+        frames = Frames(one[5], turns[1], one[6], one[7], one[8], one[9])
+        return cls(nodes, rows, joints, frames, np.zeros((len(rows.a), 3)))
 
 
 @by_address
@@ -102,8 +104,9 @@ def _equations(chain, problem, q):
     rows, frames, rest = chain.rows, chain.frames, problem.rest
     move_nodes(chain.nodes, q, rest, rest, chain.joints, frames)
     jacobian(chain.nodes, rows, frames, problem.g)
+    closure_residuals(rows, frames, chain.phi)
     for k in range(problem.scale.shape[0]):
-        problem.y[k, 0] = (residual(k, rows, frames)[0] + geared(k, rows, q, rest, rest)[0]) / problem.scale[k]
+        problem.y[k, 0] = (chain.phi[k, 0] + geared(k, rows, q, rest, rest)[0]) / problem.scale[k]
     _set_matrix(problem)
 
 
@@ -133,7 +136,7 @@ def _largest(y):
 
 @jit_inner
 def newton(chain, problem):
-    """Move problem.guess onto the closures [rad], [m]; whether it got there."""
+    """Move problem.guess onto the closures [rad], [m], and set their equations there; whether it got there."""
     for _ in range(MOST_ITERATIONS):
         _equations(chain, problem, problem.guess)
         if not factor(problem):
@@ -151,8 +154,7 @@ def newton(chain, problem):
 
 @jit_inner
 def _predict(chain, problem, q, rate, dt):
-    """Set problem.guess to q moved on by dt, unknown rates as closures demand; return whether these are determined."""
-    _equations(chain, problem, q)
+    """Set problem.guess to q, where `_equations` has been, moved on by dt; return whether the closures tell the unknown rates."""
     _copy(rate, problem.step)
     for i in range(problem.unknown.shape[0]):
         problem.step[problem.unknown[i]] = 0.0
@@ -178,7 +180,8 @@ def continue_branch(chain, problem, time, q, qd, first):
 
     q : (samples, nq) [rad], [m] holds the given coordinates, and in row ``first`` - 1 all; qd : (samples, nv) their rates [rad/s]
     """
-    for k in range(first, q.shape[0]):
+    _equations(chain, problem, q[first - 1])
+    for k in range(first, q.shape[0]):  # Newton ends with the equations where it ends
         if not _predict(chain, problem, q[k - 1], qd[k - 1], time[k] - time[k - 1]):
             return k
         for i in range(problem.owner.shape[0]):
@@ -206,8 +209,9 @@ def rates(chain, problem, q, qd, qdd, condition):
         condition[s] = np.inf
         move_nodes(nodes, q[s], qd[s], qdd[s], joints, frames)
         jacobian(nodes, rows, frames, problem.g)
+        closure_residuals(rows, frames, chain.phi)
         for k in range(problem.scale.shape[0]):
-            rate = residual(k, rows, frames)[1] + geared(k, rows, q[s], qd[s], qdd[s])[1]
+            rate = chain.phi[k, 1] + geared(k, rows, q[s], qd[s], qdd[s])[1]
             problem.y[k, 0] = rate / problem.scale[k]
         _set_matrix(problem)
         if not factor(problem):
@@ -216,8 +220,9 @@ def rates(chain, problem, q, qd, qdd, condition):
         for i in range(problem.unknown.shape[0]):
             qd[s, problem.unknown[i]] = -problem.x[i, 0] * problem.measure[i]
         move_nodes(nodes, q[s], qd[s], qdd[s], joints, frames)
+        closure_residuals(rows, frames, chain.phi)
         for k in range(problem.scale.shape[0]):
-            second = residual(k, rows, frames)[2] + geared(k, rows, q[s], qd[s], qdd[s])[2]
+            second = chain.phi[k, 2] + geared(k, rows, q[s], qd[s], qdd[s])[2]
             problem.y[k, 0] = second / problem.scale[k]
         solve_factored(problem)
         for i in range(problem.unknown.shape[0]):
@@ -235,7 +240,7 @@ def _hold(worst, at, kind, value, s, k, size):
 
 @jit
 def closing(chain, scale, motion, given, g, worst, at):
-    """Set G (samples, rows, nv) [m/rad], [-] of a motion that is given, and how far it is from closed.
+    """Set G (samples, rows, nv) [m/rad], [-], zero on entry, of a motion that is given, and how far it is from closed.
 
     motion : of all nodes in the world, (samples, nodes, ...) [m, rad, s], which is set, or room for one sample
     given : q (samples, nq), qd, qdd (samples, nv) [rad or m, s]
@@ -247,8 +252,9 @@ def closing(chain, scale, motion, given, g, worst, at):
         frames = frames_at(motion, s if keeps else 0)
         move_nodes(chain.nodes, q[s], qd[s], qdd[s], chain.joints, frames)
         jacobian(chain.nodes, rows, frames, g[s])
+        closure_residuals(rows, frames, chain.phi)
         for k in range(scale.shape[0]):
-            one, two = residual(k, rows, frames), geared(k, rows, q[s], qd[s], qdd[s])
+            one, two = chain.phi[k], geared(k, rows, q[s], qd[s], qdd[s])
             phi, rate, second = one[0] + two[0], one[1] + two[1], one[2] + two[2]
             speed = size = turning = 0.0
             for i in range(qd.shape[1]):

@@ -1,4 +1,12 @@
-"""Closure equations of one configuration in compiled code: the rows of `closures`, their rates, their Jacobian."""
+"""Closure equations of one configuration in compiled code: the rows of `closures`, their rates, their Jacobian.
+
+Seen from the first frame A, in which u is fixed, with e = R_A^T d the place of the second and R = R_A^T R_B its axes there:
+
+    phi = u . e  or  u . R w        phi' = u . e'  or  u . (om x R w)        phi'' = u . e''  or  u . (al x R w + om x (om x R w))
+
+where ' is a rate seen from A and om, al are B's angular velocity and acceleration there.  What a joint between the two does to
+them is its axis, and its slide or what its turn does to the point of B.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +17,31 @@ from numpy.typing import NDArray
 
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import by_address
-from flexinv.kernels.vec3 import add, add_to, apply, cross, dot, mat, mul, put, scale, sub, tapply, vec, vec_at
+from flexinv.kernels.vec3 import (
+    add,
+    add_to,
+    apply,
+    cross,
+    dot,
+    mat,
+    mul,
+    put,
+    scale,
+    sub,
+    tapply,
+    transpose,
+    vec,
+    vec_at,
+)
 from flexinv.kinematics.tree import frames_at
 from flexinv.typing import Array
+
+UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @by_address
 class RowArrays(NamedTuple):
-    """Constraints, one a row: see `closures.Rows` [m], [-]."""
+    """Constraints, one a row: see `closures.Rows` [m], [-]; last : (rows,) the row behind those of the same closure."""
 
     direction: NDArray[np.bool_]
     a: NDArray[np.int64]
@@ -28,6 +53,7 @@ class RowArrays(NamedTuple):
     gear: Array
     offset: Array
     place: NDArray[np.int64]
+    last: NDArray[np.int64]
 
 
 @jit_inner
@@ -58,24 +84,62 @@ def gap(frames, a, b, place_a, place_b):
 
 
 @jit_inner
-def _vectors(k, rows, frames):
-    """u and w, or u and d = x_B - x_A, of row k, each with its two rates."""
-    u = fixed(frames, rows.a[k], vec(rows.u[k]))
-    if rows.direction[k]:
-        return u, fixed(frames, rows.b[k], vec(rows.w[k]))
-    return u, gap(frames, rows.a[k], rows.b[k], vec(rows.place_a[k]), vec(rows.place_b[k]))
+def _axes(frames, n):
+    """Axes of node n in the world."""
+    return mat(frames.r[n]) if n >= 0 else UNIT
 
 
 @jit_inner
-def residual(k, rows, frames):
-    """Return phi = u . w [m], [-], phi' and phi'' = u''.w + 2 u'.w' + u.w'' of row k."""
-    (u, u1, u2), (w, w1, w2) = _vectors(k, rows, frames)
-    return dot(u, w), dot(u1, w) + dot(u, w1), dot(u2, w) + 2 * dot(u1, w1) + dot(u, w2)
+def _place_seen(k, rows, frames):
+    """Place of frame B seen from frame A, R_A^T d, and its two rates there."""
+    a = rows.a[k]
+    d, d1, d2 = gap(frames, a, rows.b[k], vec(rows.place_a[k]), vec(rows.place_b[k]))
+    if a < 0:
+        return d, d1, d2
+    r, w, al = mat(frames.r[a]), vec(frames.w[a]), vec(frames.al[a])
+    e, e1, e2 = tapply(r, d), tapply(r, d1), tapply(r, d2)
+    e1 = sub(e1, cross(w, e))
+    return e, e1, sub(sub(e2, cross(al, e)), cross(w, add(cross(w, e), scale(2.0, e1))))
+
+
+@jit_inner
+def _turn_seen(k, rows, frames):
+    """Axes of frame B seen from frame A, its angular velocity there, and the rate of that."""
+    a, b, none = rows.a[k], rows.b[k], (0.0, 0.0, 0.0)
+    r, s = _axes(frames, a), _axes(frames, b)
+    w, al = (vec(frames.w[b]), vec(frames.al[b])) if b >= 0 else (none, none)
+    w, al = tapply(r, apply(s, w)), tapply(r, apply(s, al))
+    if a >= 0:
+        own = vec(frames.w[a])
+        w = sub(w, own)
+        al = sub(sub(al, vec(frames.al[a])), cross(own, w))
+    return mul(transpose(r), s), w, al
+
+
+@jit_inner
+def closure_residuals(rows, frames, phi):
+    """Set phi = u . w [m], [-], phi' and phi'' (rows, 3) of all rows, those of couplings to zero (`geared`)."""
+    k = 0
+    while k < rows.a.shape[0]:
+        last = rows.last[k]
+        place, turned = _place_seen(k, rows, frames), _turn_seen(k, rows, frames)
+        r, w, al = turned
+        for i in range(k, last):
+            u = vec(rows.u[i])
+            if rows.direction[i]:
+                seen = apply(r, vec(rows.w[i]))
+                rate = cross(w, seen)
+                put(phi[i], 0, (dot(u, seen), dot(u, rate), dot(u, add(cross(al, seen), cross(w, rate)))))
+            else:
+                put(phi[i], 0, (dot(u, place[0]), dot(u, place[1]), dot(u, place[2])))
+        k = last
 
 
 @jit_inner
 def geared(k, rows, q, qd, qdd):
     """Return the terms of a coupling of joint coordinates in row k: sum gear q - offset [rad], [m], and its two rates."""
+    if rows.a[k] >= 0 or rows.b[k] >= 0:
+        return 0.0, 0.0, 0.0
     phi, rate, second = -rows.offset[k], 0.0, 0.0
     for i in range(rows.place.shape[0]):
         if rows.gear[k, i] != 0.0:
@@ -86,41 +150,50 @@ def geared(k, rows, q, qd, qdd):
 
 
 @jit_inner
-def _add_path(nodes, frames, node, force, moment, out):
-    """Add the joint efforts of a wrench on a node, moment about it (world), along the path to the root."""
-    n = node
-    while n >= 0:
-        k = nodes.v_index[n]
-        if k >= 0:
-            r = mat(frames.r[n])
-            push = tapply(r, force)
-            turn = tapply(r, add(moment, cross(sub(vec(frames.x[node]), vec(frames.x[n])), force)))
-            for i in range(nodes.freedoms[n]):
-                out[k + i] += dot(vec(nodes.slide[n, i]), push) + dot(vec(nodes.turn[n, i]), turn)
-        n = nodes.parent[n]
+def _add_joint(nodes, rows, frames, n, sign, seen, g):
+    """Set what the joint of node n does to the rows of a closure; ``seen``: first row, axes of A, those of B there, B's point."""
+    k, axes, turned, place = seen
+    if nodes.v_index[n] < 0:
+        return
+    r, arm = mul(transpose(axes), mat(frames.r[n])), tapply(axes, sub(place, vec(frames.x[n])))
+    for j in range(nodes.freedoms[n]):
+        turn = scale(sign, apply(r, vec(nodes.turn[n, j])))
+        moved = add(scale(sign, apply(r, vec(nodes.slide[n, j]))), cross(turn, arm))
+        for i in range(k, rows.last[k]):
+            u = vec(rows.u[i])
+            g[i, nodes.v_index[n] + j] = (
+                dot(turn, cross(apply(turned, vec(rows.w[i])), u)) if rows.direction[i] else dot(u, moved)
+            )
 
 
 @jit_inner
 def jacobian(nodes, rows, frames, g):
-    """Set G (rows, nv) [m/rad], [-], phi' = G qd: each row is the joint efforts of a unit multiplier."""
-    for k in range(rows.a.shape[0]):
-        for i in range(rows.place.shape[0]):
-            g[k, i] = rows.gear[k, i]
-        (u, _, _), (w, _, _) = _vectors(k, rows, frames)
-        if rows.direction[k]:
-            none = (0.0, 0.0, 0.0)
-            _add_path(nodes, frames, rows.b[k], none, cross(w, u), g[k])
-            _add_path(nodes, frames, rows.a[k], none, cross(u, w), g[k])
-        else:
-            arm_a, _, _ = fixed(frames, rows.a[k], vec(rows.place_a[k]))
-            arm_b, _, _ = fixed(frames, rows.b[k], vec(rows.place_b[k]))
-            _add_path(nodes, frames, rows.b[k], u, cross(arm_b, u), g[k])
-            _add_path(nodes, frames, rows.a[k], scale(-1.0, u), cross(u, add(arm_a, w)), g[k])
+    """Set entries of G (rows, nv) [m/rad], [-], phi' = G qd: each row is the joint efforts of a unit multiplier.
+
+    Joints between the two frames of a closure have entries, and those of couplings; others are left alone, and are zero.
+    """
+    k = 0
+    while k < rows.a.shape[0]:
+        a, b = rows.a[k], rows.b[k]
+        if a < 0 and b < 0:
+            for i in range(rows.place.shape[0]):
+                if rows.gear[k, i] != 0.0:
+                    g[k, i] = rows.gear[k, i]
+        axes, (place, _, _) = _axes(frames, a), point(frames, b, vec(rows.place_b[k]))
+        seen = k, axes, mul(transpose(axes), _axes(frames, b)), place
+        while a != b:  # parents come before their children: both ways end where they meet
+            if a > b:
+                _add_joint(nodes, rows, frames, a, -1.0, seen, g)
+                a = nodes.parent[a]
+            else:
+                _add_joint(nodes, rows, frames, b, 1.0, seen, g)
+                b = nodes.parent[b]
+        k = rows.last[k]
 
 
 @jit
 def jacobians(nodes, rows, frames, g):
-    """Set G of every sample (samples, rows, nv) [m/rad], [-] from the motion of the nodes."""
+    """Set G of every sample (samples, rows, nv) [m/rad], [-], zero on entry, from the motion of the nodes."""
     for s in range(g.shape[0]):
         jacobian(nodes, rows, frames_at(frames, s), g[s])
 
@@ -129,9 +202,7 @@ def jacobians(nodes, rows, frames, g):
 def residual_samples(rows, frames, phi):
     """Set phi [m], [-], phi' and phi'', (samples, rows, 3), of every sample from the motion of the nodes."""
     for s in range(phi.shape[0]):
-        f = frames_at(frames, s)
-        for k in range(rows.a.shape[0]):
-            put(phi[s, k], 0, residual(k, rows, f))
+        closure_residuals(rows, frames_at(frames, s), phi[s])
 
 
 @by_address
@@ -152,25 +223,22 @@ def closing_samples(rows, closure, ends, frames, multipliers, force, moment, wre
     """Add what multipliers (samples, rows) [N], [N m] do to nodes, and set what each closure does to the second of its links.
 
     closure : (rows,) of each row; force, moment : (samples, nodes, 3) on the nodes, about them (world)
-    wrench : (closures, samples, 6) force and moment at the closures' ends, in the axes there
+    wrench : (closures, samples, 6), zero on entry, force and moment at the closures' ends, in the axes there
     """
     for s in range(multipliers.shape[0]):
         f = frames_at(frames, s)
-        for n in range(wrench.shape[0]):
-            put(wrench[n, s], 0, (0.0, 0.0, 0.0))
-            put(wrench[n, s], 3, (0.0, 0.0, 0.0))
-        for k in range(rows.a.shape[0]):
-            if multipliers[s, k] == 0.0:
-                continue
-            push, on_a, on_b = _wrenches(k, rows, f, multipliers[s, k])
+        k = 0
+        while k < rows.a.shape[0]:
+            push, on_a, on_b = _wrenches(k, rows, f, multipliers[s])
             if rows.b[k] >= 0:
                 add_to(force[s, rows.b[k]], 0, push)
                 add_to(moment[s, rows.b[k]], 0, on_b)
             if rows.a[k] >= 0:
                 add_to(force[s, rows.a[k]], 0, scale(-1.0, push))
                 add_to(moment[s, rows.a[k]], 0, on_a)
-            add_to(wrench[closure[k], s], 0, push)
-            add_to(wrench[closure[k], s], 3, on_b if ends.second[closure[k]] else scale(-1.0, on_a))
+            put(wrench[closure[k], s], 0, push)
+            put(wrench[closure[k], s], 3, on_b if ends.second[closure[k]] else sub((0.0, 0.0, 0.0), on_a))
+            k = rows.last[k]
         for n in range(wrench.shape[0]):
             if ends.node[n] >= 0:
                 _show(wrench[n, s], mat(f.r[ends.node[n]]), vec(ends.place[n]), mat(ends.turn[n]))
@@ -185,13 +253,19 @@ def _show(wrench, turned, place, turn):
 
 
 @jit_inner
-def _wrenches(k, rows, frames, size):
-    """Force on the second node, and moments on the first and on the second, of a multiplier (world, about the nodes)."""
-    (u, _, _), (w, _, _) = _vectors(k, rows, frames)
-    on_a = scale(size, cross(u, w))
-    if rows.direction[k]:
-        return (0.0, 0.0, 0.0), on_a, scale(-1.0, on_a)
-    push = scale(size, u)
-    arm_a, _, _ = fixed(frames, rows.a[k], vec(rows.place_a[k]))
-    arm_b, _, _ = fixed(frames, rows.b[k], vec(rows.place_b[k]))
-    return push, sub(on_a, cross(arm_a, push)), cross(arm_b, push)
+def _wrenches(k, rows, frames, multipliers):
+    """Force on the second node, and moments on the first and on the second, of one closure's rows (world, about the nodes)."""
+    a, b = rows.a[k], rows.b[k]
+    axes = _axes(frames, a)
+    turned, push, turn = mul(transpose(axes), _axes(frames, b)), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for i in range(k, rows.last[k]):
+        u = vec(rows.u[i])
+        if rows.direction[i]:
+            turn = add(turn, scale(multipliers[i], cross(apply(turned, vec(rows.w[i])), u)))
+        else:
+            push = add(push, scale(multipliers[i], u))
+    push, turn = apply(axes, push), apply(axes, turn)
+    at_b, _, _ = point(frames, b, vec(rows.place_b[k]))
+    arm_a = sub(at_b, vec(frames.x[a])) if a >= 0 else at_b
+    arm_b = sub(at_b, vec(frames.x[b])) if b >= 0 else at_b
+    return push, sub(cross(push, arm_a), turn), add(turn, cross(arm_b, push))

@@ -23,7 +23,7 @@ def closing(mesh: Mesh, motion: NodalMotion, rows: Rows, multipliers: Array) -> 
     multipliers : (samples, rows) of the closures, or of their impulses
     """
     closures, (force, moment) = mesh.mechanism.closures, np.zeros((2, *motion.x.shape))
-    wrench = np.empty((len(closures), len(motion.x), 6))
+    wrench = np.zeros((len(closures), len(motion.x), 6))
     closing_samples(
         row_arrays(rows), rows.closure, _ends(mesh), motion.frames, plain(multipliers), force, moment, wrench
     )
