@@ -62,7 +62,6 @@ ALONE = {
     "flexinv.kernels.inner_library": "what Numba links, which knows nothing of files on disk",
     "flexinv.model.drive": DATA,
     "flexinv.constraints.allocation_kernel": KERNEL,
-    "flexinv.dynamics.tree_solver": EQUATIONS,
     "flexinv.rigid.derivative_kernel": KERNEL,
     "flexinv.rigid.nodal_result": "a record that callers get, apart from the function that is prepared",
     "flexinv.rigid.regressor_kernel": KERNEL,

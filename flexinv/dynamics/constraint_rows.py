@@ -9,12 +9,14 @@ With K of the tree, every row k of the border adds an unknown lambda_k (a multip
 
     K y - C dlambda = -r          A_k . y + e_k dlambda_k = -phi_k
 
-solved by y = y_0 + K^-1 C dlambda on the tree, and the border  (A K^-1 C + e) dlambda = -phi - A y_0  with complete pivoting:
+solved by y = y_0 + K^-1 C dlambda on the tree, and the border  (A K^-1 C + e) dlambda = -phi - A y_0  with pivoting:
 rows that add nothing (redundant constraints of planar loops, closures that do not act) are found there and keep their unknowns.
+A row has to do with the parts of the mechanism (`dynamics.dofs`) that its nodes belong to, and with no other: `Layout` has which.
 """
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +24,8 @@ from numpy.typing import NDArray
 
 from flexinv.constraints.closures import Rows
 from flexinv.constraints.equations import fixed, gap
-from flexinv.kernels.dense import solve_symmetric
+from flexinv.dynamics.dofs import Topology
+from flexinv.kernels.block_elimination import Blocks, Pivots, blocks_of, factorise_blocks, solve_blocks
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import ZERO, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
@@ -47,7 +50,7 @@ class Ties(NamedTuple):
     give : (rows,) what the row's own multiplier adds to its equation: 1 where it is a spring's force, else 0
     gradient : (rows, 12) by the motion of a (world, own frame) and of b
     gear : (rows, unknowns) factors of couplings; given : (rows, 3) what joints with a motion add to their equation, and its rates
-    sides, across : (rows, unknowns) -C and -A of `border`; border : (rows, rows + 1); order, step, kept : (rows,) scratch
+    sides, across : (rows, unknowns) -C and -A; border : (rows, rows) A K^-1 C + e, pivots : its factors; step, kept : (rows,)
     """
 
     kind: NDArray[np.int64]
@@ -67,9 +70,63 @@ class Ties(NamedTuple):
     sides: Array
     across: Array
     border: Array
-    order: NDArray[np.int64]
+    pivots: Pivots
     step: Array
     kept: Array
+
+
+@by_address
+class Layout(NamedTuple):
+    """Parts of the mechanism that the rows of the border have to do with.
+
+    span : (parts + 1,) first unknown of each part; first_part : (rows + 1,) of each row in ``part``
+    first_side : (parts + 1,) of each part in ``side``: right sides of its solve, 0 the residual, then 1 + row
+    blocks : closures and springs, coupled where they share a part; whole : all of them as one
+    """
+
+    span: NDArray[np.int64]
+    first_part: NDArray[np.int64]
+    part: NDArray[np.int64]
+    first_side: NDArray[np.int64]
+    side: NDArray[np.int64]
+    blocks: Blocks
+    whole: Blocks
+
+
+def layout(span: NDArray[np.int64], touched: NDArray[np.bool_], group: NDArray[np.int64]) -> Layout:
+    """Return the layout of a border [-] whose rows have to do with the parts ``touched`` (rows, parts).
+
+    group : (rows,) the closure or spring of each row, which does not fall; span : (parts + 1,) first unknown of each part
+    """
+    count, parts = touched.shape
+    lengths = np.unique(group, return_counts=True)[1]
+    ends = np.cumsum([0, *lengths])
+    coupled = np.array([touched[first:last].any(axis=0) for first, last in pairwise(ends)], dtype=bool)
+    sides = [np.concatenate([[0], 1 + np.flatnonzero(column)]) for column in touched.T]
+    return Layout(
+        span=span, first_part=_ends(touched.sum(axis=1)), part=np.nonzero(touched)[1].astype(np.int64),
+        first_side=_ends([len(side) for side in sides]), side=np.concatenate(sides).astype(np.int64),
+        blocks=blocks_of(lengths.tolist(), coupled.reshape(-1, parts).T),
+        whole=blocks_of([count], np.ones((1, 1), dtype=bool)),
+    )  # fmt: skip
+
+
+def touched_parts(topology: Topology, a: NDArray[np.int64], b: NDArray[np.int64], gear: Array) -> NDArray[np.bool_]:
+    """Return the parts (rows, parts) [-] that rows have to do with: those of their nodes, -1 the world, and of their couplings.
+
+    gear : (rows, unknowns) factors of couplings
+    """
+    found = np.zeros((len(a), len(topology.span) - 1), dtype=bool)
+    for nodes in (a, b):
+        held = np.flatnonzero(nodes >= 0)
+        found[held, topology.part[topology.block[nodes[held]]]] = True
+    for unknown in np.flatnonzero((gear != 0.0).any(axis=0)):
+        found[gear[:, unknown] != 0.0, np.searchsorted(topology.span, unknown, side="right") - 1] = True
+    return found
+
+
+def _ends(counts: Any) -> NDArray[np.int64]:
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 
 def ties(rows: Rows, pulls: int, by_unknown: Array) -> Ties:
@@ -101,8 +158,8 @@ def ties(rows: Rows, pulls: int, by_unknown: Array) -> Ties:
         given=np.zeros((n, 3)),
         sides=np.zeros((n, unknowns)),
         across=np.zeros((n, unknowns)),
-        border=np.zeros((n, n + 1)),
-        order=np.zeros(n, dtype=np.int64),
+        border=np.zeros((n, n)),
+        pivots=Pivots.of(n),
         step=np.zeros(n),
         kept=np.zeros(n),
     )
@@ -204,23 +261,26 @@ def add_gears(constraints, residual):
 
 
 @jit_inner
-def tie_sides(topology, constraints, variation, length, residual):
+def tie_sides(topology, constraints, plan, variation, residual):
     """Put -C, by unknowns, into the right sides 1.. of the solve [N], [N m] per unit multiplier; A = C^T for constraints."""
     for k in range(len(constraints.a)):
-        for i in range(residual.shape[1]):
-            constraints.sides[k, i] = -constraints.gear[k, i]
+        for n in range(plan.first_part[k], plan.first_part[k + 1]):
+            for i in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
+                constraints.sides[k, i] = -constraints.gear[k, i]
         _add_side(topology, constraints.a[k], variation, constraints.gradient[k], 0, constraints.sides[k])
         _add_side(topology, constraints.b[k], variation, constraints.gradient[k], 6, constraints.sides[k])
         largest = 0.0
-        for i in range(residual.shape[1]):
-            largest = max(largest, abs(constraints.sides[k, i]))
-        if largest < MOVES_NOTHING * length:
-            for i in range(residual.shape[1]):
-                constraints.sides[k, i] = 0.0
-        for i in range(residual.shape[1]):
-            residual[1 + k, i] = constraints.sides[k, i]
-            if constraints.kind[k] != PULL:
-                constraints.across[k, i] = constraints.sides[k, i]
+        for n in range(plan.first_part[k], plan.first_part[k + 1]):
+            for i in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
+                largest = max(largest, abs(constraints.sides[k, i]))
+        moves = not largest < MOVES_NOTHING * topology.length
+        for n in range(plan.first_part[k], plan.first_part[k + 1]):
+            for i in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
+                if not moves:
+                    constraints.sides[k, i] = 0.0
+                residual[1 + k, i] = constraints.sides[k, i]
+                if constraints.kind[k] != PULL:
+                    constraints.across[k, i] = constraints.sides[k, i]
 
 
 @jit_inner
@@ -240,31 +300,42 @@ REDUNDANT_PIVOT = 1e-10
 
 
 @jit_inner
-def solve_border(constraints, unit, y):
-    """Find the increments of the border's unknowns and add what they do to y[0] [m], [rad].
-
-    y : (1 + rows, unknowns), y_0 and then K^-1 C; ``unit`` scales the equations of constraints
-    """
-    rows = len(constraints.a)
-    for i in range(rows):
-        for j in range(rows):
-            constraints.border[i, j] = -product(constraints.across[i], y[1 + j])
-        constraints.border[i, i] -= constraints.give[i]
-        constraints.border[i, rows] = product(constraints.across[i], y[0]) - constraints.value[i] / (
-            unit if constraints.give[i] == 0.0 else 1.0
-        )
-    work = constraints.order, constraints.value
-    solve_symmetric(constraints.border, rows, REDUNDANT_PIVOT, constraints.step, work)
-    for k in range(rows):
-        constraints.multiplier[k] += constraints.step[k]
-        for i in range(y.shape[1]):
-            y[0, i] += constraints.step[k] * y[1 + k, i]
+def factorise_border(constraints, plan, blocks, y):
+    """Factor A K^-1 C + e [m/N], [rad/N m], with y (1 + rows, unknowns), y_0 and then K^-1 C; blocks : of the plan."""
+    for b in range(blocks.start.shape[0]):
+        for i in range(blocks.start[b], blocks.end[b]):
+            for j in range(blocks.start[b], blocks.end[b]):
+                constraints.border[i, j] = -_along(constraints, plan, i, y[1 + j])
+            for n in range(blocks.first[b], blocks.first[b + 1]):
+                for j in range(blocks.start[blocks.beside[n]], blocks.end[blocks.beside[n]]):
+                    constraints.border[i, j] = -_along(constraints, plan, i, y[1 + j])
+                    constraints.border[j, i] = -_along(constraints, plan, j, y[1 + i])
+            constraints.border[i, i] -= constraints.give[i]
+    factorise_blocks(constraints.border, blocks, REDUNDANT_PIVOT, constraints.pivots)
 
 
 @jit_inner
-def product(a, b):
-    """Return a . b of two rows [any unit]."""
-    total = 0.0
-    for i in range(len(a)):
-        total += a[i] * b[i]
+def solve_border(constraints, plan, blocks, unit, y):
+    """Find the increments of the border's unknowns and add what they do to y[0] [m], [rad].
+
+    y : (1 + rows, unknowns), y_0 and then K^-1 C, of the factors at hand; ``unit`` scales the equations of constraints
+    """
+    for k in range(len(constraints.a)):
+        given = constraints.value[k] / (unit if constraints.give[k] == 0.0 else 1.0)
+        constraints.value[k] = _along(constraints, plan, k, y[0]) - given
+    solve_blocks(constraints.border, blocks, constraints.pivots, constraints.value, constraints.step)
+    for k in range(len(constraints.a)):
+        constraints.multiplier[k] += constraints.step[k]
+        for n in range(plan.first_part[k], plan.first_part[k + 1]):
+            for i in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
+                y[0, i] += constraints.step[k] * y[1 + k, i]
+
+
+@jit_inner
+def _along(constraints, plan, k, y):
+    """-A y of row k: only the parts of its nodes have to do with it."""
+    total, across = 0.0, constraints.across[k]
+    for n in range(plan.first_part[k], plan.first_part[k + 1]):
+        for i in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
+            total += across[i] * y[i]
     return total

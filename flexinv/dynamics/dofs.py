@@ -3,7 +3,9 @@
 *Independent* nodes are the beam sections beyond each root: six unknowns each.  All other nodes *depend* on one of
 them (or on the world) through rigid offsets and joints; they are eliminated exactly.  A dependent joint without a
 prescribed motion (a passive joint) adds its own freedoms.  An independent node, the nodes that depend on it and the passive
-freedoms among them form one *block* of unknowns; block 0 hangs on the world and has passive freedoms only.
+freedoms among them form one *block* of unknowns.  The first blocks hang on the world, one for each joint there, and have passive
+freedoms only; a *part* of the mechanism is such a block with all that hangs on it.  Parts share no element and no inertia:
+closures and springs alone couple them.
 """
 
 from __future__ import annotations
@@ -30,7 +32,8 @@ class Topology(NamedTuple):
     """Nodes, blocks and passive freedoms as the march needs them.
 
     parent, block : (nodes,); independent : (nodes,) bool
-    size, offset : (blocks,) number of unknowns and first unknown of each block
+    size, offset : (blocks,) number of unknowns and first unknown of each block; part : (blocks,) of the mechanism
+    span : (parts + 1,) first unknown of each part; the first block of a part has its number
     freedoms, column : (nodes,) passive freedoms of the node's joint and their first column in the block
     triple : (nodes,) first of three freedoms that are a rotation vector, -1 without
     slide, turn : (nodes, 6, 3) axes of the passive freedoms, in the parent's and in the node's frame [-]
@@ -43,6 +46,8 @@ class Topology(NamedTuple):
     independent: NDArray[np.bool_]
     size: NDArray[np.int64]
     offset: NDArray[np.int64]
+    part: NDArray[np.int64]
+    span: NDArray[np.int64]
     freedoms: NDArray[np.int64]
     column: NDArray[np.int64]
     triple: NDArray[np.int64]
@@ -86,13 +91,17 @@ def topology(mesh: Mesh, passive: Collection[str]) -> Topology:
 @kept_with_owner()
 def _topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
     independent = mesh.kind == SECTION
-    block = np.zeros(mesh.size, dtype=np.int64)
-    block[independent] = 1 + np.arange(independent.sum())
-    for node in range(mesh.size):
-        if not independent[node] and mesh.parent[node] >= 0:
-            block[node] = block[mesh.parent[node]]
-    size = np.full(1 + int(independent.sum()), 6, dtype=np.int64)
-    size[0] = 0
+    roots = np.flatnonzero(mesh.parent < 0)
+    parts = max(len(roots), 1)
+    block, part = np.zeros(mesh.size, dtype=np.int64), np.arange(parts + int(independent.sum()))
+    block[roots], block[independent] = np.arange(len(roots)), parts + np.arange(independent.sum())
+    for node in np.flatnonzero(mesh.parent >= 0).tolist():
+        before = block[mesh.parent[node]]
+        if independent[node]:
+            part[block[node]] = part[before]
+        else:
+            block[node] = before
+    size = np.where(np.arange(len(part)) < parts, 0, 6)
     freedoms, column, triple = np.zeros((3, mesh.size), dtype=np.int64)
     triple[:] = -1
     slide, turn, law = *np.zeros((2, mesh.size, 6, 3)), np.zeros((5, mesh.size))
@@ -104,15 +113,23 @@ def _topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
             slide[node], turn[node] = mesh.slide[node] @ mesh.rotation[node].T, mesh.turn[node]
             triple[node] = {SPHERICAL: 0, FREE: 3}.get(int(mesh.kind[node]), -1)
             law[:, node] = mesh.mechanism.drive_table[:, mesh.v_index[node]]
-    offset = np.concatenate([[0], np.cumsum(size)[:-1]]).astype(np.int64)
+    offset, span = laid_out(size, part)
     rotor, damping, friction, spring, rest = law
     scale, gravity = np.ones(int(size.sum())), np.array(mesh.mechanism.gravity, dtype=float)
     found = Topology(
-        mesh.parent, block, independent, size, offset, freedoms, column, triple, slide, turn,
+        mesh.parent, block, independent, size, offset, part, span, freedoms, column, triple, slide, turn,
         rotor, damping, friction, spring, rest, scale, mesh.mass, mesh.inertia, gravity, mesh.length,
     )  # fmt: skip
     _set_scale(found)
     return found
+
+
+def laid_out(size: Indices, part: Indices) -> tuple[Indices, Indices]:
+    """Return the first unknown of each block and of each part [-], part by part, from the sizes and parts of the blocks."""
+    order, offset = np.argsort(part, kind="stable"), np.empty_like(size)
+    offset[order] = np.cumsum(size[order]) - size[order]
+    counts = np.bincount(part, weights=size).astype(np.int64)
+    return offset, np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 
 def _check_passive(joint: Joint) -> None:
@@ -142,7 +159,7 @@ def _joint_of_node(mesh: Mesh) -> dict[int, Joint]:
 
 def _set_scale(topology: Topology) -> None:
     """Length of the mechanism for translations, 1 for rotations: convergence is judged on increments over this."""
-    for first in topology.offset[1:]:
+    for first in topology.offset[topology.block[topology.independent]]:
         topology.scale[first : first + 3] = topology.length
     for node in np.flatnonzero(topology.freedoms):
         first, count = topology.offset[topology.block[node]] + topology.column[node], topology.freedoms[node]

@@ -12,9 +12,9 @@ forces stay as they are: positions and velocities do not change.
 from __future__ import annotations
 
 from flexinv.dynamics.assembly import forward_pass, node_wrenches
-from flexinv.dynamics.constraint_rows import PULL, add_ties, solve_border, tie_rows, tie_sides
+from flexinv.dynamics.constraint_rows import PULL, add_ties, factorise_border, solve_border, tie_rows, tie_sides
 from flexinv.dynamics.constraint_rows import SECOND_RATES as RATED
-from flexinv.kernels.dense import solve_dense
+from flexinv.dynamics.tree_solver import solve_block
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.vec3 import apply, dot, mat, vec
 from flexinv.kinematics.tree import bring_back
@@ -31,18 +31,19 @@ def project_accelerations(system, joints, y):
     """
     topology, ties, state, frames = system.topology, system.border.ties, system.state, system.frames
     work, variation, level = system.work, system.variation, system.loads.level[0]
-    full, change = work.settled[0], work.settled[1]
+    full, change, plan = work.settled[0], work.settled[1], system.border.layout
     forward_pass(topology, state, joints, frames, variation, 0.0, 1.0, True)
     _copy(work.wrench, full)
     node_wrenches(topology, frames, variation, level, work, False)
     _negative(work.wrench, change)
     tie_rows(ties, state, frames, RATED)
-    tie_sides(topology, ties, variation, topology.length, work.residual)
+    tie_sides(topology, ties, plan, variation, work.residual)
     for k in range(len(ties.a)):  # springs keep their forces
         if ties.kind[k] == PULL:
             ties.value[k] = 0.0
     solve_masses(system, y)
-    solve_border(ties, 1.0, y)
+    factorise_border(ties, plan, plan.blocks, y)
+    solve_border(ties, plan, plan.blocks, 1.0, y)
     for i in range(y.shape[1]):
         state.du[i] += y[0, i]
     forward_pass(topology, state, joints, frames, variation, 0.0, 1.0, False)
@@ -69,7 +70,10 @@ def solve_masses(system, y):
                 ties.across[k, i] = 0.0
     _set_masses(system.topology, system.variation, system.work.diagonal)
     weigh_massless(system.topology, system.work.diagonal)
-    _solve_blocks(system.topology, system.work, y)
+    topology, plan = system.topology, system.border.layout
+    for b in range(len(topology.size)):
+        part = topology.part[b]
+        solve_block(topology, system.work, b, plan.side[plan.first_side[part] : plan.first_side[part + 1]], y)
 
 
 @jit_inner
@@ -108,23 +112,6 @@ def weigh_massless(topology, diagonal):
             unit = topology.scale[topology.offset[b] + k] ** 2
             if abs(diagonal[b, k, k]) * unit < MASSLESS * largest:
                 diagonal[b, k, k] = largest / unit
-
-
-@jit_inner
-def _solve_blocks(topology, work, y):
-    """y = -M^-1 residual for all right sides, block by block."""
-    sides, system = y.shape[0], work.system
-    for b in range(len(topology.size)):
-        size, first = topology.size[b], topology.offset[b]
-        for r in range(size):
-            for c in range(size):
-                system[r, c] = work.diagonal[b, r, c]
-            for side in range(sides):
-                system[r, size + side] = -work.residual[side, first + r]
-        solve_dense(system, size, size + sides)
-        for r in range(size):
-            for side in range(sides):
-                y[side, first + r] = system[r, size + side]
 
 
 @jit_inner

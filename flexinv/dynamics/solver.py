@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from flexinv.constraints.closures import constraint_rows, coupling_residuals
 from flexinv.dynamics.assembly import LARGEST_TURN
-from flexinv.dynamics.constraint_rows import ties
+from flexinv.dynamics.constraint_rows import Layout, layout, ties, touched_parts
 from flexinv.dynamics.dofs import ElementArrays, Topology, element_arrays, topology
 from flexinv.dynamics.generalized_alpha import Scheme
 from flexinv.dynamics.loads import Loads, load_table, loads_of
@@ -141,8 +141,10 @@ class Solver:
         variation = Variation(*(np.zeros((mesh.size, widest, 3)) for _ in range(6)))
         loads, rows = loads_of(mesh, unknowns), constraint_rows(mesh)
         tied = ties(rows, len(mesh.mechanism.springs), by_unknown(mesh, t))
-        border, sides = Border(tied, pulls(mesh, tied)), 1 + len(tied.a)
-        work = _work(mesh, t, unknowns, widest, sides)
+        springs, sides = pulls(mesh, tied), 1 + len(tied.a)
+        group = np.concatenate([rows.closure, rows.closure.max(initial=-1) + 1 + np.arange(sides - 1 - len(rows)) // 3])
+        border = Border(tied, springs, layout(t.span, touched_parts(t, tied.a, tied.b, tied.gear), group))
+        work = _work(mesh, t, widest, border.layout)
         increment, instant = np.zeros((sides, unknowns)), Trajectory.empty(1, mesh, len(rows))
         return cls(
             mesh, t, element_arrays(mesh), state, frames, variation, work, loads, increment, border, instant, efforts
@@ -268,14 +270,14 @@ def complaint(
     )
 
 
-def _work(mesh: Mesh, topology: Topology, unknowns: int, widest: int, sides: int) -> Work:
+def _work(mesh: Mesh, topology: Topology, widest: int, layout: Layout) -> Work:
     elements, count = mesh.elements.nodes.shape if mesh.elements.nodes.size else (0, 1)
     rows = max((_rows(topology, mesh, k) for k in range(elements)), default=0)
-    damped = bool(mesh.elements.damping.any())
+    damped, sides = bool(mesh.elements.damping.any()), int(np.diff(layout.first_side).max(initial=1))
     return Work(
         wrench=np.zeros((mesh.size, 6)),
         dwrench=np.zeros((mesh.size, widest, 6)),
-        residual=np.zeros((sides, unknowns)),
+        residual=np.zeros((len(layout.first_part), len(topology.scale))),
         diagonal=np.zeros((len(topology.size), widest, widest)),
         tangent=np.zeros((elements, 6 * count, 6 * count + 6 * damped)),
         internal=np.zeros((elements, max(count - 1, 0), 6)),

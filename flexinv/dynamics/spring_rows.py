@@ -148,13 +148,15 @@ def pull_rows(springs, constraints, frames, level):
 
 
 @jit_inner
-def pull_sides(topology, springs, constraints, frames, variation):
+def pull_sides(topology, springs, border, frames, variation):
     """Set the equations of all springs by the unknowns [N] per unit, with the rates that go with them."""
+    constraints, plan = border.ties, border.layout
     for k in range(len(springs.row)):
         for i in range(3):
             row = springs.row[k] + i
-            for j in range(constraints.across.shape[1]):
-                constraints.across[row, j] = 0.0
+            for n in range(plan.first_part[row], plan.first_part[row + 1]):
+                for j in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
+                    constraints.across[row, j] = 0.0
             for n, place, sign in (
                 (constraints.a[row], constraints.place_a[row], -1.0),
                 (constraints.b[row], constraints.place_b[row], 1.0),

@@ -5,7 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from flexinv.dynamics.assembly import add_elements, forward_pass, gather, node_wrenches
-from flexinv.dynamics.constraint_rows import PULL, RATES, VALUES, add_gears, add_ties, solve_border, tie_rows, tie_sides
+from flexinv.dynamics.constraint_rows import (
+    PULL,
+    RATES,
+    VALUES,
+    add_gears,
+    add_ties,
+    factorise_border,
+    solve_border,
+    tie_rows,
+    tie_sides,
+)
 from flexinv.dynamics.constraint_rows import SECOND_RATES as RATED
 from flexinv.dynamics.generalized_alpha import (
     ACCELERATION,
@@ -71,21 +81,29 @@ def evaluate(system, scheme, joints, want_tangent):
         gather(system, joints, scheme.cv, scheme.ca, want_tangent)
         add_gears(ties, work.residual)
         if want_tangent:
-            tie_sides(topology, ties, variation, topology.length, work.residual)
-            pull_sides(topology, pulls, ties, frames, variation)
+            tie_sides(topology, ties, system.border.layout, variation, work.residual)
+            pull_sides(topology, pulls, system.border, frames, variation)
     return bad
 
 
 @jit_inner
 def newton(system, scheme, joints, y, most):
     """Solve one instant in at ``most`` so many iterations; return status, iterations or element, last relative increment [-]."""
-    topology, ties, work, size, last = system.topology, system.border.ties, system.work, 0.0, False
+    topology, ties, plan, work, size, last = (
+        system.topology,
+        system.border.ties,
+        system.border.layout,
+        system.work,
+        0.0,
+        False,
+    )
     for iteration in range(most + 1):
         bad = evaluate(system, scheme, joints, not last)
         if bad >= 0:
             return TURNED_TOO_MUCH, bad, size
         if last or y.shape[1] == 0:
             return CONVERGED, iteration, size
+        stays = iteration > 0 and scheme.mode == DYNAMIC and size < BORDER_STAYS
         if scheme.mode == ACCELERATION:
             solve_masses(system, y)
         else:
@@ -93,9 +111,14 @@ def newton(system, scheme, joints, y, most):
                 weigh_massless(topology, work.diagonal)
             elif scheme.mode == STATIC and len(ties.a) > 0:
                 _hold_loose(topology, work.diagonal)
-            sides = 1 if iteration > 0 and scheme.mode == DYNAMIC and size < BORDER_STAYS else y.shape[0]
-            solve_tree(topology, system.elements, system.variation, work, y[:sides])
-        solve_border(ties, scheme.ca if scheme.mode == RESOLVED else 1.0, y)
+            solve_tree(topology, system.elements, system.variation, work, plan, stays, y)
+        if scheme.mode == STATIC:  # loose joints make it nearly singular, and equilibria need not be stable
+            factorise_border(ties, plan, plan.whole, y)
+            solve_border(ties, plan, plan.whole, 1.0, y)
+        else:
+            if not stays:
+                factorise_border(ties, plan, plan.blocks, y)
+            solve_border(ties, plan, plan.blocks, scheme.ca if scheme.mode == RESOLVED else 1.0, y)
         size = largest_increment(y[0], topology.scale)
         if not np.isfinite(size):
             return NOT_FINITE, iteration, size
@@ -204,7 +227,7 @@ def collide(system, joints, y):
 
     M du - G^T Lambda = 0,  G (u + du) = 0: impulses Lambda [N s], [N m s] are left in ties.step.
     """
-    ties, state = system.border.ties, system.state
+    ties, plan, state = system.border.ties, system.border.layout, system.state
     evaluate(system, ACCELERATIONS, joints, True)
     tie_rows(ties, state, system.frames, RATES)
     for i in range(y.shape[1]):
@@ -213,7 +236,8 @@ def collide(system, joints, y):
         ties.kept[k] = ties.multiplier[k]
         ties.value[k] *= 1.0 - ties.give[k]
     solve_masses(system, y)
-    solve_border(ties, 1.0, y)
+    factorise_border(ties, plan, plan.blocks, y)
+    solve_border(ties, plan, plan.blocks, 1.0, y)
     for i in range(y.shape[1]):
         state.u[i] += y[0, i]
     for k in range(len(ties.a)):

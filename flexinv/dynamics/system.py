@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.dynamics.constraint_rows import Ties
+from flexinv.dynamics.constraint_rows import Layout, Ties
 from flexinv.dynamics.dofs import ElementArrays, Topology
 from flexinv.dynamics.loads import Loads
 from flexinv.dynamics.spring_rows import Pulls
@@ -53,8 +53,9 @@ class Work(NamedTuple):
     tangent : (elements, 6 count, 6 count), with damping six columns more (`elements.beam`); internal : (elements, points, 6)
     energy : (3,) elastic energy [J], power of the internal forces and what of it is dissipated [W]
     element, rates : scratch of one element; own_x, own_t : (columns, 3), scratch of one passive joint
-    system : (rows, rows + columns + sides), scratch of one elimination; settled : (2, nodes, 6), scratch of `dynamics.index1`
-    solved : (elements, rows, columns + sides) eliminated unknowns by those of the element's first block
+    system : (rows, rows + columns + sides of a part), scratch of one elimination
+    settled : (2, nodes, 6), scratch of `dynamics.index1`
+    solved : (elements, rows, columns + sides of a part) eliminated unknowns by those of the element's first block
     """
 
     wrench: Array
@@ -79,6 +80,7 @@ class Border(NamedTuple):
 
     ties: Ties
     pulls: Pulls
+    layout: Layout
 
 
 @by_address

@@ -1,7 +1,8 @@
 """Linear solve on the tree: elements are eliminated from leaves to root, so no fill appears and cost is linear.
 
 An element couples its first block (that of its first node) with the blocks of its other nodes, and those belong
-to it alone.  Condensing them onto the first block, leaf elements first, leaves the passive freedoms of block 0.
+to it alone.  Condensing them onto the first block, leaf elements first, leaves the passive freedoms of the blocks on the world.
+The parts of a mechanism (`dynamics.dofs`) share nothing: each is solved for the right sides that have to do with it.
 """
 
 from __future__ import annotations
@@ -13,26 +14,43 @@ from flexinv.kernels.vec3 import dot, vec
 
 
 @jit_inner
-def solve_tree(topology, elements, variation, work, y):
-    """Solve linearisation y = -residual for all right sides; y (sides, unknowns) [m], [rad].
+def solve_tree(topology, elements, variation, work, plan, first_only, y):
+    """Solve linearisation y = -residual for the right sides of every part; y (sides, unknowns) [m], [rad].
 
+    plan : `dynamics.constraint_rows.Layout`; first_only : the first side of each part only, the residual
     Overwrites work.diagonal and work.residual (sides, unknowns).
     """
-    sides = y.shape[0]
     for k in range(len(elements.order) - 1, -1, -1):
-        _condense(topology, elements, variation, work, k, sides)
-    roots, system = topology.size[0], work.system
-    for r in range(roots):
-        for c in range(roots):
-            system[r, c] = work.diagonal[0, r, c]
-        for side in range(sides):
-            system[r, roots + side] = -work.residual[side, r]
-    solve_dense(system, roots, roots + sides)
-    for r in range(roots):
-        for side in range(sides):
-            y[side, r] = system[r, roots + side]
+        part = topology.part[topology.block[elements.nodes[k, 0]]]
+        _condense(
+            topology, elements, variation, work, k, plan.side[plan.first_side[part] : side_end(plan, part, first_only)]
+        )
+    for part in range(len(topology.span) - 1):
+        solve_block(topology, work, part, plan.side[plan.first_side[part] : side_end(plan, part, first_only)], y)
     for k in range(len(elements.order)):
-        _expand(topology, elements, work, y, k)
+        part = topology.part[topology.block[elements.nodes[k, 0]]]
+        _expand(topology, elements, work, y, k, plan.side[plan.first_side[part] : side_end(plan, part, first_only)])
+
+
+@jit_inner
+def side_end(plan, part, first_only):
+    """Return the end of the right sides of a part in plan.side [-]."""
+    return plan.first_side[part] + 1 if first_only else plan.first_side[part + 1]
+
+
+@jit_inner
+def solve_block(topology, work, b, sides, y):
+    """Solve diagonal y = -residual of one block for some right sides [m], [rad]."""
+    size, first, system = topology.size[b], topology.offset[b], work.system
+    for r in range(size):
+        for c in range(size):
+            system[r, c] = work.diagonal[b, r, c]
+        for s in range(len(sides)):
+            system[r, size + s] = -work.residual[sides[s], first + r]
+    solve_dense(system, size, size + len(sides))
+    for r in range(size):
+        for s in range(len(sides)):
+            y[sides[s], first + r] = system[r, size + s]
 
 
 @jit_inner
@@ -50,24 +68,24 @@ def _condense(topology, elements, variation, work, k, sides):
     nodes, count, system, tangent = elements.nodes[k], elements.order[k] + 1, work.system, work.tangent[k]
     rows, columns = _row(topology, nodes, count), topology.size[topology.block[nodes[0]]]
     for r in range(rows):
-        for c in range(rows + columns + sides):
+        for c in range(rows + columns + len(sides)):
             system[r, c] = 0.0
     for i in range(1, count):
         b, at = topology.block[nodes[i]], _row(topology, nodes, i)
         for r in range(topology.size[b]):
             for c in range(topology.size[b]):
                 system[at + r, at + c] = work.diagonal[b, r, c]
-            for side in range(sides):
-                system[at + r, rows + columns + side] = work.residual[side, topology.offset[b] + r]
+            for s in range(len(sides)):
+                system[at + r, rows + columns + s] = work.residual[sides[s], topology.offset[b] + r]
         for q in range(1, count):
             if q != i:
                 _copy_block(tangent, 6 * i, 6 * q, system, at, _row(topology, nodes, q))
         for r in range(6):
             for c in range(columns):
                 system[at + r, rows + c] = by_root(tangent, 6 * i + r, nodes[0], c, variation)
-    solve_dense(system, rows, rows + columns + sides)
+    solve_dense(system, rows, rows + columns + len(sides))
     for r in range(rows):
-        for c in range(columns + sides):
+        for c in range(columns + len(sides)):
             work.solved[k, r, c] = system[r, rows + c]
     _add_to_first(topology, elements, variation, work, k, sides)
 
@@ -95,12 +113,12 @@ def _add_to_first(topology, elements, variation, work, k, sides):
                 back = dot(by_x, vec(variation.x[nodes[0], r])) + dot(by_t, vec(variation.t[nodes[0], r]))
                 for c in range(columns):
                     work.diagonal[first, r, c] -= back * work.solved[k, at + q, c]
-                for side in range(sides):
-                    work.residual[side, topology.offset[first] + r] -= back * work.solved[k, at + q, columns + side]
+                for s in range(len(sides)):
+                    work.residual[sides[s], topology.offset[first] + r] -= back * work.solved[k, at + q, columns + s]
 
 
 @jit_inner
-def _expand(topology, elements, work, y, k):
+def _expand(topology, elements, work, y, k, sides):
     """Unknowns of the element's own blocks, once those of its first block are known."""
     nodes, count = elements.nodes[k], elements.order[k] + 1
     first = topology.block[nodes[0]]
@@ -108,8 +126,8 @@ def _expand(topology, elements, work, y, k):
     for i in range(1, count):
         b, at = topology.block[nodes[i]], _row(topology, nodes, i)
         for r in range(topology.size[b]):
-            for side in range(y.shape[0]):
-                value = -work.solved[k, at + r, columns + side]
+            for s in range(len(sides)):
+                value = -work.solved[k, at + r, columns + s]
                 for c in range(columns):
-                    value -= work.solved[k, at + r, c] * y[side, o + c]
-                y[side, topology.offset[b] + r] = value
+                    value -= work.solved[k, at + r, c] * y[sides[s], o + c]
+                y[sides[s], topology.offset[b] + r] = value

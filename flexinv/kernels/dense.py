@@ -90,57 +90,6 @@ def subtract(row, factor, other, first, last):
         row[c] -= factor * other[c]
 
 
-@jit_inner
-def solve_symmetric(m, rows, least, x, work):
-    """Solve m[:rows, :rows] x = m[:rows, rows] by complete pivoting, scaled to a unit diagonal [any unit].
-
-    Rows and columns of metres and of radians stand side by side, so that pivots mean something only then.  Where none above
-    ``least`` is left, what remains repeats other rows: its unknowns are zero.
-    work : order (rows,) of integers and scales (rows,), scratch
-    """
-    order, over = work
-    for k in range(rows):
-        over[k] = 1.0 / np.sqrt(abs(m[k, k])) if m[k, k] != 0.0 else 0.0
-        order[k] = k
-    for i in range(rows):
-        m[i, rows] *= over[i]
-        for j in range(rows):
-            m[i, j] *= over[i] * over[j]
-    rank = rows
-    for k in range(rows):
-        p, q = k, k
-        for i in range(k, rows):
-            for j in range(k, rows):
-                if abs(m[i, j]) > abs(m[p, q]):
-                    p, q = i, j
-        if not abs(m[p, q]) > least:
-            rank = k
-            break
-        _exchange(m, order, rows, k, p, q)
-        for i in range(k + 1, rows):
-            subtract(m[i], m[i, k] / m[k, k], m[k], k, rows + 1)
-    for k in range(rows):
-        x[k] = 0.0
-    for k in range(rank - 1, -1, -1):
-        value = m[k, rows]
-        for j in range(k + 1, rank):
-            value -= m[k, j] * x[order[j]]
-        x[order[k]] = value / m[k, k]
-    for k in range(rows):
-        x[k] *= over[k]
-
-
-@jit_inner
-def _exchange(m, order, rows, k, p, q):
-    if p != k:
-        for j in range(rows + 1):
-            m[k, j], m[p, j] = m[p, j], m[k, j]
-    if q != k:
-        for i in range(rows):
-            m[i, k], m[i, q] = m[i, q], m[i, k]
-        order[k], order[q] = order[q], order[k]
-
-
 # -------------------------------------------------------------------------------------------------------- Gauss-Jordan
 
 

@@ -46,7 +46,7 @@ def fronts_of(pattern: NDArray[np.bool_], last: NDArray[np.bool_] | None = None)
     last : (columns,) that are eliminated after all others, and so are free where columns depend on each other
     """
     count = pattern.shape[1]
-    order, further = _order(pattern, np.zeros(count, dtype=bool) if last is None else last)
+    order, further = least_degree_order(pattern, last)
     turn = np.empty(count, dtype=np.int64)
     turn[order] = np.arange(count)
     groups = _merged([[c] for c in order], [sorted(f, key=lambda c: turn[c]) for f in further])
@@ -61,19 +61,23 @@ def fronts_of(pattern: NDArray[np.bool_], last: NDArray[np.bool_] | None = None)
     return _laid_out(pattern, groups, rows, front)
 
 
-def _order(pattern: NDArray[np.bool_], last: NDArray[np.bool_]) -> tuple[list[int], list[set[int]]]:
-    """Columns in an order of least degree, and with each those after it that share a row by then."""
+def least_degree_order(
+    pattern: NDArray[np.bool_], last: NDArray[np.bool_] | None = None
+) -> tuple[list[int], list[set[int]]]:
+    """Return columns of a pattern (rows, columns) in an order of least degree [-], and with each what is coupled to it later.
+
+    last : (columns,) that come after all others
+    """
     count = pattern.shape[1]
+    after = np.zeros(count, dtype=bool) if last is None else last
     beside: list[set[int]] = [set() for _ in range(count)]
     for row in pattern:
         where = set(np.flatnonzero(row).tolist())
         for c in where:
-            beside[c] |= where
-    for c in range(count):
-        beside[c].discard(c)
+            beside[c] |= where - {c}
     left, order, further = set(range(count)), [], []
     while left:
-        c = min(left, key=lambda c: (bool(last[c]), len(beside[c]), c))
+        c = min(left, key=lambda c: (bool(after[c]), len(beside[c]), c))
         left.remove(c)
         order.append(c)
         further.append(beside[c])

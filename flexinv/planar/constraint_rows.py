@@ -8,7 +8,7 @@ and g the gradient of phi by x, y, theta of both nodes.  With K = the tree's lin
 
     K y - G^T dlambda = -r,  G y = -phi:      y = y_0 + W dlambda,  W = K^-1 G^T,      (G W) dlambda = -phi - G y_0
 
-W and (G W)^-1 last as long as the linearisation.
+W and the factors of G W last as long as the linearisation.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.dynamics.constraint_rows import REDUNDANT_PIVOT
-from flexinv.kernels.dense import invert_scaled
+from flexinv.dynamics.constraint_rows import REDUNDANT_PIVOT, Layout
+from flexinv.kernels.block_elimination import Pivots, factorise_blocks, solve_blocks
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import by_address
 from flexinv.kernels.simd import cos_sin
-from flexinv.planar.tree_solver import solve_tree
+from flexinv.planar.tree_solver import solve_part
 from flexinv.typing import Array
 
 
@@ -34,11 +34,11 @@ class PlanarTies(NamedTuple):
     row : (rows,) among those of `dynamics.constraint_rows.Ties`; direction, acting : (rows,); a, b : (rows,) nodes, -1 the world
     place_a, place_b [m], u, w : (rows, 2) in the nodes' frames, seen in the plane where the nodes stand at zero
     multiplier : (rows,) [N], [N m]; value : (rows,) phi or phi''; gradient : (rows, 6) by the poses of a and b
-    sides, moved : (rows, unknowns) G and W
-    stiffness : (rows, rows) (G W)^-1; open : (rows,) -phi - G y; step, left : (rows or columns,) dlambda, scratch
+    sides, moved : (rows, unknowns) G and W; layout : parts of the mechanism that rows have to do with
+    border : (rows, rows) G W, pivots : its factors; open : (rows,) -phi - G y; step : (rows,) dlambda
     line : (unknowns,) scratch; single : nodes alone in their block; over : (single, 3) 1/m, 1/m, 1/J, zero where that is infinite
     block : (blocks,) the other blocks of unknowns
-    member : (blocks, most) nodes of each, -1 behind the last; mass, change (nodes, 3) : scratch
+    member : (blocks, most) nodes of each, -1 behind the last; mass, weight, left, change (nodes, 3) : scratch
     kept : (rows,) multipliers set aside
     """
 
@@ -56,16 +56,19 @@ class PlanarTies(NamedTuple):
     gradient: Array
     sides: Array
     moved: Array
-    stiffness: Array
+    border: Array
+    pivots: Pivots
+    layout: Layout
     open: Array
     step: Array
-    left: NDArray[np.bool_]
     line: Array
     single: NDArray[np.int64]
     over: Array
     block: NDArray[np.int64]
     member: NDArray[np.int64]
     mass: Array
+    weight: Array
+    left: NDArray[np.bool_]
     change: Array
     kept: Array
 
@@ -170,9 +173,11 @@ def add_ties(constraints, multiplier, wrench):
 @jit_inner
 def tie_sides(tree, constraints, frames):
     """Set G, the gradients by the unknowns [-], [m], from the variations of the nodes."""
+    plan = constraints.layout
     for r in range(len(constraints.a)):
-        for i in range(constraints.sides.shape[1]):
-            constraints.sides[r, i] = 0.0
+        for n in range(plan.first_part[r], plan.first_part[r + 1]):
+            for i in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
+                constraints.sides[r, i] = 0.0
         _add_side(tree, constraints.a[r], frames, constraints.gradient[r], 0, constraints.sides[r])
         _add_side(tree, constraints.b[r], frames, constraints.gradient[r], 3, constraints.sides[r])
 
@@ -190,13 +195,16 @@ def _add_side(tree, n, frames, gradient, first, side):
 
 @jit_inner
 def factorise_ties(tree, elements, constraints, frames, factors):
-    """Find W and (G W)^-1 with a new linearisation [m/N], [rad/N]."""
+    """Find W and the factors of G W with a new linearisation [m/N], [rad/N]."""
     tie_sides(tree, constraints, frames)
+    plan = constraints.layout
     for r in range(len(constraints.a)):
-        for i in range(len(constraints.line)):
-            constraints.line[i] = -constraints.sides[r, i]
-        solve_tree(tree, elements, factors, constraints.line, constraints.moved[r], True)
-    stiffen(tree, constraints)
+        for n in range(plan.first_part[r], plan.first_part[r + 1]):
+            part = plan.part[n]
+            for i in range(plan.span[part], plan.span[part + 1]):
+                constraints.line[i] = -constraints.sides[r, i]
+            solve_part(tree, elements, factors, part, constraints.line, constraints.moved[r], True)
+    factorise_border(tree, constraints)
 
 
 @jit_inner
@@ -215,41 +223,31 @@ def _along(tree, constraints, r, y):
 
 
 @jit_inner
-def stiffen(tree, constraints):
-    """Set (G W)^-1 [N/m], [N m]."""
-    rows, m = len(constraints.a), constraints.stiffness
-    for i in range(rows):
-        for j in range(rows):
-            m[i, j] = _along(tree, constraints, i, constraints.moved[j])
-    if rows == 2 and _invert_two(m, REDUNDANT_PIVOT):  # one closure in a plane
-        return
-    invert_scaled(m, rows, REDUNDANT_PIVOT, constraints.step, constraints.left)
-
-
-@jit_inner
-def _invert_two(m, least):
-    """Replace m[:2, :2] by its inverse [any unit]: what `invert_scaled` does if both pivots are above ``least``, else False."""
-    a, b, c, d = m[0, 0], m[0, 1], m[1, 0], m[1, 1]
-    det = a * d - b * c
-    if not abs(det) > least * abs(a * d):
-        return False
-    m[0, 0], m[0, 1], m[1, 0], m[1, 1] = d / det, -b / det, -c / det, a / det
-    return True
+def factorise_border(tree, constraints):
+    """Factor G W [m/N], [rad/N]."""
+    blocks, m = constraints.layout.blocks, constraints.border
+    for b in range(blocks.start.shape[0]):
+        for i in range(blocks.start[b], blocks.end[b]):
+            for j in range(blocks.start[b], blocks.end[b]):
+                m[i, j] = _along(tree, constraints, i, constraints.moved[j])
+            for n in range(blocks.first[b], blocks.first[b + 1]):
+                for j in range(blocks.start[blocks.beside[n]], blocks.end[blocks.beside[n]]):
+                    m[i, j] = _along(tree, constraints, i, constraints.moved[j])
+                    m[j, i] = _along(tree, constraints, j, constraints.moved[i])
+    factorise_blocks(m, blocks, REDUNDANT_PIVOT, constraints.pivots)
 
 
 @jit_inner
 def solve_ties(tree, constraints, y):
     """Find dlambda [N], [N m], which `step` takes, and add W dlambda to the increments y (unknowns,) of the tree [m], [rad]."""
-    rows = len(constraints.a)
-    for i in range(rows):
-        constraints.open[i] = -constraints.value[i] - _along(tree, constraints, i, y)
-    for r in range(rows):
-        total = 0.0
-        for i in range(rows):
-            total += constraints.stiffness[r, i] * constraints.open[i]
-        constraints.step[r] = total
-        for i in range(len(y)):
-            y[i] += total * constraints.moved[r, i]
+    plan = constraints.layout
+    for r in range(len(constraints.a)):
+        constraints.open[r] = -constraints.value[r] - _along(tree, constraints, r, y)
+    solve_blocks(constraints.border, plan.blocks, constraints.pivots, constraints.open, constraints.step)
+    for r in range(len(constraints.a)):
+        for n in range(plan.first_part[r], plan.first_part[r + 1]):
+            for i in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
+                y[i] += constraints.step[r] * constraints.moved[r, i]
 
 
 @jit_inner

@@ -9,7 +9,7 @@ from __future__ import annotations
 from flexinv.dynamics.index1 import MASSLESS
 from flexinv.kernels.dense import invert_scaled
 from flexinv.kernels.jit import jit_inner
-from flexinv.planar.constraint_rows import add_step, add_ties, solve_ties, stiffen, tie_rows, tie_sides
+from flexinv.planar.constraint_rows import add_step, add_ties, factorise_border, solve_ties, tie_rows, tie_sides
 from flexinv.planar.tree import vary_poses
 
 
@@ -23,15 +23,18 @@ def project_accelerations(tree, constraints, frames, residual):
     vary_poses(tree, frames)
     tie_rows(constraints, frames, True)
     tie_sides(tree, constraints, frames)
+    plan = constraints.layout
     for n in range(len(constraints.single)):
-        first, over = tree.offset[tree.block[constraints.single[n]]], constraints.over[n]
+        block, over = tree.block[constraints.single[n]], constraints.over[n]
+        first, part = tree.offset[block], tree.part[block]
         for i in range(3):
             constraints.line[first + i] = -residual[first + i] * over[i]
-            for r in range(len(constraints.a)):
-                constraints.moved[r, first + i] = constraints.sides[r, first + i] * over[i]
+        for side in plan.side[plan.first_side[part] + 1 : plan.first_side[part + 1]]:
+            for i in range(3):
+                constraints.moved[side - 1, first + i] = constraints.sides[side - 1, first + i] * over[i]
     for b in range(len(constraints.block)):
         _accelerate_block(b, tree, constraints, frames, residual)
-    stiffen(tree, constraints)
+    factorise_border(tree, constraints)
     solve_ties(tree, constraints, constraints.line)
     add_step(constraints)
     _change(tree, constraints, frames)
@@ -88,11 +91,12 @@ def _accelerate_block(b, tree, constraints, frames, residual):
         unit = tree.scale[first + i] ** 2
         if m[i, i] * unit <= MASSLESS * largest:  # what has no inertia keeps its acceleration
             m[i, i] = largest / unit
-    invert_scaled(m, columns, 0.0, constraints.step, constraints.left)
+    invert_scaled(m, columns, 0.0, constraints.weight, constraints.left)
+    plan, part = constraints.layout, tree.part[block]
     for i in range(columns):
         constraints.line[first + i] = -_dot_from(m[i], residual, first, columns)
-        for r in range(len(constraints.a)):
-            constraints.moved[r, first + i] = _dot_from(m[i], constraints.sides[r], first, columns)
+        for side in plan.side[plan.first_side[part] + 1 : plan.first_side[part + 1]]:
+            constraints.moved[side - 1, first + i] = _dot_from(m[i], constraints.sides[side - 1], first, columns)
 
 
 @jit_inner

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.constraints.closures import Rows, constraint_rows
-from flexinv.dynamics.dofs import Indices, Topology, topology
+from flexinv.dynamics.constraint_rows import layout, touched_parts
+from flexinv.dynamics.dofs import Indices, Topology, laid_out, topology
 from flexinv.elements.planar_beam import (
     AXIAL,
     BENDING,
@@ -23,6 +24,7 @@ from flexinv.elements.planar_beam import (
     WEIGHT,
     PlanarElements,
 )
+from flexinv.kernels.block_elimination import Pivots
 from flexinv.kernels.memory import on_lines
 from flexinv.kernels.so3 import log_so3
 from flexinv.kinematics.mesh import Mesh
@@ -85,7 +87,7 @@ def planar_model(mesh: Mesh, passive: frozenset[str]) -> PlanarModel:
     assert isinstance(plane, Plane)  # else nobody asks
     tree, elements, space = _tree(mesh, t, plane), _elements(mesh, plane), _embedding(mesh, plane)
     pick = _pick(mesh, t, tree, plane, space)
-    tied = _constraints(constraint_rows(mesh), plane, tree)
+    tied = _constraints(constraint_rows(mesh), plane, tree, t)
     return PlanarModel(plane, t, tree, elements, space, pick, _places(tree, elements), tied, _joints(mesh, tree))
 
 
@@ -110,17 +112,17 @@ def _pick(mesh: Mesh, topology: Topology, tree: PlanarTree, plane: Plane, space:
 
 def _tree(mesh: Mesh, topology: Topology, plane: Plane) -> PlanarTree:
     frames, moves = plane.frames, mesh.v_index >= 0
-    size = np.where(
-        np.arange(len(topology.size)) > 0, topology.size - 3, topology.size
-    )  # three freedoms of a node instead of six
+    hangs = np.arange(len(topology.size)) < len(topology.span) - 1  # on the world, with passive freedoms only
+    size = np.where(hangs, topology.size, topology.size - 3)  # three freedoms of a node instead of six
     passive = topology.freedoms > 0
     turning, sliding = np.any(mesh.turn, axis=(1, 2)), np.any(mesh.slide, axis=(1, 2))
     before = [plane.axes.T if m < 0 else frames[m] for m in mesh.parent]
     offset_p = np.array([frame @ offset for frame, offset in zip(before, mesh.offset, strict=True)]).reshape(-1, 3)
     axis = np.einsum("nij,nj->ni", frames, mesh.axis)  # (node, xyz), in the plane's axes
     scale = np.ones(int(size.sum()))
-    offset = np.concatenate([[0], np.cumsum(size)[:-1]]).astype(np.int64)
-    column = np.where(passive, topology.column - 3 * (topology.block > 0), -1)
+    offset, span = laid_out(size, topology.part)
+    column = np.where(passive, topology.column - 3 * ~hangs[topology.block], -1)
+    part = topology.part[topology.block[mesh.elements.nodes[:, :1].ravel()]]
     for n in range(mesh.size):
         first = offset[topology.block[n]]
         if topology.independent[n]:
@@ -129,7 +131,9 @@ def _tree(mesh: Mesh, topology: Topology, plane: Plane) -> PlanarTree:
             scale[first + column[n]] = mesh.length
     driven = moves & ~passive
     return PlanarTree(
-        parent=mesh.parent, block=topology.block, independent=topology.independent, size=size, offset=offset, scale=scale,
+        parent=mesh.parent, block=topology.block, independent=topology.independent, size=size, offset=offset,
+        part=topology.part, span=span, first_element=np.searchsorted(np.sort(part), np.arange(len(span))),
+        element=np.argsort(part, kind="stable"), scale=scale,
         given=np.where(driven, np.cumsum(driven) - 1, -1), column=column,
         turn=np.where(turning, np.sign(axis[:, 2]), 0.0), slide=np.where(sliding[:, None], axis[:, :2], 0.0),
         offset_p=np.ascontiguousarray(offset_p[:, :2]), shifted=sliding | offset_p[:, :2].any(axis=1),
@@ -201,7 +205,7 @@ def _places(tree: PlanarTree, element_arrays: PlanarElements) -> tuple[Indices, 
     return np.array([len(own) for own in numbers], dtype=np.int64), row, table
 
 
-def _constraints(rows: Rows, plane: Plane, tree: PlanarTree) -> PlanarTies:
+def _constraints(rows: Rows, plane: Plane, tree: PlanarTree, topology: Topology) -> PlanarTies:
     row = np.flatnonzero(tied_in(plane, rows)).astype(np.int64)
     a, b, count = rows.a[row], rows.b[row], len(tree.size)
     members = [np.flatnonzero(tree.block == block) for block in range(count)]
@@ -218,11 +222,12 @@ def _constraints(rows: Rows, plane: Plane, tree: PlanarTree) -> PlanarTies:
     inertia = np.stack([tree.mass[single], tree.mass[single], tree.inertia[single]], axis=1)
     over = np.divide(1.0, inertia, out=np.zeros_like(inertia), where=inertia > 0.0)
     n, unknowns, widest = len(row), len(tree.scale), max(int(tree.size.max(initial=0)), 1)
+    touched = touched_parts(topology, a, b, np.zeros((n, len(topology.scale))))
     return PlanarTies(
         row=row, direction=rows.direction[row], acting=np.ones(n, dtype=bool), a=a, b=b,
         place_a=place_a, place_b=place_b, u=u, w=w, multiplier=np.zeros(n), value=np.zeros(n), gradient=np.zeros((n, 6)),
-        sides=np.zeros((n, unknowns)), moved=np.zeros((n, unknowns)), stiffness=np.zeros((n, n)), open=np.zeros(n),
-        step=np.zeros(max(n, widest)), left=np.zeros(max(n, widest), dtype=bool), line=np.zeros(unknowns), single=single,
-        over=over, block=np.array(blocks, dtype=np.int64), member=member, mass=np.zeros((widest, widest)),
-        change=np.zeros((len(tree.parent), 3)), kept=np.zeros(n),
+        sides=np.zeros((n, unknowns)), moved=np.zeros((n, unknowns)), border=np.zeros((n, n)), pivots=Pivots.of(n),
+        layout=layout(tree.span, touched, rows.closure[row]), open=np.zeros(n), step=np.zeros(n), line=np.zeros(unknowns),
+        single=single, over=over, block=np.array(blocks, dtype=np.int64), member=member, mass=np.zeros((widest, widest)),
+        weight=np.zeros(widest), left=np.zeros(widest, dtype=bool), change=np.zeros((len(tree.parent), 3)), kept=np.zeros(n),
     )  # fmt: skip

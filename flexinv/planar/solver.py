@@ -202,17 +202,23 @@ def _left(mesh: Mesh, passive: frozenset[str]) -> list[PlanarMarch]:
 def _ties(model: PlanarModel) -> PlanarTies:
     """The constraints that say something in the plane, all of which act; `PlanarMarch.take` changes that."""
     rows: Any = model.constraints
-    copies: list[Any] = [on_lines(part) if part.dtype == float else part.copy() for part in rows]
-    return PlanarTies(*copies)
+    return PlanarTies._make(_copied(part) for part in rows)
+
+
+def _copied(part: Any) -> Any:
+    """A copy of an array, floats on lines of the cache; of the records in a record, their arrays'."""
+    if isinstance(part, tuple):
+        return type(part)(*map(_copied, part))
+    return on_lines(part) if part.dtype == float else part.copy()
 
 
 def _factors(model: PlanarModel) -> PlanarFactors:
     rows, row, own = model.place
-    elements, widest = len(own), max(int(model.tree.size.max(initial=0)), 1)
+    elements, parts, widest = len(own), len(model.tree.span) - 1, max(int(model.tree.size.max(initial=0)), 1)
     most, columns = (-(-n // FOUR) * FOUR for n in (own.shape[1], widest))
     return PlanarFactors(
         rows=rows, row=row, own=own, inverse=cleared(elements, most, most), to_root=cleared(elements, 3, most),
-        b=cleared(elements, widest, most), x=cleared(elements, widest, most), root=cleared(columns, columns),
+        b=cleared(elements, widest, most), x=cleared(elements, widest, most), root=cleared(parts, columns, columns),
         diagonal=cleared(len(model.tree.size), widest, widest), line=cleared(2, max(most, columns)),
         found=cleared(elements, most),
     )  # fmt: skip

@@ -169,7 +169,7 @@ def newton(system, scheme, given, slow, most):
             return CONVERGED, iteration, size
         if fresh:
             linearise(system, scheme)
-        solve_tree(tree, elements, system.factors, work.residual, work.y, False)
+        solve_tree(tree, elements, system.factors, work.residual, work.y)
         solve_ties(tree, constraints, work.y)
         before, size = size, largest_increment(work.y, tree.scale)
         if not np.isfinite(size):
@@ -218,7 +218,7 @@ def begin_step(system, scheme, given):
         for _ in range(PASSES):
             evaluate(system, given, True)
             linearise(system, scheme)
-            solve_tree(tree, system.elements, system.factors, work.residual, work.y, False)
+            solve_tree(tree, system.elements, system.factors, work.residual, work.y)
             tie_rows(constraints, system.frames, True)
             for r in range(len(constraints.value)):
                 constraints.value[r] /= scheme.ca

@@ -27,7 +27,8 @@ from flexinv.typing import Array
 class PlanarTree(NamedTuple):
     """Nodes, blocks and joints of a mechanism in a plane (as `dofs.Topology`).
 
-    parent, block : (nodes,); independent : (nodes,) bool; size, offset : (blocks,); scale : (unknowns,) [m] or 1
+    parent, block : (nodes,); independent : (nodes,) bool; size, offset, part : (blocks,); span : (parts + 1,)
+    scale : (unknowns,) [m] or 1; first_element : (parts + 1,) of each part in ``element``, from its root to its leaves
     given : (nodes,) column of the prescribed joint coordinate, -1 without; column : (nodes,) of the passive one in its block
     turn : (nodes,) +-1 of revolute joints, 0 else; slide : (nodes, 2) direction of prismatic ones in the parent's frame
     offset_p : (nodes, 2) p_0 [m]; shifted : (nodes,) whether p may differ from zero
@@ -40,6 +41,10 @@ class PlanarTree(NamedTuple):
     independent: NDArray[np.bool_]
     size: NDArray[np.int64]
     offset: NDArray[np.int64]
+    part: NDArray[np.int64]
+    span: NDArray[np.int64]
+    first_element: NDArray[np.int64]
+    element: NDArray[np.int64]
     scale: Array
     given: NDArray[np.int64]
     column: NDArray[np.int64]

@@ -33,7 +33,7 @@ class PlanarFactors(NamedTuple):
     rows : (elements,) number of own unknowns; row : (elements, count, columns) where those of each node stand among them
     own : (elements, rows) number of the unknown
     inverse : (elements, rows, wide) S^-T; to_root : (elements, 3, rows) own rows by the root's pose; b, x : (elements, columns,
-        rows) B^T and (S^-1 B)^T; root : (columns, wide) the same of block 0
+        rows) B^T and (S^-1 B)^T; root : (parts, columns, wide) inverses of the blocks on the world
     diagonal : (blocks, columns, columns); line (2, wide), found (elements, wide) : scratch
     """
 
@@ -98,11 +98,11 @@ def factorise(tree, elements, frames, factors):
             _condense_small(k, tree, elements, frames, factors)
         else:
             _condense(k, tree, elements, frames, factors)
-    roots = tree.size[0]
-    for r in range(roots):
-        for c in range(roots):
-            factors.root[c, r] = factors.diagonal[0, r, c]
-    invert(factors.root, roots)
+    for part in range(len(tree.span) - 1):
+        for r in range(tree.size[part]):
+            for c in range(tree.size[part]):
+                factors.root[part, c, r] = factors.diagonal[part, r, c]
+        invert(factors.root[part], tree.size[part])
 
 
 @jit_inner
@@ -187,12 +187,17 @@ def _dot(a, b, size):
 
 
 @jit_inner
-def solve_tree(tree, elements, factors, residual, y, few):
-    """Solve linearisation y = -residual with the factors at hand; y (unknowns,) [m], [rad].  Overwrites residual.
+def solve_tree(tree, elements, factors, residual, y):
+    """Solve linearisation y = -residual with the factors at hand; y (unknowns,) [m], [rad].  Overwrites residual."""
+    for part in range(len(tree.span) - 1):
+        solve_part(tree, elements, factors, part, residual, y, False)
 
-    few : whether most of the residual is zero
-    """
-    for k in range(len(elements.order) - 1, -1, -1):
+
+@jit_inner
+def solve_part(tree, elements, factors, part, residual, y, few):
+    """Do so for one part of the mechanism [m], [rad]; few : whether most of the residual is zero."""
+    for n in range(tree.first_element[part + 1] - 1, tree.first_element[part] - 1, -1):
+        k = tree.element[n]
         first = tree.offset[tree.block[elements.nodes[k, 0]]]
         if _is_small(k, tree, elements, factors):
             own = tapply(mat(factors.inverse[k]), vec_at(residual, factors.own[k, 0]))
@@ -200,11 +205,9 @@ def solve_tree(tree, elements, factors, residual, y, few):
             add_to(residual, first, scale(-1.0, apply(mat(factors.b[k]), own)))
         else:
             _solve_own(k, tree, elements, factors, residual, factors.found[k], first, few)
-    _fill(residual, tree.size[0], factors.line[0])
-    _transposed_product(factors.root, factors.line[0], factors.line[1], tree.size[0])
-    for r in range(tree.size[0]):
-        y[r] = -factors.line[1, r]
-    for k in range(len(elements.order)):
+    _solve_root(tree, factors, part, residual, y)
+    for n in range(tree.first_element[part], tree.first_element[part + 1]):
+        k = tree.element[n]
         first = tree.offset[tree.block[elements.nodes[k, 0]]]
         if _is_small(k, tree, elements, factors):
             add_to(y, factors.own[k, 0], scale(-1.0, tapply(mat(factors.x[k]), vec_at(y, first))))
@@ -217,12 +220,16 @@ def solve_tree(tree, elements, factors, residual, y, few):
 
 
 @jit_inner
-def _fill(v, size, line):
-    """Copy ``size`` numbers of v, and zeros behind them up to a multiple of FOUR."""
+def _solve_root(tree, factors, part, residual, y):
+    """Solve for the block of a part that hangs on the world."""
+    size, first, line = tree.size[part], tree.offset[part], factors.line
     for r in range(size):
-        line[r] = v[r]
+        line[0, r] = residual[first + r]
     for r in range(size, -(-size // FOUR) * FOUR):
-        line[r] = 0.0
+        line[0, r] = 0.0
+    _transposed_product(factors.root[part], line[0], line[1], size)
+    for r in range(size):
+        y[first + r] = -line[1, r]
 
 
 @jit_inner

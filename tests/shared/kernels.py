@@ -63,9 +63,9 @@ def damped_element(k, count, e, z, y, nodes, d, internal, tangent):
 
 
 @jit
-def eliminate(t, e, d, work, y):
-    """Solve the linearisation on the tree."""
-    solve_tree(t, e, d, work, y)
+def eliminate(t, e, d, work, plan, y):
+    """Solve the linearisation on the tree for the residual."""
+    solve_tree(t, e, d, work, plan, True, y)
 
 
 @jit

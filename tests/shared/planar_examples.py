@@ -78,7 +78,7 @@ def branches(friction: float = 0.0) -> Mechanism:
 
 
 def hanging() -> Mechanism:
-    """A passive pendulum on the world carries a driven beam: the unknowns of block 0."""
+    """A passive pendulum on the world carries a driven beam: the unknowns of a block on the world."""
     links = (Link("bob", (body(0.1, 0.1, 0.0),)), Link("beam", (), Beam(0.2, SOFT, 1, 3)))
     joints = (
         Joint("pivot", "revolute", "world", "bob", actuated=False, damping=1e-3),

@@ -79,7 +79,7 @@ def _pulled(m: Mechanism, *points: tuple[str, float | None]) -> Mechanism:
 
 
 def hanging(kind: str) -> Mechanism:
-    """A passive joint on the world: its freedoms are block 0; a beam is driven on the body it carries."""
+    """A passive joint on the world: its freedoms are a block there; a beam is driven on the body it carries."""
     links = (
         Link("body", (Body("body", Inertia(1.0, np.array([0.1, 0.2, 0.3]), np.diag([0.3, 0.4, 0.5]))),)),
         Link("beam", (), Beam(0.8, SOFT, 1, 2)),

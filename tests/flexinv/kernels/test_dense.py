@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexinv.kernels.dense import invert, invert_scaled, solve_dense, solve_symmetric
+from flexinv.kernels.dense import invert, invert_scaled, solve_dense
 from flexinv.kernels.jit import jit
 from flexinv.kernels.pivoted_qr import Factor, factorise, solve_lower, turn
 from flexinv.typing import Array
@@ -25,12 +25,6 @@ def inverted(a, size):
 def inverted_scaled(a, rows, least, over, left):
     """Inverse of what has pivots above ``least`` in place."""
     invert_scaled(a, rows, least, over, left)
-
-
-@jit
-def solved_symmetric(a, rows, least, x, order, over):
-    """Solution of the first ``rows`` rows for the column behind them into x."""
-    solve_symmetric(a, rows, least, x, (order, over))
 
 
 @jit
@@ -98,14 +92,9 @@ def test_rows_that_repeat_others_are_left_out() -> None:
         [[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1.0], [1.0, 0, 0, 0]]
     )  # the last is the first
     whole = pick @ matrix @ pick.T
-    found, x = whole.copy(), np.empty(5)
+    found = whole.copy()
     inverted_scaled(found, 5, 1e-10, np.empty(5), np.empty(5, dtype=bool))
     assert (found[0] == 0.0).all() != (found[4] == 0.0).all()  # one of the two
-    room = np.column_stack([whole, whole @ np.ones(5)])
-    solved_symmetric(room, 5, 1e-10, x, np.empty(5, dtype=np.int64), np.empty(5))
-    assert sorted((x[0] == 0.0, x[4] == 0.0)) == [False, True]
-    over = np.sqrt(np.diag(whole))
-    assert np.abs((whole @ x - whole @ np.ones(5)) / over).max() < 1e-12 * np.abs(over).max()
 
 
 @pytest.mark.parametrize("lanes", [1, 16])
