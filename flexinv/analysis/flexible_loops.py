@@ -77,7 +77,7 @@ def with_closures(mesh: Mesh, first: FirstStep, switching: Switching) -> FirstSt
     motion, stretches = trajectory.motion, switching.stretches
     pushed, reaction = phased_closing(mesh, motion, stretches, trajectory.multipliers)
     efforts = trajectory.multipliers @ stretches[0].rows.gear
-    brought = _closing_work(motion, pushed, (efforts * first.joints[1]).sum(axis=1), time)
+    brought = _closing_work(motion, pushed, stretches[0].rows, (efforts * first.joints[1]).sum(axis=1), time)
     brought += _damped_after(trajectory.energy[:, 2], [stretch.phase.first for stretch in stretches[1:]], time)
     if (jumps := energy_jumps(time, switching.impacts)) is not None:
         brought += jumps
@@ -87,9 +87,10 @@ def with_closures(mesh: Mesh, first: FirstStep, switching: Switching) -> FirstSt
     return replace(first, applied=pushed + first.applied, brought=brought, loops=loops, geared=efforts)
 
 
-def _closing_work(motion: NodalMotion, pushed: NodalForces, power: Array, time: Array) -> Array:
+def _closing_work(motion: NodalMotion, pushed: NodalForces, rows: Rows, power: Array, time: Array) -> Array:
     """Return the energy that closures absorb from one sample to the next, (samples,) [J]: zero for short steps."""
-    nodes = np.flatnonzero((pushed.force != 0.0).any(axis=(0, 2)) | (pushed.moment != 0.0).any(axis=(0, 2)))
+    both = np.union1d(rows.a, rows.b)
+    nodes = both[both >= 0]
     spin = np.einsum("snij,snj->sni", motion.rotation[:, nodes], motion.omega[:, nodes])
     power = power + np.einsum("snc,snc->s", pushed.force[:, nodes], motion.v[:, nodes])
     power += np.einsum("snc,snc->s", pushed.moment[:, nodes], spin)
