@@ -7,6 +7,7 @@ Every part is a study (a table of the report made in a process of its own); its 
     targets     speed targets on this machine, and the measured values; the ratios for the history
     rigid       torques of many samples
     single      torques of one sample, of the first call; longer chains
+    loop_chains chains of closed loops: growth with their number
     latency     cycles of a controller, one call each, as a histogram
     flexible    arms that bend: time beside error
     marches     finer meshes, closed loops beside trees of the same size, many scenarios over threads

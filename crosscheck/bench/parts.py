@@ -35,6 +35,7 @@ PARTS: Mapping[str, Part] = {
     "first": Part("The first torque of a process", "first", quick={"names": ["rigid_3r"]}),
     "latency": Part("Cycles of a controller", "latency", quick={"steps": 5_000}),
     "chains": Part("Longer chains", "single", "chains", quick={"joints": [1, 8, 64], "seconds": 0.2}),
+    "loops": Part("Chains of closed loops", "loop_chains", quick={"loops": [5, 20], "seconds": 0.2}),
     **{
         name: Part(f"Time and error of an arm that bends, {name}", "flexible", "study", {"arms": [model]}, _QUICK_ARM)
         for name, model in _ARMS.items()

@@ -49,6 +49,7 @@ def command(parts: tuple[str, ...], models: Path, quick: bool, out: Path, url: s
       first     the first torque of a process, cold and warm; minutes of compiling
       latency   100,000 cycles of a controller, rigid and flexible: a histogram of what every call takes
       chains    from 1 to 64 joints
+      loops     from 2 to 40 closed loops in a row: solved, simulated, with beams
       one-link, two-link, spatial   arms that bend, beside Exudyn: error and time
       accuracy  time to torque errors of 1e-3 to 1e-6: plain steps, one extrapolation, accuracy=
       torque-errors   the same beside Exudyn, with its best mesh and steps for each error
