@@ -97,13 +97,13 @@ def factorise(fronts, qr):
 def _factorise_front(fronts, qr, f):
     """Eliminate the own columns of a front, and bring the others to a triangle where they are fewer than its rows left."""
     first, own, rows = fronts.first[f], fronts.own[f], fronts.begin[f + 1] - fronts.begin[f]
-    width, top = fronts.first[f + 1] - first, 0
+    width, top, tall = fronts.first[f + 1] - first, 0, True
     for c in range(width):
         at = first + c
         qr.pivot[at] = -1
         if c == own:
-            qr.top[f] = top
-        if c >= own and rows - top <= width - c:
+            qr.top[f], tall = top, rows - top > width - own
+        if not tall:
             continue
         place = _value(fronts, f, c)
         column = qr.values[place : place + rows]

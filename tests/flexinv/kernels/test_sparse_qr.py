@@ -72,6 +72,18 @@ def chain(loops: int, lanes: int, seed: int = 0) -> Array:
     return matrix
 
 
+def fan(loops: int, lanes: int, seed: int = 0) -> Array:
+    """Loops that hang on one another, each closed with the ground: rows of a loop have entries of all before it, and one more."""
+    rng = np.random.default_rng(seed)
+    matrix = np.zeros((lanes, 5 * loops, 2 * loops))
+    for loop in range(loops):
+        own = matrix[:, 5 * loop : 5 * loop + 5]
+        own[:, :3, : 2 * loop : 2] = rng.normal(size=(lanes, 3, loop))
+        own[:, :3, 2 * loop : 2 * loop + 2] = rng.normal(size=(lanes, 3, 2))
+        own[:, 3:] = own[:, :2]
+    return matrix
+
+
 def full(rows: int, columns: int, lanes: int) -> Array:
     return np.random.default_rng(rows).normal(size=(lanes, rows, columns))
 
@@ -79,6 +91,7 @@ def full(rows: int, columns: int, lanes: int) -> Array:
 MATRICES = {
     "one loop": (chain, 1),
     "chain": (chain, 12),
+    "fan": (fan, 6),
     "square": (full, 12, 12),
     "tall": (full, 9, 3),
     "one column": (full, 4, 1),
