@@ -24,21 +24,24 @@ WIDE = '"prefer-vector-width"="512"'
 class KernelLibrary(JITCodeLibrary):
     """The lowered text of one kernel; records : how the text calls those of its arguments that are addresses of records.
 
-    over_lanes : whether it loops over lanes
+    over_lanes : whether it loops over lanes; stays_apart : whether it is taken into no caller for being the only one
     """
 
     records: frozenset[str] = frozenset()
     over_lanes = False
+    stays_apart = False
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self.own: set[str] = set()  # names of the functions that are defined here
+        self.apart: set[str] = set()  # of those that stay apart, and of those in what they call
 
     def add_ir_module(self, ir_module: Any) -> None:
         """Add the text, with what is promised of the records that a kernel gets, and how wide its vectors may be."""
         for function in ir_module.functions:
             if function.blocks:
                 self.own.add(function.name)
+                self.apart |= {function.name} if self.stays_apart else set()
                 if self.over_lanes:
                     set.add(function.attributes, WIDE)  # llvmlite knows no attributes with values
                 for argument in function.args:
@@ -82,13 +85,14 @@ class OuterLibrary(KernelLibrary):
             if one in self._linking_libraries:
                 continue
             super().add_linking_library(one)
+            self.apart |= getattr(one, "apart", set())
             if isinstance(one, InnerLibrary):
                 waiting += one._linking_libraries
 
     def _optimize_final_module(self) -> None:
         """Optimise the module as a whole, in one pass: Numba's first of two serves counting of references, which is none here."""
         for function in self._final_module.functions:
-            if not function.is_declaration and function.name not in self.own:
+            if not function.is_declaration and function.name not in self.own | self.apart:
                 function.linkage = "internal"
         passes, options = self._codegen._module_pass_manager()
         passes.run(self._final_module, options)

@@ -68,6 +68,7 @@ def _compiler(library: type[KernelLibrary]) -> type[Compiler]:
                 state.library = library(state.targetctx.codegen(), state.func_id.func_qualname)
                 state.library.enable_object_caching()
                 state.library.over_lanes = bool(state.flags.fastmath)
+                state.library.stays_apart = getattr(state.func_id.func, "stays_apart", False)
                 named = zip(state.func_id.arg_names, state.args, strict=False)
                 state.library.records = frozenset(f"arg.{name}" for name, kind in named if isinstance(kind, RecordType))
             return super()._compile_bytecode()

@@ -25,7 +25,7 @@ import math
 import numpy as np
 
 from flexinv.elements.joint_law import moving_effort, own_effort, resisting_effort
-from flexinv.kernels.jit import jit_lane, jit_lanes
+from flexinv.kernels.jit import jit_lane, jit_lanes, jit_pass
 from flexinv.kernels.simd import (
     FAR,
     LANES,
@@ -121,7 +121,7 @@ def _angles(rows, lanes):
             rows[COS + k], rows[SIN + k] = math.cos(rows[PLACE + k]), math.sin(rows[PLACE + k])
 
 
-@jit_lanes
+@jit_pass
 def _turn_outboard(state, rows, lanes, body):
     """A body that turns about z."""
     ((ct, st), (c0, s0)), inertia, onward, law = tilt(body), inertia_of(body), onward_place(body), law_of(body)
@@ -146,7 +146,7 @@ def _along_z(w, al, a, place, rate, acceleration):
     return a[0] + 2.0 * w[1] * rate, a[1] - 2.0 * w[0] * rate, a[2] + acceleration
 
 
-@jit_lanes
+@jit_pass
 def _slide_outboard(state, rows, lanes, body):
     """A body that slides along z."""
     inertia, onward, law = inertia_of(body), onward_place(body), law_of(body)
@@ -190,7 +190,7 @@ def _orientation(rows, k):
     return vec_of(rows, TURN_OF, k), vec_of(rows, TURN_Y, k), vec_of(rows, TURN_Z, k)
 
 
-@jit_lanes
+@jit_pass
 def _float_outboard(state, rows, lanes, body):
     """A body that turns about its origin, which moves too; rates and accelerations are in its own frame."""
     inertia, onward = inertia_of(body), onward_place(body)
@@ -219,7 +219,7 @@ def _add(above, k, p, force, moment):
     put_vec(above, MOMENT, k, plus_cross(plus(vec_of(above, MOMENT, k), moment), p, force))
 
 
-@jit_lanes
+@jit_pass
 def _turn_inboard(rows, lanes, body):
     """The effort, and the wrench in the frame before the joint."""
     (ct, st), _ = tilt(body)
@@ -230,7 +230,7 @@ def _turn_inboard(rows, lanes, body):
         put_vec(rows, MOMENT, k, tilted(ct, st, turned(c, s, vec_of(rows, MOMENT, k))))
 
 
-@jit_lanes
+@jit_pass
 def _turn_on_inboard(rows, above, lanes, body):
     """The effort, and the wrench that the parent takes in its own frame."""
     ((ct, st), _), (_, p) = tilt(body), placement(body)
@@ -241,7 +241,7 @@ def _turn_on_inboard(rows, above, lanes, body):
         _add(above, k, p, force, tilted(ct, st, turned(c, s, vec_of(rows, MOMENT, k))))
 
 
-@jit_lanes
+@jit_pass
 def _advance_inboard(rows, lanes, lead):
     """Add the force along z to the effort of a slide or a screw, and bring the moment to where it begins."""
     for k in range(lanes):
@@ -250,7 +250,7 @@ def _advance_inboard(rows, lanes, lead):
         put_vec(rows, MOMENT, k, plus_cross(moment, (0.0, 0.0, lead * rows[PLACE + k]), force))
 
 
-@jit_lanes
+@jit_pass
 def _float_inboard(rows, lanes):
     """The efforts, and the wrench before the joint."""
     for k in range(lanes):
@@ -262,7 +262,7 @@ def _float_inboard(rows, lanes):
         put_vec(rows, MOMENT, k, plus_cross(moment, vec_of(rows, SHIFT, k), force))
 
 
-@jit_lanes
+@jit_pass
 def _branch_inboard(rows, above, lanes, body):
     """The wrench before the joint, which the parent takes in its own frame."""
     r, p = placement(body)
@@ -311,7 +311,7 @@ def _begin(how, source, state, work, lanes, body, g):
         _turn_state(state, k, r, d, *_state(state, k))
 
 
-@jit_lanes
+@jit_pass
 def outboard(tree, numbers, work, lanes):
     """Carry the motion from the root to the leaves; leave in every body the force [N] and moment [N m] that it takes.
 
@@ -351,7 +351,7 @@ def _spoilt(rows, lanes):
     return count
 
 
-@jit_lanes
+@jit_pass
 def inboard(tree, numbers, work, lanes):
     """Sum forces [N] and moments [N m] from the leaves to the root; what lies along a joint's axis is its effort.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 from flexinv.kernels.code_cache import compiled, compiler
 from flexinv.kernels.dense import solve_dense
 from flexinv.kernels.inner_library import InnerLibrary, OuterLibrary
-from flexinv.kernels.jit import jit_inner
+from flexinv.kernels.jit import jit_inner, jit_lanes, jit_pass
 
 MODULE = """
 import numpy as np
@@ -63,6 +64,35 @@ def test_what_only_kernels_call_is_text_and_what_python_calls_links_all_of_it() 
     deep = [one for one in outer._linking_libraries if isinstance(one, InnerLibrary)]
     assert [one.name for one in deep] == ["summed", "squared"]  # each once, at any depth
     assert not inner._codegen._engine.is_symbol_defined(next(iter(summed.overloads.values())).fndesc.mangled_name)
+
+
+@jit_pass
+def stretched(rows: Any, lanes: Any) -> None:
+    """Long enough that only a function with one caller would be taken in."""
+    for k in range(lanes):
+        x = rows[k]
+        for _ in range(3):
+            x = math.sin(x) + math.cos(x) * math.exp(-x) + math.atan(x) * math.tanh(x) + math.log1p(x * x)
+            x = math.sqrt(1.0 + x * x) * math.erf(x) + math.cosh(0.1 * x) * math.asinh(x) - math.expm1(-x * x)
+        rows[k] = x
+
+
+@jit_lanes
+def both_ends(rows: Any, lanes: Any) -> None:
+    stretched(rows, lanes)
+
+
+@compiler(_nrt=False, no_cfunc_wrapper=True, fastmath={"contract"})
+def changed(rows: Any) -> None:
+    both_ends(rows, rows.size)
+
+
+def test_a_pass_stays_a_function_of_its_own_in_whatever_calls_it() -> None:
+    changed(np.arange(3.0))
+    (outer,) = (one.library for one in changed.overloads.values())
+    left = [f.name for f in outer._final_module.functions if not f.is_declaration]
+    assert any("stretched" in name for name in left)
+    assert not any("both_ends" in name for name in left)  # what has one caller is taken in
 
 
 def test_a_number_in_a_call_is_no_other_kernel() -> None:
