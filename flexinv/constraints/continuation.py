@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NoReturn
 
 import numpy as np
@@ -25,6 +26,7 @@ from flexinv.constraints.closures import (
     row_arrays,
     row_scales,
     sizes_of,
+    without_rounding,
 )
 from flexinv.constraints.continuation_kernel import (
     CLOSED,
@@ -33,11 +35,13 @@ from flexinv.constraints.continuation_kernel import (
     MOST_ITERATIONS,
     Chain,
     Problem,
+    closure_equations,
     continue_branch,
     rates,
 )
 from flexinv.constraints.phases import acting
 from flexinv.errors import ConvergenceError, InputError
+from flexinv.kernels.memory import plain
 from flexinv.kernels.sparse_qr import FrontFactors
 from flexinv.kinematics.configuration import nodes_of
 from flexinv.kinematics.configuration_arrays import moved
@@ -268,12 +272,17 @@ class Follower:
 
     def closures(self, q: Array) -> tuple[Array, Array]:
         """Return phi (rows,) [-] and its gradient (rows, nv) [-], lengths and slides over the mechanism's length."""
-        rest = np.zeros((1, self.mesh.mechanism.nv))
-        motion = rigid_motion(self.mesh, q[None], rest, rest)
-        scale = row_scales(self.mesh, self.rows)
-        g = constraint_jacobian(self.mesh, motion, self.rows)[0]
-        phi = residuals(motion, self.rows)[0] + coupling_residuals(self.rows, q[None], rest, rest)[0]
-        return phi[0] / scale, g * measures(self.mesh) / scale[:, None]
+        chain, scale, rest = self._chain
+        phi, g = np.empty(len(scale)), np.zeros((1, len(scale), len(rest)))
+        closure_equations(chain, plain(q), rest, phi, g[0])
+        g = without_rounding(self.mesh, self.rows.direction, g)
+        return phi / scale, g[0] * measures(self.mesh) / scale[:, None]
+
+    @cached_property
+    def _chain(self) -> tuple[Chain, Array, Array]:
+        """Return the chain of the closures, the scales of their rows, and rates of rest (nv,)."""
+        made = Chain.of(nodes_of(self.mesh), row_arrays(self.rows))
+        return made, row_scales(self.mesh, self.rows), np.zeros(self.mesh.mechanism.nv)
 
     def solve(self, q: Array) -> Array | None:
         """Newton from a guess (nq,) [rad], [m]; None if the loops do not close."""

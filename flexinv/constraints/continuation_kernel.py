@@ -99,14 +99,29 @@ def solve_factored(problem):
 
 
 @jit_inner
+def _open(chain, q, rest, g):
+    """Set G (rows, nv), and chain.phi to the closure equations, at a configuration that stands still."""
+    move_nodes(chain.nodes, q, rest, rest, chain.joints, chain.frames)
+    jacobian(chain.nodes, chain.rows, chain.frames, g)
+    closure_residuals(chain.rows, chain.frames, chain.phi)
+    for k in range(g.shape[0]):
+        chain.phi[k, 0] += geared(k, chain.rows, q, rest, rest)[0]
+
+
+@jit
+def closure_equations(chain, q, rest, phi, g):
+    """Set phi (rows,) [m], [-] and G (rows, nv) [m/rad], zero on entry, at q (nq,) [rad], [m]; rest : (nv,) zeros."""
+    _open(chain, q, rest, g)
+    for k in range(phi.shape[0]):
+        phi[k] = chain.phi[k, 0]
+
+
+@jit_inner
 def _equations(chain, problem, q):
     """Set problem.g, problem.qr = G_u and problem.y = phi at a configuration, all over their scales."""
-    rows, frames, rest = chain.rows, chain.frames, problem.rest
-    move_nodes(chain.nodes, q, rest, rest, chain.joints, frames)
-    jacobian(chain.nodes, rows, frames, problem.g)
-    closure_residuals(rows, frames, chain.phi)
+    _open(chain, q, problem.rest, problem.g)
     for k in range(problem.scale.shape[0]):
-        problem.y[k, 0] = (chain.phi[k, 0] + geared(k, rows, q, rest, rest)[0]) / problem.scale[k]
+        problem.y[k, 0] = chain.phi[k, 0] / problem.scale[k]
     _set_matrix(problem)
 
 
