@@ -70,7 +70,7 @@ def study(models: str = "", loops: list[int] | None = None, seconds: float = SEC
 
 
 def _calls(count: int) -> dict[str, tuple[Callable[[], object], int]]:
-    """What is timed, and of how many samples or steps."""
+    """Calls to be timed, and of how many samples or steps."""
     rigid, bending, motion = four_bars(count), four_bars(count, beams=True), turning(0.6)
     leaning = replace(bending, gravity=bending.gravity + np.array([0.0, 0.0, LEANING]))
     time = np.linspace(0.0, STEPS * 1e-3, 3)

@@ -1,5 +1,7 @@
 """Whether ``flexinv.solve(..., accuracy=)`` keeps what it promises: true errors and error bars of twelve mechanisms.
 
+Below them stand two of which the finest accuracies are refused, in words: they say what would have to change.
+
     python docs/studies/accuracy.py [name ...]
 
 Every mechanism is solved with accuracies of 1e-2 to 1e-5 and held against a reference of its own: the finest meshes of the ladder
@@ -102,12 +104,17 @@ SUBJECTS: dict[str, Callable[[], Subject]] = {
     "one link, damped, trapezoid": model("flex_one_link_damped", "cycloid", 384, **move("trapezoid", *TURN)),
     "two links, nonic": model("flex_two_link", "cycloid", 192, **move("nonic", *TWO)),
     "two links, damped, quintic": damped(model("flex_two_link", "cycloid", 192, **move("quintic", *TWO)), 0.02),
-    "arm in space, static, quintic": by(model("spatial_arm", "reach", 1536), "quintic"),
+    "arm in space, static, nonic": by(model("spatial_arm", "reach", 192), "nonic"),
+    "arm in space, damped, cycloid": damped(by(model("spatial_arm", "reach", 384), "cycloid"), 0.02),
     "robot in space, static, damped": damped(by(model("ur5_flexible_forearm", "reach", 192), "septic"), 0.02),
-    "flexible four-bar, static, nonic": by(model("four_bar_flexible", "turn", 192), "nonic"),
-    "flexible slider-crank": damped(model("slider_crank_flexible", "turn", 192), 0.02),
+    "flexible four-bar, static, nonic": by(model("four_bar_flexible", "turn", 384), "nonic"),
+    "flexible slider-crank": damped(model("slider_crank_flexible", "turn", 384), 0.02),
     "elastic drives (springs)": model("elastic_drives", "swing"),
-    "two arms carry (phases)": retarded(model("two_arms_flexible", "carry", 96), 2e-3),
+}
+# What no steps reach in full, which is said: undamped jumps of the jerk in space, hands that stop at once what waves run from.
+OUT_OF_REACH: dict[str, Callable[[], Subject]] = {
+    "arm in space, undamped, quintic": by(model("spatial_arm", "reach", 1536), "quintic"),
+    "two arms carry (impacts)": retarded(model("two_arms_flexible", "carry", 96), 2e-3),
 }
 
 
@@ -155,7 +162,7 @@ def errors(known: Reference, found: flexinv.Solution) -> tuple[np.ndarray, np.nd
 
 def lines(name: str) -> Iterator[str]:
     """Yield the lines of one subject of the table."""
-    subject = SUBJECTS[name]()
+    subject = (SUBJECTS | OUT_OF_REACH)[name]()
     known = reference(subject)
     for asked in ASKED:
         start = clock.perf_counter()
@@ -179,7 +186,7 @@ def main(names: list[str]) -> None:
     """Print the table."""
     click.echo("| mechanism | asked | true error | reference | times better | covered | how |")
     click.echo("|---|---|---|---|---|---|---|")
-    for name in SUBJECTS:
+    for name in SUBJECTS | OUT_OF_REACH:
         if not names or any(word in name for word in names):
             for line in lines(name):
                 click.echo(line)

@@ -46,6 +46,9 @@ FARTHEST, TRIPLES_SEEN = 4, 3
 MOST_NODE_STEPS = 2_000_000
 # Meshes of beams, (times the elements of the mechanism, order), each better than that before.
 MESHES = ((1, 4), (1, 6), (1, 8), (1, 10), (2, 8), (2, 10), (4, 8), (4, 10))
+# A bar is the largest difference within this part of the run: steps as long as half an oscillation leave an error that is largest
+# elsewhere than the difference that shows it.
+AROUND = 0.05
 # A difference to the next mesh is nearly the whole error of a mesh, as errors fall by several times from one to the next.
 OF_MESH = 1.5
 
@@ -260,7 +263,7 @@ def extrapolated_answer(three: tuple[Level, Level, Level], before: Answer | None
     found = [level.found.rows(level.kept // a.kept) for level in three]
     coarse, fine = mixed(found[:2], weights((a.finer, b.finer))), mixed(found[1:], weights((b.finer, c.finer)))
     scale = ranges(c.made.mesh, found[2])
-    bars = largest_nearby(scale.errors(mixed((fine, coarse), np.array([1.0, -1.0]))))
+    bars = largest_nearby(scale.errors(mixed((fine, coarse), np.array([1.0, -1.0]))), AROUND)
     apart, order = float(bars.max()), ASSUMED_ORDER if before is None else before.order
     if before is not None and before.levels[0].finer < b.finer and min(apart, before.apart) > 0.0:
         order = float(np.log(before.apart / apart) / np.log(b.finer / before.levels[0].finer))
@@ -275,7 +278,7 @@ def plain_answer(three: tuple[Level, Level, Level]) -> Answer:
     found = [level.found.rows(level.kept // a.kept) for level in three]
     scale, minus = ranges(c.made.mesh, found[2]), np.array([1.0, -1.0])
     first, second, both = (
-        largest_nearby(scale.errors(mixed((found[k], found[j]), minus))) for k, j in ((1, 0), (2, 1), (2, 0))
+        largest_nearby(scale.errors(mixed((found[k], found[j]), minus)), AROUND) for k, j in ((1, 0), (2, 1), (2, 0))
     )
     bars = both if second.max() < first.max() else np.full_like(both, np.inf)
     return Answer((c,), np.ones(1), a.kept, bars, scale, float(both.max()), 1.0, a.finer)
@@ -300,7 +303,7 @@ def mesh_bars(refinement: Refinement, mesh: int, answer: Answer) -> Array:
 
 def _mesh_apart(here: Level, there: Level) -> Array:
     scale = ranges(there.made.mesh, there.found)
-    return largest_nearby(scale.errors(mixed((there.found, here.found), np.array([1.0, -1.0]))))
+    return largest_nearby(scale.errors(mixed((there.found, here.found), np.array([1.0, -1.0]))), AROUND)
 
 
 def _rungs(answer: Answer, asked: float, first: bool) -> int:

@@ -13,7 +13,7 @@ from flexinv.typing import Array
 # Coarsest steps: so many in the run, and so many in the longest stretch of it that is smooth, unless that is too many in the run.
 FEWEST_IN_RUN, FEWEST_IN_STRETCH, MOST_IN_RUN = 40, 16, 160
 # After a jump of the acceleration what is stiff and damped settles: so many times the step is halved towards the jump.
-GRADES = 7
+GRADES = 11
 # Instants closer than this part of the run are one.
 SAME = 1e-9
 

@@ -10,12 +10,12 @@ from flexinv.typing import Array
 NEARBY = 0.02
 
 
-def largest_nearby(values: Array) -> Array:
-    """Return the largest values within ``NEARBY`` of the run on either side of each sample.
+def largest_nearby(values: Array, part: float = NEARBY) -> Array:
+    """Return the largest values within a ``part`` of the run on either side of each sample.
 
     values : (samples, ...) [any unit]; maxima over windows of 1, 2, 4 ... samples, each of two of the one before
     """
-    half = int(np.ceil(NEARBY * len(values)))
+    half = int(np.ceil(part * len(values)))
     outside = np.full((half, *values.shape[1:]), -np.inf)
     largest, reach, width = np.concatenate([outside, values, outside]), 1, 2 * half + 1
     while reach < width:
