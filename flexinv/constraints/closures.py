@@ -197,7 +197,7 @@ def constraint_jacobian(mesh: Mesh, motion: NodalMotion, rows: Rows) -> Array:
     if count == 0:
         return np.empty((samples, 0, mesh.mechanism.nv))
     g = np.zeros((samples, count, mesh.mechanism.nv))
-    jacobians(nodes_of(mesh), row_arrays(rows), motion.frames, g)
+    jacobians(nodes_of(mesh), row_arrays(rows), motion.frames, np.empty((count, 3)), g)
     return without_rounding(mesh, rows.direction, g)
 
 
@@ -209,10 +209,8 @@ def closure_fronts(mesh: Mesh, rows: Rows, columns: NDArray[np.bool_], last: NDA
 
 @kept_with_owner()
 def _fronts(mesh: Mesh, closure: bytes, columns: bytes, last: bytes) -> Fronts:
-    acting = np.zeros(len(mesh.mechanism.closures), dtype=bool)
-    acting[np.frombuffer(closure, dtype=np.int64)] = True
     own, after = (np.frombuffer(mask, dtype=bool) for mask in (columns, last))
-    return fronts_of(_pattern(mesh, constraint_rows(mesh).of(acting))[:, own], after[own])
+    return fronts_of(_pattern(mesh, constraint_rows(mesh).of(_among(mesh, closure)))[:, own], after[own])
 
 
 def _pattern(mesh: Mesh, rows: Rows) -> NDArray[np.bool_]:
@@ -239,8 +237,21 @@ def row_scales(mesh: Mesh, rows: Rows) -> Array:
 
     A coupling is measured against the largest of its terms, for a slide as long as the mechanism or an angle of 1.
     """
+    return _row_scales(mesh, rows.closure.tobytes())
+
+
+@kept_with_owner()
+def _row_scales(mesh: Mesh, closure: bytes) -> Array:
+    rows = constraint_rows(mesh).of(_among(mesh, closure))
     geared = (np.abs(rows.gear) * measures(mesh)).max(axis=1, initial=0.0)
     return np.where(geared > 0.0, geared, np.where(rows.direction, 1.0, mesh.length))
+
+
+def _among(mesh: Mesh, closure: bytes) -> NDArray[np.bool_]:
+    """Mask (closures,) of those whose numbers stand in the bytes of `Rows.closure`."""
+    found = np.zeros(len(mesh.mechanism.closures), dtype=bool)
+    found[np.frombuffer(closure, dtype=np.int64)] = True
+    return found
 
 
 def without_rounding(mesh: Mesh, direction: NDArray[np.bool_], g: Array) -> Array:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.constraints.equations import RowArrays, closure_residuals, geared, jacobian
+from flexinv.constraints.equations import RowArrays, closure_residuals, closure_rows, geared
 from flexinv.kernels.fronts import Fronts
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import by_address
@@ -102,8 +102,7 @@ def solve_factored(problem):
 def _open(chain, q, rest, g):
     """Set G (rows, nv), and chain.phi to the closure equations, at a configuration that stands still."""
     move_nodes(chain.nodes, q, rest, rest, chain.joints, chain.frames)
-    jacobian(chain.nodes, chain.rows, chain.frames, g)
-    closure_residuals(chain.rows, chain.frames, chain.phi)
+    closure_rows(chain.nodes, chain.rows, chain.frames, chain.phi, g)
     for k in range(g.shape[0]):
         chain.phi[k, 0] += geared(k, chain.rows, q, rest, rest)[0]
 
@@ -223,8 +222,7 @@ def rates(chain, problem, q, qd, qdd, condition):
     for s in range(q.shape[0]):
         condition[s] = np.inf
         move_nodes(nodes, q[s], qd[s], qdd[s], joints, frames)
-        jacobian(nodes, rows, frames, problem.g)
-        closure_residuals(rows, frames, chain.phi)
+        closure_rows(nodes, rows, frames, chain.phi, problem.g)
         for k in range(problem.scale.shape[0]):
             rate = chain.phi[k, 1] + geared(k, rows, q[s], qd[s], qdd[s])[1]
             problem.y[k, 0] = rate / problem.scale[k]
@@ -266,8 +264,7 @@ def closing(chain, scale, motion, given, g, worst, at):
     for s in range(q.shape[0]):
         frames = frames_at(motion, s if keeps else 0)
         move_nodes(chain.nodes, q[s], qd[s], qdd[s], chain.joints, frames)
-        jacobian(chain.nodes, rows, frames, g[s])
-        closure_residuals(rows, frames, chain.phi)
+        closure_rows(chain.nodes, rows, frames, chain.phi, g[s])
         for k in range(scale.shape[0]):
             one, two = chain.phi[k], geared(k, rows, q[s], qd[s], qdd[s])
             phi, rate, second = one[0] + two[0], one[1] + two[1], one[2] + two[2]

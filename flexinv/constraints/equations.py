@@ -117,22 +117,26 @@ def _turn_seen(k, rows, frames):
 
 
 @jit_inner
+def _set_residuals(k, rows, place, turned, phi):
+    """Set phi, phi' and phi'' of the rows of one closure."""
+    r, w, al = turned
+    for i in range(k, rows.last[k]):
+        u = vec(rows.u[i])
+        if rows.direction[i]:
+            seen = apply(r, vec(rows.w[i]))
+            rate = cross(w, seen)
+            put(phi[i], 0, (dot(u, seen), dot(u, rate), dot(u, add(cross(al, seen), cross(w, rate)))))
+        else:
+            put(phi[i], 0, (dot(u, place[0]), dot(u, place[1]), dot(u, place[2])))
+
+
+@jit_inner
 def closure_residuals(rows, frames, phi):
     """Set phi = u . w [m], [-], phi' and phi'' (rows, 3) of all rows, those of couplings to zero (`geared`)."""
     k = 0
     while k < rows.a.shape[0]:
-        last = rows.last[k]
-        place, turned = _place_seen(k, rows, frames), _turn_seen(k, rows, frames)
-        r, w, al = turned
-        for i in range(k, last):
-            u = vec(rows.u[i])
-            if rows.direction[i]:
-                seen = apply(r, vec(rows.w[i]))
-                rate = cross(w, seen)
-                put(phi[i], 0, (dot(u, seen), dot(u, rate), dot(u, add(cross(al, seen), cross(w, rate)))))
-            else:
-                put(phi[i], 0, (dot(u, place[0]), dot(u, place[1]), dot(u, place[2])))
-        k = last
+        _set_residuals(k, rows, _place_seen(k, rows, frames), _turn_seen(k, rows, frames), phi)
+        k = rows.last[k]
 
 
 @jit_inner
@@ -150,27 +154,24 @@ def geared(k, rows, q, qd, qdd):
 
 
 @jit_inner
-def _add_joint(nodes, rows, frames, n, sign, seen, g):
-    """Set what the joint of node n does to the rows of a closure; ``seen``: first row, axes of A, those of B there, B's point."""
-    k, axes, turned, place = seen
-    if nodes.v_index[n] < 0:
-        return
-    r, arm = mul(transpose(axes), mat(frames.r[n])), tapply(axes, sub(place, vec(frames.x[n])))
-    for j in range(nodes.freedoms[n]):
-        turn = scale(sign, apply(r, vec(nodes.turn[n, j])))
-        moved = add(scale(sign, apply(r, vec(nodes.slide[n, j]))), cross(turn, arm))
+def _set_joint(nodes, rows, frames, n, sign, seen, g):
+    """Set what the joint of node n does to the rows of a closure; ``seen``: first row, axes of A, place of B, rows' vectors."""
+    k, axes, place, along = seen
+    r, arm = mat(frames.r[n]), sub(place, vec(frames.x[n]))
+    for j in range(nodes.freedoms[n] if nodes.v_index[n] >= 0 else 0):
+        turn = apply(r, vec(nodes.turn[n, j]))
+        moved = scale(sign, tapply(axes, add(apply(r, vec(nodes.slide[n, j])), cross(turn, arm))))
+        turn = scale(sign, tapply(axes, turn))
         for i in range(k, rows.last[k]):
-            u = vec(rows.u[i])
-            g[i, nodes.v_index[n] + j] = (
-                dot(turn, cross(apply(turned, vec(rows.w[i])), u)) if rows.direction[i] else dot(u, moved)
-            )
+            g[i, nodes.v_index[n] + j] = dot(turn if rows.direction[i] else moved, vec(along[i]))
 
 
 @jit_inner
-def jacobian(nodes, rows, frames, g):
-    """Set entries of G (rows, nv) [m/rad], [-], phi' = G qd: each row is the joint efforts of a unit multiplier.
+def closure_rows(nodes, rows, frames, phi, g):
+    """Set phi (rows, 3) as `closure_residuals`, and entries of G (rows, nv) [m/rad], [-], phi' = G qd.
 
-    Joints between the two frames of a closure have entries, and those of couplings; others are left alone, and are zero.
+    Each row of G is the joint efforts of a unit multiplier.  Joints between the two frames of a closure have entries, and those
+    of couplings; others are left alone, and are zero.
     """
     k = 0
     while k < rows.a.shape[0]:
@@ -179,23 +180,28 @@ def jacobian(nodes, rows, frames, g):
             for i in range(rows.place.shape[0]):
                 if rows.gear[k, i] != 0.0:
                     g[k, i] = rows.gear[k, i]
-        axes, (place, _, _) = _axes(frames, a), point(frames, b, vec(rows.place_b[k]))
-        seen = k, axes, mul(transpose(axes), _axes(frames, b)), place
+        turned = _turn_seen(k, rows, frames)
+        for i in range(k, rows.last[k]):  # what an angular velocity, or a velocity, of B has a part in
+            u = vec(rows.u[i])
+            put(phi[i], 0, cross(apply(turned[0], vec(rows.w[i])), u) if rows.direction[i] else u)
+        place, _, _ = point(frames, b, vec(rows.place_b[k]))
+        seen = k, _axes(frames, a), place, phi
         while a != b:  # parents come before their children: both ways end where they meet
             if a > b:
-                _add_joint(nodes, rows, frames, a, -1.0, seen, g)
+                _set_joint(nodes, rows, frames, a, -1.0, seen, g)
                 a = nodes.parent[a]
             else:
-                _add_joint(nodes, rows, frames, b, 1.0, seen, g)
+                _set_joint(nodes, rows, frames, b, 1.0, seen, g)
                 b = nodes.parent[b]
+        _set_residuals(k, rows, _place_seen(k, rows, frames), turned, phi)
         k = rows.last[k]
 
 
 @jit
-def jacobians(nodes, rows, frames, g):
-    """Set G of every sample (samples, rows, nv) [m/rad], [-], zero on entry, from the motion of the nodes."""
+def jacobians(nodes, rows, frames, phi, g):
+    """Set G of every sample (samples, rows, nv) [m/rad], [-], zero on entry, from the nodes' motion; phi (rows, 3) : scratch."""
     for s in range(g.shape[0]):
-        jacobian(nodes, rows, frames_at(frames, s), g[s])
+        closure_rows(nodes, rows, frames_at(frames, s), phi, g[s])
 
 
 @jit

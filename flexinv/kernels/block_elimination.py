@@ -19,6 +19,8 @@ from flexinv.kernels.records import by_address
 from flexinv.typing import Array
 
 Indices = NDArray[np.int64]
+# What stands for the first pivot's row where two rows, of one closure in a plane, have been inverted as they are.
+INVERTED = -2
 
 
 @by_address
@@ -73,6 +75,9 @@ def factorise_blocks(m, blocks, least, pivots):
     are not coupled are not looked at.
     """
     over = pivots.over
+    if m.shape[0] == 2 and blocks.start.shape[0] == 1 and _invert_two(m, least):
+        pivots.row[0] = INVERTED
+        return
     for k in range(m.shape[0]):
         over[k] = 1.0 / np.sqrt(abs(m[k, k])) if m[k, k] != 0.0 else 0.0
     for b in range(blocks.start.shape[0]):
@@ -85,6 +90,17 @@ def factorise_blocks(m, blocks, least, pivots):
                     m[j, i] *= over[i] * over[j]
     for b in range(blocks.start.shape[0]):
         _eliminate(m, blocks, b, least, pivots)
+
+
+@jit_inner
+def _invert_two(m, least):
+    """Replace m (2, 2) by its inverse if both pivots, scaled to a unit diagonal, are above ``least``; else leave it: False."""
+    a, b, c, d = m[0, 0], m[0, 1], m[1, 0], m[1, 1]
+    det = a * d - b * c
+    if not abs(det) > least * abs(a * d):
+        return False
+    m[0, 0], m[0, 1], m[1, 0], m[1, 1] = d / det, -b / det, -c / det, a / det
+    return True
 
 
 @jit_inner
@@ -129,6 +145,9 @@ def _subtract_row(m, blocks, b, i, k, pivots):
 @jit_inner
 def solve_blocks(m, blocks, pivots, right, x):
     """Solve for x (rows,) with the factors at hand [any unit]; ``right`` (rows,) is overwritten."""
+    if m.shape[0] == 2 and pivots.row[0] == INVERTED:
+        x[0], x[1] = m[0, 0] * right[0] + m[0, 1] * right[1], m[1, 0] * right[0] + m[1, 1] * right[1]
+        return
     for k in range(m.shape[0]):
         right[k] *= pivots.over[k]
     for b in range(blocks.start.shape[0]):
