@@ -118,7 +118,7 @@ def reference(problem: Problem, least: float) -> tuple[Array, float]:
     """
     refinement, before = Refinement(problem), None
     apart = np.inf
-    for mesh, finer in ((5, 32), (6, 64), (7, 128), (7, 192), (7, 256), (7, 384), (7, 512)):
+    for mesh, finer in ((5, 32), (6, 64), (7, 128), (7, 192), (7, 256), (7, 384), (7, 512), (7, 768), (7, 1024)):
         pair = [refinement.level(mesh, n) for n in (finer // 2, finer)]
         if any(one is None for one in pair):
             continue

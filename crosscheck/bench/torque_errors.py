@@ -28,15 +28,18 @@ from flexinv.accuracy.refinement import MESHES as MESHES_OF_BEAMS
 from flexinv.accuracy.refinement import Problem, Refinement
 from flexinv.accuracy.step_grid import StepGrid
 from flexinv.analysis.settings import Settings
+from flexinv.files.load_cases import Case, load_cases
 from flexinv.model.mechanism import Mechanism
-from flexinv.model.motion import Motion
 
 Array = NDArray[np.float64]
 ASKED = 100.0  # times as fast as Exudyn at an error of 1e-6
 MESHES = (8, 12, 16, 24, 32, 48, 64, 96)  # elements of every beam in Exudyn
 FIRST, MORE = 16, 2**0.5  # steps to a coarsest one with which a mesh begins, and how many more come next
 STUCK = 0.8  # an error that so many more steps leave at this part of it is the mesh's
-LONGEST = 12.0  # [s] of one run of Exudyn
+LONGEST = 5.0  # [s] of one run of Exudyn
+AGAIN = (
+    3  # rungs before its last one at which the next mesh begins: steps that are too long for one mesh are for the next
+)
 SHORTEST = 256, 384  # refinements of two marches whose error is the mesh's
 SAME = 1e-9  # of the run: breaks of a motion and samples closer than this are one instant
 
@@ -45,7 +48,8 @@ one extrapolation, on the coarsest mesh that reaches the error. Exudyn: of meshe
 numbers of steps and of a Jacobian that lasts or is made once a step those that reach the error in the shortest time; its fast
 build, generalized-alpha with a spectral radius of 0.8, Newton's increments below 1e-9, SolveDynamic alone, without sensors. Where
 no run of {LONGEST:g} s reaches an error, the longest one stands for it, and Exudyn takes longer than that. In the plane its cable
-knows neither shear nor rotary inertia, and both codes are given little of them. All times are of whole calls."""
+knows neither shear nor rotary inertia, and both codes are given little of them. All times are of whole calls; of a closed loop,
+whose joints without a drive both codes find, Exudyn's is that of its model and march."""
 COLUMNS = (
     ("arm", "mechanism", ""),
     ("asked_error", "error asked", "of the peak"),
@@ -72,6 +76,7 @@ ARMS = (
     Arm("flex_one_link", "cycloid", "ancf", ASKED),
     Arm("flex_two_link", "cycloid", "ancf", None),
     Arm("spatial_arm", "reach", "ge", ASKED),
+    Arm("four_bar_flexible", "turn", "ancf", None),
 )
 
 
@@ -95,24 +100,25 @@ def arm_rows(
     arm: Arm, models: Path, errors: tuple[float, ...], seconds: float, longest: float
 ) -> Iterator[dict[str, Any]]:
     """Yield the rows of one mechanism: its reference, then both codes by error [-]; seconds [s] of timing by error."""
-    mechanism, motion = subject(arm, models)
-    problem = evenly(solve_problem(mechanism, motion, min(errors), Settings(), {}))
+    mechanism, case = subject(arm, models)
+    problem = evenly(solve_problem(mechanism, case.motion, min(errors), Settings(), {"start": case.start}))
     known, apart = reference(problem, min(errors))
     head = reference_row(arm.model, apart, min(errors))
     yield head
     if head["verdict"] != "within":
         return
-    ladder = Ladder(arm, mechanism, motion, known, problem.grid, longest)
+    ladder = Ladder(arm, mechanism, case, known, problem.grid, longest)
     for asked in errors:
         yield from _beside(arm, Marches(problem, known), ladder, asked, seconds)
 
 
-def subject(arm: Arm, models: Path) -> tuple[Mechanism, Motion]:
-    """Return the mechanism as both codes get it, and its motion by the law 'nonic'."""
+def subject(arm: Arm, models: Path) -> tuple[Mechanism, Case]:
+    """Return the mechanism as both codes get it, and its case, the motion by the law 'nonic'."""
     mechanism, motion = accuracy.subject(accuracy.Arm(arm.model, arm.case, "consistent", 0.0, None), models)
+    case = replace(load_cases(models / arm.model, mechanism)[arm.case], motion=motion, initial="consistent")
     if arm.formulation == "ancf":
         mechanism = with_beams(mechanism, slender)
-    return replace(mechanism, gravity=np.zeros(3)), motion
+    return replace(mechanism, gravity=np.zeros(3)), case
 
 
 def evenly(problem: Problem) -> Problem:
@@ -143,11 +149,12 @@ class Ladder:
 
     arm: Arm
     mechanism: Mechanism
-    motion: Motion
+    case: Case
     known: Array
     grid: StepGrid
     longest: float
     made: dict[tuple[int, bool], list[Reached]] = field(default_factory=dict)
+    begun: dict[tuple[int, bool], int] = field(default_factory=dict)
 
     def best(self, asked: float) -> Reached:
         """Return the fastest run that reaches an error [-], else the one that took longest."""
@@ -165,20 +172,27 @@ class Ladder:
     def _climb(self, elements: int, keeps: bool, asked: float, longest: float) -> None:
         """Take more steps until an error is reached, the mesh allows none smaller, or a run takes longer than ``longest`` [s]."""
         runs = self.made.setdefault((elements, keeps), [])
+        first = self.begun.setdefault((elements, keeps), self._beginning(elements, keeps))
         while not runs or runs[-1].error > asked:
             stuck = len(runs) > 1 and runs[-1].error > STUCK * runs[-2].error
             if stuck or (runs and MORE * runs[-1].time > longest):
                 return
-            made = self._run(elements, keeps, round(FIRST * MORE ** len(runs)))
+            made = self._run(elements, keeps, round(FIRST * MORE ** (first + len(runs))))
             if made is None:
                 return
             runs.append(made)
+
+    def _beginning(self, elements: int, keeps: bool) -> int:
+        """Return the rung with which a mesh begins: little before that where the one before it has ended."""
+        coarser = MESHES.index(elements) - 1
+        before = (MESHES[coarser], keeps)
+        return max(0, self.begun[before] + len(self.made[before]) - AGAIN) if coarser >= 0 else 0
 
     def _run(self, elements: int, keeps: bool, finer: int) -> Reached | None:
         exudyn, finer = calls("exudyn"), KEPT * max(1, round(finer / KEPT))
         steps, end = finer * self.grid.total, float(self.grid.ends[-1])
         march = exudyn.TorqueMarch(
-            self.mechanism, self.motion, self.arm.formulation, elements, steps, end, len(self.known) - 1, keeps
+            self.mechanism, self.case, self.arm.formulation, elements, steps, end, len(self.known) - 1, keeps
         )
         start = clock.perf_counter()
         try:

@@ -18,11 +18,13 @@ from exudyn.itemInterface import SensorNode
 from numpy.typing import NDArray
 
 from crosscheck.engines.exudyn.integration import ExudynFailure, Plan, quiet, settings
+from crosscheck.engines.exudyn.loops import Model, drive_efforts, integrated, model_of
 from crosscheck.engines.exudyn.models import planar as exudyn_planar
 from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
 from crosscheck.engines.exudyn.models.frames import joint_q, scalar_coordinate
 from crosscheck.engines.exudyn.models.layout import Layout, lay_out
-from crosscheck.engines.exudyn.run_in_time import ANCF, EXACT, Choice, efforts, integrated
+from crosscheck.engines.exudyn.run_in_time import ANCF, EXACT
+from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.motion import Motion
 
@@ -103,16 +105,27 @@ class March:
             return _planar(self, layout, plane, q, sensors)
 
 
+def quietly(call: Callable[[], object]) -> Callable[[], object]:
+    """Return a call that prints nothing [-]."""
+
+    def run() -> object:
+        with quiet():
+            return call()
+
+    return run
+
+
 @dataclass(frozen=True)
 class TorqueMarch:
-    """A march of a mechanism whose joints all move as told, for its torques; fields as of `March`, samples: that are seen.
+    """A march of a mechanism for its torques; fields as of `March`, the case's motion and start, samples: that are seen.
 
+    Joints that the motion leaves out move as closures have it.
     Newton stops on its increments, as in the adapter: where it stops on its residual, torques are off by up to 1e-2 of the range.
     keeps : the Jacobian lasts while Newton converges, or for one step
     """
 
     mechanism: Mechanism
-    motion: Motion
+    case: Case
     formulation: str
     elements: int
     steps: int
@@ -129,19 +142,26 @@ class TorqueMarch:
 
     def torques(self) -> Array:
         """Return the efforts (samples + 1, nv) [N m], [N].  Raises ExudynFailure where Newton fails."""
-        q, qd, _ = self.motion.evaluate(self.mechanism, np.zeros(1))
-        layout = lay_out(self.mechanism, q[0], qd[0])
-        plane = exudyn_planar.plane_of(self.mechanism, layout)
-        engine = {"ancf": ANCF, "ge": EXACT}[self.formulation]
-        choice = Choice(engine, None if isinstance(plane, str) else plane, (self.elements,), (self.plan,))
+        model = self._model()
         with quiet():
-            outcome = integrated(self.mechanism, self.motion, layout, choice, self.elements, self.plan)
-        time = np.asarray(self.plan.sample * np.arange(self.samples + 1), dtype=np.float64)
-        return efforts(self.mechanism, self.motion, time, outcome)
+            outcome = integrated(model, self.elements, self.plan)
+        return drive_efforts(
+            model, outcome, np.asarray(self.plan.sample * np.arange(self.samples + 1), dtype=np.float64)
+        )
 
-    def runner(self) -> Callable[[], None]:
-        """Return a function that marches from the start to the end, without sensors.  Raises ExudynFailure where Newton fails."""
-        march = March(self.mechanism, self.motion, self.formulation, self.elements, self.end / self.steps, self.end)
+    def _model(self) -> Model:
+        return model_of(self.mechanism, self.case, {"ancf": ANCF, "ge": EXACT}[self.formulation])
+
+    def runner(self) -> Callable[[], object]:
+        """Return a function that marches from the start to the end.  Raises ExudynFailure where Newton fails.
+
+        Of open chains it is SolveDynamic alone, without sensors; of loops all but finding the start.
+        """
+        if self.mechanism.closures:
+            model, plan = self._model(), self.plan
+            return quietly(lambda: integrated(model, self.elements, plan))
+        motion = self.case.motion
+        march = March(self.mechanism, motion, self.formulation, self.elements, self.end / self.steps, self.end)
         return march.runs(settings(self.plan), f"{self.steps} steps")
 
     def __str__(self) -> str:

@@ -232,12 +232,13 @@ def _march(model: Model, elements: int, plan: Plan) -> tuple[Outcome, Plan]:
     for tolerance in NEWTON[:-1]:
         one = replace(plan, tolerance=tolerance)
         with contextlib.suppress(NewtonStalled):
-            return _integrate(model, elements, one), one
+            return integrated(model, elements, one), one
     last = replace(plan, tolerance=NEWTON[-1])
-    return _integrate(model, elements, last), last
+    return integrated(model, elements, last), last
 
 
-def _integrate(model: Model, elements: int, plan: Plan) -> Outcome:
+def integrated(model: Model, elements: int, plan: Plan) -> Outcome:
+    """Return the outcome of a model with so many elements per beam [-] along its motion [m, rad, s, N]."""
     m, layout, ancf = delayed(model.mechanism, plan.lead), model.layout, model.engine == ANCF
     q, qd, _ = model.history(grid(plan))
     if model.plane is None:
@@ -249,10 +250,7 @@ def _integrate(model: Model, elements: int, plan: Plan) -> Outcome:
 def flexible_series(model: Model, outcome: Outcome) -> dict[str, Series]:
     """Return the series of one run of a mechanism with beams [N m], [N], [m]."""
     m = model.mechanism
-    q, qd, qdd = model.case.motion.evaluate(m, sample_times(model.case))
-    own = rotor_effort(m, qdd) + passive_effort(m, qd) + spring_effort(m, q)
-    given = np.array([j.name not in model.free for j in m.joints for _ in range(j.nv)], dtype=bool)
-    torque = _drives(model, outcome, q) + np.where(given, own, 0.0)
+    torque = drive_efforts(model, outcome, sample_times(model.case))
     made = torque_series(m, torque) | link_series(m, model.layout, outcome)
     for name, wrench in outcome.wrench.items():
         made |= wrench_series(name, wrench)
@@ -260,6 +258,15 @@ def flexible_series(model: Model, outcome: Outcome) -> dict[str, Series]:
         # what the model has no equation for is no reaction: a pin of the plane and its moments
         made |= {n: one for n, one in reaction_series(name, wrench).items() if one.values.any()}
     return made
+
+
+def drive_efforts(model: Model, outcome: Outcome, time: Array) -> Array:
+    """Return the efforts (samples, nv) [N m], [N] of the drives of a mechanism with beams at ``time`` (samples,) [s]."""
+    m = model.mechanism
+    q, qd, qdd = model.case.motion.evaluate(m, time)
+    own = rotor_effort(m, qdd) + passive_effort(m, qd) + spring_effort(m, q)
+    given = np.array([j.name not in model.free for j in m.joints for _ in range(j.nv)], dtype=bool)
+    return _drives(model, outcome, q) + np.where(given, own, 0.0)
 
 
 def _drives(model: Model, outcome: Outcome, q: Array) -> Array:
