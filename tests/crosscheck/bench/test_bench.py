@@ -18,6 +18,7 @@ from crosscheck.bench import (
     first,
     flexible,
     latency,
+    loop_chains,
     marches,
     parts,
     rigid,
@@ -271,7 +272,7 @@ def test_the_command_leaves_a_page_and_ratios(tiny: None, tmp_path: Path) -> Non
 def test_a_part_that_there_is_not_is_named() -> None:
     done = CliRunner().invoke(main, ["bench", "rigit"])
     assert done.exit_code == 2
-    known = "rigid, single, first, latency, chains, one-link, two-link, spatial, accuracy, torque-errors, elements, others, runs"
+    known = "rigid, single, first, latency, chains, loops, one-link, two-link, spatial, accuracy, torque-errors, elements, others, runs"
     assert f"no part is called 'rigit'; known: {known}" in done.output
 
 
@@ -370,9 +371,34 @@ def test_an_error_that_no_run_reaches_is_a_bound() -> None:
 
 
 def test_steps_that_are_all_equal_meet_the_breaks_of_a_motion() -> None:
-    mechanism, motion = torque_errors.subject(torque_errors.ARMS[2], MODELS)  # a move of 1 s, 0.5 s at rest
-    problem = torque_errors.solve_problem(mechanism, motion, 1e-3, torque_errors.Settings(), {})
+    mechanism, case = torque_errors.subject(torque_errors.ARMS[2], MODELS)  # a move of 1 s, 0.5 s at rest
+    problem = torque_errors.solve_problem(mechanism, case.motion, 1e-3, torque_errors.Settings(), {})
     assert len(problem.grid.counts) == 2  # steps of two lengths
     even = torque_errors.evenly(problem).grid
     assert even.counts == (42,)
     assert np.abs(even.steps(1) - 1.0).min() < 1e-12
+
+
+def test_chains_of_loops_move_as_one_and_their_growth_is_asked() -> None:
+    """All cranks of parallelograms stand alike; times have no limit here, only their growth has."""
+    chain = loop_chains.four_bars(3)
+    found = loop_chains.solve(chain, loop_chains.turning(0.6), 0.05)
+    assert np.abs(found.q[:, :4] - found.q[:, :1]).max() < 1e-12
+    rows = loop_chains.study(loops=[1, 2], seconds=0.01)["rows"]
+    assert {row["loops"] for row in rows} == {1, 2}
+    asked = [row["metric"]["name"] for row in rows if "metric" in row]
+    assert len(asked) == len(rows) // 2 == 4
+    assert all(row["metric"]["upper"] == loop_chains.GROWTH for row in rows if "metric" in row)
+
+
+@pytest.mark.slow
+def test_exudyn_and_flexinv_give_the_torque_of_a_closed_loop_that_bends() -> None:
+    """The march that is timed is that of the same mechanism: a mesh of 8 elements leaves 5e-4 of the peak (measured)."""
+    arm = next(a for a in torque_errors.ARMS if a.model == "four_bar_flexible")
+    mechanism, case = torque_errors.subject(arm, MODELS)
+    end, samples = case.motion.duration, 20
+    found = loop_chains.solve(mechanism, case.motion, end / 4000, end=end, start=case.start)
+    march = torque_errors.calls("exudyn").TorqueMarch(mechanism, case, "ancf", 8, 1000, end, samples)
+    own, theirs = found.torque[::200, 0], march.torques()[:, mechanism.actuated][:, 0]
+    assert np.abs(own - theirs).max() < 2e-3 * np.abs(own).max()
+    march.runner()()
