@@ -13,6 +13,8 @@ from flexinv.typing import Array
 # Coarsest steps: so many in the run, and so many in the longest stretch of it that is smooth, unless that is too many in the run.
 FEWEST_IN_RUN, FEWEST_IN_STRETCH, MOST_IN_RUN = 40, 16, 160
 # After a jump of the acceleration what is stiff and damped settles: so many times the step is halved towards the jump.
+# (From 14 on the accelerations of such short steps are rounding; with 7 a damped arm takes four times as long to 1e-5:
+# docs/studies/accuracy.py.)
 GRADES = 11
 # Instants closer than this part of the run are one.
 SAME = 1e-9

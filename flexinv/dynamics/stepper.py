@@ -112,13 +112,11 @@ def newton(system, scheme, joints, y, most):
             elif scheme.mode == STATIC and len(ties.a) > 0:
                 _hold_loose(topology, work.diagonal)
             solve_tree(topology, system.elements, system.variation, work, plan, stays, y)
-        if scheme.mode == STATIC:  # loose joints make it nearly singular, and equilibria need not be stable
-            factorise_border(ties, plan, plan.whole, y)
-            solve_border(ties, plan, plan.whole, 1.0, y)
-        else:
-            if not stays:
-                factorise_border(ties, plan, plan.blocks, y)
-            solve_border(ties, plan, plan.blocks, scheme.ca if scheme.mode == RESOLVED else 1.0, y)
+        # At rest loose joints make it nearly singular, and equilibria need not be stable: pivots are sought among all rows.
+        blocks = plan.whole if scheme.mode == STATIC else plan.blocks
+        if not stays:
+            factorise_border(ties, plan, blocks, y)
+        solve_border(ties, plan, blocks, scheme.ca if scheme.mode == RESOLVED else 1.0, y)
         size = largest_increment(y[0], topology.scale)
         if not np.isfinite(size):
             return NOT_FINITE, iteration, size

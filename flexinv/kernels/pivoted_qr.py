@@ -49,59 +49,86 @@ class Factor(NamedTuple):
 @jit_inner
 def factorise(qr, columns):
     """Factor Q R of the first columns with pivoting, in place [any unit]; return the rank, -1 where it is in doubt."""
-    lanes = qr.scale.shape[0]
-    for k in range(lanes):
-        qr.scale[k] = 0.0
     for c in range(columns):
         qr.order[c] = c
-        _measure(qr.a[c], qr.sizes[c])
-        for k in range(lanes):
-            qr.scale[k] = max(qr.scale[k], qr.sizes[c, k])
-    for k in range(lanes):
-        qr.scale[k] = 1.0 / qr.scale[k] if qr.scale[k] > 0.0 else 0.0
+        measure(qr.a[c], 0, qr.sizes[c])
+    set_scale(qr.sizes, columns, qr.scale)
     for j in range(columns):
-        counts = _pivot(qr, j, columns)
-        if counts < 1:
-            return j if counts == 0 else -1
+        found = _pivot(qr, j, columns)
+        if found < 1:
+            return j if found == 0 else -1
         own = qr.order[j]
-        for k in range(lanes):
-            norm, first = math.sqrt(qr.sizes[own, k]), qr.a[own, j, k]
-            qr.diagonal[j, k] = -math.copysign(norm, first)
-            qr.beta[j, k] = 1.0 / (norm * (norm + abs(first)))
-            qr.a[own, j, k] = first - qr.diagonal[j, k]
+        set_reflection(qr.a[own], j, qr.sizes[own], qr.beta[j], qr.diagonal[j])
         for c in range(j + 1, columns):
             _reflect(qr.a[qr.order[c]], qr, j, qr.sizes[qr.order[c]])
     return columns
 
 
 @jit_inner
-def _measure(y, size):
-    """Set the squares of a column."""
-    for k in range(y.shape[1]):
-        size[k] = 0.0
-    for i in range(y.shape[0]):
-        for k in range(y.shape[1]):
-            size[k] += y[i, k] * y[i, k]
+def set_scale(sizes, columns, scale):
+    """Set one over the largest of the first squares of columns, 0 where all are zero [any unit]."""
+    for k in range(scale.shape[0]):
+        scale[k] = 0.0
+    for c in range(columns):
+        for k in range(scale.shape[0]):
+            scale[k] = max(scale[k], sizes[c, k])
+    for k in range(scale.shape[0]):
+        scale[k] = 1.0 / scale[k] if scale[k] > 0.0 else 0.0
+
+
+@jit_inner
+def measure(column, top, squares):
+    """Set the squares of a column (rows, lanes) from row ``top`` on [any unit]."""
+    for k in range(squares.shape[0]):
+        squares[k] = 0.0
+    for i in range(top, column.shape[0]):
+        for k in range(squares.shape[0]):
+            squares[k] += column[i, k] * column[i, k]
+
+
+@jit_inner
+def parts_left(squares, scale):
+    """Return the least and the largest part of the longest column that lanes have left, squared [-]; a NaN stays."""
+    least, most = np.inf, 0.0
+    for k in range(scale.shape[0]):
+        part = squares[k] * scale[k]
+        if part < least or part != part:
+            least = part
+        if part > most or part != part:
+            most = part
+    return least, most
+
+
+@jit_inner
+def counts(least, most):
+    """Return 1 where a column is independent in all lanes, 0 where it is in none, -1 in doubt, from its `parts_left` [-]."""
+    if least > SURE_PIVOT * SURE_PIVOT:
+        return 1
+    return 0 if most <= NO_PIVOT * NO_PIVOT else -1
+
+
+@jit_inner
+def set_reflection(column, top, squares, beta, diagonal):
+    """Turn a column (rows, lanes) into its reflection from row ``top`` on [any unit]; a lane that is zero stays as it is."""
+    for k in range(squares.shape[0]):
+        norm, head = math.sqrt(squares[k]), column[top, k]
+        diagonal[k] = -math.copysign(norm, head)
+        beta[k] = 1.0 / (norm * (norm + abs(head))) if norm > 0.0 else 0.0
+        column[top, k] = head - diagonal[k]
 
 
 @jit_inner
 def _pivot(qr, j, columns):
-    """Bring the column with the most left, in its worst lane, to place j: 1 where it counts, 0 where none does, -1 in doubt."""
+    """Bring the column with the most left, in its worst lane, to place j; return whether it counts as `counts` does."""
     best, at, most = -1.0, j, 0.0
     for c in range(j, columns):
-        least = np.inf
-        for k in range(qr.scale.shape[0]):
-            part = qr.sizes[qr.order[c], k] * qr.scale[k]
-            if part < least or part != part:  # a NaN stays
-                least = part
-            if part > most or part != part:
-                most = part
+        least, largest = parts_left(qr.sizes[qr.order[c]], qr.scale)
+        if largest > most or largest != largest:  # a NaN stays
+            most = largest
         if least > best:
             best, at = least, c
     qr.order[j], qr.order[at] = qr.order[at], qr.order[j]
-    if best > SURE_PIVOT * SURE_PIVOT:
-        return 1
-    return 0 if most <= NO_PIVOT * NO_PIVOT else -1
+    return counts(best, most)
 
 
 @jit_inner

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from flexinv.kernels.fronts import Fronts
 from flexinv.kernels.jit import jit_inner
-from flexinv.kernels.pivoted_qr import NO_PIVOT, SURE_PIVOT
+from flexinv.kernels.pivoted_qr import counts, measure, parts_left, set_reflection, set_scale
 from flexinv.kernels.records import by_address
 from flexinv.typing import Array
 
@@ -76,14 +76,8 @@ def set_entry(fronts, qr, e, lane, value):
 @jit_inner
 def factorise(fronts, qr):
     """Factor Q R in place [any unit]; return the rank, -1 where it is in doubt."""
-    lanes, rank = qr.scale.shape[0], 0
-    for k in range(lanes):
-        qr.scale[k] = 0.0
-    for c in range(qr.sizes.shape[0]):
-        for k in range(lanes):
-            qr.scale[k] = max(qr.scale[k], qr.sizes[c, k])
-    for k in range(lanes):
-        qr.scale[k] = 1.0 / qr.scale[k] if qr.scale[k] > 0.0 else 0.0
+    rank = 0
+    set_scale(qr.sizes, qr.sizes.shape[0], qr.scale)
     for f in range(fronts.parent.shape[0]):
         if not _factorise_front(fronts, qr, f):
             return -1
@@ -107,14 +101,14 @@ def _factorise_front(fronts, qr, f):
             continue
         place = _value(fronts, f, c)
         column = qr.values[place : place + rows]
-        _measure(column, top, qr.sums)
+        measure(column, top, qr.sums)
         if c < own:
-            counts = _counts(qr)
-            if counts < 0:
+            found = counts(*parts_left(qr.sums, qr.scale))
+            if found < 0:
                 return False
-            if counts == 0:
+            if found == 0:
                 continue
-        _set_reflection(column, top, qr.sums, qr.beta[at], qr.diagonal[at])
+        set_reflection(column, top, qr.sums, qr.beta[at], qr.diagonal[at])
         qr.pivot[at] = top
         for d in range(c + 1, width):
             place = _value(fronts, f, d)
@@ -129,41 +123,6 @@ def _factorise_front(fronts, qr, f):
 def _value(fronts, f, c):
     """Place of the first value of column c of a front."""
     return fronts.start[f] + c * (fronts.begin[f + 1] - fronts.begin[f])
-
-
-@jit_inner
-def _measure(column, top, sums):
-    """Set the squares of a column from row ``top`` on."""
-    for k in range(sums.shape[0]):
-        sums[k] = 0.0
-    for i in range(top, column.shape[0]):
-        for k in range(sums.shape[0]):
-            sums[k] += column[i, k] * column[i, k]
-
-
-@jit_inner
-def _counts(qr):
-    """1 where a column with the squares ``sums`` is independent in all lanes, 0 where it is in none, -1 in doubt."""
-    least, most = np.inf, 0.0
-    for k in range(qr.scale.shape[0]):
-        part = qr.sums[k] * qr.scale[k]
-        if part < least or part != part:  # a NaN stays
-            least = part
-        if part > most or part != part:
-            most = part
-    if least > SURE_PIVOT * SURE_PIVOT:
-        return 1
-    return 0 if most <= NO_PIVOT * NO_PIVOT else -1
-
-
-@jit_inner
-def _set_reflection(column, top, squares, beta, diagonal):
-    """Turn a column into its reflection; a lane in which it is zero stays as it is."""
-    for k in range(squares.shape[0]):
-        norm, head = math.sqrt(squares[k]), column[top, k]
-        diagonal[k] = -math.copysign(norm, head)
-        beta[k] = 1.0 / (norm * (norm + abs(head))) if norm > 0.0 else 0.0
-        column[top, k] = head - diagonal[k]
 
 
 @jit_inner

@@ -136,6 +136,8 @@ def test_free_columns_are_the_last_ones_that_can_be(last: list[int]) -> None:
     own = np.concatenate([np.arange(fronts.first[f], fronts.first[f] + fronts.own[f]) for f in range(len(fronts.own))])
     free = fronts.column[own[qr.pivot[own] < 0]]
     assert len(free) == 24 - rank
+    before = np.linalg.matrix_rank(a[0][:, ~mask])  # all the rank that the others have is theirs
+    assert (~mask[free]).sum() == (~mask).sum() - before
     for column in free:
         x = np.zeros((24, 1))
         x[column] = 1.0
