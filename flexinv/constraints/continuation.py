@@ -37,7 +37,6 @@ from flexinv.constraints.continuation_kernel import (
     Problem,
     closure_equations,
     continue_branch,
-    rates,
 )
 from flexinv.constraints.phases import acting
 from flexinv.errors import ConvergenceError, InputError
@@ -118,11 +117,16 @@ def closed_motion(
     q[0] = state
     follower.check_freedoms(state, float(time[0]), phase)
     chain, problem = _compiled(mesh, rows, unknown)
-    steps, k = (np.array(time), q, np.array(given[1])), 1
-    while (k := continue_branch(chain, problem, *steps, k)) < len(time):
+    qd, qdd = (np.where(unknown, 0.0, rate) for rate in given[1:])
+    condition, k = np.empty(len(time)), 1
+    while (k := continue_branch(chain, problem, np.array(time), q, qd, qdd, condition, k)) < len(time):
         q[k] = follower.advance(q[k - 1], float(time[k - 1]), float(time[k]))
         k += 1
-    return q, *_rates(mesh, rows, q, given[1], given[2], unknown, time)
+    doubtful = ~(condition < WORST_CONDITION)
+    if doubtful.any():
+        one, two = (np.where(unknown, 0.0, rate[doubtful]) for rate in (qd, qdd))
+        qd[doubtful], qdd[doubtful] = _doubtful_rates(mesh, rows, q[doubtful], one, two, unknown, time[doubtful])
+    return q, qd, qdd
 
 
 def closed_start(
@@ -189,36 +193,19 @@ def _close(mesh: Mesh, rows: Rows, unknown: NDArray[np.bool_], q: Array, qd: Arr
     """Close one state in place, compiled; False, and all as it was, where closures leave something open or Newton fails."""
     chain, problem = _compiled(mesh, rows, unknown)
     anywhere = problem._replace(sizes=np.full(len(q), np.inf))
-    both, condition = np.stack([q, q]), np.empty(1)
-    if continue_branch(chain, anywhere, np.zeros(2), both, np.zeros((2, len(qd))), 1) < 2:
+    both, condition = np.stack([q, q]), np.empty(2)
+    first, second = (np.stack([rate, rate]) for rate in (np.where(unknown, 0.0, qd), np.where(unknown, 0.0, qdd)))
+    reached = continue_branch(chain, anywhere, np.zeros(2), both, first, second, condition, 1)
+    if reached < 2 or not condition[1] < WORST_CONDITION:
         return False
-    first, second = (np.where(unknown, 0.0, rate)[None] for rate in (qd, qdd))
-    rates(chain, problem, both[1:], first, second, condition)
-    if not condition[0] < WORST_CONDITION:
-        return False
-    q[:], qd[:], qdd[:] = both[1], first[0], second[0]
+    q[:], qd[:], qdd[:] = both[1], first[1], second[1]
     return True
-
-
-def _rates(
-    mesh: Mesh, rows: Rows, q: Array, qd: Array, qdd: Array, unknown: NDArray[np.bool_], time: Array
-) -> tuple[Array, Array]:
-    """Exact rates of the unknown coordinates: two linear solves per sample."""
-    qd, qdd = np.where(unknown, 0.0, qd), np.where(unknown, 0.0, qdd)
-    condition, (chain, problem) = np.empty(len(time)), _compiled(mesh, rows, unknown)
-    rates(chain, problem, q, qd, qdd, condition)
-    doubtful = ~(condition < WORST_CONDITION)
-    if doubtful.any():
-        part = (q[doubtful], np.where(unknown, 0.0, qd[doubtful]), qdd[doubtful])
-        qd[doubtful], qdd[doubtful] = _doubtful_rates(mesh, rows, *part, unknown, time[doubtful])
-    return qd, qdd
 
 
 def _doubtful_rates(
     mesh: Mesh, rows: Rows, q: Array, qd: Array, qdd: Array, unknown: NDArray[np.bool_], time: Array
 ) -> tuple[Array, Array]:
-    """The same where the singular values have to say whether the rates are determined."""
-    qdd = np.where(unknown, 0.0, qdd)
+    """Exact rates of the unknown coordinates where singular values have to say whether they are determined."""
     motion = rigid_motion(mesh, q, qd, qdd)
     scale, sizes = row_scales(mesh, rows), measures(mesh)[unknown]
     g = constraint_jacobian(mesh, motion, rows)[:, :, unknown] * sizes / scale[:, None]

@@ -189,10 +189,13 @@ def _predict(chain, problem, q, rate, dt):
 
 
 @jit
-def continue_branch(chain, problem, time, q, qd, first):
-    """Follow the branch from sample ``first`` - 1 on; return the first sample [-] that is not reached, or their number.
+def continue_branch(chain, problem, time, q, qd, qdd, condition, first):
+    """Follow the branch from sample ``first`` - 1 on, then set all rates; return the first sample [-] that is not reached.
 
-    q : (samples, nq) [rad], [m] holds the given coordinates, and in row ``first`` - 1 all; qd : (samples, nv) their rates [rad/s]
+    Where all are reached it returns their number; only then are the rates set.
+    q : (samples, nq) [rad], [m] holds the given coordinates, and in row ``first`` - 1 all
+    qd, qdd : (samples, nv) rates [rad/s], [rad/s^2], zeros where they are unknown
+    condition : (samples,) an estimate of each condition number [-]; samples where it is infinite are left to others
     """
     _equations(chain, problem, q[first - 1])
     for k in range(first, q.shape[0]):  # Newton ends with the equations where it ends
@@ -209,38 +212,30 @@ def continue_branch(chain, problem, time, q, qd, first):
             if abs(problem.guess[i] - predicted[i]) > LARGEST_SURPRISE * problem.sizes[i]:
                 return k
         _copy(problem.guess, q[k])
+    for k in range(q.shape[0]):
+        condition[k] = _set_rates(chain, problem, q[k], qd[k], qdd[k])
     return q.shape[0]
 
 
-@jit
-def rates(chain, problem, q, qd, qdd, condition):
-    """Set the unknown rates qd, qdd (samples, nv) [rad, m, s] from the closures, and an estimate of each condition number [-].
-
-    The unknown columns hold zeros on entry; samples whose condition is infinite afterwards are left to others.
-    """
-    nodes, rows, joints, frames = chain.nodes, chain.rows, chain.joints, chain.frames
-    for s in range(q.shape[0]):
-        condition[s] = np.inf
-        move_nodes(nodes, q[s], qd[s], qdd[s], joints, frames)
-        closure_rows(nodes, rows, frames, chain.phi, problem.g)
+@jit_inner
+def _set_rates(chain, problem, q, qd, qdd):
+    """Set the unknown rates of one sample, zero on entry, from the closures; return an estimate of the condition number."""
+    move_nodes(chain.nodes, q, qd, qdd, chain.joints, chain.frames)
+    closure_rows(chain.nodes, chain.rows, chain.frames, chain.phi, problem.g)
+    _set_matrix(problem)
+    if not factor(problem):
+        return np.inf
+    for order in range(1, 3):
+        if order == 2:
+            move_nodes(chain.nodes, q, qd, qdd, chain.joints, chain.frames)
+            closure_residuals(chain.rows, chain.frames, chain.phi)
         for k in range(problem.scale.shape[0]):
-            rate = chain.phi[k, 1] + geared(k, rows, q[s], qd[s], qdd[s])[1]
-            problem.y[k, 0] = rate / problem.scale[k]
-        _set_matrix(problem)
-        if not factor(problem):
-            continue
+            problem.y[k, 0] = (chain.phi[k, order] + geared(k, chain.rows, q, qd, qdd)[order]) / problem.scale[k]
         solve_factored(problem)
+        rate = qd if order == 1 else qdd
         for i in range(problem.unknown.shape[0]):
-            qd[s, problem.unknown[i]] = -problem.x[i, 0] * problem.measure[i]
-        move_nodes(nodes, q[s], qd[s], qdd[s], joints, frames)
-        closure_residuals(rows, frames, chain.phi)
-        for k in range(problem.scale.shape[0]):
-            second = chain.phi[k, 2] + geared(k, rows, q[s], qd[s], qdd[s])[2]
-            problem.y[k, 0] = second / problem.scale[k]
-        solve_factored(problem)
-        for i in range(problem.unknown.shape[0]):
-            qdd[s, problem.unknown[i]] = -problem.x[i, 0] * problem.measure[i]
-        condition[s] = condition_estimate(problem.fronts, problem.qr, problem.x, problem.sign)
+            rate[problem.unknown[i]] = -problem.x[i, 0] * problem.measure[i]
+    return condition_estimate(problem.fronts, problem.qr, problem.x, problem.sign)
 
 
 @jit_inner

@@ -302,15 +302,9 @@ REDUNDANT_PIVOT = 1e-10
 @jit_inner
 def factorise_border(constraints, plan, blocks, y):
     """Factor A K^-1 C + e [m/N], [rad/N m], with y (1 + rows, unknowns), y_0 and then K^-1 C; blocks : of the plan."""
-    for b in range(blocks.start.shape[0]):
-        for i in range(blocks.start[b], blocks.end[b]):
-            for j in range(blocks.start[b], blocks.end[b]):
-                constraints.border[i, j] = -_along(constraints, plan, i, y[1 + j])
-            for n in range(blocks.first[b], blocks.first[b + 1]):
-                for j in range(blocks.start[blocks.beside[n]], blocks.end[blocks.beside[n]]):
-                    constraints.border[i, j] = -_along(constraints, plan, i, y[1 + j])
-                    constraints.border[j, i] = -_along(constraints, plan, j, y[1 + i])
-            constraints.border[i, i] -= constraints.give[i]
+    for e in range(blocks.entry.shape[0]):
+        i, j = blocks.entry[e, 0], blocks.entry[e, 1]
+        constraints.border[i, j] = -_along(constraints, plan, i, y[1 + j]) - (constraints.give[i] if i == j else 0.0)
     factorise_blocks(constraints.border, blocks, REDUNDANT_PIVOT, constraints.pivots)
 
 

@@ -29,12 +29,14 @@ class Blocks(NamedTuple):
 
     start, end : (blocks,) first row of each, and the one behind its last; first : (blocks + 1,) of each in ``beside``
     beside : blocks after each that it is coupled to by the time it is eliminated
+    entry : (entries, 2) row and column of every entry that is looked at
     """
 
     start: Indices
     end: Indices
     first: Indices
     beside: Indices
+    entry: Indices
 
 
 @by_address
@@ -63,7 +65,13 @@ def blocks_of(lengths: Sequence[int], coupled: NDArray[np.bool_]) -> Blocks:
     beside = [sorted(turn[other] for other in others) for others in further]
     first = np.cumsum([0, *(len(others) for others in beside)]).astype(np.int64)
     whole = np.array([other for others in beside for other in others], dtype=np.int64)
-    return Blocks(ends[:-1][order], ends[1:][order], first, whole)
+    start, end = ends[:-1][order], ends[1:][order]
+    looked_at = np.zeros((ends[-1], ends[-1]), dtype=bool)
+    for b, others in enumerate(beside):
+        for other in (b, *others):
+            looked_at[start[b] : end[b], start[other] : end[other]] = True
+    entry = np.argwhere(looked_at | looked_at.T).astype(np.int64)
+    return Blocks(start, end, first, whole, entry)
 
 
 @jit_inner
@@ -80,14 +88,9 @@ def factorise_blocks(m, blocks, least, pivots):
         return
     for k in range(m.shape[0]):
         over[k] = 1.0 / np.sqrt(abs(m[k, k])) if m[k, k] != 0.0 else 0.0
-    for b in range(blocks.start.shape[0]):
-        for i in range(blocks.start[b], blocks.end[b]):
-            for j in range(blocks.start[b], blocks.end[b]):
-                m[i, j] *= over[i] * over[j]
-            for n in range(blocks.first[b], blocks.first[b + 1]):
-                for j in range(blocks.start[blocks.beside[n]], blocks.end[blocks.beside[n]]):
-                    m[i, j] *= over[i] * over[j]
-                    m[j, i] *= over[i] * over[j]
+    for e in range(blocks.entry.shape[0]):
+        i, j = blocks.entry[e, 0], blocks.entry[e, 1]
+        m[i, j] *= over[i] * over[j]
     for b in range(blocks.start.shape[0]):
         _eliminate(m, blocks, b, least, pivots)
 

@@ -77,6 +77,11 @@ class InnerLibrary(KernelLibrary):
 class OuterLibrary(KernelLibrary):
     """The library of a kernel that Python calls: it links what is called at any depth."""
 
+    def _optimize_functions(self, ll_module: Any) -> None:
+        """Optimise loops over lanes by themselves; all else is tidied once, with what it calls."""
+        if self.over_lanes:
+            super()._optimize_functions(ll_module)
+
     def add_linking_library(self, library: Any) -> None:
         """Link a library, and those that a text within it calls."""
         waiting = [library]

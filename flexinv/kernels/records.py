@@ -9,6 +9,7 @@ may keep what it has read (`noalias`).
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 from hashlib import sha256
 from typing import Any, TypeVar
 
@@ -35,6 +36,11 @@ class RecordType(types.Type):
         digest = sha256(f"{value.instance_class.__module__}.{value.name}".encode()).hexdigest()[:12]
         super().__init__(f"{value.instance_class.__name__}_{digest}")
 
+    @cached_property
+    def kinds(self) -> list[Any]:
+        """Types [-] of the fields, as kernels get them."""
+        return [argument_type(one) for one in self.value.types]
+
     def unify(self, typing_context: Any, other: Any) -> Any:
         """Return the address [-] where a variable is now a record that a kernel has made, and now one at an address."""
         return self if argument_type(other) == self else None
@@ -59,8 +65,7 @@ def argument_type(kind: Any) -> Any:
 
 def members(kind: Any) -> list[Any]:
     """Return the types [-] of the fields of a record, whether at an address or not, as `field` returns them."""
-    own = kind.value if isinstance(kind, RecordType) else kind
-    return [argument_type(one) for one in own.types]
+    return kind.kinds if isinstance(kind, RecordType) else [argument_type(one) for one in kind.types]
 
 
 def field(context: Any, builder: Any, kind: Any, given: Any, number: int) -> Any:
@@ -187,7 +192,19 @@ def _put(kind: Any, given: Any, room: Any, native: Any) -> Iterator[Any]:
         if isinstance(argument_type(one), RecordType):
             yield from _put(one, item, place, native)
         else:
-            part = native.unbox(one, item)
-            assert part.cleanup is None  # kernels get arrays and numbers only
-            native.builder.store(part.value, _as(native.context, native.builder, one, place))
-            yield part.is_error
+            yield native.builder.call(_reader(one, native), [item, place])
+
+
+def _reader(kind: Any, native: Any) -> Any:
+    """The function that lays one array or number of Python's out in memory, of which a module has one: records have ninety."""
+    module, signature = native.builder.module, ir.FunctionType(ir.IntType(1), [cgutils.voidptr_t, cgutils.voidptr_t])
+    function = cgutils.get_or_insert_function(module, signature, f"flexinv.read.{kind}")
+    if function.is_declaration:
+        function.linkage = "internal"
+        function.attributes.add("noinline")
+        builder = ir.IRBuilder(function.append_basic_block())
+        part = native.context.get_python_api(builder).to_native_value(kind, function.args[0])
+        assert part.cleanup is None  # kernels get arrays and numbers only
+        builder.store(part.value, _as(native.context, builder, kind, function.args[1]))
+        builder.ret(part.is_error)
+    return function

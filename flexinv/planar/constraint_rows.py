@@ -226,14 +226,9 @@ def _along(tree, constraints, r, y):
 def factorise_border(tree, constraints):
     """Factor G W [m/N], [rad/N]."""
     blocks, m = constraints.layout.blocks, constraints.border
-    for b in range(blocks.start.shape[0]):
-        for i in range(blocks.start[b], blocks.end[b]):
-            for j in range(blocks.start[b], blocks.end[b]):
-                m[i, j] = _along(tree, constraints, i, constraints.moved[j])
-            for n in range(blocks.first[b], blocks.first[b + 1]):
-                for j in range(blocks.start[blocks.beside[n]], blocks.end[blocks.beside[n]]):
-                    m[i, j] = _along(tree, constraints, i, constraints.moved[j])
-                    m[j, i] = _along(tree, constraints, j, constraints.moved[i])
+    for e in range(blocks.entry.shape[0]):
+        i, j = blocks.entry[e, 0], blocks.entry[e, 1]
+        m[i, j] = _along(tree, constraints, i, constraints.moved[j])
     factorise_blocks(m, blocks, REDUNDANT_PIVOT, constraints.pivots)
 
 

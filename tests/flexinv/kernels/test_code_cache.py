@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import pickle
 import sys
 from collections.abc import Callable
@@ -12,6 +13,7 @@ from typing import Any
 import numba
 import pytest
 from numba.core import caching
+from numba.core.errors import TypingError
 
 from flexinv.dynamics.stepper import march
 
@@ -84,3 +86,19 @@ def test_where_no_folder_can_be_written_to_it_is_told_and_compiled_every_time(
     with pytest.warns(RuntimeWarning, match="machine code cannot be kept: neither .* set NUMBA_CACHE_DIR to a folder"):
         kernel = fresh()
     assert not was_kept(kernel)
+
+
+@pytest.mark.parametrize("collects", [True, False])
+def test_compiling_leaves_the_collector_as_it_was(fresh: Callable[[], Any], collects: bool) -> None:
+    """Also where the kernel cannot be compiled: a text is not doubled."""
+    kernel = fresh()
+    if not collects:
+        gc.disable()
+    try:
+        assert kernel(3.0) == 6.0
+        assert gc.isenabled() == collects
+        with pytest.raises(TypingError):
+            kernel("three")
+        assert gc.isenabled() == collects
+    finally:
+        gc.enable()
