@@ -1,6 +1,6 @@
-"""Accuracy: time to a torque error, by plain steps, by one extrapolation, and by ``accuracy=``, which finds both itself.
+"""Accuracy: time to a torque error, by plain steps, one extrapolation, two, and ``accuracy=``, which finds steps and mesh itself.
 
-All three use flexinv's own march; the reference is an extrapolation on the finest mesh, by steps far shorter, whose own error is
+They all use flexinv's own march; the reference is an extrapolation on the finest mesh, by steps far shorter, whose own error is
 shown.  Exudyn beside it stands in `torque_errors`, and by tips in the parts one-link, two-link and spatial.
 """
 
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,15 +36,19 @@ ASKED = 8.0  # times as fast as plain steps at an error of 1e-6, by one extrapol
 ERRORS = (1e-3, 1e-4, 1e-5, 1e-6)  # of the peak of the torque
 KEPT = 2  # samples to a coarsest step at which torques are compared; refinements are multiples of it
 MOST = 4096  # refinement of plain steps
-PAIRS = (1.5, 1.75)  # how far two steps that are extrapolated are apart
+# What marches are extrapolated: how much finer each is than the first.
+EXTRAPOLATIONS = {
+    "one extrapolation": ((1.0, 1.5), (1.0, 1.75)),
+    "two extrapolations": ((1.0, 4 / 3, 5 / 3), (1.0, 1.4, 3.4)),
+}
 NEAR = 0.03  # of the fewest steps that reach an error, to which they are sought
 SECONDS = 6.0  # for each mechanism and error
 
 TEXT = """Time to a torque error, over the peak of each torque, for a smooth law ('nonic'). Plain: steps so short that the march
 reaches the error, on the mesh that accuracy= has chosen for it. One extrapolation: two marches with steps of which one is 3/2 or
-7/4 of the other, as few as reach the error. accuracy=: flexinv.solve finds steps, mesh and error bar itself, which takes several
-marches, and knows nothing of the reference; it is asked for the same error, over the range. All times are of whole calls, to
-torques."""
+7/4 of the other, as few as reach the error. Two extrapolations: three marches, whose steps are as 1, 3/4, 3/5 or as 1, 5/7, 5/17.
+accuracy=: flexinv.solve finds steps, mesh and error bar itself, which takes several marches, and knows nothing of the reference;
+it is asked for the same error, over the range. All times are of whole calls, to torques."""
 
 COLUMNS = (
     ("arm", "mechanism", ""),
@@ -169,10 +174,11 @@ class Marches:
         made, first = self.first(finer)
         return np.asarray(second_step(made.mesh, first).tau[:, made.mesh.mechanism.actuated])
 
-    def pair(self, finer: tuple[int, int]) -> Array:
-        """Return the torques [N m], [N] of two marches, extrapolated."""
-        (_, rough), (made, fine) = (self.first(n) for n in finer)
-        first = extrapolated(made.mesh.mechanism, [rough, fine], weights(finer))
+    def several(self, finer: tuple[int, ...]) -> Array:
+        """Return the torques [N m], [N] of some marches, extrapolated."""
+        marched = [self.first(n) for n in finer]
+        made, _ = marched[-1]
+        first = extrapolated(made.mesh.mechanism, [first for _, first in marched], weights(finer))
         return np.asarray(second_step(made.mesh, first).tau[:, made.mesh.mechanism.actuated])
 
     def error(self, torque: Array) -> float:
@@ -186,21 +192,27 @@ class Marches:
             lambda finer: self.error(self.plain(finer)) <= asked, known * np.sqrt(self.error(self.plain(known)) / asked)
         )
 
-    def longest_pair(self, asked: float) -> tuple[int, int] | None:
-        """Return the refinements of which two marches, extrapolated, reach an error [-] by the fewest steps."""
-        pairs = []
-        for apart in PAIRS:
+    def longest(self, asked: float, apart: tuple[tuple[float, ...], ...]) -> tuple[int, ...] | None:
+        """Return the refinements of which marches, extrapolated, reach an error [-] by the fewest steps.
 
-            def reaches(finer: int, apart: float = apart) -> bool:
+        apart : for each choice of marches, how much finer each is than the first
+        """
+        found = []
+        for ratios in apart:
+
+            def finer(least: int, ratios: tuple[float, ...] = ratios) -> tuple[int, ...]:
+                return tuple(_multiple(ratio * least) for ratio in ratios)
+
+            def reaches(least: int, finer: Callable[[int], tuple[int, ...]] = finer) -> bool:
                 try:
-                    return self.error(self.pair((finer, _multiple(apart * finer)))) <= asked
+                    return len({*finer(least)}) == len(finer(least)) and self.error(self.several(finer(least))) <= asked
                 except ConvergenceError:
                     return False
 
-            found = _fewest(reaches, 2 * KEPT)
-            if found is not None:
-                pairs.append((found, _multiple(apart * found)))
-        return min(pairs, key=sum, default=None)
+            least = _fewest(reaches, 2 * KEPT)
+            if least is not None:
+                found.append(finer(least))
+        return min(found, key=sum, default=None)
 
 
 def _multiple(finer: float) -> int:
@@ -238,7 +250,7 @@ def _beside(arm: Arm, marches: Marches, motion: Motion, asked: float, seconds: f
         yield named | {"method": "accuracy=", "verdict": "skipped", "message": str(refused)}
         return
     here = replace(marches, mechanism=answer.mechanism)
-    plain, pair = here.longest_plain(asked), here.longest_pair(asked)
+    plain = here.longest_plain(asked)
     calls, told = (
         {"accuracy=": Call(accurate)},
         {"accuracy=": (0, _error(here, answer.torque))},
@@ -246,13 +258,14 @@ def _beside(arm: Arm, marches: Marches, motion: Motion, asked: float, seconds: f
     grid = here.problem.grid.total
     if plain is not None:
         calls["plain"], told["plain"] = Call(lambda: here.plain(plain)), (plain * grid, here.error(here.plain(plain)))
-    if pair is not None:
-        calls["one extrapolation"] = Call(lambda: here.pair(pair))
-        told["one extrapolation"] = (sum(pair) * grid, here.error(here.pair(pair)))
+    for method, apart in EXTRAPOLATIONS.items():
+        if (some := here.longest(asked, apart)) is not None:
+            calls[method] = Call(partial(here.several, some))
+            told[method] = (sum(some) * grid, here.error(here.several(some)))
     times = in_turns(calls, seconds)
     beams = {(link.beam.elements, link.beam.order) for link in answer.mechanism.links if link.beam}
     mesh = ", ".join(f"{count} x {order}" for count, order in sorted(beams))
-    for method in ("plain", "one extrapolation", "accuracy="):
+    for method in ("plain", *EXTRAPOLATIONS, "accuracy="):
         if method not in times:
             yield named | {"method": method, "verdict": "skipped", "message": f"{asked:g} is not reached"}
             continue

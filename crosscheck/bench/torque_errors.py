@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.bench import accuracy
-from crosscheck.bench.accuracy import KEPT, Marches, distance, reference, reference_row
+from crosscheck.bench.accuracy import EXTRAPOLATIONS, KEPT, Marches, distance, reference, reference_row
 from crosscheck.bench.flexible import slender, with_beams
 from crosscheck.bench.targets import judged, metric
 from crosscheck.bench.timing import Call, in_turns, ratio
@@ -202,13 +202,13 @@ class Ladder:
         return Reached(march, distance(torque[:, self.mechanism.actuated], self.known), clock.perf_counter() - start)
 
 
-def fastest(marches: Marches, asked: float) -> tuple[Marches, tuple[int, int]] | None:
+def fastest(marches: Marches, asked: float) -> tuple[Marches, tuple[int, ...]] | None:
     """Return the coarsest mesh on which two marches, extrapolated, reach an error [-], and their refinements [-]."""
     refinement = Refinement(marches.problem)
     for mesh in range(len(MESHES_OF_BEAMS)):
         here = replace(marches, mechanism=refinement.mechanism(mesh))
-        if here.error(here.pair(SHORTEST)) <= asked:
-            pair = here.longest_pair(asked)
+        if here.error(here.several(SHORTEST)) <= asked:
+            pair = here.longest(asked, EXTRAPOLATIONS["one extrapolation"])
             return None if pair is None else (here, pair)
     return None
 
@@ -221,10 +221,10 @@ def _beside(arm: Arm, marches: Marches, ladder: Ladder, asked: float, seconds: f
         yield named | {"method": "flexinv", "verdict": "skipped", "message": f"{asked:g} is not reached"}
         return
     here, pair = ours
-    times = in_turns({"flexinv": Call(lambda: here.pair(pair)), "Exudyn": Call(theirs.march.runner())}, seconds)
+    times = in_turns({"flexinv": Call(lambda: here.several(pair)), "Exudyn": Call(theirs.march.runner())}, seconds)
     order = max(link.beam.order for link in here.mechanism.beams if link.beam) if here.mechanism else 0
     setting = f"order {order}, {sum(pair) * here.problem.grid.total} steps"
-    own = {"method": "flexinv", "setting": setting, "error": here.error(here.pair(pair))}
+    own = {"method": "flexinv", "setting": setting, "error": here.error(here.several(pair))}
     yield judged(named | own | {"time": times["flexinv"].spread().median})
     reaches = theirs.error <= asked
     found, more = ratio(times["Exudyn"], times["flexinv"]), "" if reaches else ", at least"

@@ -51,7 +51,7 @@ def command(parts: tuple[str, ...], models: Path, quick: bool, out: Path, url: s
       chains    from 1 to 64 joints
       loops     from 2 to 40 closed loops in a row: solved, simulated, with beams
       one-link, two-link, spatial   arms that bend, beside Exudyn: error and time
-      accuracy  time to torque errors of 1e-3 to 1e-6: plain steps, one extrapolation, accuracy=
+      accuracy  time to torque errors of 1e-3 to 1e-6: plain steps, one extrapolation, two, accuracy=
       torque-errors   the same beside Exudyn, with its best mesh and steps for each error
       elements  from 4 to 256 elements
       others    closed loops beside trees, solve_many on two threads

@@ -339,7 +339,7 @@ def test_first_torques_cold_and_warm() -> None:
 def test_every_way_to_a_torque_error_reaches_it() -> None:
     head, *rows = accuracy.study(str(MODELS), ["flex_one_link"], [1e-3], SHORT)["rows"]
     assert head["error"] < 1e-3 / 20
-    assert [row["method"] for row in rows] == ["plain", "one extrapolation", "accuracy="]
+    assert [row["method"] for row in rows] == ["plain", "one extrapolation", "two extrapolations", "accuracy="]
     assert all(0.0 < row["error"] <= 1e-3 for row in rows)
     assert rows[1]["steps"] < rows[0]["steps"]  # order 4 beside order 2
     assert "faster" not in rows[0]
