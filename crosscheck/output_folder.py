@@ -100,11 +100,19 @@ def replace(file: Path, data: str | bytes) -> None:
         try:
             part.write(raw)
             part.flush()
-            os.chmod(part.name, file.stat().st_mode if file.exists() else 0o666 & ~_umask())
+            os.chmod(part.name, _mode(file))
             os.replace(part.name, file)
         except BaseException:
             os.unlink(part.name)
             raise
+
+
+def _mode(file: Path) -> int:
+    """The mode of a file; of one that is not there, or has just been removed, what a new one gets."""
+    try:
+        return file.stat().st_mode
+    except FileNotFoundError:
+        return 0o666 & ~_umask()
 
 
 def _umask() -> int:

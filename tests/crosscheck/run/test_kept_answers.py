@@ -16,6 +16,7 @@ import pytest
 import rogue_engines as rogue
 from crosscheck_examples import write_models
 
+from crosscheck import output_folder
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.measures.record import Record, torque_series
 from crosscheck.report import render
@@ -345,3 +346,20 @@ def test_the_command_line_takes_what_is_kept_but_not_in_ci(plan: Plan, tmp_path:
     assert kept() == [True, True]
     assert kept("--fresh") == [False, False]
     assert kept(CI="true") == [False, False]
+
+
+def test_a_file_that_goes_while_it_is_replaced_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another run may trim the folder between any two looks at the file."""
+    file, look = tmp_path / "one.answer", Path.stat
+    file.write_text("old")
+
+    def look_and_remove(path: Path, **options: bool) -> os.stat_result:
+        seen = look(path, **options)
+        if path == file:
+            os.unlink(path)
+        return seen
+
+    monkeypatch.setattr(Path, "stat", look_and_remove)
+    output_folder.replace(file, "new")
+    monkeypatch.undo()
+    assert file.read_text() == "new"
