@@ -37,9 +37,8 @@ MESHES = (8, 12, 16, 24, 32, 48, 64, 96)  # elements of every beam in Exudyn
 FIRST, MORE = 16, 2**0.5  # steps to a coarsest one with which a mesh begins, and how many more come next
 STUCK = 0.8  # an error that so many more steps leave at this part of it is the mesh's
 LONGEST = 5.0  # [s] of one run of Exudyn
-AGAIN = (
-    3  # rungs before its last one at which the next mesh begins: steps that are too long for one mesh are for the next
-)
+# Rungs before its last one at which the next mesh begins: steps that are too long for one mesh are for the next.
+AGAIN = 3
 SHORTEST = 256, 384  # refinements of two marches whose error is the mesh's
 SAME = 1e-9  # of the run: breaks of a motion and samples closer than this are one instant
 
