@@ -242,13 +242,17 @@ def _set_gradient(row, node_a, node_b, constraints, frames, vector, second):
 
 @jit_inner
 def add_ties(constraints, multiplier, wrench):
-    """Take the forces of multipliers (rows,), or of their changes, off the wrenches of their nodes, r - C lambda [N], [N m]."""
+    """Take the forces of multipliers (rows,), or of their changes, off the wrenches of their nodes, r - C lambda [N], [N m].
+
+    wrench : (nodes, 6), in a plane (nodes, 3)
+    """
+    size = wrench.shape[1]
     for k in range(len(constraints.a)):
-        for i in range(6):
+        for i in range(size):
             if constraints.a[k] >= 0:
                 wrench[constraints.a[k], i] -= multiplier[k] * constraints.gradient[k, i]
             if constraints.b[k] >= 0:
-                wrench[constraints.b[k], i] -= multiplier[k] * constraints.gradient[k, 6 + i]
+                wrench[constraints.b[k], i] -= multiplier[k] * constraints.gradient[k, size + i]
 
 
 @jit_inner
@@ -293,6 +297,29 @@ def _add_side(topology, n, variation, gradient, first, side):
             vec_at(gradient, first + 3), vec(variation.t[n, k])
         )
         side[topology.offset[block] + k] -= along
+
+
+@jit_inner
+def any_acts(constraints):
+    """Return True if a closure acts [-]; what springs do needs no second phase of a step."""
+    acts = False
+    for k in range(len(constraints.a)):
+        acts = acts or (constraints.give[k] == 0.0 and constraints.acting[k])
+    return acts
+
+
+@jit_inner
+def keep(constraints):
+    """Set the multipliers aside [N], [N m]."""
+    for k in range(len(constraints.a)):
+        constraints.kept[k] = constraints.multiplier[k]
+
+
+@jit_inner
+def restore(constraints):
+    """Take back the multipliers that `keep` has set aside [N], [N m]."""
+    for k in range(len(constraints.a)):
+        constraints.multiplier[k] = constraints.kept[k]
 
 
 # A pivot of the border, scaled to a unit diagonal, below this belongs to a redundant row: rounding leaves 1e-14.

@@ -6,12 +6,14 @@ import numpy as np
 
 from flexinv.dynamics.assembly import add_elements, forward_pass, gather, node_wrenches
 from flexinv.dynamics.constraint_rows import (
-    PULL,
     RATES,
     VALUES,
     add_gears,
     add_ties,
+    any_acts,
     factorise_border,
+    keep,
+    restore,
     solve_border,
     tie_rows,
     tie_sides,
@@ -89,14 +91,8 @@ def evaluate(system, scheme, joints, want_tangent):
 @jit_inner
 def newton(system, scheme, joints, y, most):
     """Solve one instant in at ``most`` so many iterations; return status, iterations or element, last relative increment [-]."""
-    topology, ties, plan, work, size, last = (
-        system.topology,
-        system.border.ties,
-        system.border.layout,
-        system.work,
-        0.0,
-        False,
-    )
+    topology, ties, plan, work = system.topology, system.border.ties, system.border.layout, system.work
+    size, last = 0.0, False
     for iteration in range(most + 1):
         bad = evaluate(system, scheme, joints, not last)
         if bad >= 0:
@@ -149,7 +145,7 @@ def march(system, scheme, instants, y, out):
     (0, unknowns), the first instant is evaluated with its linearisation where the system stands, and nothing moves.
 
     With closures a step finds positions that meet them, and then the accelerations and multipliers that belong to that state
-    (`index1.project_accelerations`), which are what is recorded; the integrator goes on with its own.
+    (`index1.project_accelerations`), which are what is recorded.
 
     system : `system.System`; instants : `system.Instants`; out : `system.Histories`; y : (sides, unknowns) scratch
     Return status, sample reached, element or iterations, last relative increment [-].
@@ -159,14 +155,14 @@ def march(system, scheme, instants, y, out):
     for sample in range(rel.p.shape[0]):
         j = Joints(rel.p[sample], rel.dp[sample], rel.ddp[sample], rel.r[sample], rel.w[sample], rel.al[sample])
         set_loads(system.loads, instants.table[sample], instants.efforts[sample])
-        set_given(ties, instants.given[sample])
+        for k in range(instants.given.shape[1]):
+            put(ties.given[k], 0, vec(instants.given[sample, k]))
         if y.shape[0] == 0:
             bad = evaluate(system, scheme, j, True)
             return TURNED_TOO_MUCH if bad >= 0 else CONVERGED, sample, bad, size
         moves = scheme.mode == DYNAMIC
         predicted, status = moves and state.order[0] > 0, NOT_CONVERGED
-        if predicted:
-            keep(state, ties)
+        keep(ties)
         while True:
             if moves:
                 predict(scheme, state)
@@ -178,20 +174,24 @@ def march(system, scheme, instants, y, out):
                 status, count = SLIPPED, slipped
             if status == CONVERGED or not predicted:
                 break
-            restore(state, ties)  # where something has just let go, the past says little about what comes
+            restore(ties)  # where something has just let go, the past says little about what comes
             predicted, state.order[0] = False, 0
         if status != CONVERGED:
             return status, sample, count, size
         settles = moves and any_acts(ties)
         if settles:
-            keep(state, ties)
+            keep(ties)
+            for k in range(len(state.du)):
+                state.kept[k] = state.du[k]
             project_accelerations(system, j, y)
         record(sample, system.frames, system.work, out)
         for k in range(out.multipliers.shape[1]):
             out.multipliers[sample, k] = ties.multiplier[k]
         out.iterations[sample] = count
-        if settles:
-            restore(state, ties)
+        if settles:  # the integrator goes on with its own
+            restore(ties)
+            for k in range(len(state.du)):
+                state.du[k] = state.kept[k]
         advance(topology, scheme, state)
     return CONVERGED, rel.p.shape[0], count, size
 
@@ -230,51 +230,15 @@ def collide(system, joints, y):
     tie_rows(ties, state, system.frames, RATES)
     for i in range(y.shape[1]):
         system.work.residual[0, i] = 0.0
+    keep(ties)
     for k in range(len(ties.a)):
-        ties.kept[k] = ties.multiplier[k]
         ties.value[k] *= 1.0 - ties.give[k]
     solve_masses(system, y)
     factorise_border(ties, plan, plan.blocks, y)
     solve_border(ties, plan, plan.blocks, 1.0, y)
     for i in range(y.shape[1]):
         state.u[i] += y[0, i]
-    for k in range(len(ties.a)):
-        ties.multiplier[k] = ties.kept[k]
-
-
-@jit_inner
-def any_acts(ties):
-    """Return True if a closure acts [-]: springs need no second phase."""
-    acts = False
-    for k in range(len(ties.a)):
-        acts = acts or (ties.kind[k] != PULL and ties.acting[k])
-    return acts
-
-
-@jit_inner
-def set_given(ties, given):
-    """Set what joints with a motion add to the equations of couplings (rows or 0, 3) [rad], [m] and rates."""
-    for k in range(given.shape[0]):
-        for i in range(3):
-            ties.given[k, i] = given[k, i]
-
-
-@jit_inner
-def keep(state, ties):
-    """Set aside the integrator's own accelerations [m/s^2], [rad/s^2] and multipliers [N], [N m]."""
-    for k in range(len(state.du)):
-        state.kept[k] = state.du[k]
-    for k in range(len(ties.a)):
-        ties.kept[k] = ties.multiplier[k]
-
-
-@jit_inner
-def restore(state, ties):
-    """Take back what `keep` set aside [m/s^2], [rad/s^2], [N], [N m]."""
-    for k in range(len(state.du)):
-        state.du[k] = state.kept[k]
-    for k in range(len(ties.a)):
-        ties.multiplier[k] = ties.kept[k]
+    restore(ties)
 
 
 @jit_inner

@@ -8,6 +8,7 @@ from flexinv.elements.planar_beam import N1, N2, M, dissipated, energy, point
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import by_address
 from flexinv.kernels.simd import cos_sin
+from flexinv.kernels.vec3 import dot, put, vec
 from flexinv.typing import Array
 
 
@@ -52,11 +53,10 @@ def record(sample, system, out):
     power = 0.0
     for n in range(len(elements.order)):
         for i in range(elements.order[n] + 1):
-            rate, felt = frames.rate[elements.nodes[n, i]], work.felt[n, i]
-            power += felt[0] * rate[0] + felt[1] * rate[1] + felt[2] * rate[2]
+            power += dot(vec(work.felt[n, i]), vec(frames.rate[elements.nodes[n, i]]))
         _resultants(n, elements, space, work.points, out.internal[sample, n])
     stored, lost = energy(elements, work.points), dissipated(elements, work.rates)
-    out.energy[sample, 0], out.energy[sample, 1], out.energy[sample, 2] = stored, power, lost
+    put(out.energy[sample], 0, (stored, power, lost))
 
 
 @jit_inner

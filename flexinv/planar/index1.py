@@ -6,70 +6,64 @@ has one small matrix for each block of unknowns; Newton's remaining residual r i
 
 from __future__ import annotations
 
+from flexinv.dynamics.constraint_rows import add_ties, factorise_border, solve_border
 from flexinv.dynamics.index1 import MASSLESS
 from flexinv.kernels.dense import invert_scaled
 from flexinv.kernels.jit import jit_inner
-from flexinv.planar.constraint_rows import add_step, add_ties, factorise_border, solve_ties, tie_rows, tie_sides
+from flexinv.kernels.vec3 import ZERO, add_scaled, add_to, put, vec, vec_at
+from flexinv.planar.constraint_rows import tie_rows, tie_sides
 from flexinv.planar.tree import vary_poses
 
 
 @jit_inner
-def project_accelerations(tree, constraints, frames, residual):
+def project_accelerations(system):
     """Change multipliers, and the nodes' accelerations and wrenches, into those that belong to the positions and velocities.
 
-    What the accelerations of the unknowns change by stays in constraints.line [m/s^2], [rad/s^2].
-    residual : (unknowns,) what Newton has left [N], [N m]
+    What the accelerations of the unknowns change by stays in work.y[0] [m/s^2], [rad/s^2].
+    work.residual[0] : what Newton has left [N], [N m]
     """
+    tree, constraints, frames = system.tree, system.constraints, system.frames
+    plan, residual, y = constraints.layout, system.work.residual, system.work.y
     vary_poses(tree, frames)
     tie_rows(constraints, frames, True)
-    tie_sides(tree, constraints, frames)
-    plan = constraints.layout
+    tie_sides(tree, constraints, frames, residual)
     for n in range(len(constraints.single)):
         block, over = tree.block[constraints.single[n]], constraints.over[n]
         first, part = tree.offset[block], tree.part[block]
-        for i in range(3):
-            constraints.line[first + i] = -residual[first + i] * over[i]
-        for side in plan.side[plan.first_side[part] + 1 : plan.first_side[part + 1]]:
+        for side in plan.side[plan.first_side[part] : plan.first_side[part + 1]]:
             for i in range(3):
-                constraints.moved[side - 1, first + i] = constraints.sides[side - 1, first + i] * over[i]
+                y[side, first + i] = -residual[side, first + i] * over[i]
     for b in range(len(constraints.block)):
-        _accelerate_block(b, tree, constraints, frames, residual)
-    factorise_border(tree, constraints)
-    solve_ties(tree, constraints, constraints.line)
-    add_step(constraints)
-    _change(tree, constraints, frames)
+        _accelerate_block(b, tree, constraints, frames, residual, y)
+    factorise_border(constraints, plan, plan.blocks, y)
+    solve_border(constraints, plan, plan.blocks, 1.0, y)
+    _change(tree, constraints, frames, y[0])
 
 
 @jit_inner
-def _change(tree, constraints, frames):
+def _change(tree, constraints, frames, by):
     """Add to the nodes' accelerations and wrenches what changes of accelerations and multipliers do, both of them linear."""
     for n in range(len(tree.parent)):
-        x, y, turned, first = 0.0, 0.0, 0.0, tree.offset[tree.block[n]]
+        first, change, m = tree.offset[tree.block[n]], ZERO, tree.mass[n]
         if tree.independent[n]:
-            x, y, turned = constraints.line[first], constraints.line[first + 1], constraints.line[first + 2]
+            change = vec_at(by, first)
         else:
             for i in range(tree.size[tree.block[n]]):
-                step, by = constraints.line[first + i], frames.by_pose[n, i]
-                x, y, turned = x + by[0] * step, y + by[1] * step, turned + by[2] * step
-        frames.acceleration[n, 0] += x
-        frames.acceleration[n, 1] += y
-        frames.acceleration[n, 2] += turned
-        change, m = constraints.change[n], tree.mass[n]
-        change[0], change[1], change[2] = m * x, m * y, tree.inertia[n] * turned
+                change = add_scaled(change, by[first + i], vec(frames.by_pose[n, i]))
+        add_to(frames.acceleration[n], 0, change)
+        put(constraints.change[n], 0, (m * change[0], m * change[1], tree.inertia[n] * change[2]))
     add_ties(constraints, constraints.step, constraints.change)
     for n in range(len(tree.parent) - 1, -1, -1):
-        m, own = tree.parent[n], constraints.change[n]
-        for i in range(3):
-            frames.wrench[n, i] += own[i]
-            if m >= 0 and not tree.independent[n]:
-                constraints.change[m, i] += own[i]
-        if m >= 0 and not tree.independent[n]:
-            constraints.change[m, 2] += frames.arm[n, 0] * own[1] - frames.arm[n, 1] * own[0]
+        f1, f2, mu = vec(constraints.change[n])
+        add_to(frames.wrench[n], 0, (f1, f2, mu))
+        if tree.parent[n] >= 0 and not tree.independent[n]:
+            turned = frames.arm[n, 0] * f2 - frames.arm[n, 1] * f1
+            add_to(constraints.change[tree.parent[n]], 0, (f1, f2, mu + turned))
 
 
 @jit_inner
-def _accelerate_block(b, tree, constraints, frames, residual):
-    """M^-1 G^T and -M^-1 r of one block: its mass matrix from its nodes and the rotors of its passive joints."""
+def _accelerate_block(b, tree, constraints, frames, residual, y):
+    """Set y = -M^-1 residual of one block: its mass matrix from its nodes and the rotors of its passive joints."""
     block, largest = constraints.block[b], 0.0
     columns, first, m = tree.size[block], tree.offset[block], constraints.mass
     for i in range(columns):
@@ -79,10 +73,10 @@ def _accelerate_block(b, tree, constraints, frames, residual):
         if n < 0:
             break
         for i in range(columns):
-            x = frames.by_pose[n, i]
+            one = frames.by_pose[n, i]
             for j in range(columns):
-                y = frames.by_pose[n, j]
-                m[i, j] += tree.mass[n] * (x[0] * y[0] + x[1] * y[1]) + tree.inertia[n] * x[2] * y[2]
+                two = frames.by_pose[n, j]
+                m[i, j] += tree.mass[n] * (one[0] * two[0] + one[1] * two[1]) + tree.inertia[n] * one[2] * two[2]
         if tree.column[n] >= 0 and not tree.independent[n]:
             m[tree.column[n], tree.column[n]] += tree.rotor[n]
     for i in range(columns):  # inertias are compared in lengths of the mechanism
@@ -94,15 +88,8 @@ def _accelerate_block(b, tree, constraints, frames, residual):
     invert_scaled(m, columns, 0.0, constraints.weight, constraints.left)
     plan, part = constraints.layout, tree.part[block]
     for i in range(columns):
-        constraints.line[first + i] = -_dot_from(m[i], residual, first, columns)
-        for side in plan.side[plan.first_side[part] + 1 : plan.first_side[part + 1]]:
-            constraints.moved[side - 1, first + i] = _dot_from(m[i], constraints.sides[side - 1], first, columns)
-
-
-@jit_inner
-def _dot_from(a, b, first, size):
-    """Sum of a_i b_(first + i)."""
-    total = 0.0
-    for i in range(size):
-        total += a[i] * b[first + i]
-    return total
+        for side in plan.side[plan.first_side[part] : plan.first_side[part + 1]]:
+            total = 0.0
+            for j in range(columns):
+                total += m[i, j] * residual[side, first + j]
+            y[side, first + i] = -total

@@ -221,13 +221,13 @@ def _constraints(rows: Rows, plane: Plane, tree: PlanarTree, topology: Topology)
     )
     inertia = np.stack([tree.mass[single], tree.mass[single], tree.inertia[single]], axis=1)
     over = np.divide(1.0, inertia, out=np.zeros_like(inertia), where=inertia > 0.0)
-    n, unknowns, widest = len(row), len(tree.scale), max(int(tree.size.max(initial=0)), 1)
+    n, widest = len(row), max(int(tree.size.max(initial=0)), 1)
     touched = touched_parts(topology, a, b, np.zeros((n, len(topology.scale))))
     return PlanarTies(
         row=row, direction=rows.direction[row], acting=np.ones(n, dtype=bool), a=a, b=b,
-        place_a=place_a, place_b=place_b, u=u, w=w, multiplier=np.zeros(n), value=np.zeros(n), gradient=np.zeros((n, 6)),
-        sides=np.zeros((n, unknowns)), moved=np.zeros((n, unknowns)), border=np.zeros((n, n)), pivots=Pivots.of(n),
-        layout=layout(tree.span, touched, rows.closure[row]), open=np.zeros(n), step=np.zeros(n), line=np.zeros(unknowns),
-        single=single, over=over, block=np.array(blocks, dtype=np.int64), member=member, mass=np.zeros((widest, widest)),
-        weight=np.zeros(widest), left=np.zeros(widest, dtype=bool), change=np.zeros((len(tree.parent), 3)), kept=np.zeros(n),
+        place_a=place_a, place_b=place_b, u=u, w=w, multiplier=np.zeros(n), value=np.zeros(n), give=np.zeros(n),
+        gradient=np.zeros((n, 6)), across=np.zeros((n, len(tree.scale))), border=np.zeros((n, n)), pivots=Pivots.of(n),
+        layout=layout(tree.span, touched, rows.closure[row]), step=np.zeros(n), kept=np.zeros(n), single=single, over=over,
+        block=np.array(blocks, dtype=np.int64), member=member, mass=np.zeros((widest, widest)), weight=np.zeros(widest),
+        left=np.zeros(widest, dtype=bool), change=np.zeros((len(tree.parent), 3)),
     )  # fmt: skip

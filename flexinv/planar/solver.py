@@ -46,7 +46,7 @@ class PlanarMarch:
     def of(cls, mesh: Mesh, passive: Collection[str]) -> PlanarMarch:
         """Return the arrays of a mesh that lies in a plane, whose joints named in ``passive`` are free."""
         m = planar_model(mesh, frozenset(passive))
-        unknowns, widest = len(m.tree.scale), max(int(m.tree.size.max(initial=0)), 1)
+        unknowns, widest, sides = len(m.tree.scale), max(int(m.tree.size.max(initial=0)), 1), 1 + len(m.constraints.row)
         vectors, variations = (mesh.size, 3), (mesh.size, widest, 3)
         shapes = (*(vectors,) * 4, (mesh.size, 4), *(variations,) * 3, vectors, variations)
         series = [cleared(unknowns) for _ in range(8)]
@@ -55,7 +55,7 @@ class PlanarMarch:
         work = PlanarWork(
             points=cleared(len(m.elements.constants) // int(CONSTANTS) * int(POINT_BLOCK)),
             rates=cleared(len(m.elements.damping) // int(COEFFICIENTS) * int(RATES)), u=cleared(max(count, 1), 3),
-            felt=cleared(*mesh.elements.nodes.shape, 3), residual=cleared(unknowns), y=cleared(unknowns),
+            felt=cleared(*mesh.elements.nodes.shape, 3), residual=cleared(sides, unknowns), y=cleared(sides, unknowns),
         )  # fmt: skip
         frames = PlanarFrames(*(cleared(*shape) for shape in shapes))
         return cls(mesh, m, state, frames, _factors(m), work, _ties(m))

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flexinv.dynamics.assembly import LARGEST_TURN
+from flexinv.dynamics.constraint_rows import add_ties, any_acts, keep, restore, solve_border
 from flexinv.dynamics.generalized_alpha import (
     ACCELERATION,
     ACCELERATIONS,
@@ -43,17 +44,7 @@ from flexinv.elements.planar_beam import (
 )
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import by_address
-from flexinv.planar.constraint_rows import (
-    PlanarTies,
-    add_step,
-    add_ties,
-    any_acts,
-    factorise_ties,
-    keep,
-    return_to,
-    solve_ties,
-    tie_rows,
-)
+from flexinv.planar.constraint_rows import PlanarTies, factorise_ties, tie_rows
 from flexinv.planar.history import Embedding, record
 from flexinv.planar.index1 import project_accelerations
 from flexinv.planar.tree import (
@@ -90,9 +81,10 @@ MANY = 12
 
 @by_address
 class PlanarWork(NamedTuple):
-    """Scratch of the march: points of `planar_beam`, u (count, 3), felt (elements, count, 3), residual and y (unknowns,).
+    """Scratch of the march: points of `planar_beam`, u (count, 3), felt (elements, count, 3).
 
     rates : the same of their rates, empty where no beam is damped
+    residual, y : (1 + rows, unknowns), the first is of the tree, the others belong to the closures (`dynamics.constraint_rows`)
     """
 
     points: Array
@@ -134,7 +126,7 @@ def evaluate(system, given, moved):
     node_wrenches(system.tree, frames)
     add_ties(system.constraints, system.constraints.multiplier, frames.wrench)
     add_forces(elements, frames.pose, work.points, frames.wrench, work.felt)
-    gather(system.tree, system.state, frames, work.residual)
+    gather(system.tree, system.state, frames, work.residual[0])
     return largest, worst
 
 
@@ -148,7 +140,7 @@ def linearise(system, scheme):
     put_stiffness(tree, elements, work.points, frames, system.factors)
     gather_variations(tree, system.state, frames, system.factors.diagonal, scheme.cv, scheme.ca)
     factorise(tree, elements, frames, system.factors)
-    factorise_ties(tree, elements, system.constraints, frames, system.factors)
+    factorise_ties(system)
 
 
 @jit_inner
@@ -165,20 +157,19 @@ def newton(system, scheme, given, slow, most):
         turned, worst = evaluate(system, given, scheme.mode != ACCELERATION)
         if not turned <= LARGEST_TURN:
             return TURNED_TOO_MUCH, worst, size
-        if last or len(work.y) == 0:
+        if last or work.y.shape[1] == 0:
             return CONVERGED, iteration, size
         if fresh:
             linearise(system, scheme)
-        solve_tree(tree, elements, system.factors, work.residual, work.y)
-        solve_ties(tree, constraints, work.y)
-        before, size = size, largest_increment(work.y, tree.scale)
+        solve_tree(tree, elements, system.factors, work.residual[0], work.y[0])
+        solve_border(constraints, constraints.layout, constraints.layout.blocks, 1.0, work.y)
+        before, size = size, largest_increment(work.y[0], tree.scale)
         if not np.isfinite(size):
             return NOT_FINITE, iteration, size
-        add_step(constraints)
-        for i in range(len(work.y)):
-            state.d[i] += work.y[i]
-            state.u[i] += scheme.cv * work.y[i]
-            state.du[i] += scheme.ca * work.y[i]
+        for i in range(len(state.d)):
+            state.d[i] += work.y[0, i]
+            state.u[i] += scheme.cv * work.y[0, i]
+            state.du[i] += scheme.ca * work.y[0, i]
         shrunk = size / before if iteration > 0 else 1.0
         leaves = SQUARED * size * size if fresh and not damped else size * max(shrunk, SURE_STEP)
         last = size < ROUNDING or leaves < scheme.left
@@ -218,18 +209,15 @@ def begin_step(system, scheme, given):
         for _ in range(PASSES):
             evaluate(system, given, True)
             linearise(system, scheme)
-            solve_tree(tree, system.elements, system.factors, work.residual, work.y)
+            solve_tree(tree, system.elements, system.factors, work.residual[0], work.y[0])
             tie_rows(constraints, system.frames, True)
-            for r in range(len(constraints.value)):
-                constraints.value[r] /= scheme.ca
-            solve_ties(tree, constraints, work.y)
-            add_step(constraints)
-            for i in range(len(work.y)):
-                state.du[i] += scheme.ca * work.y[i]
+            solve_border(constraints, constraints.layout, constraints.layout.blocks, scheme.ca, work.y)
+            for i in range(len(state.du)):
+                state.du[i] += scheme.ca * work.y[0, i]
         if is_sudden(scheme, tree.scale, state.pseudo, state.du):
             accept(state)
             return True
-        return_to(constraints)
+        restore(constraints)
     for i in range(len(state.du)):
         state.du[i] = state.pseudo[i]
     accept(state)
@@ -298,25 +286,25 @@ def planar_march(system, step, start_at, still, given, row, out):
         if status != CONVERGED and moves:  # where something has just let go, the past says little about what comes
             state.order[0] = 0
             predict(step, state)
-            return_to(constraints)
+            restore(constraints)
             status, count, size = step_of(system, step, given[n], 0.0, MOST_ITERATIONS)
         if status != CONVERGED:
             return status, n, count, size
         settles = not moves or (acts and row[n] >= 0)
         if settles:
             keep(constraints)
-            project_accelerations(tree, constraints, frames, work.residual)
+            project_accelerations(system)
         if row[n] >= 0:
             record(row[n], system, out)
             out.iterations[row[n]] = count
         if not moves:  # the march goes on from what has been settled
             for i in range(len(state.du)):
-                state.du[i] += constraints.line[i]
+                state.du[i] += work.y[0, i]
             if begin_step(system, step, given[n]):
                 return SUDDEN_START, n + 1, count, size
             continue
         if settles:
-            return_to(constraints)
+            restore(constraints)
         advance(tree, step, state)
     return CONVERGED, given.shape[0], count, size
 

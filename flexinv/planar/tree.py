@@ -20,6 +20,7 @@ from flexinv.elements.joint_law import JointLaw, own_effort, own_slope, smooth_d
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import by_address
 from flexinv.kernels.simd import cos_sin
+from flexinv.kernels.vec3 import ZERO, add, add_to, put, vec, vec_at
 from flexinv.typing import Array
 
 
@@ -103,21 +104,15 @@ def forward_pass(tree, state, given, frames):
     for n in range(len(tree.parent)):
         o, own = tree.offset[tree.block[n]], tree.column[n]
         if tree.independent[n]:
-            for i in range(3):
-                frames.pose[n, i] = state.start[n, i] + state.d[o + i]
-                frames.rate[n, i], frames.acceleration[n, i] = state.u[o + i], state.du[o + i]
+            put(frames.pose[n], 0, add(vec(state.start[n]), vec_at(state.d, o)))
+            put(frames.rate[n], 0, vec_at(state.u, o))
+            put(frames.acceleration[n], 0, vec_at(state.du, o))
             continue
         if tree.given[n] >= 0:
-            for i in range(3):
-                frames.joint[n, i] = given[tree.given[n], i]
+            put(frames.joint[n], 0, vec(given[tree.given[n]]))
         elif own >= 0:
-            _put(frames.joint[n], state.start[n, 0] + state.d[o + own], state.u[o + own], state.du[o + own])
+            put(frames.joint[n], 0, (state.start[n, 0] + state.d[o + own], state.u[o + own], state.du[o + own]))
         _carry(n, tree, frames)
-
-
-@jit_inner
-def _put(a, x, y, turned):
-    a[0], a[1], a[2] = x, y, turned
 
 
 @jit_inner
@@ -128,9 +123,9 @@ def _carry(n, tree, frames):
     p1, p2 = tree.offset_p[n, 0] + q * d1, tree.offset_p[n, 1] + q * d2
     if m < 0:
         frames.arm[n, 0], frames.arm[n, 1], frames.arm[n, 2], frames.arm[n, 3] = p1, p2, d1, d2
-        _put(frames.pose[n], p1, p2, turn * q)
-        _put(frames.rate[n], dq * d1, dq * d2, turn * dq)
-        _put(frames.acceleration[n], ddq * d1, ddq * d2, turn * ddq)
+        put(frames.pose[n], 0, (p1, p2, turn * q))
+        put(frames.rate[n], 0, (dq * d1, dq * d2, turn * dq))
+        put(frames.acceleration[n], 0, (ddq * d1, ddq * d2, turn * ddq))
         return
     r1, r2, e1, e2 = 0.0, 0.0, 0.0, 0.0
     if tree.shifted[n]:
@@ -139,11 +134,11 @@ def _carry(n, tree, frames):
     frames.arm[n, 0], frames.arm[n, 1], frames.arm[n, 2], frames.arm[n, 3] = r1, r2, e1, e2
     x, v, a = frames.pose[m], frames.rate[m], frames.acceleration[m]
     w, al = v[2], a[2]
-    _put(frames.pose[n], x[0] + r1, x[1] + r2, x[2] + turn * q)
-    _put(frames.rate[n], v[0] - w * r2 + dq * e1, v[1] + w * r1 + dq * e2, w + turn * dq)
+    put(frames.pose[n], 0, (x[0] + r1, x[1] + r2, x[2] + turn * q))
+    put(frames.rate[n], 0, (v[0] - w * r2 + dq * e1, v[1] + w * r1 + dq * e2, w + turn * dq))
     a1 = a[0] - al * r2 - w * w * r1 - 2 * w * dq * e2 + ddq * e1
     a2 = a[1] + al * r1 - w * w * r2 + 2 * w * dq * e1 + ddq * e2
-    _put(frames.acceleration[n], a1, a2, al + turn * ddq)
+    put(frames.acceleration[n], 0, (a1, a2, al + turn * ddq))
 
 
 @jit_inner
@@ -151,13 +146,12 @@ def stand(tree, state, joint, frames):
     """Set the unknowns to the rigid motion of the stress-free mechanism whose joints (nodes, 3) are at q, q', q'' [m, rad, s]."""
     for n in range(len(tree.parent)):
         o, own = tree.offset[tree.block[n]], tree.column[n]
-        for i in range(3):
-            frames.joint[n, i] = joint[n, i]
+        put(frames.joint[n], 0, vec(joint[n]))
         _carry(n, tree, frames)
         if tree.independent[n]:
-            for i in range(3):
-                state.start[n, i], state.u[o + i] = frames.pose[n, i], frames.rate[n, i]
-                state.du[o + i] = frames.acceleration[n, i]
+            put(state.start[n], 0, vec(frames.pose[n]))
+            put(state.u, o, vec(frames.rate[n]))
+            put(state.du, o, vec(frames.acceleration[n]))
         elif own >= 0:
             state.start[n, 0], state.u[o + own], state.du[o + own] = joint[n, 0], joint[n, 1], joint[n, 2]
 
@@ -189,10 +183,8 @@ def vary(tree, frames, cv, ca):
     for n in range(len(tree.parent)):
         m, columns = tree.parent[n], tree.size[tree.block[n]]
         for k in range(0 if tree.independent[n] else columns):
-            for i in range(3):
-                frames.by_pose[n, k, i] = frames.by_pose[m, k, i] if m >= 0 else 0.0
-                frames.by_rate[n, k, i] = frames.by_rate[m, k, i] if m >= 0 else 0.0
-                frames.by_acceleration[n, k, i] = frames.by_acceleration[m, k, i] if m >= 0 else 0.0
+            for by in (frames.by_pose, frames.by_rate, frames.by_acceleration):
+                put(by[n, k], 0, vec(by[m, k]) if m >= 0 else ZERO)
             _carry_variation(n, k, tree, frames, cv, ca)
 
 
@@ -202,11 +194,11 @@ def vary_poses(tree, frames):
     for n in range(len(tree.parent)):
         m = tree.parent[n]
         for k in range(0 if tree.independent[n] else tree.size[tree.block[n]]):
-            x, y, turned = _get(frames.by_pose[m, k]) if m >= 0 else (0.0, 0.0, 0.0)
+            x, y, turned = vec(frames.by_pose[m, k]) if m >= 0 else ZERO
             own = 1.0 if k == tree.column[n] else 0.0
             arm = frames.arm[n]
             x, y = x + own * arm[2] - turned * arm[1], y + own * arm[3] + turned * arm[0]
-            _put(frames.by_pose[n, k], x, y, turned + own * tree.turn[n])
+            put(frames.by_pose[n, k], 0, (x, y, turned + own * tree.turn[n]))
 
 
 @jit_inner
@@ -221,12 +213,12 @@ def _carry_variation(n, k, tree, frames, cv, ca):
     s1, s2 = cv * own * e1 - turned * dq * e2, cv * own * e2 + turned * dq * e1  # d(S p')
     z1, z2 = ca * own * e1 - turned * ddq * e2, ca * own * e2 + turned * ddq * e1  # d(S p'')
     x, v, a, turn = frames.by_pose[n, k], frames.by_rate[n, k], frames.by_acceleration[n, k], own * tree.turn[n]
-    _put(x, x[0] + dr1, x[1] + dr2, turned + turn)
-    _put(v, v[0] - dw * r2 - w * dr2 + s1, v[1] + dw * r1 + w * dr1 + s2, dw + cv * turn)
+    put(x, 0, (x[0] + dr1, x[1] + dr2, turned + turn))
+    put(v, 0, (v[0] - dw * r2 - w * dr2 + s1, v[1] + dw * r1 + w * dr1 + s2, dw + cv * turn))
     spin, dspin = w * w, 2 * w * dw
     a1 = a[0] - dal * r2 - al * dr2 - dspin * r1 - spin * dr1 - 2 * (dw * dq * e2 + w * s2) + z1
     a2 = a[1] + dal * r1 + al * dr1 - dspin * r2 - spin * dr2 + 2 * (dw * dq * e1 + w * s1) + z2
-    _put(a, a1, a2, dal + ca * turn)
+    put(a, 0, (a1, a2, dal + ca * turn))
 
 
 @jit_inner
@@ -234,7 +226,7 @@ def node_wrenches(tree, frames):
     """Set every node's own wrench P = m (a - g) [N], Q = J al [N m]."""
     for n in range(len(tree.parent)):
         m, a = tree.mass[n], frames.acceleration[n]
-        _put(frames.wrench[n], m * (a[0] - tree.gravity[0]), m * (a[1] - tree.gravity[1]), tree.inertia[n] * a[2])
+        put(frames.wrench[n], 0, (m * (a[0] - tree.gravity[0]), m * (a[1] - tree.gravity[1]), tree.inertia[n] * a[2]))
 
 
 @jit_inner
@@ -244,7 +236,7 @@ def node_wrench_variations(tree, frames):
         m, j = tree.mass[n], tree.inertia[n]
         for k in range(tree.size[tree.block[n]]):
             a = frames.by_acceleration[n, k]
-            _put(frames.dwrench[n, k], m * a[0], m * a[1], j * a[2])
+            put(frames.dwrench[n, k], 0, (m * a[0], m * a[1], j * a[2]))
 
 
 @jit_inner
@@ -252,23 +244,16 @@ def gather(tree, state, frames, residual):
     """Bring wrenches of dependent nodes back to their blocks: residual (unknowns,) [N], [N m]."""
     for n in range(len(tree.parent) - 1, -1, -1):
         m, o, own = tree.parent[n], tree.offset[tree.block[n]], tree.column[n]
-        f1, f2, mu = _get(frames.wrench[n])
+        f1, f2, mu = vec(frames.wrench[n])
         if tree.independent[n]:
-            residual[o], residual[o + 1], residual[o + 2] = f1, f2, mu
+            put(residual, o, (f1, f2, mu))
             continue
         if own >= 0:
             u, du = state.u[o + own], state.du[o + own]
             drive = own_effort(_law(n, tree), 0.0, u, du, smooth_direction(u))
             residual[o + own] = frames.arm[n, 2] * f1 + frames.arm[n, 3] * f2 + tree.turn[n] * mu + drive
         if m >= 0:
-            frames.wrench[m, 0] += f1
-            frames.wrench[m, 1] += f2
-            frames.wrench[m, 2] += mu + frames.arm[n, 0] * f2 - frames.arm[n, 1] * f1
-
-
-@jit_inner
-def _get(a):
-    return a[0], a[1], a[2]
+            add_to(frames.wrench[m], 0, (f1, f2, mu + frames.arm[n, 0] * f2 - frames.arm[n, 1] * f1))
 
 
 @jit_inner
@@ -279,10 +264,10 @@ def gather_variations(tree, state, frames, diagonal, cv, ca):
     """
     for n in range(len(tree.parent) - 1, -1, -1):
         m, b, own, columns = tree.parent[n], tree.block[n], tree.column[n], tree.size[tree.block[n]]
-        f1, f2, _ = _get(frames.wrench[n])
+        f1, f2, _ = vec(frames.wrench[n])
         r1, r2, e1, e2 = frames.arm[n, 0], frames.arm[n, 1], frames.arm[n, 2], frames.arm[n, 3]
         for k in range(columns):
-            df1, df2, dmu = _get(frames.dwrench[n, k])
+            df1, df2, dmu = vec(frames.dwrench[n, k])
             if tree.independent[n]:
                 diagonal[b, 0, k], diagonal[b, 1, k], diagonal[b, 2, k] = df1, df2, dmu
                 continue
@@ -294,9 +279,7 @@ def gather_variations(tree, state, frames, diagonal, cv, ca):
                 diagonal[b, own, k] = slope + along * own_slope(_law(n, tree), direction, cv, ca)
             if m >= 0:
                 dr1, dr2 = along * e1 - turned * r2, along * e2 + turned * r1
-                frames.dwrench[m, k, 0] += df1
-                frames.dwrench[m, k, 1] += df2
-                frames.dwrench[m, k, 2] += dmu + r1 * df2 - r2 * df1 + dr1 * f2 - dr2 * f1
+                add_to(frames.dwrench[m, k], 0, (df1, df2, dmu + r1 * df2 - r2 * df1 + dr1 * f2 - dr2 * f1))
 
 
 @jit_inner
