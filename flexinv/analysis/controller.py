@@ -203,10 +203,8 @@ class Controller:
         for part in between(self.mechanism, self.before, now, flexible.scheme.h, SUBSTEPS):
             _march(flexible, flexible.early, *part)
         self.early, self.before = self.early - 1, now
-        if self.early == 0 and flexible.flat is not None:
-            flexible.flat.end_early()
-        elif self.early == 0:
-            end_early(flexible.solver.state)
+        if self.early == 0:
+            end_early((flexible.flat or flexible.solver).state)
         return self._looked_at(flexible, q, qd, qdd)
 
     def _looked_at(self, flexible: Flexible, q: Array, qd: Array, qdd: Array) -> Array:

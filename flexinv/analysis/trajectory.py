@@ -254,10 +254,8 @@ class _March:
             self.early = EARLY * (result[0] == SUDDEN_START)
             return leg.last - len(leg.time) + result[1]
         self.early -= len(leg.time) // leg.parts
-        if self.early == 0 and self.flat is not None:
-            self.flat.end_early()
-        elif self.early == 0 and self.solver is not None:
-            end_early(self.solver.state)
+        if self.early == 0 and (march := self.flat or self.solver) is not None:
+            end_early(march.state)
         return leg.last
 
     def check(self, result: Status, time: Array, begins: bool, parts: int = 1) -> None:

@@ -50,7 +50,9 @@ def forward_pass(topology, state, joints, frames, variation, cv, ca, want_tangen
     """Set ``frames`` and ``variation`` of all nodes from ``state`` and the prescribed motion of ``joints`` [m, rad, s]."""
     for n in range(len(topology.parent)):
         columns = topology.size[topology.block[n]] if want_tangent else 0
-        _clear(n, columns, variation)
+        for k in range(columns):
+            for by in (variation.x, variation.t, variation.v, variation.w, variation.a, variation.al):
+                put(by[n, k], 0, ZERO)
         if topology.independent[n]:
             _place_section(n, topology.offset[topology.block[n]], columns, state, frames, variation, cv, ca)
         else:
@@ -58,15 +60,6 @@ def forward_pass(topology, state, joints, frames, variation, cv, ca, want_tangen
                 _place_passive(n, topology, state, joints, variation, cv, ca, columns)
             carry(n, topology.parent[n], frames, joints)
             carry_variation(n, topology.parent[n], columns, frames, joints, variation)
-
-
-@jit_inner
-def _clear(n, columns, variation):
-    for k in range(columns):
-        for i in range(3):
-            variation.x[n, k, i] = variation.t[n, k, i] = variation.v[n, k, i] = variation.w[n, k, i] = variation.a[
-                n, k, i
-            ] = variation.al[n, k, i] = 0.0
 
 
 @jit_inner
@@ -111,25 +104,19 @@ def _place_passive(n, topology, state, joints, variation, cv, ca, columns):
         ddp, al = add_scaled(ddp, state.du[first + k], slide), add_scaled(al, state.du[first + k], turn)
         if columns > 0:
             at = topology.column[n] + k
-            rate = apply(inverse, turn) if topology.triple[n] >= 0 else turn
-            _put_variation(variation, n, at, slide, turn, rate, cv, ca)
+            rate = apply(inverse, turn) if topology.triple[n] >= 0 else turn  # how the angular velocity follows
+            put(variation.x[n, at], 0, slide)
+            put(variation.t[n, at], 0, turn)
+            put(variation.v[n, at], 0, scale(cv, slide))
+            put(variation.w[n, at], 0, scale(cv, rate))
+            put(variation.a[n, at], 0, scale(ca, slide))
+            put(variation.al[n, at], 0, scale(ca, rate))
     put(joints.p[n], 0, p)
     put_block(joints.r[n], 0, 0, mul(mat(state.r[n]), exp(psi)))
     put(joints.dp[n], 0, dp)
     put(joints.ddp[n], 0, ddp)
     put(joints.w[n], 0, w)
     put(joints.al[n], 0, al)
-
-
-@jit_inner
-def _put_variation(variation, node, unknown, slide, turn, rate, cv, ca):
-    """Variation of a joint's own motion by one of its freedoms; ``rate``: how its angular velocity follows."""
-    put(variation.x[node, unknown], 0, slide)
-    put(variation.t[node, unknown], 0, turn)
-    put(variation.v[node, unknown], 0, scale(cv, slide))
-    put(variation.w[node, unknown], 0, scale(cv, rate))
-    put(variation.a[node, unknown], 0, scale(ca, slide))
-    put(variation.al[node, unknown], 0, scale(ca, rate))
 
 
 @jit_inner
@@ -165,7 +152,9 @@ def add_elements(topology, elements, frames, variation, work, moving, want_tange
         if not relative(count, z) <= LARGEST_TURN:
             return k
         if damped:
-            _set_rates(count, nodes, frames, work.rates)
+            for i in range(count):
+                put(work.rates.v[i], 0, vec(frames.v[nodes[i]]))
+                put(work.rates.w[i], 0, vec(frames.w[nodes[i]]))
             relative_rates(count, z, work.rates)
             stored, gone = damped_gradient(k, count, elements, z, work.rates, work.internal[k], want_tangent)
             energy, lost = energy + stored, lost + gone
@@ -186,13 +175,6 @@ def add_elements(topology, elements, frames, variation, work, moving, want_tange
             _add_diagonal(topology, variation, nodes, count, work.tangent[k], work.dwrench)
     work.energy[0], work.energy[1], work.energy[2] = energy, power, lost
     return -1
-
-
-@jit_inner
-def _set_rates(count, nodes, frames, rates):
-    for i in range(count):
-        put(rates.v[i], 0, vec(frames.v[nodes[i]]))
-        put(rates.w[i], 0, vec(frames.w[nodes[i]]))
 
 
 @jit_inner
@@ -231,35 +213,28 @@ def gather(system, joints, cv, ca, want_tangent):
                 for k in range(columns):
                     work.diagonal[b, i, k] = work.dwrench[n, k, i]
             continue
-        _own_variation(n, topology, columns, work)
         if topology.freedoms[n] > 0:
             _passive_rows(n, columns, system, cv, ca)
         if m >= 0:
             bring_back(n, m, system.frames, joints, work.wrench)
-            _bring_back_variation(n, m, columns, system.frames, joints, system.variation, work)
+            _bring_back_variation(n, m, columns, system, joints)
 
 
 @jit_inner
-def _bring_back_variation(n, m, columns, frames, joints, variation, work):
-    """Add the variation of node n's wrench to its parent's; work.own_x, work.own_t (columns, 3): that of p, theta_j."""
-    p, rj, r = vec(joints.p[n]), mat(joints.r[n]), mat(frames.r[m])
+def _bring_back_variation(n, m, columns, system, joints):
+    """Add the variation of node n's wrench to its parent's; its pose there varies with the joint's own freedoms only."""
+    topology, work = system.topology, system.work
+    p, rj, r = vec(joints.p[n]), mat(joints.r[n]), mat(system.frames.r[m])
     local, mu = tapply(r, vec(work.wrench[n])), vec_at(work.wrench[n], 3)
-    for k in range(columns):
-        df, dmu = vec(work.dwrench[n, k]), vec_at(work.dwrench[n, k], 3)
-        dlocal = sub(tapply(r, df), cross(vec(variation.t[m, k]), local))
-        arm = add(cross(vec(work.own_x[k]), local), cross(p, dlocal))
-        add_to(work.dwrench[m, k], 0, df)
-        add_to(work.dwrench[m, k], 3, add(arm, apply(rj, add(cross(vec(work.own_t[k]), mu), dmu))))
-
-
-@jit_inner
-def _own_variation(n, topology, columns, work):
-    """Variation of a node's pose in its parent by the joint's own freedoms, others zero."""
     for k in range(columns):
         i = k - topology.column[n]
         own = 0 <= i < topology.freedoms[n]
-        put(work.own_x[k], 0, vec(topology.slide[n, i]) if own else ZERO)
-        put(work.own_t[k], 0, vec(topology.turn[n, i]) if own else ZERO)
+        slide, turn = vec(topology.slide[n, i]) if own else ZERO, vec(topology.turn[n, i]) if own else ZERO
+        df, dmu = vec(work.dwrench[n, k]), vec_at(work.dwrench[n, k], 3)
+        dlocal = sub(tapply(r, df), cross(vec(system.variation.t[m, k]), local))
+        add_to(work.dwrench[m, k], 0, df)
+        turned = apply(rj, add(cross(turn, mu), dmu))
+        add_to(work.dwrench[m, k], 3, add(add(cross(slide, local), cross(p, dlocal)), turned))
 
 
 @jit_inner

@@ -134,8 +134,7 @@ def ties(rows: Rows, pulls: int, by_unknown: Array) -> Ties:
 
     by_unknown : (nv, unknowns) 1 where an unknown of the march is a joint coordinate
     """
-    unknowns = by_unknown.shape[1]
-    more = 3 * pulls
+    unknowns, more = by_unknown.shape[1], 3 * pulls
     n = len(rows) + more
 
     def padded(values: NDArray[Any], fill: float) -> NDArray[Any]:
@@ -143,26 +142,13 @@ def ties(rows: Rows, pulls: int, by_unknown: Array) -> Ties:
 
     return Ties(
         kind=padded(np.where(rows.gear.any(axis=1), COUPLING, np.where(rows.direction, DIRECTION, POSITION)), PULL),
-        acting=np.ones(n, dtype=bool),
-        a=padded(rows.a, -1),
-        b=padded(rows.b, -1),
-        place_a=padded(rows.place_a, 0.0),
-        place_b=padded(rows.place_b, 0.0),
-        u=padded(rows.u, 0.0),
-        w=padded(rows.w, 0.0),
-        multiplier=np.zeros(n),
-        value=np.zeros(n),
-        give=padded(np.zeros(len(rows)), 1.0),
-        gradient=np.zeros((n, 12)),
-        gear=padded(rows.gear @ by_unknown, 0.0),
-        given=np.zeros((n, 3)),
-        sides=np.zeros((n, unknowns)),
-        across=np.zeros((n, unknowns)),
-        border=np.zeros((n, n)),
-        pivots=Pivots.of(n),
-        step=np.zeros(n),
-        kept=np.zeros(n),
-    )
+        acting=np.ones(n, dtype=bool), a=padded(rows.a, -1), b=padded(rows.b, -1),
+        place_a=padded(rows.place_a, 0.0), place_b=padded(rows.place_b, 0.0),
+        u=padded(rows.u, 0.0), w=padded(rows.w, 0.0), multiplier=np.zeros(n), value=np.zeros(n),
+        give=padded(np.zeros(len(rows)), 1.0), gradient=np.zeros((n, 12)), gear=padded(rows.gear @ by_unknown, 0.0),
+        given=np.zeros((n, 3)), sides=np.zeros((n, unknowns)), across=np.zeros((n, unknowns)),
+        border=np.zeros((n, n)), pivots=Pivots.of(n), step=np.zeros(n), kept=np.zeros(n),
+    )  # fmt: skip
 
 
 def set_ties(constraints: Ties, rows: Rows, acting: NDArray[np.bool_]) -> None:
@@ -171,14 +157,6 @@ def set_ties(constraints: Ties, rows: Rows, acting: NDArray[np.bool_]) -> None:
     constraints.acting[:n] = acting[rows.closure]
     constraints.place_b[:n], constraints.w[:n] = rows.place_b, rows.w
     constraints.multiplier[:n][~constraints.acting[:n]] = 0.0
-
-
-@jit_inner
-def _second(row, node_a, node_b, constraints, frames):
-    """The second vector of a row, w or d, and its two rates."""
-    if constraints.kind[row] == DIRECTION:
-        return fixed(frames, node_b, vec(constraints.w[row]))
-    return gap(frames, node_a, node_b, vec(constraints.place_a[row]), vec(constraints.place_b[row]))
 
 
 @jit_inner
@@ -212,7 +190,10 @@ def tie_rows(constraints, state, frames, wanted):
             continue
         a, b = constraints.a[k], constraints.b[k]
         u = fixed(frames, a, vec(constraints.u[k]))
-        w = _second(k, a, b, constraints, frames)
+        if constraints.kind[k] == DIRECTION:
+            w = fixed(frames, b, vec(constraints.w[k]))
+        else:
+            w = gap(frames, a, b, vec(constraints.place_a[k]), vec(constraints.place_b[k]))
         if wanted == SECOND_RATES:
             constraints.value[k] = dot(u[2], w[0]) + 2 * dot(u[1], w[1]) + dot(u[0], w[2])
         elif wanted == RATES:
@@ -271,8 +252,11 @@ def tie_sides(topology, constraints, plan, variation, residual):
         for n in range(plan.first_part[k], plan.first_part[k + 1]):
             for i in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
                 constraints.sides[k, i] = -constraints.gear[k, i]
-        _add_side(topology, constraints.a[k], variation, constraints.gradient[k], 0, constraints.sides[k])
-        _add_side(topology, constraints.b[k], variation, constraints.gradient[k], 6, constraints.sides[k])
+        for n, first in ((constraints.a[k], 0), (constraints.b[k], 6)):
+            force, moment = vec_at(constraints.gradient[k], first), vec_at(constraints.gradient[k], first + 3)
+            for c in range(topology.size[topology.block[n]] if n >= 0 else 0):
+                felt = dot(force, vec(variation.x[n, c])) + dot(moment, vec(variation.t[n, c]))
+                constraints.sides[k, topology.offset[topology.block[n]] + c] -= felt
         largest = 0.0
         for n in range(plan.first_part[k], plan.first_part[k + 1]):
             for i in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
@@ -285,18 +269,6 @@ def tie_sides(topology, constraints, plan, variation, residual):
                 residual[1 + k, i] = constraints.sides[k, i]
                 if constraints.kind[k] != PULL:
                     constraints.across[k, i] = constraints.sides[k, i]
-
-
-@jit_inner
-def _add_side(topology, n, variation, gradient, first, side):
-    if n < 0:
-        return
-    block = topology.block[n]
-    for k in range(topology.size[block]):
-        along = dot(vec_at(gradient, first), vec(variation.x[n, k])) + dot(
-            vec_at(gradient, first + 3), vec(variation.t[n, k])
-        )
-        side[topology.offset[block] + k] -= along
 
 
 @jit_inner

@@ -10,7 +10,6 @@ closures and springs alone couple them.
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
@@ -80,16 +79,12 @@ class ElementArrays(NamedTuple):
     kappa0: Array
 
 
-def topology(mesh: Mesh, passive: Collection[str]) -> Topology:
+@kept_with_owner()
+def topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
     """Return the unknowns of a mesh when the joints named in ``passive`` are free [m], [rad] and all others prescribed.
 
     Raises InputError for a passive joint that cannot be.
     """
-    return _topology(mesh, frozenset(passive))
-
-
-@kept_with_owner()
-def _topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
     independent = mesh.kind == SECTION
     roots = np.flatnonzero(mesh.parent < 0)
     parts = max(len(roots), 1)

@@ -98,11 +98,6 @@ def generalized_alpha(attachment: float, spectral_radius: float, left: float = E
     return Scheme(DYNAMIC, attachment, gamma / (beta * attachment), ca, beta, gamma, alpha_m, alpha_f, left)
 
 
-def filtering(scheme: Scheme) -> Scheme:
-    """Return the scheme [s] of which one Newton step moves accelerations as far as a step resolves them."""
-    return scheme._replace(mode=RESOLVED)
-
-
 def start_up(scheme: Scheme) -> Scheme:
     """Return the scheme [s] of the parts of the first steps after a sudden start."""
     return generalized_alpha(scheme.h / SUBSTEPS, 0.0, scheme.left)

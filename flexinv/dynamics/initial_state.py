@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import warnings
+from typing import Any
 
 import numpy as np
 
 from flexinv.dynamics.generalized_alpha import (
     ACCELERATIONS,
     PASSES,
+    RESOLVED,
     ROUNDING,
     STATICS,
     Scheme,
-    filtering,
     generalized_alpha,
     is_sudden,
 )
@@ -103,7 +104,7 @@ def begin_step(solver: Solver, joints: Joints, scheme: Scheme, when: str) -> boo
     if (scheme.h**2 * np.abs(found - s.du0) / scale).max(initial=0.0) > ROUNDING:
         s.du[:] = s.du0
         for _ in range(PASSES):
-            status, count, size = solver.newton(filtering(scheme), joints)
+            status, count, size = solver.newton(scheme._replace(mode=RESOLVED), joints)
             if status != CONVERGED:
                 raise solver.complain(status, count, size, when)
         sudden = is_sudden(scheme, scale, found, s.du)
@@ -133,8 +134,8 @@ def _accelerations_of_rounding(solver: Solver, joints: Joints, found: Array) -> 
     return change
 
 
-def end_early(state: State) -> None:
-    """Go on with another scheme: it starts from the present accelerations [m/s^2], [rad/s^2]."""
+def end_early(state: Any) -> None:
+    """Go on with another scheme: in space or in a plane it starts from the present accelerations [m/s^2], [rad/s^2]."""
     state.pseudo[:], state.trend[:], state.bend[:], state.order[:] = state.du0, 0.0, 0.0, 0
 
 
@@ -211,7 +212,10 @@ def _sink(solver: Solver, joints: Joints, when: str) -> None:
             if step < shortest:
                 raise solver.complain(*failed, f"{when}, on the way down to a rest position")
             continue
-        if moved < NEAR and _rests(solver, joints, step >= longest and moved < STILL):
+        # Close by Newton's method may find the rest position; where a motion is free of forces, standing still will do.
+        if moved < NEAR and _moved(solver, joints, STATICS, FACTOR * NEAR)[0] is not None:
+            return
+        if step >= longest and moved < STILL:
             return
         step *= FACTOR if moved < FARTHEST / 2 else 1.0
     raise solver.complain(NOT_CONVERGED, MOST_STEPS, moved or 0.0, f"{when}, on the way down to a rest position")
@@ -239,17 +243,15 @@ def _moved(
     return None, (NOT_CONVERGED, failed[1], moved) if failed[0] == CONVERGED else failed
 
 
-def _rests(solver: Solver, joints: Joints, still: bool) -> bool:
-    """Go to the rest position close by, if Newton's method finds it; where a motion is free of forces, ``still`` will do."""
-    return _moved(solver, joints, STATICS, FACTOR * NEAR)[0] is not None or still
-
-
 def settle(solver: Solver, q: Array, when: str) -> None:
     """Begin in the `equilibrium` of the starting position q (nq,) [rad], [m], with a ModelWarning where that is unstable."""
     from flexinv.linearized.natural_modes import unstable_motions
 
     joints = equilibrium(solver, q, when)
-    here, stable = _standing(solver), _stable(solver.mesh)
+    s, loads, ties = solver.state, solver.loads, solver.border.ties
+    parts = (s.x, s.r, s.place, loads.wrench, loads.effort, ties.multiplier, ties.acting, solver.topology.freedoms)
+    # all that the stiffness of a rest position follows from, beside the mesh
+    here, stable = b"".join(part.tobytes() for part in (*parts, *solver.frames)), _stable(solver.mesh)
     if len(solver.topology.scale) > MOST_JUDGED or here in stable:
         return
     if not (unstable := unstable_motions(solver, joints)):
@@ -274,15 +276,8 @@ def settle(solver: Solver, q: Array, when: str) -> None:
 
 @kept_with_owner()
 def _stable(mesh: Mesh) -> set[bytes]:
-    """The rest position of a mesh, as `_standing` tells it, that was found stable last: marches begin in it again and again."""
+    """The rest position of a mesh, in bytes, that was found stable last: marches begin in it again and again."""
     return set()
-
-
-def _standing(solver: Solver) -> bytes:
-    """All that the stiffness of a rest position follows from, beside the mesh."""
-    s, loads, ties = solver.state, solver.loads, solver.border.ties
-    parts = (s.x, s.r, s.place, loads.wrench, loads.effort, ties.multiplier, ties.acting, solver.topology.freedoms)
-    return b"".join(part.tobytes() for part in (*parts, *solver.frames))
 
 
 def settle_held(solver: Solver, q: Array, time: float, when: str) -> bool:

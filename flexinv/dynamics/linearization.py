@@ -50,13 +50,6 @@ def matrices(solver: Solver, joints: Joints) -> Matrices:
     return Matrices(out[2], out[1], out[0])
 
 
-def tangent_matrix(solver: Solver) -> Array:
-    """Return the linearisation that was evaluated last as one matrix (unknowns, unknowns) [N/m], [N], [N m]."""
-    out = np.zeros((len(solver.topology.scale), len(solver.topology.scale)))
-    _tangent(solver.system, out)
-    return out
-
-
 @jit_formula
 def weighed(which: int) -> Scheme:
     """Return the scheme [-] of which the linearisation is K (0), K + WEIGHT C (1) or K + WEIGHT M (2)."""
@@ -76,47 +69,31 @@ def differentiate(system, joints, out):
 
 @jit
 def fill(system, which, out):
-    """Fill K (0), C (1) or M (2) of (3, unknowns, unknowns) [N/m], [N s/m], [kg] from the linearisation by `weighed`."""
-    _dense_tangent(system, out[which])
-    _add_springs(system.border.ties, out[which])
-    for r in range(out.shape[1] if which > 0 else 0):
-        for c in range(out.shape[2]):
-            out[which, r, c] = (out[which, r, c] - out[0, r, c]) / WEIGHT
+    """Fill K (0), C (1) or M (2) of (3, unknowns, unknowns) [N/m], [N s/m], [kg] from the linearisation by `weighed`.
 
-
-@jit
-def _tangent(system, out):
-    _dense_tangent(system, out)
-
-
-@jit_inner
-def _add_springs(ties, out):
-    """Add the derivative of the forces of springs between points, -C A of their rows in the border."""
-    for k in range(len(ties.a)):
-        if ties.kind[k] == PULL:
-            for r in range(out.shape[0]):
-                for c in range(out.shape[1]):
-                    out[r, c] -= ties.sides[k, r] * ties.across[k, c]
-
-
-@jit_inner
-def _dense_tangent(system, out):
-    """Fill the linearisation that was evaluated last as one matrix [N/m], [N], [N m]."""
+    Forces of springs between points are in it by -C A of their rows in the border.
+    """
     topology, elements, variation, work = system.topology, system.elements, system.variation, system.work
-    for r in range(out.shape[0]):
-        for c in range(out.shape[1]):
-            out[r, c] = 0.0
+    ties, whole = system.border.ties, out[which]
+    whole[:] = 0.0
     for b in range(len(topology.size)):
         o = topology.offset[b]
         for r in range(topology.size[b]):
             for c in range(topology.size[b]):
-                out[o + r, o + c] = work.diagonal[b, r, c]
+                whole[o + r, o + c] = work.diagonal[b, r, c]
     for k in range(len(elements.order)):
         count = elements.order[k] + 1
         for i in range(count):
             for q in range(count):
                 if i != q:
-                    _add_coupling(topology, variation, elements.nodes[k], i, q, work.tangent[k], out)
+                    _add_coupling(topology, variation, elements.nodes[k], i, q, work.tangent[k], whole)
+    for r in range(whole.shape[0]):
+        for c in range(whole.shape[1]):
+            for k in range(len(ties.a)):
+                if ties.kind[k] == PULL:
+                    whole[r, c] -= ties.sides[k, r] * ties.across[k, c]
+            if which > 0:
+                whole[r, c] = (whole[r, c] - out[0, r, c]) / WEIGHT
 
 
 @jit_inner

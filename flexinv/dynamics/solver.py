@@ -131,7 +131,7 @@ class Solver:
     @classmethod
     def of(cls, mesh: Mesh, passive: set[str], efforts: Efforts | None = None) -> Solver:
         """Return the solver of a mesh with the named joints free, moved by the ``efforts`` of their drives [N m], [N]."""
-        t = topology(mesh, passive)
+        t = topology(mesh, frozenset(passive))
         unknowns, widest = len(t.scale), max(int(t.size.max(initial=0)), 1)
         series = [np.zeros(unknowns) for _ in range(10)]
         still = np.zeros((mesh.size, 3)), np.tile(np.eye(3), (mesh.size, 1, 1))
@@ -272,29 +272,19 @@ def complaint(
 
 def _work(mesh: Mesh, topology: Topology, widest: int, layout: Layout) -> Work:
     elements, count = mesh.elements.nodes.shape if mesh.elements.nodes.size else (0, 1)
-    rows = max((_rows(topology, mesh, k) for k in range(elements)), default=0)
+    size = np.append(topology.size[topology.block], 0)  # of the block of each node, and of no node, -1
+    rows = int(size[mesh.elements.nodes[:, 1:]].sum(axis=1).max(initial=0))
     damped, sides = bool(mesh.elements.damping.any()), int(np.diff(layout.first_side).max(initial=1))
     return Work(
-        wrench=np.zeros((mesh.size, 6)),
-        dwrench=np.zeros((mesh.size, widest, 6)),
+        wrench=np.zeros((mesh.size, 6)), dwrench=np.zeros((mesh.size, widest, 6)),
         residual=np.zeros((len(layout.first_part), len(topology.scale))),
         diagonal=np.zeros((len(topology.size), widest, widest)),
         tangent=np.zeros((elements, 6 * count, 6 * count + 6 * damped)),
-        internal=np.zeros((elements, max(count - 1, 0), 6)),
-        energy=np.zeros(3),
-        element=Scratch.of(count),
-        rates=Rates.of(count if damped else 0),
-        own_x=np.zeros((widest, 3)),
-        own_t=np.zeros((widest, 3)),
+        internal=np.zeros((elements, max(count - 1, 0), 6)), energy=np.zeros(3),
+        element=Scratch.of(count), rates=Rates.of(count if damped else 0),
         system=np.zeros((max(rows, widest), max(rows, widest) + widest + sides)),
-        solved=np.zeros((elements, rows, widest + sides)),
-        settled=np.zeros((2, mesh.size, 6)),
-    )
-
-
-def _rows(topology: Topology, mesh: Mesh, element: int) -> int:
-    nodes = mesh.elements.nodes[element]
-    return int(sum(topology.size[topology.block[n]] for n in nodes[1:] if n >= 0))
+        solved=np.zeros((elements, rows, widest + sides)), settled=np.zeros((2, mesh.size, 6)),
+    )  # fmt: skip
 
 
 def record_instant(solver: Solver, sample: int, out: Trajectory) -> None:

@@ -184,17 +184,11 @@ def turn_arms(topology, springs, constraints, frames, variation, dwrench):
     """Take off dwrench how the moments p x R^T f of the springs' forces turn with their nodes [N m]."""
     for k in range(len(springs.row)):
         row = springs.row[k]
-        force = (constraints.multiplier[row], constraints.multiplier[row + 1], constraints.multiplier[row + 2])
-        _turn_arm(
-            topology, constraints.a[row], vec(constraints.place_a[row]), scale(-1.0, force), frames, variation, dwrench
-        )
-        _turn_arm(topology, constraints.b[row], vec(constraints.place_b[row]), force, frames, variation, dwrench)
-
-
-@jit_inner
-def _turn_arm(topology, n, place, force, frames, variation, dwrench):
-    if n < 0:
-        return
-    own = tapply(mat(frames.r[n]), force)
-    for k in range(topology.size[topology.block[n]]):
-        add_to(dwrench[n, k], 3, cross(place, cross(vec(variation.t[n, k]), own)))
+        for n, place, sign in (
+            (constraints.a[row], constraints.place_a[row], -1.0),
+            (constraints.b[row], constraints.place_b[row], 1.0),
+        ):
+            if n >= 0:
+                own = tapply(mat(frames.r[n]), scale(sign, vec_at(constraints.multiplier, row)))
+                for c in range(topology.size[topology.block[n]]):
+                    add_to(dwrench[n, c], 3, cross(vec(place), cross(vec(variation.t[n, c]), own)))

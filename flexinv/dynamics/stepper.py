@@ -245,12 +245,11 @@ def collide(system, joints, y):
 def record(sample, frames, work, out):
     """Copy one instant into the histories [m, rad, s, N, J]."""
     for n in range(frames.x.shape[0]):
-        put(out.x[sample, n], 0, vec(frames.x[n]))
         put_block(out.r[sample, n], 0, 0, mat(frames.r[n]))
-        put(out.v[sample, n], 0, vec(frames.v[n]))
-        put(out.w[sample, n], 0, vec(frames.w[n]))
-        put(out.a[sample, n], 0, vec(frames.a[n]))
-        put(out.al[sample, n], 0, vec(frames.al[n]))
+        for history, now in (
+            (out.x, frames.x), (out.v, frames.v), (out.w, frames.w), (out.a, frames.a), (out.al, frames.al),
+        ):  # fmt: skip
+            put(history[sample, n], 0, vec(now[n]))
         for i in range(6):
             out.wrench[sample, n, i] = work.wrench[n, i]
     for k in range(work.internal.shape[0]):

@@ -52,7 +52,7 @@ class Work(NamedTuple):
         the closures (`dynamics.constraint_rows`); diagonal : (blocks, columns, columns)
     tangent : (elements, 6 count, 6 count), with damping six columns more (`elements.beam`); internal : (elements, points, 6)
     energy : (3,) elastic energy [J], power of the internal forces and what of it is dissipated [W]
-    element, rates : scratch of one element; own_x, own_t : (columns, 3), scratch of one passive joint
+    element, rates : scratch of one element
     system : (rows, rows + columns + sides of a part), scratch of one elimination
     settled : (2, nodes, 6), scratch of `dynamics.index1`
     solved : (elements, rows, columns + sides of a part) eliminated unknowns by those of the element's first block
@@ -67,8 +67,6 @@ class Work(NamedTuple):
     energy: Array
     element: Scratch
     rates: Rates
-    own_x: Array
-    own_t: Array
     system: Array
     solved: Array
     settled: Array

@@ -87,11 +87,6 @@ class PlanarMarch:
         s.u[:], s.du[:] = s.u0, s.du0
         return self.run(scheme, self._given(q, qd, qdd), row, out, still=True)
 
-    def end_early(self) -> None:
-        """Go on with another scheme: `initial_state.end_early` [m/s^2], [rad/s^2]."""
-        s = self.state
-        s.pseudo[:], s.trend[:], s.bend[:], s.order[:] = s.du0, 0.0, 0.0, 0
-
     def turned(self, element: int) -> float:
         """Return by how much the sections of an element turn against each other [rad] where the last step has begun."""
         e, free = self.model.elements, self.model.tree.independent

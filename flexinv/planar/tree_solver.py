@@ -63,7 +63,8 @@ def put_stiffness(tree, elements, points, frames, factors):
             if columns > 0:
                 stiffness = pair_stiffness(k, i + 1, 0, elements, points)
                 for a in range(3):  # all x first, then y, then theta
-                    put_column(factors.to_root[k], a * order + i, stiffness[a])
+                    for c in range(3):
+                        factors.to_root[k, c, a * order + i] = stiffness[a][c]
             for j in range(i + 1):
                 _put_pair(own, order, i, j, pair_stiffness(k, i + 1, j + 1, elements, points))
         of_root = pair_stiffness(k, 0, 0, elements, points) if columns > 0 else ZERO_MATRIX
@@ -72,22 +73,12 @@ def put_stiffness(tree, elements, points, frames, factors):
 
 
 @jit_inner
-def put_column(matrix, column, values):
-    """Write three values into a column of a matrix (3, columns) [any unit]."""
-    matrix[0, column], matrix[1, column], matrix[2, column] = values
-
-
-@jit_inner
 def _put_pair(own, order, node, other, stiffness):
     """Write a pair of nodes into the matrix of an element, all x first, then y, then theta; the energy's is symmetric."""
-    (xx, xy, xt), (yx, yy, yt), (tx, ty, tt) = stiffness
-    y, theta = order, 2 * order
-    own[node, other], own[node, y + other], own[node, theta + other] = xx, xy, xt
-    own[y + node, other], own[y + node, y + other], own[y + node, theta + other] = yx, yy, yt
-    own[theta + node, other], own[theta + node, y + other], own[theta + node, theta + other] = tx, ty, tt
-    own[other, node], own[y + other, node], own[theta + other, node] = xx, xy, xt
-    own[other, y + node], own[y + other, y + node], own[theta + other, y + node] = yx, yy, yt
-    own[other, theta + node], own[y + other, theta + node], own[theta + other, theta + node] = tx, ty, tt
+    for a in range(3):
+        for c in range(3):
+            own[a * order + node, c * order + other] = stiffness[a][c]
+            own[c * order + other, a * order + node] = stiffness[a][c]
 
 
 @jit_inner
