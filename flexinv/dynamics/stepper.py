@@ -90,7 +90,7 @@ def evaluate(system, scheme, joints, want_tangent):
 
 @jit_inner
 def newton(system, scheme, joints, y, most):
-    """Solve one instant in at ``most`` so many iterations; return status, iterations or element, last relative increment [-]."""
+    """Solve one instant in at ``most`` so many iterations; return status, iterations or the bad element, last increment [-]."""
     topology, ties, plan, work = system.topology, system.border.ties, system.border.layout, system.work
     size, last = 0.0, False
     for iteration in range(most + 1):
@@ -98,7 +98,8 @@ def newton(system, scheme, joints, y, most):
         if bad >= 0:
             return TURNED_TOO_MUCH, bad, size
         if last or y.shape[1] == 0:
-            return CONVERGED, iteration, size
+            slipped = slips(topology, system.elements, scheme, system.state, system.frames)
+            return (SLIPPED, slipped, size) if slipped >= 0 else (CONVERGED, iteration, size)
         stays = iteration > 0 and scheme.mode == DYNAMIC and size < BORDER_STAYS
         if scheme.mode == ACCELERATION:
             solve_masses(system, y)
@@ -167,11 +168,6 @@ def march(system, scheme, instants, y, out):
             if moves:
                 predict(scheme, state)
             status, count, size = newton(system, scheme, j, y, PREDICTED_ITERATIONS if predicted else MOST_ITERATIONS)
-            slipped = (
-                slips(topology, system.elements, scheme, state, system.frames) if moves and status == CONVERGED else -1
-            )
-            if slipped >= 0:
-                status, count = SLIPPED, slipped
             if status == CONVERGED or not predicted:
                 break
             restore(ties)  # where something has just let go, the past says little about what comes
@@ -202,7 +198,7 @@ def slips(topology, elements, scheme, state, frames):
 
     An element sees turns between its sections only up to 2 pi: Newton may have converged some turns away.
     """
-    for k in range(len(elements.order)):
+    for k in range(len(elements.order) if scheme.mode == DYNAMIC else 0):
         root = elements.nodes[k, 0]
         for i in range(1, elements.order[k] + 1):
             n = elements.nodes[k, i]

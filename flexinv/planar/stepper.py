@@ -15,6 +15,7 @@ from flexinv.dynamics.constraint_rows import add_ties, any_acts, keep, restore, 
 from flexinv.dynamics.generalized_alpha import (
     ACCELERATION,
     ACCELERATIONS,
+    DYNAMIC,
     PASSES,
     SQUARED,
     advance_rates,
@@ -158,7 +159,8 @@ def newton(system, scheme, given, slow, most):
         if not turned <= LARGEST_TURN:
             return TURNED_TOO_MUCH, worst, size
         if last or work.y.shape[1] == 0:
-            return CONVERGED, iteration, size
+            slipped = slips(tree, elements, scheme, state, system.frames)
+            return (SLIPPED, slipped, size) if slipped >= 0 else (CONVERGED, iteration, size)
         if fresh:
             linearise(system, scheme)
         solve_tree(tree, elements, system.factors, work.residual[0], work.y[0])
@@ -176,17 +178,6 @@ def newton(system, scheme, given, slow, most):
         last = last or (damped and iteration > 0 and shrunk > 0.5 and size < STALLED)
         fresh = shrunk > slow if iteration > 0 else slow == 0.0
     return NOT_CONVERGED, most, size
-
-
-@jit_inner
-def step_of(system, scheme, given, slow, most):
-    """Solve one step by `newton`, and look whether a section has slipped [rad]; return what it returns."""
-    status, count, size = newton(system, scheme, given, slow, most)
-    if status == CONVERGED and scheme.mode != ACCELERATION:
-        slipped = slips(system.tree, system.elements, scheme, system.state, system.frames)
-        if slipped >= 0:
-            return SLIPPED, slipped, size
-    return status, count, size
 
 
 @jit_inner
@@ -227,17 +218,13 @@ def begin_step(system, scheme, given):
 @jit_inner
 def slips(tree, elements, scheme, state, frames):
     """Return the element of which a section turns by more than pi [rad] beside what carries it, else -1."""
-    for k in range(len(elements.order)):
+    for k in range(len(elements.order) if scheme.mode == DYNAMIC else 0):
         root = elements.nodes[k, 0]
         for i in range(1, elements.order[k] + 1):
             turn = state.d[tree.offset[tree.block[elements.nodes[k, i]]] + 2]
             if not abs(turn) <= NO_SLIP:
-                carried = (
-                    state.d[tree.offset[tree.block[root]] + 2]
-                    if tree.independent[root]
-                    else scheme.h * frames.rate[root, 2]
-                )
-                if not abs(turn - carried) <= np.pi:
+                own = state.d[tree.offset[tree.block[root]] + 2]
+                if not abs(turn - (own if tree.independent[root] else scheme.h * frames.rate[root, 2])) <= np.pi:
                     return k
     return -1
 
@@ -273,7 +260,11 @@ def planar_march(system, step, start_at, still, given, row, out):
     frames, work = system.frames, system.work
     count, size, acts = 0, 0.0, any_acts(constraints)
     if start_at.shape[0] > 0:
-        begin(system, start_at)
+        stand(tree, state, start_at, frames)
+        accept(state)
+        relax(system.elements, work.points)  # the elements feel nothing, not even rounding
+        for i in range(len(work.rates)):
+            work.rates[i] = 0.0
     for n in range(given.shape[0]):
         moves = n > 0 or not still
         scheme = step if moves else ACCELERATIONS
@@ -282,12 +273,12 @@ def planar_march(system, step, start_at, still, given, row, out):
         if moves:
             predict(step, state)
         keep(constraints)
-        status, count, size = step_of(system, scheme, given[n], SLOW, MANY)
+        status, count, size = newton(system, scheme, given[n], SLOW, MANY)
         if status != CONVERGED and moves:  # where something has just let go, the past says little about what comes
             state.order[0] = 0
             predict(step, state)
             restore(constraints)
-            status, count, size = step_of(system, step, given[n], 0.0, MOST_ITERATIONS)
+            status, count, size = newton(system, step, given[n], 0.0, MOST_ITERATIONS)
         if status != CONVERGED:
             return status, n, count, size
         settles = not moves or (acts and row[n] >= 0)
@@ -307,13 +298,3 @@ def planar_march(system, step, start_at, still, given, row, out):
             restore(constraints)
         advance(tree, step, state)
     return CONVERGED, given.shape[0], count, size
-
-
-@jit_inner
-def begin(system, joint):
-    """Begin undeformed: joint (nodes, 3) q, q', q'' of all joints [m, rad, s]; the elements feel nothing, not even rounding."""
-    stand(system.tree, system.state, joint, system.frames)
-    accept(system.state)
-    relax(system.elements, system.work.points)
-    for i in range(len(system.work.rates)):
-        system.work.rates[i] = 0.0
