@@ -19,7 +19,6 @@ from flexinv.errors import InputError
 from flexinv.kernels.records import by_address
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import FREE, SECTION, SPHERICAL
-from flexinv.model.mechanism import Joint
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
 
@@ -100,23 +99,33 @@ def topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
     freedoms, column, triple = np.zeros((3, mesh.size), dtype=np.int64)
     triple[:] = -1
     slide, turn, law = *np.zeros((2, mesh.size, 6, 3)), np.zeros((5, mesh.size))
-    for node, joint in _joint_of_node(mesh).items():
-        if joint.name in passive:
-            _check_passive(joint)
-            freedoms[node], column[node] = mesh.freedoms[node], size[block[node]]
-            size[block[node]] += mesh.freedoms[node]
-            slide[node], turn[node] = mesh.slide[node] @ mesh.rotation[node].T, mesh.turn[node]
-            triple[node] = {SPHERICAL: 0, FREE: 3}.get(int(mesh.kind[node]), -1)
-            law[:, node] = mesh.mechanism.drive_table[:, mesh.v_index[node]]
+    free = np.zeros(mesh.mechanism.nv + 1, dtype=bool)  # the last for nodes without a coordinate, -1
+    for joint in mesh.mechanism.joints:
+        free[mesh.mechanism.v_slices[joint.name]] = joint.name in passive
+        if joint.name in passive and joint.kind == "free" and joint.rotor_inertia:
+            raise InputError(
+                f"joint {joint.name!r}: rotor_inertia = {joint.rotor_inertia:g} on a free joint without motion, expected 0: "
+                "nothing turns a rotor there; give the mass to the link"
+            )
+    for node in np.flatnonzero(free[mesh.v_index]):
+        freedoms[node], column[node] = mesh.freedoms[node], size[block[node]]
+        size[block[node]] += mesh.freedoms[node]
+        slide[node], turn[node] = mesh.slide[node] @ mesh.rotation[node].T, mesh.turn[node]
+        triple[node] = {SPHERICAL: 0, FREE: 3}.get(int(mesh.kind[node]), -1)
+        law[:, node] = mesh.mechanism.drive_table[:, mesh.v_index[node]]
     offset, span = laid_out(size, part)
     rotor, damping, friction, spring, rest = law
+    # Convergence is judged on increments over the length of the mechanism for translations, over 1 for rotations.
     scale, gravity = np.ones(int(size.sum())), np.array(mesh.mechanism.gravity, dtype=float)
-    found = Topology(
+    for first in offset[block[independent]]:
+        scale[first : first + 3] = mesh.length
+    for node in np.flatnonzero(freedoms):
+        first, count = offset[block[node]] + column[node], freedoms[node]
+        scale[first : first + count][~turn[node, :count].any(axis=1)] = mesh.length
+    return Topology(
         mesh.parent, block, independent, size, offset, part, span, freedoms, column, triple, slide, turn,
         rotor, damping, friction, spring, rest, scale, mesh.mass, mesh.inertia, gravity, mesh.length,
     )  # fmt: skip
-    _set_scale(found)
-    return found
 
 
 def laid_out(size: Indices, part: Indices) -> tuple[Indices, Indices]:
@@ -127,36 +136,8 @@ def laid_out(size: Indices, part: Indices) -> tuple[Indices, Indices]:
     return offset, np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 
-def _check_passive(joint: Joint) -> None:
-    if joint.kind == "free" and joint.rotor_inertia:
-        raise InputError(
-            f"joint {joint.name!r}: rotor_inertia = {joint.rotor_inertia:g} on a free joint without motion, expected 0: "
-            "nothing turns a rotor there; give the mass to the link"
-        )
-
-
 def element_arrays(mesh: Mesh) -> ElementArrays:
     """Return the elements of a mesh as compiled code takes them [N], [m]."""
     e = mesh.elements
     damping = e.damping if e.damping.any() else e.damping[:0]
     return ElementArrays(e.order, e.nodes, e.shape, e.slope, e.weight, e.stiffness, damping, e.gamma0, e.kappa0)
-
-
-def _joint_of_node(mesh: Mesh) -> dict[int, Joint]:
-    """Joint of every node that has velocity coordinates (both nodes of a universal joint)."""
-    out: dict[int, Joint] = {}
-    for joint in mesh.mechanism.joints:
-        span = mesh.mechanism.v_slices[joint.name]
-        for node in np.flatnonzero((mesh.v_index >= span.start) & (mesh.v_index < span.stop)):
-            out[int(node)] = joint
-    return dict(sorted(out.items()))
-
-
-def _set_scale(topology: Topology) -> None:
-    """Length of the mechanism for translations, 1 for rotations: convergence is judged on increments over this."""
-    for first in topology.offset[topology.block[topology.independent]]:
-        topology.scale[first : first + 3] = topology.length
-    for node in np.flatnonzero(topology.freedoms):
-        first, count = topology.offset[topology.block[node]] + topology.column[node], topology.freedoms[node]
-        sliding = ~topology.turn[node, :count].any(axis=1)
-        topology.scale[first : first + count][sliding] = topology.length

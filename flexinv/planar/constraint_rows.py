@@ -164,5 +164,5 @@ def factorise_ties(system):
     tie_sides(system.tree, constraints, system.frames, work.residual)
     for part in range(len(plan.first_side) - 1):
         for side in plan.side[plan.first_side[part] + 1 : plan.first_side[part + 1]]:
-            solve_part(system.tree, system.elements, system.factors, part, work.residual[side], work.y[side], True)
+            solve_part(system.tree, system.elements, system.factors, part, work.residual[side], work.y[side])
     factorise_border(constraints, plan, plan.blocks, work.y)

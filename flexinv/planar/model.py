@@ -88,14 +88,10 @@ def planar_model(mesh: Mesh, passive: frozenset[str]) -> PlanarModel:
     tree, elements, space = _tree(mesh, t, plane), _elements(mesh, plane), _embedding(mesh, plane)
     pick = _pick(mesh, t, tree, plane, space)
     tied = _constraints(constraint_rows(mesh), plane, tree, t)
-    return PlanarModel(plane, t, tree, elements, space, pick, _places(tree, elements), tied, _joints(mesh, tree))
-
-
-def _joints(mesh: Mesh, tree: PlanarTree) -> JointNodes:
     node = np.flatnonzero(mesh.v_index >= 0)
-    return JointNodes(
-        node, mesh.q_index[node], mesh.v_index[node], mesh.kind[node] == CONTINUOUS, tree.given[node] >= 0
-    )
+    turns_on, given = mesh.kind[node] == CONTINUOUS, tree.given[node] >= 0
+    joints = JointNodes(node, mesh.q_index[node], mesh.v_index[node], turns_on, given)
+    return PlanarModel(plane, t, tree, elements, space, pick, _places(tree, elements), tied, joints)
 
 
 def _pick(mesh: Mesh, topology: Topology, tree: PlanarTree, plane: Plane, space: Embedding) -> Array:

@@ -149,20 +149,12 @@ def _transposed_product(a, v, out, size):
         out[r] = 0.0
     for c in range(0, size, FOUR):
         p, q, s, t = v[c], v[c + 1], v[c + 2], v[c + 3]
+        if p == 0.0 and q == 0.0 and s == 0.0 and t == 0.0:  # closures are felt at their nodes only
+            continue
         for r in range(size):
             out[r] += (p * a[c, r] + q * a[c + 1, r]) + (s * a[c + 2, r] + t * a[c + 3, r])
     for r in range(size, -(-size // FOUR) * FOUR):
         out[r] = 0.0
-
-
-@jit_inner
-def _few_rows(a, v, out, size):
-    """The same where most of v is zero: closures are felt at their nodes only."""
-    for r in range(-(-size // FOUR) * FOUR):
-        out[r] = 0.0
-    for c in range(size):
-        if v[c] != 0.0:
-            subtract(out, -v[c], a[c], 0, size)
 
 
 @jit_inner
@@ -181,12 +173,12 @@ def _dot(a, b, size):
 def solve_tree(tree, elements, factors, residual, y):
     """Solve linearisation y = -residual with the factors at hand; y (unknowns,) [m], [rad].  Overwrites residual."""
     for part in range(len(tree.span) - 1):
-        solve_part(tree, elements, factors, part, residual, y, False)
+        solve_part(tree, elements, factors, part, residual, y)
 
 
 @jit_inner
-def solve_part(tree, elements, factors, part, residual, y, few):
-    """Do so for one part of the mechanism [m], [rad]; few : whether most of the residual is zero."""
+def solve_part(tree, elements, factors, part, residual, y):
+    """Do so for one part of the mechanism [m], [rad]."""
     for n in range(tree.first_element[part + 1] - 1, tree.first_element[part] - 1, -1):
         k = tree.element[n]
         first = tree.offset[tree.block[elements.nodes[k, 0]]]
@@ -195,7 +187,7 @@ def solve_part(tree, elements, factors, part, residual, y, few):
             put(y, factors.own[k, 0], scale(-1.0, own))
             add_to(residual, first, scale(-1.0, apply(mat(factors.b[k]), own)))
         else:
-            _solve_own(k, tree, elements, factors, residual, factors.found[k], first, few)
+            _solve_own(k, tree, elements, factors, residual, factors.found[k], first)
     _solve_root(tree, factors, part, residual, y)
     for n in range(tree.first_element[part], tree.first_element[part + 1]):
         k = tree.element[n]
@@ -224,16 +216,13 @@ def _solve_root(tree, factors, part, residual, y):
 
 
 @jit_inner
-def _solve_own(k, tree, elements, factors, residual, found, first, few):
+def _solve_own(k, tree, elements, factors, residual, found, first):
     """S^-1 r of an element, and what its own unknowns do to the residual of its first block while that stands still."""
     rows, own, line = factors.rows[k], factors.own[k], factors.line[0]
     for r in range(rows):
         line[r] = residual[own[r]]
     for r in range(rows, -(-rows // FOUR) * FOUR):
         line[r] = 0.0
-    if few:
-        _few_rows(factors.inverse[k], line, found, rows)
-    else:
-        _transposed_product(factors.inverse[k], line, found, rows)
+    _transposed_product(factors.inverse[k], line, found, rows)
     for c in range(tree.size[tree.block[elements.nodes[k, 0]]]):
         residual[first + c] -= _dot(factors.b[k, c], found, rows)
