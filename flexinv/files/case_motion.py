@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexinv.files.case_csv import read_samples
-from flexinv.files.case_schema import MOVES, STARTS, MotionTable, MoveTable, Reader
+from flexinv.files.case_schema import MOVES, STARTS, MotionTable, MoveTable, Way
 from flexinv.files.toml_tables import Location, Table, validate
 from flexinv.model.joint_kinds import KINDS, POSE
 from flexinv.model.mechanism import Joint, Mechanism
@@ -18,35 +18,31 @@ from flexinv.typing import Array
 from flexinv.validation import nearest
 
 Timing = tuple[str, float, float, float]  # law, duration, hold, delay [s]
+Groups = dict[Timing, tuple[dict[str, Array], dict[str, Array]]]  # joints that move alike -> where from and where to
 
 
 def read_motion(table: MotionTable, mechanism: Mechanism, where: Location) -> Motion:
     """Make the motion [rad, m, s] that the table describes; InputError where mechanism and table do not fit."""
     if (table.law == "sampled") != (table.csv is not None):
-        given, write = (
-            ('law = "sampled" without csv', 'csv = "..."') if table.csv is None else ("csv", 'law = "sampled"')
-        )
-        raise where.wrong("csv" if table.csv is None else "law", given, 'law = "sampled" and csv together', write)
+        without = "csv", 'law = "sampled" without csv', 'csv = "..."'
+        key, given, write = without if table.csv is None else ("law", "csv", 'law = "sampled"')
+        raise where.wrong(key, given, 'law = "sampled" and csv together', write)
     if table.csv is not None:
         return _sampled(table, table.csv, mechanism, where)
-    groups: dict[Timing, list[tuple[str, Array, Array]]] = {}
+    groups: Groups = {}
     for name, data in table.joints.items():
-        joint = _joint(name, mechanism, where)
-        model, parts, write = MOVES[KINDS[joint.kind].units]
-        move = validate(model, data, where.inner(f"joints.{name}"))
-        timing = _timing(move, table, where)
-        first, last = _ends(move, parts, write, where.inner(f"joints.{name}"))
-        groups.setdefault(timing, []).append((name, first, last))
+        here = where.inner(f"joints.{name}")
+        model, parts, write = MOVES[KINDS[_joint(name, mechanism, where).kind].units]
+        move = validate(model, data, here)
+        ends = zip(*(_ends(move, part, write, here) for part in parts), strict=True)
+        first, last = groups.setdefault(_timing(move, table, where), ({}, {}))
+        first[name], last[name] = map(np.concatenate, ends)
     _add_others(groups, table, mechanism, where)
     motions = [
-        Motion.point_to_point(_by_name(moves, 1), _by_name(moves, 2), duration, hold, law, delay)
-        for (law, duration, hold, delay), moves in groups.items()
+        Motion.point_to_point(first, last, duration, hold, law, delay)
+        for (law, duration, hold, delay), (first, last) in groups.items()
     ]
     return Motion.merge(*motions)
-
-
-def _by_name(moves: list[tuple[str, Array, Array]], column: int) -> dict[str, Array]:
-    return {str(move[0]): np.asarray(move[column]) for move in moves}
 
 
 def _sampled(table: MotionTable, csv: str, mechanism: Mechanism, where: Location) -> Motion:
@@ -85,45 +81,28 @@ def _timing(move: MoveTable, table: MotionTable, where: Location) -> Timing:
     return move.law or table.law, duration, hold, delay
 
 
-def _ends(move: MoveTable, parts: tuple[dict[str, Reader], ...], write: str, where: Location) -> tuple[Array, Array]:
-    """Start and end of one joint, its parts joined: each part says where from and where to, or where it rests."""
-    pairs = [_part(move, part, write, where) for part in parts]
-    return np.concatenate([first for first, _ in pairs]), np.concatenate([last for _, last in pairs])
+def _ends(move: MoveTable, part: Mapping[str, Way], write: str, where: Location) -> tuple[Array, Array]:
+    """Start and end of a part of a joint's coordinates, which says where from and where to, or where it rests."""
+    stated = [(when, u) for when in ("from", "to", "at") for u in part if getattr(move, f"{when}_{u}") is not None]
+    if [when for when, _ in stated] not in (["from", "to"], ["at"]):
+        given = ", ".join(f"{when}_{u}" for when, u in stated) or "nothing"
+        expected = "where from and where to, or where it rests: from_, to_ or at_ with " + " or ".join(part)
+        raise where.wrong("", given, f"{expected}, each once", write)
+    values = [part[u].read(getattr(move, f"{when}_{u}")) for when, u in stated]
+    return values[0], values[-1]
 
 
-def _part(move: MoveTable, part: Mapping[str, Reader], write: str, where: Location) -> tuple[Array, Array]:
-    stated = {when: [u for u in part if getattr(move, f"{when}_{u}") is not None] for when in ("from", "to", "at")}
-    counts = tuple(len(units) for units in stated.values())
-    if counts not in ((1, 1, 0), (0, 0, 1)):
-        units = " or ".join(part)
-        given = ", ".join(f"{when}_{u}" for when, found in stated.items() for u in found) or "nothing"
-        expected = f"where from and where to, or where it rests: from_, to_ or at_ with {units}, each once"
-        raise where.wrong("", given, expected, write)
-    values = {when: part[units[0]](getattr(move, f"{when}_{units[0]}")) for when, units in stated.items() if units}
-    return values.get("from", values.get("at", np.empty(0))), values.get("to", values.get("at", np.empty(0)))
-
-
-def _add_others(
-    groups: dict[Timing, list[tuple[str, Array, Array]]],
-    table: MotionTable,
-    mechanism: Mechanism,
-    where: Location,
-) -> None:
+def _add_others(groups: Groups, table: MotionTable, mechanism: Mechanism, where: Location) -> None:
     """Hold what is not listed at zero if the table says so; a missing joint that has an actuator is an error."""
     if table.others is None:
         return _check_complete(set(table.joints), mechanism, where)
     if not groups:
-        raise where.wrong(
-            "joints",
-            "nothing",
-            "at least one joint that moves",
-            "joints.elbow = { from_deg = 0, to_deg = 90 }",
-        )
-    held = next(iter(groups.values()))
+        write = "joints.elbow = { from_deg = 0, to_deg = 90 }"
+        raise where.wrong("joints", "nothing", "at least one joint that moves", write)
+    first, last = next(iter(groups.values()))
     for joint in mechanism.joints:
         if joint.nv and joint.name not in table.joints and (joint.actuated or KINDS[joint.kind].layout == POSE):
-            zero = mechanism.neutral[mechanism.q_slices[joint.name]]
-            held.append((joint.name, zero, zero))
+            first[joint.name] = last[joint.name] = mechanism.neutral[mechanism.q_slices[joint.name]]
     return None
 
 
@@ -141,7 +120,13 @@ def read_start(tables: Mapping[str, Any], mechanism: Mechanism, motion: Motion, 
     passive = [joint.name for joint in mechanism.joints if joint.nv and joint.name not in given]
     for name in tables:
         if name not in passive:
-            _refuse(name, name in given, passive, where)
+            near = nearest(name, passive)
+            moved = f"a start for joint {name}" + (", which the motion moves" if name in given else "")
+            expected = f"a joint that the motion leaves out: {', '.join(passive[:20]) or 'there is none'}"
+            alone = f"the motion alone; no start.{name}"
+            raise where.wrong(
+                name, moved, expected, f"{near} instead of {name}" if near and name not in given else alone
+            )
     return read_places(tables, mechanism, passive, where)
 
 
@@ -157,22 +142,13 @@ def read_places(
             write = f"{near} instead of {name}" if near else f"no start.{name}"
             raise where.wrong(name, f"a start for joint {name}", expected, write)
         model, parts, write = STARTS[KINDS[mechanism.joint_of[name].kind].units]
-        inner = where.inner(name)
-        table = validate(model, data, inner)
-        out[name] = np.concatenate([_start_part(table, part, write, inner) for part in parts])
+        table = validate(model, data, where.inner(name))
+        out[name] = np.concatenate([_start(table, part, write, where.inner(name)) for part in parts])
     return out
 
 
-def _refuse(name: str, moved: bool, passive: list[str], where: Location) -> None:
-    near = nearest(name, passive)
-    given = f"a start for joint {name}" + (", which the motion moves" if moved else "")
-    expected = f"a joint that the motion leaves out: {', '.join(passive[:20]) or 'there is none'}"
-    write = f"{near} instead of {name}" if near and not moved else f"the motion alone; no start.{name}"
-    raise where.wrong(name, given, expected, write)
-
-
-def _start_part(table: Table, part: Mapping[str, Reader], write: str, where: Location) -> Array:
+def _start(table: Table, part: Mapping[str, Way], write: str, where: Location) -> Array:
     stated = [key for key in part if getattr(table, key) is not None]
     if len(stated) != 1:
         raise where.wrong("", " and ".join(stated) or "nothing", f"where it starts: one of {', '.join(part)}", write)
-    return part[stated[0]](getattr(table, stated[0]))
+    return part[stated[0]].read(getattr(table, stated[0]))

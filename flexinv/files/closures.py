@@ -41,35 +41,35 @@ Interval = Annotated[list[Number], Field(min_length=2, max_length=2)]
 class EndTable(PlacementTable):
     """A frame on a link or on the world."""
 
-    link: Name = key('the link that carries it, or "world"', 'link = "coupler"')
-    station: Fraction | None = optional("on a beam: the fraction 0..1 of its length [-]", "station = 1.0")
+    link: Name = key('the link that carries it, or "world"', '"coupler"')
+    station: Fraction | None = optional("on a beam: the fraction 0..1 of its length [-]", "1.0")
 
 
 class PairTable(Table):
     """Two frames that something joins."""
 
-    first: EndTable = key(END, 'first = { link = "coupler", xyz_m = [0.5, 0, 0] }')
-    second: EndTable = key(END, 'second = { link = "rocker", xyz_m = [0.4, 0, 0] }')
+    first: EndTable = key(END, '{ link = "coupler", xyz_m = [0.5, 0, 0] }')
+    second: EndTable = key(END, '{ link = "rocker", xyz_m = [0.4, 0, 0] }')
     source: Text = SOURCE
 
 
 class ClosureTable(PairTable):
     """A joint that closes a loop: without an axis a ball joint or a weld."""
 
-    kind: str = key(f"one of {KINDS}", 'kind = "revolute"')
+    kind: str = key(f"one of {KINDS}", '"revolute"')
     active_s: list[Interval] = key(
         "intervals [start, end] in which it acts, one after the other [s]; always when absent",
-        "active_s = [[0.0, 0.5]]",
+        "[[0.0, 0.5]]",
         default=[],
     )
     capture: bool = key(
         "true ties the frames where they stand when it begins to act, false asks that they have met",
-        "capture = true",
+        "true",
         default=False,
     )
     impact: str = key(
         f"what it does to frames that move against each other when it begins to act: {IMPACT}",
-        'impact = "plastic"',
+        '"plastic"',
         default="error",
     )
 
@@ -77,75 +77,72 @@ class ClosureTable(PairTable):
 class AxisClosureTable(ClosureTable):
     """A closure that leaves an axis or a line free."""
 
-    axis: Vector = key(AXIS, "axis = [0, 0, 1]")
+    axis: Vector = key(AXIS, "[0, 0, 1]")
 
 
 class UniversalClosureTable(ClosureTable):
     """A closure that leaves two axes free, which stay at right angles."""
 
-    axis: Vector = key("the axis that stays with the first frame, three numbers [-]", "axis = [1, 0, 0]")
-    second_axis: Vector = key("the axis that stays with the second frame, three numbers [-]", "second_axis = [0, 1, 0]")
+    axis: Vector = key("the axis that stays with the first frame, three numbers [-]", "[1, 0, 0]")
+    second_axis: Vector = key("the axis that stays with the second frame, three numbers [-]", "[0, 1, 0]")
 
 
 class CouplingTable(Table):
     """A gear: an equation between coordinates of joints, and no frames."""
 
-    kind: str = key(f"one of {KINDS}", 'kind = "coupling"')
+    kind: str = key(f"one of {KINDS}", '"coupling"')
     factors: dict[str, Number] = key(
         "joint = factor, whose products with the joints' coordinates [rad], [m] add up to offset [-]",
-        "factors = { motor = 1, wheel = -5 }",
+        "{ motor = 1, wheel = -5 }",
     )
-    offset: Number = key("what the products add up to [rad], [m]", "offset = 0.1", default=0.0)
+    offset: Number = key("what the products add up to [rad], [m]", "0.1", default=0.0)
     source: Text = SOURCE
 
 
 class SpringTable(PairTable):
     """A spring and damper along the line between two points."""
 
-    damping_Ns_per_m: NotNegative = key("viscous damping, >= 0 [N s/m]", "damping_Ns_per_m = 10", default=0.0)
+    damping_Ns_per_m: NotNegative = key("viscous damping, >= 0 [N s/m]", "10", default=0.0)
 
 
 class LinearSpringTable(SpringTable):
     """A linear spring."""
 
-    law: Literal["linear"] = key('"linear" (the default), "gas" or "table"', 'law = "gas"', default="linear")
-    stiffness_N_per_m: NotNegative = key("the stiffness, >= 0 [N/m]", "stiffness_N_per_m = 4530")
-    rest_m: NotNegative = key("the length without force, >= 0 [m]", "rest_m = 0.08", default=0.0)
+    law: Literal["linear"] = key('"linear" (the default), "gas" or "table"', '"gas"', default="linear")
+    stiffness_N_per_m: NotNegative = key("the stiffness, >= 0 [N/m]", "4530")
+    rest_m: NotNegative = key("the length without force, >= 0 [m]", "0.08", default=0.0)
 
 
 class GasSpringTable(SpringTable):
     """A gas behind a piston: force / (1 - (l - rest) / travel)^exponent."""
 
-    law: Literal["gas"] = key('"linear" (the default), "gas" or "table"', 'law = "gas"')
-    force_N: Number = key("the pull at the length rest_m, below 0 for a strut that pushes [N]", "force_N = 27000")
-    rest_m: NotNegative = key("the length at which the pull is force_N, >= 0 [m]", "rest_m = 0.6")
+    law: Literal["gas"] = key('"linear" (the default), "gas" or "table"', '"gas"')
+    force_N: Number = key("the pull at the length rest_m, below 0 for a strut that pushes [N]", "27000")
+    rest_m: NotNegative = key("the length at which the pull is force_N, >= 0 [m]", "0.6")
     travel_m: Number = key(
-        "volume of the gas at rest_m over the piston's area, below 0 where shortening compresses it [m]",
-        "travel_m = 0.57",
+        "volume of the gas at rest_m over the piston's area, below 0 where shortening compresses it [m]", "0.57"
     )
-    exponent: Positive = key("polytropic exponent, 1 isothermal, 1.4 adiabatic [-]", "exponent = 1.2", default=1.0)
+    exponent: Positive = key("polytropic exponent, 1 isothermal, 1.4 adiabatic [-]", "1.2", default=1.0)
 
 
 class TableSpringTable(SpringTable):
     """A table of pull over length, monotone cubics between its rows."""
 
-    law: Literal["table"] = key('"linear" (the default), "gas" or "table"', 'law = "table"')
-    length_m: list[Number] = key("lengths that increase, two or more [m]", "length_m = [0.60, 0.65, 0.70]")
-    force_N: list[Number] = key("the pull at each of them [N]", "force_N = [27000, 28200, 29500]")
+    law: Literal["table"] = key('"linear" (the default), "gas" or "table"', '"table"')
+    length_m: list[Number] = key("lengths that increase, two or more [m]", "[0.60, 0.65, 0.70]")
+    force_N: list[Number] = key("the pull at each of them [N]", "[27000, 28200, 29500]")
 
 
 class ForceTable(Table):
     """A force and a moment on a point of a link, constant or linear between times."""
 
-    at: EndTable = key(END, 'at = { link = "hand", xyz_m = [0, 0, 0.1] }')
-    force_N: Rows = optional("three numbers, or a row of three for every time [N]", "force_N = [0, 0, -10]")
-    moment_Nm: Rows = optional("three numbers, or a row of three for every time [N m]", "moment_Nm = [0, 0, 1]")
+    at: EndTable = key(END, '{ link = "hand", xyz_m = [0, 0, 0.1] }')
+    force_N: Rows = optional("three numbers, or a row of three for every time [N]", "[0, 0, -10]")
+    moment_Nm: Rows = optional("three numbers, or a row of three for every time [N m]", "[0, 0, 1]")
     time_s: list[Number] | None = optional(
-        "the times of the rows, increasing [s]; absent for constant ones", "time_s = [0.0, 0.5]"
+        "the times of the rows, increasing [s]; absent for constant ones", "[0.0, 0.5]"
     )
-    follower: bool = key(
-        "true for axes that move with the link, false for world axes", "follower = true", default=False
-    )
+    follower: bool = key("true for axes that move with the link, false for world axes", "true", default=False)
     source: Text = SOURCE
 
 

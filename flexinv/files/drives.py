@@ -15,41 +15,31 @@ class MotorTable(Table):
     """The motor, its friction, and what is moved."""
 
     motor_inertia_kgm2: NotNegative = key(
-        "inertia of the rotor at the motor's shaft, >= 0 [kg m^2]", "motor_inertia_kgm2 = 1e-4", default=0.0
+        "inertia of the rotor at the motor's shaft, >= 0 [kg m^2]", "1e-4", default=0.0
     )
-    torque_constant_Nm_per_A: Positive | None = optional(
-        "torque of the motor per current, > 0 [N m/A]", "torque_constant_Nm_per_A = 0.05"
-    )
+    torque_constant_Nm_per_A: Positive | None = optional("torque of the motor per current, > 0 [N m/A]", "0.05")
     viscous_Nms_per_rad: NotNegative = key(
-        "viscous friction at the motor's shaft, >= 0 [N m s/rad]", "viscous_Nms_per_rad = 1e-5", default=0.0
+        "viscous friction at the motor's shaft, >= 0 [N m s/rad]", "1e-5", default=0.0
     )
-    coulomb_Nm: NotNegative = key("dry friction at the motor's shaft, >= 0 [N m]", "coulomb_Nm = 0.01", default=0.0)
-    static_Nm: NotNegative = key(
-        "friction when it begins to turn, not below coulomb_Nm [N m]", "static_Nm = 0.015", default=0.0
-    )
+    coulomb_Nm: NotNegative = key("dry friction at the motor's shaft, >= 0 [N m]", "0.01", default=0.0)
+    static_Nm: NotNegative = key("friction when it begins to turn, not below coulomb_Nm [N m]", "0.015", default=0.0)
     stribeck_rad_per_s: Positive = key(
-        "rate of the motor at which static friction has gone to a third [rad/s]",
-        "stribeck_rad_per_s = 1.0",
-        default=1.0,
+        "rate of the motor at which static friction has gone to a third [rad/s]", "1.0", default=1.0
     )
     moves: Literal["link", "motor"] = key(
-        'what the motion of this joint is, "link" or "motor" (its angle over the gear ratio)',
-        'moves = "motor"',
-        default="link",
+        'what the motion of this joint is, "link" or "motor" (its angle over the gear ratio)', '"motor"', default="link"
     )
 
 
 class DriveTable(MotorTable):
     """Motor, gear and elastic joint of a joint that turns."""
 
-    gear_ratio: Positive = key("turns of the motor per turn of the joint, > 0 [-]", "gear_ratio = 100", default=1.0)
+    gear_ratio: Positive = key("turns of the motor per turn of the joint, > 0 [-]", "100", default=1.0)
     stiffness_Nm_per_rad: NotNegative = key(
-        "stiffness of the elastic joint at the link, >= 0 [N m/rad]; 0: a rigid gear",
-        "stiffness_Nm_per_rad = 5e3",
-        default=0.0,
+        "stiffness of the elastic joint at the link, >= 0 [N m/rad]; 0: a rigid gear", "5e3", default=0.0
     )
     damping_Nms_per_rad: NotNegative = key(
-        "damping of the elastic joint at the link, >= 0 [N m s/rad]", "damping_Nms_per_rad = 5", default=0.0
+        "damping of the elastic joint at the link, >= 0 [N m s/rad]", "5", default=0.0
     )
 
 
@@ -57,17 +47,12 @@ class LinearDriveTable(MotorTable):
     """Motor, screw (or rack, or drum) and elastic joint of a joint that slides."""
 
     gear_ratio_rad_per_m: Positive = key(
-        "angle of the motor per way of the joint, > 0 [rad/m]; of a screw 2 pi over its lead",
-        "gear_ratio_rad_per_m = 1257",
+        "angle of the motor per way of the joint, > 0 [rad/m]; of a screw 2 pi over its lead", "1257"
     )
     stiffness_N_per_m: NotNegative = key(
-        "stiffness of the elastic joint at the link, >= 0 [N/m]; 0: a rigid gear",
-        "stiffness_N_per_m = 5e5",
-        default=0.0,
+        "stiffness of the elastic joint at the link, >= 0 [N/m]; 0: a rigid gear", "5e5", default=0.0
     )
-    damping_Ns_per_m: NotNegative = key(
-        "damping of the elastic joint at the link, >= 0 [N s/m]", "damping_Ns_per_m = 500", default=0.0
-    )
+    damping_Ns_per_m: NotNegative = key("damping of the elastic joint at the link, >= 0 [N s/m]", "500", default=0.0)
 
 
 # By kind of joint: what its table ``drive`` is.

@@ -26,24 +26,24 @@ UNIT = 1e-6
 class LimitsTable(Table):
     """Limits of a rotary drive; a continuous joint has no position limits."""
 
-    effort_Nm: Positive | None = optional("the largest torque, > 0 [N m]", "effort_Nm = 150")
-    velocity_rad_per_s: Positive | None = optional("the largest speed, > 0 [rad/s]", "velocity_rad_per_s = 3.15")
+    effort_Nm: Positive | None = optional("the largest torque, > 0 [N m]", "150")
+    velocity_rad_per_s: Positive | None = optional("the largest speed, > 0 [rad/s]", "3.15")
 
 
 class RotaryLimitsTable(LimitsTable):
     """Limits of a rotary drive, position limits included."""
 
-    lower_rad: Number | None = optional("the lowest angle [rad]", "lower_rad = -3.14")
-    upper_rad: Number | None = optional("the highest angle [rad]", "upper_rad = 3.14")
+    lower_rad: Number | None = optional("the lowest angle [rad]", "-3.14")
+    upper_rad: Number | None = optional("the highest angle [rad]", "3.14")
 
 
 class LinearLimitsTable(Table):
     """Limits of a linear drive, position limits included."""
 
-    effort_N: Positive | None = optional("the largest force, > 0 [N]", "effort_N = 500")
-    velocity_m_per_s: Positive | None = optional("the largest speed, > 0 [m/s]", "velocity_m_per_s = 0.5")
-    lower_m: Number | None = optional("the lowest position [m]", "lower_m = 0.0")
-    upper_m: Number | None = optional("the highest position [m]", "upper_m = 0.3")
+    effort_N: Positive | None = optional("the largest force, > 0 [N]", "500")
+    velocity_m_per_s: Positive | None = optional("the largest speed, > 0 [m/s]", "0.5")
+    lower_m: Number | None = optional("the lowest position [m]", "0.0")
+    upper_m: Number | None = optional("the highest position [m]", "0.3")
 
 
 WEIGHT = "weight > 0 of the square of its effort where drives are redundant [-]: the heavier, the less it gives"
@@ -52,59 +52,49 @@ WEIGHT = "weight > 0 of the square of its effort where drives are redundant [-]:
 class Driven(Table):
     """Drive of a joint: there or not, and its part where drives are redundant."""
 
-    actuated: bool = key("true, or false for a passive joint", "actuated = false", default=True)
-    weight: Positive = key(WEIGHT, "weight = 4", default=1.0)
+    actuated: bool = key("true, or false for a passive joint", "false", default=True)
+    weight: Positive = key(WEIGHT, "4", default=1.0)
 
 
 class RotaryLosses(Driven):
     """Damping and friction of a joint that turns."""
 
-    damping_Nms_per_rad: NotNegative = key(
-        "viscous damping, >= 0 [N m s/rad]", "damping_Nms_per_rad = 0.1", default=0.0
-    )
-    friction_Nm: NotNegative = key("dry friction, >= 0 [N m]", "friction_Nm = 0.5", default=0.0)
+    damping_Nms_per_rad: NotNegative = key("viscous damping, >= 0 [N m s/rad]", "0.1", default=0.0)
+    friction_Nm: NotNegative = key("dry friction, >= 0 [N m]", "0.5", default=0.0)
 
 
 class RotaryDrive(RotaryLosses):
     """Rotor, damping and friction of a joint that turns."""
 
-    rotor_inertia_kgm2: NotNegative = key(
-        "rotor inertia at the joint, >= 0 [kg m^2]", "rotor_inertia_kgm2 = 0.01", default=0.0
-    )
+    rotor_inertia_kgm2: NotNegative = key("rotor inertia at the joint, >= 0 [kg m^2]", "0.01", default=0.0)
 
 
 class SprungDrive(RotaryDrive):
     """Rotor, damping, friction and spring of a joint with one angle."""
 
-    stiffness_Nm_per_rad: NotNegative = key(
-        "stiffness of a spring in the joint, >= 0 [N m/rad]", "stiffness_Nm_per_rad = 20", default=0.0
-    )
-    rest_rad: Number | None = optional("the angle at which the spring rests [rad]", "rest_rad = 0.5")
-    rest_deg: Number | None = optional("the angle at which the spring rests [deg]", "rest_deg = 30")
+    stiffness_Nm_per_rad: NotNegative = key("stiffness of a spring in the joint, >= 0 [N m/rad]", "20", default=0.0)
+    rest_rad: Number | None = optional("the angle at which the spring rests [rad]", "0.5")
+    rest_deg: Number | None = optional("the angle at which the spring rests [deg]", "30")
 
 
 class LinearDrive(Driven):
     """Rotor, damping, friction and spring of a joint that slides."""
 
-    rotor_inertia_kg: NotNegative = key(
-        "rotor inertia as a mass at the joint, >= 0 [kg]", "rotor_inertia_kg = 1.5", default=0.0
-    )
-    damping_Ns_per_m: NotNegative = key("viscous damping, >= 0 [N s/m]", "damping_Ns_per_m = 10", default=0.0)
-    friction_N: NotNegative = key("dry friction, >= 0 [N]", "friction_N = 5", default=0.0)
-    stiffness_N_per_m: NotNegative = key(
-        "stiffness of a spring in the joint, >= 0 [N/m]", "stiffness_N_per_m = 500", default=0.0
-    )
-    rest_m: Number = key("the position at which the spring rests [m]", "rest_m = 0.1", default=0.0)
+    rotor_inertia_kg: NotNegative = key("rotor inertia as a mass at the joint, >= 0 [kg]", "1.5", default=0.0)
+    damping_Ns_per_m: NotNegative = key("viscous damping, >= 0 [N s/m]", "10", default=0.0)
+    friction_N: NotNegative = key("dry friction, >= 0 [N]", "5", default=0.0)
+    stiffness_N_per_m: NotNegative = key("stiffness of a spring in the joint, >= 0 [N/m]", "500", default=0.0)
+    rest_m: Number = key("the position at which the spring rests [m]", "0.1", default=0.0)
 
 
 class JointTable(Table):
     """Keys of every joint: the links that it connects and its placement."""
 
-    kind: str = key(f"one of {NAMES}", 'kind = "revolute"')
-    parent: Name = key('the link it hangs on, or "world"', 'parent = "world"')
-    child: Name = key("the link that it carries", 'child = "forearm"')
-    placement: PlacementTable | None = optional(PLACEMENT, "placement = { xyz_m = [0.4, 0, 0] }")
-    station: Fraction | None = optional("on a beam parent: the fraction 0..1 of its length [-]", "station = 1.0")
+    kind: str = key(f"one of {NAMES}", '"revolute"')
+    parent: Name = key('the link it hangs on, or "world"', '"world"')
+    child: Name = key("the link that it carries", '"forearm"')
+    placement: PlacementTable | None = optional(PLACEMENT, "{ xyz_m = [0.4, 0, 0] }")
+    station: Fraction | None = optional("on a beam parent: the fraction 0..1 of its length [-]", "1.0")
     source: Text = SOURCE
 
 
@@ -124,24 +114,22 @@ class ContinuousTable(SprungDrive, JointTable):
     """A rotation without end."""
 
     drive: DriveTable | None = optional("a table: gear_ratio, motor_inertia_kgm2, ...", "[joints.NAME.drive]")
-    axis: Vector = key(AXIS, "axis = [0, 0, 1]")
-    limits: LimitsTable | None = optional("a table: effort_Nm, velocity_rad_per_s", "limits = { effort_Nm = 150 }")
+    axis: Vector = key(AXIS, "[0, 0, 1]")
+    limits: LimitsTable | None = optional("a table: effort_Nm, velocity_rad_per_s", "{ effort_Nm = 150 }")
 
 
 class RevoluteTable(ContinuousTable):
     """A rotation."""
 
     limits: RotaryLimitsTable | None = optional(
-        "a table: effort_Nm, velocity_rad_per_s, lower_rad, upper_rad", "limits = { effort_Nm = 150 }"
+        "a table: effort_Nm, velocity_rad_per_s, lower_rad, upper_rad", "{ effort_Nm = 150 }"
     )
 
 
 class HelicalTable(RevoluteTable):
     """A screw: a rotation and a translation along its axis in a fixed ratio."""
 
-    pitch_m: Number = key(
-        "the way along the axis for a whole turn about it [m]; negative: left-handed", "pitch_m = 0.005"
-    )
+    pitch_m: Number = key("the way along the axis for a whole turn about it [m]; negative: left-handed", "0.005")
 
 
 class PrismaticTable(LinearDrive, JointTable):
@@ -151,17 +139,17 @@ class PrismaticTable(LinearDrive, JointTable):
         "a table: gear_ratio_rad_per_m, motor_inertia_kgm2, ...", "[joints.NAME.drive]"
     )
 
-    axis: Vector = key(AXIS, "axis = [1, 0, 0]")
+    axis: Vector = key(AXIS, "[1, 0, 0]")
     limits: LinearLimitsTable | None = optional(
-        "a table: effort_N, velocity_m_per_s, lower_m, upper_m", "limits = { effort_N = 500 }"
+        "a table: effort_N, velocity_m_per_s, lower_m, upper_m", "{ effort_N = 500 }"
     )
 
 
 class UniversalTable(RotaryDrive, JointTable):
     """Two rotations about axes at right angles."""
 
-    axis: Vector = key("the first axis in the joint frame, three numbers [-]", "axis = [1, 0, 0]")
-    second_axis: Vector = key("the second axis, across the first, three numbers [-]", "second_axis = [0, 1, 0]")
+    axis: Vector = key("the first axis in the joint frame, three numbers [-]", "[1, 0, 0]")
+    second_axis: Vector = key("the second axis, across the first, three numbers [-]", "[0, 1, 0]")
 
 
 TABLES: dict[str, type[JointTable]] = {

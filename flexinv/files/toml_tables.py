@@ -19,6 +19,9 @@ from flexinv.files.values import FORMAT, clean_name
 from flexinv.validation import nearest
 
 LARGEST_FILE = 1 << 20  # [byte]: the largest hand-written mechanism is a thousand times smaller
+COMPLETE = re.compile(
+    r"\[+[a-z]|[\w.]+ = "
+)  # examples that are a whole line: the head of a table, or a key and its value
 
 
 class Table(BaseModel):
@@ -29,17 +32,23 @@ class Table(BaseModel):
 
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, frozen=True, defer_build=True)
 
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_: Any) -> None:
+        """Put the name of its key before each example that is a value alone."""
+        for name, info in cls.model_fields.items():
+            info.examples = [one if COMPLETE.match(one) else f"{name} = {one}" for one in info.examples or []]
+
 
 T = TypeVar("T", bound=Table)
 
 
 def key(expected: str, write: str, **rules: Any) -> Any:
-    """Declare a key of a table by the words of its complaint: what is expected [unit] and an example to write."""
+    """Declare a key of a table by the words of its complaint: what is expected [unit] and an example of its value (or a line)."""
     return Field(description=expected, examples=[write], **rules)
 
 
 def optional(expected: str, write: str) -> Any:
-    """Declare a key that may be absent, which is None then: as `key` what is expected [unit] and an example to write."""
+    """Declare a key that may be absent, which is None then: as `key` what is expected [unit] and an example."""
     return key(expected, write, default=None)
 
 
