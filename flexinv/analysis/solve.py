@@ -20,9 +20,8 @@ from flexinv.constraints.loop_starts import ROUNDED, SAGGED, check_branch, check
 from flexinv.dynamics.generalized_alpha import EXACT
 from flexinv.errors import InputError
 from flexinv.kinematics.finite_differences import check_samples
-from flexinv.model.initial_values import start_coordinates
 from flexinv.model.mechanism import Mechanism
-from flexinv.model.motion import Motion
+from flexinv.model.motion import Motion, start_coordinates
 from flexinv.typing import Array
 from flexinv.validation import flag
 

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexinv.files.bodies import read_payloads
-from flexinv.files.drives import MOTORS, read_drive
-from flexinv.files.joints import DRIVES, drive
+from flexinv.files.joints import DRIVES, MOTORS, drive, read_drive
 from flexinv.files.schema import OverlayBeamTable, OverlayLinkTable, OverlayTable
 from flexinv.files.sections import CrossSection, section_along
 from flexinv.files.toml_tables import Location, complaint, validate

@@ -14,8 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
 
 from flexinv.errors import InputError
-from flexinv.files.unit_keys import correction
-from flexinv.files.values import FORMAT, clean_name
+from flexinv.files.values import FORMAT, clean_name, correction
 from flexinv.validation import nearest
 
 LARGEST_FILE = 1 << 20  # [byte]: the largest hand-written mechanism is a thousand times smaller

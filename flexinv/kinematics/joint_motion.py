@@ -1,4 +1,4 @@
-"""Joints: relative pose, velocity and acceleration of every node in its parent's frame, for all samples at once.
+"""Exact rigid kinematics of joints: motion of every node in its parent's frame and in the world, for all samples at once.
 
 ``p``, ``p'``, ``p''`` are taken in the parent node's frame, rotation rates in the node's own frame; what a
 node's placement and its joint do together is one relative motion, so that one rule walks the tree (`kinematics.tree.carry`).
@@ -12,9 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from flexinv.kernels.memory import plain, together
-from flexinv.kinematics.configuration import nodes_of, relative_samples
+from flexinv.kinematics.configuration import motion_samples, nodes_of, relative_samples
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.tree import Joints
+from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.kinematics.tree import Frames, Joints
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Joint
 from flexinv.typing import Array
@@ -68,3 +69,14 @@ def scalar_coordinate(joint: Joint, q: Array, history: bool = True) -> Array:
         return q[:, 0]
     angle = np.arctan2(q[:, 1], q[:, 0])
     return np.unwrap(angle) if history else angle
+
+
+def rigid_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> NodalMotion:
+    """Return the nodal motion [m, rad, s] of the undeformed mechanism for q (samples, nq), qd, qdd (samples, nv).
+
+    Each node's pose, velocity and acceleration follow from its parent's by the equations at the head of `kinematics.tree`.
+    """
+    motion, one = NodalMotion.unwritten(len(q), mesh.size), (mesh.size, 3)
+    joints = Joints(*together(*3 * [one], (*one, 3), *2 * [one]))
+    motion_samples(nodes_of(mesh), plain(q), plain(qd), plain(qdd), joints, Frames(*motion.parts))
+    return motion

@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from flexinv.model.frames import Attachment
-from flexinv.model.frozen import Frozen
 from flexinv.model.joint_kinds import KINDS
+from flexinv.model.links import Attachment, Frozen
 from flexinv.model.spring_laws import Law
 from flexinv.typing import Array
 

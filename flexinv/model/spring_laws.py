@@ -11,7 +11,7 @@ import numpy as np
 import scipy  # its parts are loaded when they are asked for: reading a mechanism needs none
 from numpy.typing import ArrayLike
 
-from flexinv.model.frozen import Frozen
+from flexinv.model.links import Frozen
 from flexinv.typing import Array
 
 

@@ -12,8 +12,8 @@ import scipy  # its parts are loaded when they are asked for
 from pydantic import Field
 
 from flexinv.errors import InputError
-from flexinv.files.case_motion import read_places
 from flexinv.files.case_schema import MeshTable, read_cases
+from flexinv.files.load_cases import read_places
 from flexinv.files.toml_tables import Location, Table, check_names, key, optional, validate
 from flexinv.files.values import Fraction, Name, NotNegative, Number, Positive, Text, Vector
 from flexinv.model.mechanism import Attachment, Mechanism, Placement
