@@ -1,6 +1,6 @@
 """NodalMotion: the motion of every node, the interface between the two steps of the paper.
 
-Rigid links get it from exact kinematics (`joint_motion.rigid_motion`), flexible ones from the finite-element march (`trajectory`),
+Rigid links get it from exact kinematics (`joint_motion`), flexible ones from the finite-element march (`trajectory`),
 measurements could give it too; inverse dynamics (`inverse_dynamics`) never asks which.
 """
 
