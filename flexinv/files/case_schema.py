@@ -11,8 +11,7 @@ import numpy as np
 import scipy  # its parts are loaded when they are asked for
 from pydantic import Field, create_model
 
-from flexinv import validation as arguments
-from flexinv.files.toml_tables import Location, Table, key, optional, read_toml, validate
+from flexinv.files.toml_tables import Location, Table, key, optional, read_toml, toml_file, validate
 from flexinv.files.values import Format, Name, NotNegative, Number, Positive, Text, Vector
 from flexinv.typing import Array
 
@@ -231,6 +230,5 @@ def read_cases(path: str | Path) -> tuple[Path, CasesTable]:
 
     Raises InputError, which names file, table, key, what was given, what is expected and what to write.
     """
-    path = Path(arguments.path("path", path, "a folder that has a cases.toml"))
-    file = path if path.suffix == ".toml" else path / "cases.toml"
+    file = toml_file(path, "cases.toml")
     return file, validate(CasesTable, read_toml(file), Location(file))

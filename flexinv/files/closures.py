@@ -21,6 +21,7 @@ from flexinv.typing import Array
 from flexinv.validation import nearest
 
 KINDS = '"revolute", "prismatic", "cylindrical", "universal", "spherical", "point-on-line", "fixed" or "coupling"'
+LAW = '"linear" (the default), "gas" or "table"'
 IMPACT = '"error" (the default) or "plastic", which stops them at once'
 END = "a table: link, and where on it: xyz_m [m], rpy_deg [deg], on a beam station [-]"
 AXIS = "the free axis in both frames, three numbers [-]"
@@ -108,7 +109,7 @@ class SpringTable(PairTable):
 class LinearSpringTable(SpringTable):
     """A linear spring."""
 
-    law: Literal["linear"] = key('"linear" (the default), "gas" or "table"', '"gas"', default="linear")
+    law: Literal["linear"] = key(LAW, '"gas"', default="linear")
     stiffness_N_per_m: NotNegative = key("the stiffness, >= 0 [N/m]", "4530")
     rest_m: NotNegative = key("the length without force, >= 0 [m]", "0.08", default=0.0)
 
@@ -116,7 +117,7 @@ class LinearSpringTable(SpringTable):
 class GasSpringTable(SpringTable):
     """A gas behind a piston: force / (1 - (l - rest) / travel)^exponent."""
 
-    law: Literal["gas"] = key('"linear" (the default), "gas" or "table"', '"gas"')
+    law: Literal["gas"] = key(LAW, '"gas"')
     force_N: Number = key("the pull at the length rest_m, below 0 for a strut that pushes [N]", "27000")
     rest_m: NotNegative = key("the length at which the pull is force_N, >= 0 [m]", "0.6")
     travel_m: Number = key(
@@ -128,7 +129,7 @@ class GasSpringTable(SpringTable):
 class TableSpringTable(SpringTable):
     """A table of pull over length, monotone cubics between its rows."""
 
-    law: Literal["table"] = key('"linear" (the default), "gas" or "table"', '"table"')
+    law: Literal["table"] = key(LAW, '"table"')
     length_m: list[Number] = key("lengths that increase, two or more [m]", "[0.60, 0.65, 0.70]")
     force_N: list[Number] = key("the pull at each of them [N]", "[27000, 28200, 29500]")
 
@@ -146,11 +147,7 @@ class ForceTable(Table):
     source: Text = SOURCE
 
 
-SPRINGS: dict[str, type[SpringTable]] = {
-    "linear": LinearSpringTable,
-    "gas": GasSpringTable,
-    "table": TableSpringTable,
-}
+SPRINGS: dict[str, type[SpringTable]] = {"linear": LinearSpringTable, "gas": GasSpringTable, "table": TableSpringTable}
 TABLES: dict[str, type[ClosureTable]] = {
     **dict.fromkeys(CLOSURES, AxisClosureTable),
     **dict.fromkeys(("fixed", "spherical"), ClosureTable),
@@ -170,10 +167,23 @@ def read_closure(
         return _coupling(validate(CouplingTable, data, where), taken, where, name)
     table = validate(TABLES[kind or "revolute"], data, where)
     first, second = _pair(table, links, where)
-    return Closure(
-        name, table.kind, first, second, **read_axes(table, where), active=_intervals(table.active_s, where),
-        capture=table.capture, impact=_impact(table, where),
-    )  # fmt: skip
+    axes = read_axes(table, where)
+    times = [time for interval in table.active_s for time in interval]
+    if any(b <= a for a, b in pairwise(times)):
+        given, expected = (
+            f"active_s = {toml_text(table.active_s)}",
+            "intervals [start, end] with start < end, one after the other [s]",
+        )
+        raise where.wrong("active_s", given, expected, "active_s = [[0.0, 0.5], [1.0, 2.0]]")
+    if table.impact not in IMPACTS:
+        write = f'impact = "{nearest(table.impact, IMPACTS) or "plastic"}"'
+        raise where.wrong("impact", f"impact = {toml_text(table.impact)}", IMPACT, write)
+    for word, stated in (("capture", table.capture), ("impact", table.impact != "error")):
+        if stated and not table.active_s:
+            expected = f"active_s with the time at which it begins to act, or no {word}"
+            raise where.wrong(word, f"{word} without active_s", expected, "active_s = [[0.5, 1.0]]")
+    active = tuple((start, end) for start, end in table.active_s)
+    return Closure(name, table.kind, first, second, **axes, active=active, capture=table.capture, impact=table.impact)
 
 
 def _coupling(table: CouplingTable, joints: Mapping[str, Joint], where: Location, name: str) -> Closure:
@@ -191,17 +201,6 @@ def _coupling(table: CouplingTable, joints: Mapping[str, Joint], where: Location
     return Closure(name, table.kind, world, world, factors=tuple(used.items()), offset=table.offset)
 
 
-def _impact(table: ClosureTable, where: Location) -> str:
-    if table.impact not in IMPACTS:
-        write = f'impact = "{nearest(table.impact, IMPACTS) or "plastic"}"'
-        raise where.wrong("impact", f"impact = {toml_text(table.impact)}", IMPACT, write)
-    for name, given in (("capture", table.capture), ("impact", table.impact != "error")):
-        if given and not table.active_s:
-            expected = f"active_s with the time at which it begins to act, or no {name}"
-            raise where.wrong(name, f"{name} without active_s", expected, "active_s = [[0.5, 1.0]]")
-    return table.impact
-
-
 def read_spring(data: Any, links: Mapping[str, Link], where: Location, name: str) -> Spring:
     """Read ``[springs.NAME]`` [N/m, m, N s/m, N]: linear, a gas, or a table of pull over length."""
     law = one_of(data, where, "law", SPRINGS, '"linear", "gas" or "table"', "gas") or "linear"
@@ -216,10 +215,6 @@ def read_spring(data: Any, links: Mapping[str, Link], where: Location, name: str
         gas = GasLaw(table.force_N, table.travel_m, table.exponent)
         return Spring(name, first, second, 0.0, table.rest_m, table.damping_Ns_per_m, gas)
     assert isinstance(table, TableSpringTable)
-    return Spring(name, first, second, 0.0, 0.0, table.damping_Ns_per_m, _table_law(table, where))
-
-
-def _table_law(table: TableSpringTable, where: Location) -> TableLaw:
     length, force = np.array(table.length_m), np.array(table.force_N)
     if len(length) < 2 or (np.diff(length) <= 0).any():
         given, write = f"length_m = {toml_text(table.length_m)}", "length_m = [0.60, 0.65, 0.70]"
@@ -227,7 +222,7 @@ def _table_law(table: TableSpringTable, where: Location) -> TableLaw:
     if len(force) != len(length):
         expected = f"{len(length)} numbers, one for each of length_m [N]"
         raise where.wrong("force_N", f"{len(force)} numbers", expected, f"{len(length)} numbers")
-    return TableLaw(length, force)
+    return Spring(name, first, second, 0.0, 0.0, table.damping_Ns_per_m, TableLaw(length, force))
 
 
 def read_force(data: Any, links: Mapping[str, Link], where: Location, name: str) -> Force:
@@ -252,11 +247,11 @@ def _of_time(rows: list[list[float]] | None, count: int, name: str, where: Locat
 
 
 def _pair(table: PairTable, links: Mapping[str, Link], where: Location) -> tuple[Attachment, Attachment]:
-    ends = tuple(read_end(getattr(table, k), links, where.inner(k)) for k in ("first", "second"))
-    if ends[0].link == ends[1].link:
-        given, write = f'first and second are both on "{ends[1].link}"', 'second = { link = "world" }, or another link'
+    first, second = (read_end(getattr(table, k), links, where.inner(k)) for k in ("first", "second"))
+    if first.link == second.link:
+        given, write = f'first and second are both on "{second.link}"', 'second = { link = "world" }, or another link'
         raise where.inner("second").wrong("link", given, "two different links", write)
-    return ends[0], ends[1]
+    return first, second
 
 
 def read_end(table: EndTable, links: Mapping[str, Link], where: Location) -> Attachment:
@@ -270,12 +265,3 @@ def read_end(table: EndTable, links: Mapping[str, Link], where: Location) -> Att
     beam, other = f"the beam {table.link} that carries it", f"{table.link} is not a beam"
     check_station(table.station, on_beam, where, beam, other, "xyz_m = [0.4, 0, 0]")
     return Attachment(table.link, read_placement(table, where), table.station)
-
-
-def _intervals(active: list[list[float]], where: Location) -> tuple[tuple[float, float], ...]:
-    times = [time for interval in active for time in interval]
-    if any(b <= a for a, b in pairwise(times)):
-        expected = "intervals [start, end] with start < end, one after the other [s]"
-        given = f"active_s = {toml_text(active)}"
-        raise where.wrong("active_s", given, expected, "active_s = [[0.0, 0.5], [1.0, 2.0]]")
-    return tuple((interval[0], interval[1]) for interval in active)

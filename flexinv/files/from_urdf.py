@@ -174,7 +174,7 @@ def _limits(element: Element, kind: str, where: str) -> Limits:
     return Limits(abs(effort), abs(velocity), lower, upper)
 
 
-def _dynamics(element: Element, where: str) -> dict[str, float]:
+def _dynamics(element: Element, where: str) -> dict[str, Any]:
     stated = {name: number(element.find("dynamics"), name, 0.0, where) for name in ("damping", "friction")}
     for name, value in stated.items():
         if value < 0:

@@ -106,14 +106,15 @@ class LinearLimitsTable(Table):
     upper_m: Number | None = optional("the highest position [m]", "0.3")
 
 
-WEIGHT = "weight > 0 of the square of its effort where drives are redundant [-]: the heavier, the less it gives"
-
-
 class Driven(Table):
     """Drive of a joint: there or not, and its part where drives are redundant."""
 
     actuated: bool = key("true, or false for a passive joint", "false", default=True)
-    weight: Positive = key(WEIGHT, "4", default=1.0)
+    weight: Positive = key(
+        "weight > 0 of the square of its effort where drives are redundant [-]: the heavier, the less it gives",
+        "4",
+        default=1.0,
+    )
 
 
 class RotaryLosses(Driven):
@@ -240,19 +241,14 @@ def read_joint(data: Any, where: Location, name: str) -> Joint:
         expected = "a second axis at right angles to the first [-]"
         advice = "second_axis = [0, 1, 0] with axis = [1, 0, 0]; else two revolute joints with a massless link between"
         raise where.wrong("second_axis", f"second_axis = {axes['second_axis'].tolist()}", expected, advice)
+    pitch = getattr(table, "pitch_m", None)
+    if pitch == 0.0:
+        raise where.wrong("pitch_m", "pitch_m = 0", "a pitch other than zero [m]", 'kind = "revolute", no pitch_m')
     return Joint(
         name, table.kind, table.parent, table.child, read_placement(table.placement, where.inner("placement")),
         table.station, **axes, **drive(table, where), limits=_limits(table, where.inner("limits")),
-        drive=read_drive(getattr(table, "drive", None), where.inner("drive")), pitch=_pitch(table, where),
+        drive=read_drive(getattr(table, "drive", None), where.inner("drive")), pitch=pitch or 0.0,
     )  # fmt: skip
-
-
-def _pitch(table: Table, where: Location) -> float:
-    """Return the way of a screw for a whole turn [m], 0 of other joints."""
-    pitch = float(getattr(table, "pitch_m", 0.0))
-    if hasattr(table, "pitch_m") and not pitch:
-        raise where.wrong("pitch_m", "pitch_m = 0", "a pitch other than zero [m]", 'kind = "revolute", no pitch_m')
-    return pitch
 
 
 def drive(table: Table, where: Location) -> dict[str, Any]:
@@ -300,13 +296,9 @@ def unit_axis(axis: Any, where: str, write: str) -> Array:
 def rotation_from_rpy(rpy: Any) -> Array:
     """Return R = R_z(yaw) R_y(pitch) R_x(roll), (3, 3) [-], from rpy (3,) [rad]: URDF's fixed-axis angles."""
     (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+    x = [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr]
+    y = [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr]
+    return np.array([x, y, [-sp, cp * sr, cp * cr]])
 
 
 def read_placement(table: PlacementTable | None, where: Location) -> Placement:
@@ -316,27 +308,18 @@ def read_placement(table: PlacementTable | None, where: Location) -> Placement:
     stated = [name for name in ("rpy_deg", "rpy_rad", "rotation") if getattr(table, name) is not None]
     if len(stated) > 1:
         raise where.wrong(stated[1], " and ".join(stated), "one of rpy_deg, rpy_rad, rotation", f"{stated[0]} alone")
-    rotation = np.eye(3)
+    degrees = table.rpy_deg or [0.0, 0.0, 0.0]
+    rotation = rotation_from_rpy(np.radians(degrees) if table.rpy_rad is None else table.rpy_rad)
     if table.rotation is not None:
         rotation = np.asarray(table.rotation)
-    elif table.rpy_rad is not None:
-        rotation = rotation_from_rpy(table.rpy_rad)
-    elif table.rpy_deg is not None:
-        rotation = _exact_at_right_angles(table.rpy_deg)
+    elif table.rpy_rad is None and all(angle % 90 == 0 for angle in degrees):
+        rotation = np.rint(rotation) + 0.0  # 90 degrees typed as 90 are a whole quarter turn: 0 and 1, not 6e-17
     return Placement(np.array(table.xyz_m, dtype=np.float64), rotation)
 
 
-def _exact_at_right_angles(degrees: Any) -> Array:
-    """90 degrees typed as 90 gives 0 and 1, not 6e-17: sines and cosines of whole quarter turns are whole numbers."""
-    rotation = rotation_from_rpy(np.radians(degrees))
-    return np.rint(rotation) + 0.0 if all(angle % 90 == 0 for angle in degrees) else rotation
-
-
 def _limits(table: JointTable, where: Location) -> Limits:
-    limits = getattr(table, "limits", None)
-    if limits is None:
-        return Limits()
-    read = Limits(**{split_unit(key)[0]: value for key, value in limits if value is not None})
+    stated = getattr(table, "limits", None) or ()
+    read = Limits(**{split_unit(key)[0]: value for key, value in stated if value is not None})
     if read.lower > read.upper:
         given = f"lower {read.lower:g}, upper {read.upper:g}"
         raise where.wrong("upper", given, "lower <= upper", "the two exchanged, if so meant")

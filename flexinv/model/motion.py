@@ -167,7 +167,7 @@ LARGE = 100_000  # samples of a table that is not kept
 
 def motion_table(motion: Motion, mechanism: Mechanism, step: float, samples: int) -> Triple:
     """Return the arrays of ``motion.evaluate`` at 0, step, 2 step ... [s], kept like those of `motion_at`."""
-    return motion_at(motion, mechanism, step * np.arange(samples))
+    return motion_at(motion, mechanism, step * np.arange(samples, dtype=np.float64))
 
 
 def motion_at(motion: Motion, mechanism: Mechanism, time: Array) -> Triple:
