@@ -14,9 +14,8 @@ from flexinv.files.joints import read_axes, read_placement
 from flexinv.files.schema import SOURCE, PlacementTable, finite
 from flexinv.files.toml_tables import Location, Table, key, one_of, optional, toml_text, validate
 from flexinv.files.values import Fraction, Name, NotNegative, Number, Positive, Text, Vector
-from flexinv.model.attachments import COUPLED_JOINTS
+from flexinv.model.attachments import COUPLED_JOINTS, GasLaw, TableLaw
 from flexinv.model.mechanism import CLOSURES, COUPLED, IMPACTS, WORLD, Attachment, Closure, Force, Joint, Link, Spring
-from flexinv.model.spring_laws import GasLaw, TableLaw
 from flexinv.typing import Array
 from flexinv.validation import nearest
 

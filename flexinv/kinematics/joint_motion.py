@@ -7,7 +7,6 @@ node's placement and its joint do together is one relative motion, so that one r
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
@@ -24,31 +23,18 @@ from flexinv.typing import Array
 JointHistory = Callable[[Array], tuple[Array, Array, Array]]
 
 
-class Relative(NamedTuple):
-    """Motion of nodes relative to their parents.
-
-    p, dp, ddp : (samples, nodes, 3) [m], [m/s], [m/s^2] in the parent's frame
-    rotation : (samples, nodes, 3, 3), R_parent,node; rate, acceleration : (samples, nodes, 3) [rad/s], [rad/s^2], own frame
-    """
-
-    p: Array
-    dp: Array
-    ddp: Array
-    rotation: Array
-    rate: Array
-    acceleration: Array
-
-
-def relative_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> Relative:
-    """Return the motion of every node in its parent's frame [m, rad, s] for q (samples, nq), qd, qdd (samples, nv).
+def relative_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> Joints:
+    """Return the motion of every node in its parent's frame [m, rad, s], (samples, nodes, ...), for q (samples, nq), qd, qdd.
 
     Velocity of a free joint is linear then angular, both in the child's frame: p' = R_j v, p'' = R_j (v' + w x v).
     """
-    vector = (len(q), mesh.size, 3)
-    p, dp, ddp, rotation, rate, acceleration = together(*3 * [vector], (*vector, 3), *2 * [vector])
-    out = Relative(p, dp, ddp, rotation, rate, acceleration)
-    relative_samples(nodes_of(mesh), plain(q), plain(qd), plain(qdd), Joints(*out))
+    out = _joints((len(q), mesh.size, 3))
+    relative_samples(nodes_of(mesh), plain(q), plain(qd), plain(qdd), out)
     return out
+
+
+def _joints(vector: tuple[int, ...]) -> Joints:
+    return Joints(*together(*3 * [vector], (*vector, 3), *2 * [vector]))
 
 
 def joint_effort(mesh: Mesh, node: int, force: Array, moment: Array) -> Array:
@@ -76,7 +62,6 @@ def rigid_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> NodalMotion:
 
     Each node's pose, velocity and acceleration follow from its parent's by the equations at the head of `kinematics.tree`.
     """
-    motion, one = NodalMotion.unwritten(len(q), mesh.size), (mesh.size, 3)
-    joints = Joints(*together(*3 * [one], (*one, 3), *2 * [one]))
-    motion_samples(nodes_of(mesh), plain(q), plain(qd), plain(qdd), joints, Frames(*motion.parts))
+    motion = NodalMotion.unwritten(len(q), mesh.size)
+    motion_samples(nodes_of(mesh), plain(q), plain(qd), plain(qdd), _joints((mesh.size, 3)), Frames(*motion.parts))
     return motion
