@@ -20,8 +20,8 @@ from crosscheck.identification.pseudo_inertia import COLUMNS, NAMES, ROWS, moved
 from crosscheck.identification.settings import IdentifyTable
 from flexinv.analysis.solve import solve
 from flexinv.errors import InputError
-from flexinv.kinematics.joint_motion import rigid_motion
 from flexinv.kinematics.mesh import build
+from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.attachments import Spring
 from flexinv.model.links import Body, Inertia
 from flexinv.model.mechanism import Joint, Mechanism

@@ -102,7 +102,7 @@ def read_urdf(
 
 
 def _named(robot: Element, tag: str, path: Path, read: Callable[[Element, Path], T]) -> dict[str, T]:
-    """What is read of the robot's elements of a tag, by their names, each of which stands there once."""
+    """The robot's elements of a tag as they are read, by their names, each of which stands there once."""
     found: dict[str, T] = {}
     for element in robot.findall(tag):
         name = name_of(element, path)

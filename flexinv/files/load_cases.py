@@ -111,10 +111,7 @@ def load_cases(path: str | Path, mechanism: Mechanism) -> dict[str, Case]:
 
 
 def _limit(table: LimitTable) -> Limit:
-    return Limit(
-        table.quantity, tuple(table.engines), table.maximum, table.reason, table.reference, table.source, table.expires,
-        table.versions,
-    )  # fmt: skip
+    return Limit(**{**dict(table), "engines": tuple(table.engines)})
 
 
 def _case(data: Any, name: str, source: str, shared: list[Limit], mechanism: Mechanism, where: Location) -> Case:

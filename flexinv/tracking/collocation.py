@@ -23,8 +23,8 @@ from flexinv.dynamics.loads import load_table
 from flexinv.dynamics.solver import Solver, Trajectory, by_unknown
 from flexinv.kernels.block_tridiagonal import solve_tridiagonal
 from flexinv.kernels.so3 import exp_so3, log_so3
-from flexinv.kinematics.joint_motion import relative_motion, rigid_motion
 from flexinv.kinematics.mesh import Mesh, build
+from flexinv.kinematics.nodal_motion import relative_motion, rigid_motion
 from flexinv.kinematics.tree import Joints
 from flexinv.planar.detection import Plane, find_plane
 from flexinv.tracking.collocation_kernel import Evaluated, Motion, evaluate_instants, inverse_tangents

@@ -12,8 +12,8 @@ from hub_arm import HUB, LENGTH, ROTOR, beam, hub_arm, torque_by_frequency
 import flexinv
 from flexinv import Mechanism, Path, follow
 from flexinv.analysis.motor_side import motor_side
-from flexinv.kinematics.joint_motion import rigid_motion
 from flexinv.kinematics.mesh import build
+from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.drive_expansion import expanded
 from flexinv.model.mechanism import Drive, Joint
 from flexinv.tracking.follow import Following
