@@ -185,12 +185,9 @@ def test_examples_of_the_readme_load(tmp_path: Path) -> None:
 
 def tables() -> list[type[Table]]:
     modules: list[Any] = [schema, joints, closures, case_schema]
-    return [
-        thing
-        for module in modules
-        for thing in vars(module).values()
-        if isinstance(thing, type) and issubclass(thing, Table)
-    ]
+    found = [thing for module in modules for thing in vars(module).values()]
+    found += [table for kinds in (case_schema.MOVES, case_schema.STARTS) for table, _, _ in kinds.values()]
+    return [thing for thing in found if isinstance(thing, type) and issubclass(thing, Table)]
 
 
 def test_readme_names_every_key() -> None:

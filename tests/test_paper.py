@@ -88,7 +88,7 @@ def test_example_1_factors_give_the_torque(rods: Mechanism) -> None:
 
 
 def test_example_1_incremental_mode_is_second_order(rods: Mechanism) -> None:
-    """Errors at 10, 20, 50, 100 steps fall as h^2, the order of the central difference (`finite_differences`)."""
+    """Errors at 10, 20, 50, 100 steps fall as h^2, the order of the central difference (`nodal_motion.differenced`)."""
     errors = []
     for steps in (50, 100, 200):
         exact = flexinv.solve(rods, _motion("cycloid"), step=1 / steps)

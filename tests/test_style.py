@@ -42,9 +42,7 @@ WORDS = (
 # The march in a plane has the names of the march in space.
 TWINS = (("flexinv.dynamics", "flexinv.planar"),)
 KERNEL = "compiled code apart from the code that calls it: a change of the caller compiles nothing anew"
-COMMAND = "a command a module: what is asked of it is beside what it does"
 EQUATIONS = "equations of their own, at the head of the file"
-DATA = "data of their own, with units, apart from the mechanism that holds them"
 FAULTS = "planted mistakes by subject, in one catalogue"
 COMPARED = "a step of the comparison, in a file of its own name"
 DRAWING = "loads what draws, or what the page is written with, when it is asked for"
@@ -56,11 +54,8 @@ ALONE = {
     "crosscheck.run.cluster": "workers on other machines, which few runs have",
     "crosscheck.run.shelves": "answers of earlier runs, apart from the doing of jobs",
     "flexinv.analysis.batch_kernel": KERNEL,
-    "flexinv.cli.parameters": COMMAND,
-    "flexinv.files.case_csv": "a file format of its own",
     "flexinv.files.overlay": "changes of a URDF, apart from the reading of mechanism files",
     "flexinv.kernels.inner_library": "what Numba links, which knows nothing of files on disk",
-    "flexinv.model.drive": DATA,
     "flexinv.constraints.allocation_kernel": KERNEL,
     "flexinv.rigid.derivative_kernel": KERNEL,
     "flexinv.rigid.nodal_result": "a record that callers get, apart from the function that is prepared",
@@ -244,7 +239,7 @@ MISPLACED = {
         "crosscheck.engines.mujoco.adapter",
         "def f():\n    import exudyn as exu",
     ),
-    "only crosscheck/engines/pinocchio/ may": ("flexinv.kinematics.rigid_motion", "from pinocchio import rnea"),
+    "only crosscheck/engines/pinocchio/ may": ("flexinv.kinematics.joint_motion", "from pinocchio import rnea"),
     "an adapter reads primary data only": (
         "crosscheck.engines.exudyn.rigid",
         "from flexinv.kernels.so3 import exp_so3",
@@ -269,7 +264,7 @@ def test_a_misplaced_import_is_found(complaint: str) -> None:
 def test_imports_in_their_place_are_silent() -> None:
     for module, source in (
         ("flexinv.cli.commands", "def plot():\n    import matplotlib"),
-        ("flexinv.cli.commands", "from flexinv.cli.follow import follow_task"),
+        ("flexinv.cli.commands", "from flexinv.cli.simulate import follow_task"),
         ("crosscheck.__main__", "from crosscheck.cli import main"),
         ("flexinv.cli.commands", "if TYPE_CHECKING:\n    from matplotlib.figure import Figure"),
         ("crosscheck.engines.mujoco.model", "import mujoco\nfrom crosscheck.engines.mujoco.adapter import run"),

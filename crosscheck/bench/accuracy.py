@@ -27,8 +27,7 @@ from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
 from flexinv.errors import ConvergenceError
 from flexinv.files.load_cases import load_cases
-from flexinv.model.damping import with_retardation
-from flexinv.model.mechanism import Mechanism
+from flexinv.model.mechanism import Mechanism, with_retardation
 from flexinv.model.motion import Motion
 
 Array = NDArray[np.float64]

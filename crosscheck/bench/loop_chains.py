@@ -14,8 +14,7 @@ from crosscheck.bench.timing import Call, in_turns
 from flexinv.analysis.simulate import simulate
 from flexinv.analysis.solve import solve
 from flexinv.model.attachments import Closure
-from flexinv.model.frames import Attachment
-from flexinv.model.links import Beam, Section
+from flexinv.model.links import Attachment, Beam, Section
 from flexinv.model.mechanism import Body, Inertia, Joint, Link, Mechanism, Placement
 from flexinv.model.motion import Motion
 

@@ -21,7 +21,7 @@ from flexinv.constraints.closures import constraint_jacobian, constraint_rows
 from flexinv.inverse.applied_forces import applied_forces, joint_springs
 from flexinv.inverse.inverse_dynamics import drive_efforts, joint_wrenches, nodal_forces, project
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import motion_at
 

@@ -28,7 +28,8 @@ from crosscheck.identification.propose import proposed
 from crosscheck.identification.settings import FILE
 from crosscheck.report.words import short
 from flexinv.errors import FlexinvError, InputError
-from flexinv.files.load_mechanism import load_mechanism, toml_file
+from flexinv.files.load_mechanism import load_mechanism
+from flexinv.files.toml_tables import toml_file
 
 FOLD = "Cut the window of the first log into so many blocks; each is judged by what the others tell."
 

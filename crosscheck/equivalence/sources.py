@@ -22,8 +22,8 @@ from crosscheck.lifting.usd import PACKAGE as USD_PACKAGE
 from crosscheck.lifting.usd import SUFFIXES as USD_SUFFIXES
 from crosscheck.lifting.usd import lift_usd, reads_usd
 from flexinv.errors import InputError
+from flexinv.files.from_urdf import read_xml
 from flexinv.files.toml_tables import complaint
-from flexinv.files.urdf_xml import read_xml
 from flexinv.files.values import LONGEST_TEXT
 from flexinv.model.mechanism import WORLD, Mechanism
 

@@ -18,8 +18,7 @@ from flexinv.files.joints import read_placement
 from flexinv.files.toml_tables import Location
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
-from flexinv.model.frames import Placement
-from flexinv.model.links import Body, Inertia, Link
+from flexinv.model.links import Body, Inertia, Link, Placement
 from flexinv.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]

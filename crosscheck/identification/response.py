@@ -21,7 +21,7 @@ from crosscheck.identification.settings import IdentifyTable
 from flexinv.analysis.solve import solve
 from flexinv.errors import InputError
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.attachments import Spring
 from flexinv.model.links import Body, Inertia
 from flexinv.model.mechanism import Joint, Mechanism

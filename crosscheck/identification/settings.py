@@ -12,7 +12,7 @@ from flexinv.errors import InputError
 from flexinv.files.closures import EndTable, read_end
 from flexinv.files.toml_tables import Location, Table, key, read_toml, validate
 from flexinv.files.values import Format, NotNegative, Number, Positive, Text
-from flexinv.model.frames import WORLD
+from flexinv.model.links import WORLD
 from flexinv.model.mechanism import Mechanism
 from flexinv.validation import nearest
 

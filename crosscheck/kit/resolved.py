@@ -33,8 +33,8 @@ from crosscheck.kit.tables import (
 from crosscheck.measures.record import RESULTANTS, WRENCH, XYZ, effort_units
 from crosscheck.measures.series_csv import STATION
 from flexinv.files.load_cases import Case
+from flexinv.model.attachments import GasLaw, Law
 from flexinv.model.mechanism import COORDINATES, Attachment, Beam, Body, Closure, Joint, Link, Mechanism, Placement
-from flexinv.model.spring_laws import GasLaw, Law
 
 Array = NDArray[np.float64]
 COLUMNS = ("EA", "GA_y", "GA_z", "GJ", "EI_y", "EI_z")

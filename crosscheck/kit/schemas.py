@@ -19,8 +19,7 @@ from crosscheck.kit.tables import CaseFile, CertificateFile, MetaFile
 from flexinv.files.case_schema import MOVES, STARTS, CasesTable, CaseTable
 from flexinv.files.closures import TABLES as CLOSURES
 from flexinv.files.closures import CouplingTable, ForceTable, GasSpringTable, LinearSpringTable, TableSpringTable
-from flexinv.files.drives import MOTORS
-from flexinv.files.joints import DRIVES
+from flexinv.files.joints import DRIVES, MOTORS
 from flexinv.files.joints import TABLES as JOINTS
 from flexinv.files.load_mechanism import LINKS
 from flexinv.files.schema import MechanismTable, OverlayLinkTable, RigidLinkTable, StiffnessSectionTable

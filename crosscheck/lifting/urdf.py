@@ -16,8 +16,7 @@ from xml.etree.ElementTree import Element
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.printed import printed_of_urdf
 from flexinv.errors import InputError
-from flexinv.files.from_urdf import STANDARD_GRAVITY, read_urdf
-from flexinv.files.urdf_xml import location, number, read_robot
+from flexinv.files.from_urdf import STANDARD_GRAVITY, location, number, read_robot, read_urdf
 from flexinv.model.mechanism import COUPLED, WORLD, Attachment, Closure, Mechanism
 
 DRAKE = "{http://drake.mit.edu}"

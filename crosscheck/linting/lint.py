@@ -16,7 +16,7 @@ from crosscheck.linting.bodies import Stated, body_findings
 from crosscheck.linting.finding import Finding, error, warning
 from crosscheck.linting.urdf import urdf_findings
 from flexinv.errors import InputError
-from flexinv.files.urdf_xml import read_xml
+from flexinv.files.from_urdf import read_xml
 
 
 @dataclass(frozen=True)

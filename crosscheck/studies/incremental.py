@@ -11,7 +11,7 @@ import numpy as np
 from crosscheck.measures.mechanisms import read_mechanism
 from flexinv.analysis.solve import solve
 from flexinv.files.load_cases import Case, load_cases
-from flexinv.kinematics.finite_differences import ORDER
+from flexinv.kinematics.nodal_motion import ORDER
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.joint_torques import joint_torques
 

@@ -26,7 +26,7 @@ from flexinv.constraints.closures import constraint_jacobian, constraint_rows
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.mechanism import WORLD, Mechanism
 from flexinv.model.motion import Motion
 from flexinv.typing import Triple

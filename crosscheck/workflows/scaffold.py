@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from flexinv.errors import InputError, ModelWarning
+from flexinv.files.from_urdf import read_robot
 from flexinv.files.load_mechanism import load_mechanism
-from flexinv.files.urdf_xml import read_robot
 from flexinv.model.mechanism import Joint, Mechanism
 
 FOLDER = Path(__file__).resolve().parents[1] / "starters"

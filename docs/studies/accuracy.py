@@ -28,8 +28,7 @@ from flexinv.accuracy.quantities import Quantities, Ranges, ranges
 from flexinv.accuracy.refinement import MESHES, Refinement, mixed
 from flexinv.analysis.extrapolation import weights
 from flexinv.analysis.settings import Settings
-from flexinv.model.damping import ModalDamping, with_retardation
-from flexinv.model.mechanism import Mechanism
+from flexinv.model.mechanism import Mechanism, ModalDamping, with_retardation
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 ASKED = (1e-2, 1e-3, 1e-4, 1e-5)

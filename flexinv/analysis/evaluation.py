@@ -17,10 +17,8 @@ from flexinv.inverse.balance import Balance
 from flexinv.inverse.inverse_dynamics import NodalForces, drive_efforts, joint_wrenches, nodal_forces
 from flexinv.inverse.trajectory_pass import Found, Given, Moving, Skeleton, second_step_samples
 from flexinv.kernels.memory import plain, together
-from flexinv.kinematics.finite_differences import differenced
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.nodal_motion import NodalMotion
-from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import NodalMotion, differenced, rigid_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array, Triple

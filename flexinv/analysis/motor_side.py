@@ -23,7 +23,7 @@ import scipy  # its parts are loaded when they are asked for
 
 from flexinv.analysis.solution import Solution
 from flexinv.errors import InputError
-from flexinv.kinematics.joint_motion import scalar_coordinate
+from flexinv.kinematics.nodal_motion import scalar_coordinate
 from flexinv.model.mechanism import Drive, Joint
 from flexinv.typing import Array
 from flexinv.validation import of_kind

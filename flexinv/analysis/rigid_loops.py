@@ -20,10 +20,8 @@ from flexinv.constraints.reactions import closing, phased_closing
 from flexinv.inverse.applied_forces import applied_forces, joint_springs
 from flexinv.inverse.inverse_dynamics import drive_efforts, joint_wrenches, nodal_forces, project
 from flexinv.kernels.fronts import Fronts
-from flexinv.kinematics.joint_motion import JointHistory
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.nodal_motion import NodalMotion
-from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import JointHistory, NodalMotion, rigid_motion
 from flexinv.typing import Array
 
 

@@ -20,9 +20,9 @@ from flexinv.dynamics.generalized_alpha import EXACT
 from flexinv.dynamics.solver import Efforts
 from flexinv.errors import InputError
 from flexinv.kinematics.mesh import build
-from flexinv.model.initial_values import start_coordinates
 from flexinv.model.joint_kinds import KINDS, POSE
 from flexinv.model.mechanism import Mechanism
+from flexinv.model.motion import start_coordinates
 from flexinv.typing import Array
 from flexinv.validation import floats, function, number, of_kind, shown
 

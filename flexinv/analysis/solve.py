@@ -19,10 +19,9 @@ from flexinv.analysis.trajectory import first_step
 from flexinv.constraints.loop_starts import ROUNDED, SAGGED, check_branch, check_rates, stated_of
 from flexinv.dynamics.generalized_alpha import EXACT
 from flexinv.errors import InputError
-from flexinv.kinematics.finite_differences import check_samples
-from flexinv.model.initial_values import start_coordinates
+from flexinv.kinematics.nodal_motion import check_samples
 from flexinv.model.mechanism import Mechanism
-from flexinv.model.motion import Motion
+from flexinv.model.motion import Motion, start_coordinates
 from flexinv.typing import Array
 from flexinv.validation import flag
 
@@ -62,7 +61,7 @@ def solve(
         both steps (not where joints stick, closures switch or the mode is incremental)
     spectral_radius : numerical damping of the march, 0 strong, 1 none [-]
     initial : "consistent" (starts undeformed) or "static" (starts in equilibrium under gravity, to which passive joints sink)
-    incremental : the paper's incremental mode, accelerations from differences of nodal positions (`finite_differences`)
+    incremental : the paper's incremental mode, accelerations from differences of nodal positions (`nodal_motion.differenced`)
     start, start_rate : initial coordinates and rates of passive joints (unactuated, not in the motion) [rad], [m], [1/s]
     progress : called with the number of steps done since its last call
     every : of so many steps one is kept in the solution [-], from the start on: a long march at a small step fits in memory

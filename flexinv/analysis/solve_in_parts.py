@@ -15,7 +15,7 @@ from flexinv.analysis.task import Progress, Task, check_task, prescribe, time_gr
 from flexinv.analysis.trajectory import first_step
 from flexinv.dynamics.generalized_alpha import EXACT
 from flexinv.errors import InputError
-from flexinv.kinematics.joint_motion import scalar_coordinate
+from flexinv.kinematics.nodal_motion import scalar_coordinate
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion

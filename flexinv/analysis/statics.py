@@ -26,9 +26,9 @@ from flexinv.dynamics.solver import Solver, Trajectory, record_instant
 from flexinv.dynamics.stepper import CONVERGED
 from flexinv.errors import InputError, ModelWarning
 from flexinv.inverse.applied_forces import applied_forces
+from flexinv.kinematics.configuration_arrays import fill_passive
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.tree import Joints
-from flexinv.kinematics.unactuated import fill_passive
 from flexinv.model.mechanism import Attachment, Force, Mechanism, Placement
 from flexinv.validation import all_of_kind, flag, floats, number, of_kind, shown
 

@@ -12,11 +12,10 @@ from flexinv.analysis.settings import Settings
 from flexinv.constraints.loop_starts import picked_start, stated_of
 from flexinv.dynamics.solver import Efforts
 from flexinv.errors import InputError
-from flexinv.kinematics.joint_motion import JointHistory
 from flexinv.kinematics.mesh import Mesh, build
-from flexinv.model.initial_values import start_coordinates
+from flexinv.kinematics.nodal_motion import JointHistory
 from flexinv.model.mechanism import Mechanism
-from flexinv.model.motion import Motion, motion_table
+from flexinv.model.motion import Motion, motion_table, start_coordinates
 from flexinv.typing import Array, Triple
 from flexinv.validation import choice, function, of_kind, seconds, whole
 

@@ -32,10 +32,10 @@ from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START, march
 from flexinv.dynamics.system import Instants
 from flexinv.errors import ConvergenceError
 from flexinv.inverse.applied_forces import applied_forces
-from flexinv.kinematics.joint_motion import relative_motion
+from flexinv.kinematics.configuration_arrays import fill_passive
 from flexinv.kinematics.mesh import Mesh
+from flexinv.kinematics.nodal_motion import relative_motion
 from flexinv.kinematics.tree import Joints
-from flexinv.kinematics.unactuated import fill_passive
 from flexinv.planar.detection import NotPlanar, find_plane
 from flexinv.planar.solver import PlanarMarch
 from flexinv.planar.stepper import planar_march

@@ -24,13 +24,10 @@ from flexinv.analysis.overview import (
 )
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve as solve_motion
-from flexinv.cli.follow import ACCURACY, OVERWRITE, check_outputs, follow_task
-from flexinv.cli.output import check_out, every, write
-from flexinv.cli.parameters import parameters
-from flexinv.cli.simulate import simulate_file
+from flexinv.cli.output import ACCURACY, FILE, MODEL, OVERWRITE, by_joint, check_outputs, read_model, show, write
+from flexinv.cli.simulate import follow_task, simulate_file
 from flexinv.cli.warm import warm
 from flexinv.errors import FlexinvError, InputError, ModelWarning
-from flexinv.files.from_urdf import from_urdf
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.kernels.compile_lock import NOTE, telling
@@ -42,9 +39,10 @@ from flexinv.planar.detection import NotPlanar, find_plane
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+
+from flexinv.rigid.torque_regressor import base_parameters, random_states, torque_regressor
+
 PLOTS = (".png", ".svg", ".pdf")
-MODEL = click.argument("model", type=click.Path(path_type=Path))
-FILE = click.Path(path_type=Path, dir_okay=False)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -98,8 +96,7 @@ def solve(
     """
     if plot is not None and plot.suffix not in PLOTS:
         raise InputError(f"--plot {plot}: expected a name that ends in {', '.join(PLOTS)}")
-    check_outputs((out, plot), overwrite)
-    check_out(out)
+    check_outputs(out, overwrite, [plot])
     mechanism = load_mechanism(model)
     case = choose(load_cases(folder(model), mechanism), name, model)
     asked = case.accuracy if step is None and accuracy is None else accuracy
@@ -125,12 +122,10 @@ def solve(
     table = solution.summary()
     if solution.torque_error is not None:
         table.loc[list(solution.torque_names), "error of effort"] = solution.torque_error.max(axis=0)
-    click.echo(table.to_string(float_format=lambda x: f"{x:.5g}", na_rep="-"))
+    show(table, digits=5, index=True)
     if any(joint.drive for joint in mechanism.joints):
-        click.echo(motors(solution))
-    if out is not None:
-        write(solution.whole_frame().iloc[::written], out)
-        click.echo(f"wrote {out}")
+        show_motors(solution)
+    write(solution.whole_frame().iloc[::written], out)
     if plot is not None:
         draw(solution, f"{mechanism.name}, {case.name}").savefig(plot, dpi=150)
         click.echo(f"drew {plot}")
@@ -140,7 +135,7 @@ def solve(
 @MODEL
 def info(model: Path) -> None:
     """Show what a mechanism file (or a URDF) is: coordinates, masses, beams and their meshes, and its cases."""
-    mechanism = from_urdf(model) if model.suffix in (".urdf", ".xml") else load_mechanism(model)
+    mechanism = read_model(model)
     click.echo(mechanism.name + (f": {mechanism.title}" if mechanism.title else ""))
     gravity = ", ".join(f"{g:g}" for g in mechanism.gravity)
     mass = sum(link_mass(link) for link in mechanism.links)
@@ -158,7 +153,8 @@ def info(model: Path) -> None:
         ("beams", beam_table(mechanism)),
     ):
         if len(table):
-            click.echo(f"\n{title}\n{table.to_string(index=False, float_format=lambda x: f'{x:.6g}')}")
+            click.echo(f"\n{title}")
+            show(table)
     if mechanism.beams:
         mesh = build(mechanism)
         found, mechanism = find_plane(mesh), mesh.mechanism  # with what follows from a damping ratio
@@ -191,33 +187,58 @@ def modes(
     if name is not None:
         case = choose(load_cases(folder(model), mechanism), name, model)
         mechanism, at = case.meshed(mechanism), start_of(mechanism, case)
-    if rate or damped:
-        steady = steady_modes(mechanism, at, dict(rate_of(text) for text in rate), free or None, count)
+    rates = by_joint("--rate", rate, float, "a joint and its rate in rad/s, for example --rate hub=80")
+    if rates or damped:
+        steady = steady_modes(mechanism, at, rates, free or None, count)
         columns = zip(range(1, count + 1), steady.frequency, steady.damping_ratio, steady.link, strict=False)
         table = pd.DataFrame(columns, columns=["mode", "frequency [Hz]", "damping ratio", "moves most"])
-        click.echo(table.to_string(index=False, float_format=lambda x: f"{x:.6g}", na_rep="-"))
+        show(table)
         return
     found = natural_modes(mechanism, at, free or None, count)
     rows = zip(range(1, count + 1), found.frequency, np.sqrt(np.abs(found.squared)), found.link, strict=False)
     table = pd.DataFrame(rows, columns=["mode", "frequency [Hz]", "omega [rad/s]", "moves most"])
     if found.friction.any():
         table.insert(3, "damping ratio [-]", found.ratio[: len(table)])
-    click.echo(table.to_string(index=False, float_format=lambda x: f"{x:.6g}", na_rep="unstable"))
+    show(table, missing="unstable")
 
 
-app.add_command(parameters)
+@app.command(short_help="Show the base parameters of a rigid mechanism.")
+@MODEL
+@click.option("--drives", is_flag=True, help="With rotor inertia, damping, dry friction and springs of the joints.")
+@click.option("--samples", type=click.IntRange(min=1), default=200, show_default=True, help="Random states to look at.")
+def parameters(model: Path, drives: bool, samples: int) -> None:
+    """Show the base parameters of a rigid mechanism: the combinations of masses that its torques can tell, by QR.
+
+    tau = Y pi, ten parameters for each link about the origin of its frame: m, h = m c, I.
+    """
+    mechanism = read_model(model)
+    full = torque_regressor(mechanism, *random_states(mechanism, samples), drives=drives)
+    base = base_parameters(full)
+    click.echo(
+        f"{mechanism.name}: {len(base.columns)} base parameters of {len(full.names)}, {len(base.unseen)} without effect"
+    )
+    for column, value, expression in zip(base.columns, base.values, base.expressions, strict=True):
+        click.echo(f"{value:12.6g} {full.units[column]:<10} {expression}")
+
+
 app.add_command(follow_task)
 app.add_command(warm)
 app.add_command(simulate_file)
 
 
-def rate_of(text: str) -> tuple[str, float]:
-    """Return joint and rate [rad/s] of what stands behind --rate."""
-    joint, _, value = text.partition("=")
-    try:
-        return joint, float(value)
-    except ValueError:
-        raise InputError(f"--rate {text}: expected a joint and its rate in rad/s, for example --rate hub=80") from None
+def every(sample: float, step: float, size: float) -> int:
+    """Return of how many steps [-] of ``size`` [s] one is written: a case's ``sample`` [s], where it is not its ``step`` [s].
+
+    Raises InputError where steps of that size do not come to the samples.
+    """
+    if sample == step:
+        return 1
+    count = max(round(sample / size), 1)
+    if abs(count * size - sample) > 1e-9 * sample:  # what decimals of a step leave
+        raise InputError(
+            f"--step {size:g}: sample_s = {sample:g} s of the case is no multiple of it; write {sample / count:g}"
+        )
+    return count
 
 
 def folder(model: Path) -> Path:
@@ -238,16 +259,16 @@ def choose(cases: dict[str, Case], name: str | None, model: Path) -> Case:
     return cases[name]
 
 
-def motors(solution: Solution) -> str:
-    """Return a table of every motor's peak values [rad/s], [N m], [A], or the reason why its motion does not follow."""
+def show_motors(solution: Solution) -> None:
+    """Print a table of every motor's peak values [rad/s], [N m], [A], or the reason why its motion does not follow."""
     try:
         found = motor_side(solution)
     except InputError as error:
-        return f"motors: {_one_line(error)}"
+        click.echo(f"motors: {_one_line(error)}")
+        return
     columns = ["motor", "peak speed [rad/s]", "peak torque [N m]", "peak current [A]"]
     rows = [(name, *(np.abs(part).max() for part in (m.rate, m.torque, m.current))) for name, m in found.items()]
-    table = pd.DataFrame(rows, columns=columns)
-    return str(table.to_string(index=False, float_format=lambda x: f"{x:.5g}", na_rep="-"))
+    show(pd.DataFrame(rows, columns=columns), digits=5)
 
 
 def draw(solution: Solution, title: str) -> Figure:

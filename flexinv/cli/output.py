@@ -1,39 +1,79 @@
-"""Output of results: tables, in the format that the suffix of their file names."""
+"""Options that commands share, and output of results: tables, in the format that the suffix of their file names."""
 
 from __future__ import annotations
 
 import importlib.util
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import TypeVar
 
+import click
 import numpy as np
 import pandas as pd
 
 from flexinv.errors import InputError
+from flexinv.files.from_urdf import from_urdf
+from flexinv.files.load_mechanism import load_mechanism
+from flexinv.model.mechanism import Mechanism
+
+T = TypeVar("T")
+FILE = click.Path(path_type=Path, dir_okay=False)
+MODEL = click.argument("model", type=click.Path(path_type=Path))
+OVERWRITE = click.option("--overwrite", is_flag=True, help="Replace files that are there already.")
+ACCURACY = click.option(
+    "--accuracy",
+    type=float,
+    help="Largest error of every torque and tip in parts of its range, for example 1e-4, in place of a step: steps and mesh are "
+    "chosen for it, and error bars say what was reached.",
+)
 
 
-def check_out(out: Path | None) -> None:
-    """Raise InputError for a file [-] that could not be written: before the work, not after it."""
-    if out is None:
-        return
-    if out.suffix.lower() not in WRITERS:
+def read_model(model: Path) -> Mechanism:
+    """Return the mechanism [-] of a URDF, of a mechanism file or of its folder."""
+    return from_urdf(model) if model.suffix in (".urdf", ".xml") else load_mechanism(model)
+
+
+def by_joint(option: str, texts: Sequence[str], read: Callable[[str], T], expected: str) -> dict[str, T]:
+    """Return joint -> what is ``read`` [any unit] behind the equals sign of an option; InputError says what was ``expected``."""
+    out = {}
+    for text in texts:
+        joint, _, value = text.partition("=")
+        try:
+            out[joint] = read(value)
+        except ValueError:
+            raise InputError(f"{option} {text}: expected {expected}") from None
+    return out
+
+
+def check_outputs(out: Path | None, overwrite: bool, others: Iterable[Path | None] = ()) -> None:
+    """Raise InputError for files [-] that could not be written: before the work, not after it.
+
+    Their folder is not there, or they are, and nobody said --overwrite; out : a table, whose suffix has to be known.
+    """
+    for path in (out, *others):
+        if path is not None and not path.resolve().parent.is_dir():
+            raise InputError(f"{path}: the folder {path.resolve().parent} does not exist; make it first")
+        if path is not None and path.is_file() and not overwrite:
+            raise InputError(f"{path} is there already: write another name, or --overwrite to replace it")
+    suffix = "" if out is None else out.suffix.lower()
+    if out is not None and suffix not in WRITERS:
         raise InputError(f"--out {out}: expected a name that ends in {', '.join(WRITERS)}")
-    if out.suffix.lower() == ".parquet" and not any(map(importlib.util.find_spec, ("pyarrow", "fastparquet"))):
+    if suffix == ".parquet" and not any(map(importlib.util.find_spec, ("pyarrow", "fastparquet"))):
         raise InputError(f"--out {out}: .parquet needs pyarrow: write pip install pyarrow, or a name that ends in .csv")
 
 
-def write(table: pd.DataFrame, out: Path) -> None:
-    """Write a table, units in its headers [any unit], as the suffix of ``out`` says."""
-    WRITERS[out.suffix.lower()](table, out)
+def write(table: pd.DataFrame, out: Path | None) -> None:
+    """Write a table, units in its headers [any unit], as the suffix of ``out`` says, and tell of it; nothing for None."""
+    if out is not None:
+        WRITERS[out.suffix.lower()](table, out)
+        click.echo(f"wrote {out}")
 
 
-def _csv(table: pd.DataFrame, out: Path) -> None:
-    table.to_csv(out)
-
-
-def _parquet(table: pd.DataFrame, out: Path) -> None:
-    table.reset_index().to_parquet(out, index=False)
+def show(table: pd.DataFrame | pd.Series, digits: int = 6, index: bool = False, missing: str = "-") -> None:
+    """Print a table with so many ``digits`` [-], for a number that is none ``missing``."""
+    rows = {"index": index} if isinstance(table, pd.DataFrame) else {}
+    click.echo(table.to_string(float_format=lambda x: f"{x:.{digits}g}", na_rep=missing, **rows))
 
 
 def _json(table: pd.DataFrame, out: Path) -> None:
@@ -48,23 +88,8 @@ def _npz(table: pd.DataFrame, out: Path) -> None:
 
 
 WRITERS: dict[str, Callable[[pd.DataFrame, Path], None]] = {
-    ".csv": _csv,
-    ".parquet": _parquet,
+    ".csv": lambda table, out: table.to_csv(out),
+    ".parquet": lambda table, out: table.reset_index().to_parquet(out, index=False),
     ".json": _json,
     ".npz": _npz,
 }
-
-
-def every(sample: float, step: float, size: float) -> int:
-    """Return of how many steps [-] of ``size`` [s] one is written: a case's ``sample`` [s], where it is not its ``step`` [s].
-
-    Raises InputError where steps of that size do not come to the samples.
-    """
-    if sample == step:
-        return 1
-    count = max(round(sample / size), 1)
-    if abs(count * size - sample) > 1e-9 * sample:  # what decimals of a step leave
-        raise InputError(
-            f"--step {size:g}: sample_s = {sample:g} s of the case is no multiple of it; write {sample / count:g}"
-        )
-    return count

@@ -1,9 +1,9 @@
-"""``flexinv simulate``: torques over time, as ``flexinv solve --out`` writes them, become a motion."""
+"""``flexinv simulate`` and ``flexinv follow``: torques over time become a motion, and the path of a frame becomes torques."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 import numpy as np
@@ -11,21 +11,23 @@ import pandas as pd
 
 from flexinv.analysis.simulate import simulate
 from flexinv.analysis.solution import effort_units
-from flexinv.cli.follow import ACCURACY, OVERWRITE, check_outputs
-from flexinv.cli.output import check_out, write
+from flexinv.cli.output import ACCURACY, FILE, MODEL, OVERWRITE, by_joint, check_outputs, show, write
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
+if TYPE_CHECKING:
+    from flexinv.tracking.task_file import Task
+
 TIME = "time [s]"
 
 
 @click.command("simulate", short_help="Compute the motion that torques give.")
-@click.argument("model", type=click.Path(path_type=Path))
+@MODEL
 @click.option(
     "--torque",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=FILE,
     help="CSV file with the column 'time [s]' and one for every drive, such as 'torque hub [N m]' or 'force slide [N]': what "
     "flexinv solve --out writes. Between its rows torques are linear.",
 )
@@ -37,7 +39,7 @@ TIME = "time [s]"
 )
 @click.option("--rate", multiple=True, metavar="JOINT=NUMBERS", help="How fast a joint starts [rad/s], [m/s].")
 @click.option("--static", is_flag=True, help="Start in equilibrium, the joints with a drive held; else undeformed.")
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Write joint motion and tips over time.")
+@click.option("--out", type=FILE, help="Write joint motion and tips over time.")
 @OVERWRITE
 def simulate_file(
     model: Path,
@@ -55,8 +57,7 @@ def simulate_file(
 
     The table shows where every joint ends, its largest speed, and how much energy the steps lose or make.
     """
-    check_outputs((out,), overwrite)
-    check_out(out)
+    check_outputs(out, overwrite)
     mechanism = load_mechanism(model)
     time, efforts = _efforts(mechanism, torque, duration)
     solution = simulate(
@@ -65,40 +66,35 @@ def simulate_file(
         efforts,
         step,
         initial="static" if static else "consistent",
-        start=_values("--start", start),
-        start_rate=_values("--rate", rate),
+        start=by_joint("--start", start, _numbers, "a joint and its numbers, for example --start hub=0.5"),
+        start_rate=by_joint("--rate", rate, _numbers, "a joint and its numbers, for example --rate hub=0.5"),
         accuracy=accuracy,
     )
     frame = solution.frame()
     places = [name for name in frame if name.startswith("position")]
     rates = [name for name in frame if name.startswith("rate")]
     click.echo(f"{mechanism.name}, {len(time)} rows of torques, {time[-1] - time[0]:g} s")
-    click.echo(frame.iloc[-1][places].to_string(float_format=lambda x: f"{x:.6g}"))
-    click.echo(frame[rates].abs().max().to_string(float_format=lambda x: f"{x:.6g}"))
+    show(frame.iloc[-1][places])
+    show(frame[rates].abs().max())
     click.echo(f"energy lost or made by the steps: {solution.energy_error:.3g} J of {solution.energy_exchanged:.3g} J")
-    if out is not None:
-        write(solution.whole_frame(), out)
-        click.echo(f"wrote {out}")
+    write(solution.whole_frame(), out)
+
+
+def _numbers(text: str) -> list[float]:
+    return [float(one) for one in text.split(",")]
 
 
 def _efforts(mechanism: Mechanism, file: Path | None, duration: float | None) -> tuple[Array, Array | None]:
     """Times [s] and efforts (samples, drives) [N m], [N] of a file, or no efforts over a time."""
-    drives = [
-        f"{'force' if unit == 'N' else 'torque'} {name} [{unit}]"
-        for name, unit, driven in zip(
-            mechanism.velocity_names, effort_units(mechanism), mechanism.actuated, strict=True
-        )
-        if driven
-    ]
+    columns = zip(mechanism.velocity_names, effort_units(mechanism), mechanism.actuated, strict=True)
+    drives = [f"{'force' if unit == 'N' else 'torque'} {name} [{unit}]" for name, unit, driven in columns if driven]
     if file is None and not drives and duration is not None:
         return np.array([0.0, duration]), None
     if file is None or not drives:
-        wanted = (
-            f"a file with the columns {', '.join((TIME, *drives))}" if drives else "--duration, as no joint has a drive"
-        )
-        raise InputError(
-            f"simulate: '{mechanism.name}' needs {wanted}; write --{'torque FILE' if drives else 'duration 2.0'}"
-        )
+        wanted = "--duration, as no joint has a drive; write --duration 2.0"
+        if drives:
+            wanted = f"a file with the columns {', '.join((TIME, *drives))}; write --torque FILE"
+        raise InputError(f"simulate: '{mechanism.name}' needs {wanted}")
     if not file.is_file():
         raise InputError(f"--torque {file}: no such file; write what flexinv solve --out FILE has written")
     table = pd.read_csv(file)
@@ -108,15 +104,54 @@ def _efforts(mechanism: Mechanism, file: Path | None, duration: float | None) ->
     return table[TIME].to_numpy(float), table[drives].to_numpy(float)
 
 
-def _values(option: str, texts: Sequence[str]) -> dict[str, list[float]]:
-    """Joint -> numbers of what stands behind --start and --rate."""
-    out = {}
-    for text in texts:
-        joint, _, numbers = text.partition("=")
-        try:
-            out[joint] = [float(one) for one in numbers.split(",")]
-        except ValueError:
-            raise InputError(
-                f"{option} {text}: expected a joint and its numbers, for example {option} hub=0.5"
-            ) from None
-    return out
+@click.command("follow", short_help="Compute the torques with which a tip follows a path.")
+@MODEL
+@click.option("--task", "name", help="Which task of cases.toml; may be left out where there is only one.")
+@click.option(
+    "--out",
+    type=FILE,
+    help="Write time, joint motion, torques, tips and deflections of stable inversion, units in the header: .csv, .parquet, "
+    ".json or .npz.",
+)
+@OVERWRITE
+@click.option("--step", type=float, help="Spacing of the instants [s] in place of the task's.")
+@ACCURACY
+def follow_task(
+    model: Path, name: str | None, out: Path | None, overwrite: bool, step: float | None, accuracy: float | None
+) -> None:
+    """Compute the torques with which the tip of a mechanism follows a path, although its links bend.
+
+    The table shows how far the tip of the flexible mechanism is from the path with torques of the rigid mechanism, with
+    joints that move as the rigid mechanism's, and with stable inversion, whose joints move before the path begins.
+    """
+    from flexinv.tracking.follow import follow  # with it comes SciPy's interpolation, which no other command needs
+    from flexinv.tracking.task_file import load_tasks
+
+    check_outputs(out, overwrite)
+    mechanism = load_mechanism(model)
+    task = _chosen(load_tasks(model, mechanism), name, model)
+    size = task.step if step is None and accuracy is None else step
+    subject = task.meshed(mechanism), task.path, task.frame
+    found = follow(*subject, size, task.before, task.after, task.start, accuracy=accuracy)
+    click.echo(f"{mechanism.name}, task {task.name}: {task.title}" if task.title else f"{mechanism.name}, {task.name}")
+    click.echo(
+        f"{found.path.text} of {found.path.length:.4g} m in {found.path.duration:g} s, from {found.time[0]:.4g} s on"
+    )
+    rows, units = {}, dict(zip(mechanism.velocity_names, effort_units(mechanism), strict=True))
+    for way, solution in found.feed_forwards.items():
+        off = found.distance(found.replay(way))
+        peaks = zip(solution.torque_names, np.abs(solution.torque).max(axis=0), strict=True)
+        rows[way] = {"tip off by [m]": off.max(), "over the length [-]": off.max() / found.path.length} | {
+            f"peak {joint} [{units[joint]}]": peak for joint, peak in peaks
+        }
+    show(pd.DataFrame(rows).T, digits=4, index=True)
+    write(found.solution.whole_frame(), out)
+
+
+def _chosen(tasks: dict[str, Task], name: str | None, model: Path) -> Task:
+    if name is None and len(tasks) == 1:
+        return next(iter(tasks.values()))
+    if name is None or name not in tasks:
+        known = ", ".join(tasks) or "none: write a table [tasks.NAME] in its cases.toml"
+        raise InputError(f"{model}: {'give --task' if name is None else f'no task {name!r}'}; tasks there: {known}")
+    return tasks[name]

@@ -5,15 +5,23 @@ from __future__ import annotations
 import multiprocessing
 import os
 import sysconfig
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
 
+from flexinv.analysis.solution import Solution
+from flexinv.analysis.solve import solve
 from flexinv.errors import InputError
+from flexinv.files.load_cases import Case, load_cases
+from flexinv.files.load_mechanism import load_mechanism
+from flexinv.linearized.natural_modes import natural_modes
+from flexinv.linearized.steady_modes import steady_modes
+from flexinv.model.mechanism import Mechanism
 
 INSTALLED = Path(sysconfig.get_path("data")) / "share" / "flexinv" / "models"  # see pyproject.toml
 CHECKOUT = Path(__file__).resolve().parents[2] / "models"
@@ -49,18 +57,13 @@ def warm(models: Path | None, jobs: int, ship: Path | None) -> None:
         raise InputError(f"--ship: {LEVEL} is not set; for example {LEVEL}=x86-64-v3")
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(jobs, len(TASKS)), mp_context=context) as pool:
-        waiting = {pool.submit(_compute, name, folder): name for name in TASKS}
+        waiting = {pool.submit(task, folder): name for name, task in TASKS.items()}
         with click.progressbar(as_completed(waiting), length=len(waiting), label="compiling kernels") as done:
             failed = [f"{waiting[one]}: {error}" for one in done if (error := one.exception()) is not None]
     if failed:
         raise InputError("; ".join(failed))
     if ship is not None:
         click.echo(f"{ship}: {_write(ship)} kernels")
-
-
-def _compute(name: str, folder: Path) -> None:
-    """Compute one of `TASKS`, in a process of its own."""
-    TASKS[name](folder)
 
 
 def _write(folder: Path) -> int:
@@ -74,29 +77,21 @@ def _write(folder: Path) -> int:
     return write_shipped(folder, KERNELS)
 
 
-def _first_case(folder: Path, model: str) -> Any:
+def _first_case(folder: Path, model: str) -> tuple[Mechanism, Case]:
     """Mechanism of a model and its first case."""
-    from flexinv.files.load_cases import load_cases
-    from flexinv.files.load_mechanism import load_mechanism
-
     mechanism = load_mechanism(folder / model)
     return mechanism, next(iter(load_cases(folder / model, mechanism).values()))
 
 
-def _solve(folder: Path, model: str, error: bool = False) -> Any:
+def _solve(folder: Path, model: str, error: bool = False) -> tuple[Mechanism, Case, Solution]:
     """Mechanism, its first case and the solution of it."""
-    from flexinv.analysis.solve import solve
-
     mechanism, case = _first_case(folder, model)
-    options = {"start": case.start, "initial": case.initial, "error": error}
-    return mechanism, case, solve(mechanism, case.motion, step=case.step, **options)
+    found = solve(mechanism, case.motion, step=case.step, start=case.start, initial=case.initial, error=error)
+    return mechanism, case, found
 
 
 def _planar_arm(folder: Path) -> None:
-    from flexinv.analysis.controller import Controller
-    from flexinv.analysis.simulate import simulate
-    from flexinv.analysis.solve_many import solve_many
-    from flexinv.linearized.linear_model import linear_model
+    from flexinv import Controller, linear_model, simulate, solve_many
 
     mechanism, case, found = _solve(folder, "flex_one_link", error=True)
     simulate(mechanism, found.time, found.torque, step=case.step)
@@ -107,25 +102,13 @@ def _planar_arm(folder: Path) -> None:
     linear_model(mechanism)
 
 
-def _damped_arm(folder: Path) -> None:
-    _solve(folder, "flex_one_link_damped")
-
-
 def _spatial_arm(folder: Path) -> None:
-    from flexinv.linearized.natural_modes import natural_modes
-
-    mechanism, _, _ = _solve(folder, "spatial_arm")
-    natural_modes(mechanism)
-
-
-def _flexible_loop(folder: Path) -> None:
-    _solve(folder, "four_bar_flexible")
+    natural_modes(_solve(folder, "spatial_arm")[0])
 
 
 def _path_of_a_tip(folder: Path) -> None:
-    from flexinv.linearized.steady_modes import steady_modes
-    from flexinv.tracking.follow import follow
-    from flexinv.tracking.frame_path import Path as TipPath
+    from flexinv import Path as TipPath
+    from flexinv import follow
 
     mechanism, _ = _first_case(folder, "flex_two_link")
     arc, near = TipPath.arc([0.3, 0, 0], [0.2, 0, 0], np.pi / 2, 0.2), {"joint1": -0.5, "joint2": 1.0}
@@ -133,21 +116,15 @@ def _path_of_a_tip(folder: Path) -> None:
     steady_modes(mechanism, rates={"joint1": 1.0})
 
 
-def _closures_that_act_in_time(folder: Path) -> None:
-    _solve(folder, "two_arms_flexible")
-
-
 def _rigid_loop(folder: Path) -> None:
-    from flexinv.rigid.prepare import prepare
+    from flexinv import prepare
 
     mechanism, _, found = _solve(folder, "four_bar")
     prepare(mechanism).torques(found.q, found.qd, found.qdd)
 
 
 def _rigid_arm(folder: Path) -> None:
-    from flexinv.rigid.prepare import prepare
-    from flexinv.rigid.torque_derivatives import torque_derivatives
-    from flexinv.rigid.torque_regressor import torque_regressor
+    from flexinv import prepare, torque_derivatives, torque_regressor
 
     mechanism, _, found = _solve(folder, "rigid_3r")
     state = found.q, found.qd, found.qdd
@@ -161,13 +138,13 @@ def _rigid_arm(folder: Path) -> None:
 
 
 # Longest first.
-TASKS = {
+TASKS: dict[str, Callable[[Path], object]] = {
     "a path of a tip": _path_of_a_tip,
-    "a flexible loop": _flexible_loop,
-    "closures that act in time": _closures_that_act_in_time,
+    "a flexible loop": partial(_solve, model="four_bar_flexible"),
+    "closures that act in time": partial(_solve, model="two_arms_flexible"),
     "an arm that bends in space": _spatial_arm,
     "an arm that bends in the plane": _planar_arm,
-    "a damped arm": _damped_arm,
+    "a damped arm": partial(_solve, model="flex_one_link_damped"),
     "a rigid loop": _rigid_loop,
     "a rigid arm": _rigid_arm,
 }

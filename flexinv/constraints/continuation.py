@@ -44,9 +44,8 @@ from flexinv.kernels.memory import plain
 from flexinv.kernels.sparse_qr import FrontFactors
 from flexinv.kinematics.configuration import nodes_of
 from flexinv.kinematics.configuration_arrays import moved
-from flexinv.kinematics.joint_motion import JointHistory
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import JointHistory, rigid_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 

@@ -19,8 +19,8 @@ from flexinv.constraints.continuation import Follower, close_rates, closed_start
 from flexinv.constraints.phases import acting
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.kinematics.configuration_arrays import moved, nearest_difference, slides
-from flexinv.kinematics.joint_motion import JointHistory
 from flexinv.kinematics.mesh import Mesh
+from flexinv.kinematics.nodal_motion import JointHistory
 from flexinv.model.joint_kinds import KINDS, POSE, ROTATION
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.owned_cache import kept_with_owner

@@ -21,10 +21,8 @@ from flexinv.dynamics.solver import Solver
 from flexinv.dynamics.stepper import CONVERGED, NOT_CONVERGED
 from flexinv.dynamics.system import State
 from flexinv.errors import ModelWarning
-from flexinv.kinematics.joint_motion import relative_motion
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.nodal_motion import NodalMotion
-from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import NodalMotion, relative_motion, rigid_motion
 from flexinv.kinematics.tree import Frames, Joints, carry_samples
 from flexinv.model.joint_kinds import CONTINUOUS
 from flexinv.model.owned_cache import kept_with_owner

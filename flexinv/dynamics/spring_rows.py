@@ -4,7 +4,7 @@ The unknown of a row is a component of the force f on the second point (world ax
 
     F - f = 0,    F = -(p + c l') n,   p = k (l - l0),   n = d / l,   l' = n . d',   d the vector between the points
 
-(p by `model.spring_laws` where the spring has a law)
+(p by `model.attachments` where the spring has a law)
 so that springs between any two nodes, however stiff, leave the tree's elimination as it is.
 """
 
@@ -39,8 +39,7 @@ from flexinv.kernels.vec3 import (
     vec_at,
 )
 from flexinv.kinematics.mesh import Mesh, attachment_node
-from flexinv.model.attachments import Spring
-from flexinv.model.spring_laws import GasLaw, TableLaw
+from flexinv.model.attachments import GasLaw, Spring, TableLaw
 from flexinv.typing import Array
 
 TINY = float(np.finfo(float).tiny)
@@ -54,7 +53,7 @@ class Pulls(NamedTuple):
     row : (springs,) first of its three rows in `dynamics.constraint_rows.Ties`, which hold its nodes and lever arms
     stiffness [N/m], rest [m], damping [N s/m] : (springs,)
     law : (springs,) `LINEAR`, `GAS` or `TABLE` [-]; gas : (springs, 3) force [N], travel [m], exponent [-]
-    first, last : (springs,) rows of ``pieces`` [-]; pieces : (rows, 5) as `spring_laws.TableLaw.pieces` [m], [N/m^3] ... [N]
+    first, last : (springs,) rows of ``pieces`` [-]; pieces : (rows, 5) as `attachments.TableLaw.pieces` [m], [N/m^3] ... [N]
     slope : (springs, 3, 6) dF/dd and dF/dd' side by side [N/m], [N s/m]
     """
 

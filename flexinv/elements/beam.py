@@ -158,13 +158,13 @@ def relative(count, scratch):
 
 
 @jit_inner
-def interpolate(count, shape, slope, scratch):
-    """Return u' [-], psi [rad], psi' [rad/m] at one Gauss point (node 0 contributes nothing: u_0 = psi_0 = 0)."""
+def interpolate(count, shape, slope, moved, turned):
+    """Return u' [-], psi [rad], psi' [rad/m] at one Gauss point, or their rates; node 0 contributes nothing: u_0 = psi_0 = 0."""
     du, psi, dpsi = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for i in range(1, count):
-        du = add_scaled(du, slope[i], vec(scratch.u[i]))
-        psi = add_scaled(psi, shape[i], vec(scratch.psi[i]))
-        dpsi = add_scaled(dpsi, slope[i], vec(scratch.psi[i]))
+        du = add_scaled(du, slope[i], vec(moved[i]))
+        psi = add_scaled(psi, shape[i], vec(turned[i]))
+        dpsi = add_scaled(dpsi, slope[i], vec(turned[i]))
     return du, psi, dpsi
 
 
@@ -183,7 +183,7 @@ class Point(NamedTuple):
 @jit_inner
 def point_of(count, shape, slope, scratch):
     """Return the `Point` [rad], [1/m] of the relative poses at one Gauss point."""
-    du, psi, dpsi = interpolate(count, shape, slope, scratch)
+    du, psi, dpsi = interpolate(count, shape, slope, scratch.u, scratch.psi)
     q = coefficients(dot(psi, psi))
     s = mul(mat(scratch.r[0]), exp_with(psi, q))
     return Point(psi, dpsi, q, s, tangent_with(psi, q), tapply(s, du), tangent_slope(psi, dpsi, q, 1.0))
@@ -296,20 +296,9 @@ def relative_rates(count, scratch, rates):
 
 
 @jit_inner
-def _interpolate_rates(count, shape, slope, rates):
-    """du', dpsi, dpsi' at one Gauss point."""
-    du, psi, dpsi = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    for i in range(1, count):
-        du = add_scaled(du, slope[i], vec(rates.du[i]))
-        psi = add_scaled(psi, shape[i], vec(rates.dpsi[i]))
-        dpsi = add_scaled(dpsi, slope[i], vec(rates.dpsi[i]))
-    return du, psi, dpsi
-
-
-@jit_inner
 def rate_of(count, shape, slope, point, rates):
     """Return the `Rate` [1/s], [rad/s] of the relative motion at one Gauss point."""
-    du, psi, dpsi = _interpolate_rates(count, shape, slope, rates)
+    du, psi, dpsi = interpolate(count, shape, slope, rates.du, rates.dpsi)
     slid, turn = tapply(point.s, du), apply(point.h, psi)
     gamma = add(slid, cross(point.stretch, turn))
     return Rate(slid, turn, psi, dpsi, gamma, add(apply(point.h, dpsi), apply(point.bend, psi)))

@@ -145,13 +145,8 @@ def _make_pair(damped: bool) -> Any:
 
     @jit_inner
     def pair(i, j, scratch, rates, tangent):
-        own, other, stiff, row, column = (
-            mat(scratch.inverse[i]),
-            mat(scratch.inverse[j]),
-            scratch.hessian[i, j],
-            6 * i,
-            6 * j,
-        )
+        own, other, stiff = mat(scratch.inverse[i]), mat(scratch.inverse[j]), scratch.hessian[i, j]
+        row, column = 6 * i, 6 * j
         x_x, x_t = part(stiff, 0, 0), mul(part(stiff, 0, 3), other)
         t_x, t_t = part(stiff, 3, 0), mul(part(stiff, 3, 3), other)
         if damped:

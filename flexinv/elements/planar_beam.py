@@ -119,10 +119,8 @@ def relax(elements, p):
         for i in range(POINT_BLOCK):
             p[at + i] = 0.0
         for lane in range(_LANES):
-            p[at + Y1 + lane], p[at + Y2 + lane] = (
-                elements.constants[own + STRAIN1 + lane],
-                elements.constants[own + STRAIN2 + lane],
-            )
+            p[at + Y1 + lane] = elements.constants[own + STRAIN1 + lane]
+            p[at + Y2 + lane] = elements.constants[own + STRAIN2 + lane]
             p[at + BEND + lane] = elements.constants[own + CURVATURE + lane]
 
 
@@ -160,13 +158,8 @@ def _make_gradients(damped: bool) -> Any:
 
     @jit_inner
     def gradients(lanes, block, elements, p, r):
-        at, own, by, d, k = (
-            block * POINT_BLOCK,
-            block * CONSTANTS,
-            block * RATES,
-            block * COEFFICIENTS,
-            elements.constants,
-        )
+        at, own, k = block * POINT_BLOCK, block * CONSTANTS, elements.constants
+        by, d = block * RATES, block * COEFFICIENTS
         for lane in range(lanes):
             c, s = cos_sin(p[at + PHI + lane])
             u1, u2 = p[at + U1 + lane], p[at + U2 + lane]
@@ -271,12 +264,8 @@ def pair_stiffness(k, i, j, elements, p):
     a11, a12, a22, b1, b2, c1, c2, d = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for g in range(elements.order[k]):
         at = point(k, g, elements.shape.shape[1])
-        slope_i, slope_j, shape_i, shape_j = (
-            elements.slope[k, g, i],
-            elements.slope[k, g, j],
-            elements.shape[k, g, i],
-            elements.shape[k, g, j],
-        )
+        slope_i, slope_j = elements.slope[k, g, i], elements.slope[k, g, j]
+        shape_i, shape_j = elements.shape[k, g, i], elements.shape[k, g, j]
         slopes = slope_i * slope_j
         a11 += p[at + U1_U1] * slopes
         a12 += p[at + U1_U2] * slopes
@@ -307,16 +296,12 @@ def energy(elements, p):
 @jit_inner
 def dissipated(elements, r):
     """Return the power that all elements dissipate [W]."""
-    total = 0.0
-    for block in range(np.uint64(len(elements.damping)) // COEFFICIENTS):
+    total, damping = 0.0, elements.damping
+    for block in range(np.uint64(len(damping)) // COEFFICIENTS):
         by, own, d = block * RATES, block * CONSTANTS, block * COEFFICIENTS
         for lane in range(_LANES):
             rate1, rate2, bent = r[by + RATE1 + lane], r[by + RATE2 + lane], r[by + BENT + lane]
-            strained = (
-                elements.damping[d + D_AXIAL + lane] * rate1 * rate1
-                + elements.damping[d + D_SHEAR + lane] * rate2 * rate2
-            )
-            total += elements.constants[own + WEIGHT + lane] * (
-                strained + elements.damping[d + D_BENDING + lane] * bent * bent
-            )
+            lost = damping[d + D_AXIAL + lane] * rate1 * rate1 + damping[d + D_SHEAR + lane] * rate2 * rate2
+            lost += damping[d + D_BENDING + lane] * bent * bent
+            total += elements.constants[own + WEIGHT + lane] * lost
     return total

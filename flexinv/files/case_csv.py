@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from flexinv.files.toml_tables import complaint, read_bytes
-from flexinv.files.unit_keys import UNITS
+from flexinv.files.values import UNITS
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.typing import Array

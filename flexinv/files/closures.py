@@ -14,13 +14,13 @@ from flexinv.files.joints import read_axes, read_placement
 from flexinv.files.schema import SOURCE, PlacementTable, finite
 from flexinv.files.toml_tables import Location, Table, key, one_of, optional, toml_text, validate
 from flexinv.files.values import Fraction, Name, NotNegative, Number, Positive, Text, Vector
-from flexinv.model.attachments import COUPLED_JOINTS
+from flexinv.model.attachments import COUPLED_JOINTS, GasLaw, TableLaw
 from flexinv.model.mechanism import CLOSURES, COUPLED, IMPACTS, WORLD, Attachment, Closure, Force, Joint, Link, Spring
-from flexinv.model.spring_laws import GasLaw, TableLaw
 from flexinv.typing import Array
 from flexinv.validation import nearest
 
 KINDS = '"revolute", "prismatic", "cylindrical", "universal", "spherical", "point-on-line", "fixed" or "coupling"'
+LAW = '"linear" (the default), "gas" or "table"'
 IMPACT = '"error" (the default) or "plastic", which stops them at once'
 END = "a table: link, and where on it: xyz_m [m], rpy_deg [deg], on a beam station [-]"
 AXIS = "the free axis in both frames, three numbers [-]"
@@ -41,35 +41,35 @@ Interval = Annotated[list[Number], Field(min_length=2, max_length=2)]
 class EndTable(PlacementTable):
     """A frame on a link or on the world."""
 
-    link: Name = key('the link that carries it, or "world"', 'link = "coupler"')
-    station: Fraction | None = optional("on a beam: the fraction 0..1 of its length [-]", "station = 1.0")
+    link: Name = key('the link that carries it, or "world"', '"coupler"')
+    station: Fraction | None = optional("on a beam: the fraction 0..1 of its length [-]", "1.0")
 
 
 class PairTable(Table):
     """Two frames that something joins."""
 
-    first: EndTable = key(END, 'first = { link = "coupler", xyz_m = [0.5, 0, 0] }')
-    second: EndTable = key(END, 'second = { link = "rocker", xyz_m = [0.4, 0, 0] }')
+    first: EndTable = key(END, '{ link = "coupler", xyz_m = [0.5, 0, 0] }')
+    second: EndTable = key(END, '{ link = "rocker", xyz_m = [0.4, 0, 0] }')
     source: Text = SOURCE
 
 
 class ClosureTable(PairTable):
     """A joint that closes a loop: without an axis a ball joint or a weld."""
 
-    kind: str = key(f"one of {KINDS}", 'kind = "revolute"')
+    kind: str = key(f"one of {KINDS}", '"revolute"')
     active_s: list[Interval] = key(
         "intervals [start, end] in which it acts, one after the other [s]; always when absent",
-        "active_s = [[0.0, 0.5]]",
+        "[[0.0, 0.5]]",
         default=[],
     )
     capture: bool = key(
         "true ties the frames where they stand when it begins to act, false asks that they have met",
-        "capture = true",
+        "true",
         default=False,
     )
     impact: str = key(
         f"what it does to frames that move against each other when it begins to act: {IMPACT}",
-        'impact = "plastic"',
+        '"plastic"',
         default="error",
     )
 
@@ -77,83 +77,76 @@ class ClosureTable(PairTable):
 class AxisClosureTable(ClosureTable):
     """A closure that leaves an axis or a line free."""
 
-    axis: Vector = key(AXIS, "axis = [0, 0, 1]")
+    axis: Vector = key(AXIS, "[0, 0, 1]")
 
 
 class UniversalClosureTable(ClosureTable):
     """A closure that leaves two axes free, which stay at right angles."""
 
-    axis: Vector = key("the axis that stays with the first frame, three numbers [-]", "axis = [1, 0, 0]")
-    second_axis: Vector = key("the axis that stays with the second frame, three numbers [-]", "second_axis = [0, 1, 0]")
+    axis: Vector = key("the axis that stays with the first frame, three numbers [-]", "[1, 0, 0]")
+    second_axis: Vector = key("the axis that stays with the second frame, three numbers [-]", "[0, 1, 0]")
 
 
 class CouplingTable(Table):
     """A gear: an equation between coordinates of joints, and no frames."""
 
-    kind: str = key(f"one of {KINDS}", 'kind = "coupling"')
+    kind: str = key(f"one of {KINDS}", '"coupling"')
     factors: dict[str, Number] = key(
         "joint = factor, whose products with the joints' coordinates [rad], [m] add up to offset [-]",
-        "factors = { motor = 1, wheel = -5 }",
+        "{ motor = 1, wheel = -5 }",
     )
-    offset: Number = key("what the products add up to [rad], [m]", "offset = 0.1", default=0.0)
+    offset: Number = key("what the products add up to [rad], [m]", "0.1", default=0.0)
     source: Text = SOURCE
 
 
 class SpringTable(PairTable):
     """A spring and damper along the line between two points."""
 
-    damping_Ns_per_m: NotNegative = key("viscous damping, >= 0 [N s/m]", "damping_Ns_per_m = 10", default=0.0)
+    damping_Ns_per_m: NotNegative = key("viscous damping, >= 0 [N s/m]", "10", default=0.0)
 
 
 class LinearSpringTable(SpringTable):
     """A linear spring."""
 
-    law: Literal["linear"] = key('"linear" (the default), "gas" or "table"', 'law = "gas"', default="linear")
-    stiffness_N_per_m: NotNegative = key("the stiffness, >= 0 [N/m]", "stiffness_N_per_m = 4530")
-    rest_m: NotNegative = key("the length without force, >= 0 [m]", "rest_m = 0.08", default=0.0)
+    law: Literal["linear"] = key(LAW, '"gas"', default="linear")
+    stiffness_N_per_m: NotNegative = key("the stiffness, >= 0 [N/m]", "4530")
+    rest_m: NotNegative = key("the length without force, >= 0 [m]", "0.08", default=0.0)
 
 
 class GasSpringTable(SpringTable):
     """A gas behind a piston: force / (1 - (l - rest) / travel)^exponent."""
 
-    law: Literal["gas"] = key('"linear" (the default), "gas" or "table"', 'law = "gas"')
-    force_N: Number = key("the pull at the length rest_m, below 0 for a strut that pushes [N]", "force_N = 27000")
-    rest_m: NotNegative = key("the length at which the pull is force_N, >= 0 [m]", "rest_m = 0.6")
+    law: Literal["gas"] = key(LAW, '"gas"')
+    force_N: Number = key("the pull at the length rest_m, below 0 for a strut that pushes [N]", "27000")
+    rest_m: NotNegative = key("the length at which the pull is force_N, >= 0 [m]", "0.6")
     travel_m: Number = key(
-        "volume of the gas at rest_m over the piston's area, below 0 where shortening compresses it [m]",
-        "travel_m = 0.57",
+        "volume of the gas at rest_m over the piston's area, below 0 where shortening compresses it [m]", "0.57"
     )
-    exponent: Positive = key("polytropic exponent, 1 isothermal, 1.4 adiabatic [-]", "exponent = 1.2", default=1.0)
+    exponent: Positive = key("polytropic exponent, 1 isothermal, 1.4 adiabatic [-]", "1.2", default=1.0)
 
 
 class TableSpringTable(SpringTable):
     """A table of pull over length, monotone cubics between its rows."""
 
-    law: Literal["table"] = key('"linear" (the default), "gas" or "table"', 'law = "table"')
-    length_m: list[Number] = key("lengths that increase, two or more [m]", "length_m = [0.60, 0.65, 0.70]")
-    force_N: list[Number] = key("the pull at each of them [N]", "force_N = [27000, 28200, 29500]")
+    law: Literal["table"] = key(LAW, '"table"')
+    length_m: list[Number] = key("lengths that increase, two or more [m]", "[0.60, 0.65, 0.70]")
+    force_N: list[Number] = key("the pull at each of them [N]", "[27000, 28200, 29500]")
 
 
 class ForceTable(Table):
     """A force and a moment on a point of a link, constant or linear between times."""
 
-    at: EndTable = key(END, 'at = { link = "hand", xyz_m = [0, 0, 0.1] }')
-    force_N: Rows = optional("three numbers, or a row of three for every time [N]", "force_N = [0, 0, -10]")
-    moment_Nm: Rows = optional("three numbers, or a row of three for every time [N m]", "moment_Nm = [0, 0, 1]")
+    at: EndTable = key(END, '{ link = "hand", xyz_m = [0, 0, 0.1] }')
+    force_N: Rows = optional("three numbers, or a row of three for every time [N]", "[0, 0, -10]")
+    moment_Nm: Rows = optional("three numbers, or a row of three for every time [N m]", "[0, 0, 1]")
     time_s: list[Number] | None = optional(
-        "the times of the rows, increasing [s]; absent for constant ones", "time_s = [0.0, 0.5]"
+        "the times of the rows, increasing [s]; absent for constant ones", "[0.0, 0.5]"
     )
-    follower: bool = key(
-        "true for axes that move with the link, false for world axes", "follower = true", default=False
-    )
+    follower: bool = key("true for axes that move with the link, false for world axes", "true", default=False)
     source: Text = SOURCE
 
 
-SPRINGS: dict[str, type[SpringTable]] = {
-    "linear": LinearSpringTable,
-    "gas": GasSpringTable,
-    "table": TableSpringTable,
-}
+SPRINGS: dict[str, type[SpringTable]] = {"linear": LinearSpringTable, "gas": GasSpringTable, "table": TableSpringTable}
 TABLES: dict[str, type[ClosureTable]] = {
     **dict.fromkeys(CLOSURES, AxisClosureTable),
     **dict.fromkeys(("fixed", "spherical"), ClosureTable),
@@ -173,10 +166,23 @@ def read_closure(
         return _coupling(validate(CouplingTable, data, where), taken, where, name)
     table = validate(TABLES[kind or "revolute"], data, where)
     first, second = _pair(table, links, where)
-    return Closure(
-        name, table.kind, first, second, **read_axes(table, where), active=_intervals(table.active_s, where),
-        capture=table.capture, impact=_impact(table, where),
-    )  # fmt: skip
+    axes = read_axes(table, where)
+    times = [time for interval in table.active_s for time in interval]
+    if any(b <= a for a, b in pairwise(times)):
+        given, expected = (
+            f"active_s = {toml_text(table.active_s)}",
+            "intervals [start, end] with start < end, one after the other [s]",
+        )
+        raise where.wrong("active_s", given, expected, "active_s = [[0.0, 0.5], [1.0, 2.0]]")
+    if table.impact not in IMPACTS:
+        write = f'impact = "{nearest(table.impact, IMPACTS) or "plastic"}"'
+        raise where.wrong("impact", f"impact = {toml_text(table.impact)}", IMPACT, write)
+    for word, stated in (("capture", table.capture), ("impact", table.impact != "error")):
+        if stated and not table.active_s:
+            expected = f"active_s with the time at which it begins to act, or no {word}"
+            raise where.wrong(word, f"{word} without active_s", expected, "active_s = [[0.5, 1.0]]")
+    active = tuple((start, end) for start, end in table.active_s)
+    return Closure(name, table.kind, first, second, **axes, active=active, capture=table.capture, impact=table.impact)
 
 
 def _coupling(table: CouplingTable, joints: Mapping[str, Joint], where: Location, name: str) -> Closure:
@@ -194,17 +200,6 @@ def _coupling(table: CouplingTable, joints: Mapping[str, Joint], where: Location
     return Closure(name, table.kind, world, world, factors=tuple(used.items()), offset=table.offset)
 
 
-def _impact(table: ClosureTable, where: Location) -> str:
-    if table.impact not in IMPACTS:
-        write = f'impact = "{nearest(table.impact, IMPACTS) or "plastic"}"'
-        raise where.wrong("impact", f"impact = {toml_text(table.impact)}", IMPACT, write)
-    for name, given in (("capture", table.capture), ("impact", table.impact != "error")):
-        if given and not table.active_s:
-            expected = f"active_s with the time at which it begins to act, or no {name}"
-            raise where.wrong(name, f"{name} without active_s", expected, "active_s = [[0.5, 1.0]]")
-    return table.impact
-
-
 def read_spring(data: Any, links: Mapping[str, Link], where: Location, name: str) -> Spring:
     """Read ``[springs.NAME]`` [N/m, m, N s/m, N]: linear, a gas, or a table of pull over length."""
     law = one_of(data, where, "law", SPRINGS, '"linear", "gas" or "table"', "gas") or "linear"
@@ -219,10 +214,6 @@ def read_spring(data: Any, links: Mapping[str, Link], where: Location, name: str
         gas = GasLaw(table.force_N, table.travel_m, table.exponent)
         return Spring(name, first, second, 0.0, table.rest_m, table.damping_Ns_per_m, gas)
     assert isinstance(table, TableSpringTable)
-    return Spring(name, first, second, 0.0, 0.0, table.damping_Ns_per_m, _table_law(table, where))
-
-
-def _table_law(table: TableSpringTable, where: Location) -> TableLaw:
     length, force = np.array(table.length_m), np.array(table.force_N)
     if len(length) < 2 or (np.diff(length) <= 0).any():
         given, write = f"length_m = {toml_text(table.length_m)}", "length_m = [0.60, 0.65, 0.70]"
@@ -230,7 +221,7 @@ def _table_law(table: TableSpringTable, where: Location) -> TableLaw:
     if len(force) != len(length):
         expected = f"{len(length)} numbers, one for each of length_m [N]"
         raise where.wrong("force_N", f"{len(force)} numbers", expected, f"{len(length)} numbers")
-    return TableLaw(length, force)
+    return Spring(name, first, second, 0.0, 0.0, table.damping_Ns_per_m, TableLaw(length, force))
 
 
 def read_force(data: Any, links: Mapping[str, Link], where: Location, name: str) -> Force:
@@ -255,11 +246,11 @@ def _of_time(rows: list[list[float]] | None, count: int, name: str, where: Locat
 
 
 def _pair(table: PairTable, links: Mapping[str, Link], where: Location) -> tuple[Attachment, Attachment]:
-    ends = tuple(read_end(getattr(table, k), links, where.inner(k)) for k in ("first", "second"))
-    if ends[0].link == ends[1].link:
-        given, write = f'first and second are both on "{ends[1].link}"', 'second = { link = "world" }, or another link'
+    first, second = (read_end(getattr(table, k), links, where.inner(k)) for k in ("first", "second"))
+    if first.link == second.link:
+        given, write = f'first and second are both on "{second.link}"', 'second = { link = "world" }, or another link'
         raise where.inner("second").wrong("link", given, "two different links", write)
-    return ends[0], ends[1]
+    return first, second
 
 
 def read_end(table: EndTable, links: Mapping[str, Link], where: Location) -> Attachment:
@@ -273,12 +264,3 @@ def read_end(table: EndTable, links: Mapping[str, Link], where: Location) -> Att
     beam, other = f"the beam {table.link} that carries it", f"{table.link} is not a beam"
     check_station(table.station, on_beam, where, beam, other, "xyz_m = [0.4, 0, 0]")
     return Attachment(table.link, read_placement(table, where), table.station)
-
-
-def _intervals(active: list[list[float]], where: Location) -> tuple[tuple[float, float], ...]:
-    times = [time for interval in active for time in interval]
-    if any(b <= a for a, b in pairwise(times)):
-        expected = "intervals [start, end] with start < end, one after the other [s]"
-        given = f"active_s = {toml_text(active)}"
-        raise where.wrong("active_s", given, expected, "active_s = [[0.0, 0.5], [1.0, 2.0]]")
-    return tuple((interval[0], interval[1]) for interval in active)

@@ -3,33 +3,32 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import Any
-from xml.etree.ElementTree import Element
+from typing import Any, TypeVar
+from xml.etree.ElementTree import Element, ParseError
 
 import numpy as np
+from defusedxml.common import DefusedXmlException
+from defusedxml.ElementTree import fromstring
 
 from flexinv.errors import InputError, ModelWarning
 from flexinv.files.bodies import impossible
 from flexinv.files.joints import rotation_from_rpy, unit_axis
-from flexinv.files.toml_tables import complaint
+from flexinv.files.toml_tables import complaint, read_bytes
 from flexinv.files.tree_order import check_ends, depth_first
-from flexinv.files.urdf_xml import location, name_of, number, numbers, read_robot
+from flexinv.files.values import LARGEST, LONGEST_NAME
 from flexinv.model.mechanism import WORLD, Body, Inertia, Joint, Limits, Link, Mechanism, Placement
+from flexinv.typing import Array
 from flexinv.validation import floats, names, nearest, refuse, shown
 from flexinv.validation import path as path_of
 
-KINDS = {
-    "fixed": "fixed",
-    "revolute": "revolute",
-    "continuous": "continuous",
-    "prismatic": "prismatic",
-    "floating": "free",
-}
+KINDS = {kind: kind for kind in ("fixed", "revolute", "continuous", "prismatic")} | {"floating": "free"}
 FLOATS = float(np.finfo(np.float64).max)  # some files write the largest number where they mean no limit
+T = TypeVar("T")
+LARGEST_FILE = 16 << 20  # [byte]: the largest URDF of example-robot-data has 0.2 MB
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2], as Pinocchio
 
 
@@ -74,8 +73,14 @@ def read_urdf(
             f"gravity = {gravity}: expected three finite numbers [m/s^2]; write gravity={STANDARD_GRAVITY}"
         )
     robot = read_robot(path)
-    inertias = _links(robot, path)
-    joints = _locked(sorted(_joints(robot, path), key=lambda joint: joint.name), lock, path)
+    inertias = _named(robot, "link", path, _inertia)
+    if not inertias:
+        raise complaint(str(path), "a robot without links", "at least one <link>", '<link name="base">')
+    if all(inertia is None for inertia in inertias.values()):
+        advice = '<inertial><mass value="..."/><inertia ixx="..." .../></inertial> in the links'
+        raise complaint(str(path), "no link with a mass [kg]", "inertia in at least one link", advice)
+    stated = _named(robot, "joint", path, _joint)
+    joints = _locked([stated[name] for name in sorted(stated)], lock, path)
 
     def where(kind: str, name: str, key: str) -> str:
         return f'{path}: <{kind} name="{name}">' + (f", {key}" if key else "")
@@ -86,28 +91,25 @@ def read_urdf(
     own = {name: () if inertia is None else (Body(name, inertia),) for name, inertia in inertias.items()}
     links = tuple(Link(j.child, own[j.child]) for j in ordered)
     warned = _warned(robot, inertias, lock)
+    massless = [name for name, inertia in inertias.items() if inertia is None]
+    told = ("links without mass", massless), ("joints locked at zero", lock)
     mechanism = Mechanism(
         name=path.stem, links=links, joints=ordered, gravity=pull, title=f"{robot.get('name', path.stem)}",
         source=f"URDF {path.name}", urdf=path.resolve(), packages=tuple(Path(p).resolve() for p in packages),
-        notes=(*warned.values(), *_notes(inertias, lock)),
+        notes=(*warned.values(), *(f"{text}: {', '.join(which)}" for text, which in told if which)),
     )  # fmt: skip
     return mechanism, warned
 
 
-def _links(robot: Element, path: Path) -> dict[str, Inertia | None]:
-    """Inertia of every link, None where it has no mass."""
-    links: dict[str, Inertia | None] = {}
-    for element in robot.findall("link"):
+def _named(robot: Element, tag: str, path: Path, read: Callable[[Element, Path], T]) -> dict[str, T]:
+    """The robot's elements of a tag as they are read, by their names, each of which stands there once."""
+    found: dict[str, T] = {}
+    for element in robot.findall(tag):
         name = name_of(element, path)
-        if name in links:
-            raise complaint(location(path, element), "this link twice", "each link once", "a name of its own")
-        links[name] = _inertia(element, path)
-    if not links:
-        raise complaint(str(path), "a robot without links", "at least one <link>", '<link name="base">')
-    if all(inertia is None for inertia in links.values()):
-        advice = '<inertial><mass value="..."/><inertia ixx="..." .../></inertial> in the links'
-        raise complaint(str(path), "no link with a mass [kg]", "inertia in at least one link", advice)
-    return links
+        if name in found:
+            raise complaint(location(path, element), f"this {tag} twice", f"each {tag} once", "a name of its own")
+        found[name] = read(element, path)
+    return found
 
 
 def _inertia(link: Element, path: Path) -> Inertia | None:
@@ -133,17 +135,7 @@ def _origin(element: Element, where: str) -> Placement:
     return Placement(xyz, rotation_from_rpy(numbers(origin, "rpy", 3, [0, 0, 0], f"{where}, origin")))
 
 
-def _joints(robot: Element, path: Path) -> list[Joint]:
-    joints: dict[str, Joint] = {}
-    for element in robot.findall("joint"):
-        name = name_of(element, path)
-        if name in joints:
-            raise complaint(location(path, element), "this joint twice", "each joint once", "a name of its own")
-        joints[name] = _joint(element, name, path)
-    return list(joints.values())
-
-
-def _joint(element: Element, name: str, path: Path) -> Joint:
+def _joint(element: Element, path: Path) -> Joint:
     kind, where = element.get("type", ""), location(path, element)
     if kind not in KINDS:
         near = "two prismatic and one revolute joint" if kind == "planar" else nearest(kind, KINDS) or "revolute"
@@ -152,16 +144,19 @@ def _joint(element: Element, name: str, path: Path) -> Joint:
     ends = []
     for tag in ("parent", "child"):
         end = element.find(tag)
-        link = end.get("link") if end is not None else None
-        if not link:
+        ends.append("" if end is None else end.get("link", ""))
+        if not ends[-1]:
             raise complaint(f"{where}, {tag}", "nothing", "the name of a link", f'<{tag} link="..."/>')
-        ends.append(link)
-    parts: dict[str, Any] = {"placement": _origin(element, where), "actuated": kind not in ("fixed", "floating")}
-    if kind in ("revolute", "continuous", "prismatic"):
-        axis = numbers(element.find("axis"), "xyz", 3, [1, 0, 0], f"{where}, axis")
-        parts["axis"] = unit_axis(axis, f"{where}, axis", '<axis xyz="0 0 1"/>')
-        parts |= {"limits": _limits(element, kind, f"{where}, limit"), **_dynamics(element, f"{where}, dynamics")}
-    return Joint(name, KINDS[kind], ends[0], ends[1], **parts)
+    placement = _origin(element, where)
+    if kind in ("fixed", "floating"):
+        return Joint(name_of(element, path), KINDS[kind], ends[0], ends[1], placement, actuated=False)
+    axis = unit_axis(
+        numbers(element.find("axis"), "xyz", 3, [1, 0, 0], f"{where}, axis"), f"{where}, axis", '<axis xyz="0 0 1"/>'
+    )
+    return Joint(
+        name_of(element, path), kind, ends[0], ends[1], placement, axis=axis,
+        limits=_limits(element, kind, f"{where}, limit"), **_dynamics(element, f"{where}, dynamics"),
+    )  # fmt: skip
 
 
 def _limits(element: Element, kind: str, where: str) -> Limits:
@@ -179,7 +174,7 @@ def _limits(element: Element, kind: str, where: str) -> Limits:
     return Limits(abs(effort), abs(velocity), lower, upper)
 
 
-def _dynamics(element: Element, where: str) -> dict[str, float]:
+def _dynamics(element: Element, where: str) -> dict[str, Any]:
     stated = {name: number(element.find("dynamics"), name, 0.0, where) for name in ("damping", "friction")}
     for name, value in stated.items():
         if value < 0:
@@ -192,17 +187,14 @@ def _root(links: dict[str, Inertia | None], joints: list[Joint], robot: Element,
     roots = [name for name in links if name not in carried]
     if len(roots) == 1:
         return roots[0]
-    given = (
-        f"{len(roots)} links that no joint carries: {', '.join(roots[:5])}"
-        if roots
-        else "a joint carries every link: a cycle"
-    )
     expected = "a tree with one root link; what closes a loop is a closure of a mechanism file"
-    advice = (
-        "a fixed joint between the separate parts"
-        if roots
-        else "the loop cut at one joint, and [closures.NAME] beside [urdf] for it"
+    given, advice = (
+        "a joint carries every link: a cycle",
+        "the loop cut at one joint, and [closures.NAME] beside [urdf] for it",
     )
+    if roots:
+        given = f"{len(roots)} links that no joint carries: {', '.join(roots[:5])}"
+        advice = "a fixed joint between the separate parts"
     raise complaint(location(path, robot), given, expected, advice)
 
 
@@ -212,22 +204,15 @@ def _based(
     """Hang the root on the world.  A fixed root named "world" is the world; a moving one gets another name."""
     if root == WORLD and base == "fixed":
         return {name: inertia for name, inertia in links.items() if name != WORLD}, joints
-    names = {WORLD: _free_name("world_link", links)}
-    links = {names.get(name, name): inertia for name, inertia in links.items()}
-    joints = [
-        replace(j, parent=names.get(j.parent, j.parent), child=names.get(j.child, j.child))
-        if WORLD in (j.parent, j.child)
-        else j
-        for j in joints
-    ]
-    kind = "free" if base == "free" else "fixed"
-    joint = Joint(
-        _free_name("root_joint", [j.name for j in joints]), kind, WORLD, names.get(root, root), actuated=False
-    )
-    return links, [joint, *joints]
+    moved = _free_name("world_link", links)
+    links = {moved if name == WORLD else name: inertia for name, inertia in links.items()}
+    joints = [replace(j, parent=moved) if j.parent == WORLD else j for j in joints]
+    joints = [replace(j, child=moved) if j.child == WORLD else j for j in joints]
+    name = _free_name("root_joint", [j.name for j in joints])
+    return links, [Joint(name, base, WORLD, moved if root == WORLD else root, actuated=False), *joints]
 
 
-def _free_name(name: str, taken: Any) -> str:
+def _free_name(name: str, taken: Collection[str]) -> str:
     while name in taken:
         name += "_"
     return name
@@ -249,18 +234,87 @@ def _warned(robot: Element, links: dict[str, Inertia | None], lock: Sequence[str
     mimics = [
         f"{joint.get('name')} (of {mimic.get('joint')})"
         for joint in robot.findall("joint")
-        if (mimic := joint.find("mimic")) is not None and joint.get("type") != "fixed" and joint.get("name") not in lock
+        for mimic in joint.findall("mimic")[:1]
+        if joint.get("type") != "fixed" and joint.get("name") not in lock
     ]
     odd = [name for name, inertia in links.items() if inertia is not None and impossible(inertia.tensor)]
-    warned = {}
-    if mimics:
-        warned["mimic"] = f"mimic joints are coordinates of their own: {', '.join(mimics)}"
-    if odd:
-        warned["inertia"] = f"links with an inertia that no body can have, kept as it is: {', '.join(odd)}"
-    return warned
+    found = {
+        "mimic": ("mimic joints are coordinates of their own", mimics),
+        "inertia": ("links with an inertia that no body can have, kept as it is", odd),
+    }
+    return {subject: f"{text}: {', '.join(which)}" for subject, (text, which) in found.items() if which}
 
 
-def _notes(links: dict[str, Inertia | None], lock: Sequence[str]) -> list[str]:
-    massless = [name for name, inertia in links.items() if inertia is None]
-    notes = [f"links without mass: {', '.join(massless)}"] if massless else []
-    return notes + ([f"joints locked at zero: {', '.join(lock)}"] if lock else [])
+def read_robot(path: Path) -> Element:
+    """Parse the file and return its ``<robot>``, at most ``LARGEST_FILE`` [byte]; InputError says what is wrong."""
+    root = read_xml(path)
+    if root.tag != "robot":
+        advice = "the URDF itself; a .xacro file is expanded first: xacro robot.urdf.xacro > robot.urdf"
+        raise complaint(str(path), f"<{root.tag[:80]}>", '<robot name="...">', advice)
+    return root
+
+
+def read_xml(path: Path) -> Element:
+    """Parse a file of XML, at most ``LARGEST_FILE`` [byte] and without entities; InputError says what is wrong."""
+    near = nearest(path.name, sorted(p.name for p in path.parent.glob("*.urdf"))) if path.parent.is_dir() else None
+    existing = near or "the path of a file that exists"
+    data = read_bytes(path, LARGEST_FILE, "a URDF", existing, "meshes as files of their own")
+    try:
+        root: Element = fromstring(data, forbid_dtd=True)
+    except DefusedXmlException:
+        expected = "XML without DOCTYPE and entities: they could swell without end or read other files"
+        raise complaint(str(path), "a DOCTYPE or ENTITY", expected, "the file with its entities written out") from None
+    except (ParseError, ValueError, LookupError) as error:
+        given = f"XML that does not parse: {error}"
+        raise complaint(str(path), given, "well-formed XML", _mended(data, str(error))) from None
+    return root
+
+
+def _mended(data: bytes, error: str) -> str:
+    """Advice for XML that does not parse: another file, another encoding, or tags that are closed."""
+    if b"<" not in data[:256]:
+        return "a file of XML: this one does not begin as XML, so another format perhaps bears its name"
+    if "invalid token" in error:
+        return "text in UTF-8, or its encoding in the first line; & as &amp; and < as &lt; in names"
+    return "each tag closed"
+
+
+def location(path: Path, element: Element, key: str = "") -> str:
+    """Name a place [-]: ``robot.urdf: <joint name="elbow">, axis``."""
+    name = element.get("name")
+    tag = f'<{element.tag} name="{name}">' if name else f"<{element.tag}>"
+    return f"{path}: {tag}" + (f", {key}" if key else "")
+
+
+def name_of(element: Element, path: Path) -> str:
+    """Return the element's name [-]: 1 to 100 printable characters."""
+    name = element.get("name", "")
+    if not name.strip() or not name.isprintable() or len(name) > LONGEST_NAME:
+        expected = f"a name of 1 to {LONGEST_NAME} printable characters"
+        raise complaint(f"{path}: <{element.tag}>", f"name = {name[:60]!a}", expected, f'<{element.tag} name="...">')
+    return name
+
+
+def numbers(
+    element: Element | None, attribute: str, count: int, default: Any, where: str, largest: float = LARGEST
+) -> Array:
+    """Read an attribute as ``count`` finite numbers, in its own unit such as [m]; ``default`` where it is absent."""
+    text = element.get(attribute) if element is not None else None
+    if text is None:
+        return np.array(default, dtype=np.float64)
+    try:
+        values = [float(word) for word in text.split()]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(abs(value) <= largest for value in values) or "_" in text:
+        expected = f"{count} finite number{'s' if count > 1 else ''}, at most {largest:g} in size"
+        write = f'{attribute}="{" ".join(["0"] * count)}"'
+        if "$" in text:
+            write = "what xacro makes of this expression: xacro robot.urdf.xacro > robot.urdf"
+        raise complaint(where, f'{attribute}="{text[:60]}"', expected, write)
+    return np.array(values)
+
+
+def number(element: Element | None, attribute: str, default: float, where: str, largest: float = LARGEST) -> float:
+    """Read an attribute as one finite number, in its own unit such as [kg]; ``default`` where it is absent."""
+    return float(numbers(element, attribute, 1, [default], where, largest)[0])

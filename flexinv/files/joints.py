@@ -1,21 +1,81 @@
-"""Joint tables of a mechanism file: one model per kind, so that every key has the unit of that kind."""
+"""Joints of a mechanism file and their drives: one table per kind, so that every key has the unit of that kind."""
 
 from __future__ import annotations
 
 import warnings
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from flexinv.errors import ModelWarning
-from flexinv.files.drives import DriveTable, LinearDriveTable, read_drive
 from flexinv.files.schema import PLACEMENT, SOURCE, PlacementTable
 from flexinv.files.toml_tables import Location, Table, complaint, key, one_of, optional, validate
-from flexinv.files.unit_keys import split_unit
-from flexinv.files.values import Fraction, Name, NotNegative, Number, Positive, Text, Vector
+from flexinv.files.values import Fraction, Name, NotNegative, Number, Positive, Text, Vector, split_unit
 from flexinv.model.joint_kinds import KINDS
-from flexinv.model.mechanism import Joint, Limits, Placement
+from flexinv.model.mechanism import Drive, Joint, Limits, Placement
 from flexinv.typing import Array
+
+
+class MotorTable(Table):
+    """The motor, its friction, and what is moved."""
+
+    motor_inertia_kgm2: NotNegative = key(
+        "inertia of the rotor at the motor's shaft, >= 0 [kg m^2]", "1e-4", default=0.0
+    )
+    torque_constant_Nm_per_A: Positive | None = optional("torque of the motor per current, > 0 [N m/A]", "0.05")
+    viscous_Nms_per_rad: NotNegative = key(
+        "viscous friction at the motor's shaft, >= 0 [N m s/rad]", "1e-5", default=0.0
+    )
+    coulomb_Nm: NotNegative = key("dry friction at the motor's shaft, >= 0 [N m]", "0.01", default=0.0)
+    static_Nm: NotNegative = key("friction when it begins to turn, not below coulomb_Nm [N m]", "0.015", default=0.0)
+    stribeck_rad_per_s: Positive = key(
+        "rate of the motor at which static friction has gone to a third [rad/s]", "1.0", default=1.0
+    )
+    moves: Literal["link", "motor"] = key(
+        'what the motion of this joint is, "link" or "motor" (its angle over the gear ratio)', '"motor"', default="link"
+    )
+
+
+class DriveTable(MotorTable):
+    """Motor, gear and elastic joint of a joint that turns."""
+
+    gear_ratio: Positive = key("turns of the motor per turn of the joint, > 0 [-]", "100", default=1.0)
+    stiffness_Nm_per_rad: NotNegative = key(
+        "stiffness of the elastic joint at the link, >= 0 [N m/rad]; 0: a rigid gear", "5e3", default=0.0
+    )
+    damping_Nms_per_rad: NotNegative = key(
+        "damping of the elastic joint at the link, >= 0 [N m s/rad]", "5", default=0.0
+    )
+
+
+class LinearDriveTable(MotorTable):
+    """Motor, screw (or rack, or drum) and elastic joint of a joint that slides."""
+
+    gear_ratio_rad_per_m: Positive = key(
+        "angle of the motor per way of the joint, > 0 [rad/m]; of a screw 2 pi over its lead", "1257"
+    )
+    stiffness_N_per_m: NotNegative = key(
+        "stiffness of the elastic joint at the link, >= 0 [N/m]; 0: a rigid gear", "5e5", default=0.0
+    )
+    damping_Ns_per_m: NotNegative = key("damping of the elastic joint at the link, >= 0 [N s/m]", "500", default=0.0)
+
+
+# By kind of joint: what its table ``drive`` is.
+MOTORS: dict[str, type[MotorTable]] = {
+    name: LinearDriveTable if any(kind.translations) else DriveTable for name, kind in KINDS.items() if len(kind.v) == 1
+}
+
+
+def read_drive(table: MotorTable | None, where: Location) -> Drive | None:
+    """Return the drive [kg m^2, N m/rad, N/m, N m s/rad, N m/A, N m] of a joint, or None."""
+    if table is None:
+        return None
+    if table.static_Nm and table.static_Nm < table.coulomb_Nm:
+        given = f"static_Nm = {table.static_Nm:g} below coulomb_Nm = {table.coulomb_Nm:g}"
+        raise where.wrong("static_Nm", given, "at least coulomb_Nm [N m]", f"static_Nm = {1.5 * table.coulomb_Nm:g}")
+    stated = {split_unit(key)[0]: value for key, value in table if value is not None}
+    return Drive(ratio=stated.pop("gear_ratio"), rotor_inertia=stated.pop("motor_inertia"), **stated)
+
 
 NAMES = " or ".join(", ".join(f'"{name}"' for name in part) for part in (list(KINDS)[:-1], list(KINDS)[-1:]))
 AXIS = "the axis in the joint frame, three numbers [-]"
@@ -26,85 +86,76 @@ UNIT = 1e-6
 class LimitsTable(Table):
     """Limits of a rotary drive; a continuous joint has no position limits."""
 
-    effort_Nm: Positive | None = optional("the largest torque, > 0 [N m]", "effort_Nm = 150")
-    velocity_rad_per_s: Positive | None = optional("the largest speed, > 0 [rad/s]", "velocity_rad_per_s = 3.15")
+    effort_Nm: Positive | None = optional("the largest torque, > 0 [N m]", "150")
+    velocity_rad_per_s: Positive | None = optional("the largest speed, > 0 [rad/s]", "3.15")
 
 
 class RotaryLimitsTable(LimitsTable):
     """Limits of a rotary drive, position limits included."""
 
-    lower_rad: Number | None = optional("the lowest angle [rad]", "lower_rad = -3.14")
-    upper_rad: Number | None = optional("the highest angle [rad]", "upper_rad = 3.14")
+    lower_rad: Number | None = optional("the lowest angle [rad]", "-3.14")
+    upper_rad: Number | None = optional("the highest angle [rad]", "3.14")
 
 
 class LinearLimitsTable(Table):
     """Limits of a linear drive, position limits included."""
 
-    effort_N: Positive | None = optional("the largest force, > 0 [N]", "effort_N = 500")
-    velocity_m_per_s: Positive | None = optional("the largest speed, > 0 [m/s]", "velocity_m_per_s = 0.5")
-    lower_m: Number | None = optional("the lowest position [m]", "lower_m = 0.0")
-    upper_m: Number | None = optional("the highest position [m]", "upper_m = 0.3")
-
-
-WEIGHT = "weight > 0 of the square of its effort where drives are redundant [-]: the heavier, the less it gives"
+    effort_N: Positive | None = optional("the largest force, > 0 [N]", "500")
+    velocity_m_per_s: Positive | None = optional("the largest speed, > 0 [m/s]", "0.5")
+    lower_m: Number | None = optional("the lowest position [m]", "0.0")
+    upper_m: Number | None = optional("the highest position [m]", "0.3")
 
 
 class Driven(Table):
     """Drive of a joint: there or not, and its part where drives are redundant."""
 
-    actuated: bool = key("true, or false for a passive joint", "actuated = false", default=True)
-    weight: Positive = key(WEIGHT, "weight = 4", default=1.0)
+    actuated: bool = key("true, or false for a passive joint", "false", default=True)
+    weight: Positive = key(
+        "weight > 0 of the square of its effort where drives are redundant [-]: the heavier, the less it gives",
+        "4",
+        default=1.0,
+    )
 
 
 class RotaryLosses(Driven):
     """Damping and friction of a joint that turns."""
 
-    damping_Nms_per_rad: NotNegative = key(
-        "viscous damping, >= 0 [N m s/rad]", "damping_Nms_per_rad = 0.1", default=0.0
-    )
-    friction_Nm: NotNegative = key("dry friction, >= 0 [N m]", "friction_Nm = 0.5", default=0.0)
+    damping_Nms_per_rad: NotNegative = key("viscous damping, >= 0 [N m s/rad]", "0.1", default=0.0)
+    friction_Nm: NotNegative = key("dry friction, >= 0 [N m]", "0.5", default=0.0)
 
 
 class RotaryDrive(RotaryLosses):
     """Rotor, damping and friction of a joint that turns."""
 
-    rotor_inertia_kgm2: NotNegative = key(
-        "rotor inertia at the joint, >= 0 [kg m^2]", "rotor_inertia_kgm2 = 0.01", default=0.0
-    )
+    rotor_inertia_kgm2: NotNegative = key("rotor inertia at the joint, >= 0 [kg m^2]", "0.01", default=0.0)
 
 
 class SprungDrive(RotaryDrive):
     """Rotor, damping, friction and spring of a joint with one angle."""
 
-    stiffness_Nm_per_rad: NotNegative = key(
-        "stiffness of a spring in the joint, >= 0 [N m/rad]", "stiffness_Nm_per_rad = 20", default=0.0
-    )
-    rest_rad: Number | None = optional("the angle at which the spring rests [rad]", "rest_rad = 0.5")
-    rest_deg: Number | None = optional("the angle at which the spring rests [deg]", "rest_deg = 30")
+    stiffness_Nm_per_rad: NotNegative = key("stiffness of a spring in the joint, >= 0 [N m/rad]", "20", default=0.0)
+    rest_rad: Number | None = optional("the angle at which the spring rests [rad]", "0.5")
+    rest_deg: Number | None = optional("the angle at which the spring rests [deg]", "30")
 
 
 class LinearDrive(Driven):
     """Rotor, damping, friction and spring of a joint that slides."""
 
-    rotor_inertia_kg: NotNegative = key(
-        "rotor inertia as a mass at the joint, >= 0 [kg]", "rotor_inertia_kg = 1.5", default=0.0
-    )
-    damping_Ns_per_m: NotNegative = key("viscous damping, >= 0 [N s/m]", "damping_Ns_per_m = 10", default=0.0)
-    friction_N: NotNegative = key("dry friction, >= 0 [N]", "friction_N = 5", default=0.0)
-    stiffness_N_per_m: NotNegative = key(
-        "stiffness of a spring in the joint, >= 0 [N/m]", "stiffness_N_per_m = 500", default=0.0
-    )
-    rest_m: Number = key("the position at which the spring rests [m]", "rest_m = 0.1", default=0.0)
+    rotor_inertia_kg: NotNegative = key("rotor inertia as a mass at the joint, >= 0 [kg]", "1.5", default=0.0)
+    damping_Ns_per_m: NotNegative = key("viscous damping, >= 0 [N s/m]", "10", default=0.0)
+    friction_N: NotNegative = key("dry friction, >= 0 [N]", "5", default=0.0)
+    stiffness_N_per_m: NotNegative = key("stiffness of a spring in the joint, >= 0 [N/m]", "500", default=0.0)
+    rest_m: Number = key("the position at which the spring rests [m]", "0.1", default=0.0)
 
 
 class JointTable(Table):
     """Keys of every joint: the links that it connects and its placement."""
 
-    kind: str = key(f"one of {NAMES}", 'kind = "revolute"')
-    parent: Name = key('the link it hangs on, or "world"', 'parent = "world"')
-    child: Name = key("the link that it carries", 'child = "forearm"')
-    placement: PlacementTable | None = optional(PLACEMENT, "placement = { xyz_m = [0.4, 0, 0] }")
-    station: Fraction | None = optional("on a beam parent: the fraction 0..1 of its length [-]", "station = 1.0")
+    kind: str = key(f"one of {NAMES}", '"revolute"')
+    parent: Name = key('the link it hangs on, or "world"', '"world"')
+    child: Name = key("the link that it carries", '"forearm"')
+    placement: PlacementTable | None = optional(PLACEMENT, "{ xyz_m = [0.4, 0, 0] }")
+    station: Fraction | None = optional("on a beam parent: the fraction 0..1 of its length [-]", "1.0")
     source: Text = SOURCE
 
 
@@ -124,24 +175,22 @@ class ContinuousTable(SprungDrive, JointTable):
     """A rotation without end."""
 
     drive: DriveTable | None = optional("a table: gear_ratio, motor_inertia_kgm2, ...", "[joints.NAME.drive]")
-    axis: Vector = key(AXIS, "axis = [0, 0, 1]")
-    limits: LimitsTable | None = optional("a table: effort_Nm, velocity_rad_per_s", "limits = { effort_Nm = 150 }")
+    axis: Vector = key(AXIS, "[0, 0, 1]")
+    limits: LimitsTable | None = optional("a table: effort_Nm, velocity_rad_per_s", "{ effort_Nm = 150 }")
 
 
 class RevoluteTable(ContinuousTable):
     """A rotation."""
 
     limits: RotaryLimitsTable | None = optional(
-        "a table: effort_Nm, velocity_rad_per_s, lower_rad, upper_rad", "limits = { effort_Nm = 150 }"
+        "a table: effort_Nm, velocity_rad_per_s, lower_rad, upper_rad", "{ effort_Nm = 150 }"
     )
 
 
 class HelicalTable(RevoluteTable):
     """A screw: a rotation and a translation along its axis in a fixed ratio."""
 
-    pitch_m: Number = key(
-        "the way along the axis for a whole turn about it [m]; negative: left-handed", "pitch_m = 0.005"
-    )
+    pitch_m: Number = key("the way along the axis for a whole turn about it [m]; negative: left-handed", "0.005")
 
 
 class PrismaticTable(LinearDrive, JointTable):
@@ -151,17 +200,17 @@ class PrismaticTable(LinearDrive, JointTable):
         "a table: gear_ratio_rad_per_m, motor_inertia_kgm2, ...", "[joints.NAME.drive]"
     )
 
-    axis: Vector = key(AXIS, "axis = [1, 0, 0]")
+    axis: Vector = key(AXIS, "[1, 0, 0]")
     limits: LinearLimitsTable | None = optional(
-        "a table: effort_N, velocity_m_per_s, lower_m, upper_m", "limits = { effort_N = 500 }"
+        "a table: effort_N, velocity_m_per_s, lower_m, upper_m", "{ effort_N = 500 }"
     )
 
 
 class UniversalTable(RotaryDrive, JointTable):
     """Two rotations about axes at right angles."""
 
-    axis: Vector = key("the first axis in the joint frame, three numbers [-]", "axis = [1, 0, 0]")
-    second_axis: Vector = key("the second axis, across the first, three numbers [-]", "second_axis = [0, 1, 0]")
+    axis: Vector = key("the first axis in the joint frame, three numbers [-]", "[1, 0, 0]")
+    second_axis: Vector = key("the second axis, across the first, three numbers [-]", "[0, 1, 0]")
 
 
 TABLES: dict[str, type[JointTable]] = {
@@ -192,19 +241,14 @@ def read_joint(data: Any, where: Location, name: str) -> Joint:
         expected = "a second axis at right angles to the first [-]"
         advice = "second_axis = [0, 1, 0] with axis = [1, 0, 0]; else two revolute joints with a massless link between"
         raise where.wrong("second_axis", f"second_axis = {axes['second_axis'].tolist()}", expected, advice)
+    pitch = getattr(table, "pitch_m", None)
+    if pitch == 0.0:
+        raise where.wrong("pitch_m", "pitch_m = 0", "a pitch other than zero [m]", 'kind = "revolute", no pitch_m')
     return Joint(
         name, table.kind, table.parent, table.child, read_placement(table.placement, where.inner("placement")),
         table.station, **axes, **drive(table, where), limits=_limits(table, where.inner("limits")),
-        drive=read_drive(getattr(table, "drive", None), where.inner("drive")), pitch=_pitch(table, where),
+        drive=read_drive(getattr(table, "drive", None), where.inner("drive")), pitch=pitch or 0.0,
     )  # fmt: skip
-
-
-def _pitch(table: Table, where: Location) -> float:
-    """Return the way of a screw for a whole turn [m], 0 of other joints."""
-    pitch = float(getattr(table, "pitch_m", 0.0))
-    if hasattr(table, "pitch_m") and not pitch:
-        raise where.wrong("pitch_m", "pitch_m = 0", "a pitch other than zero [m]", 'kind = "revolute", no pitch_m')
-    return pitch
 
 
 def drive(table: Table, where: Location) -> dict[str, Any]:
@@ -252,13 +296,9 @@ def unit_axis(axis: Any, where: str, write: str) -> Array:
 def rotation_from_rpy(rpy: Any) -> Array:
     """Return R = R_z(yaw) R_y(pitch) R_x(roll), (3, 3) [-], from rpy (3,) [rad]: URDF's fixed-axis angles."""
     (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+    x = [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr]
+    y = [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr]
+    return np.array([x, y, [-sp, cp * sr, cp * cr]])
 
 
 def read_placement(table: PlacementTable | None, where: Location) -> Placement:
@@ -268,27 +308,18 @@ def read_placement(table: PlacementTable | None, where: Location) -> Placement:
     stated = [name for name in ("rpy_deg", "rpy_rad", "rotation") if getattr(table, name) is not None]
     if len(stated) > 1:
         raise where.wrong(stated[1], " and ".join(stated), "one of rpy_deg, rpy_rad, rotation", f"{stated[0]} alone")
-    rotation = np.eye(3)
+    degrees = table.rpy_deg or [0.0, 0.0, 0.0]
+    rotation = rotation_from_rpy(np.radians(degrees) if table.rpy_rad is None else table.rpy_rad)
     if table.rotation is not None:
         rotation = np.asarray(table.rotation)
-    elif table.rpy_rad is not None:
-        rotation = rotation_from_rpy(table.rpy_rad)
-    elif table.rpy_deg is not None:
-        rotation = _exact_at_right_angles(table.rpy_deg)
+    elif table.rpy_rad is None and all(angle % 90 == 0 for angle in degrees):
+        rotation = np.rint(rotation) + 0.0  # 90 degrees typed as 90 are a whole quarter turn: 0 and 1, not 6e-17
     return Placement(np.array(table.xyz_m, dtype=np.float64), rotation)
 
 
-def _exact_at_right_angles(degrees: Any) -> Array:
-    """90 degrees typed as 90 gives 0 and 1, not 6e-17: sines and cosines of whole quarter turns are whole numbers."""
-    rotation = rotation_from_rpy(np.radians(degrees))
-    return np.rint(rotation) + 0.0 if all(angle % 90 == 0 for angle in degrees) else rotation
-
-
 def _limits(table: JointTable, where: Location) -> Limits:
-    limits = getattr(table, "limits", None)
-    if limits is None:
-        return Limits()
-    read = Limits(**{split_unit(key)[0]: value for key, value in limits if value is not None})
+    stated = getattr(table, "limits", None) or ()
+    read = Limits(**{split_unit(key)[0]: value for key, value in stated if value is not None})
     if read.lower > read.upper:
         given = f"lower {read.lower:g}, upper {read.upper:g}"
         raise where.wrong("upper", given, "lower <= upper", "the two exchanged, if so meant")

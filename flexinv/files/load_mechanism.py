@@ -5,27 +5,75 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from flexinv import validation as arguments
 from flexinv.errors import InputError, ModelWarning
-from flexinv.files.bodies import check_station, far_end, read_inertia, read_payloads
+from flexinv.files.bodies import SHAPES, check_station, far_end, read_inertia, read_payloads
 from flexinv.files.closures import read_closure, read_force, read_spring
 from flexinv.files.from_urdf import STANDARD_GRAVITY, read_urdf
 from flexinv.files.joints import read_joint, read_placement
 from flexinv.files.overlay import overlaid
 from flexinv.files.schema import BeamLinkTable, DampingTable, MechanismTable, RigidLinkTable, UrdfTable
 from flexinv.files.sections import CrossSection, read_section, section_along
-from flexinv.files.toml_tables import Location, check_names, one_of, read_toml, toml_text, validate
+from flexinv.files.toml_tables import (
+    Location,
+    check_names,
+    complaint,
+    one_of,
+    read_toml,
+    toml_file,
+    toml_text,
+    validate,
+)
 from flexinv.files.tree_order import depth_first
-from flexinv.files.urdf_table import find_urdf
-from flexinv.model.damping import ModalDamping, with_retardation
 from flexinv.model.drive_expansion import expanded
-from flexinv.model.mechanism import WORLD, Beam, Body, Link, Mechanism
-from flexinv.typing import Array
+from flexinv.model.mechanism import WORLD, Beam, Body, Link, Mechanism, ModalDamping, with_retardation
+from flexinv.validation import nearest
+
+ROBOTS = "cmeel.prefix/share/example-robot-data/robots"  # where the wheel of example-robot-data puts its robots
+
+
+def robots_folder() -> Path:
+    """Return the folder of the robots of the PyPI package example-robot-data [-]; InputError without it."""
+    advice = "pip install 'flexinv[robots]'"
+    try:
+        folder = Path(str(distribution("example-robot-data").locate_file(ROBOTS)))
+    except PackageNotFoundError:
+        given, expected = "it is not installed", "the PyPI package example-robot-data (models only, 131 MB)"
+        raise complaint("package example-robot-data", given, expected, advice) from None
+    if not folder.is_dir():
+        raise complaint("package example-robot-data", f"no folder {folder}", "its robots there", advice)
+    return folder.resolve()
+
+
+def find_urdf(table: UrdfTable, where: Location) -> tuple[Path, tuple[Path, ...]]:
+    """Return the URDF and the folders for its ``package://`` paths [-].
+
+    With a package: inside its robots.  Without: beside the mechanism file, and never outside the models folder
+    (the one that holds the mechanism's folder).
+    """
+    if table.package is not None:
+        start = limit = robots_folder()
+        packages: tuple[Path, ...] = (start, start.parent.parent)
+    else:
+        start = where.file.resolve().parent
+        limit = start.parent
+        packages = (start,)
+    path = (start / table.path).resolve()
+    if Path(table.path).is_absolute() or not path.is_relative_to(limit):
+        expected = f"a relative path that stays inside {'the package' if table.package else 'the models folder'}"
+        raise where.wrong("path", f'path = "{table.path}"', expected, f'path = "{Path(table.path).name}"')
+    if not path.is_file():
+        known = sorted(str(p.relative_to(start)) for p in start.rglob("*.urdf")) if start.is_dir() else []
+        near = nearest(table.path, known)
+        write = f'path = "{near}"' if near else "the path of a URDF that exists"
+        raise where.wrong("path", f'path = "{table.path}", no such file', f"a URDF in {start}", write)
+    return path, packages
+
 
 LINKS: dict[str, type[RigidLinkTable] | type[BeamLinkTable]] = {"rigid": RigidLinkTable, "beam": BeamLinkTable}
 
@@ -46,13 +94,22 @@ def load_mechanism(path: str | Path) -> Mechanism:
     sections = {name: read_section(data, top.inner(f"sections.{name}")) for name, data in table.sections.items()}
     home = Location(base)
     mechanism = _native(table, sections, top) if table.urdf is None else _from_urdf(table, table.urdf, sections, home)
-    mechanism = with_drives(mechanism, file)
-    mechanism = _damped(_with_loads(mechanism, table, top), table.damping, top.inner("damping"))
+    try:
+        mechanism = expanded(mechanism)  # by what drives add, joints and links
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from error
+    links, joints = mechanism.link_of, mechanism.joint_of
+    mechanism = replace(
+        mechanism,
+        closures=tuple(
+            read_closure(data, links, joints, top.inner(f"closures.{n}"), n) for n, data in table.closures.items()
+        ),
+        springs=tuple(read_spring(data, links, top.inner(f"springs.{n}"), n) for n, data in table.springs.items()),
+        forces=tuple(read_force(data, links, top.inner(f"forces.{n}"), n) for n, data in table.forces.items()),
+    )
+    mechanism = _damped(mechanism, table.damping, top.inner("damping"))
     name = table.name or (base.stem if base.name != "mechanism.toml" else base.resolve().parent.name)
     return replace(mechanism, name=name, title=table.title, source=table.source, notes=(*table.notes, *mechanism.notes))
-
-
-SHAPES = ("rod", "box", "cylinder", "sphere")
 
 
 def read_layers(file: Path) -> tuple[dict[str, Any], Path]:
@@ -82,34 +139,17 @@ def _laid(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     return out
 
 
-def with_drives(mechanism: Mechanism, file: Path) -> Mechanism:
-    """Return the mechanism with what its drives add, joints and links; InputError names the file and the joint [-]."""
-    try:
-        return expanded(mechanism)
-    except InputError as error:
-        raise InputError(f"{file}: {error}") from error
-
-
-def toml_file(path: str | Path, name: str) -> Path:
-    """Return the file that a folder or a file name means [-]: ``models/arm`` -> ``models/arm/mechanism.toml``."""
-    path = Path(arguments.path("path", path, f"a folder that has a {name}"))
-    return path if path.suffix == ".toml" else path / name
-
-
 def _native(table: MechanismTable, sections: Mapping[str, CrossSection], top: Location) -> Mechanism:
     if table.overlay is not None:
         given, advice = "overlay without [urdf]", "its keys in [links.NAME] and [joints.NAME] themselves"
         raise top.inner("overlay").wrong("", given, "an overlay of a URDF", advice)
-    for key, stated, write in (
-        (
-            "gravity_m_per_s2",
-            table.gravity_m_per_s2,
-            "gravity_m_per_s2 = [0, 0, -9.81]   (zeros for a horizontal plane)",
-        ),
-        ("links", table.links, '[links.arm] with kind = "rigid" or "beam"'),
-        ("joints", table.joints, f'[joints.base] with kind, parent = "{WORLD}", child'),
+    gravity = "gravity_m_per_s2 = [0, 0, -9.81]   (zeros for a horizontal plane)"
+    for key, write in (
+        ("gravity_m_per_s2", gravity),
+        ("links", '[links.arm] with kind = "rigid" or "beam"'),
+        ("joints", f'[joints.base] with kind, parent = "{WORLD}", child'),
     ):
-        if not stated:
+        if not getattr(table, key):
             raise top.wrong(key, "nothing", MechanismTable.model_fields[key].description or "", write)
     links = {name: _link(data, name, sections, top.inner(f"links.{name}")) for name, data in table.links.items()}
     joints = [read_joint(data, top.inner(f"joints.{name}"), name) for name, data in table.joints.items()]
@@ -120,18 +160,8 @@ def _native(table: MechanismTable, sections: Mapping[str, CrossSection], top: Lo
         beam, other = f"the beam {joint.parent} that carries the joint", f"{joint.parent} is not a beam"
         where = top.inner(f"joints.{joint.name}")
         check_station(joint.station, on_beam, where, beam, other, "placement = { xyz_m = [0.4, 0, 0] }")
-    gravity = np.array(table.gravity_m_per_s2, dtype=np.float64)
-    return Mechanism("", tuple(links[joint.child] for joint in ordered), ordered, gravity)
-
-
-def _with_loads(mechanism: Mechanism, table: MechanismTable, top: Location) -> Mechanism:
-    """Add what ties and pulls the links beside the joints."""
-    links = mechanism.link_of
-    joints = mechanism.joint_of
-    closures = (read_closure(data, links, joints, top.inner(f"closures.{n}"), n) for n, data in table.closures.items())
-    springs = (read_spring(data, links, top.inner(f"springs.{n}"), n) for n, data in table.springs.items())
-    forces = (read_force(data, links, top.inner(f"forces.{n}"), n) for n, data in table.forces.items())
-    return replace(mechanism, closures=tuple(closures), springs=tuple(springs), forces=tuple(forces))
+    pull = np.array(table.gravity_m_per_s2, dtype=np.float64)
+    return Mechanism("", tuple(links[joint.child] for joint in ordered), ordered, pull)
 
 
 def _damped(mechanism: Mechanism, table: DampingTable | None, where: Location) -> Mechanism:
@@ -157,34 +187,19 @@ def _link(data: Any, name: str, sections: Mapping[str, CrossSection], where: Loc
     kind = one_of(data, where, "kind", LINKS, '"rigid" or "beam"', "rigid") or "rigid"
     table = validate(LINKS[kind], data, where)
     if isinstance(table, BeamLinkTable):
-        return _beam_link(table, name, sections, where)
-    return _rigid_link(table, name, where)
-
-
-def _rigid_link(table: RigidLinkTable, name: str, where: Location) -> Link:
+        section = section_along(table.section, sections, where)
+        bend = table.curvature_per_m
+        curvature = np.array([bend.twist, bend.y, bend.z] if bend else [0, 0, 0], dtype=np.float64)
+        root = read_placement(table.root, where.inner("root"))
+        beam = Beam(table.length_m, section, table.elements, table.order, curvature, root)
+        return Link(name, read_payloads(table.payload, True, name, where), beam)
     if table.massless and (table.mass_kg is not None or table.inertia_kgm2 is not None):
         given, expected = "massless = true and a mass or an inertia", "one or the other"
         raise where.wrong("massless", given, expected, "massless = false, or no mass")
     own = () if table.massless else (Body(name, read_inertia(table, where)),)
-    payload = read_payloads(table.payload, False, name, where)
-    return Link(name, (*own, *payload), tip=_tip(table))
-
-
-def _tip(table: RigidLinkTable) -> Array:
-    """The stated tip; else the far end of a rod or cylinder, or the origin."""
-    long = table.rod or table.cylinder
-    if table.tip_m is None and long is not None:
-        return far_end(long)
-    return np.array(table.tip_m or [0, 0, 0], dtype=np.float64)
-
-
-def _beam_link(table: BeamLinkTable, name: str, sections: Mapping[str, CrossSection], where: Location) -> Link:
-    section = section_along(table.section, sections, where)
-    bend = table.curvature_per_m
-    curvature = np.array([bend.twist, bend.y, bend.z] if bend else [0, 0, 0], dtype=np.float64)
-    root = read_placement(table.root, where.inner("root"))
-    beam = Beam(table.length_m, section, table.elements, table.order, curvature, root)
-    return Link(name, read_payloads(table.payload, True, name, where), beam)
+    long = table.rod or table.cylinder  # without a stated tip its far end is the link's
+    tip = far_end(long) if table.tip_m is None and long is not None else np.array(table.tip_m or [0.0, 0.0, 0.0])
+    return Link(name, (*own, *read_payloads(table.payload, False, name, where)), tip=tip)
 
 
 def _from_urdf(

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexinv.files.bodies import read_payloads
-from flexinv.files.drives import MOTORS, read_drive
-from flexinv.files.joints import DRIVES, drive
+from flexinv.files.joints import DRIVES, MOTORS, drive, read_drive
 from flexinv.files.schema import OverlayBeamTable, OverlayLinkTable, OverlayTable
 from flexinv.files.sections import CrossSection, section_along
 from flexinv.files.toml_tables import Location, complaint, validate
@@ -62,23 +61,19 @@ def _driven(joint: Joint, data: Any, where: Location) -> Joint:
     if joint.kind not in DRIVES:
         expected = f"a joint with a drive; {joint.name} is {joint.kind}"
         raise where.wrong("", f"an overlay of joint {joint.name}", expected, "remove the table")
-    if isinstance(data, dict) and "drive" in data:
-        joint = _motored(joint, data["drive"], where.inner("drive"))
+    if isinstance(data, dict) and "drive" in data:  # in place of the damping and dry friction that the URDF has
+        inner = where.inner("drive")
+        if joint.kind not in MOTORS:
+            expected = f"a drive of a joint with one coordinate ({', '.join(MOTORS)}); {joint.name} is {joint.kind}"
+            raise inner.wrong("", f"a drive of joint {joint.name}", expected, "remove the table")
+        motor = read_drive(validate(MOTORS[joint.kind], data["drive"], inner), inner)
+        joint = replace(joint, drive=motor, damping=0.0, friction=0.0)
         data = {key: value for key, value in data.items() if key != "drive"}
     table = validate(DRIVES[joint.kind], data, where)
     stated = {key.split("_")[0] for key in table.model_fields_set}
     return replace(
         joint, **{name: value for name, value in drive(table, where).items() if name.split("_")[0] in stated}
     )
-
-
-def _motored(joint: Joint, data: Any, where: Location) -> Joint:
-    """The joint with motor and gear in place of the damping and dry friction that the URDF has for it."""
-    if joint.kind not in MOTORS:
-        expected = f"a drive of a joint with one coordinate ({', '.join(MOTORS)}); {joint.name} is {joint.kind}"
-        raise where.wrong("", f"a drive of joint {joint.name}", expected, "remove the table")
-    motor = read_drive(validate(MOTORS[joint.kind], data, where), where)
-    return replace(joint, drive=motor, damping=0.0, friction=0.0)
 
 
 def _flexible(
@@ -139,8 +134,7 @@ def _on_beam(joint: Joint, root: Placement, length: float, at_tip: bool) -> Join
 def _told(link: Link, table: OverlayBeamTable, own: float) -> str:
     beam = link.beam
     assert beam is not None
-    mass = float(np.trapezoid(beam.section.mass_per_length, beam.section.stations)) * beam.length
-    if beam.section.stations.size == 1:
-        mass = float(beam.section.mass_per_length[0]) * beam.length
+    density, uniform = beam.section.mass_per_length, beam.section.stations.size == 1
+    mass = float(density[0] if uniform else np.trapezoid(density, beam.section.stations)) * beam.length
     kept = "replaced" if table.own_inertia == "replaced" else "kept as a rigid body at its root"
     return f"{link.name} is a beam of {beam.length:.6g} m and {mass:.6g} kg; its URDF inertia ({own:.6g} kg) is {kept}"

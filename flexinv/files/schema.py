@@ -101,10 +101,10 @@ Tensor = Annotated[Any, PlainValidator(_tensor), _or_parts("xx yy zz", "xy xz yz
 Rotation = Annotated[Any, PlainValidator(_rotation), WithJsonSchema(_ROWS)]
 Along = Literal["x", "y", "z"]
 
-SOURCE = key("where the numbers come from, a text", 'source = "data sheet of ..., table 2"', default="")
+SOURCE = key("where the numbers come from, a text", '"data sheet of ..., table 2"', default="")
 RETARDATION = key(
     "damping, stress by rate of strain over stress by strain [s]: one number, or { axial, shear, twist, bending }",
-    "retardation_s = 1e-3",
+    "1e-3",
     default=(0.0,) * 6,
 )
 PLACEMENT = "a table: xyz_m [m] and one of rpy_deg [deg], rpy_rad [rad], rotation [-]"
@@ -113,119 +113,109 @@ PLACEMENT = "a table: xyz_m [m] and one of rpy_deg [deg], rpy_rad [rad], rotatio
 class PlacementTable(Table):
     """A frame in a frame: position, and rotation by fixed-axis roll, pitch, yaw (as URDF) or as a matrix."""
 
-    xyz_m: Vector = key("three numbers [m]", "xyz_m = [0.0, 0.0, 0.1]", default=[0.0, 0.0, 0.0])
-    rpy_deg: Vector | None = optional("roll, pitch, yaw about fixed axes [deg]", "rpy_deg = [0, 90, 0]")
-    rpy_rad: Vector | None = optional("roll, pitch, yaw about fixed axes [rad]", "rpy_rad = [0, 1.57, 0]")
-    rotation: Rotation | None = optional(
-        "a rotation matrix, three rows [-]", "rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]"
-    )
+    xyz_m: Vector = key("three numbers [m]", "[0.0, 0.0, 0.1]", default=[0.0, 0.0, 0.0])
+    rpy_deg: Vector | None = optional("roll, pitch, yaw about fixed axes [deg]", "[0, 90, 0]")
+    rpy_rad: Vector | None = optional("roll, pitch, yaw about fixed axes [rad]", "[0, 1.57, 0]")
+    rotation: Rotation | None = optional("a rotation matrix, three rows [-]", "[[1, 0, 0], [0, 1, 0], [0, 0, 1]]")
 
 
 class RodTable(Table):
     """A slender uniform rod from the frame's origin along one of its axes: m L^2/12 across."""
 
-    length_m: Positive = key("the length of the rod, a number > 0 [m]", "length_m = 0.4")
+    length_m: Positive = key("the length of the rod, a number > 0 [m]", "0.4")
     axial_inertia_kgm2: NotNegative = key(
-        "the small inertia about the rod's own axis, >= 0 [kg m^2]", "axial_inertia_kgm2 = 1e-5", default=0.0
+        "the small inertia about the rod's own axis, >= 0 [kg m^2]", "1e-5", default=0.0
     )
-    along: Along = key('the axis of the frame along which it lies, "x", "y" or "z"', 'along = "z"', default="x")
+    along: Along = key('the axis of the frame along which it lies, "x", "y" or "z"', '"z"', default="x")
 
 
 class BoxTable(Table):
     """A uniform box, its faces along the frame's axes."""
 
     size_m: Annotated[list[Positive], Field(min_length=3, max_length=3)] = key(
-        "three edge lengths > 0 along x, y, z [m]", "size_m = [0.4, 0.05, 0.05]"
+        "three edge lengths > 0 along x, y, z [m]", "[0.4, 0.05, 0.05]"
     )
 
 
 class CylinderTable(Table):
     """A uniform solid cylinder from the frame's origin along one of its axes."""
 
-    length_m: Positive = key("the length, a number > 0 [m]", "length_m = 0.4")
-    along: Along = key('the axis of the frame along which it lies, "x", "y" or "z"', 'along = "z"', default="x")
-    radius_m: Positive = key("the radius, a number > 0 [m]", "radius_m = 0.02")
+    length_m: Positive = key("the length, a number > 0 [m]", "0.4")
+    along: Along = key('the axis of the frame along which it lies, "x", "y" or "z"', '"z"', default="x")
+    radius_m: Positive = key("the radius, a number > 0 [m]", "0.02")
 
 
 class SphereTable(Table):
     """A uniform solid sphere."""
 
-    radius_m: Positive = key("the radius, a number > 0 [m]", "radius_m = 0.02")
+    radius_m: Positive = key("the radius, a number > 0 [m]", "0.02")
 
 
 class BodyTable(Table):
     """Mass, centre of mass, and inertia about the centre of mass: as numbers or by a uniform shape."""
 
-    mass_kg: Positive | None = optional("the mass, a number > 0 [kg]", "mass_kg = 0.215")
-    com_m: Vector | None = optional("the centre of mass, three numbers [m]", "com_m = [0.2, 0.0, 0.0]")
+    mass_kg: Positive | None = optional("the mass, a number > 0 [kg]", "0.215")
+    com_m: Vector | None = optional("the centre of mass, three numbers [m]", "[0.2, 0.0, 0.0]")
     inertia_kgm2: Tensor | None = optional(
         "about the centre of mass [kg m^2]: { xx, yy, zz } and xy, xz, yz if not 0; three rows; or 0, a point mass",
-        "inertia_kgm2 = { xx = 1e-4, yy = 2.9e-3, zz = 2.9e-3 }",
+        "{ xx = 1e-4, yy = 2.9e-3, zz = 2.9e-3 }",
     )
-    rod: RodTable | None = optional("a table: length_m [m]", "rod = { length_m = 0.4 }")
-    box: BoxTable | None = optional("a table: size_m [m]", "box = { size_m = [0.4, 0.05, 0.05] }")
-    cylinder: CylinderTable | None = optional(
-        "a table: length_m, radius_m [m]", "cylinder = { length_m = 0.4, radius_m = 0.02 }"
-    )
-    sphere: SphereTable | None = optional("a table: radius_m [m]", "sphere = { radius_m = 0.02 }")
+    rod: RodTable | None = optional("a table: length_m [m]", "{ length_m = 0.4 }")
+    box: BoxTable | None = optional("a table: size_m [m]", "{ size_m = [0.4, 0.05, 0.05] }")
+    cylinder: CylinderTable | None = optional("a table: length_m, radius_m [m]", "{ length_m = 0.4, radius_m = 0.02 }")
+    sphere: SphereTable | None = optional("a table: radius_m [m]", "{ radius_m = 0.02 }")
     source: Text = SOURCE
 
 
 class PayloadTable(BodyTable):
     """A body that a link carries beside its own: payload, flange, motor."""
 
-    name: Name = key("the name of the payload", 'name = "gripper"')
-    station: Fraction | None = optional(
-        "on a beam: the fraction 0..1 of its length that carries it [-]", "station = 1.0"
-    )
+    name: Name = key("the name of the payload", '"gripper"')
+    station: Fraction | None = optional("on a beam: the fraction 0..1 of its length that carries it [-]", "1.0")
 
 
 class RigidLinkTable(BodyTable):
     """A rigid link; without mass only when it says so."""
 
-    kind: Literal["rigid"] = key('"rigid" or "beam"', 'kind = "rigid"')
+    kind: Literal["rigid"] = key('"rigid" or "beam"', '"rigid"')
     mass_kg: Positive | None = optional(
-        "the mass, a number > 0 [kg]", "mass_kg = 0.215   (or massless = true for a link that is only a frame)"
+        "the mass, a number > 0 [kg]", "0.215   (or massless = true for a link that is only a frame)"
     )
-    massless: bool = key("true for a frame that has no mass", "massless = true", default=False)
-    tip_m: Vector | None = optional("the point whose motion is reported, three numbers [m]", "tip_m = [0.4, 0, 0]")
+    massless: bool = key("true for a frame that has no mass", "true", default=False)
+    tip_m: Vector | None = optional("the point whose motion is reported, three numbers [m]", "[0.4, 0, 0]")
     payload: list[PayloadTable] = key("tables [[links.NAME.payload]]", "[[links.NAME.payload]]", default=[])
 
 
 class StationTable(Table):
     """Section of a beam at a fraction of its length."""
 
-    at: Fraction = key("the fraction 0..1 of the length [-]", "at = 0.5")
-    section: Name = key("the name of a table [sections.NAME]", 'section = "tube"')
+    at: Fraction = key("the fraction 0..1 of the length [-]", "0.5")
+    section: Name = key("the name of a table [sections.NAME]", '"tube"')
 
 
 class CurvatureTable(Table):
     """Initial twist and curvature of a beam, constant along its length."""
 
-    twist: Number = key("initial twist [rad/m]", "twist = 0.0", default=0.0)
-    y: Number = key("initial curvature about y [1/m]", "y = 0.0", default=0.0)
-    z: Number = key("initial curvature about z [1/m]", "z = 0.5", default=0.0)
+    twist: Number = key("initial twist [rad/m]", "0.0", default=0.0)
+    y: Number = key("initial curvature about y [1/m]", "0.0", default=0.0)
+    z: Number = key("initial curvature about z [1/m]", "0.5", default=0.0)
 
 
 class MeshTable(Table):
     """Mesh and section of a beam: the keys that native and overlaid beams share."""
 
-    section: Any = key(
-        'the name of a [sections.NAME], or stations [{ at = 0, section = "A" }, ...]', 'section = "tube"'
-    )
-    elements: Annotated[int, Field(ge=1, le=1000)] = key(
-        "the number of elements, 1..1000 [-]", "elements = 1", default=1
-    )
-    order: Annotated[int, Field(ge=1, le=32)] = key("the order of each element, 1..32 [-]", "order = 4", default=4)
+    section: Any = key('the name of a [sections.NAME], or stations [{ at = 0, section = "A" }, ...]', '"tube"')
+    elements: Annotated[int, Field(ge=1, le=1000)] = key("the number of elements, 1..1000 [-]", "1", default=1)
+    order: Annotated[int, Field(ge=1, le=32)] = key("the order of each element, 1..32 [-]", "4", default=4)
 
 
 class BeamLinkTable(MeshTable):
     """A beam from the link frame (or from ``root``) along x."""
 
-    kind: Literal["beam"] = key('"rigid" or "beam"', 'kind = "beam"')
-    length_m: Positive = key("the arc length of the beam, a number > 0 [m]", "length_m = 0.4")
-    curvature_per_m: CurvatureTable | None = optional("a table: twist, y, z [1/m]", "curvature_per_m = { z = 0.5 }")
-    root: PlacementTable | None = optional(PLACEMENT, "root = { xyz_m = [0.05, 0, 0] }")
+    kind: Literal["beam"] = key('"rigid" or "beam"', '"beam"')
+    length_m: Positive = key("the arc length of the beam, a number > 0 [m]", "0.4")
+    curvature_per_m: CurvatureTable | None = optional("a table: twist, y, z [1/m]", "{ z = 0.5 }")
+    root: PlacementTable | None = optional(PLACEMENT, "{ xyz_m = [0.05, 0, 0] }")
     payload: list[PayloadTable] = key("tables [[links.NAME.payload]]", "[[links.NAME.payload]]", default=[])
     source: Text = SOURCE
 
@@ -233,12 +223,10 @@ class BeamLinkTable(MeshTable):
 class DampingTable(Table):
     """Damping of all beams: a retardation time, or the ratio that one natural mode has."""
 
-    retardation_s: NotNegative | None = optional(
-        "stress by rate of strain over stress by strain, >= 0 [s]", "retardation_s = 1e-3"
-    )
-    ratio: Fraction | None = optional("of critical damping of one natural mode, 0..1 [-]", "ratio = 0.01")
+    retardation_s: NotNegative | None = optional("stress by rate of strain over stress by strain, >= 0 [s]", "1e-3")
+    ratio: Fraction | None = optional("of critical damping of one natural mode, 0..1 [-]", "0.01")
     mode: Annotated[int, Field(ge=1)] = key(
-        "which natural mode, all joints held at zero: 1 the lowest [-]", "mode = 1", default=1
+        "which natural mode, all joints held at zero: 1 the lowest [-]", "1", default=1
     )
     source: Text = SOURCE
 
@@ -248,14 +236,14 @@ class StiffnessSectionTable(Table):
 
     retardation_s: Times = RETARDATION
 
-    EA_N: Positive = key("axial stiffness, a number > 0 [N]", "EA_N = 1.452e6")
-    GA_N: Across = key("shear stiffness with its shear factor [N]: one number, or { y, z }", "GA_N = 4.65e5")
-    GJ_Nm2: Positive = key("torsional stiffness, a number > 0 [N m^2]", "GJ_Nm2 = 0.68")
-    EI_Nm2: Across = key("bending stiffness [N m^2]: one number, or about { y, z }", "EI_Nm2 = { y = 13.7, z = 0.46 }")
-    mass_per_length_kg_per_m: Positive = key("mass per length, a number > 0 [kg/m]", "mass_per_length_kg_per_m = 0.056")
+    EA_N: Positive = key("axial stiffness, a number > 0 [N]", "1.452e6")
+    GA_N: Across = key("shear stiffness with its shear factor [N]: one number, or { y, z }", "4.65e5")
+    GJ_Nm2: Positive = key("torsional stiffness, a number > 0 [N m^2]", "0.68")
+    EI_Nm2: Across = key("bending stiffness [N m^2]: one number, or about { y, z }", "{ y = 13.7, z = 0.46 }")
+    mass_per_length_kg_per_m: Positive = key("mass per length, a number > 0 [kg/m]", "0.056")
     rho_I_kgm: Rotary = key(
         "rotary inertia per length [kg m]: { y, z } (x is their sum unless given), one number for both, or 0 if none",
-        "rho_I_kgm = { y = 5.3e-7, z = 1.77e-8 }",
+        "{ y = 5.3e-7, z = 1.77e-8 }",
     )
     source: Text = SOURCE
 
@@ -263,69 +251,63 @@ class StiffnessSectionTable(Table):
 class MaterialTable(Table):
     """Material: the keys that all sections given by their geometry share."""
 
-    E_Pa: Positive = key("Young's modulus, a number > 0 [Pa]", "E_Pa = 70e9")
-    nu: Annotated[Number, Field(gt=-1, le=0.5)] | None = optional("Poisson's ratio, -1 < nu <= 0.5 [-]", "nu = 0.33")
-    G_Pa: Positive | None = optional("shear modulus, a number > 0 [Pa]", "G_Pa = 26e9")
+    E_Pa: Positive = key("Young's modulus, a number > 0 [Pa]", "70e9")
+    nu: Annotated[Number, Field(gt=-1, le=0.5)] | None = optional("Poisson's ratio, -1 < nu <= 0.5 [-]", "0.33")
+    G_Pa: Positive | None = optional("shear modulus, a number > 0 [Pa]", "26e9")
     retardation_s: Times = RETARDATION
-    rho_kg_per_m3: Positive = key("density, a number > 0 [kg/m^3]", "rho_kg_per_m3 = 2700")
-    shear_factor: Across | None = optional(
-        "shear factor [-]: one number, or { y, z }; Cowper's when absent", "shear_factor = 0.85"
-    )
+    rho_kg_per_m3: Positive = key("density, a number > 0 [kg/m^3]", "2700")
+    shear_factor: Across | None = optional("shear factor [-]: one number, or { y, z }; Cowper's when absent", "0.85")
     source: Text = SOURCE
 
 
 class RectangleTable(MaterialTable):
     """A rectangle, its sides along y and z."""
 
-    shape: Literal["rectangle"] = key('"rectangle", "circle" or "tube"', 'shape = "rectangle"')
-    size_y_m: Positive = key("the side along y, a number > 0 [m]", "size_y_m = 0.002")
-    size_z_m: Positive = key("the side along z, a number > 0 [m]", "size_z_m = 0.02")
+    shape: Literal["rectangle"] = key('"rectangle", "circle" or "tube"', '"rectangle"')
+    size_y_m: Positive = key("the side along y, a number > 0 [m]", "0.002")
+    size_z_m: Positive = key("the side along z, a number > 0 [m]", "0.02")
 
 
 class CircleTable(MaterialTable):
     """A full circle."""
 
-    shape: Literal["circle"] = key('"rectangle", "circle" or "tube"', 'shape = "circle"')
-    diameter_m: Positive = key("the diameter, a number > 0 [m]", "diameter_m = 0.02")
+    shape: Literal["circle"] = key('"rectangle", "circle" or "tube"', '"circle"')
+    diameter_m: Positive = key("the diameter, a number > 0 [m]", "0.02")
 
 
 class TubeTable(MaterialTable):
     """A round tube."""
 
-    shape: Literal["tube"] = key('"rectangle", "circle" or "tube"', 'shape = "tube"')
-    outer_diameter_m: Positive = key("the outer diameter, a number > 0 [m]", "outer_diameter_m = 0.05")
-    wall_m: Positive = key("the wall thickness, > 0 and at most half the diameter [m]", "wall_m = 0.003")
+    shape: Literal["tube"] = key('"rectangle", "circle" or "tube"', '"tube"')
+    outer_diameter_m: Positive = key("the outer diameter, a number > 0 [m]", "0.05")
+    wall_m: Positive = key("the wall thickness, > 0 and at most half the diameter [m]", "0.003")
 
 
 class UrdfTable(Table):
     """The URDF that the mechanism is made from."""
 
     path: Text = key(
-        "the URDF, a path inside the models folder or inside the package", 'path = "ur_description/urdf/ur5_robot.urdf"'
+        "the URDF, a path inside the models folder or inside the package", '"ur_description/urdf/ur5_robot.urdf"'
     )
     package: Literal["example-robot-data"] | None = optional(
-        '"example-robot-data", or leave it out for a file of your own', 'package = "example-robot-data"'
+        '"example-robot-data", or leave it out for a file of your own', '"example-robot-data"'
     )
-    base: Literal["fixed", "free"] = key('"fixed" or "free"', 'base = "fixed"', default="fixed")
-    lock: list[Name] = key("names of joints to hold at zero", 'lock = ["finger_joint"]', default=[])
+    base: Literal["fixed", "free"] = key('"fixed" or "free"', '"fixed"', default="fixed")
+    lock: list[Name] = key("names of joints to hold at zero", '["finger_joint"]', default=[])
     mimic: Literal["independent"] | None = optional(
-        '"independent" when mimic joints are meant to be coordinates of their own', 'mimic = "independent"'
+        '"independent" when mimic joints are meant to be coordinates of their own', '"independent"'
     )
 
 
 class OverlayBeamTable(MeshTable):
     """A link of the URDF made a beam that leads straight to one of its joints."""
 
-    to_joint: Name = key("the joint of this link at which the beam ends", 'to_joint = "wrist_1_joint"')
-    y_axis: Vector = key(
-        "a direction in the link frame; the section's y is its part across the beam [-]", "y_axis = [0, 1, 0]"
-    )
+    to_joint: Name = key("the joint of this link at which the beam ends", '"wrist_1_joint"')
+    y_axis: Vector = key("a direction in the link frame; the section's y is its part across the beam [-]", "[0, 1, 0]")
     own_inertia: Literal["replaced", "at_root"] = key(
-        '"replaced" by the section\'s mass, or "at_root": kept as a rigid body at the root', 'own_inertia = "replaced"'
+        '"replaced" by the section\'s mass, or "at_root": kept as a rigid body at the root', '"replaced"'
     )
-    root_xyz_m: Vector = key(
-        "where the beam begins in the link frame [m]", "root_xyz_m = [0, 0, 0.1]", default=[0.0, 0.0, 0.0]
-    )
+    root_xyz_m: Vector = key("where the beam begins in the link frame [m]", "[0, 0, 0.1]", default=[0.0, 0.0, 0.0])
     source: Text = SOURCE
 
 
@@ -336,7 +318,7 @@ class OverlayLinkTable(Table):
     payload: list[PayloadTable] = key(
         "tables [[overlay.links.NAME.payload]]", "[[overlay.links.NAME.payload]]", default=[]
     )
-    tip_m: Vector | None = optional("the point whose motion is reported, three numbers [m]", "tip_m = [0.1, 0, 0]")
+    tip_m: Vector | None = optional("the point whose motion is reported, three numbers [m]", "[0.1, 0, 0]")
     source: Text = SOURCE
 
 
@@ -350,15 +332,13 @@ class OverlayTable(Table):
 class MechanismTable(Table):
     """The whole file."""
 
-    format: Format = key("the version of the file's format, 1 when absent", "format = 1", default=1)
-    over: Text | None = optional("the mechanism file that this one is laid over", 'over = "mechanism.toml"')
-    name: Name | None = optional("the name of the mechanism; the folder's when absent", 'name = "arm"')
-    title: Text = key("one line that says what it is", 'title = "Two flexible links"', default="")
-    source: Text = key("where the data come from, a text", 'source = "Isobe et al., case 3"')
-    gravity_m_per_s2: Vector | None = optional(
-        "gravity in the world frame, three numbers [m/s^2]", "gravity_m_per_s2 = [0, 0, -9.81]"
-    )
-    notes: list[Text] = key("a list of texts that a reader of results must know", 'notes = ["..."]', default=[])
+    format: Format = key("the version of the file's format, 1 when absent", "1", default=1)
+    over: Text | None = optional("the mechanism file that this one is laid over", '"mechanism.toml"')
+    name: Name | None = optional("the name of the mechanism; the folder's when absent", '"arm"')
+    title: Text = key("one line that says what it is", '"Two flexible links"', default="")
+    source: Text = key("where the data come from, a text", '"Isobe et al., case 3"')
+    gravity_m_per_s2: Vector | None = optional("gravity in the world frame, three numbers [m/s^2]", "[0, 0, -9.81]")
+    notes: list[Text] = key("a list of texts that a reader of results must know", '["..."]', default=[])
     sections: dict[str, Any] = key("tables [sections.NAME]", "[sections.NAME]", default={})
     links: dict[str, Any] = key("tables [links.NAME]", "[links.NAME]", default={})
     joints: dict[str, Any] = key("tables [joints.NAME]", "[joints.NAME]", default={})
@@ -366,7 +346,7 @@ class MechanismTable(Table):
     springs: dict[str, Any] = key("tables [springs.NAME] between two points", "[springs.NAME]", default={})
     forces: dict[str, Any] = key("tables [forces.NAME] on points", "[forces.NAME]", default={})
     damping: DampingTable | None = optional(
-        "a table: retardation_s [s], or ratio [-] and mode", "damping = { ratio = 0.01, mode = 1 }"
+        "a table: retardation_s [s], or ratio [-] and mode", "{ ratio = 0.01, mode = 1 }"
     )
     urdf: UrdfTable | None = optional("a table: path, package, base, lock", "[urdf]")
     overlay: OverlayTable | None = optional(

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexinv.files.schema import (
     CircleTable,
@@ -22,16 +23,8 @@ from flexinv.model.mechanism import Section
 from flexinv.typing import Array
 from flexinv.validation import nearest
 
-SHAPES: dict[str, type[RectangleTable] | type[CircleTable] | type[TubeTable]] = {
-    "rectangle": RectangleTable,
-    "circle": CircleTable,
-    "tube": TubeTable,
-}
-
-
 ShapeTable = RectangleTable | CircleTable | TubeTable
-# What is not a dimension of a shape, or is made one of its moduli.
-MATERIAL = ("E_Pa", "rho_kg_per_m3")
+SHAPES: dict[str, type[ShapeTable]] = {"rectangle": RectangleTable, "circle": CircleTable, "tube": TubeTable}
 # A taper is stated at so many stations that what is linear between them is off by this part of it at most: EI goes with the
 # fourth power of dimensions, and 1e-5 is far below what anybody knows of a section.
 TAPER = 1e-5
@@ -40,28 +33,24 @@ MOST_HALVINGS = 16
 
 @dataclass(frozen=True)
 class CrossSection:
-    """One cross-section: stiffness (6,) [N, N, N, N m^2, N m^2, N m^2], mass [kg/m], rotary inertia (3,) [kg m].
+    """One cross-section in numbers (16,), and the shape and material that they follow from, None where they are given.
 
-    retardation : (6,) [s], damping over stiffness; table : the shape and material that it follows from, None of numbers
+    numbers : stiffness (6) [N, N, N, N m^2, N m^2, N m^2], mass [kg/m], rotary inertia (3) [kg m], retardation (6) [s]
     """
 
-    stiffness: tuple[float, ...]
-    mass_per_length: float
-    rotary_inertia: tuple[float, float, float]
-    retardation: tuple[float, ...]
+    numbers: Array
     table: ShapeTable | None = None
-
-    @property
-    def numbers(self) -> Array:
-        """All of them in one row [N, N m^2, kg/m, kg m, s]."""
-        return np.array([*self.stiffness, self.mass_per_length, *self.rotary_inertia, *self.retardation])
 
 
 def read_section(data: Any, where: Location) -> CrossSection:
     """Read ``[sections.NAME]``: by ``shape`` and material, or by its numbers [N, N m^2, kg/m, kg m]."""
     shape = one_of(data, where, "shape", SHAPES, f"one of {', '.join(SHAPES)}", "rectangle")
     if not shape:
-        return _from_numbers(validate(StiffnessSectionTable, data, where))
+        given = validate(StiffnessSectionTable, data, where)
+        stiffness = (given.EA_N, *given.GA_N, given.GJ_Nm2, *given.EI_Nm2)
+        return CrossSection(
+            np.array([*stiffness, given.mass_per_length_kg_per_m, *given.rho_I_kgm, *given.retardation_s])
+        )
     table = validate(SHAPES[shape], data, where)
     if isinstance(table, TubeTable) and table.wall_m > table.outer_diameter_m / 2:
         expected = f"at most half of outer_diameter_m = {table.outer_diameter_m} [m]"
@@ -71,23 +60,18 @@ def read_section(data: Any, where: Location) -> CrossSection:
     return _from_geometry(table)
 
 
-def _from_numbers(table: StiffnessSectionTable) -> CrossSection:
-    stiffness = (table.EA_N, *table.GA_N, table.GJ_Nm2, *table.EI_Nm2)
-    return CrossSection(stiffness, table.mass_per_length_kg_per_m, table.rho_I_kgm, table.retardation_s)
-
-
 def _from_geometry(table: ShapeTable) -> CrossSection:
     """EA, k_y GA, k_z GA, G J, E I_y, E I_z; rho A; rho (I_y + I_z), rho I_y, rho I_z."""
     young, shear, poisson = _moduli(table)
     area, torsion, second_y, second_z = _areas(table)
     factors = table.shear_factor or shear_factors(table, poisson)
-    stiffness = (
+    rho = table.rho_kg_per_m3
+    numbers = [
         young * area, factors[0] * shear * area, factors[1] * shear * area,
         shear * torsion, young * second_y, young * second_z,
-    )  # fmt: skip
-    rho = table.rho_kg_per_m3
-    rotary = (rho * (second_y + second_z), rho * second_y, rho * second_z)
-    return CrossSection(stiffness, rho * area, rotary, table.retardation_s, table)
+        rho * area, rho * (second_y + second_z), rho * second_y, rho * second_z, *table.retardation_s,
+    ]  # fmt: skip
+    return CrossSection(np.array(numbers), table)
 
 
 def _moduli(table: MaterialTable) -> tuple[float, float, float]:
@@ -153,21 +137,16 @@ def section_along(value: Any, sections: Mapping[str, CrossSection], where: Locat
     at = np.array([table.at for table in tables])
     if not uniform and (at[0] != 0.0 or at[-1] != 1.0 or np.any(np.diff(at) <= 0)):
         raise where.wrong("section", f"at = {at.tolist()}", "at increasing from 0 to 1 [-]", advice)
-    at, parts = _tapered(at, [_named(table.section, sections, where) for table in tables])
-    stiffness, retardation = _rows([p.stiffness for p in parts]), _rows([p.retardation for p in parts])
-    damping = retardation * stiffness if retardation.any() else None
-    mass, rotary = _rows([p.mass_per_length for p in parts]), _rows([p.rotary_inertia for p in parts])
-    return Section(at, stiffness, mass, rotary, damping)
-
-
-def _tapered(at: Array, parts: list[CrossSection]) -> tuple[Array, list[CrossSection]]:
-    """The stations with more between those of one shape, wherever what is linear between them would not be the taper."""
-    out: list[tuple[float, CrossSection]] = [(float(at[0]), parts[0])]
-    for (start, first), (end, last) in pairwise(zip(at.tolist(), parts, strict=True)):
+    own = [_named(table.section, sections, where) for table in tables]
+    stations = [(float(at[0]), own[0])]  # with more between those of one shape, wherever linear would not be the taper
+    for (start, first), (end, last) in pairwise(zip(at.tolist(), own, strict=True)):
         if first.table is not None and type(first.table) is type(last.table):
-            out += _between(first, last, start, end)
-        out.append((end, last))
-    return np.array([s for s, _ in out]), [part for _, part in out]
+            stations += _between(first, last, start, end)
+        stations.append((end, last))
+    numbers = np.array([part.numbers for _, part in stations])
+    stiffness, mass, rotary, retardation = np.split(numbers, [6, 7, 10], axis=1)
+    at = np.array([place for place, _ in stations])
+    return Section(at, stiffness, mass[:, 0], rotary, retardation * stiffness if retardation.any() else None)
 
 
 def _between(first: CrossSection, last: CrossSection, start: float, end: float) -> list[tuple[float, CrossSection]]:
@@ -177,8 +156,8 @@ def _between(first: CrossSection, last: CrossSection, start: float, end: float) 
     while todo:
         a, one, b, two, depth = todo.pop()
         middle = _mixed(first, last, (a + b) / 2)
-        exact, chord = middle.numbers, (one.numbers + two.numbers) / 2
-        if depth < MOST_HALVINGS and (np.abs(chord - exact) > TAPER * np.abs(exact)).any():
+        off = (one.numbers + two.numbers) / 2 - middle.numbers
+        if depth < MOST_HALVINGS and (np.abs(off) > TAPER * np.abs(middle.numbers)).any():
             todo += [((a + b) / 2, middle, b, two, depth + 1), (a, one, (a + b) / 2, middle, depth + 1)]
         elif b < 1.0:
             out.append((start + b * (end - start), two))
@@ -190,19 +169,17 @@ def _mixed(first: CrossSection, last: CrossSection, part: float) -> CrossSection
     a, b = first.table, last.table
     assert a is not None
     assert b is not None
+
+    def mean(one: ArrayLike, two: ArrayLike) -> Any:
+        return ((1 - part) * np.asarray(one) + part * np.asarray(two)).tolist()
+
     sizes = [key for key in type(a).model_fields if key.endswith("_m")]
-    change: dict[str, Any] = {key: (1 - part) * getattr(a, key) + part * getattr(b, key) for key in (*sizes, *MATERIAL)}
-    shear = [_moduli(one)[1] for one in (a, b)]
-    change |= {"nu": None, "G_Pa": (1 - part) * shear[0] + part * shear[1]}
-    change["retardation_s"] = _mean(a.retardation_s, b.retardation_s, part)
+    same = (*sizes, "E_Pa", "rho_kg_per_m3", "retardation_s")
+    change = {key: mean(getattr(a, key), getattr(b, key)) for key in same}
+    change |= {"nu": None, "G_Pa": mean(_moduli(a)[1], _moduli(b)[1])}
     if a.shear_factor or b.shear_factor:
-        first_factor, last_factor = (one.shear_factor or shear_factors(one, _moduli(one)[2]) for one in (a, b))
-        change["shear_factor"] = _mean(first_factor, last_factor, part)
+        change["shear_factor"] = mean(*(one.shear_factor or shear_factors(one, _moduli(one)[2]) for one in (a, b)))
     return _from_geometry(a.model_copy(update=change))
-
-
-def _mean(first: Sequence[float], last: Sequence[float], part: float) -> tuple[float, ...]:
-    return tuple((1 - part) * x + part * y for x, y in zip(first, last, strict=True))
 
 
 def _named(name: str, sections: Mapping[str, CrossSection], where: Location) -> CrossSection:
@@ -212,7 +189,3 @@ def _named(name: str, sections: Mapping[str, CrossSection], where: Location) -> 
     expected = f"one of the sections {', '.join(sections)}" if sections else "a section that the file has"
     advice = f'section = "{near}"' if near else f"a table [sections.{name}]"
     raise where.wrong("section", f'section = "{name}"', expected, advice)
-
-
-def _rows(values: list[Any]) -> Array:
-    return np.array(values, dtype=np.float64)

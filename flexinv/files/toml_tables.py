@@ -13,12 +13,14 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
 
+from flexinv import validation as arguments
 from flexinv.errors import InputError
-from flexinv.files.unit_keys import correction
-from flexinv.files.values import FORMAT, clean_name
-from flexinv.validation import nearest
+from flexinv.files.values import FORMAT, clean_name, correction
 
 LARGEST_FILE = 1 << 20  # [byte]: the largest hand-written mechanism is a thousand times smaller
+COMPLETE = re.compile(
+    r"\[+[a-z]|[\w.]+ = "
+)  # examples that are a whole line: the head of a table, or a key and its value
 
 
 class Table(BaseModel):
@@ -29,17 +31,23 @@ class Table(BaseModel):
 
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, frozen=True, defer_build=True)
 
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_: Any) -> None:
+        """Put the name of its key before each example that is a value alone."""
+        for name, info in cls.model_fields.items():
+            info.examples = [one if COMPLETE.match(one) else f"{name} = {one}" for one in info.examples or []]
+
 
 T = TypeVar("T", bound=Table)
 
 
 def key(expected: str, write: str, **rules: Any) -> Any:
-    """Declare a key of a table by the words of its complaint: what is expected [unit] and an example to write."""
+    """Declare a key of a table by the words of its complaint: what is expected [unit] and an example of its value (or a line)."""
     return Field(description=expected, examples=[write], **rules)
 
 
 def optional(expected: str, write: str) -> Any:
-    """Declare a key that may be absent, which is None then: as `key` what is expected [unit] and an example to write."""
+    """Declare a key that may be absent, which is None then: as `key` what is expected [unit] and an example."""
     return key(expected, write, default=None)
 
 
@@ -47,7 +55,7 @@ def one_of(data: Any, where: Location, name: str, known: Collection[str], expect
     """Return the value of the key that decides what a table is [-], ``""`` where it is absent; InputError for an unknown one."""
     value = data.get(name) if isinstance(data, dict) else None
     if value is not None and (not isinstance(value, str) or value not in known):
-        write = f'{name} = "{nearest(str(value), known) or default}"'
+        write = f'{name} = "{arguments.nearest(str(value), known) or default}"'
         raise where.wrong(name, f"{name} = {toml_text(value)}", expected, write)
     return value or ""
 
@@ -106,6 +114,12 @@ def toml_text(value: Any, longest: int = 80) -> str:
     return text if len(text) <= longest else text[: longest - 4] + " ..."
 
 
+def toml_file(path: str | Path, name: str) -> Path:
+    """Return the file that a folder or a file name means [-]: ``models/arm`` -> ``models/arm/mechanism.toml``."""
+    path = Path(arguments.path("path", path, f"a folder that has a {name}"))
+    return path if path.suffix == ".toml" else path / name
+
+
 def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file as data, at most ``LARGEST_FILE`` [byte] of UTF-8; InputError names what is wrong."""
     advice = "a TOML file that this reader knows, see models/README.md"
@@ -119,20 +133,16 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise complaint(str(path), "nesting without end", advice, "tables at most a few levels deep") from None
     except ValueError as error:
         given = re.sub(r"\('(.*?)',?\)", lambda m: "[" + m[1].replace("', '", ".") + "]", str(error))
-        raise complaint(str(path), given, "TOML, each table and key once", _syntax(given)) from None
-    _check_format(path, tables)
-    return tables
-
-
-def _check_format(path: Path, tables: dict[str, Any]) -> None:
-    """Refuse a newer format before anything else in the file is judged: its other keys may mean something else there."""
+        write = "TOML as on https://toml.io: strings in quotes, numbers without units, true and false in lower case"
+        if "declare" in given or "overwrite" in given:
+            write = "a link, joint, section or case once; give the second one a name of its own"
+        raise complaint(str(path), given, "TOML, each table and key once", write) from None
     said = tables.get("format", FORMAT)
-    if isinstance(said, int) and said > FORMAT:
-        given, write = (
-            f"format = {toml_text(said)}",
-            "the file in this format, or install a newer flexinv, which reads it",
-        )
-        raise Location(path).wrong("format", given, f"format {FORMAT} or older: this flexinv knows no newer one", write)
+    if isinstance(said, int) and said > FORMAT:  # before all else: other keys may mean something else in a newer format
+        given, expected = f"format = {toml_text(said)}", f"format {FORMAT} or older: this flexinv knows no newer one"
+        write = "the file in this format, or install a newer flexinv, which reads it"
+        raise Location(path).wrong("format", given, expected, write)
+    return tables
 
 
 def check_names(file: Path, **tables: dict[str, Any]) -> None:
@@ -151,14 +161,8 @@ def check_names(file: Path, **tables: dict[str, Any]) -> None:
 def _existing(path: Path) -> str:
     folder = path.parent if path.parent.is_dir() else path.parent.parent
     names = sorted(p.parent.name for p in folder.glob(f"*/{path.name}")) if folder.is_dir() else []
-    near = nearest(path.parent.name, names)
+    near = arguments.nearest(path.parent.name, names)
     return f"{folder / near}" if near else f"the path of a folder that has a {path.name}"
-
-
-def _syntax(message: str) -> str:
-    if "declare" in message or "overwrite" in message:
-        return "a link, joint, section or case once; give the second one a name of its own"
-    return "TOML as on https://toml.io: strings in quotes, numbers without units, true and false in lower case"
 
 
 def build_validators() -> None:
@@ -191,7 +195,8 @@ def _explained(model: type[Table], error: Any, top: Location) -> tuple[str, str]
     index = ""
     while isinstance(loc[-1], int):
         index = f"[{loc.pop()}]{index}"
-    name, inner = loc[-1], _inside(top, loc[:-1])
+    parts = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in loc[:-1])
+    name, inner = loc[-1], Location(top.file, (top.table + parts).removeprefix("."))
     owner, info = _field(model, [part for part in loc if isinstance(part, str)])
     if error["type"] == "extra_forbidden":
         return _unknown(owner, name, error["input"], inner.key(name), loc)
@@ -201,11 +206,6 @@ def _explained(model: type[Table], error: Any, top: Location) -> tuple[str, str]
     said = error["msg"].removeprefix("Value error, ").removeprefix("Input ")
     given = f"{name}{index} = {toml_text(error['input'])}  ({said[0].lower()}{said[1:]})"
     return str(inner.wrong(name, given, expected, write)), ""
-
-
-def _inside(top: Location, loc: list[Any]) -> Location:
-    parts = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in loc)
-    return Location(top.file, (top.table + parts).removeprefix("."))
 
 
 def _unknown(owner: type[Table], name: str, value: Any, where: str, loc: list[Any]) -> tuple[str, str]:
@@ -218,7 +218,7 @@ def _unknown(owner: type[Table], name: str, value: Any, where: str, loc: list[An
         write = f"{right} = {toml_text(number)}" if number is not None else (info.examples or [right])[0]
         expected = f"{right}, {info.description} (a key ends in its unit)"
         return str(complaint(where, given, expected, write)), ".".join(map(str, [*loc[:-1], right]))
-    near = nearest(name, known)
+    near = arguments.nearest(name, known)
     advice = f"{near} instead of {name}" if near else "one of these, or remove it"
     fixed = ".".join(map(str, [*loc[:-1], near])) if near else ""
     return str(complaint(where, given, f"one of {', '.join(known)}", advice)), fixed
@@ -226,14 +226,9 @@ def _unknown(owner: type[Table], name: str, value: Any, where: str, loc: list[An
 
 def _field(model: type[Table], keys: list[str]) -> tuple[type[Table], FieldInfo | None]:
     """Follow a path of keys through nested tables: the table that owns the last key, and what is known of it."""
-    owner, info = model, None
-    for depth, name in enumerate(keys):
-        info = owner.model_fields.get(name)
-        inner = _table_in(info.annotation) if info else None
-        if inner is None or depth == len(keys) - 1:
-            break
-        owner = inner
-    return owner, info
+    info = model.model_fields.get(keys[0])
+    inner = _table_in(info.annotation) if info and len(keys) > 1 else None
+    return (model, info) if inner is None else _field(inner, keys[1:])
 
 
 def _table_in(annotation: Any) -> type[Table] | None:

@@ -7,9 +7,8 @@ import numpy as np
 from flexinv.elements.joint_law import laws_of, resisting_effort
 from flexinv.errors import InputError
 from flexinv.inverse.inverse_dynamics import NodalForces
-from flexinv.kinematics.joint_motion import scalar_coordinate
 from flexinv.kinematics.mesh import Mesh, attachment_node
-from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.kinematics.nodal_motion import NodalMotion, scalar_coordinate
 from flexinv.model.mechanism import Attachment, Force, Mechanism, Spring
 from flexinv.typing import Array
 

@@ -12,9 +12,8 @@ import numpy as np
 from flexinv.elements.joint_law import laws_of, moving_effort, resisting_effort
 from flexinv.inverse.nodal_sums import Masses, in_frame, nodal_samples, sum_in_frames, sum_samples
 from flexinv.kernels.memory import plain
-from flexinv.kinematics.joint_motion import joint_effort
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.kinematics.nodal_motion import NodalMotion, joint_effort
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 

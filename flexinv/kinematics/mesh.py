@@ -129,7 +129,7 @@ class _Builder:
     section_nodes: dict[str, NDArray[np.int64]] = field(default_factory=dict)
     stations: dict[str, Array] = field(default_factory=dict)
     body_node: dict[tuple[str, str], int] = field(default_factory=dict)
-    elements: list[dict[str, NDArray[np.float64]]] = field(default_factory=list)
+    elements: list[list[Array]] = field(default_factory=list)  # of each the arrays of `Elements`
 
     def node(
         self,
@@ -170,8 +170,7 @@ class _Builder:
         return self.section(joint.parent, joint.station)
 
     def section(self, link: str, station: float) -> int:
-        nearest = int(np.argmin(np.abs(self.stations[link] - station)))
-        return int(self.section_nodes[link][nearest])
+        return int(self.section_nodes[link][np.argmin(np.abs(self.stations[link] - station))])
 
     def link(self, link: Link, index: int, node: int) -> None:
         if link.beam is not None:
@@ -221,21 +220,10 @@ class _Builder:
         gamma0, kappa0 = _stress_free_strains(beam, at_nodes, ref.shape, ref.slope / jacobian)
         of_rate = np.zeros_like(beam.section.stiffness) if beam.section.damping is None else beam.section.damping
         stiffness, damping = _interpolate(beam, at_points, beam.section.stiffness, of_rate)
-        self.elements.append(
-            {
-                "order": np.array(beam.order),
-                "nodes": np.array(own, dtype=float),
-                "stiffness": stiffness,
-                "damping": damping,
-                "gamma0": gamma0,
-                "kappa0": kappa0,
-                "weight": ref.point_weights * jacobian,
-                "shape": ref.shape,
-                "slope": ref.slope / jacobian,
-                "station": at_points,
-                "link": np.array(link),
-            }
-        )
+        self.elements.append([
+            np.array(beam.order), np.array(own, dtype=float), stiffness, damping, gamma0, kappa0,
+            ref.point_weights * jacobian, ref.shape, ref.slope / jacobian, at_points, np.array(link),
+        ])  # fmt: skip
 
 
 def _element_bounds(beam: Beam, wanted: list[float]) -> list[float]:
@@ -292,23 +280,15 @@ def _pad(arrays: list[Array], fill: float = 0.0) -> Array:
     return out
 
 
-def _elements(rows: list[dict[str, Array]]) -> Elements:
+def _elements(rows: list[list[Array]]) -> Elements:
     if not rows:
         index, flat = np.empty(0, dtype=np.int64), np.empty((0, 0))
         vectors, sections = np.empty((0, 0, 3)), np.empty((0, 0, 6))
         of_points = sections, sections, vectors, vectors, flat, vectors, vectors, flat
         return Elements(index, np.empty((0, 0), np.int64), *of_points, index)
-    columns = {key: _pad([row[key] for row in rows], -1.0 if key == "nodes" else 0.0) for key in rows[0]}
-    whole = {key: columns[key].astype(np.int64) for key in ("order", "nodes", "link")}
-    return Elements(**{**columns, **whole})  # type: ignore[arg-type]
-
-
-def _subspaces(own: list[tuple[Array, Array]]) -> tuple[NDArray[np.int64], Array, Array]:
-    """Freedoms (nodes,), and S_v, S_w (nodes, 6, 3) of all nodes."""
-    slide, turn = np.zeros((2, len(own), 6, 3))
-    for n, (moved, turned) in enumerate(own):
-        slide[n, : len(moved)], turn[n, : len(turned)] = moved, turned
-    return np.array([len(moved) for moved, _ in own], dtype=np.int64), slide, turn
+    columns = [list(column) for column in zip(*rows, strict=True)]
+    order, nodes, *of_points, link = (_pad(column, -1.0 if k == 1 else 0.0) for k, column in enumerate(columns))
+    return Elements(order.astype(np.int64), nodes.astype(np.int64), *of_points, link.astype(np.int64))
 
 
 @kept_with_owner()
@@ -328,31 +308,21 @@ def build(mechanism: Mechanism) -> Mesh:
     for joint in mechanism.joints:
         check_expanded(joint)
         builder.joint(joint, index[joint.child])
-    freedoms, slide, turn = _subspaces(builder.subspace)
+    slide, turn = np.zeros((2, len(builder.rows), 6, 3))
+    for n, (moved, turned) in enumerate(builder.subspace):
+        slide[n, : len(moved)], turn[n, : len(turned)] = moved, turned
     parent, kind, placement, axis, q, v, link = zip(*builder.rows, strict=True) if builder.rows else ((),) * 7
+    whole = [np.array(column, dtype=np.int64) for column in (parent, kind, q, v, link)]
+    freedoms = np.array([len(moved) for moved, _ in builder.subspace], dtype=np.int64)
     return Mesh(
-        mechanism,
-        np.array(parent, dtype=np.int64),
-        np.array(kind, dtype=np.int64),
+        mechanism, whole[0], whole[1],
         np.array([p.position for p in placement], dtype=float).reshape(-1, 3),
         np.array([p.rotation for p in placement], dtype=float).reshape(-1, 3, 3),
-        np.array(axis, dtype=float).reshape(-1, 3),
-        np.array(q, dtype=np.int64),
-        np.array(v, dtype=np.int64),
-        freedoms,
-        slide,
-        turn,
-        np.array(builder.mass),
-        np.array(builder.inertia).reshape(-1, 3, 3),
-        np.array(link, dtype=np.int64),
-        builder.joint_node,
-        builder.root_node,
-        builder.tip_node,
-        builder.section_nodes,
-        builder.stations,
-        builder.body_node,
-        _elements(builder.elements),
-    )
+        np.array(axis, dtype=float).reshape(-1, 3), whole[2], whole[3], freedoms, slide, turn,
+        np.array(builder.mass), np.array(builder.inertia).reshape(-1, 3, 3), whole[4],
+        builder.joint_node, builder.root_node, builder.tip_node, builder.section_nodes, builder.stations,
+        builder.body_node, _elements(builder.elements),
+    )  # fmt: skip
 
 
 def attachment_node(mesh: Mesh, at: Attachment) -> int:

@@ -50,7 +50,7 @@ class Frames(NamedTuple):
 
 @by_address
 class Joints(NamedTuple):
-    """Relative motion of all nodes at one instant: p, dp, ddp [m, s]; r; w, al [rad, s] (see `joint_motion.Relative`)."""
+    """Motion of all nodes relative to their parents: p, dp, ddp [m, s] and r in the parent's frame; w, al [rad, s] own frame."""
 
     p: Array
     dp: Array
@@ -78,14 +78,8 @@ class Variation(NamedTuple):
 @jit_inner
 def carry(n, m, frames, joints):
     """Set the motion of node n from that of its parent m (-1: the fixed world) [m, rad, s]."""
-    p, dp, ddp, rj, wj, alj = (
-        vec(joints.p[n]),
-        vec(joints.dp[n]),
-        vec(joints.ddp[n]),
-        mat(joints.r[n]),
-        vec(joints.w[n]),
-        vec(joints.al[n]),
-    )
+    p, dp, ddp = vec(joints.p[n]), vec(joints.dp[n]), vec(joints.ddp[n])
+    rj, wj, alj = mat(joints.r[n]), vec(joints.w[n]), vec(joints.al[n])
     if m < 0:
         _put_frame(n, frames, p, rj, dp, wj, ddp, alj)
         return
@@ -93,16 +87,9 @@ def carry(n, m, frames, joints):
     wp = cross(w, p)
     z = sum3(cross(al, p), cross(w, add_scaled(wp, 2.0, dp)), ddp)
     c = tapply(rj, w)
-    _put_frame(
-        n,
-        frames,
-        add(vec(frames.x[m]), apply(r, p)),
-        mul(r, rj),
-        add(vec(frames.v[m]), apply(r, add(wp, dp))),
-        add(c, wj),
-        add(vec(frames.a[m]), apply(r, z)),
-        sum3(tapply(rj, al), alj, cross(c, wj)),
-    )
+    x, v, a = add(vec(frames.x[m]), apply(r, p)), vec(frames.v[m]), add(vec(frames.a[m]), apply(r, z))
+    v, alpha = add(v, apply(r, add(wp, dp))), sum3(tapply(rj, al), alj, cross(c, wj))
+    _put_frame(n, frames, x, mul(r, rj), v, add(c, wj), a, alpha)
 
 
 @jit_inner

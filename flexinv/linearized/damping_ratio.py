@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike
 
 from flexinv.errors import InputError
 from flexinv.linearized.natural_modes import Modes, natural_modes
-from flexinv.model.damping import with_retardation
-from flexinv.model.mechanism import Mechanism
+from flexinv.model.mechanism import Mechanism, with_retardation
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
 

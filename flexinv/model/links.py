@@ -1,4 +1,4 @@
-"""Links as frozen data: rigid ones are sets of bodies, flexible ones beams with bodies at their stations.
+"""Links and frames on them as frozen data: rigid links are sets of bodies, flexible ones beams with bodies at their stations.
 
 A beam link is a Timoshenko beam whose undeformed axis starts at ``beam.placement`` (in the link frame) and runs along local x.
 """
@@ -6,12 +6,60 @@ A beam link is a Timoshenko beam whose undeformed axis starts at ``beam.placemen
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from flexinv.model.frames import Placement
-from flexinv.model.frozen import Frozen
 from flexinv.typing import Array
+
+T = TypeVar("T", bound=np.generic)
+WORLD = "world"
+
+
+class Frozen:
+    """Base of frozen dataclasses with arrays: each instance holds copies of its own that nobody can write to.
+
+    Meshes, solvers and prepared functions are kept for a mechanism by its identity, so it must not change.
+    """
+
+    def __post_init__(self) -> None:
+        """Replace every array that can be written to by a copy that cannot."""
+        for name, value in list(vars(self).items()):
+            if isinstance(value, np.ndarray) and value.flags.writeable:
+                object.__setattr__(self, name, read_only(value))
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take over what a pickle or a copy holds, and freeze it again."""
+        self.__dict__.update(state)
+        self.__post_init__()
+
+
+def read_only(values: NDArray[T]) -> NDArray[T]:
+    """Return a copy of an array [any unit] that cannot be written to."""
+    copy = values.copy()
+    copy.flags.writeable = False
+    return copy
+
+
+@dataclass(frozen=True)
+class Placement(Frozen):
+    """A frame B in a frame A: ``x_A = position + rotation @ x_B``.
+
+    position : (3,) [m]; rotation : (3, 3) [-], R_AB
+    """
+
+    position: Array = field(default_factory=lambda: np.zeros(3))
+    rotation: Array = field(default_factory=lambda: np.eye(3))
+
+
+@dataclass(frozen=True)
+class Attachment:
+    """A frame on a link (or on the world): ``placement`` in the link frame, or in a beam's section at ``station``."""
+
+    link: str
+    placement: Placement = field(default_factory=Placement)
+    station: float | None = None
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ A mechanism is a tree, which closures may tie into loops.  Every link hangs on o
 link or ``"world"``.  The link frame sits at that joint.
 
 Everything here is *primary data* (lengths, masses, moduli, axes): other engines' models are built from these
-same numbers by their own code.  SI units, radians, right-handed frames.  Parts of it stand in `frames`, `links`,
-`attachments` and `drive`, and are imported from here.
+same numbers by their own code.  SI units, radians, right-handed frames.  Parts of it stand in `links` and
+`attachments`, and are imported from here.
 """
 
 from __future__ import annotations
@@ -16,16 +16,12 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from flexinv.errors import InputError
 from flexinv.model.attachments import CLOSURES, COUPLED, IMPACTS, Closure, Force, Spring
-from flexinv.model.damping import ModalDamping
-from flexinv.model.drive import Drive
-from flexinv.model.frames import WORLD, Attachment, Placement
-from flexinv.model.frozen import Frozen, read_only
 from flexinv.model.joint_kinds import KINDS, motion_subspace
-from flexinv.model.links import Beam, Body, Inertia, Link, Section
+from flexinv.model.links import WORLD, Attachment, Beam, Body, Frozen, Inertia, Link, Placement, Section, read_only
 from flexinv.typing import Array
 from flexinv.validation import whole
 
@@ -50,6 +46,29 @@ class Limits:
     velocity: float = np.inf
     lower: float = -np.inf
     upper: float = np.inf
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Motor, gear and elastic joint of a joint with one coordinate; the equations are in `motor_side`.
+
+    ratio : [-], turns of the motor per turn of the joint, of one that slides [rad/m]; rotor_inertia : of the motor [kg m^2]
+    stiffness, damping : of the elastic joint, on its link's side [N m/rad], [N m s/rad] or [N/m], [N s/m]; stiffness 0: a rigid
+        gear
+    torque_constant : [N m/A], 0 unknown; viscous [N m s/rad], coulomb, static [N m], stribeck [rad/s] : friction of the motor
+    moves : "link" or "motor", which of the two the joint's coordinate is (the motor's over the ratio)
+    """
+
+    ratio: float = 1.0
+    rotor_inertia: float = 0.0
+    stiffness: float = 0.0
+    damping: float = 0.0
+    torque_constant: float = 0.0
+    viscous: float = 0.0
+    coulomb: float = 0.0
+    static: float = 0.0
+    stribeck: float = 1.0
+    moves: str = "link"
 
 
 @dataclass(frozen=True)
@@ -105,6 +124,24 @@ class Joint(Frozen):
     def subspace(self, axis: Array) -> tuple[Array, Array]:
         """Return the motion subspace S_v, S_w (coordinates, 3) [-] of the node with this one of the ``axes``."""
         return motion_subspace(KINDS[self.kind].number, axis, self.pitch)
+
+
+@dataclass(frozen=True)
+class ModalDamping:
+    """Damping of all beams by the ratio of one natural mode, all joints held at zero.
+
+    ratio : of critical damping [-]; mode : its number, 1 the lowest
+    seconds : retardation time that follows from it [s], None until modes are computed (`linearized.damping_ratio.damped`)
+    """
+
+    ratio: float
+    mode: int = 1
+    seconds: float | None = None
+
+    def __str__(self) -> str:
+        """Return the stated ratio, and the time that follows from it [-], [s]."""
+        stated = f"ratio {self.ratio:g} at mode {self.mode}"
+        return stated if self.seconds is None else f"retardation time {self.seconds:.5g} s from {stated}"
 
 
 @dataclass(frozen=True, eq=False)  # identity: a mechanism is the key under which its mesh is kept
@@ -253,3 +290,20 @@ class Mechanism(Frozen):
 def _slices(sizes: list[tuple[str, int]]) -> dict[str, slice]:
     ends = np.cumsum([0] + [n for _, n in sizes])
     return {name: slice(int(a), int(b)) for (name, _), a, b in zip(sizes, ends, ends[1:], strict=False)}
+
+
+def with_retardation(mechanism: Mechanism, seconds: ArrayLike) -> Mechanism:
+    """Return the mechanism with damped beams, D = seconds C [N s], [N m^2 s]; a stated ratio is replaced.
+
+    seconds : retardation time [s], one for all strains or six: axial, shear y, shear z, twist, bending y, bending z
+
+    Raises InputError for negative times.
+    """
+    times = np.asarray(seconds, dtype=float)
+    if times.shape not in ((), (6,)) or not np.isfinite(times).all() or (times < 0).any():
+        raise InputError(f"retardation times {times.tolist()}: expected one number >= 0 or six [s], for example 1e-3")
+
+    def damped(beam: Beam) -> Beam:
+        return replace(beam, section=replace(beam.section, damping=times * beam.section.stiffness))
+
+    return replace(mechanism._with_beams(damped), modal_damping=None)

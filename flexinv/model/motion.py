@@ -18,14 +18,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flexinv import validation as arguments
 from flexinv.errors import InputError
-from flexinv.model.mechanism import Mechanism
+from flexinv.model.joint_kinds import KINDS
+from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.owned_cache import kept_with_owner
-from flexinv.model.splines import Sampling, check_sampling
 from flexinv.model.time_laws import SNAP, find_law
-from flexinv.model.track import Track, joint_path, listed, parts
+from flexinv.model.track import Sampling, Track, check_sampling, joint_path, listed, parts, unit_quaternions
 from flexinv.typing import Array, Triple
-from flexinv.validation import choice, flag, floats, names_or_none, number, of_kind, refuse, seconds, whole
 
 Values = ArrayLike | Mapping[str, ArrayLike]
 
@@ -53,8 +53,10 @@ class Motion:
         Rotations and (cos, sin) take the shorter way round; angles go as far as given.  Raises InputError.
         """
         find_law(law)
-        duration = seconds("duration", duration, "a positive time [s]")
-        hold, delay = (seconds(k, t, "a time, 0 or more [s]", zero=True) for k, t in (("hold", hold), ("delay", delay)))
+        duration = arguments.seconds("duration", duration, "a positive time [s]")
+        hold, delay = (
+            arguments.seconds(k, t, "a time, 0 or more [s]", zero=True) for k, t in (("hold", hold), ("delay", delay))
+        )
         names, first, widths = _row(start, "start")
         names_end, last, widths_end = _row(end, "end")
         if names != names_end:
@@ -84,11 +86,11 @@ class Motion:
         max_gap : longest interval [s] that the spline may cross, default 10 times the median interval
         An angle of a continuous joint may wrap; it is unwrapped.  Raises InputError: unsorted, gap, NaN, too few.
         """
-        degree = whole("degree", degree, 0, "5 (smooth jerk) or 3 (continuous acceleration)")
-        sampling = Sampling(_frozen(time, "time"), degree, flag("rest", rest))
-        longest = None if max_gap is None else number("max_gap", max_gap, "the longest interval [s], or None")
+        degree = arguments.whole("degree", degree, 0, "5 (smooth jerk) or 3 (continuous acceleration)")
+        sampling = Sampling(_frozen(time, "time"), degree, arguments.flag("rest", rest))
+        longest = None if max_gap is None else arguments.number("max_gap", max_gap, "the longest interval [s], or None")
         if longest is not None and not longest > 0.0:
-            refuse("max_gap", max_gap, "the longest interval [s], above 0, or None")
+            arguments.refuse("max_gap", max_gap, "the longest interval [s], above 0, or None")
         check_sampling(sampling, longest)
         columns, values, widths = _table(q, names, sampling.time.size)
         track = Track(columns, values, widths, float(sampling.time[-1]), sampling=sampling)
@@ -98,7 +100,7 @@ class Motion:
     def merge(*motions: Motion) -> Motion:
         """Join motions of different joints; it lasts as long as the longest [s], the others rest at their end."""
         for motion in motions:
-            of_kind("merge: motion", motion, Motion)
+            arguments.of_kind("merge: motion", motion, Motion)
         tracks = tuple(track for motion in motions for track in motion.tracks)
         if not tracks:
             raise InputError("merge: expected at least one motion")
@@ -126,13 +128,14 @@ class Motion:
 
     def joints(self, mechanism: Mechanism) -> tuple[str, ...]:
         """Return the names of the joints [-] that the motion gives; the others are passive.  Raises InputError."""
-        of_kind("mechanism", mechanism, Mechanism)
-        given = {joint.name for track in self.tracks for joint, _ in parts(track, mechanism)}
+        arguments.of_kind("mechanism", mechanism, Mechanism)
+        given = {joint.name for track in self.tracks for joint, _ in parts(mechanism, track)}
         missing = [j.name for j in mechanism.joints if j.nv and j.actuated and j.name not in given]
         if missing and not mechanism.closures:  # in a loop the closures move the joints that the motion leaves out
+            others = f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
             raise InputError(
                 f"the motion gives no joint {missing[0]!r}, which has an actuator; give it a motion (start = end holds "
-                f"it) or write actuated = false{_others(missing)}"
+                f"it) or write actuated = false{others}"
             )
         return tuple(joint.name for joint in mechanism.joints if joint.name in given)
 
@@ -147,13 +150,13 @@ class Motion:
         at = _frozen(time, "time")
         if at.ndim != 1:
             raise InputError(f"time: expected shape (samples,), got {at.shape}")
-        choice("side", side, {"left": "before a jump", "right": "after it"})
+        arguments.choice("side", side, {"left": "before a jump", "right": "after it"})
         self.joints(mechanism)
         left = np.full(at.shape, side == "left") | (np.abs(at - self.duration) <= SNAP * self.duration)
         q = np.tile(mechanism.neutral, (at.size, 1))
         qd, qdd = np.zeros((at.size, mechanism.nv)), np.zeros((at.size, mechanism.nv))
         for track in self.tracks:
-            for joint, part in parts(track, mechanism):
+            for joint, part in parts(mechanism, track):
                 rows, columns = mechanism.q_slices[joint.name], mechanism.v_slices[joint.name]
                 q[:, rows], qd[:, columns], qdd[:, columns] = joint_path(track, joint, track.values[:, part], at, left)
         return q, qd, qdd
@@ -163,21 +166,19 @@ LARGE = 100_000  # samples of a table that is not kept
 
 
 def motion_table(motion: Motion, mechanism: Mechanism, step: float, samples: int) -> Triple:
-    """Return the arrays of ``motion.evaluate`` at 0, step, 2 step ... [s], not to be written into.
+    """Return the arrays of ``motion.evaluate`` at 0, step, 2 step ... [s], kept like those of `motion_at`."""
+    return motion_at(motion, mechanism, step * np.arange(samples, dtype=np.float64))
+
+
+def motion_at(motion: Motion, mechanism: Mechanism, time: Array) -> Triple:
+    """Return the arrays of ``motion.evaluate`` at some times (samples,) [s], not to be written into.
 
     Tables that are not large are kept for a while: the scenarios of a batch, and loops over designs, share a motion.  Those of
     other kinds of motions are not, as they may look at the mechanism.
     """
-    if samples > LARGE or type(motion) is not Motion:
-        return _evaluated(motion, mechanism, step, samples)
-    return _kept(motion, _Layout.of(mechanism), step, samples)
-
-
-def motion_at(motion: Motion, mechanism: Mechanism, time: Array) -> Triple:
-    """Return the arrays of ``motion.evaluate`` at some times (samples,) [s], not to be written into, kept like `motion_table`."""
     if len(time) > LARGE or type(motion) is not Motion:
-        return motion.evaluate(mechanism, time)
-    return _kept_at(motion, _Layout.of(mechanism), np.asarray(time, dtype=np.float64).tobytes())
+        return _evaluated(motion, mechanism, time)
+    return _kept(motion, _Layout.of(mechanism), np.asarray(time, dtype=np.float64).tobytes())
 
 
 @dataclass(frozen=True)
@@ -195,20 +196,12 @@ class _Layout:
 
 
 @kept_with_owner(most=8)
-def _kept(motion: Motion, layout: _Layout, step: float, samples: int) -> Triple:
-    return _evaluated(motion, layout.mechanism, step, samples)
+def _kept(motion: Motion, layout: _Layout, time: bytes) -> Triple:
+    return _evaluated(motion, layout.mechanism, np.frombuffer(time))
 
 
-@kept_with_owner(most=8)
-def _kept_at(motion: Motion, layout: _Layout, time: bytes) -> Triple:
-    return _read_only(motion.evaluate(layout.mechanism, np.frombuffer(time)))
-
-
-def _evaluated(motion: Motion, mechanism: Mechanism, step: float, samples: int) -> Triple:
-    return _read_only(motion.evaluate(mechanism, step * np.arange(samples)))
-
-
-def _read_only(found: Triple) -> Triple:
+def _evaluated(motion: Motion, mechanism: Mechanism, time: Array) -> Triple:
+    found = motion.evaluate(mechanism, time)
     for part in found:
         part.flags.writeable = False
     return found
@@ -236,11 +229,11 @@ def _table(
     """Names, (samples, columns) values and widths of samples."""
     if isinstance(values, Mapping):
         if names is not None:
-            refuse("names", names, "None where q is a table of joints, whose names these are")
+            arguments.refuse("names", names, "None where q is a table of joints, whose names these are")
         parts = {str(name): _matrix(column, samples, f"joint {name!r}") for name, column in values.items()}
         joined = np.hstack([*parts.values(), np.empty((samples, 0))])
         return tuple(parts), joined, tuple(p.shape[1] for p in parts.values())
-    own = names_or_none("names", names, "joints")
+    own = arguments.names_or_none("names", names, "joints")
     if own is not None and len(set(own)) != len(own):
         raise InputError(f"names: {listed(own)}: expected each joint once")
     return own, _matrix(values, samples, "q"), None
@@ -256,16 +249,60 @@ def _matrix(values: ArrayLike, samples: int, where: str) -> Array:
 
 def _frozen(values: ArrayLike, where: str) -> Array:
     """A read-only copy as floats; InputError where a number is missing, not finite or not a number."""
-    copy: Array = np.array(floats(where, values))
+    copy: Array = np.array(arguments.floats(where, values))
     if not np.all(np.isfinite(copy)):
         index = tuple(int(i) for i in np.argwhere(~np.isfinite(copy))[0])
-        place = {0: "", 1: f" at sample {index[0]}" if index else ""}.get(
-            copy.ndim, f" at sample {index[0]}, column {index[-1]}" if index else ""
-        )
+        place = f" at sample {index[0]}" if index else ""
+        place += f", column {index[-1]}" if len(index) > 1 else ""
         raise InputError(f"{where}: {copy[index]}{place}; expected finite numbers")
     copy.flags.writeable = False
     return copy
 
 
-def _others(missing: list[str]) -> str:
-    return f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
+def start_coordinates(
+    mechanism: Mechanism,
+    passive: set[str],
+    start: Mapping[str, ArrayLike] | None,
+    rate: Mapping[str, ArrayLike] | None = None,
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Return initial coordinates (nq,) [rad], [m] and rates (nv,) [1/s] by joint; of a continuous joint an angle is enough.
+
+    Raises InputError for a joint that is not ``passive`` and for numbers that are none or too many.
+    """
+    start = arguments.table("start", start, "a table of joints and their coordinates", 'start={"joint": 0.1}')
+    rate = arguments.table("start_rate", rate, "a table of joints and their rates", 'start_rate={"joint": 0.1}')
+    for label, given in (("start", start), ("start_rate", rate)):
+        for name in given:
+            if name not in passive:
+                raise InputError(
+                    f"{label}: joint {name!r} is not passive here (passive: {', '.join(sorted(passive)) or 'none'}); "
+                    "only unactuated joints that the motion leaves out take a start"
+                )
+    places = {name: _start_place(mechanism.joint_of[name], value) for name, value in start.items()}
+    rates = {name: _numbers("start_rate", name, value, (mechanism.joint_of[name].nv,)) for name, value in rate.items()}
+    return places, rates
+
+
+def _start_place(joint: Joint, value: ArrayLike) -> Array:
+    """Coordinates (nq,) at which a passive joint starts; of a continuous joint an angle is enough."""
+    where = f"start: joint {joint.name!r}"
+    if KINDS[joint.kind].circle:
+        place = _numbers("start", joint.name, value, (1, 2))
+        return np.array([np.cos(place[0]), np.sin(place[0])]) if place.size == 1 else place
+    place = _numbers("start", joint.name, value, (joint.nq,))
+    if KINDS[joint.kind].has_quaternion:
+        place[-4:] = unit_quaternions(place[-4:], where)
+    return place
+
+
+def _numbers(label: str, name: str, value: ArrayLike, counts: tuple[int, ...]) -> Array:
+    try:
+        numbers = np.atleast_1d(np.array(value, dtype=float))
+    except (TypeError, ValueError):
+        numbers = np.empty(0)
+    if numbers.ndim != 1 or numbers.size not in counts or not np.isfinite(numbers).all():
+        wanted = " or ".join(map(str, counts))
+        raise InputError(
+            f"{label}: joint {name!r} takes {wanted} finite number{'s' * (counts != (1,))}, got {arguments.shown(value)}"
+        )
+    return numbers

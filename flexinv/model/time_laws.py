@@ -49,25 +49,19 @@ def _cycloid(s: Array) -> Triple:
     return s - np.sin(turn) / (2.0 * np.pi), 1.0 - np.cos(turn), 2.0 * np.pi * np.sin(turn)
 
 
-def _quintic(s: Array) -> Triple:
-    u = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-    return u, 30.0 * s**2 * (1.0 - s) ** 2, 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
+def _smooth(power: int, peak: float, *series: float) -> Callable[[Array], Triple]:
+    """u' = peak (s (1 - s))^power: what is left of both ends is symmetric, so that u near 1 rounds as near 0.
 
+    series : what is completed at a distance p from the start, over p^(power + 1), by rising powers of p
+    """
 
-def _septic(s: Array) -> Triple:
-    """u' = 140 (s (1 - s))^3: what is left of both ends is symmetric, so that u near 1 rounds as near 0."""
-    early = s < 0.5
-    p = np.where(early, s, 1.0 - s)
-    part = p**4 * (35.0 - 84.0 * p + 70.0 * p**2 - 20.0 * p**3)
-    return np.where(early, part, 1.0 - part), 140.0 * (s * (1 - s)) ** 3, 420.0 * (s * (1 - s)) ** 2 * (1.0 - 2.0 * s)
+    def law(s: Array) -> Triple:
+        p, bell = np.minimum(s, 1.0 - s), s * (1.0 - s)
+        part = p ** (power + 1) * np.polynomial.polynomial.polyval(p, series)
+        slope = power * peak * bell ** (power - 1) * (1.0 - 2.0 * s)
+        return np.where(s < 0.5, part, 1.0 - part), peak * bell**power, slope
 
-
-def _nonic(s: Array) -> Triple:
-    """u' = 630 (s (1 - s))^4: what an arm that bends needs for a torque without corners."""
-    early = s < 0.5
-    p = np.where(early, s, 1.0 - s)
-    half = p**5 * (126.0 - 420.0 * p + 540.0 * p**2 - 315.0 * p**3 + 70.0 * p**4)
-    return np.where(early, half, 1.0 - half), 630.0 * (s * (1 - s)) ** 4, 2520.0 * (s * (1 - s)) ** 3 * (1.0 - 2.0 * s)
+    return law
 
 
 def _bang_bang(s: Array) -> Triple:
@@ -87,9 +81,11 @@ LAWS: dict[str, Law] = {
     law.name: law
     for law in (
         Law("cycloid", (), _cycloid),
-        Law("quintic", (), _quintic),
-        Law("septic", (), _septic),
-        Law("nonic", (), _nonic),
+        Law("quintic", (), _smooth(2, 30.0, 10.0, -15.0, 6.0)),
+        Law("septic", (), _smooth(3, 140.0, 35.0, -84.0, 70.0, -20.0)),
+        Law(
+            "nonic", (), _smooth(4, 630.0, 126.0, -420.0, 540.0, -315.0, 70.0)
+        ),  # for torques without corners of arms that bend
         Law("bang-bang", (0.0, 1.0 / 2.0, 1.0), _bang_bang),
         Law("trapezoid", (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0), _trapezoid),
     )

@@ -1,21 +1,138 @@
-"""Tracks: the coordinates of some joints over time, and their conversion to q, qd and qdd of joints of each kind."""
+"""Tracks: the coordinates of some joints over time, by laws or splines, as q, qd and qdd of joints of each kind.
+
+A joint torque needs a continuous acceleration, an estimate of its rate a continuous jerk: the default is a quintic
+spline (four continuous derivatives); a cubic one has a continuous acceleration whose slope jumps at every sample.
+"""
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # its parts are loaded when they are asked for
+import scipy  # its parts are loaded when they are asked for: reading a mechanism needs none
 from numpy.typing import NDArray
 
-from flexinv.errors import InputError
+from flexinv.errors import InputError, ModelWarning
 from flexinv.model.joint_kinds import KINDS, POSE, ROTATION
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.owned_cache import kept_with_owner
-from flexinv.model.splines import UNIT_NORM, Sampling, plain_path, rotation_path, unit_quaternions
-from flexinv.model.time_laws import find_law, progress
+from flexinv.model.time_laws import SNAP, find_law, progress
 from flexinv.typing import Array, Triple
 from flexinv.validation import nearest
+
+Mask = NDArray[np.bool_]
+
+GAP = 10.0  # an interval this many times the median one is a hole in the data, not a change of pace
+UNIT_NORM = 1e-2  # components written with two decimals leave the norm this uncertain
+ABRUPT = 1e-3  # of the peak speed: a stop from less is lost among what any drive does in one sample
+QUARTER_TURN = np.cos(np.pi / 4)  # |<q_k, q_k+1>| of two rotations a quarter turn apart
+
+
+@dataclass(frozen=True, eq=False)
+class Sampling:
+    """Sample times and the spline that joins the samples.
+
+    time : (samples,) [s], from 0, increasing; degree : 3 or 5
+    rest : True where the motion starts and ends at rest (velocity 0, and with degree 5 acceleration 0);
+        False leaves the ends to the samples ("not a knot")
+    """
+
+    time: Array
+    degree: int = 5
+    rest: bool = False
+
+    def spline(self, values: Array) -> scipy.interpolate.BSpline:
+        """Return the interpolating spline of values (samples, columns) [any unit]; it is kept, as motions ask time by time."""
+        return _spline(self, np.asarray(values, dtype=np.float64).tobytes(), values.shape[1])
+
+
+@kept_with_owner()
+def _spline(sampling: Sampling, values: bytes, columns: int) -> scipy.interpolate.BSpline:
+    zero = np.zeros(columns)
+    at_rest = [(order, zero) for order in range(1, (sampling.degree + 1) // 2)]
+    ends = (at_rest, at_rest) if sampling.rest else None
+    rows = np.frombuffer(values).reshape(-1, columns)
+    return scipy.interpolate.make_interp_spline(sampling.time, rows, k=sampling.degree, bc_type=ends)
+
+
+def check_sampling(sampling: Sampling, max_gap: float | None) -> None:
+    """Raise InputError unless the times can carry a spline; max_gap [s], None for 10 times the median interval."""
+    time, degree = sampling.time, sampling.degree
+    if degree not in (3, 5):
+        raise InputError(f"degree = {degree}: expected 5 (smooth jerk) or 3 (continuous acceleration)")
+    if time.ndim != 1 or not np.all(np.isfinite(time)):
+        k = int(np.argmax(~np.isfinite(time.ravel())))
+        given = f"an array of shape {time.shape}" if time.ndim != 1 else f"{time[k]} at sample {k}"
+        raise InputError(f"time: expected one finite number per sample [s], got {given}")
+    least = 2 if sampling.rest else degree + 1
+    if time.size < least:
+        raise InputError(f"{time.size} samples: a spline of degree {degree} needs at least {least}")
+    steps = np.diff(time)
+    if np.any(steps <= 0.0):
+        k = int(np.argmax(steps <= 0.0))
+        raise InputError(
+            f"time: sample {k + 1} at {time[k + 1]:g} s does not come after sample {k} at {time[k]:g} s; "
+            "sort the samples and remove repeated ones"
+        )
+    if time[0] != 0.0:
+        raise InputError(f"time starts at {time[0]:g} s: expected 0; write time - time[0]")
+    longest, allowed = int(np.argmax(steps)), GAP * float(np.median(steps)) if max_gap is None else max_gap
+    if steps[longest] > allowed:
+        raise InputError(
+            f"time: a gap of {steps[longest]:g} s after sample {longest} at {time[longest]:g} s, "
+            f"more than {allowed:g} s; fill the gap, or write max_gap if the spline may cross it"
+        )
+
+
+def unit_quaternions(quaternions: Array, where: str) -> Array:
+    """Return quaternions (..., 4) [-] normalised; InputError where the norm is not 1 to within 1 %."""
+    norm = np.linalg.norm(quaternions, axis=-1, keepdims=True)
+    wrong = np.abs(norm - 1.0) > UNIT_NORM
+    if np.any(wrong):
+        raise InputError(
+            f"{where}: a quaternion of norm {norm[wrong][0]:g}; expected x, y, z, w of norm 1 (neutral: 0, 0, 0, 1)"
+        )
+    unit: Array = quaternions / norm
+    return unit
+
+
+def continuous_signs(quaternions: Array, where: str) -> Array:
+    """Choose the sign of each quaternion (samples, 4) [-] that continues the one before (q and -q turn alike)."""
+    cosines = np.sum(quaternions[1:] * quaternions[:-1], axis=1)
+    if np.any(np.abs(cosines) < QUARTER_TURN):
+        k = int(np.argmin(np.abs(cosines)))
+        angle = np.degrees(2.0 * np.arccos(min(1.0, abs(cosines[k]))))
+        raise InputError(
+            f"{where}: turns by {angle:.0f} deg between samples {k} and {k + 1}; "
+            "a spline of rotations needs samples less than 90 deg apart"
+        )
+    signs = np.cumprod(np.concatenate([[1.0], np.sign(cosines)]))
+    continued: Array = quaternions * signs[:, None]
+    return continued
+
+
+def _rest_outside(
+    sampling: Sampling, spline: scipy.interpolate.BSpline, at: Array, left: Mask, where: str, path: Triple
+) -> Triple:
+    """Rest before and after the samples; the stop itself belongs to the rest unless ``left`` asks for the move."""
+    end = sampling.time[-1]
+    snap = SNAP * end
+    after = np.where(left, at > end + snap, at >= end - snap)
+    before = np.where(left, at <= snap, at < -snap)
+    if np.any(at > end + snap):
+        peak, stop = np.abs(spline(sampling.time, 1)).max(), np.abs(spline(end, 1)).max()
+        if stop > ABRUPT * peak:
+            advice = "evaluate no later, add samples that come to rest, or write rest=True"
+            warnings.warn(f"{where}: the samples end while moving, then stop at once; {advice}", ModelWarning, 6)
+    outside = (after | before)[:, None]
+    return path[0], np.where(outside, 0.0, path[1]), np.where(outside, 0.0, path[2])
+
+
+def _vector_of_product(a: Array, b: Array) -> Array:
+    """Vector part of conj(a) b for quaternions x, y, z, w: a_w b_v - b_w a_v - a_v x b_v."""
+    vector: Array = a[:, 3:] * b[:, :3] - b[:, 3:] * a[:, :3] - np.cross(a[:, :3], b[:, :3])
+    return vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +170,7 @@ class Track:
         return tuple(self.sampling.time) if self.sampling.degree == 3 else (0.0, self.move)
 
 
-def joint_path(track: Track, joint: Joint, values: Array, at: Array, left: NDArray[np.bool_]) -> Triple:
+def joint_path(track: Track, joint: Joint, values: Array, at: Array, left: Mask) -> Triple:
     """Return q, qd and qdd of one joint at the times ``at`` [s]; values (rows, columns) are that joint's.
 
     left : (samples,) where an acceleration jump gives its limit from the left
@@ -76,27 +193,43 @@ def joint_path(track: Track, joint: Joint, values: Array, at: Array, left: NDArr
     return _plain(track, values, at, left, where)
 
 
-def _plain(track: Track, values: Array, at: Array, left: NDArray[np.bool_], where: str) -> Triple:
-    """Coordinates in a linear space: (samples, columns) each."""
-    if track.sampling is not None:
-        return plain_path(track.sampling, values, at, left, where)
-    u, u1, u2 = _law(track, at, left)
-    step = values[1] - values[0]
-    return values[0] + u * step, u1 * step, u2 * step
+def _plain(track: Track, values: Array, at: Array, left: Mask, where: str) -> Triple:
+    """Coordinates in a linear space and their two derivatives: (samples, columns) each, at rest outside the samples."""
+    if track.sampling is None:
+        u, u1, u2 = _law(track, at, left)
+        step = values[1] - values[0]
+        return values[0] + u * step, u1 * step, u2 * step
+    spline = track.sampling.spline(values)
+    inside = np.clip(at, 0.0, track.sampling.time[-1])
+    return _rest_outside(
+        track.sampling, spline, at, left, where, (spline(inside), spline(inside, 1), spline(inside, 2))
+    )
 
 
-def _rotation(track: Track, values: Array, at: Array, left: NDArray[np.bool_], where: str) -> Triple:
-    """Quaternion (samples, 4), angular velocity and acceleration (samples, 3) in the moving frame."""
-    if track.sampling is not None:
-        return rotation_path(track.sampling, values, at, left, where)
-    u, u1, u2 = _law(track, at, left)
-    rotation = scipy.spatial.transform.Rotation
-    first, last = rotation.from_quat(unit_quaternions(values, where))
-    vector = (first.inv() * last).as_rotvec()  # (xyz,), along the geodesic
-    return (first * rotation.from_rotvec(u * vector)).as_quat(), u1 * vector, u2 * vector
+def _rotation(track: Track, values: Array, at: Array, left: Mask, where: str) -> Triple:
+    """Quaternion (samples, 4), angular velocity and acceleration (samples, 3) in the moving frame.
+
+    The spline S(t) through the four components of samples (made continuous in sign) is normalised, q = S/|S|.  Then exactly
+        omega = 2 vec(S* S') / |S|^2,   omega' = 2 vec(S* S'') / |S|^2 - 2 omega (S . S') / |S|^2
+    (the terms of d|S|/dt are along the scalar part; vec(S'* S') = 0).
+    """
+    unit = unit_quaternions(values, where)
+    if track.sampling is None:
+        u, u1, u2 = _law(track, at, left)
+        rotation = scipy.spatial.transform.Rotation
+        first, last = rotation.from_quat(unit)
+        vector = (first.inv() * last).as_rotvec()  # (xyz,), along the geodesic
+        return (first * rotation.from_rotvec(u * vector)).as_quat(), u1 * vector, u2 * vector
+    spline = track.sampling.spline(continuous_signs(unit, where))
+    inside = np.clip(at, 0.0, track.sampling.time[-1])
+    s, s1, s2 = spline(inside), spline(inside, 1), spline(inside, 2)  # (n, xyzw)
+    square = np.sum(s * s, axis=1, keepdims=True)
+    omega = 2.0 * _vector_of_product(s, s1) / square
+    alpha = 2.0 * _vector_of_product(s, s2) / square - 2.0 * omega * np.sum(s * s1, axis=1, keepdims=True) / square
+    return _rest_outside(track.sampling, spline, at, left, where, (s / np.sqrt(square), omega, alpha))
 
 
-def _law(track: Track, at: Array, left: NDArray[np.bool_]) -> Triple:
+def _law(track: Track, at: Array, left: Mask) -> Triple:
     """u (samples, 1) [-], u' [1/s], u'' [1/s^2] of the track's law."""
     u, u1, u2 = progress(find_law(track.law), (at - track.delay) / track.move, left)
     return u[:, None], u1[:, None] / track.move, u2[:, None] / track.move**2
@@ -116,21 +249,20 @@ def _angles(values: Array, sampled: bool, where: str) -> Array:
     return np.unwrap(values, axis=0) if sampled else values
 
 
-def parts(track: Track, mechanism: Mechanism) -> tuple[tuple[Joint, slice], ...]:
+@kept_with_owner()
+def parts(mechanism: Mechanism, track: Track) -> tuple[tuple[Joint, slice], ...]:
     """Return the columns of the track that belong to each joint [-]; a continuous joint has (cos, sin) or one angle.
 
     Raises InputError: unknown or fixed joint, wrong number of coordinates.
     """
-    return _parts(mechanism, track)
-
-
-@kept_with_owner()
-def _parts(mechanism: Mechanism, track: Track) -> tuple[tuple[Joint, slice], ...]:
     joints = _named(track.names, mechanism)
     full, short = [j.nq for j in joints], [1 if KINDS[j.kind].circle else j.nq for j in joints]
     width = track.values.shape[1]
     if track.widths is not None:
-        _check_widths(track.widths, joints)
+        for given, joint, own, least in zip(track.widths, joints, full, short, strict=True):
+            if given not in (own, least):
+                wanted = "1 or 2" if least < own else own
+                raise InputError(f"joint {joint.name!r} ({joint.kind}) takes {wanted} numbers, got {given}")
         full = list(track.widths)
     elif width not in (sum(full), sum(short)):
         angles = f" (or {sum(short)}, with one angle per continuous joint)" if sum(short) != sum(full) else ""
@@ -157,15 +289,6 @@ def _named(names: tuple[str, ...] | None, mechanism: Mechanism) -> list[Joint]:
                 + f"; {mechanism.name} moves by {listed(tuple(movable))}"
             )
     return list(movable.values()) if names is None else [movable[name] for name in names]
-
-
-def _check_widths(widths: tuple[int, ...], joints: list[Joint]) -> None:
-    for width, joint in zip(widths, joints, strict=True):
-        circle = KINDS[joint.kind].circle
-        if width != joint.nq and not (circle and width == 1):
-            raise InputError(
-                f"joint {joint.name!r} ({joint.kind}) takes {'1 or 2' if circle else joint.nq} numbers, got {width}"
-            )
 
 
 def listed(names: tuple[str, ...] | None) -> str:

@@ -12,8 +12,7 @@ from flexinv.constraints.reactions import closing
 from flexinv.inverse.applied_forces import applied_forces, joint_springs
 from flexinv.inverse.inverse_dynamics import NodalForces, inverse_dynamics, nodal_forces, own_wrenches
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.nodal_motion import NodalMotion
-from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import NodalMotion, rigid_motion
 from flexinv.typing import Array
 
 

@@ -22,7 +22,7 @@ from flexinv.kernels.threads.affinity import processors
 from flexinv.kernels.threads.atomics import COMPILED
 from flexinv.kernels.threads.mailbox import CELLS
 from flexinv.kinematics.mesh import Mesh, build
-from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.rigid.blocks import CALL_CELLS, HELPERS, LINE, OVERLAP, attend, collect, torque_blocks

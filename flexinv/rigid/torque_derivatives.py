@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from flexinv.elements.joint_law import laws_of
 from flexinv.errors import InputError
-from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.derivative_kernel import CarriedBodies, Spatial, derivative_samples
 from flexinv.rigid.joint_arrays import checked_states

@@ -18,9 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexinv.elements.joint_law import law_columns
 from flexinv.errors import InputError
-from flexinv.kinematics.joint_motion import scalar_coordinate
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import rigid_motion, scalar_coordinate
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Joint, Link, Mechanism
 from flexinv.rigid.joint_arrays import checked_states

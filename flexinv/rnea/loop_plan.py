@@ -15,7 +15,7 @@ from flexinv.constraints.allocation import ranks
 from flexinv.constraints.closures import Rows, measures, residuals, row_scales
 from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import Bodies, carriers

@@ -23,9 +23,8 @@ from flexinv.dynamics.loads import load_table
 from flexinv.dynamics.solver import Solver, Trajectory, by_unknown
 from flexinv.kernels.block_tridiagonal import solve_tridiagonal
 from flexinv.kernels.so3 import exp_so3, log_so3
-from flexinv.kinematics.joint_motion import relative_motion
 from flexinv.kinematics.mesh import Mesh, build
-from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import relative_motion, rigid_motion
 from flexinv.kinematics.tree import Joints
 from flexinv.planar.detection import Plane, find_plane
 from flexinv.tracking.collocation_kernel import Evaluated, Motion, evaluate_instants, inverse_tangents
@@ -96,9 +95,9 @@ class Layout:
             slide, turn = t.slide[n, : t.freedoms[n]], t.turn[n, : t.freedoms[n]]
             flat[:, own] = (rel.p[:, n] - self.joints.p[n]) @ (slide * ~turn.any(axis=1, keepdims=True)).T
             if t.triple[n] < 0:
-                angle = log_so3(self.joints.r[n].T @ rel.rotation[:, n]) @ turn.T  # (sample, freedom)
+                angle = log_so3(self.joints.r[n].T @ rel.r[:, n]) @ turn.T  # (sample, freedom)
                 flat[:, own] += np.unwrap(angle, axis=0) if len(q) > 1 else angle
-        turned = [motion.rotation[:, n] if t.independent[n] else rel.rotation[:, n] for n in self.node]
+        turned = [motion.rotation[:, n] if t.independent[n] else rel.r[:, n] for n in self.node]
         return Placed(flat, np.stack(turned, axis=1) if turned else np.zeros((len(q), 0, 3, 3)))
 
     def nodes(self, at: Placed) -> tuple[Array, Array]:

@@ -17,8 +17,8 @@ from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import OF_STEPS, finer_meshes, scaled_difference, solve, with_bars
 from flexinv.errors import InputError
 from flexinv.inverse.applied_forces import applied_forces
+from flexinv.kinematics.configuration_arrays import fill_passive
 from flexinv.kinematics.mesh import Mesh, build
-from flexinv.kinematics.unactuated import fill_passive
 from flexinv.model.mechanism import Attachment, Mechanism
 from flexinv.model.motion import Motion
 from flexinv.tracking.collocation import Horizon, Layout, Task

@@ -22,11 +22,10 @@ from numpy.typing import ArrayLike, NDArray
 from flexinv.errors import InputError
 from flexinv.kernels.so3 import log_so3
 from flexinv.kinematics.mesh import Mesh, attachment_node
-from flexinv.kinematics.nodal_motion import NodalMotion
-from flexinv.kinematics.rigid_motion import rigid_motion
-from flexinv.model.initial_values import start_coordinates
+from flexinv.kinematics.nodal_motion import NodalMotion, rigid_motion
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Attachment, Mechanism
+from flexinv.model.motion import start_coordinates
 from flexinv.tracking.frame_path import Path, Poses
 from flexinv.typing import Array
 from flexinv.validation import refuse

@@ -12,8 +12,8 @@ import scipy  # its parts are loaded when they are asked for
 from pydantic import Field
 
 from flexinv.errors import InputError
-from flexinv.files.case_motion import read_places
 from flexinv.files.case_schema import MeshTable, read_cases
+from flexinv.files.load_cases import read_places
 from flexinv.files.toml_tables import Location, Table, check_names, key, optional, validate
 from flexinv.files.values import Fraction, Name, NotNegative, Number, Positive, Text, Vector
 from flexinv.model.mechanism import Attachment, Mechanism, Placement
@@ -27,51 +27,47 @@ SHAPES = ("line", "arc", "points_m")
 class LineTable(Table):
     """A straight path."""
 
-    from_m: Vector = key("where it begins [m]", "from_m = [0.3, 0, 0]")
-    to_m: Vector = key("where it ends [m]", "to_m = [0.2, 0.1, 0]")
+    from_m: Vector = key("where it begins [m]", "[0.3, 0, 0]")
+    to_m: Vector = key("where it ends [m]", "[0.2, 0.1, 0]")
 
 
 class ArcTable(Table):
     """A path on a circle."""
 
-    from_m: Vector = key("where it begins [m]", "from_m = [0.3, 0, 0]")
-    centre_m: Vector = key("the centre of the circle [m]", "centre_m = [0.2, 0, 0]")
-    angle_deg: Number = key("how far it goes [deg]", "angle_deg = 90")
-    axis: Vector = key("about what it turns [-]", "axis = [0, 0, 1]", default=[0.0, 0.0, 1.0])
+    from_m: Vector = key("where it begins [m]", "[0.3, 0, 0]")
+    centre_m: Vector = key("the centre of the circle [m]", "[0.2, 0, 0]")
+    angle_deg: Number = key("how far it goes [deg]", "90")
+    axis: Vector = key("about what it turns [-]", "[0, 0, 1]", default=[0.0, 0.0, 1.0])
 
 
 class TaskTable(Table):
     """One task."""
 
-    title: Text = key("one line that says what it is", 'title = "an arc"', default="")
-    source: Text = key("where it comes from", 'source = "made here"', default="")
-    frame: Name = key("the link whose tip follows the path", 'frame = "link2"')
-    station: Fraction | None = optional("on a beam the fraction of its length, 0..1 [-]", "station = 1.0")
-    at_m: Vector | None = optional(
-        "a point in the link's frame (in a beam's section at station) [m]", "at_m = [0.1, 0, 0]"
-    )
-    step_s: Positive = key("between two instants, > 0 [s]", "step_s = 5e-4")
-    before_s: NotNegative | None = optional(
-        "rest of the frame before the path, in which joints move [s]", "before_s = 0.1"
-    )
-    after_s: NotNegative | None = optional("rest of the frame after the path [s]", "after_s = 0.1")
-    duration_s: Positive = key("how long the path takes, > 0 [s]", "duration_s = 0.2")
+    title: Text = key("one line that says what it is", '"an arc"', default="")
+    source: Text = key("where it comes from", '"made here"', default="")
+    frame: Name = key("the link whose tip follows the path", '"link2"')
+    station: Fraction | None = optional("on a beam the fraction of its length, 0..1 [-]", "1.0")
+    at_m: Vector | None = optional("a point in the link's frame (in a beam's section at station) [m]", "[0.1, 0, 0]")
+    step_s: Positive = key("between two instants, > 0 [s]", "5e-4")
+    before_s: NotNegative | None = optional("rest of the frame before the path, in which joints move [s]", "0.1")
+    after_s: NotNegative | None = optional("rest of the frame after the path [s]", "0.1")
+    duration_s: Positive = key("how long the path takes, > 0 [s]", "0.2")
     law: Literal["cycloid", "quintic", "septic", "nonic"] = key(
         'of time, without jumps of the acceleration: "cycloid", "quintic", "septic" or "nonic"',
-        'law = "nonic"',
+        '"nonic"',
         default="nonic",
     )
-    line: LineTable | None = optional("a straight path", "line = { from_m = [0.3, 0, 0], to_m = [0.2, 0.1, 0] }")
+    line: LineTable | None = optional("a straight path", "{ from_m = [0.3, 0, 0], to_m = [0.2, 0.1, 0] }")
     arc: ArcTable | None = optional(
-        "a path on a circle", "arc = { from_m = [0.3, 0, 0], centre_m = [0.2, 0, 0], angle_deg = 90 }"
+        "a path on a circle", "{ from_m = [0.3, 0, 0], centre_m = [0.2, 0, 0], angle_deg = 90 }"
     )
     points_m: Annotated[list[Vector], Field(min_length=2)] | None = optional(
-        "points of a smooth curve [m]", "points_m = [[0.3, 0, 0], [0.2, 0.1, 0]]"
+        "points of a smooth curve [m]", "[[0.3, 0, 0], [0.2, 0.1, 0]]"
     )
     turn_rpy_deg: Annotated[list[Vector], Field(min_length=2, max_length=2)] | None = optional(
-        "roll, pitch, yaw of the frame at start and end, free without [deg]", "turn_rpy_deg = [[0, 0, 0], [0, 0, 90]]"
+        "roll, pitch, yaw of the frame at start and end, free without [deg]", "[[0, 0, 0], [0, 0, 90]]"
     )
-    mesh: MeshTable | None = optional("the mesh of every beam in this task", "mesh = { elements = 1, order = 6 }")
+    mesh: MeshTable | None = optional("the mesh of every beam in this task", "{ elements = 1, order = 6 }")
     start: dict[str, Any] = key(
         "a table per joint: a guess of where it is when the path begins", "start.elbow = { deg = 60 }", default={}
     )

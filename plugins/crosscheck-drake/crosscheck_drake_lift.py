@@ -26,7 +26,7 @@ from crosscheck.lifting.description import Description
 from crosscheck.lifting.printed import printed_of_sdf
 from crosscheck.lifting.urdf import mimics
 from flexinv.errors import InputError
-from flexinv.files.urdf_xml import read_xml
+from flexinv.files.from_urdf import read_xml
 from flexinv.model.mechanism import WORLD, Closure, Inertia, Limits, Mechanism, Placement
 
 KINDS = {

@@ -13,7 +13,7 @@ import flexinv
 from crosscheck.studies.robot_sweep import random_states
 from flexinv.constraints.closures import constraint_jacobian, constraint_rows, residuals
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.mechanism import WORLD, Attachment, Closure, Mechanism, Placement
 from flexinv.rigid.blocks import CALL_CELLS
 from flexinv.rigid.prepare import TorqueFunction, prepare

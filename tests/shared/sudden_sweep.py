@@ -16,8 +16,7 @@ from flexible_examples import STRIP, arm
 from numpy.typing import NDArray
 
 import flexinv
-from flexinv.model.damping import with_retardation
-from flexinv.model.mechanism import Attachment, Force, Mechanism, Placement
+from flexinv.model.mechanism import Attachment, Force, Mechanism, Placement, with_retardation
 
 Array = NDArray[np.float64]
 # The retardation time of models/flex_one_link_damped: 0.03 of critical in the first mode.

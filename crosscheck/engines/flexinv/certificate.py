@@ -14,8 +14,7 @@ from flexinv.constraints.allocation import ranks
 from flexinv.constraints.closures import constraint_jacobian, constraint_rows
 from flexinv.files.load_cases import Case
 from flexinv.kinematics.mesh import Mesh, build
-from flexinv.kinematics.nodal_motion import NodalMotion
-from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import NodalMotion, rigid_motion
 from flexinv.model.mechanism import WORLD, Beam, Body, Mechanism, Placement
 from flexinv.rigid.joint_torques import joint_torques
 

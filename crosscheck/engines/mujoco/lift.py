@@ -25,7 +25,7 @@ from crosscheck.engines.mujoco.effort_limits import ON_JOINT, effort_limits
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.printed import printed_of_mjcf
 from flexinv.errors import InputError
-from flexinv.files.urdf_xml import read_xml
+from flexinv.files.from_urdf import read_xml
 from flexinv.model.mechanism import (
     WORLD,
     Array,

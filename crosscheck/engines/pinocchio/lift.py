@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from crosscheck.lifting.description import Description
 from flexinv.errors import InputError
-from flexinv.files.urdf_xml import read_xml
+from flexinv.files.from_urdf import read_xml
 from flexinv.model.mechanism import (
     WORLD,
     Array,

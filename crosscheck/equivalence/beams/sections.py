@@ -14,8 +14,7 @@ from crosscheck.equivalence.align import SAME
 from crosscheck.equivalence.beams.sampled import Sampled, sampled, shared
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.hints import factor_hints
-from flexinv.model.damping import ModalDamping
-from flexinv.model.mechanism import Array, Beam, Joint, Link, Mechanism
+from flexinv.model.mechanism import Array, Beam, Joint, Link, Mechanism, ModalDamping
 
 # By field of a beam's numbers: quantity and unit of each column.
 COLUMNS: dict[str, tuple[tuple[str, str], ...]] = {

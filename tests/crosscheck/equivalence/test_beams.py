@@ -17,7 +17,7 @@ from crosscheck.equivalence.result import Comparison
 from flexinv import joint_torques
 from flexinv.analysis.evaluation import rigid_trajectory
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.mechanism import Beam, Body, Inertia, Mechanism, Placement, Section
 
 MODELS = Path(__file__).resolve().parents[3] / "models"

@@ -11,8 +11,7 @@ from scipy.special import ellipk
 
 import flexinv
 from flexinv.errors import ConvergenceError, InputError
-from flexinv.model.damping import with_retardation
-from flexinv.model.mechanism import Body, Inertia, Joint, Link, Mechanism
+from flexinv.model.mechanism import Body, Inertia, Joint, Link, Mechanism, with_retardation
 
 SMOOTH = flexinv.Motion.point_to_point([0.0], [np.pi], 0.2, hold=0.1, law="nonic")
 JUMPS = flexinv.Motion.point_to_point([0.0], [np.pi], 0.2, hold=0.05, law="bang-bang")

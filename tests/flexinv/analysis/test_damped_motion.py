@@ -16,8 +16,7 @@ import flexinv
 from flexinv.errors import InputError
 from flexinv.linearized.damping_ratio import with_ratio
 from flexinv.linearized.natural_modes import natural_modes
-from flexinv.model.damping import with_retardation
-from flexinv.model.mechanism import Beam, Inertia, Joint, Link, Mechanism
+from flexinv.model.mechanism import Beam, Inertia, Joint, Link, Mechanism, with_retardation
 
 EPS = np.finfo(float).eps
 ETA = 2e-3  # s: a ratio of 0.063 in the first mode of the paper's link, 63 rad/s

@@ -27,7 +27,7 @@ from flexinv.constraints.phases import phases
 from flexinv.files.load_cases import load_cases
 from flexinv.inverse.inverse_dynamics import joint_wrenches, nodal_forces, project
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]

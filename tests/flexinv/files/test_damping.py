@@ -13,8 +13,7 @@ from flexinv.cli.commands import main
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.kinematics.mesh import build
-from flexinv.model.damping import ModalDamping
-from flexinv.model.mechanism import Mechanism, Section
+from flexinv.model.mechanism import Mechanism, ModalDamping, Section
 
 MODELS = Path(__file__).resolve().parents[3] / "models"
 DAMPED = (MODELS / "flex_one_link_damped" / "mechanism.toml").read_text(encoding="utf-8")

@@ -11,7 +11,7 @@ import pytest
 
 from flexinv.errors import InputError, ModelWarning
 from flexinv.files.from_urdf import from_urdf
-from flexinv.files.urdf_table import robots_folder
+from flexinv.files.load_mechanism import robots_folder
 from flexinv.model.mechanism import Mechanism, Placement
 from flexinv.typing import Array
 

@@ -14,7 +14,7 @@ from flexinv.files.bodies import impossible
 from flexinv.files.joints import TABLES, rotation_from_rpy
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.files.sections import rectangle_torsion
-from flexinv.files.unit_keys import converted, correction, split_unit
+from flexinv.files.values import converted, correction, split_unit
 from flexinv.model.mechanism import COORDINATES, Mechanism
 from flexinv.typing import Array
 from flexinv.validation import nearest

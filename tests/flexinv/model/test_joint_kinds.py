@@ -15,7 +15,7 @@ import flexinv
 from flexinv.errors import InputError
 from flexinv.kinematics.configuration_arrays import difference, moved, nearest_difference
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.joint_kinds import CONFIGURATIONS, KINDS, VELOCITIES, motion_subspace
 from flexinv.model.mechanism import WORLD, Attachment, Beam, Body, Closure, Inertia, Joint, Link, Mechanism, Placement
 from flexinv.planar.detection import NotPlanar, find_plane
@@ -318,8 +318,8 @@ def test_natural_frequency_of_a_sprung_screw() -> None:
 
 def test_a_motor_turns_a_screw() -> None:
     """Through a gear: rotor and friction at the joint, squared and times the ratio."""
-    from flexinv.model.drive import Drive
     from flexinv.model.drive_expansion import expanded
+    from flexinv.model.mechanism import Drive
 
     m = jack()
     drive = Drive(ratio=5.0, rotor_inertia=1e-3, stiffness=40.0, moves="motor")

@@ -10,8 +10,8 @@ from complaints import Planted, check_complaint
 
 import flexinv
 from flexinv.errors import InputError
+from flexinv.model.attachments import GasLaw, Law, TableLaw
 from flexinv.model.mechanism import Attachment, Body, Inertia, Joint, Link, Mechanism, Placement, Spring
-from flexinv.model.spring_laws import GasLaw, Law, TableLaw
 
 X = np.array([1.0, 0.0, 0.0])
 GAS = GasLaw(40.0, 0.8, 1.3)

@@ -11,9 +11,8 @@ from loop_examples import loaded_tree
 
 import flexinv
 from flexinv.inverse.inverse_dynamics import inverse_dynamics, joint_wrenches, nodal_forces
-from flexinv.kinematics.finite_differences import differenced
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import differenced, rigid_motion
 from flexinv.model.mechanism import Body, Inertia, Joint, Link, Mechanism, Placement
 
 

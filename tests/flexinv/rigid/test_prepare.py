@@ -20,7 +20,7 @@ from flexinv.inverse.applied_forces import applied_forces, joint_springs
 from flexinv.inverse.inverse_dynamics import inverse_dynamics
 from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.prepare import TorqueFunction, prepare
 from flexinv.rnea.body_table import bodies

@@ -13,7 +13,7 @@ import flexinv
 from flexinv import Mechanism, Path, follow
 from flexinv.analysis.motor_side import motor_side
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.rigid_motion import rigid_motion
+from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.drive_expansion import expanded
 from flexinv.model.mechanism import Drive, Joint
 from flexinv.tracking.follow import Following
