@@ -54,6 +54,7 @@ ALONE = {
     "crosscheck.run.cluster": "workers on other machines, which few runs have",
     "crosscheck.run.shelves": "answers of earlier runs, apart from the doing of jobs",
     "flexinv.analysis.batch_kernel": KERNEL,
+    "flexinv.planar.index1": "the same file names for the same parts as in dynamics",
     "flexinv.files.overlay": "changes of a URDF, apart from the reading of mechanism files",
     "flexinv.kernels.inner_library": "what Numba links, which knows nothing of files on disk",
     "flexinv.constraints.allocation_kernel": KERNEL,

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from crosscheck.bench.targets import judged, metric
 from crosscheck.bench.timing import Call, Times, in_turns, ratio
 from crosscheck.measures.mechanisms import read_mechanism
-from flexinv.accuracy.accurate_solve import solve_problem
+from flexinv.accuracy.accurate import solve_problem
 from flexinv.accuracy.refinement import Problem, Refinement, Run, mixed
 from flexinv.analysis.evaluation import FirstStep, second_step
 from flexinv.analysis.extrapolation import extrapolated, thinned, weights
-from flexinv.analysis.settings import Settings
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
+from flexinv.analysis.task import Settings
 from flexinv.errors import ConvergenceError
 from flexinv.files.load_cases import load_cases
 from flexinv.model.mechanism import Mechanism, with_retardation

@@ -23,11 +23,11 @@ from crosscheck.bench.flexible import slender, with_beams
 from crosscheck.bench.targets import judged, metric
 from crosscheck.bench.timing import Call, in_turns, ratio
 from crosscheck.engines import calls
-from flexinv.accuracy.accurate_solve import solve_problem
+from flexinv.accuracy.accurate import solve_problem
 from flexinv.accuracy.refinement import MESHES as MESHES_OF_BEAMS
-from flexinv.accuracy.refinement import Problem, Refinement
+from flexinv.accuracy.refinement import Problem, meshed
 from flexinv.accuracy.step_grid import StepGrid
-from flexinv.analysis.settings import Settings
+from flexinv.analysis.task import Settings
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.model.mechanism import Mechanism
 
@@ -203,9 +203,8 @@ class Ladder:
 
 def fastest(marches: Marches, asked: float) -> tuple[Marches, tuple[int, ...]] | None:
     """Return the coarsest mesh on which two marches, extrapolated, reach an error [-], and their refinements [-]."""
-    refinement = Refinement(marches.problem)
     for mesh in range(len(MESHES_OF_BEAMS)):
-        here = replace(marches, mechanism=refinement.mechanism(mesh))
+        here = replace(marches, mechanism=meshed(marches.problem.mechanism, mesh))
         if here.error(here.several(SHORTEST)) <= asked:
             pair = here.longest(asked, EXTRAPOLATIONS["one extrapolation"])
             return None if pair is None else (here, pair)

@@ -18,8 +18,7 @@ from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
 from flexinv.constraints.allocation import REDUNDANT, ranks
 from flexinv.constraints.closures import constraint_jacobian, constraint_rows
-from flexinv.inverse.applied_forces import applied_forces, joint_springs
-from flexinv.inverse.inverse_dynamics import drive_efforts, joint_wrenches, nodal_forces, project
+from flexinv.inverse.inverse_dynamics import applied_forces, drive_efforts, joint_springs, nodal_forces, project
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
@@ -151,9 +150,9 @@ def open_tree(mechanism: Mechanism, states: States) -> Array:
     mesh = build(mechanism)
     motion = rigid_motion(mesh, states.q, states.qd, states.qdd)
     acting = applied_forces(mesh, motion, states.time)
-    wrenches = joint_wrenches(mesh, motion, nodal_forces(mesh, motion, acting))
+    forces = nodal_forces(mesh, motion, acting)
     drives = drive_efforts(mechanism, states.qd, states.qdd) + joint_springs(mechanism, states.q)
-    return np.asarray(project(mesh, motion, wrenches) + drives)
+    return np.asarray(project(mesh, motion, forces) + drives)
 
 
 def is_tree(subject: Subject) -> bool:

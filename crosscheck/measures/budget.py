@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.measures.record import Series
-from flexinv.analysis.largest_nearby import largest_nearby
+from flexinv.analysis.extrapolation import largest_nearby
 
 Array = NDArray[np.float64]
 SLOWEST = 0.5  # order below which runs do not count as convergent: Richardson would enlarge a difference 2.4 times

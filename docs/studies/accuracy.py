@@ -23,11 +23,10 @@ import click
 import numpy as np
 
 import flexinv
-from flexinv.accuracy.accurate_solve import solve_problem
-from flexinv.accuracy.quantities import Quantities, Ranges, ranges
-from flexinv.accuracy.refinement import MESHES, Refinement, mixed
+from flexinv.accuracy.accurate import solve_problem
+from flexinv.accuracy.refinement import MESHES, Quantities, Refinement, mixed, ranges
 from flexinv.analysis.extrapolation import weights
-from flexinv.analysis.settings import Settings
+from flexinv.analysis.task import Settings
 from flexinv.model.mechanism import Mechanism, ModalDamping, with_retardation
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
@@ -123,7 +122,7 @@ class Reference:
 
     time: np.ndarray
     found: Quantities
-    scale: Ranges
+    scale: Quantities
     apart: np.ndarray
 
 
@@ -141,7 +140,7 @@ def reference(subject: Subject) -> Reference:
     (_, rough, _), (time, fine, mesh) = made
     scale = ranges(mesh, fine)
     fine_there = fine.rows((len(fine.torque) - 1) // (len(rough.torque) - 1))
-    return Reference(time, fine, scale, scale.errors(mixed([fine_there, rough], np.array([1.0, -1.0]))).max(axis=0))
+    return Reference(time, fine, scale, scale.errors(fine_there, rough).max(axis=0))
 
 
 def errors(known: Reference, found: flexinv.Solution) -> tuple[np.ndarray, np.ndarray]:
@@ -156,7 +155,7 @@ def errors(known: Reference, found: flexinv.Solution) -> tuple[np.ndarray, np.nd
     bars = np.hstack(
         [found.torque_error / known.scale.torque, np.stack(list(found.tip_error.values()), axis=1) / known.scale.tip]
     )
-    return known.scale.errors(mixed([own, true], np.array([1.0, -1.0])))[:, : bars.shape[1]], bars
+    return known.scale.errors(own, true)[:, : bars.shape[1]], bars
 
 
 def lines(name: str) -> Iterator[str]:

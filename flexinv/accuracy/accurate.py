@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
-from flexinv.accuracy.refinement import Answer, Problem, Refinement, refine, unreached
+from flexinv.accuracy.refinement import Answer, Problem, Refinement, Run, marched, refine, unreached
+from flexinv.accuracy.step_grid import step_grid
 from flexinv.analysis.evaluation import FirstStep, second_step, solution_after, solution_of
 from flexinv.analysis.extrapolation import extrapolated
 from flexinv.analysis.solution import Solution
+from flexinv.analysis.task import Settings, Task, Words, last_time, looked_up, prescribe
 from flexinv.errors import InputError
-from flexinv.inverse.trajectory_pass import Found
+from flexinv.inverse.nodal_sums import Found
+from flexinv.model.mechanism import Mechanism
+from flexinv.model.motion import Motion
 from flexinv.typing import Array
 from flexinv.validation import number, refuse
 
@@ -43,6 +48,54 @@ def check_accuracy(accuracy: float | None, step: float | None) -> float:
     return asked
 
 
+def solve_problem(
+    mechanism: Mechanism, motion: Motion, accuracy: float, settings: Settings, options: Mapping[str, Any]
+) -> Problem:
+    """Return the inverse dynamics of a motion as a problem of any step [s] and mesh.
+
+    accuracy : asked, part of ranges [-]; options : ``end``, ``start``, ``start_rate`` and ``progress`` of `solve`, where given
+    """
+    start, start_rate, progress = (options.get(name) for name in ("start", "start_rate", "progress"))
+
+    def run(meshed: Mechanism, steps: Array, seams: tuple[int, ...], own: Settings) -> Run:
+        task = replace(prescribe(meshed, motion, steps, own, start, start_rate), progress=progress)
+        return marched(looked_up(task), seams)
+
+    forces, switches = _sudden_times(mechanism)
+    breaks = (*getattr(motion, "breaks", ()), *forces)
+    grid = step_grid(breaks, (*motion.jumps, *switches), 0.0, last_time(motion, options.get("end")))
+    given = {joint.name for joint in mechanism.joints if joint.nv} <= set(motion.joints(mechanism))
+    integrated = not mechanism.is_rigid or not (given or mechanism.closures)
+    return Problem(mechanism, grid, run, settings, accuracy, integrated)
+
+
+def simulate_problem(
+    mechanism: Mechanism,
+    time: Array,
+    accuracy: float,
+    settings: Settings,
+    state: Callable[[Mechanism, Array, Settings], Task],
+) -> Problem:
+    """Return the motion that torques give as a problem of any step [s] and mesh; accuracy : asked, part of ranges [-].
+
+    time : of the torque's rows [s], between which it is linear; state : mechanism, instants [s], settings -> Task
+    """
+
+    def run(meshed: Mechanism, steps: Array, seams: tuple[int, ...], own: Settings) -> Run:
+        return marched(state(meshed, steps, own), seams)
+
+    forces, switches = _sudden_times(mechanism)
+    jumps = (*time[1:][np.diff(time) == 0.0], *switches)
+    grid = step_grid((*time, *forces), jumps, float(time[0]), float(time[-1]))
+    return Problem(mechanism, grid, run, settings, accuracy)
+
+
+def _sudden_times(mechanism: Mechanism) -> tuple[list[float], list[float]]:
+    """Times [s] between which given forces are linear, and at which closures begin or cease to act."""
+    forces = [float(t) for force in mechanism.forces for t in force.time]
+    return forces, [float(t) for closure in mechanism.closures for interval in closure.active for t in interval]
+
+
 def accurate(problem: Problem) -> Solution:
     """Return the solution [N m, N, m, rad, s] of a problem with ``torque_error`` and ``tip_error`` within the accuracy asked.
 
@@ -50,9 +103,15 @@ def accurate(problem: Problem) -> Solution:
     """
     refinement = Refinement(problem)
     if not problem.marched:
-        return _exact(refinement)
+        exact = refinement.level(0, EXACT_SAMPLES)
+        if exact is None:
+            raise unreached(refinement, None)
+        solution = solution_after(exact.made.mesh, exact.first, exact.made.settings)
+        last = np.finfo(float).eps * solution.mesh.length
+        tips = {name: np.full(len(solution.time), last) for name in solution.tip}
+        return _told(solution, _rounding(solution), tips, problem.accuracy)
     answer = refine(refinement)
-    level = answer.finest
+    level = answer.levels[-1]
     steps = [one.thinned(answer.kept) for one in answer.levels]
     mesh, grid = level.made.mesh, problem.grid
     first = extrapolated(mesh.mechanism, steps, answer.weight)
@@ -62,20 +121,7 @@ def accurate(problem: Problem) -> Solution:
         jumps = {int(np.abs(first.time - t).argmin()) for t in level.made.jumps}
         work = energy_defect(first, found, grid.seams(answer.kept), jumps)
         solution = replace(solution, balance=replace(solution.balance, work=work))
-    return _told(refinement, answer, solution)
-
-
-def _exact(refinement: Refinement) -> Solution:
-    level = refinement.level(0, EXACT_SAMPLES)
-    if level is None:
-        raise unreached(refinement, None)
-    solution = solution_after(level.made.mesh, level.first, level.made.settings)
-    bars = _rounding(solution)
-    tips = {name: np.full(len(solution.time), np.finfo(float).eps * solution.mesh.length) for name in solution.tip}
-    return replace(
-        solution, torque_error=bars, tip_error=tips,
-        settings=solution.settings | {"accuracy": refinement.problem.accuracy, "extrapolated": False, "order": 0.0},
-    )  # fmt: skip
+    return _with_bars(refinement, answer, solution)
 
 
 def _rounding(solution: Solution) -> Array:
@@ -85,22 +131,25 @@ def _rounding(solution: Solution) -> Array:
     return np.asarray(apart + floor)
 
 
-def _told(refinement: Refinement, answer: Answer, solution: Solution) -> Solution:
-    """The solution with its bars, and what was done to get it."""
+def _with_bars(refinement: Refinement, answer: Answer, solution: Solution) -> Solution:
+    """The solution with the bars of the answer of which it was made."""
     asked, count, rounding = refinement.problem.accuracy, solution.torque.shape[1], _rounding(solution)
     torque = answer.bars[:, :count] * answer.ranges.torque + rounding
     if (rounding > asked * answer.ranges.torque).any():
         raise unreached(refinement, answer)
     links = zip(solution.tip, answer.ranges.tip, strict=True)
     tips = {name: answer.bars[:, count + k] * size for k, (name, size) in enumerate(links)}
-    plain = len(answer.levels) == 1
-    notes = solution.notes + ((PLAIN,) if plain else ())
-    said: dict[str, float | int | str | bool] = {
-        "accuracy": asked,
-        "extrapolated": not plain,
-        "order": round(answer.order, 2),
-    }
-    return replace(solution, torque_error=torque, tip_error=tips, notes=notes, settings=solution.settings | said)
+    is_plain = len(answer.levels) == 1
+    solution = replace(solution, notes=(*solution.notes, PLAIN)) if is_plain else solution
+    return _told(solution, torque, tips, asked, not is_plain, answer.order)
+
+
+def _told(
+    solution: Solution, torque: Array, tips: dict[str, Array], asked: float, extrapolated: bool = False, order: float = 0.0
+) -> Solution:  # fmt: skip
+    """The solution with its bars, and what was done to get it."""
+    said: Words = {"accuracy": asked, "extrapolated": extrapolated, "order": round(order, 2)}
+    return replace(solution, torque_error=torque, tip_error=tips, settings=solution.settings | said)
 
 
 def energy_defect(first: FirstStep, found: Found, seams: Sequence[int], jumps: Collection[int]) -> Array:

@@ -19,17 +19,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexinv.accuracy.quantities import Quantities, Ranges, free_coordinates, quantities, ranges
 from flexinv.accuracy.step_grid import StepGrid
-from flexinv.analysis.evaluation import FirstStep
-from flexinv.analysis.extrapolation import combined, thinned, weights
-from flexinv.analysis.largest_nearby import largest_nearby
-from flexinv.analysis.settings import Settings
-from flexinv.analysis.task import Task
+from flexinv.analysis.evaluation import FirstStep, second_step, with_drives
+from flexinv.analysis.extrapolation import combined, largest_nearby, thinned, weights
+from flexinv.analysis.task import Settings, Task
 from flexinv.analysis.trajectory import first_step
 from flexinv.errors import ConvergenceError
 from flexinv.kinematics.mesh import Mesh
+from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
+from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
 
 # Parts of what is asked that errors of steps may take; the mesh gets what is left.
@@ -51,6 +50,55 @@ MESHES = ((1, 4), (1, 6), (1, 8), (1, 10), (2, 8), (2, 10), (4, 8), (4, 10))
 AROUND = 0.05
 # A difference to the next mesh is nearly the whole error of a mesh, as errors fall by several times from one to the next.
 OF_MESH = 1.5
+# A range below this part of the largest of its unit (of the mechanism's length, of a radian) is taken to be that part: nobody
+# asks for digits of what hardly moves.
+SMALLEST = 1e-3
+
+
+class Quantities(NamedTuple):
+    """Quantities of which an accuracy is asked, or their ranges over time without the samples.
+
+    torque : (samples, drives) efforts [N m], [N]; tip : (samples, links, 3) [m], of ranges (links,)
+    free : (samples, n) coordinates of joints without a motion [rad], [m], [-]
+    """
+
+    torque: Array
+    tip: Array
+    free: Array
+
+    def rows(self, every: int) -> Quantities:
+        """Return every ``every``-th sample [-]."""
+        return Quantities(*(part[::every] for part in self))
+
+    def errors(self, one: Quantities, other: Quantities) -> Array:
+        """Return differences (samples, quantities) in parts of these ranges [-]: efforts, tips, free coordinates side by side."""
+        tip = np.linalg.norm(one.tip - other.tip, axis=2)
+        torque, free = np.abs(one.torque - other.torque), np.abs(one.free - other.free)
+        return np.hstack([torque / self.torque, tip / self.tip, free / self.free])
+
+    def apart(self, one: Quantities, other: Quantities) -> Array:
+        """Return the largest `errors` near each sample (samples, quantities) in parts of these ranges [-]."""
+        return largest_nearby(self.errors(one, other), AROUND)
+
+
+def quantities(mesh: Mesh, first: FirstStep, passive: set[str]) -> Quantities:
+    """Return the results of the second step [N m], [N], [m] and the coordinates of the joints ``passive`` [rad], [m], [-]."""
+    m, found = mesh.mechanism, second_step(mesh, first)
+    tau = with_drives(m, first, found.tau, found.reaction)[0]
+    free = [j.name in passive for j in m.joints for _ in range(j.nq)]
+    return Quantities(tau[:, m.actuated], np.swapaxes(found.tip, 0, 1), first.joints[0][:, np.array(free, dtype=bool)])
+
+
+def ranges(mesh: Mesh, known: Quantities) -> Quantities:
+    """Return the ranges of quantities over time [N m], [N], [m], [rad], none below `SMALLEST`."""
+    m, tiny = mesh.mechanism, np.finfo(float).tiny
+    force = np.array([f for joint in m.joints for f in KINDS[joint.kind].translations], dtype=bool)[m.actuated]
+    torque, peak = np.ptp(known.torque, axis=0), np.abs(known.torque).max(axis=0)
+    for own in (force, ~force):
+        torque[own] = np.maximum(torque[own], SMALLEST * peak[own].max(initial=0.0))
+    tip = np.maximum(np.linalg.norm(np.ptp(known.tip, axis=0), axis=1), SMALLEST * mesh.length)
+    free = np.maximum(np.ptp(known.free, axis=0), SMALLEST)
+    return Quantities(np.maximum(torque, tiny), np.maximum(tip, tiny), free)
 
 
 class Run(NamedTuple):
@@ -106,7 +154,7 @@ class Answer:
     weight: Array
     kept: int
     bars: Array
-    ranges: Ranges
+    ranges: Quantities
     apart: float
     order: float
     longest: int
@@ -116,43 +164,33 @@ class Answer:
         """Return the largest bar [-]."""
         return float(self.bars.max())
 
-    @property
-    def finest(self) -> Level:
-        """Return the run with the shortest steps."""
-        return self.levels[-1]
-
 
 def rung(index: int) -> int:
     """Return the ladder of refinements: 1, 2, 3, 4, 6, 8, 12, 16, 24 ... [-]."""
     return 1 if index == 0 else (2 if index % 2 else 3) * 2 ** ((index - 1) // 2)
 
 
+@kept_with_owner()
 def meshed(mechanism: Mechanism, mesh: int) -> Mechanism:
-    """Return the mechanism with a mesh of `MESHES` [-] on its beams; of those of order 1, which are many, only one element."""
+    """Return the mechanism with a mesh of `MESHES` [-] on its beams, the same one for all steps; of order 1 only one element."""
     times, order = MESHES[mesh]
-
-    def remade(count: int, own: int) -> int:
-        return times * (1 if own == 1 else count)
-
-    links = tuple(
-        link
-        if link.beam is None
-        else replace(link, beam=replace(link.beam, elements=remade(link.beam.elements, link.beam.order), order=order))
-        for link in mechanism.links
-    )
-    return replace(mechanism, links=links)
+    links = list(mechanism.links)
+    for k, link in enumerate(links):
+        if link.beam is not None:
+            count = 1 if link.beam.order == 1 else link.beam.elements  # elements of order 1 are many
+            links[k] = replace(link, beam=replace(link.beam, elements=times * count, order=order))
+    return replace(mechanism, links=tuple(links)) if mechanism.beams else mechanism
 
 
 @dataclass
 class Refinement:
     """Runs of one problem that are already made, by mesh and refinement; None where Newton failed at so long steps.
 
-    mechanisms : by mesh; failure : of Newton, the last; seen : refinements [-] and how far answers were apart [-]
+    failure : of Newton, the last; seen : refinements [-] and how far answers were apart [-]
     """
 
     problem: Problem
     levels: dict[tuple[int, int], Level | None] = field(default_factory=dict)
-    mechanisms: dict[int, Mechanism] = field(default_factory=dict)
     failure: ConvergenceError | None = None
     seen: list[tuple[int, float]] = field(default_factory=list)
 
@@ -168,16 +206,9 @@ class Refinement:
             self.levels[mesh, finer] = self._run(mesh, finer)
         return self.levels[mesh, finer]
 
-    def mechanism(self, mesh: int) -> Mechanism:
-        """Return the mechanism with a mesh of `MESHES` [-]: the same one for all steps, which keeps what is made of it."""
-        if mesh not in self.mechanisms:
-            given = self.problem.mechanism
-            self.mechanisms[mesh] = meshed(given, mesh) if given.beams else given
-        return self.mechanisms[mesh]
-
     def _run(self, mesh: int, finer: int) -> Level | None:
         p, grid = self.problem, self.problem.grid
-        mechanism = self.mechanism(mesh)
+        mechanism = meshed(p.mechanism, mesh)
         kept = max(1, 2 ** int(np.log2(finer)) // 2)
         whole = bool(mechanism.closures) and not mechanism.is_rigid  # of which every step is kept
         settings = replace(p.settings, step=grid.spacing(finer), every=1 if whole else finer // kept)
@@ -187,8 +218,7 @@ class Refinement:
             self.failure = error
             return None
         first = thinned(made.first, (len(made.first.time) - 1) // (kept * grid.total))
-        free = free_coordinates(mechanism, made.passive)
-        return Level(finer, kept, made, first, quantities(made.mesh, first, free))
+        return Level(finer, kept, made, first, quantities(made.mesh, first, made.passive))
 
     def triple(self, mesh: int, index: int) -> tuple[Level, Level, Level] | None:
         """Return the runs of three rungs from ``index`` [-] on, None where one of them failed."""
@@ -263,7 +293,7 @@ def extrapolated_answer(three: tuple[Level, Level, Level], before: Answer | None
     found = [level.found.rows(level.kept // a.kept) for level in three]
     coarse, fine = mixed(found[:2], weights((a.finer, b.finer))), mixed(found[1:], weights((b.finer, c.finer)))
     scale = ranges(c.made.mesh, found[2])
-    bars = largest_nearby(scale.errors(mixed((fine, coarse), np.array([1.0, -1.0]))), AROUND)
+    bars = scale.apart(fine, coarse)
     apart, order = float(bars.max()), ASSUMED_ORDER if before is None else before.order
     if before is not None and before.levels[0].finer < b.finer and min(apart, before.apart) > 0.0:
         order = float(np.log(before.apart / apart) / np.log(b.finer / before.levels[0].finer))
@@ -276,10 +306,8 @@ def plain_answer(three: tuple[Level, Level, Level]) -> Answer:
     """Return the finest of three runs as it is, its bar [-] that of first order, infinite where they do not converge."""
     a, c = three[0], three[2]
     found = [level.found.rows(level.kept // a.kept) for level in three]
-    scale, minus = ranges(c.made.mesh, found[2]), np.array([1.0, -1.0])
-    first, second, both = (
-        largest_nearby(scale.errors(mixed((found[k], found[j]), minus)), AROUND) for k, j in ((1, 0), (2, 1), (2, 0))
-    )
+    scale = ranges(c.made.mesh, found[2])
+    first, second, both = (scale.apart(found[k], found[j]) for k, j in ((1, 0), (2, 1), (2, 0)))
     bars = both if second.max() < first.max() else np.full_like(both, np.inf)
     return Answer((c,), np.ones(1), a.kept, bars, scale, float(both.max()), 1.0, a.finer)
 
@@ -302,8 +330,7 @@ def mesh_bars(refinement: Refinement, mesh: int, answer: Answer) -> Array:
 
 
 def _mesh_apart(here: Level, there: Level) -> Array:
-    scale = ranges(there.made.mesh, there.found)
-    return largest_nearby(scale.errors(mixed((there.found, here.found), np.array([1.0, -1.0]))), AROUND)
+    return ranges(there.made.mesh, there.found).apart(there.found, here.found)
 
 
 def _rungs(answer: Answer, asked: float, first: bool) -> int:
@@ -314,14 +341,14 @@ def _rungs(answer: Answer, asked: float, first: bool) -> int:
 
 def _check_budget(refinement: Refinement, index: int, answer: Answer | None) -> None:
     """Raise an error where the rungs from ``index`` [-] on take too many steps, or will before the answer is good enough."""
-    nodes = 1 if answer is None else answer.finest.made.mesh.size
+    nodes = 1 if answer is None else answer.levels[-1].made.mesh.size
     most = MOST_NODE_STEPS / (nodes * refinement.problem.grid.total)
     if rung(index + 2) > most:
         raise unreached(refinement, answer)
     if answer is None or len(refinement.seen) < TRIPLES_SEEN:
         return
     more = answer.bar / refinement.problem.accuracy
-    if answer.finest.finer * more ** (1.0 / max(refinement.order, LEAST_ORDER)) > most:
+    if answer.levels[-1].finer * more ** (1.0 / max(refinement.order, LEAST_ORDER)) > most:
         raise unreached(refinement, answer)
 
 
@@ -330,7 +357,7 @@ def unreached(refinement: Refinement, answer: Answer | None) -> ConvergenceError
     p = refinement.problem
     if answer is None:
         return refinement.failure or ConvergenceError(f"mechanism '{p.mechanism.name}': no step leads to a motion")
-    shortest = p.grid.spacing(answer.finest.finer)
+    shortest = p.grid.spacing(answer.levels[-1].finer)
     reached = answer.bar if np.isfinite(answer.bar) else answer.apart
     return ConvergenceError(
         f"mechanism '{p.mechanism.name}': accuracy = {p.accuracy:g} is out of reach: at steps of {shortest:.3g} s errors are "

@@ -16,15 +16,14 @@ import numpy as np
 
 from flexinv.analysis.batch_kernel import Designs, Results, Schemes, Tasks, march_alike
 from flexinv.analysis.evaluation import FirstStep, found_shapes, skeleton, solution_of
-from flexinv.analysis.settings import Settings, checked
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.task import Progress, time_grid
+from flexinv.analysis.task import Progress, Settings, checked, time_grid
 from flexinv.analysis.trajectory import Turned, failure
 from flexinv.dynamics.generalized_alpha import EARLY, EXACT, SUBSTEPS, Scheme, early_rows, early_times, start_up
 from flexinv.dynamics.solver import Trajectory, has_padding, history_shapes
 from flexinv.dynamics.system import Histories
 from flexinv.errors import FlexinvError
-from flexinv.inverse.trajectory_pass import Found
+from flexinv.inverse.nodal_sums import Found
 from flexinv.kernels.memory import together
 from flexinv.kernels.record_stack import stacked
 from flexinv.kinematics.mesh import Mesh, build

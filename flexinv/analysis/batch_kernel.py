@@ -14,11 +14,12 @@ from flexinv.dynamics.generalized_alpha import SUBSTEPS, Scheme
 from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START
 from flexinv.dynamics.system import Histories
 from flexinv.elements.planar_beam import PlanarElements
-from flexinv.inverse.trajectory_pass import Found, Given, Moving, Skeleton, second_step_samples
+from flexinv.inverse.nodal_sums import Found, Given, Skeleton, second_step_samples
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.record_stack import at
 from flexinv.kernels.records import by_address
 from flexinv.kernels.threads.atomics import take
+from flexinv.kinematics.tree import Frames
 from flexinv.planar.history import Embedding
 from flexinv.planar.stepper import PlanarSystem, planar_march
 from flexinv.planar.tree import PlanarTree, accept
@@ -103,7 +104,7 @@ def march_alike(ahead, mine, designs, tasks, schemes, room, line, results):
         ended[0], ended[1], ended[2], results.left[n] = _march_one(system, schemes, tasks, m, h)
         if ended[0] != CONVERGED:
             return done
-        moving = Moving(h.x, h.r, h.v, h.w, h.a, h.al)
+        moving = Frames(h.x, h.r, h.v, h.w, h.a, h.al)
         given = Given(h.wrench, h.energy, tasks.none, tasks.none, tasks.never, tasks.qd[m], tasks.time)
         second_step_samples(at(designs.skeleton, d), moving, given, line, at(results.found, n))
     return len(mine)

@@ -19,24 +19,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flexinv.analysis.trajectory import stand
 from flexinv.dynamics.generalized_alpha import EARLY, SUBSTEPS, Scheme, generalized_alpha, start_up
-from flexinv.dynamics.initial_state import (
-    begin_step,
-    consistent_accelerations,
-    end_early,
-    instant,
-    move_as_rigid,
-    settle,
-    start_undeformed,
-)
+from flexinv.dynamics.initial_state import begin_step, end_early, instant
 from flexinv.dynamics.loads import load_table
 from flexinv.dynamics.solver import Solver, complaint
 from flexinv.dynamics.stepper import CONVERGED, march
 from flexinv.dynamics.system import Instants, System
 from flexinv.errors import InputError
-from flexinv.inverse.applied_forces import applied_forces, check_constant
 from flexinv.inverse.balance import EnergyGuard, Instant, guarded_torques, instant_energies
-from flexinv.inverse.inverse_dynamics import joint_wrenches, project
+from flexinv.inverse.inverse_dynamics import applied_forces, check_constant, project, winding
 from flexinv.inverse.nodal_sums import Drives, Masses, instant_torques
 from flexinv.kernels.code_cache import compiled
 from flexinv.kinematics.configuration import Nodes, fill_given, fill_relative, nodes_of
@@ -55,11 +47,13 @@ from flexinv.validation import choice, floats, number, of_kind
 FLOAT = np.dtype(float)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Flexible:
     """State and work space of the time steps of a flexible mechanism, allocated once.
 
     march, rest : the compiled march, and its arguments behind the scheme; torques : what `guarded_torques` is compiled to
+    tau : (nv,) the efforts of the last step [N m], [N]; left : steps that are still to be made in parts after a sudden start [-]
+    before : the motion at the last call; wound : angles of springs in continuous joints, whole turns included [rad]
     """
 
     solver: Solver
@@ -75,17 +69,130 @@ class Flexible:
     frames: Frames
     instant: Instant
     guard: EnergyGuard
+    mechanism: Mechanism
     nq: int
     nv: int
     applied: bool
-    wound: bool
+    winds: bool
     march: Callable[..., tuple[int, int, int, float]]
     rest: tuple[Any, ...]
     torques: Callable[..., tuple[bool, float, float]]
+    tau: Array
+    left: int = 0
+    before: list[Array] = field(default_factory=list)
+    wound: dict[str, float] = field(default_factory=dict)
 
-    def is_plain(self, q: Array, qd: Array, qdd: Array) -> bool:
-        """Return True if kernels can take these arrays as they are [-]."""
-        return _is_plain(q, self.nq) and _is_plain(qd, self.nv) and _is_plain(qdd, self.nv)
+    @classmethod
+    def of(cls, mechanism: Mechanism, scheme: Scheme, tau: Array) -> Flexible:
+        """Return the arrays of a mechanism [m, rad, s, N], its kernels compiled; efforts are written into ``tau`` (nv,)."""
+        mesh = build(mechanism)
+        passive = {j.name for j in mechanism.joints if j.nv and not j.actuated}
+        solver, applied = Solver.of(mesh, passive), bool(mechanism.springs or mechanism.forces)
+        in_space = isinstance(find_plane(mesh), NotPlanar) or passive or applied
+        flat = None if in_space else PlanarMarch.of(mesh, set())
+        joints = Joints(*(part.copy() for part in instant(mesh, mechanism.neutral, *(2 * [np.zeros(mechanism.nv)]))))
+        out, one = solver.instant, Joints(*(part[None] for part in joints))
+        guard = EnergyGuard(mesh, frozenset(passive), scheme.h)
+        driven, line = mechanism.actuated.astype(float), np.zeros((mesh.size, 6))
+        loads = load_table(mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))
+        given, row = np.zeros((1, int((mesh.v_index >= 0).sum()), 3)), np.zeros(1, dtype=np.int64)
+        masses = Masses(mesh.mass, mesh.inertia, solver.topology.gravity)
+        frames, here = (
+            Frames(*(part[0] for part in out.histories()[:6])),
+            Instant(out.energy[0], driven, line, guard.account),
+        )
+        nodes, drives, motion = nodes_of(mesh), _drives(mesh), (mechanism.neutral.copy(), driven, driven)
+        march_in: Any = march if flat is None else planar_march
+        rest = (Instants(one, *loads), solver.increment) if flat is None else (np.zeros((0, 3)), False, given, row)
+        rest, system = (*rest, out.histories()), solver.system if flat is None else flat.system
+        return cls(
+            solver, flat, system, scheme, start_up(scheme), nodes, drives, joints, given, masses, frames, here, guard,
+            mechanism, mechanism.nq, mechanism.nv, applied,
+            any(KINDS[j.kind].circle and j.stiffness and j.actuated for j in mechanism.joints),
+            compiled(march_in, system, scheme, *rest), rest,
+            compiled(guarded_torques, nodes, drives, masses, frames, motion, here, driven), tau,
+        )  # fmt: skip
+
+    def start(self, now: list[Array], initial: str) -> Array:
+        """Begin at a motion q (nq,), qd, qdd (nv,) [m, rad, s] and return its torques (nv,) [N m], [N]."""
+        self.wound.clear()
+        joints = stand(self.solver, now, 0.0, initial, "at the start")
+        self._set_torques(*now)
+        self.guard.begin(*self._energies(now[1]))
+        self.left, self.before = EARLY * begin_step(self.solver, joints, self.scheme, "at the start"), now
+        if self.flat is not None:
+            self.flat.take(self.solver.state, self.solver.border.ties)
+        return self.tau
+
+    def go(self, scheme: Scheme, q: Array, qd: Array, qdd: Array) -> None:
+        """Make one step, or a part of it, to the motion q (nq,), qd, qdd (nv,) of the joints [m, rad, s]."""
+        if self.flat is not None:
+            fill_given(self.nodes, q, qd, qdd, self.given[0])
+        else:
+            fill_relative(self.nodes, q, qd, qdd, self.joints)
+        status, _, count, size = self.march(self.system, scheme, *self.rest)
+        if status != CONVERGED:
+            turned, when = (
+                (self.solver if self.flat is None else self.flat).turned(count),
+                "in a step of the controller",
+            )
+            raise complaint(self.solver.mesh, status, count, size, when, self.scheme.h, turned)
+
+    def go_in_parts(self, q: Array, qd: Array, qdd: Array) -> None:
+        """Make a step soon after a sudden start, between two calls as values, rates and accelerations have it [m, rad, s]."""
+        now, m = [q.copy(), qd.copy(), qdd.copy()], self.mechanism
+        for joint in m.joints:
+            if not joint.actuated:  # what is given of it is not looked at
+                own, rates = m.q_slices[joint.name], m.v_slices[joint.name]
+                now[0][own], now[1][rates], now[2][rates] = self.before[0][own], 0.0, 0.0
+        for part in between(m, self.before, now, self.scheme.h, SUBSTEPS):
+            self.go(self.early, *part)
+        self.left, self.before = self.left - 1, now
+        if self.left == 0:
+            end_early((self.flat or self.solver).state)
+
+    def looked_at(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """Return the torques (nv,) [N m], [N] of a step whose energy has not come from nowhere."""
+        if self.applied or self.winds:
+            self._set_torques(q, qd, qdd)
+            self.guard.look(*self._energies(qd), qd)
+            return self.tau
+        doubtful, holds, potential = self.torques(
+            self.nodes, self.drives, self.masses, self.frames, (q, qd, qdd), self.instant, self.tau
+        )
+        if doubtful:
+            self.guard.judge(holds, potential, qd)
+        return self.tau
+
+    def _energies(self, qd: Array) -> tuple[float, float, float]:
+        """Kinetic and elastic energy, potential energy [J], and the power of drives and of given forces [W]."""
+        one = self.instant
+        held, potential, power = instant_energies(self.masses, self.frames, one.stored, one.driven, self.tau, qd)
+        motion = self.solver.instant.motion
+        applied = applied_forces(self.solver.mesh, motion, np.zeros(1))
+        if applied is not None:
+            turned = np.einsum("nij,nj->ni", motion.rotation[0], motion.omega[0])
+            power += float((applied.force[0] * motion.v[0]).sum() + (applied.moment[0] * turned).sum())
+        return held, potential, power
+
+    def _set_torques(self, q: Array, qd: Array, qdd: Array) -> None:
+        """Set the torques, with springs in joints that turn on, less what springs between points and given forces do."""
+        line, motion, mesh = self.instant.line, self.solver.instant.motion, self.solver.mesh
+        instant_torques(self.nodes, self.drives, self.masses, self.frames, line, (q, qd, qdd), self.tau)
+        driven = self.mechanism.actuated
+        if self.winds:
+            self.tau += np.where(driven, winding(self.mechanism, q[None], self.wound), 0.0)
+        applied = applied_forces(mesh, motion, np.zeros(1))
+        if applied is not None:
+            self.tau -= np.where(driven, project(mesh, motion, applied)[0], 0.0)
+
+
+def _drives(mesh: Mesh) -> Drives:
+    freedoms = mesh.freedoms.copy()
+    table, moves = np.zeros((5, mesh.size)), mesh.v_index >= 0
+    table[:, moves] = mesh.mechanism.drive_table[:, mesh.v_index[moves]]
+    freedoms[moves] *= mesh.mechanism.actuated[mesh.v_index[moves]]
+    return Drives(freedoms, mesh.slide, mesh.turn, *table)
 
 
 @dataclass(eq=False)
@@ -95,19 +202,13 @@ class Controller:
     controller = Controller.of(arm, step=1e-3)      # step: the time between two calls [s]
     controller.start(q, qd, qdd)                    # once: where the motion begins, undeformed or in equilibrium
     tau = controller.step(q, qd, qdd)               # every cycle; (nv,) [N m], [N], the same array every time
-
-    early : steps that are still to be made in parts after a sudden start [-]; before : the motion at the last call
-    wound : angles of springs in continuous joints, whole turns included [rad]
     """
 
     mechanism: Mechanism
     tau: Array
     rigid: TorqueFunction | None
     flexible: Flexible | None
-    begun: bool = field(default=False)
-    early: int = field(default=0)
-    before: list[Array] = field(default_factory=list)
-    wound: dict[str, float] = field(default_factory=dict)
+    begun: bool = False
 
     @classmethod
     def of(cls, mechanism: Mechanism, step: float | None = None, spectral_radius: float = 0.8) -> Controller:
@@ -135,7 +236,8 @@ class Controller:
                 f"controller: mechanism '{mechanism.name}' has beams, whose deformation is carried on from call to call; "
                 "write step = the time between two calls in seconds, for example step=1e-3"
             )
-        out = cls(mechanism, np.zeros(mechanism.nv), None, _flexible(mechanism, generalized_alpha(step, radius)))
+        tau = np.zeros(mechanism.nv)
+        out = cls(mechanism, tau, None, Flexible.of(mechanism, generalized_alpha(step, radius), tau))
         still = mechanism.neutral, np.zeros(mechanism.nv), np.zeros(mechanism.nv)
         out.start(*still)
         out.step(*still)
@@ -152,23 +254,7 @@ class Controller:
         now = self._checked(q, qd, qdd)
         choice("initial", initial, {"consistent": "undeformed", "static": "in equilibrium"})
         self.begun = True
-        self.wound.clear()
-        if self.flexible is None:
-            return self.step(*now)
-        f = self.flexible
-        joints = start_undeformed(f.solver, *now)
-        f.solver.load_at(0.0, *now)
-        if initial == "static":
-            settle(f.solver, now[0], "at the start")
-            move_as_rigid(f.solver, joints, *now[1:])
-        consistent_accelerations(f.solver, joints, "at the start")
-        torque = self._torques(f, *now)
-        f.guard.begin(*self._energies(f, now[1]))
-        self.early = EARLY if begin_step(f.solver, joints, f.scheme, "at the start") else 0
-        self.before = now
-        if f.flat is not None:
-            f.flat.take(f.solver.state, f.solver.border.ties)
-        return torque
+        return self.step(*now) if self.flexible is None else self.flexible.start(now, initial)
 
     def step(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return the torques (nv,) [N m], [N] of the next instant, always in the same array; nothing else is allocated.
@@ -186,53 +272,13 @@ class Controller:
             raise InputError(
                 "controller: write controller.start(q, qd, qdd) once, where the motion begins, before step"
             )
-        if self.early > 0:
-            return self._in_parts(f, *self._checked(q, qd, qdd))
-        if not f.is_plain(q, qd, qdd):
+        if f.left > 0 or not (_is_plain(q, f.nq) and _is_plain(qd, f.nv) and _is_plain(qdd, f.nv)):
             q, qd, qdd = self._checked(q, qd, qdd)
-        _march(f, f.scheme, q, qd, qdd)
-        return self._looked_at(f, q, qd, qdd)
-
-    def _in_parts(self, flexible: Flexible, q: Array, qd: Array, qdd: Array) -> Array:
-        """A step soon after a sudden start, with the motion between two calls as its values, rates and accelerations have it."""
-        now = [q.copy(), qd.copy(), qdd.copy()]
-        for joint in self.mechanism.joints:
-            if not joint.actuated:  # what is given of it is not looked at
-                own, rates = self.mechanism.q_slices[joint.name], self.mechanism.v_slices[joint.name]
-                now[0][own], now[1][rates], now[2][rates] = self.before[0][own], 0.0, 0.0
-        for part in between(self.mechanism, self.before, now, flexible.scheme.h, SUBSTEPS):
-            _march(flexible, flexible.early, *part)
-        self.early, self.before = self.early - 1, now
-        if self.early == 0:
-            end_early((flexible.flat or flexible.solver).state)
-        return self._looked_at(flexible, q, qd, qdd)
-
-    def _looked_at(self, flexible: Flexible, q: Array, qd: Array, qdd: Array) -> Array:
-        """Return the torques (nv,) [N m], [N] of a step whose energy has not come from nowhere."""
-        f = flexible
-        if f.applied or f.wound:
-            torque = self._torques(f, q, qd, qdd)
-            f.guard.look(*self._energies(f, qd), qd)
-            return torque
-        doubtful, holds, potential = f.torques(f.nodes, f.drives, f.masses, f.frames, (q, qd, qdd), f.instant, self.tau)
-        if doubtful:
-            f.guard.judge(holds, potential, qd)
-        return self.tau
-
-    def _energies(self, flexible: Flexible, qd: Array) -> tuple[float, float, float]:
-        """Return kinetic and elastic energy, potential energy [J], and the power of drives and of given forces [W]."""
-        solver = flexible.solver
-        one = flexible.instant
-        held, potential, power = instant_energies(
-            flexible.masses, flexible.frames, one.stored, one.driven, self.tau, qd
-        )
-        if flexible.applied:
-            motion = solver.instant.motion
-            applied = applied_forces(solver.mesh, motion, np.zeros(1))
-            if applied is not None:
-                turned = np.einsum("nij,nj->ni", motion.rotation[0], motion.omega[0])
-                power += float((applied.force[0] * motion.v[0]).sum() + (applied.moment[0] * turned).sum())
-        return held, potential, power
+        if f.left > 0:
+            f.go_in_parts(q, qd, qdd)
+        else:
+            f.go(f.scheme, q, qd, qdd)
+        return f.looked_at(q, qd, qdd)
 
     def _checked(self, *given: ArrayLike) -> list[Array]:
         """Copies of q, qd, qdd as floats."""
@@ -246,93 +292,6 @@ class Controller:
             now.append(own)
         return now
 
-    def _torques(self, flexible: Flexible, q: Array, qd: Array, qdd: Array) -> Array:
-        instant_torques(
-            flexible.nodes,
-            flexible.drives,
-            flexible.masses,
-            flexible.frames,
-            flexible.instant.line,
-            (q, qd, qdd),
-            self.tau,
-        )
-        if flexible.wound:
-            self._wind_on(q)
-        if flexible.applied:
-            self._add_applied(flexible.solver)
-        return self.tau
-
-    def _wind_on(self, q: Array) -> None:
-        """Let springs in joints that turn without end go on over whole turns, as `solve` does."""
-        m = self.mechanism
-        for joint in m.joints:
-            if KINDS[joint.kind].circle and joint.stiffness and joint.actuated:
-                cos, sin = q[m.q_slices[joint.name]]
-                angle = float(np.arctan2(sin, cos))
-                turns = 2 * np.pi * round((self.wound.get(joint.name, angle) - angle) / (2 * np.pi))
-                self.wound[joint.name] = angle + turns
-                self.tau[m.v_slices[joint.name]] += joint.stiffness * turns
-
-    def _add_applied(self, solver: Solver) -> None:
-        """Subtract what springs between points and given forces do for the driven joints."""
-        mesh, motion = solver.mesh, solver.instant.motion
-        applied = applied_forces(mesh, motion, np.zeros(1))
-        if applied is not None:
-            brought = project(mesh, motion, joint_wrenches(mesh, motion, applied))[0]
-            self.tau -= np.where(self.mechanism.actuated, brought, 0.0)
-
 
 def _is_plain(a: Array, size: int) -> bool:
     return type(a) is np.ndarray and a.dtype is FLOAT and a.shape == (size,) and a.flags.c_contiguous
-
-
-def _march(flexible: Flexible, scheme: Scheme, q: Array, qd: Array, qdd: Array) -> None:
-    """Make one step, or a part of it, to the motion (nq,), (nv,), (nv,) of the joints."""
-    if flexible.flat is not None:
-        fill_given(flexible.nodes, q, qd, qdd, flexible.given[0])
-    else:
-        fill_relative(flexible.nodes, q, qd, qdd, flexible.joints)
-    status, _, count, size = flexible.march(flexible.system, scheme, *flexible.rest)
-    if status != CONVERGED:
-        turned = (flexible.solver if flexible.flat is None else flexible.flat).turned(count)
-        raise complaint(
-            flexible.solver.mesh, status, count, size, "in a step of the controller", flexible.scheme.h, turned
-        )
-
-
-def _flexible(mechanism: Mechanism, scheme: Scheme) -> Flexible:
-    mesh = build(mechanism)
-    passive = {j.name for j in mechanism.joints if j.nv and not j.actuated}
-    solver, plane = Solver.of(mesh, passive), find_plane(mesh)
-    in_space = isinstance(plane, NotPlanar) or passive or mechanism.springs or mechanism.forces
-    flat = None if in_space else PlanarMarch.of(mesh, set())
-    joints = Joints(*(part.copy() for part in instant(mesh, mechanism.neutral, *(2 * [np.zeros(mechanism.nv)]))))
-    out, one = solver.instant, Joints(*(part[None] for part in joints))
-    guard = EnergyGuard(mesh, frozenset(passive), scheme.h)
-    driven, line = mechanism.actuated.astype(float), np.zeros((mesh.size, 6))
-    loads = load_table(mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))
-    given, row = np.zeros((1, int((mesh.v_index >= 0).sum()), 3)), np.zeros(1, dtype=np.int64)
-    masses = Masses(mesh.mass, mesh.inertia, solver.topology.gravity)
-    frames, here = (
-        Frames(*(part[0] for part in out.histories()[:6])),
-        Instant(out.energy[0], driven, line, guard.account),
-    )
-    nodes, drives, motion = nodes_of(mesh), _drives(mesh), (mechanism.neutral.copy(), driven, driven)
-    march_in: Any = march if flat is None else planar_march
-    rest = (Instants(one, *loads), solver.increment) if flat is None else (np.zeros((0, 3)), False, given, row)
-    rest, system = (*rest, out.histories()), solver.system if flat is None else flat.system
-    return Flexible(
-        solver, flat, system, scheme, start_up(scheme), nodes, drives, joints, given, masses, frames, here,
-        guard, mechanism.nq, mechanism.nv, bool(mechanism.springs or mechanism.forces),
-        any(KINDS[j.kind].circle and j.stiffness and j.actuated for j in mechanism.joints),
-        compiled(march_in, system, scheme, *rest), rest,
-        compiled(guarded_torques, nodes, drives, masses, frames, motion, here, driven),
-    )  # fmt: skip
-
-
-def _drives(mesh: Mesh) -> Drives:
-    freedoms = mesh.freedoms.copy()
-    table, moves = np.zeros((5, mesh.size)), mesh.v_index >= 0
-    table[:, moves] = mesh.mechanism.drive_table[:, mesh.v_index[moves]]
-    freedoms[moves] *= mesh.mechanism.actuated[mesh.v_index[moves]]
-    return Drives(freedoms, mesh.slide, mesh.turn, *table)

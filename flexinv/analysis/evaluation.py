@@ -8,14 +8,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.analysis.settings import Settings
 from flexinv.analysis.solution import LoopForces, Solution
+from flexinv.analysis.task import Settings
+from flexinv.constraints.loop_starts import stated_of
 from flexinv.dynamics.solver import Trajectory
 from flexinv.elements.joint_law import smooth_direction
-from flexinv.inverse.applied_forces import applied_forces, joint_springs
 from flexinv.inverse.balance import Balance
-from flexinv.inverse.inverse_dynamics import NodalForces, drive_efforts, joint_wrenches, nodal_forces
-from flexinv.inverse.trajectory_pass import Found, Given, Moving, Skeleton, second_step_samples
+from flexinv.inverse.inverse_dynamics import (
+    NodalForces,
+    applied_forces,
+    drive_efforts,
+    joint_springs,
+    joint_wrenches,
+    nodal_forces,
+)
+from flexinv.inverse.nodal_sums import Found, Given, Skeleton, second_step_samples
 from flexinv.kernels.memory import plain, together
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion, differenced, rigid_motion
@@ -59,11 +66,12 @@ def solution_of(mesh: Mesh, first: FirstStep, found: Found, settings: Settings) 
     """Return the Solution of both steps, efforts of rotors, friction and springs included [N m], [N], by names."""
     mechanism, (q, qd, qdd), time = mesh.mechanism, first.joints, first.time
     tau, reaction = with_drives(mechanism, first, found.tau, found.reaction)
+    loops = first.loops
+    if loops is not None and loops.left.size == 0:  # rigid loops have it from the allocation, a march only here
+        loops = replace(loops, left=tau * ~mechanism.actuated)
     internal, stations = _internal(mesh, first.trajectory)
-    energy = first.trajectory.energy
-    balance = Balance(
-        found.kinetic, found.potential, energy[:, 0], found.power, found.work, found.momentum, energy[:, 2]
-    )
+    elastic, _, dissipated = first.trajectory.energy.T
+    balance = Balance(found.kinetic, found.potential, elastic, found.power, found.work, found.momentum, dissipated)
     # samples left out may hide work
     whole = not settings.incremental and time[-1] - time[0] < 1.5 * settings.step * len(time)
     if whole:
@@ -76,18 +84,19 @@ def solution_of(mesh: Mesh, first: FirstStep, found: Found, settings: Settings) 
         deflection={link.name: own for link, own in zip(mechanism.beams, found.deflection, strict=True)},
         wrench=dict(zip(mesh.joint_node, found.wrench, strict=True)),
         internal=internal, internal_stations=stations,
-        balance=balance,
+        balance=balance, loops=loops,
         iterations=first.trajectory.iterations, settings=settings.words(), notes=mechanism.notes,
     )  # fmt: skip
-    if first.loops is not None:
-        solution = _with_loops(solution, first.loops, first.geared)
     if whole and first.ends:
         solution.check_energy()
     return solution
 
 
 def with_drives(mechanism: Mechanism, first: FirstStep, tau: Array, reaction: Array) -> tuple[Array, Array]:
-    """Return efforts (samples, nv) [N m], [N] of both sides with those of rotors, damping, friction and springs in joints."""
+    """Return efforts (samples, nv) [N m], [N] of both sides with those of rotors, damping, friction and springs in joints.
+
+    Efforts that couplings give joints in place of their drives are none of the drives'.
+    """
     q, qd, qdd = first.joints
     if mechanism.drive_table[:3].any():
         drive = drive_efforts(mechanism, qd, qdd, direction=_direction(mechanism, qd, first.smooth))
@@ -95,39 +104,28 @@ def with_drives(mechanism: Mechanism, first: FirstStep, tau: Array, reaction: Ar
     if any(joint.stiffness for joint in mechanism.joints):
         springs = joint_springs(mechanism, q)
         tau, reaction = tau + springs, reaction + springs
-    return tau, reaction
-
-
-def _with_loops(solution: Solution, loops: LoopForces, geared: Array | None) -> Solution:
-    """The solution less the efforts (samples, nv) [N m], [N] that couplings give joints in place of their drives.
-
-    What a march leaves at joints without a drive is seen only here; rigid loops have ``left`` from the allocation.
-    """
-    if geared is not None and geared.any():
-        solution = replace(solution, torque_all=solution.torque_all - geared, reaction=solution.reaction - geared)
-    if loops.left.size == 0:
-        loops = replace(loops, left=solution.torque_all * ~solution.mechanism.actuated)
-    return replace(solution, loops=loops)
+    return (tau, reaction) if first.geared is None else (tau - first.geared, reaction - first.geared)
 
 
 def second_step(mesh: Mesh, first: FirstStep) -> Found:
     """Return the paper's second step: nodal forces P = M (a - g) [N], [N m], joint efforts tau = L T P, tips, balances.
 
-    One compiled pass reads every sample of the motion once (`trajectory_pass.second_step_samples`); `inverse_dynamics` is the
+    One compiled pass reads every sample of the motion once (`nodal_sums.second_step_samples`); `inverse_dynamics` is the
     same step by step.
     """
-    none = np.empty((0, 0, 0))
-    shapes = found_shapes(mesh, len(first.time))
+    none, shapes, trajectory, applied = (
+        np.empty((0, 0, 0)),
+        found_shapes(mesh, len(first.time)),
+        first.trajectory,
+        first.applied,
+    )
     # Series but those of all nodes have memory of their own: who keeps the tips of many solutions keeps nothing else of them.
-    out, line = [*together(*shapes[:2]), *(np.empty(shape) for shape in shapes[2:])], np.empty((mesh.size, 6))
-    motion, applied = first.trajectory.motion, first.applied
-    moving = Moving(*motion.frames)
-    pushed = (none, none) if applied is None else (plain(applied.force), plain(applied.moment))
+    found = Found(*together(*shapes[:2]), *(np.empty(shape) for shape in shapes[2:]))
+    pushed = (none, none) if applied is None else (applied.force, applied.moment)
     jumps = np.empty(0) if first.brought is None else first.brought
-    found = Found(*out)
-    wrench, energy = plain(first.trajectory.wrench), plain(first.trajectory.energy)
-    given = Given(wrench, energy, *pushed, jumps, plain(first.joints[1]), plain(first.time))
-    second_step_samples(skeleton(mesh), moving, given, line, found)
+    series = trajectory.wrench, trajectory.energy, *pushed, jumps, first.joints[1], first.time
+    line = np.empty((mesh.size, 6))
+    second_step_samples(skeleton(mesh), trajectory.motion.frames, Given(*map(plain, series)), line, found)
     return found
 
 
@@ -193,8 +191,7 @@ def _direction(mechanism: Mechanism, qd: Array, smooth_of: Collection[str]) -> A
     """
     if not any(joint.friction for joint in mechanism.joints):
         return np.zeros_like(qd)
-    smooth = np.array([j.name in smooth_of for j in mechanism.joints for _ in range(j.nv)], dtype=bool)
-    return np.where(smooth, smooth_direction(qd), np.sign(qd))
+    return np.where(stated_of(mechanism, smooth_of), smooth_direction(qd), np.sign(qd))
 
 
 def _internal(mesh: Mesh, trajectory: Trajectory) -> tuple[dict[str, Array], dict[str, Array]]:
@@ -202,12 +199,10 @@ def _internal(mesh: Mesh, trajectory: Trajectory) -> tuple[dict[str, Array], dic
     values, stations = {}, {}
     for name, own, order, station in _points(mesh):
         part = trajectory.internal[:, own]
-        whole = bool((order == part.shape[2]).all())
-        values[name] = (
-            part.reshape(len(part), -1, 6)
-            if whole
-            else np.concatenate([part[:, k, :n] for k, n in enumerate(order)], axis=1)
-        )
+        if (order == part.shape[2]).all():
+            values[name] = part.reshape(len(part), -1, 6)
+        else:
+            values[name] = np.concatenate([part[:, k, :n] for k, n in enumerate(order)], axis=1)
         stations[name] = station.copy()
     return values, stations
 

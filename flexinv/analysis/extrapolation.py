@@ -8,6 +8,7 @@ The motion of the nodes is what is extrapolated; nodal forces and torques follow
 of the answer are its own.
 Sources: Hairer, Norsett, Wanner, *Solving Ordinary Differential Equations I*, 1993, II.9; expansions in even powers belong to
 symmetric schemes; at a spectral radius below 1 odd powers remain, whose coefficients were measured to be a few per cent.
+Differences of two solutions cross zero, so that an error bar is the largest of them nearby.
 """
 
 from __future__ import annotations
@@ -27,6 +28,9 @@ from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
+
+# Part of a run, on either side: a beam's first period is some tenth of its motion, so this is a fraction of an oscillation.
+NEARBY = 0.02
 
 
 def weights(finer: Sequence[int]) -> Array:
@@ -116,3 +120,18 @@ def _every(record: Any, rows: slice, samples: int) -> Any:
         elif isinstance(value, (Trajectory, NodalMotion, NodalForces, LoopForces)):
             made[name] = _every(value, rows, samples)
     return replace(record, **made)
+
+
+def largest_nearby(values: Array, part: float = NEARBY) -> Array:
+    """Return the largest values within a ``part`` of the run on either side of each sample.
+
+    values : (samples, ...) [any unit]; maxima over windows of 1, 2, 4 ... samples, each of two of the one before
+    """
+    half = int(np.ceil(part * len(values)))
+    outside = np.full((half, *values.shape[1:]), -np.inf)
+    largest, reach, width = np.concatenate([outside, values, outside]), 1, 2 * half + 1
+    while reach < width:
+        more = min(reach, width - reach)
+        largest = np.maximum(largest[:-more], largest[more:])
+        reach += more
+    return largest

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexinv.analysis.evaluation import solution_after
-from flexinv.analysis.settings import Settings, checked
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.task import MOST_SAMPLES, Progress, Task, still
+from flexinv.analysis.task import MOST_SAMPLES, Progress, Settings, Task, checked, still
 from flexinv.analysis.trajectory import SAME_TIME, first_step
 from flexinv.constraints.closures import constraint_rows
 from flexinv.constraints.loop_starts import FAR, SAGGED, Stated, begin, check_settled, stated_of
@@ -71,12 +70,11 @@ def simulate(
         (first,) = first_step(task)
         solution = solution_after(task.mesh, first, settings)
     else:
-        from flexinv.accuracy.accurate import check_accuracy
-        from flexinv.accuracy.accurate_simulate import accurate_simulate
+        from flexinv.accuracy.accurate import accurate, check_accuracy, simulate_problem
 
         asked, settings = check_accuracy(accuracy, step), checked(1.0, spectral_radius, EXACT, initial)
         released = _Release(table, start, start_rate, progress)
-        solution = accurate_simulate(mechanism, table[0], asked, settings, released.task)
+        solution = accurate(simulate_problem(mechanism, table[0], asked, settings, released.task))
     released.check(solution)
     return solution
 

@@ -323,18 +323,23 @@ def at_roots(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> dict[str, 
     return {link.name: _at_root(mesh, link, motion, forces) for link in mesh.mechanism.beams}
 
 
+def beyond(mesh: Mesh, node: int) -> NDArray[np.bool_]:
+    """Return a mask (nodes,) [-] of the nodes that a node carries, itself among them."""
+    out: NDArray[np.bool_] = np.arange(mesh.size) == node
+    for n in range(node + 1, mesh.size):
+        out[n] = mesh.parent[n] >= 0 and out[mesh.parent[n]]
+    return out
+
+
 def _at_root(mesh: Mesh, link: Link, motion: NodalMotion, forces: NodalForces) -> Array:
-    root, first = mesh.root_node[link.name], int(mesh.section_nodes[link.name][1])
-    beyond = np.arange(mesh.size) == first
-    for n in range(first + 1, mesh.size):
-        beyond[n] = mesh.parent[n] >= 0 and beyond[mesh.parent[n]]
-    arm = motion.x[:, beyond] - motion.x[:, [root]]
+    root, outer = mesh.root_node[link.name], beyond(mesh, int(mesh.section_nodes[link.name][1]))
+    arm = motion.x[:, outer] - motion.x[:, [root]]
     mass, inertia = mesh.mass[root], mesh.inertia[root].copy()
     for body in (one for one in link.bodies if mesh.body_node[(link.name, one.name)] == root):
         mass, inertia = mass - body.inertia.mass, inertia - body.inertia.tensor
     w, al = motion.omega[:, root], motion.alpha[:, root]
-    force = forces.force[:, beyond].sum(axis=1) + mass * (motion.a[:, root] - mesh.mechanism.gravity)
-    moment = (forces.moment[:, beyond] + np.cross(arm, forces.force[:, beyond])).sum(axis=1)
+    force = forces.force[:, outer].sum(axis=1) + mass * (motion.a[:, root] - mesh.mechanism.gravity)
+    moment = (forces.moment[:, outer] + np.cross(arm, forces.force[:, outer])).sum(axis=1)
     r = motion.rotation[:, root]
     own = [np.einsum("sji,sj->si", r, part) for part in (force, moment)]
     return -np.hstack([own[0], own[1] + al @ inertia.T + np.cross(w, w @ inertia.T)])

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexinv.analysis.evaluation import FirstStep, second_step, solution_of
-from flexinv.analysis.extrapolation import extrapolated, thinned, weights
-from flexinv.analysis.largest_nearby import largest_nearby
-from flexinv.analysis.settings import Settings, checked
+from flexinv.analysis.evaluation import FirstStep, second_step, solution_after, solution_of
+from flexinv.analysis.extrapolation import extrapolated, largest_nearby, thinned, weights
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.task import Progress, Task, check_task, joint_histories, looked_up, prescribe, time_grid
+from flexinv.analysis.task import (
+    Progress,
+    Settings,
+    Task,
+    check_task,
+    checked,
+    joint_histories,
+    looked_up,
+    prescribe,
+    time_grid,
+)
 from flexinv.analysis.trajectory import first_step
 from flexinv.constraints.loop_starts import ROUNDED, SAGGED, check_branch, check_rates, stated_of
 from flexinv.dynamics.generalized_alpha import EXACT
@@ -28,6 +36,7 @@ from flexinv.validation import flag
 Stated = Mapping[str, ArrayLike] | None
 # Differences near each sample: of torque [N m], [N], and of every link's tip [m].
 Bars = tuple[Array, dict[str, Array]]
+Again = Callable[[Mechanism, Array, Settings], tuple[Solution, FirstStep]]
 
 # Times the difference of steps h and h/2 [-]: the error of h, where that falls with the square of the step.  The answer that is
 # extrapolated from both is better, but nothing beside them tells by how much: where modes ring that no step resolves, it is not.
@@ -78,12 +87,11 @@ def solve(
             raise InputError(
                 "accuracy: it chooses the steps, their samples and the mode by itself; leave out incremental, every"
             )
-        from flexinv.accuracy.accurate import check_accuracy
-        from flexinv.accuracy.accurate_solve import accurate_solve
+        from flexinv.accuracy.accurate import accurate, check_accuracy, solve_problem
 
         options: dict[str, Any] = {"end": end, "start": start, "start_rate": start_rate, "progress": progress}
         settings = checked(1.0, spectral_radius, tolerance, initial)
-        return accurate_solve(mechanism, motion, check_accuracy(accuracy, step), settings, options)
+        return accurate(solve_problem(mechanism, motion, check_accuracy(accuracy, step), settings, options))
     steps = time_grid(motion, step, end, every)
     _check_every(mechanism, every, incremental)
     if incremental:
@@ -97,26 +105,20 @@ def solve(
     solution = solution_of(task.mesh, first, second, settings)
     if mechanism.closures and (start or start_rate):
         _check_start(task, motion, start, start_rate, solution)
-    told = Told(motion, settings, start, start_rate, progress)
-    return _with_error(task, told, first, solution) if error else solution
+    if not error:
+        return solution
 
+    def again(meshed: Mechanism, instants: Array, own: Settings) -> tuple[Solution, FirstStep]:
+        other = replace(prescribe(meshed, motion, instants, own, start, start_rate), progress=progress)
+        (found,) = first_step(looked_up(other))
+        found = found.differenced(own.step) if incremental else found
+        return solution_after(other.mesh, found, own), found
 
-class Told(NamedTuple):
-    """Arguments of a march beside its mechanism and its instants; start, start_rate as of `solve` [rad], [m], [1/s]."""
-
-    motion: Motion
-    settings: Settings
-    start: Stated
-    start_rate: Stated
-    progress: Progress | None
-
-
-def _first(mechanism: Mechanism, told: Told, steps: Array) -> tuple[Task, FirstStep]:
-    """The task over the instants ``steps`` [s] and its first step [m, rad, s, N]."""
-    task = prescribe(mechanism, told.motion, steps, told.settings, told.start, told.start_rate)
-    task = replace(task, progress=told.progress)
-    (first,) = first_step(looked_up(task))
-    return task, first.differenced(told.settings.step) if told.settings.incremental else first
+    # Of the half steps every second is compared, where not all are differenced.
+    stride = 2 if incremental or mechanism.closures else 1
+    even = not incremental and has_even_powers(task)
+    solution = with_error(solution, first, steps, settings, again, stride, even)
+    return replace(solution, settings=solution.settings | {"extrapolated": True}) if even else solution
 
 
 def _check_start(task: Task, motion: Motion, start: Stated, start_rate: Stated, solution: Solution) -> None:
@@ -142,25 +144,29 @@ def _check_every(mechanism: Mechanism, every: int, incremental: bool) -> None:
 # ------------------------------------------------------------------------------------------------- error bars
 
 
-def _with_error(task: Task, told: Told, first: FirstStep, solution: Solution) -> Solution:
-    """The better solution of two steps, with error bars from both and from refined meshes."""
-    mechanism, settings, steps = task.mesh.mechanism, told.settings, task.steps
-    # Of the half steps every second is compared, and all are differenced.
-    twice = 1 if settings.incremental or mechanism.closures else 2
-    halved = told._replace(settings=replace(settings, step=settings.step / 2, every=twice * settings.every))
-    own, half = _first(mechanism, halved, steps[0] + settings.step / 2 * np.arange(2 * len(steps) - 1))
-    fine = solution_of(own.mesh, half, second_step(own.mesh, half), halved.settings)
-    better, bars = solution, [scaled_difference(solution, fine, 2 // twice, OF_STEPS)]
-    if not settings.incremental and has_even_powers(task):
-        both = extrapolated(mechanism, [first, thinned(half, 2 // twice)], weights((1, 2)))
-        better = solution_of(task.mesh, both, second_step(task.mesh, both), settings)
-        better = replace(better, settings=better.settings | {"extrapolated": True})
-    if not mechanism.is_rigid:
-        for finer, factor in finer_meshes(mechanism):
-            meshed, other = _first(finer, told, steps)
-            refined = solution_of(meshed.mesh, other, second_step(meshed.mesh, other), settings)
-            bars.append(scaled_difference(solution, refined, 1, factor))
-    return with_bars(better, bars)
+def with_error(
+    solution: Solution, first: FirstStep, steps: Array, settings: Settings, again: Again, stride: int, even: bool
+) -> Solution:
+    """Return a solution with error bars [N m], [N], [m] from half the step and from refined meshes, extrapolated if ``even``.
+
+    first, steps, settings : of the solution; again : mechanism, instants [s], settings -> the same of another mesh or step
+    stride : samples of half the step that there are for each of its own [-]; even : whether the steps' errors have even powers
+    """
+    mechanism, half = solution.mechanism, settings.step / 2
+    finest = replace(settings, step=half, every=2 * settings.every // stride)
+    fine, halved = again(mechanism, steps[0] + half * np.arange(2 * len(steps) - 1), finest)
+    better, bars = solution, [_scaled_difference(solution, fine, stride, OF_STEPS)]
+    if even:
+        both = extrapolated(mechanism, [first, thinned(halved, stride)], weights((1, 2)))
+        better = solution_after(solution.mesh, both, settings)
+    if mechanism.beams:
+        # doubled where elements are linear (second order), two orders higher else
+        linear = max(link.beam.order for link in mechanism.beams if link.beam is not None) == 1
+        finer, factor = (mechanism.refined(elements=2), 4 / 3) if linear else (mechanism.refined(order=2), 1.0)
+        bars.append(_scaled_difference(solution, again(finer, steps, settings)[0], 1, factor))
+    torque = np.asarray(sum(bar[0] for bar in bars))
+    tip = {name: np.asarray(sum(bar[1][name] for bar in bars)) for name in solution.tip}
+    return replace(better, torque_error=torque, tip_error=tip)
 
 
 def has_even_powers(task: Task) -> bool:
@@ -174,24 +180,8 @@ def has_even_powers(task: Task) -> bool:
     return marched and not sticks and not any(closure.active for closure in m.closures)
 
 
-def with_bars(solution: Solution, bars: Sequence[Bars]) -> Solution:
-    """Return a solution with the sums of differences of `scaled_difference` as its error bars [N m], [N], [m]."""
-    torque = np.asarray(sum(bar[0] for bar in bars))
-    tip = {name: np.asarray(sum(bar[1][name] for bar in bars)) for name in solution.tip}
-    return replace(solution, torque_error=torque, tip_error=tip)
-
-
-def finer_meshes(mechanism: Mechanism) -> list[tuple[Mechanism, float]]:
-    """Return refined meshes and the factor on the difference [-]: doubled for order 1 (second order), two orders higher else."""
-    linear = max(link.beam.order for link in mechanism.beams if link.beam is not None) == 1
-    return [(mechanism.refined(elements=2), 4 / 3)] if linear else [(mechanism.refined(order=2), 1.0)]
-
-
-def scaled_difference(solution: Solution, finer: Solution, stride: int, factor: float) -> Bars:
-    """Return ``factor`` times the largest differences near each sample: of torque [N m], [N], and of every link's tip [m]."""
+def _scaled_difference(solution: Solution, finer: Solution, stride: int, factor: float) -> Bars:
+    """``factor`` times the largest differences near each sample: of torque [N m], [N], and of every link's tip [m]."""
     torque = np.abs(solution.torque - finer.torque[::stride][: len(solution.time)])
     tip = {k: np.linalg.norm(v - finer.tip[k][::stride][: len(v)], axis=1) for k, v in solution.tip.items()}
-    return (
-        factor * largest_nearby(torque),
-        {k: factor * largest_nearby(v) for k, v in tip.items()},
-    )
+    return factor * largest_nearby(torque), {k: factor * largest_nearby(v) for k, v in tip.items()}

@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from flexinv.analysis.evaluation import solution_after
-from flexinv.analysis.settings import checked
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.task import Progress, Task, check_task, prescribe, time_grid
+from flexinv.analysis.task import Progress, Task, check_task, checked, prescribe, time_grid
 from flexinv.analysis.trajectory import first_step
 from flexinv.dynamics.generalized_alpha import EXACT
 from flexinv.errors import InputError
-from flexinv.kinematics.nodal_motion import scalar_coordinate
-from flexinv.model.joint_kinds import KINDS
+from flexinv.inverse.inverse_dynamics import winding
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
 from flexinv.validation import whole
@@ -57,19 +54,9 @@ def solve_in_parts(
 
 
 def _parts(task: Task) -> Iterator[Solution]:
+    """Solutions of the parts, in which springs of joints that turn without end go on from where they were wound."""
     wound: dict[str, float] = {}
     for first in first_step(task):
-        yield _wind_on(solution_after(task.mesh, first, task.settings), wound)
-
-
-def _wind_on(solution: Solution, wound: dict[str, float]) -> Solution:
-    """Let springs of joints that turn without end go on from the angles [rad] to which they were wound, and keep these."""
-    mechanism = solution.mechanism
-    more = np.zeros(mechanism.nv)
-    for joint in mechanism.joints:
-        if KINDS[joint.kind].circle and joint.stiffness:
-            angle = scalar_coordinate(joint, solution.q[:, mechanism.q_slices[joint.name]])
-            turns = 2 * np.pi * np.round((wound.get(joint.name, angle[0]) - angle[0]) / (2 * np.pi))
-            wound[joint.name] = angle[-1] + turns
-            more[mechanism.v_slices[joint.name].start] = joint.stiffness * turns
-    return replace(solution, torque_all=solution.torque_all + more, reaction=solution.reaction + more)
+        one = solution_after(task.mesh, first, task.settings)
+        more = winding(one.mechanism, one.q, wound)
+        yield replace(one, torque_all=one.torque_all + more, reaction=one.reaction + more)

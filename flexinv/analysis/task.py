@@ -1,4 +1,4 @@
-"""Task: a mechanism's mesh, the instants, and what its joints do there; the common entrance of the public verbs."""
+"""Task: a mechanism's mesh, the instants, what its joints do there, and settings; the common entrance of the public verbs."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexinv.analysis.settings import Settings
 from flexinv.constraints.loop_starts import picked_start, stated_of
+from flexinv.dynamics.generalized_alpha import EXACT, Scheme, generalized_alpha
 from flexinv.dynamics.solver import Efforts
 from flexinv.errors import InputError
 from flexinv.kinematics.mesh import Mesh, build
@@ -17,13 +17,56 @@ from flexinv.kinematics.nodal_motion import JointHistory
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion, motion_table, start_coordinates
 from flexinv.typing import Array, Triple
-from flexinv.validation import choice, function, of_kind, seconds, whole
+from flexinv.validation import choice, function, number, of_kind, seconds, whole
 
 # A sampling grid longer than this is a mistake in `step` far more often than a wish.
 MOST_SAMPLES = 5_000_000
 INITIAL = {"consistent": "starts undeformed", "static": "in equilibrium"}
 
 Progress = Callable[[int], None]
+Words = dict[str, float | int | str | bool]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Options of a time integration and of the second step.
+
+    step : between samples [s]; spectral_radius : numerical damping [-]; initial : "consistent" or "static"
+    incremental : accelerations are differences of nodal positions
+    tolerance : of Newton over the mechanism's length [-], None where a verb has its own
+    every : of so many steps one is kept [-]; statics : one sample at rest, nothing is integrated
+    """
+
+    step: float = 0.0
+    spectral_radius: float = 0.8
+    initial: str = "consistent"
+    incremental: bool = False
+    tolerance: float | None = EXACT
+    every: int = 1
+    statics: bool = False
+
+    @property
+    def scheme(self) -> Scheme:
+        """Return the scheme of the time integration [s], [-]; raises InputError for numbers that give none."""
+        return generalized_alpha(self.step, self.spectral_radius, EXACT if self.tolerance is None else self.tolerance)
+
+    def words(self) -> Words:
+        """Return the settings as a Solution records them [s], [-]."""
+        if self.statics:
+            return {"statics": True, "incremental": False}
+        out: Words = {
+            "step": self.step, "spectral_radius": self.spectral_radius, "initial": self.initial,
+            "incremental": self.incremental,
+        }  # fmt: skip
+        return out if self.tolerance is None else {**out, "tolerance": self.tolerance}
+
+
+def checked(step: float, spectral_radius: float, tolerance: float, initial: str = "consistent") -> Settings:
+    """Return the settings of a march at steps of ``step`` [s]; raises InputError for values that cannot be."""
+    radius = number("spectral_radius", spectral_radius, "0 (strong) to 1 (no numerical damping), for example 0.8")
+    left = number("tolerance", tolerance, "a part of the mechanism's length, for example 1e-9")
+    generalized_alpha(float(step), radius, left)  # numbers that give no scheme are an error here
+    return Settings(float(step), radius, initial, tolerance=left)
 
 
 @dataclass(frozen=True)

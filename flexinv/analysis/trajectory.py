@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from flexinv.analysis.evaluation import FirstStep, rigid_motion_of
-from flexinv.analysis.flexible_loops import Switching, closed_task, with_closures
-from flexinv.analysis.rigid_loops import rigid_loops
+from flexinv.analysis.loops import Switching, closed_task, rigid_loops, with_closures
 from flexinv.analysis.task import Task
 from flexinv.constraints.closures import constraint_rows
 from flexinv.constraints.phases import Phase, phases
@@ -31,7 +30,7 @@ from flexinv.dynamics.solver import Solver, Trajectory, complaint, record_instan
 from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START, march
 from flexinv.dynamics.system import Instants
 from flexinv.errors import ConvergenceError
-from flexinv.inverse.applied_forces import applied_forces
+from flexinv.inverse.inverse_dynamics import applied_forces
 from flexinv.kinematics.configuration_arrays import fill_passive
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import relative_motion
@@ -87,7 +86,7 @@ def flexible_motion(task: Task) -> Iterator[FirstStep]:
     march, stops = _March.of(task), task.seams or _jump_samples(task.steps, task.jumps)
     kept, last, every = len(task.time), len(task.steps) - 1, task.settings.every
     ends = set() if task.part is None else {every * row for row in range(task.part, kept - 1, task.part)}
-    start, chunk = march.begin(), march.chunk
+    start, chunk = march.begin(), PLANAR_CHUNK if march.flat is not None else max(1, AT_ONCE // task.mesh.size)
     for stop in sorted({*stops, *march.switches, *ends, last}):
         while start <= stop:
             leg = march.leg(start, min(start + chunk, stop + 1))
@@ -102,7 +101,8 @@ def flexible_motion(task: Task) -> Iterator[FirstStep]:
         if stop in ends:
             yield march.moved(ends=False)
             march.go_on(stop // every)
-    march.leave()
+    if march.solver is None and march.flat is not None:  # its arrays are for the next that is in the plane alone
+        march.flat.leave(task.passive)
     yield march.moved(ends=task.part is None)
 
 
@@ -163,8 +163,7 @@ class _March:
         flat = None if task.efforts is not None else in_plane(mesh, task.passive)
         alone = flat is not None and settings.initial == "consistent" and (switching is None or switching.never)
         solver = None if alone else Solver.of(mesh, task.passive, task.efforts)
-        kept = len(task.time)
-        rows = min(kept, kept if task.part is None else task.part + 1)
+        rows = len(task.time) if task.part is None else min(len(task.time), task.part + 1)
         out = Trajectory.unwritten(rows, mesh, len(constraint_rows(mesh)))
         if switching is not None:
             switching.begin(mesh, None if solver is None else solver.border.ties)
@@ -175,11 +174,6 @@ class _March:
         """Phases after the first by the sample at which they begin."""
         return {} if self.switching is None else self.switching.samples
 
-    @property
-    def chunk(self) -> int:
-        """Return the number of instants [-] that the compiled loop gets at once."""
-        return max(1, AT_ONCE // self.task.mesh.size) if self.flat is None else PLANAR_CHUNK
-
     def go_on(self, origin: int) -> None:
         """Begin the next part with the last sample of this one, the kept sample ``origin`` [-]."""
         rows = len(self.out.iterations)
@@ -187,11 +181,6 @@ class _March:
         out = Trajectory.unwritten(min(rows, left), self.task.mesh, self.out.multipliers.shape[1])
         out.put(np.zeros(1, dtype=np.int64), self.out.rows(rows - 1, rows), np.ones(1, dtype=bool))
         self.out, self.origin = out, origin
-
-    def leave(self) -> None:
-        """Leave the arrays of a march that was in the plane alone to the next one."""
-        if self.solver is None and self.flat is not None:
-            self.flat.leave(self.task.passive)
 
     def moved(self, ends: bool) -> FirstStep:
         """Return the part that was marched last [m, rad, s, N], with the coordinates of passive joints and what acts on nodes."""
@@ -217,16 +206,9 @@ class _March:
         if solver is None:
             return 0
         when = f"at the start, t = {time[0]:g} s"
-        q, qd, qdd = (part[0] for part in self.task.after(time))
-        joints = start_undeformed(solver, q, qd, qdd)
-        solver.load_at(float(time[0]), q, qd, qdd)
-        if self.task.settings.initial == "static":
-            settled = solver.efforts is None or settle_held(solver, q, float(time[0]), when)
-            if solver.efforts is None:
-                settle(solver, q, when)
-            if settled:
-                move_as_rigid(solver, joints, qd, qdd)
-        consistent_accelerations(solver, joints, when)
+        joints = stand(
+            solver, [part[0] for part in self.task.after(time)], float(time[0]), self.task.settings.initial, when
+        )
         record_instant(solver, 0, self.out)
         self.early = EARLY * begin_step(solver, joints, self.scheme, when)
         if flat is not None:
@@ -330,6 +312,24 @@ class _March:
         self.early = EARLY * begin_step(solver, joints, self.scheme, f"at t = {time:g} s")
         if flat is not None:
             flat.take(solver.state, solver.border.ties)
+
+
+def stand(solver: Solver, motion: Sequence[Array], time: float, initial: str, when: str) -> Joints:
+    """Start at a motion q (nq,), qd, qdd (nv,) [m, rad, s], with the accelerations that belong to it; return that of the joints.
+
+    initial : "consistent" (undeformed) or "static" (in equilibrium at a time [s]).  Raises ConvergenceError.
+    """
+    q, qd, qdd = motion
+    joints = start_undeformed(solver, q, qd, qdd)
+    solver.load_at(time, q, qd, qdd)
+    if initial == "static":
+        settled = solver.efforts is None or settle_held(solver, q, time, when)
+        if solver.efforts is None:
+            settle(solver, q, when)
+        if settled:
+            move_as_rigid(solver, joints, qd, qdd)
+    consistent_accelerations(solver, joints, when)
+    return joints
 
 
 def failure(

@@ -83,7 +83,7 @@ def _felt(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> Array:
     wrenches = joint_wrenches(mesh, motion, forces)
     within = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(n[1:] for n in mesh.section_nodes.values())]))
     parts = [
-        project(mesh, motion, wrenches) * measures(mesh),
+        project(mesh, motion, forces) * measures(mesh),
         mesh.length * wrenches.force[:, within].reshape(len(motion.x), -1),
         wrenches.moment[:, within].reshape(len(motion.x), -1),
     ]

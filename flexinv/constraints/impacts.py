@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from flexinv.constraints.closures import Rows, residuals
 from flexinv.errors import InputError
-from flexinv.inverse.inverse_dynamics import NodalForces, joint_wrenches, project
+from flexinv.inverse.inverse_dynamics import NodalForces, project
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.mechanism import Mechanism
@@ -85,8 +85,8 @@ def jump_efforts(mesh: Mesh, before: NodalMotion, after: NodalMotion, change: Ar
 
     change : (nv,) jump of the joint rates, which the rotors follow
     """
-    wrenches = joint_wrenches(mesh, after, jump_forces(mesh, before, after))
-    return np.asarray(project(mesh, after, wrenches)[0] + mesh.mechanism.drive_table[0] * change)
+    tau = project(mesh, after, jump_forces(mesh, before, after))[0]
+    return np.asarray(tau + mesh.mechanism.drive_table[0] * change)
 
 
 def kinetic_energy(mesh: Mesh, motion: NodalMotion, qd: Array) -> float:

@@ -107,7 +107,7 @@ def topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
                 f"joint {joint.name!r}: rotor_inertia = {joint.rotor_inertia:g} on a free joint without motion, expected 0: "
                 "nothing turns a rotor there; give the mass to the link"
             )
-    for node in np.flatnonzero(free[mesh.v_index]):
+    for node in np.flatnonzero(free[mesh.v_index]).tolist():
         freedoms[node], column[node] = mesh.freedoms[node], size[block[node]]
         size[block[node]] += mesh.freedoms[node]
         slide[node], turn[node] = mesh.slide[node] @ mesh.rotation[node].T, mesh.turn[node]
@@ -119,7 +119,7 @@ def topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
     scale, gravity = np.ones(int(size.sum())), np.array(mesh.mechanism.gravity, dtype=float)
     for first in offset[block[independent]]:
         scale[first : first + 3] = mesh.length
-    for node in np.flatnonzero(freedoms):
+    for node in np.flatnonzero(freedoms).tolist():
         first, count = offset[block[node]] + column[node], freedoms[node]
         scale[first : first + count][~turn[node, :count].any(axis=1)] = mesh.length
     return Topology(

@@ -23,7 +23,7 @@ ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class Balance:
-    """Energies and what is left of the balances (`trajectory_pass`).
+    """Energies and what is left of the balances (`nodal_sums`).
 
     kinetic, potential, elastic : (samples,) [J]; dissipated : (samples,) [W] by the damping of beams
     power : (samples,) [W] residual of  tau . qd = sum P . v + Q . w + power of internal forces, at every instant

@@ -1,4 +1,4 @@
-"""Inverse dynamics, the paper's second step: nodal accelerations -> nodal forces -> joint torques, tau = L T P.
+"""Inverse dynamics, the paper's second step: nodal accelerations and applied forces -> P -> joint torques, tau = L T P.
 
 Stiffness and damping do not appear: they acted in the kinematics, and the trajectory carries the deformation.
 """
@@ -10,11 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexinv.elements.joint_law import laws_of, moving_effort, resisting_effort
-from flexinv.inverse.nodal_sums import Masses, in_frame, nodal_samples, sum_in_frames, sum_samples
+from flexinv.errors import InputError
+from flexinv.inverse.nodal_sums import Masses, nodal_samples, sum_in_frames, sum_samples
 from flexinv.kernels.memory import plain
-from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.nodal_motion import NodalMotion, joint_effort
-from flexinv.model.mechanism import Mechanism
+from flexinv.kinematics.mesh import Mesh, attachment_node
+from flexinv.kinematics.nodal_motion import NodalMotion, joint_effort, scalar_coordinate
+from flexinv.model.joint_kinds import KINDS
+from flexinv.model.mechanism import Attachment, Force, Mechanism, Spring
 from flexinv.typing import Array
 
 
@@ -86,26 +88,18 @@ def own_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> dict[i
     return dict(zip(nodes.tolist(), own, strict=True))
 
 
-def project(mesh: Mesh, motion: NodalMotion, wrenches: NodalForces) -> Array:
-    """Return the component of each joint's wrench along its coordinates, (samples, nv) [N m] or [N]."""
-    moves = np.flatnonzero(mesh.v_index >= 0).tolist()
-    return along_joints(mesh, len(motion.x), {node: in_node_frame(motion, wrenches, node) for node in moves})
+def project(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> Array:
+    """Return the efforts L T P of nodal forces along each joint coordinate, (samples, nv) [N m] or [N]: their sums beyond it."""
+    return along_joints(mesh, len(motion.x), own_wrenches(mesh, motion, forces))
 
 
 def along_joints(mesh: Mesh, samples: int, wrenches: dict[int, Array]) -> Array:
-    """Return the efforts (samples, nv) [N m] or [N] of `project` for wrenches in the nodes' own frames (`own_wrenches`)."""
+    """Return the efforts (samples, nv) [N m] or [N] of `project` for wrenches of `own_wrenches`."""
     tau = np.zeros((samples, mesh.mechanism.nv))
     for node in np.flatnonzero(mesh.v_index >= 0).tolist():
         own, first = wrenches[node], mesh.v_index[node]
         tau[:, first : first + mesh.freedoms[node]] = joint_effort(mesh, node, own[:, :3], own[:, 3:])
     return tau
-
-
-def in_node_frame(motion: NodalMotion, wrenches: NodalForces, node: int) -> Array:
-    """Return force [N] and moment [N m] of one node's wrench, (samples, 6), in the node's own frame."""
-    own = np.empty((len(motion.x), 6))
-    in_frame(node, plain(motion.rotation), plain(wrenches.force), plain(wrenches.moment), own)
-    return own
 
 
 def drive_efforts(
@@ -122,6 +116,106 @@ def drive_efforts(
     if np.any(law.friction):
         effort += resisting_effort(law._replace(stiffness=0.0), 0.0, np.sign(qd) if direction is None else direction)
     return effort
+
+
+# ------------------------------------------------------------------------------------------------ applied forces
+
+
+def applied_forces(mesh: Mesh, motion: NodalMotion, time: Array) -> NodalForces | None:
+    """Return forces [N] and moments [N m] (world, about the nodes) of springs and given forces; None if there are none.
+
+    spring: pull = stiffness (l - rest) or its law, + damping l', on both ends towards each other;
+    force: table at ``time`` (samples,) [s]
+    """
+    m = mesh.mechanism
+    if not (m.springs or m.forces):
+        return None
+    out = NodalForces(np.zeros_like(motion.x), np.zeros_like(motion.x))
+    for spring in m.springs:
+        _pull(mesh, motion, spring, out)
+    for force in m.forces:
+        _push(mesh, motion, force, time, out)
+    return out
+
+
+def _point(mesh: Mesh, motion: NodalMotion, at: Attachment) -> tuple[int, Array, Array, Array]:
+    """Node, lever arm, position and velocity of an attachment's origin, (samples, 3) world."""
+    node = attachment_node(mesh, at)
+    place = at.placement.position
+    if node < 0:
+        still = np.zeros_like(motion.x[:, 0])
+        return node, still, still + place, still
+    arm = motion.rotation[:, node] @ place
+    spin = np.einsum("sij,sj->si", motion.rotation[:, node], np.cross(motion.omega[:, node], place))
+    return node, arm, motion.x[:, node] + arm, motion.v[:, node] + spin
+
+
+def _pull(mesh: Mesh, motion: NodalMotion, spring: Spring, out: NodalForces) -> None:
+    a, arm_a, xa, va = _point(mesh, motion, spring.first)
+    b, arm_b, xb, vb = _point(mesh, motion, spring.second)
+    gap = xb - xa
+    length = np.linalg.norm(gap, axis=1, keepdims=True)
+    along = gap / np.maximum(length, np.finfo(float).tiny)
+    rate = np.sum(along * (vb - va), axis=1, keepdims=True)
+    pull = (spring.pull(length) + spring.damping * rate) * along  # on a, towards b
+    _add(out, a, arm_a, pull, np.zeros_like(pull))
+    _add(out, b, arm_b, -pull, np.zeros_like(pull))
+
+
+def _push(mesh: Mesh, motion: NodalMotion, force: Force, time: Array, out: NodalForces) -> None:
+    node, arm, _, _ = _point(mesh, motion, force.at)
+    wrench = np.stack([np.interp(time, force.time, column) for column in force.wrench.T], axis=1)  # (sample, 6)
+    push, turn = wrench[:, :3], wrench[:, 3:]
+    if force.follower and node >= 0:
+        axes = motion.rotation[:, node] @ force.at.placement.rotation
+        push, turn = (np.einsum("sij,sj->si", axes, part) for part in (push, turn))
+    _add(out, node, arm, push, turn)
+
+
+def _add(out: NodalForces, node: int, arm: Array, force: Array, moment: Array) -> None:
+    if node >= 0:
+        out.force[:, node] += force
+        out.moment[:, node] += moment + np.cross(arm, force)
+
+
+def joint_springs(mechanism: Mechanism, q: Array, history: bool = True) -> Array:
+    """Return the efforts of the actuators against springs in the joints, stiffness (q - rest), (samples, nv) [N m] or [N].
+
+    history : q (samples, nq) is a motion, along which the angle of a continuous joint is followed over whole turns;
+        else each sample stands for itself, with its angle in -pi .. pi
+    """
+    out, laws = np.zeros((len(q), mechanism.nv)), laws_of(mechanism)._replace(friction=0.0)
+    for joint in mechanism.joints:
+        if joint.stiffness:
+            own = q[:, mechanism.q_slices[joint.name]]
+            place, v = scalar_coordinate(joint, own, history), mechanism.v_slices[joint.name].start
+            out[:, v] = resisting_effort(laws._replace(stiffness=joint.stiffness, rest=joint.rest), place, 0.0)
+    return out
+
+
+def winding(mechanism: Mechanism, q: Array, wound: dict[str, float]) -> Array:
+    """Return the efforts that springs of continuous joints add where q (samples, nq) goes on from whole turns, (nv,) [N m].
+
+    wound : by joint the angle to which it was wound before [rad]; it is set to that of the last sample
+    """
+    out = np.zeros(mechanism.nv)
+    for joint in mechanism.joints:
+        if KINDS[joint.kind].circle and joint.stiffness:
+            angle = scalar_coordinate(joint, q[:, mechanism.q_slices[joint.name]])
+            turns = 2 * np.pi * np.round((wound.get(joint.name, angle[0]) - angle[0]) / (2 * np.pi))
+            wound[joint.name] = float(angle[-1] + turns)
+            out[mechanism.v_slices[joint.name].start] = joint.stiffness * turns
+    return out
+
+
+def check_constant(mechanism: Mechanism) -> None:
+    """Raise InputError if a given force [N] depends on time, which a single configuration does not have."""
+    varying = [f.name for f in mechanism.forces if len(f.time) > 1]
+    if varying:
+        raise InputError(
+            f"mechanism '{mechanism.name}': force '{varying[0]}' depends on time; "
+            "write flexinv.solve(mechanism, motion, step=...)"
+        )
 
 
 # --------------------------------------------------------------------------------------------- the paper's factors

@@ -17,7 +17,7 @@ SOURCES = (
     "dynamics.assembly", "dynamics.constraint_rows", "dynamics.dofs", "dynamics.generalized_alpha", "dynamics.index1",
     "dynamics.linearization", "dynamics.loads", "dynamics.spring_rows", "dynamics.stepper", "dynamics.system",
     "dynamics.tree_solver", "elements.beam", "elements.beam_element", "elements.joint_law", "elements.planar_beam",
-    "inverse.balance", "inverse.nodal_sums", "inverse.trajectory_pass", "kernels.block_elimination",
+    "inverse.balance", "inverse.nodal_sums", "kernels.block_elimination",
     "kernels.block_tridiagonal", "kernels.code_cache", "kernels.dense", "kernels.fronts", "kernels.inner_library",
     "kernels.jit", "kernels.kernel_compiler", "kernels.pivoted_qr", "kernels.record_stack", "kernels.records", "kernels.simd",
     "kernels.so3", "kernels.sparse_qr", "kernels.threads.atomics", "kernels.threads.mailbox", "kernels.vec3",

@@ -300,7 +300,7 @@ def build(mechanism: Mechanism) -> Mesh:
     Raises InputError for drives that are not part of the mechanism (`drive_expansion.expanded`), and for a ratio of no mode.
     """
     if mechanism.modal_damping is not None and mechanism.modal_damping.seconds is None:
-        from flexinv.linearized.damping_ratio import damped  # its modes need a mesh
+        from flexinv.linearized.natural_modes import damped  # its modes need a mesh
 
         return build(damped(mechanism))
     builder = _Builder(mechanism)

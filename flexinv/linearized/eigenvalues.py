@@ -39,15 +39,13 @@ def undamped(stiffness: Array, mass: Array, allowed: Array) -> tuple[Array, Arra
     # Q^T M x = 0 for the soft motions x: what is left of K moves by Q, and soft motions take no part in it
     rest = scipy.linalg.qr(m @ soft)[0][:, soft.shape[1] :] if soft.shape[1] else np.eye(len(k))
     inner, inertia = (rest.T @ part @ rest for part in (k, m))
-    shapes = soft
+    squared, shapes = _soft_squares(k, m, soft)
     if rest.shape[1]:
         values, vectors = scipy.linalg.eigh((inertia + inertia.T) / 2, (inner + inner.T) / 2)
         use = values > MASSLESS * values.max(initial=0.0)
-        shapes = np.hstack([soft, rest @ vectors[:, use][:, ::-1]])
-        stiff = _stiff_squares(1.0 / values[use][::-1], k, m, shapes[:, soft.shape[1] :])
-    squared, turned = _soft_squares(k, m, soft)
-    shapes = np.hstack([turned, shapes[:, soft.shape[1] :]])
-    squared = np.concatenate([squared, stiff]) if rest.shape[1] else squared
+        stiff = rest @ vectors[:, use][:, ::-1]
+        squared = np.concatenate([squared, _stiff_squares(1.0 / values[use][::-1], k, m, stiff)])
+        shapes = np.hstack([shapes, stiff])
     order = np.argsort(squared, kind="stable")
     masses = np.einsum("km,kl,lm->m", shapes, m, shapes)  # (mode,)
     return squared[order], (allowed @ shapes / np.sqrt(masses))[:, order]

@@ -1,6 +1,6 @@
 """linear_model: a mechanism near a steady motion as a state space, x' = A x + B u, y = C x + D u, for control design.
 
-The unknowns y of the march (`steady_state`) are split into those p whose acceleration is an input and the rest, which moves by
+The unknowns y of the march (`steady_modes`) are split into those p whose acceleration is an input and the rest, which moves by
 
     y = T (p, eta)        T = [[1, 0], [Psi, Phi]]        Psi = -K_ff^-1 K_fp: static response to p;  Phi: modes with p held
 
@@ -21,13 +21,13 @@ from flexinv.dynamics.solver import Solver, by_unknown
 from flexinv.errors import InputError
 from flexinv.kinematics.configuration_arrays import slides
 from flexinv.linearized.eigenvalues import SOFT, undamped
-from flexinv.linearized.natural_modes import allowed_motions, check_modes, check_rates, chosen, nodal_shapes, tip_moves
-from flexinv.linearized.steady_state import Steady, steady_motion
+from flexinv.linearized.natural_modes import allowed_motions, check_rates, chosen, nodal_shapes, tip_moves
+from flexinv.linearized.steady_modes import Steady, steady_motion
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 from flexinv.validation import names as names_of
-from flexinv.validation import whole
+from flexinv.validation import of_kind, whole
 
 AXES = ("x", "y", "z")
 
@@ -81,12 +81,15 @@ def linear_model(
     """
     if modes is not None:
         modes = whole("modes", modes, 0, "0 or more, or None for all")
-    rates, q = check_rates(rates), check_modes(mechanism, q, free, None)
+    rates = check_rates(rates)
+    of_kind("mechanism", mechanism, Mechanism)
+    if free is not None:
+        names_of("free", free, "joints")
     names_of("accelerated", accelerated, "joints")
     moving = [j.name for j in mechanism.joints if j.nv and j.name not in set(accelerated)]
     names = (*(moving if free is None else free), *accelerated)
     _check_accelerated(mechanism, accelerated)
-    mesh, at, chosen_names = chosen(mechanism, q, names)
+    mesh, at, chosen_names = chosen(mechanism, q, names, None)
     motion = steady_motion(mesh, at, rates, set(chosen_names))
     joints = np.array([mechanism.v_slices[name].start for name in accelerated], dtype=np.int64)
     coordinates = by_unknown(mesh, motion.solver.topology)  # (nv, unknowns)
@@ -95,11 +98,8 @@ def linear_model(
     driven = [v for v in np.flatnonzero(mechanism.actuated & coordinates.any(axis=1)) if v not in joints]
     efforts = basis.T @ coordinates[driven].T
     a, b = _first_order(mass, damping, stiffness, efforts, given)
-    seen, labels, units = _outputs(motion.solver, mechanism, coordinates, basis)
+    c, labels, units = _outputs(motion.solver, mechanism, coordinates, basis)
     size = basis.shape[1]
-    c = np.block(
-        [[part if rate == 0 else np.zeros_like(part), part if rate else np.zeros_like(part)] for part, rate in seen]
-    )
     own = [*accelerated, *(f"mode {k + 1}" for k in range(size - given))]
     unit = [KINDS[mechanism.joint_of[name].kind].units[0] for name in accelerated]
     unit += (size - given) * ["kg^0.5 m"]
@@ -162,13 +162,14 @@ def _first_order(mass: Array, damping: Array, stiffness: Array, efforts: Array, 
 
 def _outputs(
     solver: Solver, mechanism: Mechanism, coordinates: Array, basis: Array
-) -> tuple[list[tuple[Array, int]], tuple[str, ...], tuple[str, ...]]:
-    """Rows of C (by coordinates or by their rates), names and units: joints, their rates, tips."""
+) -> tuple[Array, tuple[str, ...], tuple[str, ...]]:
+    """C, names and units: joints, their rates, tips."""
     moved: NDArray[np.int64] = np.flatnonzero(coordinates.any(axis=1))
     joints, translation = coordinates[moved] @ basis, slides(mechanism)
     names = [mechanism.velocity_names[v] for v in moved]
     units = ["m" if translation[v] else "rad" for v in moved]
     tips = tip_moves(solver.mesh, nodal_shapes(solver, basis), solver.frames.r)
-    rows = [(joints, 0), (joints, 1), *((part.T, 0) for part in tips.values())]
+    none = np.zeros_like(joints)
+    c = np.block([[joints, none], [none, joints], *([part.T, np.zeros_like(part.T)] for part in tips.values())])
     labels = [*names, *(f"{name} rate" for name in names), *(f"{link} tip {x}" for link in tips for x in AXES)]
-    return rows, tuple(labels), (*units, *(f"{u}/s" for u in units), *(3 * len(tips) * ["m"]))
+    return c, tuple(labels), (*units, *(f"{u}/s" for u in units), *(3 * len(tips) * ["m"]))

@@ -5,6 +5,10 @@ Small motions y of the unknowns about a rest position, B_n the variation of node
     M y'' + K y = 0        M = sum_n B_n^T diag(m_n, J_n) B_n  (+ rotors of free joints)        K = dr/dy of the residual r
 
 Dampers and damped beams add D y'; each mode's ratio is what light damping makes of it.
+Kelvin-Voigt damping with one retardation time eta for all strains, D = eta C (`elements.beam`), damps a mode of frequency omega
+with the ratio zeta = eta omega / 2: it grows with frequency, so that one target ratio at one mode fixes it for all others.
+A rigid motion dissipates nothing; in steps of h on a circle of rate w the scheme's velocities are off by a part (w h)^2, which
+leaves strain rates of second order (and power of fourth).
 Prescribed joints are clamped.  Closures leave the motions y = N z with G N = 0.  At a rest position K is symmetric; where an
 outside effort holds a free joint in place, it is taken as constant, and of K the symmetric part.
 """
@@ -31,16 +35,32 @@ from flexinv.kernels.jit import jit
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.tree import Joints
 from flexinv.linearized.eigenvalues import negative, undamped
-from flexinv.model.mechanism import Mechanism
+from flexinv.model.mechanism import Mechanism, with_retardation
+from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
 from flexinv.validation import floats, names, number, of_kind, table, whole
 
 # A singular value of the closures' equations below this part of the largest belongs to a redundant one: rounding is 1e-15.
 REDUNDANT = 1e-10
+# So many modes are named in the note that says what a ratio at one of them makes of the others.
+NAMED = 4
+
+
+class Shapes:
+    """Shapes in which the nodes of a mesh move, displacement : (modes, nodes, 3) [m]."""
+
+    mesh: Mesh
+    displacement: NDArray[Any]
+
+    @property
+    def link(self) -> tuple[str, ...]:
+        """(modes,) which link moves most in each mode [-]."""
+        most = np.linalg.norm(self.displacement, axis=2).argmax(axis=1)
+        return tuple(self.mesh.mechanism.links[int(self.mesh.link[node])].name for node in most)
 
 
 @dataclass(frozen=True)
-class Modes:
+class Modes(Shapes):
     """Small motions about a rest position, in the order of their frequencies.
 
     squared : (modes,) omega^2 [1/s^2]; zero for a rigid motion, negative where the rest position is unstable
@@ -74,12 +94,6 @@ class Modes:
         omega = np.sqrt(np.where(self.squared > 0.0, self.squared, np.nan))
         return np.asarray(self.friction / (2 * omega))
 
-    @property
-    def link(self) -> tuple[str, ...]:
-        """(modes,) which link moves most in each mode [-]."""
-        most = np.linalg.norm(self.displacement, axis=2).argmax(axis=1)
-        return tuple(self.mesh.mechanism.links[int(self.mesh.link[node])].name for node in most)
-
 
 @jit
 def update_start(topology, scheme, state, y):
@@ -99,8 +113,8 @@ def natural_modes(
 
     Raises InputError for unknown joints and where nothing can move, ConvergenceError where no rest position is found.
     """
-    mesh, at, names = chosen(mechanism, check_modes(mechanism, q, free, count), free)
-    solver = Solver.of(mesh, set(names))
+    mesh, at, moving = chosen(mechanism, q, free, count)
+    solver = Solver.of(mesh, set(moving))
     joints = rest(solver, at)
     mass, damping, stiffness = matrices_at_rest(solver, joints)
     squared, shapes = undamped(stiffness, mass, allowed_motions(solver))
@@ -108,29 +122,34 @@ def natural_modes(
     moves = nodal_shapes(solver, shapes[:, :last])
     lost = np.einsum("um,uw,wm->m", shapes, damping, shapes)[:last]  # (mode,)
     place, turn = solver.frames.x.copy(), solver.frames.r.copy()
-    return Modes(mesh, at, names, squared[:last], moves[..., :3], moves[..., 3:], place, turn, lost)
+    return Modes(mesh, at, moving, squared[:last], moves[..., :3], moves[..., 3:], place, turn, lost)
 
 
 def chosen(
-    mechanism: Mechanism, q: ArrayLike | None, free: Collection[str] | None
+    mechanism: Mechanism, q: ArrayLike | None, free: Collection[str] | None, count: int | None
 ) -> tuple[Mesh, Array, tuple[str, ...]]:
     """Return the mesh, the configuration (nq,) [rad], [m], loops closed, and the names of the free joints that are asked for.
 
-    Raises InputError for unknown joints, a wrong q and where nothing can move.
+    Raises InputError for arguments of another kind, for unknown joints, a wrong q and where nothing can move.
     """
-    names = _free(mechanism, free)
+    of_kind("mechanism", mechanism, Mechanism)
+    if free is not None:
+        names("free", free, "joints")
+    if count is not None:
+        whole("count", count, 1, "1 or more, or None for all")
+    at = mechanism.neutral if q is None else np.array(floats("modes: q", q))
+    moving = _free(mechanism, free)
     mesh = build(mechanism)
-    at = mechanism.neutral if q is None else np.array(q, dtype=float)
     if at.shape != (mechanism.nq,) or not np.isfinite(at).all():
         raise InputError(f"modes: q has shape {at.shape}, expected ({mechanism.nq},) finite numbers [rad], [m]")
     if mechanism.closures:
         at = closed_near(mesh, at) if q is None else closed_at(mesh, at, drives_move=True)
-    if not names and mechanism.is_rigid:
+    if not moving and mechanism.is_rigid:
         raise InputError(
             f"modes: nothing of '{mechanism.name}' can move: no link is a beam and no joint is free; "
             f"write free=[...] with names of {', '.join(j.name for j in mechanism.joints if j.nv) or 'joints'}"
         )
-    return mesh, at, names
+    return mesh, at, moving
 
 
 def _free(mechanism: Mechanism, free: Collection[str] | None) -> tuple[str, ...]:
@@ -149,7 +168,10 @@ def rest(solver: Solver, q: Array) -> Joints:
     joints = start_undeformed(solver, q, nothing, nothing)
     solver.load_at(0.0, q, nothing, nothing)
     if mesh.mechanism.is_rigid:
-        _load_ties(solver, joints)
+        load_springs(solver, joints)
+        if count := constraints(solver):  # the forces G^T lambda = r of least norm that hold it where it stands
+            solver.evaluate(STATICS, joints)
+            solver.border.ties.multiplier[:count] = closing_forces(solver, solver.work.residual[0])
         return joints
     held = solver if mesh.mechanism.closures else Solver.of(mesh, set())
     if held is not solver:
@@ -162,15 +184,6 @@ def rest(solver: Solver, q: Array) -> Joints:
     sections = solver.topology.independent
     solver.state.x[sections], solver.state.r[sections] = held.state.x[sections], held.state.r[sections]
     return joints
-
-
-def _load_ties(solver: Solver, joints: Joints) -> None:
-    """Give the closures of a rigid mechanism the forces G^T lambda = r of least norm that hold it where it stands."""
-    ties, n = solver.border.ties, constraints(solver)
-    load_springs(solver, joints)
-    if n:
-        solver.evaluate(STATICS, joints)
-        ties.multiplier[:n] = closing_forces(solver, solver.work.residual[0])
 
 
 def constraints(solver: Solver) -> int:
@@ -292,19 +305,57 @@ def tip_moves(mesh: Mesh, moves: Array, orientation: Array) -> dict[str, Array]:
     return out
 
 
-def check_modes(
-    mechanism: Mechanism, q: ArrayLike | None, free: Collection[str] | None, count: int | None
-) -> Array | None:
-    """Return q [rad], [m] as floats; raises InputError for arguments of another kind."""
-    of_kind("mechanism", mechanism, Mechanism)
-    if free is not None:
-        names("free", free, "joints")
-    if count is not None:
-        whole("count", count, 1, "1 or more, or None for all")
-    return None if q is None else floats("modes: q", q)
-
-
 def check_rates(rates: Mapping[str, float] | None) -> dict[str, float]:
     """Return rates [rad/s] by joint as floats, none for None."""
     given = table("rates", rates, "a table of joints and their rates", 'rates={"joint": 10.0}')
     return {name: number(f"rate of joint {name!r}", rate, "a finite number [rad/s]") for name, rate in given.items()}
+
+
+# --------------------------------------------------------------------------------- damping by a ratio
+
+
+@kept_with_owner()
+def damped(mechanism: Mechanism) -> Mechanism:
+    """Return the mechanism with the damping that its stated ratio makes of its beams [N s], [N m^2 s], and a note of it.
+
+    A mechanism that states none, or for which that was computed before, is returned itself.  Raises InputError as `with_ratio`.
+    """
+    stated = mechanism.modal_damping
+    if stated is None or stated.seconds is not None:
+        return mechanism
+    made, seconds, found = with_ratio(mechanism, stated.ratio, stated.mode)
+    ratios = ", ".join(
+        f"{k} at {frequency:.4g} Hz {ratio:.3g}"
+        for k, (frequency, ratio) in enumerate(zip(found.frequency[:NAMED], found.ratio[:NAMED], strict=True), 1)
+    )
+    computed = replace(stated, seconds=seconds)
+    note = f"damping of beams: {computed}, computed by flexinv; ratios of modes: {ratios}"
+    return replace(made, modal_damping=computed, notes=(*made.notes, note))
+
+
+def with_ratio(
+    mechanism: Mechanism, ratio: float, mode: int = 1, q: ArrayLike | None = None
+) -> tuple[Mechanism, float, Modes]:
+    """Return the mechanism with all beams so damped that one natural mode has a given ratio [-], the time [s], and the modes.
+
+    eta = ratio / (ratio of that mode at eta = 1 s)
+
+    ratio : of critical damping, 0 to 1; mode : its number, 1 the lowest, all joints held at ``q`` (nq,)
+        [rad], [m], zero by default
+
+    Raises InputError for a ratio outside 0 to 1, without beams, and for a mode that does not oscillate or strain them.
+    """
+    if not mechanism.beams:
+        raise InputError(
+            f"damping ratio: '{mechanism.name}' has no beam that could be damped; give its joints a damping"
+        )
+    if not 0.0 <= ratio < 1.0:
+        raise InputError(f"damping ratio {ratio:g}: expected 0 to 1 [-], for example 0.01")
+    found = natural_modes(with_retardation(mechanism, 1.0), q)
+    if not 1 <= mode <= len(found.squared):
+        raise InputError(f"damping ratio: mode {mode}, expected 1 to {len(found.squared)}, the modes that the mesh has")
+    own = float(found.ratio[mode - 1])
+    if not own > 0.0:
+        raise InputError(f"damping ratio: mode {mode} does not oscillate; take another, `flexinv modes` lists them")
+    seconds = ratio / own
+    return with_retardation(mechanism, seconds), seconds, replace(found, friction=seconds * found.friction)

@@ -9,8 +9,14 @@ import numpy as np
 from flexinv.constraints.closures import constraint_rows
 from flexinv.constraints.consistency import GivenLoops
 from flexinv.constraints.reactions import closing
-from flexinv.inverse.applied_forces import applied_forces, joint_springs
-from flexinv.inverse.inverse_dynamics import NodalForces, inverse_dynamics, nodal_forces, own_wrenches
+from flexinv.inverse.inverse_dynamics import (
+    NodalForces,
+    applied_forces,
+    inverse_dynamics,
+    joint_springs,
+    nodal_forces,
+    own_wrenches,
+)
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion, rigid_motion
 from flexinv.typing import Array

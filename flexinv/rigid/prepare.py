@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexinv.constraints.closures import constraint_rows
 from flexinv.constraints.consistency import ACCELERATION_OPEN, OPEN, RATE, GivenLoops
-from flexinv.inverse.applied_forces import applied_forces, check_constant
-from flexinv.inverse.inverse_dynamics import joint_wrenches, project
+from flexinv.inverse.inverse_dynamics import applied_forces, check_constant, project
 from flexinv.kernels.simd import BLOCK
 from flexinv.kernels.threads.affinity import processors
 from flexinv.kernels.threads.atomics import COMPILED
@@ -222,7 +221,7 @@ class TorqueFunction:
             nodes = rigid_motion(self.mesh, *(a[part] for a in motion))
             loads = applied_forces(self.mesh, nodes, np.zeros(len(nodes.x)))
             if loads is not None:
-                tau[part] -= project(self.mesh, nodes, joint_wrenches(self.mesh, nodes, loads))
+                tau[part] -= project(self.mesh, nodes, loads)
 
 
 def prepare(mechanism: Mechanism, passive: bool = True, threads: int | None = None) -> TorqueFunction:

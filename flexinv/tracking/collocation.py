@@ -13,6 +13,7 @@ Their linearisation is block tridiagonal in time: instant k feels k - 1 and k + 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ from flexinv.kinematics.tree import Joints
 from flexinv.planar.detection import Plane, find_plane
 from flexinv.tracking.collocation_kernel import Evaluated, Motion, evaluate_instants, inverse_tangents
 from flexinv.tracking.frame_path import Poses
-from flexinv.tracking.inverse_kinematics import Frame, Reach
+from flexinv.tracking.inverse_kinematics import Reach, RigidWay
 from flexinv.typing import Array
 
 # Instants that are linearised at once: their matrices stay in a few megabytes.
@@ -119,15 +120,9 @@ class Layout:
 
     def moved(self, at: Placed, y: Array) -> Placed:
         """Return the poses after increments y (samples, unknowns) [m], [rad], rotations in the node's own frame."""
-        turns = self._turns(y)
-        flat = at.flat + y
-        for first in self.triple:
-            flat[:, first : first + 3] = 0.0
-        return Placed(flat, at.turn @ exp_so3(turns))
-
-    def _turns(self, y: Array) -> Array:
-        """(samples, rotations, 3) [rad] of vectors of unknowns."""
-        return y[:, self.triple[:, None] + np.arange(3)]
+        flat, turns = at.flat + y, self.triple[:, None] + np.arange(3)
+        flat[:, turns] = 0.0
+        return Placed(flat, at.turn @ exp_so3(y[:, turns]))
 
     def differences(self, at: Placed, h: float) -> tuple[Array, Array, Array]:
         """Return u, u' (samples, unknowns) [m, rad, s], zero at the ends, and delta+ of rotations (samples - 1, rotations, 3)."""
@@ -156,20 +151,6 @@ def _in_plane(mesh: Mesh, solver: Solver, plane: Plane) -> Array:
 
 
 @dataclass(frozen=True)
-class Task:
-    """Task of stable inversion: the poses of the frame, and joint motion where these leave the drives free.
-
-    wanted : Poses; reach : of the rigid mechanism; length : that turns rotations into lengths [m]; duration : of the path [s]
-    """
-
-    frame: Frame
-    wanted: Poses
-    reach: Reach
-    length: float
-    duration: float
-
-
-@dataclass(frozen=True)
 class Linearised:
     """The equations at all instants: residuals and derivatives in the unknowns that are picked; trajectory as evaluated.
 
@@ -191,12 +172,26 @@ class TurnedTooMuch(Exception):
 
 @dataclass(frozen=True)
 class Horizon:
-    """The space-time equations of one task on the instants ``time`` (samples,) [s], spaced by ``h`` [s]."""
+    """The space-time equations of a frame on its path, at the instants ``time`` (samples,) [s], spaced by ``h`` [s].
+
+    way : what follows what; reach : of the rigid mechanism, whose joints move so where the path leaves the drives free
+    """
 
     layout: Layout
-    task: Task
+    way: RigidWay
+    reach: Reach
     time: Array
     h: float
+
+    @cached_property
+    def wanted(self) -> Poses:
+        """Return the poses of the frame on its path [m, rad, s]."""
+        return self.way.path.evaluate(self.time)
+
+    @cached_property
+    def rigid(self) -> Placed:
+        """Return the poses of the rigid mechanism on the path [m], [rad]."""
+        return self.layout.undeformed(self.reach.q)
 
     def evaluate(self, at: Placed, stiffness: float = 1.0, want: bool = True) -> Linearised:
         """Return residuals and derivatives at the poses ``at`` [m], [rad], the beams ``stiffness`` times as stiff [-].
@@ -205,7 +200,7 @@ class Horizon:
         """
         u, du, _ = self.layout.differences(at, self.h)
         rows, mesh, size = len(self.layout.pick), self.layout.solver.mesh, len(self.time)
-        tasks = self.task.reach.within.shape[2] + self.task.reach.idle.shape[2]
+        tasks = self.reach.within.shape[2] + self.reach.idle.shape[2]
         shape = (size if want else 0, rows, rows)
         out = Linearised(
             np.zeros((size, rows)), np.zeros(shape), np.zeros(shape), np.zeros(shape),
@@ -229,7 +224,7 @@ class Horizon:
         joints = Joints(*(given.copy() for given in self.layout.joints))  # free ones are overwritten
         motion = Motion(x, r, at.flat[part], u[part], du[part], load_table(s.mesh, self.time[part]))
         system = s.system._replace(elements=beams)
-        instant_, element = evaluate_instants(system, joints, motion, self.task.frame.node, now)
+        instant_, element = evaluate_instants(system, joints, motion, self.way.frame.node, now)
         if instant_ >= 0:
             raise TurnedTooMuch(f"t = {self.time[part.start + instant_]:g} s, element {element}")
         out.residual[part] = now.residual @ pick.T
@@ -241,32 +236,26 @@ class Horizon:
 
     def _missed(self, part: slice, at: Placed, own: Trajectory, reach: Array) -> tuple[Array, Array]:
         """c(y) (samples, tasks) [m], [rad] and its derivative (samples, tasks, unknowns)."""
-        task, drives = self.task, self.layout.drives
-        now = task.frame.poses(own.motion)
-        node = own.motion.rotation[:, task.frame.node]
-        off, by = now.x - task.wanted.x[part], np.zeros((len(reach), 3, reach.shape[2]))
+        wanted, frame, drives, length = self.wanted, self.way.frame, self.layout.drives, self.way.mesh.length
+        now = frame.poses(own.motion)
+        node = own.motion.rotation[:, frame.node]
+        off, by = now.x - wanted.x[part], np.zeros((len(reach), 3, reach.shape[2]))
         if len(reach):
-            spin = np.cross(np.swapaxes(reach[:, 3:], 1, 2), task.frame.point)  # (sample, unknown, xyz)
+            spin = np.cross(np.swapaxes(reach[:, 3:], 1, 2), frame.point)  # (sample, unknown, xyz)
             by = reach[:, :3] + node @ np.swapaxes(spin, 1, 2)
-        if task.wanted.rotation is not None and now.rotation is not None:
-            turn = log_so3(np.swapaxes(task.wanted.rotation[part], 1, 2) @ now.rotation)
-            off = np.hstack([off, task.length * turn])
+        if wanted.rotation is not None and now.rotation is not None:
+            turn = log_so3(np.swapaxes(wanted.rotation[part], 1, 2) @ now.rotation)
+            off = np.hstack([off, length * turn])
             if len(reach):
-                seen = task.length * inverse_tangents(turn) @ (task.frame.turn.T @ reach[:, 3:])
-                by = np.concatenate([by, seen], axis=1)
-        across = np.swapaxes(task.reach.within[part], 1, 2)  # (sample, direction, row)
-        idle = np.swapaxes(task.reach.idle[part], 1, 2)  # (sample, self-motion, drive)
-        away = at.flat[part] @ drives.T - self._drives[part]
+                by = np.concatenate([by, length * inverse_tangents(turn) @ (frame.turn.T @ reach[:, 3:])], axis=1)
+        across = np.swapaxes(self.reach.within[part], 1, 2)  # (sample, direction, row)
+        idle = np.swapaxes(self.reach.idle[part], 1, 2)  # (sample, self-motion, drive)
+        away = (at.flat[part] - self.rigid.flat[part]) @ drives.T
         missed = np.hstack([np.einsum("str,sr->st", across, off), np.einsum("std,sd->st", idle, away)])
         return missed, np.concatenate([across @ by, idle @ drives], axis=1) if len(reach) else by
 
-    @property
-    def _drives(self) -> Array:
-        """Drives of the rigid mechanism (samples, drives) [rad], [m]."""
-        return self.layout.undeformed(self.task.reach.q).flat @ self.layout.drives.T
-
-    def step(self, at: Placed, now: Linearised) -> tuple[Array, Array]:
-        """Return Newton's increments y (samples, unknowns) [m], [rad] and the efforts tau (samples, drives) [N m], [N]."""
+    def step(self, at: Placed, now: Linearised) -> Array:
+        """Return Newton's increments y (samples, unknowns) [m], [rad]."""
         below, own, above = self._blocks(at, now)
         efforts = -self.layout.pick @ self.layout.drives.T  # (row, drive)
         rows, drives = efforts.shape
@@ -280,7 +269,7 @@ class Horizon:
         largest = np.abs(of_motion[:, None] * own * of_motion).max()
         scale = np.concatenate([of_motion, largest / (self.layout.drives @ self.layout.solver.topology.scale)])
         solved = solve_tridiagonal(system[0] * scale, system[1] * scale, system[2] * scale, right) * scale
-        return solved[:, :rows] @ self.layout.pick, solved[:, rows:]
+        return np.asarray(solved[:, :rows] @ self.layout.pick)
 
     def _blocks(self, at: Placed, now: Linearised) -> tuple[Array, Array, Array]:
         """Derivatives of each instant's equations of motion by the poses before, at and after it."""
@@ -305,15 +294,7 @@ class Horizon:
             out[:, :, first : first + 3] = block[:, :, first : first + 3] @ turn
         return out
 
-    def scaled(self, y: Array) -> float:
-        """Return the largest increment relative to the mechanism's length, or in radians [-]."""
-        return float(np.abs(y / self.layout.solver.topology.scale).max(initial=0.0))
-
     def at(self, sample: int) -> Horizon:
         """Return the equations of one instant alone, at rest, number ``sample`` [-]."""
-        one = slice(sample, sample + 1) if sample >= 0 else slice(sample, None)
-        w, r = self.task.wanted, self.task.reach
-        turned = [None if part is None else part[one] for part in (w.rotation, w.omega, w.alpha)]
-        wanted = Poses(w.x[one], w.v[one], w.a[one], *turned)
-        reach = Reach(*(part[one] for part in (r.q, r.qd, r.qdd, r.within, r.idle)))
-        return Horizon(self.layout, replace(self.task, wanted=wanted, reach=reach), self.time[one], self.h)
+        reach = Reach(*(part[[sample]] for part in vars(self.reach).values()))
+        return Horizon(self.layout, self.way, reach, self.time[[sample]], self.h)

@@ -1,30 +1,39 @@
-"""follow: a path of a frame becomes joint torques, so that the deformed mechanism, not only a rigid one, follows it."""
+"""follow: a path of a frame becomes joint torques, so that the deformed mechanism, not only a rigid one, follows it.
+
+Stable inversion: from torque to tip a flexible arm is not of minimum phase: marched forward in time, the motion that belongs to a
+prescribed tip grows without bound.  Solved as a boundary-value problem, at rest at both ends of a window, it is bounded: what
+grows forward in time is fixed by the end (the arm moves before its tip does), what decays by the start.
+All instants are unknown at once (`collocation`), and Newton solves for them; the first guess is the rigid mechanism on the path,
+and where Newton does not converge from there the beams begin stiffer.
+Source: Devasia, Chen, Paden, *Nonlinear inversion-based output tracking*, IEEE Trans. Automatic Control 41, 1996; as a
+boundary-value problem of multibody systems Seifried, *Dynamics of Underactuated Multibody Systems*, 2014, ch. 4.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy  # its parts are loaded when they are asked for
 from numpy.typing import ArrayLike, NDArray
 
 from flexinv.analysis.evaluation import FirstStep, rigid_motion_of, solution_after
-from flexinv.analysis.extrapolation import extrapolated, thinned, weights
-from flexinv.analysis.settings import Settings
 from flexinv.analysis.simulate import simulate
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.solve import OF_STEPS, finer_meshes, scaled_difference, solve, with_bars
-from flexinv.errors import InputError
-from flexinv.inverse.applied_forces import applied_forces
+from flexinv.analysis.solve import solve, with_error
+from flexinv.analysis.task import Settings
+from flexinv.dynamics.solver import Trajectory
+from flexinv.errors import ConvergenceError, InputError
+from flexinv.inverse.inverse_dynamics import applied_forces
 from flexinv.kinematics.configuration_arrays import fill_passive
-from flexinv.kinematics.mesh import Mesh, build
+from flexinv.kinematics.mesh import build
 from flexinv.model.mechanism import Attachment, Mechanism
 from flexinv.model.motion import Motion
-from flexinv.tracking.collocation import Horizon, Layout, Task
+from flexinv.tracking.collocation import Horizon, Layout, Placed, TurnedTooMuch
 from flexinv.tracking.frame_path import Path
 from flexinv.tracking.inverse_kinematics import Frame, Reach, RigidWay, drive_columns, frame_of
-from flexinv.tracking.stable_inversion import Inverse, internal_rates, invert, unrest
 from flexinv.typing import Array
 from flexinv.validation import choice, flag, of_kind, seconds
 
@@ -34,6 +43,16 @@ LEFT, RESTLESS = 1e-6, 1e-2
 SWINGING = 1e-3
 # More instants than this are a mistake in `step` or in the window far more often than a wish: a gigabyte of equations.
 MOST_INSTANTS = 20_000
+# Newton stops when an increment, relative to the mechanism's length or in radians, is below this; convergence is quadratic, so
+# that the next would be its square.
+INCREMENT = 1e-8
+MOST_ITERATIONS = 20
+# An increment this large, in lengths of the mechanism or radians, means that Newton is lost.
+LOST = 30.0
+# Continuation begins this many times as stiff, and gives up where the factor has to fall by less than SMALLEST in one go.
+STIFF, SMALLEST = 1000.0, 1.02
+# An eigenvalue this many times the largest that the mesh resolves in a path belongs to a freedom without inertia.
+ENDLESS = 1e10
 RIGID, JOINT_SPACE, INVERSION = "rigid", "joint space", "stable inversion"
 
 
@@ -61,7 +80,13 @@ class Following:
         """The joints on the rigid mechanism's motion, beams bending: the naive answer, by `solve` [m, rad, s, N, N m]."""
         if self.solution is self.rigid:
             return self.rigid
-        return _joint_space(self.solution.mechanism, self.reach, self.time, float(self.time[1] - self.time[0]))
+        m, q, time = self.solution.mechanism, self.reach.q, self.time - self.time[0]
+        given = {j.name: q[:, m.q_slices[j.name]] for j in m.joints if j.nv and j.actuated}
+        rest = {j.name: q[0, m.q_slices[j.name]] for j in m.joints if j.nv and not j.actuated}
+        motion, step = Motion.from_samples(time, given, rest=True), float(self.time[1] - self.time[0])
+        # the end: rounding of the first time must not lose the last sample
+        found = solve(m, motion, step, end=float(time[-1]), initial=_initial(m), start=rest)
+        return replace(found, time=self.time)
 
     @property
     def feed_forwards(self) -> dict[str, Solution]:
@@ -114,39 +139,60 @@ def follow(
     of_kind("mechanism", mechanism, Mechanism)
     of_kind("path", path, Path)
     error = flag("error", error)
+    asked = None
     if accuracy is not None or step is None:
         from flexinv.accuracy.accurate import check_accuracy
 
-        return _accurately(mechanism, path, frame, check_accuracy(accuracy, step), (before, after, start))
-    mesh = build(mechanism)
+        asked = check_accuracy(accuracy, step)
     _check(mechanism)
+
+    def way_of(meshed: Mechanism) -> RigidWay:
+        mesh = build(meshed)
+        return RigidWay(mesh, frame_of(mesh, frame), path, start)
+
+    if asked is not None:
+        return _accurately(mechanism, asked, way_of, before, after)
     step = seconds("step", step, "a positive number of seconds, for example step=1e-3")
-    way = RigidWay(mesh, frame_of(mesh, frame), path, start)
+    way = way_of(mechanism)
     time = _window(way, step, before, after)
     out = _beside_rigid(way, time)
     if _is_stiff(mechanism):
         return out
-    out, first = _followed(out, mesh, step)
+    first, horizon, left = _inverted(way, out.reach, time, step)
+    _check_rest(horizon, left)
+    out = replace(out, solution=solution_after(way.mesh, first, _settings(step)), unrest=left)
     if not error:
         return out
-    return _with_error(out, first, path, frame, step, start)
+
+    def again(meshed: Mechanism, steps: Array, own: Settings) -> tuple[Solution, FirstStep]:
+        finer = way_of(meshed)
+        one, ended, rest = _inverted(finer, finer.reach(steps), steps, own.step)
+        _check_rest(ended, rest)
+        return solution_after(finer.mesh, one, own), one
+
+    return replace(out, solution=with_error(out.solution, first, time, _settings(step), again, 2, True))
 
 
-def _followed(out: Following, mesh: Mesh, step: float) -> tuple[Following, FirstStep]:
-    """The way of a mechanism that bends, from its way as if it were rigid; and its first step [m, rad, s, N]."""
-    horizon = _horizon(out, mesh, step)
-    found = invert(horizon)
-    left, first = unrest(out.time, found), _first(horizon, found)
-    _check_rest(horizon, left)
-    return replace(out, solution=solution_after(mesh, first, _settings(step)), unrest=left), first
+def _inverted(way: RigidWay, reach: Reach, time: Array, step: float) -> tuple[FirstStep, Horizon, tuple[float, float]]:
+    """The first step [m, rad, s, N] of a mechanism that bends, its equations, and what moves at both ends of the window [-]."""
+    mesh, m = way.mesh, way.mesh.mechanism
+    horizon = Horizon(Layout.of(mesh), way, reach, time, step)
+    trajectory, moves = invert(horizon), {joint.name for joint in m.joints if joint.nv}
+    q, qd, qdd = reach.q.copy(), np.zeros((len(time), m.nv)), np.zeros((len(time), m.nv))
+    fill_passive(mesh, trajectory.motion, moves, q, qd, qdd)
+    applied = applied_forces(mesh, trajectory.motion, time)
+    first = FirstStep(trajectory, time, (q, qd, qdd), applied, smooth=moves)
+    # the speed just inside the window's start and end over the largest in it: zero where it is long enough
+    speed = np.abs(trajectory.motion.v).max(axis=(1, 2))
+    largest = float(speed.max()) or 1.0
+    return first, horizon, (float(speed[1] / largest), float(speed[-2] / largest))
 
 
 def _beside_rigid(way: RigidWay, time: Array) -> Following:
     """A path as if nothing bent: the answer of a rigid mechanism whose joints are all driven, and the guess of all others."""
     mesh, reach = way.mesh, way.reach(time)
-    rigid = solution_after(
-        mesh, rigid_motion_of(mesh, time, (reach.q, reach.qd, reach.qdd)), _settings(float(time[1] - time[0]))
-    )
+    first = rigid_motion_of(mesh, time, (reach.q, reach.qd, reach.qdd))
+    rigid = solution_after(mesh, first, _settings(float(time[1] - time[0])))
     return Following(way.path, way.frame, time, way.path.evaluate(time).x, rigid, rigid, reach, (0.0, 0.0))
 
 
@@ -154,43 +200,32 @@ def _is_stiff(mechanism: Mechanism) -> bool:
     return mechanism.is_rigid and all(j.actuated for j in mechanism.joints if j.nv)
 
 
-def _horizon(of: Following, mesh: Mesh, step: float) -> Horizon:
-    wanted = of.path.evaluate(of.time)
-    return Horizon(Layout.of(mesh), Task(of.frame, wanted, of.reach, mesh.length, of.path.duration), of.time, step)
-
-
 def _accurately(
-    mechanism: Mechanism, path: Path, frame: str | Attachment, asked: float,
-    window: tuple[float | None, float | None, Mapping[str, ArrayLike] | None],
+    mechanism: Mechanism, asked: float, way_of: Callable[[Mechanism], RigidWay], before: float | None, after: float | None
 ) -> Following:  # fmt: skip
     """The path followed as exactly as was asked; instants of the coarsest step divide the path's time."""
     from flexinv.accuracy.accurate import accurate
     from flexinv.accuracy.refinement import Problem, Run
     from flexinv.accuracy.step_grid import FEWEST_IN_STRETCH, StepGrid
 
-    coarsest, (before, after, start) = path.duration / FEWEST_IN_STRETCH, window
-    _check(mechanism)
-    mesh = build(mechanism)
-    way = RigidWay(mesh, frame_of(mesh, frame), path, start)
+    way = way_of(mechanism)
+    left: list[tuple[Horizon, tuple[float, float]]] = []
+    coarsest = way.path.duration / FEWEST_IN_STRETCH
     ends = _window(way, coarsest, before, after)
-    left = []
 
     def run(meshed: Mechanism, steps: Array, _: tuple[int, ...], settings: Settings) -> Run:
-        own = build(meshed)
-        out = _beside_rigid(RigidWay(own, frame_of(own, frame), path, start), steps)
-        horizon = _horizon(out, own, settings.step)
-        found = invert(horizon)
-        left.append((horizon, unrest(steps, found)))
-        moves = {joint.name for joint in meshed.joints if joint.nv}
-        return Run(own, _first(horizon, found), _settings(settings.step), moves)
+        own = way_of(meshed)
+        first, horizon, rest = _inverted(own, own.reach(steps), steps, settings.step)
+        left.append((horizon, rest))
+        return Run(own.mesh, first, _settings(settings.step), set(first.smooth))
 
     grid = StepGrid(ends[[0, -1]], (len(ends) - 1,))
     if _is_stiff(mechanism):
         return _beside_rigid(way, grid.steps(1))
     solution = accurate(Problem(mechanism, grid, run, _settings(coarsest), asked))
-    _check_rest(*left[-1])
-    out = _beside_rigid(RigidWay(solution.mesh, frame_of(solution.mesh, frame), path, start), solution.time)
-    return replace(out, solution=solution, unrest=left[-1][1])
+    horizon, rest = left[-1]
+    _check_rest(horizon, rest)
+    return replace(_beside_rigid(way_of(solution.mechanism), solution.time), solution=solution, unrest=rest)
 
 
 def _check(mechanism: Mechanism) -> None:
@@ -205,7 +240,7 @@ def _check(mechanism: Mechanism) -> None:
 
 def _window(way: RigidWay, step: float, before: float | None, after: float | None) -> Array:
     """Instants (samples,) [s], 0 among them."""
-    mesh, frame, path = way.mesh, way.frame, way.path
+    path = way.path
     for name, value in (("before", before), ("after", after)):
         seconds(name, 0.0 if value is None else value, "a time, 0 or more [s], or None to choose it here", zero=True)
     if step > path.duration / 4:
@@ -214,10 +249,7 @@ def _window(way: RigidWay, step: float, before: float | None, after: float | Non
         )
     ends = np.array([0.0, path.duration])
     if before is None or after is None:
-        reach = way.reach(ends)
-        horizon = Horizon(
-            Layout.of(mesh), Task(frame, path.evaluate(ends), reach, mesh.length, path.duration), ends, step
-        )
+        horizon = Horizon(Layout.of(way.mesh), way, way.reach(ends), ends, step)
         waits = [_fading(internal_rates(horizon, k)) for k in (0, -1)]
     first, last = (given if given is not None else waits[k] for k, given in enumerate((before, after)))
     count = np.ceil(np.array([first, path.duration + last]) / step * (1 - 1e-9))
@@ -236,7 +268,7 @@ def _fading(rates: NDArray[np.complex128]) -> float:
 
 
 def _check_rest(horizon: Horizon, left: tuple[float, float]) -> None:
-    ends = (-float(horizon.time[0]), float(horizon.time[-1]) - horizon.task.duration)
+    ends = (-float(horizon.time[0]), float(horizon.time[-1]) - horizon.way.path.duration)
     for name, given, sample, rest in zip(("before", "after"), ends, (0, -1), left, strict=True):
         if rest <= RESTLESS:
             continue
@@ -258,27 +290,6 @@ def _check_rest(horizon: Horizon, left: tuple[float, float]) -> None:
         )
 
 
-def _joint_space(mechanism: Mechanism, reach: Reach, time: Array, step: float) -> Solution:
-    driven = [j.name for j in mechanism.joints if j.nv and j.actuated]
-    columns = {name: reach.q[:, mechanism.q_slices[name]] for name in driven}
-    motion = Motion.from_samples(time - time[0], columns, rest=True)
-    rest = {j.name: reach.q[0, mechanism.q_slices[j.name]] for j in mechanism.joints if j.nv and not j.actuated}
-    # the end: rounding of the first time must not lose the last sample
-    found = solve(mechanism, motion, step, end=float(time[-1] - time[0]), initial=_initial(mechanism), start=rest)
-    return replace(found, time=time)
-
-
-def _first(horizon: Horizon, found: Inverse) -> FirstStep:
-    mesh = horizon.layout.solver.mesh
-    m = mesh.mechanism
-    q, qd, qdd = horizon.task.reach.q.copy(), np.zeros((len(horizon.time), m.nv)), np.zeros((len(horizon.time), m.nv))
-    moves = {joint.name for joint in m.joints if joint.nv}
-    fill_passive(mesh, found.trajectory.motion, moves, q, qd, qdd)
-    found.trajectory.iterations[:] = found.iterations
-    applied = applied_forces(mesh, found.trajectory.motion, horizon.time)
-    return FirstStep(found.trajectory, horizon.time, (q, qd, qdd), applied, smooth=moves)
-
-
 def _initial(mechanism: Mechanism) -> str:
     return "static" if np.any(mechanism.gravity) or mechanism.forces else "consistent"
 
@@ -287,20 +298,69 @@ def _settings(step: float) -> Settings:
     return Settings(float(step), spectral_radius=1.0, initial="static", tolerance=None)
 
 
-def _with_error(
-    out: Following, first: FirstStep, path: Path, frame: str | Attachment, step: float, start: Mapping[str, ArrayLike] | None
-) -> Following:  # fmt: skip
-    """The answer extrapolated from steps h and h/2, with error bars as in `solve`."""
-    mechanism, rough, bars = out.solution.mechanism, out.solution, []
+def invert(horizon: Horizon) -> Trajectory:
+    """Return the bounded motion [m, rad, s, N] of a frame on its path, from the rigid mechanism's as the first guess.
 
-    def again(meshed: Mechanism, steps: Array, own: float) -> tuple[Following, FirstStep]:
-        mesh = build(meshed)
-        return _followed(_beside_rigid(RigidWay(mesh, frame_of(mesh, frame), path, start), steps), mesh, own)
+    r(y_k, u_k, u'_k) - S tau_k = 0,  c(y_k) = 0  at all instants k, at rest at the first and the last.
 
-    fine, half = again(mechanism, out.time[0] + step / 2 * np.arange(2 * len(out.time) - 1), step / 2)
-    both = extrapolated(mechanism, [first, thinned(half, 2)], weights((1, 2)))
-    better = solution_after(rough.mesh, both, _settings(step))
-    bars.append(scaled_difference(rough, fine.solution, 2, OF_STEPS))
-    for finer, factor in finer_meshes(mechanism):
-        bars.append(scaled_difference(rough, again(finer, out.time, step)[0].solution, 1, factor))
-    return replace(out, solution=with_bars(better, bars))
+    Raises ConvergenceError where Newton finds no motion, from stiffer beams neither.
+    """
+    stiffness, factor = 1.0, STIFF ** (1 / 4)
+    found = _newton(horizon, horizon.rigid, stiffness)
+    if found is None:
+        stiffness = STIFF
+        found = _newton(horizon, horizon.rigid, stiffness)
+    while found is not None and stiffness > 1.0:
+        target = max(1.0, stiffness / factor)
+        softer = _newton(horizon, found[0], target)
+        if softer is not None:
+            found, stiffness = softer, target
+        elif (factor := np.sqrt(factor)) < SMALLEST:
+            break
+    if found is not None and stiffness == 1.0:
+        return found[1]
+    raise ConvergenceError(
+        f"mechanism '{horizon.way.mesh.mechanism.name}': no bounded motion found whose frame on '{horizon.way.frame.name}' "
+        f"follows the path, only with beams {stiffness:.3g} times as stiff; give the path more time, a smaller step, or check "
+        "the stiffness"
+    )
+
+
+def _newton(horizon: Horizon, at: Placed, stiffness: float) -> tuple[Placed, Trajectory] | None:
+    """Newton's method on all instants; None where it does not converge."""
+    for iteration in range(1, MOST_ITERATIONS + 1):
+        try:
+            y = horizon.step(at, horizon.evaluate(at, stiffness))
+        except (TurnedTooMuch, scipy.linalg.LinAlgError):
+            return None
+        size = float(np.abs(y / horizon.layout.solver.topology.scale).max(initial=0.0))
+        if not size < LOST:
+            return None
+        at = horizon.layout.moved(at, y)
+        if size < INCREMENT:
+            trajectory = horizon.evaluate(at, stiffness, want=False).trajectory
+            trajectory.iterations[:] = iteration
+            return at, trajectory
+    return None
+
+
+def internal_rates(horizon: Horizon, sample: int) -> NDArray[np.complex128]:
+    """Return the rates s [1/s] (Re >= 0, slowest first) of what moves inside while the frame rests, at one end of the window.
+
+    With z = N w, c N = 0 (the frame rests) and W^T S = 0 (no effort): (W^T (K + s^2 M) N) w = 0; damping is left out.
+    exp(s t) before the path and exp(-s t) after it; an imaginary s swings and never ends.
+    """
+    own = horizon.at(sample)
+    one = own.evaluate(own.rigid)
+    pick = horizon.layout.pick
+    sizes = np.sqrt(pick**2 @ horizon.layout.solver.topology.scale**2)  # lengths over that of the mechanism
+    by, efforts = one.by[0] * sizes, sizes[:, None] * (pick @ horizon.layout.drives.T)
+    n, w = (
+        sizes[:, None] * scipy.linalg.null_space(part / np.abs(part).max(axis=1, keepdims=True))
+        for part in (by, efforts.T)
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        squared = scipy.linalg.eigvals(-w.T @ one.k[0] @ n, w.T @ one.m[0] @ n)
+    squared = squared[np.isfinite(squared)]
+    rates = np.sqrt(squared[np.abs(squared) < ENDLESS * np.abs(squared).min(initial=np.inf)].astype(complex))
+    return np.asarray(rates[np.argsort(rates.real)])

@@ -52,19 +52,13 @@ class Frame:
     def poses(self, motion: NodalMotion) -> Poses:
         """Return the motion of the frame [m, rad, s]."""
         r, w, al = motion.rotation[:, self.node], motion.omega[:, self.node], motion.alpha[:, self.node]
+        x, v, a = (part[:, self.node] for part in (motion.x, motion.v, motion.a))
         if not self.point.any():  # at the node itself, as a beam's tip
-            x, v, a = (part[:, self.node] for part in (motion.x, motion.v, motion.a))
             return Poses(x, v, a, r @ self.turn, w @ self.turn, al @ self.turn)
         spin = np.cross(w, self.point)
         swing = np.cross(al, self.point) + np.cross(w, spin)
-        return Poses(
-            motion.x[:, self.node] + r @ self.point,
-            motion.v[:, self.node] + np.einsum("sij,sj->si", r, spin),
-            motion.a[:, self.node] + np.einsum("sij,sj->si", r, swing),
-            r @ self.turn,
-            w @ self.turn,
-            al @ self.turn,
-        )
+        x, v, a = x + r @ self.point, v + _turned(r, spin), a + _turned(r, swing)
+        return Poses(x, v, a, r @ self.turn, w @ self.turn, al @ self.turn)
 
 
 @dataclass(frozen=True)
@@ -87,11 +81,8 @@ def frame_of(mesh: Mesh, frame: str | Attachment) -> Frame:
     """Return the frame of an attachment or, by a link's name, at its tip [m].  Raises InputError for what is not there."""
     m = mesh.mechanism
     if not isinstance(frame, str | Attachment):
-        refuse(
-            "frame",
-            frame,
-            f"the name of a link, whose tip follows, or an Attachment; links of '{m.name}': {', '.join(m.link_of)}",
-        )
+        known = f"links of '{m.name}': {', '.join(m.link_of)}"
+        refuse("frame", frame, f"the name of a link, whose tip follows, or an Attachment; {known}")
     name = frame if isinstance(frame, str) else frame.link
     if name not in m.link_of:
         raise InputError(f"frame on link {name!r}: expected a link of '{m.name}': {', '.join(m.link_of)}")
@@ -121,24 +112,14 @@ def drive_columns(mechanism: Mechanism) -> NDArray[np.int64]:
     return np.flatnonzero(mechanism.actuated)
 
 
-def follow_rigid(
-    mesh: Mesh, frame: Frame, path: Path, time: Array, start: Mapping[str, ArrayLike] | None = None
-) -> Reach:
-    """Return the joint motion with which the undeformed mechanism follows a path at ``time`` (samples,) [s].
-
-    start : guess of joint coordinates at the start of the path, zero unless given [rad], [m]; joints without a drive stay
-        where it puts them
-
-    Raises InputError where the path cannot be reached, leads past a limit or through a singular position.
-    """
-    return RigidWay(mesh, frame, path, start).reach(time)
-
-
 @dataclass(frozen=True)
 class RigidWay:
-    """The way of a rigid mechanism along a path, as `follow_rigid` finds it, for several sets of times.
+    """The way of the undeformed mechanism along a path, for several sets of times.
 
-    mesh, frame, path : what follows what; start : guess of joint coordinates at the start [rad], [m]
+    Angles are (samples, nv), a continuous joint's too.
+    mesh, frame, path : what follows what
+    start : guess of joint coordinates at the start of the path, zero unless given [rad], [m]; joints without a drive stay where
+        it puts them
     """
 
     mesh: Mesh
@@ -147,46 +128,39 @@ class RigidWay:
     start: Mapping[str, ArrayLike] | None = None
 
     def reach(self, time: Array) -> Reach:
-        """Return the joint motion at times (samples,) [s].  Raises InputError as `follow_rigid` does."""
-        path, (chain, spline) = self.path, self._knots
+        """Return the joint motion with which the frame follows the path at ``time`` (samples,) [s].
+
+        Raises InputError where the path cannot be reached, leads past a limit or through a singular position.
+        """
+        path, spline = self.path, self._knots
         inside = np.clip(time, 0.0, path.duration)
         moving = ((time > 0.0) & (time < path.duration))[:, None]
         guess = [spline(inside), *(np.where(moving, spline(inside, nu=n), 0.0) for n in (1, 2))]
-        return chain.finish(guess, path.evaluate(time), time)
+        return self._finish(guess, path.evaluate(time), time)
 
     @cached_property
-    def _knots(self) -> tuple[_Chain, scipy.interpolate.BSpline]:
-        """The chain, and a spline through its angles at places of the path, found one after the other."""
-        chain = _Chain.of(self.mesh, self.frame, self.path)
-        first = chain.guess(self.start)
+    def _drives(self) -> NDArray[np.int64]:
+        return drive_columns(self.mesh.mechanism)
+
+    @cached_property
+    def _bounds(self) -> Array:
+        """Lower and upper limits of the drives, (2, drives)."""
+        limits = [j.limits for j in self.mesh.mechanism.joints for _ in range(j.nv)]
+        return np.array([(one.lower, one.upper) for one in limits])[self._drives].T
+
+    @cached_property
+    def _knots(self) -> scipy.interpolate.BSpline:
+        """A spline through the angles at places of the path, found one after the other."""
         knots = np.linspace(0.0, self.path.duration, KNOTS)
         angles = np.empty((KNOTS, self.mesh.mechanism.nv))
+        first = self._guess()
         for k, at in enumerate(knots):
-            angles[k] = first = chain.approach(first, self.path.evaluate(np.array([at])), float(at))
-        return chain, scipy.interpolate.make_interp_spline(knots, angles, k=5)
+            angles[k] = first = self._approach(first, self.path.evaluate(np.array([at])), float(at))
+        return scipy.interpolate.make_interp_spline(knots, angles, k=5)
 
-
-@dataclass(frozen=True)
-class _Chain:
-    """A mechanism as what moves one frame; angles are (samples, nv), a continuous joint's too."""
-
-    mesh: Mesh
-    frame: Frame
-    oriented: bool
-    drives: NDArray[np.int64]
-    lower: Array
-    upper: Array
-
-    @classmethod
-    def of(cls, mesh: Mesh, frame: Frame, path: Path) -> _Chain:
-        limits = [j.limits for j in mesh.mechanism.joints for _ in range(j.nv)]
-        bounds = np.array([(one.lower, one.upper) for one in limits])
-        drives = drive_columns(mesh.mechanism)
-        return cls(mesh, frame, path.turn is not None, drives, bounds[drives, 0], bounds[drives, 1])
-
-    def guess(self, start: Mapping[str, ArrayLike] | None) -> Array:
+    def _guess(self) -> Array:
         m = self.mesh.mechanism
-        places, _ = start_coordinates(m, {j.name for j in m.joints if j.nv}, start)
+        places, _ = start_coordinates(m, {j.name for j in m.joints if j.nv}, self.start)
         out = np.zeros(m.nv)
         for joint in m.joints:
             own = m.v_slices[joint.name]
@@ -197,7 +171,7 @@ class _Chain:
                 out[own] = joint.rest
         return out
 
-    def coordinates(self, angles: Array) -> Array:
+    def _coordinates(self, angles: Array) -> Array:
         """q (samples, nq) of angles (samples, nv)."""
         m = self.mesh.mechanism
         q = np.tile(m.neutral, (len(angles), 1))
@@ -209,71 +183,71 @@ class _Chain:
                 q[:, m.q_slices[joint.name]] = own
         return q
 
-    def poses(self, angles: Array, rates: Array) -> Poses:
-        q = self.coordinates(angles)
+    def _poses(self, angles: Array, rates: Array) -> Poses:
+        q = self._coordinates(angles)
         return self.frame.poses(rigid_motion(self.mesh, q, rates, np.zeros_like(rates)))
 
-    def rows(self, linear: Array, angular: Array | None) -> Array:
+    def _rows(self, linear: Array, angular: Array | None) -> Array:
         """(samples, 3 or 6): a vector and, where orientation is asked for, a rotation times the mechanism's length."""
-        if not self.oriented or angular is None:
+        if self.path.turn is None or angular is None:
             return linear
         return np.hstack([linear, self.mesh.length * angular])
 
-    def off(self, angles: Array, wanted: Poses) -> Array:
+    def _off(self, angles: Array, wanted: Poses) -> Array:
         """Return the deviation from the path, (samples, rows) [m]."""
-        now = self.poses(angles, np.zeros_like(angles))
+        now = self._poses(angles, np.zeros_like(angles))
         turn = None
-        if self.oriented and now.rotation is not None and wanted.rotation is not None:
+        if self.path.turn is not None and now.rotation is not None and wanted.rotation is not None:
             turn = log_so3(np.einsum("sji,sjk->sik", now.rotation, wanted.rotation))
-        return self.rows(wanted.x - now.x, turn)
+        return self._rows(wanted.x - now.x, turn)
 
-    def jacobian(self, angles: Array) -> Array:
+    def _jacobian(self, angles: Array) -> Array:
         """(samples, rows, drives) [m]."""
         columns = []
-        for drive in self.drives:
+        for drive in self._drives:
             rates = np.zeros_like(angles)
             rates[:, drive] = 1.0
-            moving = self.poses(angles, rates)
-            columns.append(self.rows(moving.v, moving.omega))
+            moving = self._poses(angles, rates)
+            columns.append(self._rows(moving.v, moving.omega))
         return np.stack(columns, axis=2)  # (sample, row, drive)
 
-    def approach(self, angles: Array, wanted: Poses, at: float) -> Array:
+    def _approach(self, angles: Array, wanted: Poses, at: float) -> Array:
         """Angles (nv,) at one place of the path, by damped least squares within the limits."""
         angles, length = angles.copy(), self.mesh.length
         before = np.inf
         for _ in range(ITERATIONS):
-            missing = self.off(angles[None], wanted)[0]
+            missing = self._off(angles[None], wanted)[0]
             distance = float(np.linalg.norm(missing))
             if distance < REACHED * length:
                 break
-            jacobian = self.jacobian(angles[None])[0]
+            jacobian = self._jacobian(angles[None])[0]
             # Newton's own step near the path, where the last one halved the distance at least
             factor = 0.0 if distance < 0.5 * before and distance < DAMPING * length else DAMPING
             before = distance
-            angles[self.drives] = self.step(angles[self.drives], jacobian, missing, factor)
+            angles[self._drives] = self._step(angles[self._drives], jacobian, missing, factor)
         else:
-            self.unreached(angles, distance, at)
+            self._unreached(angles, distance, at)
         return angles
 
-    def step(self, now: Array, jacobian: Array, missing: Array, factor: float) -> Array:
+    def _step(self, now: Array, jacobian: Array, missing: Array, factor: float) -> Array:
         """Drives (drives,) after one step; those that would pass a limit stop there, and the others do without them."""
-        free = np.ones(len(now), dtype=bool)
+        free, (lower, upper) = np.ones(len(now), dtype=bool), self._bounds
         while True:
             dq = np.zeros(len(now))
             u, s, vt = np.linalg.svd(jacobian[:, free], full_matrices=False)
             use = s > NEGLIGIBLE * max(float(s.max(initial=0.0)), np.finfo(float).tiny)
             gain = s[use] / (s[use] ** 2 + (factor * s.max(initial=0.0)) ** 2)
             dq[free] = vt[use].T @ (gain * (u[:, use].T @ missing))
-            stopped = free & (((now >= self.upper) & (dq > 0)) | ((now <= self.lower) & (dq < 0)))
+            stopped = free & (((now >= upper) & (dq > 0)) | ((now <= lower) & (dq < 0)))
             if not stopped.any():
-                return np.asarray(np.clip(now + dq, self.lower, self.upper))
+                return np.asarray(np.clip(now + dq, lower, upper))
             free &= ~stopped
 
-    def unreached(self, angles: Array, distance: float, at: float) -> None:
-        m, own = self.mesh.mechanism, angles[self.drives]
-        held = (own <= self.lower) | (own >= self.upper)
+    def _unreached(self, angles: Array, distance: float, at: float) -> None:
+        m, own, (lower, upper) = self.mesh.mechanism, angles[self._drives], self._bounds
+        held = (own <= lower) | (own >= upper)
         if held.any():
-            name = [m.velocity_names[i] for i in self.drives][int(np.argmax(held))]
+            name = [m.velocity_names[i] for i in self._drives][int(np.argmax(held))]
             raise InputError(
                 f"mechanism '{m.name}': at t = {at:.4g} s of the path the frame on '{self.frame.name}' is {distance:.3g} m away "
                 f"from it and joint {name!r} at its limit; move the path, or give another start = {{...}} of the joints"
@@ -284,39 +258,32 @@ class _Chain:
             "(a stretched arm does not find by itself to which side to bend)"
         )
 
-    def finish(self, guess: list[Array], wanted: Poses, time: Array) -> Reach:
+    def _finish(self, guess: list[Array], wanted: Poses, time: Array) -> Reach:
         """Newton at all samples at once from the spline, and the rates that belong to it."""
-        angles, drives = guess[0], self.drives
+        angles, drives = guess[0], self._drives
         for _ in range(ITERATIONS):
-            missing = self.off(angles, wanted)
+            missing = self._off(angles, wanted)
             if np.abs(missing).max() < REACHED * self.mesh.length:
                 break
-            angles[:, drives] += np.einsum(
-                "sdr,sr->sd", np.linalg.pinv(self.jacobian(angles), rcond=NEGLIGIBLE), missing
-            )
+            angles[:, drives] += _turned(np.linalg.pinv(self._jacobian(angles), rcond=NEGLIGIBLE), missing)
         else:
             worst = int(np.abs(missing).max(axis=1).argmax())
-            self.unreached(angles[worst], float(np.abs(missing[worst]).max()), float(time[worst]))
-        jacobian = self.jacobian(angles)
+            self._unreached(angles[worst], float(np.abs(missing[worst]).max()), float(time[worst]))
+        jacobian = self._jacobian(angles)
         u, s, vt = np.linalg.svd(jacobian)
         rank = int((s > NEGLIGIBLE * s.max()).sum(axis=1).max())
-        self.check_singular(s[:, :rank], time)
+        self._check_singular(s[:, :rank], time)
         inverse: Array = np.asarray(np.linalg.pinv(jacobian, rcond=NEGLIGIBLE), dtype=np.float64)
         idle = np.swapaxes(vt[:, rank:], 1, 2)  # (sample, drive, self-motion)
-        rates = [np.zeros_like(angles), np.zeros_like(angles)]
+        qd, qdd = np.zeros_like(angles), np.zeros_like(angles)
         stay = idle @ np.swapaxes(idle, 1, 2)  # (sample, drive, drive)
-        self.put(rates[0], inverse, self.rows(wanted.v, wanted.omega), stay, guess[1])
-        bent = self.poses(angles, rates[0])
-        fall = self.rows(wanted.a, wanted.alpha) - self.rows(bent.a, bent.alpha)
-        self.put(rates[1], inverse, fall, stay, guess[2])
-        return Reach(self.coordinates(angles), rates[0], rates[1], u[:, :, :rank], idle)
+        qd[:, drives] = _turned(inverse, self._rows(wanted.v, wanted.omega)) + _turned(stay, guess[1][:, drives])
+        bent = self._poses(angles, qd)
+        fall = self._rows(wanted.a, wanted.alpha) - self._rows(bent.a, bent.alpha)
+        qdd[:, drives] = _turned(inverse, fall) + _turned(stay, guess[2][:, drives])
+        return Reach(self._coordinates(angles), qd, qdd, u[:, :, :rank], idle)
 
-    def put(self, out: Array, inverse: Array, wanted: Array, stay: Array, guess: Array) -> None:
-        out[:, self.drives] = np.einsum("sdr,sr->sd", inverse, wanted) + np.einsum(
-            "sde,se->sd", stay, guess[:, self.drives]
-        )
-
-    def check_singular(self, values: Array, time: Array) -> None:
+    def _check_singular(self, values: Array, time: Array) -> None:
         ratio = values[:, -1] / values[:, 0]
         if ratio.min() < SINGULAR:
             at = float(time[ratio.argmin()])
@@ -325,3 +292,8 @@ class _Chain:
                 f"through a singular position (joints move it {ratio.min():.1e} times as far in one direction as in another); "
                 "move the path, or give another start = {...} of the joints"
             )
+
+
+def _turned(matrices: NDArray[np.floating], vectors: Array) -> Array:
+    """Products of matrices (samples, rows, columns) with vectors (samples, columns)."""
+    return np.asarray(np.einsum("src,sc->sr", matrices, vectors))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 import flexinv
 from flexinv.elements.joint_law import FRICTION_RATE
-from flexinv.inverse.applied_forces import applied_forces, joint_springs
+from flexinv.inverse.inverse_dynamics import applied_forces, joint_springs
 
 Array = NDArray[np.float64]
 # Rounding over some hundred steps with forces, over the largest term of a sum.

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from flexible_examples import arm
 
-from flexinv.accuracy.quantities import Quantities
-from flexinv.accuracy.refinement import Level, Run, extrapolated_answer, meshed, plain_answer, rung
-from flexinv.analysis.settings import Settings
+from flexinv.accuracy.refinement import Level, Quantities, Run, extrapolated_answer, meshed, plain_answer, rung
+from flexinv.analysis.task import Settings
 from flexinv.kinematics.mesh import build
 
 TIME = np.linspace(0.0, 1.0, 41)

@@ -28,7 +28,8 @@ _CALL = re.compile(r"`(\w+(?:/\w+)+)\.(\w+)`")
 @pytest.fixture(scope="module")
 def followed(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Paths:
     """Paths of calls from `solve` on, by case."""
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(root / "tests" / "shared")}
+    folders = os.pathsep.join((str(root), str(root / "tests" / "shared")))
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": folders}
     script = root / "tests" / "shared" / "followed_calls.py"
 
     def follow(home: Path) -> None:

@@ -12,8 +12,7 @@ from scipy.integrate import simpson
 
 import flexinv
 from flexinv.files.load_cases import load_cases
-from flexinv.inverse.applied_forces import applied_forces
-from flexinv.inverse.inverse_dynamics import drive_efforts, inverse_dynamics
+from flexinv.inverse.inverse_dynamics import applied_forces, drive_efforts, inverse_dynamics
 from flexinv.model.mechanism import WORLD, Attachment, Body, Inertia, Limits, Placement, Spring
 
 

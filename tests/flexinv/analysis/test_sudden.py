@@ -253,7 +253,7 @@ def test_energy_from_nowhere_is_an_error_of_a_controller() -> None:
     guard = controller.flexible.guard
     for k in range(1, 40):
         controller.step(*(np.ascontiguousarray(part[k]) for part in (s.q, s.qd, s.qdd)))
-    held, potential, power = controller._energies(controller.flexible, s.qd[39])
+    held, potential, power = controller.flexible._energies(s.qd[39])
     assert held == pytest.approx((s.balance.kinetic + s.balance.elastic)[39], rel=1e-6)
     assert potential == pytest.approx(s.balance.potential[39], rel=1e-6)
     # torques ring at the step's own frequency: the sum over steps knows the work to some per cent

@@ -10,8 +10,7 @@ from flexible_examples import HALF_TURN, LENGTH, STRIP, TREE_MOTION, arm, observ
 
 import flexinv
 from flexinv.analysis.evaluation import FirstStep, second_step
-from flexinv.analysis.settings import Settings
-from flexinv.analysis.task import Task
+from flexinv.analysis.task import Settings, Task
 from flexinv.analysis.trajectory import flexible_motion
 from flexinv.dynamics.solver import Trajectory
 from flexinv.inverse.inverse_dynamics import inverse_dynamics

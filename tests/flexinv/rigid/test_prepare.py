@@ -16,8 +16,7 @@ from rigid_trees import KINDS, chain, tree, without_drives
 
 import flexinv
 from crosscheck.studies.robot_sweep import random_states
-from flexinv.inverse.applied_forces import applied_forces, joint_springs
-from flexinv.inverse.inverse_dynamics import inverse_dynamics
+from flexinv.inverse.inverse_dynamics import applied_forces, inverse_dynamics, joint_springs
 from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import rigid_motion

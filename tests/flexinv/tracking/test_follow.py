@@ -15,9 +15,9 @@ from flexinv import Mechanism, Path, follow
 from flexinv.kernels.block_tridiagonal import solve_tridiagonal
 from flexinv.kinematics.mesh import build
 from flexinv.model.mechanism import Link
-from flexinv.tracking.collocation import Horizon, Layout, Task
-from flexinv.tracking.inverse_kinematics import follow_rigid, frame_of
-from flexinv.tracking.stable_inversion import internal_rates
+from flexinv.tracking.collocation import Horizon, Layout
+from flexinv.tracking.follow import internal_rates
+from flexinv.tracking.inverse_kinematics import RigidWay, frame_of
 
 STROKE = 0.01  # [rad] of the hub arm: small, so that the linear theory holds to its square
 
@@ -45,10 +45,8 @@ def two_links(root: Folder) -> tuple[Mechanism, Path, dict[str, float]]:
 
 def horizon_of(m: Mechanism, path: Path, link: str, time: np.ndarray, start: dict[str, float]) -> Horizon:
     mesh = build(m)
-    frame = frame_of(mesh, link)
-    reach = follow_rigid(mesh, frame, path, time, start)
-    task = Task(frame, path.evaluate(time), reach, mesh.length, path.duration)
-    return Horizon(Layout.of(mesh), task, time, float(time[1] - time[0]))
+    way = RigidWay(mesh, frame_of(mesh, link), path, start)
+    return Horizon(Layout.of(mesh), way, way.reach(time), time, float(time[1] - time[0]))
 
 
 # -------------------------------------------------------------------------------------------------------- the equations
@@ -64,7 +62,7 @@ def tangent_error(horizon: Horizon, wrong: float = 0.0) -> float:
     """Largest difference between the linearisation and central differences, over the largest entry of a direction."""
     rng = np.random.default_rng(1)
     layout = horizon.layout
-    at = layout.undeformed(horizon.task.reach.q)
+    at = layout.undeformed(horizon.reach.q)
     at = layout.moved(at, 1e-2 * rng.normal(size=at.flat.shape) * layout.solver.topology.scale)
     below, own, above = horizon._blocks(at, horizon.evaluate(at))
     own = own * (1 + wrong)

@@ -1,0 +1,355 @@
+"""Closed loops: motion that keeps the closures, and their forces among the nodal ones; of rigid links, and with beams.
+
+Of rigid links the loops are closed at every sample; with beams the march keeps the closures.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.analysis.evaluation import FirstStep, rigid_trajectory
+from flexinv.analysis.solution import LoopForces
+from flexinv.analysis.task import Task
+from flexinv.constraints.allocation import Shares, share_out
+from flexinv.constraints.closures import (
+    Rows,
+    captured,
+    closure_fronts,
+    constraint_jacobian,
+    constraint_rows,
+    row_scales,
+)
+from flexinv.constraints.consistency import GivenLoops, check_carried
+from flexinv.constraints.continuation import closed_motion, closed_start
+from flexinv.constraints.impacts import Impact, check_meeting, jump_efforts, jump_forces, kinetic_energy, names_of
+from flexinv.constraints.loop_starts import stated_of
+from flexinv.constraints.phases import Phase, Stretch, phases
+from flexinv.constraints.reactions import closing, phased_closing
+from flexinv.dynamics.constraint_rows import Ties, set_ties
+from flexinv.dynamics.initial_state import accept, consistent_accelerations
+from flexinv.dynamics.solver import Solver, Trajectory, by_unknown, record_instant
+from flexinv.errors import InputError
+from flexinv.inverse.inverse_dynamics import (
+    NodalForces,
+    applied_forces,
+    drive_efforts,
+    joint_springs,
+    joint_wrenches,
+    nodal_forces,
+    project,
+)
+from flexinv.kinematics.mesh import Mesh
+from flexinv.kinematics.nodal_motion import JointHistory, NodalMotion, rigid_motion
+from flexinv.kinematics.tree import Joints
+from flexinv.model.owned_cache import kept_with_owner
+from flexinv.typing import Array, Triple
+
+Mask = NDArray[np.bool_]
+# Nodal motion and rates (nv,) of the joints on one side of an instant.
+Side = tuple[NodalMotion, Array]
+
+
+def rigid_loops(task: Task) -> FirstStep:
+    """Return the first step of a rigid mechanism with closures [m, rad, s], their forces [N], [N m] among the applied ones.
+
+    Passive joints begin at their initial guess.
+    Closures that act for a while divide the time into phases, solved one after the other by the same equations.
+    Raises InputError for closures that meet with unequal velocities and for drives that cannot hold the mechanism,
+    ConvergenceError at singular configurations and lost branches.
+    """
+    mesh, time, m = task.mesh, task.time, task.mesh.mechanism
+    joints, stretches, impacts, given = _phased_motion(mesh, task.after, time, stated_of(m, task.passive))
+    q, qd, qdd = joints
+    g, motion = given or (None, rigid_motion(mesh, q, qd, qdd))
+    acting = applied_forces(mesh, motion, time)
+    forces = nodal_forces(mesh, motion, acting)
+    tree = project(mesh, motion, forces) + drive_efforts(m, qd, qdd) + joint_springs(m, q)
+    shares = _phased_shares(mesh, motion, tree, stretches, g)
+    pulls = joint_wrenches(mesh, motion, forces).force
+    largest = max(np.abs(pulls).max(initial=0.0) * mesh.length, np.abs(tree).max(initial=0.0))
+    check_carried(m, shares.left, largest, lambda sample: f"t = {time[sample]:g} s")
+    pushed, reaction = phased_closing(mesh, motion, stretches, shares.multipliers)
+    applied = pushed + acting
+    return FirstStep(
+        rigid_trajectory(mesh, motion, applied), time, joints, applied, _energy_jumps(time, impacts),
+        loops=LoopForces(reaction, shares.preload, shares.condition, shares.left, tuple(impacts)),
+        geared=shares.multipliers @ stretches[0].rows.gear,
+    )  # fmt: skip
+
+
+def _phased_motion(
+    mesh: Mesh, history: JointHistory, time: Array, unknown: Mask
+) -> tuple[Triple, list[Stretch], list[Impact], tuple[Array, NodalMotion] | None]:
+    """Motion phase by phase, each from where the one before has come to; at a switching instant the right-hand limit.
+
+    Last the constraint Jacobian and the nodes' motion at all samples, where all closures act and the motion that is given has
+    been held against them.
+    """
+    m = mesh.mechanism
+    pieces, original = phases(m, time), constraint_rows(mesh)
+    if len(pieces) == 1 and pieces[0].active.all():
+        only = [Stretch(pieces[0], original)]
+        if unknown.any() or not len(original):
+            return closed_motion(mesh, history, time, unknown), only, [], None
+        given, motion = history(time), NodalMotion.unwritten(len(time), mesh.size)
+        return given, only, [], (GivenLoops.of(mesh, original).jacobian(*given, motion), motion)
+    whole, rows = history(time), original
+    stretches: list[Stretch] = []
+    impacts: list[Impact] = []
+    before: tuple[Array, Array] | None = None
+    for piece in pieces:
+        span = slice(piece.first, min(piece.last + 1, len(time)))  # with the instant at which the next phase begins
+        begins = piece.active & ~stretches[-1].phase.active if stretches else np.zeros(len(m.closures), dtype=bool)
+        at = float(time[piece.first])
+        if before is not None:
+            state = rigid_motion(mesh, before[0][None], before[1][None], np.zeros((1, m.nv)))
+            rows = _caught(mesh, rows, state, begins, at)
+        stretch = Stretch(piece, rows)
+        found = closed_motion(
+            mesh, history, time[span], unknown, rows.of(piece.active), None if before is None else before[0]
+        )
+        if before is not None and _is_plastic(mesh, begins):
+            impacts.append(_rigid_impact(mesh, stretch, begins, found[0][0], before[1], found[1][0], at))
+        stretches.append(stretch)
+        before = found[0][-1], found[1][-1]
+        for part, values in zip(whole, found, strict=True):
+            part[span] = values
+    return whole, stretches, impacts, None
+
+
+def _rigid_impact(
+    mesh: Mesh, stretch: Stretch, begins: Mask, q: Array, before: Array, after: Array, time: float
+) -> Impact:
+    """Impulses of drives and closures that change the rates (nv,) at a configuration (nq,) at once."""
+    rest = np.zeros((1, mesh.mechanism.nv))
+    one, two = (rigid_motion(mesh, q[None], rate[None], rest) for rate in (before, after))
+    tree = jump_efforts(mesh, one, two, after - before)[None]
+    shares = _shares(mesh, stretch, two, tree)
+    shown = closing(mesh, two, stretch.rows, shares.multipliers)[1]
+    return _impact(mesh, begins, shares.tau[0], shown, ((one, before), (two, after)), time)
+
+
+def _impact(
+    mesh: Mesh, begins: Mask, torque: Array, shown: dict[str, Array], sides: tuple[Side, Side], time: float
+) -> Impact:
+    """The impact of one instant: efforts (nv,) and reactions of the closures, and what they do between its two sides."""
+    (one, before), (two, after) = sides
+    work = float(torque @ (before + after)) / 2
+    lost = kinetic_energy(mesh, one, before) - kinetic_energy(mesh, two, after) + work
+    reaction = {name: values[0] for name, values in shown.items()}
+    return Impact(time, names_of(mesh.mechanism, begins), torque, reaction, work, lost)
+
+
+def _caught(mesh: Mesh, rows: Rows, motion: NodalMotion, begins: Mask, time: float) -> Rows:
+    """The equations of closures of which some begin to act: frames that are captured as they lie, the others have met."""
+    m = mesh.mechanism
+    captures = begins & np.array([c.capture for c in m.closures])
+    rows = captured(m, constraint_rows(mesh), rows, motion, captures)
+    check_meeting(mesh, rows, motion, begins, time)
+    return rows
+
+
+def _is_plastic(mesh: Mesh, begins: Mask) -> bool:
+    return any(c.impact == "plastic" for c, now in zip(mesh.mechanism.closures, begins, strict=True) if now)
+
+
+def _energy_jumps(time: Array, impacts: list[Impact]) -> Array:
+    """Energy [J] that impacts bring, (samples,) at their instants: drives' work less what is lost."""
+    out = np.zeros(len(time))
+    for impact in impacts:
+        out[int(np.argmin(np.abs(time - impact.time)))] += impact.work - impact.energy
+    return out
+
+
+def _phased_shares(
+    mesh: Mesh, motion: NodalMotion, tree: Array, stretches: list[Stretch], jacobian: Array | None
+) -> Shares:
+    """Shares of the drives phase by phase."""
+    if len(stretches) == 1:
+        return _shares(mesh, stretches[0], motion.samples(stretches[0].span), tree[stretches[0].span], jacobian)
+    parts = [_shares(mesh, one, motion.samples(one.span), tree[one.span]) for one in stretches]
+    width = max(part.preload.shape[2] for part in parts)
+    for k, part in enumerate(parts):
+        missing = (0, 0), (0, 0), (0, width - part.preload.shape[2])
+        parts[k] = replace(part, preload=np.pad(part.preload, missing))
+    return Shares(*(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(Shares)))
+
+
+def _shares(mesh: Mesh, stretch: Stretch, motion: NodalMotion, tree: Array, jacobian: Array | None = None) -> Shares:
+    """Shares of the drives in one phase, from its constraint Jacobian; multipliers of closures that do not act are zero."""
+    m, rows, pick = mesh.mechanism, stretch.rows.of(stretch.phase.active), stretch.pick
+    g = constraint_jacobian(mesh, motion, rows) if jacobian is None else jacobian
+    fronts = closure_fronts(mesh, rows, np.ones(m.nv, dtype=bool), m.actuated)  # drives last
+    found = share_out(g, tree, m.actuated, m.weights[m.actuated], row_scales(mesh, stretch.rows)[pick], fronts)
+    if pick.all():
+        return found
+    multipliers = np.zeros((len(tree), len(pick)))
+    multipliers[:, pick] = found.multipliers
+    return replace(found, multipliers=multipliers)
+
+
+# --------------------------------------------------------------------------------------------------- with beams
+
+
+def closed_task(task: Task) -> Task:
+    """Return the task of a mechanism with beams and closures that begins with its loops closed, undeformed [rad or m, s].
+
+    From there the march carries closures, passive joints and beams together.
+    Drives may be more than the freedoms that rigid links would have: beams yield, and so decide how drives share the work.
+    Raises InputError unless the motion is that of the drives, ConvergenceError where the loops do not close.
+    """
+    mesh, start = task.mesh, float(task.steps[0])
+    unknown = stated_of(mesh.mechanism, task.passive)
+    _check_drives(mesh, unknown)
+    guess = [part[0].tobytes() for part in task.after(task.steps[:1])]
+    masks = unknown, stated_of(mesh.mechanism, task.stated_rates), phases(mesh.mechanism, task.steps)[0].active
+    closed = _start(mesh, start, *(mask.tobytes() for mask in masks), *guess)
+
+    def started(at: Array) -> Triple:
+        if len(at) == 1 and at[0] == start:
+            return closed
+        q, qd, qdd = task.after(at)
+        if at[0] == start:
+            q = q.copy()
+            q[0] = closed[0][0]
+        return q, qd, qdd
+
+    return replace(task, after=started)
+
+
+@kept_with_owner()
+def _start(
+    mesh: Mesh, time: float, unknown: bytes, stated: bytes, active: bytes, q: bytes, qd: bytes, qdd: bytes
+) -> Triple:
+    """The closed state of one sample: other steps, tolerances and motions often begin at the same."""
+    free, kept, acts = (np.frombuffer(mask, dtype=bool) for mask in (unknown, stated, active))
+    rows = constraint_rows(mesh).of(acts)
+    guess = np.frombuffer(q)[None], np.frombuffer(qd)[None], np.frombuffer(qdd)[None]
+    found = closed_start(mesh, lambda _: guess, time, free, rows, kept)
+    for part in found:
+        part.flags.writeable = False
+    return found[0][None], found[1][None], found[2][None]
+
+
+def with_closures(mesh: Mesh, first: FirstStep, switching: Switching) -> FirstStep:
+    """Return a first step with the forces of its closures, from their multipliers [N], [N m], among the applied ones.
+
+    Multipliers come with accelerations at every step, and act in the inverse dynamics as nodal forces.
+    """
+    m, time, trajectory = mesh.mechanism, first.time, first.trajectory
+    motion, stretches = trajectory.motion, switching.stretches
+    pushed, reaction = phased_closing(mesh, motion, stretches, trajectory.multipliers)
+    efforts = trajectory.multipliers @ stretches[0].rows.gear
+    brought = _closing_work(motion, pushed, stretches[0].rows, (efforts * first.joints[1]).sum(axis=1), time)
+    brought += _damped_after(trajectory.energy[:, 2], [stretch.phase.first for stretch in stretches[1:]], time)
+    brought += _energy_jumps(time, switching.impacts)
+    none, unknown_condition = np.zeros((len(time), m.nv, 0)), np.full(len(time), np.nan)
+    unseen = np.empty((0, m.nv))  # what is left at joints without a drive, until the second step
+    loops = LoopForces(reaction, none, unknown_condition, unseen, tuple(switching.impacts))
+    return replace(first, applied=pushed + first.applied, brought=brought, loops=loops, geared=efforts)
+
+
+def _closing_work(motion: NodalMotion, pushed: NodalForces, rows: Rows, power: Array, time: Array) -> Array:
+    """Return the energy that closures absorb from one sample to the next, (samples,) [J]: zero for short steps."""
+    both = np.union1d(rows.a, rows.b)
+    nodes = both[both >= 0]
+    spin = np.einsum("snij,snj->sni", motion.rotation[:, nodes], motion.omega[:, nodes])
+    power = power + np.einsum("snc,snc->s", pushed.force[:, nodes], motion.v[:, nodes])
+    power += np.einsum("snc,snc->s", pushed.moment[:, nodes], spin)
+    return np.asarray(-0.5 * np.diff(time, prepend=time[0]) * (power + np.concatenate([power[:1], power[:-1]])))
+
+
+def _damped_after(dissipated: Array, switches: list[int], time: Array) -> Array:
+    """Return the excess of the trapezoidal sum of damping in the steps before and after ``switches``, (samples,) [J].
+
+    Velocities that jump at one section make strain rates that damping ends long before the next sample: the power that is
+    dissipated (samples,) [W] in these two steps is that of their other ends.
+    """
+    out = np.zeros(len(time))
+    for first in switches:
+        out[first] += 0.5 * (time[first] - time[first - 1]) * (dissipated[first] - dissipated[first - 1])
+        if first + 1 < len(time):
+            out[first + 1] += 0.5 * (time[first + 1] - time[first]) * (dissipated[first] - dissipated[first + 1])
+    return out
+
+
+def _check_drives(mesh: Mesh, unknown: Mask) -> None:
+    """With beams the joints that the motion gives are the drives: the march shares nothing out among others."""
+    m = mesh.mechanism
+    given = "the motion gives a joint without a drive", "give the motion of the drives, or write actuated = true"
+    left = "the motion leaves out a drive", "write actuated = false: drives cannot share the work here yet"
+    for wrong, (what, write) in ((~unknown & ~m.actuated, given), (unknown & m.actuated, left)):
+        if wrong.any():
+            name = m.velocity_names[int(np.argmax(wrong))]
+            raise InputError(f"mechanism '{m.name}' has beams and closures, and {what} ('{name}'): {write}")
+
+
+@dataclass
+class Switching:
+    """Phases of the march still to come, and the stretches and impacts [N s] of those that have begun."""
+
+    phases: list[Phase]
+    stretches: list[Stretch] = field(default_factory=list)
+    impacts: list[Impact] = field(default_factory=list)
+
+    @property
+    def never(self) -> bool:
+        """Return True if all closures act all the time [-]."""
+        return len(self.phases) == 1 and bool(self.phases[0].active.all())
+
+    def begin(self, mesh: Mesh, ties: Ties | None) -> None:
+        """Let the closures of the first phase act, with the frames [m] that the mechanism states."""
+        rows = constraint_rows(mesh)
+        self.stretches.append(Stretch(self.phases[0], rows))
+        if ties is not None:
+            set_ties(ties, rows, self.phases[0].active)
+
+    @property
+    def samples(self) -> dict[int, Phase]:
+        """Phases after the first by the sample at which they begin."""
+        return {phase.first: phase for phase in self.phases[1:]}
+
+    def switch(self, solver: Solver, phase: Phase, joints: Joints, qd: Array, time: float, out: Trajectory) -> None:
+        """Go over to another phase at one sample of ``out``, which holds its left-hand limit and gets the right-hand one.
+
+        joints, qd : right-hand limit of the prescribed motion there [m, rad, s]; time [s]
+        Raises InputError for frames that have not met or move against each other (`impacts.check_meeting`).
+        """
+        mesh, s, sample, last = solver.mesh, solver.state, phase.first, self.stretches[-1]
+        begins = phase.active & ~last.phase.active
+        one = NodalMotion(*(part.copy() for part in out.rows(sample, sample + 1).motion.parts))
+        rows = _caught(mesh, last.rows, one, begins, time)
+        # the rest, below `impacts.OPEN`: the next step shall not jerk it away
+        rows = captured(mesh.mechanism, constraint_rows(mesh), rows, one, begins)
+        self.stretches.append(Stretch(phase, rows))
+        set_ties(solver.border.ties, rows, phase.active)
+        s.u[:], s.du[:] = s.u0, s.du0
+        before = _rates(solver, qd)
+        impulses = solver.collide(joints)
+        accept(s)
+        consistent_accelerations(solver, joints, f"at t = {time:g} s")
+        record_instant(solver, sample, out)
+        if _is_plastic(mesh, begins):
+            sides = (one, before), (out.rows(sample, sample + 1).motion, _rates(solver, qd))
+            self.impacts.append(_flexible_impact(mesh, rows, begins, sides, impulses, time))
+
+
+def _flexible_impact(
+    mesh: Mesh, rows: Rows, begins: Mask, sides: tuple[Side, Side], impulses: Array, time: float
+) -> Impact:
+    """The impulses of an impact between two nodal motions, each with its rates, of one instant: the same L T P as torques."""
+    (one, before), (two, after) = sides
+    pushed, shown = closing(mesh, two, rows, impulses[None])
+    jump = jump_forces(mesh, one, two)
+    forces = NodalForces(jump.force - pushed.force, jump.moment - pushed.moment)
+    torque = project(mesh, two, forces)[0] + mesh.mechanism.drive_table[0] * (after - before)
+    return _impact(mesh, begins, torque, shown, sides, time)
+
+
+def _rates(solver: Solver, qd: Array) -> Array:
+    """Rates (nv,) of all joints now: the prescribed ones, and those of the passive joints among the unknowns."""
+    own = by_unknown(solver.mesh, solver.topology)
+    return np.where(own.any(axis=1), own @ solver.state.u, qd)
