@@ -63,21 +63,6 @@ class Topology(NamedTuple):
     length: float
 
 
-@by_address
-class ElementArrays(NamedTuple):
-    """`mesh.Elements` as the compiled code takes them (same names, shapes and units); damping is empty where no beam has any."""
-
-    order: NDArray[np.int64]
-    nodes: NDArray[np.int64]
-    shape: Array
-    slope: Array
-    weight: Array
-    stiffness: Array
-    damping: Array
-    gamma0: Array
-    kappa0: Array
-
-
 @kept_with_owner()
 def topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
     """Return the unknowns of a mesh when the joints named in ``passive`` are free [m], [rad] and all others prescribed.
@@ -134,10 +119,3 @@ def laid_out(size: Indices, part: Indices) -> tuple[Indices, Indices]:
     offset[order] = np.cumsum(size[order]) - size[order]
     counts = np.bincount(part, weights=size).astype(np.int64)
     return offset, np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-
-
-def element_arrays(mesh: Mesh) -> ElementArrays:
-    """Return the elements of a mesh as compiled code takes them [N], [m]."""
-    e = mesh.elements
-    damping = e.damping if e.damping.any() else e.damping[:0]
-    return ElementArrays(e.order, e.nodes, e.shape, e.slope, e.weight, e.stiffness, damping, e.gamma0, e.kappa0)

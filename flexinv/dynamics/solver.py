@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from flexinv.constraints.closures import constraint_rows, coupling_residuals
 from flexinv.dynamics.assembly import LARGEST_TURN
 from flexinv.dynamics.constraint_rows import Layout, layout, ties, touched_parts
-from flexinv.dynamics.dofs import ElementArrays, Topology, element_arrays, topology
+from flexinv.dynamics.dofs import Topology, topology
 from flexinv.dynamics.generalized_alpha import Scheme
 from flexinv.dynamics.loads import Loads, load_table, loads_of
 from flexinv.dynamics.spring_rows import pulls
 from flexinv.dynamics.stepper import NOT_FINITE, SLIPPED, TURNED_TOO_MUCH, collide, march
 from flexinv.dynamics.system import Border, Histories, Instants, State, System, Work
 from flexinv.elements.beam import Rates, Scratch
+from flexinv.elements.beam_element import Elements
 from flexinv.errors import ConvergenceError
 from flexinv.kernels.memory import together
 from flexinv.kernels.so3 import log_so3
@@ -117,7 +118,7 @@ class Solver:
 
     mesh: Mesh
     topology: Topology
-    elements: ElementArrays
+    elements: Elements
     state: State
     frames: Frames
     variation: Variation
@@ -146,9 +147,7 @@ class Solver:
         border = Border(tied, springs, layout(t.span, touched_parts(t, tied.a, tied.b, tied.gear), group))
         work = _work(mesh, t, widest, border.layout)
         increment, instant = np.zeros((sides, unknowns)), Trajectory.empty(1, mesh, len(rows))
-        return cls(
-            mesh, t, element_arrays(mesh), state, frames, variation, work, loads, increment, border, instant, efforts
-        )
+        return cls(mesh, t, mesh.elements, state, frames, variation, work, loads, increment, border, instant, efforts)
 
     @property
     def system(self) -> System:
@@ -274,7 +273,7 @@ def _work(mesh: Mesh, topology: Topology, widest: int, layout: Layout) -> Work:
     elements, count = mesh.elements.nodes.shape if mesh.elements.nodes.size else (0, 1)
     size = np.append(topology.size[topology.block], 0)  # of the block of each node, and of no node, -1
     rows = int(size[mesh.elements.nodes[:, 1:]].sum(axis=1).max(initial=0))
-    damped, sides = bool(mesh.elements.damping.any()), int(np.diff(layout.first_side).max(initial=1))
+    damped, sides = len(mesh.elements.damping) > 0, int(np.diff(layout.first_side).max(initial=1))
     return Work(
         wrench=np.zeros((mesh.size, 6)), dwrench=np.zeros((mesh.size, widest, 6)),
         residual=np.zeros((len(layout.first_part), len(topology.scale))),

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.dynamics.constraint_rows import Layout, Ties
-from flexinv.dynamics.dofs import ElementArrays, Topology
+from flexinv.dynamics.dofs import Topology
 from flexinv.dynamics.loads import Loads
 from flexinv.dynamics.spring_rows import Pulls
 from flexinv.elements.beam import Rates, Scratch
+from flexinv.elements.beam_element import Elements
 from flexinv.kernels.records import by_address
 from flexinv.kinematics.tree import Frames, Joints, Variation
 from flexinv.typing import Array
@@ -86,7 +87,7 @@ class System(NamedTuple):
     """A mesh under time integration: what stays constant, the present state, and what kernels fill."""
 
     topology: Topology
-    elements: ElementArrays
+    elements: Elements
     border: Border
     state: State
     frames: Frames

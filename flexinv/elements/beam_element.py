@@ -8,10 +8,14 @@ Without damping the tangent is symmetric, and half of it is enough.  Sources: as
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from flexinv.elements.beam import inverse_tangent_slope, part, point_hessian, point_of, rate_of, rates_by_pose, spread
 from flexinv.kernels.jit import jit_inner
+from flexinv.kernels.records import by_address
 from flexinv.kernels.vec3 import (
     ZERO,
     add,
@@ -38,6 +42,33 @@ from flexinv.kernels.vec3 import (
     vec,
     vec_at,
 )
+from flexinv.typing import Array
+
+
+@by_address
+class Elements(NamedTuple):
+    """Beam elements, padded to the highest order in use.
+
+    order : (elements,); nodes : (elements, order+1) node numbers, -1 where padded
+    stiffness : (elements, points, 6) EA, GA_y, GA_z [N], GJ, EI_y, EI_z [N m^2] at the Gauss points
+    damping : (elements, points, 6) [N s], [N m^2 s] of the rates of strain; (0, points, 6) where no beam has any
+    gamma0, kappa0 : (elements, points, 3) strains of the stress-free shape [-], [1/m]
+    weight : (elements, points) Gauss weight times ds/dxi [m]
+    shape, slope : (elements, points, order+1) interpolation and its derivative by arc length [-], [1/m]
+    station : (elements, points) fraction of the link's length [-]; link : (elements,) index into mechanism.links
+    """
+
+    order: NDArray[np.int64]
+    nodes: NDArray[np.int64]
+    stiffness: Array
+    damping: Array
+    gamma0: Array
+    kappa0: Array
+    weight: Array
+    shape: Array
+    slope: Array
+    station: Array
+    link: NDArray[np.int64]
 
 
 def _make_point(damped: bool) -> Any:
@@ -85,7 +116,7 @@ _add_point, _add_damped_point = _make_point(False), _make_point(True)
 def element_gradient(k, count, elements, scratch, rates, internal, want_tangent):
     """Fill dE/d(u_i, psi_i) of element k, scratch.gradient [N], [N m] and, if wanted, its derivatives; return E [J].
 
-    elements : `dofs.ElementArrays`; internal : (points, 6) stress resultants in the section frame [N], [N m]
+    elements : `Elements`; internal : (points, 6) stress resultants in the section frame [N], [N m]
     """
     energy = 0.0
     _clear(count, scratch.gradient, scratch.hessian, want_tangent)

@@ -14,10 +14,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexinv.elements.beam_element import Elements
 from flexinv.elements.quadrature import reference
 from flexinv.kernels.so3 import exp_so3, log_so3, tangent3
 from flexinv.model.drive_expansion import check_expanded
@@ -30,32 +32,6 @@ _NO_FREEDOMS = np.zeros((0, 3)), np.zeros((0, 3))
 
 # Two stations of one beam closer than this fraction of its length are one cross-section.
 SAME_STATION = 1e-9
-
-
-@dataclass(frozen=True)
-class Elements:
-    """Beam elements, padded to the highest order in use.
-
-    order : (elements,); nodes : (elements, order+1) node numbers, -1 where padded
-    stiffness : (elements, points, 6) EA, GA_y, GA_z [N], GJ, EI_y, EI_z [N m^2] at the Gauss points
-    damping : (elements, points, 6) [N s], [N m^2 s] of the rates of strain; zero where a beam has none
-    gamma0, kappa0 : (elements, points, 3) strains of the stress-free shape [-], [1/m]
-    weight : (elements, points) Gauss weight times ds/dxi [m]
-    shape, slope : (elements, points, order+1) interpolation and its derivative by arc length [-], [1/m]
-    station : (elements, points) fraction of the link's length [-]; link : (elements,) index into mechanism.links
-    """
-
-    order: NDArray[np.int64]
-    nodes: NDArray[np.int64]
-    stiffness: Array
-    damping: Array
-    gamma0: Array
-    kappa0: Array
-    weight: Array
-    shape: Array
-    slope: Array
-    station: Array
-    link: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)  # a mesh is itself only: what is known of it can be kept
@@ -287,8 +263,11 @@ def _elements(rows: list[list[Array]]) -> Elements:
         of_points = sections, sections, vectors, vectors, flat, vectors, vectors, flat
         return Elements(index, np.empty((0, 0), np.int64), *of_points, index)
     columns = [list(column) for column in zip(*rows, strict=True)]
-    order, nodes, *of_points, link = (_pad(column, -1.0 if k == 1 else 0.0) for k, column in enumerate(columns))
-    return Elements(order.astype(np.int64), nodes.astype(np.int64), *of_points, link.astype(np.int64))
+    parts: list[Any] = [_pad(column, -1.0 if k == 1 else 0.0) for k, column in enumerate(columns)]
+    for k in (0, 1, -1):
+        parts[k] = parts[k].astype(np.int64)
+    padded = Elements(*parts)
+    return padded if padded.damping.any() else padded._replace(damping=padded.damping[:0])
 
 
 @kept_with_owner()

@@ -145,10 +145,8 @@ def _elements(mesh: Mesh, plane: Plane) -> PlanarElements:
     points = max(count - 1, 0)
     bend, heading = np.zeros((elements, count)), np.zeros(elements)
     blocks = -(-elements * points // POINTS_AT_ONCE)
-    constants, damping = (
-        np.zeros((blocks, 7, POINTS_AT_ONCE)),
-        np.zeros((blocks if e.damping.any() else 0, 3, POINTS_AT_ONCE)),
-    )
+    constants = np.zeros((blocks, 7, POINTS_AT_ONCE))
+    damping = np.zeros((blocks if len(e.damping) else 0, 3, POINTS_AT_ONCE))
     for k, nodes in enumerate(e.nodes):
         frames = plane.frames[nodes[: e.order[k] + 1]]
         heading[k] = np.arctan2(frames[0, 1, 0], frames[0, 0, 0])
@@ -157,14 +155,14 @@ def _elements(mesh: Mesh, plane: Plane) -> PlanarElements:
         axle, side = frames[0, 2], frames[0].T @ QUARTER @ frames[0][:, 0]
         for g in range(e.order[k]):
             block, lane = divmod(k * points + g, POINTS_AT_ONCE)
-            stiffness, viscous = (
-                (a[k, g, 0], side**2 @ a[k, g, :3], axle**2 @ a[k, g, 3:]) for a in (e.stiffness, e.damping)
+            stiffness, *viscous = (
+                (a[k, g, 0], side**2 @ a[k, g, :3], axle**2 @ a[k, g, 3:]) for a in (e.stiffness, e.damping) if len(a)
             )
             strains = e.gamma0[k, g, 0], side @ e.gamma0[k, g], axle @ e.kappa0[k, g]
             rows = [int(r) // POINTS_AT_ONCE for r in (AXIAL, SHEAR, BENDING, WEIGHT, STRAIN1, STRAIN2, CURVATURE)]
             constants[block, rows, lane] = *stiffness, e.weight[k, g], *strains
-            if len(damping):
-                damping[block, [int(r) // POINTS_AT_ONCE for r in (D_AXIAL, D_SHEAR, D_BENDING)], lane] = viscous
+            if viscous:
+                damping[block, [int(r) // POINTS_AT_ONCE for r in (D_AXIAL, D_SHEAR, D_BENDING)], lane] = viscous[0]
     flat = on_lines(constants.reshape(-1)), on_lines(damping.reshape(-1))
     return PlanarElements(e.order, e.nodes, e.shape, e.slope, bend, heading, np.uint64(POINTS_AT_ONCE), *flat)
 

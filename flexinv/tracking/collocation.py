@@ -18,10 +18,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.dynamics.dofs import ElementArrays
 from flexinv.dynamics.initial_state import instant
 from flexinv.dynamics.loads import load_table
 from flexinv.dynamics.solver import Solver, Trajectory, by_unknown
+from flexinv.elements.beam_element import Elements
 from flexinv.kernels.block_tridiagonal import solve_tridiagonal
 from flexinv.kernels.so3 import exp_so3, log_so3
 from flexinv.kinematics.mesh import Mesh, build
@@ -213,7 +213,7 @@ class Horizon:
         return out
 
     def _chunk(
-        self, part: slice, at: Placed, u: Array, du: Array, beams: ElementArrays, want: bool, out: Linearised
+        self, part: slice, at: Placed, u: Array, du: Array, beams: Elements, want: bool, out: Linearised
     ) -> None:
         s, pick, unknowns = self.layout.solver, self.layout.pick, u.shape[1]
         x, r = self.layout.nodes(Placed(at.flat[part], at.turn[part]))

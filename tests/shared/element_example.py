@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from kernels import Array, element
 
-from flexinv.dynamics.dofs import ElementArrays
 from flexinv.elements.beam import Rates, Scratch
+from flexinv.elements.beam_element import Elements
 from flexinv.elements.quadrature import reference
 from flexinv.kernels.so3 import exp_so3
 
@@ -19,7 +19,7 @@ EPS = np.finfo(float).eps
 class Example:
     """One element with a curved, twisted stress-free shape, far from it: stretched, bent and sheared in space."""
 
-    arrays: ElementArrays
+    arrays: Elements
     x: Array
     r: Array
 
@@ -27,7 +27,7 @@ class Example:
 def example(order: int) -> Example:
     rng, ref, half = np.random.default_rng(order), reference(order), 1.0
     count = order + 1
-    arrays = ElementArrays(
+    arrays = Elements(
         order=np.array([order]),
         nodes=np.arange(count)[None],
         shape=ref.shape[None].copy(),
@@ -37,6 +37,8 @@ def example(order: int) -> Example:
         damping=np.zeros((0, order, 6)),
         gamma0=np.array([1.0, 0.0, 0.0]) + 0.1 * rng.normal(size=(1, order, 3)),
         kappa0=0.3 * rng.normal(size=(1, order, 3)),
+        station=np.zeros((1, order)),
+        link=np.zeros(1, dtype=np.int64),
     )
     x = np.outer(ref.nodes + 1, [half, 0.0, 0.0]) + 0.2 * rng.normal(size=(count, 3))
     turns = np.cumsum(0.3 * rng.normal(size=(count, 3)), axis=0)
