@@ -178,11 +178,6 @@ def names(name: str, value: object, of: str) -> Collection[str]:
     return value
 
 
-def names_or_none(name: str, value: object, of: str) -> tuple[str, ...] | None:
-    """Return names [-] as a tuple, None for None."""
-    return None if value is None else tuple(names(name, value, of))
-
-
 def choice(name: str, value: object, options: Mapping[str, str]) -> None:
     """Raise InputError unless a text is one of the options [-], each with what it means."""
     if not isinstance(value, str) or value not in options:

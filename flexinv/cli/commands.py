@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import sys
 import warnings
 from pathlib import Path
@@ -12,16 +11,8 @@ import click
 import numpy as np
 import pandas as pd
 
+from flexinv.analysis import overview
 from flexinv.analysis.motor_side import motor_side
-from flexinv.analysis.overview import (
-    beam_table,
-    closure_table,
-    joint_table,
-    link_mass,
-    link_table,
-    mobility_line,
-    start_of,
-)
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve as solve_motion
 from flexinv.cli.output import ACCURACY, FILE, MODEL, OVERWRITE, by_joint, check_outputs, read_model, show, write
@@ -35,6 +26,7 @@ from flexinv.kinematics.mesh import build
 from flexinv.linearized.natural_modes import natural_modes
 from flexinv.linearized.steady_modes import steady_modes
 from flexinv.planar.detection import NotPlanar, find_plane
+from flexinv.validation import nearest
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -138,19 +130,19 @@ def info(model: Path) -> None:
     mechanism = read_model(model)
     click.echo(mechanism.name + (f": {mechanism.title}" if mechanism.title else ""))
     gravity = ", ".join(f"{g:g}" for g in mechanism.gravity)
-    mass = sum(link_mass(link) for link in mechanism.links)
+    mass = sum(overview.link_mass(link) for link in mechanism.links)
     click.echo(
         f"total mass {mass:.6g} kg, gravity ({gravity}) m/s^2, nq = {mechanism.nq}, nv = {mechanism.nv}, "
         f"{sum(not j.nv for j in mechanism.joints)} of {len(mechanism.joints)} joints fixed"
     )
     cases = load_cases(folder(model), mechanism) if (folder(model) / "cases.toml").is_file() else {}
     if mechanism.closures:
-        click.echo(mobility_line(mechanism, next(iter(cases.values()), None)))
+        click.echo(overview.mobility_line(mechanism, next(iter(cases.values()), None)))
     for title, table in (
-        ("joints", joint_table(mechanism)),
-        ("closures", closure_table(mechanism)),
-        ("links", link_table(mechanism)),
-        ("beams", beam_table(mechanism)),
+        ("joints", overview.joint_table(mechanism)),
+        ("closures", overview.closure_table(mechanism)),
+        ("links", overview.link_table(mechanism)),
+        ("beams", overview.beam_table(mechanism)),
     ):
         if len(table):
             click.echo(f"\n{title}")
@@ -186,7 +178,7 @@ def modes(
     mechanism, at = load_mechanism(model), None
     if name is not None:
         case = choose(load_cases(folder(model), mechanism), name, model)
-        mechanism, at = case.meshed(mechanism), start_of(mechanism, case)
+        mechanism, at = case.meshed(mechanism), overview.start_of(mechanism, case)
     rates = by_joint("--rate", rate, float, "a joint and its rate in rad/s, for example --rate hub=80")
     if rates or damped:
         steady = steady_modes(mechanism, at, rates, free or None, count)
@@ -253,8 +245,8 @@ def choose(cases: dict[str, Case], name: str | None, model: Path) -> Case:
     if name is None:
         raise InputError(f"{model} has {len(cases)} cases: write --case with one of {', '.join(cases)}")
     if name not in cases:
-        like = difflib.get_close_matches(name, cases, n=1)
-        advice = f"write --case {like[0]}" if like else f"write one of {', '.join(cases)}"
+        like = nearest(name, cases)
+        advice = f"write --case {like}" if like else f"write one of {', '.join(cases)}"
         raise InputError(f"--case {name}: {model} has no such case; {advice}")
     return cases[name]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, distribution
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,7 +18,8 @@ from defusedxml.ElementTree import fromstring
 from flexinv.errors import InputError, ModelWarning
 from flexinv.files.bodies import impossible
 from flexinv.files.joints import rotation_from_rpy, unit_axis
-from flexinv.files.toml_tables import complaint, read_bytes
+from flexinv.files.schema import UrdfTable
+from flexinv.files.toml_tables import Location, complaint, read_bytes
 from flexinv.files.tree_order import check_ends, depth_first
 from flexinv.files.values import LARGEST, LONGEST_NAME
 from flexinv.model.mechanism import WORLD, Body, Inertia, Joint, Limits, Link, Mechanism, Placement
@@ -29,6 +31,7 @@ KINDS = {kind: kind for kind in ("fixed", "revolute", "continuous", "prismatic")
 FLOATS = float(np.finfo(np.float64).max)  # some files write the largest number where they mean no limit
 T = TypeVar("T")
 LARGEST_FILE = 16 << 20  # [byte]: the largest URDF of example-robot-data has 0.2 MB
+ROBOTS = "cmeel.prefix/share/example-robot-data/robots"  # where the wheel of example-robot-data puts its robots
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2], as Pinocchio
 
 
@@ -99,6 +102,44 @@ def read_urdf(
         notes=(*warned.values(), *(f"{text}: {', '.join(which)}" for text, which in told if which)),
     )  # fmt: skip
     return mechanism, warned
+
+
+def robots_folder() -> Path:
+    """Return the folder of the robots of the PyPI package example-robot-data [-]; InputError without it."""
+    advice = "pip install 'flexinv[robots]'"
+    try:
+        folder = Path(str(distribution("example-robot-data").locate_file(ROBOTS)))
+    except PackageNotFoundError:
+        given, expected = "it is not installed", "the PyPI package example-robot-data (models only, 131 MB)"
+        raise complaint("package example-robot-data", given, expected, advice) from None
+    if not folder.is_dir():
+        raise complaint("package example-robot-data", f"no folder {folder}", "its robots there", advice)
+    return folder.resolve()
+
+
+def find_urdf(table: UrdfTable, where: Location) -> tuple[Path, tuple[Path, ...]]:
+    """Return the URDF and the folders for its ``package://`` paths [-].
+
+    With a package: inside its robots.  Without: beside the mechanism file, and never outside the models folder
+    (the one that holds the mechanism's folder).
+    """
+    if table.package is not None:
+        start = limit = robots_folder()
+        packages: tuple[Path, ...] = (start, start.parent.parent)
+    else:
+        start = where.file.resolve().parent
+        limit = start.parent
+        packages = (start,)
+    path = (start / table.path).resolve()
+    if Path(table.path).is_absolute() or not path.is_relative_to(limit):
+        expected = f"a relative path that stays inside {'the package' if table.package else 'the models folder'}"
+        raise where.wrong("path", f'path = "{table.path}"', expected, f'path = "{Path(table.path).name}"')
+    if not path.is_file():
+        known = sorted(str(p.relative_to(start)) for p in start.rglob("*.urdf")) if start.is_dir() else []
+        near = nearest(table.path, known)
+        write = f'path = "{near}"' if near else "the path of a URDF that exists"
+        raise where.wrong("path", f'path = "{table.path}", no such file', f"a URDF in {start}", write)
+    return path, packages
 
 
 def _named(robot: Element, tag: str, path: Path, read: Callable[[Element, Path], T]) -> dict[str, T]:

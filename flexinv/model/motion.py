@@ -233,7 +233,7 @@ def _table(
         parts = {str(name): _matrix(column, samples, f"joint {name!r}") for name, column in values.items()}
         joined = np.hstack([*parts.values(), np.empty((samples, 0))])
         return tuple(parts), joined, tuple(p.shape[1] for p in parts.values())
-    own = arguments.names_or_none("names", names, "joints")
+    own = None if names is None else tuple(arguments.names("names", names, "joints"))
     if own is not None and len(set(own)) != len(own):
         raise InputError(f"names: {listed(own)}: expected each joint once")
     return own, _matrix(values, samples, "q"), None
