@@ -287,8 +287,8 @@ def _elements(rows: list[list[Array]]) -> Elements:
         of_points = sections, sections, vectors, vectors, flat, vectors, vectors, flat
         return Elements(index, np.empty((0, 0), np.int64), *of_points, index)
     columns = [list(column) for column in zip(*rows, strict=True)]
-    order, nodes, *of_points, link = (_pad(column, -1.0 if k == 1 else 0.0) for k, column in enumerate(columns))
-    return Elements(order.astype(np.int64), nodes.astype(np.int64), *of_points, link.astype(np.int64))
+    order, nodes, *rest, link = (_pad(column, -1.0 if k == 1 else 0.0) for k, column in enumerate(columns))
+    return Elements(order.astype(np.int64), nodes.astype(np.int64), *rest, link.astype(np.int64))
 
 
 @kept_with_owner()
