@@ -51,12 +51,10 @@ class _Words(Repr):
             return f"the class {value.__name__}"
         if isinstance(value, PathLike):
             return repr(fspath(value))
+        if isinstance(value, _PLAIN):
+            return super().repr_instance(value, level)
         kind = type(value).__name__
-        return (
-            super().repr_instance(value, level)
-            if isinstance(value, _PLAIN)
-            else f"a{'n' * (kind[0] in 'aeiou')} {kind}"
-        )
+        return f"a{'n' * (kind[0] in 'aeiou')} {kind}"
 
 
 _WORDS = _Words()

@@ -18,18 +18,9 @@ from flexinv.files.joints import read_joint, read_placement
 from flexinv.files.overlay import overlaid
 from flexinv.files.schema import BeamLinkTable, DampingTable, MechanismTable, RigidLinkTable, UrdfTable
 from flexinv.files.sections import CrossSection, read_section, section_along
-from flexinv.files.toml_tables import (
-    Location,
-    check_names,
-    one_of,
-    read_toml,
-    toml_file,
-    toml_text,
-    validate,
-)
+from flexinv.files.toml_tables import Location, check_names, one_of, read_toml, toml_file, toml_text, validate
 from flexinv.files.tree_order import depth_first
-from flexinv.model.drive_expansion import expanded
-from flexinv.model.mechanism import WORLD, Beam, Body, Link, Mechanism, ModalDamping, with_retardation
+from flexinv.model.mechanism import WORLD, Beam, Body, Link, Mechanism, ModalDamping, expanded, with_retardation
 
 LINKS: dict[str, type[RigidLinkTable] | type[BeamLinkTable]] = {"rigid": RigidLinkTable, "beam": BeamLinkTable}
 
