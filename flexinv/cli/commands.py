@@ -26,13 +26,11 @@ from flexinv.kinematics.mesh import build
 from flexinv.linearized.natural_modes import natural_modes
 from flexinv.linearized.steady_modes import steady_modes
 from flexinv.planar.detection import NotPlanar, find_plane
+from flexinv.rigid.torque_regressor import base_parameters, random_states, torque_regressor
 from flexinv.validation import nearest
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-from flexinv.rigid.torque_regressor import base_parameters, random_states, torque_regressor
 
 PLOTS = (".png", ".svg", ".pdf")
 
@@ -114,10 +112,11 @@ def solve(
     table = solution.summary()
     if solution.torque_error is not None:
         table.loc[list(solution.torque_names), "error of effort"] = solution.torque_error.max(axis=0)
-    show(table, digits=5, index=True)
+    show(table, digits=5, index=True, missing="-")
     if any(joint.drive for joint in mechanism.joints):
         show_motors(solution)
-    write(solution.whole_frame().iloc[::written], out)
+    if out is not None:
+        write(solution.whole_frame().iloc[::written], out)
     if plot is not None:
         draw(solution, f"{mechanism.name}, {case.name}").savefig(plot, dpi=150)
         click.echo(f"drew {plot}")
@@ -183,15 +182,14 @@ def modes(
     if rates or damped:
         steady = steady_modes(mechanism, at, rates, free or None, count)
         columns = zip(range(1, count + 1), steady.frequency, steady.damping_ratio, steady.link, strict=False)
-        table = pd.DataFrame(columns, columns=["mode", "frequency [Hz]", "damping ratio", "moves most"])
-        show(table)
-        return
+        names = ["mode", "frequency [Hz]", "damping ratio", "moves most"]
+        return show(pd.DataFrame(columns, columns=names), missing="-")
     found = natural_modes(mechanism, at, free or None, count)
     rows = zip(range(1, count + 1), found.frequency, np.sqrt(np.abs(found.squared)), found.link, strict=False)
     table = pd.DataFrame(rows, columns=["mode", "frequency [Hz]", "omega [rad/s]", "moves most"])
     if found.friction.any():
         table.insert(3, "damping ratio [-]", found.ratio[: len(table)])
-    show(table, missing="unstable")
+    return show(table, missing="unstable")
 
 
 @app.command(short_help="Show the base parameters of a rigid mechanism.")
@@ -260,7 +258,7 @@ def show_motors(solution: Solution) -> None:
         return
     columns = ["motor", "peak speed [rad/s]", "peak torque [N m]", "peak current [A]"]
     rows = [(name, *(np.abs(part).max() for part in (m.rate, m.torque, m.current))) for name, m in found.items()]
-    show(pd.DataFrame(rows, columns=columns), digits=5)
+    show(pd.DataFrame(rows, columns=columns), digits=5, missing="-")
 
 
 def draw(solution: Solution, title: str) -> Figure:
