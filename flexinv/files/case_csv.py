@@ -18,7 +18,7 @@ import numpy as np
 from flexinv.files.toml_tables import complaint, read_bytes
 from flexinv.files.values import UNITS
 from flexinv.model.joint_kinds import KINDS
-from flexinv.model.mechanism import Joint, Mechanism
+from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 from flexinv.validation import nearest
 
@@ -67,7 +67,15 @@ def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 
 def _columns(header: list[str], mechanism: Mechanism, path: Path) -> list[Column]:
-    known = {name: column for joint in mechanism.joints for name, column in _names(joint)}
+    known: dict[str, Column] = {}
+    for joint in mechanism.joints:
+        kind = KINDS[joint.kind]
+        units = LENGTHS if any(kind.translations) else ANGLES
+        for k, suffix in enumerate(("",) if kind.circle else kind.q):
+            if suffix.startswith(".q"):
+                known[joint.name + suffix] = (joint.name, k, 1.0)
+            else:
+                known |= {f"{joint.name}{suffix}_{unit}": (joint.name, k, UNITS[unit][unit]) for unit in units}
     where = f"{path}: line 1"
     if not header or header[0] != "time_s":
         given = f"first column {header[0]!r}" if header else "an empty file"
@@ -83,23 +91,11 @@ def _columns(header: list[str], mechanism: Mechanism, path: Path) -> list[Column
         if found in places[:k]:
             given = f"{header[k + 1]}: joint {found[0]} twice"
             raise complaint(f"{where}, column {k + 2}", given, "each coordinate once", "one of the two")
-    for name, (joint, k, _) in known.items():
-        if (joint, k) not in places and joint in {other for other, _ in places}:
-            given = f"some coordinates of joint {joint}"
+    for name, (owner, k, _) in known.items():
+        if (owner, k) not in places and owner in {other for other, _ in places}:
+            given = f"some coordinates of joint {owner}"
             raise complaint(where, given, "all its coordinates", f"a column {name}")
     return columns
-
-
-def _names(joint: Joint) -> Iterator[tuple[str, Column]]:
-    """Names of columns that a joint may have."""
-    kind = KINDS[joint.kind]
-    suffixes = ("",) if kind.circle else kind.q
-    for k, suffix in enumerate(suffixes):
-        if suffix.startswith(".q"):
-            yield joint.name + suffix, (joint.name, k, 1.0)
-            continue
-        for unit in LENGTHS if any(kind.translations) else ANGLES:
-            yield f"{joint.name}{suffix}_{unit}", (joint.name, k, UNITS[unit][unit])
 
 
 def _numbers(row: list[str], header: list[str], line: int, path: Path) -> list[float]:

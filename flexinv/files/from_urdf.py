@@ -194,10 +194,13 @@ def _joint(element: Element, path: Path) -> Joint:
     axis = unit_axis(
         numbers(element.find("axis"), "xyz", 3, [1, 0, 0], f"{where}, axis"), f"{where}, axis", '<axis xyz="0 0 1"/>'
     )
-    return Joint(
-        name_of(element, path), kind, ends[0], ends[1], placement, axis=axis,
-        limits=_limits(element, kind, f"{where}, limit"), **_dynamics(element, f"{where}, dynamics"),
-    )  # fmt: skip
+    losses: dict[str, Any] = {}
+    for loss in ("damping", "friction"):
+        value = losses[loss] = number(element.find("dynamics"), loss, 0.0, f"{where}, dynamics")
+        if value < 0:
+            raise complaint(f"{where}, dynamics", f'{loss}="{value:g}"', f"a {loss} >= 0", f'{loss}="{-value:g}"')
+    limits = _limits(element, kind, f"{where}, limit")
+    return Joint(name_of(element, path), kind, ends[0], ends[1], placement, axis=axis, limits=limits, **losses)
 
 
 def _limits(element: Element, kind: str, where: str) -> Limits:
@@ -213,14 +216,6 @@ def _limits(element: Element, kind: str, where: str) -> Limits:
         given = f'lower="{lower:g}" upper="{upper:g}"'
         raise complaint(where, given, "lower <= upper", "the two exchanged, if so meant")
     return Limits(abs(effort), abs(velocity), lower, upper)
-
-
-def _dynamics(element: Element, where: str) -> dict[str, Any]:
-    stated = {name: number(element.find("dynamics"), name, 0.0, where) for name in ("damping", "friction")}
-    for name, value in stated.items():
-        if value < 0:
-            raise complaint(where, f'{name}="{value:g}"', f"a {name} >= 0", f'{name}="{-value:g}"')
-    return stated
 
 
 def _root(links: dict[str, Inertia | None], joints: list[Joint], robot: Element, path: Path) -> str:
@@ -306,18 +301,13 @@ def read_xml(path: Path) -> Element:
         expected = "XML without DOCTYPE and entities: they could swell without end or read other files"
         raise complaint(str(path), "a DOCTYPE or ENTITY", expected, "the file with its entities written out") from None
     except (ParseError, ValueError, LookupError) as error:
-        given = f"XML that does not parse: {error}"
-        raise complaint(str(path), given, "well-formed XML", _mended(data, str(error))) from None
+        given, write = f"XML that does not parse: {error}", "each tag closed"
+        if b"<" not in data[:256]:
+            write = "a file of XML: this one does not begin as XML, so another format perhaps bears its name"
+        elif "invalid token" in str(error):
+            write = "text in UTF-8, or its encoding in the first line; & as &amp; and < as &lt; in names"
+        raise complaint(str(path), given, "well-formed XML", write) from None
     return root
-
-
-def _mended(data: bytes, error: str) -> str:
-    """Advice for XML that does not parse: another file, another encoding, or tags that are closed."""
-    if b"<" not in data[:256]:
-        return "a file of XML: this one does not begin as XML, so another format perhaps bears its name"
-    if "invalid token" in error:
-        return "text in UTF-8, or its encoding in the first line; & as &amp; and < as &lt; in names"
-    return "each tag closed"
 
 
 def location(path: Path, element: Element, key: str = "") -> str:

@@ -112,25 +112,20 @@ def _case(data: Any, name: str, source: str, shared: list[Limit], mechanism: Mec
     mesh = (table.mesh.elements, table.mesh.order) if table.mesh is not None else None
     _check_times(table, motion, end, sample, where)
     _check_quantities(table, mechanism, where)
+    measured = None
+    if table.measured is not None:  # in the folder of the cases, like the file of a sampled motion
+        measured = where.file.parent / table.measured
+        if Path(table.measured).name != table.measured or not measured.is_file():
+            near = nearest(table.measured, sorted(p.name for p in where.file.parent.glob("*.csv")))
+            write = f'measured = "{near}"' if near else "the name of a file that exists"
+            given, expected = f'measured = "{table.measured}"', "the name of a CSV file in the same folder"
+            raise where.wrong("measured", given, expected, write)
     limits = (*map(_limit, table.limits), *(limit for limit in shared if limit.quantity in table.quantities))
     return Case(
         name, table.title, motion, table.step_s, end, sample, tuple(table.quantities), limits,
         table.spectral_radius, table.initial, mesh, start, table.source or source, tuple(table.notes),
-        _measured(table, where), table.accuracy,
+        measured, table.accuracy,
     )  # fmt: skip
-
-
-def _measured(table: schema.CaseTable, where: Location) -> Path | None:
-    """The file of what was measured, which has to be in the folder of the cases, like that of a sampled motion."""
-    if table.measured is None:
-        return None
-    found = where.file.parent / table.measured
-    if Path(table.measured).name != table.measured or not found.is_file():
-        near = nearest(table.measured, sorted(p.name for p in where.file.parent.glob("*.csv")))
-        write = f'measured = "{near}"' if near else "the name of a file that exists"
-        given, expected = f'measured = "{table.measured}"', "the name of a CSV file in the same folder"
-        raise where.wrong("measured", given, expected, write)
-    return found
 
 
 def _check_times(table: schema.CaseTable, motion: Motion, end: float, sample: float, where: Location) -> None:
@@ -171,8 +166,8 @@ def _check_quantities(table: schema.CaseTable, mechanism: Mechanism, where: Loca
             raise where.inner(f"limits[{k}]").wrong("quantity", f'quantity = "{limit.quantity}"', expected, write)
 
 
-Timing = tuple[str, float, float, float]  # law, duration, hold, delay [s]
-Groups = dict[Timing, tuple[dict[str, Array], dict[str, Array]]]  # joints that move alike -> where from and where to
+# Joints that move alike: law, duration, hold and delay [s] -> where from and where to
+Groups = dict[tuple[str, float, float, float], tuple[dict[str, Array], dict[str, Array]]]
 
 
 def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location) -> Motion:
@@ -188,8 +183,14 @@ def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location
         here = where.inner(f"joints.{name}")
         model, parts, write = schema.MOVES[KINDS[_joint(name, mechanism, where).kind].units]
         move = validate(model, data, here)
+        duration = move.duration_s or table.duration_s
+        if duration is None:
+            expected = schema.MotionTable.model_fields["duration_s"].description or ""
+            raise where.wrong("duration_s", "nothing", expected, "duration_s = 1.0")
+        hold = table.hold_s if move.hold_s is None else move.hold_s
+        delay = table.delay_s if move.delay_s is None else move.delay_s
+        first, last = groups.setdefault((move.law or table.law, duration, hold, delay), ({}, {}))
         ends = zip(*(_ends(move, part, write, here) for part in parts), strict=True)
-        first, last = groups.setdefault(_timing(move, table, where), ({}, {}))
         first[name], last[name] = map(np.concatenate, ends)
     _add_others(groups, table, mechanism, where)
     motions = [
@@ -223,16 +224,6 @@ def _joint(name: str, mechanism: Mechanism, where: Location) -> Joint:
     expected = f"a joint of {mechanism.name} that moves: {', '.join(movable[:20])}"
     write = f"{near} instead of {name}" if near and near != name else "one of these"
     raise where.inner("joints").wrong(name, given, expected, write)
-
-
-def _timing(move: schema.MoveTable, table: schema.MotionTable, where: Location) -> Timing:
-    duration = move.duration_s or table.duration_s
-    if duration is None:
-        expected = schema.MotionTable.model_fields["duration_s"].description or ""
-        raise where.wrong("duration_s", "nothing", expected, "duration_s = 1.0")
-    hold = table.hold_s if move.hold_s is None else move.hold_s
-    delay = table.delay_s if move.delay_s is None else move.delay_s
-    return move.law or table.law, duration, hold, delay
 
 
 def _ends(move: schema.MoveTable, part: Mapping[str, schema.Way], write: str, where: Location) -> tuple[Array, Array]:
