@@ -17,7 +17,7 @@ from crosscheck.studies import STUDIES, identifications, incremental, robots, sw
 from crosscheck.studies.robot_sweep import LARGEST_ERROR, RobotRow
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
-from flexinv.kinematics import finite_differences as differences
+from flexinv.kinematics import nodal_motion as differences
 from flexinv.model.mechanism import Mechanism
 
 ROBOT = RobotRow("arm_description/urdf/arm.urdf", "fixed", 6, 6, 10.0, (), 50.0, 1e-15, 1e-15)
