@@ -51,12 +51,10 @@ class _Words(Repr):
             return f"the class {value.__name__}"
         if isinstance(value, PathLike):
             return repr(fspath(value))
+        if isinstance(value, _PLAIN):
+            return super().repr_instance(value, level)
         kind = type(value).__name__
-        return (
-            super().repr_instance(value, level)
-            if isinstance(value, _PLAIN)
-            else f"a{'n' * (kind[0] in 'aeiou')} {kind}"
-        )
+        return f"a{'n' * (kind[0] in 'aeiou')} {kind}"
 
 
 _WORDS = _Words()
@@ -176,11 +174,6 @@ def names(name: str, value: object, of: str) -> Collection[str]:
     if not isinstance(value, Collection) or not all(isinstance(one, str) for one in value):
         refuse(name, value, f"a list of names of {of}")
     return value
-
-
-def names_or_none(name: str, value: object, of: str) -> tuple[str, ...] | None:
-    """Return names [-] as a tuple, None for None."""
-    return None if value is None else tuple(names(name, value, of))
 
 
 def choice(name: str, value: object, options: Mapping[str, str]) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 import flexinv
 from crosscheck.engines import ENGINES, adapter, missing
-from flexinv.files import case_schema, closures, joints, schema
+from flexinv.files import case_schema, closures, joints, schema, sections
 from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.files.toml_tables import Table
@@ -184,7 +184,7 @@ def test_examples_of_the_readme_load(tmp_path: Path) -> None:
 
 
 def tables() -> list[type[Table]]:
-    modules: list[Any] = [schema, joints, closures, case_schema]
+    modules: list[Any] = [schema, sections, joints, closures, case_schema]
     found = [thing for module in modules for thing in vars(module).values()]
     found += [table for kinds in (case_schema.MOVES, case_schema.STARTS) for table, _, _ in kinds.values()]
     return [thing for thing in found if isinstance(thing, type) and issubclass(thing, Table)]

@@ -22,8 +22,8 @@ from flexinv.files.closures import CouplingTable, ForceTable, GasSpringTable, Li
 from flexinv.files.joints import DRIVES, MOTORS
 from flexinv.files.joints import TABLES as JOINTS
 from flexinv.files.load_mechanism import LINKS
-from flexinv.files.schema import MechanismTable, OverlayLinkTable, RigidLinkTable, StiffnessSectionTable
-from flexinv.files.sections import SHAPES
+from flexinv.files.schema import MechanismTable, OverlayLinkTable, RigidLinkTable
+from flexinv.files.sections import SHAPES, StiffnessSectionTable
 
 FOLDER = Path(__file__).with_name("schema")
 DRAFT = "https://json-schema.org/draft/2020-12/schema"

@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 
 from flexinv import joint_torques
 from flexinv.errors import ModelWarning
-from flexinv.files.from_urdf import from_urdf
-from flexinv.files.load_mechanism import robots_folder
+from flexinv.files.from_urdf import from_urdf, robots_folder
 from flexinv.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ delta = theta / N - q
 
 Either the link is prescribed (`moves = "link"`): the motor's motion then follows from the torque and, without d, from its
 second derivative (flatness: the motion must have four continuous derivatives).  Or the motor (`moves = "motor"`): the drive
-is then a driven joint with the rotor and a passive joint with the spring, and the link swings (`drive_expansion`).  With a
+is then a driven joint with the rotor and a passive joint with the spring, and the link swings (`mechanism.expanded`).  With a
 rigid gear they are the same.
 """
 

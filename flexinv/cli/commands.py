@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import sys
 import warnings
 from pathlib import Path
@@ -12,16 +11,8 @@ import click
 import numpy as np
 import pandas as pd
 
+from flexinv.analysis import overview
 from flexinv.analysis.motor_side import motor_side
-from flexinv.analysis.overview import (
-    beam_table,
-    closure_table,
-    joint_table,
-    link_mass,
-    link_table,
-    mobility_line,
-    start_of,
-)
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve as solve_motion
 from flexinv.cli.output import ACCURACY, FILE, MODEL, OVERWRITE, by_joint, check_outputs, read_model, show, write
@@ -35,12 +26,11 @@ from flexinv.kinematics.mesh import build
 from flexinv.linearized.natural_modes import natural_modes
 from flexinv.linearized.steady_modes import steady_modes
 from flexinv.planar.detection import NotPlanar, find_plane
+from flexinv.rigid.torque_regressor import base_parameters, random_states, torque_regressor
+from flexinv.validation import nearest
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-from flexinv.rigid.torque_regressor import base_parameters, random_states, torque_regressor
 
 PLOTS = (".png", ".svg", ".pdf")
 
@@ -122,10 +112,11 @@ def solve(
     table = solution.summary()
     if solution.torque_error is not None:
         table.loc[list(solution.torque_names), "error of effort"] = solution.torque_error.max(axis=0)
-    show(table, digits=5, index=True)
+    show(table, digits=5, index=True, missing="-")
     if any(joint.drive for joint in mechanism.joints):
         show_motors(solution)
-    write(solution.whole_frame().iloc[::written], out)
+    if out is not None:
+        write(solution.whole_frame().iloc[::written], out)
     if plot is not None:
         draw(solution, f"{mechanism.name}, {case.name}").savefig(plot, dpi=150)
         click.echo(f"drew {plot}")
@@ -138,19 +129,19 @@ def info(model: Path) -> None:
     mechanism = read_model(model)
     click.echo(mechanism.name + (f": {mechanism.title}" if mechanism.title else ""))
     gravity = ", ".join(f"{g:g}" for g in mechanism.gravity)
-    mass = sum(link_mass(link) for link in mechanism.links)
+    mass = sum(overview.link_mass(link) for link in mechanism.links)
     click.echo(
         f"total mass {mass:.6g} kg, gravity ({gravity}) m/s^2, nq = {mechanism.nq}, nv = {mechanism.nv}, "
         f"{sum(not j.nv for j in mechanism.joints)} of {len(mechanism.joints)} joints fixed"
     )
     cases = load_cases(folder(model), mechanism) if (folder(model) / "cases.toml").is_file() else {}
     if mechanism.closures:
-        click.echo(mobility_line(mechanism, next(iter(cases.values()), None)))
+        click.echo(overview.mobility_line(mechanism, next(iter(cases.values()), None)))
     for title, table in (
-        ("joints", joint_table(mechanism)),
-        ("closures", closure_table(mechanism)),
-        ("links", link_table(mechanism)),
-        ("beams", beam_table(mechanism)),
+        ("joints", overview.joint_table(mechanism)),
+        ("closures", overview.closure_table(mechanism)),
+        ("links", overview.link_table(mechanism)),
+        ("beams", overview.beam_table(mechanism)),
     ):
         if len(table):
             click.echo(f"\n{title}")
@@ -186,20 +177,19 @@ def modes(
     mechanism, at = load_mechanism(model), None
     if name is not None:
         case = choose(load_cases(folder(model), mechanism), name, model)
-        mechanism, at = case.meshed(mechanism), start_of(mechanism, case)
+        mechanism, at = case.meshed(mechanism), overview.start_of(mechanism, case)
     rates = by_joint("--rate", rate, float, "a joint and its rate in rad/s, for example --rate hub=80")
     if rates or damped:
         steady = steady_modes(mechanism, at, rates, free or None, count)
         columns = zip(range(1, count + 1), steady.frequency, steady.damping_ratio, steady.link, strict=False)
-        table = pd.DataFrame(columns, columns=["mode", "frequency [Hz]", "damping ratio", "moves most"])
-        show(table)
-        return
+        names = ["mode", "frequency [Hz]", "damping ratio", "moves most"]
+        return show(pd.DataFrame(columns, columns=names), missing="-")
     found = natural_modes(mechanism, at, free or None, count)
     rows = zip(range(1, count + 1), found.frequency, np.sqrt(np.abs(found.squared)), found.link, strict=False)
     table = pd.DataFrame(rows, columns=["mode", "frequency [Hz]", "omega [rad/s]", "moves most"])
     if found.friction.any():
         table.insert(3, "damping ratio [-]", found.ratio[: len(table)])
-    show(table, missing="unstable")
+    return show(table, missing="unstable")
 
 
 @app.command(short_help="Show the base parameters of a rigid mechanism.")
@@ -253,8 +243,8 @@ def choose(cases: dict[str, Case], name: str | None, model: Path) -> Case:
     if name is None:
         raise InputError(f"{model} has {len(cases)} cases: write --case with one of {', '.join(cases)}")
     if name not in cases:
-        like = difflib.get_close_matches(name, cases, n=1)
-        advice = f"write --case {like[0]}" if like else f"write one of {', '.join(cases)}"
+        like = nearest(name, cases)
+        advice = f"write --case {like}" if like else f"write one of {', '.join(cases)}"
         raise InputError(f"--case {name}: {model} has no such case; {advice}")
     return cases[name]
 
@@ -268,7 +258,7 @@ def show_motors(solution: Solution) -> None:
         return
     columns = ["motor", "peak speed [rad/s]", "peak torque [N m]", "peak current [A]"]
     rows = [(name, *(np.abs(part).max() for part in (m.rate, m.torque, m.current))) for name, m in found.items()]
-    show(pd.DataFrame(rows, columns=columns), digits=5)
+    show(pd.DataFrame(rows, columns=columns), digits=5, missing="-")
 
 
 def draw(solution: Solution, title: str) -> Figure:

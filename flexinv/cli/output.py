@@ -63,14 +63,13 @@ def check_outputs(out: Path | None, overwrite: bool, others: Iterable[Path | Non
         raise InputError(f"--out {out}: .parquet needs pyarrow: write pip install pyarrow, or a name that ends in .csv")
 
 
-def write(table: pd.DataFrame, out: Path | None) -> None:
-    """Write a table, units in its headers [any unit], as the suffix of ``out`` says, and tell of it; nothing for None."""
-    if out is not None:
-        WRITERS[out.suffix.lower()](table, out)
-        click.echo(f"wrote {out}")
+def write(table: pd.DataFrame, out: Path) -> None:
+    """Write a table, units in its headers [any unit], as the suffix of ``out`` says, and tell of it."""
+    WRITERS[out.suffix.lower()](table, out)
+    click.echo(f"wrote {out}")
 
 
-def show(table: pd.DataFrame | pd.Series, digits: int = 6, index: bool = False, missing: str = "-") -> None:
+def show(table: pd.DataFrame | pd.Series, digits: int = 6, index: bool = False, missing: str = "NaN") -> None:
     """Print a table with so many ``digits`` [-], for a number that is none ``missing``."""
     rows = {"index": index} if isinstance(table, pd.DataFrame) else {}
     click.echo(table.to_string(float_format=lambda x: f"{x:.{digits}g}", na_rep=missing, **rows))

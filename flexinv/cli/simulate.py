@@ -77,7 +77,8 @@ def simulate_file(
     show(frame.iloc[-1][places])
     show(frame[rates].abs().max())
     click.echo(f"energy lost or made by the steps: {solution.energy_error:.3g} J of {solution.energy_exchanged:.3g} J")
-    write(solution.whole_frame(), out)
+    if out is not None:
+        write(solution.whole_frame(), out)
 
 
 def _numbers(text: str) -> list[float]:
@@ -145,7 +146,8 @@ def follow_task(
             f"peak {joint} [{units[joint]}]": peak for joint, peak in peaks
         }
     show(pd.DataFrame(rows).T, digits=4, index=True)
-    write(found.solution.whole_frame(), out)
+    if out is not None:
+        write(found.solution.whole_frame(), out)
 
 
 def _chosen(tasks: dict[str, Task], name: str | None, model: Path) -> Task:

@@ -18,7 +18,7 @@ import numpy as np
 from flexinv.files.toml_tables import complaint, read_bytes
 from flexinv.files.values import UNITS
 from flexinv.model.joint_kinds import KINDS
-from flexinv.model.mechanism import Joint, Mechanism
+from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 from flexinv.validation import nearest
 
@@ -45,7 +45,12 @@ def read_samples(path: Path, mechanism: Mechanism, largest_gap: float | None) ->
     if gap is None:
         gap = GAP * float(np.median(np.diff(time)))
     _check_times(time, gap, lines, path)
-    return time, _by_joint(table, columns, mechanism), gap
+    joints = {}
+    for joint in mechanism.joints:
+        own = sorted((k, column) for column, (name, k, _) in enumerate(columns) if name == joint.name)
+        if own:
+            joints[joint.name] = np.stack([table[:, 1 + c] * columns[c][2] for _, c in own], axis=1)  # (sample, number)
+    return time, joints, gap
 
 
 def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
@@ -62,7 +67,15 @@ def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 
 def _columns(header: list[str], mechanism: Mechanism, path: Path) -> list[Column]:
-    known = {name: column for joint in mechanism.joints for name, column in _names(joint)}
+    known: dict[str, Column] = {}
+    for joint in mechanism.joints:
+        kind = KINDS[joint.kind]
+        units = LENGTHS if any(kind.translations) else ANGLES
+        for k, suffix in enumerate(("",) if kind.circle else kind.q):
+            if suffix.startswith(".q"):
+                known[joint.name + suffix] = (joint.name, k, 1.0)
+            else:
+                known |= {f"{joint.name}{suffix}_{unit}": (joint.name, k, UNITS[unit][unit]) for unit in units}
     where = f"{path}: line 1"
     if not header or header[0] != "time_s":
         given = f"first column {header[0]!r}" if header else "an empty file"
@@ -76,30 +89,13 @@ def _columns(header: list[str], mechanism: Mechanism, path: Path) -> list[Column
     places = [(joint, k) for joint, k, _ in columns]
     for k, found in enumerate(places):
         if found in places[:k]:
-            raise complaint(
-                f"{where}, column {k + 2}",
-                f"{header[k + 1]}: joint {found[0]} twice",
-                "each coordinate once",
-                "one of the two",
-            )
-    for joint in {joint for joint, _ in places}:
-        missing = {k for name, (j, k, _) in known.items() if j == joint} - {k for j, k in places if j == joint}
-        if missing:
-            name = next(name for name, (j, k, _) in known.items() if j == joint and k in missing)
-            raise complaint(where, f"some coordinates of joint {joint}", "all its coordinates", f"a column {name}")
+            given = f"{header[k + 1]}: joint {found[0]} twice"
+            raise complaint(f"{where}, column {k + 2}", given, "each coordinate once", "one of the two")
+    for name, (owner, k, _) in known.items():
+        if (owner, k) not in places and owner in {other for other, _ in places}:
+            given = f"some coordinates of joint {owner}"
+            raise complaint(where, given, "all its coordinates", f"a column {name}")
     return columns
-
-
-def _names(joint: Joint) -> Iterator[tuple[str, Column]]:
-    """Names of columns that a joint may have."""
-    kind = KINDS[joint.kind]
-    suffixes = ("",) if kind.circle else kind.q
-    for k, suffix in enumerate(suffixes):
-        if suffix.startswith(".q"):
-            yield joint.name + suffix, (joint.name, k, 1.0)
-            continue
-        for unit in LENGTHS if any(kind.translations) else ANGLES:
-            yield f"{joint.name}{suffix}_{unit}", (joint.name, k, UNITS[unit][unit])
 
 
 def _numbers(row: list[str], header: list[str], line: int, path: Path) -> list[float]:
@@ -135,15 +131,3 @@ def _check_times(time: Array, gap: float, lines: list[int], path: Path) -> None:
         given = f"a gap of {steps[k]:g} s, from {time[k]:g} to {time[k + 1]:g}"
         write = f"the samples between, or largest_gap_s = {steps[k] * 1.001:.4g} if the spline may cross it"
         raise complaint(where, given, f"at most {gap:g} s between samples", write)
-
-
-def _by_joint(table: Array, columns: list[Column], mechanism: Mechanism) -> dict[str, Array]:
-    """Joint -> (samples, numbers), in SI."""
-    joints: dict[str, dict[int, Array]] = {}
-    for values, (joint, k, factor) in zip(table.T[1:], columns, strict=True):
-        joints.setdefault(joint, {})[k] = values * factor
-    return {
-        name: np.stack([joints[name][k] for k in range(len(joints[name]))], axis=1)  # (sample, number)
-        for name in (joint.name for joint in mechanism.joints)
-        if name in joints
-    }

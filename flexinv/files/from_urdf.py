@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, distribution
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,7 +18,8 @@ from defusedxml.ElementTree import fromstring
 from flexinv.errors import InputError, ModelWarning
 from flexinv.files.bodies import impossible
 from flexinv.files.joints import rotation_from_rpy, unit_axis
-from flexinv.files.toml_tables import complaint, read_bytes
+from flexinv.files.schema import UrdfTable
+from flexinv.files.toml_tables import Location, complaint, read_bytes
 from flexinv.files.tree_order import check_ends, depth_first
 from flexinv.files.values import LARGEST, LONGEST_NAME
 from flexinv.model.mechanism import WORLD, Body, Inertia, Joint, Limits, Link, Mechanism, Placement
@@ -29,6 +31,7 @@ KINDS = {kind: kind for kind in ("fixed", "revolute", "continuous", "prismatic")
 FLOATS = float(np.finfo(np.float64).max)  # some files write the largest number where they mean no limit
 T = TypeVar("T")
 LARGEST_FILE = 16 << 20  # [byte]: the largest URDF of example-robot-data has 0.2 MB
+ROBOTS = "cmeel.prefix/share/example-robot-data/robots"  # where the wheel of example-robot-data puts its robots
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2], as Pinocchio
 
 
@@ -101,6 +104,44 @@ def read_urdf(
     return mechanism, warned
 
 
+def robots_folder() -> Path:
+    """Return the folder of the robots of the PyPI package example-robot-data [-]; InputError without it."""
+    advice = "pip install 'flexinv[robots]'"
+    try:
+        folder = Path(str(distribution("example-robot-data").locate_file(ROBOTS)))
+    except PackageNotFoundError:
+        given, expected = "it is not installed", "the PyPI package example-robot-data (models only, 131 MB)"
+        raise complaint("package example-robot-data", given, expected, advice) from None
+    if not folder.is_dir():
+        raise complaint("package example-robot-data", f"no folder {folder}", "its robots there", advice)
+    return folder.resolve()
+
+
+def find_urdf(table: UrdfTable, where: Location) -> tuple[Path, tuple[Path, ...]]:
+    """Return the URDF and the folders for its ``package://`` paths [-].
+
+    With a package: inside its robots.  Without: beside the mechanism file, and never outside the models folder
+    (the one that holds the mechanism's folder).
+    """
+    if table.package is not None:
+        start = limit = robots_folder()
+        packages: tuple[Path, ...] = (start, start.parent.parent)
+    else:
+        start = where.file.resolve().parent
+        limit = start.parent
+        packages = (start,)
+    path = (start / table.path).resolve()
+    if Path(table.path).is_absolute() or not path.is_relative_to(limit):
+        expected = f"a relative path that stays inside {'the package' if table.package else 'the models folder'}"
+        raise where.wrong("path", f'path = "{table.path}"', expected, f'path = "{Path(table.path).name}"')
+    if not path.is_file():
+        known = sorted(str(p.relative_to(start)) for p in start.rglob("*.urdf")) if start.is_dir() else []
+        near = nearest(table.path, known)
+        write = f'path = "{near}"' if near else "the path of a URDF that exists"
+        raise where.wrong("path", f'path = "{table.path}", no such file', f"a URDF in {start}", write)
+    return path, packages
+
+
 def _named(robot: Element, tag: str, path: Path, read: Callable[[Element, Path], T]) -> dict[str, T]:
     """The robot's elements of a tag as they are read, by their names, each of which stands there once."""
     found: dict[str, T] = {}
@@ -153,10 +194,13 @@ def _joint(element: Element, path: Path) -> Joint:
     axis = unit_axis(
         numbers(element.find("axis"), "xyz", 3, [1, 0, 0], f"{where}, axis"), f"{where}, axis", '<axis xyz="0 0 1"/>'
     )
-    return Joint(
-        name_of(element, path), kind, ends[0], ends[1], placement, axis=axis,
-        limits=_limits(element, kind, f"{where}, limit"), **_dynamics(element, f"{where}, dynamics"),
-    )  # fmt: skip
+    losses: dict[str, Any] = {}
+    for loss in ("damping", "friction"):
+        value = losses[loss] = number(element.find("dynamics"), loss, 0.0, f"{where}, dynamics")
+        if value < 0:
+            raise complaint(f"{where}, dynamics", f'{loss}="{value:g}"', f"a {loss} >= 0", f'{loss}="{-value:g}"')
+    limits = _limits(element, kind, f"{where}, limit")
+    return Joint(name_of(element, path), kind, ends[0], ends[1], placement, axis=axis, limits=limits, **losses)
 
 
 def _limits(element: Element, kind: str, where: str) -> Limits:
@@ -172,14 +216,6 @@ def _limits(element: Element, kind: str, where: str) -> Limits:
         given = f'lower="{lower:g}" upper="{upper:g}"'
         raise complaint(where, given, "lower <= upper", "the two exchanged, if so meant")
     return Limits(abs(effort), abs(velocity), lower, upper)
-
-
-def _dynamics(element: Element, where: str) -> dict[str, Any]:
-    stated = {name: number(element.find("dynamics"), name, 0.0, where) for name in ("damping", "friction")}
-    for name, value in stated.items():
-        if value < 0:
-            raise complaint(where, f'{name}="{value:g}"', f"a {name} >= 0", f'{name}="{-value:g}"')
-    return stated
 
 
 def _root(links: dict[str, Inertia | None], joints: list[Joint], robot: Element, path: Path) -> str:
@@ -265,18 +301,13 @@ def read_xml(path: Path) -> Element:
         expected = "XML without DOCTYPE and entities: they could swell without end or read other files"
         raise complaint(str(path), "a DOCTYPE or ENTITY", expected, "the file with its entities written out") from None
     except (ParseError, ValueError, LookupError) as error:
-        given = f"XML that does not parse: {error}"
-        raise complaint(str(path), given, "well-formed XML", _mended(data, str(error))) from None
+        given, write = f"XML that does not parse: {error}", "each tag closed"
+        if b"<" not in data[:256]:
+            write = "a file of XML: this one does not begin as XML, so another format perhaps bears its name"
+        elif "invalid token" in str(error):
+            write = "text in UTF-8, or its encoding in the first line; & as &amp; and < as &lt; in names"
+        raise complaint(str(path), given, "well-formed XML", write) from None
     return root
-
-
-def _mended(data: bytes, error: str) -> str:
-    """Advice for XML that does not parse: another file, another encoding, or tags that are closed."""
-    if b"<" not in data[:256]:
-        return "a file of XML: this one does not begin as XML, so another format perhaps bears its name"
-    if "invalid token" in error:
-        return "text in UTF-8, or its encoding in the first line; & as &amp; and < as &lt; in names"
-    return "each tag closed"
 
 
 def location(path: Path, element: Element, key: str = "") -> str:

@@ -149,7 +149,7 @@ class LinearDrive(Driven):
 
 
 class JointTable(Table):
-    """Keys of every joint: the links that it connects and its placement."""
+    """Keys of every joint: the links that it connects and its placement; all keys of a fixed joint and of a free one."""
 
     kind: str = key(f"one of {NAMES}", '"revolute"')
     parent: Name = key('the link it hangs on, or "world"', '"world"')
@@ -157,14 +157,6 @@ class JointTable(Table):
     placement: PlacementTable | None = optional(PLACEMENT, "{ xyz_m = [0.4, 0, 0] }")
     station: Fraction | None = optional("on a beam parent: the fraction 0..1 of its length [-]", "1.0")
     source: Text = SOURCE
-
-
-class FixedTable(JointTable):
-    """A joint that does not move."""
-
-
-class FreeTable(JointTable):
-    """Six freedoms without a drive."""
 
 
 class SphericalTable(RotaryLosses, JointTable):
@@ -220,15 +212,15 @@ TABLES: dict[str, type[JointTable]] = {
     "helical": HelicalTable,
     "spherical": SphericalTable,
     "universal": UniversalTable,
-    "fixed": FixedTable,
-    "free": FreeTable,
+    "fixed": JointTable,
+    "free": JointTable,
 }
+# By kind of joint: the drive of its table, the last of these, which may be laid over a URDF.
 DRIVES: dict[str, type[Table]] = {
-    "revolute": SprungDrive,
-    "continuous": SprungDrive,
-    "universal": RotaryDrive,
-    "prismatic": LinearDrive,
-    "helical": SprungDrive,
+    kind: drive
+    for kind, table in TABLES.items()
+    for drive in (RotaryDrive, SprungDrive, LinearDrive)
+    if issubclass(table, drive)
 }
 
 

@@ -11,19 +11,8 @@ from typing import Any
 import numpy as np
 
 from flexinv import validation as arguments
+from flexinv.files import case_schema as schema
 from flexinv.files.case_csv import read_samples
-from flexinv.files.case_schema import (
-    MOVES,
-    OF_BEAMS,
-    STARTS,
-    CasesTable,
-    CaseTable,
-    LimitTable,
-    MotionTable,
-    MoveTable,
-    Way,
-    read_cases,
-)
 from flexinv.files.toml_tables import Location, Table, check_names, validate
 from flexinv.model.joint_kinds import KINDS, POSE
 from flexinv.model.mechanism import Joint, Mechanism
@@ -98,10 +87,10 @@ def load_cases(path: str | Path, mechanism: Mechanism) -> dict[str, Case]:
     Raises InputError, which names file, table, key, what was given, what is expected and what to write.
     """
     arguments.of_kind("mechanism", mechanism, Mechanism)
-    file, table = read_cases(path)
+    file, table = schema.read_cases(path)
     check_names(file, cases=table.cases)
     if not table.cases:
-        expected = CasesTable.model_fields["cases"].description or ""
+        expected = schema.CasesTable.model_fields["cases"].description or ""
         raise Location(file, "cases").wrong("", "no case", expected, "[cases.cycloid]")
     shared = [_limit(limit) for limit in table.limits]
     return {
@@ -110,12 +99,12 @@ def load_cases(path: str | Path, mechanism: Mechanism) -> dict[str, Case]:
     }
 
 
-def _limit(table: LimitTable) -> Limit:
+def _limit(table: schema.LimitTable) -> Limit:
     return Limit(**{**dict(table), "engines": tuple(table.engines)})
 
 
 def _case(data: Any, name: str, source: str, shared: list[Limit], mechanism: Mechanism, where: Location) -> Case:
-    table = validate(CaseTable, data, where)
+    table = validate(schema.CaseTable, data, where)
     motion = read_motion(table.motion, mechanism, where.inner("motion"))
     start = read_start(table.start, mechanism, motion, where.inner("start"))
     end = table.end_s or motion.duration
@@ -123,28 +112,23 @@ def _case(data: Any, name: str, source: str, shared: list[Limit], mechanism: Mec
     mesh = (table.mesh.elements, table.mesh.order) if table.mesh is not None else None
     _check_times(table, motion, end, sample, where)
     _check_quantities(table, mechanism, where)
+    measured = None
+    if table.measured is not None:  # in the folder of the cases, like the file of a sampled motion
+        measured = where.file.parent / table.measured
+        if Path(table.measured).name != table.measured or not measured.is_file():
+            near = nearest(table.measured, sorted(p.name for p in where.file.parent.glob("*.csv")))
+            write = f'measured = "{near}"' if near else "the name of a file that exists"
+            given, expected = f'measured = "{table.measured}"', "the name of a CSV file in the same folder"
+            raise where.wrong("measured", given, expected, write)
     limits = (*map(_limit, table.limits), *(limit for limit in shared if limit.quantity in table.quantities))
     return Case(
         name, table.title, motion, table.step_s, end, sample, tuple(table.quantities), limits,
         table.spectral_radius, table.initial, mesh, start, table.source or source, tuple(table.notes),
-        _measured(table, where), table.accuracy,
+        measured, table.accuracy,
     )  # fmt: skip
 
 
-def _measured(table: CaseTable, where: Location) -> Path | None:
-    """The file of what was measured, which has to be in the folder of the cases, like that of a sampled motion."""
-    if table.measured is None:
-        return None
-    found = where.file.parent / table.measured
-    if Path(table.measured).name != table.measured or not found.is_file():
-        near = nearest(table.measured, sorted(p.name for p in where.file.parent.glob("*.csv")))
-        write = f'measured = "{near}"' if near else "the name of a file that exists"
-        given, expected = f'measured = "{table.measured}"', "the name of a CSV file in the same folder"
-        raise where.wrong("measured", given, expected, write)
-    return found
-
-
-def _check_times(table: CaseTable, motion: Motion, end: float, sample: float, where: Location) -> None:
+def _check_times(table: schema.CaseTable, motion: Motion, end: float, sample: float, where: Location) -> None:
     step = table.step_s
     if step > min(motion.duration, end):
         expected = f"a step shorter than the motion of {motion.duration:g} s and the case of {end:g} s [s]"
@@ -169,9 +153,9 @@ def _is_multiple(value: float, part: float) -> bool:
     return abs(ratio - round(ratio)) <= WHOLE * max(ratio, 1.0)
 
 
-def _check_quantities(table: CaseTable, mechanism: Mechanism, where: Location) -> None:
+def _check_quantities(table: schema.CaseTable, mechanism: Mechanism, where: Location) -> None:
     for quantity in table.quantities:
-        if quantity in OF_BEAMS and mechanism.is_rigid:
+        if quantity in schema.OF_BEAMS and mechanism.is_rigid:
             given = f'"{quantity}" of a mechanism without beams'
             expected = f"torque, wrench or tip: {mechanism.name} is rigid"
             raise where.wrong("quantities", given, expected, f"quantities without {quantity}")
@@ -182,11 +166,11 @@ def _check_quantities(table: CaseTable, mechanism: Mechanism, where: Location) -
             raise where.inner(f"limits[{k}]").wrong("quantity", f'quantity = "{limit.quantity}"', expected, write)
 
 
-Timing = tuple[str, float, float, float]  # law, duration, hold, delay [s]
-Groups = dict[Timing, tuple[dict[str, Array], dict[str, Array]]]  # joints that move alike -> where from and where to
+# Joints that move alike: law, duration, hold and delay [s] -> where from and where to
+Groups = dict[tuple[str, float, float, float], tuple[dict[str, Array], dict[str, Array]]]
 
 
-def read_motion(table: MotionTable, mechanism: Mechanism, where: Location) -> Motion:
+def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location) -> Motion:
     """Make the motion [rad, m, s] that the table describes; InputError where mechanism and table do not fit."""
     if (table.law == "sampled") != (table.csv is not None):
         without = "csv", 'law = "sampled" without csv', 'csv = "..."'
@@ -197,10 +181,16 @@ def read_motion(table: MotionTable, mechanism: Mechanism, where: Location) -> Mo
     groups: Groups = {}
     for name, data in table.joints.items():
         here = where.inner(f"joints.{name}")
-        model, parts, write = MOVES[KINDS[_joint(name, mechanism, where).kind].units]
+        model, parts, write = schema.MOVES[KINDS[_joint(name, mechanism, where).kind].units]
         move = validate(model, data, here)
+        duration = move.duration_s or table.duration_s
+        if duration is None:
+            expected = schema.MotionTable.model_fields["duration_s"].description or ""
+            raise where.wrong("duration_s", "nothing", expected, "duration_s = 1.0")
+        hold = table.hold_s if move.hold_s is None else move.hold_s
+        delay = table.delay_s if move.delay_s is None else move.delay_s
+        first, last = groups.setdefault((move.law or table.law, duration, hold, delay), ({}, {}))
         ends = zip(*(_ends(move, part, write, here) for part in parts), strict=True)
-        first, last = groups.setdefault(_timing(move, table, where), ({}, {}))
         first[name], last[name] = map(np.concatenate, ends)
     _add_others(groups, table, mechanism, where)
     motions = [
@@ -210,7 +200,7 @@ def read_motion(table: MotionTable, mechanism: Mechanism, where: Location) -> Mo
     return Motion.merge(*motions)
 
 
-def _sampled(table: MotionTable, csv: str, mechanism: Mechanism, where: Location) -> Motion:
+def _sampled(table: schema.MotionTable, csv: str, mechanism: Mechanism, where: Location) -> Motion:
     for name in ("duration_s", "hold_s", "delay_s", "joints", "others"):
         if getattr(table, name):
             expected = "the times and joints of the CSV file alone"
@@ -236,17 +226,7 @@ def _joint(name: str, mechanism: Mechanism, where: Location) -> Joint:
     raise where.inner("joints").wrong(name, given, expected, write)
 
 
-def _timing(move: MoveTable, table: MotionTable, where: Location) -> Timing:
-    duration = move.duration_s or table.duration_s
-    if duration is None:
-        expected = MotionTable.model_fields["duration_s"].description or ""
-        raise where.wrong("duration_s", "nothing", expected, "duration_s = 1.0")
-    hold = table.hold_s if move.hold_s is None else move.hold_s
-    delay = table.delay_s if move.delay_s is None else move.delay_s
-    return move.law or table.law, duration, hold, delay
-
-
-def _ends(move: MoveTable, part: Mapping[str, Way], write: str, where: Location) -> tuple[Array, Array]:
+def _ends(move: schema.MoveTable, part: Mapping[str, schema.Way], write: str, where: Location) -> tuple[Array, Array]:
     """Start and end of a part of a joint's coordinates, which says where from and where to, or where it rests."""
     stated = [(when, u) for when in ("from", "to", "at") for u in part if getattr(move, f"{when}_{u}") is not None]
     if [when for when, _ in stated] not in (["from", "to"], ["at"]):
@@ -257,7 +237,7 @@ def _ends(move: MoveTable, part: Mapping[str, Way], write: str, where: Location)
     return values[0], values[-1]
 
 
-def _add_others(groups: Groups, table: MotionTable, mechanism: Mechanism, where: Location) -> None:
+def _add_others(groups: Groups, table: schema.MotionTable, mechanism: Mechanism, where: Location) -> None:
     """Hold what is not listed at zero if the table says so; a missing joint that has an actuator is an error."""
     if table.others is None:
         return _check_complete(set(table.joints), mechanism, where)
@@ -275,7 +255,7 @@ def _check_complete(given: set[str], mechanism: Mechanism, where: Location) -> N
     missing = [j for j in mechanism.joints if j.nv and j.actuated and j.name not in given]
     if missing and not mechanism.closures:  # in a loop the closures move the joints that the motion leaves out
         expected = f"a motion for every joint with an actuator; missing: {', '.join(j.name for j in missing[:10])}"
-        write = f'{missing[0].name} = {MOVES[KINDS[missing[0].kind].units][2]}, or others = "at_zero"'
+        write = f'{missing[0].name} = {schema.MOVES[KINDS[missing[0].kind].units][2]}, or others = "at_zero"'
         raise where.inner("joints").wrong(missing[0].name, "nothing", expected, write)
 
 
@@ -306,13 +286,13 @@ def read_places(
             expected = f"a joint of {mechanism.name} that moves: {', '.join(joints[:20]) or 'there is none'}"
             write = f"{near} instead of {name}" if near else f"no start.{name}"
             raise where.wrong(name, f"a start for joint {name}", expected, write)
-        model, parts, write = STARTS[KINDS[mechanism.joint_of[name].kind].units]
+        model, parts, write = schema.STARTS[KINDS[mechanism.joint_of[name].kind].units]
         table = validate(model, data, where.inner(name))
         out[name] = np.concatenate([_start(table, part, write, where.inner(name)) for part in parts])
     return out
 
 
-def _start(table: Table, part: Mapping[str, Way], write: str, where: Location) -> Array:
+def _start(table: Table, part: Mapping[str, schema.Way], write: str, where: Location) -> Array:
     stated = [key for key in part if getattr(table, key) is not None]
     if len(stated) != 1:
         raise where.wrong("", " and ".join(stated) or "nothing", f"where it starts: one of {', '.join(part)}", write)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
-from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any
 
@@ -14,66 +13,14 @@ import numpy as np
 from flexinv.errors import InputError, ModelWarning
 from flexinv.files.bodies import SHAPES, check_station, far_end, read_inertia, read_payloads
 from flexinv.files.closures import read_closure, read_force, read_spring
-from flexinv.files.from_urdf import STANDARD_GRAVITY, read_urdf
+from flexinv.files.from_urdf import STANDARD_GRAVITY, find_urdf, read_urdf
 from flexinv.files.joints import read_joint, read_placement
 from flexinv.files.overlay import overlaid
 from flexinv.files.schema import BeamLinkTable, DampingTable, MechanismTable, RigidLinkTable, UrdfTable
 from flexinv.files.sections import CrossSection, read_section, section_along
-from flexinv.files.toml_tables import (
-    Location,
-    check_names,
-    complaint,
-    one_of,
-    read_toml,
-    toml_file,
-    toml_text,
-    validate,
-)
+from flexinv.files.toml_tables import Location, check_names, one_of, read_toml, toml_file, toml_text, validate
 from flexinv.files.tree_order import depth_first
-from flexinv.model.drive_expansion import expanded
-from flexinv.model.mechanism import WORLD, Beam, Body, Link, Mechanism, ModalDamping, with_retardation
-from flexinv.validation import nearest
-
-ROBOTS = "cmeel.prefix/share/example-robot-data/robots"  # where the wheel of example-robot-data puts its robots
-
-
-def robots_folder() -> Path:
-    """Return the folder of the robots of the PyPI package example-robot-data [-]; InputError without it."""
-    advice = "pip install 'flexinv[robots]'"
-    try:
-        folder = Path(str(distribution("example-robot-data").locate_file(ROBOTS)))
-    except PackageNotFoundError:
-        given, expected = "it is not installed", "the PyPI package example-robot-data (models only, 131 MB)"
-        raise complaint("package example-robot-data", given, expected, advice) from None
-    if not folder.is_dir():
-        raise complaint("package example-robot-data", f"no folder {folder}", "its robots there", advice)
-    return folder.resolve()
-
-
-def find_urdf(table: UrdfTable, where: Location) -> tuple[Path, tuple[Path, ...]]:
-    """Return the URDF and the folders for its ``package://`` paths [-].
-
-    With a package: inside its robots.  Without: beside the mechanism file, and never outside the models folder
-    (the one that holds the mechanism's folder).
-    """
-    if table.package is not None:
-        start = limit = robots_folder()
-        packages: tuple[Path, ...] = (start, start.parent.parent)
-    else:
-        start = where.file.resolve().parent
-        limit = start.parent
-        packages = (start,)
-    path = (start / table.path).resolve()
-    if Path(table.path).is_absolute() or not path.is_relative_to(limit):
-        expected = f"a relative path that stays inside {'the package' if table.package else 'the models folder'}"
-        raise where.wrong("path", f'path = "{table.path}"', expected, f'path = "{Path(table.path).name}"')
-    if not path.is_file():
-        known = sorted(str(p.relative_to(start)) for p in start.rglob("*.urdf")) if start.is_dir() else []
-        near = nearest(table.path, known)
-        write = f'path = "{near}"' if near else "the path of a URDF that exists"
-        raise where.wrong("path", f'path = "{table.path}", no such file', f"a URDF in {start}", write)
-    return path, packages
-
+from flexinv.model.mechanism import WORLD, Beam, Body, Link, Mechanism, ModalDamping, expanded, with_retardation
 
 LINKS: dict[str, type[RigidLinkTable] | type[BeamLinkTable]] = {"rigid": RigidLinkTable, "beam": BeamLinkTable}
 

@@ -34,30 +34,27 @@ def _matrix(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
     return np.array([[finite(x) for x in row] for row in rows])
 
 
+def _numbers(value: Any, required: str, optional: str = "", zero: bool = True) -> Numbers:
+    """A table of numbers by name, or one number for all that are required; none is negative, nor 0 unless it may be."""
+    table = value if isinstance(value, dict) else dict.fromkeys(required.split(), value)
+    numbers = components(table, required, optional)
+    if min(numbers.values()) < 0 or (min(numbers.values()) == 0 and not zero):
+        raise ValueError("should not be negative" if zero else "should be greater than 0")
+    return numbers
+
+
 def _across(value: Any) -> tuple[float, float]:
-    pair = components(value, "y z") if isinstance(value, dict) else {"y": finite(value), "z": finite(value)}
-    if min(pair.values()) <= 0:
-        raise ValueError("should be greater than 0")
+    pair = _numbers(value, "y z", zero=False)
     return pair["y"], pair["z"]
 
 
 def _rotary(value: Any) -> tuple[float, float, float]:
-    if not isinstance(value, dict):
-        value = {"y": value, "z": value}
-    parts = components(value, "y z", "x")
-    y, z = parts["y"], parts["z"]
-    x = parts.get("x", y + z)
-    if min(x, y, z) < 0:
-        raise ValueError("should not be negative")
-    return x, y, z
+    parts = _numbers(value, "y z", "x")
+    return parts.get("x", parts["y"] + parts["z"]), parts["y"], parts["z"]
 
 
 def _times(value: Any) -> tuple[float, ...]:
-    if not isinstance(value, dict):
-        value = dict.fromkeys(("axial", "shear", "twist", "bending"), value)
-    part = components(value, "axial shear twist bending")
-    if min(part.values()) < 0:
-        raise ValueError("should not be negative")
+    part = _numbers(value, "axial shear twist bending")
     return part["axial"], part["shear"], part["shear"], part["twist"], part["bending"], part["bending"]
 
 
@@ -102,11 +99,6 @@ Rotation = Annotated[Any, PlainValidator(_rotation), WithJsonSchema(_ROWS)]
 Along = Literal["x", "y", "z"]
 
 SOURCE = key("where the numbers come from, a text", '"data sheet of ..., table 2"', default="")
-RETARDATION = key(
-    "damping, stress by rate of strain over stress by strain [s]: one number, or { axial, shear, twist, bending }",
-    "1e-3",
-    default=(0.0,) * 6,
-)
 PLACEMENT = "a table: xyz_m [m] and one of rpy_deg [deg], rpy_rad [rad], rotation [-]"
 
 
@@ -186,13 +178,6 @@ class RigidLinkTable(BodyTable):
     payload: list[PayloadTable] = key("tables [[links.NAME.payload]]", "[[links.NAME.payload]]", default=[])
 
 
-class StationTable(Table):
-    """Section of a beam at a fraction of its length."""
-
-    at: Fraction = key("the fraction 0..1 of the length [-]", "0.5")
-    section: Name = key("the name of a table [sections.NAME]", '"tube"')
-
-
 class CurvatureTable(Table):
     """Initial twist and curvature of a beam, constant along its length."""
 
@@ -229,58 +214,6 @@ class DampingTable(Table):
         "which natural mode, all joints held at zero: 1 the lowest [-]", "1", default=1
     )
     source: Text = SOURCE
-
-
-class StiffnessSectionTable(Table):
-    """A section by its numbers."""
-
-    retardation_s: Times = RETARDATION
-
-    EA_N: Positive = key("axial stiffness, a number > 0 [N]", "1.452e6")
-    GA_N: Across = key("shear stiffness with its shear factor [N]: one number, or { y, z }", "4.65e5")
-    GJ_Nm2: Positive = key("torsional stiffness, a number > 0 [N m^2]", "0.68")
-    EI_Nm2: Across = key("bending stiffness [N m^2]: one number, or about { y, z }", "{ y = 13.7, z = 0.46 }")
-    mass_per_length_kg_per_m: Positive = key("mass per length, a number > 0 [kg/m]", "0.056")
-    rho_I_kgm: Rotary = key(
-        "rotary inertia per length [kg m]: { y, z } (x is their sum unless given), one number for both, or 0 if none",
-        "{ y = 5.3e-7, z = 1.77e-8 }",
-    )
-    source: Text = SOURCE
-
-
-class MaterialTable(Table):
-    """Material: the keys that all sections given by their geometry share."""
-
-    E_Pa: Positive = key("Young's modulus, a number > 0 [Pa]", "70e9")
-    nu: Annotated[Number, Field(gt=-1, le=0.5)] | None = optional("Poisson's ratio, -1 < nu <= 0.5 [-]", "0.33")
-    G_Pa: Positive | None = optional("shear modulus, a number > 0 [Pa]", "26e9")
-    retardation_s: Times = RETARDATION
-    rho_kg_per_m3: Positive = key("density, a number > 0 [kg/m^3]", "2700")
-    shear_factor: Across | None = optional("shear factor [-]: one number, or { y, z }; Cowper's when absent", "0.85")
-    source: Text = SOURCE
-
-
-class RectangleTable(MaterialTable):
-    """A rectangle, its sides along y and z."""
-
-    shape: Literal["rectangle"] = key('"rectangle", "circle" or "tube"', '"rectangle"')
-    size_y_m: Positive = key("the side along y, a number > 0 [m]", "0.002")
-    size_z_m: Positive = key("the side along z, a number > 0 [m]", "0.02")
-
-
-class CircleTable(MaterialTable):
-    """A full circle."""
-
-    shape: Literal["circle"] = key('"rectangle", "circle" or "tube"', '"circle"')
-    diameter_m: Positive = key("the diameter, a number > 0 [m]", "0.02")
-
-
-class TubeTable(MaterialTable):
-    """A round tube."""
-
-    shape: Literal["tube"] = key('"rectangle", "circle" or "tube"', '"tube"')
-    outer_diameter_m: Positive = key("the outer diameter, a number > 0 [m]", "0.05")
-    wall_m: Positive = key("the wall thickness, > 0 and at most half the diameter [m]", "0.003")
 
 
 class UrdfTable(Table):

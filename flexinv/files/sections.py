@@ -5,23 +5,84 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
-from flexinv.files.schema import (
-    CircleTable,
-    MaterialTable,
-    RectangleTable,
-    StationTable,
-    StiffnessSectionTable,
-    TubeTable,
-)
-from flexinv.files.toml_tables import Location, one_of, toml_text, validate
+from flexinv.files.schema import SOURCE, Across, Rotary, Times
+from flexinv.files.toml_tables import Location, Table, key, one_of, optional, toml_text, validate
+from flexinv.files.values import Fraction, Name, Number, Positive, Text
 from flexinv.model.mechanism import Section
 from flexinv.typing import Array
 from flexinv.validation import nearest
+
+RETARDATION = key(
+    "damping, stress by rate of strain over stress by strain [s]: one number, or { axial, shear, twist, bending }",
+    "1e-3",
+    default=(0.0,) * 6,
+)
+
+
+class StationTable(Table):
+    """Section of a beam at a fraction of its length."""
+
+    at: Fraction = key("the fraction 0..1 of the length [-]", "0.5")
+    section: Name = key("the name of a table [sections.NAME]", '"tube"')
+
+
+class StiffnessSectionTable(Table):
+    """A section by its numbers."""
+
+    retardation_s: Times = RETARDATION
+
+    EA_N: Positive = key("axial stiffness, a number > 0 [N]", "1.452e6")
+    GA_N: Across = key("shear stiffness with its shear factor [N]: one number, or { y, z }", "4.65e5")
+    GJ_Nm2: Positive = key("torsional stiffness, a number > 0 [N m^2]", "0.68")
+    EI_Nm2: Across = key("bending stiffness [N m^2]: one number, or about { y, z }", "{ y = 13.7, z = 0.46 }")
+    mass_per_length_kg_per_m: Positive = key("mass per length, a number > 0 [kg/m]", "0.056")
+    rho_I_kgm: Rotary = key(
+        "rotary inertia per length [kg m]: { y, z } (x is their sum unless given), one number for both, or 0 if none",
+        "{ y = 5.3e-7, z = 1.77e-8 }",
+    )
+    source: Text = SOURCE
+
+
+class MaterialTable(Table):
+    """Material: the keys that all sections given by their geometry share."""
+
+    E_Pa: Positive = key("Young's modulus, a number > 0 [Pa]", "70e9")
+    nu: Annotated[Number, Field(gt=-1, le=0.5)] | None = optional("Poisson's ratio, -1 < nu <= 0.5 [-]", "0.33")
+    G_Pa: Positive | None = optional("shear modulus, a number > 0 [Pa]", "26e9")
+    retardation_s: Times = RETARDATION
+    rho_kg_per_m3: Positive = key("density, a number > 0 [kg/m^3]", "2700")
+    shear_factor: Across | None = optional("shear factor [-]: one number, or { y, z }; Cowper's when absent", "0.85")
+    source: Text = SOURCE
+
+
+class RectangleTable(MaterialTable):
+    """A rectangle, its sides along y and z."""
+
+    shape: Literal["rectangle"] = key('"rectangle", "circle" or "tube"', '"rectangle"')
+    size_y_m: Positive = key("the side along y, a number > 0 [m]", "0.002")
+    size_z_m: Positive = key("the side along z, a number > 0 [m]", "0.02")
+
+
+class CircleTable(MaterialTable):
+    """A full circle."""
+
+    shape: Literal["circle"] = key('"rectangle", "circle" or "tube"', '"circle"')
+    diameter_m: Positive = key("the diameter, a number > 0 [m]", "0.02")
+
+
+class TubeTable(MaterialTable):
+    """A round tube."""
+
+    shape: Literal["tube"] = key('"rectangle", "circle" or "tube"', '"tube"')
+    outer_diameter_m: Positive = key("the outer diameter, a number > 0 [m]", "0.05")
+    wall_m: Positive = key("the wall thickness, > 0 and at most half the diameter [m]", "0.003")
+
 
 ShapeTable = RectangleTable | CircleTable | TubeTable
 SHAPES: dict[str, type[ShapeTable]] = {"rectangle": RectangleTable, "circle": CircleTable, "tube": TubeTable}

@@ -124,7 +124,11 @@ def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file as data, at most ``LARGEST_FILE`` [byte] of UTF-8; InputError names what is wrong."""
     advice = "a TOML file that this reader knows, see models/README.md"
     smaller = "sampled motions as CSV; geometry is not needed at all"
-    data = read_bytes(path, LARGEST_FILE, "a TOML file", _existing(path), smaller)
+    folder = path.parent if path.parent.is_dir() else path.parent.parent
+    names = sorted(p.parent.name for p in folder.glob(f"*/{path.name}")) if folder.is_dir() else []
+    near = arguments.nearest(path.parent.name, names)
+    existing = f"{folder / near}" if near else f"the path of a folder that has a {path.name}"
+    data = read_bytes(path, LARGEST_FILE, "a TOML file", existing, smaller)
     try:
         tables = tomllib.loads(data.decode("utf-8"))
     except UnicodeDecodeError as error:
@@ -156,13 +160,6 @@ def check_names(file: Path, **tables: dict[str, Any]) -> None:
             except ValueError as error:
                 given = f"the name {toml_text(name)}"
                 raise complaint(f"{file}: tables [{kind}.NAME]", given, str(error), f"[{kind}.arm_1]") from None
-
-
-def _existing(path: Path) -> str:
-    folder = path.parent if path.parent.is_dir() else path.parent.parent
-    names = sorted(p.parent.name for p in folder.glob(f"*/{path.name}")) if folder.is_dir() else []
-    near = arguments.nearest(path.parent.name, names)
-    return f"{folder / near}" if near else f"the path of a folder that has a {path.name}"
 
 
 def build_validators() -> None:

@@ -69,18 +69,15 @@ def _check_all_reached(ordered: list[Joint], joints: Sequence[Joint], links: dic
             expected = "every link carried by one joint"
             advice = f'a joint with child = "{link}" and parent = "{WORLD}" or another link'
             raise complaint(where("link", link, ""), "a link that no joint carries", expected, advice)
-    if unreached:  # each of them is carried, none from the world: they go round
-        path = _walk_up(unreached[0], carried)
+    if (
+        unreached
+    ):  # each of them is carried, none from the world: they go round, from a link along its parents back to itself
+        path = [unreached[0]]
+        while path[-1] not in path[:-1]:
+            path.append(carried[path[-1]].parent)
+        path = path[path.index(path[-1]) :]
         given = f"a cycle: {' <- '.join(path)}"
         joint = carried[path[-1]].name
         expected = f'a tree that hangs on "{WORLD}"; what closes a loop is a closure'
         advice = f'parent = "{WORLD}" for one of these joints; [closures.{joint}] with first and second where the loop closes'
         raise complaint(where("joint", joint, "parent"), given, expected, advice)
-
-
-def _walk_up(link: str, carried: dict[str, Joint]) -> list[str]:
-    """The cycle that ``link`` is on or hangs on: from a link along its parents back to itself."""
-    path = [link]
-    while path[-1] not in path[:-1]:
-        path.append(carried[path[-1]].parent)
-    return path[path.index(path[-1]) :]

@@ -44,21 +44,17 @@ def between(
         joint turns about an axis that changes, its rates are those of the coordinates up to the square of the increment
     """
     step = difference(mechanism, first[0], last[0])
-    ends = [
-        np.zeros_like(step),
-        duration * first[1],
-        duration**2 * first[2],
-        step,
-        duration * last[1],
-        duration**2 * last[2],
-    ]
-    at_ends = [[(0.0 if k < n else perm(k, n) * s ** (k - n)) for k in range(6)] for s in (0.0, 1.0) for n in range(3)]
+
+    def powers(s: float, n: int) -> Array:
+        """Derivatives of the powers of s."""
+        return np.array([0.0 if k < n else perm(k, n) * s ** (k - n) for k in range(6)])
+
+    places = (np.zeros_like(step), first), (step, last)
+    ends = [part for place, (_, rate, change) in places for part in (place, duration * rate, duration**2 * change)]
+    at_ends = [powers(s, n) for s in (0.0, 1.0) for n in range(3)]
     factors = np.linalg.solve(np.array(at_ends), np.stack(ends))  # (power, coordinate)
-    for part in range(1, parts):
-        s = part / parts
-        value, rate, change = (
-            np.array([(0.0 if k < n else perm(k, n) * s ** (k - n)) for k in range(6)]) @ factors for n in range(3)
-        )
+    for k in range(1, parts):
+        value, rate, change = (powers(k / parts, n) @ factors for n in range(3))
         yield moved(mechanism, first[0], value), rate / duration, change / duration**2
     yield last[0], last[1], last[2]
 
@@ -101,11 +97,10 @@ def fill_passive(mesh: Mesh, motion: NodalMotion, passive: set[str], q: Array, q
 
     R_j = R_A^T R_B, w_j = w_B - R_j^T w_A, al_j = al_B - R_j^T al_A - (R_j^T w_A) x w_j, and likewise for p = R_A^T (x_B - x_A).
     """
-    for joint in mesh.mechanism.joints:
-        if joint.name in passive:
-            span = mesh.mechanism.v_slices[joint.name]
-            for node in np.flatnonzero((mesh.v_index >= span.start) & (mesh.v_index < span.stop)):
-                _fill(mesh, motion, int(node), q, qd, qdd)
+    for name in passive & mesh.mechanism.joint_of.keys():
+        span = mesh.mechanism.v_slices[name]
+        for node in np.flatnonzero((mesh.v_index >= span.start) & (mesh.v_index < span.stop)):
+            _fill(mesh, motion, int(node), q, qd, qdd)
 
 
 def _fill(mesh: Mesh, motion: NodalMotion, node: int, q: Array, qd: Array, qdd: Array) -> None:
@@ -113,11 +108,8 @@ def _fill(mesh: Mesh, motion: NodalMotion, node: int, q: Array, qd: Array, qdd: 
     nq, nv = mesh.q_index[node], mesh.v_index[node]
     p, dp, ddp, turn, rate, acceleration = _relative(mesh, motion, node)
     if kind == SPHERICAL:
-        q[:, nq : nq + 4], qd[:, nv : nv + 3], qdd[:, nv : nv + 3] = (
-            _quaternion(turn, q[0, nq : nq + 4]),
-            rate,
-            acceleration,
-        )
+        q[:, nq : nq + 4] = _quaternion(turn, q[0, nq : nq + 4])
+        qd[:, nv : nv + 3], qdd[:, nv : nv + 3] = rate, acceleration
     elif kind == FREE:
         v = np.einsum("sji,sj->si", turn, dp)  # (sample, xyz), child's frame
         dv = np.einsum("sji,sj->si", turn, ddp) - np.cross(rate, v)

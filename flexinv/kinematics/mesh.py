@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 from flexinv.elements.beam_element import Elements
 from flexinv.elements.quadrature import reference
 from flexinv.kernels.so3 import exp_so3, log_so3, tangent3
-from flexinv.model.drive_expansion import check_expanded
 from flexinv.model.joint_kinds import CONFIGURATIONS, KINDS, RIGID, SECTION, VELOCITIES
-from flexinv.model.mechanism import WORLD, Attachment, Beam, Body, Joint, Link, Mechanism, Placement
+from flexinv.model.mechanism import WORLD, Attachment, Beam, Body, Joint, Link, Mechanism, Placement, check_expanded
 from flexinv.model.owned_cache import kept_with_owner
 from flexinv.typing import Array
 
@@ -276,7 +275,7 @@ def build(mechanism: Mechanism) -> Mesh:
 
     Lumped mass at the Gauss-Lobatto nodes: m_i = rho A w_i, J_i = rho I w_i (order 1: half and half, as in the paper).
     A stated damping ratio becomes a retardation time here, by the mechanism's modes; the mesh is that of ``Mesh.mechanism`` then.
-    Raises InputError for drives that are not part of the mechanism (`drive_expansion.expanded`), and for a ratio of no mode.
+    Raises InputError for drives that are not part of the mechanism (`mechanism.expanded`), and for a ratio of no mode.
     """
     if mechanism.modal_damping is not None and mechanism.modal_damping.seconds is None:
         from flexinv.linearized.natural_modes import damped  # its modes need a mesh

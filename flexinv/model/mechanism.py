@@ -33,6 +33,10 @@ __all__ = [
 
 # joint kind -> suffixes of the names of its configuration coordinates (q) and of its velocity coordinates (v).
 COORDINATES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {name: (k.q, k.v) for name, k in KINDS.items()}
+# Names of what an elastic drive adds to a mechanism: the gear's output and the spring to the link.
+GEAR, SPRING = ".gear", ".spring"
+# Kinds of joint that a drive may move, and of the spring between motor and link there.
+SPRINGS = {name: "revolute" if k.circle else name for name, k in KINDS.items() if len(k.v) == 1}
 
 
 @dataclass(frozen=True)
@@ -307,3 +311,52 @@ def with_retardation(mechanism: Mechanism, seconds: ArrayLike) -> Mechanism:
         return replace(beam, section=replace(beam.section, damping=times * beam.section.stiffness))
 
     return replace(mechanism._with_beams(damped), modal_damping=None)
+
+
+def expanded(mechanism: Mechanism) -> Mechanism:
+    """Return the mechanism that the drives make [kg m^2], [N m/rad]: rotors in joints, springs where the motor is moved.
+
+    rotor N^2 J, damping N^2 v, dry friction N c at the joint; the Stribeck part above c is the motor's alone (`motor_side`)
+
+    Raises InputError for a drive on a joint without just one coordinate, or beside rotor, damping, friction or spring.
+    """
+    joints, links = [], dict(mechanism.link_of)
+    for joint in mechanism.joints:
+        drive = joint.drive
+        if drive is None or (drive.stiffness and drive.moves == "link"):
+            joints.append(joint)
+            continue
+        if joint.kind not in SPRINGS:
+            expected = f"a drive moves one coordinate ({', '.join(SPRINGS)}), the joint is {joint.kind}"
+            raise InputError(f"joint {joint.name!r}: {expected}")
+        if joint.rotor_inertia or joint.damping or joint.friction or joint.stiffness:
+            beside = "rotor, damping, friction or spring beside a drive; state them in the drive"
+            raise InputError(f"joint {joint.name!r}: {beside}")
+        inertia, damping = drive.ratio**2 * drive.rotor_inertia, drive.ratio**2 * drive.viscous
+        own = replace(joint, rotor_inertia=inertia, damping=damping, friction=drive.ratio * drive.coulomb)
+        if not drive.stiffness:
+            joints.append(own)
+            continue
+        gear = Link(joint.name + GEAR)
+        spring = replace(
+            joint, name=joint.name + SPRING, kind=SPRINGS[joint.kind], parent=gear.name, station=None, placement=Placement(),
+            stiffness=drive.stiffness, rest=0.0, damping=drive.damping, actuated=False, weight=1.0, limits=Limits(), drive=None,
+        )  # fmt: skip
+        links[gear.name] = gear
+        joints += [replace(own, child=gear.name), spring]
+    return replace(mechanism, joints=tuple(joints), links=tuple(links[joint.child] for joint in joints))
+
+
+def check_expanded(joint: Joint) -> None:
+    """Raise InputError where a joint has a drive that its mechanism does not have: rotor, friction, spring [kg m^2], [N m]."""
+    drive = joint.drive
+    if drive is None or (drive.stiffness and drive.moves == "link"):
+        return
+    elastic = drive.stiffness and not joint.child.endswith(GEAR)
+    own = drive.rotor_inertia or drive.viscous or drive.coulomb
+    if elastic or (own and not (joint.rotor_inertia or joint.damping or joint.friction)):
+        raise InputError(
+            f"joint {joint.name!r}: its drive is not part of the mechanism yet; "
+            "write flexinv.model.mechanism.expanded(mechanism), "
+            "which puts rotors into joints and springs between motors and links"
+        )

@@ -28,6 +28,7 @@ from flexinv.model.track import Sampling, Track, check_sampling, joint_path, lis
 from flexinv.typing import Array, Triple
 
 Values = ArrayLike | Mapping[str, ArrayLike]
+Columns = tuple[tuple[str, ...] | None, Array, tuple[int, ...] | None]  # names of joints, numbers, and how many of each
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +208,7 @@ def _evaluated(motion: Motion, mechanism: Mechanism, time: Array) -> Triple:
     return found
 
 
-def _row(values: Values, where: str) -> tuple[tuple[str, ...] | None, Array, tuple[int, ...] | None]:
+def _row(values: Values, where: str) -> Columns:
     """Names, (columns,) values and widths of one configuration, joints sorted by name."""
     if not isinstance(values, Mapping):
         row = _frozen(values, where)
@@ -223,9 +224,7 @@ def _row(values: Values, where: str) -> tuple[tuple[str, ...] | None, Array, tup
     return tuple(parts), np.concatenate([*parts.values(), np.empty(0)]), tuple(p.size for p in parts.values())
 
 
-def _table(
-    values: Values, names: tuple[str, ...] | list[str] | None, samples: int
-) -> tuple[tuple[str, ...] | None, Array, tuple[int, ...] | None]:
+def _table(values: Values, names: tuple[str, ...] | list[str] | None, samples: int) -> Columns:
     """Names, (samples, columns) values and widths of samples."""
     if isinstance(values, Mapping):
         if names is not None:
@@ -233,7 +232,7 @@ def _table(
         parts = {str(name): _matrix(column, samples, f"joint {name!r}") for name, column in values.items()}
         joined = np.hstack([*parts.values(), np.empty((samples, 0))])
         return tuple(parts), joined, tuple(p.shape[1] for p in parts.values())
-    own = arguments.names_or_none("names", names, "joints")
+    own = None if names is None else tuple(arguments.names("names", names, "joints"))
     if own is not None and len(set(own)) != len(own):
         raise InputError(f"names: {listed(own)}: expected each joint once")
     return own, _matrix(values, samples, "q"), None

@@ -21,7 +21,7 @@ from crosscheck.equivalence.compare import compare
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.result import Comparison
 from flexinv.errors import InputError
-from flexinv.files.load_mechanism import robots_folder
+from flexinv.files.from_urdf import robots_folder
 
 SIZE = 0.02  # relative: how well a size has to be told
 ROBOTS = (

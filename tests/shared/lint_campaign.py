@@ -14,7 +14,7 @@ from pathlib import Path
 
 from crosscheck.linting.lint import Linted, lint
 from flexinv.errors import InputError
-from flexinv.files.load_mechanism import robots_folder
+from flexinv.files.from_urdf import robots_folder
 
 
 def linted(files: Iterable[Path]) -> Iterator[tuple[Path, Linted | str]]:

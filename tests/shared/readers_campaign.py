@@ -18,7 +18,7 @@ from pathlib import Path
 from crosscheck.equivalence.readers import Loaded, by_readers
 from crosscheck.equivalence.result import REPAIRED
 from flexinv.errors import InputError
-from flexinv.files.load_mechanism import robots_folder
+from flexinv.files.from_urdf import robots_folder
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from pathlib import Path
 from crosscheck.equivalence.compare import compare
 from crosscheck.equivalence.result import REPAIRED, Comparison
 from flexinv.errors import InputError
-from flexinv.files.load_mechanism import robots_folder
+from flexinv.files.from_urdf import robots_folder
 
 DATA, ROBOSUITE, BULLET = "data", "robosuite/models/assets/robots", "robosuite/models/assets/bullet_data"
 GENESIS = "genesis/assets"

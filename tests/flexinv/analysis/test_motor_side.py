@@ -14,8 +14,7 @@ import flexinv
 from flexinv.analysis.motor_side import friction, motor_side
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
-from flexinv.model.drive_expansion import expanded
-from flexinv.model.mechanism import Body, Drive, Inertia, Joint, Link, Mechanism
+from flexinv.model.mechanism import Body, Drive, Inertia, Joint, Link, Mechanism, expanded
 
 Array = NDArray[np.float64]
 # Smooth to the fourth derivative at both ends: 0 to 1.
@@ -278,7 +277,7 @@ def test_a_drive_that_is_not_part_of_the_mechanism_is_refused(drive: Drive) -> N
     """What is built in Python may forget to expand it: no tool may leave out its rotor in silence."""
     joint, one = Joint("q", "revolute", "world", "rod", drive=drive), np.zeros(1)
     bare = Mechanism("rod", (Link("rod", (Body("rod", Inertia(1.0)),)),), (joint,))
-    words = r"joint 'q': its drive is not part of the mechanism yet; write flexinv.model.drive_expansion.expanded"
+    words = r"joint 'q': its drive is not part of the mechanism yet; write flexinv.model.mechanism.expanded"
     for ask in (flexinv.joint_torques, flexinv.torque_regressor, flexinv.torque_derivatives):
         with pytest.raises(InputError, match=words):
             ask(bare, one, one, one)

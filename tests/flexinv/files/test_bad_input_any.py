@@ -17,9 +17,9 @@ from xml.etree import ElementTree
 import pytest
 
 from flexinv.errors import InputError, ModelWarning
-from flexinv.files.from_urdf import from_urdf
+from flexinv.files.from_urdf import from_urdf, robots_folder
 from flexinv.files.load_cases import load_cases
-from flexinv.files.load_mechanism import load_mechanism, robots_folder
+from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Mechanism
 
 README = (Path(__file__).resolve().parents[3] / "models" / "README.md").read_text(encoding="utf-8")

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from flexinv.errors import InputError, ModelWarning
-from flexinv.files.from_urdf import from_urdf
-from flexinv.files.load_mechanism import robots_folder
+from flexinv.files.from_urdf import from_urdf, robots_folder
 from flexinv.model.mechanism import Mechanism, Placement
 from flexinv.typing import Array
 

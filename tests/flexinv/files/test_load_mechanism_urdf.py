@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import flexinv.files.load_mechanism as urdf_files
+import flexinv.files.from_urdf as urdf_files
 from flexinv.errors import InputError, ModelWarning
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Mechanism, Placement

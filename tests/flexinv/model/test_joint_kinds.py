@@ -318,8 +318,7 @@ def test_natural_frequency_of_a_sprung_screw() -> None:
 
 def test_a_motor_turns_a_screw() -> None:
     """Through a gear: rotor and friction at the joint, squared and times the ratio."""
-    from flexinv.model.drive_expansion import expanded
-    from flexinv.model.mechanism import Drive
+    from flexinv.model.mechanism import Drive, expanded
 
     m = jack()
     drive = Drive(ratio=5.0, rotor_inertia=1e-3, stiffness=40.0, moves="motor")

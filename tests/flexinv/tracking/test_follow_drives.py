@@ -14,8 +14,7 @@ from flexinv import Mechanism, Path, follow
 from flexinv.analysis.motor_side import motor_side
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import rigid_motion
-from flexinv.model.drive_expansion import expanded
-from flexinv.model.mechanism import Drive, Joint
+from flexinv.model.mechanism import Drive, Joint, expanded
 from flexinv.tracking.follow import Following
 from flexinv.tracking.inverse_kinematics import frame_of
 
