@@ -23,6 +23,7 @@ from flexinv.model.motion import Motion
 from flexinv.typing import Array
 from flexinv.validation import number, refuse
 
+Released = Callable[[Mechanism, Array, Settings], Task]
 # Below this part of the range rounding of accelerations is met; above a tenth nothing is asked.
 FINEST, COARSEST = 1e-9, 0.1
 # Samples to a coarsest step of a motion that is exact at any step.
@@ -70,19 +71,15 @@ def solve_problem(
 
 
 def simulate_problem(
-    mechanism: Mechanism,
-    time: Array,
-    accuracy: float,
-    settings: Settings,
-    state: Callable[[Mechanism, Array, Settings], Task],
+    mechanism: Mechanism, time: Array, accuracy: float, settings: Settings, released: Released
 ) -> Problem:
     """Return the motion that torques give as a problem of any step [s] and mesh; accuracy : asked, part of ranges [-].
 
-    time : of the torque's rows [s], between which it is linear; state : mechanism, instants [s], settings -> Task
+    time : of the torque's rows [s], between which it is linear; released : mechanism, instants [s], settings -> Task
     """
 
     def run(meshed: Mechanism, steps: Array, seams: tuple[int, ...], own: Settings) -> Run:
-        return marched(state(meshed, steps, own), seams)
+        return marched(released(meshed, steps, own), seams)
 
     forces, switches = _sudden_times(mechanism)
     jumps = (*time[1:][np.diff(time) == 0.0], *switches)
@@ -168,7 +165,6 @@ def energy_defect(first: FirstStep, found: Found, seams: Sequence[int], jumps: C
         own = slice(start, end if end in jumps else end + 1)
         time = first.time[own]
         spline = scipy.interpolate.make_interp_spline(time, power[own], k=min(5, len(time) - 1)).antiderivative()
-        worked[start + 1 : end + 1] = (
-            worked[start] + spline(first.time[start + 1 : end + 1]) - spline(first.time[start])
-        )
+        ends = slice(start + 1, end + 1)
+        worked[ends] = worked[start] + spline(first.time[ends]) - spline(first.time[start])
     return np.asarray(worked - (energy - energy[0]))

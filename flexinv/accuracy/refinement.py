@@ -244,7 +244,9 @@ def refine(refinement: Refinement) -> Answer:
         answer, index = _fine_steps(refinement, mesh, index, answer)
         if not refinement.problem.mechanism.beams:
             return answer
-        whole = replace(answer, bars=answer.bars + mesh_bars(refinement, mesh, answer))
+        # At the longest steps of the three rungs: what meshes differ by hardly depends on the step, or falls with it; only where
+        # something jumps undamped it grows, 1 to 2 times from these steps to the shortest.
+        whole = replace(answer, bars=answer.bars + OF_MESH * _mesh_apart(refinement, mesh, answer.longest))
         if whole.bar <= asked:
             return whole
         mesh += 1
@@ -261,8 +263,7 @@ def _coarsest(refinement: Refinement) -> tuple[int, int]:
     mesh, finer = 0, rung(index + 2)
     asked = (1.0 - OF_STEPS) * refinement.problem.accuracy
     while refinement.problem.mechanism.beams and mesh + 2 < len(MESHES):
-        here, there = refinement.level(mesh, finer), refinement.level(mesh + 1, finer)
-        if here is not None and there is not None and _mesh_apart(here, there).max() <= asked:
+        if _mesh_apart(refinement, mesh, finer).max() <= asked:
             break
         mesh += 1
     return mesh, index
@@ -281,7 +282,9 @@ def _fine_steps(refinement: Refinement, mesh: int, index: int, before: Answer | 
         for one in (answer, plain_answer(three)):
             if one.bar <= asked:
                 return one, index
-        index += _rungs(answer, asked, before is None)
+        # so many rungs, of which two halve the step, that the order of the answer leads to the bar asked
+        order = 4.0 if before is None else max(answer.order, ASSUMED_ORDER)
+        index += int(np.clip(np.floor(2.0 * np.log2(answer.bar / asked) / order), 1, FARTHEST))
         _check_budget(refinement, index, answer)
         before = answer
         refinement.seen.append((answer.levels[0].finer, answer.apart))
@@ -317,26 +320,12 @@ def mixed(found: Sequence[Quantities], weight: Array) -> Quantities:
     return Quantities(*(combined(parts, weight) for parts in zip(*found, strict=True)))
 
 
-def mesh_bars(refinement: Refinement, mesh: int, answer: Answer) -> Array:
-    """Return the bars (samples, quantities) [-] of a mesh, from the next one, at the longest steps of the answer's three rungs.
-
-    What meshes differ by hardly depends on the step, or falls with it; only where something jumps undamped it grows, 1 to 2 times
-    from these steps to the shortest.
-    """
-    here, there = refinement.level(mesh, answer.longest), refinement.level(mesh + 1, answer.longest)
+def _mesh_apart(refinement: Refinement, mesh: int, finer: int) -> Array:
+    """Differences (samples, quantities) of a mesh to the next one at 1/``finer`` of the coarsest step, infinite if one fails."""
+    here, there = refinement.level(mesh, finer), refinement.level(mesh + 1, finer)
     if here is None or there is None:
-        return np.full_like(answer.bars, np.inf)
-    return OF_MESH * _mesh_apart(here, there)[:: here.kept // answer.kept]
-
-
-def _mesh_apart(here: Level, there: Level) -> Array:
+        return np.array([[np.inf]])
     return ranges(there.made.mesh, there.found).apart(there.found, here.found)
-
-
-def _rungs(answer: Answer, asked: float, first: bool) -> int:
-    """Number of rungs after which the order of an answer leads to the bar asked [-]: every two halve the step."""
-    order = 4.0 if first else max(answer.order, ASSUMED_ORDER)
-    return int(np.clip(np.floor(2.0 * np.log2(answer.bar / asked) / order), 1, FARTHEST))
 
 
 def _check_budget(refinement: Refinement, index: int, answer: Answer | None) -> None:
@@ -359,14 +348,10 @@ def unreached(refinement: Refinement, answer: Answer | None) -> ConvergenceError
         return refinement.failure or ConvergenceError(f"mechanism '{p.mechanism.name}': no step leads to a motion")
     shortest = p.grid.spacing(answer.levels[-1].finer)
     reached = answer.bar if np.isfinite(answer.bar) else answer.apart
+    size = 10.0 ** np.floor(np.log10(reached))
     return ConvergenceError(
         f"mechanism '{p.mechanism.name}': accuracy = {p.accuracy:g} is out of reach: at steps of {shortest:.3g} s errors are "
         f"{reached:.2g} of the range and fall with the power {max(refinement.order, 0.0):.1f} of the step, as of vibrations "
         "that something sudden excites and nothing damps; write damping (retardation_s of a section, or a ratio in [damping]), "
-        f"a smoother law such as 'nonic', or accuracy = {_rounded_up(reached):g}"
+        f"a smoother law such as 'nonic', or accuracy = {np.ceil(reached / size) * size:g}"
     )
-
-
-def _rounded_up(value: float) -> float:
-    size = 10.0 ** np.floor(np.log10(value))
-    return float(np.ceil(value / size) * size)

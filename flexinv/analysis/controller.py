@@ -19,15 +19,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexinv.analysis.trajectory import stand
 from flexinv.dynamics.generalized_alpha import EARLY, SUBSTEPS, Scheme, generalized_alpha, start_up
-from flexinv.dynamics.initial_state import begin_step, end_early, instant
+from flexinv.dynamics.initial_state import begin_step, end_early, instant, stand
 from flexinv.dynamics.loads import load_table
 from flexinv.dynamics.solver import Solver, complaint
 from flexinv.dynamics.stepper import CONVERGED, march
 from flexinv.dynamics.system import Instants, System
-from flexinv.errors import InputError
-from flexinv.inverse.balance import EnergyGuard, Instant, guarded_torques, instant_energies
+from flexinv.errors import ConvergenceError, InputError
+from flexinv.inverse.balance import Instant, add_step, carried, guarded_torques, instant_energies, without_reason
 from flexinv.inverse.inverse_dynamics import applied_forces, check_constant, project, winding
 from flexinv.inverse.nodal_sums import Drives, Masses, instant_torques
 from flexinv.kernels.code_cache import compiled
@@ -68,10 +67,10 @@ class Flexible:
     masses: Masses
     frames: Frames
     instant: Instant
-    guard: EnergyGuard
     mechanism: Mechanism
     nq: int
     nv: int
+    passive: set[str]
     applied: bool
     winds: bool
     march: Callable[..., tuple[int, int, int, float]]
@@ -92,22 +91,21 @@ class Flexible:
         flat = None if in_space else PlanarMarch.of(mesh, set())
         joints = Joints(*(part.copy() for part in instant(mesh, mechanism.neutral, *(2 * [np.zeros(mechanism.nv)]))))
         out, one = solver.instant, Joints(*(part[None] for part in joints))
-        guard = EnergyGuard(mesh, frozenset(passive), scheme.h)
         driven, line = mechanism.actuated.astype(float), np.zeros((mesh.size, 6))
         loads = load_table(mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))
         given, row = np.zeros((1, int((mesh.v_index >= 0).sum()), 3)), np.zeros(1, dtype=np.int64)
         masses = Masses(mesh.mass, mesh.inertia, solver.topology.gravity)
         frames, here = (
             Frames(*(part[0] for part in out.histories()[:6])),
-            Instant(out.energy[0], driven, line, guard.account),
+            Instant(out.energy[0], driven, line, np.zeros(7)),
         )
         nodes, drives, motion = nodes_of(mesh), _drives(mesh), (mechanism.neutral.copy(), driven, driven)
         march_in: Any = march if flat is None else planar_march
         rest = (Instants(one, *loads), solver.increment) if flat is None else (np.zeros((0, 3)), False, given, row)
         rest, system = (*rest, out.histories()), solver.system if flat is None else flat.system
         return cls(
-            solver, flat, system, scheme, start_up(scheme), nodes, drives, joints, given, masses, frames, here, guard,
-            mechanism, mechanism.nq, mechanism.nv, applied,
+            solver, flat, system, scheme, start_up(scheme), nodes, drives, joints, given, masses, frames, here,
+            mechanism, mechanism.nq, mechanism.nv, passive, applied,
             any(KINDS[j.kind].circle and j.stiffness and j.actuated for j in mechanism.joints),
             compiled(march_in, system, scheme, *rest), rest,
             compiled(guarded_torques, nodes, drives, masses, frames, motion, here, driven), tau,
@@ -118,7 +116,7 @@ class Flexible:
         self.wound.clear()
         joints = stand(self.solver, now, 0.0, initial, "at the start")
         self._set_torques(*now)
-        self.guard.begin(*self._energies(now[1]))
+        self.instant.account[:] = *self._energies(now[1]), 0.0, 0.0, 0.0, self.scheme.h
         self.left, self.before = EARLY * begin_step(self.solver, joints, self.scheme, "at the start"), now
         if self.flat is not None:
             self.flat.take(self.solver.state, self.solver.border.ties)
@@ -155,14 +153,29 @@ class Flexible:
         """Return the torques (nv,) [N m], [N] of a step whose energy has not come from nowhere."""
         if self.applied or self.winds:
             self._set_torques(q, qd, qdd)
-            self.guard.look(*self._energies(qd), qd)
-            return self.tau
-        doubtful, holds, potential = self.torques(
-            self.nodes, self.drives, self.masses, self.frames, (q, qd, qdd), self.instant, self.tau
-        )
+            holds, potential, power = self._energies(qd)
+            doubtful = add_step(self.instant.account, holds, potential, power)
+        else:
+            doubtful, holds, potential = self.torques(
+                self.nodes, self.drives, self.masses, self.frames, (q, qd, qdd), self.instant, self.tau
+            )
         if doubtful:
-            self.guard.judge(holds, potential, qd)
+            self._judge(holds, potential, qd)
         return self.tau
+
+    def _judge(self, holds: float, potential: float, qd: Array) -> None:
+        """Raise ConvergenceError where the energy of a step that was added [J] comes from nowhere; qd : (nv,) [1/s]."""
+        mesh, step = self.solver.mesh, self.scheme.h
+        held, at_start, _, work, worked, steps, _ = self.instant.account.tolist()
+        from_nowhere = holds + potential - held - at_start - work
+        most = held + worked + abs(potential - at_start)
+        most += float(carried(mesh, np.asarray(qd, dtype=float)[None], self.passive)[0])
+        if without_reason(mesh, from_nowhere, most):
+            raise ConvergenceError(
+                f"controller: mechanism '{mesh.mechanism.name}', at call {steps:.0f} after start (step {step:g} s): "
+                f"kinetic and elastic energy are {holds:.3g} J, of which at most {most:.3g} J were put in, so that the march has "
+                f"left the motion; write step = {step / 4:.3g}, or check forces, moments and stiffness"
+            )
 
     def _energies(self, qd: Array) -> tuple[float, float, float]:
         """Kinetic and elastic energy, potential energy [J], and the power of drives and of given forces [W]."""

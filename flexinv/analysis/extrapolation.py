@@ -13,18 +13,14 @@ Differences of two solutions cross zero, so that an error bar is the largest of 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import fields, replace
+from collections.abc import Callable, Sequence
+from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from flexinv.analysis.evaluation import FirstStep
-from flexinv.analysis.solution import LoopForces
-from flexinv.dynamics.solver import Trajectory
-from flexinv.inverse.inverse_dynamics import NodalForces
 from flexinv.kernels.so3 import exp_so3, log_so3
-from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
@@ -56,29 +52,25 @@ def extrapolated_rotations(rotations: Sequence[Array], weight: Array) -> Array:
 def extrapolated(mechanism: Mechanism, steps: Sequence[FirstStep], weight: Array) -> FirstStep:
     """Return the first step of the paper extrapolated from several with the same samples [m, rad, s, N], the finest last."""
     last = steps[-1]
-    trajectories = [one.trajectory for one in steps]
-    motion = _linear([t.motion for t in trajectories], weight)
-    motion = replace(motion, rotation=extrapolated_rotations([t.motion.rotation for t in trajectories], weight))
-    trajectory = replace(_linear(trajectories, weight), motion=motion, iterations=last.trajectory.iterations)
-    rates = [combined([one.joints[k] for one in steps], weight) for k in (1, 2)]
-    q = _coordinates(mechanism, [one.joints[0] for one in steps], weight)
-    loops = None if last.loops is None else _linear([one.loops for one in steps], weight)
-    applied = None if last.applied is None else _linear([one.applied for one in steps], weight)
-    geared = None if last.geared is None else combined([one.geared for one in steps if one.geared is not None], weight)
-    return replace(
-        last, trajectory=trajectory, joints=(q, rates[0], rates[1]), applied=applied, loops=loops, geared=geared
-    )
+    mixed: FirstStep = _each(steps, lambda parts: combined(parts, weight) if parts[-1].dtype == float else parts[-1])
+    turned = extrapolated_rotations([one.trajectory.motion.rotation for one in steps], weight)
+    trajectory = replace(mixed.trajectory, motion=replace(mixed.trajectory.motion, rotation=turned))
+    q, qd, qdd = zip(*(one.joints for one in steps), strict=True)
+    joints = _coordinates(mechanism, q, weight), combined(qd, weight), combined(qdd, weight)
+    return replace(mixed, trajectory=trajectory, time=last.time, joints=joints, brought=last.brought)
 
 
-def _linear(records: Sequence[Any], weight: Array) -> Any:
-    """A record whose arrays of floats are the weighted sums of those of ``records``; all else is that of the last."""
+def _each(records: Sequence[Any], of: Callable[[list[Array]], Array]) -> Any:
+    """A record of what ``of`` makes of the arrays in ``records``, also those within other records; all else is the last's."""
     made: dict[str, Any] = {}
     for name in (field.name for field in fields(records[-1])):
         values = [getattr(one, name) for one in records]
-        if isinstance(values[-1], dict):
-            made[name] = {key: combined([one[key] for one in values], weight) for key in values[-1]}
-        elif isinstance(values[-1], np.ndarray) and values[-1].dtype == float:
-            made[name] = combined(values, weight)
+        if isinstance(values[-1], np.ndarray):
+            made[name] = of(values)
+        elif isinstance(values[-1], dict):
+            made[name] = {key: of([one[key] for one in values]) for key in values[-1]}
+        elif is_dataclass(values[-1]):
+            made[name] = _each(values, of)
     return replace(records[-1], **made)
 
 
@@ -101,25 +93,12 @@ def thinned(first: FirstStep, every: int) -> FirstStep:
     if every == 1:
         return first
     samples = len(first.time)
-    out: FirstStep = _every(first, slice(None, None, every), samples)
+    out: FirstStep = _each([first], lambda parts: parts[0][::every] if len(parts[0]) == samples else parts[0])
     if first.brought is not None:
         ends = np.cumsum(first.brought)[::every]
         out = replace(out, brought=np.diff(ends, prepend=0.0))
     q, qd, qdd = (part[::every] for part in first.joints)
     return replace(out, joints=(q, qd, qdd))
-
-
-def _every(record: Any, rows: slice, samples: int) -> Any:
-    made: dict[str, Any] = {}
-    for name in (field.name for field in fields(record)):
-        value = getattr(record, name)
-        if isinstance(value, np.ndarray) and len(value) == samples:
-            made[name] = value[rows]
-        elif isinstance(value, dict):
-            made[name] = {key: part[rows] for key, part in value.items()}
-        elif isinstance(value, (Trajectory, NodalMotion, NodalForces, LoopForces)):
-            made[name] = _every(value, rows, samples)
-    return replace(record, **made)
 
 
 def largest_nearby(values: Array, part: float = NEARBY) -> Array:

@@ -24,7 +24,7 @@ from flexinv.constraints.closures import (
 )
 from flexinv.constraints.consistency import GivenLoops, check_carried
 from flexinv.constraints.continuation import closed_motion, closed_start
-from flexinv.constraints.impacts import Impact, check_meeting, jump_efforts, jump_forces, kinetic_energy, names_of
+from flexinv.constraints.impacts import Impact, check_meeting, jump_efforts, kinetic_energy, names_of
 from flexinv.constraints.loop_starts import stated_of
 from flexinv.constraints.phases import Phase, Stretch, phases
 from flexinv.constraints.reactions import closing, phased_closing
@@ -201,11 +201,16 @@ def closed_task(task: Task) -> Task:
     Drives may be more than the freedoms that rigid links would have: beams yield, and so decide how drives share the work.
     Raises InputError unless the motion is that of the drives, ConvergenceError where the loops do not close.
     """
-    mesh, start = task.mesh, float(task.steps[0])
-    unknown = stated_of(mesh.mechanism, task.passive)
-    _check_drives(mesh, unknown)
+    mesh, m, start = task.mesh, task.mesh.mechanism, float(task.steps[0])
+    unknown = stated_of(m, task.passive)
+    given = "the motion gives a joint without a drive", "give the motion of the drives, or write actuated = true"
+    left = "the motion leaves out a drive", "write actuated = false: drives cannot share the work here yet"
+    for wrong, (what, write) in ((~unknown & ~m.actuated, given), (unknown & m.actuated, left)):
+        if wrong.any():
+            name = m.velocity_names[int(np.argmax(wrong))]
+            raise InputError(f"mechanism '{m.name}' has beams and closures, and {what} ('{name}'): {write}")
     guess = [part[0].tobytes() for part in task.after(task.steps[:1])]
-    masks = unknown, stated_of(mesh.mechanism, task.stated_rates), phases(mesh.mechanism, task.steps)[0].active
+    masks = unknown, stated_of(m, task.stated_rates), phases(m, task.steps)[0].active
     closed = _start(mesh, start, *(mask.tobytes() for mask in masks), *guess)
 
     def started(at: Array) -> Triple:
@@ -276,17 +281,6 @@ def _damped_after(dissipated: Array, switches: list[int], time: Array) -> Array:
     return out
 
 
-def _check_drives(mesh: Mesh, unknown: Mask) -> None:
-    """With beams the joints that the motion gives are the drives: the march shares nothing out among others."""
-    m = mesh.mechanism
-    given = "the motion gives a joint without a drive", "give the motion of the drives, or write actuated = true"
-    left = "the motion leaves out a drive", "write actuated = false: drives cannot share the work here yet"
-    for wrong, (what, write) in ((~unknown & ~m.actuated, given), (unknown & m.actuated, left)):
-        if wrong.any():
-            name = m.velocity_names[int(np.argmax(wrong))]
-            raise InputError(f"mechanism '{m.name}' has beams and closures, and {what} ('{name}'): {write}")
-
-
 @dataclass
 class Switching:
     """Phases of the march still to come, and the stretches and impacts [N s] of those that have begun."""
@@ -333,20 +327,10 @@ class Switching:
         consistent_accelerations(solver, joints, f"at t = {time:g} s")
         record_instant(solver, sample, out)
         if _is_plastic(mesh, begins):
-            sides = (one, before), (out.rows(sample, sample + 1).motion, _rates(solver, qd))
-            self.impacts.append(_flexible_impact(mesh, rows, begins, sides, impulses, time))
-
-
-def _flexible_impact(
-    mesh: Mesh, rows: Rows, begins: Mask, sides: tuple[Side, Side], impulses: Array, time: float
-) -> Impact:
-    """The impulses of an impact between two nodal motions, each with its rates, of one instant: the same L T P as torques."""
-    (one, before), (two, after) = sides
-    pushed, shown = closing(mesh, two, rows, impulses[None])
-    jump = jump_forces(mesh, one, two)
-    forces = NodalForces(jump.force - pushed.force, jump.moment - pushed.moment)
-    torque = project(mesh, two, forces)[0] + mesh.mechanism.drive_table[0] * (after - before)
-    return _impact(mesh, begins, torque, shown, sides, time)
+            two, after = out.rows(sample, sample + 1).motion, _rates(solver, qd)
+            pushed, shown = closing(mesh, two, rows, impulses[None])
+            torque = jump_efforts(mesh, one, two, after - before) - project(mesh, two, pushed)[0]  # the same L T P
+            self.impacts.append(_impact(mesh, begins, torque, shown, ((one, before), (two, after)), time))
 
 
 def _rates(solver: Solver, qd: Array) -> Array:

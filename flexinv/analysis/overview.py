@@ -69,18 +69,15 @@ def _count(number: int, word: str) -> str:
 def joint_table(mechanism: Mechanism) -> pd.DataFrame:
     """Return one row per joint that moves; drives that are not zero in columns with their units, such as [N m]."""
     moving = [j for j in mechanism.joints if j.nv]
-    rows = [
-        {
-            "joint": j.name,
-            "kind": j.kind,
-            "parent": j.parent if j.station is None else f"{j.parent} at {j.station:g}",
-            "child": j.child,
-            "q": " ".join(mechanism.coordinate_names[mechanism.q_slices[j.name]]),
-            "actuated": "yes" if j.actuated else "no",
-        }
-        for j in moving
-    ]
-    table = pd.DataFrame(rows)
+    columns = {
+        "joint": [j.name for j in moving],
+        "kind": [j.kind for j in moving],
+        "parent": [j.parent if j.station is None else f"{j.parent} at {j.station:g}" for j in moving],
+        "child": [j.child for j in moving],
+        "q": [" ".join(mechanism.coordinate_names[mechanism.q_slices[j.name]]) for j in moving],
+        "actuated": ["yes" if j.actuated else "no" for j in moving],
+    }
+    table = pd.DataFrame(columns if moving else {})
     for key, unit in (("rotor_inertia", "kg m^2, kg"), ("damping", "N m s, N s/m"), ("friction", "N m, N")):
         values = [getattr(j, key) for j in moving]
         if any(values):
@@ -101,16 +98,13 @@ def closure_table(mechanism: Mechanism) -> pd.DataFrame:
 
 def link_table(mechanism: Mechanism) -> pd.DataFrame:
     """Return one row per link: rigid or beam, its mass [kg], and what it carries."""
-    rows = [
-        {
-            "link": link.name,
-            "kind": "rigid" if link.beam is None else "beam",
-            "mass [kg]": link_mass(link),
-            "bodies": ", ".join(body.name for body in link.bodies) or "-",
-        }
-        for link in mechanism.links
-    ]
-    return pd.DataFrame(rows)
+    columns = {
+        "link": [link.name for link in mechanism.links],
+        "kind": ["rigid" if link.beam is None else "beam" for link in mechanism.links],
+        "mass [kg]": [link_mass(link) for link in mechanism.links],
+        "bodies": [", ".join(body.name for body in link.bodies) or "-" for link in mechanism.links],
+    }
+    return pd.DataFrame(columns)
 
 
 def beam_table(mechanism: Mechanism) -> pd.DataFrame:

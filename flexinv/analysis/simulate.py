@@ -63,8 +63,16 @@ def simulate(
     function("progress", progress, "a function of the number of samples done since its last call")
     table = _table(mechanism, time, torque)
     if accuracy is None and step is not None:
-        settings = checked(_checked_step(step, table[0]), spectral_radius, EXACT, initial)
-        count = round((table[0][-1] - table[0][0]) / settings.step)
+        step, span = (
+            number("step", step, "a positive number of seconds, for example step=1e-3"),
+            table[0][-1] - table[0][0],
+        )
+        settings = checked(step, spectral_radius, EXACT, initial)
+        count = round(span / step)
+        if count < 1:
+            raise InputError(f"step = {step:g} s is longer than the torque's {span:g} s: write a smaller step")
+        if count > MOST_SAMPLES:
+            raise InputError(f"step = {step:g} s gives {count} samples, more than {MOST_SAMPLES}: write a larger step")
         released = _Release(table, start, start_rate, progress)
         task = released.task(mechanism, table[0][0] + settings.step * np.arange(count + 1), settings)
         (first,) = first_step(task)
@@ -77,18 +85,6 @@ def simulate(
         solution = accurate(simulate_problem(mechanism, table[0], asked, settings, released.task))
     released.check(solution)
     return solution
-
-
-def _checked_step(step: float, time: Array) -> float:
-    """The step [s]; raises InputError for one that does not fit the times of the torque."""
-    step, span = number("step", step, "a positive number of seconds, for example step=1e-3"), time[-1] - time[0]
-    count = round(span / step) if step > 0 else 0
-    checked(step, 0.8, EXACT)
-    if count < 1:
-        raise InputError(f"step = {step:g} s is longer than the torque's {span:g} s: write a smaller step")
-    if count > MOST_SAMPLES:
-        raise InputError(f"step = {step:g} s gives {count} samples, more than {MOST_SAMPLES}: write a larger step")
-    return step
 
 
 @dataclass
@@ -106,9 +102,17 @@ class _Release:
 
     def task(self, mechanism: Mechanism, steps: Array, settings: Settings) -> Task:
         """Return the task of the instants ``steps`` [s]."""
-        mesh, moves, first = build(mechanism), {j.name for j in mechanism.joints if j.nv}, float(steps[0])
-        places = start_coordinates(mechanism, moves, self.start, self.start_rate)
-        stated = _stated(mechanism, places, _settles(mechanism, settings.initial))
+        m, mesh, moves = mechanism, build(mechanism), {j.name for j in mechanism.joints if j.nv}
+        first, (places, rates) = float(steps[0]), start_coordinates(m, moves, self.start, self.start_rate)
+        q, qd = m.neutral, np.zeros(m.nv)
+        for name, value in places.items():
+            q[m.q_slices[name]] = value
+        for name, value in rates.items():
+            qd[m.v_slices[name]] = value
+        # passive joints may be stated where beams are bent, and the loops are closed unbent first
+        bars = {"place": FAR, "rate": SAGGED} if _settles(m, settings.initial) else {}
+        passive = stated_of(m, {j.name for j in m.joints if not j.actuated})
+        stated = Stated(q, qd, np.zeros(m.nv), stated_of(m, places), stated_of(m, rates), passive, **bars)
         state = stated.q, stated.qd, stated.qdd
         if mechanism.closures:
             state = begin(mesh, stated, constraint_rows(mesh).of(acting(mechanism, first)), first)
@@ -132,7 +136,8 @@ def _table(mechanism: Mechanism, time: ArrayLike, torque: ArrayLike | None) -> t
     at = floats("simulate: time", time)
     values = np.zeros((len(np.atleast_1d(at)), 0)) if torque is None else floats("simulate: torque", torque)
     names = [n for n, driven in zip(mechanism.velocity_names, mechanism.actuated, strict=True) if driven]
-    if at.ndim != 1 or len(at) < 2 or not np.isfinite(at).all() or not _in_order(at):
+    in_order = at.ndim == 1 and len(at) > 1 and np.isfinite(at).all() and (np.diff(at) >= 0.0).all()
+    if not in_order or at[0] == at[1] or at[-2] == at[-1] or not (at[2:] > at[:-2]).all():
         raise InputError(
             f"simulate: time has shape {at.shape}, expected two or more times that increase [s]; between the first and the last "
             "a time may be given twice, where the torque jumps"
@@ -149,11 +154,6 @@ def _table(mechanism: Mechanism, time: ArrayLike, torque: ArrayLike | None) -> t
                 "moves; write actuated=False and a force with follower=True on its link"
             )
     return at, values
-
-
-def _in_order(time: Array) -> bool:
-    gaps = np.diff(time)
-    return bool((gaps >= 0).all() and gaps[0] > 0 and gaps[-1] > 0 and (time[2:] > time[:-2]).all())
 
 
 def _jumps(time: Array) -> Array:
@@ -176,19 +176,3 @@ def _efforts(mechanism: Mechanism, table: tuple[Array, Array], step: float) -> E
         return out
 
     return efforts
-
-
-def _stated(mechanism: Mechanism, given: tuple[dict[str, Array], dict[str, Array]], settles: bool) -> Stated:
-    """Return the known values of the start.
-
-    settles : passive joints may be stated where beams are bent, and the loops are closed unbent first
-    """
-    m, (places, rates) = mechanism, given
-    q, qd = m.neutral, np.zeros(m.nv)
-    for name, value in places.items():
-        q[m.q_slices[name]] = value
-    for name, value in rates.items():
-        qd[m.v_slices[name]] = value
-    passive = stated_of(m, {j.name for j in m.joints if not j.actuated})
-    bars = {"place": FAR, "rate": SAGGED} if settles else {}
-    return Stated(q, qd, np.zeros(m.nv), stated_of(m, places), stated_of(m, rates), passive, **bars)

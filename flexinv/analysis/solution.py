@@ -129,7 +129,7 @@ class Solution:
     @cached_property
     def root(self) -> dict[str, Array]:
         """Beam -> (samples, 6) axial, shear_y, shear_z [N], twist, bending_y, bending_z [N m] at its root section."""
-        return at_roots(self.mesh, self.nodes, self.forces)
+        return {link.name: _at_root(self.mesh, link, self.nodes, self.forces) for link in self.mesh.mechanism.beams}
 
     @property
     def power_residual(self) -> Array:
@@ -153,9 +153,8 @@ class Solution:
         The work that efforts put in and that they take out, and the widest change of kinetic, potential or elastic energy.
         """
         b, power = self.balance, np.abs(self.torque_all * self.qd).sum(axis=1)
-        return float(np.trapezoid(power, self.time)) + max(
-            float(np.ptp(e)) for e in (b.kinetic, b.potential, b.elastic)
-        )
+        widest = max(float(np.ptp(energy)) for energy in (b.kinetic, b.potential, b.elastic))
+        return float(np.trapezoid(power, self.time)) + widest
 
     @property
     def energy_error(self) -> float:
@@ -262,7 +261,9 @@ class Solution:
             for name, column in zip(self.torque_names, self.torque_error.T, strict=True):
                 bars[f"error of {'torque' if units[name] == 'N m' else 'force'} {name} [{units[name]}]"] = column
         bars |= {f"error of tip {link} [m]": column for link, column in (self.tip_error or {}).items()}
-        return _beside(self.frame(), self.tip_frame(), _framed(bars, self.time))
+        import pandas
+
+        return pandas.concat([self.frame(), self.tip_frame(), _framed(bars, self.time)], axis=1)
 
     def wrench_frame(self) -> pd.DataFrame:
         """Return the wrench of every joint over time [s], in the child's link frame [N], [N m]."""
@@ -303,24 +304,9 @@ def _framed(
     return pandas.DataFrame(columns, index=pandas.Index(rows, name=name))
 
 
-def _beside(*frames: pd.DataFrame) -> pd.DataFrame:
-    import pandas
-
-    return pandas.concat(frames, axis=1)
-
-
 def effort_units(mechanism: Mechanism) -> list[str]:
     """Return "N" or "N m" for every velocity coordinate, the unit of its effort [N], [N m]."""
     return ["N" if force else "N m" for joint in mechanism.joints for force in KINDS[joint.kind].translations]
-
-
-def at_roots(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> dict[str, Array]:
-    """Return beam -> (samples, 6) axial, shear_y, shear_z [N], twist, bending_y, bending_z [N m] at the root section.
-
-    Minus the sum of P over all nodes beyond the root, and of the beam's own share of mass there; what else hangs on the root's
-    node is not the beam's.
-    """
-    return {link.name: _at_root(mesh, link, motion, forces) for link in mesh.mechanism.beams}
 
 
 def beyond(mesh: Mesh, node: int) -> NDArray[np.bool_]:
@@ -332,6 +318,10 @@ def beyond(mesh: Mesh, node: int) -> NDArray[np.bool_]:
 
 
 def _at_root(mesh: Mesh, link: Link, motion: NodalMotion, forces: NodalForces) -> Array:
+    """Resultants at a beam's root: minus the sum of P over all nodes beyond it, and of the beam's own share of mass there.
+
+    What else hangs on the root's node is not the beam's.
+    """
     root, outer = mesh.root_node[link.name], beyond(mesh, int(mesh.section_nodes[link.name][1]))
     arm = motion.x[:, outer] - motion.x[:, [root]]
     mass, inertia = mesh.mass[root], mesh.inertia[root].copy()

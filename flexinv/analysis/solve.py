@@ -93,7 +93,12 @@ def solve(
         settings = checked(1.0, spectral_radius, tolerance, initial)
         return accurate(solve_problem(mechanism, motion, check_accuracy(accuracy, step), settings, options))
     steps = time_grid(motion, step, end, every)
-    _check_every(mechanism, every, incremental)
+    if every > 1 and incremental:
+        raise InputError(f"every = {every}: the incremental mode takes differences from step to step; write every=1")
+    if every > 1 and mechanism.closures and not mechanism.is_rigid:
+        raise InputError(
+            f"every = {every}: mechanism '{mechanism.name}' has closures and beams, of which every step is kept; write every=1"
+        )
     if incremental:
         check_samples(len(steps[::every]), step)
     settings = replace(checked(step, spectral_radius, tolerance, initial), incremental=incremental, every=every)
@@ -116,7 +121,10 @@ def solve(
 
     # Of the half steps every second is compared, where not all are differenced.
     stride = 2 if incremental or mechanism.closures else 1
-    even = not incremental and has_even_powers(task)
+    # Errors have even powers of the step but where something sticks or closes; what is rigid and moved whole is exact at any.
+    marched = bool(mechanism.beams) or (bool(task.passive) and not mechanism.closures)
+    sticks = any(joint.friction for joint in mechanism.joints if joint.name in task.passive)
+    even = marched and not (incremental or sticks or any(closure.active for closure in mechanism.closures))
     solution = with_error(solution, first, steps, settings, again, stride, even)
     return replace(solution, settings=solution.settings | {"extrapolated": True}) if even else solution
 
@@ -130,15 +138,6 @@ def _check_start(task: Task, motion: Motion, start: Stated, start_rate: Stated, 
     settled = task.settings.initial == "static" and not m.is_rigid
     rates = stated_of(m, set(start_rate or ()))
     check_rates(mesh, rates, told[1][0], solution.qd[0], float(solution.time[0]), SAGGED if settled else ROUNDED)
-
-
-def _check_every(mechanism: Mechanism, every: int, incremental: bool) -> None:
-    if every > 1 and incremental:
-        raise InputError(f"every = {every}: the incremental mode takes differences from step to step; write every=1")
-    if every > 1 and mechanism.closures and not mechanism.is_rigid:
-        raise InputError(
-            f"every = {every}: mechanism '{mechanism.name}' has closures and beams, of which every step is kept; write every=1"
-        )
 
 
 # ------------------------------------------------------------------------------------------------- error bars
@@ -167,17 +166,6 @@ def with_error(
     torque = np.asarray(sum(bar[0] for bar in bars))
     tip = {name: np.asarray(sum(bar[1][name] for bar in bars)) for name in solution.tip}
     return replace(better, torque_error=torque, tip_error=tip)
-
-
-def has_even_powers(task: Task) -> bool:
-    """Return True if a task's results differ from exact ones by even powers of the step [-].
-
-    They do not where something sticks or closes; what is rigid and moved whole is exact at every step.
-    """
-    m = task.mesh.mechanism
-    marched = bool(m.beams) or (bool(task.passive) and not m.closures)
-    sticks = any(joint.friction for joint in m.joints if joint.name in task.passive)
-    return marched and not sticks and not any(closure.active for closure in m.closures)
 
 
 def _scaled_difference(solution: Solution, finer: Solution, stride: int, factor: float) -> Bars:

@@ -1,7 +1,9 @@
 """solve_many: many payloads, stiffnesses, motions or mechanisms with one call, spread over threads.
 
-Scenarios of one structure are integrated many in one compiled call (`batch_groups`); each of the others is a `solve` of its own,
-whose compiled time integration holds no lock.  So they run side by side, and each result is, bit for bit, that of `solve` alone.
+Scenarios that are alike (beams in a plane, one structure, one time grid, whatever else differs) are integrated many in one
+compiled call: what they share is prepared once, their series stand in one piece of memory, and short marches run side by side as
+well as long ones.  Each of the others is a `solve` of its own, whose compiled time integration holds no lock.
+Each result is, bit for bit, that of `solve` alone.
 """
 
 from __future__ import annotations
@@ -12,23 +14,47 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import signature
 from itertools import repeat
+from numbers import Real
 from queue import SimpleQueue
 from threading import Lock
 from typing import Any
 
-from flexinv.analysis.batch_groups import alike, prepare_all, solve_alike
+import numpy as np
+
+from flexinv.analysis.batch_kernel import Designs, Results, Schemes, Tasks, march_alike
+from flexinv.analysis.evaluation import FirstStep, found_shapes, skeleton, solution_of
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
-from flexinv.analysis.task import Progress
-from flexinv.errors import InputError
-from flexinv.kernels.memory import shared_pieces
+from flexinv.analysis.task import Progress, Settings, checked, time_grid
+from flexinv.analysis.trajectory import Turned, failure
+from flexinv.dynamics.generalized_alpha import EARLY, EXACT, SUBSTEPS, Scheme, early_rows, early_times, start_up
+from flexinv.dynamics.solver import Trajectory, has_padding, history_shapes
+from flexinv.dynamics.system import Histories
+from flexinv.errors import FlexinvError, InputError
+from flexinv.inverse.nodal_sums import Found
+from flexinv.kernels.memory import shared_pieces, together
+from flexinv.kernels.record_stack import stacked
 from flexinv.kernels.threads.affinity import go_to, limit, processor_now, processors
+from flexinv.kinematics.mesh import Mesh, build
+from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.mechanism import Mechanism
-from flexinv.model.motion import Motion
+from flexinv.model.motion import Motion, motion_table
+from flexinv.model.owned_cache import kept_with_owner
+from flexinv.planar.detection import Plane, find_plane
+from flexinv.planar.model import planar_model
+from flexinv.planar.solver import PlanarMarch
 from flexinv.rigid.prepare import THREADS
+from flexinv.typing import Array, Triple
 from flexinv.validation import function, nearest, whole
 
+Each = Sequence[Mapping[str, Any]] | None
 OPTIONS = tuple(signature(solve).parameters)[2:]  # what a scenario may say beside its mechanism and its motion
+# Options of `solve` that scenarios that are alike may state; all others keep their defaults.
+ALIKE = {"step", "end", "spectral_radius", "tolerance"}
+# Numbers in the series of the scenarios that stand in one piece of memory, 64 MiB: it lasts as long as any of them.
+RUN = 1 << 23
+# Instants that a thread marches before it makes solutions of what it has: some milliseconds, while others march.
+AT_ONCE = 1 << 12
 
 
 @dataclass(frozen=True)
@@ -53,7 +79,7 @@ def solve_many(
     mechanisms: Mechanism | Sequence[Mechanism],
     motions: Motion | Sequence[Motion],
     step: float,
-    each: Sequence[Mapping[str, Any]] | None = None,
+    each: Each = None,
     threads: int | None = None,
     progress: Progress | None = None,
     **options: Any,
@@ -74,8 +100,8 @@ def solve_many(
     lock, results = Lock(), list[Solution | Exception | None](repeat(None, len(scenarios)))
     prepared = prepare_all(scenarios, {"step": step, **options})
     runs = [run for run in alike(prepared) if len(run) > 1]
-    together = {k for run in runs for k in run}
-    ahead = deque(k for k in range(len(scenarios)) if k not in together)
+    joined = {k for run in runs for k in run}
+    ahead = deque(k for k in range(len(scenarios)) if k not in joined)
 
     def work() -> None:
         with shared_pieces():
@@ -94,11 +120,11 @@ def solve_many(
                         progress(1)
 
     for run in runs:
-        found = solve_alike([prepared[k] for k in run], count, side_by_side, progress)
+        found = solve_alike([prepared[k] for k in run], count, progress)
         for k, result in zip(run, found, strict=True):
             results[k] = result
-    if len(together) < len(scenarios):
-        side_by_side(work, ahead.clear, min(count, len(scenarios) - len(together)))
+    if len(joined) < len(scenarios):
+        side_by_side(work, ahead.clear, min(count, len(scenarios) - len(joined)))
     return Batch(
         solutions=tuple(result if isinstance(result, Solution) else None for result in results),
         errors={k: result for k, result in enumerate(results) if isinstance(result, Exception)},
@@ -143,11 +169,20 @@ def side_by_side(work: Callable[[], None], stop: Callable[[], None], threads: in
 
 
 def _scenarios(
-    mechanisms: Mechanism | Sequence[Mechanism],
-    motions: Motion | Sequence[Motion],
-    each: Sequence[Mapping[str, Any]] | None,
+    mechanisms: Mechanism | Sequence[Mechanism], motions: Motion | Sequence[Motion], each: Each
 ) -> list[tuple[Mechanism, Motion, Mapping[str, Any]]]:
-    _check_lists(mechanisms, motions, each)
+    for name, value, kind in (("mechanisms", mechanisms, Mechanism), ("motions", motions, Motion)):
+        if isinstance(value, str) or not isinstance(value, (kind, Sequence)):
+            raise InputError(
+                f"solve_many: {name} is a {type(value).__name__}: expected one {kind.__name__} or a list; write list({name})"
+            )
+    if each is not None and not (isinstance(each, Sequence) and all(isinstance(own, Mapping) for own in each)):
+        raise InputError(
+            f"solve_many: each is a {type(each).__name__}: expected a list with a table of options for every scenario, such as "
+            '[{"step": 1e-3}, {}]; options of all scenarios are arguments of solve_many'
+        )
+    for k, own in enumerate(each or ()):
+        _check_options(own, f"each[{k}]: ")
     given = {"motions": motions, "mechanisms": mechanisms, "each": each}
     lengths = {name: len(value) for name, value in given.items() if isinstance(value, Sequence)}
     if len(set(lengths.values())) > 1:
@@ -172,16 +207,169 @@ def _check_options(options: Mapping[str, Any], where: str) -> None:
             )
 
 
-def _check_lists(mechanisms: object, motions: object, each: object) -> None:
-    for name, value, kind in (("mechanisms", mechanisms, Mechanism), ("motions", motions, Motion)):
-        if isinstance(value, str) or not isinstance(value, (kind, Sequence)):
-            raise InputError(
-                f"solve_many: {name} is a {type(value).__name__}: expected one {kind.__name__} or a list; write list({name})"
-            )
-    if each is not None and not (isinstance(each, Sequence) and all(isinstance(own, Mapping) for own in each)):
-        raise InputError(
-            f"solve_many: each is a {type(each).__name__}: expected a list with a table of options for every scenario, such as "
-            '[{"step": 1e-3}, {}]; options of all scenarios are arguments of solve_many'
-        )
-    for k, own in enumerate(each or ()):
-        _check_options(own, f"each[{k}]: ")
+# ------------------------------------------------------------------------------------------------ scenarios that are alike
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One of them: its mesh, its motion, what its joints do at the samples ``time`` [s] and how it is marched."""
+
+    mesh: Mesh
+    motion: Motion
+    table: Triple
+    time: Array
+    scheme: Scheme
+    settings: Settings
+
+
+def prepare_all(
+    scenarios: Sequence[tuple[Mechanism, Motion, Mapping[str, Any]]], options: Mapping[str, Any]
+) -> dict[int, Scenario]:
+    """Return by their numbers [-] the scenarios that may have others that are alike; `options` are those of all."""
+    known: dict[Any, Scenario | None] = {}
+    out = {}
+    for k, (mechanism, motion, own) in enumerate(scenarios):
+        key = k if own else (mechanism, motion)
+        if key not in known:
+            known[key] = scenario_of(mechanism, motion, {**options, **own})
+        if (one := known[key]) is not None:
+            out[k] = one
+    return out
+
+
+def scenario_of(mechanism: Mechanism, motion: Motion, options: Mapping[str, Any]) -> Scenario | None:
+    """Return the scenario [s] if it may have others that are alike, else None: `solve` does it then, or says what is wrong."""
+    if not isinstance(mechanism, Mechanism) or not isinstance(motion, Motion) or "step" not in options:
+        return None
+    try:
+        if set(options) - ALIKE or mechanism.is_rigid or mechanism.closures or motion.jumps:
+            return None
+        given = options["step"], options.get("tolerance", EXACT), options.get("spectral_radius", 0.8)
+        if not all(isinstance(number, Real) and not isinstance(number, bool) for number in given):
+            return None
+        step, tolerance, radius = (float(number) for number in given)
+        if len(motion.joints(mechanism)) < sum(joint.nv > 0 for joint in mechanism.joints):
+            return None
+        mesh, time = build(mechanism), time_grid(motion, step, options.get("end"), 1)
+        if not isinstance(find_plane(mesh), Plane) or len(time) * mesh.size * 50 > RUN:
+            return None
+        settings = checked(step, radius, tolerance)
+        return Scenario(mesh, motion, motion_table(motion, mechanism, step, len(time)), time, settings.scheme, settings)
+    except FlexinvError:  # `solve` says of this one what it is
+        return None
+
+
+def alike(scenarios: Mapping[int, Scenario]) -> list[list[int]]:
+    """Return the numbers [-] of those that are alike, in runs that stand in one piece of memory."""
+    groups: dict[Any, list[int]] = {}
+    for k, one in scenarios.items():
+        groups.setdefault((_structure(one.mesh), one.scheme, len(one.time)), []).append(k)
+    runs = []
+    for group in groups.values():
+        one = scenarios[group[0]]
+        most = max(1, RUN // (len(one.time) * one.mesh.size * 50))
+        runs += [group[first : first + most] for first in range(0, len(group), most)]
+    return runs
+
+
+@kept_with_owner()
+def _structure(mesh: Mesh) -> tuple[Any, ...]:
+    """Return a key (shapes and whole numbers) that two planar meshes share if they differ in their numbers only."""
+    m, k = planar_model(mesh, frozenset()), skeleton(mesh)
+    parts = [np.asarray(part) for record in (m.tree, m.elements, m.space, k, m.place) for part in record]
+    parts += [m.constraints.single, m.constraints.block, m.constraints.member, m.joints.given, m.joints.turns_on]
+    return tuple((part.shape, b"" if part.dtype == float else part.tobytes()) for part in parts)
+
+
+@kept_with_owner(most=8)
+def _designs(first: Mesh, meshes: tuple[Mesh, ...]) -> Designs:
+    """The meshes, of which the ``first`` keeps this."""
+    models = [planar_model(mesh, frozenset()) for mesh in meshes]
+    tree, elements, space = (stacked([getattr(m, name) for m in models]) for name in ("tree", "elements", "space"))
+    over = np.stack([m.constraints.over for m in models])
+    return Designs(tree, elements, space, stacked([skeleton(mesh) for mesh in meshes]), over)
+
+
+def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress | None) -> list[Solution | Exception]:
+    """Return the solution of each scenario [m, rad, s, N] or what stopped it, with so many threads [-] at most."""
+    first = scenarios[0]
+    designs = _designs(first.mesh, tuple(dict.fromkeys(one.mesh for one in scenarios)))
+    tasks = _tasks(scenarios)
+    out, found = _room(first, len(scenarios))
+    ahead, left, lock = np.zeros(8, dtype=np.uint64), np.zeros(len(scenarios)), Lock()
+    schemes = Schemes(first.scheme, start_up(first.scheme))
+    ended, results = np.zeros((len(scenarios), 3), dtype=np.int64), list[Any](scenarios)
+    whole = Results(out, found, ended, left)
+    most = 1 if progress is not None else min(max(1, AT_ONCE // len(first.time)), -(-len(scenarios) // threads))
+
+    def work() -> None:
+        own, line = PlanarMarch.ready(first.mesh, ()), np.empty((first.mesh.size, 6))
+        mine = np.zeros(most, dtype=np.int64)
+        while ahead[0] < len(scenarios):
+            done = march_alike(ahead, mine, designs, tasks, schemes, own.system, line, whole)
+            for n in mine[:done].tolist():
+                results[n] = _solution(scenarios[n], n, out, found)
+            if done < most and (n := int(mine[done])) < len(scenarios):
+                results[n] = _failure(scenarios[n], ended[n].tolist(), float(left[n]), own.turned)
+                own = PlanarMarch.of(first.mesh, ())  # what has failed may have left numbers that are none
+            elif done == 0:  # others have taken the rest
+                break
+            if progress is not None:
+                with lock:
+                    progress(1)
+        own.leave(())
+
+    side_by_side(work, lambda: ahead.fill(len(scenarios)), min(threads, len(scenarios)))
+    return results
+
+
+def _failure(one: Scenario, ended: list[int], left: float, turned: Turned) -> Exception | None:
+    (status, instant, count), step = ended, one.scheme.h
+    if instant < 0:  # see `batch_kernel`
+        times, result = early_times(one.time[: EARLY + 1]), (status, -1 - instant, count, left)
+        return failure(one.mesh, result, times, step, begins=False, turned=turned, parts=SUBSTEPS)
+    return failure(one.mesh, (status, instant, count, left), one.time, step, turned=turned)
+
+
+def _tasks(scenarios: Sequence[Scenario]) -> Tasks:
+    first, model = scenarios[0], planar_model(scenarios[0].mesh, frozenset())
+    meshes = {mesh: k for k, mesh in enumerate(dict.fromkeys(one.mesh for one in scenarios))}
+    firsts = {id(one.table[0]): one for one in scenarios}
+    number = {key: k for k, key in enumerate(firsts)}
+    given = np.stack([model.joints.coordinates(*one.table) for one in firsts.values()])
+    joint = np.zeros((len(firsts), first.mesh.size, 3))
+    joint[:, model.joints.node] = given[:, 0]
+    instants = np.arange(len(first.time))
+    early = np.zeros((len(firsts), 0, *given.shape[2:]))  # at the parts of the first steps, none if all rest
+    if given[:, 0, :, 1:].any() or any(one.mesh.mechanism.gravity.any() for one in scenarios):
+        ends = early_times(first.time[: EARLY + 1])
+        tables = [one.motion.evaluate(one.mesh.mechanism, ends, "left") for one in firsts.values()]
+        early = np.stack([model.joints.coordinates(*table) for table in tables])
+    return Tasks(
+        design=np.array([meshes[one.mesh] for one in scenarios]),
+        motion=np.array([number[id(one.table[0])] for one in scenarios]),
+        joint=joint, given=given, qd=np.stack([one.table[1] for one in firsts.values()]),
+        early=early, early_row=early_rows(instants[1 : EARLY + 1]),
+        row=instants, time=first.time, none=np.empty((0, 0, 0)), never=np.empty(0),
+    )  # fmt: skip
+
+
+def _room(first: Scenario, scenarios: int) -> tuple[Histories, Found]:
+    """Series of all scenarios, one after the other in memory."""
+    mesh, samples = first.mesh, len(first.time)
+    shapes = [*history_shapes(mesh, samples), (samples, 3), *found_shapes(mesh, samples)]
+    whole, large = [(scenarios, *shape) for shape in shapes], len(shapes) - len(Found._fields) + 2  # two of nodes
+    x, r, v, w, a, al, wrench, internal, energy, *forces = together(*whole[:large])
+    if has_padding(mesh):
+        internal[:] = 0.0
+    none, iterations = np.empty((scenarios, samples, 0)), np.zeros((scenarios, samples), dtype=np.int64)
+    found = Found(*forces, *(np.empty(shape) for shape in whole[large:]))  # see `evaluation.second_step`
+    return Histories(x, r, v, w, a, al, wrench, internal, energy, none, iterations), found
+
+
+def _solution(one: Scenario, n: int, out: Histories, found: Found) -> Solution:
+    x, r, v, w, a, al, wrench, internal, energy, multipliers, iterations = (part[n] for part in out)
+    trajectory = Trajectory(NodalMotion(x, r, v, w, a, al), wrench, internal, energy, multipliers, iterations)
+    q, qd, qdd = (part.copy() for part in one.table)
+    own = Found(*(part[n] for part in found))
+    return solution_of(one.mesh, FirstStep(trajectory, one.time, (q, qd, qdd)), own, one.settings)

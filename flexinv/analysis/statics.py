@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flexinv.analysis.evaluation import FirstStep, solution_after
 from flexinv.analysis.loops import Switching, with_closures
@@ -33,10 +33,6 @@ from flexinv.validation import all_of_kind, flag, floats, number, of_kind, shown
 SETTINGS = Settings(statics=True)
 
 
-def _vector() -> NDArray[np.float64]:
-    return np.zeros(3)
-
-
 @dataclass(frozen=True)
 class Load:
     """A force and a moment on one link.
@@ -47,10 +43,10 @@ class Load:
     """
 
     link: str
-    force: ArrayLike = field(default_factory=_vector)
-    moment: ArrayLike = field(default_factory=_vector)
+    force: ArrayLike = (0.0, 0.0, 0.0)
+    moment: ArrayLike = (0.0, 0.0, 0.0)
     station: float = 1.0
-    point: ArrayLike = field(default_factory=_vector)
+    point: ArrayLike = (0.0, 0.0, 0.0)
     follower: bool = False
 
 
@@ -75,8 +71,8 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
         raise InputError(
             f"statics: q has shape {at.shape}, expected ({mechanism.nq},) finite numbers: {mechanism.coordinate_names}"
         )
-    checked = [_checked(mechanism, load) for load in all_of_kind("loads", loads, Load)]
-    loaded = replace(mechanism, forces=(*mechanism.forces, *(_force(mechanism, load) for load in checked)))
+    forces = [_force(mechanism, load) for load in all_of_kind("loads", loads, Load)]
+    loaded = replace(mechanism, forces=(*mechanism.forces, *forces))
     mesh, now, rest = build(loaded), np.zeros(1), np.zeros((1, mechanism.nv))
     passive = {j.name for j in mechanism.joints if j.nv and not j.actuated} if mechanism.closures else set()
     if mechanism.closures and q is not None:
@@ -126,24 +122,20 @@ def _judged(found: Solution, solver: Solver, joints: Joints) -> Solution:
 
 
 def _force(mechanism: Mechanism, load: Load) -> Force:
-    station = None if mechanism.link_of[load.link].beam is None else float(load.station)
-    at = Attachment(load.link, Placement(np.asarray(load.point)), station)
-    return Force("load", at, np.concatenate([load.force, load.moment])[None], follower=load.follower)
-
-
-def _checked(mechanism: Mechanism, load: Load) -> Load:
+    """The force of a load; raises InputError for one that cannot act."""
     if not isinstance(load.link, str) or load.link not in mechanism.link_of:
         raise InputError(
             f"load: no link {shown(load.link)} in '{mechanism.name}'; its links are {', '.join(mechanism.link_of)}"
         )
-    vectors = {}
+    where, vectors = f"load on {load.link!r}", []
     for name, unit in (("force", "N"), ("moment", "N m"), ("point", "m")):
-        value = floats(f"load on {load.link!r}: {name}", getattr(load, name))
+        value = floats(f"{where}: {name}", getattr(load, name))
         if value.shape != (3,) or not np.isfinite(value).all():
-            raise InputError(f"load on {load.link!r}: {name} = {value}, expected three finite numbers [{unit}]")
-        vectors[name] = value
-    station = number(f"load on {load.link!r}: station", load.station, "a fraction 0 to 1 of the length")
+            raise InputError(f"{where}: {name} = {value}, expected three finite numbers [{unit}]")
+        vectors.append(value)
+    station = number(f"{where}: station", load.station, "a fraction 0 to 1 of the length")
     if not 0.0 <= station <= 1.0:
-        raise InputError(f"load on {load.link!r}: station = {load.station}, expected a fraction 0 to 1 of the length")
-    flag(f"load on {load.link!r}: follower", load.follower)
-    return replace(load, force=vectors["force"], moment=vectors["moment"], point=vectors["point"])
+        raise InputError(f"{where}: station = {load.station}, expected a fraction 0 to 1 of the length")
+    flag(f"{where}: follower", load.follower)
+    at = Attachment(load.link, Placement(vectors[2]), None if mechanism.link_of[load.link].beam is None else station)
+    return Force("load", at, np.concatenate(vectors[:2])[None], follower=load.follower)

@@ -121,13 +121,14 @@ def prescribe(
     mesh = build(mechanism)
     passive = {joint.name for joint in mechanism.joints if joint.nv} - set(motion.joints(mechanism))
     time = steps if settings.every == 1 else steps[:: settings.every]
-    before, after = joint_histories(
-        motion, mechanism, start_coordinates(mechanism, passive, start, start_rate), settings, time
-    )
+    stated = start_coordinates(mechanism, passive, start, start_rate)
+    before, after = joint_histories(motion, mechanism, stated, settings, time)
     if mechanism.closures and start and passive:
-        start = _on_branch(mesh, after, float(time[0]), passive, start)
-        stated = start_coordinates(mechanism, passive, start, start_rate)
-        before, after = joint_histories(motion, mechanism, stated, settings, time)
+        q = picked_start(mesh, after, float(time[0]), stated_of(mechanism, passive), stated_of(mechanism, start))
+        if q is not None:  # from which the loops close where the start says, or nearest to that
+            start = {name: q[mechanism.q_slices[name]] for name in passive}
+            stated = start_coordinates(mechanism, passive, start, start_rate)
+            before, after = joint_histories(motion, mechanism, stated, settings, time)
     return Task(mesh, steps, before, after, passive, settings, motion.jumps, start_rate or ())
 
 
@@ -136,17 +137,19 @@ def looked_up(task: Task) -> Task:
     m = task.mesh.mechanism
     if task.settings.every > 1 or task.jumps or (m.closures and m.is_rigid):
         return task
-    history = _looked_up(task.time, task.after)
-    return replace(task, before=history, after=history)
+    time, history = task.time, task.after
+    table = history(time)
+    for part in table:
+        part.flags.writeable = False
 
+    def samples(at: Array) -> Triple:
+        first = int(np.searchsorted(time, at[0]))
+        last = first + len(at)  # both are parts of one grid where their ends are
+        if last > len(time) or time[first] != at[0] or time[last - 1] != at[-1]:
+            return history(at)
+        return table[0][first:last], table[1][first:last], table[2][first:last]
 
-def _on_branch(
-    mesh: Mesh, history: JointHistory, time: float, passive: set[str], start: Mapping[str, ArrayLike]
-) -> Mapping[str, ArrayLike]:
-    """The start from which the loops close where it says, or nearest to that."""
-    m = mesh.mechanism
-    q = picked_start(mesh, history, time, stated_of(m, passive), stated_of(m, start))
-    return start if q is None else {name: q[m.q_slices[name]] for name in passive}
+    return replace(task, before=samples, after=samples)
 
 
 def time_grid(motion: Motion, step: float, end: float | None, every: int) -> Array:
@@ -179,9 +182,10 @@ def joint_histories(
     stated : start coordinates and rates by joint; grid : the times of which a table may be kept, an empty one for none
     """
     places, rates = stated
+    uniform = len(grid) > 1 and grid[1] == settings.step and grid[-1] == grid[1] * (len(grid) - 1)
 
     def joint_motion(time: Array, side: str) -> Triple:
-        if time is grid and side == "right" and len(grid) > 1 and grid[1] == settings.step and _uniform(grid):
+        if time is grid and side == "right" and uniform:
             q, qd, qdd = (part.copy() for part in motion_table(motion, mechanism, settings.step, len(grid)))
         else:
             q, qd, qdd = motion.evaluate(mechanism, time, side)  # type: ignore[arg-type]
@@ -192,26 +196,6 @@ def joint_histories(
         return q, qd, qdd
 
     return (lambda time: joint_motion(time, "left")), (lambda time: joint_motion(time, "right"))
-
-
-def _uniform(grid: Array) -> bool:
-    return bool(grid[-1] == grid[1] * (len(grid) - 1))
-
-
-def _looked_up(time: Array, history: JointHistory) -> JointHistory:
-    """The same history at samples of a grid, taken from one evaluation."""
-    table = history(time)
-    for part in table:
-        part.flags.writeable = False
-
-    def samples(at: Array) -> Triple:
-        first = int(np.searchsorted(time, at[0]))
-        last = first + len(at)  # both are parts of one grid where their ends are
-        if last > len(time) or time[first] != at[0] or time[last - 1] != at[-1]:
-            return history(at)
-        return table[0][first:last], table[1][first:last], table[2][first:last]
-
-    return samples
 
 
 def still(q: Array, qd: Array, qdd: Array) -> JointHistory:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -12,19 +12,10 @@ from flexinv.analysis.evaluation import FirstStep, rigid_motion_of
 from flexinv.analysis.loops import Switching, closed_task, rigid_loops, with_closures
 from flexinv.analysis.task import Task
 from flexinv.constraints.closures import constraint_rows
-from flexinv.constraints.phases import Phase, phases
+from flexinv.constraints.phases import phases
 from flexinv.dynamics.dofs import Indices
 from flexinv.dynamics.generalized_alpha import EARLY, SUBSTEPS, Scheme, early_rows, early_times, start_up
-from flexinv.dynamics.initial_state import (
-    begin_step,
-    consistent_accelerations,
-    end_early,
-    instant,
-    move_as_rigid,
-    settle,
-    settle_held,
-    start_undeformed,
-)
+from flexinv.dynamics.initial_state import begin_step, consistent_accelerations, end_early, instant, stand
 from flexinv.dynamics.loads import load_table
 from flexinv.dynamics.solver import Solver, Trajectory, complaint, record_instant
 from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START, march
@@ -49,7 +40,7 @@ PLANAR_CHUNK = 4096
 # Times closer than this part of a step are the same instant.
 SAME_TIME = 1e-6
 
-Turned = Callable[[int], float]
+Turned = Callable[[int], float] | None
 Status = tuple[int, int, int, float]
 
 
@@ -86,15 +77,16 @@ def flexible_motion(task: Task) -> Iterator[FirstStep]:
     march, stops = _March.of(task), task.seams or _jump_samples(task.steps, task.jumps)
     kept, last, every = len(task.time), len(task.steps) - 1, task.settings.every
     ends = set() if task.part is None else {every * row for row in range(task.part, kept - 1, task.part)}
+    switches = march.switching.samples
     start, chunk = march.begin(), PLANAR_CHUNK if march.flat is not None else max(1, AT_ONCE // task.mesh.size)
-    for stop in sorted({*stops, *march.switches, *ends, last}):
+    for stop in sorted({*stops, *switches, *ends, last}):
         while start <= stop:
             leg = march.leg(start, min(start + chunk, stop + 1))
             result = leg.kernel(*leg.arguments)
             first, start = start, march.arrive(leg, result)
             if task.progress is not None:
                 task.progress(start - max(first, 1))
-        if stop in march.switches:
+        if stop in switches:
             march.switch(stop)
         elif stop in stops:
             march.restart(stop)
@@ -149,7 +141,7 @@ class _March:
     scheme: Scheme
     solver: Solver | None
     flat: PlanarMarch | None
-    switching: Switching | None
+    switching: Switching
     out: Trajectory
     origin: int = 0
     early: int = 0
@@ -159,20 +151,14 @@ class _March:
     def of(cls, task: Task) -> _March:
         """Return the march of a task, in the plane where the mechanism lies in one and begins undeformed."""
         mesh, m, settings = task.mesh, task.mesh.mechanism, task.settings
-        switching = Switching(phases(m, task.steps)) if m.closures else None
+        switching = Switching(phases(m, task.steps))
         flat = None if task.efforts is not None else in_plane(mesh, task.passive)
-        alone = flat is not None and settings.initial == "consistent" and (switching is None or switching.never)
+        alone = flat is not None and settings.initial == "consistent" and switching.never
         solver = None if alone else Solver.of(mesh, task.passive, task.efforts)
         rows = len(task.time) if task.part is None else min(len(task.time), task.part + 1)
         out = Trajectory.unwritten(rows, mesh, len(constraint_rows(mesh)))
-        if switching is not None:
-            switching.begin(mesh, None if solver is None else solver.border.ties)
+        switching.begin(mesh, None if solver is None else solver.border.ties)
         return cls(task, settings.scheme, solver, flat, switching, out)
-
-    @property
-    def switches(self) -> dict[int, Phase]:
-        """Phases after the first by the sample at which they begin."""
-        return {} if self.switching is None else self.switching.samples
 
     def go_on(self, origin: int) -> None:
         """Begin the next part with the last sample of this one, the kept sample ``origin`` [-]."""
@@ -194,7 +180,7 @@ class _March:
         fill_passive(mesh, trajectory.motion, task.passive, q, qd, qdd)
         self.last, applied = q[-1], applied_forces(mesh, trajectory.motion, time)
         first = FirstStep(trajectory, time, (q, qd, qdd), applied, smooth=task.passive, ends=ends)
-        return first if self.switching is None else with_closures(mesh, first, self.switching)
+        return with_closures(mesh, first, self.switching) if mesh.mechanism.closures else first
 
     def begin(self) -> int:
         """Start undeformed or in equilibrium, with the accelerations that belong to it, and record that; return samples done.
@@ -206,9 +192,8 @@ class _March:
         if solver is None:
             return 0
         when = f"at the start, t = {time[0]:g} s"
-        joints = stand(
-            solver, [part[0] for part in self.task.after(time)], float(time[0]), self.task.settings.initial, when
-        )
+        motion, initial = [part[0] for part in self.task.after(time)], self.task.settings.initial
+        joints = stand(solver, motion, float(time[0]), initial, when)
         record_instant(solver, 0, self.out)
         self.early = EARLY * begin_step(solver, joints, self.scheme, when)
         if flat is not None:
@@ -302,44 +287,19 @@ class _March:
         solver, flat, time = self.solver, self.flat, float(self.task.steps[sample])
         self.pace(sample)
         assert solver is not None
-        assert self.switching is not None
         if flat is not None:
             flat.give(solver.state, solver.border.ties)
         q, qd, qdd = (part[0] for part in self.task.after(self.task.steps[sample : sample + 1]))
         solver.load_at(time, q, qd, qdd)
         joints = instant(self.task.mesh, q, qd, qdd)
-        self.switching.switch(solver, self.switches[sample], joints, qd, time, self.out)
+        self.switching.switch(solver, self.switching.samples[sample], joints, qd, time, self.out)
         self.early = EARLY * begin_step(solver, joints, self.scheme, f"at t = {time:g} s")
         if flat is not None:
             flat.take(solver.state, solver.border.ties)
 
 
-def stand(solver: Solver, motion: Sequence[Array], time: float, initial: str, when: str) -> Joints:
-    """Start at a motion q (nq,), qd, qdd (nv,) [m, rad, s], with the accelerations that belong to it; return that of the joints.
-
-    initial : "consistent" (undeformed) or "static" (in equilibrium at a time [s]).  Raises ConvergenceError.
-    """
-    q, qd, qdd = motion
-    joints = start_undeformed(solver, q, qd, qdd)
-    solver.load_at(time, q, qd, qdd)
-    if initial == "static":
-        settled = solver.efforts is None or settle_held(solver, q, time, when)
-        if solver.efforts is None:
-            settle(solver, q, when)
-        if settled:
-            move_as_rigid(solver, joints, qd, qdd)
-    consistent_accelerations(solver, joints, when)
-    return joints
-
-
 def failure(
-    mesh: Mesh,
-    result: Status,
-    time: Array,
-    step: float,
-    begins: bool = True,
-    turned: Turned | None = None,
-    parts: int = 1,
+    mesh: Mesh, result: Status, time: Array, step: float, begins: bool = True, turned: Turned = None, parts: int = 1
 ) -> ConvergenceError | None:
     """Return the error that a march over ``time`` (instants,) [s] has ended with, None if it has come to the end.
 

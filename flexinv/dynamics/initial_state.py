@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -319,3 +320,21 @@ def move_as_rigid(solver: Solver, joints: Joints, qd: Array, qdd: Array) -> None
     world = Frames(moving.x, moving.rotation, moving.v, moving.omega, moving.a, moving.alpha)
     carry_samples(mesh.parent, world, Joints(*(part[None] for part in shape)))
     _start(solver, moving, shape, qd, qdd)
+
+
+def stand(solver: Solver, motion: Sequence[Array], time: float, initial: str, when: str) -> Joints:
+    """Start at a motion q (nq,), qd, qdd (nv,) [m, rad, s], with the accelerations that belong to it; return that of the joints.
+
+    initial : "consistent" (undeformed) or "static" (in equilibrium at a time [s]).  Raises ConvergenceError.
+    """
+    q, qd, qdd = motion
+    joints = start_undeformed(solver, q, qd, qdd)
+    solver.load_at(time, q, qd, qdd)
+    if initial == "static":
+        settled = solver.efforts is None or settle_held(solver, q, time, when)
+        if solver.efforts is None:
+            settle(solver, q, when)
+        if settled:
+            move_as_rigid(solver, joints, qd, qdd)
+    consistent_accelerations(solver, joints, when)
+    return joints

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -50,12 +50,10 @@ class Balance:
         if not len(mesh.elements.order) or not (from_nowhere > (1 - 1 / REASON) * holds).any():
             return
         fallen = np.abs(self.potential - self.potential[0])
-        worked = np.abs(
-            np.diff(self.work + holds + self.potential, prepend=holds[0] + self.potential[0] + self.work[0])
-        )
+        whole = self.work + holds + self.potential
+        worked = np.abs(np.diff(whole, prepend=whole[0]))
         most = np.maximum.accumulate(fallen + carried(mesh, qd, passive)) + holds[0] + np.cumsum(worked)
-        stiffness = mesh.elements.stiffness[..., 3:].max() / mesh.length
-        beyond = from_nowhere > REASON * most + ROUNDING * stiffness
+        beyond = without_reason(mesh, from_nowhere, most)
         if beyond.any():
             first = int(np.argmax(beyond))
             at = f"at t = {time[first]:g} s (step {step:g} s)"
@@ -77,52 +75,19 @@ def carried(mesh: Mesh, qd: Array, passive: set[str]) -> Array:
     return np.asarray(0.5 * mesh.mass.sum() * speed**2)
 
 
-@dataclass(eq=False)
-class EnergyGuard:
-    """Energies and work of a march so far.
-
-    mesh : what moves; passive : joints without a motion; step : time between two instants [s]
-    account : (7,) kinetic and elastic energy at the start, that of gravity there [J]; power of the last instant [W]; work of
-        drives and forces, the same with every part positive [J]; steps that were made [-]; time of a step [s]
-    """
-
-    mesh: Mesh
-    passive: frozenset[str]
-    step: float
-    account: Array = field(default_factory=lambda: np.zeros(7))
-
-    def begin(self, held: float, potential: float, power: float) -> None:
-        """Set the start: kinetic and elastic energy, potential energy [J]; power of drives and forces [W]."""
-        self.account[:] = held, potential, power, 0.0, 0.0, 0.0, self.step
-
-    def look(self, holds: float, potential: float, power: float, qd: Array) -> None:
-        """Add a step and raise ConvergenceError where kinetic and elastic energy exceed what was put in beyond all reason.
-
-        holds : kinetic and elastic energy [J]; potential [J]; power : of drives and forces [W]; qd : (nv,) [1/s]
-        """
-        if add_step(self.account, holds, potential, power):
-            self.judge(holds, potential, qd)
-
-    def judge(self, holds: float, potential: float, qd: Array) -> None:
-        """Raise ConvergenceError where the energy of a step that was added [J] comes from nowhere; qd : (nv,) [1/s]."""
-        held, at_start, _, work, worked, steps, _ = self.account.tolist()
-        from_nowhere = holds + potential - held - at_start - work
-        most = held + worked + abs(potential - at_start)
-        most += float(carried(self.mesh, np.asarray(qd, dtype=float)[None], set(self.passive))[0])
-        stiffness = float(self.mesh.elements.stiffness[..., 3:].max()) / self.mesh.length
-        if from_nowhere > REASON * most + ROUNDING * stiffness:
-            raise ConvergenceError(
-                f"controller: mechanism '{self.mesh.mechanism.name}', at call {steps:.0f} after start (step {self.step:g} s): "
-                f"kinetic and elastic energy are {holds:.3g} J, of which at most {most:.3g} J were put in, so that the march has "
-                f"left the motion; write step = {self.step / 4:.3g}, or check forces, moments and stiffness"
-            )
+def without_reason(mesh: Mesh, from_nowhere: Array | float, most: Array | float) -> Array:
+    """Return a mask [-] of energies from nowhere [J] that exceed what was put in at ``most`` [J] beyond all reason (`REASON`)."""
+    stiffness = mesh.elements.stiffness[..., 3:].max() / mesh.length
+    return np.asarray(from_nowhere > REASON * np.asarray(most) + ROUNDING * stiffness)
 
 
 @by_address
 class Instant(NamedTuple):
     """Arrays of one instant of a controller beside the motion, read and written in place.
 
-    stored : (3,) the first is the elastic energy [J]; driven : (nv,) 1 or 0; line : (nodes, 6) scratch; account : `EnergyGuard`
+    stored : (3,) the first is the elastic energy [J]; driven : (nv,) 1 or 0; line : (nodes, 6) scratch
+    account : (7,) kinetic and elastic energy at the start, that of gravity there [J]; power of the last instant [W]; work of
+        drives and forces, the same with every part positive [J]; steps that were made [-]; time of a step [s]
     """
 
     stored: Array

@@ -16,7 +16,7 @@ from flexinv.kernels.memory import plain
 from flexinv.kinematics.mesh import Mesh, attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion, joint_effort, scalar_coordinate
 from flexinv.model.joint_kinds import KINDS
-from flexinv.model.mechanism import Attachment, Force, Mechanism, Spring
+from flexinv.model.mechanism import Attachment, Mechanism
 from flexinv.typing import Array
 
 
@@ -73,9 +73,9 @@ def joint_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> Noda
 
     F_n = P_n + sum F_c,   M_n = Q_n + sum (M_c + (x_c - x_n) x F_c)   over the children c: suffix sums along the tree.
     """
-    force, moment = np.array(forces.force, order="C"), np.array(forces.moment, order="C")
-    sum_samples(mesh.parent, plain(motion.x), force, moment, np.empty((mesh.size, 6)))
-    return NodalForces(force, moment)
+    out = np.empty((*forces.force.shape[:2], 6))
+    sum_samples(mesh.parent, plain(motion.x), plain(forces.force), plain(forces.moment), out)
+    return NodalForces(out[..., :3], out[..., 3:])
 
 
 def own_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces) -> dict[int, Array]:
@@ -132,9 +132,23 @@ def applied_forces(mesh: Mesh, motion: NodalMotion, time: Array) -> NodalForces 
         return None
     out = NodalForces(np.zeros_like(motion.x), np.zeros_like(motion.x))
     for spring in m.springs:
-        _pull(mesh, motion, spring, out)
+        a, arm_a, xa, va = _point(mesh, motion, spring.first)
+        b, arm_b, xb, vb = _point(mesh, motion, spring.second)
+        gap = xb - xa
+        length = np.linalg.norm(gap, axis=1, keepdims=True)
+        along = gap / np.maximum(length, np.finfo(float).tiny)
+        rate = np.sum(along * (vb - va), axis=1, keepdims=True)
+        pull = (spring.pull(length) + spring.damping * rate) * along  # on a, towards b
+        for node, arm, own in ((a, arm_a, pull), (b, arm_b, -pull)):
+            _add(out, node, arm, own, np.zeros_like(pull))
     for force in m.forces:
-        _push(mesh, motion, force, time, out)
+        node, arm, _, _ = _point(mesh, motion, force.at)
+        wrench = np.stack([np.interp(time, force.time, column) for column in force.wrench.T], axis=1)  # (sample, 6)
+        push, turn = wrench[:, :3], wrench[:, 3:]
+        if force.follower and node >= 0:
+            axes = motion.rotation[:, node] @ force.at.placement.rotation
+            push, turn = (np.einsum("sij,sj->si", axes, part) for part in (push, turn))
+        _add(out, node, arm, push, turn)
     return out
 
 
@@ -148,28 +162,6 @@ def _point(mesh: Mesh, motion: NodalMotion, at: Attachment) -> tuple[int, Array,
     arm = motion.rotation[:, node] @ place
     spin = np.einsum("sij,sj->si", motion.rotation[:, node], np.cross(motion.omega[:, node], place))
     return node, arm, motion.x[:, node] + arm, motion.v[:, node] + spin
-
-
-def _pull(mesh: Mesh, motion: NodalMotion, spring: Spring, out: NodalForces) -> None:
-    a, arm_a, xa, va = _point(mesh, motion, spring.first)
-    b, arm_b, xb, vb = _point(mesh, motion, spring.second)
-    gap = xb - xa
-    length = np.linalg.norm(gap, axis=1, keepdims=True)
-    along = gap / np.maximum(length, np.finfo(float).tiny)
-    rate = np.sum(along * (vb - va), axis=1, keepdims=True)
-    pull = (spring.pull(length) + spring.damping * rate) * along  # on a, towards b
-    _add(out, a, arm_a, pull, np.zeros_like(pull))
-    _add(out, b, arm_b, -pull, np.zeros_like(pull))
-
-
-def _push(mesh: Mesh, motion: NodalMotion, force: Force, time: Array, out: NodalForces) -> None:
-    node, arm, _, _ = _point(mesh, motion, force.at)
-    wrench = np.stack([np.interp(time, force.time, column) for column in force.wrench.T], axis=1)  # (sample, 6)
-    push, turn = wrench[:, :3], wrench[:, 3:]
-    if force.follower and node >= 0:
-        axes = motion.rotation[:, node] @ force.at.placement.rotation
-        push, turn = (np.einsum("sij,sj->si", axes, part) for part in (push, turn))
-    _add(out, node, arm, push, turn)
 
 
 def _add(out: NodalForces, node: int, arm: Array, force: Array, moment: Array) -> None:

@@ -49,13 +49,10 @@ def nodal_samples(masses, frames, force, moment):
 
 
 @jit
-def sum_samples(parent, x, force, moment, line):
-    """Add to every node's force [N] and moment [N m] those beyond it, the moments about the node, in place; line as below."""
+def sum_samples(parent, x, force, moment, out):
+    """Set the sums of `sum_outboard` at all samples, (samples, nodes, 6) [N], [N m]."""
     for s in range(x.shape[0]):
-        sum_outboard(parent, x[s], force[s], moment[s], line)
-        for n in range(parent.shape[0]):
-            put(force[s, n], 0, vec(line[n]))
-            put(moment[s, n], 0, vec_at(line[n], 3))
+        sum_outboard(parent, x[s], force[s], moment[s], out[s])
 
 
 @jit_inner

@@ -44,8 +44,12 @@ def undamped(stiffness: Array, mass: Array, allowed: Array) -> tuple[Array, Arra
         values, vectors = scipy.linalg.eigh((inertia + inertia.T) / 2, (inner + inner.T) / 2)
         use = values > MASSLESS * values.max(initial=0.0)
         stiff = rest @ vectors[:, use][:, ::-1]
-        squared = np.concatenate([squared, _stiff_squares(1.0 / values[use][::-1], k, m, stiff)])
-        shapes = np.hstack([shapes, stiff])
+        # Of slow motions the eigenvalue, of fast ones Rayleigh's quotient: rounding is 1e-16 of 1 / omega^2 of the slowest, but
+        # of K of the fastest, and each is the better one on its side of their mean.
+        along = (np.einsum("km,kl,lm->m", stiff, part, stiff) for part in (k, m))
+        inverse, quotient = 1.0 / values[use][::-1], np.divide(*along)
+        slow = inverse <= np.sqrt(inverse.min() * inverse.max())
+        squared, shapes = np.concatenate([squared, np.where(slow, inverse, quotient)]), np.hstack([shapes, stiff])
     order = np.argsort(squared, kind="stable")
     masses = np.einsum("km,kl,lm->m", shapes, m, shapes)  # (mode,)
     return squared[order], (allowed @ shapes / np.sqrt(masses))[:, order]
@@ -67,16 +71,6 @@ def negative(stiffness: Array) -> int:
     else:
         values = np.asarray(scipy.linalg.eigvals(unit))
     return int(((values.real < -LEAST * len(k)) & (values.imag == 0.0)).sum())
-
-
-def _stiff_squares(squared: Array, k: Array, m: Array, shapes: Array) -> Array:
-    """omega^2 [1/s^2] of stiff motions: of slow ones the eigenvalue, of fast ones Rayleigh's quotient.
-
-    Rounding is 1e-16 of 1 / omega^2 of the slowest, but of K of the fastest: each is the better one on its side of their mean.
-    """
-    along = (np.einsum("km,kl,lm->m", shapes, part, shapes) for part in (k, m))
-    quotient = np.divide(*along)
-    return np.where(squared > np.sqrt(squared.min() * squared.max()), quotient, squared)
 
 
 def _soft(k: Array, m: Array) -> Array:

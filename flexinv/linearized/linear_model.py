@@ -88,7 +88,15 @@ def linear_model(
     names_of("accelerated", accelerated, "joints")
     moving = [j.name for j in mechanism.joints if j.nv and j.name not in set(accelerated)]
     names = (*(moving if free is None else free), *accelerated)
-    _check_accelerated(mechanism, accelerated)
+    for name in accelerated:
+        if name not in mechanism.joint_of or mechanism.joint_of[name].nv != 1:
+            known = ", ".join(j.name for j in mechanism.joints if j.nv == 1)
+            raise InputError(f"linear model: accelerated joint {name!r}: expected one of {known}")
+    if accelerated and mechanism.closures:
+        raise InputError(
+            f"linear model: mechanism '{mechanism.name}' has closures, where the acceleration of one joint moves others; "
+            "leave accelerated empty: efforts of the drives are the inputs"
+        )
     mesh, at, chosen_names = chosen(mechanism, q, names, None)
     motion = steady_motion(mesh, at, rates, set(chosen_names))
     joints = np.array([mechanism.v_slices[name].start for name in accelerated], dtype=np.int64)
@@ -115,18 +123,6 @@ def linear_model(
         units,
         np.concatenate([coordinates[driven] @ motion.residual, np.zeros(given)]),
     )  # fmt: skip
-
-
-def _check_accelerated(mechanism: Mechanism, accelerated: Collection[str]) -> None:
-    for name in accelerated:
-        if name not in mechanism.joint_of or mechanism.joint_of[name].nv != 1:
-            known = ", ".join(j.name for j in mechanism.joints if j.nv == 1)
-            raise InputError(f"linear model: accelerated joint {name!r}: expected one of {known}")
-    if accelerated and mechanism.closures:
-        raise InputError(
-            f"linear model: mechanism '{mechanism.name}' has closures, where the acceleration of one joint moves others; "
-            "leave accelerated empty: efforts of the drives are the inputs"
-        )
 
 
 def _basis(motion: Steady, accelerated: Array, modes: int | None) -> tuple[Array, int]:

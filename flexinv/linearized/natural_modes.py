@@ -115,7 +115,7 @@ def natural_modes(
     """
     mesh, at, moving = chosen(mechanism, q, free, count)
     solver = Solver.of(mesh, set(moving))
-    joints = rest(solver, at)
+    joints, _ = rest(solver, at)
     mass, damping, stiffness = matrices_at_rest(solver, joints)
     squared, shapes = undamped(stiffness, mass, allowed_motions(solver))
     last = len(squared) if count is None else count
@@ -138,7 +138,13 @@ def chosen(
     if count is not None:
         whole("count", count, 1, "1 or more, or None for all")
     at = mechanism.neutral if q is None else np.array(floats("modes: q", q))
-    moving = _free(mechanism, free)
+    moves = [j.name for j in mechanism.joints if j.nv]
+    for name in free or ():
+        if name not in moves:
+            raise InputError(f"modes: free joint {name!r}: '{mechanism.name}' moves by {', '.join(moves)}")
+    if free is None:
+        free = [name for name in moves if mechanism.closures and not mechanism.joint_of[name].actuated]
+    moving = tuple(name for name in moves if name in free)
     mesh = build(mechanism)
     if at.shape != (mechanism.nq,) or not np.isfinite(at).all():
         raise InputError(f"modes: q has shape {at.shape}, expected ({mechanism.nq},) finite numbers [rad], [m]")
@@ -147,24 +153,18 @@ def chosen(
     if not moving and mechanism.is_rigid:
         raise InputError(
             f"modes: nothing of '{mechanism.name}' can move: no link is a beam and no joint is free; "
-            f"write free=[...] with names of {', '.join(j.name for j in mechanism.joints if j.nv) or 'joints'}"
+            f"write free=[...] with names of {', '.join(moves) or 'joints'}"
         )
     return mesh, at, moving
 
 
-def _free(mechanism: Mechanism, free: Collection[str] | None) -> tuple[str, ...]:
-    if free is None:
-        return tuple(j.name for j in mechanism.joints if j.nv and not j.actuated) if mechanism.closures else ()
-    for name in free:
-        if name not in mechanism.joint_of or not mechanism.joint_of[name].nv:
-            known = ", ".join(j.name for j in mechanism.joints if j.nv)
-            raise InputError(f"modes: free joint {name!r}: '{mechanism.name}' moves by {known}")
-    return tuple(j.name for j in mechanism.joints if j.name in free)
+def rest(solver: Solver, q: Array) -> tuple[Joints, Solver]:
+    """Bring the solver to the rest position [m], [rad]: of a tree with all joints held, of a loop with its free joints free.
 
-
-def rest(solver: Solver, q: Array) -> Joints:
-    """Bring the solver to the rest position [m], [rad]: of a tree with all joints held, of a loop with its free joints free."""
+    Return the relative motion of its joints, and the solver of the tree so held (of a loop itself).
+    """
     mesh, nothing = solver.mesh, np.zeros(solver.mesh.mechanism.nv)
+    held = solver if mesh.mechanism.closures else Solver.of(mesh, set())
     joints = start_undeformed(solver, q, nothing, nothing)
     solver.load_at(0.0, q, nothing, nothing)
     if mesh.mechanism.is_rigid:
@@ -172,8 +172,7 @@ def rest(solver: Solver, q: Array) -> Joints:
         if count := constraints(solver):  # the forces G^T lambda = r of least norm that hold it where it stands
             solver.evaluate(STATICS, joints)
             solver.border.ties.multiplier[:count] = closing_forces(solver, solver.work.residual[0])
-        return joints
-    held = solver if mesh.mechanism.closures else Solver.of(mesh, set())
+        return joints, held
     if held is not solver:
         start_undeformed(held, q, nothing, nothing)
         held.load_at(0.0, q, nothing, nothing)
@@ -183,7 +182,7 @@ def rest(solver: Solver, q: Array) -> Joints:
         raise held.complain(status, iterations, size, "rest position for modes")
     sections = solver.topology.independent
     solver.state.x[sections], solver.state.r[sections] = held.state.x[sections], held.state.r[sections]
-    return joints
+    return joints, held
 
 
 def constraints(solver: Solver) -> int:
@@ -283,11 +282,6 @@ def nodal_shapes(solver: Solver, shapes: NDArray[Any]) -> NDArray[Any]:
         by_unknowns = np.hstack([variation.x[node, :size], variation.t[node, :size]])  # B^T (columns, 6)
         out[:, node] = shapes[first : first + size].T @ by_unknowns
     return out
-
-
-def tip_shapes(found: Modes) -> dict[str, Array]:
-    """Return the displacement of every link's tip in each mode, (modes, 3) [m] world, by link name."""
-    return tip_moves(found.mesh, np.concatenate([found.displacement, found.rotation], axis=2), found.orientation)
 
 
 def tip_moves(mesh: Mesh, moves: Array, orientation: Array) -> dict[str, Array]:

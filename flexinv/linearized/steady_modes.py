@@ -99,38 +99,32 @@ def steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: set[st
 
     Raises InputError where the motion cannot be steady, ConvergenceError where no deformed shape is found.
     """
-    spun = _spinning(mesh.mechanism, rates)
+    m = mesh.mechanism
+    turning = [j.name for j in m.joints if j.nv == 1 and KINDS[j.kind].repeats]
+    for name, rate in rates.items():
+        if name not in turning:
+            known = ", ".join(turning)
+            raise InputError(f"rate of joint {name!r}: '{m.name}' turns by {known or 'no revolute joint'}")
+        if not np.isfinite(rate):
+            raise InputError(f"rate of joint {name!r} is {rate}, expected a finite number [rad/s]")
+    spun = [j for j in m.joints if rates.get(j.name, 0.0) != 0.0]
     for joint in spun:
         _check_steady(mesh, joint, [other for other in spun if other is not joint])
     solver = Solver.of(mesh, free)
-    joints = rest(solver, q)
+    joints, held = rest(solver, q)
     if any(rates.values()):
-        held = solver if mesh.mechanism.closures else Solver.of(mesh, set())
-        if held is not solver:
-            rest(held, q)
         if len(held.topology.scale):
             _settle(held, q, rates)
         sections = solver.topology.independent
         solver.state.x[sections], solver.state.r[sections] = held.state.x[sections], held.state.r[sections]
         joints = _set_rates(solver, q, rates, 1.0)
     solver.evaluate(STATICS, joints)
-    turning = _turning(solver, rates, 1.0)
-    _move_along(solver, turning)
-    found = _matrices(tied_matrices(solver, joints), solver, turning)
+    along = _turning(solver, rates, 1.0)
+    _move_along(solver, along)
+    found = _matrices(tied_matrices(solver, joints), solver, along)
     solver.evaluate(STATICS._replace(mode=DYNAMIC), joints)
     # what outside efforts hold: forces in closures are none
     return Steady(solver, *found, solver.work.residual[0].copy())
-
-
-def _spinning(mechanism: Mechanism, rates: Mapping[str, float]) -> list[Joint]:
-    for name, rate in rates.items():
-        turning = [j.name for j in mechanism.joints if j.nv == 1 and KINDS[j.kind].repeats]
-        if name not in turning:
-            known = ", ".join(turning)
-            raise InputError(f"rate of joint {name!r}: '{mechanism.name}' turns by {known or 'no revolute joint'}")
-        if not np.isfinite(rate):
-            raise InputError(f"rate of joint {name!r} is {rate}, expected a finite number [rad/s]")
-    return [j for j in mechanism.joints if rates.get(j.name, 0.0) != 0.0]
 
 
 def _check_steady(mesh: Mesh, joint: Joint, others: list[Joint]) -> None:
@@ -355,9 +349,7 @@ def roots(mass: Array, damping: Array, stiffness: Array) -> tuple[Complex, Compl
     size = len(mass)
     shift = SHIFT * np.sqrt(np.abs(stiffness).max() / max(np.abs(mass).max(), np.finfo(float).tiny)) or 1.0
     factors = scipy.linalg.lu_factor(stiffness + shift * damping + shift**2 * mass)
-    below = np.hstack(
-        [scipy.linalg.lu_solve(factors, damping + 2 * shift * mass), scipy.linalg.lu_solve(factors, mass)]
-    )
+    below = scipy.linalg.lu_solve(factors, np.hstack([damping + 2 * shift * mass, mass]))
     values, vectors = scipy.linalg.eig(np.vstack([-below, np.eye(size, 2 * size)]))
     use = np.abs(values) > MASSLESS * np.abs(values).max(initial=0.0)
     root, shapes = shift + 1 / values[use], vectors[:size, use]

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from flexinv.dynamics.initial_state import instant
 from flexinv.dynamics.loads import load_table
 from flexinv.dynamics.solver import Solver, Trajectory, by_unknown
-from flexinv.elements.beam_element import Elements
 from flexinv.kernels.block_tridiagonal import solve_tridiagonal
 from flexinv.kernels.so3 import exp_so3, log_so3
 from flexinv.kinematics.mesh import Mesh, build
@@ -206,33 +205,27 @@ class Horizon:
             np.zeros((size, rows)), np.zeros(shape), np.zeros(shape), np.zeros(shape),
             np.zeros((size, tasks)), np.zeros((size, tasks, rows)), Trajectory.empty(size, mesh),
         )  # fmt: skip
-        e = self.layout.solver.elements
-        beams = e._replace(stiffness=stiffness * e.stiffness)
+        solver, pick, joints = self.layout.solver, self.layout.pick, self.layout.joints
+        beams = solver.elements._replace(stiffness=stiffness * solver.elements.stiffness)
+        system, unknowns = solver.system._replace(elements=beams), u.shape[1]
         for first in range(0, size, CHUNK):
-            self._chunk(slice(first, min(first + CHUNK, size)), at, u, du, beams, want, out)
+            part = slice(first, min(first + CHUNK, size))
+            x, r = self.layout.nodes(Placed(at.flat[part], at.turn[part]))
+            own, wanted = out.trajectory.rows(part.start, part.stop), len(x) if want else 0
+            tangent, reach = np.zeros((wanted, 3, unknowns, unknowns)), np.zeros((wanted, 6, unknowns))
+            now = Evaluated(np.zeros((len(x), unknowns)), tangent, reach, own.histories())
+            free = Joints(*(given.copy() for given in joints))  # they are overwritten
+            motion = Motion(x, r, at.flat[part], u[part], du[part], load_table(mesh, self.time[part]))
+            instant_, element = evaluate_instants(system, free, motion, self.way.frame.node, now)
+            if instant_ >= 0:
+                raise TurnedTooMuch(f"t = {self.time[first + instant_]:g} s, element {element}")
+            out.residual[part] = now.residual @ pick.T
+            out.missed[part], by = self._missed(part, at, own, reach)
+            if want:
+                for which, whole_out in enumerate((out.k, out.c, out.m)):
+                    whole_out[part] = pick @ tangent[:, which] @ pick.T
+                out.by[part] = by @ pick.T
         return out
-
-    def _chunk(
-        self, part: slice, at: Placed, u: Array, du: Array, beams: Elements, want: bool, out: Linearised
-    ) -> None:
-        s, pick, unknowns = self.layout.solver, self.layout.pick, u.shape[1]
-        x, r = self.layout.nodes(Placed(at.flat[part], at.turn[part]))
-        count = len(x)
-        own, wanted = out.trajectory.rows(part.start, part.stop), count if want else 0
-        tangent, reach = np.zeros((wanted, 3, unknowns, unknowns)), np.zeros((wanted, 6, unknowns))
-        now = Evaluated(np.zeros((count, unknowns)), tangent, reach, own.histories())
-        joints = Joints(*(given.copy() for given in self.layout.joints))  # free ones are overwritten
-        motion = Motion(x, r, at.flat[part], u[part], du[part], load_table(s.mesh, self.time[part]))
-        system = s.system._replace(elements=beams)
-        instant_, element = evaluate_instants(system, joints, motion, self.way.frame.node, now)
-        if instant_ >= 0:
-            raise TurnedTooMuch(f"t = {self.time[part.start + instant_]:g} s, element {element}")
-        out.residual[part] = now.residual @ pick.T
-        out.missed[part], by = self._missed(part, at, own, reach)
-        if want:
-            for which, whole_out in enumerate((out.k, out.c, out.m)):
-                whole_out[part] = pick @ tangent[:, which] @ pick.T
-            out.by[part] = by @ pick.T
 
     def _missed(self, part: slice, at: Placed, own: Trajectory, reach: Array) -> tuple[Array, Array]:
         """c(y) (samples, tasks) [m], [rad] and its derivative (samples, tasks, unknowns)."""

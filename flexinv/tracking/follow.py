@@ -101,9 +101,8 @@ class Following:
 
     def replay(self, name: str, spectral_radius: float = 0.8) -> Solution:
         """Return the motion that a feed-forward's torques give the flexible mechanism, by `simulate` [m, rad, s]."""
-        choice(
-            "name", name, {RIGID: "rigid beams", JOINT_SPACE: "beams bend", INVERSION: "the deformed frame on the path"}
-        )
+        ways = {RIGID: "rigid beams", JOINT_SPACE: "beams bend", INVERSION: "the deformed frame on the path"}
+        choice("name", name, ways)
         torque, q = self.feed_forwards[name].torque, self.solution.q[0]
         m = self.solution.mechanism
         places = {j.name: q[m.q_slices[j.name]] for j in m.joints if j.nv}

@@ -117,11 +117,8 @@ def _task(data: Any, name: str, mechanism: Mechanism, where: Location) -> Task:
     moving = [joint.name for joint in mechanism.joints if joint.nv]
     start = read_places(table.start, mechanism, moving, where.inner("start"))
     mesh = (table.mesh.elements, table.mesh.order) if table.mesh is not None else None
-    own = _path(table, where)
-    return Task(
-        name, table.title, _frame(table, mechanism, where), own, table.step_s, table.before_s, table.after_s,
-        start, mesh,
-    )  # fmt: skip
+    frame, path = _frame(table, mechanism, where), _path(table, where)
+    return Task(name, table.title, frame, path, table.step_s, table.before_s, table.after_s, start, mesh)
 
 
 def _frame(table: TaskTable, mechanism: Mechanism, where: Location) -> str | Attachment:
@@ -138,23 +135,19 @@ def _path(table: TaskTable, where: Location) -> Path:
     if len(stated) != 1:
         write = str((TaskTable.model_fields["line"].examples or [""])[0])
         raise where.wrong("", " and ".join(stated) or "no path", f"one of {', '.join(SHAPES)}", write)
-    time = {"duration": table.duration_s, "law": table.law}
+    time: dict[str, Any] = {"duration": table.duration_s, "law": table.law}
     try:
-        path = _shape(table, time)
+        if table.line is not None:
+            path = Path.line(table.line.from_m, table.line.to_m, **time)
+        elif table.arc is not None:
+            angle = float(np.radians(table.arc.angle_deg))
+            path = Path.arc(table.arc.from_m, table.arc.centre_m, angle, axis=table.arc.axis, **time)
+        else:
+            path = Path.points(table.points_m or [], **time)
     except InputError as error:
         write = str((TaskTable.model_fields[stated[0]].examples or [""])[0])
         raise where.wrong(stated[0], stated[0], str(error), write) from None
     if table.turn_rpy_deg is None:
         return path
-    return path.turning(
-        *scipy.spatial.transform.Rotation.from_euler("xyz", table.turn_rpy_deg, degrees=True).as_matrix()
-    )
-
-
-def _shape(table: TaskTable, time: Mapping[str, Any]) -> Path:
-    if table.line is not None:
-        return Path.line(table.line.from_m, table.line.to_m, **time)
-    if table.arc is not None:
-        angle = float(np.radians(table.arc.angle_deg))
-        return Path.arc(table.arc.from_m, table.arc.centre_m, angle, axis=table.arc.axis, **time)
-    return Path.points(table.points_m or [], **time)
+    rotations = scipy.spatial.transform.Rotation.from_euler("xyz", table.turn_rpy_deg, degrees=True)
+    return path.turning(*rotations.as_matrix())

@@ -10,8 +10,7 @@ from flexible_examples import HALF_TURN, STRIP, TREE_MOTION, arm, spatial_tree
 from planar_examples import PAPER_CASES
 
 import flexinv
-from flexinv.analysis.batch_groups import alike, prepare_all, solve_alike
-from flexinv.analysis.solve_many import side_by_side
+from flexinv.analysis.solve_many import alike, prepare_all, solve_alike
 from flexinv.dynamics.generalized_alpha import Scheme
 from flexinv.kernels.record_stack import stacked
 from flexinv.model.mechanism import Mechanism
@@ -97,7 +96,7 @@ def test_what_stops_a_thread_stops_all_and_is_raised() -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        solve_alike(list(prepared.values()), 2, side_by_side, interrupted)
+        solve_alike(list(prepared.values()), 2, interrupted)
     assert len(seen) <= 2  # one of each thread
 
 

@@ -19,6 +19,7 @@ import flexinv
 from flexinv.analysis import trajectory
 from flexinv.dynamics.initial_state import accept
 from flexinv.dynamics.solver import Solver
+from flexinv.inverse.balance import add_step
 from flexinv.model.mechanism import Attachment, Beam, Closure, Joint, Link, Mechanism, Placement, Section, Spring
 
 Array = NDArray[np.float64]
@@ -250,14 +251,15 @@ def test_energy_from_nowhere_is_an_error_of_a_controller() -> None:
     s = flexinv.solve(mechanism, TURNING, step=1e-4)
     controller = flexinv.Controller.of(mechanism, step=1e-4)
     controller.start(s.q[0], s.qd[0], s.qdd[0])
-    guard = controller.flexible.guard
+    account = controller.flexible.instant.account
     for k in range(1, 40):
         controller.step(*(np.ascontiguousarray(part[k]) for part in (s.q, s.qd, s.qdd)))
     held, potential, power = controller.flexible._energies(s.qd[39])
     assert held == pytest.approx((s.balance.kinetic + s.balance.elastic)[39], rel=1e-6)
     assert potential == pytest.approx(s.balance.potential[39], rel=1e-6)
     # torques ring at the step's own frequency: the sum over steps knows the work to some per cent
-    at_start, weight, _, work, *_ = guard.account
+    at_start, weight, _, work, *_ = account
     assert work == pytest.approx(held + potential - at_start - weight, rel=0.1)
+    assert add_step(account, held + 1e4, potential, power)
     with pytest.raises(flexinv.ConvergenceError, match=r"at call 40 after start .* were put in.*write step = 2.5e-05"):
-        guard.look(held + 1e4, potential, power, s.qd[39])
+        controller.flexible._judge(held + 1e4, potential, s.qd[39])
