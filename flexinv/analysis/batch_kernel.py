@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from flexinv.dynamics.generalized_alpha import SUBSTEPS, Scheme
 from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START
-from flexinv.dynamics.system import Histories
+from flexinv.dynamics.system import Trajectory
 from flexinv.elements.planar_beam import PlanarElements
 from flexinv.inverse.nodal_sums import Found, Given, Skeleton, second_step_samples
 from flexinv.kernels.jit import jit, jit_inner
@@ -74,7 +74,7 @@ class Schemes(NamedTuple):
 class Results(NamedTuple):
     """Results of all scenarios, stacked: histories, second steps, and what the march returns, (scenarios, 3) and (scenarios,)."""
 
-    histories: Histories
+    histories: Trajectory
     found: Found
     ended: NDArray[np.int64]
     left: Array

@@ -96,13 +96,13 @@ class Flexible:
         given, row = np.zeros((1, int((mesh.v_index >= 0).sum()), 3)), np.zeros(1, dtype=np.int64)
         masses = Masses(mesh.mass, mesh.inertia, solver.topology.gravity)
         frames, here = (
-            Frames(*(part[0] for part in out.histories()[:6])),
+            Frames(*(part[0] for part in out[:6])),
             Instant(out.energy[0], driven, line, np.zeros(7)),
         )
         nodes, drives, motion = nodes_of(mesh), _drives(mesh), (mechanism.neutral.copy(), driven, driven)
         march_in: Any = march if flat is None else planar_march
         rest = (Instants(one, *loads), solver.increment) if flat is None else (np.zeros((0, 3)), False, given, row)
-        rest, system = (*rest, out.histories()), solver.system if flat is None else flat.system
+        rest, system = (*rest, out), solver.system if flat is None else flat.system
         return cls(
             solver, flat, system, scheme, start_up(scheme), nodes, drives, joints, given, masses, frames, here,
             mechanism, mechanism.nq, mechanism.nv, passive, applied,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from flexinv.analysis.solution import LoopForces, Solution
 from flexinv.analysis.task import Settings
 from flexinv.constraints.loop_starts import stated_of
-from flexinv.dynamics.solver import Trajectory
+from flexinv.dynamics.system import Trajectory
 from flexinv.elements.joint_law import smooth_direction
 from flexinv.inverse.balance import Balance
 from flexinv.inverse.inverse_dynamics import (
@@ -54,7 +54,8 @@ class FirstStep:
 
     def differenced(self, step: float) -> FirstStep:
         """Return the motion with velocities and accelerations from differences of nodal positions over ``step`` [s]."""
-        return replace(self, trajectory=replace(self.trajectory, motion=differenced(self.trajectory.motion, step)))
+        moved = differenced(self.trajectory.motion, step)
+        return replace(self, trajectory=Trajectory(*moved.parts, *self.trajectory[6:]))
 
 
 def solution_after(mesh: Mesh, first: FirstStep, settings: Settings) -> Solution:
@@ -174,7 +175,7 @@ def rigid_trajectory(mesh: Mesh, motion: NodalMotion, applied: NodalForces | Non
     wrench = np.concatenate([wrenches.force, moment], axis=2)
     samples, points = len(wrench), mesh.elements.weight.shape
     internal, energy, multipliers = (np.zeros((samples, *shape)) for shape in ((*points, 6), (3,), (0,)))
-    return Trajectory(motion, wrench, internal, energy, multipliers, np.zeros(samples, dtype=np.int64))
+    return Trajectory(*motion.parts, wrench, internal, energy, multipliers, np.zeros(samples, dtype=np.int64))
 
 
 def _direction(mechanism: Mechanism, qd: Array, smooth_of: Collection[str]) -> Array:

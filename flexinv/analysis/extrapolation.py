@@ -53,8 +53,7 @@ def extrapolated(mechanism: Mechanism, steps: Sequence[FirstStep], weight: Array
     """Return the first step of the paper extrapolated from several with the same samples [m, rad, s, N], the finest last."""
     last = steps[-1]
     mixed: FirstStep = _each(steps, lambda parts: combined(parts, weight) if parts[-1].dtype == float else parts[-1])
-    turned = extrapolated_rotations([one.trajectory.motion.rotation for one in steps], weight)
-    trajectory = replace(mixed.trajectory, motion=replace(mixed.trajectory.motion, rotation=turned))
+    trajectory = mixed.trajectory._replace(r=extrapolated_rotations([one.trajectory.r for one in steps], weight))
     q, qd, qdd = zip(*(one.joints for one in steps), strict=True)
     joints = _coordinates(mechanism, q, weight), combined(qd, weight), combined(qdd, weight)
     return replace(mixed, trajectory=trajectory, time=last.time, joints=joints, brought=last.brought)
@@ -62,16 +61,18 @@ def extrapolated(mechanism: Mechanism, steps: Sequence[FirstStep], weight: Array
 
 def _each(records: Sequence[Any], of: Callable[[list[Array]], Array]) -> Any:
     """A record of what ``of`` makes of the arrays in ``records``, also those within other records; all else is the last's."""
+    last: Any = records[-1]
     made: dict[str, Any] = {}
-    for name in (field.name for field in fields(records[-1])):
+    by_name = hasattr(last, "_fields")  # a named tuple
+    for name in last._fields if by_name else [field.name for field in fields(last)]:
         values = [getattr(one, name) for one in records]
         if isinstance(values[-1], np.ndarray):
             made[name] = of(values)
         elif isinstance(values[-1], dict):
             made[name] = {key: of([one[key] for one in values]) for key in values[-1]}
-        elif is_dataclass(values[-1]):
+        elif is_dataclass(values[-1]) or hasattr(values[-1], "_fields"):
             made[name] = _each(values, of)
-    return replace(records[-1], **made)
+    return last._replace(**made) if by_name else replace(last, **made)
 
 
 def _coordinates(mechanism: Mechanism, parts: Sequence[Array], weight: Array) -> Array:

@@ -30,7 +30,8 @@ from flexinv.constraints.phases import Phase, Stretch, phases
 from flexinv.constraints.reactions import closing, phased_closing
 from flexinv.dynamics.constraint_rows import Ties, set_ties
 from flexinv.dynamics.initial_state import accept, consistent_accelerations
-from flexinv.dynamics.solver import Solver, Trajectory, by_unknown, record_instant
+from flexinv.dynamics.solver import Solver, by_unknown, record_instant
+from flexinv.dynamics.system import Trajectory
 from flexinv.errors import InputError
 from flexinv.inverse.inverse_dynamics import (
     NodalForces,

@@ -28,15 +28,13 @@ from flexinv.analysis.solve import solve
 from flexinv.analysis.task import Progress, Settings, checked, time_grid
 from flexinv.analysis.trajectory import Turned, failure
 from flexinv.dynamics.generalized_alpha import EARLY, EXACT, SUBSTEPS, Scheme, early_rows, early_times, start_up
-from flexinv.dynamics.solver import Trajectory, has_padding, history_shapes
-from flexinv.dynamics.system import Histories
+from flexinv.dynamics.system import Trajectory, has_padding, history_shapes
 from flexinv.errors import FlexinvError, InputError
 from flexinv.inverse.nodal_sums import Found
 from flexinv.kernels.memory import shared_pieces, together
 from flexinv.kernels.record_stack import stacked
 from flexinv.kernels.threads.affinity import go_to, limit, processor_now, processors
 from flexinv.kinematics.mesh import Mesh, build
-from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion, motion_table
 from flexinv.model.owned_cache import kept_with_owner
@@ -354,22 +352,21 @@ def _tasks(scenarios: Sequence[Scenario]) -> Tasks:
     )  # fmt: skip
 
 
-def _room(first: Scenario, scenarios: int) -> tuple[Histories, Found]:
+def _room(first: Scenario, scenarios: int) -> tuple[Trajectory, Found]:
     """Series of all scenarios, one after the other in memory."""
     mesh, samples = first.mesh, len(first.time)
     shapes = [*history_shapes(mesh, samples), (samples, 3), *found_shapes(mesh, samples)]
     whole, large = [(scenarios, *shape) for shape in shapes], len(shapes) - len(Found._fields) + 2  # two of nodes
-    x, r, v, w, a, al, wrench, internal, energy, *forces = together(*whole[:large])
+    *motion, wrench, internal, energy = (made := together(*whole[:large]))[:9]
     if has_padding(mesh):
         internal[:] = 0.0
     none, iterations = np.empty((scenarios, samples, 0)), np.zeros((scenarios, samples), dtype=np.int64)
-    found = Found(*forces, *(np.empty(shape) for shape in whole[large:]))  # see `evaluation.second_step`
-    return Histories(x, r, v, w, a, al, wrench, internal, energy, none, iterations), found
+    found = Found(*made[9:], *(np.empty(shape) for shape in whole[large:]))  # see `evaluation.second_step`
+    return Trajectory._make([*motion, wrench, internal, energy, none, iterations]), found
 
 
-def _solution(one: Scenario, n: int, out: Histories, found: Found) -> Solution:
-    x, r, v, w, a, al, wrench, internal, energy, multipliers, iterations = (part[n] for part in out)
-    trajectory = Trajectory(NodalMotion(x, r, v, w, a, al), wrench, internal, energy, multipliers, iterations)
+def _solution(one: Scenario, n: int, out: Trajectory, found: Found) -> Solution:
+    trajectory = Trajectory._make(part[n] for part in out)
     q, qd, qdd = (part.copy() for part in one.table)
     own = Found(*(part[n] for part in found))
     return solution_of(one.mesh, FirstStep(trajectory, one.time, (q, qd, qdd)), own, one.settings)

@@ -20,8 +20,9 @@ from flexinv.constraints.loop_starts import closed_at, stated_of
 from flexinv.constraints.phases import phases
 from flexinv.dynamics.generalized_alpha import STATICS
 from flexinv.dynamics.initial_state import equilibrium, start_undeformed
-from flexinv.dynamics.solver import Solver, Trajectory, record_instant
+from flexinv.dynamics.solver import Solver, record_instant
 from flexinv.dynamics.stepper import CONVERGED
+from flexinv.dynamics.system import Trajectory
 from flexinv.errors import InputError, ModelWarning
 from flexinv.inverse.inverse_dynamics import applied_forces
 from flexinv.kinematics.configuration_arrays import fill_passive

@@ -17,9 +17,9 @@ from flexinv.dynamics.dofs import Indices
 from flexinv.dynamics.generalized_alpha import EARLY, SUBSTEPS, Scheme, early_rows, early_times, start_up
 from flexinv.dynamics.initial_state import begin_step, consistent_accelerations, end_early, instant, stand
 from flexinv.dynamics.loads import load_table
-from flexinv.dynamics.solver import Solver, Trajectory, complaint, record_instant
+from flexinv.dynamics.solver import Solver, complaint, record_instant
 from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START, march
-from flexinv.dynamics.system import Instants
+from flexinv.dynamics.system import Instants, Trajectory
 from flexinv.errors import ConvergenceError
 from flexinv.inverse.inverse_dynamics import applied_forces
 from flexinv.kinematics.configuration_arrays import fill_passive
@@ -242,12 +242,17 @@ class _March:
         if self.flat is not None:
             start = self.task.after(time[:1]) if begins else None
             steps = self.task.before(time[1:] if begins else time)
-            arguments = self.flat.arguments(scheme, start, steps, row, self.out.histories())
+            arguments = self.flat.arguments(scheme, start, steps, row, self.out)
             return _Leg(planar_march, arguments, time, last, begins)
         assert self.solver is not None
         q, qd, qdd = self.task.before(time)
         solver, dense = self.solver, bool((np.diff(row) == 1).all() and row[0] >= 0)
-        whole = self.out.rows(int(row[0]), int(row[-1]) + 1) if dense else self.out.of_length(len(row))
+        carried = self.out.multipliers.shape[1]
+        whole = (
+            self.out.rows(int(row[0]), int(row[-1]) + 1)
+            if dense
+            else Trajectory.empty(len(row), self.task.mesh, carried)
+        )
         rel = Joints(*(np.ascontiguousarray(part) for part in relative_motion(self.task.mesh, q, qd, qdd)))
         table, drives = load_table(self.task.mesh, time), solver.drives(time)
         arguments = solver.arguments(scheme, Instants(rel, table, drives, solver.given(q, qd, qdd)), whole)
@@ -267,7 +272,7 @@ class _March:
         time, row = self.task.steps[sample : sample + 1], self.rows(sample, sample + 1)
         motion, when = self.task.after(time), f"at t = {time[0]:g} s"
         if self.flat is not None:
-            result = self.flat.restart(self.scheme, *motion, row, self.out.histories())
+            result = self.flat.restart(self.scheme, *motion, row, self.out)
             self.check(result, time, begins=True)
             self.early = EARLY * (result[0] == SUDDEN_START)
             return

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.constraints.closures import constraint_rows, coupling_residuals
 from flexinv.dynamics.assembly import LARGEST_TURN
@@ -17,89 +16,18 @@ from flexinv.dynamics.generalized_alpha import Scheme
 from flexinv.dynamics.loads import Loads, load_table, loads_of
 from flexinv.dynamics.spring_rows import pulls
 from flexinv.dynamics.stepper import NOT_FINITE, SLIPPED, TURNED_TOO_MUCH, collide, march
-from flexinv.dynamics.system import Border, Histories, Instants, State, System, Work
+from flexinv.dynamics.system import Border, Instants, State, System, Trajectory, Work
 from flexinv.elements.beam import Rates, Scratch
 from flexinv.elements.beam_element import Elements
 from flexinv.errors import ConvergenceError
-from flexinv.kernels.memory import together
 from flexinv.kernels.so3 import log_so3
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.kinematics.tree import Frames, Joints, Variation
 from flexinv.typing import Array
 
 # Efforts of the drives of torque-driven joints: time (samples,) [s], and whether the limit before a jump at that time is meant or
 # the one after it -> (samples, nv) [N m], [N].
 Efforts = Callable[[Array, bool], Array]
-
-
-@dataclass(frozen=True)
-class Trajectory:
-    """The flexible trajectory and what holds it together.
-
-    motion : NodalMotion of all nodes
-    wrench : (samples, nodes, 6) force [N] (world) and moment [N m] (own frame) on every node of a rigid part from
-        inertia, loads and the elastic reactions of the beams that start there
-    internal : (samples, elements, points, 6) stress resultants in the section frame [N], [N m]
-    energy : (samples, 3) elastic energy [J], power of the internal forces and what of it is dissipated [W]
-    iterations : (samples,) of Newton
-    multipliers : (samples, rows) of the closures [N], [N m]
-    """
-
-    motion: NodalMotion
-    wrench: Array
-    internal: Array
-    energy: Array
-    multipliers: Array
-    iterations: NDArray[np.int64]
-
-    def histories(self) -> Histories:
-        """Return x, r, v, w, a, al, wrench, internal, energy, multipliers, iterations as kernels take them [m, rad, s, N, J]."""
-        m, more = self.motion, (self.wrench, self.internal, self.energy, self.multipliers, self.iterations)
-        return Histories(*m.parts, *more)
-
-    def rows(self, first: int, last: int) -> Trajectory:
-        """Return the samples from ``first`` to before ``last``, not copied [m, rad, s, N, J]."""
-        return _trajectory(part[first:last] for part in self.histories())
-
-    def put(self, rows: NDArray[np.int64], other: Trajectory, kept: NDArray[np.bool_]) -> None:
-        """Write the samples of another trajectory that are ``kept`` into ``rows`` of this one [m, rad, s, N, J]."""
-        for history, values in zip(self.histories(), other.histories(), strict=True):
-            history[rows] = values[kept]
-
-    def of_length(self, samples: int) -> Trajectory:
-        """Return histories of so many samples [-] for the same mechanism, to be filled."""
-        return _trajectory(np.zeros((samples, *part.shape[1:]), dtype=part.dtype) for part in self.histories())
-
-    @classmethod
-    def unwritten(cls, samples: int, mesh: Mesh, rows: int = 0) -> Trajectory:
-        """Return the arrays of `empty`, large histories uncleared: every sample will be written [m, rad, s, N, J]."""
-        *motion, wrench, internal = together(*history_shapes(mesh, samples))
-        if has_padding(mesh):
-            internal[:] = 0.0
-        series = np.zeros((samples, 3)), np.zeros((samples, rows)), np.zeros(samples, dtype=np.int64)
-        return cls(NodalMotion(*motion), wrench, internal, *series)
-
-    @classmethod
-    def empty(cls, samples: int, mesh: Mesh, rows: int = 0) -> Trajectory:
-        """Return histories to be filled [m, rad, s, N, J]."""
-        return cls.unwritten(0, mesh, rows).of_length(samples)
-
-
-def _trajectory(histories: Iterable[Any]) -> Trajectory:
-    x, rotation, v, omega, a, alpha, *more = histories
-    return Trajectory(NodalMotion(x, rotation, v, omega, a, alpha), *more)
-
-
-def history_shapes(mesh: Mesh, samples: int) -> list[tuple[int, ...]]:
-    """Return the shapes of the nodes' motion, of wrenches and of stress resultants in a `Trajectory` [-]."""
-    vector = (samples, mesh.size, 3)
-    return [vector, (*vector, 3), *4 * [vector], (samples, mesh.size, 6), (samples, *mesh.elements.weight.shape, 6)]
-
-
-def has_padding(mesh: Mesh) -> bool:
-    """Return True if some elements have fewer points than others [-]; time integration never writes the padding."""
-    return bool((mesh.elements.order < mesh.elements.weight.shape[1]).any())
 
 
 def by_unknown(mesh: Mesh, topology: Topology) -> Array:
@@ -165,7 +93,7 @@ class Solver:
 
     def arguments(self, scheme: Scheme, instants: Instants, out: Trajectory) -> tuple[Any, ...]:
         """Return the arguments [m, rad, s, N] with which `march` calls the compiled loop, for callers that call it themselves."""
-        return self.system, scheme, instants, self.increment, out.histories()
+        return self.system, scheme, instants, self.increment, out
 
     def newton(self, scheme: Scheme, joints: Joints) -> tuple[int, int, float]:
         """Solve one instant under the present loads; return status, iterations or element, last relative increment [-]."""
@@ -178,7 +106,7 @@ class Solver:
         The kernel is the march's own: a second one for this alone would take as long to compile.
         Return -1 or the element that turned too much.
         """
-        return int(march(self.system, scheme, self._now(joints), self.increment[:0], self.instant.histories())[2])
+        return int(march(self.system, scheme, self._now(joints), self.increment[:0], self.instant)[2])
 
     def _now(self, joints: Joints) -> Instants:
         """One instant under the present loads."""
@@ -288,5 +216,5 @@ def _work(mesh: Mesh, topology: Topology, widest: int, layout: Layout) -> Work:
 
 def record_instant(solver: Solver, sample: int, out: Trajectory) -> None:
     """Copy the instant that was solved last into the histories [m, rad, s, N]."""
-    for history, value in zip(out.histories()[:-1], solver.instant.histories()[:-1], strict=True):  # not the iterations
+    for history, value in zip(out[:-1], solver.instant[:-1], strict=True):  # not the iterations
         history[sample] = value[0]

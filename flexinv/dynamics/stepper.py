@@ -148,7 +148,7 @@ def march(system, scheme, instants, y, out):
     With closures a step finds positions that meet them, and then the accelerations and multipliers that belong to that state
     (`index1.project_accelerations`), which are what is recorded.
 
-    system : `system.System`; instants : `system.Instants`; out : `system.Histories`; y : (sides, unknowns) scratch
+    system : `system.System`; instants : `system.Instants`; out : `system.Trajectory`; y : (sides, unknowns) scratch
     Return status, sample reached, element or iterations, last relative increment [-].
     """
     state, ties, topology, rel = system.state, system.border.ties, system.topology, instants.joints

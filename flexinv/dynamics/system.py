@@ -13,7 +13,10 @@ from flexinv.dynamics.loads import Loads
 from flexinv.dynamics.spring_rows import Pulls
 from flexinv.elements.beam import Rates, Scratch
 from flexinv.elements.beam_element import Elements
+from flexinv.kernels.memory import together
 from flexinv.kernels.records import by_address
+from flexinv.kinematics.mesh import Mesh
+from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.kinematics.tree import Frames, Joints, Variation
 from flexinv.typing import Array
 
@@ -112,10 +115,16 @@ class Instants(NamedTuple):
 
 
 @by_address
-class Histories(NamedTuple):
-    """Histories into which samples are written (`dynamics.solver.Trajectory`), with a leading axis of samples.
+class Trajectory(NamedTuple):
+    """The flexible trajectory and what holds it together: histories with a leading axis of samples.
 
-    x, r, v, w, a, al, wrench, internal, energy, multipliers, iterations
+    x, r, v, w, a, al : motion of all nodes, as `kinematics.nodal_motion.NodalMotion`
+    wrench : (samples, nodes, 6) force [N] (world) and moment [N m] (own frame) on every node of a rigid part from
+        inertia, loads and the elastic reactions of the beams that start there
+    internal : (samples, elements, points, 6) stress resultants in the section frame [N], [N m]
+    energy : (samples, 3) elastic energy [J], power of the internal forces and what of it is dissipated [W]
+    multipliers : (samples, rows) of the closures [N], [N m]
+    iterations : (samples,) of Newton
     """
 
     x: Array
@@ -129,3 +138,42 @@ class Histories(NamedTuple):
     energy: Array
     multipliers: Array
     iterations: NDArray[np.int64]
+
+    @property
+    def motion(self) -> NodalMotion:
+        """Return the motion of all nodes [m, rad, s]."""
+        return NodalMotion(*self[:6])
+
+    def rows(self, first: int, last: int) -> Trajectory:
+        """Return the samples from ``first`` to before ``last``, not copied [m, rad, s, N, J]."""
+        return Trajectory._make(part[first:last] for part in self)
+
+    def put(self, rows: NDArray[np.int64], other: Trajectory, kept: NDArray[np.bool_]) -> None:
+        """Write the samples of another trajectory that are ``kept`` into ``rows`` of this one [m, rad, s, N, J]."""
+        for history, values in zip(self, other, strict=True):
+            history[rows] = values[kept]
+
+    @classmethod
+    def unwritten(cls, samples: int, mesh: Mesh, rows: int = 0) -> Trajectory:
+        """Return the arrays of `empty`, large histories uncleared: every sample will be written [m, rad, s, N, J]."""
+        *motion, wrench, internal = together(*history_shapes(mesh, samples))
+        if has_padding(mesh):
+            internal[:] = 0.0
+        series = np.zeros((samples, 3)), np.zeros((samples, rows)), np.zeros(samples, dtype=np.int64)
+        return cls._make([*motion, wrench, internal, *series])
+
+    @classmethod
+    def empty(cls, samples: int, mesh: Mesh, rows: int = 0) -> Trajectory:
+        """Return histories to be filled [m, rad, s, N, J]."""
+        return cls._make(np.zeros_like(part) for part in cls.unwritten(samples, mesh, rows))
+
+
+def history_shapes(mesh: Mesh, samples: int) -> list[tuple[int, ...]]:
+    """Return the shapes of the nodes' motion, of wrenches and of stress resultants in a `Trajectory` [-]."""
+    vector = (samples, mesh.size, 3)
+    return [vector, (*vector, 3), *4 * [vector], (samples, mesh.size, 6), (samples, *mesh.elements.weight.shape, 6)]
+
+
+def has_padding(mesh: Mesh) -> bool:
+    """Return True if some elements have fewer points than others [-]; time integration never writes the padding."""
+    return bool((mesh.elements.order < mesh.elements.weight.shape[1]).any())

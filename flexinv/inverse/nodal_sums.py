@@ -168,7 +168,7 @@ class Skeleton(NamedTuple):
 class Given(NamedTuple):
     """Inputs of the second step: results of the time integration and data of the task.
 
-    wrench : (samples, nodes, 6), energy : (samples, 3) of `dynamics.solver.Trajectory` [N], [N m], [J], [W]
+    wrench : (samples, nodes, 6), energy : (samples, 3) of `dynamics.system.Trajectory` [N], [N m], [J], [W]
     force, moment : (samples, nodes, 3), or no samples: what is applied to the nodes (world) [N], [N m]
     brought : (samples or 0,) energy that impacts bring at once [J]
     qd : (samples, nv) [rad/s], [m/s]; time : (samples,) [s]

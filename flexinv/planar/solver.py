@@ -11,7 +11,7 @@ import numpy as np
 from flexinv.dynamics.constraint_rows import Ties
 from flexinv.dynamics.dofs import Indices
 from flexinv.dynamics.generalized_alpha import Scheme
-from flexinv.dynamics.system import Histories, State
+from flexinv.dynamics.system import State, Trajectory
 from flexinv.elements.planar_beam import COEFFICIENTS, CONSTANTS, POINT_BLOCK, RATES
 from flexinv.kernels.memory import cleared, on_lines
 from flexinv.kernels.so3 import about_axis, log_so3
@@ -80,7 +80,7 @@ class PlanarMarch:
         _left(self.mesh, frozenset(passive)).append(self)
 
     def restart(
-        self, scheme: Scheme, q: Array, qd: Array, qdd: Array, row: Indices, out: Histories
+        self, scheme: Scheme, q: Array, qd: Array, qdd: Array, row: Indices, out: Trajectory
     ) -> tuple[int, int, int, float]:
         """Find the accelerations [m/s^2], [rad/s^2] anew where the march stands and they jump; arguments as of `run`."""
         s = self.state
@@ -145,7 +145,7 @@ class PlanarMarch:
         state.d[:], state.trend[:], state.bend[:], state.order[:] = 0.0, 0.0, 0.0, 0
 
     def arguments(
-        self, scheme: Scheme, start: Instants | None, steps: Instants, row: Indices, out: Histories
+        self, scheme: Scheme, start: Instants | None, steps: Instants, row: Indices, out: Trajectory
     ) -> tuple[Any, ...]:
         """Return the arguments of `planar_march` over the ends of ``steps``: q (steps, nq), qd, qdd (steps, nv) [m, rad, s].
 
@@ -167,7 +167,7 @@ class PlanarMarch:
         return given if joints.given.all() else np.ascontiguousarray(given[:, joints.given])
 
     def run(
-        self, scheme: Scheme, given: Array, row: Indices, out: Histories, joint: Array = _NOWHERE, still: bool = False
+        self, scheme: Scheme, given: Array, row: Indices, out: Trajectory, joint: Array = _NOWHERE, still: bool = False
     ) -> tuple[int, int, int, float]:
         """March with the driven joints' ``given`` (instants, joints, 3) q, q', q'' [m, rad, s].
 

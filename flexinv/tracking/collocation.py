@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from flexinv.dynamics.initial_state import instant
 from flexinv.dynamics.loads import load_table
-from flexinv.dynamics.solver import Solver, Trajectory, by_unknown
+from flexinv.dynamics.solver import Solver, by_unknown
+from flexinv.dynamics.system import Trajectory
 from flexinv.kernels.block_tridiagonal import solve_tridiagonal
 from flexinv.kernels.so3 import exp_so3, log_so3
 from flexinv.kinematics.mesh import Mesh, build
@@ -213,7 +214,7 @@ class Horizon:
             x, r = self.layout.nodes(Placed(at.flat[part], at.turn[part]))
             own, wanted = out.trajectory.rows(part.start, part.stop), len(x) if want else 0
             tangent, reach = np.zeros((wanted, 3, unknowns, unknowns)), np.zeros((wanted, 6, unknowns))
-            now = Evaluated(np.zeros((len(x), unknowns)), tangent, reach, own.histories())
+            now = Evaluated(np.zeros((len(x), unknowns)), tangent, reach, own)
             free = Joints(*(given.copy() for given in joints))  # they are overwritten
             motion = Motion(x, r, at.flat[part], u[part], du[part], load_table(mesh, self.time[part]))
             instant_, element = evaluate_instants(system, free, motion, self.way.frame.node, now)

@@ -10,7 +10,7 @@ from flexinv.dynamics.generalized_alpha import DYNAMIC, Scheme
 from flexinv.dynamics.linearization import differentiate
 from flexinv.dynamics.loads import set_loads
 from flexinv.dynamics.stepper import evaluate, record
-from flexinv.dynamics.system import Histories
+from flexinv.dynamics.system import Trajectory
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import by_address
 from flexinv.kernels.so3 import inverse_tangent
@@ -44,7 +44,7 @@ class Evaluated(NamedTuple):
     residual: Array
     tangent: Array
     reach: Array
-    histories: Histories
+    histories: Trajectory
 
 
 @jit

@@ -24,7 +24,7 @@ from flexinv.analysis.simulate import simulate
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve, with_error
 from flexinv.analysis.task import Settings
-from flexinv.dynamics.solver import Trajectory
+from flexinv.dynamics.system import Trajectory
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.inverse.inverse_dynamics import applied_forces
 from flexinv.kinematics.configuration_arrays import fill_passive
