@@ -154,12 +154,17 @@ def hold(plan, fixed, work, lanes, closure, sums, in_space):
     limits, own = work[plan[layout.LIMITS] : plan[layout.LIMITS] + _COLUMN], work[closure.own : closure.own + _OWN]
     if in_space and closure.kind == layout.WHOLE:
         for k in range(lanes):
-            x, y, z = vec_of(own, layout.GAP_RATE, k)
-            own[layout.SQUARES_TOO + k] += x * x + y * y + z * z
-    for k in range(lanes):
-        a, b, c = vec_of(own, layout.SQUARES, k)
-        x, y, z = vec_of(limits, _ZERO, k)
-        put_vec(limits, _ZERO, k, (_more(x, a), _more(y, b), _more(z, c)))
+            (a, b, c), d1, (x, y, z) = (
+                vec_of(own, layout.SQUARES, k),
+                vec_of(own, layout.GAP_RATE, k),
+                vec_of(limits, _ZERO, k),
+            )
+            b += d1[0] * d1[0] + d1[1] * d1[1] + d1[2] * d1[2]
+            put_vec(limits, _ZERO, k, (_more(x, a), _more(y, b), _more(z, c)))
+    else:
+        for k in range(lanes):
+            (a, b, c), (x, y, z) = vec_of(own, layout.SQUARES, k), vec_of(limits, _ZERO, k)
+            put_vec(limits, _ZERO, k, (_more(x, a), _more(y, b), _more(z, c)))
     if sums:
         _hold_sums(plan, fixed, work, lanes, closure, limits)
 

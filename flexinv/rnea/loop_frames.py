@@ -10,7 +10,7 @@ from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import CONTINUOUS, FREE, HELICAL, PRISMATIC, REVOLUTE, SPHERICAL
 from flexinv.rnea import loop_layout as layout
-from flexinv.rnea.body_table import Bodies, carriers
+from flexinv.rnea.body_table import TURNING, Bodies, carriers
 from flexinv.rnea.loop_layout import BodyRecord, ClosureRecord, ColumnRecord, SumRecord
 from flexinv.typing import Array
 
@@ -144,9 +144,17 @@ def frame(tables: Tables, root: int, body: int) -> Frame:
     kind, parent, rows = (int(cell) for cell in tables.bodies.tree[body, :3])
     above = frame(tables, root, parent)
     r, p = (above.turned @ x for x in _seat(tables.bodies, body))
-    own = tables.rows(layout.PLANE_ROWS if tables.plane else layout.BODY_ROWS, (root, body) not in tables.shared)
     is_tilt = r[0, 0] == 1.0 and not (r[0, 1:].any() or r[1:, 0].any())  # R is a rotation about x
     turn = layout.ROOT_TURN if parent == root else layout.TURN if tables.plane or not is_tilt else layout.TILT
+    turns = all(int(tables.bodies.tree[i, 0]) in TURNING for i in (parent, body))
+    if turn == layout.TILT and turns and not {(root, parent), (root, body)} & tables.shared:
+        turn, own = (
+            layout.CHAIN,
+            above.axes + int(layout.CHAINED),
+        )  # behind the parent's rows, which were the last ones taken
+        tables.rows(int(layout.CHAINED) // BLOCK, True)
+    else:
+        own = tables.rows(layout.PLANE_ROWS if tables.plane else layout.BODY_ROWS, (root, body) not in tables.shared)
     how = {
         REVOLUTE: turn,
         CONTINUOUS: turn,
