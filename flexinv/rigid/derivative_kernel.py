@@ -10,6 +10,12 @@ With sums over everything beyond the outer one of two joints, i on the path from
     dtau_i/dq_j  = S_i . (2 B psi'_j + I psi''_j + S_j x* f)      (without the last term for two axes of one joint)
     dtau_j/dq_i  = S_j . (2 B psi'_i + I psi''_i)
     dtau_i/dqd_j = S_i . (2 B S_j + I (psi'_j + S'_j)),  and with i and j exchanged alike;   dtau_i/dqdd_j = S_i . I S_j
+
+Of a body of mass m, first moment h, inertia J about c, which moves at v = (w, u), with its momentum (n, p) = I v,
+
+    2 B (w', u') = (A w', -2 p x w')        A w' = w x J w' - J (w x w') - u x (h x w') - h x (u x w') - n x w'
+
+as all that u' adds cancels.
 Source: Singh, Russell, Wensing, *Efficient analytical derivatives of rigid-body dynamics using spatial vector algebra*,
 IEEE RA-L 7(2), 2022.
 """
@@ -37,13 +43,13 @@ from flexinv.kernels.vec3 import (
     put,
     scale,
     sub,
+    sum3,
+    tapply,
     transpose,
     vec,
     vec_at,
-)
+)  # fmt: skip
 from flexinv.typing import Array
-
-UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @by_address
@@ -71,8 +77,8 @@ class Spatial(NamedTuple):
     """Scratch of one sample; motions and forces are angular part first.
 
     axis, rate, second, slope : (nv, 6) S, psi', psi'', psi' + S'
-    velocity, acceleration : (bodies, 6), of the world first; force : (bodies, 6) f, summed
-    mass : (bodies,); first : (bodies, 3); inertia : (bodies, 3, 3); coupling : (bodies, 6, 6) B, summed
+    velocity, acceleration : (bodies, 6), of the world first
+    sums : (bodies, SUMS) m, h, p, f, J and A, of the body and of all that it carries
     """
 
     axis: Array
@@ -81,11 +87,12 @@ class Spatial(NamedTuple):
     slope: Array
     velocity: Array
     acceleration: Array
-    force: Array
-    mass: Array
-    first: Array
-    inertia: Array
-    coupling: Array
+    sums: Array
+
+
+# Where these sums stand.
+MASS, FIRST, MOMENTUM, FORCE, INERTIA, COUPLING, SUMS = 0, 1, 4, 7, 13, 22, 31
+UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @jit_inner
@@ -122,62 +129,62 @@ def _along(m, f):
 
 
 @jit_inner
-def _momentum(b, spatial, m):
-    """I m: angular momentum about c, and momentum."""
-    h = vec(spatial.first[b])
-    return add(apply(mat(spatial.inertia[b]), m[0]), cross(h, m[1])), sub(scale(spatial.mass[b], m[1]), cross(h, m[0]))
+def _matrix(sums, first):
+    return vec_at(sums, first), vec_at(sums, first + 3), vec_at(sums, first + 6)
 
 
 @jit_inner
-def _set_inertia(body, spatial, mass, moment, inertia, rotation, arm):
+def _times_inertia(sums, m):
+    """I m: angular momentum about c, and momentum."""
+    h = vec_at(sums, FIRST)
+    return add(apply(_matrix(sums, INERTIA), m[0]), cross(h, m[1])), sub(scale(sums[MASS], m[1]), cross(h, m[0]))
+
+
+@jit_inner
+def _times_coupling(sums, m):
+    """2 B m."""
+    return apply(_matrix(sums, COUPLING), m[0]), scale(-2.0, cross(vec_at(sums, MOMENTUM), m[0]))
+
+
+@jit_inner
+def _set_inertia(sums, mass, moment, inertia, rotation, arm):
     """Inertia of a body about c, world axes, from that about its node at ``arm`` from c."""
     own = apply(rotation, moment)
     turned = mul(mul(rotation, inertia), transpose(rotation))
     both = add(own, scale(mass, arm))  # h about c
-    # I_c = I + (2 arm.h + m arm^2) 1 - arm h^T - h arm^T - m arm arm^T
-    round_part = dot(arm, own) + dot(arm, both)
-    dyads = madd(outer(arm, own), outer(both, arm))
-    full = madd(madd(turned, mscale(round_part, UNIT)), mscale(-1.0, dyads))
-    spatial.mass[body] = mass
-    put(spatial.first[body], 0, both)
+    # J = I + (2 arm.h + m arm^2) 1 - arm h^T - h arm^T - m arm arm^T
+    round_part = mscale(dot(arm, own) + dot(arm, both), UNIT)
+    full = madd(madd(turned, round_part), mscale(-1.0, madd(outer(arm, own), outer(both, arm))))
+    sums[MASS] = mass
+    put(sums, FIRST, both)
     for i in range(3):
-        put(spatial.inertia[body, i], 0, full[i])
+        put(sums, INERTIA + 3 * i, full[i])
 
 
 @jit_inner
-def _set_motion(body, spatial, omega, alpha, velocity, acceleration, arm, gravity):
-    """Velocity and acceleration (ω, v_c)' of a body at c, where it is free of gravity."""
-    _put_pair(spatial.velocity[body], (omega, sub(velocity, cross(omega, arm))))
-    _put_pair(
-        spatial.acceleration[body],
-        (alpha, sub(sub(sub(acceleration, cross(alpha, arm)), cross(omega, velocity)), gravity)),
-    )
-
-
-@jit_inner
-def _set_coupling(b, spatial):
-    """B and f of a body alone."""
-    v = _pair(spatial.velocity[b])
-    iv = _momentum(b, spatial, v)
-    for k in range(6):
-        m = (UNIT[k], ZERO) if k < 3 else (ZERO, UNIT[k - 3])
-        column = _plus(force_cross(v, _momentum(b, spatial, m)), force_cross(m, iv))
-        carried = _momentum(b, spatial, motion_cross(v, m))
+def _set_motion(sums, v, a):
+    """p, f and A of a body alone."""
+    h, inertia, (w, u), momentum = vec_at(sums, FIRST), _matrix(sums, INERTIA), v, _times_inertia(sums, v)
+    force = _plus(_times_inertia(sums, a), force_cross(v, momentum))
+    put(sums, MOMENTUM, momentum[1])
+    put(sums, FORCE, force[0])
+    put(sums, FORCE + 3, force[1])
+    for k in range(3):
+        e = UNIT[k]
+        turned = sub(cross(w, inertia[k]), apply(inertia, cross(w, e)))
+        column = sub(turned, sum3(cross(u, cross(h, e)), cross(h, cross(u, e)), cross(momentum[0], e)))
         for i in range(3):
-            spatial.coupling[b, i, k] = 0.5 * (column[0][i] - carried[0][i])
-            spatial.coupling[b, 3 + i, k] = 0.5 * (column[1][i] - carried[1][i])
-    _put_pair(spatial.force[b], _plus(_momentum(b, spatial, _pair(spatial.acceleration[b])), force_cross(v, iv)))
+            sums[COUPLING + 3 * i + k] = column[i]
 
 
 @jit_inner
 def _set_axes(b, carried, r, arm, spatial):
     """S, psi', psi'' and psi' + S' of a body's joint."""
     above, first, count = carried.parent[b], carried.first[b], carried.freedoms[b]
-    slide, turn = carried.slide[b], carried.turn[b]
     up, up_rate, own = _pair(spatial.velocity[above]), _pair(spatial.acceleration[above]), _pair(spatial.velocity[b])
     for i in range(count):
-        t = apply(r, vec(turn[i]))
-        s = t, add(apply(r, vec(slide[i])), cross(arm, t))
+        t = apply(r, vec(carried.turn[b, i]))
+        s = t, add(apply(r, vec(carried.slide[b, i])), cross(arm, t))
         rate = motion_cross(up, s)
         _put_pair(spatial.axis[first + i], s)
         _put_pair(spatial.rate[first + i], rate)
@@ -186,42 +193,15 @@ def _set_axes(b, carried, r, arm, spatial):
 
 
 @jit_inner
-def _times_coupling(b, spatial, m, transposed):
-    """2 B m, or 2 B^T m."""
-    out_n, out_f = ZERO, ZERO
-    for k in range(6):
-        factor = 2.0 * (m[0][k] if k < 3 else m[1][k - 3])
-        if transposed:
-            column = _pair(spatial.coupling[b, k])
-        else:
-            c = spatial.coupling[b]
-            column = (c[0, k], c[1, k], c[2, k]), (c[3, k], c[4, k], c[5, k])
-        out_n, out_f = add(out_n, scale(factor, column[0])), add(out_f, scale(factor, column[1]))
-    return out_n, out_f
-
-
-@jit_inner
-def _add_to_parent(b, above, spatial):
-    spatial.mass[above] += spatial.mass[b]
-    for i in range(3):
-        spatial.first[above, i] += spatial.first[b, i]
-        for k in range(3):
-            spatial.inertia[above, i, k] += spatial.inertia[b, i, k]
-    for i in range(6):
-        spatial.force[above, i] += spatial.force[b, i]
-        for k in range(6):
-            spatial.coupling[above, i, k] += spatial.coupling[b, i, k]
-
-
-@jit_inner
 def _fill_columns(b, j, carried, spatial, by_q, by_qd, by_qdd):
     """All pairs of axis j of body b with the axes of b and of the bodies that carry it."""
-    s, rate = _pair(spatial.axis[j]), _pair(spatial.rate[j])
-    inertial = _momentum(b, spatial, s)
-    by_place = _plus(_times_coupling(b, spatial, rate, False), _momentum(b, spatial, _pair(spatial.second[j])))
-    turned = _plus(by_place, force_cross(s, _pair(spatial.force[b])))
-    by_rate = _plus(_times_coupling(b, spatial, s, False), _momentum(b, spatial, _pair(spatial.slope[j])))
-    back = _times_coupling(b, spatial, s, True)
+    s, rate, sums = _pair(spatial.axis[j]), _pair(spatial.rate[j]), spatial.sums[b]
+    inertial = _times_inertia(sums, s)
+    by_place = _plus(_times_coupling(sums, rate), _times_inertia(sums, _pair(spatial.second[j])))
+    turned = _plus(by_place, force_cross(s, (vec_at(sums, FORCE), vec_at(sums, FORCE + 3))))
+    by_rate = _plus(_times_coupling(sums, s), _times_inertia(sums, _pair(spatial.slope[j])))
+    # 2 B^T s, which has no linear part
+    back = add(tapply(_matrix(sums, COUPLING), s[0]), scale(2.0, cross(vec_at(sums, MOMENTUM), s[1])))
     carrier = b
     while carrier > 0:
         for i in range(carried.first[carrier], carried.first[carrier] + carried.freedoms[carrier]):
@@ -230,8 +210,8 @@ def _fill_columns(b, j, carried, spatial, by_q, by_qd, by_qdd):
             by_qd[i, j] = _along(axis, by_rate)
             by_qdd[i, j] = _along(axis, inertial)
             if carrier != b:
-                by_q[j, i] = _along(_pair(spatial.rate[i]), back) + _along(_pair(spatial.second[i]), inertial)
-                by_qd[j, i] = _along(axis, back) + _along(_pair(spatial.slope[i]), inertial)
+                by_q[j, i] = dot(vec(spatial.rate[i]), back) + _along(_pair(spatial.second[i]), inertial)
+                by_qd[j, i] = dot(axis[0], back) + _along(_pair(spatial.slope[i]), inertial)
                 by_qdd[j, i] = by_qdd[i, j]
         carrier = carried.parent[carrier]
 
@@ -243,22 +223,25 @@ def derivative_samples(carried, gravity, motion, spatial, by_q, by_qd, by_qdd):
     carried : CarriedBodies; gravity : (3,) [m/s^2]; motion : `kinematics.tree.Frames` with a leading sample axis
     """
     g = vec(gravity)
-    for i in range(3):
-        spatial.velocity[0, i] = spatial.velocity[0, 3 + i] = spatial.acceleration[0, i] = 0.0
-        spatial.acceleration[0, 3 + i] = -gravity[i]
+    _put_pair(spatial.velocity[0], (ZERO, ZERO))
+    _put_pair(spatial.acceleration[0], (ZERO, scale(-1.0, g)))
     for s in range(motion.x.shape[0]):
         c = vec(motion.x[s, carried.node[1]])
         for b in range(1, len(carried.node)):
             n = carried.node[b]
             r, arm = mat(motion.r[s, n]), sub(vec(motion.x[s, n]), c)
-            w, al = apply(r, vec(motion.w[s, n])), apply(r, vec(motion.al[s, n]))
-            _set_inertia(b, spatial, carried.mass[b], vec(carried.h[b]), mat(carried.inertia[b]), r, arm)
-            _set_motion(b, spatial, w, al, vec(motion.v[s, n]), vec(motion.a[s, n]), arm, g)
-            _set_coupling(b, spatial)
+            w, al, v = apply(r, vec(motion.w[s, n])), apply(r, vec(motion.al[s, n])), vec(motion.v[s, n])
+            a = sub(sub(sub(vec(motion.a[s, n]), cross(al, arm)), cross(w, v)), g)  # of c, free of gravity
+            velocity, acceleration = (w, sub(v, cross(w, arm))), (al, a)
+            _put_pair(spatial.velocity[b], velocity)
+            _put_pair(spatial.acceleration[b], acceleration)
+            _set_inertia(spatial.sums[b], carried.mass[b], vec(carried.h[b]), mat(carried.inertia[b]), r, arm)
+            _set_motion(spatial.sums[b], velocity, acceleration)
             _set_axes(b, carried, r, arm, spatial)
         for back in range(1, len(carried.node)):
             b = len(carried.node) - back
+            above = carried.parent[b]
             for j in range(carried.first[b], carried.first[b] + carried.freedoms[b]):
                 _fill_columns(b, j, carried, spatial, by_q[s], by_qd[s], by_qdd[s])
-            if carried.parent[b] > 0:
-                _add_to_parent(b, carried.parent[b], spatial)
+            for i in range(SUMS if above > 0 else 0):
+                spatial.sums[above, i] += spatial.sums[b, i]

@@ -11,7 +11,7 @@ from flexinv.elements.joint_law import laws_of
 from flexinv.errors import InputError
 from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
-from flexinv.rigid.derivative_kernel import CarriedBodies, Spatial, derivative_samples
+from flexinv.rigid.derivative_kernel import SUMS, CarriedBodies, Spatial, derivative_samples
 from flexinv.rigid.joint_arrays import checked_states
 from flexinv.rigid.prepare import TorqueFunction, prepare
 from flexinv.typing import Array
@@ -84,5 +84,5 @@ def _bodies(function: TorqueFunction) -> CarriedBodies:
 
 def _scratch(function: TorqueFunction) -> Spatial:
     nv, bodies = function.mechanism.nv, len(function.bodies.node)
-    shapes = [*4 * [(nv, 6)], *3 * [(bodies, 6)], (bodies,), (bodies, 3), (bodies, 3, 3), (bodies, 6, 6)]
+    shapes = [*4 * [(nv, 6)], *2 * [(bodies, 6)], (bodies, SUMS)]
     return Spatial._make(np.zeros(shape) for shape in shapes)

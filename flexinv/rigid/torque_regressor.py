@@ -18,12 +18,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexinv.elements.joint_law import law_columns
 from flexinv.errors import InputError
+from flexinv.kinematics.configuration import nodes_of
+from flexinv.kinematics.nodal_motion import scalar_coordinate
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import rigid_motion, scalar_coordinate
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Joint, Link, Mechanism
 from flexinv.rigid.joint_arrays import checked_states
-from flexinv.rigid.regressor_kernel import PARAMETERS, JointAxes, regressor_samples
+from flexinv.rigid.regressor_kernel import PARAMETERS, regressor_samples
 from flexinv.typing import Array
 from flexinv.validation import flag, of_kind, whole
 
@@ -119,8 +121,7 @@ def torque_regressor(
     frame_of = {j.child: mesh.joint_node[j.name] for j in mechanism.joints}
     nodes = np.array([frame_of[link.name] for link in mechanism.links], dtype=np.int64)
     gravity = np.array(mechanism.gravity, dtype=float)
-    axes = JointAxes(mesh.parent, mesh.v_index, mesh.freedoms, mesh.slide, mesh.turn)
-    regressor_samples(axes, nodes, gravity, rigid_motion(mesh, *states).frames, matrix)
+    regressor_samples(nodes_of(mesh), nodes, gravity, rigid_motion(mesh, *states).frames, matrix)
     names = tuple(f"{link.name}.{p}" for link in mechanism.links for p in INERTIAL)
     units = INERTIAL_UNITS * len(mechanism.links)
     values = np.concatenate([link_parameters(link) for link in mechanism.links])

@@ -19,40 +19,30 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.kernels.simd import BLOCK
+from flexinv.kernels.simd import BLOCK, row
 from flexinv.kinematics.mesh import Mesh
-from flexinv.model.joint_kinds import (
-    CONFIGURATIONS,
-    CONTINUOUS,
-    FREE,
-    HELICAL,
-    PRISMATIC,
-    REVOLUTE,
-    SPHERICAL,
-    VELOCITIES,
-)
-from flexinv.rnea.recursion import (
-    COPIED,
-    COS,
-    EFFORT,
-    EFFORTS,
-    FREE_ROWS,
-    FROM_WORLD,
-    NUMBERS,
-    ON,
-    PLACE,
-    QUATERNION,
-    RATE,
-    RATES,
-    SCALAR_ROWS,
-    SHIFT,
-    STATE_ROWS,
-    TREE,
-    TURNED,
-)
+from flexinv.model.joint_kinds import CONTINUOUS, FREE, HELICAL, PRISMATIC, REVOLUTE, SPHERICAL
+from flexinv.rnea import recursion
 from flexinv.typing import Array
 
+
+def _following(first: np.uint64, count: int) -> tuple[np.uint64, ...]:
+    return tuple(first + row(k) for k in range(count))
+
+
 TURNING = (REVOLUTE, CONTINUOUS)
+_SCALAR, _QUATERNION = ((recursion.RATE,), (recursion.EFFORT,)), _following(recursion.QUATERNION, 4)
+# Offsets, in a body's rows, of the coordinates of its joint, of their rates and of their accelerations.
+_ROWS: dict[int, tuple[tuple[np.uint64, ...], ...]] = {
+    **dict.fromkeys((REVOLUTE, PRISMATIC, HELICAL), ((recursion.PLACE,), *_SCALAR)),
+    CONTINUOUS: ((recursion.COS, recursion.SIN), *_SCALAR),
+    SPHERICAL: (_QUATERNION, _following(recursion.RATES_TURNING, 3), _following(recursion.EFFORTS_TURNING, 3)),
+    FREE: (
+        (*_following(recursion.SHIFT, 3), *_QUATERNION),
+        _following(recursion.RATES, 6),
+        _following(recursion.EFFORTS, 6),
+    ),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +72,7 @@ def bodies(mesh: Mesh, passive: bool = True, kept: frozenset[int] = frozenset())
     kept : moving nodes whose state no child carries on, so that it is there in the end
     """
     carrier, turn, place = carriers(mesh)
-    moving = np.flatnonzero(_moves(mesh))
+    moving = np.flatnonzero(mesh.v_index >= 0)
     node = np.concatenate([[-1], moving]).astype(np.int64)
     number = {int(n): i for i, n in enumerate(node)}
     above = [int(mesh.parent[n]) for n in moving]  # the joint hangs on this node, which is fixed on its parent's
@@ -93,12 +83,10 @@ def bodies(mesh: Mesh, passive: bool = True, kept: frozenset[int] = frozenset())
     placed = [(r @ mesh.rotation[n], x + r @ mesh.offset[n]) for n, (r, x) in zip(moving, seats, strict=True)]
     axes = [np.eye(3)]
     for i, n in enumerate(moving, start=1):
-        child = last.get(i)
-        follows = child is not None and _is_on(kinds, parents, last, child)
-        axes.append(
-            _axes(mesh, int(n), placed[child - 1][0] @ mesh.axis[moving[child - 1]] if child and follows else None)
-        )
-    numbers = np.zeros((len(node), int(NUMBERS)))
+        child = last.get(i, 0)
+        follows = child and _is_on(kinds, parents, last, child)
+        axes.append(_axes(mesh, int(n), placed[child - 1][0] @ mesh.axis[moving[child - 1]] if follows else None))
+    numbers = np.zeros((len(node), int(recursion.NUMBERS)))
     numbers[0, :3] = mesh.mechanism.gravity
     for i, (r, x) in enumerate(placed, start=1):
         _place(numbers[i], axes[parents[i]].T @ r @ axes[i], axes[parents[i]].T @ x, _is_on(kinds, parents, last, i))
@@ -125,11 +113,6 @@ def _place(row: Array, r: Array, p: Array, on: bool) -> None:
     row[:9] = np.eye(3).ravel() if on else r.ravel()
     row[27:29] = tilt / np.hypot(*tilt) if on else (1.0, 0.0)
     row[29:31] = zero / np.hypot(*zero) if on else (1.0, 0.0)
-
-
-def _moves(mesh: Mesh) -> NDArray[np.bool_]:
-    """Return a mask (nodes,) of the nodes that are carried by a joint that moves."""
-    return mesh.v_index >= 0
 
 
 def carriers(mesh: Mesh) -> tuple[NDArray[np.int64], Array, Array]:
@@ -194,43 +177,29 @@ def _add_drives(mesh: Mesh, numbers: Array, moving: NDArray[np.int64], passive: 
 
 def _layout(kinds: NDArray[np.int64], parents: list[int], last: dict[int, int]) -> tuple[NDArray[np.uint64], int]:
     """Offsets of the rows of each body, and of its state: the last child goes on in its parent's, others in a copy."""
-    rows = [0, *(FREE_ROWS if k in (SPHERICAL, FREE) else SCALAR_ROWS for k in kinds[1:])]
+    rows = [0, *(recursion.FREE_ROWS if k in (SPHERICAL, FREE) else recursion.SCALAR_ROWS for k in kinds[1:])]
     first = np.concatenate([[0], np.cumsum(rows)])
-    tree = np.zeros((len(kinds), int(TREE)), dtype=np.uint64)
+    tree = np.zeros((len(kinds), int(recursion.TREE)), dtype=np.uint64)
     state, slots = [0] * len(kinds), 0
     for i, parent in enumerate(parents):
-        how, source = FROM_WORLD, state[parent]
+        how, source = recursion.FROM_WORLD, state[parent]
         if i and parent and last.get(parent) == i:
-            state[i], how = source, ON if _is_on(kinds, parents, last, i) else TURNED
+            state[i], how = source, recursion.ON if _is_on(kinds, parents, last, i) else recursion.TURNED
         elif i:
-            how = COPIED if parent else FROM_WORLD
-            state[i] = int(first[-1]) + STATE_ROWS * slots
+            how = recursion.COPIED if parent else recursion.FROM_WORLD
+            state[i] = int(first[-1]) + recursion.STATE_ROWS * slots
             slots += 1
         tree[i] = kinds[i], parent, BLOCK * first[i], BLOCK * state[i], how, BLOCK * source
-    return tree, BLOCK * (int(first[-1]) + STATE_ROWS * slots)
+    return tree, BLOCK * (int(first[-1]) + recursion.STATE_ROWS * slots)
 
 
 def _columns(mesh: Mesh, tree: NDArray[np.uint64], moving: NDArray[np.int64]) -> NDArray[np.uint64]:
     """Return the offsets of the rows that take the columns of q, qd and qdd: those of the bodies that they move."""
-    m = mesh.mechanism
-    q, qd, qdd = np.zeros(m.nq, np.uint64), np.zeros(m.nv, np.uint64), np.zeros(m.nv, np.uint64)
-    for n, (_, _, first, *_) in zip(moving, tree[1:], strict=True):
-        kind = int(mesh.kind[n])
-        places, rates, efforts = _rows(kind)
-        own_q = slice(mesh.q_index[n], mesh.q_index[n] + CONFIGURATIONS[kind])
-        own_v = slice(mesh.v_index[n], mesh.v_index[n] + VELOCITIES[kind])
-        q[own_q], qd[own_v], qdd[own_v] = first + places, first + rates, first + efforts
-    return np.concatenate([q, qd, qdd])
-
-
-def _rows(kind: int) -> tuple[NDArray[np.uint64], NDArray[np.uint64], NDArray[np.uint64]]:
-    """Offsets, in a body's rows, of the coordinates of its joint, of their rates and of their accelerations."""
-    step = np.uint64(BLOCK)
-    one, three, four, six = (step * np.arange(k, dtype=np.uint64) for k in (1, 3, 4, 6))
-    if kind in (REVOLUTE, PRISMATIC, HELICAL):
-        return PLACE + one, RATE + one, EFFORT + one
-    if kind == CONTINUOUS:
-        return COS + six[:2], RATE + one, EFFORT + one
-    if kind == SPHERICAL:
-        return QUATERNION + four, RATES + six[3:], EFFORTS + six[3:]
-    return np.concatenate([SHIFT + three, QUATERNION + four]), RATES + six, EFFORTS + six
+    m, columns = mesh.mechanism, list[np.uint64]()
+    for part in range(3):
+        own = np.zeros(m.nv if part else m.nq, np.uint64)
+        for n, (_, _, first, *_) in zip(moving, tree[1:], strict=True):
+            at, rows = (mesh.v_index if part else mesh.q_index)[n], _ROWS[int(mesh.kind[n])][part]
+            own[at : at + len(rows)] = [first + row for row in rows]
+        columns.extend(own)
+    return np.array(columns, dtype=np.uint64)

@@ -13,35 +13,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.kernels.simd import BLOCK
-from flexinv.rnea.loop_layout import MOST_TOGETHER, Operation
+from flexinv.rnea.loop_layout import SIX, SIX_ROWS, Operation
 from flexinv.typing import Array
 
 # A pivot of the sample, whose joints stand anywhere, is above this part of the largest entry; without one there is no order.
 PIVOT = 1e-6
-# Passive coordinates from which on rows of drives stay as they are, where that is possible: what is undone costs a pass as well.
-MANY = 3
 
 
 @dataclass(frozen=True)
 class Step:
-    """One step of a plan.
-
-    operation : what it does; side_by_side : entries before the pivot's that TOGETHER and BOTH combine in one pass [-]
-    first, second, third : where numbers stand in the work space [-]; pairs : of such places
-    """
+    """One step of a plan: what it does; where numbers stand in the work space [-], and pairs of such places."""
 
     operation: Operation
     first: int
     second: int
     third: int
     pairs: tuple[tuple[int, int], ...] = ()
-    side_by_side: int = 0
 
     @property
     def words(self) -> tuple[int, ...]:
         """Return the step as kernels read it [-]."""
-        kind = self.operation + max(self.side_by_side - 1, 0)
-        return kind, len(self.pairs), self.first, self.second, self.third, *(at for pair in self.pairs for at in pair)
+        places = self.first, self.second, self.third, *(at for pair in self.pairs for at in pair)
+        return self.operation, len(self.pairs), *places
 
 
 @dataclass
@@ -50,9 +43,8 @@ class Elimination:
 
     rows : for each row, velocity coordinate -> where its entry stands in the work space [-]; numbers : (rows, nv) of a sample
     places : (rows, nv) where entries stand, those among them that are zero; 0 where there are none
-    sizes : for each coordinate, where the squares of its column stand; take : finds room for so many rows more
-    scratch : where a block works; steps : so far; fills : entries that are zero at first
-    combined : pairs of rows and where their factors are kept, if they are; constant : sizes that are
+    sizes : for each coordinate, where the squares of its column stand; constant : those of them that are
+    take : finds room for so many rows more; steps : so far; fills : entries that are zero at first
     """
 
     rows: list[dict[int, int]]
@@ -60,24 +52,20 @@ class Elimination:
     places: NDArray[np.int64]
     sizes: dict[int, list[int]]
     take: Callable[[int], int]
-    scratch: int
+    constant: frozenset[int] = frozenset()
     steps: list[Step] = field(default_factory=list)
     fills: list[int] = field(default_factory=list)
-    combined: list[tuple[int, int, int]] | None = None
-    constant: frozenset[int] = frozenset()
 
     def step(
         self,
         operation: Operation,
         first: int = 0,
         second: int = 0,
+        third: int = 0,
         pairs: Sequence[tuple[int, int]] = (),
-        third: int | None = None,
-        side_by_side: int = 0,
     ) -> None:
         """Write one step [-]."""
-        where = self.scratch if third is None else third
-        self.steps.append(Step(operation, first, second, where, tuple(pairs), side_by_side))
+        self.steps.append(Step(operation, first, second, third, tuple(pairs)))
 
     def eliminate(self, column: int, among: list[int]) -> int | None:
         """Combine the rows ``among`` that have an entry in a column, until one of them has; return it [-], None without one.
@@ -87,59 +75,27 @@ class Elimination:
         candidates = sorted((r for r in among if column in self.rows[r]), key=lambda r: len(self.rows[r]))
         if not candidates or not np.abs(self.numbers[candidates, column]).max() > PIVOT * np.abs(self.numbers).max():
             return None
-        pivot = candidates[0]
+        pivot, one, n = candidates[0], self.rows[candidates[0]], self.numbers
         for other in candidates[1:]:
-            self._pair(pivot, other, column)
+            two = self.rows[other]
+            for row, missing, there in ((pivot, one, two), (other, two, one)):
+                for c in there.keys() - missing.keys():
+                    missing[c] = int(self.places[row, c]) or self.empty()
+            pairs = [(one[c], two[c]) for c in sorted(one, key=lambda c: one[c]) if c != column]
+            self.step(Operation.PAIR, one[column], two.pop(column), pairs=pairs)
+            if abs(n[other, column]) > abs(n[pivot, column]):
+                n[[pivot, other]] = n[[other, pivot]]
+            if n[pivot, column] != 0.0:
+                n[other] -= n[other, column] / n[pivot, column] * n[pivot]
+            n[other, column] = 0.0
         for size in self.sizes[column][1:]:
-            self.step(Operation.CHECK_PIVOT, self.rows[pivot][column], size)
+            self.step(Operation.CHECK_PIVOT, one[column], size)
         return pivot
-
-    def _pair(self, pivot: int, other: int, column: int) -> None:
-        one, two, n = self.rows[pivot], self.rows[other], self.numbers
-        for row, missing, there in ((pivot, one, two), (other, two, one)):
-            for c in there.keys() - missing.keys():
-                missing[c] = int(self.places[row, c]) or self.empty()
-        kept = self.scratch
-        if self.combined is not None:
-            kept = self.take(2)
-            self.combined.append((pivot, other, kept))
-        pairs = [(one[c], two[c]) for c in sorted(one, key=lambda c: one[c]) if c != column]
-        if _side_by_side(pairs, (one[column], two[column])):
-            self._together(len(pairs), *pairs[0], kept)
-        else:
-            self.step(Operation.PAIR, one[column], two[column], pairs, kept)
-        del two[column]
-        if abs(n[other, column]) > abs(n[pivot, column]):
-            n[[pivot, other]] = n[[other, pivot]]
-        if n[pivot, column] != 0.0:
-            n[other] -= n[other, column] / n[pivot, column] * n[pivot]
-        n[other, column] = 0.0
-
-    def _together(self, count: int, one: int, other: int, kept: int) -> None:
-        """Write the step of two rows, or of three, where the one before had the same pivot and how is not kept."""
-        before = self.steps[-1] if self.steps and self.combined is None else None
-        if before and (before.operation, before.first, before.side_by_side) == (Operation.TOGETHER, one, count):
-            self.steps[-1] = Step(Operation.BOTH, one, before.second, other, side_by_side=count)
-        else:
-            self.step(Operation.TOGETHER, one, other, third=kept, side_by_side=count)
 
     def empty(self) -> int:
         """Return room for an entry that is zero at first [-]."""
         self.fills.append(self.take(1))
         return self.fills[-1]
-
-    def undo(self, multiplier: dict[int, int]) -> None:
-        """Write the steps [-] from multipliers of combined rows to those of rows as they were."""
-        assert self.combined is not None
-        for pivot, other, kept in reversed(self.combined):
-            self.step(Operation.UNDO, multiplier[pivot], multiplier[other], third=kept)
-
-
-def _side_by_side(pairs: list[tuple[int, int]], last: tuple[int, int]) -> bool:
-    """Return True if the entries of two rows are contiguous in memory, those of the pivot's column last."""
-    if not 1 <= len(pairs) <= MOST_TOGETHER:
-        return False
-    return all(pair[k] == last[k] - (len(pairs) - i) * BLOCK for i, pair in enumerate(pairs) for k in (0, 1))
 
 
 def sharing(
@@ -149,94 +105,54 @@ def sharing(
 
     effort : (nv,) where efforts stand; beyond : how many rows drives have against each other; weights : where theirs stand
     """
-    left, whole = [r for r, row in enumerate(elimination.rows) if row], [dict(row) for row in elimination.rows]
-    apart = len(left) == len(passive) >= MANY and not beyond
-    if apart and _are_six(elimination, left, passive, effort):
-        at = elimination.take(6)
-        elimination.step(
-            Operation.ALL_SIX,
-            whole[left[0]][passive[0]],
-            effort[passive[0]],
-            [(elimination.sizes[c][0], 0) for c in passive],
-            at,
-        )
+    e, left = elimination, [r for r, row in enumerate(elimination.rows) if row]
+    if not beyond and _are_six(e, left, passive, effort):
+        at = e.take(SIX_ROWS)
+        sizes = [(e.sizes[c][0], 0) for c in passive]
+        e.step(Operation.ALL_SIX, e.rows[left[0]][passive[0]], effort[passive[0]], at, sizes)
         for i, r in enumerate(left):
-            elimination.step(Operation.TAKE, pairs=_driven(whole[r], effort, drives), third=at + i * BLOCK)
+            driven = [(entry, effort[c]) for c, entry in sorted(e.rows[r].items()) if c in drives]
+            e.step(Operation.TAKE, third=at + i * BLOCK, pairs=driven)
         return True
-    if apart:
-        elimination.rows = [{c: at for c, at in row.items() if c in passive} for row in elimination.rows]
-        elimination.combined = []
-    solved = _triangle(elimination, left, passive)
-    if solved is None:
-        return False
-    against: list[int] = []
+    order, solved, against = sorted(passive, reverse=True), list[tuple[int, int]](), list[int]()
+    while order:
+        column = min(order, key=lambda c: _cost(e, left, c))
+        pivot = e.eliminate(column, left)
+        if pivot is None:
+            return False
+        order.remove(column)
+        left.remove(pivot)
+        solved.append((column, pivot))
     for _ in range(beyond):
-        column = max(drives, key=lambda c: float(np.abs(elimination.numbers[left, c]).max(initial=0.0)))
-        pivot = elimination.eliminate(column, left)
+        column = max(drives, key=lambda c: float(np.abs(e.numbers[left, c]).max(initial=0.0)))
+        pivot = e.eliminate(column, left)
         if pivot is None:
             return False
         left.remove(pivot)
         against.append(pivot)
-        elimination.step(Operation.CHECK_PIVOT, elimination.rows[pivot][column], elimination.sizes[column][0])
+        e.step(Operation.CHECK_PIVOT, e.rows[pivot][column], e.sizes[column][0])
     for r in left:
-        for c in elimination.rows[r]:
-            for size in elimination.sizes[c]:
-                elimination.step(Operation.CHECK_EMPTY, elimination.rows[r][c], size)
-    multiplier = {pivot: elimination.take(1) if apart else elimination.scratch for _, pivot in solved}
+        for c, entry in e.rows[r].items():
+            for size in e.sizes[c]:
+                e.step(Operation.CHECK_EMPTY, entry, size)
     for column, pivot in solved:
-        others = [(at, effort[c]) for c, at in sorted(elimination.rows[pivot].items()) if c != column]
-        size = elimination.sizes[column][0]
-        entry, pairs = elimination.rows[pivot][column], [(size, size), *others]
-        elimination.step(Operation.SOLVE, entry, effort[column], pairs, multiplier[pivot])
-    if apart:
-        elimination.undo(multiplier)
-        for r, at in multiplier.items():
-            elimination.step(Operation.TAKE, pairs=_driven(whole[r], effort, drives), third=at)
-    _project(elimination, effort, against, drives, weights)
+        others = [(entry, effort[c]) for c, entry in sorted(e.rows[pivot].items()) if c != column]
+        e.step(Operation.SOLVE, e.rows[pivot][column], effort[column], e.sizes[column][0], others)
+    _project(e, effort, against, drives, weights)
     return True
-
-
-def _driven(row: dict[int, int], effort: Sequence[int], drives: list[int]) -> list[tuple[int, int]]:
-    """The entries of drives in a row, and their efforts."""
-    return [(row[c], effort[c]) for c in sorted(row) if c in drives]
 
 
 def _are_six(elimination: Elimination, left: list[int], passive: list[int], effort: Sequence[int]) -> bool:
     """Return True if six rows and efforts of six passive coordinates are contiguous, constant in size, not singular."""
-    if len(left) != 6 or any(
-        len(elimination.sizes[c]) != 1 or elimination.sizes[c][0] not in elimination.constant for c in passive
-    ):
+    sizes = [elimination.sizes[c] for c in passive]
+    if not len(left) == len(passive) == SIX or any(len(s) != 1 or s[0] not in elimination.constant for s in sizes):
         return False
     first = elimination.rows[left[0]].get(passive[0], 0)
-    entries = [[elimination.rows[r].get(c, 0) - first for c in passive] for r in left]
+    entries = [elimination.rows[r].get(c, 0) - first for r in left for c in passive]
     efforts = [effort[c] - effort[passive[0]] for c in passive]
     values = np.linalg.svd(elimination.numbers[np.ix_(left, passive)], compute_uv=False)
-    side_by_side = entries == (BLOCK * np.arange(36).reshape(6, 6)).tolist() and efforts == [
-        BLOCK * i for i in range(6)
-    ]
-    return side_by_side and bool(values[-1] > PIVOT * values[0])
-
-
-def _triangle(elimination: Elimination, left: list[int], passive: list[int]) -> list[tuple[int, int]] | None:
-    """Combine rows until passive coordinates have one each, which leave ``left``; coordinates and rows in order."""
-    order, solved = sorted(passive, reverse=True), list[tuple[int, int]]()
-    while order:
-        column = min(order, key=lambda c: _cost(elimination, left, c))
-        pivot = elimination.eliminate(column, left)
-        if pivot is None:
-            return None
-        order.remove(column)
-        left.remove(pivot)
-        solved.append((column, pivot))
-    return solved
-
-
-def order_of(numbers: Array, passive: list[int]) -> list[int]:
-    """Return passive coordinates [-] in the order in which they go from rows (rows, nv) of a sample; none without an order."""
-    places = np.ones(numbers.shape, dtype=np.int64)
-    patterns = [{int(c): 0 for c in np.flatnonzero(row)} for row in numbers]
-    e = Elimination(patterns, numbers.copy(), places, {c: [] for c in passive}, lambda count: 0, 0)
-    return [column for column, _ in _triangle(e, list(range(len(numbers))), passive) or []]
+    contiguous = (BLOCK * np.arange(SIX * SIX)).tolist()
+    return entries == contiguous and efforts == contiguous[:SIX] and bool(values[-1] > PIVOT * values[0])
 
 
 def _cost(elimination: Elimination, left: list[int], column: int) -> tuple[int, int]:
@@ -249,17 +165,13 @@ def _project(
     elimination: Elimination, effort: Sequence[int], against: list[int], drives: list[int], weights: int
 ) -> None:
     """Take from the efforts, row by row, what drives do against each other; Gram's and Schmidt's modified order."""
-    for i, r in enumerate(against):
-        for s in against[i:]:
-            for c in drives:
-                if c not in elimination.rows[s]:
-                    elimination.rows[s][c] = elimination.empty()
-        own = [elimination.rows[r][c] for c in drives]
-        elimination.step(Operation.NORM, 0, weights, [(at, at) for at in own])
-        for target in (
-            [effort[c] for c in drives],
-            *([elimination.rows[s][c] for c in drives] for s in against[i + 1 :]),
-        ):
+    e, rows = elimination, [elimination.rows[r] for r in against]
+    for row in rows:
+        row.update({c: e.empty() for c in drives if c not in row})
+    targets = [[row[c] for c in drives] for row in rows]
+    for i, own in enumerate(targets):
+        e.step(Operation.NORM, second=weights, pairs=[(at, at) for at in own])
+        for target in ([effort[c] for c in drives], *targets[i + 1 :]):
             pairs = list(zip(own, target, strict=True))
-            elimination.step(Operation.INNER, 0, weights, pairs)
-            elimination.step(Operation.PROJECT, 0, 0, pairs)
+            e.step(Operation.INNER, second=weights, pairs=pairs)
+            e.step(Operation.PROJECT, pairs=pairs)

@@ -4,8 +4,10 @@ With passive coordinates p and drives a,  tau_a + G_a^T lambda = tau_tree,a  and
 elimination with pairwise pivoting (always the smaller row by the larger) brings G_p to upper triangular form; then lambda follows
 coordinate by coordinate.  Rows left over have entries of drives only.  Such a row B is an internal preload of the drives: with as
 many drives as freedoms it vanishes (it repeats other rows); else tau_a minimises tau_a^T W tau_a, and its components along the
-rows B are removed one after the other.  Where no rows are left over, the entries of the drives stay as they are: the row
-operations are then applied in reverse to the multipliers.
+rows B are removed one after the other.
+
+Six forces along u_i at r_i hold a free body, sum lambda_i (u_i, r_i x u_i) = tau: rows of G of six entries, side by side, go in
+one pass.  The entries of the drives stay as they are: the row operations are applied in reverse to the multipliers.
 
 The order of the row operations is a list of *steps*, the same for every sample (`elimination_order`).  Where a pivot
 is too small next to its column, or a row that should vanish does not, the block is left to `allocation`.
@@ -17,14 +19,14 @@ Limits: phi^2, phi'^2 and phi''^2, over their scales, summed over all rows of a 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
-from flexinv.kernels.jit import jit_lanes
-from flexinv.kernels.simd import LANES, put_vec, row, times, vec_of
+from flexinv.kernels.jit import jit_lane, jit_lanes
+from flexinv.kernels.simd import LANES, put_vec, row, vec_of
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.recursion import ACCELERATION_ROW, SPIN, SPIN_RATE
-from flexinv.rnea.row_pairs import both, combine, pair, six_forces, solve_row, together, undo
 
 # A pivot over its column's size is at least this, so that its errors are 1e-12 at most; else singular values decide.
 LEAST_PIVOT = 1e-4
@@ -38,9 +40,11 @@ MOST_LEFT = 1e-11
 ROUNDED = 1e-14
 # Samples of a block whose sums |G| |qd| are taken.
 SOME = np.uint64(4)
+# Added to what may be as it was: else the compiler writes only the lanes that change, which takes several times as long.
+_NOTHING = 0.0
 _ZERO, _ONE, _TWO, _THREE, _FIVE = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(5)
-_COLUMN, _MOST, _OWN = row(4), row(layout.MOST_TOGETHER + 1), row(9)
-_SIX, _SIX_ROWS = row(6), row(36)
+_COLUMN, _OWN, _SCRATCH = row(4), row(9), row(layout.SCRATCH_ROWS)
+_NONE, _THREE_ROWS, _SIX = (0.0, 0.0, 0.0), row(3), tuple(row(layout.SIX * i) for i in range(layout.SIX))
 
 
 @jit_lanes
@@ -50,24 +54,18 @@ def _more(a, b):
 
 
 @jit_lanes
-def geared(to, lanes, gear):
-    """Set the column of a coupling [-]."""
-    for k in range(lanes):
-        to[k], to[layout.ENTRIES + k] = gear * gear, gear
-
-
-@jit_lanes
 def coupled(plan, fixed, work, own, lanes, closure, offset):
-    """Set the squares of a coupling, phi = sum gear q - offset [rad], [m]."""
+    """Set the columns [-] of a coupling and its squares, phi = sum gear q - offset [rad], [m]."""
     for k in range(lanes):
         put_vec(own, layout.GAP, k, (-offset, 0.0, 0.0))
     for j in range(closure.columns):
-        column = layout.column_at(plan, closure.first + j * layout.COLUMN_CELLS)
-        gear, place, rate, kept = fixed[column.signs], column.axis, column.rate, column.acceleration
+        column = layout.column_at(plan, closure.first + j)
+        gear, to, place, rate, second = fixed[column.signs], column.to, column.axis, column.rate, column.acceleration
         for k in range(lanes):
+            work[to + k], work[to + layout.ENTRIES + k] = gear * gear, gear
             phi, phi1, phi2 = vec_of(own, layout.GAP, k)
             phi, phi1 = phi + gear * work[place + k], phi1 + gear * work[rate + k]
-            put_vec(own, layout.GAP, k, (phi, phi1, phi2 + gear * work[kept + k]))
+            put_vec(own, layout.GAP, k, (phi, phi1, phi2 + gear * work[second + k]))
     for k in range(lanes):
         phi, phi1, phi2 = vec_of(own, layout.GAP, k)
         put_vec(own, layout.SQUARES, k, (phi * phi, phi1 * phi1, phi2 * phi2))
@@ -87,7 +85,7 @@ def _sums(plan, work, k, closure, j):
     """|G| |qd|, |G| |qdd| of one row in one lane."""
     speed = size = 0.0
     for i in range(closure.columns):
-        column = layout.column_at(plan, closure.first + i * layout.COLUMN_CELLS)
+        column = layout.column_at(plan, closure.first + i)
         g = abs(work[column.entry + j * closure.stride + k])
         speed += g * abs(work[column.rate + k])
         size += g * abs(work[column.acceleration + k])
@@ -100,7 +98,7 @@ def _sums_of_sizes(plan, work, k, closure, e):
     speed = size = 0.0
     about = 1.0 if closure.directions > _ZERO else 0.0
     for j in range(closure.sum_count):
-        one = layout.sum_at(plan, closure.first_sum + j * layout.SUM_CELLS)
+        one = layout.sum_at(plan, closure.first_sum + j)
         turns, axis = float(one.turns), one.axis + k
         if e == _ZERO:
             g = math.sqrt(max(work[one.size + k] - turns * about, 0.0))
@@ -148,43 +146,36 @@ def _hold_sums(plan, fixed, work, lanes, closure, limits):
 
 
 @jit_lanes
-def _most(limits, own, lanes):
-    """Remember the largest squares of every lane."""
-    for k in range(lanes):
-        a, b, c = vec_of(own, layout.SQUARES, k)
-        x, y, z = vec_of(limits, _ZERO, k)
-        put_vec(limits, _ZERO, k, (_more(x, a), _more(y, b), _more(z, c)))
-
-
-@jit_lanes
-def _most_of_point(limits, own, lanes):
-    """The same of three positions, the square of whose phi' is that of d'."""
-    for k in range(lanes):
-        (a, b, c), d1 = vec_of(own, layout.SQUARES, k), vec_of(own, layout.GAP_RATE, k)
-        x, y, z = vec_of(limits, _ZERO, k)
-        b += d1[0] * d1[0] + d1[1] * d1[1] + d1[2] * d1[2]
-        put_vec(limits, _ZERO, k, (_more(x, a), _more(y, b), _more(z, c)))
-
-
-@jit_lanes
 def hold(plan, fixed, work, lanes, closure, sums, in_space):
-    """Remember the largest squares of every lane, and where asked for the largest sums of some lanes [any unit]."""
+    """Remember the largest squares of every lane, and where asked for the largest sums of some lanes [any unit].
+
+    Of three positions in space the square of phi' is that of d'.
+    """
     limits, own = work[plan[layout.LIMITS] : plan[layout.LIMITS] + _COLUMN], work[closure.own : closure.own + _OWN]
     if in_space and closure.kind == layout.WHOLE:
-        _most_of_point(limits, own, lanes)
+        for k in range(lanes):
+            (a, b, c), d1, (x, y, z) = (
+                vec_of(own, layout.SQUARES, k),
+                vec_of(own, layout.GAP_RATE, k),
+                vec_of(limits, _ZERO, k),
+            )
+            b += d1[0] * d1[0] + d1[1] * d1[1] + d1[2] * d1[2]
+            put_vec(limits, _ZERO, k, (_more(x, a), _more(y, b), _more(z, c)))
     else:
-        _most(limits, own, lanes)
+        for k in range(lanes):
+            (a, b, c), (x, y, z) = vec_of(own, layout.SQUARES, k), vec_of(limits, _ZERO, k)
+            put_vec(limits, _ZERO, k, (_more(x, a), _more(y, b), _more(z, c)))
     if sums:
         _hold_sums(plan, fixed, work, lanes, closure, limits)
 
 
 @jit_lanes
-def _below(entry, size, lanes, part):
-    """Count the entries whose square is below ``part`` of their column's, or next to nothing."""
+def _below(entry, size, lanes, part, least):
+    """Count the entries whose square is below ``part`` of their column's, or below the ``least``."""
     count = 0
     for k in range(lanes):
         square = entry[k] * entry[k]
-        count += 0 if (square >= part * size[k]) & (square >= LEAST_ENTRY * LEAST_ENTRY) else 1
+        count += 0 if (square >= part * size[k]) & (square >= least) else 1
     return count
 
 
@@ -198,6 +189,42 @@ def _above(entry, size, lanes, part):
 
 
 @jit_lanes
+def _pair(scratch, one, other, lanes):
+    """Make the larger of two entries the pivot; keep the factor by which the smaller one goes, whether they change places [-]."""
+    for k in range(lanes):
+        a, b = one[k], other[k]
+        changed = abs(b) > abs(a)
+        pivot, rest = (b, a) if changed else (a, b)
+        one[k] = pivot + _NOTHING
+        scratch[layout.FACTOR + k] = rest / pivot if pivot != 0.0 else 0.0
+        scratch[layout.CHANGED + k] = 1.0 if changed else 0.0
+
+
+@jit_lanes
+def _combine(scratch, one, other, lanes):
+    """Combine two other entries of these rows [any unit]."""
+    for k in range(lanes):
+        a, b = one[k], other[k]
+        pivot, rest = (b, a) if scratch[layout.CHANGED + k] != 0.0 else (a, b)
+        one[k], other[k] = pivot + _NOTHING, rest - scratch[layout.FACTOR + k] * pivot
+
+
+@jit_lanes
+def solve_row(multiplier, pivot, effort, size, lanes, part, least):
+    """Set one multiplier more [N], which leaves its coordinate no effort; return how many pivots are too small.
+
+    Their squares are held against so large a ``part`` of their column's size, and against the ``least``.
+    """
+    count = 0
+    for k in range(lanes):
+        square = pivot[k] * pivot[k]
+        multiplier[k] = effort[k] / pivot[k]
+        effort[k] = 0.0
+        count += 0 if (square >= part * size[k]) & (square >= least) else 1
+    return count
+
+
+@jit_lanes
 def _take(multiplier, entry, effort, lanes):
     """Subtract the effort that a multiplier has along another coordinate."""
     for k in range(lanes):
@@ -205,11 +232,11 @@ def _take(multiplier, entry, effort, lanes):
 
 
 @jit_lanes
-def _multiply(scratch, to, one, other, lanes, weight, first):
+def _multiply(total, one, other, lanes, weight, first):
     """Add weight one other to a sum, or begin it."""
     keep = 0.0 if first else 1.0
     for k in range(lanes):
-        scratch[to + k] = keep * scratch[to + k] + weight * one[k] * other[k]
+        total[k] = keep * total[k] + weight * one[k] * other[k]
 
 
 @jit_lanes
@@ -219,83 +246,133 @@ def _project(scratch, lanes):
         scratch[layout.LAMBDA + k] /= scratch[layout.SQUARE + k]
 
 
+@jit_lane
+def _less(v, factor, w):
+    """v - factor w of six numbers."""
+    a, b, c = v[0] - factor * w[0], v[1] - factor * w[1], v[2] - factor * w[2]
+    return a, b, c, v[3] - factor * w[3], v[4] - factor * w[4], v[5] - factor * w[5]
+
+
+@jit_lane
+def _paired(one, other, last):
+    """Two rows combined, the larger entry the pivot; the factor of the other one, and whether they changed places."""
+    changed = abs(other[last]) > abs(one[last])
+    one, other = (other, one) if changed else (one, other)
+    factor = other[last] / one[last] if one[last] != 0.0 else 0.0
+    return one, _less(other, factor, one), (factor, changed)
+
+
+def _solving(before: Any) -> Any:
+    """Return what gives the multipliers of so many rows of six and whether pivots are large enough, by that of one row fewer.
+
+    The first row is combined with all others; when these have theirs, the row operations are undone.
+    """
+    take, undo, solve = before
+
+    @jit_lane
+    def taking(one, rows, last):
+        one, other, how = _paired(one, rows[0], last)
+        one, others, hows = take(one, rows[1:], last)
+        return one, (other, *others), (how, *hows)
+
+    @jit_lane
+    def undoing(one, found, hows):
+        one, others = undo(one, found[1:], hows[1:])
+        (factor, changed), other = hows[0], found[0]
+        one -= factor * other
+        one, other = (other, one) if changed else (one, other)
+        return one, (other, *others)
+
+    @jit_lane
+    def solving(rows, tau, least, last):
+        one, others, hows = take(rows[0], rows[1:], last)
+        multiplier = tau[last] / one[last]
+        found, enough = solve(others, _less(tau, multiplier, one), least, last - 1)
+        multiplier, found = undo(multiplier, found, hows)
+        return (multiplier, *found), enough & (abs(one[last]) >= least[last])
+
+    return taking, undoing, solving
+
+
+_SOLVING = (
+    jit_lane(lambda one, rows, last: (one, (), ())),
+    jit_lane(lambda one, found, hows: (one, ())),
+    jit_lane(lambda rows, tau, least, last: ((), True)),
+)
+for _ in range(layout.SIX):
+    _SOLVING = _solving(_SOLVING)
+_six_solved = _SOLVING[2]
+
+
+@jit_lane
+def _six(rows, first, k):
+    """Lane k of six rows."""
+    return vec_of(rows, first, k) + vec_of(rows, first + _THREE_ROWS, k)
+
+
 @jit_lanes
-def _begin_step(kind, third, work, first, second, lanes):
-    """Do the part of a step that comes before its pairs; return the number of samples in which a rank is in doubt."""
-    one, other = work[first : first + LANES], work[second : second + LANES]
-    if kind >= layout.TOGETHER:
-        one, other = work[first : first + _MOST], work[second : second + _MOST]
-        if kind >= layout.BOTH:
-            both(kind - layout.BOTH, one, other, third, lanes)
-        else:
-            together(kind - layout.TOGETHER, third[: _TWO * LANES], one, other, lanes)
-    elif kind == layout.PAIR:
-        pair(third[: _TWO * LANES], one, other, lanes)
-    elif kind == layout.UNDO:
-        undo(third[: _TWO * LANES], one, other, lanes)
-    elif kind == layout.CHECK_PIVOT:
-        return _below(one, other, lanes, LEAST_PIVOT * LEAST_PIVOT)
-    elif kind == layout.CHECK_EMPTY:
-        return _above(one, other, lanes, MOST_LEFT * MOST_LEFT)
-    elif kind == layout.PROJECT:
-        _project(third, lanes)
-    return 0
+def six_forces(found, efforts, entries, lanes, least):
+    """Set the multipliers [N] of six rows, which leave no efforts; return how often a pivot is below its ``least``."""
+    doubts = 0
+    for k in range(lanes):
+        rows = (
+            _six(entries, _SIX[0], k), _six(entries, _SIX[1], k), _six(entries, _SIX[2], k),
+            _six(entries, _SIX[3], k), _six(entries, _SIX[4], k), _six(entries, _SIX[5], k),
+        )  # fmt: skip
+        multipliers, enough = _six_solved(rows, _six(efforts, _SIX[0], k), least, layout.SIX - 1)
+        put_vec(found, _SIX[0], k, multipliers[:3])
+        put_vec(found, _THREE_ROWS, k, multipliers[3:])
+        put_vec(efforts, _SIX[0], k, _NONE)
+        put_vec(efforts, _THREE_ROWS, k, _NONE)
+        doubts += 0 if enough else 1
+    return doubts
 
 
 @jit_lanes
 def _all_six(plan, work, at, first, second, third, lanes):
     """Six forces on a free body; sizes of the columns are constant."""
-    size = (
-        math.sqrt(work[plan[at]]), math.sqrt(work[plan[at + 2]]), math.sqrt(work[plan[at + 4]]),
-        math.sqrt(work[plan[at + 6]]), math.sqrt(work[plan[at + 8]]), math.sqrt(work[plan[at + 10]]),
-    )  # fmt: skip
-    few = times(LEAST_PIVOT, size[:3]) + times(LEAST_PIVOT, size[3:])
-    least = (
-        max(few[0], LEAST_ENTRY), max(few[1], LEAST_ENTRY), max(few[2], LEAST_ENTRY),
-        max(few[3], LEAST_ENTRY), max(few[4], LEAST_ENTRY), max(few[5], LEAST_ENTRY),
-    )  # fmt: skip
-    entries, efforts = work[first : first + _SIX_ROWS], work[second : second + _SIX]
-    return six_forces(work[third : third + _SIX], efforts, entries, lanes, least)
+    found, limits = work[third:], work[third + _SIX[1] :]
+    for i in range(layout.SIX):
+        limits[i] = max(LEAST_PIVOT * math.sqrt(work[plan[at + _TWO * np.uint64(i)]]), LEAST_ENTRY)
+    least = limits[0], limits[1], limits[2], limits[3], limits[4], limits[5]
+    return six_forces(found, work[second:], work[first:], lanes, least)
 
 
 @jit_lanes
 def allocate(plan, fixed, work, lanes):
     """Turn efforts of the cut tree into those of the drives [N m], [N]; return how often a rank is in doubt."""
-    scratch = work[plan[layout.SCRATCH] : plan[layout.SCRATCH] + _COLUMN]
-    at, doubts = plan[layout.STEPS], 0
+    scratch = work[plan[layout.SCRATCH] : plan[layout.SCRATCH] + _SCRATCH]
+    at, doubts, part, least = plan[layout.STEPS], 0, LEAST_PIVOT * LEAST_PIVOT, LEAST_ENTRY * LEAST_ENTRY
     for _ in range(plan[layout.STEPS + 1]):
         kind, count, first, second, third = plan[at], plan[at + _ONE], plan[at + _TWO], plan[at + _THREE], plan[at + 4]
         at += _FIVE
-        own = work[third : third + _MOST]
-        if kind == layout.ALL_SIX:
+        one, other, own = work[first : first + LANES], work[second : second + LANES], work[third : third + LANES]
+        if kind == layout.PAIR:
+            _pair(scratch, one, other, lanes)
+        elif kind == layout.SOLVE:
+            doubts += solve_row(scratch[:LANES], one, other, own, lanes, part, least)
+        elif kind == layout.CHECK_PIVOT:
+            doubts += _below(one, other, lanes, part, least)
+        elif kind == layout.CHECK_EMPTY:
+            doubts += _above(one, other, lanes, MOST_LEFT * MOST_LEFT)
+        elif kind == layout.PROJECT:
+            _project(scratch, lanes)
+        elif kind == layout.ALL_SIX:
             doubts += _all_six(plan, work, at, first, second, third, lanes)
             at += _TWO * count
             continue
-        if kind == layout.SOLVE:
-            pivot, effort = work[first : first + LANES], work[second : second + LANES]
-            part, least, size = LEAST_PIVOT * LEAST_PIVOT, LEAST_ENTRY * LEAST_ENTRY, work[plan[at] : plan[at] + LANES]
-            doubts += solve_row(own[:LANES], pivot, effort, size, lanes, part, least)
-            at, count = at + _TWO, count - _ONE
-        else:
-            doubts += _begin_step(kind, own, work, first, second, lanes)
+        if kind != layout.TAKE:
+            own = scratch[layout.SQUARE :] if kind == layout.NORM else scratch[:LANES]
         for i in range(count):
             one, other = plan[at], plan[at + _ONE]
             at += _TWO
             one, other = work[one : one + LANES], work[other : other + LANES]
             if kind == layout.PAIR:
-                combine(own[: _TWO * LANES], one, other, lanes)
+                _combine(scratch, one, other, lanes)
             elif kind in (layout.NORM, layout.INNER):
-                _multiply(
-                    scratch,
-                    layout.SQUARE if kind == layout.NORM else layout.LAMBDA,
-                    one,
-                    other,
-                    lanes,
-                    fixed[second + i],
-                    i == 0,
-                )
+                _multiply(own, one, other, lanes, fixed[second + i], i == 0)
             else:
-                _take(own[:LANES], one, other, lanes)
+                _take(own, one, other, lanes)
     return doubts
 
 

@@ -17,22 +17,10 @@ import numpy as np
 from flexinv.kernels.jit import jit_lane, jit_lanes
 from flexinv.kernels.simd import LANES, into, plus, plus_cross, put_vec, row, times, vec_of
 from flexinv.rnea import loop_layout as layout
-from flexinv.rnea.recursion import (
-    ACCELERATION_ROW,
-    COS,
-    FREE_ROWS,
-    PLACE,
-    SHIFT,
-    SIN,
-    SPIN,
-    SPIN_RATE,
-    TURN_OF,
-    TURN_Y,
-    TURN_Z,
-)
+from flexinv.rnea.recursion import COS, FREE_ROWS, PLACE, SHIFT, SIN, numbers_at, orientation
 
 _NONE, _ONE, _TWO, _THREE = (0.0, 0.0, 0.0), np.uint64(1), np.uint64(2), np.uint64(3)
-_BODY, _JOINT, _TWELVE, _VEC = row(layout.BODY_ROWS), row(FREE_ROWS), np.uint64(12), np.uint64(0)
+_BODY, _JOINT, _VEC = row(layout.BODY_ROWS), row(FREE_ROWS), np.uint64(0)
 
 
 @jit_lanes
@@ -53,24 +41,16 @@ def dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@jit_lanes
-def constant(c, first):
-    """Return three constants [any unit]."""
-    return c[first], c[first + 1], c[first + 2]
+@jit_lane
+def components(axes, v):
+    """Return the components of a vector along three axes [any unit]."""
+    return dot(axes[0], v), dot(axes[1], v), dot(axes[2], v)
 
 
 @jit_lane
 def axes_of(body, k):
     """Return the axes of a body [-], so that `into` gives a vector of its frame in those of the root."""
     return vec_of(body, layout.AXES, k), vec_of(body, layout.AXIS_Y, k), vec_of(body, layout.AXIS_Z, k)
-
-
-@jit_lane
-def acceleration(state, k, arm):
-    """Return a + al x r + w x (w x r) [m/s^2] of a point of a body, in the axes of the recursion."""
-    w = vec_of(state, SPIN, k)
-    a = plus_cross(vec_of(state, ACCELERATION_ROW, k), vec_of(state, SPIN_RATE, k), arm)
-    return plus_cross(a, w, cross(w, arm))
 
 
 @jit_lane
@@ -82,9 +62,11 @@ def square(own, k, phi, rate, second):
 
 
 @jit_lane
-def _put_turned(own, first, k, rows, x, y):
-    """The axes x and y of a body that turns about the third, from those where its coordinate is zero."""
-    cosine, sine = rows[COS + k], rows[SIN + k]
+def _put_turned(own, first, k, rows, axes, place):
+    """The place, and the axes of a body that turns about the third one, from those where its coordinate is zero."""
+    cosine, sine, (x, y, z) = rows[COS + k], rows[SIN + k], axes
+    put_vec(own, first + layout.AXIS_Z, k, z)
+    put_vec(own, first + layout.AT, k, place)
     put_vec(own, first + layout.AXES, k, plus(times(cosine, x), times(sine, y)))
     put_vec(own, first + layout.AXIS_Y, k, plus(times(cosine, y), times(-sine, x)))
 
@@ -92,70 +74,52 @@ def _put_turned(own, first, k, rows, x, y):
 @jit_lane
 def _seat(axes, c):
     """The axes at a joint's zero, c : R_parent,body by columns."""
-    return into(axes, constant(c, 0)), into(axes, constant(c, 3)), into(axes, constant(c, 6))
+    return into(axes, numbers_at(c, 0)), into(axes, numbers_at(c, 3)), into(axes, numbers_at(c, 6))
 
 
 @jit_lanes
 def _root_turn(own, rows, lanes, c):
     """A body that turns, fixed in the root."""
-    x, y, z, at = constant(c, 0), constant(c, 3), constant(c, 6), constant(c, 9)
+    axes, place = (numbers_at(c, 0), numbers_at(c, 3), numbers_at(c, 6)), numbers_at(c, 9)
     for k in range(lanes):
-        _put_turned(own, _VEC, k, rows, x, y)
-        put_vec(own, layout.AXIS_Z, k, z)
-        put_vec(own, layout.AT, k, at)
+        _put_turned(own, _VEC, k, rows, axes, place)
 
 
 @jit_lanes
 def _turn(own, above, parent, rows, lanes, c):
     """A body that turns about z."""
-    p = constant(c, 9)
+    p = numbers_at(c, 9)
     for k in range(lanes):
         axes = axes_of(parent, k)
-        x, y, z = _seat(axes, c)
-        _put_turned(own, _VEC, k, rows, x, y)
-        put_vec(own, layout.AXIS_Z, k, z)
-        put_vec(own, layout.AT, k, plus(vec_of(above, _VEC, k), into(axes, p)))
+        _put_turned(own, _VEC, k, rows, _seat(axes, c), plus(vec_of(above, _VEC, k), into(axes, p)))
 
 
 @jit_lane
-def _tilted(own, first, k, axes, above, rows, c):
-    """The axes and the place of a body after the tilt and the turn."""
+def _put_tilted(own, first, k, rows, axes, above, c):
+    """The same of a body that turns about an axis at right angles to x of its parent, R_0 = R_x(tilt)."""
     cosine, sine, (x, y, z) = c[4], c[5], axes
-    place = plus(above, into(axes, constant(c, 9)))
-    put_vec(own, first + layout.AXIS_Z, k, plus(times(cosine, z), times(-sine, y)))
-    put_vec(own, first + layout.AT, k, place)
-    _put_turned(own, first, k, rows, x, plus(times(cosine, y), times(sine, z)))
+    tilted = x, plus(times(cosine, y), times(sine, z)), plus(times(cosine, z), times(-sine, y))
+    _put_turned(own, first, k, rows, tilted, plus(above, into(axes, numbers_at(c, 9))))
 
 
 @jit_lanes
 def _tilt(own, above, parent, rows, lanes, c):
-    """A body that turns about an axis at right angles to x of its parent, R_0 = R_x(tilt)."""
+    """Such a body."""
     for k in range(lanes):
-        _tilted(own, _VEC, k, axes_of(parent, k), vec_of(above, _VEC, k), rows, c)
+        _put_tilted(own, _VEC, k, rows, axes_of(parent, k), vec_of(above, _VEC, k), c)
 
 
 @jit_lanes
 def _chain(frame, rows, lanes, c):
-    """The same along a chain, where the axes x and y of the parent stand."""
+    """Such a body along a chain, where the axes x and y of the parent stand."""
     for k in range(lanes):
-        _tilted(frame, layout.CHAINED, k, axes_of(frame, k), vec_of(frame, layout.AT, k), rows, c)
-
-
-@jit_lanes
-def _two_turns(own, first, rows, lanes, c):
-    """A body on a universal joint that is fixed in the root."""
-    x, y, z, cosine, sine = constant(c, 0), constant(c, 3), constant(c, 6), c[12], c[13]
-    for k in range(lanes):
-        c1, s1 = first[COS + k], first[SIN + k]
-        x1, y1 = plus(times(c1, x), times(s1, y)), plus(times(c1, y), times(-s1, x))
-        _put_turned(own, _VEC, k, rows, x1, plus(times(cosine, y1), times(sine, z)))
-        put_vec(own, layout.AXIS_Z, k, plus(times(cosine, z), times(-sine, y1)))
+        _put_tilted(frame, layout.CHAINED, k, rows, axes_of(frame, k), vec_of(frame, layout.AT, k), c)
 
 
 @jit_lanes
 def _slide(own, above, parent, rows, lanes, c):
     """A body that slides along d of its parent."""
-    along, p = constant(c, 6), constant(c, 9)
+    along, p = numbers_at(c, 6), numbers_at(c, 9)
     for k in range(lanes):
         axes = axes_of(parent, k)
         d = into(axes, along)
@@ -175,15 +139,15 @@ def _screw(own, above, parent, rows, lanes, c):
 @jit_lanes
 def _float(own, above, parent, rows, lanes, c):
     """A body that turns about its origin, which moves too."""
+    p = numbers_at(c, 9)
     for k in range(lanes):
         axes = axes_of(parent, k)
-        seat = _seat(axes, c)
-        r = vec_of(rows, TURN_OF, k), vec_of(rows, TURN_Y, k), vec_of(rows, TURN_Z, k)
-        put_vec(own, layout.AXES, k, into(seat, (r[0][0], r[1][0], r[2][0])))
-        put_vec(own, layout.AXIS_Y, k, into(seat, (r[0][1], r[1][1], r[2][1])))
-        put_vec(own, layout.AXIS_Z, k, into(seat, (r[0][2], r[1][2], r[2][2])))
-        p = plus(vec_of(above, _VEC, k), into(axes, constant(c, 9)))
-        put_vec(own, layout.AT, k, plus(p, into(seat, vec_of(rows, SHIFT, k))))
+        seat, (x, y, z) = _seat(axes, c), orientation(rows, k)
+        put_vec(own, layout.AXES, k, into(seat, (x[0], y[0], z[0])))
+        put_vec(own, layout.AXIS_Y, k, into(seat, (x[1], y[1], z[1])))
+        put_vec(own, layout.AXIS_Z, k, into(seat, (x[2], y[2], z[2])))
+        at = plus(vec_of(above, _VEC, k), into(axes, p))
+        put_vec(own, layout.AT, k, plus(at, into(seat, vec_of(rows, SHIFT, k))))
 
 
 @jit_lanes
@@ -204,7 +168,7 @@ def begin(plan, fixed, work, lanes):
         own, c = work[plan[at] : plan[at] + _BODY], fixed[plan[at + _ONE] :]
         for k in range(lanes):
             for j in range(0, 12, 3):
-                put_vec(own, np.uint64(j) * LANES, k, constant(c, j))
+                put_vec(own, np.uint64(j) * LANES, k, numbers_at(c, j))
     limits = work[plan[layout.LIMITS] :]
     for k in range(layout.LARGEST + _THREE):
         limits[k] = 0.0
@@ -214,23 +178,20 @@ def begin(plan, fixed, work, lanes):
 def move(plan, fixed, work, first_body, count, lanes):
     """Carry axes [-] and places [m] from the roots to the ends, for so many bodies of the plan."""
     for i in range(count):
-        at = first_body + i * layout.BODY_CELLS
-        kind, first, above, rows, numbers, place = layout.body_at(plan, at)
+        kind, first, above, rows, numbers, place = layout.body_at(plan, first_body + i)
         own, parent, rows = work[first : first + _BODY], work[above : above + _BODY], work[rows : rows + _JOINT]
-        c, origin = fixed[numbers : numbers + _TWELVE], work[place : place + layout.VECTOR]
-        if kind == layout.TWO_TURNS:
-            _two_turns(own, work[above : above + _JOINT], rows, lanes, fixed[numbers:])
-        elif kind == layout.ROOT_TURN:
+        c, origin = fixed[numbers:], work[place : place + layout.VECTOR]
+        if kind == layout.ROOT_TURN:
             _root_turn(own, rows, lanes, c)
         elif kind == layout.TURN:
             _turn(own, origin, parent, rows, lanes, c)
         elif kind == layout.TILT:
             _tilt(own, origin, parent, rows, lanes, c)
         elif kind == layout.CHAIN:
-            _chain(work[above : above + layout.CHAINED + _BODY], rows, lanes, c)
+            _chain(parent, rows, lanes, c)
         elif kind == layout.SLIDE:
             _slide(own, origin, parent, rows, lanes, c)
         elif kind == layout.SCREW:
-            _screw(own, origin, parent, rows, lanes, fixed[numbers:])
+            _screw(own, origin, parent, rows, lanes, c)
         elif kind == layout.FLOAT:
             _float(own, origin, parent, rows, lanes, c)

@@ -7,6 +7,7 @@ from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from flexinv.kernels.jit import jit_lanes
 from flexinv.kernels.simd import row
@@ -30,11 +31,15 @@ VECTOR = row(3)
 ENTRIES = row(1)
 # Columns of three positions and directions beside them stand side by side, so many at most, sizes first, then row after row.
 MOST_COLUMNS = 15
+# Rows of a closure, at most.
+MOST_ROWS = 6
 # Of a whole call: the largest squares of every lane; the largest sums, three numbers.
 WORST, LARGEST, LIMIT_ROWS = row(0), row(3), 4
-# Where two rows are combined: a factor and whether they change places.  Where a block works: a multiplier, a square; a column.
-FACTOR, CHANGED = row(0), row(1)
-LAMBDA, SQUARE, MOVED, SCRATCH_ROWS = row(0), row(1), row(2), 6
+# Where a block works: a multiplier, or the factor by which one row goes from another; a square, or whether they change places.
+LAMBDA, SQUARE, SCRATCH_ROWS = row(0), row(1), 2
+FACTOR, CHANGED = LAMBDA, SQUARE
+# Six forces on a free body: their multipliers, and limits of the pivots in the last row.
+SIX, SIX_ROWS = 6, 7
 # The plan: a header of where its tables begin and how long they are, then the tables.
 LIMITS, SCRATCH, KEEPS, SUMMED, ROOTS, BODIES, CLOSURES, COLUMNS, SUMS, STEPS, FILLS, PLANE, APPLIED, HEADER = (
     0, 1, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 21, 22
@@ -44,7 +49,7 @@ LIMITS, SCRATCH, KEEPS, SUMMED, ROOTS, BODIES, CLOSURES, COLUMNS, SUMS, STEPS, F
 class BodyKind(IntEnum):
     """Kinds of bodies, by their motion beside the one that carries them."""
 
-    ROOT_TURN, TURN, TILT, SLIDE, FLOAT, TWO_TURNS, CHAIN, SCREW = range(8)
+    ROOT_TURN, TURN, TILT, CHAIN, SLIDE, FLOAT, SCREW = range(7)
 
 
 class ClosureKind(IntEnum):
@@ -54,29 +59,22 @@ class ClosureKind(IntEnum):
 
 
 class ColumnKind(IntEnum):
-    """Joint of a column of G; FLOATING and PUSHING are of a whole joint."""
+    """Joint of a column of G; FLOATING is of a whole joint."""
 
-    TURNING, SLIDING, GEARED, FLOATING, PUSHING, SCREWING = range(6)
+    TURNING, SLIDING, FLOATING = range(3)
 
 
 class Operation(IntEnum):
-    """Operations of the steps of a plan; the kernels take them as plain numbers.
+    """Operations of the steps of a plan; the kernels take them as plain numbers."""
 
-    TOGETHER and BOTH stand for four each: + how many entries stand side by side before the pivot's, less one.
-    """
-
-    PAIR, CHECK_PIVOT, CHECK_EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, UNDO, ALL_SIX, TOGETHER = range(11)
-    BOTH = 14
+    PAIR, CHECK_PIVOT, CHECK_EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, ALL_SIX = range(9)
 
 
-MOST_TOGETHER = 4
 # The same as plain numbers, which compiled code compares fastest.
-ROOT_TURN, TURN, TILT, SLIDE, FLOAT, TWO_TURNS, CHAIN, SCREW = (int(kind) for kind in BodyKind)
+ROOT_TURN, TURN, TILT, CHAIN, SLIDE, FLOAT, SCREW = (int(kind) for kind in BodyKind)
 WHOLE, PARTIAL, COUPLED = (int(kind) for kind in ClosureKind)
-TURNING, SLIDING, GEARED, FLOATING, PUSHING, SCREWING = (int(kind) for kind in ColumnKind)
-PAIR, CHECK_PIVOT, CHECK_EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, UNDO, ALL_SIX, TOGETHER, BOTH = (
-    int(operation) for operation in Operation
-)
+TURNING, SLIDING, FLOATING = (int(kind) for kind in ColumnKind)
+PAIR, CHECK_PIVOT, CHECK_EMPTY, SOLVE, NORM, INNER, PROJECT, TAKE, ALL_SIX = (int(kind) for kind in Operation)
 NO_GROUND, A_STANDS, B_STANDS = range(3)  # whether an end of the closure stands in the world
 
 
@@ -95,31 +93,30 @@ class ClosureRecord(NamedTuple):
     """Closure in the plan.
 
     own, axes_a .. state_b : offsets of its rows, of both ends' axes, places and states; numbers : of its constants
-    positions, directions : rows one by one; first, columns : the first one, their number; stride : between entries of one column
-    reduced : a universal joint is taken from it; first_sum, sum_count, first_body, body_count : of its other records
-    ground : the end that stands in the world
+    positions, directions : rows one by one; first, columns .. body_count : the first of its other records, their number
+    stride : between entries of a column; reduced : a universal joint is taken from it; ground : the end that stands in the world
     """
 
     kind: int
     own: int
     axes_a: int
     axes_b: int
+    place_a: int
+    place_b: int
+    state_a: int
+    state_b: int
     numbers: int
     positions: int
     directions: int
     first: int
     columns: int
-    place_a: int = 0
-    place_b: int = 0
-    state_a: int = 0
-    state_b: int = 0
-    reduced: int = 0
-    first_sum: int = 0
-    sum_count: int = 0
-    stride: int = 0
-    first_body: int = 0
-    body_count: int = 0
-    ground: int = NO_GROUND
+    first_sum: int
+    sum_count: int
+    first_body: int
+    body_count: int
+    stride: int
+    reduced: int
+    ground: int
 
 
 class ColumnRecord(NamedTuple):
@@ -146,40 +143,19 @@ class SumRecord(NamedTuple):
     turns: int
 
 
-BODY_CELLS, CLOSURE_CELLS, COLUMN_CELLS, SUM_CELLS = (
-    np.uint64(len(record._fields)) for record in (BodyRecord, ClosureRecord, ColumnRecord, SumRecord)
-)
+def _reader(record: type[Any], table: int) -> Any:
+    """The kernel that gives a record by its number in a table of the plan."""
+    count = len(record._fields)
+
+    @jit_lanes
+    def record_at(plan, number):
+        return record(*to_fixed_tuple(plan[plan[table] + number * np.uint64(count) :], count))
+
+    return record_at
 
 
-@jit_lanes
-def body_at(plan, at):
-    """Return the body that stands in the plan from an offset on [-]."""
-    w = plan[at:]
-    return BodyRecord(w[0], w[1], w[2], w[3], w[4], w[5])
-
-
-@jit_lanes
-def closure_at(plan, at):
-    """Return the closure that stands in the plan from an offset on [-]."""
-    w = plan[at:]
-    return ClosureRecord(
-        w[0], w[1], w[2], w[3], w[4], w[5], w[6], w[7], w[8], w[9],
-        w[10], w[11], w[12], w[13], w[14], w[15], w[16], w[17], w[18], w[19],
-    )  # fmt: skip
-
-
-@jit_lanes
-def column_at(plan, at):
-    """Return the column that stands in the plan from an offset on [-]."""
-    w = plan[at:]
-    return ColumnRecord(w[0], w[1], w[2], w[3], w[4], w[5], w[6], w[7], w[8])
-
-
-@jit_lanes
-def sum_at(plan, at):
-    """Return the part of a sum that stands in the plan from an offset on [-]."""
-    w = plan[at:]
-    return SumRecord(w[0], w[1], w[2], w[3], w[4])
+body_at, closure_at = _reader(BodyRecord, BODIES), _reader(ClosureRecord, CLOSURES)
+column_at, sum_at = _reader(ColumnRecord, COLUMNS), _reader(SumRecord, SUMS)
 
 
 def one_of_four(make: Callable[[int], Any], first: int) -> Any:

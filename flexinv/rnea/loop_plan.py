@@ -19,7 +19,7 @@ from flexinv.kinematics.nodal_motion import rigid_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import Bodies, carriers
-from flexinv.rnea.elimination_order import Elimination, order_of, sharing
+from flexinv.rnea.elimination_order import Elimination, sharing
 from flexinv.rnea.loop_tables import CLEARLY, LoopPlan, tables
 from flexinv.typing import Array
 
@@ -64,7 +64,7 @@ def planned(
     plan = tables(mesh, b, rows, limits, kept, plane=True) if flat else first
     if plan is first or not _is_plane(plan, CLEARLY * limits[0] * mesh.length):
         b, pairs = candidates[1], _pairs(m, rows, g)
-        plan = tables(mesh, b, rows, limits, kept, pairs=pairs, order=order_of(g[0][kept], passive))
+        plan = tables(mesh, b, rows, limits, kept, pairs=pairs)
     taken = {v for pair in pairs.values() for v in pair}
     left = [v for v in passive if v not in taken], drives, min(rank - len(passive), len(drives) - 1)
     found = _with_steps(plan, _matrix(plan, unit, lambda plan: run(b, plan)), b, m, left)
@@ -84,9 +84,7 @@ def _with_steps(
         return size - count * BLOCK
 
     patterns = [{int(c): int(plan.matrix[r, c]) for c in np.flatnonzero(where[r])} for r in range(len(g[0]))]
-    e = Elimination(
-        patterns, g[0].copy(), plan.matrix, plan.sizes, take, int(plan.plan[layout.SCRATCH]), constant=plan.constant
-    )
+    e = Elimination(patterns, g[0].copy(), plan.matrix, plan.sizes, take, plan.constant)
     effort = [int(i) for i in bodies.columns[mechanism.nq + mechanism.nv :]]
     if not sharing(e, effort, *left, len(plan.fixed)):
         return None

@@ -12,15 +12,13 @@ and a joint moves the point of B by (-(y_B - y), x_B - x), or d.  Rows stand whe
 
 from __future__ import annotations
 
-import numpy as np
-
 from flexinv.kernels.jit import jit_lane, jit_lanes
 from flexinv.kernels.simd import LANES, put_vec, row
 from flexinv.rnea import loop_layout as layout
-from flexinv.rnea.loop_allocation import clear, coupled, geared, hold
+from flexinv.rnea.loop_allocation import clear, coupled, hold
 from flexinv.rnea.recursion import COS, PLACE, RATE, SIN
 
-_BODY, _COLUMN = row(layout.PLANE_ROWS), row(4)
+_PAIR = row(0)
 
 
 @jit_lane
@@ -74,16 +72,8 @@ def _turn(own, parent, rows, lanes, c):
         at, v, a = _moved(parent, k, arm)
         cosine, sine = _pair(parent, layout.AXES, k)
         heading = _turned(rows[COS + k], rows[SIN + k], _turned(cosine, sine, zero))
-        _put(
-            own,
-            k,
-            heading,
-            at,
-            v,
-            parent[layout.SPIN + k] + rows[RATE + k],
-            parent[layout.SPIN_RATE + k] + own[layout.KEPT + k],
-            a,
-        )
+        w, al = parent[layout.SPIN + k] + rows[RATE + k], parent[layout.SPIN_RATE + k] + own[layout.KEPT + k]
+        _put(own, k, heading, at, v, w, al, a)
 
 
 @jit_lanes
@@ -118,7 +108,7 @@ def _close(a, b, own, lanes, c):
 def _column(to, at, own, lanes, sign):
     """Write the velocity of the point of B per unit rate of a joint, and its square."""
     for k in range(lanes):
-        point, place = _pair(own, layout.POINT, k), _pair(at, np.uint64(0), k)
+        point, place = _pair(own, layout.POINT, k), _pair(at, _PAIR, k)
         x, y = sign * (place[1] - point[1]), sign * (point[0] - place[0])
         to[layout.ENTRIES + k], to[layout.ENTRIES + LANES + k] = x, y
         to[k] = x * x + y * y
@@ -128,35 +118,17 @@ def _column(to, at, own, lanes, sign):
 def _column_of_slide(to, direction, lanes, sign):
     """The same of a slide: its direction, whose square is 1."""
     for k in range(lanes):
-        x, y = _pair(direction, np.uint64(0), k)
+        x, y = _pair(direction, _PAIR, k)
         to[layout.ENTRIES + k], to[layout.ENTRIES + LANES + k] = sign * x, sign * y
         to[k] = sign * sign
-
-
-@jit_lanes
-def _columns(plan, fixed, work, closure, lanes):
-    """Set the columns of one closure."""
-    own = closure.own
-    for j in range(closure.columns):
-        column = layout.column_at(plan, closure.first + j * layout.COLUMN_CELLS)
-        axis, place = column.axis, column.joint
-        to, sign = work[column.to : column.to + _COLUMN], fixed[column.signs]
-        if column.kind == layout.GEARED:
-            geared(to, lanes, sign)
-        elif column.kind == layout.SLIDING:
-            _column_of_slide(to, work[axis : axis + layout.VECTOR], lanes, sign)
-        else:
-            _column(to, work[place : place + layout.VECTOR], work[own : own + layout.VECTOR], lanes, sign)
 
 
 @jit_lanes
 def in_plane(plan, fixed, work, lanes, sums):
     """Set points [m] and G, and hold the squares of the closures."""
     for i in range(plan[layout.BODIES + 1]):
-        at = plan[layout.BODIES] + i * layout.BODY_CELLS
-        kind, first, above, rows, numbers, _ = layout.body_at(plan, at)
-        c = fixed[numbers:]
-        own, parent, rows = work[first : first + _BODY], work[above : above + _BODY], work[rows : rows + _BODY]
+        kind, own, above, rows, numbers, _ = layout.body_at(plan, i)
+        own, parent, rows, c = work[own:], work[above:], work[rows:], fixed[numbers:]
         if kind == layout.ROOT_TURN:
             _from_root(own, rows, lanes, c)
         elif kind == layout.SLIDE:
@@ -164,15 +136,18 @@ def in_plane(plan, fixed, work, lanes, sums):
         else:
             _turn(own, parent, rows, lanes, c)
     for i in range(plan[layout.CLOSURES + 1]):
-        closure = layout.closure_at(plan, plan[layout.CLOSURES] + i * layout.CLOSURE_CELLS)
-        own, c = work[closure.own : closure.own + layout.VECTORS], fixed[closure.numbers :]
+        closure = layout.closure_at(plan, i)
+        own, c = work[closure.own :], fixed[closure.numbers :]
         if closure.kind == layout.COUPLED:
             coupled(plan, fixed, work, own, lanes, closure, c[0])
         else:
-            a, b = closure.axes_a, closure.axes_b
-            _close(work[a : a + _BODY], work[b : b + _BODY], own, lanes, c)
-    for i in range(plan[layout.CLOSURES + 1]):
-        closure = layout.closure_at(plan, plan[layout.CLOSURES] + i * layout.CLOSURE_CELLS)
-        _columns(plan, fixed, work, closure, lanes)
+            _close(work[closure.axes_a :], work[closure.axes_b :], own, lanes, c)
+            for j in range(closure.columns):
+                column = layout.column_at(plan, closure.first + j)
+                to, signs = work[column.to :], fixed[column.signs :]
+                if column.kind == layout.SLIDING:
+                    _column_of_slide(to, work[column.axis :], lanes, signs[0])
+                else:
+                    _column(to, work[column.joint :], own, lanes, signs[1])
         hold(plan, fixed, work, lanes, closure, sums, False)
     clear(plan, work, lanes)

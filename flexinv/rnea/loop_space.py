@@ -23,16 +23,14 @@ from typing import Any
 import numpy as np
 
 from flexinv.kernels.jit import jit_lane, jit_lanes
-from flexinv.kernels.simd import into, plus, put_vec, row, times, vec_of
+from flexinv.kernels.simd import into, plus, put_vec, times, vec_of
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.loop_allocation import clear, coupled, hold
-from flexinv.rnea.loop_bodies import acceleration, axes_of, constant, cross, dot, minus, move, square
+from flexinv.rnea.loop_bodies import axes_of, components, cross, dot, minus, move, square
 from flexinv.rnea.loop_reduce import columns
-from flexinv.rnea.recursion import SPIN, SPIN_RATE, STATE_ROWS
+from flexinv.rnea.recursion import SPIN, SPIN_RATE, acceleration_at, numbers_at, state_of
 
-_WHOLE = row(layout.CLOSURE_ROWS + 9)
-_BODY, _STATE, _NONE = row(layout.BODY_ROWS), row(STATE_ROWS), (0.0, 0.0, 0.0)
-_VEC, _THREE, _SIX = np.uint64(0), np.uint64(3), np.uint64(6)
+_NONE, _VEC, _THREE, _SIX = (0.0, 0.0, 0.0), np.uint64(0), np.uint64(3), np.uint64(6)
 # Constants of a closure: places of the ends in axes of the loop, the scale; arms and axes of both in those of the recursion.
 _AT_A, _AT_B, _SCALE, _ARM_A, _ARM_B, _TURNED_A, _TURNED_B, _U = (np.uint64(i) for i in (0, 3, 6, 7, 10, 13, 22, 31))
 # Those of one to the ground: the points of E and of the end that stands; the scale; -g; whether E is B; m, f of directions.
@@ -42,7 +40,7 @@ _AT, _THERE, _GROUND_SCALE, _REST, _IS_B, _PAIRS = (np.uint64(i) for i in (0, 3,
 @jit_lanes
 def _turned(c, first):
     """R of a body's axes as the loop takes them and as the recursion does, by columns."""
-    return constant(c, first), constant(c, first + np.uint64(3)), constant(c, first + _SIX)
+    return numbers_at(c, first), numbers_at(c, first + np.uint64(3)), numbers_at(c, first + _SIX)
 
 
 @jit_lane
@@ -61,17 +59,17 @@ def _in_root(axes, k, turned, v):
 def _whole(end_a, end_b, own, lanes, c):
     """Three positions: the point of B, the squares of phi and phi''."""
     (a, place_a, state_a), (b, place_b, state_b) = end_a, end_b
-    at_a, at_b, scale = constant(c, _AT_A), constant(c, _AT_B), c[_SCALE]
+    at_a, at_b, scale = numbers_at(c, _AT_A), numbers_at(c, _AT_B), c[_SCALE]
     arm_a, arm_b, turned_a, turned_b = (
-        constant(c, _ARM_A),
-        constant(c, _ARM_B),
+        numbers_at(c, _ARM_A),
+        numbers_at(c, _ARM_B),
         _turned(c, _TURNED_A),
         _turned(c, _TURNED_B),
     )
     for k in range(lanes):
         point = _point(b, place_b, k, at_b)
         d = minus(point, _point(a, place_a, k, at_a))
-        one, other = acceleration(state_a, k, arm_a), acceleration(state_b, k, arm_b)
+        one, other = acceleration_at(*state_of(state_a, k), arm_a), acceleration_at(*state_of(state_b, k), arm_b)
         second = minus(_in_root(b, k, turned_b, other), _in_root(a, k, turned_a, one))
         put_vec(own, layout.POINT, k, point)
         put_vec(own, layout.GAP_RATE, k, _NONE)
@@ -82,15 +80,12 @@ def _whole(end_a, end_b, own, lanes, c):
 def _partial(end_a, end_b, own, lanes, c):
     """Fewer positions, or none: the gap and its second rate, A's acceleration being that of its body at the point of B."""
     (a, place_a, state_a), (b, place_b, state_b) = end_a, end_b
-    at_a, at_b, arm_b = constant(c, _AT_A), constant(c, _AT_B), constant(c, _ARM_B)
+    at_a, at_b, arm_b = numbers_at(c, _AT_A), numbers_at(c, _AT_B), numbers_at(c, _ARM_B)
     turned_a, turned_b = _turned(c, _TURNED_A), _turned(c, _TURNED_B)
     for k in range(lanes):
         point = _point(b, place_b, k, at_b)
-        x, y, z = axes_of(a, k)
-        arm = minus(point, vec_of(place_a, _VEC, k))
-        arm = dot(x, arm), dot(y, arm), dot(z, arm)
-        arm = dot(turned_a[0], arm), dot(turned_a[1], arm), dot(turned_a[2], arm)
-        one, other = acceleration(state_a, k, arm), acceleration(state_b, k, arm_b)
+        arm = components(turned_a, components(axes_of(a, k), minus(point, vec_of(place_a, _VEC, k))))
+        one, other = acceleration_at(*state_of(state_a, k), arm), acceleration_at(*state_of(state_b, k), arm_b)
         put_vec(own, layout.POINT, k, point)
         put_vec(own, layout.GAP, k, minus(point, _point(a, place_a, k, at_a)))
         put_vec(own, layout.SECOND, k, minus(_in_root(b, k, turned_b, other), _in_root(a, k, turned_a, one)))
@@ -147,16 +142,16 @@ def standing(count: int) -> Any:
 
     @jit_lane
     def lane(own, axes, place, state, k, c):
-        frame, at, there, is_b = axes_of(axes, k), constant(c, _AT), constant(c, _THERE), c[_IS_B]
-        (x, y, z), w, al = frame, vec_of(state, SPIN, k), vec_of(state, SPIN_RATE, k)
+        frame, at, there, is_b = axes_of(axes, k), numbers_at(c, _AT), numbers_at(c, _THERE), c[_IS_B]
+        w, al, a = state_of(state, k)
         d = minus(plus(vec_of(place, _VEC, k), into(frame, at)), there)
-        second = minus(into(frame, acceleration(state, k, at)), constant(c, _REST))
+        second = minus(into(frame, acceleration_at(w, al, a, at)), numbers_at(c, _REST))
         put_vec(own, layout.POINT, k, plus(there, times(is_b, d)))
         put_vec(own, layout.GAP_RATE, k, _NONE)
         squares = c[_GROUND_SCALE] * dot(d, d), 0.0, dot(second, second)
         for j in range(count):
-            m, f = constant(c, _PAIRS + _SIX * np.uint64(j)), constant(c, _PAIRS + _SIX * np.uint64(j) + _THREE)
-            f = dot(x, f), dot(y, f), dot(z, f)
+            pair = _PAIRS + _SIX * np.uint64(j)
+            m, f = numbers_at(c, pair), components(frame, numbers_at(c, pair + _THREE))
             n, phi = cross(m, f), dot(m, f)
             phi1, phi2 = dot(w, n), dot(al, n) + dot(w, f) * dot(m, w) - dot(w, w) * phi
             squares = plus(squares, (phi * phi, phi1 * phi1, phi2 * phi2))
@@ -175,18 +170,16 @@ _from_ground = layout.one_of_four(standing, 0)
 
 
 @jit_lanes
-def _ends(work, closure, own, vectors, lanes, c):
+def _ends(work, closure, own, lanes, c):
     """Points, vectors and squares of one closure, but for what takes d'."""
-    one, other, state_a, state_b = closure.axes_a, closure.axes_b, closure.state_a, closure.state_b
-    a, b = work[one : one + _BODY], work[other : other + _BODY]
-    at_a, at_b = work[closure.place_a :], work[closure.place_b :]
-    of_a, of_b = work[state_a : state_a + _STATE], work[state_b : state_b + _STATE]
-    positions, directions = closure.positions, closure.directions
-    end_a, end_b = (a, at_a[: layout.VECTOR], of_a), (b, at_b[: layout.VECTOR], of_b)
-    if closure.ground != layout.NO_GROUND:
-        whole = work[closure.own : closure.own + _WHOLE]
-        end = end_b if closure.ground == layout.A_STANDS else end_a
-        _from_ground(directions, whole, *end, lanes, c)
+    a, b, of_a, of_b = work[closure.axes_a :], work[closure.axes_b :], work[closure.state_a :], work[closure.state_b :]
+    end_a, end_b = (a, work[closure.place_a :], of_a), (b, work[closure.place_b :], of_b)
+    positions, directions, vectors = closure.positions, closure.directions, own[layout.VECTORS :]
+    if closure.ground == layout.A_STANDS:
+        _from_ground(directions, own, *end_b, lanes, c)
+        return
+    if closure.ground == layout.B_STANDS:
+        _from_ground(directions, own, *end_a, lanes, c)
         return
     if closure.kind == layout.WHOLE:
         _whole(end_a, end_b, own, lanes, c)
@@ -195,10 +188,10 @@ def _ends(work, closure, own, vectors, lanes, c):
     if positions + directions > np.uint64(0):
         _spins(a, of_a, b, of_b, own, lanes, c)
     for j in range(positions):
-        _along(vectors[j * layout.VECTOR :], a, lanes, constant(c, _U + np.uint64(3) * j))
+        _along(vectors[j * layout.VECTOR :], a, lanes, numbers_at(c, _U + _THREE * j))
     for j in range(directions):
-        u = c[_U + np.uint64(3) * positions + _SIX * j :]
-        _direction(vectors[(positions + j) * layout.VECTOR :], a, b, own, lanes, constant(u, 0), constant(u, 3))
+        u = c[_U + _THREE * positions + _SIX * j :]
+        _direction(vectors[(positions + j) * layout.VECTOR :], a, b, own, lanes, numbers_at(u, 0), numbers_at(u, 3))
 
 
 @jit_lanes
@@ -209,17 +202,17 @@ def in_space(plan, fixed, work, lanes, sums):
     """
     doubts = 0
     for i in range(plan[layout.CLOSURES + 1]):
-        closure = layout.closure_at(plan, plan[layout.CLOSURES] + i * layout.CLOSURE_CELLS)
-        c, first = fixed[closure.numbers :], closure.own
-        own, vectors = work[first : first + layout.VECTORS], work[first + layout.VECTORS :]
+        closure = layout.closure_at(plan, i)
+        c, own = fixed[closure.numbers :], work[closure.own :]
         move(plan, fixed, work, closure.first_body, closure.body_count, lanes)
         if closure.kind == layout.COUPLED:
             coupled(plan, fixed, work, own, lanes, closure, c[0])
         else:
-            _ends(work, closure, own, vectors, lanes, c)
-        doubts += columns(plan, fixed, work, closure, lanes)
-        for j in range(closure.positions if closure.kind == layout.PARTIAL else np.uint64(0)):
-            _position(vectors[j * layout.VECTOR :], own, lanes, c[_SCALE])
+            _ends(work, closure, own, lanes, c)
+            doubts += columns(plan, fixed, work, closure, own, lanes)
+        if closure.kind == layout.PARTIAL:
+            for j in range(closure.positions):
+                _position(own[layout.VECTORS + j * layout.VECTOR :], own, lanes, c[_SCALE])
         hold(plan, fixed, work, lanes, closure, sums, True)
     clear(plan, work, lanes)
     return doubts

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +13,11 @@ from numpy.typing import NDArray
 from flexinv.constraints.closures import Rows
 from flexinv.kernels.simd import BLOCK
 from flexinv.kinematics.mesh import Mesh
-from flexinv.model.joint_kinds import CONTINUOUS, FREE, HELICAL, PRISMATIC, REVOLUTE, SPHERICAL
+from flexinv.model.joint_kinds import FREE, PRISMATIC, SPHERICAL
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import Bodies
 from flexinv.rnea.elimination_order import Step
-from flexinv.rnea.loop_frames import Frame, Tables, frame, path, root_of, seated, state
+from flexinv.rnea.loop_frames import Frame, Tables, frame, root_of, seated, state
 from flexinv.rnea.loop_layout import BodyRecord, ClosureRecord, ColumnRecord, SumRecord
 from flexinv.typing import Array
 
@@ -56,17 +57,20 @@ class LoopPlan:
         return listing(self)
 
 
-@dataclass(frozen=True)
-class _Column:
-    """Column of G of a joint, named by its body: axis, place, coordinate; True if on B's way; offset of the stored qdd."""
+class _Loop(NamedTuple):
+    """A loop: its ends, each a body, R of its node and the node's place; the root, and the bodies from both ends to there."""
 
-    how: int
-    axis: int
-    place: int
+    ends: tuple[tuple[int, Array, Array], tuple[int, Array, Array]]
+    root: int
+    ways: tuple[list[int], list[int]]
+
+
+class _Column(NamedTuple):
+    """Column of G: its velocity coordinate, the body of its joint, its record but for what is written."""
+
     v: int
-    joint: int
-    forward: bool
-    kept: int = 0
+    body: int
+    record: ColumnRecord
 
 
 def tables(
@@ -77,77 +81,62 @@ def tables(
     kept: NDArray[np.bool_],
     plane: bool = False,
     pairs: dict[int, tuple[int, int]] | None = None,
-    order: list[int] | None = None,
 ) -> LoopPlan:
     """Return the tables [any unit] without steps: with the rows ``kept`` (rows,) only, positions always.
 
     limits : (3,) of `consistency` [-], on phi, phi', phi''; plane : by the formulas of the plane
     pairs : closure -> velocity coordinates of two passive joints that no other closure moves, see `loop_reduce`
-    order : of passive coordinates, as they go from rows
     """
-    t = Tables(mesh, bodies, bodies.size, plane, pairs or {}, order or [], _shared(mesh, bodies, rows))
-    _fill(t, rows, limits, kept)
-    if t.most:  # once more, now that it is known how much the closures need that is passing
-        t = Tables(mesh, bodies, bodies.size + t.most, plane, t.pairs, t.order, t.shared, bodies.size)
-        _fill(t, rows, limits, kept)
+    t, axes = Tables(mesh, bodies, plane, pairs or {}), IN_PLANE if plane else IN_SPACE
+    t.numbers(CLEARLY * limits[0], *(CLEARLY / axes * limit for limit in limits[1:]), mesh.length)
+    header = {
+        layout.LIMITS: t.rows(layout.LIMIT_ROWS),
+        layout.SCRATCH: t.rows(layout.SCRATCH_ROWS),
+        layout.PLANE: int(plane),
+    }
+    own_rows = [np.flatnonzero(rows.closure == closure) for closure in np.unique(rows.closure)]
+    loops = [None if rows.gear[own].any() else _loop(mesh, bodies, rows, int(own[0])) for own in own_rows]
+    several = Counter((loop.root, body) for loop in loops if loop for way in loop.ways for body in way)
+    t.shared = frozenset(key for key, count in several.items() if count > 1)
+    for own, loop in zip(own_rows, loops, strict=True):
+        t.used = 0
+        if loop is None:
+            _coupling(t, rows, int(own[0]))
+        elif any(loop.ways):  # else both ends are on one body: nothing moves
+            _closure(t, rows, own[kept[own] | ~rows.direction[own]], loop)
     matrix = np.zeros((len(rows), mesh.mechanism.nv), dtype=np.int64)
     for (row, column), at in t.matrix.items():
         matrix[row, column] = at
-    plan = LoopPlan(_packed(t), np.array(t.fixed), t.size, matrix, _sizes(t), frozenset(t.known))
-    return replace(plan, bodies=tuple(t.moved), closures=tuple(t.closures))
-
-
-def _fill(tables: Tables, rows: Rows, limits: tuple[float, float, float], kept: NDArray[np.bool_]) -> None:
-    """Write all closures."""
-    axes = IN_PLANE if tables.plane else IN_SPACE
-    tables.numbers(CLEARLY * limits[0], *(CLEARLY / axes * limit for limit in limits[1:]), tables.mesh.length)
-    tables.header = {
-        layout.LIMITS: tables.rows(layout.LIMIT_ROWS),
-        layout.SCRATCH: tables.rows(layout.SCRATCH_ROWS),
-        layout.PLANE: int(tables.plane),
-    }
-    for closure in np.unique(rows.closure):
-        own = np.flatnonzero(rows.closure == closure)
-        tables.used = 0
-        if rows.gear[own].any():
-            _coupling(tables, rows, int(own[0]))
-        else:
-            _closure(tables, rows, own[kept[own] | ~rows.direction[own]])
+    known, closures = frozenset(t.known), tuple(t.closures)
+    return LoopPlan(
+        _packed(t, header), np.array(t.fixed), t.size, matrix, _sizes(t), known, (), tuple(t.moved), closures
+    )
 
 
 def _sizes(tables: Tables) -> dict[int, list[int]]:
     """Return the offsets of the sizes of columns: of those that are constant the largest is enough."""
     out = {}
     for v, sizes in tables.sizes.items():
-        known = [at for at in sizes if at in tables.known]
-        out[v] = [at for at in sizes if at not in tables.known] + (
-            [max(known, key=lambda at: tables.known[at])] if known else []
-        )
+        known = sorted((at for at in sizes if at in tables.known), key=lambda at: -tables.known[at])
+        out[v] = [at for at in sizes if at not in tables.known] + known[:1]
     return out
 
 
-def _shared(mesh: Mesh, bodies: Bodies, rows: Rows) -> frozenset[tuple[int, int]]:
-    """The bodies, (root, body), that are in several closures."""
-    several = Counter[tuple[int, int]]()
-    for closure in np.unique(rows.closure[~rows.gear.any(axis=1)]):
-        k = int(np.argmax(rows.closure == closure))
-        root, *ways = _ways(bodies, seated(mesh, bodies, int(rows.a[k]))[0], seated(mesh, bodies, int(rows.b[k]))[0])
-        several.update({(root, body) for way in ways for body in way})
-    return frozenset(key for key, count in several.items() if count > 1)
+def _loop(mesh: Mesh, bodies: Bodies, rows: Rows, k: int) -> _Loop:
+    """The loop that the closure of a row makes."""
+    ends = seated(mesh, bodies, int(rows.a[k])), seated(mesh, bodies, int(rows.b[k]))
+    to_world = [[end[0]] for end in ends]
+    for way in to_world:
+        while way[-1]:
+            way.append(int(bodies.tree[way[-1], 1]))
+    root = next(i for i in to_world[0] if i in to_world[1])
+    way_a, way_b = (way[: way.index(root)] for way in to_world)
+    return _Loop(ends, root, (way_a, way_b))
 
 
-def _ways(bodies: Bodies, one: int, other: int) -> tuple[int, list[int], list[int]]:
-    """The root of a loop, and its bodies from both ends to there."""
-    way_a, way_b = path(bodies.tree[:, 1], one), path(bodies.tree[:, 1], other)
-    root = next(i for i in way_a if i in way_b)
-    return root, way_a[: way_a.index(root)], way_b[: way_b.index(root)]
-
-
-def _packed(tables: Tables) -> NDArray[np.uint64]:
+def _packed(tables: Tables, header: dict[int, int]) -> NDArray[np.uint64]:
     """A header and the tables behind it: where each begins, and how many records it has."""
-    header, words = np.zeros(layout.HEADER, dtype=np.uint64), list[int]()
-    for at, value in tables.header.items():
-        header[at] = value
+    words = [header.get(at, 0) for at in range(layout.HEADER)]
     lists: dict[int, Sequence[Sequence[int]]] = {
         layout.KEEPS: tables.keeps,
         layout.SUMMED: tables.summed,
@@ -158,36 +147,25 @@ def _packed(tables: Tables) -> NDArray[np.uint64]:
         layout.CLOSURES: tables.closures,
     }
     for at, records in lists.items():
-        header[at], header[at + 1] = layout.HEADER + len(words), len(records)
-        for record in records:
-            words += _placed(record, header) if isinstance(record, ClosureRecord) else record
-    return np.concatenate([header, np.array(words, dtype=np.uint64)])
+        words[at : at + 2] = len(words), len(records)
+        words += [word for record in records for word in record]
+    return np.array(words, dtype=np.uint64)
 
 
-def _placed(closure: ClosureRecord, header: NDArray[np.uint64]) -> ClosureRecord:
-    """A closure whose first column, sum and body are no longer numbers, but where they stand in the plan."""
-    columns, sums, bodies = (int(header[table]) for table in (layout.COLUMNS, layout.SUMS, layout.BODIES))
-    return closure._replace(
-        first=columns + len(ColumnRecord._fields) * closure.first,
-        first_sum=sums + len(SumRecord._fields) * closure.first_sum,
-        first_body=bodies + len(BodyRecord._fields) * closure.first_body,
-    )
-
-
-def _closure(tables: Tables, rows: Rows, own: NDArray[np.int64]) -> None:
+def _closure(tables: Tables, rows: Rows, own: NDArray[np.int64], loop: _Loop) -> None:
     """A closure of two ends: the bodies between them, its record, its columns."""
-    k = own[0]
-    (a, ra, xa), (b, rb, xb) = (seated(tables.mesh, tables.bodies, int(end[k])) for end in (rows.a, rows.b))
-    root, way_a, way_b = _ways(tables.bodies, a, b)
-    if not (way_a or way_b):
-        return  # both ends on one body: nothing moves
-    before, pair = tables.counts(), tables.pairs.get(int(rows.closure[k]))
-    root_of(tables, root, (way_b, way_a))
+    k, root, before, pair = own[0], loop.root, tables.spans(), tables.pairs.get(int(rows.closure[own[0]]))
+    (a, ra, xa), (b, rb, xb) = loop.ends
+    root_of(tables, root, loop.ways[::-1])
     one, other = frame(tables, root, a), frame(tables, root, b)
     positions, directions = ([int(r) for r in own if rows.direction[r] == which] for which in (False, True))
-    columns = [c for way in (way_a, way_b) for body in way for c in _columns_of(tables, root, body, way is way_b)]
-    together = len(columns) <= layout.MOST_COLUMNS and all(c.how != layout.SCREWING for c in columns)
-    whole = len(positions) == 3 and (tables.plane or pair is not None or together)
+    columns = [
+        column
+        for way, sign in zip(loop.ways, (-1.0, 1.0), strict=True)
+        for body in way
+        for column in _columns_of(tables, root, body, sign)
+    ]
+    whole = len(positions) == 3 and (tables.plane or pair is not None or len(columns) <= layout.MOST_COLUMNS)
     vectors = [] if whole else [one.turned @ ra @ rows.u[r] for r in positions]
     for r in directions:
         vectors += [one.turned @ ra @ rows.u[r], other.turned @ rb @ rows.w[r]]
@@ -197,26 +175,20 @@ def _closure(tables: Tables, rows: Rows, own: NDArray[np.int64]) -> None:
     fixed = tables.numbers(one.turned @ arms[0], other.turned @ arms[1], scale, *arms, *turned, *vectors)
     ground = layout.NO_GROUND
     if whole and not tables.plane and 0 in (a, b):
-        ground, fixed = _from_ground(tables, root, (a, b), (one, other), arms, vectors, fixed)
+        ground, fixed = _from_ground(tables, (a, b), (one, other), arms, vectors, fixed)
     first = tables.rows(layout.CLOSURE_ROWS + 3 * (len(directions) + (0 if whole else len(positions))), True)
-    if tables.plane:
-        stride = _rows_in_plane(tables, columns, positions)
-    elif pair is None:
-        stride = _rows_in_space(tables, columns, whole, [*positions, *directions])
+    if pair is None:
+        stride = _rows_of(tables, columns, whole, [*positions, *directions])
     else:
         stride = _row_that_is_left(tables, columns, first, pair, positions[0], (b, arms[1]))
-    bodies, number, sums = (now - then for now, then in zip(tables.counts(), before, strict=True))
-    ends = (0, 0, 0, 0) if tables.plane else (one.place, other.place, state(tables, a), state(tables, b))
-    kind, counts = (layout.WHOLE, 0) if whole else (layout.PARTIAL, len(positions))
-    places = kind, first, one.axes, other.axes, fixed, counts, len(directions), before[1], number, *ends
-    tables.closures.append(
-        ClosureRecord(*places, int(pair is not None), before[2], sums, stride, before[0], bodies, ground)
-    )
+    states = (0, 0) if tables.plane else (state(tables, a), state(tables, b))
+    kind, count = (layout.WHOLE, 0) if whole else (layout.PARTIAL, len(positions))
+    places = kind, first, one.axes, other.axes, one.place, other.place, *states, fixed, count, len(directions)
+    tables.closures.append(ClosureRecord(*places, *tables.spans(before), stride, int(pair is not None), ground))
 
 
 def _from_ground(
     tables: Tables,
-    root: int,
     bodies: tuple[int, int],
     ends: tuple[Frame, Frame],
     arms: tuple[Array, Array],
@@ -230,62 +202,59 @@ def _from_ground(
         return layout.NO_GROUND, fixed
     sign = 1.0 if moves else -1.0
     pairs = [v for i in range(0, len(vectors), 2) for v in (sign * vectors[i + moves], vectors[i + stands])]
-    rest = ends[stands].turned @ -tables.mesh.mechanism.gravity
-    there = ends[stands].turned @ arms[stands]
+    rest, there = (ends[stands].turned @ x for x in (-tables.mesh.mechanism.gravity, arms[stands]))
     at = tables.numbers(arms[moves], there, 1.0 / tables.mesh.length**2, rest, float(moves), *pairs)
     return layout.B_STANDS if stands else layout.A_STANDS, at
 
 
-def _columns_of(tables: Tables, root: int, body: int, forward: bool) -> list[_Column]:
-    """The columns of one joint; those of a slide, of a turn about z, or of all axes."""
-    kind, own = int(tables.bodies.tree[body, 0]), tables.frames[root, body]
+def _columns_of(tables: Tables, root: int, body: int, sign: float) -> list[_Column]:
+    """The columns of one joint: those of a slide, of a turn about z, or of all axes; sign : 1 on B's way, -1 on A's.
+
+    Their accelerations are stored, in the plane for the kernels, in space for the sums.
+    """
+    kind, own, m, length = (
+        int(tables.bodies.tree[body, 0]),
+        tables.frames[root, body],
+        tables.mesh.mechanism,
+        tables.mesh.length,
+    )
     slides, turns = ([(how, own.axes + at) for at in _AXES] for how in (layout.SLIDING, layout.TURNING))
     several = {PRISMATIC: [(layout.SLIDING, own.direction)], SPHERICAL: turns, FREE: slides + turns}
-    several |= {HELICAL: [(layout.SCREWING, own.axes + int(layout.AXIS_Z))], REVOLUTE: turns[2:], CONTINUOUS: turns[2:]}
-    v = int(tables.mesh.v_index[tables.bodies.node[body]])
-    made = enumerate(several[kind])
-    return [_Column(how, axis, own.place, v + j, body, forward) for j, (how, axis) in made]
+    out, first = [], int(tables.mesh.v_index[tables.bodies.node[body]])
+    for v, (how, axis) in enumerate(several.get(kind, turns[2:]), start=first):
+        lead, about = (1.0, 0.0) if how == layout.SLIDING else (tables.bodies.numbers[body, 37], 1.0)
+        signs = tables.numbers(sign * lead / length, sign * about / length, sign * about, length)
+        rate, effort = (int(tables.bodies.columns[i + v]) for i in (m.nq, m.nq + m.nv))
+        kept = own.place - int(layout.AT) + int(layout.KEPT) if tables.plane else tables.rows(1)
+        (tables.keeps if tables.plane else tables.summed).append((effort, kept))
+        out.append(_Column(v, body, ColumnRecord(how, axis, own.place, 0, rate, kept, signs, effort, 0)))
+    return out
 
 
-def _write(tables: Tables, column: _Column, to: int, entry: int) -> None:
-    """Write a column's record; the way of a screw stands behind signs and length."""
-    m, sign, length = tables.mesh.mechanism, 1.0 if column.forward else -1.0, tables.mesh.length
-    rate, effort = (int(tables.bodies.columns[i + column.v]) for i in (m.nq, m.nq + m.nv))
-    signs = tables.numbers(sign / length, sign, length, tables.bodies.numbers[column.joint, 37])
-    tables.columns.append(
-        ColumnRecord(column.how, column.axis, column.place, to, rate, column.kept, signs, effort, entry)
-    )
+def _enter(tables: Tables, column: _Column, size: int, entries: list[tuple[int, int]], summed: bool = True) -> None:
+    """Note where size and entries of a column stand, and write what sums of positions and directions together take of it."""
+    v, _, record = column
+    tables.sizes.setdefault(v, []).append(size)
+    if summed:
+        turns = int(record.kind == layout.TURNING)
+        tables.sums.append(SumRecord(size, record.rate, record.acceleration, record.axis, turns))
+    for row, at in entries:
+        tables.matrix[row, v] = at
 
 
-def _rows_in_plane(tables: Tables, columns: list[_Column], rows: list[int]) -> int:
-    """Columns with their entries behind them."""
-    for c in columns:
-        to = tables.rows(4)
-        entry = to + int(layout.ENTRIES)
-        _write(tables, replace(c, kept=_kept(tables, c.v, c.place - int(layout.AT) + int(layout.KEPT))), to, entry)
-        _enter(tables, c.v, to, [(row, entry + i * BLOCK) for i, row in enumerate(rows)])
-    return BLOCK
-
-
-def _rows_in_space(tables: Tables, columns: list[_Column], whole: bool, rows: list[int]) -> int:
+def _rows_of(tables: Tables, columns: list[_Column], whole: bool, rows: list[int]) -> int:
     """Columns of a closure in all its rows; return how far rows are apart.
 
-    Those of drives come first, then passive ones: those that go last, the first of them.
+    In the plane a column's entries are behind its size; in space columns stand side by side, of three positions their sizes, too.
     """
-    m, count = tables.mesh.mechanism, layout.MOST_COLUMNS if whole else len(columns)
-    base, stride = tables.rows((1 + len(rows)) * count), count * BLOCK
-    turn = {v: -i for i, v in enumerate(tables.order)}
-    side_by_side = sorted((c.v for c in columns), key=lambda v: (not m.actuated[v], turn.get(v, 1), v))
-    for column in columns:
-        c, first = (
-            replace(column, kept=_kept(tables, column.v, tables.rows(1))),
-            base + side_by_side.index(column.v) * BLOCK,
-        )
-        to, entry = first if whole else tables.rows(4), first + stride
-        _write(tables, c, to, entry)
-        if whole:
-            _sum(tables, c, to)
-        _enter(tables, c.v, to, [(row, entry + j * stride) for j, row in enumerate(rows)])
+    together = whole and not tables.plane
+    stride = BLOCK if tables.plane else BLOCK * (layout.MOST_COLUMNS if whole else len(columns))
+    base = 0 if tables.plane else tables.rows((1 + len(rows)) * stride // BLOCK)
+    for i, column in enumerate(columns):
+        first = tables.rows(4) if tables.plane else base + i * BLOCK
+        to = first if whole else tables.rows(4)
+        tables.columns.append(column.record._replace(to=to, entry=first + stride))
+        _enter(tables, column, to, [(row, first + (1 + j) * stride) for j, row in enumerate(rows)], together)
     return stride
 
 
@@ -293,67 +262,40 @@ def _row_that_is_left(
     tables: Tables, columns: list[_Column], own: int, pair: tuple[int, int], row: int, end: tuple[int, Array]
 ) -> int:
     """Columns of a closure from which a universal joint is taken; end : the body of B, and the point in its axes."""
-    scale = 1.0 / tables.mesh.length**2
-    columns = [replace(c, kept=_kept(tables, c.v, tables.rows(1))) for c in columns]
     for v, at in zip(pair, (layout.SIZE, layout.SIZE_TOO), strict=True):
-        c = next(c for c in columns if c.v == v)
-        _write(tables, c, 0, 0)
-        _sum(tables, c, own + int(at))
-    others = sorted((c for c in columns if c.v not in pair), key=lambda c: c.v)
-    free = [c for c in others if c.joint == end[0]] if int(tables.bodies.tree[end[0], 0]) == FREE else []
-    for c in (c for c in others if c not in free):
-        joint, entry = tables.bodies.tree[c.joint], tables.rows(1)
-        pushes = int(joint[0]) == PRISMATIC
-        to = tables.constant_size(scale)[0] if pushes else tables.rows(4)
-        _write(tables, replace(c, how=layout.PUSHING, place=int(joint[2])) if pushes else c, to, entry)
-        _sum(tables, c, to)
-        _enter(tables, c.v, to, [(row, entry)])
+        column = next(c for c in columns if c.v == v)
+        tables.columns.append(column.record)
+        _enter(tables, column, own + int(at), [])
+    body, (x, y, z) = end
+    free = [c for c in columns if c.body == body] if int(tables.bodies.tree[body, 0]) == FREE else []
+    for column in (c for c in columns if c.v not in pair and c not in free):
+        to, entry = tables.rows(4), tables.rows(1)
+        tables.columns.append(column.record._replace(to=to, entry=entry))
+        _enter(tables, column, to, [(row, entry)])
     if free:
-        if end[0] not in tables.held:
-            tables.held[end[0]] = tables.rows(6 * len(tables.pairs))
-        entry, (x, y, z) = tables.held[end[0]], end[1]
-        tables.held[end[0]] += 6 * BLOCK
+        if body not in tables.held:
+            tables.held[body] = tables.rows(6 * len(tables.pairs))
+        entry, scale = tables.held[body], 1.0 / tables.mesh.length**2
+        tables.held[body] += 6 * BLOCK
         sizes = tables.constant_size(*(scale * s for s in (1.0, 1.0, 1.0, y * y + z * z, x * x + z * z, x * x + y * y)))
-        axes, own = free[0].axis - int(layout.AXES), int(tables.bodies.tree[end[0], 2])
-        _write(tables, replace(free[0], how=layout.FLOATING, axis=axes, place=own), tables.numbers(end[1]), entry)
-        for j, (c, size) in enumerate(zip(free, sizes, strict=True)):
-            _sum(tables, c, size)
-            _enter(tables, c.v, size, [(row, entry + j * BLOCK)])
+        record = free[0].record
+        axes, joint = record.axis - int(layout.AXES), int(tables.bodies.tree[body, 2])
+        record = record._replace(kind=layout.FLOATING, axis=axes, joint=joint, to=tables.numbers(end[1]), entry=entry)
+        tables.columns.append(record)
+        for j, (column, size) in enumerate(zip(free, sizes, strict=True)):
+            _enter(tables, column, size, [(row, entry + j * BLOCK)])
     return 0
-
-
-def _sum(tables: Tables, column: _Column, size: int) -> None:
-    """Write what the sums of three positions, and of directions beside them, take of a column."""
-    rate = int(tables.bodies.columns[tables.mesh.mechanism.nq + column.v])
-    tables.sums.append(
-        SumRecord(size, rate, column.kept, column.axis, int(column.how in (layout.TURNING, layout.SCREWING)))
-    )
-
-
-def _kept(tables: Tables, v: int, to: int) -> int:
-    """Store a coordinate's acceleration at ``to``, in the plane for the kernels, in space for the sums; return ``to``."""
-    m = tables.mesh.mechanism
-    (tables.keeps if tables.plane else tables.summed).append((int(tables.bodies.columns[m.nq + m.nv + v]), to))
-    return to
-
-
-def _enter(tables: Tables, v: int, size: int, entries: list[tuple[int, int]]) -> None:
-    tables.sizes.setdefault(v, []).append(size)
-    for row, at in entries:
-        tables.matrix[row, v] = at
 
 
 def _coupling(tables: Tables, rows: Rows, row: int) -> None:
     """A coupling: its record, a column for each coordinate."""
-    m, before, first = tables.mesh.mechanism, tables.counts(), tables.rows(layout.CLOSURE_ROWS, True)
-    coupled = np.flatnonzero(rows.gear[row])
-    for v in coupled:
+    m, before, first = tables.mesh.mechanism, tables.spans(), tables.rows(layout.CLOSURE_ROWS, True)
+    for v in np.flatnonzero(rows.gear[row]).tolist():
         place, rate, second = (int(tables.bodies.columns[i]) for i in (rows.place[v], m.nq + v, m.nq + m.nv + v))
-        to, kept = tables.rows(2), tables.rows(1)
+        to, kept, gear = tables.rows(2), tables.rows(1), tables.numbers(rows.gear[row, v])
         tables.keeps.append((second, kept))
-        signs, entry = tables.numbers(rows.gear[row, v], 0.0, 0.0, 0.0), to + int(layout.ENTRIES)
-        tables.columns.append(ColumnRecord(layout.GEARED, place, 0, to, rate, kept, signs, second, entry))
-        _enter(tables, int(v), to, [(row, entry)])
-    of_offset, bodies = tables.numbers(rows.offset[row]), before[0]
-    record = ClosureRecord(layout.COUPLED, first, 0, 0, of_offset, 1, 0, before[1], len(coupled))
-    tables.closures.append(record._replace(first_sum=before[2], first_body=bodies))
+        record = ColumnRecord(layout.TURNING, place, 0, to, rate, kept, gear, second, to + BLOCK)
+        tables.columns.append(record)
+        _enter(tables, _Column(v, 0, record), to, [(row, record.entry)], False)
+    places = layout.COUPLED, first, 0, 0, 0, 0, 0, 0, tables.numbers(rows.offset[row]), 1, 0
+    tables.closures.append(ClosureRecord(*places, *tables.spans(before), 0, 0, layout.NO_GROUND))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from flexinv.kernels.simd import BLOCK
 from flexinv.rnea.elimination_order import Step
-from flexinv.rnea.loop_layout import PLANE, BodyKind, ClosureKind, Operation
+from flexinv.rnea.loop_layout import PLANE, SIX, BodyKind, ClosureKind, Operation
 from flexinv.rnea.loop_tables import LoopPlan
 
 
@@ -40,9 +40,6 @@ class _Names:
             self.of[place] = f"w{self.others}"
         return self.of[place]
 
-    def names(self, first: int, count: int) -> list[str]:
-        return [self.name(first + i * BLOCK) for i in range(count)]
-
     def line(self, step: Step) -> str:
         """One step as a line: its operation, and what it does."""
         name, pairs = self.name, step.pairs
@@ -50,21 +47,13 @@ class _Names:
             case Operation.PAIR:
                 more = ", ".join(f"{name(a)} by {name(b)}" for a, b in pairs)
                 text = f"{name(step.first)} is the pivot, {name(step.second)} -> 0; so {more or 'nothing else'}"
-            case Operation.TOGETHER | Operation.BOTH:
-                rows = [step.first, step.second, *([step.third] if step.operation is Operation.BOTH else [])]
-                entries = [self.names(at, step.side_by_side + 1) for at in rows]
-                zeros = " and ".join(f"{row[-1]} -> 0" for row in entries[1:])
-                more = ", ".join(
-                    f"{a} by {b}" for row in entries[1:] for a, b in zip(entries[0], row[:-1], strict=False)
-                )
-                text = f"{entries[0][-1]} is the pivot, {zeros}; so {more}"
             case Operation.CHECK_PIVOT:
                 text = f"{name(step.first)} is no rounding beside {name(step.second)}, else a rank is in doubt"
             case Operation.CHECK_EMPTY:
                 text = f"{name(step.first)} is rounding beside {name(step.second)}, else a rank is in doubt"
             case Operation.SOLVE:
-                multiplier = f"lambda = {name(step.second)} / {name(step.first)}, held against {name(pairs[0][0])}"
-                text = "; ".join([multiplier, *(f"{name(b)} -= lambda {name(a)}" for a, b in pairs[1:])])
+                multiplier = f"lambda = {name(step.second)} / {name(step.first)}, held against {name(step.third)}"
+                text = "; ".join([multiplier, *(f"{name(b)} -= lambda {name(a)}" for a, b in pairs)])
             case Operation.NORM:
                 text = f"s = sum of weight ({', '.join(name(a) for a, _ in pairs)})^2"
             case Operation.INNER:
@@ -73,8 +62,7 @@ class _Names:
                 text = "; ".join(f"{name(b)} -= p / s {name(a)}" for a, b in pairs)
             case Operation.TAKE:
                 text = "; ".join(f"{name(b)} -= {name(step.third)} {name(a)}" for a, b in pairs)
-            case Operation.UNDO:
-                text = f"multipliers {name(step.first)}, {name(step.second)} of the combined rows -> of the rows as they were"
             case _:
-                text = f"{', '.join(self.names(step.third, 6))}: six forces on the free body of {name(step.second)}"
+                found = ", ".join(name(step.third + i * BLOCK) for i in range(SIX))
+                text = f"{found}: six forces on the free body of {name(step.second)}"
         return f"{step.operation.name.lower():15}{text}"

@@ -9,9 +9,8 @@ With R = R_parent,body of the placement and the joint together, p the joint's pl
 and from the leaves to the root  F_parent += R F,  N_parent += R N + p x R F.  A joint's effort is the component of F or N
 along its axis, which is z, with what its rotor, damper, friction and spring take.
 
-Along a chain the frames lie so that R = Rx(tilt) Rz(zero + q), as Denavit and Hartenberg's (`body_table`); where a branch
-begins a
-constant rotation stands before that.  The *state* (w, al, a) is carried on in place: what body i leaves is that of the place p
+Along a chain the frames lie so that R = Rx(tilt) Rz(zero + q), as Denavit and Hartenberg's (`body_table`); where a branch begins
+a constant rotation stands before that.  The *state* (w, al, a) is carried on in place: what body i leaves is that of the place p
 of its last child's joint, a + S p; other children begin with a copy.
 
 The tree is data: one machine code serves all mechanisms.  Each body has a few rows in the work space; its coordinates come in
@@ -24,7 +23,7 @@ import math
 
 import numpy as np
 
-from flexinv.elements.joint_law import moving_effort, own_effort, resisting_effort
+from flexinv.elements.joint_law import JointLaw, moving_effort, own_effort, resisting_effort
 from flexinv.kernels.jit import jit_lane, jit_lanes, jit_pass
 from flexinv.kernels.simd import (
     FAR,
@@ -45,27 +44,22 @@ from flexinv.kernels.simd import (
     vec_of,
 )
 from flexinv.model.joint_kinds import CONTINUOUS, FREE, HELICAL, PRISMATIC, REVOLUTE, SPHERICAL
-from flexinv.rnea.body_numbers import inertia_of, law_of, lead_of, numbers_at, onward_place, placement, tilt
 
 # Columns of the tables of bodies: see `body_table.Bodies`.
 TREE, NUMBERS = np.uint64(6), np.uint64(38)
 # Rows of every body: force and moment that its parent exerts on it, and all beyond it, at its origin.
 FORCE, MOMENT, MOMENT_Z = row(0), row(3), row(5)
-WRENCH_ROWS = 6
 # of a body that turns or slides: coordinate, its cosine and sine, rate; acceleration, which becomes the effort
 PLACE, COS, SIN, RATE, EFFORT = row(6), row(7), row(8), row(9), row(10)
 SCALAR_ROWS = 11
 # of a spherical or free one: R_j (its quaternion, before), position, rates v, w, accelerations, which become the efforts
-TURN_OF, SHIFT, RATES, EFFORTS = row(6), row(15), row(18), row(24)
-TURN_Y, TURN_Z = row(9), row(12)
+TURN_OF, TURN_Y, TURN_Z, SHIFT = row(6), row(9), row(12), row(15)
 QUATERNION, SCALAR_OF_QUATERNION = TURN_OF, row(9)
-RATES_TURNING, EFFORTS_TURNING = row(21), row(27)
+RATES, RATES_TURNING, EFFORTS, EFFORTS_TURNING = row(18), row(21), row(24), row(27)
 FREE_ROWS = 30
 # Rows of a state.
-SPIN, SPIN_RATE, ACCELERATION_ROW = row(0), row(3), row(6)
-STATE_ROWS = 9
-_STATE, _LARGEST = row(STATE_ROWS), row(FREE_ROWS)
-_WRENCH, _NONE = row(WRENCH_ROWS), (0.0, 0.0, 0.0)
+SPIN, SPIN_RATE, ACCELERATION_ROW, STATE_ROWS = row(0), row(3), row(6), 9
+_NONE = (0.0, 0.0, 0.0)
 # How a body's state begins: where its parent left it, the same turned by a constant rotation, a turned copy, in the world.
 ON, TURNED, COPIED, FROM_WORLD = range(4)
 
@@ -76,20 +70,44 @@ def _sign(x):
 
 
 @jit_lanes
-def _state(state, k):
+def numbers_at(numbers, first):
+    """Return three numbers [any unit] from the ``first`` on, of a body as `body_table.Bodies` has them."""
+    return numbers[first], numbers[first + 1], numbers[first + 2]
+
+
+@jit_lanes
+def _placement(body):
+    """R (rows) before tilt and joint, and p of the joint, in the parent's frame."""
+    return (numbers_at(body, 0), numbers_at(body, 3), numbers_at(body, 6)), numbers_at(body, 9)
+
+
+@jit_lanes
+def _leaving(body):
+    """m, h, Sigma: (xx, yy, zz), (xy, xz, yz), and p of the last child's joint in this body's frame."""
+    return body[12], numbers_at(body, 13), numbers_at(body, 16), numbers_at(body, 19), numbers_at(body, 31)
+
+
+@jit_lanes
+def _law(body):
+    return JointLaw(body[22], body[23], body[24], body[25], body[26])
+
+
+@jit_lanes
+def state_of(state, k):
+    """Return w, al and a [rad/s], [rad/s^2], [m/s^2]."""
     return vec_of(state, SPIN, k), vec_of(state, SPIN_RATE, k), vec_of(state, ACCELERATION_ROW, k)
 
 
 @jit_lanes
-def _at(w, al, a, arm):
-    """a + al x arm + w x (w x arm): the acceleration of another point of the same body."""
+def acceleration_at(w, al, a, arm):
+    """Return a + al x arm + w x (w x arm) [m/s^2]: the acceleration of another point of the same body."""
     return plus_cross(plus_cross(a, al, arm), w, plus_cross(_NONE, w, arm))
 
 
 @jit_lanes
-def _leave(state, rows, k, w, al, a, inertia, onward):
+def _leave(state, rows, k, w, al, a, leaving):
     """Leave the state of the place ``onward``, and F = m a + S h, N = h x a + axial(S Sigma) in the body's rows."""
-    m, h, (sxx, syy, szz), (sxy, sxz, syz) = inertia
+    m, h, (sxx, syy, szz), (sxy, sxz, syz), onward = leaving
     xx, yy, zz = w[0] * w[0], w[1] * w[1], w[2] * w[2]
     x = (-yy - zz, w[0] * w[1] - al[2], w[0] * w[2] + al[1])  # rows of S
     y = (w[0] * w[1] + al[2], -xx - zz, w[1] * w[2] - al[0])
@@ -124,9 +142,9 @@ def _angles(rows, lanes):
 @jit_pass
 def _turn_outboard(state, rows, lanes, body):
     """A body that turns about z."""
-    ((ct, st), (c0, s0)), inertia, onward, law = tilt(body), inertia_of(body), onward_place(body), law_of(body)
+    ct, st, c0, s0, leaving, law = body[27], body[28], body[29], body[30], _leaving(body), _law(body)
     for k in range(lanes):
-        w, al, a = _state(state, k)
+        w, al, a = state_of(state, k)
         rate, acceleration = rows[RATE + k], rows[EFFORT + k]
         c, s = c0 * rows[COS + k] - s0 * rows[SIN + k], s0 * rows[COS + k] + c0 * rows[SIN + k]
         rows[COS + k], rows[SIN + k] = c, s
@@ -135,35 +153,35 @@ def _turn_outboard(state, rows, lanes, body):
         a = turned_back(c, s, tilted_back(ct, st, a))
         al = (al[0] + w[1] * rate, al[1] - w[0] * rate, al[2] + acceleration)  # + c x w_j + al_j, w_j = rate z
         w = (w[0], w[1], w[2] + rate)
-        _leave(state, rows, k, w, al, a, inertia, onward)
+        _leave(state, rows, k, w, al, a, leaving)
         rows[EFFORT + k] = moving_effort(law, rate, acceleration)
 
 
 @jit_lanes
 def _along_z(w, al, a, place, rate, acceleration):
     """The acceleration where a slide ends: that of the point, + 2 c x v_j + v_j', v_j = rate z."""
-    a = _at(w, al, a, (0.0, 0.0, place))
+    a = acceleration_at(w, al, a, (0.0, 0.0, place))
     return a[0] + 2.0 * w[1] * rate, a[1] - 2.0 * w[0] * rate, a[2] + acceleration
 
 
 @jit_pass
 def _slide_outboard(state, rows, lanes, body):
     """A body that slides along z."""
-    inertia, onward, law = inertia_of(body), onward_place(body), law_of(body)
+    leaving, law = _leaving(body), _law(body)
     for k in range(lanes):
-        w, al, a = _state(state, k)
+        w, al, a = state_of(state, k)
         rate, acceleration = rows[RATE + k], rows[EFFORT + k]
         a = _along_z(w, al, a, rows[PLACE + k], rate, acceleration)
-        _leave(state, rows, k, w, al, a, inertia, onward)
+        _leave(state, rows, k, w, al, a, leaving)
         rows[EFFORT + k] = moving_effort(law, rate, acceleration)
 
 
 @jit_lanes
 def _advance(state, rows, lanes, body):
     """The advance of a screw along z, before it turns: the slide h q of a massless body, h = pitch / (2 pi)."""
-    lead = lead_of(body)
+    lead = body[37]
     for k in range(lanes):
-        a = _along_z(*_state(state, k), lead * rows[PLACE + k], lead * rows[RATE + k], lead * rows[EFFORT + k])
+        a = _along_z(*state_of(state, k), lead * rows[PLACE + k], lead * rows[RATE + k], lead * rows[EFFORT + k])
         put_vec(state, ACCELERATION_ROW, k, a)
 
 
@@ -186,25 +204,25 @@ def _orientations(rows, lanes, floats):
 
 
 @jit_lanes
-def _orientation(rows, k):
+def orientation(rows, k):
+    """Return R_j by rows [-]."""
     return vec_of(rows, TURN_OF, k), vec_of(rows, TURN_Y, k), vec_of(rows, TURN_Z, k)
 
 
 @jit_pass
 def _float_outboard(state, rows, lanes, body):
     """A body that turns about its origin, which moves too; rates and accelerations are in its own frame."""
-    inertia, onward = inertia_of(body), onward_place(body)
+    leaving, law = _leaving(body), _law(body)
     for k in range(lanes):
-        rj = _orientation(rows, k)
+        rj = orientation(rows, k)
         v, wj = vec_of(rows, RATES, k), vec_of(rows, RATES_TURNING, k)
         dv, alj = vec_of(rows, EFFORTS, k), vec_of(rows, EFFORTS_TURNING, k)
-        w, al, a = _state(state, k)
-        a = _at(w, al, a, vec_of(rows, SHIFT, k))
+        w, al, a = state_of(state, k)
+        a = acceleration_at(w, al, a, vec_of(rows, SHIFT, k))
         c = into(rj, w)
         al = plus_cross(plus(into(rj, al), alj), c, wj)
         a = plus_cross(plus(into(rj, a), dv), plus(times(2.0, c), wj), v)
-        _leave(state, rows, k, plus(c, wj), al, a, inertia, onward)
-    law = law_of(body)
+        _leave(state, rows, k, plus(c, wj), al, a, leaving)
     for j in range(6):
         rate, effort = RATES + np.uint64(j) * LANES, EFFORTS + np.uint64(j) * LANES
         for k in range(lanes):
@@ -222,7 +240,7 @@ def _add(above, k, p, force, moment):
 @jit_pass
 def _turn_inboard(rows, lanes, body):
     """The effort, and the wrench in the frame before the joint."""
-    (ct, st), _ = tilt(body)
+    ct, st = body[27], body[28]
     for k in range(lanes):
         c, s = rows[COS + k], rows[SIN + k]
         rows[EFFORT + k] += rows[MOMENT_Z + k]
@@ -233,7 +251,7 @@ def _turn_inboard(rows, lanes, body):
 @jit_pass
 def _turn_on_inboard(rows, above, lanes, body):
     """The effort, and the wrench that the parent takes in its own frame."""
-    ((ct, st), _), (_, p) = tilt(body), placement(body)
+    ct, st, p = body[27], body[28], numbers_at(body, 9)
     for k in range(lanes):
         c, s = rows[COS + k], rows[SIN + k]
         rows[EFFORT + k] += rows[MOMENT_Z + k]
@@ -254,7 +272,7 @@ def _advance_inboard(rows, lanes, lead):
 def _float_inboard(rows, lanes):
     """The efforts, and the wrench before the joint."""
     for k in range(lanes):
-        force, moment, rj = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k), _orientation(rows, k)
+        force, moment, rj = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k), orientation(rows, k)
         put_vec(rows, EFFORTS, k, plus(vec_of(rows, EFFORTS, k), force))
         put_vec(rows, EFFORTS_TURNING, k, plus(vec_of(rows, EFFORTS_TURNING, k), moment))
         force, moment = plus_out_of(_NONE, rj, force), plus_out_of(_NONE, rj, moment)
@@ -265,7 +283,7 @@ def _float_inboard(rows, lanes):
 @jit_pass
 def _branch_inboard(rows, above, lanes, body):
     """The wrench before the joint, which the parent takes in its own frame."""
-    r, p = placement(body)
+    r, p = _placement(body)
     for k in range(lanes):
         force, moment = vec_of(rows, FORCE, k), vec_of(rows, MOMENT, k)
         _add(above, k, p, plus_out_of(_NONE, r, force), plus_out_of(_NONE, r, moment))
@@ -274,7 +292,7 @@ def _branch_inboard(rows, above, lanes, body):
 @jit_lanes
 def _resist(rows, lanes, kind, body):
     """Add what the actuator gives against dry friction and a spring in the joint, friction sign(qd) + stiffness (q - rest)."""
-    (_, (c0, s0)), law = tilt(body), law_of(body)
+    c0, s0, law = body[29], body[30], _law(body)
     for k in range(lanes):
         c, s = rows[COS + k], rows[SIN + k]  # of zero + q: a joint that turns without end has no other coordinate
         place = math.atan2(c0 * s - s0 * c, c0 * c + s0 * s) if kind == CONTINUOUS else rows[PLACE + k]
@@ -282,11 +300,12 @@ def _resist(rows, lanes, kind, body):
 
 
 @jit_lane
-def _turn_state(state, k, r, d, w, al, a):
+def _turn_state(state, k, r, d, motion):
     """Leave a parent's state, turned, of the place d."""
+    w, al, a = motion
     put_vec(state, SPIN, k, into(r, w))
     put_vec(state, SPIN_RATE, k, into(r, al))
-    put_vec(state, ACCELERATION_ROW, k, into(r, _at(w, al, a, d)))
+    put_vec(state, ACCELERATION_ROW, k, into(r, acceleration_at(w, al, a, d)))
 
 
 @jit_lanes
@@ -294,7 +313,7 @@ def _begin(how, source, state, work, lanes, body, g):
     """The state before the joint: at rest in the world, or the parent's, turned by the constant rotation."""
     if how == ON:
         return
-    (r, _), d = placement(body), numbers_at(body, 34)
+    r, d = _placement(body)[0], numbers_at(body, 34)
     if how == FROM_WORLD:
         a = into(r, (-g[0], -g[1], -g[2]))
         for k in range(lanes):
@@ -303,12 +322,12 @@ def _begin(how, source, state, work, lanes, body, g):
             put_vec(state, ACCELERATION_ROW, k, a)
         return
     if how == COPIED:  # a loop of its own: that it reads other rows than it writes is known only here
-        parent = work[source : source + _STATE]
+        parent = work[source:]
         for k in range(lanes):
-            _turn_state(state, k, r, d, *_state(parent, k))
+            _turn_state(state, k, r, d, state_of(parent, k))
         return
     for k in range(lanes):
-        _turn_state(state, k, r, d, *_state(state, k))
+        _turn_state(state, k, r, d, state_of(state, k))
 
 
 @jit_pass
@@ -320,7 +339,7 @@ def outboard(tree, numbers, work, lanes):
     g, lost = numbers_at(numbers[0], 0), 0
     for i in range(1, tree.shape[0]):
         kind, first, at, how, source = tree[i, 0], tree[i, 2], tree[i, 3], tree[i, 4], tree[i, 5]
-        state, rows, body = work[at : at + _STATE], work[first : first + _LARGEST], numbers[i]
+        state, rows, body = work[at:], work[first:], numbers[i]
         _begin(how, source, state, work, lanes, body, g)
         if kind == PRISMATIC:
             _slide_outboard(state, rows, lanes, body)
@@ -362,8 +381,7 @@ def inboard(tree, numbers, work, lanes):
     for back in range(1, tree.shape[0]):
         i = tree.shape[0] - back
         kind, parent, first, how = tree[i, 0], tree[i, 1], tree[i, 2], tree[i, 4]
-        rows, body = work[first : first + _LARGEST], numbers[i]
-        above = work[tree[parent, 2] : tree[parent, 2] + _WRENCH]
+        rows, above, body = work[first:], work[tree[parent, 2] :], numbers[i]
         if how == ON:
             _turn_on_inboard(rows, above, lanes, body)
             continue
@@ -372,7 +390,7 @@ def inboard(tree, numbers, work, lanes):
         elif kind in (REVOLUTE, CONTINUOUS, HELICAL):
             _turn_inboard(rows, lanes, body)
             if kind == HELICAL:
-                _advance_inboard(rows, lanes, lead_of(body))
+                _advance_inboard(rows, lanes, body[37])
         else:
             _float_inboard(rows, lanes)
         if how == FROM_WORLD:

@@ -21,11 +21,11 @@ from flexinv.kernels.jit import jit, jit_blocks
 from flexinv.kernels.simd import LANES
 from flexinv.kernels.so3 import coefficients, inverse_coefficient, inverse_tangent
 from flexinv.kernels.vec3 import put_block, vec
-from flexinv.rnea.row_pairs import both, six_forces, solve_row
+from flexinv.rnea.loop_allocation import six_forces, solve_row
 
 __all__ = [
     "all_coefficients", "damped_element", "derivative", "element", "eliminate", "inverse_tangent_one",
-    "joined", "oscillate", "six", "solved_by",
+    "oscillate", "six", "solved_by",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -98,13 +98,6 @@ def oscillate(t, c, s, x, squared):
         for k in range(x.shape[1]):
             x[step, k] = x[step - 1, k] + s.d[k]
         advance(t, c, s)
-
-
-@jit_blocks
-def joined(rows):
-    """Combine the second and the third of three rows of five entries with the first, 128 samples each."""
-    width = np.uint64(5) * LANES
-    both(3, rows[:width], rows[width : 2 * width], rows[2 * width :], LANES)
 
 
 @jit_blocks

@@ -94,7 +94,6 @@ def test_rows_that_have_nothing_in_the_sample_are_combined_without_a_word() -> N
         np.zeros((3, 3), dtype=np.int64),
         {0: [8]},
         lambda _: next(places),
-        0,
     )
     with warnings.catch_warnings(action="error"):
         assert e.eliminate(0, [0, 1, 2]) == 0

@@ -12,7 +12,7 @@ from flexinv.rnea.loop_layout import FILLS, STEPS, Operation
 from flexinv.rnea.loop_tables import LoopPlan
 
 FOUR_BAR = """\
-plane, work space of 185 rows
+plane, work space of 181 rows
 bodies: root turn, turn, root turn
 closures: whole
   1  pair           G[C.0, D] is the pivot, G[C.1, D] -> 0; so G[C.0, B] by G[C.1, B], G[C.0, A] by G[C.1, A]

@@ -9,9 +9,7 @@ from typing import Any
 import pytest
 from numba import types
 
-from flexinv.rnea import loop_bodies as loop_lanes
-from flexinv.rnea import loop_reduce, loop_space, recursion
-from flexinv.rnea import row_pairs as loop_together
+from flexinv.rnea import loop_allocation, loop_bodies, loop_reduce, loop_space, recursion
 
 ROWS = types.Array(types.float64, 1, "C")
 LANES = types.uint64
@@ -27,18 +25,15 @@ LOOPS: dict[str, tuple[Any, ...]] = {
     "_branch_inboard": (ROWS, ROWS, types.uint64, ROWS),
 }
 CLOSED: dict[Any, tuple[Any, ...]] = {
-    loop_lanes._turn: (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
-    loop_lanes._tilt: (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
-    loop_lanes._chain: (ROWS, ROWS, LANES, ROWS),
-    loop_reduce.turning(0): (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
-    loop_reduce.turning(3): (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
+    loop_bodies._turn: (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
+    loop_bodies._tilt: (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
+    loop_reduce.moving(0): (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
+    loop_reduce.moving(3): (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
+    loop_reduce._moved: (ROWS, ROWS, ROWS, ROWS, ROWS, LANES, types.UniTuple(types.float64, 4), types.float64),
     loop_space.standing(0): (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
     loop_space.standing(2): (ROWS, ROWS, ROWS, ROWS, LANES, ROWS),
-    loop_together.pairing(1): (ROWS, ROWS, ROWS, LANES),
-    loop_together.pairing(4): (ROWS, ROWS, ROWS, LANES),
-    loop_together.joining(1): (ROWS, ROWS, ROWS, LANES),
-    loop_together.joining(4): (ROWS, ROWS, ROWS, LANES),
-    loop_together.solve_row: (ROWS, ROWS, ROWS, ROWS, LANES, types.float64, types.float64),
+    loop_allocation.six_forces: (ROWS, ROWS, ROWS, LANES, types.UniTuple(types.float64, 6)),
+    loop_allocation.solve_row: (ROWS, ROWS, ROWS, ROWS, LANES, types.float64, types.float64),
 }
 
 
