@@ -26,7 +26,7 @@ from flexinv.dynamics.system import Histories
 from flexinv.errors import FlexinvError
 from flexinv.inverse.trajectory_pass import Found
 from flexinv.kernels.memory import together
-from flexinv.kernels.record_stack import stacked
+from flexinv.kernels.records import stacked
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.mechanism import Mechanism

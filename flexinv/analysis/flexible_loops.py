@@ -13,14 +13,13 @@ from flexinv.analysis.solution import LoopForces
 from flexinv.analysis.task import Task
 from flexinv.constraints.closures import Rows, captured, constraint_rows
 from flexinv.constraints.continuation import closed_start
-from flexinv.constraints.impacts import Impact, check_meeting, jump_forces, kinetic_energy, names_of
 from flexinv.constraints.phases import Phase, Stretch, phases
-from flexinv.constraints.reactions import closing, phased_closing
+from flexinv.constraints.reactions import Impact, check_meeting, closing, impact_of, jump_efforts, phased_closing
 from flexinv.dynamics.constraint_rows import Ties, set_ties
 from flexinv.dynamics.initial_state import accept, consistent_accelerations
 from flexinv.dynamics.solver import Solver, Trajectory, record_instant
 from flexinv.errors import InputError
-from flexinv.inverse.inverse_dynamics import NodalForces, joint_wrenches, project
+from flexinv.inverse.inverse_dynamics import NodalForces
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.kinematics.tree import Joints
@@ -61,8 +60,8 @@ def _start(
     """The closed state of one sample: other steps, tolerances and motions often begin at the same."""
     free, kept, acts = (np.frombuffer(mask, dtype=bool) for mask in (unknown, stated, active))
     rows = constraint_rows(mesh).of(acts)
-    guess = np.frombuffer(q)[None], np.frombuffer(qd)[None], np.frombuffer(qdd)[None]
-    found = closed_start(mesh, lambda _: guess, time, free, rows, kept)
+    guess = np.frombuffer(q), np.frombuffer(qd), np.frombuffer(qdd)
+    found = closed_start(mesh, guess, time, free, rows, kept)
     for part in found:
         part.flags.writeable = False
     return found[0][None], found[1][None], found[2][None]
@@ -131,10 +130,6 @@ def _check_drives(mesh: Mesh, unknown: NDArray[np.bool_]) -> None:
             raise InputError(f"mechanism '{m.name}' has beams and closures, and {what} ('{name}'): {write}")
 
 
-# Nodal motion and rates (nv,) of the joints on one side of an instant.
-Side = tuple[NodalMotion, Array]
-
-
 @dataclass
 class Switching:
     """Phases of the march still to come, and the stretches and impacts [N s] of those that have begun."""
@@ -164,7 +159,7 @@ class Switching:
         """Go over to another phase at one sample of ``out``, which holds its left-hand limit and gets the right-hand one.
 
         joints, qd : right-hand limit of the prescribed motion there [m, rad, s]; time [s]
-        Raises InputError for frames that have not met or move against each other (`impacts.check_meeting`).
+        Raises InputError for frames that have not met or move against each other (`reactions.check_meeting`).
         """
         mesh, s, sample = solver.mesh, solver.state, phase.first
         m = mesh.mechanism
@@ -176,7 +171,7 @@ class Switching:
         check_meeting(mesh, rows, one, begins, time)
         rows = captured(
             m, original, rows, one, begins
-        )  # the rest, below `impacts.OPEN`: the next step shall not jerk it away
+        )  # the rest, below `reactions.OPEN`: the next step shall not jerk it away
         self.stretches.append(Stretch(phase, rows))
         set_ties(solver.border.ties, rows, phase.active)
         s.u[:], s.du[:] = s.u0, s.du0
@@ -188,22 +183,8 @@ class Switching:
         if any(m.closures[int(k)].impact == "plastic" for k in np.flatnonzero(begins)):
             two = out.rows(sample, sample + 1).motion
             sides = (one, before), (two, _rates(solver, qd))
-            self.impacts.append(_impact(mesh, rows, begins, sides, impulses, time))
-
-
-def _impact(
-    mesh: Mesh, rows: Rows, begins: NDArray[np.bool_], sides: tuple[Side, Side], impulses: Array, time: float
-) -> Impact:
-    """The impulses of an impact between two nodal motions, each with its rates, of one instant: the same L T P as torques."""
-    (one, before), (two, after) = sides
-    pushed, shown = closing(mesh, two, rows, impulses[None])
-    jump = jump_forces(mesh, one, two)
-    wrenches = joint_wrenches(mesh, two, NodalForces(jump.force - pushed.force, jump.moment - pushed.moment))
-    torque = project(mesh, two, wrenches)[0] + mesh.mechanism.drive_table[0] * (after - before)
-    work = float(torque @ (before + after)) / 2
-    lost = kinetic_energy(mesh, one, before) - kinetic_energy(mesh, two, after) + work
-    reaction = {name: values[0] for name, values in shown.items()}
-    return Impact(time, names_of(mesh.mechanism, begins), torque, reaction, work, lost)
+            pushed, _ = closing(mesh, two, rows, impulses[None])
+            self.impacts.append(impact_of(mesh, rows, begins, sides, jump_efforts(mesh, sides, pushed), impulses, time))
 
 
 def _rates(solver: Solver, qd: Array) -> Array:

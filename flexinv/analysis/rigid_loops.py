@@ -11,15 +11,13 @@ from flexinv.analysis.evaluation import FirstStep, rigid_trajectory
 from flexinv.analysis.solution import LoopForces
 from flexinv.analysis.task import Task
 from flexinv.constraints.allocation import Shares, share_out
-from flexinv.constraints.closures import captured, closure_fronts, constraint_jacobian, constraint_rows, row_scales
+from flexinv.constraints.closures import captured, constraint_jacobian, constraint_rows
 from flexinv.constraints.consistency import GivenLoops, check_carried
 from flexinv.constraints.continuation import closed_motion
-from flexinv.constraints.impacts import Impact, check_meeting, jump_efforts, kinetic_energy, names_of
 from flexinv.constraints.phases import Stretch, phases
-from flexinv.constraints.reactions import closing, phased_closing
+from flexinv.constraints.reactions import Impact, check_meeting, impact_of, jump_efforts, phased_closing
 from flexinv.inverse.applied_forces import applied_forces, joint_springs
 from flexinv.inverse.inverse_dynamics import drive_efforts, joint_wrenches, nodal_forces, project
-from flexinv.kernels.fronts import Fronts
 from flexinv.kinematics.joint_motion import JointHistory
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
@@ -74,7 +72,7 @@ def _phased_motion(
         if unknown.any() or not len(original):
             return closed_motion(mesh, history, time, unknown), only, [], None
         given, motion = history(time), NodalMotion.unwritten(len(time), mesh.size)
-        return given, only, [], (GivenLoops.of(mesh, original).jacobian(*given, motion), motion)
+        return given, only, [], (GivenLoops(mesh).jacobian(*given, motion), motion)
     whole, rows = history(time), original
     stretches: list[Stretch] = []
     impacts: list[Impact] = []
@@ -105,24 +103,13 @@ def _impact(
 ) -> Impact:
     """Impulses of drives and closures that change the rates (nv,) at a configuration (nq,) at once."""
     m, rest = mesh.mechanism, np.zeros((1, mesh.mechanism.nv))
-    one, two = (rigid_motion(mesh, q[None], rate[None], rest) for rate in (before, after))
-    tree = jump_efforts(mesh, one, two, after - before)[None]
-    g = constraint_jacobian(mesh, two, stretch.rows)[:, stretch.pick]
-    scale = row_scales(mesh, stretch.rows)[stretch.pick]
-    shares = share_out(g, tree, m.actuated, m.weights[m.actuated], scale, _fronts(mesh, stretch))
-    multipliers = np.zeros((1, len(stretch.rows)))
-    multipliers[:, stretch.pick] = shares.multipliers
-    work = float(shares.tau[0] @ (before + after)) / 2
-    lost = kinetic_energy(mesh, one, before) - kinetic_energy(mesh, two, after) + work
-    shown = closing(mesh, two, stretch.rows, multipliers)[1]
-    reaction = {name: values[0] for name, values in shown.items()}
-    return Impact(time, names_of(m, begins), shares.tau[0], reaction, work, lost)
-
-
-def _fronts(mesh: Mesh, stretch: Stretch) -> Fronts:
-    """Fronts of G of the closures that act, drives last."""
-    acting, m = stretch.rows.of(stretch.phase.active), mesh.mechanism
-    return closure_fronts(mesh, acting, np.ones(m.nv, dtype=bool), m.actuated)
+    one, two = ((rigid_motion(mesh, q[None], rate[None], rest), rate) for rate in (before, after))
+    acting = stretch.rows.of(stretch.phase.active)
+    g, tree = constraint_jacobian(mesh, two[0], acting), jump_efforts(mesh, (one, two))[None]
+    shares = share_out(g, tree, m.actuated, m.weights[m.actuated], acting)
+    multipliers = np.zeros(len(stretch.rows))
+    multipliers[stretch.pick] = shares.multipliers[0]
+    return impact_of(mesh, stretch.rows, begins, (one, two), shares.tau[0], multipliers, time)
 
 
 def energy_jumps(time: Array, impacts: list[Impact]) -> Array | None:
@@ -142,12 +129,9 @@ def _phased_shares(
     """Shares of the drives phase by phase; multipliers of closures that do not act are zero."""
     m, parts = mesh.mechanism, []
     for stretch in stretches:
-        span, pick = stretch.span, stretch.pick
-        g = jacobian
-        if g is None:
-            g = constraint_jacobian(mesh, motion.samples(span), stretch.rows.of(stretch.phase.active))
-        scale, fronts = row_scales(mesh, stretch.rows)[pick], _fronts(mesh, stretch)
-        part = share_out(g, tree[span], m.actuated, m.weights[m.actuated], scale, fronts)
+        span, pick, acting = stretch.span, stretch.pick, stretch.rows.of(stretch.phase.active)
+        g = constraint_jacobian(mesh, motion.samples(span), acting) if jacobian is None else jacobian
+        part = share_out(g, tree[span], m.actuated, m.weights[m.actuated], acting)
         if len(stretches) == 1 and pick.all():
             return part
         multipliers = np.zeros((len(part.tau), len(stretch.rows)))

@@ -13,7 +13,7 @@ import flexinv
 from flexinv.analysis.batch_groups import alike, prepare_all, solve_alike
 from flexinv.analysis.solve_many import side_by_side
 from flexinv.dynamics.generalized_alpha import Scheme
-from flexinv.kernels.record_stack import stacked
+from flexinv.kernels.records import stacked
 from flexinv.model.mechanism import Mechanism
 
 STEP = 2e-3
